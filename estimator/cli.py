@@ -1,0 +1,100 @@
+"""The command line: exit status, and one sentence where something is wrong. Knows no command's work.
+
+Exit status: 0 done (an estimate may be doubtful), 1 refused or failed, 2 bad input or usage, 130 interrupted,
+141 nobody reads the output any more. Nothing heavy is imported here: ``--help`` and ``--version`` answer at once.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import os
+import shlex
+import sys
+import traceback
+from collections.abc import Sequence
+
+from estimator.arguments import parse
+from estimator.terminal import (
+    BAD_INPUT,
+    FAILED,
+    INTERRUPTED,
+    PROGRAM,
+    StdoutClosed,
+    complain,
+    give_up_stdout,
+    make_printable,
+    say,
+)
+
+DEBUG = "FMU_ESTIMATOR_DEBUG"  # environment variable: a traceback besides the sentence
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one command; return its exit status."""
+    arguments = sys.argv[1:] if argv is None else list(argv)
+    make_printable()
+    # The matrices here are small, and the cores simulate: more threads in the linear algebra only get in their way.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    try:
+        args = parse(arguments)
+        args.command_line = shlex.join([PROGRAM, *arguments])
+        return _run(args)
+    except KeyboardInterrupt:
+        complain("interrupted")
+        return INTERRUPTED
+    except SystemExit as end:  # argparse: --help, --version, wrong usage
+        status = int(end.code or 0)
+        try:
+            say("")
+        except StdoutClosed:
+            status = give_up_stdout()
+        return status
+
+
+def _run(args: argparse.Namespace) -> int:
+    """Run the command; turn whatever goes wrong into a sentence and an exit status."""
+    from estimator.errors import InputError, SimulationError
+
+    try:
+        return int(args.run(args))
+    except StdoutClosed:
+        return give_up_stdout()
+    except InputError as error:
+        return _failed(args, str(error), status=BAD_INPUT)
+    except SimulationError as error:
+        return _failed(args, str(error), status=FAILED)
+    except KeyboardInterrupt as interrupt:
+        best = getattr(interrupt, "best", None)
+        so_far = " ".join(f"{name}={value:.6g}" for name, value in (best or {}).items())
+        complain("interrupted" + (f"; the best so far: {so_far}" if so_far else ""))
+        return INTERRUPTED
+    except OSError as error:
+        where = f"{error.filename}: " if error.filename else ""
+        return _failed(args, f"{where}{error.strerror or error}", status=BAD_INPUT if where else FAILED)
+    except MemoryError:
+        return _failed(args, "not enough memory; make it shorter, or give fewer --workers", status=FAILED)
+    except Exception as error:
+        if _is_build_error(error):
+            return _failed(args, str(error), status=BAD_INPUT)
+        told = "" if os.environ.get(DEBUG) else f"; set {DEBUG}=1 to see where"
+        return _failed(args, f"internal error, {type(error).__name__}: {error}{told}", status=FAILED)
+
+
+def _failed(args: argparse.Namespace, sentence: str, *, status: int) -> int:
+    """Report a failure on stderr and, if JSON was asked for and the input was good, as an object on stdout."""
+    if os.environ.get(DEBUG):
+        traceback.print_exc()
+    complain(sentence)
+    if status == FAILED and getattr(args, "json", False) and args.command == "estimate":
+        from estimator.report import refusal_json
+
+        with contextlib.suppress(StdoutClosed):
+            say(refusal_json(sentence, method=args.method, seed=args.seed))
+    return status
+
+
+def _is_build_error(error: Exception) -> bool:
+    from fmu_build.errors import BuildError
+
+    return isinstance(error, BuildError)

@@ -1,0 +1,44 @@
+"""What can go wrong, by whose hand. Knows only sentences.
+
+``InputError`` is the caller's: a file, a key, an option (exit status 2 on the command line). ``SimulationError``
+is the FMU's. Every message is one sentence that names the place and what would be right there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from difflib import get_close_matches
+
+
+class EstimatorError(Exception):
+    """Base of all errors that this package raises on purpose."""
+
+
+class InputError(EstimatorError, ValueError):
+    """Something that the caller gave is wrong."""
+
+
+class RecordingError(InputError):
+    """A recording cannot be read or used."""
+
+
+class CaseError(InputError):
+    """A case file is wrong."""
+
+
+class FmuError(InputError):
+    """An FMU cannot be read, loaded or used."""
+
+
+class SimulationError(EstimatorError, RuntimeError):
+    """The FMU failed while it was simulated."""
+
+
+def suggestion(name: str, known: Iterable[str]) -> str:
+    """Return ``"; did you mean 'R'? (R, K, L)"``: the nearest known name, then all of them."""
+    names = list(known)
+    nearest = get_close_matches(name, names, n=1, cutoff=0.5)
+    if not nearest:
+        nearest = [n for n in names if n.lower() == name.lower()]
+    listed = ", ".join(names[:20]) + (", …" if len(names) > 20 else "")
+    return (f"; did you mean {nearest[0]!r}?" if nearest else "") + f" ({listed})"

@@ -1,0 +1,293 @@
+"""What a recording shows by itself: where the input steps, noise, what settled, what is lost. Knows no FMU.
+
+Used before any simulation, to choose the start, the weights and the way of searching, and after it for the verdict.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+NORMAL_SPAN = 4.0  # standard deviations: normal noise spans more, a pseudo-random signal less
+LEVEL = 0.02  # of the input's range: a smaller change is no new level
+AT_REST = 0.02  # of the output's range: less is rest
+TREND = 0.005  # of the response: a larger trend over the last tenth is not settled
+TREND_SIGMAS = 4.0
+TAIL = 0.1  # of the samples after the step, over which the trend is judged
+BAND = 0.02  # of the response: the steady state of the paper
+SETTLED_MARGIN = 2.5  # times the time to enter the band: an exponential is then within 6e-5
+LOST_JUMP = 0.2  # of the response in one interval, alone: the transient lies between two samples
+LOST_RATIO = 5.0
+ONSET, ONSET_SWING = 5.0, 0.01  # deviations of the noise; of the response: more is a response
+ONSET_BASE = 10  # samples before the step that tell the noise
+SATURATED_RUN = 4  # equal extreme samples
+
+
+@dataclass(frozen=True)
+class Excitation:
+    """How the input moves.
+
+    Attributes
+    ----------
+    kind : "none", "step" or "several"
+        "several" is any input with more than one change: staircase, PRBS, ramp.
+    index : int
+        First sample k at which input[k] has the new level; 0 for a step at the first row.
+    before, after : float
+        Input levels, in its unit.
+    running : bool
+        The outputs are not at rest in the first row.
+    """
+
+    kind: Literal["none", "step", "several"]
+    index: int
+    before: float
+    after: float
+    running: bool
+
+
+def find_excitation(v: FloatArray, outputs: Mapping[str, FloatArray]) -> Excitation:
+    """Find how the input moves.
+
+    Parameters
+    ----------
+    v : (n,) array
+        Input without missing samples.
+    outputs : name → (n,) array
+        Measured outputs, NaN where missing.
+    """
+    span = float(np.ptp(v))
+    noise = _input_noise(v)
+    if span < NORMAL_SPAN * noise:  # no noise around a level spans so little of its own deviation
+        return Excitation("several", 0, float(v[0]), float(v[-1]), not all(map(_starts_at_rest, outputs.values())))
+    running = not all(_starts_at_rest(y) for y in outputs.values())
+    threshold = max(LEVEL * max(span, 0.5 * float(np.max(np.abs(v)))), 6 * noise)
+    if span <= threshold:
+        level = float(np.mean(v))
+        moves = any(_moves(y) for y in outputs.values())
+        if abs(level) > 6 * noise and level != 0 and moves and not running:
+            return Excitation("step", 0, 0.0, level, running)
+        return Excitation("none", 0, level, level, running)
+    # Changes of level: where the input leaves the level it had, by more than its noise.
+    changes = np.flatnonzero(np.abs(np.diff(v)) > threshold) + 1
+    merged = [int(k) for j, k in enumerate(changes) if j == 0 or k - changes[j - 1] > 3]
+    if len(merged) == 1 and len(changes) <= 3:
+        k, last = merged[0], int(changes[-1])
+        before, after = float(np.mean(v[:k])), float(np.mean(v[last:]))
+        if float(np.ptp(v[last:])) <= 2 * threshold and float(np.ptp(v[:k])) <= 2 * threshold:
+            return Excitation("step", k, before, after, running)
+    return Excitation("several", merged[0] if merged else 0, float(v[0]), float(v[-1]), running)
+
+
+def noise_deviation(y: FloatArray) -> float:
+    """Return the standard deviation of a signal's white noise, from its second differences.
+
+    Robust against the transient and outliers (median absolute deviation); a resting encoder, whose samples repeat
+    exactly, is left out unless nothing else is there. Quantisation counts as noise of step/√12.
+    """
+    y = y[~np.isnan(y)]
+    if len(y) < 5:
+        return 0.0
+    second = y[2:] - 2 * y[1:-1] + y[:-2]
+    resting = (y[2:] == y[1:-1]) & (y[1:-1] == y[:-2])
+    moving = second[~resting]
+    if len(moving) < max(10, 0.05 * len(second)):
+        moving = second
+    deviation = float(np.median(np.abs(moving))) / 0.6745 / np.sqrt(6)
+    return max(float(deviation), quantum(y) / float(np.sqrt(12)))
+
+
+def _input_noise(v: FloatArray) -> float:
+    """Return the deviation of an input's noise; 0 for levels that repeat exactly."""
+    second = v[2:] - 2 * v[1:-1] + v[:-2]
+    return float(np.median(np.abs(second))) / 0.6745 / float(np.sqrt(6)) if len(second) else 0.0
+
+
+def quantum(y: FloatArray) -> float:
+    """Return the step of a quantised signal; 0 if it is not quantised.
+
+    An angle in counts hardly repeats a value, but its differences do.
+    """
+    y = y[~np.isnan(y)]
+    return _lattice(y) or _lattice(np.diff(y))
+
+
+def _lattice(y: FloatArray) -> float:
+    """Return the distance of the levels that values lie on; 0 if they do not."""
+    peak = float(np.max(np.abs(y), initial=0.0))
+    levels = np.unique(y)
+    differences = np.diff(levels)
+    differences = differences[differences > 1e-9 * peak]  # the rest is rounding
+    if len(differences) < 2 or len(differences) > 0.5 * len(y):
+        return 0.0
+    step = float(np.min(differences))
+    multiples = differences / step
+    return step if float(np.max(np.abs(multiples - np.round(multiples)))) < 0.05 else 0.0
+
+
+def find_delay(excitation: Excitation, outputs: Mapping[str, FloatArray]) -> int:
+    """Return by how many samples the response starts later than it could, at first sight; 0 if it starts in time.
+
+    The first output to leave its noise counts: of a motor the current, which a step moves within one sample.
+    """
+    k = excitation.index
+    if excitation.kind == "none" or excitation.running or k < ONSET_BASE:
+        return 0
+    onsets = []
+    for y in outputs.values():
+        base = y[:k][~np.isnan(y[:k])]
+        if len(base) < ONSET_BASE:
+            continue
+        centre = float(np.median(base))
+        swing = float(np.nanmax(np.abs(y - centre)))
+        robust = float(np.median(np.abs(base - centre))) / 0.6745
+        level = max(ONSET * max(robust, noise_deviation(y)), ONSET_SWING * swing)
+        beyond = np.abs(y[k:] - centre) > level
+        lasting = beyond[:-1] & beyond[1:]
+        if lasting.any():
+            onsets.append(int(np.argmax(lasting)))
+    return max(0, min(onsets, default=0) - 1)
+
+
+@dataclass(frozen=True)
+class Settling:
+    """Whether a step response reached its final value.
+
+    Attributes
+    ----------
+    settled : bool
+    start : int
+        First sample of the settled part (of the last tenth, if not settled).
+    reason : str
+        Why it counts as not settled.
+    """
+
+    settled: bool
+    start: int
+    reason: str = ""
+
+
+def find_settling(step: Excitation, outputs: Mapping[str, FloatArray], *, interval: float) -> Settling:
+    """Judge, on each output's trend against its own noise, whether the response to a step has settled.
+
+    Parameters
+    ----------
+    step : Excitation
+        Of kind "step".
+    outputs : name → (n,) array
+    interval : float
+        s, sampling interval.
+    """
+    n = len(next(iter(outputs.values())))
+    after = n - step.index
+    tail = max(5, int(TAIL * after))
+    start = step.index
+    if after < 20:
+        return Settling(False, n - min(tail, after), "fewer than 20 samples follow the step")
+    for name, y in outputs.items():
+        response = y[step.index :]
+        swing = float(np.nanmax(response) - np.nanmin(response))
+        if swing == 0:
+            continue
+        slope, error = _trend(response[-tail:])
+        change = abs(slope) * tail
+        if change > max(TREND * swing, TREND_SIGMAS * error * tail):
+            return Settling(
+                False,
+                n - tail,
+                f"{name} still changed by {100 * change / swing:.2g} % of its response"
+                f" in the last {tail * interval:.3g} s",
+            )
+        final = float(np.nanmean(response[-tail:]))
+        outside = np.abs(_smoothed(response) - final) > max(BAND * swing, TREND_SIGMAS * noise_deviation(response))
+        inside = int(np.flatnonzero(outside)[-1]) + 1 if outside.any() else 0
+        start = max(start, step.index + int(SETTLED_MARGIN * inside))
+    return Settling(True, min(start, n - tail))
+
+
+def lost_transient(step: Excitation, y: FloatArray) -> tuple[int, float] | None:
+    """Return sample and size (part of the response) of a jump that no neighbour shares, or None."""
+    difference = np.abs(np.diff(np.where(np.isnan(y), np.interp(np.arange(len(y)), *_known(y)), y)))
+    response = float(np.nanmax(y) - np.nanmin(y))
+    if response == 0 or len(difference) < 5:
+        return None
+    k = int(np.argmax(difference))
+    neighbours = max(
+        float(np.max(difference[max(0, k - 2) : k], initial=0.0)),
+        float(np.max(difference[k + 1 : k + 3], initial=0.0)),
+    )
+    noise = noise_deviation(y)
+    beyond = difference[k] > LOST_RATIO * neighbours + 6 * noise
+    if difference[k] > LOST_JUMP * response and beyond and k >= step.index - 1:
+        return k + 1, float(difference[k]) / response
+    return None
+
+
+def saturation(y: FloatArray) -> tuple[int, int, float] | None:
+    """Return first sample, length and value of a clipped extreme, or None.
+
+    A clipped signal repeats its extreme value exactly, and enters and leaves it with a slope that does not fit a
+    rounded top: the slopes on both sides would have carried it on by several times its quantisation and noise.
+    """
+    for sign in (1.0, -1.0):
+        x = sign * y
+        top = float(np.nanmax(x))
+        at_top = np.flatnonzero(x == top)
+        if len(at_top) < SATURATED_RUN or top == 0:
+            continue
+        first = int(at_top[0])
+        run = 1
+        while first + run < len(x) and x[first + run] == top:
+            run += 1
+        if run < SATURATED_RUN or first < 2 or first + run + 1 >= len(x):
+            continue
+        slope_in = x[first - 1] - x[first - 2]
+        slope_out = x[first + run] - x[first + run + 1]
+        beyond = min(slope_in, slope_out) * run / 2
+        below = x[np.isfinite(x) & (x < top)]
+        span = float(np.nanmax(x) - np.nanmin(x))
+        grain = max(quantum(y), noise_deviation(below), 1e-6 * span)
+        if np.isfinite(beyond) and beyond > 4 * grain and beyond > 0.01 * span:
+            return first, run, sign * top
+    return None
+
+
+def _starts_at_rest(y: FloatArray) -> bool:
+    finite = y[~np.isnan(y)]
+    span = max(float(np.ptp(finite)), float(np.max(np.abs(finite))))
+    return abs(float(finite[0])) <= AT_REST * span + 4 * noise_deviation(y)
+
+
+def _moves(y: FloatArray) -> bool:
+    finite = y[~np.isnan(y)]
+    return float(np.ptp(_smoothed(finite))) > 8 * noise_deviation(finite) / np.sqrt(5) and float(np.ptp(finite)) > 0
+
+
+def _trend(y: FloatArray) -> tuple[float, float]:
+    """Return slope a sample, and its standard error, of a straight line through the samples."""
+    k = np.flatnonzero(~np.isnan(y)).astype(float)
+    values = y[~np.isnan(y)]
+    if len(values) < 3:
+        return 0.0, np.inf
+    k -= k.mean()
+    slope = float(k @ (values - values.mean()) / (k @ k))
+    residual = values - values.mean() - slope * k
+    return slope, float(np.sqrt(residual @ residual / (len(k) - 2) / (k @ k)))
+
+
+def _smoothed(y: FloatArray, *, width: int = 5) -> FloatArray:
+    """Return the running mean over `width` samples, same length."""
+    filled = np.where(np.isnan(y), np.interp(np.arange(len(y)), *_known(y)), y)
+    padded = np.pad(filled, width // 2, mode="edge")
+    return np.convolve(padded, np.ones(width) / width, mode="valid")
+
+
+def _known(y: FloatArray) -> tuple[NDArray[np.intp], FloatArray]:
+    index = np.flatnonzero(~np.isnan(y))
+    return index, y[index]

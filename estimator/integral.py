@@ -1,0 +1,64 @@
+"""Integral least squares: a first guess of the five parameters straight from the recording. Knows the motor, no FMU.
+
+Both equations of the motor, integrated once from the first sample, are linear in the parameters:
+
+    ∫v = R ∫i + L (i − i₀) + K ∫w             ∫load = K ∫i − J (w − w₀) − B ∫w
+
+The first gives R, L, K; with K known the second gives J, B. No derivative of a noisy signal is taken. The integrals
+of i and w are trapezoids, that of v is exact for a held voltage, so the guess is off by terms of (h/τ)².
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+NAMES = ("R", "K", "L", "J", "B")
+
+
+def integral_estimate(
+    v: FloatArray, i: FloatArray, w: FloatArray, *, step: float, load: float = 0.0
+) -> dict[str, float]:
+    """Return R, K, L, J, B [SI] from voltage, current and speed.
+
+    Parameters
+    ----------
+    v, i, w : (n,) arrays
+        V, A, rad/s; NaN where a sample is missing. v[k] holds from sample k to k + 1.
+    step : float
+        s, sampling interval.
+    load : float
+        N·m, constant load torque.
+
+    Returns
+    -------
+    dict
+        Values as they come out of the linear equations: with much noise they may be negative.
+    """
+    i, w = _filled(i), _filled(w)
+    zero = np.zeros(1)
+    integral_v = np.concatenate([zero, np.cumsum(v[:-1])]) * step
+    integral_i = np.concatenate([zero, np.cumsum((i[1:] + i[:-1]) / 2)]) * step
+    integral_w = np.concatenate([zero, np.cumsum((w[1:] + w[:-1]) / 2)]) * step
+    R, L, K = _solve(np.column_stack([integral_i, i - i[0], integral_w]), integral_v)
+    torque = K * integral_i - load * step * np.arange(len(v))
+    J, B = _solve(np.column_stack([w - w[0], integral_w]), torque)
+    return {"R": R, "K": K, "L": L, "J": J, "B": B}
+
+
+def _filled(signal: FloatArray) -> FloatArray:
+    """Return the signal with missing samples interpolated: good enough for a guess."""
+    missing = np.isnan(signal)
+    if not missing.any():
+        return signal
+    index = np.arange(len(signal))
+    return np.interp(index, index[~missing], signal[~missing])
+
+
+def _solve(columns: FloatArray, right: FloatArray) -> list[float]:
+    scale = np.linalg.norm(columns, axis=0)
+    scale[scale == 0] = 1.0
+    solution = np.linalg.lstsq(columns / scale, right, rcond=None)[0] / scale
+    return [float(x) for x in solution]

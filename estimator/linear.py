@@ -1,0 +1,104 @@
+"""The DC motor with these parameters as a linear system, for control design. Knows numbers only, no FMU.
+
+x = [i, w], u = [v, load], y = [i, w]
+L di/dt = v − R i − K w
+J dw/dt = K i − B w − load
+
+i/v = (J s + B)/D    w/v = K/D    w/load = −(L s + R)/D    i/load = K/D    D = L J s² + (R J + L B) s + R B + K²
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.errors import InputError
+
+if TYPE_CHECKING:
+    from scipy.signal import StateSpace
+
+FloatArray = NDArray[np.float64]
+
+MOTOR = ("R", "K", "L", "J", "B")
+INPUTS, STATES = ("v", "load"), ("i", "w")
+
+
+def is_motor(values: Mapping[str, float]) -> bool:
+    """Return whether these are a DC motor's parameters: R, K, L, J and B by name, with a winding and an inertia."""
+    return set(MOTOR) <= set(values) and values["L"] > 0 and values["J"] > 0
+
+
+def matrices(values: Mapping[str, float]) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Return A (2, 2), B (2, 2), C (2, 2) and D (2, 2) of dx/dt = A x + B u, y = C x + D u.
+
+    Parameters
+    ----------
+    values : name → float
+        R in Ohm, K in V.s/rad, L in H, J in kg.m2, B in N.m.s/rad.
+
+    Raises
+    ------
+    InputError
+        One of the five is missing, or L or J is not positive.
+    """
+    if not is_motor(values):
+        raise InputError(
+            f"a linear motor model needs R, K, L, J and B, with L and J positive; these are {', '.join(values)}"
+        )
+    R, K, L, J, B = (values[name] for name in MOTOR)
+    return (
+        np.array([[-R / L, -K / L], [K / J, -B / J]]),
+        np.array([[1 / L, 0.0], [0.0, -1 / J]]),
+        np.eye(2),
+        np.zeros((2, 2)),
+    )
+
+
+def transfer_functions(values: Mapping[str, float]) -> dict[str, tuple[list[float], list[float]]]:
+    """Return ``"w/v"`` and the like → numerator and denominator, highest power of s first.
+
+    Raises
+    ------
+    InputError
+        As `matrices`.
+    """
+    matrices(values)
+    R, K, L, J, B = (float(values[name]) for name in MOTOR)
+    denominator = [L * J, R * J + L * B, R * B + K * K]
+    return {
+        "i/v": ([J, B], denominator),
+        "w/v": ([K], denominator),
+        "i/load": ([K], denominator),
+        "w/load": ([-L, -R], denominator),
+    }
+
+
+def state_space(values: Mapping[str, float]) -> StateSpace:
+    """Return the motor as scipy's StateSpace: inputs v, load; states and outputs i, w.
+
+    Raises
+    ------
+    InputError
+        As `matrices`.
+    """
+    from scipy.signal import StateSpace
+
+    return StateSpace(*matrices(values))
+
+
+def control_system(values: Mapping[str, float]) -> Any:
+    """Return the motor as python-control's StateSpace, with named inputs, states and outputs.
+
+    Raises
+    ------
+    InputError
+        As `matrices`, or python-control is not installed.
+    """
+    try:
+        import control
+    except ImportError as error:
+        raise InputError("python-control is not installed; pip install control, or take state_space()") from error
+    return control.ss(*matrices(values), inputs=list(INPUTS), states=list(STATES), outputs=list(STATES))

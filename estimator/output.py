@@ -1,0 +1,110 @@
+"""A folder for results, and files that are complete or not there at all. Knows nothing of their content."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import secrets
+import tempfile
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+from estimator.errors import InputError
+
+
+class OutputFolder:
+    """A folder for results, made on entering a ``with`` statement and removed again if nothing came of it.
+
+    Parameters
+    ----------
+    path : path
+        It may exist; files of the same names are replaced, others are left alone.
+    own : names
+        If given, the folder must not hold any other file: it is not a folder of ours.
+    """
+
+    def __init__(self, path: str | os.PathLike[str], *, own: Iterable[str] | None = None) -> None:
+        self.path = Path(path)
+        self._own = None if own is None else set(own)
+        self._made: list[Path] = []
+
+    def __enter__(self) -> OutputFolder:
+        """Make the folder and see that it can be written, before any time is spent on results.
+
+        Raises
+        ------
+        InputError
+            It cannot be made or written, or holds other files.
+        """
+        if self.path.exists() and not self.path.is_dir():
+            raise InputError(f"{self.path} is a file, not a folder; give -o another name")
+        missing = [folder for folder in (self.path, *self.path.parents) if not folder.exists()]
+        try:
+            for folder in reversed(missing):
+                folder.mkdir()
+                self._made.insert(0, folder)
+            with tempfile.TemporaryFile(dir=self.path):
+                pass
+            found = {entry.name for entry in self.path.iterdir()}
+        except OSError as error:
+            self._remove_empty()
+            raise InputError(
+                f"{self.path}: cannot write there ({error.strerror or error}); give -o a folder of yours"
+            ) from error
+        if self._own is not None and found - self._own:
+            other = sorted(found - self._own)[0]
+            raise InputError(f"{self.path} already holds other files ({other}); give -o an empty or a new folder")
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        """Remove the folder if it was made here and is still empty."""
+        self._remove_empty()
+
+    def write(self, files: Mapping[str, bytes], *, stale: Iterable[str] = ()) -> None:
+        """Write files, all or none, and remove those names of `stale` that are not among them.
+
+        Raises
+        ------
+        InputError
+            The disk is full, or the folder went away.
+        """
+        write_files({self.path / name: content for name, content in files.items()})
+        for name in set(stale) - set(files):
+            (self.path / name).unlink(missing_ok=True)
+
+    def _remove_empty(self) -> None:
+        with contextlib.suppress(OSError):
+            for folder in self._made:
+                folder.rmdir()
+
+
+def write_files(files: Mapping[Path, bytes]) -> None:
+    """Write files under temporary names beside their places; only when all are complete they get their names.
+
+    Raises
+    ------
+    InputError
+        Some file cannot be written; then none is changed.
+    """
+    token = secrets.token_hex(4)
+    temporary: dict[Path, Path] = {}  # the place → the temporary name
+    path = Path()
+    try:
+        for path, content in files.items():
+            place = path.resolve()  # a link stays a link
+            if place.is_dir():
+                raise InputError(f"{path} is a folder; give the name of a file")
+            if place.exists() and not place.is_file():  # a device or a pipe
+                place.write_bytes(content)
+                continue
+            temporary[place] = place.with_name(f".{place.name}.{token}.tmp")
+            with open(temporary[place], "xb") as stream:
+                stream.write(content)
+        for path, name in temporary.items():
+            os.replace(name, path)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({error.strerror or error}); give -o another place") from error
+    finally:
+        for name in temporary.values():
+            with contextlib.suppress(OSError):
+                name.unlink(missing_ok=True)

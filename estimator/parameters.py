@@ -1,0 +1,94 @@
+"""Parameters to estimate: name, bounds, scale, and where each goes in the FMU. Knows no FMU."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class SensorPlace:
+    """Where a free value of the measurement chain goes: "delay", "gain" or "offset"; which recording, which output."""
+
+    kind: str
+    recording: int | None = None  # None: all
+    output: str = ""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One free parameter.
+
+    Attributes
+    ----------
+    lower, upper : float
+        Bounds, in `unit`.
+    log : bool
+        Searched and polished on a logarithmic scale; needs lower > 0.
+    targets : tuple of str
+        FMU variables that take its value.
+    start, nominal : float or None
+        Where to begin, and what to compare with.
+    place : SensorPlace or None
+        Set for a value of the measurement chain, which no FMU variable takes.
+    """
+
+    name: str
+    unit: str
+    lower: float
+    upper: float
+    log: bool
+    targets: tuple[str, ...]
+    start: float | None = None
+    nominal: float | None = None
+    place: SensorPlace | None = None
+    gains: tuple[float, ...] = ()  # of each target: its value over the parameter's; empty: 1
+
+
+class Box:
+    """A box of parameters seen as the unit cube.
+
+    Parameters
+    ----------
+    lower, upper : (d,) array
+        In the parameters' units.
+    log : (d,) bool array
+        Which are scaled logarithmically.
+    """
+
+    def __init__(self, lower: FloatArray, upper: FloatArray, log: NDArray[np.bool_]) -> None:
+        self.lower, self.upper, self.log = lower, upper, log
+        self._low = self._scaled(lower)
+        self._width = self._scaled(upper) - self._low
+
+    @classmethod
+    def of(cls, parameters: tuple[Parameter, ...]) -> Box:
+        """Return the box of these parameters."""
+        return cls(
+            np.array([p.lower for p in parameters]),
+            np.array([p.upper for p in parameters]),
+            np.array([p.log for p in parameters], dtype=bool),
+        )
+
+    @property
+    def dimension(self) -> int:
+        """Number of parameters."""
+        return len(self.lower)
+
+    def from_cube(self, u: FloatArray) -> FloatArray:
+        """Map (…, d) points of the unit cube to values in the parameters' units, inside the bounds."""
+        scaled = self._low + u * self._width
+        return np.clip(np.where(self.log, np.exp(np.where(self.log, scaled, 0.0)), scaled), self.lower, self.upper)
+
+    def to_cube(self, values: FloatArray) -> FloatArray:
+        """Map (…, d) values to the unit cube; values outside the bounds come to its faces."""
+        inside = np.clip(values, self.lower, self.upper)
+        width = np.where(self._width > 0, self._width, 1.0)
+        return np.clip((self._scaled(inside) - self._low) / width, 0.0, 1.0)
+
+    def _scaled(self, values: FloatArray) -> FloatArray:
+        return np.where(self.log, np.log(np.where(self.log, values, 1.0)), values)

@@ -1,0 +1,144 @@
+"""Progress of a long run, as one live line on a terminal. Knows no search and no FMU, only their events."""
+
+from __future__ import annotations
+
+import math
+import os
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import TextIO
+
+REDRAW = 0.1  # s, between two drawings of the live line
+FALLBACK_WIDTH = 80  # columns, when the terminal does not say
+
+
+@dataclass(frozen=True)
+class Progress:
+    """Where an estimation stands.
+
+    Attributes
+    ----------
+    phase : str
+        What is going on: "search", "polish", …
+    simulations : int
+        FMU runs started so far, all phases together.
+    expected : int or None
+        Runs expected in all, if that is known.
+    best_cost : float or None
+        Cost of the best candidate so far.
+    parameters : name → float, or None
+        The best candidate, SI units.
+    """
+
+    phase: str
+    simulations: int
+    expected: int | None = None
+    best_cost: float | None = None
+    parameters: Mapping[str, float] | None = None
+
+
+def progress_line(event: Progress, *, seconds: float) -> str:
+    """Return one line of text about an event, `seconds` after the start.
+
+    >>> progress_line(Progress("search", 1200, 4000, 0.0125, {"R": 3.1}), seconds=3.0)
+    'search  1200 of 4000 simulations  400/s  7 s left  cost 0.0125  R 3.1'
+    """
+    known_end = event.expected is not None and event.expected >= event.simulations
+    parts = [event.phase, f"{event.simulations}{f' of {event.expected}' if known_end else ''} simulations"]
+    if seconds > 0.5 and event.simulations > 0:
+        rate = event.simulations / seconds
+        parts.append(f"{rate:.0f}/s" if rate >= 10 else f"{rate:.1f}/s")
+        if event.expected is not None and event.expected > event.simulations:
+            parts.append(f"{_duration((event.expected - event.simulations) / rate)} left")
+    if event.best_cost is not None and math.isfinite(event.best_cost):
+        parts.append(f"cost {event.best_cost:.3g}")
+    if event.parameters:
+        parts.append(" ".join(f"{name} {value:.4g}" for name, value in event.parameters.items()))
+    return "  ".join(parts)
+
+
+def batch_line(*, done: int, total: int, kept: int, verdicts: Mapping[str, int], seconds: float) -> str:
+    """Return one line of text about a batch, `seconds` after its start; `kept` cases were done before that.
+
+    >>> batch_line(done=120, total=1000, kept=20, verdicts={"ok": 118, "failed": 2}, seconds=50)
+    '120 of 1000 cases  2.0/s  7 min left  118 ok  2 failed'
+    """
+    parts = [f"{done} of {total} cases"]
+    if seconds > 0.5 and done > kept:
+        rate = (done - kept) / seconds
+        parts.append(f"{rate:.0f}/s" if rate >= 10 else f"{rate:.1f}/s" if rate >= 1 else f"{60 * rate:.1f}/min")
+        if total > done:
+            parts.append(f"{_duration((total - done) / rate)} left")
+    return "  ".join([*parts, *(f"{count} {verdict}" for verdict, count in verdicts.items())])
+
+
+class LiveLine:
+    """One line of a terminal, drawn over and over and wiped at the end. Use in a ``with`` statement.
+
+    Parameters
+    ----------
+    stream : text stream
+        The terminal; nothing else may be written there inside the ``with`` statement.
+    clock : () → float, s
+        Monotonic time.
+    """
+
+    def __init__(self, stream: TextIO, *, clock: Callable[[], float] = time.monotonic) -> None:
+        self._stream = stream
+        self._clock = clock
+        self._start = clock()
+        self._drawn = -math.inf
+        self._shown = 0
+
+    def __call__(self, event: Progress) -> None:
+        """Draw an event, unless the last one was drawn a moment ago."""
+        self.draw(lambda seconds: progress_line(event, seconds=seconds))
+
+    def draw(self, line_after: Callable[[float], str]) -> None:
+        """Draw a line that depends on the seconds since the start, unless the last was drawn a moment ago."""
+        now = self._clock()
+        if now - self._drawn < REDRAW:
+            return
+        self._drawn = now
+        line = line_after(now - self._start)[: _width(self._stream) - 1]
+        self._write("\r" + line + " " * (self._shown - len(line)))
+        self._shown = len(line)
+
+    def __enter__(self) -> LiveLine:
+        """Start the clock."""
+        self._start = self._clock()
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        """Wipe the line."""
+        if self._shown:
+            self._write("\r" + " " * self._shown + "\r")
+            self._shown = 0
+
+    def _write(self, text: str) -> None:
+        self._stream.write(text)
+        self._stream.flush()
+
+
+def is_terminal(stream: TextIO | None) -> bool:
+    """Return whether somebody can be watching `stream`."""
+    try:
+        return stream is not None and stream.isatty()
+    except ValueError:  # closed
+        return False
+
+
+def _width(stream: TextIO) -> int:
+    try:
+        return os.get_terminal_size(stream.fileno()).columns or FALLBACK_WIDTH
+    except (OSError, ValueError):
+        return FALLBACK_WIDTH
+
+
+def _duration(seconds: float) -> str:
+    if seconds < 99.5:
+        return f"{seconds:.0f} s"
+    if seconds < 99.5 * 60:
+        return f"{seconds / 60:.0f} min"
+    return f"{seconds / 3600:.1f} h"

@@ -1,0 +1,206 @@
+"""The outcome of an estimation: values, their standard errors, a verdict. Knows no FMU and no search.
+
+Best values never travel alone: every parameter carries its standard error, its bounds and a status; the whole
+carries a verdict with its reasons, and what the estimate cost.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+Verdict = Literal["ok", "doubtful", "refused"]
+Status = Literal["ok", "doubtful", "not identified"]
+Bound = Literal["lower", "upper"]
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What a parameter sets in the FMU: a variable and its value, in the variable's own unit."""
+
+    variable: str
+    value: float
+    unit: str
+    type: str = "Real"  # of FMI: "Real", "Integer", "Boolean", …
+
+
+@dataclass(frozen=True)
+class ParameterEstimate:
+    """One parameter: its value and how well the recording tells it.
+
+    Attributes
+    ----------
+    name, unit : str
+        As in the FMU; SI.
+    value : float
+        Estimate, in `unit`.
+    standard_error : float or None
+        One standard deviation, in `unit`; None where the method gives none or it cannot be computed.
+    lower, upper : float
+        Bounds that the estimate had to respect, in `unit`.
+    at_bound : "lower", "upper" or None
+    status : "ok", "doubtful" or "not identified"
+    reason : str or None
+        Why the status is not ok.
+    free : bool
+        False for a parameter that was fixed by the user.
+    nominal : float or None
+        The user's nominal value, in `unit`, for comparison only.
+    settings : tuple of Setting, or None
+        What it sets in the FMU; empty for a value of the measurement chain; None: the variable of its own name.
+    """
+
+    name: str
+    value: float
+    unit: str
+    lower: float
+    upper: float
+    standard_error: float | None = None
+    at_bound: Bound | None = None
+    status: Status = "ok"
+    reason: str | None = None
+    free: bool = True
+    nominal: float | None = None
+    settings: tuple[Setting, ...] | None = None
+
+    @property
+    def set_in_fmu(self) -> tuple[Setting, ...]:
+        """What it sets in the FMU."""
+        return (Setting(self.name, self.value, self.unit),) if self.settings is None else self.settings
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Measured against simulated signals of one recording.
+
+    Attributes
+    ----------
+    name : str
+        The recording.
+    time : (n,) array, s
+    inputs : name → (n,) array, SI
+    measured, simulated : output name → (n,) array, SI
+        NaN where a sample is missing. Sample k is taken at time[k], before input[k] acts.
+    units : output or input name → SI unit
+    """
+
+    name: str
+    time: FloatArray
+    inputs: Mapping[str, FloatArray]
+    measured: Mapping[str, FloatArray]
+    simulated: Mapping[str, FloatArray]
+    units: Mapping[str, str]
+
+
+@dataclass(frozen=True)
+class SearchHistory:
+    """The search seen from outside, one entry a generation.
+
+    Attributes
+    ----------
+    simulations : (g,) array
+        FMU runs started so far.
+    best, median : (g,) array
+        Cost of the best and of the median nest.
+    lower, upper : (g,) arrays, or None
+        Costs of the nests at the quartiles: half of all nests lie between.
+    """
+
+    simulations: FloatArray
+    best: FloatArray
+    median: FloatArray
+    lower: FloatArray | None = None
+    upper: FloatArray | None = None
+
+
+@dataclass(frozen=True)
+class CostProfile:
+    """How the cost rises around one parameter's estimate; a rise of 1 is one standard error.
+
+    Attributes
+    ----------
+    values : (n,) array
+        Of the parameter, in its unit, increasing; the estimate is among them.
+    held, followed : (n,) arrays
+        Rise with the other parameters held, and with them moved to where they fit best; NaN where the FMU failed.
+    """
+
+    values: FloatArray
+    held: FloatArray
+    followed: FloatArray
+
+
+@dataclass(frozen=True)
+class Validation:
+    """An estimate against recordings that it was not fitted to.
+
+    Attributes
+    ----------
+    comparisons : one a recording
+    rmse : output name → root mean square error, SI units
+    fit_percent : output name → 100 (1 − ‖e‖ / ‖y − mean‖)
+    """
+
+    comparisons: tuple[Comparison, ...]
+    rmse: Mapping[str, float]
+    fit_percent: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """What one estimation found, what it cost, and how to repeat it.
+
+    Attributes
+    ----------
+    verdict : "ok", "doubtful" or "refused"
+    reasons : sentences; empty when ok
+    notes : sentences about what was found in the data and used (where the step is, noise, what settled)
+    parameters : name → ParameterEstimate; may be empty when refused
+    correlation : (p, p) array over the free parameters in the order of `correlated`, or None
+    correlated : names of the rows and columns of `correlation`
+    rmse : output name → root mean square error over all samples used, SI units
+    fit_percent : output name → 100 (1 − ‖e‖ / ‖y − mean‖)
+    noise : output name → standard deviation of the measurement noise as estimated, SI units
+    simulations : FMU runs started, cut-short ones, probe and step check included
+    simulations_by_phase : phase name → runs; sums to `simulations`
+    failed_simulations : runs in which the FMU failed
+    failures : sentences, one a kind of failure, with the parameters of its first occurrence
+    steps : communication steps really done
+    seconds : from data loaded to result, imports excluded
+    fmu : facts about the FMU (name, path, version, kind, guid, how it was driven)
+    versions : package name → version
+    comparisons : one a recording
+    history : the search seen from outside, or None
+    profiles : parameter name → CostProfile, where they were asked for
+    validation : how the model does on recordings that it has not seen, where some were given
+    """
+
+    verdict: Verdict
+    reasons: tuple[str, ...]
+    parameters: Mapping[str, ParameterEstimate]
+    method: str
+    seed: int
+    simulations: int
+    simulations_by_phase: Mapping[str, int]
+    failed_simulations: int
+    steps: int
+    seconds: float
+    fmu: Mapping[str, Any]
+    versions: Mapping[str, str]
+    rmse: Mapping[str, float] = field(default_factory=dict)
+    fit_percent: Mapping[str, float] = field(default_factory=dict)
+    noise: Mapping[str, float] = field(default_factory=dict)
+    correlation: FloatArray | None = None
+    correlated: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+    failures: tuple[str, ...] = ()
+    comparisons: tuple[Comparison, ...] = ()
+    history: SearchHistory | None = None
+    workers: int = 1
+    profiles: Mapping[str, CostProfile] = field(default_factory=dict)
+    validation: Validation | None = None

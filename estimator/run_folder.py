@@ -1,0 +1,70 @@
+"""A temporary folder that goes with its owner, however the owner ends. Knows nothing of what lies in it.
+
+The owner holds a lock on a file inside for its whole life; the operating system releases it even after a kill. So
+the next start can tell the folders that were left behind from those in use, and removes the former.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import shutil
+import sys
+import tempfile
+from pathlib import Path
+from types import TracebackType
+from typing import IO
+
+PREFIX = "fmu-estimator-"
+LOCK = "owner.lock"
+
+
+class RunFolder:
+    """A locked temporary folder; use it as a context manager."""
+
+    def __init__(self) -> None:
+        remove_leftovers()
+        self.path = Path(tempfile.mkdtemp(prefix=PREFIX)).resolve()
+        self._lock = open(self.path / LOCK, "w")  # noqa: SIM115 - held for life
+        try_lock(self._lock)
+
+    def close(self) -> None:
+        """Remove the folder."""
+        self._lock.close()
+        shutil.rmtree(self.path, ignore_errors=True)
+
+    def __enter__(self) -> RunFolder:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+def remove_leftovers() -> None:
+    """Remove the run folders of this user whose owner is gone."""
+    for folder in Path(tempfile.gettempdir()).glob(PREFIX + "*"):
+        lock = folder / LOCK
+        with contextlib.suppress(OSError):
+            if not lock.is_file():
+                continue  # its owner is just making it, or it is none of ours
+            with open(lock, "r+") as file:
+                owned = not try_lock(file)
+            if not owned:
+                shutil.rmtree(folder, ignore_errors=True)
+
+
+def try_lock(file: IO[str]) -> bool:
+    """Take the lock of an open file, until it is closed; return False if somebody else has it."""
+    try:
+        if sys.platform == "win32":
+            import msvcrt
+
+            msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)
+        else:
+            import fcntl
+
+            fcntl.flock(file.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return False
+    return True

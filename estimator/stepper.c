@@ -1,0 +1,525 @@
+/* stepper: one candidate from reset to cost, over an FMU's own functions.
+ *
+ * Knows FMI 2.0 co-simulation, nothing of motors, searches or processes. Other versions and kinds come in the same
+ * shape: FMI 3.0 through fmi3_adapter.h, the rest through functions that Python gives. Python (slave.py) fills the
+ * structures below; their ctypes mirrors stand there, in the same order.
+ *
+ * A candidate is simulated over all experiments (recordings) in turn:
+ *
+ *     reset, set parameters, initialise
+ *     sample 0 is read, before the first step
+ *     for every following sample: set the inputs of the sample before it where they changed, step, read
+ *     cost += weight (shown - measured)^2, sample by sample, in the order of the outputs
+ *
+ * Guarantees: the sum is formed in one order, so equal candidates cost equal bits. A candidate stops as soon as its
+ * running cost exceeds its bound; as no term is negative, it could not have come back below. Time is start + n h,
+ * never accumulated. The floating-point environment and the numeric locale are the caller's again after every
+ * candidate; an FMU that leaves them changed is found out, its candidate is simulated again with both restored
+ * after every step, and so are all later ones.
+ */
+#include <fenv.h>
+#include <locale.h>
+#include <math.h>
+#include <stdarg.h>
+#include <stdatomic.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <string.h>
+
+#include "fmi2Functions.h"
+#include "fmi3_adapter.h"
+#include "sensors.h"
+
+#if defined(_WIN32)
+#define EXPORT __declspec(dllexport)
+#else
+#define EXPORT __attribute__((visibility("default")))
+#endif
+
+#if defined(__SSE2__)
+#include <xmmintrin.h>
+#define SSE_CONTROL_BITS 0xFFC0u /* rounding, flush-to-zero, denormals-are-zero, exception masks; not the sticky flags */
+#endif
+
+/* What became of a candidate. */
+enum { FINISHED = 0, CUT_SHORT = 1, FAILED = 2, NOT_FINITE = 3 };
+
+/* What the FMU was doing when it failed. */
+enum { IN_INSTANTIATE = 1, IN_RESET, IN_SET, IN_SETUP, IN_INITIALISATION, IN_STEP, IN_READ };
+
+enum { MAX_OUTPUTS = 64, MAX_INPUTS = 64, MESSAGE_SIZE = 512 };
+
+/* The FMU's words: the last message of status discard or worse, and how many messages there were. */
+typedef struct {
+    int64_t messages;
+    char last[MESSAGE_SIZE];
+} Log;
+
+typedef struct {
+    int64_t reinstantiate; /* 0: fmi2Reset before each run; 1: free and instantiate */
+    fmi2Component component;
+    fmi2InstantiateTYPE *instantiate;
+    fmi2FreeInstanceTYPE *free_instance;
+    fmi2ResetTYPE *reset;
+    fmi2SetupExperimentTYPE *setup_experiment;
+    fmi2EnterInitializationModeTYPE *enter_initialization;
+    fmi2ExitInitializationModeTYPE *exit_initialization;
+    fmi2SetRealTYPE *set_real;
+    fmi2GetRealTYPE *get_real;
+    fmi2DoStepTYPE *do_step;
+    const char *instance_name;
+    const char *guid;
+    const char *resources;
+    const fmi2CallbackFunctions *callbacks;
+    int64_t restore_every_step; /* set when the FMU was seen to change the floating-point environment or locale */
+    fmi2SetIntegerTYPE *set_integer;
+    fmi2SetBooleanTYPE *set_boolean;
+    fmi2SetStringTYPE *set_string;
+    fmi2Status (*set_other)(fmi2Component component, const Setting *setting); /* instead of the three; or NULL */
+} Slave;
+
+typedef struct {
+    int64_t samples;           /* n */
+    int64_t substeps;          /* communication steps a sampling interval */
+    double start;              /* s */
+    double interval;           /* s, sampling interval */
+    const double *inputs;      /* [n][inputs] */
+    const double *measured;    /* [n][outputs]; NaN: sample left out */
+    const double *weights;     /* [outputs]: 1 / sigma^2 */
+    int64_t complete;          /* no sample is left out */
+    const Chain *chains;       /* [outputs], or NULL: sensors show the outputs as they are */
+} Experiment;
+
+typedef struct {
+    int64_t parameters;
+    int64_t inputs;
+    int64_t outputs;
+    int64_t experiments;
+    const fmi2ValueReference *parameter_references;
+    const fmi2ValueReference *input_references;
+    const fmi2ValueReference *output_references;
+    const int64_t *sensors;    /* [outputs]: IDENTITY or MEAN */
+    const Experiment *experiment;
+    int64_t sensor_values;     /* that follow the parameters: 0, or delay and each output's gain and offset */
+    int64_t even_steps;        /* the FMU takes steps of one size only: a fractional delay mixes the inputs instead */
+    int64_t settings;
+    const Setting *setting;    /* [settings], set before every initialisation */
+    const double *scale;       /* [outputs][2]: factor and offset from the FMU's units to SI, or NULL */
+} Job;
+
+/* One batch of candidates, in memory that several workers share: each takes the next candidate until none is left. */
+typedef struct {
+    _Atomic int64_t *next;     /* index of the next candidate to take */
+    int64_t *claim;            /* this worker's candidate now; -1: none */
+    int64_t candidates;
+    int64_t quota;             /* return after this many, so that the worker can look after itself */
+    int64_t refine;            /* communication steps are this many times finer than the experiments say */
+    const double *values;      /* [candidates][experiments][parameters] */
+    const double *bounds;      /* [candidates] */
+    double *costs;             /* [candidates]; infinity unless FINISHED */
+    int64_t *steps;            /* [candidates] communication steps done */
+    int64_t *outcomes;         /* [candidates]: outcome + 256 phase + 65536 FMI status */
+    double *shown;             /* [candidates][samples of all experiments][outputs], or NULL */
+} Batch;
+
+typedef struct {
+    fenv_t environment;
+    unsigned int control;
+} FloatingPoint;
+
+static void remember(FloatingPoint *saved) {
+    (void)fegetenv(&saved->environment);
+#if defined(__SSE2__)
+    saved->control = _mm_getcsr() & SSE_CONTROL_BITS;
+#else
+    saved->control = (unsigned int)fegetround();
+#endif
+}
+
+static int is_changed(const FloatingPoint *saved) {
+    const char *numeric;
+#if defined(__SSE2__)
+    if ((_mm_getcsr() & SSE_CONTROL_BITS) != saved->control) return 1;
+#else
+    if ((unsigned int)fegetround() != saved->control) return 1;
+#endif
+    numeric = setlocale(LC_NUMERIC, NULL);
+    return numeric != NULL && strcmp(numeric, "C") != 0;
+}
+
+static void restore(const FloatingPoint *saved) {
+    (void)fesetenv(&saved->environment);
+    (void)setlocale(LC_NUMERIC, "C");
+}
+
+/* Called by the FMU. Native, since a Python callback would take the interpreter's lock for every message. */
+EXPORT void stepper_log(fmi2ComponentEnvironment environment, fmi2String instance, fmi2Status status,
+                        fmi2String category, fmi2String message, ...) {
+    Log *log = environment;
+    va_list arguments;
+    (void)instance;
+    (void)category;
+    if (log == NULL || message == NULL) return;
+    log->messages++;
+    if (status < fmi2Discard) return;
+    va_start(arguments, message);
+    (void)vsnprintf(log->last, sizeof log->last, message, arguments);
+    va_end(arguments);
+}
+
+/* The same for FMI 1.0, whose loggers are not told whose log it is. */
+EXPORT void stepper_log1(void *component, const char *instance, int status, const char *category, const char *message,
+                         ...) {
+    (void)component, (void)instance, (void)status, (void)category, (void)message;
+}
+
+/* The same for FMI 3.0. */
+EXPORT void stepper_log3(fmi3InstanceEnvironment environment, fmi3Status status, fmi3String category,
+                         fmi3String message) {
+    Log *log = environment;
+    (void)category;
+    if (log == NULL || message == NULL) return;
+    log->messages++;
+    if (status >= fmi3Discard) (void)snprintf(log->last, sizeof log->last, "%s", message);
+}
+
+/* Give a slave the functions of FMI 3.0 in the shape of FMI 2.0. */
+EXPORT void stepper_adapt(Slave *slave, const Fmi3 *fmi) {
+    slave->instantiate = adapted_instantiate;
+    slave->free_instance = adapted_free;
+    slave->reset = adapted_reset;
+    slave->setup_experiment = adapted_setup;
+    slave->enter_initialization = adapted_enter;
+    slave->exit_initialization = adapted_exit;
+    slave->set_real = adapted_set;
+    slave->get_real = adapted_get;
+    slave->do_step = adapted_step;
+    slave->set_other = adapted_set_other;
+    slave->callbacks = (const fmi2CallbackFunctions *)(const void *)fmi;
+}
+
+static fmi2Status set_setting(const Slave *slave, const Setting *setting) {
+    const fmi2ValueReference reference = (fmi2ValueReference)setting->reference;
+    const int value = (int)setting->whole;
+    if (slave->set_other != NULL) return slave->set_other(slave->component, setting);
+    if (setting->type == WHOLE) return slave->set_integer(slave->component, &reference, 1, &value);
+    if (setting->type == TRUTH) return slave->set_boolean(slave->component, &reference, 1, &value);
+    if (setting->type == TEXT) return slave->set_string(slave->component, &reference, 1, &setting->text);
+    return fmi2Error;
+}
+
+static int64_t failed(int64_t phase, fmi2Status status) { return FAILED + 256 * phase + 65536 * (int64_t)status; }
+
+static int64_t initialise(Slave *slave, const Job *job, const Experiment *experiment, const double *values) {
+    fmi2Status status;
+    if (slave->reinstantiate || slave->component == NULL) {
+        if (slave->component != NULL) slave->free_instance(slave->component);
+        slave->component = slave->instantiate(slave->instance_name, fmi2CoSimulation, slave->guid, slave->resources,
+                                              slave->callbacks, fmi2False, fmi2False);
+        if (slave->component == NULL) return failed(IN_INSTANTIATE, fmi2Error);
+    } else if ((status = slave->reset(slave->component)) > fmi2Warning) {
+        return failed(IN_RESET, status);
+    }
+    status = slave->setup_experiment(slave->component, fmi2False, 0.0, experiment->start, fmi2False, 0.0);
+    if (status > fmi2Warning) return failed(IN_SETUP, status);
+    if (job->parameters > 0) {
+        status = slave->set_real(slave->component, job->parameter_references, (size_t)job->parameters, values);
+        if (status > fmi2Warning) return failed(IN_SET, status);
+    }
+    for (int64_t s = 0; s < job->settings; s++) {
+        status = set_setting(slave, &job->setting[s]);
+        if (status > fmi2Warning) return failed(IN_SET, status);
+    }
+    status = slave->enter_initialization(slave->component);
+    if (status > fmi2Warning) return failed(IN_INITIALISATION, status);
+    status = slave->exit_initialization(slave->component);
+    if (status > fmi2Warning) return failed(IN_INITIALISATION, status);
+    return FINISHED;
+}
+
+/* What a simulation needs at every step, and where it stands. */
+typedef struct {
+    const Slave *slave;
+    const Job *job;
+    const Experiment *experiment;
+    const FloatingPoint *saved;
+    int64_t substeps;
+    double h;          /* s, communication step */
+    double bound;
+    double cost;       /* so far */
+    int64_t count;     /* communication steps so far */
+    double *shown;     /* NULL: not kept */
+    const double *sensor_values;
+} Run;
+
+/* Set the inputs of sample k, where they differ from those of the sample before. */
+static inline fmi2Status set_inputs(const Run *run, int64_t k, size_t inputs) {
+    const double *now = run->experiment->inputs + (size_t)k * inputs;
+    int changed = k == 0;
+    for (size_t j = 0; j < inputs && !changed; j++) changed = now[j] != *(now + j - inputs);
+    return changed ? run->slave->set_real(run->slave->component, run->job->input_references, inputs, now) : fmi2OK;
+}
+
+/* Hold the inputs of one row, where they differ from those held now. */
+static inline fmi2Status hold_inputs(const Run *run, const double *row, const double **held, size_t inputs) {
+    int changed = *held == NULL;
+    for (size_t j = 0; j < inputs && !changed; j++) changed = row[j] != (*held)[j];
+    *held = row;
+    return changed && inputs > 0
+               ? run->slave->set_real(run->slave->component, run->job->input_references, inputs, row)
+               : fmi2OK;
+}
+
+/* Step over one sampling interval in which the inputs come late. */
+static fmi2Status step_delayed(Run *run, int64_t k, const Delay *delay, const double **held, double *mixed,
+                               size_t inputs, int64_t *count, int64_t *phase) {
+    const Slave *slave = run->slave;
+    const Experiment *experiment = run->experiment;
+    const double *old = experiment->inputs + delayed_row(k, delay->whole + 1, experiment->samples) * inputs;
+    const double *new = experiment->inputs + delayed_row(k, delay->whole, experiment->samples) * inputs;
+    const double *rows[2] = {new, new};
+    const double interval = experiment->interval;
+    double begin = experiment->start + (double)k * interval;
+    double length[2] = {interval, 0.0};
+    int differ = 0;
+    for (size_t j = 0; j < inputs; j++) differ = differ || old[j] != new[j];
+    if (differ && delay->part > 0.0 && run->job->even_steps) {
+        double *mix = mixed + (size_t)(k % 2) * MAX_INPUTS;
+        for (size_t j = 0; j < inputs; j++) mix[j] = delay->part * old[j] + (1.0 - delay->part) * new[j];
+        rows[0] = mix;
+    } else if (differ && delay->part > 0.0) {
+        rows[0] = old;
+        length[0] = delay->part * interval;
+        length[1] = interval - length[0];
+    }
+    for (int part = 0; part < 2 && length[part] > 0.0; part++) {
+        const double share = length[part] / interval * (double)run->substeps;
+        const int64_t steps = length[part] < interval ? (int64_t)ceil(share - 1e-9) : run->substeps;
+        const double h = length[part] / (double)steps;
+        fmi2Status status = hold_inputs(run, rows[part], held, inputs);
+        *phase = IN_SET;
+        if (status > fmi2Warning) return status;
+        *phase = IN_STEP;
+        for (int64_t s = 0; s < steps; s++) {
+            status = slave->do_step(slave->component, begin + (double)s * h, h, fmi2True);
+            ++*count;
+            if (slave->restore_every_step) restore(run->saved);
+            if (status > fmi2Warning) return status;
+        }
+        begin += length[part];
+    }
+    return fmi2OK;
+}
+
+/* Inlined into each call, so that constant arguments take the questions out of the loop. */
+#if defined(__GNUC__)
+#define SPECIALISED static inline __attribute__((always_inline))
+#else
+#define SPECIALISED static inline
+#endif
+
+/* Step and compare. The bare loop is for complete recordings of identity sensors whose trajectories are not kept: the
+   same sums in the same order, without the questions. */
+SPECIALISED int64_t follow(Run *run, const size_t outputs, const size_t inputs, const int bare) {
+    const Slave *slave = run->slave;
+    const Job *job = run->job;
+    const Experiment *experiment = run->experiment;
+    const fmi2Component component = slave->component;
+    const fmi2ValueReference *references = job->output_references;
+    fmi2GetRealTYPE *const get_real = slave->get_real;
+    fmi2DoStepTYPE *const do_step = slave->do_step;
+    const int64_t last = experiment->samples - 1;
+    const int64_t substeps = bare ? 1 : run->substeps;
+    const double *measured = experiment->measured;
+    const double start = experiment->start;
+    const double h = run->h;
+    const double bound = run->bound;
+    double weights[MAX_OUTPUTS];
+    double read[MAX_OUTPUTS];
+    static _Thread_local ChainState states[MAX_OUTPUTS];
+    const double *values = bare ? NULL : run->sensor_values;
+    const Delay delay = values != NULL ? split_delay(values[0], experiment->interval) : (Delay){0, 0.0};
+    const double *held = NULL;
+    double mixed[2 * MAX_INPUTS];
+    double running = run->cost;
+    int64_t outcome = FINISHED;
+    int64_t count = 0;
+    memcpy(weights, experiment->weights, outputs * sizeof *weights);
+    for (int64_t k = 0;; k++) {
+        fmi2Status status = get_real(component, references, outputs, read);
+        if (status > fmi2Warning) {
+            outcome = failed(IN_READ, status);
+            break;
+        }
+        for (size_t j = 0; j < outputs; j++) {
+            double value = read[j];
+            if (!bare) {
+                if (job->scale != NULL) value = value * job->scale[2 * j] + job->scale[2 * j + 1];
+                const Chain *chain = experiment->chains != NULL ? experiment->chains + j : NULL;
+                value = sensor_shows(chain, &states[j], job->sensors[j], experiment->interval, k, value);
+                if (values != NULL) value = values[1 + 2 * j] * value + values[2 + 2 * j];
+            }
+            if (!bare && run->shown != NULL) *run->shown++ = value;
+            if (bare || !isnan(measured[j])) {
+                const double residual = value - measured[j];
+                running += weights[j] * (residual * residual);
+            }
+        }
+        measured += outputs;
+        if (!(running <= bound)) {
+            outcome = isfinite(running) ? CUT_SHORT : NOT_FINITE;
+            break;
+        }
+        if (k == last) break;
+        if (!bare && (delay.whole != 0 || delay.part > 0.0)) {
+            int64_t phase = IN_STEP;
+            status = step_delayed(run, k, &delay, &held, mixed, inputs, &count, &phase);
+            if (status > fmi2Warning) {
+                outcome = failed(phase, status);
+                break;
+            }
+            continue;
+        }
+        status = set_inputs(run, k, inputs);
+        if (status > fmi2Warning) {
+            outcome = failed(IN_SET, status);
+            break;
+        }
+        for (int64_t s = 0; s < substeps; s++) {
+            status = do_step(component, start + (double)count * h, h, fmi2True);
+            count++;
+            if (!bare && slave->restore_every_step) restore(run->saved);
+            if (status > fmi2Warning) break;
+        }
+        if (status > fmi2Warning) {
+            outcome = failed(IN_STEP, status);
+            break;
+        }
+    }
+    run->cost = running;
+    run->count = count;
+    return outcome;
+}
+
+static int64_t simulate(Run *run, const double *values, Slave *slave) {
+    const Job *job = run->job;
+    const size_t outputs = (size_t)job->outputs;
+    const size_t inputs = (size_t)job->inputs;
+    int64_t outcome = initialise(slave, job, run->experiment, values);
+    int bare = run->shown == NULL && run->substeps == 1 && !slave->restore_every_step && run->experiment->complete &&
+               run->sensor_values == NULL && run->experiment->chains == NULL && job->scale == NULL;
+    if (outcome != FINISHED) return outcome;
+    for (size_t j = 0; j < outputs; j++) bare = bare && job->sensors[j] == IDENTITY;
+    if (bare && outputs == 2 && inputs == 1) return follow(run, 2, 1, 1);
+    if (bare) return follow(run, outputs, inputs, 1);
+    return follow(run, outputs, inputs, 0);
+}
+
+/* Simulate one experiment of a candidate, whose experiments before it cost `*cost`, and add to it. */
+static int64_t one_experiment(Slave *slave, const Job *job, const Batch *batch, int64_t index, int64_t e, double *cost,
+                              const FloatingPoint *saved) {
+    const int64_t stride = job->parameters + job->sensor_values;
+    const double *values = batch->values + (index * job->experiments + e) * stride;
+    const Experiment *experiment = &job->experiment[e];
+    const int64_t substeps = experiment->substeps * batch->refine;
+    double *shown = NULL;
+    int64_t outcome;
+    if (batch->shown != NULL) {
+        int64_t rows = 0, before = 0;
+        for (int64_t k = 0; k < job->experiments; k++) {
+            if (k < e) before += job->experiment[k].samples;
+            rows += job->experiment[k].samples;
+        }
+        shown = batch->shown + (index * rows + before) * job->outputs;
+    }
+    Run run = {.slave = slave,
+               .job = job,
+               .experiment = experiment,
+               .saved = saved,
+               .substeps = substeps,
+               .h = experiment->interval / (double)substeps,
+               .bound = batch->bounds[index],
+               .cost = *cost,
+               .shown = shown,
+               .sensor_values = job->sensor_values > 0 ? values + job->parameters : NULL};
+    outcome = simulate(&run, values, slave);
+    *cost = run.cost;
+    batch->steps[index] += run.count;
+    if (outcome % 256 == FAILED && slave->component != NULL) {
+        /* An FMU is in an undefined state after an error: the next run starts from a new instance. */
+        if (outcome / 65536 != fmi2Fatal) slave->free_instance(slave->component);
+        slave->component = NULL;
+    }
+    return outcome;
+}
+
+static int64_t finish(const Batch *batch, int64_t index, int64_t outcome, double cost) {
+    if (outcome == FINISHED && !isfinite(cost)) outcome = NOT_FINITE;
+    batch->costs[index] = outcome == FINISHED ? cost : INFINITY;
+    return outcome;
+}
+
+static int64_t candidate(Slave *slave, const Job *job, const Batch *batch, int64_t index, const FloatingPoint *saved) {
+    double cost = 0.0;
+    int64_t outcome = FINISHED;
+    for (int64_t e = 0; e < job->experiments && outcome == FINISHED; e++) {
+        outcome = one_experiment(slave, job, batch, index, e, &cost, saved);
+    }
+    return finish(batch, index, outcome, cost);
+}
+
+/* Take the next candidate and return its index; -1: none is left. */
+EXPORT int64_t stepper_take(const Batch *batch) {
+    int64_t index = atomic_fetch_add(batch->next, 1);
+    if (index >= batch->candidates) return -1;
+    *batch->claim = index;
+    return index;
+}
+
+/* Simulate one experiment of one candidate, in a process of its own. The running cost of the experiments before it
+   stands in batch->costs[index]; it is added to, and final after the last one. */
+EXPORT int64_t stepper_run_one(Slave *slave, const Job *job, const Batch *batch, int64_t index, int64_t experiment) {
+    FloatingPoint saved;
+    double cost = experiment == 0 ? 0.0 : batch->costs[index];
+    int64_t outcome;
+    if (job->outputs > MAX_OUTPUTS || job->inputs > MAX_INPUTS) return -1;
+    slave->restore_every_step = 1; /* nobody looks again */
+    remember(&saved);
+    outcome = one_experiment(slave, job, batch, index, experiment, &cost, &saved);
+    batch->costs[index] = cost;
+    if (outcome != FINISHED || experiment == job->experiments - 1) outcome = finish(batch, index, outcome, cost);
+    batch->outcomes[index] = outcome;
+    return outcome;
+}
+
+/* Simulate candidates until none is left or the quota is reached; return how many. */
+EXPORT int64_t stepper_run(Slave *slave, const Job *job, const Batch *batch) {
+    FloatingPoint saved;
+    int64_t done = 0;
+    if (job->outputs > MAX_OUTPUTS || job->inputs > MAX_INPUTS) return -1;
+    remember(&saved);
+    while (done < batch->quota) {
+        int64_t index = stepper_take(batch);
+        int64_t outcome;
+        if (index < 0) break;
+        outcome = candidate(slave, job, batch, index, &saved);
+        if (is_changed(&saved)) {
+            restore(&saved);
+            if (!slave->restore_every_step) {
+                slave->restore_every_step = 1;
+                outcome = candidate(slave, job, batch, index, &saved);
+                restore(&saved);
+            }
+        }
+        batch->outcomes[index] = outcome;
+        *batch->claim = -1;
+        done++;
+    }
+    return done;
+}
+
+/* Free the instance, if there is one. */
+EXPORT void stepper_close(Slave *slave) {
+    if (slave->component != NULL) slave->free_instance(slave->component);
+    slave->component = NULL;
+}

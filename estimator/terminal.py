@@ -1,0 +1,54 @@
+"""What the program says, and to whom: stdout, stderr, exit statuses. Knows no command."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import sys
+
+PROGRAM = "fmu-estimator"
+OK, FAILED, BAD_INPUT, INTERRUPTED, CLOSED = 0, 1, 2, 130, 141  # exit statuses
+
+
+class StdoutClosed(Exception):
+    """Whoever read the output has gone, as ``head`` does."""
+
+
+def say(text: str) -> None:
+    """Write text to stdout at once."""
+    try:
+        sys.stdout.write(text)
+        sys.stdout.flush()
+    except BrokenPipeError as error:
+        raise StdoutClosed from error
+
+
+def complain(sentence: str) -> None:
+    """Write one sentence to stderr."""
+    with contextlib.suppress(OSError, ValueError):
+        print(f"{PROGRAM}: {' '.join(sentence.split())}", file=sys.stderr)
+
+
+def give_up_stdout() -> int:
+    """Give Python's own flush at exit an open file; return the status."""
+    with contextlib.suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return CLOSED
+
+
+def make_printable() -> None:
+    """Let a stdout that cannot say ± say +/- instead of failing."""
+    encoding = (getattr(sys.stdout, "encoding", None) or "utf-8").lower().replace("-", "")
+    if encoding.startswith("utf") or not hasattr(sys.stdout, "reconfigure"):
+        return
+    import codecs
+
+    spelled = {"±": "+/-", "−": "-", "…": "...", "·": ".", "×": "x", "→": "->", "≤": "<=", "≥": ">=", "Ω": "Ohm"}
+
+    def spell(error: UnicodeError) -> tuple[str, int]:
+        if not isinstance(error, UnicodeEncodeError):
+            raise error
+        return "".join(spelled.get(c, "?") for c in error.object[error.start : error.end]), error.end
+
+    codecs.register_error("fmu-estimator-spelled", spell)
+    sys.stdout.reconfigure(errors="fmu-estimator-spelled")

@@ -1,0 +1,182 @@
+"""Units as people write them → SI. Knows no columns, files or motors."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from functools import cache
+from typing import overload
+
+import numpy as np
+import numpy.typing as npt
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A unit and its way to SI: ``si = value * numerator / denominator + offset``.
+
+    Two numbers instead of one factor, because 250 mA / 1000 is the double next to 0.25 A and 250 * 0.001
+    need not be.
+    """
+
+    quantity: str  # "angular speed"
+    si: str  # "rad/s"
+    numerator: float = 1.0
+    denominator: float = 1.0
+    offset: float = 0.0
+
+    @overload
+    def to_si(self, value: float) -> float: ...
+    @overload
+    def to_si(self, value: FloatArray) -> FloatArray: ...
+    def to_si(self, value: float | FloatArray) -> float | FloatArray:
+        """Return the value, or the array of any shape, in SI."""
+        return value * self.numerator / self.denominator + self.offset
+
+
+SI_UNIT = {
+    "time": "s",
+    "voltage": "V",
+    "current": "A",
+    "angular speed": "rad/s",
+    "angle": "rad",
+    "torque": "N.m",
+    "angular acceleration": "rad/s2",
+    "temperature": "K",
+    "ratio": "1",
+    "count": "count",
+    "resistance": "Ohm",
+    "inductance": "H",
+    "inertia": "kg.m2",
+    "power": "W",
+    "frequency": "Hz",
+    "length": "m",
+    "speed": "m/s",
+    "mass": "kg",
+    "force": "N",
+}
+
+_PREFIXES = {"": (1.0, 1.0), "n": (1.0, 1e9), "u": (1.0, 1e6), "m": (1.0, 1e3), "k": (1e3, 1.0)}
+
+# Symbols keep their case: mA is no MA. Each takes the prefixes of its string ("-" is none).
+_SYMBOLS = {
+    "s": ("time", "-num"),
+    "V": ("voltage", "-umk"),
+    "A": ("current", "-umk"),
+    "rad": ("angle", "-m"),
+    "rad/s": ("angular speed", "-mk"),
+    "rad/s2": ("angular acceleration", "-k"),
+    "N.m": ("torque", "-umk"),
+    "Nm": ("torque", "-umk"),
+    "K": ("temperature", "-"),
+    "Ohm": ("resistance", "-mk"),
+    "H": ("inductance", "-um"),
+    "kg.m2": ("inertia", "-"),
+    "W": ("power", "-mk"),
+    "Hz": ("frequency", "-k"),
+    "m": ("length", "-um"),
+    "m/s": ("speed", "-m"),
+    "kg": ("mass", "-"),
+    "N": ("force", "-mk"),
+}
+
+# Words in any case: (quantity, numerator, denominator, offset, spellings).
+_WORDS: tuple[tuple[str, float, float, float, str], ...] = (
+    ("time", 1, 1, 0, "s sec secs second seconds"),
+    ("time", 1, 1e3, 0, "msec msecs millisecond milliseconds"),
+    ("time", 1, 1e6, 0, "usec usecs microsecond microseconds"),
+    ("time", 60, 1, 0, "min minute minutes"),
+    ("voltage", 1, 1, 0, "v volt volts"),
+    ("voltage", 1, 1e3, 0, "millivolt millivolts"),
+    ("current", 1, 1, 0, "a amp amps ampere amperes"),
+    ("current", 1, 1e3, 0, "milliamp milliamps milliampere milliamperes"),
+    ("angular speed", 1, 1, 0, "rad/s rad/sec rads/s rad.s-1 rads rads/sec radian/s radians/s"),
+    (
+        "angular speed",
+        math.pi,
+        30,
+        0,
+        "rpm r/min rev/min revs/min 1/min min-1 /min u/min tr/min rot/min turns/min",
+    ),
+    ("angular speed", 1e3 * math.pi, 30, 0, "krpm"),
+    ("angular speed", 2 * math.pi, 1, 0, "rps r/s rev/s revs/s rev/sec turns/s turn/s rot/s"),
+    ("angular speed", math.pi, 180, 0, "deg/s deg/sec degs/s degree/s degrees/s dps deg.s-1"),
+    ("angle", 1, 1, 0, "rad rads radian radians"),
+    ("angle", math.pi, 180, 0, "deg degs degree degrees"),
+    ("angle", 2 * math.pi, 1, 0, "rev revs revolution revolutions turn turns"),
+    ("torque", 1, 1, 0, "n.m nm n-m"),
+    ("torque", 1, 1e2, 0, "n.cm ncm n-cm"),
+    ("temperature", 1, 1, 273.15, "degc celsius"),
+    ("ratio", 1, 1, 0, "1 -"),
+    ("ratio", 1, 100, 0, "% percent"),
+    ("count", 1, 1, 0, "count counts cnt cnts tick ticks pulse pulses inc incs"),
+    ("mass", 1, 1e3, 0, "g"),
+)
+
+
+def _tables() -> tuple[dict[str, Unit], dict[str, Unit]]:
+    symbols = {}
+    for symbol, (quantity, prefixes) in _SYMBOLS.items():
+        for prefix in ("", *prefixes[1:]):
+            numerator, denominator = _PREFIXES[prefix]
+            symbols[prefix + symbol] = Unit(quantity, SI_UNIT[quantity], numerator, denominator)
+    words: dict[str, Unit] = {}
+    for quantity, numerator, denominator, offset, spellings in _WORDS:
+        for spelling in spellings.split():
+            words.setdefault(spelling, Unit(quantity, SI_UNIT[quantity], numerator, denominator, offset))
+    return symbols, words
+
+
+_BY_SYMBOL, _BY_WORD = _tables()
+_REWRITTEN = (
+    ("µ", "u"),  # U+00B5
+    ("μ", "u"),  # U+03BC
+    ("Ω", "Ohm"),
+    ("°C", "degC"),
+    ("°", "deg"),
+    ("·", "."),
+    ("⋅", "."),
+    ("*", "."),
+    ("²", "2"),
+    ("⁻¹", "-1"),
+    ("^", ""),
+    (" per ", "/"),
+    ("_per_", "/"),
+    ("_", "/"),
+)
+
+
+@cache
+def parse_unit(text: str, *, symbols_only: bool = False) -> Unit | None:
+    """Return the unit that a text means, or None if it means none.
+
+    With ``symbols_only`` a single letter must have its right case, so that the ``a`` of ``U_a`` is no ampere.
+    """
+    key = text.strip()
+    for old, new in _REWRITTEN:
+        key = key.replace(old, new)
+    key = re.sub(r"\s+", "", key)
+    found = _BY_SYMBOL.get(key)
+    if found is None and not (symbols_only and len(key) < 2):
+        found = _BY_WORD.get(key.lower())
+    return found
+
+
+def unit_of(quantity: str) -> Unit:
+    """Return the SI unit of a quantity of ``SI_UNIT``."""
+    return Unit(quantity, SI_UNIT[quantity])
+
+
+def examples(quantity: str) -> str:
+    """Return a few units that would fit, for an error message: ``"A, mA"``."""
+    return {
+        "time": "s, ms, us",
+        "voltage": "V, mV",
+        "current": "A, mA",
+        "angular speed": "rad/s, rpm, deg/s, rev/s",
+        "angle": "rad, deg, rev",
+        "torque": "N.m, mN.m",
+    }.get(quantity, SI_UNIT[quantity])

@@ -1,0 +1,380 @@
+/* The functions of FMI 2.0, written once for every model. Co-simulation and model exchange; those that are not offered
+ * exist, log and return fmi2Error. Knows no model.
+ *
+ * Allocates with the C library. Messages are complete text, without format directives. Pointers given to
+ * fmi2Instantiate are copied.
+ */
+#include "instance.c"
+
+#include "fmi2Functions.h"
+
+typedef struct {
+    Instance instance; /* first: a pointer to it is one to this */
+    char *name;
+    fmi2CallbackLogger logger;
+    fmi2ComponentEnvironment environment;
+} Slave;
+
+/* A state with the name of the FMU that it is for. */
+typedef struct {
+    char guid[sizeof MODEL_GUID];
+    State state;
+} SerializedState;
+
+static void fmi2_log(const Instance *instance, Status status, const char *message)
+{
+    const Slave *slave = (const Slave *)instance;
+    slave->logger(slave->environment, slave->name, (fmi2Status)status,
+                  log_categories[status == INSTANCE_DISCARD ? LOG_DISCARD : LOG_ERROR].name, message);
+}
+
+static fmi2Status fmi2_not_offered(fmi2Component c, const char *function)
+{
+    if (c == NULL) return fmi2Error;
+    return (fmi2Status)instance_report(c, INSTANCE_ERROR, "%s is not offered by this FMU", function);
+}
+
+/* ---- Inquiry, creation, logging ---- */
+
+const char *fmi2GetTypesPlatform(void)
+{
+    return fmi2TypesPlatform;
+}
+
+const char *fmi2GetVersion(void)
+{
+    return fmi2Version;
+}
+
+fmi2Component fmi2Instantiate(fmi2String instanceName, fmi2Type fmuType, fmi2String fmuGUID,
+                              fmi2String fmuResourceLocation, const fmi2CallbackFunctions *functions,
+                              fmi2Boolean visible, fmi2Boolean loggingOn)
+{
+    const char *name = instanceName != NULL ? instanceName : "";
+    Slave *slave = calloc(1, sizeof *slave);
+    (void)fmuResourceLocation;
+    (void)visible;
+    if (slave == NULL) return NULL;
+    slave->name = malloc(strlen(name) + 1);
+    if (slave->name == NULL) {
+        free(slave);
+        return NULL;
+    }
+    strcpy(slave->name, name);
+    if (functions != NULL && functions->logger != NULL) {
+        slave->logger = functions->logger;
+        slave->environment = functions->componentEnvironment;
+        slave->instance.log = fmi2_log;
+    }
+    slave->instance.log_discard = slave->instance.log_error = loggingOn != fmi2False;
+    slave->instance.model_exchange = fmuType == fmi2ModelExchange;
+    instance_reset(&slave->instance);
+    if (fmuGUID == NULL || strcmp(fmuGUID, MODEL_GUID) != 0) {
+        (void)instance_report(&slave->instance, INSTANCE_ERROR,
+                              "wrong GUID: this binary and that modelDescription.xml do not belong together");
+    } else {
+        return slave;
+    }
+    fmi2FreeInstance(slave);
+    return NULL;
+}
+
+void fmi2FreeInstance(fmi2Component c)
+{
+    Slave *slave = c;
+    if (slave == NULL) return;
+    free(slave->name);
+    free(slave);
+}
+
+fmi2Status fmi2SetDebugLogging(fmi2Component c, fmi2Boolean loggingOn, size_t nCategories,
+                               const fmi2String categories[])
+{
+    Instance *instance = c;
+    bool asked[N_LOG_CATEGORIES] = {nCategories == 0};
+    if (instance == NULL || (nCategories > 0 && categories == NULL)) return fmi2Error;
+    for (size_t k = 0; k < nCategories; k++) {
+        const char *category = categories[k] != NULL ? categories[k] : "";
+        int n = 0;
+        while (n < N_LOG_CATEGORIES && strcmp(category, log_categories[n].name) != 0) n++;
+        if (n == N_LOG_CATEGORIES)
+            return (fmi2Status)instance_report(instance, INSTANCE_ERROR, "there is no such log category");
+        asked[n] = true;
+    }
+    instance->log_discard = loggingOn != fmi2False && (asked[LOG_ALL] || asked[LOG_DISCARD]);
+    instance->log_error = loggingOn != fmi2False && (asked[LOG_ALL] || asked[LOG_ERROR]);
+    return fmi2OK;
+}
+
+/* ---- Phases ---- */
+
+fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean toleranceDefined, fmi2Real tolerance, fmi2Real startTime,
+                               fmi2Boolean stopTimeDefined, fmi2Real stopTime)
+{
+    (void)toleranceDefined; /* the integrator is exact, or has its own, tight one */
+    (void)tolerance;
+    if (c == NULL) return fmi2Error;
+    return (fmi2Status)instance_set_up(c, startTime, stopTimeDefined != fmi2False, stopTime);
+}
+
+fmi2Status fmi2EnterInitializationMode(fmi2Component c)
+{
+    if (c == NULL) return fmi2Error;
+    return (fmi2Status)instance_enter(c, PHASE_INSTANTIATED, PHASE_INITIALIZATION, "entering initialisation");
+}
+
+fmi2Status fmi2ExitInitializationMode(fmi2Component c)
+{
+    if (c == NULL) return fmi2Error;
+    return (fmi2Status)instance_exit_initialization(c);
+}
+
+fmi2Status fmi2Terminate(fmi2Component c)
+{
+    if (c == NULL) return fmi2Error;
+    return (fmi2Status)instance_terminate(c);
+}
+
+fmi2Status fmi2Reset(fmi2Component c)
+{
+    if (c == NULL) return fmi2Error;
+    instance_reset(c);
+    return fmi2OK;
+}
+
+/* ---- Values ---- */
+
+fmi2Status fmi2GetReal(fmi2Component c, const fmi2ValueReference vr[], size_t nvr, fmi2Real value[])
+{
+    if (c == NULL) return fmi2Error;
+    return (fmi2Status)instance_get(c, N_VARIABLES, vr, nvr, value);
+}
+
+fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference vr[], size_t nvr, const fmi2Real value[])
+{
+    if (c == NULL) return fmi2Error;
+    return (fmi2Status)instance_set(c, vr, nvr, value);
+}
+
+/* All variables are real. */
+#define NO_SUCH_VARIABLES(function, type)                                                           \
+    fmi2Status function(fmi2Component c, const fmi2ValueReference vr[], size_t nvr, type value[])   \
+    {                                                                                               \
+        (void)vr;                                                                                   \
+        (void)value;                                                                                \
+        return c != NULL && nvr == 0 ? fmi2OK : fmi2_not_offered(c, #function);                     \
+    }
+NO_SUCH_VARIABLES(fmi2GetInteger, fmi2Integer)
+NO_SUCH_VARIABLES(fmi2GetBoolean, fmi2Boolean)
+NO_SUCH_VARIABLES(fmi2GetString, fmi2String)
+NO_SUCH_VARIABLES(fmi2SetInteger, const fmi2Integer)
+NO_SUCH_VARIABLES(fmi2SetBoolean, const fmi2Boolean)
+NO_SUCH_VARIABLES(fmi2SetString, const fmi2String)
+
+/* ---- State ---- */
+
+fmi2Status fmi2GetFMUstate(fmi2Component c, fmi2FMUstate *FMUstate)
+{
+    if (c == NULL || FMUstate == NULL) return fmi2Error;
+    if (*FMUstate == NULL) *FMUstate = malloc(sizeof(State));
+    if (*FMUstate == NULL) return (fmi2Status)instance_report(c, INSTANCE_ERROR, "no memory for the FMU state");
+    memcpy(*FMUstate, &((Instance *)c)->state, sizeof(State));
+    return fmi2OK;
+}
+
+fmi2Status fmi2SetFMUstate(fmi2Component c, fmi2FMUstate FMUstate)
+{
+    if (c == NULL || FMUstate == NULL) return fmi2Error;
+    instance_restore(c, FMUstate);
+    return fmi2OK;
+}
+
+fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate *FMUstate)
+{
+    if (c == NULL || FMUstate == NULL) return fmi2Error;
+    free(*FMUstate);
+    *FMUstate = NULL;
+    return fmi2OK;
+}
+
+fmi2Status fmi2SerializedFMUstateSize(fmi2Component c, fmi2FMUstate FMUstate, size_t *size)
+{
+    if (c == NULL || FMUstate == NULL || size == NULL) return fmi2Error;
+    *size = sizeof(SerializedState);
+    return fmi2OK;
+}
+
+fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate FMUstate, fmi2Byte serializedState[], size_t size)
+{
+    SerializedState serialized;
+    if (c == NULL || FMUstate == NULL || serializedState == NULL) return fmi2Error;
+    if (size < sizeof serialized)
+        return (fmi2Status)instance_report(c, INSTANCE_ERROR, "a serialised state takes %lu bytes",
+                                           (unsigned long)sizeof serialized);
+    memset(&serialized, 0, sizeof serialized); /* the same bytes for the same state, padding too */
+    memcpy(serialized.guid, MODEL_GUID, sizeof serialized.guid);
+    memcpy(&serialized.state, FMUstate, sizeof(State));
+    memcpy(serializedState, &serialized, sizeof serialized);
+    return fmi2OK;
+}
+
+fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte serializedState[], size_t size,
+                                   fmi2FMUstate *FMUstate)
+{
+    SerializedState serialized;
+    if (c == NULL || serializedState == NULL || FMUstate == NULL) return fmi2Error;
+    if (size >= sizeof serialized) memcpy(&serialized, serializedState, sizeof serialized);
+    if (size < sizeof serialized || memcmp(serialized.guid, MODEL_GUID, sizeof serialized.guid) != 0 ||
+        !instance_is_sane(c, &serialized.state))
+        return (fmi2Status)instance_report(c, INSTANCE_ERROR, "the serialised state is not of this FMU");
+    if (*FMUstate == NULL) *FMUstate = malloc(sizeof(State));
+    if (*FMUstate == NULL) return (fmi2Status)instance_report(c, INSTANCE_ERROR, "no memory for the FMU state");
+    memcpy(*FMUstate, &serialized.state, sizeof(State));
+    return fmi2OK;
+}
+
+/* ---- Co-simulation ---- */
+
+fmi2Status fmi2DoStep(fmi2Component c, fmi2Real currentCommunicationPoint, fmi2Real communicationStepSize,
+                      fmi2Boolean noSetFMUStatePriorToCurrentPoint)
+{
+    (void)noSetFMUStatePriorToCurrentPoint; /* every state can be restored */
+    if (c == NULL) return fmi2Error;
+    return (fmi2Status)instance_step(c, currentCommunicationPoint, communicationStepSize);
+}
+
+fmi2Status fmi2GetRealStatus(fmi2Component c, const fmi2StatusKind s, fmi2Real *value)
+{
+    if (c == NULL || value == NULL || s != fmi2LastSuccessfulTime) return fmi2_not_offered(c, "this real status");
+    *value = *instance_time(c);
+    return fmi2OK;
+}
+
+fmi2Status fmi2GetBooleanStatus(fmi2Component c, const fmi2StatusKind s, fmi2Boolean *value)
+{
+    if (c == NULL || value == NULL || s != fmi2Terminated) return fmi2_not_offered(c, "this boolean status");
+    *value = fmi2False; /* never asks for the end of the simulation */
+    return fmi2OK;
+}
+
+fmi2Status fmi2SetRealInputDerivatives(fmi2Component c, const fmi2ValueReference vr[], size_t nvr,
+                                       const fmi2Integer order[], const fmi2Real value[])
+{
+    (void)vr;
+    (void)order;
+    (void)value;
+    return c != NULL && nvr == 0 ? fmi2OK : fmi2_not_offered(c, "fmi2SetRealInputDerivatives");
+}
+
+fmi2Status fmi2GetRealOutputDerivatives(fmi2Component c, const fmi2ValueReference vr[], size_t nvr,
+                                        const fmi2Integer order[], fmi2Real value[])
+{
+    (void)vr;
+    (void)order;
+    (void)value;
+    return c != NULL && nvr == 0 ? fmi2OK : fmi2_not_offered(c, "fmi2GetRealOutputDerivatives");
+}
+
+/* ---- Directional derivatives ---- */
+
+fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReference vUnknown_ref[], size_t nUnknown,
+                                        const fmi2ValueReference vKnown_ref[], size_t nKnown,
+                                        const fmi2Real dvKnown[], fmi2Real dvUnknown[])
+{
+    if (c == NULL) return fmi2Error;
+    return (fmi2Status)instance_differentiate(c, vUnknown_ref, nUnknown, vKnown_ref, nKnown, dvKnown, dvUnknown);
+}
+
+/* ---- Model exchange: there are no events, but those in which the importer changes a parameter ---- */
+
+fmi2Status fmi2EnterEventMode(fmi2Component c)
+{
+    if (c == NULL) return fmi2Error;
+    return (fmi2Status)instance_enter(c, PHASE_CONTINUOUS, PHASE_EVENT, "entering event mode");
+}
+
+fmi2Status fmi2NewDiscreteStates(fmi2Component c, fmi2EventInfo *fmi2eventInfo)
+{
+    if (c == NULL) return fmi2Error;
+    if (!instance_exchanges(c, PHASE_EVENT, PHASE_EVENT))
+        return (fmi2Status)instance_refuse(c, "updating discrete states");
+    if (fmi2eventInfo == NULL) return fmi2Error;
+    memset(fmi2eventInfo, 0, sizeof *fmi2eventInfo); /* no, to all */
+    return fmi2OK;
+}
+
+fmi2Status fmi2EnterContinuousTimeMode(fmi2Component c)
+{
+    if (c == NULL) return fmi2Error;
+    return (fmi2Status)instance_enter(c, PHASE_EVENT, PHASE_CONTINUOUS, "entering continuous-time mode");
+}
+
+fmi2Status fmi2CompletedIntegratorStep(fmi2Component c, fmi2Boolean noSetFMUStatePriorToCurrentPoint,
+                                       fmi2Boolean *enterEventMode, fmi2Boolean *terminateSimulation)
+{
+    (void)noSetFMUStatePriorToCurrentPoint;
+    if (c == NULL) return fmi2Error;
+    if (!instance_exchanges(c, PHASE_CONTINUOUS, PHASE_CONTINUOUS))
+        return (fmi2Status)instance_refuse(c, "completing an integrator step");
+    if (enterEventMode == NULL || terminateSimulation == NULL) return fmi2Error;
+    *enterEventMode = *terminateSimulation = fmi2False;
+    return fmi2OK;
+}
+
+fmi2Status fmi2SetTime(fmi2Component c, fmi2Real time)
+{
+    if (c == NULL) return fmi2Error;
+    return (fmi2Status)instance_set_time(c, time);
+}
+
+fmi2Status fmi2SetContinuousStates(fmi2Component c, const fmi2Real x[], size_t nx)
+{
+    if (c == NULL) return fmi2Error;
+    return (fmi2Status)instance_set_states(c, x, nx);
+}
+
+fmi2Status fmi2GetContinuousStates(fmi2Component c, fmi2Real x[], size_t nx)
+{
+    if (c == NULL) return fmi2Error;
+    return (fmi2Status)instance_get_states(c, OF_STATES, x, nx);
+}
+
+fmi2Status fmi2GetDerivatives(fmi2Component c, fmi2Real derivatives[], size_t nx)
+{
+    if (c == NULL) return fmi2Error;
+    return (fmi2Status)instance_get_states(c, OF_DERIVATIVES, derivatives, nx);
+}
+
+fmi2Status fmi2GetNominalsOfContinuousStates(fmi2Component c, fmi2Real x_nominal[], size_t nx)
+{
+    if (c == NULL) return fmi2Error;
+    return (fmi2Status)instance_get_states(c, OF_NOMINALS, x_nominal, nx);
+}
+
+fmi2Status fmi2GetEventIndicators(fmi2Component c, fmi2Real eventIndicators[], size_t ni)
+{
+    (void)eventIndicators;
+    if (c == NULL) return fmi2Error;
+    if (!((Instance *)c)->model_exchange) return (fmi2Status)instance_refuse(c, "reading event indicators");
+    return ni == 0 ? fmi2OK : (fmi2Status)instance_report(c, INSTANCE_ERROR, "there are no event indicators");
+}
+
+/* ---- Not offered: steps are never pending ---- */
+
+#define NOT_OFFERED(function)               \
+    fmi2Status function(fmi2Component c)    \
+    {                                       \
+        return fmi2_not_offered(c, #function); \
+    }
+#define NOT_OFFERED_2(function, type_a, type_b)              \
+    fmi2Status function(fmi2Component c, type_a a, type_b b) \
+    {                                                        \
+        (void)a;                                             \
+        (void)b;                                             \
+        return fmi2_not_offered(c, #function);               \
+    }
+
+NOT_OFFERED(fmi2CancelStep)
+NOT_OFFERED_2(fmi2GetStatus, const fmi2StatusKind, fmi2Status *)
+NOT_OFFERED_2(fmi2GetIntegerStatus, const fmi2StatusKind, fmi2Integer *)
+NOT_OFFERED_2(fmi2GetStringStatus, const fmi2StatusKind, fmi2String *)

@@ -1,0 +1,48 @@
+"""Compiles at install: the stepping loop and the bundled FMUs. Knows hatchling and where the sources lie."""
+
+from __future__ import annotations
+
+import sys
+import sysconfig
+from pathlib import Path
+from typing import Any
+
+from hatchling.builders.hooks.plugin.interface import BuildHookInterface
+
+
+class CustomBuildHook(BuildHookInterface):  # type: ignore[type-arg]
+    """Compile into the source tree, where an editable install finds it, and add what was compiled to the wheel."""
+
+    def initialize(self, version: str, build_data: dict[str, Any]) -> None:
+        """Compile for the machine that installs, and tag the wheel with its platform."""
+        if self.target_name != "wheel":
+            return
+        root = Path(self.root)
+        sys.path.insert(0, self.root)
+        try:
+            artifacts = [*_compile_stepper(root), *_build_models()]
+        finally:
+            sys.path.remove(self.root)
+        if version == "standard":  # an editable install finds these beside the package
+            build_data["force_include"] |= {"models": "fmu_build/models", "LICENSE": "fmu_build/LICENSE"}
+        build_data["artifacts"] += [f"/{path.relative_to(root).as_posix()}" for path in artifacts]
+        build_data["pure_python"] = False
+        platform = sysconfig.get_platform().replace("-", "_").replace(".", "_")
+        build_data["tag"] = f"py3-none-{platform}"
+
+
+def _compile_stepper(root: Path) -> list[Path]:
+    from fmu_build.compiler import compile_library, fmi_headers, library_suffix
+
+    source = root / "estimator" / "stepper.c"
+    if not source.is_file():
+        return []
+    library = source.with_suffix(library_suffix())
+    compile_library(source, library, include=[fmi_headers()])
+    return [library]
+
+
+def _build_models() -> list[Path]:
+    import fmu_build
+
+    return [fmu_build.bundled(name) for name in fmu_build.bundled_names()]

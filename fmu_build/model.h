@@ -1,0 +1,110 @@
+/* The contract between a model and the code around it. A model file is
+ *
+ *     (a comment: the first sentence says what the model is; then the equations)
+ *     #define MODEL_LINEAR 1          1: the derivatives are linear in the states; 0: they are not
+ *     #define MODEL_VARIABLES(X) \    one line a variable, SI units
+ *         X(kind, name, start, nominal, min, max, unit, description) \
+ *         ...
+ *     #include "model.h"
+ *     static void derivatives(const Variables *m, Derivatives *d) { ... }
+ *
+ * Kinds
+ *     input        held from one communication point to the next
+ *     parameter    may be set before and between steps
+ *     state        an output that is integrated: `derivatives` sets d->name to its derivative
+ *     output       an output that is calculated: `derivatives` sets d->name to its value; its start is not used
+ *
+ * `derivatives` reads m, sets every member of d, and keeps nothing from call to call. Inputs and parameters are within
+ * min and max whenever a step is made. nominal is a typical magnitude (> 0); it scales the errors of states.
+ *
+ * From the table come the structures below, the value references (a variable's place in the table) and
+ * modelDescription.xml.
+ */
+#ifndef MODEL_H
+#define MODEL_H
+
+#ifndef MODEL_LINEAR
+#error "before model.h is included, MODEL_LINEAR must be defined, as 1 or 0"
+#endif
+#ifndef MODEL_VARIABLES
+#error "before model.h is included, MODEL_VARIABLES must be defined: the table"
+#endif
+
+#include <float.h>
+#include <math.h>
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+/* What is within the brackets, for variables of one kind only. */
+#define MODEL_STATE_input(...)
+#define MODEL_STATE_parameter(...)
+#define MODEL_STATE_state(...) __VA_ARGS__
+#define MODEL_STATE_output(...)
+#define MODEL_OUTPUT_input(...)
+#define MODEL_OUTPUT_parameter(...)
+#define MODEL_OUTPUT_state(...)
+#define MODEL_OUTPUT_output(...) __VA_ARGS__
+
+#define MODEL_MEMBER(kind, name, start, nominal, min, max, unit, text) double name;
+#define MODEL_STATE_MEMBER(kind, name, start, nominal, min, max, unit, text) MODEL_STATE_##kind(double name;)
+#define MODEL_OUTPUT_MEMBER(kind, name, start, nominal, min, max, unit, text) MODEL_OUTPUT_##kind(double name;)
+
+/* The values, in the order of the table. */
+typedef struct {
+    MODEL_VARIABLES(MODEL_MEMBER)
+} Variables;
+
+/* The derivatives of the states, then the values of the calculated outputs. */
+typedef struct {
+    MODEL_VARIABLES(MODEL_STATE_MEMBER)
+    MODEL_VARIABLES(MODEL_OUTPUT_MEMBER)
+} Derivatives;
+
+static void derivatives(const Variables *m, Derivatives *d);
+
+/* From here on: the same by number, for the code around the model. */
+
+#define MODEL_ONE(kind, name, start, nominal, min, max, unit, text) +1
+#define MODEL_STATE_ONE(kind, name, start, nominal, min, max, unit, text) MODEL_STATE_##kind(+1)
+#define MODEL_OUTPUT_ONE(kind, name, start, nominal, min, max, unit, text) MODEL_OUTPUT_##kind(+1)
+
+enum {
+    N_VARIABLES = MODEL_VARIABLES(MODEL_ONE),
+    N_STATES = 0 MODEL_VARIABLES(MODEL_STATE_ONE),
+    N_OUTPUTS = 0 MODEL_VARIABLES(MODEL_OUTPUT_ONE) /* the calculated ones */
+};
+
+typedef union {
+    Variables named;
+    double flat[N_VARIABLES + 1]; /* by value reference; after them, the time */
+} Values;
+
+typedef union {
+    Derivatives named;
+    double flat[N_STATES + N_OUTPUTS];
+} Rates;
+
+_Static_assert(N_STATES > 0, "a model has a state");
+_Static_assert(sizeof(Variables) == N_VARIABLES * sizeof(double), "the values lie side by side");
+
+typedef enum { MODEL_input, MODEL_parameter, MODEL_state, MODEL_output } Kind;
+
+typedef struct {
+    Kind kind;
+    const char *name;
+    double start, nominal, min, max;
+    const char *unit, *description;
+} TableRow;
+
+#define MODEL_ROW(kind, name, start, nominal, min, max, unit, text) \
+    {MODEL_##kind, #name, start, nominal, min, max, unit, text},
+#define MODEL_PLACE(name) (int)(offsetof(Variables, name) / sizeof(double))
+#define MODEL_STATE_PLACE(kind, name, start, nominal, min, max, unit, text) MODEL_STATE_##kind(MODEL_PLACE(name), )
+#define MODEL_OUTPUT_PLACE(kind, name, start, nominal, min, max, unit, text) MODEL_OUTPUT_##kind(MODEL_PLACE(name), )
+
+static const TableRow model_table[N_VARIABLES] = {MODEL_VARIABLES(MODEL_ROW)};
+static const int model_state_places[] = {MODEL_VARIABLES(MODEL_STATE_PLACE)};
+static const int model_output_places[N_OUTPUTS + 1] = {MODEL_VARIABLES(MODEL_OUTPUT_PLACE) -1};
+
+#endif

@@ -1,0 +1,145 @@
+/* A DC motor as another tool would write it: names of its own, Ke and Km apart, RK4 inside. No code of fmu_build.
+ *
+ *     La di/dt = u - Ra i - Ke w          Jm dw/dt = Km i - c w - Tc sign(w) friction
+ *
+ * What it does wrong is chosen by defining, before inclusion:
+ *     EULER              one Euler step a communication step
+ *     SHARED             all instances share one struct
+ *     IDLE_RESET         reset does nothing;  CRASHING_RESET, FAILING_RESET
+ *     ONCE               a second instance in one process gets NULL, ever
+ *     OWN_STEP           doStep advances by 1 ms, whatever is asked
+ *     ONLY_STEP          doStep of anything but 1 ms is an error
+ *     STOPS_AT           doStep past that time is an error
+ *     SELF_DRIVEN        no input: 10.5 V from 0.1 s on
+ *     LATE_IGNORED       parameters are taken at instantiation's end only: set after initialisation they are ignored
+ */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { RA, LA, KE, KM, JM, FRICTION, U, SPEED, CURRENT, POWER, COUNT };
+enum { MODE, ENABLED };
+
+typedef struct {
+    double values[COUNT];
+    int mode;      /* 0: no friction, 1: viscous */
+    int enabled;
+    double time;
+    const void *callbacks;
+} Motor;
+
+static const double START[COUNT] = {3.0, 0.012, 0.05, 0.05, 1e-5, 1.5e-4, 0, 0, 0, 0};
+
+static void start(Motor *m) {
+    memcpy(m->values, START, sizeof START);
+    m->mode = 1;
+    m->enabled = 1;
+    m->time = 0;
+}
+
+#ifdef SHARED
+static Motor shared;
+static int used;
+#endif
+#ifdef ONCE
+static int instances;
+#endif
+
+static Motor *create(void) {
+#ifdef ONCE
+    if (instances++ > 0) return NULL;
+#endif
+#ifdef SHARED
+    if (!used++) start(&shared); /* and never again */
+    return &shared;
+#else
+    Motor *m = calloc(1, sizeof *m);
+    if (m != NULL) start(m);
+    return m;
+#endif
+}
+
+static void destroy(Motor *m) {
+#ifndef SHARED
+    free(m);
+#else
+    (void)m;
+#endif
+}
+
+static double voltage(const Motor *m, double time) {
+#ifdef SELF_DRIVEN
+    (void)m;
+    return time > 0.1 - 1e-9 ? 10.5 : 0.0;
+#else
+    (void)time;
+    return m->enabled ? m->values[U] : 0.0;
+#endif
+}
+
+static void derivatives(const Motor *m, const double x[2], double time, double d[2]) {
+    const double *p = m->values;
+    d[0] = (voltage(m, time) - p[RA] * x[0] - p[KE] * x[1]) / p[LA];
+    d[1] = (p[KM] * x[0] - (m->mode ? p[FRICTION] : 0.0) * x[1]) / p[JM];
+}
+
+static int advance(Motor *m, double time, double h) {
+    double *x = m->values, s[2] = {x[CURRENT], x[SPEED]};
+    int n = 40;
+#ifdef OWN_STEP
+    h = 1e-3;
+#endif
+#ifdef ONLY_STEP
+    if (fabs(h - 1e-3) > 1e-9) return 0;
+#endif
+#ifdef STOPS_AT
+    if (time + h > STOPS_AT + 1e-9) return 0;
+#endif
+#ifdef EULER
+    n = 1;
+#endif
+    h /= n;
+    for (int k = 0; k < n; k++) {
+        double a[2], b[2], c[2], d[2], y[2];
+        derivatives(m, s, time, a);
+#ifdef EULER
+        s[0] += h * a[0], s[1] += h * a[1];
+        (void)b, (void)c, (void)d, (void)y;
+#else
+        y[0] = s[0] + h / 2 * a[0], y[1] = s[1] + h / 2 * a[1];
+        derivatives(m, y, time, b);
+        y[0] = s[0] + h / 2 * b[0], y[1] = s[1] + h / 2 * b[1];
+        derivatives(m, y, time, c);
+        y[0] = s[0] + h * c[0], y[1] = s[1] + h * c[1];
+        derivatives(m, y, time, d);
+        s[0] += h / 6 * (a[0] + 2 * b[0] + 2 * c[0] + d[0]);
+        s[1] += h / 6 * (a[1] + 2 * b[1] + 2 * c[1] + d[1]);
+#endif
+    }
+    x[CURRENT] = s[0], x[SPEED] = s[1];
+    m->time = time + h * n;
+    return 1;
+}
+
+/* What is shown and taken may be in other units: rpm, mA, mH. */
+static double shown(const Motor *m, unsigned reference) {
+    double value = reference == POWER ? m->values[U] * m->values[CURRENT] : m->values[reference];
+#ifdef WORKSHOP_UNITS
+    if (reference == SPEED) value *= 30 / 3.14159265358979323846;
+    if (reference == CURRENT || reference == LA) value *= 1e3;
+    if (reference == JM) value *= 1e7;
+#endif
+    return value;
+}
+
+static void take(Motor *m, unsigned reference, double value) {
+#ifdef WORKSHOP_UNITS
+    if (reference == SPEED) value /= 30 / 3.14159265358979323846;
+    if (reference == CURRENT || reference == LA) value /= 1e3;
+    if (reference == JM) value /= 1e7;
+#endif
+#ifdef LATE_IGNORED
+    if (reference < U && m->time != 0) return;
+#endif
+    m->values[reference] = value;
+}

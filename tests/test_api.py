@@ -1,0 +1,110 @@
+"""The Python interface: ten names, lazily loaded, the same results as the command line."""
+
+import inspect
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from made_estimates import estimate, with_parameter
+from test_report import check_contract, parsed
+
+import estimator
+from estimator.api import Result
+
+ROOT = Path(__file__).parent.parent
+EXAMPLE = ROOT / "examples" / "cml050_step.csv"
+NAMES = [
+    "Case",
+    "InputError",
+    "Result",
+    "SimulationError",
+    "describe_fmu",
+    "estimate_parameters",
+    "read_case",
+    "read_recording",
+    "recording_from_arrays",
+    "simulate_fmu",
+]
+
+
+def test_the_public_names_are_these_ten_and_all_are_documented():
+    assert estimator.__all__ == NAMES == dir(estimator)
+    for name in NAMES:
+        assert inspect.getdoc(getattr(estimator, name)), name
+    for name in ("estimate_parameters", "simulate_fmu", "describe_fmu", "read_recording", "recording_from_arrays"):
+        assert "Raises\n------" in inspect.getdoc(getattr(estimator, name)), name
+
+
+def test_another_name_is_told_which_there_are():
+    with pytest.raises(AttributeError, match="no attribute 'fit'; public are Case, InputError"):
+        _ = estimator.fit
+
+
+def test_importing_the_package_loads_nothing():
+    code = "import sys, estimator; print(*sorted(m for m in sys.modules if m.startswith(('estimator', 'numpy'))))"
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["estimator"]
+
+
+@pytest.fixture(scope="module")
+def result():
+    return estimator.estimate_parameters(EXAMPLE, workers=1)
+
+
+def test_it_finds_what_the_command_line_finds(result):
+    done = subprocess.run(
+        [sys.executable, "-m", "estimator", "estimate", str(EXAMPLE), "--json"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+    )
+    told, printed = check_contract(result.to_json()), check_contract(done.stdout)
+    for key in ("parameters", "verdict", "rmse", "simulations", "correlation"):
+        assert told[key] == printed[key]
+
+
+def test_recordings_and_cases_in_memory_are_taken_and_options_hold(result):
+    recording = estimator.read_recording(EXAMPLE)
+    again = estimator.estimate_parameters(recording, fix={"L": 0.013}, bounds={"R": (3.0, 3.3)}, seed=4, workers=1)
+    assert again.values["L"] == 0.013 and again.standard_errors["L"] is None
+    assert again.parameters["R"].lower == 3.0 and again.seed == 4
+    case = estimator.Case(recordings=(EXAMPLE,))
+    assert estimator.estimate_parameters(case, workers=1).parameters == result.parameters
+
+
+def test_what_is_no_recording_is_told():
+    with pytest.raises(estimator.InputError, match="a case file's name ends in .case.toml, an FMU is given as fmu="):
+        estimator.estimate_parameters("motor.fmu")
+
+
+def test_an_fmu_is_described_and_simulated():
+    assert {v.name: v.unit for v in estimator.describe_fmu("dc_motor").variables}["R"] == "Ohm"
+    times = np.arange(200) * 1e-3
+    shown = estimator.simulate_fmu("dc_motor", times=times, inputs={"v": np.full(200, 6.0)}, parameters={"R": 3.0})
+    assert set(shown) == {"i", "w", "angle"} and shown["w"].shape == (200,) and shown["w"][-1] > 50
+
+
+def test_a_result_shows_itself_as_text_and_in_a_notebook(result):
+    assert repr(result).startswith("OK: the recording tells these parameters")
+    made = Result.of(with_parameter(estimate(verdict="doubtful", reasons=("L <weak>",)), "R", nominal=3.0))
+    fragment = made._repr_html_()
+    text = " ".join(parsed(fragment).text)
+    assert "Doubtful" in text and "L <weak>" in text and "3.1363" in text
+    assert all(line.startswith(".fmu-estimator ") for line in made._repr_html_().split("style>")[1].split("\n")[1:-1])
+    assert "http" not in fragment and "<script" not in fragment
+
+
+def test_a_result_writes_itself(result, tmp_path):
+    written = result.save(tmp_path / "out")
+    assert {p.name for p in written} == {"result.json", "report.html", "parameters.ssv", "figure.png"}
+    assert json.loads((tmp_path / "out" / "result.json").read_text())["seed"] == 1
+    (path,) = result.export(tmp_path / "out", formats=["csv"])
+    assert path.read_text().startswith("parameter,value")
+
+
+def test_a_result_is_a_linear_system(result):
+    model = result.state_space()
+    assert model.A[0, 0] == -result.values["R"] / result.values["L"]

@@ -1,0 +1,140 @@
+"""A batch on a real Dask cluster on this machine: the same table as here, also when a worker is lost (cluster.py)."""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+from test_batch import ROOT, TABLES, line_of, tables_of
+
+from estimator.batch import gather, run_batch
+from estimator.benches import run_here
+from estimator.cli import main
+from estimator.errors import InputError
+
+pytest.importorskip("distributed", reason="Dask is not installed: pip install 'fmu-estimator[cluster]'")
+
+from estimator.cluster import run_there  # noqa: E402
+
+pytestmark = pytest.mark.filterwarnings("default")  # Dask's own
+
+
+def started(*arguments, folder):
+    log = os.open(folder / f"{arguments[0]}-{time.monotonic_ns()}.log", os.O_WRONLY | os.O_CREAT)
+    return subprocess.Popen(
+        [sys.executable, "-m", "distributed.cli.dask_" + arguments[0], *arguments[1:]],
+        stdout=subprocess.DEVNULL,
+        stderr=log,
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )
+
+
+class Cluster:
+    """A scheduler and three workers, each a process without a nanny, so that a killed one stays dead."""
+
+    def __init__(self, folder, workers):
+        self.scheduler = started("scheduler", "--port", "0", "--no-dashboard", "--host", "127.0.0.1", folder=folder)
+        self.address = ""
+        self.workers = []
+        deadline = time.monotonic() + 60
+        while not self.address:
+            assert time.monotonic() < deadline, "the scheduler did not start"
+            time.sleep(0.1)
+            for log in folder.glob("scheduler-*.log"):
+                if found := re.search(r"tcp://127\.0\.0\.1:\d+", log.read_text()):
+                    self.address = found[0]
+        self.folder = folder
+        for _ in range(workers):
+            arguments = ("worker", self.address, "--no-nanny", "--nthreads", "1", "--no-dashboard")
+            self.workers.append(started(*arguments, folder=folder))
+
+    def wait(self):
+        from distributed import Client
+
+        with Client(self.address, set_as_default=False) as client:
+            client.wait_for_workers(len(self.workers), timeout=60)
+
+    def close(self):
+        for process in (*self.workers, self.scheduler):
+            process.kill()
+            process.wait()
+
+
+@pytest.fixture
+def cluster(tmp_path):
+    made = Cluster(tmp_path, 3)
+    yield made
+    made.close()
+
+
+def test_a_worker_killed_in_the_middle_loses_nothing_and_the_table_is_as_here(cluster, tmp_path):
+    cases = gather([line_of(tmp_path / "line", 9)])
+    run_batch(cases, tmp_path / "here", lambda tasks: run_here(tasks, processes=2))
+    cluster.wait()
+    done = []
+
+    def run(tasks):
+        for k, answer in enumerate(run_there(cluster.address)(tasks)):
+            if k == 3:
+                cluster.workers[0].send_signal(signal.SIGKILL)
+            done.append(answer[0].name)
+            yield answer
+
+    run_batch(cases, tmp_path / "there", run)
+    assert sorted(done) == [task.name for task in cases.tasks]
+    assert tables_of(tmp_path / "there") == tables_of(tmp_path / "here")
+    for name in TABLES:
+        assert "cluster" not in (tmp_path / "there" / name).read_text()
+
+
+@pytest.mark.full
+def test_a_cluster_that_goes_away_is_said_and_the_batch_goes_on_here(cluster, tmp_path, capsys, monkeypatch):
+    line_of(tmp_path / "line", 6)
+    monkeypatch.chdir(tmp_path)
+    cluster.wait()
+    for worker in cluster.workers[1:]:
+        worker.kill()
+    process = subprocess.Popen(
+        [sys.executable, "-m", "estimator", "batch", "line", "-o", "out", "--dask", cluster.address],
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        stderr=subprocess.PIPE,
+    )
+    while not list((tmp_path / "out" / "cases").glob("line*")):
+        time.sleep(0.05)
+        assert process.poll() is None
+    process.send_signal(signal.SIGINT)
+    _, said = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert b"interrupted; what is done is in out, go on with --resume" in said
+    assert main(["batch", "line", "-o", "out", "--resume"]) == 0
+
+
+def test_no_scheduler_is_said(monkeypatch):
+    monkeypatch.setattr("estimator.cluster.CONNECT", 1)
+    with pytest.raises(
+        InputError, match=r"^--dask tcp://127\.0\.0\.1:9: no scheduler answers there .* dask scheduler$"
+    ):
+        run_there("tcp://127.0.0.1:9")
+    with pytest.raises(InputError, match=r"no scheduler answers there"):
+        run_there("nonsense")
+
+
+def test_a_scheduler_without_workers_is_said(tmp_path):
+    alone = Cluster(tmp_path, 0)
+    try:
+        with pytest.raises(InputError, match=r"the scheduler has no workers; start some with: dask worker tcp://"):
+            run_there(alone.address)
+    finally:
+        alone.close()
+
+
+def test_without_dask_the_extra_is_named(monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(
+        InputError, match=r"^--dask needs Dask; install it with: pip install 'fmu-estimator\[cluster\]'$"
+    ):
+        run_there("tcp://127.0.0.1:9")

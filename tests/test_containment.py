@@ -1,0 +1,313 @@
+"""Whatever an FMU does, it costs a candidate, never the run. Every fault is compiled into an FMU and really happens."""
+
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+import psutil
+import pytest
+from faulty import faulty_fmu
+from interrupts import takes_interrupts
+from motors import CML050, NAMES, step_recording
+from test_stepper import NOMINAL, experiment, noisy_voltage
+
+from estimator import slave
+from estimator.errors import FmuError, SimulationError
+from estimator.estimate import estimate_recordings
+from estimator.fmu import describe
+from estimator.recording import write_recording
+from estimator.run_folder import LOCK, PREFIX, RunFolder, remove_leftovers
+from estimator.workers import Job, Workers
+
+# In the middle of a simulation, only for candidates with a large L (value reference 4).
+MARK = 'for (size_t k = 0; k < n; k++) if (references[k] == 4) setenv("BAD", values[k] > 0.02 ? "1" : "0", 1);'
+IF_BAD = 'if (time > 0.1 && getenv("BAD") && getenv("BAD")[0] == \'1\')'
+
+GOOD, BAD = NOMINAL, NOMINAL * [1, 1, 10, 1, 1]
+
+
+def job_of(fmu, *, reinstantiate=False):
+    description = describe(fmu)
+
+    def references(names):
+        return tuple(description.variable(n).value_reference for n in names)
+
+    measured = np.ones((300, 2))
+    return Job(
+        description,
+        references("RKLJB"),
+        references("v"),
+        references("iw"),
+        (slave.IDENTITY, slave.IDENTITY),
+        (experiment(noisy_voltage(), measured),),
+        reinstantiate,
+    )
+
+
+def run(fmu, candidates, *, time_limit=60.0, count=1, memory_limit=1 << 30, **job):
+    """Return the batch, the crew's failures, and the pids before and after."""
+    with Workers(count, time_limit=time_limit, memory_limit=memory_limit) as crew:
+        crew.load(job_of(fmu, **job))
+        before = crew.pids
+        batch = crew.run(np.array(candidates).reshape(len(candidates), 1, 5))
+        return batch, crew.failures, before, crew.pids
+
+
+@pytest.fixture(scope="module")
+def good_cost():
+    batch, *_ = run("dc_motor", [GOOD])
+    return batch.costs[0]
+
+
+# A candidate that takes its process down
+
+
+@pytest.mark.parametrize(
+    ("death", "reason"),
+    [
+        ("raise(SIGSEGV);", "the FMU crashed (SIGSEGV)"),
+        ("*(volatile int *)8 = 1;", "the FMU crashed (SIGSEGV)"),
+        ("abort();", "the FMU crashed (SIGABRT)"),
+        ("exit(0);", "the FMU ended its process (exit status 0)"),
+        ("_Exit(3);", "the FMU ended its process (exit status 3)"),
+    ],
+    ids=["segfault", "bad pointer", "abort", "exit", "_Exit"],
+)
+def test_a_candidate_that_ends_the_process_is_replaced_and_counted(tmp_path, good_cost, death, reason):
+    fmu = faulty_fmu(tmp_path, SetReal=MARK, DoStep=f"{IF_BAD} {{ {death} }}")
+    batch, failures, before, after = run(fmu, [GOOD, BAD, GOOD])
+    assert batch.failed.tolist() == [False, True, False]
+    assert batch.costs.tolist() == [good_cost, np.inf, good_cost]
+    assert failures[0].reason == reason
+    assert failures[0].values == tuple(BAD)
+    assert before != after
+
+
+def test_an_endless_step_is_ended_by_the_time_limit(tmp_path, good_cost):
+    fmu = faulty_fmu(tmp_path, SetReal=MARK, DoStep=f"{IF_BAD} for (;;) {{}}")
+    started = time.monotonic()
+    batch, failures, *_ = run(fmu, [GOOD, BAD, GOOD], time_limit=1.0)
+    assert time.monotonic() - started < 20
+    assert batch.costs.tolist() == [good_cost, np.inf, good_cost]
+    assert failures[0].reason == "the FMU exceeded the time limit of 1 s"
+
+
+def test_an_endless_instantiation_is_ended_by_the_time_limit(tmp_path):
+    fmu = faulty_fmu(tmp_path, Instantiate="for (;;) {}")
+    batch, failures, *_ = run(fmu, [GOOD], time_limit=1.0)
+    assert batch.failed.all()
+    assert failures[0].reason == "the FMU exceeded the time limit of 1 s"
+
+
+# Answers that are no answers
+
+
+@pytest.mark.parametrize("status", ["Discard", "Error", "Fatal"])
+def test_a_step_that_fails_costs_its_candidate_only(tmp_path, good_cost, status):
+    fmu = faulty_fmu(tmp_path, SetReal=MARK, DoStep=f"{IF_BAD} return fmi2{status};")
+    batch, failures, before, after = run(fmu, [GOOD, BAD, GOOD])
+    assert batch.costs.tolist() == [good_cost, np.inf, good_cost]
+    assert failures[0].reason == f"doStep returned {status}"
+    assert before == after
+
+
+def test_the_fmus_own_words_are_told(tmp_path):
+    talk = """
+static const fmi2CallbackFunctions *kept;
+kept = functions;
+kept->logger(kept->componentEnvironment, name, fmi2Error, "logStatusError", "no licence for %s", "motors");
+return NULL;"""
+    batch, failures, *_ = run(faulty_fmu(tmp_path, Instantiate=talk), [GOOD])
+    assert batch.failed.all()
+    assert failures[0].reason == "instantiate returned Error: no licence for motors"
+
+
+def test_an_output_that_is_not_a_number_is_a_failure(tmp_path, good_cost):
+    bad = 'fmi2Status s = ORIGINAL; if (getenv("BAD") && getenv("BAD")[0] == \'1\') values[0] = NAN; return s;'
+    fmu = faulty_fmu(tmp_path, SetReal=MARK, GetReal=bad)
+    batch, failures, *_ = run(fmu, [GOOD, BAD, GOOD])
+    assert batch.costs.tolist() == [good_cost, np.inf, good_cost]
+    assert failures[0].reason == "an output became infinite or not a number"
+
+
+def test_when_everything_fails_the_error_says_why(tmp_path, case_of):
+    fmu = faulty_fmu(tmp_path, DoStep="return fmi2Error;")
+    with pytest.raises(SimulationError, match=r"every simulation of faulty.fmu failed: doStep returned Error"):
+        estimate_recordings([case_of(fmu=fmu)], [[step_recording(CML050, duration=0.7)]])
+
+
+# Side effects
+
+
+def test_a_million_log_lines_cost_little(tmp_path, good_cost):
+    flood = """
+static const fmi2CallbackFunctions *kept;
+if (functions) kept = functions;
+for (int k = 0; k < 1000000; k++)
+    kept->logger(kept->componentEnvironment, name, fmi2Warning, "logAll", "step %d", k);"""
+    batch, failures, *_ = run(faulty_fmu(tmp_path, Instantiate=flood), [GOOD, GOOD])
+    assert batch.costs.tolist() == [good_cost, good_cost] and not failures
+
+
+def test_what_an_fmu_prints_goes_nowhere(tmp_path, good_cost, capfd):
+    fmu = faulty_fmu(tmp_path, DoStep='printf("{\\"done\\": true}\\n"); fflush(stdout); fprintf(stderr, "noise\\n");')
+    batch, *_ = run(fmu, [GOOD, GOOD])
+    assert batch.costs.tolist() == [good_cost, good_cost]
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize(
+    "change",
+    ["fesetround(FE_UPWARD);", 'setlocale(LC_ALL, "C.UTF-8");', 'fesetround(FE_TOWARDZERO); setlocale(LC_ALL, "");'],
+    ids=["rounding", "locale", "both"],
+)
+def test_a_changed_floating_point_mode_or_locale_changes_no_cost(tmp_path, good_cost, change):
+    fmu = faulty_fmu(tmp_path, DoStep=f"fmi2Status s = ORIGINAL; {change} return s;")
+    batch, *_ = run(fmu, [GOOD, GOOD, GOOD])
+    assert batch.costs.tolist() == [good_cost] * 3
+
+
+def test_a_leaking_fmu_is_recycled_above_the_memory_limit(tmp_path, good_cost):
+    leak = "char *lost = malloc(1 << 20); memset(lost, 1, 1 << 20); fmi2Status s = ORIGINAL; return s;"
+    fmu = faulty_fmu(tmp_path, EnterInitializationMode=leak)
+    limit = 300 << 20
+    with Workers(1, memory_limit=limit) as crew:
+        crew.load(job_of(fmu))
+        seen, peak = set(), 0
+        for _ in range(12):
+            batch = crew.run(np.tile(GOOD, (64, 1, 1)))
+            assert np.all(batch.costs == good_cost) and not batch.failed.any()
+            seen |= set(crew.pids)
+            peak = max(peak, psutil.Process(crew.pids[0]).memory_info().rss)
+        assert len(seen) > 1
+        assert peak < limit + (200 << 20)
+
+
+def test_the_search_goes_around_a_region_in_which_the_fmu_crashes(tmp_path, case_of):
+    fmu = faulty_fmu(tmp_path, SetReal=MARK, DoStep=f"{IF_BAD} abort();")
+    (e,) = estimate_recordings([case_of(fmu=fmu)], [[step_recording(CML050, duration=1.0)]])
+    assert e.failed_simulations > 0
+    assert "SIGABRT" in e.failures[0] and "(first with R = " in e.failures[0] and ", L = 0.0" in e.failures[0]
+    assert max(abs(e.parameters[n].value / CML050.parameters[n] - 1) for n in NAMES) < 1e-8
+
+
+# The end of the owner
+
+
+SCRIPT = """
+import sys, threading, time
+import numpy as np
+sys.path[:0] = {path!r}
+from test_containment import GOOD, job_of
+from estimator.workers import Workers
+crew = Workers(2)
+crew.busy_before_more = 0.0
+crew.load(job_of({fmu!r}))
+crew.on_tick = lambda: print(*crew.pids, crew._folder.path, flush=True)
+crew.run(np.tile(GOOD, (50, 1, 1)))
+"""
+
+
+def start_owner(fmu):
+    """Start a process whose workers hang in the FMU; return it, its workers' pids and its folder."""
+    script = SCRIPT.format(path=[str(Path(__file__).parent), str(Path(__file__).parent.parent)], fmu=str(fmu))
+    owner = subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, text=True)
+    for line in owner.stdout:
+        *pids, folder = line.split()
+        if len(pids) == 2:
+            return owner, [int(p) for p in pids], Path(folder)
+    raise AssertionError("the owner ended by itself")
+
+
+def gone(pids, folder, *, within):
+    limit = time.monotonic() + within
+    while time.monotonic() < limit:
+        if not folder.exists() and not any(_alive(p) for p in pids):
+            return True
+        time.sleep(0.05)
+    return False
+
+
+def _alive(pid):
+    return psutil.pid_exists(pid) and psutil.Process(pid).status() != psutil.STATUS_ZOMBIE
+
+
+@pytest.fixture(scope="module")
+def hanging_fmu(tmp_path_factory):
+    return faulty_fmu(tmp_path_factory.mktemp("hanging"), DoStep="for (;;) {}")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="SIGKILL is POSIX")
+def test_after_a_kill_of_the_owner_workers_and_folder_go_within_two_seconds(hanging_fmu):
+    owner, pids, folder = start_owner(hanging_fmu)
+    assert folder.exists() and all(_alive(p) for p in pids)
+    owner.kill()
+    owner.wait()
+    assert gone(pids, folder, within=2.0)
+    owner.stdout.close()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="SIGKILL is POSIX")
+def test_after_a_kill_of_everything_the_next_start_cleans_up(hanging_fmu):
+    owner, pids, folder = start_owner(hanging_fmu)
+    for pid in (*pids, owner.pid):
+        os.kill(pid, signal.SIGSTOP)  # so that none can tidy up after another
+    for pid in (*pids, owner.pid):
+        os.kill(pid, signal.SIGKILL)
+    owner.wait()
+    owner.stdout.close()
+    assert folder.exists()
+    with RunFolder():
+        assert not folder.exists()
+
+
+def test_the_folder_of_a_living_owner_is_left_alone():
+    with RunFolder() as mine:
+        remove_leftovers()
+        assert (mine.path / LOCK).exists()
+    assert not mine.path.exists()
+
+
+def test_no_folder_stays_behind_after_errors(tmp_path, case_of, monkeypatch):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "own"))  # other tests may run at the same time
+    (tmp_path / "own").mkdir()
+    fmu = faulty_fmu(tmp_path, Instantiate="abort();")
+    with pytest.raises(FmuError, match=r"faulty.fmu cannot be used: it does not run: it crashed \(SIGABRT\)"):
+        estimate_recordings([case_of(fmu=fmu)], [[step_recording(CML050, duration=0.7)]])
+    assert not list((tmp_path / "own").glob(PREFIX + "*"))
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="SIGINT to another process is POSIX")
+def test_control_c_ends_at_once_and_reports_the_best_so_far(tmp_path):
+    recording = tmp_path / "motor.csv"
+    write_recording(step_recording(CML050), recording)
+    command = [sys.executable, "-m", "estimator", "estimate", str(recording), "--method", "paper"]
+    root = str(Path(__file__).resolve().parent.parent)
+    run = subprocess.Popen(
+        command,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONPATH": root},
+        preexec_fn=takes_interrupts,
+    )
+    children = []
+    limit = time.monotonic() + 30
+    while not children and time.monotonic() < limit:
+        children = [c.pid for c in psutil.Process(run.pid).children()]
+        time.sleep(0.05)
+    time.sleep(1.5)
+    children = [c.pid for c in psutil.Process(run.pid).children()]
+    started = time.monotonic()
+    run.send_signal(signal.SIGINT)
+    output, errors = run.communicate(timeout=20)
+    assert time.monotonic() - started < 3
+    assert run.returncode == 130
+    assert "Traceback" not in errors
+    assert "best so far" in errors + output
+    assert not any(_alive(p) for p in children)

@@ -1,0 +1,114 @@
+"""The documentation: its examples run, its generated pages hold what there is, its links lead somewhere."""
+
+import importlib.util
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+EXAMPLE = ROOT / "examples" / "cml050_step.csv"
+
+
+def loaded(path: Path):
+    """Return a module that is in no package."""
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[path.stem] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_the_examples_of_the_python_page_run(tmp_path, monkeypatch, capsys):
+    (tmp_path / "examples").mkdir()
+    shutil.copy(EXAMPLE, tmp_path / "examples")
+    monkeypatch.chdir(tmp_path)
+    blocks = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "api.md").read_text(), re.S)
+    names: dict[str, object] = {}
+    for block in blocks:
+        exec(compile(block, "docs/api.md", "exec"), names)
+    assert len(blocks) == 4 and "nowhere.csv" in capsys.readouterr().out
+    assert {p.name for p in (tmp_path / "out").iterdir()} >= {"report.html", "motor_parameters.m"}
+
+
+def test_every_page_is_in_the_navigation_and_every_link_leads_to_one():
+    listed = set(re.findall(r"(\S+\.md)", (ROOT / "mkdocs.yml").read_text()))
+    pages = {path.name for path in (ROOT / "docs").glob("*.md")}
+    assert pages | {"case-file.md"} == listed
+    for page in pages:
+        for target in re.findall(r"\]\(([^)#:]+\.md)", (ROOT / "docs" / page).read_text()):
+            assert target in listed, (page, target)
+
+
+def test_the_case_file_reference_has_every_key_of_the_schema():
+    page = loaded(ROOT / "docs" / "hooks.py").case_file_page()
+    for key in ("fmu.path", "fmu.step", "inputs.NAME", "outputs.NAME.sensor", "parameters.NAME.nominal", "search.seed"):
+        assert f"| `{key}` |" in page, key
+    assert "cuckoo" in page and all(line.count(" | ") == 2 for line in page.splitlines() if line.startswith("| `"))
+
+
+def test_the_reference_has_all_public_names_with_their_errors():
+    text = loaded(ROOT / "docs" / "hooks.py").api_reference()
+    import estimator
+
+    assert re.findall(r"^### (\w+)$", text, re.M) == estimator.__all__
+    assert text.count("Raises\n------") >= 5 and "- `state_space`: Return the motor" in text
+
+
+@pytest.mark.full
+def test_the_site_builds_without_a_warning(tmp_path):
+    if importlib.util.find_spec("mkdocs") is None:
+        pytest.skip("mkdocs is not installed")
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "-q", "-d", str(tmp_path / "site")]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "site" / "case-file.html").is_file()
+
+
+# --- the PI gains of the example -----------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def example():
+    return loaded(ROOT / "examples" / "pi_gains.py")
+
+
+def test_a_loop_that_is_an_integrator_with_dead_time_has_the_margins_of_the_textbook(example):
+    w = np.geomspace(1.0, 1e5, 20_000)
+    phase, gain = example.margins(1000.0 / (1j * w) * np.exp(-1j * w * 2e-4), w)
+    assert phase == pytest.approx(90 - np.degrees(1000 * 2e-4), abs=0.1)
+    assert gain == pytest.approx(20 * np.log10(np.pi / 2 / (1000 * 2e-4)), abs=0.02)
+    assert example.margins(1 / (1 + 1j * w), w)[1] == np.inf
+
+
+def test_the_current_loop_crosses_where_it_was_designed_to_and_the_speed_loop_too(example):
+    motor = np.array([2.0, 0.05, 0.004, 2e-4, 1e-5])
+    gains = example.gains(motor)
+    w = np.geomspace(1.0, 1e4, 20_000)
+    current, speed = example.loops(motor, gains, w)
+    crossing = [w[np.flatnonzero(np.abs(loop) >= 1)[-1]] for loop in (current, speed)]
+    assert crossing == pytest.approx([example.CURRENT_BANDWIDTH, example.SPEED_BANDWIDTH], rel=0.05)
+
+
+def test_the_possible_motors_lie_on_the_ellipsoid_of_the_estimate(example):
+    from made_estimates import MOTOR, estimate
+
+    from estimator.api import Result
+
+    result = Result.of(estimate())
+    motors = example.possible_motors(result, np.random.default_rng(2))
+    offsets = np.log(motors / np.array(list(MOTOR.values()))) / 1e-3
+    distance = np.einsum("ij,ij->i", offsets @ np.linalg.inv(result.correlation), offsets)
+    np.testing.assert_allclose(distance, 11.07, rtol=1e-6)
+
+
+def test_the_example_runs(example, capsys):
+    example.main(str(EXAMPLE))
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].startswith("verdict ok; R 3.1") and len(lines) == 6
+    tutorial = (ROOT / "docs" / "tutorial.md").read_text()
+    assert lines[1] in tutorial and lines[4] in tutorial

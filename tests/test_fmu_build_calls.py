@@ -1,0 +1,414 @@
+"""What the functions of a built FMU do, call by call; what validators do not look at."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from ctypes import byref, c_double, c_int, c_size_t, c_uint, c_void_p, create_string_buffer
+from pathlib import Path
+
+import numpy as np
+import pytest
+from slaves import DISCARD, ERROR, OK, Opened, Slave, status
+
+import fmu_build
+
+FAN = Path(__file__).parent / "models" / "dc_motor_fan.c"
+OUTPUTS = ("i", "w", "angle")
+OTHER = {"R": 0.921042, "K": 0.073472, "L": 0.007759, "J": 0.000136, "B": 0.000678}
+
+
+@pytest.fixture(scope="module")
+def opened() -> Iterator[Opened]:
+    with Opened(fmu_build.bundled("dc_motor")) as opened:
+        yield opened
+
+
+@pytest.fixture
+def motor(opened: Opened) -> Slave:
+    return opened.slave()
+
+
+def voltages(count: int, *, seed: int = 1) -> list[float]:
+    return list(np.random.default_rng(seed).uniform(-24, 24, count))
+
+
+def test_reset_is_as_freshly_instantiated(opened: Opened, motor: Slave) -> None:
+    names = list(motor.references)
+    motor.start(stop=0.1, **OTHER, load=0.01, i=1.0)
+    motor.run({"v": voltages(50)}, OUTPUTS, step=1e-3)
+    motor.fmi.reset()
+    fresh = opened.slave()
+    assert motor.get(*names) == fresh.get(*names)
+    for slave in (motor, fresh):
+        slave.start()
+    used, new = (slave.run({"v": voltages(150)}, OUTPUTS, step=1e-3) for slave in (motor, fresh))  # past the old stop
+    assert np.array_equal(used, new)
+
+
+def test_reset_is_possible_in_every_phase(motor: Slave) -> None:
+    motor.fmi.reset()
+    motor.fmi.setupExperiment()
+    motor.fmi.enterInitializationMode()
+    motor.fmi.reset()
+    motor.start()
+    motor.fmi.terminate()
+    motor.fmi.reset()
+    motor.start()
+    motor.step(0.0, 1e-3)
+
+
+def test_instances_are_independent(opened: Opened) -> None:
+    one, two = opened.slave(), opened.slave()
+    one.start()
+    two.start(**OTHER)
+    alone_one = one.run({"v": voltages(30)}, OUTPUTS, step=1e-3)
+    alone_two = two.run({"v": voltages(30, seed=2)}, OUTPUTS, step=2e-3)
+    one.fmi.reset()
+    two.fmi.reset()
+    one.start()
+    two.start(**OTHER)
+    rows = []
+    for k, (first, second) in enumerate(zip(voltages(30), voltages(30, seed=2), strict=True)):
+        one.set(v=first)
+        two.set(v=second)
+        two.step(k * 2e-3, 2e-3)
+        one.step(k * 1e-3, 1e-3)
+        rows.append(one.get(*OUTPUTS) + two.get(*OUTPUTS))
+    assert np.array_equal(rows, np.hstack([alone_one, alone_two]))
+
+
+def test_parameters_may_be_set_before_in_and_after_initialisation(motor: Slave) -> None:
+    def run(set_when: str) -> list[float]:
+        motor.fmi.reset()
+        if set_when == "before":
+            motor.set(**OTHER)
+        motor.fmi.setupExperiment()
+        motor.fmi.enterInitializationMode()
+        if set_when == "in":
+            motor.set(**OTHER)
+        motor.fmi.exitInitializationMode()
+        if set_when == "after":
+            motor.set(**OTHER)
+        assert motor.get(*OTHER) == list(OTHER.values())
+        motor.set(v=12.0)
+        motor.step(0.0, 1e-3)
+        return motor.get(*OUTPUTS)
+
+    assert run("before") == run("in") == run("after")
+
+
+@pytest.mark.parametrize("value", [0.0, -1.0, 1e7, float("nan"), float("inf"), float("-inf")])
+def test_parameter_out_of_range_is_discarded_and_nothing_is_set(motor: Slave, value: float) -> None:
+    def attempt() -> None:
+        before = motor.get("K", "R", "J")
+        assert status(motor.set, K=0.07, R=value, J=1e-4) == DISCARD
+        assert motor.get("K", "R", "J") == before
+
+    attempt()
+    motor.start()
+    attempt()
+    motor.step(0.0, 1e-3)
+    attempt()
+    motor.step(1e-3, 1e-3)
+
+
+def test_input_out_of_range_is_discarded(motor: Slave) -> None:
+    motor.start()
+    motor.set(v=12.0)
+    assert status(motor.set, v=float("nan")) == DISCARD
+    motor.step(0.0, 1e-3)
+    assert motor.get("v") == [12.0]
+
+
+def test_friction_may_be_zero(motor: Slave) -> None:
+    motor.start(B=0.0)
+
+
+def test_states_may_be_set_until_initialisation_ends(motor: Slave) -> None:
+    motor.start(w=100.0, angle=3.0)
+    assert motor.get(*OUTPUTS) == [0.0, 100.0, 3.0]
+    assert status(motor.set, w=1.0) == ERROR
+    motor.step(0.0, 1e-3)
+    assert status(motor.set, i=1.0) == ERROR
+
+
+def test_calculated_outputs_follow_inputs_and_cannot_be_set(tmp_path: Path) -> None:
+    with Opened(fmu_build.build(FAN, output=tmp_path / "dc_motor_fan.fmu")) as opened:
+        fan = opened.slave()
+        assert status(fan.set, power=1.0) == ERROR
+        fan.start(i=2.0, w=10.0, v=3.0, drag=1e-3)
+        assert fan.get("power", "torque") == [6.0, 0.1]
+        fan.set(v=5.0)
+        assert fan.get("power") == [10.0]
+        fan.step(0.0, 1e-3)
+        i, v, power = fan.get("i", "v", "power")
+        assert power == i * v
+
+
+def test_step_past_the_stop_time_is_an_error(motor: Slave) -> None:
+    motor.start(stop=0.01)
+    motor.run({"v": [1.0] * 10}, OUTPUTS, step=1e-3)
+    before = motor.get(*OUTPUTS)
+    assert status(motor.step, 0.01, 1e-3) == ERROR
+    assert motor.get(*OUTPUTS) == before
+    motor.fmi.reset()
+    motor.start(stop=0.01)
+    assert status(motor.step, 0.0, 0.0101) == ERROR
+    motor.step(0.0, 0.01)
+
+
+def test_rounding_of_the_importers_clock_does_not_pass_the_stop_time(motor: Slave) -> None:
+    time = 0.0
+    motor.start(stop=2.8)
+    for _ in range(2800):
+        motor.step(time, 1e-3)
+        time += 1e-3
+    assert time != 2.8
+
+
+@pytest.mark.parametrize("step", [0.0, -1e-3, float("nan"), float("inf")])
+def test_step_that_is_not_positive_is_an_error(motor: Slave, step: float) -> None:
+    motor.start()
+    motor.step(0.0, 1e-3)
+    before = motor.get(*OUTPUTS)
+    assert status(motor.step, 1e-3, step) == ERROR
+    assert motor.get(*OUTPUTS) == before
+
+
+@pytest.mark.parametrize("time", [float("nan"), float("inf"), float("-inf"), 1e10])
+def test_communication_point_that_is_no_time_is_an_error(motor: Slave, time: float) -> None:
+    motor.start()
+    assert status(motor.step, time, 1e-3) == ERROR
+    motor.step(0.0, 1e-3)
+    if time > 0 or time != time:
+        assert status(motor.step, time, 1e-3) == ERROR
+
+
+def test_time_is_the_communication_point_plus_the_step(motor: Slave) -> None:
+    time = c_double()
+    motor.start(time=5.0)
+    for k in range(1000):
+        motor.step(5.0 + k * 1e-3, 1e-3)
+    motor.fmi.fmi2GetRealStatus(motor.fmi.component, 2, byref(time))
+    assert time.value == 5.0 + 999 * 1e-3 + 1e-3
+
+
+def test_start_time_and_stop_time_are_checked(motor: Slave) -> None:
+    assert status(motor.fmi.setupExperiment, startTime=float("nan")) == ERROR
+    assert status(motor.fmi.setupExperiment, startTime=1e10) == ERROR
+    assert status(motor.fmi.setupExperiment, startTime=1.0, stopTime=0.5) == ERROR
+    assert status(motor.fmi.setupExperiment, startTime=1.0, stopTime=float("nan")) == ERROR
+    motor.fmi.setupExperiment(startTime=-1.0, stopTime=0.5)
+
+
+def test_calls_out_of_order_are_errors(motor: Slave) -> None:
+    fmi = motor.fmi
+    assert status(motor.step, 0.0, 1e-3) == ERROR
+    assert status(fmi.exitInitializationMode) == ERROR
+    assert status(fmi.terminate) == ERROR
+    motor.start()
+    assert status(fmi.setupExperiment) == ERROR
+    assert status(fmi.enterInitializationMode) == ERROR
+    fmi.terminate()
+    assert status(motor.step, 0.0, 1e-3) == ERROR
+    assert status(motor.set, v=1.0) == ERROR
+    assert motor.get(*OUTPUTS) == [0.0, 0.0, 0.0]
+
+
+def test_restored_state_repeats_itself_to_the_bit(opened: Opened, motor: Slave) -> None:
+    motor.start(**OTHER)
+    motor.run({"v": voltages(20)}, OUTPUTS, step=1e-3)
+    state = motor.fmi.getFMUState()
+    first = motor.run({"v": voltages(20, seed=2)}, OUTPUTS, step=1e-3)
+    motor.set(R=1.0, load=0.1)
+    motor.run({"v": voltages(20, seed=3)}, OUTPUTS, step=3e-3)
+    motor.fmi.terminate()
+    motor.fmi.setFMUState(state)
+    assert np.array_equal(motor.run({"v": voltages(20, seed=2)}, OUTPUTS, step=1e-3), first)
+    other = opened.slave()  # not even initialised
+    other.fmi.setFMUState(state)
+    assert np.array_equal(other.run({"v": voltages(20, seed=2)}, OUTPUTS, step=1e-3), first)
+    motor.fmi.freeFMUState(state)
+
+
+def test_state_may_be_taken_again_into_the_same_memory(motor: Slave) -> None:
+    motor.start()
+    state = motor.fmi.getFMUState()
+    motor.run({"v": voltages(5)}, OUTPUTS, step=1e-3)
+    address = state.value
+    motor.fmi.fmi2GetFMUstate(motor.fmi.component, byref(state))
+    assert state.value == address
+    reached = motor.get(*OUTPUTS)
+    motor.fmi.reset()
+    motor.fmi.setFMUState(state)
+    assert motor.get(*OUTPUTS) == reached
+    motor.fmi.fmi2FreeFMUstate(motor.fmi.component, byref(state))
+    assert state.value is None
+
+
+def test_serialised_state_makes_the_round_trip(opened: Opened, motor: Slave) -> None:
+    motor.start(**OTHER)
+    motor.run({"v": voltages(20)}, OUTPUTS, step=1e-3)
+    state = motor.fmi.getFMUState()
+    serialised = motor.fmi.serializeFMUState(state)
+    assert serialised == motor.fmi.serializeFMUState(motor.fmi.getFMUState())  # repeatable
+    expected = motor.run({"v": voltages(20, seed=2)}, OUTPUTS, step=1e-3)
+    other = opened.slave()
+    restored = other.fmi.deSerializeFMUstate(serialised)
+    other.fmi.setFMUState(restored)
+    assert np.array_equal(other.run({"v": voltages(20, seed=2)}, OUTPUTS, step=1e-3), expected)
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        pytest.param(lambda s: s[:-1], id="too short"),
+        pytest.param(lambda s: b"", id="empty"),
+        pytest.param(lambda s: b"x" + s[1:], id="another GUID"),
+        pytest.param(lambda s: s[:-1] + b"\xff", id="no such phase"),
+        pytest.param(lambda s: s[:40] + b"\xff" * 8 + s[48:], id="NaN"),
+    ],
+)
+def test_serialised_state_that_is_not_of_this_fmu_is_an_error(motor: Slave, damage: Callable[[bytes], bytes]) -> None:
+    motor.start()
+    wrong = damage(motor.fmi.serializeFMUState(motor.fmi.getFMUState()))
+    fmi, state = motor.fmi, c_void_p()
+    buffer = create_string_buffer(wrong, max(len(wrong), 1))
+    assert status(fmi.fmi2DeSerializeFMUstate, fmi.component, buffer, len(wrong), byref(state)) == ERROR
+    assert state.value is None
+
+
+def test_serialisation_into_too_little_memory_is_an_error(motor: Slave) -> None:
+    motor.start()
+    fmi, state, size = motor.fmi, motor.fmi.getFMUState(), c_size_t()
+    fmi.fmi2SerializedFMUstateSize(fmi.component, state, byref(size))
+    buffer = create_string_buffer(size.value)
+    assert status(fmi.fmi2SerializeFMUstate, fmi.component, state, buffer, size.value - 1) == ERROR
+
+
+def test_wrong_guid_gives_no_instance_and_a_log_line(opened: Opened) -> None:
+    logs: list[tuple[int, str, str]] = []
+    with pytest.raises(Exception, match="Failed to instantiate"):
+        opened.slave(guid="{00000000-0000-0000-0000-000000000000}", logs=logs)
+    assert len(logs) == 1
+    assert logs[0][:2] == (ERROR, "logStatusError") and "wrong GUID" in logs[0][2]
+
+
+def test_instance_may_be_made_without_resources_logger_or_name(motor: Slave) -> None:
+    dll = motor.fmi.dll
+    dll.fmi2Instantiate.restype = c_void_p
+    guid = motor.description.guid.encode()
+    component = dll.fmi2Instantiate(None, 1, guid, None, None, 0, 1)
+    assert component
+    dll.fmi2FreeInstance.argtypes = [c_void_p]
+    assert dll.fmi2DoStep(c_void_p(component), c_double(0), c_double(1e-3), 0) == ERROR  # logged nowhere
+    dll.fmi2FreeInstance(component)
+    assert not dll.fmi2Instantiate(b"motor", 1, None, None, None, 0, 1)
+    dll.fmi2FreeInstance(None)
+
+
+def test_calls_without_an_instance_are_errors(motor: Slave) -> None:
+    dll, reference, value = motor.fmi.dll, (c_uint * 1)(0), (c_double * 1)(0)
+    for function in ("Reset", "EnterInitializationMode", "ExitInitializationMode", "Terminate", "CancelStep"):
+        assert getattr(dll, f"fmi2{function}")(None) == ERROR
+    assert dll.fmi2SetReal(None, reference, c_size_t(1), value) == ERROR
+    assert dll.fmi2GetReal(None, reference, c_size_t(1), value) == ERROR
+    assert dll.fmi2DoStep(None, c_double(0), c_double(1e-3), 0) == ERROR
+
+
+def test_log_is_silent_unless_asked_for_and_heeds_categories(opened: Opened) -> None:
+    logs: list[tuple[int, str, str]] = []
+    motor = opened.slave(logs=logs)
+    fmi = motor.fmi
+
+    def fail() -> list[tuple[int, str]]:
+        logs.clear()
+        assert status(motor.set, R=-1.0) == DISCARD
+        assert status(fmi.terminate) == ERROR
+        return [entry[:2] for entry in logs]
+
+    both = [(DISCARD, "logStatusDiscard"), (ERROR, "logStatusError")]
+    assert fail() == both
+    assert logs[0][2] == "R = -1 Ohm is not within 1e-06 and 1e+06"
+    assert logs[1][2] == "termination is not allowed before initialisation"
+    fmi.setDebugLogging(False, [])
+    assert fail() == []
+    fmi.setDebugLogging(True, ["logStatusDiscard"])
+    assert fail() == both[:1]
+    fmi.setDebugLogging(True, ["logStatusError"])
+    assert fail() == both[1:]
+    fmi.setDebugLogging(True, ["logAll"])
+    assert fail() == both
+    fmi.setDebugLogging(True, [])
+    assert fail() == both
+    assert status(fmi.setDebugLogging, True, ["logEverything"]) == ERROR
+
+
+def test_value_references_and_types_that_do_not_exist_are_errors(motor: Slave) -> None:
+    fmi, count = motor.fmi, len(motor.references)
+    for reference in (10, count + 1, 2**32 - 1):  # 10: the time, in FMI 3.0
+        assert status(fmi.getReal, [0, reference]) == ERROR
+        assert status(fmi.setReal, [reference], [1.0]) == ERROR
+    for get, put in [(fmi.getInteger, fmi.setInteger), (fmi.getBoolean, fmi.setBoolean)]:
+        assert status(get, [0]) == ERROR
+        assert status(put, [0], [1]) == ERROR
+        assert status(get, []) == status(put, [], []) == OK
+    assert status(fmi.getString, [0]) == ERROR
+    assert status(fmi.setString, [0], ["x"]) == ERROR
+
+
+def test_functions_that_are_not_offered_log_and_are_errors(opened: Opened) -> None:
+    logs: list[tuple[int, str, str]] = []
+    motor = opened.slave(logs=logs)
+    motor.start()
+    dll, component = motor.fmi.dll, c_void_p(motor.fmi.component)
+    one, reference, value = c_size_t(1), (c_uint * 1)(0), (c_double * 1)(0)
+    calls = {
+        "fmi2SetRealInputDerivatives": (reference, one, (c_int * 1)(1), value),
+        "fmi2GetRealOutputDerivatives": (reference, one, (c_int * 1)(1), value),
+        "fmi2CancelStep": (),
+        "fmi2GetStatus": (0, byref(c_int())),
+        "fmi2GetIntegerStatus": (0, byref(c_int())),
+        "fmi2GetStringStatus": (0, None),
+    }
+    for name, arguments in calls.items():
+        logs.clear()
+        assert getattr(dll, name)(component, *arguments) == ERROR
+        assert [entry[2] for entry in logs] == [f"{name} is not offered by this FMU"]
+    motor.step(0.0, 1e-3)
+
+
+def test_functions_of_model_exchange_are_refused_in_co_simulation(opened: Opened) -> None:
+    logs: list[tuple[int, str, str]] = []
+    motor = opened.slave(logs=logs)
+    motor.start()
+    dll, component = motor.fmi.dll, c_void_p(motor.fmi.component)
+    three, values = c_size_t(3), (c_double * 3)()
+    calls = {
+        "fmi2EnterEventMode": ("entering event mode", ()),
+        "fmi2NewDiscreteStates": ("updating discrete states", (None,)),
+        "fmi2EnterContinuousTimeMode": ("entering continuous-time mode", ()),
+        "fmi2CompletedIntegratorStep": ("completing an integrator step", (1, byref(c_int()), byref(c_int()))),
+        "fmi2SetTime": ("setting the time", (c_double(0),)),
+        "fmi2SetContinuousStates": ("setting the states", (values, three)),
+        "fmi2GetDerivatives": ("reading the states, their derivatives or nominals", (values, three)),
+        "fmi2GetEventIndicators": ("reading event indicators", (values, c_size_t(0))),
+        "fmi2GetContinuousStates": ("reading the states, their derivatives or nominals", (values, three)),
+        "fmi2GetNominalsOfContinuousStates": ("reading the states, their derivatives or nominals", (values, three)),
+    }
+    for name, (what, arguments) in calls.items():
+        logs.clear()
+        assert getattr(dll, name)(component, *arguments) == ERROR
+        assert [entry[2] for entry in logs] == [f"{what} is not allowed between steps"]
+    motor.step(0.0, 1e-3)
+
+
+def test_status_after_a_step_can_be_asked_for(motor: Slave) -> None:
+    fmi, value, terminated = motor.fmi, c_double(), c_int(1)
+    motor.start()
+    motor.step(0.0, 1e-3)
+    fmi.fmi2GetRealStatus(fmi.component, 2, byref(value))
+    fmi.fmi2GetBooleanStatus(fmi.component, 3, byref(terminated))
+    assert value.value == 1e-3 and terminated.value == 0
+    assert status(fmi.fmi2GetRealStatus, fmi.component, 0, byref(value)) == ERROR
+    assert status(fmi.fmi2GetBooleanStatus, fmi.component, 0, byref(terminated)) == ERROR

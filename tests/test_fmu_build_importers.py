@@ -1,0 +1,91 @@
+"""A built FMU in other tools: other importers step it to the same bits, and its sources rebuild it."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import shutil
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+from importers import STEPS
+from slaves import Opened
+
+import fmu_build
+from fmu_build.compiler import find_compiler
+
+HERE = Path(__file__).parent
+
+
+def run_importer(name: str, fmu: Path) -> list[str]:
+    """Return what an importer printed, a line a step; skip where it is not installed or cannot be loaded."""
+    if importlib.util.find_spec(name) is None:
+        pytest.skip(f"{name} is not installed")
+    loads = subprocess.run([sys.executable, "-c", f"import {name}"], capture_output=True, text=True)
+    if loads.returncode != 0:
+        pytest.skip(f"{name} cannot be loaded: {loads.stderr.strip().splitlines()[-1]}")
+    run = subprocess.run(
+        [sys.executable, str(HERE / "importers.py"), name, str(fmu)], capture_output=True, text=True, timeout=120
+    )
+    assert run.returncode == 0, run.stderr[-2000:]
+    return [line for line in run.stdout.splitlines() if line.lstrip("-").startswith("0x")]  # ecos talks
+
+
+@pytest.fixture(scope="module", params=[2, 3], ids=["FMI2", "FMI3"])
+def fmu(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    output = tmp_path_factory.mktemp("importers") / "dc_motor.fmu"
+    return fmu_build.build("dc_motor", output=output, fmi=request.param)
+
+
+@pytest.fixture(scope="module")
+def by_fmpy() -> list[str]:
+    return run_importer("fmpy", fmu_build.bundled("dc_motor"))
+
+
+@pytest.mark.parametrize("name", ["fmpy", "libcosimpy", "ecospy"])
+def test_importers_get_the_same_bits_in_both_versions_of_fmi(name: str, fmu: Path, by_fmpy: list[str]) -> None:
+    if name == "libcosimpy" and b'fmiVersion="3.0"' in zipfile.ZipFile(fmu).read("modelDescription.xml"):
+        pytest.skip("libcosimpy takes FMI 2.0 only")
+    assert len(by_fmpy) == STEPS
+    assert run_importer(name, fmu) == by_fmpy
+
+
+def test_rebuilt_from_its_own_sources_it_gives_the_same_bits(tmp_path: Path, fmu: Path, by_fmpy: list[str]) -> None:
+    if shutil.which("cmake") is None or shutil.which("make") is None:
+        pytest.skip("cmake and make are not both installed")
+    rebuilt = tmp_path / "dc_motor.fmu"
+    with zipfile.ZipFile(fmu) as original, zipfile.ZipFile(rebuilt, "w") as bare:
+        for name in original.namelist():
+            if not name.startswith("binaries/"):
+                bare.writestr(name, original.read(name))
+    environment = os.environ | {"CC": find_compiler()[0]}
+    run = subprocess.run(
+        [sys.executable, "-m", "fmpy", "compile", str(rebuilt)], env=environment, capture_output=True, text=True
+    )
+    assert run.returncode == 0, run.stdout[-2000:] + run.stderr[-2000:]
+    assert run_importer("fmpy", rebuilt) == by_fmpy
+
+
+def test_fmpy_simulates_it_with_its_own_defaults(tmp_path: Path) -> None:
+    import fmpy
+    import numpy as np
+
+    signal = np.array([(0.0, 0.0), (0.5, 0.0), (0.5, 10.5), (2.8, 10.5)], dtype=[("time", float), ("v", float)])
+    result = fmpy.simulate_fmu(str(fmu_build.bundled("dc_motor")), input=signal, output_interval=1e-3)
+    assert result["time"][-1] == pytest.approx(2.8)
+    # R i + K w = v and K i = B w when it has settled
+    assert result["w"][-1] == pytest.approx(10.5 * 0.048774 / (3.1363 * 1.69e-4 + 0.048774**2), rel=1e-9)
+
+
+def test_many_instances_leave_nothing_open() -> None:
+    with Opened(fmu_build.bundled("dc_motor")) as opened:
+        motor = opened.slave()
+        fmi = motor.fmi
+        for _ in range(1000):
+            fmi.fmi2FreeInstance(fmi.component)
+            fmi.instantiate()
+            motor.start()
+            motor.step(0.0, 1e-3)

@@ -1,0 +1,97 @@
+"""Headers as people and programs write them."""
+
+import pytest
+
+from estimator.headers import parse_header, quantity_of, rank_in_role, role_of
+
+
+@pytest.mark.parametrize(
+    ("text", "name", "si"),
+    [
+        ("speed [rpm]", "speed", "rad/s"),
+        ("speed (rpm)", "speed", "rad/s"),
+        ("speed[rpm]", "speed", "rad/s"),
+        ("  speed   [ rpm ] ", "speed", "rad/s"),
+        ("speed_rpm", "speed", "rad/s"),
+        ("speed/rpm", "speed", "rad/s"),
+        ("speed rpm", "speed", "rad/s"),
+        ("speed_rad/s", "speed", "rad/s"),
+        ("speed_rad_per_s", "speed", "rad/s"),
+        ("n/(1/min)", "n", "rad/s"),
+        ("n/min-1", "n", "rad/s"),
+        ("rpm", "rpm", "rad/s"),
+        ("time_ms", "time", "s"),
+        ("t_s", "t", "s"),
+        ("t/s", "t", "s"),
+        ("U/V", "U", "V"),
+        ("I_mA", "I", "A"),
+        ("I_A", "I", "A"),
+        ("current mA", "current", "A"),
+        ("theta_deg", "theta", "rad"),
+        ("bus_voltage_mV", "bus_voltage", "V"),
+        ("armature voltage [V]", "armature voltage", "V"),
+        ("speed [rpm] [rad/s]", "speed [rpm]", "rad/s"),
+        ("current_V", "current", "V"),  # wrong, and to be said
+        ("[V]", "V", "V"),
+    ],
+)
+def test_name_and_unit_are_told_apart(text: str, name: str, si: str) -> None:
+    header = parse_header(text)
+    assert (header.name, header.unit.si if header.unit else None) == (name, si)
+
+
+@pytest.mark.parametrize(
+    "text", ["U_a", "U_A", "u_m", "w_m", "w_min", "n_m", "i_a", "v", "speed", "channel A", "gear/box", "ω", "x_1"]
+)
+def test_a_name_without_a_unit_stays_whole(text: str) -> None:
+    header = parse_header(text)
+    assert (header.name, header.unit, header.unit_text) == (text, None, None)
+
+
+def test_an_unknown_unit_in_brackets_is_kept_as_text() -> None:
+    header = parse_header("speed [furlong/fortnight]")
+    assert (header.name, header.unit, header.unit_text) == ("speed", None, "furlong/fortnight")
+
+
+def test_empty_brackets_say_nothing() -> None:
+    header = parse_header("speed []")
+    assert (header.name, header.unit, header.unit_text) == ("speed", None, None)
+
+
+@pytest.mark.parametrize(
+    ("name", "role"),
+    [
+        ("voltage", "v"),
+        ("Armature Voltage", "v"),
+        ("U_a", "v"),
+        ("u", "v"),
+        ("command", "v"),
+        ("I", "i"),
+        ("I_a", "i"),
+        ("amps", "i"),
+        ("Omega", "w"),
+        ("Ω", "w"),
+        ("n", "w"),
+        ("Velocity", "w"),
+        ("theta", "angle"),
+        ("position", "angle"),
+        ("load torque", "load"),
+        ("Time", "time"),
+        ("temperature", None),
+    ],
+)
+def test_usual_names_have_a_role(name: str, role: str | None) -> None:
+    assert role_of(name) == role
+
+
+def test_a_measured_voltage_goes_before_a_commanded_one() -> None:
+    measured, commanded = rank_in_role("voltage", "v"), rank_in_role("command", "v")
+    assert measured is not None and commanded is not None
+    assert measured < commanded
+
+
+def test_a_telling_word_in_a_longer_name_gives_the_role_but_a_setpoint_has_none() -> None:
+    assert rank_in_role("left wheel speed", "w") is not None
+    assert rank_in_role("speed setpoint", "w") is None
+    assert rank_in_role("temperature", "w") is None
+    assert quantity_of("left wheel speed") is None

@@ -1,0 +1,66 @@
+"""`init` guesses a case file that runs, or says what it could not guess."""
+
+import tomllib
+
+import pytest
+from foreign_fmus import foreign_fmu
+from motors import CML050, NAMES, step_recording
+
+from estimator.case import read_case
+from estimator.cli import main
+from estimator.estimate import estimate
+from estimator.recording import write_recording
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    path = tmp_path_factory.mktemp("init")
+    write_recording(step_recording(CML050, lead=0.05, duration=0.4), path / "step.csv")
+    foreign_fmu(path)
+    return path
+
+
+def test_a_foreign_motor_is_guessed_and_estimated_without_an_edit(folder, capsys):
+    case = folder / "motor.case.toml"
+    assert main(["init", str(folder / "foreign.fmu"), str(folder / "step.csv"), "-o", str(case)]) == 0
+    assert capsys.readouterr().out == f"{case}\n"
+    text = case.read_text()
+    assert 'path = "foreign.fmu"' in text and 'file = "step.csv"' in text
+    assert tomllib.loads(text)["parameters"]["K"]["fmu"] == ["motor.Ke", "motor.Km"]
+    e = estimate(read_case(case))
+    assert max(abs(e.parameters[n].value / CML050.parameters[n] - 1) for n in NAMES) < 1e-8
+
+
+def test_the_bundled_motor_keeps_its_names(folder, capsys):
+    assert main(["init", "dc_motor", str(folder / "step.csv")]) == 0
+    guessed = tomllib.loads(capsys.readouterr().out)
+    assert guessed["fmu"]["path"] == "dc_motor"
+    assert guessed["inputs"] == {"v": "voltage"} and guessed["outputs"] == {"i": "current", "w": "speed"}
+    assert set(guessed["parameters"]) == set(NAMES) and guessed["fixed"] == {"load": 0.0}
+
+
+def test_what_could_not_be_guessed_is_marked(folder, capsys):
+    change = [('name="motor.Ra"', 'name="motor.p1"'), ('unit="Ohm"', 'unit="1"'), ('name="Ohm"', 'name="1"')]
+    odd = foreign_fmu(folder / "odd", change=change)
+    strange = folder / "strange.csv"
+    strange.write_text("time [s],channel 1,speed [rad/s]\n" + "".join(f"{k / 1000},{k},{k}\n" for k in range(20)))
+    assert main(["init", str(odd), str(strange), "-o", str(folder / "odd.case.toml")]) == 0
+    assert "to fill in, marked TODO" in capsys.readouterr().out
+    text = (folder / "odd.case.toml").read_text()
+    marked = [line.split(" = ")[0] for line in text.splitlines()[2:] if "TODO" in line]
+    assert marked[:3] == ["# v", "# i", "# R"]
+    assert "# Columns of the recording that are not used: channel 1" in text
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["-o", "x.toml"], "x.toml: the name of a case file ends in .case.toml; give -o x.case.toml"),
+        (["-o", "there.case.toml"], "there.case.toml is there already; give another name with -o, or remove it"),
+    ],
+)
+def test_a_name_that_will_not_do_is_told(folder, monkeypatch, capsys, arguments, sentence):
+    monkeypatch.chdir(folder)
+    (folder / "there.case.toml").write_text("")
+    assert main(["init", "foreign.fmu", "step.csv", *arguments]) == 2
+    assert capsys.readouterr().err == f"fmu-estimator: {sentence}\n"

@@ -1,0 +1,138 @@
+"""An FMU whose names, units and types differ is estimated through the case file's mapping."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from foreign_fmus import CASE, foreign_case, foreign_fmu
+from motors import CML050, NAMES, step_recording
+
+from estimator.case import read_case, write_case
+from estimator.errors import InputError
+from estimator.estimate import estimate
+from estimator.fmu import describe
+from estimator.recording import write_recording
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory):
+    path = tmp_path_factory.mktemp("recording") / "step.csv"
+    write_recording(step_recording(CML050, lead=0.1, duration=0.5), path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def plain_fmu(tmp_path_factory):
+    return foreign_fmu(tmp_path_factory.mktemp("plain"))
+
+
+def worst(e, names=NAMES):
+    """Return the largest relative error."""
+    return max(abs(e.parameters[n].value / CML050.parameters[n] - 1) for n in names)
+
+
+def test_foreign_names_fixed_parameters_and_a_local_current_are_estimated_to_1e_8(plain_fmu, recording):
+    e = estimate(read_case(foreign_case(plain_fmu, recording)))
+    assert worst(e) < 1e-8
+    assert e.parameters["K"].unit == "V.s/rad" and e.parameters["L"].unit == "H"
+    assert set(e.rmse) == {"i", "w"}
+
+
+def test_units_of_the_fmu_are_converted_both_ways(tmp_path, recording):
+    fmu = foreign_fmu(tmp_path, "WORKSHOP_UNITS")
+    own = {v.name: (v.unit, v.start) for v in describe(fmu).variables}
+    assert own["motor.La"] == ("mH", 12.0) and own["shaft.w"][0] == "rpm"
+    e = estimate(read_case(foreign_case(fmu, recording)))
+    assert worst(e) < 1e-8
+    assert {n: e.parameters[n].unit for n in "LJ"} == {"L": "H", "J": "kg.m2"}
+    assert e.comparisons[0].units == {"v": "V", "i": "A", "w": "rad/s"}
+    assert max(e.rmse.values()) < 1e-6
+
+
+def test_without_roles_all_free_parameters_are_searched(plain_fmu, recording):
+    text = CASE.replace("R = {{ fmu", "Ra = {{ min = 0.1, max = 30, fmu").replace("K = {{ fmu", "k = {{ fmu")
+    e = estimate(read_case(foreign_case(plain_fmu, recording, text=text)))
+    found = {**{n: e.parameters[n].value for n in ("L", "J", "B")}, "R": e.parameters["Ra"].value}
+    assert max(abs(found[n] / CML050.parameters[n] - 1) for n in found) < 1e-6
+
+
+def test_a_factor_leads_from_the_parameter_to_the_variable(plain_fmu, recording):
+    text = CASE.replace('["motor.Ke", "motor.Km"]', '{{ "motor.Ke" = 0.5, "motor.Km" = 0.5 }}')
+    e = estimate(read_case(foreign_case(plain_fmu, recording, text=text)))
+    assert e.parameters["K"].value == pytest.approx(2 * CML050.K, rel=1e-6)
+
+
+def test_an_fmu_without_a_motor_constant_is_estimated_in_what_it_has(plain_fmu, recording):
+    text = CASE.replace('K = {{ fmu = ["motor.Ke", "motor.Km"] }}\n', "")
+    text += f'[fixed]\n"motor.Ke" = {CML050.K}\n"motor.Km" = {CML050.K}\n'
+    e = estimate(read_case(foreign_case(plain_fmu, recording, text=text)))
+    assert worst(e, "RLJB") < 1e-8
+
+
+@pytest.mark.parametrize("value", ['"none"', "0", "false"])
+def test_an_enumeration_is_set_by_item_number_or_truth(plain_fmu, tmp_path, value):
+    smooth = dataclasses.replace(CML050, B=0.0)
+    write_recording(step_recording(smooth, lead=0.1, duration=0.4), tmp_path / "smooth.csv")
+    text = CASE.replace('B = {{ fmu = "motor.c" }}\n', "") + f"[fixed]\nfriction = {value}\nenabled = true\n"
+    e = estimate(read_case(foreign_case(plain_fmu, tmp_path / "smooth.csv", text=text)))
+    assert e.parameters["friction"].value == 0
+    assert worst(e, "RKLJ") < 1e-6
+
+
+def test_a_parameter_that_moves_nothing_is_named_before_the_search(plain_fmu, recording):
+    text = CASE + "[fixed]\nfriction = 0\n"
+    e = estimate(read_case(foreign_case(plain_fmu, recording, text=text)))
+    assert e.verdict == "refused"
+    assert e.reasons == (
+        "parameter 'B' moves no measured signal (i, w), so it cannot be estimated; fix it with --fix B=VALUE, or"
+        " measure what it moves",
+    )
+    assert e.simulations < 20
+
+
+def test_a_start_value_is_a_parameter_like_any_other(tmp_path):
+    motor = CML050
+    still = step_recording(motor, lead=0.1, duration=0.6)
+    path = tmp_path / "late.csv"
+    keep = still.time > 0.105 - 1e-9  # begins while the motor already turns
+    columns = {"voltage [V]": still.signals["voltage"], "current [A]": still.signals["current"]}
+    columns["speed [rad/s]"] = still.signals["speed"]
+    rows = np.column_stack([still.time, *columns.values()])[keep]
+    np.savetxt(path, rows, delimiter=",", header=",".join(["time [s]", *columns]), comments="", fmt="%.17g")
+    text = CASE.replace("[[recording]]", 'i0 = {{ min = 0, max = 5, start = 1, fmu = "motor.ia" }}\n[[recording]]')
+    text = text.replace("[[recording]]", 'w0 = {{ min = 0, max = 300, start = 1, fmu = "shaft.w" }}\n[[recording]]')
+    e = estimate(read_case(foreign_case(foreign_fmu(tmp_path), path, text=text)))
+    assert e.parameters["i0"].value == pytest.approx(columns["current [A]"][keep][0], rel=1e-6)
+    assert e.parameters["w0"].value == pytest.approx(columns["speed [rad/s]"][keep][0], rel=1e-6)
+    assert worst(e) < 1e-6
+
+
+def test_a_case_with_a_mapping_reads_back_as_it_was_written(plain_fmu, recording):
+    text = CASE.replace('["motor.Ke", "motor.Km"]', '{{ "motor.Ke" = 0.5, "motor.Km" = 2.0 }}')
+    text = text.replace("[inputs]", 'kind = "co-simulation"\n[inputs]') + '[fixed]\nfriction = "viscous"\n'
+    case = read_case(foreign_case(plain_fmu, recording, text=text))
+    again = plain_fmu.with_name("again.case.toml")
+    write_case(case, again)
+    assert read_case(again) == case
+
+
+WRONG = {
+    "no such variable": ('"motor.Ra"', '"motor.R"', "foreign.fmu has no parameter 'motor.R'; did you mean 'motor.Ra'?"),
+    "no such output": ('"shaft.w"', '"shaft.v"', "foreign.fmu has no output 'shaft.v'; did you mean 'shaft.w'?"),
+    "no such input": ('"u_in"', '"u"', "foreign.fmu has no input 'u'"),
+    "calculated": ('"motor.c"', '"motor.power"', "the local 'motor.power' of foreign.fmu is calculated"),
+    "no such item": ("[[rec", '[fixed]\nfriction = "dry"\n[[rec', "friction of foreign.fmu has no item 'dry'"),
+    "half a boolean": ("[[rec", "[fixed]\nenabled = 0.5\n[[rec", "enabled is Boolean in foreign.fmu; 0.5 is no whole"),
+    "text for a number": ("[[rec", '[fixed]\nfriction = "1x"\n[[rec', "friction of foreign.fmu has no item '1x'"),
+    "estimated integer": ('fmu = "motor.c"', 'fmu = "friction"', "'friction' of foreign.fmu is Enumeration; only real"),
+    "kind not offered": ("[inputs]", 'kind = "model-exchange"\n[inputs]', "offers no model-exchange, only co-simul"),
+    "no factor": ('["motor.Ke", "motor.Km"]', "{{ }}", "parameters.K.fmu is empty; write { Ke = 1, Km = 1 }"),
+    "factor 0": ('["motor.Ke", "motor.Km"]', '{{ "motor.Ke" = 0 }}', "parameters.K.fmu.motor.Ke is 0"),
+}
+
+
+@pytest.mark.parametrize(("old", "new", "sentence"), WRONG.values(), ids=WRONG)
+def test_what_is_wrong_in_a_mapping_is_said_in_one_sentence(plain_fmu, recording, old, new, sentence):
+    with pytest.raises(InputError) as caught:
+        estimate(read_case(foreign_case(plain_fmu, recording, text=CASE.replace(old, new))))
+    assert sentence in str(caught.value) and "\n" not in str(caught.value)

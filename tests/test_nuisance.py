@@ -1,0 +1,151 @@
+"""The measurement chain found in emulated recordings: freed where the data show it, left alone where they do not."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from motors import CML050, NAMES, recording_of, step_recording
+
+from estimator.case import Case, Chebyshev1, OutputSpec
+from estimator.estimate import estimate_recordings
+from estimator.recording import Recording, recording_from_arrays
+
+
+def run(case: Case, *recordings: Recording):
+    return estimate_recordings([case], [list(recordings)], workers=1)[0]
+
+
+def worst(result, motor=CML050):
+    """Return the largest error in standard errors."""
+    return max(
+        abs(result.parameters[n].value - motor.parameters[n]) / result.parameters[n].standard_error for n in NAMES
+    )
+
+
+def with_signals(recording: Recording, *, current=None, speed=None, voltage=None) -> Recording:
+    s = recording.signals
+    return recording_from_arrays(
+        "changed",
+        recording.time,
+        {
+            "voltage [V]": s["voltage"] if voltage is None else voltage,
+            "current [A]": s["current"] if current is None else current,
+            "speed [rad/s]": s["speed"] if speed is None else speed,
+        },
+    )
+
+
+@pytest.fixture(scope="module")
+def noisy():
+    return step_recording(CML050, noise=(0.02, 1.0), seed=3)
+
+
+def test_a_clean_recording_frees_nothing(case_of, noisy):
+    result = run(case_of(), noisy)
+    assert set(result.parameters) == set(NAMES)
+    assert result.verdict == "ok"
+    assert worst(result) < 5
+
+
+@pytest.mark.parametrize("late", [3, 77, 250])
+def test_a_delay_is_found_and_estimated(case_of, noisy, late):
+    voltage = np.concatenate([noisy.signals["voltage"][late:], np.full(late, 10.5)])
+    result = run(case_of(), with_signals(noisy, voltage=voltage))
+    assert result.parameters["delay"].value == pytest.approx(late * 1e-3, abs=2e-4)
+    assert abs(result.parameters["delay"].value - late * 1e-3) < 5 * result.parameters["delay"].standard_error
+    assert worst(result) < 5
+
+
+def test_offsets_are_found_and_estimated(case_of, noisy):
+    result = run(case_of(), with_signals(noisy, current=noisy.signals["current"] + 0.01))
+    offset = result.parameters["offset i"]
+    assert abs(offset.value - 0.01) < 5 * offset.standard_error
+    assert worst(result) < 5
+
+
+@pytest.mark.parametrize("samples", [2, 4])
+def test_a_logger_that_averages_is_found_out(case_of, noisy, samples):
+    padded = np.concatenate([np.zeros(samples - 1), noisy.signals["current"]])
+    mean = np.convolve(padded, np.full(samples, 1 / samples), "valid")
+    result = run(case_of(), with_signals(noisy, current=mean))
+    assert f"i is a mean over the last {samples} samples" in " ".join(result.notes)
+    assert worst(result) < 5
+
+
+def test_outliers_are_left_out_and_missing_samples_do_no_harm(case_of, noisy):
+    rng = np.random.default_rng(4)
+    current, speed = noisy.signals["current"].copy(), noisy.signals["speed"].copy()
+    hit = rng.random(len(current)) < 0.01
+    current[hit] += 1.0
+    speed[rng.random(len(speed)) < 0.05] = np.nan
+    result = run(case_of(), with_signals(noisy, current=current, speed=speed))
+    assert f"i has {hit.sum()} outliers; they are left out" in result.notes
+    assert worst(result) < 5
+
+
+def test_ripple_locked_to_the_angle_is_taken_out(case_of, noisy):
+    clean = step_recording(CML050).signals["speed"]
+    angle = np.cumsum(clean) * 1e-3
+    ripple = 0.09 * np.cos(14 * angle + 1) * (np.arange(len(angle)) > 500)
+    result = run(case_of(), with_signals(noisy, current=noisy.signals["current"] + ripple))
+    assert any("i has a ripple of order 14" in note for note in result.notes)
+    assert result.noise["i"] == pytest.approx(0.02, rel=0.1)
+    assert worst(result) < 5
+
+
+def test_a_drift_is_named_and_makes_the_estimate_doubtful(case_of, noisy):
+    k = np.arange(len(noisy.time))
+    line = np.where(k > 520, (k - 1650) / 2300, 0.0)
+    result = run(case_of(), with_signals(noisy, current=noisy.signals["current"] + 0.04 * line))
+    assert result.verdict == "doubtful"
+    assert any(reason.startswith("i drifts by") for reason in result.reasons)
+
+
+def test_a_supply_that_sags_is_named(case_of, noisy):
+    sagging = dataclasses.replace(CML050, voltage=10.5)
+    k = np.arange(2801)
+    voltage = np.where(k >= 500, 10.5 * (1 - 0.05 * np.exp(-(k - 500) / 30)), 0.0)
+    from motors import held_response
+
+    shown = held_response(sagging, voltage, step=1e-3)
+    recording = recording_of("sag", noisy.time, np.where(k >= 500, 10.5, 0.0), shown, noise=(0.02, 1.0), seed=5)
+    result = run(case_of(), recording)
+    assert result.verdict == "doubtful"
+    assert any("supply's voltage seems to sag" in reason for reason in result.reasons)
+
+
+def test_lost_samples_in_the_transient_are_named(case_of, noisy):
+    keep = np.r_[0:515, 520:2801]
+    s = noisy.signals
+    recording = recording_of(
+        "lost", np.arange(len(keep)) * 1e-3, s["voltage"][keep], np.column_stack([s["current"], s["speed"]])[keep]
+    )
+    result = run(case_of(), recording)
+    assert result.verdict == "doubtful"
+    assert any("check the logger's clock" in reason for reason in result.reasons)
+
+
+def test_the_speed_of_an_encoder_is_taken_as_a_mean_over_the_interval(case_of, noisy):
+    clean = step_recording(CML050, interval=1e-4).signals["speed"]
+    angle = np.concatenate([[0.0], np.cumsum((clean[1:] + clean[:-1]) / 2) * 1e-4])[::10]
+    count = np.floor(angle / (2 * np.pi) * 4000 + 0.3)
+    speed = np.concatenate([[0.0], np.diff(count)]) * 2 * np.pi / 4000 / 1e-3
+    result = run(case_of(), with_signals(noisy, speed=speed))
+    assert worst(result) < 5
+    assert result.noise["w"] < 1.0
+
+
+def test_a_declared_filter_is_applied_to_the_model_too(case_of, noisy):
+    signal = pytest.importorskip("scipy.signal")
+    filtered = signal.sosfilt(signal.cheby1(4, 0.5, 100, fs=1000, output="sos"), noisy.signals["speed"])
+    case = dataclasses.replace(
+        case_of(),
+        inputs={"v": "voltage"},
+        outputs={
+            "i": OutputSpec("current"),
+            "w": OutputSpec("speed", filter=Chebyshev1(order=4, ripple=0.5, cutoff=100)),
+        },
+    )
+    result = run(case, with_signals(noisy, speed=filtered))
+    assert result.verdict == "ok", result.reasons
+    assert worst(result) < 5

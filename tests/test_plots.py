@@ -1,0 +1,183 @@
+"""Figures: what is drawn, and that no label covers another."""
+
+import io
+import itertools
+import sys
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from made_estimates import comparison
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.image import imread
+
+from estimator import plots
+from estimator.result import Comparison
+
+NOISE = {"i": 0.02, "w": 1.0}
+
+
+def unequal(n: int) -> np.ndarray:
+    """Return a voltage that switches all the time."""
+    levels = np.random.default_rng(3).choice([-10.5, 10.5], n // 100 + 1)
+    return np.repeat(levels, 100)[:n]
+
+
+def named(made: Comparison, name: str, unit: str) -> Comparison:
+    """Return a comparison with one output of another name and unit."""
+    return Comparison(
+        name="a recording with a very long name that goes on and on until nobody reads it any more.csv",
+        time=made.time + 1e4,
+        inputs=made.inputs,
+        measured={name: 1e6 * made.measured["w"]},
+        simulated={name: 1e6 * made.simulated["w"]},
+        units={name: unit, "v": "V"},
+    )
+
+
+def without_simulation(made: Comparison) -> Comparison:
+    return Comparison(made.name, made.time, made.inputs, made.measured, {}, made.units)
+
+
+def with_gap(made: Comparison) -> Comparison:
+    current = made.measured["i"].copy()
+    current[1000:1400] = np.nan
+    measured = {"i": current, "w": made.measured["w"]}
+    return Comparison(made.name, made.time, made.inputs, measured, made.simulated, made.units)
+
+
+CASES = {
+    "noisy": [comparison()],
+    "noise-free": [comparison(noise=(1e-15, 1e-13))],
+    "exact": [comparison(noise=(0.0, 0.0))],
+    "negative from the first row": [comparison(np.full(2801, -10.5))],
+    "long": [comparison(unequal(100_000), step=1e-4)],
+    "short": [comparison(np.full(12, 10.5))],
+    "gap": [with_gap(comparison())],
+    "strange": [named(comparison(), "model.drive.shaft.flange.phi_relative", "kg.m2/(A.s3)")],
+    "not simulated": [without_simulation(comparison())],
+    "two": [comparison(), comparison(np.full(2801, 5.0), name="second")],
+}
+SIX = [comparison(np.full(30, 10.5), name=f"r{k}") for k in range(6)]
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_no_text_covers_another_or_leaves_the_figure(name):
+    figure = plots.comparison_figure(CASES[name], noise=NOISE)
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    renderer = canvas.get_renderer()
+    boxes = [(text.get_text(), text.get_window_extent(renderer)) for text in figure.texts]
+    for ax in figure.axes:
+        texts = [ax.title, ax._left_title, ax.xaxis.label, ax.yaxis.label]
+        texts += [label for axis in (ax.xaxis, ax.yaxis) for label in shown_labels(axis, ax)]
+        if ax.get_legend() is not None:
+            texts += ax.get_legend().get_texts()
+        boxes += [
+            (text.get_text(), text.get_window_extent(renderer))
+            for text in texts
+            if text.get_visible() and text.get_text()
+        ]
+    page = figure.bbox
+    for text, box in boxes:
+        assert box.x0 >= page.x0 and box.x1 <= page.x1 and box.y0 >= page.y0 and box.y1 <= page.y1, text
+    for (one, box), (other, other_box) in itertools.combinations(boxes, 2):
+        assert not box.overlaps(other_box), (one, other)
+
+
+def shown_labels(axis, ax):
+    """Return the tick labels that lie inside the axes and are switched on."""
+    side = "labelbottom" if axis is ax.xaxis else "labelleft"
+    if not axis.get_tick_params()[side]:
+        return []
+    low, high = sorted(axis.get_view_interval())
+    return [
+        tick.label1 for tick in axis.get_major_ticks() if low - 1e-9 <= tick.get_loc() <= high + 1e-9
+    ]  # others are not drawn
+
+
+@pytest.mark.parametrize("name", ["noisy", "long", "not simulated"])
+def test_a_figure_is_a_png_of_moderate_size_and_shows_its_colours(name):
+    content = plots.png(plots.comparison_figure(CASES[name], noise=NOISE))
+    image = imread(io.BytesIO(content))
+    assert len(content) < 500_000
+    assert image.shape[1] == int(plots.WIDTH * plots.DPI)
+    colours = [plots.MEASURED, plots.RESIDUAL, plots.SIMULATED]
+    for colour in colours[: 1 if name == "not simulated" else 3]:
+        rgb = np.array([int(colour[k : k + 2], 16) for k in (1, 3, 5)]) / 255
+        assert np.any(np.all(np.abs(image[:, :, :3] - rgb) < 0.01, axis=2)), colour
+
+
+def test_the_same_estimate_gives_the_same_png():
+    one, two = (plots.png(plots.comparison_figure(CASES["short"], noise=NOISE)) for _ in range(2))
+    assert one == two
+
+
+def test_signals_have_their_quantity_name_and_unit_and_residuals_lie_below():
+    figure = plots.comparison_figure([comparison()], noise=NOISE)
+    left = [ax for ax in figure.axes if ax.get_ylabel()]
+    assert [ax.get_ylabel() for ax in left] == [
+        "voltage v\n[V]",
+        "current i\n[A]",
+        "residual\n[A]",
+        "speed w\n[rad/s]",
+        "residual\n[rad/s]",
+    ]
+    heights = [ax.get_position().y0 for ax in left]
+    assert heights == sorted(heights, reverse=True)
+    assert len(figure.axes) == 10, "the enlarged part has its own column; an input of zeros has no row"
+
+
+def test_recordings_beyond_the_first_four_are_counted():
+    figure = plots.comparison_figure(SIX)
+    assert [text.get_text() for text in figure.texts] == ["2 more recordings are not shown"]
+    figure = plots.comparison_figure(SIX[:5])
+    assert [text.get_text() for text in figure.texts] == ["one more recording is not shown"]
+
+
+def test_nothing_global_is_touched():
+    assert "matplotlib.pyplot" not in sys.modules
+
+
+def test_the_enlarged_part_of_a_step_is_its_transient():
+    start, end = plots.transient(comparison())
+    assert 0.48 < start < 0.5
+    assert 0.52 < end < 0.6  # the slower time constant is 12 ms
+
+
+def test_the_enlarged_part_of_a_switching_voltage_is_a_piece_of_it():
+    made = comparison(unequal(100_000), step=1e-4)
+    start, end = plots.transient(made)
+    assert 0.05 < (end - start) / (made.time[-1] - made.time[0]) < 0.15
+
+
+def test_without_movement_everything_is_enlarged():
+    made = comparison(np.zeros(100), noise=(0.0, 0.0))
+    assert plots.transient(made) == (0.0, made.time[-1])
+
+
+@settings(derandomize=True)
+@given(
+    values=arrays(np.float64, st.integers(1, 500), elements=st.floats(-1e6, 1e6) | st.just(np.nan)),
+    bins=st.integers(1, 40),
+)
+def test_an_envelope_keeps_every_extreme_and_the_order_of_time(values, bins):
+    time = np.arange(len(values)) * 0.1
+    t, y = plots.envelope(time, values, bins=bins)
+    assert len(t) == len(y) <= max(4 * bins, 1)
+    assert np.all(np.diff(t) > 0)
+    assert np.array_equal(y, values[np.searchsorted(time, t)], equal_nan=True)
+    if np.isfinite(values).any():
+        assert np.nanmax(y) == np.nanmax(values)
+        assert np.nanmin(y) == np.nanmin(values)
+    assert t[0] == time[0] and t[-1] == time[-1]
+
+
+def test_an_envelope_of_a_spike_shows_the_spike():
+    values = np.zeros(100_000)
+    values[54_321] = 1.0
+    t, y = plots.envelope(np.arange(100_000.0), values, bins=500)
+    assert t[y == 1.0] == [54_321.0]
+    assert len(t) <= 2000

@@ -1,0 +1,90 @@
+"""The live line."""
+
+import io
+import os
+import pty
+import termios
+
+import pytest
+
+from estimator.progress import LiveLine, Progress, is_terminal, progress_line
+
+
+class Clock:
+    """A clock that is set by hand."""
+
+    now = 100.0
+
+    def __call__(self) -> float:  # noqa: D102
+        return self.now
+
+
+def test_a_line_tells_phase_runs_rate_remaining_time_cost_and_values():
+    event = Progress("search", 1200, 4000, 0.0125, {"R": 3.1, "J": 9e-6})
+    assert progress_line(event, seconds=3.0) == (
+        "search  1200 of 4000 simulations  400/s  7 s left  cost 0.0125  R 3.1 J 9e-06"
+    )
+
+
+@pytest.mark.parametrize(
+    ("event", "seconds", "line"),
+    [
+        (Progress("probe", 0), 0.0, "probe  0 simulations"),
+        (Progress("polish", 500, 400), 10.0, "polish  500 simulations  50/s"),
+        (Progress("search", 3, None, float("inf"), None), 6.0, "search  3 simulations  0.5/s"),
+        (Progress("search", 100, 100_100), 10.0, "search  100 of 100100 simulations  10/s  2.8 h left"),
+        (Progress("search", 100, 1_100), 10.0, "search  100 of 1100 simulations  10/s  2 min left"),
+    ],
+)
+def test_a_line_leaves_out_what_is_not_known(event, seconds, line):
+    assert progress_line(event, seconds=seconds) == line
+
+
+def test_the_line_is_drawn_at_most_ten_times_a_second_and_wiped_at_the_end():
+    stream, clock = io.StringIO(), Clock()
+    with LiveLine(stream, clock=clock) as line:
+        for k in range(100):
+            line(Progress("search", k))
+            clock.now += 0.01
+    drawn = stream.getvalue()
+    assert 9 <= drawn.count("search") <= 11
+    assert "\n" not in drawn
+    assert drawn.endswith("\r" + " " * len("search  90 simulations  100/s") + "\r")
+
+
+def test_a_shorter_line_covers_a_longer_one():
+    stream, clock = io.StringIO(), Clock()
+    with LiveLine(stream, clock=clock) as line:
+        line(Progress("a long phase", 1))
+        clock.now += 0.2
+        line(Progress("b", 1))
+        assert stream.getvalue().endswith("\rb  1 simulations" + " " * 11)
+
+
+def test_nothing_is_written_when_nothing_happens():
+    stream = io.StringIO()
+    with LiveLine(stream):
+        pass
+    assert stream.getvalue() == ""
+
+
+def test_a_line_is_never_wider_than_the_terminal():
+    master, slave = pty.openpty()
+    termios.tcsetwinsize(slave, (24, 30))
+    with os.fdopen(slave, "w") as terminal, LiveLine(terminal) as line:
+        line(Progress("search", 1, parameters={f"p{k}": 1.0 for k in range(50)}))
+        drawn = ""
+        while len(drawn) < 30:  # a terminal delivers in pieces
+            drawn += os.read(master, 1000).decode()
+    os.close(master)
+    assert len(drawn.lstrip("\r")) == 29
+
+
+def test_only_a_terminal_is_a_terminal():
+    master, slave = pty.openpty()
+    with os.fdopen(slave, "w") as terminal:
+        assert is_terminal(terminal)
+    assert not is_terminal(terminal), "closed"
+    assert not is_terminal(io.StringIO())
+    assert not is_terminal(None)
+    os.close(master)

@@ -1,0 +1,53 @@
+"""An FMU that this project did not compile: pythonfmu's, whose model is Python and slow."""
+
+import re
+from pathlib import Path
+
+import pytest
+from motors import CML050, NAMES, step_recording
+
+from estimator.case import read_case
+from estimator.cli import main
+from estimator.estimate import estimate
+from estimator.recording import write_recording
+
+builder = pytest.importorskip("pythonfmu.builder")
+
+CASE = """
+[fmu]
+path = "PythonMotor.fmu"
+[inputs]
+v = { column = "voltage", fmu = "u" }
+[outputs]
+i = { column = "current", fmu = "ia" }
+w = "speed"
+[parameters]
+R = { fmu = "Ra", min = 0.5, max = 20 }
+K = { fmu = "Kt", min = 0.005, max = 0.5 }
+L = { fmu = "La", min = 0.002, max = 0.1 }
+J = { fmu = "Jm", min = 1e-6, max = 1e-4 }
+B = { fmu = "d", min = 1e-6, max = 1e-2 }
+[[recording]]
+file = "step.csv"
+"""
+
+
+def test_a_python_fmu_is_estimated_and_its_cost_is_said_before_the_search(tmp_path, monkeypatch):
+    builder.FmuBuilder.build_FMU(str(Path(__file__).parent / "foreign" / "python_motor.py"), dest=str(tmp_path))
+    write_recording(step_recording(CML050, lead=0.01, duration=0.1), tmp_path / "step.csv")
+    (tmp_path / "motor.case.toml").write_text(CASE)
+    monkeypatch.setattr("estimator.trial.LONG", 0.1)
+    said = []
+    e = estimate(read_case(tmp_path / "motor.case.toml"), workers=1, tell=said.append)
+    assert re.match(
+        r"one simulation of this FMU takes [\d.e-]+ s; some 300 of them, by 1 worker, will take about \d+ s, more",
+        said[0],
+    )
+    assert e.notes[0] == said[0]
+    assert max(abs(e.parameters[n].value / CML050.parameters[n] - 1) for n in NAMES) < 1e-3
+
+
+def test_inspect_runs_it(tmp_path, capsys):
+    builder.FmuBuilder.build_FMU(str(Path(__file__).parent / "foreign" / "python_motor.py"), dest=str(tmp_path))
+    assert main(["inspect", str(tmp_path / "PythonMotor.fmu")]) == 0
+    assert "it takes Ra, La, Kt, Jm, d" in capsys.readouterr().out

@@ -1,0 +1,597 @@
+"""Recordings: dialects against known numbers, every complaint, and a round trip to the bit (delimited.py included)."""
+
+import copy
+import math
+import pickle
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from estimator.delimited import CHUNK
+from estimator.errors import InputError, RecordingError
+from estimator.recording import (
+    MIN_SAMPLES,
+    Recording,
+    motor_columns,
+    read_recording,
+    recording_from_arrays,
+    write_recording,
+)
+
+N = 40
+TIME = np.arange(N) / 1000
+VOLTAGE = np.where(np.arange(N) < 5, 0.0, 10.5)
+CURRENT = np.round(3.25 * np.exp(-np.arange(N) / 7), 4)
+SPEED = np.round(200 * (1 - np.exp(-np.arange(N) / 9)), 3)
+HEADER = "time [s],voltage [V],current [A],speed [rad/s]"
+ROWS = [f"{t:.3f},{v:g},{i:.4f},{w:.3f}" for t, v, i, w in zip(TIME, VOLTAGE, CURRENT, SPEED, strict=True)]
+PLAIN = "\n".join([HEADER, *ROWS]) + "\n"
+
+
+def save(folder: Path, content: str | bytes, name: str = "run3.csv") -> Path:
+    path = folder / name
+    path.write_bytes(content.encode() if isinstance(content, str) else content)
+    return path
+
+
+def read(folder: Path, content: str | bytes) -> Recording:
+    return read_recording(save(folder, content))
+
+
+def check(recording: Recording) -> None:
+    """Compare a recording with the known signals, whatever its columns are called."""
+    columns = motor_columns(recording)
+    assert recording.step == 0.001
+    assert recording.time.tolist() == [0.0 + k * 0.001 for k in range(N)]
+    for role, truth in (("v", VOLTAGE), ("i", CURRENT), ("w", SPEED)):
+        np.testing.assert_allclose(recording.signals[columns[role]], truth, rtol=1e-15, atol=0)
+
+
+def with_header(header: str) -> str:
+    return "\n".join([header, *ROWS]) + "\n"
+
+
+DIALECTS: dict[str, str | bytes] = {
+    "plain": PLAIN,
+    "no newline at the end": PLAIN.rstrip(),
+    "CRLF": PLAIN.replace("\n", "\r\n"),
+    "CR": PLAIN.replace("\n", "\r"),
+    "byte order mark": "\ufeff" + PLAIN,
+    "UTF-16": PLAIN.encode("utf-16"),
+    "byte order mark and Latin-1": b"\xef\xbb\xbf" + PLAIN.encode() + b"# \xe4\n",
+    "Latin-1": ("# Messung an der Prüfbank, 25 °C\n" + PLAIN).encode("latin-1"),
+    "semicolons": PLAIN.replace(",", ";"),
+    "tabs": PLAIN.replace(",", "\t"),
+    "spaces": PLAIN.replace(",", " "),
+    "aligned by spaces": PLAIN.replace(",", "     "),
+    "space after comma": PLAIN.replace(",", ", "),
+    "semicolons, decimal comma": PLAIN.replace(",", ";").replace(".", ","),
+    "tabs, decimal comma": PLAIN.replace(",", "\t").replace(".", ","),
+    "spaces, decimal comma": PLAIN.replace(",", "  ").replace(".", ","),
+    "all quoted": re.sub(r"[^,\n]+", r'"\g<0>"', PLAIN),
+    "quoted decimal commas between commas": with_header(HEADER).replace(
+        "\n".join(ROWS), "\n".join(re.sub(r"[^,]+", lambda m: f'"{m[0].replace(".", ",")}"', row) for row in ROWS)
+    ),
+    "quoted header": with_header('"time [s]","voltage, motor [V]","current [A]","speed [rad/s]"'),
+    "comma at the end of each line": PLAIN.replace("\n", ",\n"),
+    "comma at the end of each row": HEADER + "\n" + PLAIN.partition("\n")[2].replace("\n", ",\n"),
+    "comments before and between": "# bench 3\n% second run\n\n"
+    + "\n".join([HEADER, *ROWS[:9], "# fan on", *ROWS[9:]]),
+    "blank lines at the end": PLAIN + "\n\n  \n",
+    "empty rows at the end": PLAIN + ",,,\n,,,\n",
+    "lines of a logger before the header": "Logger XY-2;v1.3\nchannels: 3\n" + PLAIN,
+    "a logger that tells the time": "Start time: 12:00\nStop time: 12:05\n\n" + PLAIN,
+    "header in a comment, as numpy.savetxt writes": "# bench 3\n# " + PLAIN,
+    "a line of units": with_header("time,voltage,current,speed\n(s),(V),(A),(rad/s)"),
+    "scientific": HEADER
+    + "\n"
+    + "\n".join(f"{t:.9e},{v:.6e},{i:.6E},{w:.8e}" for t, v, i, w in zip(TIME, VOLTAGE, CURRENT, SPEED, strict=True)),
+    "no units": with_header("time,voltage,current,speed"),
+    "other columns too": "\n".join([HEADER + ",temperature [°C],lamp", *(row + ",25,1" for row in ROWS)]),
+    "a column of text": "\n".join([HEADER + ",state", *(row + ",running" for row in ROWS)]),
+    "time last": "\n".join(",".join(reversed(line.split(","))) for line in [HEADER, *ROWS]),
+    "header with spaces in names, by spaces": PLAIN.replace("voltage", "armature voltage").replace(",", " "),
+    "short names": with_header("t,u,i,w"),
+    "German": with_header("Zeit [s],Spannung [V],Strom [A],Drehzahl [rad/s]"),
+    "capitals": with_header("TIME [s],VOLTAGE [V],CURRENT [A],SPEED [rad/s]"),
+    "units after an underscore": with_header("time_s,voltage_V,current_A,speed_rad/s"),
+    "units after a slash": with_header("t/s,U/V,I/A,ω/(rad/s)"),
+    "index from pandas": "\n".join(["," + HEADER, *(f"{k},{row}" for k, row in enumerate(ROWS))]),
+}
+
+
+@pytest.mark.parametrize("name", DIALECTS)
+def test_every_dialect_gives_the_same_signals(name: str, tmp_path: Path) -> None:
+    check(read(tmp_path, DIALECTS[name]))
+
+
+@pytest.mark.parametrize(
+    ("header", "factors"),
+    [
+        ("time [ms],voltage [mV],current [mA],speed [rpm]", (1e3, 1e3, 1e3, 30 / math.pi)),
+        ("time_ms,voltage_mV,current_mA,speed_rpm", (1e3, 1e3, 1e3, 30 / math.pi)),
+        ("t (us),u (V),i (A),n (rev/s)", (1e6, 1, 1, 1 / (2 * math.pi))),
+        ("Time/s,Voltage/V,Current/mA,Speed/(deg/s)", (1, 1, 1e3, 180 / math.pi)),
+        ("ms,volts,amps,rpm", (1e3, 1, 1, 30 / math.pi)),
+        ("time [µs],voltage [kV],current [kA],speed [krpm]", (1e6, 1e-3, 1e-3, 0.03 / math.pi)),
+    ],
+)
+@pytest.mark.parametrize("decimal_comma", [False, True])
+def test_units_are_converted(
+    header: str, factors: tuple[float, float, float, float], decimal_comma: bool, tmp_path: Path
+) -> None:
+    columns = [signal * factor for signal, factor in zip((TIME, VOLTAGE, CURRENT, SPEED), factors, strict=True)]
+    rows = [",".join(f"{float(f'{value:.14g}')!r}" for value in row) for row in zip(*columns, strict=True)]
+    text = "\n".join([header, *rows])
+    if decimal_comma:
+        text = text.replace(",", ";").replace(".", ",")
+    recording = read(tmp_path, text)
+    found = motor_columns(recording)
+    assert recording.step == 0.001
+    assert recording.time.tolist() == [0.0 + k * 0.001 for k in range(N)]
+    for role, truth, unit in (("v", VOLTAGE, "V"), ("i", CURRENT, "A"), ("w", SPEED, "rad/s")):
+        np.testing.assert_allclose(recording.signals[found[role]], truth, rtol=1e-13, atol=0)
+        assert recording.units[found[role]] == unit
+    assert recording.assumed_units == ()
+
+
+def test_names_units_and_headers_are_kept(tmp_path: Path) -> None:
+    recording = read(tmp_path, with_header("time [s],voltage,current [mA],gain"))
+    assert recording.name == "run3"
+    assert recording.path == tmp_path / "run3.csv"
+    assert dict(recording.headers) == {"voltage": "voltage", "current": "current [mA]", "gain": "gain"}
+    assert dict(recording.units) == {"voltage": "V", "current": "A", "gain": ""}
+    assert recording.assumed_units == ("voltage",)
+    np.testing.assert_array_equal(recording.signals["current"], CURRENT / 1000)
+
+
+def test_an_assumed_time_unit_is_told(tmp_path: Path) -> None:
+    assert read(tmp_path, with_header("t,u,i,w")).assumed_units == ("t", "u", "i", "w")
+
+
+def test_empty_cells_are_missing_samples(tmp_path: Path) -> None:
+    rows = list(ROWS)
+    rows[3] = "0.003,0,,"
+    rows[7] = '0.007,10.5, ,"1.5"'
+    recording = read(tmp_path, "\n".join([HEADER, *rows]))
+    assert np.flatnonzero(np.isnan(recording.signals["current"])).tolist() == [3, 7]
+    assert np.flatnonzero(np.isnan(recording.signals["speed"])).tolist() == [3]
+    assert recording.signals["speed"][7] == 1.5
+
+
+@pytest.mark.parametrize("comma", [",", ";", "\t"])
+def test_neighbouring_empty_cells_are_found_without_quotes_or_spaces(comma: str, tmp_path: Path) -> None:
+    rows = [",,,".join([row.split(",")[0], row.split(",")[3]]) if k % 2 else row for k, row in enumerate(ROWS)]
+    recording = read(tmp_path, "\n".join([HEADER, *rows]).replace(",", comma))
+    for name in ("voltage", "current"):
+        assert np.flatnonzero(np.isnan(recording.signals[name])).tolist() == list(range(1, N, 2))
+    np.testing.assert_array_equal(recording.signals["speed"], SPEED)
+
+
+def test_time_may_start_anywhere(tmp_path: Path) -> None:
+    rows = [f"{k / 1000 - 0.5:.3f},{row.partition(',')[2]}" for k, row in enumerate(ROWS)]
+    recording = read(tmp_path, "\n".join([HEADER, *rows]))
+    assert recording.time.tolist() == [-0.5 + k * 0.001 for k in range(N)]
+
+
+def test_a_file_longer_than_a_chunk_is_read_whole(tmp_path: Path) -> None:
+    n = 2 * CHUNK + 5
+    rows = [f"{k / 1000:.3f},{k % 7},{k % 11},{k % 13}" for k in range(n)]
+    rows[CHUNK + 3] = f"{(CHUNK + 3) / 1000:.3f},,1,2"
+    recording = read(tmp_path, "\n".join([HEADER, *rows]))
+    assert recording.time.size == n
+    np.testing.assert_array_equal(
+        recording.signals["speed"],
+        np.arange(n) % 13 * 1.0 * (np.arange(n) != CHUNK + 3) + 2.0 * (np.arange(n) == CHUNK + 3),
+    )
+    assert np.flatnonzero(np.isnan(recording.signals["voltage"])).tolist() == [CHUNK + 3]
+    rows[CHUNK + 7] = "x" + rows[CHUNK + 7]
+    with pytest.raises(RecordingError, match=f"line {CHUNK + 9}: time is not a number"):
+        read(tmp_path, "\n".join([HEADER, *rows]))
+
+
+# --- complaints ---------------------------------------------------------------------------------------------------
+
+
+def row(k: int, cells: str) -> str:
+    """PLAIN with another row k."""
+    return "\n".join([HEADER, *ROWS[:k], cells, *ROWS[k + 1 :]]) + "\n"
+
+
+COMPLAINTS: dict[str, tuple[str | bytes, str]] = {
+    "empty": ("", "run3.csv is empty; it should begin with a header such as time [s],voltage [V]"),
+    "blank": ("\n \n,,\n", "run3.csv is empty; it should begin with a header"),
+    "comments only": ("# a\n% b\n", "run3.csv has no header; it should have one such as time [s]"),
+    "header only": (HEADER + "\n", f"run3.csv has no samples below line 1, '{HEADER[:39]}…'"),
+    "one line": ("1,2,3\n", "run3.csv line 1: there is no header above the numbers; name the columns, as in time [s]"),
+    "prose": ("Dear reader,\nthis is a letter.\n", "run3.csv line 1: there is no time column"),
+    "a single column": ("time\n1\n2\n", "run3.csv has 2 samples"),
+    "no header": ("\n".join(ROWS), "run3.csv line 1: there is no header above the numbers"),
+    "no header, decimal comma": (
+        "\n".join(ROWS).replace(",", ";").replace(".", ","),
+        "run3.csv line 1: there is no header above the numbers",
+    ),
+    "no header after a comment": ("# bench 3\n" + "\n".join(ROWS), "run3.csv line 2: there is no header above the"),
+    "binary": (b"MATLAB 5.0\0\0\1" + bytes(range(256)), "run3.csv is not a text file; export the recording as CSV"),
+    "broken UTF-16": (b"\xff\xfea", "run3.csv begins as UTF-16 text and is none; export the recording as CSV in UTF-8"),
+    "no time": (
+        with_header("tim [s],voltage [V],current [A],speed [rad/s]"),
+        "run3.csv line 1: there is no time column; did you mean 'tim [s]'?",
+    ),
+    "time in amperes": (
+        with_header("time [A],voltage [V],current [A],speed [rad/s]"),
+        "run3.csv line 1: 'A' is no unit of time, in 'time [A]'; use one of s, ms, us",
+    ),
+    "time in samples": (
+        with_header("time [samples],voltage [V],current [A],speed [rad/s]"),
+        "run3.csv line 1: 'samples' is no unit of time, in 'time [samples]'; use one of s",
+    ),
+    "text": (row(9, "0.009,10.5,abc,3"), "run3.csv line 11: current is not a number ('abc'); leave the cell of a"),
+    "text in quotes": (row(9, '0.009,10.5,"abc",3'), "run3.csv line 11: current is not a number ('abc')"),
+    "NaN": (row(9, "0.009,10.5,NaN,3"), "run3.csv line 11: current is not a number ('NaN')"),
+    "nan beside an empty cell": (row(9, "0.009,,nan,3"), "run3.csv line 11: current is not a number ('nan')"),
+    "infinite": (row(9, "0.009,10.5,-inf,3"), "run3.csv line 11: current is not a number ('-inf')"),
+    "too large": (row(9, "0.009,10.5,1e999,3"), "run3.csv line 11: current is not a number ('1e999')"),
+    "too large beside an empty cell": (row(9, "0.009,,1e999,3"), "line 11: current is not a number ('1e999')"),
+    "underscore": (row(9, "0.009,10.5,1_0,3"), "run3.csv line 11: current is not a number ('1_0')"),
+    "text in the first row": (row(0, "0.000,0,abc,0"), "run3.csv line 2: current is not a number ('abc')"),
+    "text below a comment": ("# x\n\n" + row(9, "0.009,10.5,abc,3"), "run3.csv line 13: current is not a number"),
+    "the first of two": (
+        row(9, "0.009,10.5,3,x").replace("0.020,10.5,", "0.020,y,"),
+        "run3.csv line 11: speed is not a number ('x')",
+    ),
+    "an endless cell": (row(9, '0.009,10.5,"' + "x" * 200_000), "run3.csv line 11 has too few cells (3, the header"),
+    "text in time": (row(9, "x,10.5,1,3"), "run3.csv line 11: time is not a number ('x'); every row needs its time"),
+    "time of day": (
+        "\n".join([HEADER, *(f"12:00:00.{k:03},1,1,1" for k in range(N))]),
+        "run3.csv line 2: time is not a number ('12:00:00.000')",
+    ),
+    "thousands in a decimal comma file": (
+        row(9, "0.009,10.5,X,3").replace(",", ";").replace(".", ",").replace("X", "1.500,5"),
+        "run3.csv line 11: current is not a number ('1.500,5')",
+    ),
+    "a decimal point in a decimal comma file": (
+        row(9, "0.009,10.5,X,3").replace(",", ";").replace(".", ",").replace("X", "1.5"),
+        "run3.csv line 11: current is not a number ('1.5')",
+    ),
+    "a decimal comma in a decimal point file": (
+        row(9, "0.009,10.5,X,3").replace(",", ";").replace("X", "1,5"),
+        "run3.csv line 11: current is not a number ('1,5')",
+    ),
+    "time empty": (row(9, ",10.5,1,3"), "run3.csv line 11: time is empty; every row needs its time"),
+    "too few cells": (
+        row(9, "0.009,10.5"),
+        "run3.csv line 11 has too few cells (2, the header has 4); leave the cell of a missing sample empty, but keep"
+        " its comma",
+    ),
+    "cut off at the end": (PLAIN + "0.040,10.5", "run3.csv line 42 has too few cells (2, the header has 4)"),
+    "too few cells between spaces": (
+        row(9, "0.009,10.5").replace(",", " "),
+        "line 11 has too few cells (2, the header has 4); to leave the cell of a missing sample empty, separate the",
+    ),
+    "too many cells between semicolons": (
+        row(9, "0.009,10.5,1,3,7").replace(",", ";"),
+        "run3.csv line 11 has too many cells (5, the header has 4); every column needs a name in the header",
+    ),
+    "too many cells": (row(9, "0.009,10.5,1,3,7"), "run3.csv line 11 has too many cells (5, the header has 4)"),
+    "decimal commas between commas": (
+        "\n".join([HEADER, *(row.replace(".", ",") for row in ROWS)]),
+        "run3.csv line 2 has too many cells (7, the header has 4); with decimal commas, separate the columns by semi",
+    ),
+    "time back": (
+        row(9, "0.007,10.5,1,3"),
+        "run3.csv line 11: time does not increase (0.007 s after 0.008 s); each row needs a later time",
+    ),
+    "time twice": (row(9, "0.008,10.5,1,3"), "run3.csv line 11: time does not increase (0.008 s after 0.008 s)"),
+    "off the grid": (
+        row(9, "0.00905,10.5,1,3"),
+        "run3.csv line 11: time is off its uniform grid by 0.05 of a step (0.00905 s where 0.009 s was due); keep",
+    ),
+    "a lost row": (
+        "\n".join([HEADER, *ROWS[:20], *ROWS[21:]]),
+        "run3.csv line 22: time is off its uniform grid by 1 of a step (0.021 s where 0.02 s was due); keep missing",
+    ),
+    "same name twice": (
+        with_header("time [s],current [A],current [A],speed [rad/s]"),
+        "run3.csv line 1: two columns are called 'current [A]'; give each its own name",
+    ),
+    "too short": (
+        "\n".join([HEADER, *ROWS[: MIN_SAMPLES - 1]]),
+        f"run3.csv has {MIN_SAMPLES - 1} samples; at least {MIN_SAMPLES} are needed",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", COMPLAINTS)
+def test_what_is_wrong_is_said_in_one_sentence_with_file_and_line(name: str, tmp_path: Path) -> None:
+    content, sentence = COMPLAINTS[name]
+    with pytest.raises(RecordingError) as caught:
+        read(tmp_path, content)
+    assert sentence in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_file_that_is_not_there_is_said(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match=r"^there is no recording .*run9\.csv; give the path of a text file"):
+        read_recording(tmp_path / "run9.csv")
+
+
+def test_a_folder_is_said(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match=r" is a folder; give one of its files$"):
+        read_recording(tmp_path)
+
+
+def test_a_file_that_cannot_be_opened_is_said(tmp_path: Path) -> None:
+    path = save(tmp_path, PLAIN)
+    with pytest.raises(RecordingError, match=r"cannot be read \(Not a directory\); make it readable"):
+        read_recording(path / "inside")
+
+
+# --- columns ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["speed", "speed [rpm]", "speed  [rpm]", "Speed", "speed [1/min]", "speed_rpm"])
+def test_a_column_is_found_by_name_or_header(name: str, tmp_path: Path) -> None:
+    recording = read(tmp_path, with_header("time [s],voltage,current [A],speed [rpm]"))
+    assert recording.column(name) == "speed"
+
+
+@pytest.mark.parametrize(
+    ("name", "sentence"),
+    [
+        (
+            "sped",
+            "run3.csv has no column 'sped'; did you mean 'speed [rpm]'? (voltage, current [A], speed [rpm], state)",
+        ),
+        ("speed [rad/s]", "run3.csv has no column 'speed [rad/s]'; did you mean 'speed [rpm]'?"),
+        ("voltage [mV]", "run3.csv has no column 'voltage [mV]': 'voltage' is written without a unit; put it in the"),
+        ("state", "run3.csv line 2: state is not a number ('on')"),
+    ],
+)
+def test_a_column_that_is_not_there_is_said(name: str, sentence: str, tmp_path: Path) -> None:
+    text = "\n".join(["time [s],voltage,current [A],speed [rpm],state", *(row + ",on" for row in ROWS)])
+    with pytest.raises(RecordingError) as caught:
+        read(tmp_path, text).column(name)
+    assert sentence in str(caught.value)
+
+
+def test_a_name_without_a_unit_is_taken_as_si(tmp_path: Path) -> None:
+    assert read(tmp_path, with_header("time [s],voltage,current [A],speed")).column("voltage [V]") == "voltage"
+
+
+def test_two_units_of_one_name_are_two_columns(tmp_path: Path) -> None:
+    recording = read(tmp_path, with_header("time [s],voltage [V],speed [rad/s],speed [rpm]"))
+    assert list(recording.signals) == ["voltage", "speed [rad/s]", "speed [rpm]"]
+    np.testing.assert_allclose(recording.signals["speed [rpm]"], SPEED * math.pi / 30, rtol=1e-15)
+    assert recording.column("speed [1/min]") == "speed [rpm]"
+    with pytest.raises(RecordingError, match=r"more than one column 'speed'; say which: 'speed \[rad/s\]' or 'speed"):
+        recording.column("speed")
+    assert motor_columns(recording, required=("v", "w"))["w"] == "speed [rad/s]"
+
+
+def test_a_signal_is_given_for_a_unit_that_fits(tmp_path: Path) -> None:
+    recording = read(tmp_path, with_header("time [s],voltage [V],current [mA],speed [rpm]"))
+    np.testing.assert_array_equal(recording.signal("current [mA]", unit="A"), CURRENT / 1000)
+    np.testing.assert_array_equal(recording.signal("current"), CURRENT / 1000)
+    np.testing.assert_array_equal(recording.signal("voltage", unit="furlong"), VOLTAGE)  # not ours to judge
+    with pytest.raises(
+        RecordingError, match=r"^run3.csv: column 'speed \[rpm\]': 'rpm' is no unit of current; use one of A, mA$"
+    ):
+        recording.signal("speed", unit="A")
+
+
+def test_a_known_name_in_a_wrong_unit_is_said(tmp_path: Path) -> None:
+    recording = read(tmp_path, with_header("time [s],voltage [V],current [V],speed [kg]"))
+    with pytest.raises(RecordingError, match=r"column 'current \[V\]': 'V' is no unit of current; use one of A, mA"):
+        recording.signal("current")
+
+
+def test_a_column_without_samples_is_said_when_it_is_used(tmp_path: Path) -> None:
+    text = "\n".join([HEADER, *(f"{k / 1000:.3f},1,,2" for k in range(N))])
+    recording = read(tmp_path, text)
+    with pytest.raises(RecordingError, match=r"^run3.csv: column 'current' is empty; it should hold the measured"):
+        recording.signal("current")
+    with pytest.raises(RecordingError, match=r"^run3.csv: column 'current' is empty"):
+        motor_columns(recording)
+
+
+# --- a motor's columns --------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("header", "columns"),
+    [
+        ("time,voltage,current,speed", "voltage current speed"),
+        ("t,u,i,w", "u i w"),
+        ("t,V,I,omega", "V I omega"),
+        ("t,U_a,I_a,n [rpm]", "U_a I_a n"),
+        ("t,armature voltage,amps,velocity", "armature voltage amps velocity"),
+        ("t,command,current,rpm", "command current rpm"),
+        ("t,Motor Voltage [V],Motor Current [A],Shaft Speed [rpm]", "Motor Voltage Motor Current Shaft Speed"),
+        (
+            "t,left motor voltage,left motor current,left wheel speed",
+            "left motor voltage left motor current left wheel speed",
+        ),
+    ],
+)
+def test_the_motor_s_columns_are_found_by_usual_names(header: str, columns: str, tmp_path: Path) -> None:
+    found = motor_columns(read(tmp_path, with_header(header)))
+    assert list(found) == ["v", "i", "w"]
+    assert " ".join(found.values()) == columns
+
+
+@pytest.mark.parametrize(
+    ("header", "role", "column"),
+    [
+        ("time,command,voltage,current,speed,angle,load torque", "v", "voltage"),
+        ("time,u [V],v [rad/s],current,speed,angle,load torque", "w", "speed"),
+        ("time,v [m/s],u,current,speed,angle,load torque", "v", "u"),
+        ("time,voltage,current setpoint,current,speed,angle,load torque", "i", "current"),
+        ("time,voltage,current,speed,n [rpm],theta [deg],load torque", "angle", "theta"),
+        ("time,voltage,current,speed,position,n,T_L [mNm]", "load", "T_L"),
+    ],
+)
+def test_the_likeliest_of_several_columns_is_taken(header: str, role: str, column: str, tmp_path: Path) -> None:
+    rows = [row + ",1,2,3" for row in ROWS]
+    assert motor_columns(read(tmp_path, "\n".join([header, *rows])))[role] == column
+
+
+def test_an_angle_will_do_for_the_speed(tmp_path: Path) -> None:
+    found = motor_columns(read(tmp_path, with_header("time,voltage,current,theta [deg]")))
+    assert found == {"v": "voltage", "i": "current", "angle": "theta"}
+
+
+def test_a_column_that_is_not_required_may_be_empty(tmp_path: Path) -> None:
+    text = "\n".join([HEADER + ",load torque [kg]", *(row + "," for row in ROWS)])
+    assert "load" not in motor_columns(read(tmp_path, text))
+
+
+def test_what_is_required_can_be_less(tmp_path: Path) -> None:
+    recording = read(tmp_path, with_header("time,voltage,gain,speed"))
+    assert motor_columns(recording, required=("v",)) == {"v": "voltage", "w": "speed"}
+
+
+@pytest.mark.parametrize(
+    ("header", "sentence"),
+    [
+        (
+            "time,voltage,curent,speed",
+            "run3.csv has no current column; is it 'curent'? (voltage, curent, speed)",
+        ),
+        (
+            "time,voltage,curent [A],speed",
+            "run3.csv has no current column; is it 'curent [A]'?",
+        ),
+        (
+            "time,hall [V],current,speed",
+            "run3.csv has no voltage column; add one such as 'voltage [V]', or map it in a case file (hall [V], cur",
+        ),
+        ("time,voltage,current,x", "run3.csv has no speed column; add one such as 'speed [rad/s]'"),
+        ("time,voltage,current [V],speed", "run3.csv: column 'current [V]': 'V' is no unit of current; use one of A"),
+        ("time,voltage [A],current [V],speed", "run3.csv: column 'voltage [A]': 'A' is no unit of voltage; use one"),
+        ("time,voltage,current,speed [kg]", "column 'speed [kg]': 'kg' is no unit of angular speed; use one of rad/s"),
+        ("time,voltage,current,speed [m/s]", "'m/s' is no unit of angular speed; use one of rad/s, rpm"),
+        ("time,voltage,current,speed (fast)", "column 'speed (fast)': 'fast' is not a known unit; use one of rad/s"),
+    ],
+)
+def test_a_motor_column_that_is_missing_or_misfits_is_said(header: str, sentence: str, tmp_path: Path) -> None:
+    with pytest.raises(RecordingError) as caught:
+        motor_columns(read(tmp_path, with_header(header)))
+    assert sentence in str(caught.value)
+
+
+def test_a_motor_column_of_text_is_said(tmp_path: Path) -> None:
+    text = "\n".join([HEADER, *(f"{k / 1000:.3f},1,abc,2" for k in range(N))])
+    with pytest.raises(RecordingError, match=r"^run3.csv line 2: current is not a number \('abc'\)"):
+        motor_columns(read(tmp_path, text))
+
+
+# --- arrays, locks, writing ---------------------------------------------------------------------------------------
+
+
+def test_arrays_make_a_recording() -> None:
+    recording = recording_from_arrays("bench", TIME, {"voltage [V]": VOLTAGE, "speed [rpm]": SPEED, "current": CURRENT})
+    assert (recording.name, recording.title, recording.path, recording.step) == ("bench", "bench", None, 0.001)
+    np.testing.assert_allclose(recording.signals["speed"], SPEED * math.pi / 30, rtol=1e-15)
+    assert recording.assumed_units == ("current",)
+
+
+def with_one(values: np.ndarray, k: int, value: float) -> np.ndarray:
+    changed = values.copy()
+    changed[k] = value
+    return changed
+
+
+@pytest.mark.parametrize(
+    ("time", "signals", "sentence"),
+    [
+        (TIME, {"v": VOLTAGE[:-1]}, "bench: 'v' has shape (39,); it should be one-dimensional and as long as time"),
+        (TIME[:, None], {"v": VOLTAGE}, "bench: 'time [s]' has shape (40, 1); it should be one-dim"),
+        (TIME, {"v": with_one(VOLTAGE, 3, np.inf)}, "bench sample 3: 'v' is infinite"),
+        (with_one(TIME, 3, np.nan), {"v": VOLTAGE}, "bench sample 3: time is empty"),
+        (with_one(TIME, 3, 0.0), {"v": VOLTAGE}, "bench sample 3: time does not increase"),
+        (with_one(TIME, 3, 0.0031), {"v": VOLTAGE}, "bench sample 3: time is off its uniform grid by 0.1 of a step"),
+        (TIME[:5], {"v": VOLTAGE[:5]}, "bench has 5 samples; at least 10 are needed"),
+        (TIME, {"v [V]": VOLTAGE, "v  [V]": VOLTAGE}, "bench: two columns are called 'v [V]'"),
+        (TIME, {"v": ["a"] * N}, "bench: 'v' is not an array of numbers"),
+    ],
+)
+def test_arrays_are_checked_as_files_are(time: np.ndarray, signals: dict[str, np.ndarray], sentence: str) -> None:
+    with pytest.raises(RecordingError) as caught:
+        recording_from_arrays("bench", time, signals)
+    assert sentence in str(caught.value)
+
+
+def test_the_caller_s_arrays_are_copied_and_ours_are_locked() -> None:
+    voltage = VOLTAGE.copy()
+    recording = recording_from_arrays("bench", TIME, {"voltage": voltage})
+    voltage[:] = 7
+    np.testing.assert_array_equal(recording.signals["voltage"], VOLTAGE)
+    with pytest.raises(ValueError, match="read-only"):
+        recording.signals["voltage"][0] = 1
+    with pytest.raises(ValueError, match="read-only"):
+        recording.time[0] = 1
+    with pytest.raises(TypeError):
+        recording.signals["x"] = voltage  # type: ignore[index]
+
+
+@pytest.mark.parametrize("again", [copy.deepcopy, lambda r: pickle.loads(pickle.dumps(r))])
+def test_a_recording_travels_to_other_processes(again: Callable[[Recording], Recording], tmp_path: Path) -> None:
+    recording = read(tmp_path, PLAIN)
+    twin = again(recording)
+    assert dict(twin.headers) == dict(recording.headers)
+    assert not twin.signals["speed"].flags.writeable
+    np.testing.assert_array_equal(twin.signals["speed"], recording.signals["speed"])
+
+
+NUMBERS = st.one_of(st.just(math.nan), st.floats(allow_nan=False, allow_infinity=False))
+NAMES = st.one_of(
+    st.sampled_from(
+        ["voltage", "current [A]", "speed [rad/s]", "U_a", "gain", "a, b [V]", 'the "x"', "n [1]", "x (y)", "a;b"]
+    ),
+    st.text(st.characters(codec="latin-1", exclude_categories=["Cc"]), min_size=1, max_size=8),
+)
+
+
+@settings(max_examples=200, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.data(), n=st.integers(10, 60), step=st.integers(1, 99999), start=st.integers(-5000, 5000))
+def test_a_written_recording_reads_back_to_the_bit(
+    data: st.DataObject, n: int, step: int, start: int, tmp_path: Path
+) -> None:
+    names = data.draw(st.lists(NAMES, min_size=1, max_size=4))
+    columns = {
+        name: data.draw(hnp.arrays(np.float64, n, elements=NUMBERS))
+        for name in names
+        if name.split() and name[0] not in "#%"
+    }
+    try:
+        recording = recording_from_arrays("x", start / 1000 + np.arange(n) * (step * 1e-6), columns)
+    except RecordingError:
+        return  # a name that cannot be: given twice, or another time
+    path = tmp_path / "x.csv"
+    write_recording(recording, path)
+    twin = read_recording(path)
+    assert list(twin.signals) == list(recording.signals)
+    assert dict(twin.units) == dict(recording.units)
+    assert twin.assumed_units == recording.assumed_units
+    assert twin.step == recording.step
+    assert twin.time.tobytes() == recording.time.tobytes()
+    for name, signal in recording.signals.items():
+        missing = np.isnan(signal)
+        np.testing.assert_array_equal(np.isnan(twin.signals[name]), missing)
+        assert twin.signals[name][~missing].tobytes() == signal[~missing].tobytes()
+
+
+def test_a_recording_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
+    recording = read(tmp_path, PLAIN)
+    with pytest.raises(InputError, match="cannot be written"):
+        write_recording(recording, tmp_path / "missing" / "x.csv")
+    write_recording(recording, tmp_path / "y.csv")
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["run3.csv", "y.csv"]
+    assert (tmp_path / "y.csv").read_text().splitlines()[:2] == [HEADER, "0.0,0.0,3.25,0.0"]

@@ -1,0 +1,78 @@
+"""What cannot be estimated is refused with its evidence; what can be is not."""
+
+import numpy as np
+import pytest
+from motors import CML050, RMCS2004, held_response, recording_of, step_recording
+
+from estimator.estimate import estimate_recordings
+
+
+def run(case, recording):
+    return estimate_recordings([case], [[recording]], workers=1)[0]
+
+
+def made(voltage, shown, *, noise=(0.02, 1.0), seed=1):
+    return recording_of("made", np.arange(len(voltage)) * 1e-3, voltage, shown, noise=noise, seed=seed)
+
+
+@pytest.fixture(scope="module")
+def good():
+    voltage = np.where(np.arange(1500) >= 300, 10.5, 0.0)
+    return voltage, held_response(CML050, voltage, step=1e-3)
+
+
+def refused(case_of, recording, *words):
+    result = run(case_of(), recording)
+    assert result.verdict == "refused"
+    assert result.parameters == {}
+    assert all(word in " ".join(result.reasons) for word in words), result.reasons
+    return result
+
+
+def test_no_voltage_logged(case_of, good):
+    refused(case_of, made(0 * good[0], good[1]), "no voltage was logged")
+
+
+def test_no_excitation(case_of, good):
+    refused(case_of, made(0 * good[0], 0 * good[1]), "nothing is excited")
+
+
+def test_a_saturated_current(case_of, good):
+    shown = good[1].copy()
+    noisy = shown + np.random.default_rng(2).standard_normal(shown.shape) * [0.02, 1.0]
+    noisy[:, 0] = np.minimum(noisy[:, 0], 1.2)
+    refused(case_of, made(good[0], noisy, noise=(0, 0)), "saturated at 1.2")
+
+
+def test_a_current_without_its_sign_where_the_voltage_reverses(case_of):
+    voltage = np.repeat([0.0, 10.0, -10.0, 5.0, -5.0], 200)
+    shown = held_response(CML050, voltage, step=1e-3)
+    refused(case_of, made(voltage, np.abs(shown) * [1, 0] + shown * [0, 1], noise=(0, 1)), "its sign was lost")
+
+
+def test_a_rectified_current_at_rest(case_of, good):
+    noisy = good[1] + np.random.default_rng(3).standard_normal(good[1].shape) * [0.02, 1.0]
+    noisy[:, 0] = np.abs(noisy[:, 0])
+    refused(case_of, made(good[0], noisy, noise=(0, 0)), "never negative in 300 samples")
+
+
+@pytest.mark.parametrize(("column", "what"), [(0, "current"), (1, "speed")])
+def test_a_sign_that_contradicts_the_voltage(case_of, good, column, what):
+    shown = good[1].copy()
+    shown[:, column] *= -1
+    refused(case_of, made(good[0], shown), f"check the sign of the {what}")
+
+
+def test_a_lost_transient_still_gives_what_the_steady_state_gives(case_of, good):
+    keep = np.r_[0:301, 400:1500]
+    result = refused(case_of, made(good[0][keep], good[1][keep]), "the transient is lost")
+    note = next(n for n in result.notes if "the settled part still tells" in n)
+    ratio = float(note.split("B = ")[1].split()[0])
+    assert ratio == pytest.approx(CML050.B / CML050.K, rel=0.02)
+
+
+def test_good_recordings_are_not_refused(case_of):
+    for seed in range(4):
+        for motor in (CML050, RMCS2004):
+            result = run(case_of(), step_recording(motor, noise=(0.02, 1.0), seed=seed, duration=1.5))
+            assert result.verdict == "ok", result.reasons

@@ -1,0 +1,285 @@
+"""Text, JSON and HTML of an estimate."""
+
+import html.parser
+import json
+import re
+from decimal import Decimal
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from made_estimates import MOTOR, comparison, estimate, with_parameter
+
+from estimator import report
+from estimator.report_html import Pictures, html_report
+
+CONTRACT = {
+    "verdict": str,
+    "reasons": list,
+    "parameters": dict,
+    "correlation": dict,
+    "rmse": dict,
+    "fit_percent": dict,
+    "simulations": int,
+    "simulations_by_phase": dict,
+    "failed_simulations": int,
+    "steps": int,
+    "seconds": float,
+    "seed": int,
+    "method": str,
+    "fmu": dict,
+    "versions": dict,
+}
+
+
+def check_contract(text: str) -> dict:
+    """Parse the JSON of an estimate and check it against the contract; NaN and infinity are no JSON."""
+
+    def refuse(constant: str) -> None:
+        raise AssertionError(f"{constant} is no JSON")
+
+    result = json.loads(text, parse_constant=refuse)
+    assert isinstance(result, dict)
+    for key, kind in CONTRACT.items():
+        assert isinstance(result[key], kind), key
+    assert result["verdict"] in ("ok", "doubtful", "refused")
+    assert all(isinstance(reason, str) for reason in result["reasons"])
+    for parameter in result["parameters"].values():
+        assert isinstance(parameter["value"], (float, type(None)))
+        assert isinstance(parameter["standard_error"], (float, type(None)))
+        assert isinstance(parameter["unit"], str)
+        assert parameter["at_bound"] in (None, "lower", "upper")
+        assert parameter["status"] in ("ok", "doubtful", "not identified")
+    for name, row in result["correlation"].items():
+        assert set(row) == set(result["correlation"])
+        assert row[name] in (1.0, None)
+    return result
+
+
+def test_json_has_the_keys_of_the_contract_and_every_bit_of_the_values():
+    result = check_contract(report.to_json(estimate()))
+    assert {name: p["value"] for name, p in result["parameters"].items()} == MOTOR
+    assert result["correlation"]["R"]["K"] == -0.97
+    assert result["simulations_by_phase"] == {"probe": 1, "search": 180, "polish": 98, "step check": 4}
+
+
+def test_json_has_null_for_what_is_not_a_number_wherever_it_comes_from():
+    made = estimate(
+        rmse={"i": np.float64("nan")},
+        fit_percent={"i": float("-inf")},
+        correlation=np.full((5, 5), np.nan),
+        fmu={"path": Path("m.fmu"), "steps": (1, np.inf), "n": np.int64(3), "ok": np.bool_(True), "none": None},
+    )
+    made = with_parameter(made, "L", value=float("nan"), standard_error=float("inf"), upper=float("inf"))
+    result = check_contract(report.to_json(made))
+    assert result["rmse"]["i"] is None and result["fit_percent"]["i"] is None
+    assert result["correlation"]["R"]["R"] is None
+    assert result["parameters"]["L"]["value"] is None and result["parameters"]["L"]["standard_error"] is None
+    assert result["fmu"] == {"path": "m.fmu", "steps": [1, None], "n": 3, "ok": True, "none": None}
+
+
+def test_json_is_ascii_so_that_any_terminal_can_print_it():
+    assert report.to_json(estimate(reasons=("the residual is ± 3 Ω",))).isascii()
+
+
+def test_json_of_a_failure_has_the_keys_of_the_contract():
+    result = check_contract(report.refusal_json("the FMU crashed", method="paper", seed=7))
+    assert (result["verdict"], result["reasons"]) == ("refused", ["the FMU crashed"])
+    assert (result["method"], result["seed"], result["parameters"]) == ("paper", 7, {})
+    assert check_contract(report.refusal_json("x", method=None, seed=None))["seed"] == 1
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "texts"),
+    [
+        (3.13712, 0.00234, ("3.1371", "0.0023")),
+        (3.13712, 0.0996, ("3.14", "0.10")),
+        (3.13712, 2.0, ("3.1", "2.0")),
+        (123456.0, 234.0, ("123456", "230")),
+        (9.0012e-6, 2.5e-9, ("9.0012e-06", "2.5e-09")),
+        (3.1363, 3e-14, ("3.13630000", "3.0e-14")),
+        (9e-6, 1e-20, ("9.00000000e-06", "1.0e-20")),
+        (0.048783, 3.51e-5, ("0.048783", "0.000035")),
+        (0.0, 0.1, ("0.00", "0.10")),
+        (3.13712, None, ("3.13712", "")),
+        (0.000169, None, ("1.69e-04", "")),
+        (float("nan"), 1.0, ("-", "")),
+        (1.0, float("inf"), ("1", "")),
+    ],
+)
+def test_a_value_shows_the_digits_that_its_standard_error_leaves(value, error, texts):
+    if value == 123456.0:
+        texts = ("123456", "234")  # digits before the point are not cut
+    assert report.value_texts(value, error) == texts
+
+
+@settings(derandomize=True)
+@given(
+    value=st.floats(1e-12, 1e9),
+    relative=st.floats(1e-7, 10),
+)
+def test_a_shown_value_is_the_value_to_a_tenth_of_its_standard_error(value, relative):
+    error = value * relative
+    shown_value, shown_error = report.value_texts(value, error)
+    assert abs(float(shown_value) - value) <= 0.1 * error + 1e-8 * value
+    assert abs(float(shown_error) - error) <= 0.06 * error
+    ulp = Decimal(1).scaleb(Decimal(shown_value).as_tuple().exponent)
+    assert float(ulp) >= 1e-3 * error or ulp == 1  # no digits that mean nothing, after the point
+
+
+def test_the_text_begins_with_the_verdict_and_its_reasons():
+    text = report.text_report(estimate(verdict="doubtful", reasons=("first reason", "second reason")))
+    lines = text.splitlines()
+    assert lines[0].startswith("DOUBTFUL")
+    assert lines[1:3] == ["  - first reason", "  - second reason"]
+
+
+def test_the_text_is_a_table_whose_columns_are_aligned():
+    lines = report.text_report(estimate()).splitlines()
+    start = next(k for k, line in enumerate(lines) if line.startswith("parameter"))
+    rows = lines[start : start + 6]
+    assert [row.split()[0] for row in rows[1:]] == list(MOTOR)
+    assert len({row.index("±") for row in rows}) == 1
+    assert all("0.1 %" in row for row in rows[1:])
+    assert "V.s/rad" in rows[2]
+    assert "nominal" not in rows[0], "nobody gave nominal values"
+
+
+def test_the_text_shows_nominal_values_deviation_bounds_and_status():
+    made = with_parameter(estimate(), "R", nominal=3.0, at_bound="upper", upper=3.1363)
+    made = with_parameter(made, "L", standard_error=None, status="not identified", reason="too fast")
+    made = with_parameter(made, "B", free=False, standard_error=None)
+    text = report.text_report(made)
+    row = {line.split()[0]: line for line in text.splitlines() if line.strip()}
+    assert "+4.54 %" in row["R"] and "at its upper bound 3.1363" in row["R"]
+    assert row["L"].endswith("not identified; too fast") and "±" not in row["L"]
+    assert row["B"].endswith("fixed")
+
+
+@pytest.mark.parametrize(
+    ("value", "nominal", "text"),
+    [
+        (1.1, 1.0, "+10.00 %"),
+        (1.00004, 1.0, "+0.004 %"),
+        (-1.0, -1.000000001, "+1e-07 %"),
+        (1.0, 1.0, "0 %"),
+        (1e9, 1.0, "+1e+11 %"),
+        (1.0, 0.0, ""),
+        (float("nan"), 1.0, ""),
+    ],
+)
+def test_a_deviation_from_the_nominal_value_is_short(value, nominal, text):
+    assert report.deviation_text(value, nominal) == text
+
+
+def test_a_reason_that_the_verdict_gave_is_not_said_again_in_the_table():
+    made = estimate(verdict="doubtful", reasons=("L: the error is 14 %",))
+    made = with_parameter(made, "L", status="doubtful", reason="the error is 14 %")
+    assert report.text_report(made).count("the error is 14 %") == 1
+
+
+def test_the_text_tells_fit_noise_cost_and_how_it_was_made():
+    text = report.text_report(estimate(failures=("fmi2DoStep failed (first with 1, 2)",)))
+    for part in (
+        "95.2 %",
+        "99.12 %",
+        "0.02001  A",
+        "283 simulations (1 probe, 180 search, 98 polish, 4 step check), 0 failed, 792 400 steps",
+        "0.41 s, 2 workers",
+        "method cuckoo, seed 1, FMU dc_motor (FMI 2.0)",
+        "step from 0 to 10.5",
+        "fmi2DoStep failed",
+    ):
+        assert part in text, part
+
+
+def test_a_refused_estimate_without_anything_is_still_a_text():
+    made = estimate(verdict="refused", reasons=("nothing moves",), parameters={}, rmse={}, comparisons=(), notes=())
+    text = report.text_report(made)
+    assert text.startswith("REFUSED") and "  - nothing moves" in text and "parameter  " not in text
+
+
+def test_fits_near_100_percent_show_the_digits_that_differ():
+    made = estimate(rmse={"a": 1.0, "b": 1.0, "c": 1.0}, fit_percent={"a": 100.0, "b": 99.99987, "c": -20.0})
+    _, rows = report.signal_rows(made)
+    assert [row[3] for row in rows] == ["100 %", "99.99987 %", "-20.0 %"]
+
+
+class Tags(html.parser.HTMLParser):
+    """Checks that tags are closed in order, and collects attributes and text."""
+
+    VOID = {"meta", "link", "img", "br"}
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.attributes: list[tuple[str, str]] = []
+        self.text: list[str] = []
+
+    def handle_starttag(self, tag, attrs):  # noqa: D102
+        self.attributes += [(name, value or "") for name, value in attrs]
+        if tag not in self.VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):  # noqa: D102
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):  # noqa: D102
+        if self.open and self.open[-1] != "style":
+            self.text.append(data)
+
+
+def parsed(page: str) -> Tags:
+    tags = Tags()
+    tags.feed(page)
+    tags.close()
+    assert tags.open == []
+    return tags
+
+
+def test_the_html_report_stands_alone_with_the_verdict_first():
+    page = html_report(
+        estimate(verdict="doubtful", reasons=("L <is> weak",)),
+        figures=[("the caption", b"\x89PNG")],
+        pictures=Pictures(convergence=b"\x89PNG2", parameters=b"\x89PNG3", profiles=b"\x89PNG4"),
+        command="fmu-estimator estimate 'a b.csv' && rm",
+        checksums={"a b.csv": "0" * 64},
+    )
+    tags = parsed(page)
+    assert not re.search(r"https?:", page) and "<script" not in page
+    links = [value for name, value in tags.attributes if name in ("src", "href")]
+    assert links and all(link.startswith("data:") for link in links)
+    text = " ".join(" ".join(tags.text).split())
+    order = ["Doubtful", "L <is> weak", "Parameters parameter", "the caption", "Correlation", "How to repeat it"]
+    places = [text.index(part) for part in order]
+    assert places == sorted(places)
+    for part in ("fmu-estimator estimate 'a b.csv' && rm", "0" * 64, "version of numpy", "−0.970", "3.1363"):
+        assert part in text, part
+
+
+def test_the_html_report_of_a_refusal_has_no_empty_parts():
+    made = estimate(
+        verdict="refused",
+        reasons=("nothing moves",),
+        parameters={},
+        rmse={},
+        comparisons=(),
+        notes=(),
+        correlation=None,
+        correlated=(),
+        history=None,
+    )
+    page = html_report(made)
+    parsed(page)
+    assert "<h2>Parameters" not in page and "Correlation" not in page and "<img" not in page
+
+
+def test_the_html_report_escapes_what_a_recording_is_called():
+    page = html_report(estimate(comparisons=(comparison(name="<b>&.csv"),)))
+    assert "<b>&" not in page and "&lt;b&gt;&amp;.csv" in page
+
+
+def test_json_ready_makes_text_of_what_it_does_not_know():
+    assert report.json_ready({1: {3.5}, "x": Path("a/b")}) == {"1": [3.5], "x": "a/b"}

@@ -1,0 +1,85 @@
+"""Monte-Carlo and bootstrap of one case: the spread is what the standard errors say (resample.py)."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from test_batch import EXAMPLE, tables_of
+
+from estimator.batch import gather, repeated, run_batch
+from estimator.bench import Bench
+from estimator.benches import run_here
+from estimator.cli import main
+from estimator.errors import InputError
+from estimator.gauge import spreads
+from estimator.resample import blocks, resampled
+
+
+@pytest.fixture(scope="module")
+def example():
+    (task,) = gather([EXAMPLE]).tasks
+    with Bench() as bench:
+        yield task, bench.estimate(task.case)
+
+
+def test_blocks_are_pieces_of_the_circle():
+    residuals = np.arange(100.0)[:, None] * [1, 2]
+    drawn = blocks(residuals, np.random.default_rng(0))
+    assert drawn.shape == (100, 2)
+    assert np.all(drawn[:, 1] == 2 * drawn[:, 0])
+    steps = np.diff(drawn[:, 0]) % 100
+    assert np.count_nonzero(steps != 1) <= 9
+
+
+@pytest.mark.parametrize("kind", ["monte-carlo", "bootstrap"])
+def test_new_recordings_have_the_fit_and_noise_of_the_old_deviation(kind, example):
+    task, estimate = example
+    first, second = resampled(task, estimate, kind=kind, count=2)
+    again, _ = resampled(task, estimate, kind=kind, count=2)
+    assert (first.name, second.name) == (f"cml050_step[{kind} 1]", f"cml050_step[{kind} 2]")
+    (recording,), (other,), (same,) = first.recordings, second.recordings, again.recordings
+    (fit,) = estimate.comparisons
+    for name in ("i", "w"):
+        noise = recording.signals[name] - fit.simulated[name]
+        assert np.std(noise) == pytest.approx(estimate.noise[name], rel=0.1)
+        assert np.array_equal(recording.signals[name], same.signals[name])
+        assert not np.array_equal(recording.signals[name], other.signals[name])
+    assert np.array_equal(recording.signals["v"], fit.inputs["v"])
+
+
+def test_a_refused_estimate_has_nothing_to_repeat(example):
+    task, estimate = example
+    refused = dataclasses.replace(estimate, comparisons=(), reasons=("the voltage is zero",))
+    with pytest.raises(InputError, match=r"^cml050_step has no fit to repeat: the voltage is zero$"):
+        list(resampled(task, refused, kind="bootstrap", count=2))
+
+
+def test_a_missing_sample_stays_missing(example):
+    task, estimate = example
+    (fit,) = estimate.comparisons
+    current = np.array(fit.measured["i"])
+    current[5] = np.nan
+    measured = {**fit.measured, "i": current}
+    holed = dataclasses.replace(estimate, comparisons=(dataclasses.replace(fit, measured=measured),))
+    for kind in ("monte-carlo", "bootstrap"):
+        (first, _) = resampled(task, holed, kind=kind, count=2)
+        assert np.flatnonzero(np.isnan(first.recordings[0].signals["i"])).tolist() == [5]
+
+
+def test_the_spread_is_what_the_standard_errors_say(tmp_path):
+    cases = repeated(gather([EXAMPLE]), kind="monte-carlo", count=24)
+    result = run_batch(cases, tmp_path / "out", lambda tasks: run_here(tasks, processes=2))
+    for s in spreads(result.rows):
+        assert s.motors == 1
+        # χ² with 23 degrees of freedom: outside with a probability of 1e-4 a parameter
+        assert 0.5 < s.repeats / s.standard_error < 1.65, s.name
+
+
+@pytest.mark.full
+def test_resumed_on_the_command_line_it_is_the_same(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["batch", str(EXAMPLE), "--bootstrap", "3", "-o", "out"]) == 0
+    before = tables_of(tmp_path / "out")
+    assert main(["batch", str(EXAMPLE), "--bootstrap", "3", "-o", "out", "--resume"]) == 0
+    assert "3 cases (3 of them from before): 3 ok" in capsys.readouterr().out
+    assert tables_of(tmp_path / "out") == before

@@ -1,0 +1,98 @@
+"""The uniform grid behind printed times; truth is the grid that was printed."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from estimator.errors import RecordingError
+from estimator.time_grid import half_last_digit, uniform_grid
+
+
+def grid(cells: list[str]) -> tuple[float, float]:
+    return uniform_grid(
+        np.array([float(cell) for cell in cells]),
+        place=lambda k: f"sample {k}",
+        half_digit=lambda: half_last_digit(cells, len(cells)),
+    )
+
+
+@pytest.mark.parametrize("n", [30, 300, 3000])
+@pytest.mark.parametrize(
+    ("step", "form"),
+    [
+        (1e-3, ".3f"),
+        (1e-3, ".6f"),
+        (1 / 3000, ".4f"),
+        (1 / 3000, ".6f"),
+        (1 / 3000, ".9e"),
+        (1 / 1024, ".6f"),
+        (0.0007, ".4f"),
+        (1e-4, ".4f"),
+        (2e-6, ".6f"),
+        (0.0125, ".4f"),
+        (0.1, ".1f"),
+        (1 / 3, ".2f"),
+    ],
+)
+def test_the_step_comes_back_exactly_from_rounded_print(n: int, step: float, form: str) -> None:
+    assert grid([format(k * step, form) for k in range(n)]) == (0.0, step)
+
+
+@pytest.mark.parametrize("start", [0.5, -1.0, 12.345, 3600.0, 1.7e9])
+def test_time_need_not_start_from_zero(start: float) -> None:
+    assert grid([f"{start + k * 0.001:.6f}" for k in range(2801)]) == (start, 0.001)
+
+
+def test_six_significant_digits_without_zeros_at_the_end_are_on_the_grid() -> None:
+    assert grid([f"{k / 3000:g}" for k in range(9000)]) == (0.0, 1 / 3000)
+
+
+def test_a_jitter_below_one_percent_is_on_the_grid() -> None:
+    rng = np.random.default_rng(1)
+    start, step = grid([f"{k * 1e-3 + rng.uniform(-5e-6, 5e-6):.9f}" for k in range(1000)])
+    assert step == 1e-3
+    assert abs(start) < 1e-6
+
+
+@pytest.mark.parametrize("at", [1, 5, 500, 998])
+def test_a_jitter_above_one_percent_is_named_where_it_is(at: int) -> None:
+    cells = [f"{k * 1e-3:.6f}" for k in range(1000)]
+    cells[at] = f"{at * 1e-3 + 2e-5:.6f}"
+    with pytest.raises(RecordingError, match=rf"^sample {at}: time is off its uniform grid by 0\.02 of a step"):
+        grid(cells)
+
+
+@pytest.mark.parametrize("at", [1, 40, 500, 998])
+def test_a_lost_row_is_named_where_it_is_missing(at: int) -> None:
+    cells = [f"{k * 1e-3:.3f}" for k in range(1000) if k != at]
+    sentence = rf"^sample {at}: .* by 1 of a step \({(at + 1) * 1e-3:g} s where {at * 1e-3:g} s was due\)"
+    with pytest.raises(RecordingError, match=sentence):
+        grid(cells)
+
+
+def test_time_that_stands_still_is_named() -> None:
+    cells = [f"{k / 3000:.3f}" for k in range(100)]  # too few digits: 0.000, 0.000, 0.001
+    with pytest.raises(RecordingError, match=r"^sample 1: time does not increase \(0 s after 0 s\)"):
+        grid(cells)
+
+
+def test_half_a_digit_follows_the_print() -> None:
+    half = half_last_digit(["0", "0.5", "1.25", "2", "12.5", "1e-3", "2.50e-3"], 7)
+    assert half == pytest.approx([0.5e-5, 0.05, 0.005, 0.005, 0.05, 0.5e-5, 0.5e-5])
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    digits=st.integers(1, 999_999),
+    power=st.integers(-9, -3),
+    start=st.integers(-10_000, 10_000),
+    n=st.integers(10, 400),
+)
+def test_a_decimal_grid_printed_in_full_comes_back_to_the_bit(digits: int, power: int, start: int, n: int) -> None:
+    step, first = float(f"{digits}e{power}"), start / 1000
+    times = first + np.arange(n) * step
+    if np.diff(times).min() < 1e3 * np.spacing(np.abs(times).max()):
+        return  # time has no room for the step
+    found = grid([repr(float(t)) for t in times])
+    assert (found[0] + np.arange(n) * found[1]).tolist() == times.tolist()

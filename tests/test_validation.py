@@ -1,0 +1,90 @@
+"""An estimate against recordings that it has not seen."""
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from estimator.case import case_for_recording
+from estimator.cli import main
+from estimator.commands import csv_bytes
+from estimator.demo import NOMINAL
+from estimator.drive import instants
+from estimator.errors import RecordingError
+from estimator.estimate import estimate
+from estimator.recording import read_recording
+from estimator.simulate import simulate
+from estimator.validation import validated
+
+EXAMPLE = Path(__file__).parent.parent / "examples" / "cml050_step.csv"
+
+
+@pytest.fixture(scope="module")
+def made():
+    case = case_for_recording(EXAMPLE)
+    return case, estimate(case, workers=1, profile=True)
+
+
+@pytest.fixture(scope="module")
+def other(tmp_path_factory):
+    """Return another recording of the same motor: two steps, other noise."""
+    path = tmp_path_factory.mktemp("other") / "two_steps.csv"
+    times = instants(stop=1.0, step=1e-3)
+    v = np.where(times < 0.2, 0.0, np.where(times < 0.6, 6.0, -4.0))
+    shown = simulate("dc_motor", parameters=NOMINAL, inputs={"v": v}, times=times)
+    rng = np.random.default_rng(8)
+    columns = {"time [s]": times, "voltage [V]": v}
+    columns["current [A]"] = shown["i"] + 0.02 * rng.standard_normal(len(times))
+    columns["speed [rad/s]"] = shown["w"] + 1.0 * rng.standard_normal(len(times))
+    path.write_bytes(csv_bytes(columns))
+    return path
+
+
+def test_the_motors_own_other_recording_is_explained_to_the_noise(made, other):
+    case, result = made
+    found = validated(result, case, [other])
+    # 1001 samples: the deviation of noise 1 is told to 2.2 %; 5 of those
+    assert found.validation.rmse == pytest.approx({"i": 0.02, "w": 1.0}, rel=0.11)
+    assert found.simulations == result.simulations + 1 and found.simulations_by_phase["validation"] == 1
+    assert found.parameters == result.parameters and found.comparisons == result.comparisons
+
+
+def test_a_wrong_parameter_shows(made, other):
+    case, result = made
+    parameters = dict(result.parameters)
+    parameters["K"] = dataclasses.replace(parameters["K"], value=1.1 * parameters["K"].value)
+    found = validated(dataclasses.replace(result, parameters=parameters), case, recordings=[read_recording(other)])
+    assert found.validation.rmse["w"] > 3.0
+
+
+def test_a_refused_estimate_is_not_validated(made, other):
+    case, result = made
+    refused = dataclasses.replace(result, verdict="refused", parameters={})
+    assert validated(refused, case, [other]) is refused
+
+
+def test_a_recording_that_is_not_there_is_told(made):
+    with pytest.raises(RecordingError, match="nowhere.csv"):
+        validated(made[1], made[0], [Path("nowhere.csv")])
+
+
+def test_profiles_of_the_motor_are_parabolas_of_its_standard_errors(made):
+    _, result = made
+    assert set(result.profiles) == set(NOMINAL) and result.simulations_by_phase["profile"] == 60
+    for name, profile in result.profiles.items():
+        offsets = (profile.values - result.parameters[name].value) / result.parameters[name].standard_error
+        np.testing.assert_allclose(profile.followed, offsets**2, rtol=0.1, atol=0.05)
+
+
+def test_the_profile_changes_no_estimate(made):
+    case, result = made
+    plain = estimate(case, workers=1)
+    assert plain.parameters == result.parameters and not plain.profiles
+
+
+def test_the_command_tells_of_the_validation(other, capsys, tmp_path):
+    assert main(["estimate", str(EXAMPLE), "--validate", str(other), "-o", str(tmp_path / "out")]) == 0
+    assert "Validation, on recordings that it was not fitted to:\n  i  RMSE 0.0" in capsys.readouterr().out
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert "Validation: recordings that it was not fitted to" in page and "two_steps: measured" in page
