@@ -67,7 +67,7 @@ class Desk:
 
     @property
     def outcomes(self) -> int:
-        """(capacity,) integers, see slave.py."""
+        """(capacity,) integers, see layout.py."""
         return self.steps + self.capacity * ENTRY
 
     @property

@@ -42,3 +42,8 @@ def suggestion(name: str, known: Iterable[str]) -> str:
         nearest = [n for n in names if n.lower() == name.lower()]
     listed = ", ".join(names[:20]) + (", …" if len(names) > 20 else "")
     return (f"; did you mean {nearest[0]!r}?" if nearest else "") + f" ({listed})"
+
+
+def one_line(error: object) -> str:
+    """Return the text of an error on one line, without the traceback's noise."""
+    return " ".join(str(error).split())[:400] or type(error).__name__

@@ -1,6 +1,6 @@
-"""An FMU as a file: what it says of itself, and its extraction. Executes nothing of it; knows no motor.
+"""An FMU as a file: what it says of itself. Executes nothing of it; knows no motor.
 
-Of this package only this module and ``slave.py`` (the FMU loaded, in a worker process) know FMI and fmpy.
+Of this package only this module and those of the worker processes (``slave.py``, ``foreign.py``) know FMI and fmpy.
 """
 
 from __future__ import annotations
@@ -8,19 +8,14 @@ from __future__ import annotations
 import dataclasses
 import math
 import sys
-import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import Any
 
-from estimator.errors import FmuError, suggestion
+from estimator.archive import check_archive, check_description
+from estimator.errors import FmuError, one_line, suggestion
 
-MAX_MEMBERS = 20_000  # of the archive
-MAX_SIZE = 4 * 2**30  # bytes, extracted
-MAX_DESCRIPTION = 64 * 2**20  # bytes of modelDescription.xml
-MAX_RATIO = 1000  # of extracted to packed bytes: more is a bomb
-SMALL = 2**24  # bytes: too small to be a bomb
 REAL_TYPES = ("Real", "Float64")
 KINDS = ("co-simulation", "model-exchange")
 
@@ -181,17 +176,17 @@ def describe(fmu: str | Path, *, validate: bool = False) -> FmuDescription:
         No such file, no zip archive, no readable model description.
     """
     path = find_fmu(fmu).resolve()
-    _check_archive(path)
+    check_archive(path)
     from fmpy.model_description import read_model_description
 
     try:
-        _check_description(path)
+        check_description(path)
         description = read_model_description(str(path), validate=False)
         return _described(description, path, warnings=_validated(path) if validate else (), bundled=_is_name(fmu))
     except FmuError:
         raise
     except Exception as error:  # fmpy raises many kinds; each means that the description cannot be read
-        raise FmuError(f"{path.name}: modelDescription.xml cannot be read: {_one_line(error)}") from error
+        raise FmuError(f"{path.name}: modelDescription.xml cannot be read: {one_line(error)}") from error
 
 
 def _is_name(fmu: str | Path) -> bool:
@@ -202,9 +197,9 @@ def _validated(path: Path) -> tuple[str, ...]:
     from fmpy.validation import validate_fmu
 
     try:
-        return tuple(_one_line(problem) for problem in validate_fmu(str(path)))
+        return tuple(one_line(problem) for problem in validate_fmu(str(path)))
     except Exception as error:
-        return (f"the validation itself failed: {_one_line(error)}",)
+        return (f"the validation itself failed: {one_line(error)}",)
 
 
 def _described(description: Any, path: Path, *, warnings: tuple[str, ...], bundled: bool) -> FmuDescription:
@@ -282,58 +277,6 @@ def check_usable(description: FmuDescription) -> None:
         raise FmuError(f"{name} has no binary for {here[0]} (it has: {there}); {remedy}")
 
 
-def extract(description: FmuDescription, folder: Path) -> None:
-    """Extract the FMU into an existing empty folder."""
-    try:
-        with zipfile.ZipFile(description.path) as archive:
-            archive.extractall(folder)
-    except Exception as error:  # zipfile and its decompressors raise many kinds
-        raise FmuError(f"{description.path.name} cannot be extracted: {_one_line(error)}") from error
-
-
-def _check_archive(path: Path) -> None:
-    if not zipfile.is_zipfile(path):
-        raise FmuError(f"{path.name} is no zip archive, so it is no FMU")
-    try:
-        with zipfile.ZipFile(path) as archive:
-            members = archive.infolist()
-    except (zipfile.BadZipFile, OSError, ValueError, NotImplementedError) as error:
-        raise FmuError(f"{path.name} is a damaged zip archive: {_one_line(error)}") from error
-    if len(members) > MAX_MEMBERS or sum(m.file_size for m in members) > MAX_SIZE:
-        raise FmuError(f"{path.name} is too large: more than {MAX_MEMBERS} files or {MAX_SIZE >> 30} GiB extracted")
-    for member in members:
-        parts = PurePosixPath(member.filename).parts
-        if member.filename.startswith("/") or ".." in parts or "\\" in member.filename or ":" in member.filename:
-            raise FmuError(f"{path.name} holds the unsafe path {member.filename!r}; it is not opened")
-        if "\0" in member.orig_filename:
-            raise FmuError(f"{path.name} holds the unsafe path {member.orig_filename!r}; it is not opened")
-        if member.flag_bits & 1:
-            raise FmuError(f"{path.name} is encrypted ({member.filename!r}); export it without a password")
-        if member.file_size > SMALL and member.file_size > MAX_RATIO * member.compress_size:
-            raise FmuError(f"{path.name}: {member.filename!r} grows {MAX_RATIO} times when unpacked; it is not opened")
-        if (member.external_attr >> 16) & 0o170000 == 0o120000:
-            raise FmuError(f"{path.name} holds the symbolic link {member.filename!r}; it is not opened")
-    names = [m.filename for m in members]
-    if len(set(names)) < len(names):
-        twice = next(n for n in names if names.count(n) > 1)
-        raise FmuError(f"{path.name} holds {twice!r} twice; it is not opened")
-    description = next((m for m in members if m.filename == "modelDescription.xml"), None)
-    if description is None:
-        raise FmuError(f"{path.name} has no modelDescription.xml, so it is no FMU")
-    if description.file_size > MAX_DESCRIPTION:
-        raise FmuError(f"{path.name}: modelDescription.xml is larger than {MAX_DESCRIPTION >> 20} MiB")
-
-
-def _check_description(path: Path) -> None:
-    """Refuse a description with a document type: entities could expand without end, or reach files."""
-    with zipfile.ZipFile(path) as archive:
-        text = archive.read("modelDescription.xml")
-    if any(
-        mark.encode(code) in text for mark in ("<!DOCTYPE", "<!ENTITY") for code in ("ascii", "utf-16-le", "utf-16-be")
-    ):
-        raise FmuError(f"{path.name}: modelDescription.xml has a document type with entities; it is not opened")
-
-
 def _base(unit: Any) -> Base | None:
     base = unit.baseUnit
     if base is None:
@@ -400,11 +343,6 @@ def _capabilities(part: Any) -> dict[str, bool]:
         "providesDirectionalDerivative",
     )
     return {name: bool(getattr(part, name, False)) for name in names} if part is not None else {}
-
-
-def _one_line(error: object) -> str:
-    """Return the text of an error on one line, without the traceback's noise."""
-    return " ".join(str(error).split())[:400] or type(error).__name__
 
 
 def platform_suffix() -> str:

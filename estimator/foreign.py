@@ -14,7 +14,6 @@ from typing import Any
 
 MODEL_EXCHANGE = "model-exchange"
 TOLERANCE = 1e-10  # relative, of the solver for model exchange
-REAL_TYPES = ("Real", "Float64")
 FMI1_TYPES = {"Enumeration": "Integer"}
 FMI3_TYPES = {"Enumeration": "Int64"}
 EVENT_ITERATIONS = 100

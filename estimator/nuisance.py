@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator import slave
+from estimator import layout
 from estimator.excitation import quantum
 from estimator.noise import Colour, Ripple, averaged, find_colour, find_outliers, find_ripple, quadratic
 from estimator.parameters import Parameter, SensorPlace
@@ -306,7 +306,7 @@ class Refinement:
                 sentence = f"{y} has an offset; it is estimated"
                 directions.append(Direction(name, column, None, _with_offset(name, y), sentence=sentence))
             chain = plan.chains.get(y, ChainSpec())
-            if chain.average == 1 and plan.sensors[y] == slave.IDENTITY and y == "w":
+            if chain.average == 1 and plan.sensors[y] == layout.IDENTITY and y == "w":
                 for n in AVERAGES[1:]:
                     change = [np.zeros_like(s) for s in shown]
                     for s, full in zip(change, shown, strict=True):
@@ -503,7 +503,7 @@ def turned(problem: Problem, recording: int, raw: FloatArray) -> FloatArray | No
     if "w" not in o.outputs:
         return None
     w = _filled(o.outputs["w"])
-    if plan.sensors.get("w") == slave.MEAN:
+    if plan.sensors.get("w") == layout.MEAN:
         return np.asarray(np.cumsum(w) * o.recording.step)
     error = np.nan_to_num(problem.series(raw, problem.outputs.index("w"))[recording][0])
     time = np.linspace(-1.0, 1.0, len(w))
@@ -625,7 +625,7 @@ def _with_average(output: str, samples: int) -> Callable[[Plan, float], Plan]:
 
 
 def _with_mean(plan: Plan, start: float) -> Plan:
-    return dataclasses.replace(plan, sensors={**plan.sensors, "w": slave.MEAN})
+    return dataclasses.replace(plan, sensors={**plan.sensors, "w": layout.MEAN})
 
 
 def _running_mean(y: FloatArray, n: int) -> FloatArray:

@@ -17,11 +17,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from estimator.archive import extract
 from estimator.errors import FmuError
-from estimator.fmu import FmuDescription, Variable, check_usable, extract
+from estimator.fmu import FmuDescription, Variable, check_usable
+from estimator.layout import JobLayout
 from estimator.process import Process, how_it_ended
 from estimator.run_folder import RunFolder
-from estimator.slave import JobLayout
 
 RESET, REINSTANTIATE, FRESH_PROCESS = "reset", "re-instantiate", "fresh process"
 HORIZON = 1.0  # s simulated
@@ -128,7 +129,7 @@ class _Owner:
         self.until, self.folder = until, folder
         extracted = folder.path / "fmu"
         extracted.mkdir()
-        extract(description, extracted)
+        extract(description.path, extracted)
         self.order = _order(description, str(extracted))
         self.process: Process | None = None
         self.messages: queue.SimpleQueue[tuple[Process, dict[str, Any] | None]] = queue.SimpleQueue()

@@ -13,7 +13,8 @@ from collections.abc import Mapping, Sequence
 from ctypes import CFUNCTYPE, POINTER, c_char_p, c_double, c_int, c_size_t, c_uint32, c_void_p
 from typing import Any
 
-from estimator.slave import FMI_STATUS, JobLayout, LoadedFmu, positions
+from estimator.layout import FMI_STATUS, JobLayout, positions
+from estimator.slave import LoadedFmu
 
 LEAST_STEPS = 10  # of a run that ends early, to be one
 Rows = list[list[float]]

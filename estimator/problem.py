@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator import slave
+from estimator import layout
 from estimator.case import Case, Chebyshev1, ParameterSpec
 from estimator.errors import CaseError, FmuError, InputError, RecordingError, suggestion
 from estimator.excitation import Excitation, find_delay, find_excitation, noise_deviation, quantum
@@ -473,9 +473,9 @@ def _sensors(case: Case, description: FmuDescription, observed: tuple[Observed, 
         spec = case.outputs.get(name)
         mean = spec is not None and spec.sensor == "mean"
         mean = mean or (spec is None and name == "w" and _is_differenced(description, observed))
-        sensors[name] = slave.MEAN if mean else slave.IDENTITY
+        sensors[name] = layout.MEAN if mean else layout.IDENTITY
         if mean:
-            _read_variable(description, slave.MEAN, name)
+            _read_variable(description, layout.MEAN, name)
     return sensors
 
 
@@ -496,7 +496,7 @@ def _chains(case: Case, observed: tuple[Observed, ...]) -> dict[str, ChainSpec]:
 
 def _read_variable(description: FmuDescription, sensor: int, name: str) -> Variable:
     """Return the variable to read for an output: a mean is read from the output's integral."""
-    if sensor != slave.MEAN:
+    if sensor != layout.MEAN:
         return description.variable(name, role="output")
     integral = integral_of(name)
     for variable in description.variables:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator import slave
+from estimator import layout
 from estimator.errors import FmuError, InputError, SimulationError, suggestion
 from estimator.fmu import FmuDescription, check_usable, describe
 from estimator.workers import TIME_LIMIT, Experiment, Job, Workers
@@ -92,7 +92,7 @@ def simulate(
                 parameter_references=tuple(references),
                 input_references=tuple(v.value_reference for v in driven),
                 output_references=tuple(v.value_reference for v in outputs),
-                sensors=(slave.IDENTITY,) * len(outputs),
+                sensors=(layout.IDENTITY,) * len(outputs),
                 experiments=(experiment,),
                 settings=tuple(held),
                 types=() if all(v.is_real for v in driven) else types,

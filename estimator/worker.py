@@ -23,16 +23,10 @@ from typing import IO, Any, NoReturn
 
 from estimator.desk import ENTRY, Desk
 from estimator.foreign import fmu_class
-from estimator.slave import (
-    CRASHED,
-    FINISHED,
-    BatchStruct,
-    ExperimentLayout,
-    JobLayout,
-    LoadedFmu,
-    reference_trajectories,
-    stepper,
-)
+from estimator.layout import CRASHED, FINISHED, ExperimentLayout, JobLayout
+from estimator.reference import reference_trajectories
+from estimator.slave import LoadedFmu, stepper
+from estimator.structures import BatchStruct
 
 UNFINISHED, NOT_LOADED = 9, 7  # exit codes of a process of one simulation
 QUOTA = 64  # candidates between two looks at the own memory

@@ -21,10 +21,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator import slave
+from estimator.archive import extract
 from estimator.desk import MAX_WORKERS, NO_CLAIM, Desk
 from estimator.errors import FmuError, SimulationError
-from estimator.fmu import FmuDescription, check_usable, extract
+from estimator.fmu import FmuDescription, check_usable
+from estimator.layout import (
+    CRASHED,
+    CUT_SHORT,
+    FINISHED,
+    PENDING,
+    TIMED_OUT,
+    ExperimentLayout,
+    JobLayout,
+    outcome_sentence,
+)
 from estimator.process import IDLE, RUNNING, STARTING, Process, how_it_ended
 from estimator.run_folder import RunFolder
 
@@ -188,7 +198,7 @@ class Workers:
         layouts = _write_numbers(numbers_file, job.experiments)
         self._desk = desk
         self._job = job
-        layout = slave.JobLayout(
+        layout = JobLayout(
             folder=str(folder),
             identifier=job.description.library or "",
             guid=job.description.guid,
@@ -318,7 +328,7 @@ class Workers:
         costs = self._view(desk.costs, n, np.float64)
         steps = self._view(desk.steps, n, np.int64)
         outcomes = self._view(desk.outcomes, n, np.int64)
-        costs[:], steps[:], outcomes[:] = np.inf, 0, slave.PENDING
+        costs[:], steps[:], outcomes[:] = np.inf, 0, PENDING
         self._counter[0] = 0
         self._order["run"] = {"candidates": n, "refine": refine, "record": record}
         started = looked = time.monotonic()
@@ -348,15 +358,15 @@ class Workers:
     ) -> Batch:
         n, desk = len(values), self._desk
         kinds = outcomes % 256
-        failed = (kinds != slave.FINISHED) & (kinds != slave.CUT_SHORT)
+        failed = (kinds != FINISHED) & (kinds != CUT_SHORT)
         costs[failed] = np.inf
         self.simulations += n
         self.steps += int(steps.sum())
         self.failed += int(failed.sum())
         seen = {f.reason for f in self.failures}
         for index in np.flatnonzero(failed):
-            reason = self._reasons.pop(int(index), None) if kinds[index] in (slave.CRASHED, slave.TIMED_OUT) else None
-            reason = reason or slave.outcome_sentence(int(outcomes[index]), words=self._words)
+            reason = self._reasons.pop(int(index), None) if kinds[index] in (CRASHED, TIMED_OUT) else None
+            reason = reason or outcome_sentence(int(outcomes[index]), words=self._words)
             if reason not in seen and len(self.failures) < 100:
                 seen.add(reason)
                 self.failures.append(Failure(reason, tuple(values[index].ravel().tolist())))
@@ -393,7 +403,7 @@ class Workers:
         code = process.reap()
         how = process.ended_because or how_it_ended(code)
         if process.state == RUNNING and claim != NO_CLAIM and outcomes is not None:
-            outcomes[claim] = slave.TIMED_OUT if process.ended_because else slave.CRASHED
+            outcomes[claim] = TIMED_OUT if process.ended_because else CRASHED
             self._reasons[claim] = how
             self._claims[process.slot] = NO_CLAIM
         else:
@@ -436,7 +446,7 @@ class Workers:
         if description.path not in self._folders:
             folder = self._folder.path / f"fmu-{len(self._folders) + 1}"
             folder.mkdir()
-            extract(description, folder)
+            extract(description.path, folder)
             self._folders[description.path] = folder
         return self._folders[description.path]
 
@@ -453,7 +463,7 @@ class Workers:
         return self._job.description.path.name if self._job is not None else "the FMU"
 
 
-def _write_numbers(path: Path, experiments: Sequence[Experiment]) -> tuple[slave.ExperimentLayout, ...]:
+def _write_numbers(path: Path, experiments: Sequence[Experiment]) -> tuple[ExperimentLayout, ...]:
     layouts = []
     with open(path, "wb") as file:
         for experiment in experiments:
@@ -462,7 +472,7 @@ def _write_numbers(path: Path, experiments: Sequence[Experiment]) -> tuple[slave
                 offsets[name] = file.tell()
                 file.write(np.ascontiguousarray(getattr(experiment, name), dtype=np.float64).tobytes())
             layouts.append(
-                slave.ExperimentLayout(
+                ExperimentLayout(
                     samples=len(experiment.measured),
                     substeps=experiment.substeps,
                     start=experiment.start,

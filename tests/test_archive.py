@@ -6,7 +6,7 @@ import zipfile
 import pytest
 from foreign_fmus import foreign_fmu
 
-import estimator.fmu
+import estimator.archive
 from estimator.cli import main
 from estimator.errors import FmuError
 from estimator.fmu import describe
@@ -69,14 +69,14 @@ def test_entities_are_not_expanded(tmp_path, text):
 
 
 def test_too_many_members_are_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr(estimator.fmu, "MAX_MEMBERS", 3)
+    monkeypatch.setattr(estimator.archive, "MAX_MEMBERS", 3)
     path = archive(tmp_path / "bad.fmu", [(f"resources/{k}", "") for k in range(4)])
     with pytest.raises(FmuError, match=r"bad.fmu is too large: more than 3 files or 4 GiB extracted"):
         describe(path)
 
 
 def test_a_large_description_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr(estimator.fmu, "MAX_DESCRIPTION", 1 << 20)
+    monkeypatch.setattr(estimator.archive, "MAX_DESCRIPTION", 1 << 20)
     noise = "".join(chr(33 + k * k % 60) for k in range(2 << 20)).replace("<", "").replace("&", "").replace("-", "")
     with pytest.raises(FmuError, match=r"modelDescription.xml is larger than 1 MiB"):
         describe(archive(tmp_path / "bad.fmu", description=XML + f"<!-- {noise} -->"))

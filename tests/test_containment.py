@@ -16,7 +16,7 @@ from interrupts import takes_interrupts
 from motors import CML050, NAMES, step_recording
 from test_stepper import NOMINAL, experiment, noisy_voltage
 
-from estimator import slave
+from estimator import layout
 from estimator.errors import FmuError, SimulationError
 from estimator.estimate import estimate_recordings
 from estimator.fmu import describe
@@ -43,7 +43,7 @@ def job_of(fmu, *, reinstantiate=False):
         references("RKLJB"),
         references("v"),
         references("iw"),
-        (slave.IDENTITY, slave.IDENTITY),
+        (layout.IDENTITY, layout.IDENTITY),
         (experiment(noisy_voltage(), measured),),
         reinstantiate,
     )

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from motors import CML050, RMCS2004, held_response, step_recording
 
-from estimator import slave
+from estimator import layout
 from estimator.fmu import describe
 from estimator.workers import Experiment, Job, Workers
 
@@ -18,7 +18,7 @@ def experiment(voltage, measured, *, weights=(1.0, 1.0), substeps=1, interval=1e
     return Experiment(start, interval, substeps, inputs, np.asarray(measured, dtype=float), np.array(weights))
 
 
-def job_of(*experiments, sensors=(slave.IDENTITY, slave.IDENTITY), outputs=("i", "w"), reinstantiate=False):
+def job_of(*experiments, sensors=(layout.IDENTITY, layout.IDENTITY), outputs=("i", "w"), reinstantiate=False):
     description = describe("dc_motor")
 
     def references(names):
@@ -52,7 +52,7 @@ def test_they_agree_at_finer_steps_with_a_mean_sensor_and_a_later_start(crew):
     job = job_of(
         experiment(noisy_voltage(), np.zeros((300, 2)), substeps=3, start=2.5),
         outputs=("i", "angle"),
-        sensors=(slave.IDENTITY, slave.MEAN),
+        sensors=(layout.IDENTITY, layout.MEAN),
     )
     crew.load(job)
     batch = crew.run(NOMINAL.reshape(1, 1, 5), record=True, refine=2)
@@ -72,7 +72,7 @@ def test_a_mean_sensor_shows_the_mean_over_the_interval_before(crew):
     voltage = noisy_voltage()
     fine = held_response(CML050, np.repeat(voltage, 50), step=1e-3 / 50)[:, 1]
     crew.load(
-        job_of(experiment(voltage, np.zeros((300, 2))), outputs=("i", "angle"), sensors=(slave.IDENTITY, slave.MEAN))
+        job_of(experiment(voltage, np.zeros((300, 2))), outputs=("i", "angle"), sensors=(layout.IDENTITY, layout.MEAN))
     )
     shown = crew.run(NOMINAL.reshape(1, 1, 5), record=True).shown[0, :, 1]
     integral = np.concatenate([[0], np.cumsum((fine[1:] + fine[:-1]) / 2)])[::50] / 50

@@ -7,7 +7,7 @@ import pytest
 from motors import CML050, held_response
 from test_stepper import NOMINAL, experiment, job_of, noisy_voltage
 
-from estimator import slave
+from estimator import layout
 from estimator.sensors import chebyshev1_sections
 from estimator.workers import Workers
 
@@ -31,7 +31,7 @@ def shown(crew, values, **options):
 def test_filters_averages_gains_and_offsets_are_those_of_the_reference(crew):
     sections = chebyshev1_sections(order=5, ripple=0.5, cutoff=100, step=1e-3)
     chained = dataclasses.replace(experiment(noisy_voltage(), np.zeros((300, 2))), chains=((4, ()), (1, sections)))
-    crew.load(with_sensors(chained, outputs=("i", "angle"), sensors=(slave.IDENTITY, slave.MEAN)))
+    crew.load(with_sensors(chained, outputs=("i", "angle"), sensors=(layout.IDENTITY, layout.MEAN)))
     values = np.concatenate([NOMINAL, [0.0, 1.02, 0.01, 0.97, -3.0]])
     np.testing.assert_allclose(shown(crew, values).shown[0], crew.reference(values), rtol=0, atol=1e-10)
 

@@ -1,0 +1,67 @@
+"""An FMU as an archive: what it may hold before it is opened, and its extraction. Knows nothing of what is inside."""
+
+from __future__ import annotations
+
+import zipfile
+from pathlib import Path, PurePosixPath
+
+from estimator.errors import FmuError, one_line
+
+MAX_MEMBERS = 20_000  # of the archive
+MAX_SIZE = 4 * 2**30  # bytes, extracted
+MAX_DESCRIPTION = 64 * 2**20  # bytes of modelDescription.xml
+MAX_RATIO = 1000  # of extracted to packed bytes: more is a bomb
+SMALL = 2**24  # bytes: too small to be a bomb
+
+
+def check_archive(path: Path) -> None:
+    """Raise FmuError unless the archive can be extracted without harm, and has a model description."""
+    if not zipfile.is_zipfile(path):
+        raise FmuError(f"{path.name} is no zip archive, so it is no FMU")
+    try:
+        with zipfile.ZipFile(path) as archive:
+            members = archive.infolist()
+    except (zipfile.BadZipFile, OSError, ValueError, NotImplementedError) as error:
+        raise FmuError(f"{path.name} is a damaged zip archive: {one_line(error)}") from error
+    if len(members) > MAX_MEMBERS or sum(m.file_size for m in members) > MAX_SIZE:
+        raise FmuError(f"{path.name} is too large: more than {MAX_MEMBERS} files or {MAX_SIZE >> 30} GiB extracted")
+    for member in members:
+        parts = PurePosixPath(member.filename).parts
+        if member.filename.startswith("/") or ".." in parts or "\\" in member.filename or ":" in member.filename:
+            raise FmuError(f"{path.name} holds the unsafe path {member.filename!r}; it is not opened")
+        if "\0" in member.orig_filename:
+            raise FmuError(f"{path.name} holds the unsafe path {member.orig_filename!r}; it is not opened")
+        if member.flag_bits & 1:
+            raise FmuError(f"{path.name} is encrypted ({member.filename!r}); export it without a password")
+        if member.file_size > SMALL and member.file_size > MAX_RATIO * member.compress_size:
+            raise FmuError(f"{path.name}: {member.filename!r} grows {MAX_RATIO} times when unpacked; it is not opened")
+        if (member.external_attr >> 16) & 0o170000 == 0o120000:
+            raise FmuError(f"{path.name} holds the symbolic link {member.filename!r}; it is not opened")
+    names = [m.filename for m in members]
+    if len(set(names)) < len(names):
+        twice = next(n for n in names if names.count(n) > 1)
+        raise FmuError(f"{path.name} holds {twice!r} twice; it is not opened")
+    description = next((m for m in members if m.filename == "modelDescription.xml"), None)
+    if description is None:
+        raise FmuError(f"{path.name} has no modelDescription.xml, so it is no FMU")
+    if description.file_size > MAX_DESCRIPTION:
+        raise FmuError(f"{path.name}: modelDescription.xml is larger than {MAX_DESCRIPTION >> 20} MiB")
+
+
+def check_description(path: Path) -> None:
+    """Refuse a description with a document type: entities could expand without end, or reach files."""
+    with zipfile.ZipFile(path) as archive:
+        text = archive.read("modelDescription.xml")
+    if any(
+        mark.encode(code) in text for mark in ("<!DOCTYPE", "<!ENTITY") for code in ("ascii", "utf-16-le", "utf-16-be")
+    ):
+        raise FmuError(f"{path.name}: modelDescription.xml has a document type with entities; it is not opened")
+
+
+def extract(path: Path, folder: Path) -> None:
+    """Extract the FMU into an existing empty folder."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            archive.extractall(folder)
+    except Exception as error:  # zipfile and its decompressors raise many kinds
+        raise FmuError(f"{path.name} cannot be extracted: {one_line(error)}") from error

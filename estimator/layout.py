@@ -1,0 +1,79 @@
+"""A job as it travels to a worker process, and what came of a candidate. Knows neither ctypes nor fmpy."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from estimator.fmu import REAL_TYPES
+
+FINISHED, CUT_SHORT, FAILED, NOT_FINITE = range(4)  # as in stepper.c
+CRASHED, TIMED_OUT, PENDING = 4, 5, 6  # found by the worker's owner, not by the stepper
+PHASES = ("", "instantiate", "reset", "set", "set up", "initialise", "doStep", "read")
+FMI_STATUS = ("OK", "Warning", "Discard", "Error", "Fatal", "Pending")
+IDENTITY, MEAN = range(2)  # sensors, as in sensors.h
+
+
+@dataclass(frozen=True)
+class ExperimentLayout:
+    """One recording of a job; offsets are bytes into the job's memory."""
+
+    samples: int
+    substeps: int
+    start: float  # s
+    interval: float  # s
+    inputs: int
+    measured: int
+    weights: int
+    complete: bool
+    chains: tuple[tuple[int, tuple[tuple[float, ...], ...]], ...] = ()  # of each output: average, filter sections
+
+
+@dataclass(frozen=True)
+class JobLayout:
+    """A job as it travels to a worker: everything but the numbers, which stand in shared memory."""
+
+    folder: str
+    identifier: str
+    guid: str
+    reinstantiate: bool
+    parameter_references: tuple[int, ...]
+    input_references: tuple[int, ...]
+    output_references: tuple[int, ...]
+    sensors: tuple[int, ...]
+    experiments: tuple[ExperimentLayout, ...]
+    sensor_values: int = 0
+    even_steps: bool = False
+    version: str = "2.0"
+    kind: str = "co-simulation"
+    fresh_process: bool = False  # a process of its own for every simulation
+    types: tuple[str, ...] = ()  # of parameters, inputs and outputs, one after the other; empty: all real
+    settings: tuple[tuple[str, int, float | str], ...] = ()  # type, value reference, value
+    scale: tuple[tuple[float, float], ...] = ()  # of each output: factor and offset from its unit to SI; empty: SI
+    counts: tuple[int, int] = (0, 0)  # continuous states and event indicators, for model exchange
+
+    @property
+    def is_fast(self) -> bool:
+        """Whether the stepping loop calls the FMU's own functions."""
+        cosimulation = self.kind == "co-simulation" and self.version[0] in "23"
+        return cosimulation and all(t in REAL_TYPES for t in self.types)
+
+
+def positions(job: JobLayout) -> tuple[tuple[int, ...], tuple[int, ...], tuple[int, ...]]:
+    """Return the positions of a job's parameters, inputs and outputs among its variables."""
+    p, q = len(job.parameter_references), len(job.parameter_references) + len(job.input_references)
+    return tuple(range(p)), tuple(range(p, q)), tuple(range(q, q + len(job.output_references)))
+
+
+def outcome_sentence(outcome: int, *, words: str = "") -> str:
+    """Say what an outcome code means: "doStep returned Error: <the FMU's words>"."""
+    kind, phase, status = outcome % 256, outcome // 256 % 256, outcome // 65536
+    if kind == FAILED:
+        return f"{PHASES[phase]} returned {FMI_STATUS[status]}" + (f": {words}" if words else "")
+    return {
+        FINISHED: "finished",
+        CUT_SHORT: "cut short",
+        NOT_FINITE: "an output became infinite or not a number",
+        CRASHED: "the FMU crashed",
+        TIMED_OUT: "the FMU exceeded its time limit",
+        PENDING: "not simulated",
+    }[kind]

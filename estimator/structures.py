@@ -1,0 +1,138 @@
+"""The memory of ``stepper.c``, as ctypes sees it: its structures, field by field. That file says what they mean."""
+
+from __future__ import annotations
+
+import ctypes
+from ctypes import c_char, c_char_p, c_double, c_int64, c_uint64, c_void_p
+
+MAX_AVERAGE, MAX_SECTIONS = 64, 16  # as in sensors.h
+# Types of settings, as in fmi3_adapter.h.
+SETTING_TYPES = {"Integer": 0, "Boolean": 1, "String": 2, "Float32": 3, "Int8": 4, "UInt8": 5, "Int16": 6, "UInt16": 7}
+SETTING_TYPES |= {"Int32": 8, "UInt32": 9, "Int64": 10, "UInt64": 11}
+
+
+class Log(ctypes.Structure):
+    """The FMU's words."""
+
+    _fields_ = [("messages", c_int64), ("last", c_char * 512)]
+
+
+class SlaveStruct(ctypes.Structure):
+    """The FMU's instance and functions."""
+
+    _fields_ = [
+        ("reinstantiate", c_int64),
+        ("component", c_void_p),
+        ("instantiate", c_void_p),
+        ("free_instance", c_void_p),
+        ("reset", c_void_p),
+        ("setup_experiment", c_void_p),
+        ("enter_initialization", c_void_p),
+        ("exit_initialization", c_void_p),
+        ("set_real", c_void_p),
+        ("get_real", c_void_p),
+        ("do_step", c_void_p),
+        ("instance_name", c_char_p),
+        ("guid", c_char_p),
+        ("resources", c_char_p),
+        ("callbacks", c_void_p),
+        ("restore_every_step", c_int64),
+        ("set_integer", c_void_p),
+        ("set_boolean", c_void_p),
+        ("set_string", c_void_p),
+        ("set_other", c_void_p),
+    ]
+
+
+class SettingStruct(ctypes.Structure):
+    """A value that is no real number, set before every initialisation."""
+
+    _fields_ = [
+        ("type", c_int64),
+        ("reference", c_int64),
+        ("whole", c_int64),
+        ("real", c_double),
+        ("text", c_char_p),
+    ]
+
+
+class Fmi3Struct(ctypes.Structure):
+    """The functions of an FMU of FMI 3.0."""
+
+    _fields_ = [
+        ("instantiate", c_void_p),
+        ("free_instance", c_void_p),
+        ("reset", c_void_p),
+        ("enter_initialization", c_void_p),
+        ("exit_initialization", c_void_p),
+        ("set_float64", c_void_p),
+        ("get_float64", c_void_p),
+        ("do_step", c_void_p),
+        ("set_other", c_void_p * len(SETTING_TYPES)),
+        ("log", c_void_p),
+        ("log_message", c_void_p),
+    ]
+
+
+class ChainStruct(ctypes.Structure):
+    """What stands between one output and what its sensor shows."""
+
+    _fields_ = [("average", c_int64), ("sections", c_int64), ("section", c_double * 5 * MAX_SECTIONS)]
+
+
+class ExperimentStruct(ctypes.Structure):
+    """One recording as the stepper sees it."""
+
+    _fields_ = [
+        ("samples", c_int64),
+        ("substeps", c_int64),
+        ("start", c_double),
+        ("interval", c_double),
+        ("inputs", c_void_p),
+        ("measured", c_void_p),
+        ("weights", c_void_p),
+        ("complete", c_int64),
+        ("chains", c_void_p),
+    ]
+
+
+class JobStruct(ctypes.Structure):
+    """What to set, read and compare."""
+
+    _fields_ = [
+        ("parameters", c_int64),
+        ("inputs", c_int64),
+        ("outputs", c_int64),
+        ("experiments", c_int64),
+        ("parameter_references", c_void_p),
+        ("input_references", c_void_p),
+        ("output_references", c_void_p),
+        ("sensors", c_void_p),
+        ("experiment", c_void_p),
+        ("sensor_values", c_int64),
+        ("even_steps", c_int64),
+        ("settings", c_int64),
+        ("setting", c_void_p),
+        ("scale", c_void_p),
+    ]
+
+
+class BatchStruct(ctypes.Structure):
+    """Candidates in shared memory."""
+
+    _fields_ = [
+        ("next", c_void_p),
+        ("claim", c_void_p),
+        ("candidates", c_int64),
+        ("quota", c_int64),
+        ("refine", c_int64),
+        ("values", c_void_p),
+        ("bounds", c_void_p),
+        ("costs", c_void_p),
+        ("steps", c_void_p),
+        ("outcomes", c_void_p),
+        ("shown", c_void_p),
+    ]
+
+
+assert ctypes.sizeof(c_uint64) == ctypes.sizeof(c_void_p), "the stepping loop needs a 64-bit platform"
