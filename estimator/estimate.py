@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from estimator.baselines import DIRECT, direct_values, evolve
 from estimator.case import Case
 from estimator.cuckoo import CuckooSearch
+from estimator.derived import derived_quantities
 from estimator.errors import SimulationError
 from estimator.fmu import FmuDescription, describe, with_kind
 from estimator.nuisance import Fit, Refinement
@@ -497,8 +498,12 @@ class _Estimation:
                 names=self.plan.names,
                 output=problem.output_of_residual,
             )
+        derived = {}
+        if polish is not None and judgement.verdict != "refused":
+            found = {**self.plan.fixed, **dict(zip(self.plan.names, values.tolist(), strict=True))}
+            derived = derived_quantities(found, self.plan.names, problem.box.log, polish)
         result = self._result(values, polish, judgement, shown=problem.shown(batch))
-        return dataclasses.replace(result, profiles=profiles)
+        return dataclasses.replace(result, profiles=profiles, derived=derived)
 
     def _result(
         self,

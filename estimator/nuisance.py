@@ -330,15 +330,19 @@ def with_coloured_errors(fit: Fit) -> Fit:
     """Return the fit with the sandwich covariance of its residuals' colour."""
     colours = fit.colours or _colours(fit)
     polish = fit.polish
-    if all(c.is_white for c in colours) or not np.isfinite(polish.covariance).all():
+    told = np.isfinite(np.diag(polish.covariance))
+    if all(c.is_white for c in colours) or not told.any():
         return dataclasses.replace(fit, colours=colours)
     middle = np.zeros((len(polish.values), len(polish.values)))
     for j, colour in enumerate(colours):
         middle += quadratic(fit.problem.spread_columns(polish.jacobian, j), colour)
-    covariance = polish.covariance @ middle @ polish.covariance
+    powers, axes = np.linalg.eigh(middle)
+    half = polish.covariance[np.ix_(told, told)] @ (axes * np.sqrt(np.maximum(powers, 0.0)))[told]
+    covariance = polish.covariance.copy()
+    covariance[np.ix_(told, told)] = half @ half.T  # never negative, however little the data tell
     scale = np.where(fit.problem.box.log, polish.values, 1.0)
-    errors = np.sqrt(np.maximum(np.diag(covariance), 0.0)) * np.abs(scale)
-    polish = dataclasses.replace(polish, covariance=covariance, standard_errors=errors)
+    errors = np.sqrt(np.diag(covariance)) * np.abs(scale)
+    polish = dataclasses.replace(polish, covariance=covariance, standard_errors=errors, scores=middle)
     return dataclasses.replace(fit, polish=polish, colours=colours)
 
 

@@ -52,6 +52,8 @@ class Polish:
         Of the weighted residuals by the scaled parameters.
     residuals : (m,) array
         Weighted.
+    scores : (p, p) array
+        Jᵀ Γ J, with Γ the autocovariance of the weighted residuals; JᵀJ where they are white.
     """
 
     values: FloatArray
@@ -62,6 +64,7 @@ class Polish:
     at_bound: NDArray[np.int64]
     jacobian: FloatArray
     residuals: FloatArray
+    scores: FloatArray
 
 
 class LeastSquares:
@@ -194,6 +197,7 @@ class LeastSquares:
             at_bound=at_bound.astype(np.int64),
             jacobian=jacobian,
             residuals=residuals,
+            scores=jacobian.T @ jacobian,
         )
 
     def _values(self, x: FloatArray) -> FloatArray:
@@ -255,7 +259,7 @@ def _inverse_information(jacobian: FloatArray) -> FloatArray:
     scale = np.where(dead, 1.0, norms)
     _, singular, rows = np.linalg.svd(jacobian / scale, full_matrices=False)
     floor = max(jacobian.shape) * np.finfo(float).eps * (singular[0] if len(singular) else 0.0)
-    inverse = np.where(singular > floor, 1 / np.maximum(singular, 1e-300) ** 2, 1 / max(floor, 1e-150) ** 2)
+    inverse = 1 / np.maximum(singular, max(floor, 1e-150)) ** 2
     covariance = (rows.T * inverse) @ rows / np.outer(scale, scale)
     covariance[dead, dead] = np.inf
     return np.asarray(covariance)

@@ -25,6 +25,8 @@ def text_report(estimate: Estimate) -> str:
     lines = [VERDICTS[estimate.verdict], *(f"  - {reason}" for reason in estimate.reasons)]
     if estimate.parameters:
         lines += ["", *table(*parameter_rows(estimate), right=(1, 3, 5, 6))]
+    if estimate.derived:
+        lines += ["", *table(*derived_rows(estimate), right=(1, 3))]
     if estimate.rmse:
         lines += ["", *table(*signal_rows(estimate), right=(1, 3))]
     if estimate.validation is not None:
@@ -45,14 +47,15 @@ def parameter_rows(estimate: Estimate) -> tuple[list[str], list[list[str]]]:
     header = ["parameter", "estimate", "± std. error", "", "unit", "nominal", "deviation", "note"]
     rows = []
     for name, parameter in estimate.parameters.items():
-        value, error = value_texts(parameter.value, parameter.standard_error)
+        useless = parameter.standard_error is not None and parameter.standard_error > abs(parameter.value)
+        value, error = value_texts(parameter.value, None if useless else parameter.standard_error)
         nominal = parameter.nominal
         rows.append(
             [
                 name,
                 value,
                 f"± {error}" if error else (ABSENT if parameter.free else ""),
-                relative_text(parameter.standard_error, parameter.value),
+                "> 100 %" if useless else relative_text(parameter.standard_error, parameter.value),
                 parameter.unit,
                 "" if nominal is None else number_text(nominal),
                 "" if nominal is None else deviation_text(parameter.value, nominal),
@@ -60,6 +63,16 @@ def parameter_rows(estimate: Estimate) -> tuple[list[str], list[list[str]]]:
             ]
         )
     return header, rows
+
+
+def derived_rows(estimate: Estimate) -> tuple[list[str], list[list[str]]]:
+    """Return header and rows: what follows from the parameters, ± standard error, percent, unit."""
+    rows = []
+    for name, quantity in estimate.derived.items():
+        value, error = value_texts(quantity.value, quantity.standard_error)
+        relative = relative_text(quantity.standard_error, quantity.value)
+        rows.append([name.replace("_", " "), value, f"± {error}", relative, quantity.unit])
+    return ["it follows", "value", "± std. error", "", "unit"], rows
 
 
 def parameter_note(parameter: ParameterEstimate, *, said: Iterable[str] = ()) -> str:
@@ -159,6 +172,10 @@ def to_mapping(estimate: Estimate) -> dict[str, Any]:
         "reasons": estimate.reasons,
         "notes": estimate.notes,
         "parameters": {name: _parameter_mapping(p) for name, p in estimate.parameters.items()},
+        "derived": {
+            name: {"value": q.value, "standard_error": q.standard_error, "unit": q.unit}
+            for name, q in estimate.derived.items()
+        },
         "correlation": correlation,
         "rmse": estimate.rmse,
         "fit_percent": estimate.fit_percent,

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 
-from estimator.report import cost_lines, json_ready, parameter_rows, signal_rows
+from estimator.report import cost_lines, derived_rows, json_ready, parameter_rows, signal_rows
 from estimator.result import Estimate
 
 PROFILE_CAPTION = (
@@ -107,6 +107,8 @@ def html_report(
     parts = [f"<h1>{escape(title)}</h1>", _verdict(estimate)]
     if estimate.parameters:
         parts += [_heading("Parameters"), _parameters(estimate)]
+    if estimate.derived:
+        parts += [_table(*derived_rows(estimate), right=(1, 3))]
     if pictures.parameters is not None:
         caption = "Each parameter on a scale of its own; bounds are drawn where they are near."
         parts += [_figure(pictures.parameters, caption=caption, alternative="Parameters with error bars")]

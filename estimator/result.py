@@ -75,6 +75,15 @@ class ParameterEstimate:
 
 
 @dataclass(frozen=True)
+class DerivedQuantity:
+    """Something that follows from the parameters, such as a time constant: value, standard error, SI unit."""
+
+    value: float
+    standard_error: float
+    unit: str
+
+
+@dataclass(frozen=True)
 class Comparison:
     """Measured against simulated signals of one recording.
 
@@ -161,6 +170,7 @@ class Estimate:
     reasons : sentences; empty when ok
     notes : sentences about what was found in the data and used (where the step is, noise, what settled)
     parameters : name → ParameterEstimate; may be empty when refused
+    derived : name → DerivedQuantity; gains and time constants, those that the recordings tell
     correlation : (p, p) array over the free parameters in the order of `correlated`, or None
     correlated : names of the rows and columns of `correlation`
     rmse : output name → root mean square error over all samples used, SI units
@@ -195,6 +205,7 @@ class Estimate:
     rmse: Mapping[str, float] = field(default_factory=dict)
     fit_percent: Mapping[str, float] = field(default_factory=dict)
     noise: Mapping[str, float] = field(default_factory=dict)
+    derived: Mapping[str, DerivedQuantity] = field(default_factory=dict)
     correlation: FloatArray | None = None
     correlated: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
