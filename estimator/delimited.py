@@ -20,6 +20,7 @@ from estimator.units import FloatArray
 HEADER_EXAMPLE = "time [s],voltage [V],current [A],speed [rad/s]"
 HEADER_LINES = 200  # the header is looked for in so many lines
 CHUNK = 16384  # rows converted at a time
+_MISSING = frozenset(("nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "1.#qnan", "-nan", "nan(ind)"))
 _SKIPPED = ("", "#", "%")  # first characters of empty lines and comments
 _EMPTY = ' \t,;"'
 _KEEP = {
@@ -241,16 +242,16 @@ def _rows(path: Path, lines: list[str], numbers: list[int], *, delimiter: str | 
 
 
 def _plain_block(lines: list[str], *, delimiter: str | None, width: int, decimal: str) -> FloatArray | None:
-    """Return rows of nothing but finite numbers and empty cells, (rows, width), or None; the fast way."""
+    """Return rows of nothing but finite numbers, NaN and empty cells, (rows, width), or None; the fast way."""
     if decimal == ",":
         if delimiter == "," or any("." in line for line in lines):
             return None
         lines = [line.replace(",", ".") for line in lines]
     block = _load(lines, delimiter, width)
     if block is not None:
-        return block if np.isfinite(block).all() else None
+        return None if np.isinf(block).any() else block
     text = "\n" + "\n".join(lines) + "\n"
-    if delimiter is None or "n" in text or "N" in text:  # a written nan or inf is no number
+    if delimiter is None:
         return None
     for before, after in (
         ("\n", delimiter),
@@ -288,7 +289,7 @@ def _numbers(cells: Sequence[str], decimal: str) -> tuple[FloatArray, int | None
     first_bad = None
     for k, cell in enumerate(cells):
         text = _bare(cell)
-        if not text:
+        if not text or text.lower() in _MISSING:
             continue
         value = _number(text, decimal)
         if value is not None:

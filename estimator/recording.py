@@ -1,12 +1,13 @@
-"""Measured signals on one uniform time grid: reading, units, columns. Knows no model and no FMU.
+"""Measured signals on one clock: reading, units, columns. Knows no model and no FMU.
 
-SI inside, NaN for a missing sample. Sample k is taken at ``t0 + k * step``.
+SI inside, NaN for a missing sample. Sample k is taken at ``t0 + k * step``, or at its own time beside that where the
+clock jitters.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from difflib import get_close_matches
 from pathlib import Path
 from types import MappingProxyType
@@ -15,6 +16,7 @@ from typing import Any, NoReturn
 import numpy as np
 import numpy.typing as npt
 
+from estimator.columns import Columns
 from estimator.delimited import BadCell, HeaderRules, read_table
 from estimator.errors import RecordingError, suggestion
 from estimator.headers import (
@@ -30,7 +32,7 @@ from estimator.headers import (
     role_of,
 )
 from estimator.output import write_files
-from estimator.time_grid import half_last_digit, uniform_grid
+from estimator.time_grid import half_last_digit, sampling_clock
 from estimator.units import FloatArray, Unit, examples, parse_unit
 
 MIN_SAMPLES = 10
@@ -38,17 +40,19 @@ MIN_SAMPLES = 10
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """Measured signals on one uniform time grid."""
+    """Measured signals on one clock."""
 
     name: str  # file stem
     path: Path | None
-    time: FloatArray  # (n,) s, exactly t0 + k * step, read-only
-    step: float  # s, sampling interval
+    time: FloatArray  # (n,) s, exactly t0 + k * step if even, read-only
+    step: float  # s, sampling interval; the mean one if not even
     signals: Mapping[str, FloatArray]  # column without its unit → (n,) SI, NaN = missing, read-only
     units: Mapping[str, str]  # column → SI unit; "" for a strange column without a unit, "?" for a unit not known
     headers: Mapping[str, str]  # column → header as written, "speed [rpm]"
     assumed_units: tuple[str, ...] = ()  # columns without a unit, taken as SI; "time" too
     unreadable: Mapping[str, str] = field(default_factory=dict)  # columns of text → what is wrong with them
+    even: bool = True  # the times are equidistant
+    missing_rows: int = 0  # rows that the file lacks, as its times show; their samples are NaN
 
     def __post_init__(self) -> None:
         """Lock arrays and mappings."""
@@ -66,6 +70,12 @@ class Recording:
     def title(self) -> str:
         """The file's name, or the recording's, for messages."""
         return self.path.name if self.path else self.name
+
+    def between(self, first: int, last: int) -> Recording:
+        """Return the samples from one to before another."""
+        part = slice(first, last)
+        signals = {name: signal[part].copy() for name, signal in self.signals.items()}
+        return replace(self, time=self.time[part].copy(), signals=signals)
 
     def column(self, name: str) -> str:
         """Return the column that is meant by its name, ``speed``, or its header, ``speed [rpm]``.
@@ -142,7 +152,7 @@ class Recording:
 
 
 def read_recording(path: Path) -> Recording:
-    """Read a recording from delimited text with a header.
+    """Read a recording: delimited text with a header, MAT (v4 to v7.3), Parquet or MDF, known by its content.
 
     Raises
     ------
@@ -150,6 +160,42 @@ def read_recording(path: Path) -> Recording:
         One sentence: what is wrong, in which line, and what would be right.
     """
     path = Path(path)
+    columns = _binary(path)
+    if columns is None:
+        return _read_text(path)
+    texts = {j: columns.texts[header] for j, header in enumerate(columns.headers) if header in columns.texts}
+    return _build(
+        path.stem,
+        path,
+        list(columns.headers),
+        list(columns.columns),
+        where=path.name,
+        place=lambda k: f"{path.name} sample {k}",
+        texts_in=texts,
+    )
+
+
+def _binary(path: Path) -> Columns | None:
+    """Return what a file that is no text holds; None if it is one."""
+    try:
+        with path.open("rb") as file:
+            head = file.read(1024)
+    except OSError:
+        return None  # the reader of text says what is wrong
+    if head.startswith(b"PAR1"):
+        from estimator.recording_parquet import read_parquet
+
+        return read_parquet(path)
+    if head.startswith((b"MDF     ", b"UnFinMF ")):
+        from estimator.recording_mdf import read_mdf
+
+        return read_mdf(path)
+    from estimator.recording_mat import is_mat, read_mat
+
+    return read_mat(path, head) if is_mat(path, head) else None
+
+
+def _read_text(path: Path) -> Recording:
     table = read_table(path, HeaderRules(is_header=_has_time, is_units=_are_units, complain=_no_time))
     texts = list(table.header)
     if table.units is not None:
@@ -314,10 +360,11 @@ def _build(
     where: str,
     place: Callable[[int], str],
     bad: Mapping[int, BadCell] | None = None,
+    texts_in: Mapping[int, str] | None = None,
     half_digit: Callable[[int, float], FloatArray] | None = None,
 ) -> Recording:
-    """Check the columns, convert them to SI, and put them on the time grid."""
-    bad = bad or {}
+    """Check the columns, convert them to SI, and put them on their clock."""
+    bad, held = bad or {}, texts_in or {}
     file = path.name if path else name
     headers = [parse_header(text) for text in texts]
     written = [header.text for header in headers]
@@ -329,6 +376,8 @@ def _build(
     names = [h.text if names.count(h.name) > 1 else h.name for h in headers]
 
     def not_a_number(j: int) -> str:
+        if j in held:
+            return f"{file}: column {names[j]!r} holds {held[j]}, not numbers; export it as numbers"
         remedy = "every row needs its time" if j == clock else "leave the cell of a missing sample empty"
         return f"{file} line {bad[j].line}: {names[j]} is not a number ({bad[j].text!r}); {remedy}"
 
@@ -337,34 +386,46 @@ def _build(
     if broken:
         raise RecordingError(not_a_number(min(broken, key=lambda j: bad[j].line)))
     time = time_unit.to_si(columns[clock])
+    if clock in held:
+        raise RecordingError(not_a_number(clock))
     if np.isnan(time).any():
         raise RecordingError(f"{place(int(np.argmax(np.isnan(time))))}: time is empty; every row needs its time")
     if time.size < MIN_SAMPLES:
         raise RecordingError(f"{file} has {time.size} samples; at least {MIN_SAMPLES} are needed")
     seconds_per_unit = time_unit.numerator / time_unit.denominator
-    start, step = uniform_grid(
+    ticks = sampling_clock(
         time,
         place=place,
         half_digit=None if half_digit is None else lambda: half_digit(clock, seconds_per_unit),
     )
+
+    def on_clock(column: FloatArray) -> FloatArray:
+        if ticks.rows is None:
+            return column
+        spread = np.full(ticks.time.size, np.nan)
+        spread[ticks.rows] = column
+        return spread
+
     signals, units = {}, {}
     for j, header in enumerate(headers):
         if j == clock:
             continue
         unit = header.unit or (assumed_unit(header.name) if header.unit_text is None else None)
         units[names[j]] = unit.si if unit else ("" if header.unit_text is None else "?")
-        if j not in bad:
-            signals[names[j]] = unit.to_si(columns[j]) if unit else columns[j]
+        if j not in bad and j not in held:
+            signals[names[j]] = on_clock(unit.to_si(columns[j]) if unit else columns[j])
     return Recording(
         name=name,
         path=path,
-        time=start + np.arange(time.size, dtype=np.float64) * step,
-        step=step,
+        time=ticks.time,
+        step=ticks.step,
         signals=signals,
         units=units,
         headers={names[j]: texts[j] for j in range(len(texts)) if j != clock},
         assumed_units=tuple(n for n, h in zip(names, headers, strict=True) if h.unit_text is None and role_of(h.name)),
-        unreadable={names[j]: not_a_number(j) for j in bad},
+        unreadable={names[j]: not_a_number(j) for j in (*bad, *held)},
+        even=ticks.even,
+        missing_rows=ticks.time.size - time.size,
     )
 
 

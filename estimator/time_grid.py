@@ -1,21 +1,97 @@
-"""Printed sampling times → the uniform grid t0 + k*step. Knows no files.
+"""Printed sampling times → a clock: the uniform grid t0 + k*step, or times beside it. Knows no files.
 
 Printed times are rounded, so the step is what all of them together say: a least-squares line, then the
 plainest numbers (fewest digits in the step or in the sampling rate) that fit the print as well as that line
 does. Times printed as 0.001, 0.002, … give 0.001 exactly; 0.0003, 0.0007, 0.0010, … over a few hundred
 samples give 1/3000.
+
+Rows that are missing are found by their times, one step and more apart, and kept as places without a sample. A clock
+that jitters is taken as it is printed: its times are real, only nearly equal.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from estimator.errors import RecordingError
 from estimator.units import FloatArray
 
-OFF_GRID = 0.01  # of the step: further off is an error
+OFF_GRID = 0.01  # of the step: further off is no uniform grid
+JITTER = 0.25  # of the step: an interval further off a whole number of steps is an error
+MISSING = 3  # times the rows that are there: more missing ones are an error
+
+
+@dataclass(frozen=True, eq=False)
+class Clock:
+    """When samples were taken.
+
+    Attributes
+    ----------
+    time : (n,) array, s
+        Increasing; exactly t0 + k * step where `even`.
+    step : float
+        s, the mean interval.
+    rows : (m,) integer array, or None
+        Which of the n times has a row; None: every one.
+    even : bool
+        Whether the times lie on the uniform grid.
+    """
+
+    time: FloatArray
+    step: float
+    rows: NDArray[np.int64] | None = None
+    even: bool = True
+
+
+def sampling_clock(
+    times: FloatArray, *, place: Callable[[int], str], half_digit: Callable[[], FloatArray] | None = None
+) -> Clock:
+    """Return the clock of printed times, (m,) s, m ≥ 3.
+
+    Raises
+    ------
+    RecordingError
+        Time does not increase, or is neither on a uniform grid, nor beside one by less than a quarter of a step.
+    """
+    try:
+        start, step = uniform_grid(times, place=place, half_digit=half_digit)
+    except RecordingError:
+        found = _with_gaps(times, half_digit)
+        if found is None:
+            raise
+        return found
+    return Clock(start + np.arange(times.size, dtype=np.float64) * step, step)
+
+
+def _with_gaps(times: FloatArray, half_digit: Callable[[], FloatArray] | None) -> Clock | None:
+    """Return the clock of times with missing rows or jitter; None if it is none."""
+    steps = np.diff(times)
+    if (steps <= 0).any():
+        return None
+    usual = float(np.median(steps))
+    usual = float(np.mean(steps[np.abs(steps - usual) <= JITTER * usual]))
+    multiples = np.round(steps / usual)
+    if (multiples < 1).any() or (np.abs(steps / usual - multiples) > JITTER).any():
+        return None
+    rows = np.concatenate([[0], np.cumsum(multiples)])
+    n = int(rows[-1]) + 1
+    if n > (1 + MISSING) * times.size:
+        return None
+    index = rows.astype(np.int64)
+    centred = rows - rows.mean()
+    step = float(centred @ (times - times.mean()) / (centred @ centred))
+    off = times - times.mean() - centred * step
+    half = np.zeros(times.size) if half_digit is None else half_digit()
+    half[4 * half > 1.001 * step] = 0.0
+    missing = None if n == times.size else index
+    if (np.abs(off) <= np.maximum(OFF_GRID * step, half * (1 + 3 / np.sqrt(times.size)))).all():
+        start, step = _plainest(times, step, float(np.abs(off).max()), rows)
+        return Clock(start + np.arange(n, dtype=np.float64) * step, step, missing)
+    return Clock(np.interp(np.arange(n), rows, times), step, missing, even=False)
 
 
 def uniform_grid(
@@ -59,7 +135,7 @@ def uniform_grid(
         allowed = np.maximum(allowed, half * (1 + 3 / np.sqrt(n)))  # the line itself is as uncertain as that
     if (np.abs(off) > allowed).any():
         raise RecordingError(_off_grid(times, half, allowed, place))
-    return _plainest(times, step, worst)
+    return _plainest(times, step, worst, np.arange(n, dtype=np.float64))
 
 
 def half_last_digit(cells: Iterable[str], n: int) -> FloatArray:
@@ -83,12 +159,11 @@ def half_last_digit(cells: Iterable[str], n: int) -> FloatArray:
     return np.asarray(0.5 * 10.0**-digits)
 
 
-def _plainest(times: FloatArray, step: float, worst: float) -> tuple[float, float]:
-    k = np.arange(times.size, dtype=np.float64)
+def _plainest(times: FloatArray, step: float, worst: float, k: FloatArray) -> tuple[float, float]:
     allowed = 1.2 * worst + 4 * float(np.spacing(np.abs(times).max()))
     first = float(times[0])
     for candidate in _candidates(step):
-        if abs((times[-1] - first) - (times.size - 1) * candidate) > 2 * allowed:
+        if abs((times[-1] - first) - k[-1] * candidate) > 2 * allowed:
             continue
         off = times - k * candidate
         low, high = float(off.max()) - allowed, float(off.min()) + allowed
@@ -120,6 +195,6 @@ def _off_grid(times: FloatArray, half: FloatArray, allowed: FloatArray, place: C
     k = int(np.argmax(off > 0)) if (off > 0).any() else int(np.argmax(off))
     return (
         f"{place(k)}: time is off its uniform grid by {abs(float(times[k] - due[k])) / step:.3g} of a step"
-        f" ({float(times[k]):.9g} s where {float(due[k]):.9g} s was due); keep missing rows with empty cells,"
-        " print time with enough digits, or resample to equal steps"
+        f" ({float(times[k]):.9g} s where {float(due[k]):.9g} s was due), and no interval"
+        " is to be over a quarter off; print time with enough digits, or resample to equal steps"
     )
