@@ -7,6 +7,7 @@ time[k + 1].
 from __future__ import annotations
 
 import dataclasses
+import logging
 import os
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -134,6 +135,7 @@ def estimate_parameters(
     workers: int | None = None,
     profile: bool = False,
     progress: Callable[[Progress], None] | None = None,
+    tell: Callable[[str], None] | None = None,
 ) -> Result:
     """Estimate a motor's parameters from a recording or a case.
 
@@ -160,6 +162,9 @@ def estimate_parameters(
         Simulate how the cost rises around every estimate, for the report.
     progress : callable, optional
         Told where the estimation stands.
+    tell : callable, optional
+        Told, before a search that is long, what one simulation costs and how long it will take; by default the logger
+        "fmu-estimator" is, as a warning.
 
     Returns
     -------
@@ -186,7 +191,14 @@ def estimate_parameters(
         bounds=tuple((bounds or {}).items()),
     )
     with Workers(workers or available_cores()) as crew:
-        found = estimate_by(crew, case, recordings=recordings, progress=progress, profile=profile)
+        found = estimate_by(
+            crew,
+            case,
+            recordings=recordings,
+            progress=progress,
+            tell=tell or logging.getLogger("fmu-estimator").warning,
+            profile=profile,
+        )
     if validate:
         found = validated(found, case, [Path(path) for path in validate])
     return Result.of(found)

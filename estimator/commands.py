@@ -323,9 +323,10 @@ def _estimated(
     """Run the estimation with its progress on the terminal, journalled if there is a checkpoint."""
     from estimator.estimate import estimate as run
 
+    tell = None if quiet else complain
     with _progress(quiet=quiet) as progress:
         if checkpoint is None:
-            return run(case, workers=workers, progress=progress, tell=None if quiet else complain, profile=profile)
+            return run(case, workers=workers, progress=progress, tell=tell, profile=profile)
         from estimator.batch import Digests
         from estimator.bench import Task
         from estimator.checkpoint import Journal, JournalledWorkers
@@ -336,7 +337,7 @@ def _estimated(
             Journal(Path(checkpoint), digest=digest) as journal,
             JournalledWorkers(workers or available_cores(), journal=journal) as crew,
         ):
-            result = estimate_by(crew, case, progress=progress, profile=profile)
+            result = estimate_by(crew, case, progress=progress, tell=tell, profile=profile)
             journal.remove()
             return result
 

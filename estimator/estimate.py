@@ -15,7 +15,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.baselines import DIRECT, direct_values, evolve
+from estimator.baselines import DIRECT, POPULATION, direct_values, evolve
 from estimator.case import Case
 from estimator.cuckoo import CuckooSearch
 from estimator.derived import derived_quantities
@@ -40,6 +40,8 @@ FloatArray = NDArray[np.float64]
 
 PAPER_NESTS, PAPER_GENERATIONS, PAPER_PA, PAPER_ALPHA = 400, 100, 0.25, 0.01
 NESTS, GENERATIONS, PA, ALPHA = 10, 8, 0.25, 1.0
+POLISHING = 130  # simulations that usually follow the search: polish, nuisances, checks
+EVOLVED = 200  # generations that differential evolution usually takes
 WIDER = ((30, 40), (60, 100))  # nests, generations of the searches that follow a poor polish
 POOR_FIT = 1.5  # residuals' deviation over the noise that the data show
 NOISE_FREE = 1e-6  # of a signal's deviation: residuals below are no misfit
@@ -85,7 +87,8 @@ def estimate(
     bounded : bool
         Let a candidate stop once it can no longer replace its nest; the result is the same without.
     tell : callable, optional
-        Told, in a sentence and before the search, how long it will take, where that is long.
+        Told, in a sentence and before the search, what one simulation costs and how long the search will take, where
+        that is long or the FMU is not simulated at full speed.
     profile : bool
         Simulate the cost around the optimum too, some 36 simulations a parameter; the estimate is the same without.
 
@@ -150,6 +153,7 @@ def estimate_by(
     recordings: Sequence[Recording] | None = None,
     progress: Callable[[Progress], None] | None = None,
     bounded: bool = True,
+    tell: Callable[[str], None] | None = None,
     profile: bool = False,
 ) -> Estimate:
     """Estimate one case by worker processes that are there already, for whoever has many cases.
@@ -162,8 +166,8 @@ def estimate_by(
         Of the case's FMU, if it is known.
     recordings : sequence of Recording, optional
         Instead of reading the case's.
-    profile : bool
-        Simulate the cost around the optimum too.
+    tell, profile
+        As `estimate`.
 
     Raises
     ------
@@ -172,7 +176,7 @@ def estimate_by(
     """
     described = driven(with_kind(description or describe(case.fmu), case.kind))
     plan = plan_case(case, described, recordings=recordings)
-    return _Estimation(plan, crew, progress=progress, bounded=bounded, profile=profile).run()
+    return _Estimation(plan, crew, progress=progress, bounded=bounded, tell=tell, profile=profile).run()
 
 
 def available_cores() -> int:
@@ -249,11 +253,28 @@ class _Estimation:
         middle = box.from_cube(np.full(box.dimension, 0.5))
         start = np.array([m if p.start is None else p.start for p, m in zip(plan.parameters, middle, strict=True)])
         sentences, seconds = unmoved(self.problem, start)
-        if announced := announcement(seconds, workers=self.crew.count):
+        announced = announcement(
+            seconds,
+            simulations=self._usual_simulations(),
+            workers=self.crew.count,
+            always=not plan.description.is_fast,
+        )
+        if announced is not None:
             self.announced = (announced,)
             if self.tell is not None:
                 self.tell(announced)
         return sentences
+
+    def _usual_simulations(self) -> int:
+        """Return how many simulations the method takes where the model fits."""
+        search = self.plan.case.search
+        if self.method in DIRECT:
+            return len(DIRECT)
+        if self.method == "differential-evolution":
+            return (search.nests or POPULATION * len(self.plan.names)) * (1 + (search.iterations or EVOLVED))
+        if self.method == "cuckoo":
+            return (search.nests or NESTS) * (1 + 2 * (search.iterations or GENERATIONS)) + POLISHING
+        return (search.nests or PAPER_NESTS) * (1 + 2 * (search.iterations or PAPER_GENERATIONS)) + 2
 
     # The paper's searches
 
@@ -261,7 +282,7 @@ class _Estimation:
         box = self.problem.box
         search = self.plan.case.search
         nests, generations = search.nests or PAPER_NESTS, search.iterations or PAPER_GENERATIONS
-        self.expected = nests * (1 + 2 * generations) + 2
+        self.expected = self._usual_simulations()
         self._probe(box.from_cube(np.full(box.dimension, 0.5)))
         self._enter("search")
         space = paper_space(self.plan, box) if self.method == "paper" else Space.full(box)
@@ -317,7 +338,7 @@ class _Estimation:
         steady = steady_state(plan)
         reduced = reduced_space(plan, box, steady)
         nests, generations = plan.case.search.nests or NESTS, plan.case.search.iterations or GENERATIONS
-        self.expected = nests * (1 + 2 * generations) + 100
+        self.expected = self._usual_simulations()
         candidates = [self._searched(reduced or Space.full(box), start, nests, generations)]
         squares = LeastSquares(problem.residuals, box, output=problem.output_of_residual, spread=problem.spread)
         floor = np.array([max(noise[y], 1e-12 * s) for y, s in zip(problem.outputs, problem.spread, strict=True)])

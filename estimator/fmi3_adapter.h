@@ -44,6 +44,8 @@ typedef struct {
     const Fmi3 *fmi;
     fmi3Instance instance;
     double start;
+    double stop;
+    bool stops;
 } Adapted;
 
 static fmi2Component adapted_instantiate(fmi2String name, fmi2Type type, fmi2String token, fmi2String resources,
@@ -75,14 +77,17 @@ static fmi2Status adapted_reset(fmi2Component component) {
 static fmi2Status adapted_setup(fmi2Component component, fmi2Boolean tolerance_defined, fmi2Real tolerance,
                                 fmi2Real start, fmi2Boolean stop_defined, fmi2Real stop) {
     Adapted *adapted = component;
-    (void)tolerance_defined, (void)tolerance, (void)stop_defined, (void)stop;
+    (void)tolerance_defined, (void)tolerance;
     adapted->start = start;
+    adapted->stop = stop;
+    adapted->stops = stop_defined != 0;
     return fmi2OK;
 }
 
 static fmi2Status adapted_enter(fmi2Component component) {
     Adapted *adapted = component;
-    return (fmi2Status)adapted->fmi->enter_initialization(adapted->instance, false, 0.0, adapted->start, false, 0.0);
+    return (fmi2Status)adapted->fmi->enter_initialization(adapted->instance, false, 0.0, adapted->start, adapted->stops,
+                                                         adapted->stop);
 }
 
 static fmi2Status adapted_exit(fmi2Component component) {

@@ -12,20 +12,11 @@ from collections.abc import Sequence
 from ctypes import CFUNCTYPE, POINTER, c_char_p, c_double, c_int, c_size_t, c_uint32, c_void_p
 from typing import Any
 
+from estimator.exchange import Exchange
+
 MODEL_EXCHANGE = "model-exchange"
-TOLERANCE = 1e-10  # relative, of the solver for model exchange
 FMI1_TYPES = {"Enumeration": "Integer"}
 FMI3_TYPES = {"Enumeration": "Int64"}
-EVENT_ITERATIONS = 100
-AT_EVENT = 1e-12  # relative: an event this near is now
-
-
-class Failed(Exception):
-    """The FMU did not do what it was asked."""
-
-    def __init__(self, status: int, words: str) -> None:
-        super().__init__(words)
-        self.status = status
 
 
 class ForeignFmu:
@@ -38,6 +29,7 @@ class ForeignFmu:
     variables : of each variable, its type and value reference
     callbacks : FMI 2.0 callbacks, kept by the caller
     logger : native logger for FMI 1.0
+    counts : continuous states and event indicators, for model exchange
     """
 
     def __init__(
@@ -54,16 +46,16 @@ class ForeignFmu:
         counts: tuple[int, int] = (0, 0),
     ) -> None:
         self.version, self.is_model, self.variables = version[0], kind == MODEL_EXCHANGE, tuple(variables)
-        self.callbacks, self.logger, self.counts = callbacks, logger, counts
+        self.callbacks, self.logger = callbacks, logger
         self.fmu = fmu_class(version, kind)(
             guid=guid, modelIdentifier=identifier, unzipDirectory=folder, instanceName=identifier
         )
         self.fmu.component = None
         self.words = ""
         self.start = 0.0
-        self.solver: Any = None
-        self.touched = False
-        self.next_event: float | None = None
+        self.stop: float | None = None
+        self.exchange = Exchange(self.fmu, version=self.version, counts=counts) if self.is_model else None
+        self.begun = False  # it is initialised
 
     # The life of an instance
 
@@ -85,7 +77,7 @@ class ForeignFmu:
             functions.freeMemory = ctypes.cast(free, fmi1CallbackFreeMemoryTYPE)
             self.fmu.instantiate(functions=functions)
             if not self.fmu.component:
-                raise Failed(3, "it gives no instance")
+                raise RuntimeError("it gives no instance")
         elif self.version == "2":
             self.fmu.instantiate(callbacks=self.callbacks)
         else:
@@ -95,7 +87,7 @@ class ForeignFmu:
         """Free the instance, if there is one."""
         if not self.fmu.component:
             return
-        self.solver = None
+        self.begun = False
         name = {"1": "fmi1FreeModelInstance" if self.is_model else "fmi1FreeSlaveInstance"}.get(
             self.version, f"fmi{self.version}FreeInstance"
         )
@@ -107,39 +99,34 @@ class ForeignFmu:
         if self.version == "1" and self.is_model:
             self.instantiate()
         else:
-            self.solver = None
+            self.begun = False
             self.fmu.reset()
 
     def enter(self) -> None:
-        """Begin the initialisation at `start`."""
+        """Begin the initialisation at `start`; FMI 1.0 for co-simulation does all of it at the end."""
         if self.version == "1":
             if self.is_model:
                 self.fmu.setTime(self.start)
         elif self.version == "2":
-            self.fmu.setupExperiment(startTime=self.start)
+            self.fmu.setupExperiment(startTime=self.start, stopTime=self.stop)
             self.fmu.enterInitializationMode()
         else:
-            self.fmu.enterInitializationMode(startTime=self.start)
+            self.fmu.enterInitializationMode(startTime=self.start, stopTime=self.stop)
 
     def exit(self) -> None:
         """End the initialisation."""
-        if self.version == "1":
-            if not self.is_model:
-                self.fmu.initialize(tStart=self.start)
-                return
-            self._note(self.fmu.initialize())
-        else:
+        if self.version != "1":
             self.fmu.exitInitializationMode()
-        if self.is_model:
-            if self.version != "1":
-                self._discrete_states()
-                self.fmu.enterContinuousTimeMode()
-            self._solver()
+        elif not self.is_model:
+            self.fmu.initialize(tStart=self.start, stopTime=self.stop)
+        if self.exchange is not None:
+            self.exchange.begin(self.start, self.fmu.initialize() if self.version == "1" else None)
+        self.begun = True
 
     def step(self, time: float, h: float) -> None:
         """Step from `time` over `h` with the inputs held."""
-        if self.is_model:
-            self._integrate(time, time + h)
+        if self.exchange is not None:
+            self.exchange.step(time, time + h)
         elif self.version == "3":
             self.fmu.doStep(time, h)
         else:
@@ -149,10 +136,11 @@ class ForeignFmu:
 
     def set(self, indices: Sequence[int], values: Sequence[float]) -> None:
         """Set variables by position; those that are no reals are rounded."""
+        if self.begun and self.exchange is not None:
+            self.exchange.jump()
         for kind, positions in self._by_type(indices).items():
             references = [self.variables[indices[p]][1] for p in positions]
             self.set_typed(kind, references, [values[p] for p in positions])
-        self.touched = True
 
     def set_typed(self, kind: str, references: Sequence[int], values: Sequence[Any]) -> None:
         """Set variables of one type by value reference."""
@@ -192,86 +180,6 @@ class ForeignFmu:
         if status >= 2:
             self.words = message.decode("utf-8", "replace")[:400]
 
-    # Model exchange
-
-    def _solver(self) -> None:
-        from fmpy.sundials import CVodeSolver
-
-        fmu, (states, indicators) = self.fmu, self.counts
-        if self.version == "3":
-            states, indicators = fmu.getNumberOfContinuousStates(), fmu.getNumberOfEventIndicators()
-        self.solver = CVodeSolver(
-            nx=states,
-            nz=indicators,
-            get_x=fmu.getContinuousStates,
-            set_x=fmu.setContinuousStates,
-            get_dx=fmu.getContinuousStateDerivatives if self.version == "3" else fmu.getDerivatives,
-            get_z=fmu.getEventIndicators,
-            get_nominals=fmu.getNominalContinuousStates if self.version == "1" else fmu.getNominalsOfContinuousStates,
-            set_time=fmu.setTime,
-            input=_Held(),
-            startTime=self.start,
-            relativeTolerance=TOLERANCE,
-            maxNumSteps=100_000,
-        )
-        self.touched = False
-
-    def _integrate(self, time: float, end: float) -> None:
-        if self.touched:  # the inputs have jumped: the solver must not look back
-            self._event(inputs=True)
-            self.solver.reset(time)
-            self.touched = False
-        while time < end and not _near(time, end):
-            goal = end
-            if self.next_event is not None and time < self.next_event < end and not _near(self.next_event, end):
-                goal = self.next_event
-            root, _, time = self.solver.step(time, goal)
-            self.fmu.setTime(time)
-            wanted = root or (self.next_event is not None and _near(time, self.next_event))
-            completed = self.fmu.completedIntegratorStep()
-            if isinstance(completed, tuple):
-                if completed[1]:
-                    raise Failed(2, "it ended the simulation")
-                completed = completed[0]
-            if wanted or bool(completed):
-                self._event()
-                self.solver.reset(time)
-
-    def _event(self, *, inputs: bool = False) -> None:
-        if self.version == "1":
-            if not inputs:
-                self._note(self.fmu.eventUpdate())
-            return
-        if inputs:
-            return  # continuous inputs may be set in continuous-time mode
-        self.fmu.enterEventMode()
-        self._discrete_states()
-        self.fmu.enterContinuousTimeMode()
-
-    def _discrete_states(self) -> None:
-        for _ in range(EVENT_ITERATIONS):
-            found = self.fmu.updateDiscreteStates() if self.version == "3" else self.fmu.newDiscreteStates()
-            again, end, _, _, defined, at = found
-            if end:
-                raise Failed(2, "it ended the simulation")
-            self.next_event = at if defined else None
-            if not again:
-                return
-        raise Failed(3, f"its discrete states do not settle in {EVENT_ITERATIONS} iterations")
-
-    def _note(self, event: Sequence[Any]) -> None:
-        _, _, _, end, defined, at = event
-        if end:
-            raise Failed(2, "it ended the simulation")
-        self.next_event = at if defined else None
-
-
-class _Held:
-    """Inputs that are held: what fmpy's solver asks for at every root search."""
-
-    def apply(self, _time: float) -> None:
-        """Leave the inputs as they are."""
-
 
 def fmu_class(version: str, kind: str) -> Any:
     """Return fmpy's class for a version and a kind."""
@@ -285,27 +193,49 @@ def fmu_class(version: str, kind: str) -> Any:
 
         def _loadFunctions(self) -> None:  # noqa: N802 - fmpy's name
             library: Any = self.dll
-            self.dll: Any = _Library(library)
+            self.dll: Any = _Library(library, needed(number, kind))
             super()._loadFunctions()
 
     Lenient.__name__ = base.__name__
     return Lenient
 
 
-ESSENTIAL = ("Instantiate", "FreeInstance", "DoStep", "SetReal", "GetReal", "SetFloat64", "GetFloat64", "Initiali")
+# What a simulation calls, without the prefix; any other function may be missing.
+NEEDED = {
+    "1co-simulation": ("InstantiateSlave", "FreeSlaveInstance", "InitializeSlave", "SetReal", "GetReal", "DoStep"),
+    "1model-exchange": ("InstantiateModel", "FreeModelInstance", "Initialize", "SetReal", "GetReal"),
+    "2": ("Instantiate", "FreeInstance", "SetupExperiment", "SetReal", "GetReal"),
+    "3": ("FreeInstance", "SetFloat64", "GetFloat64"),
+    "2co-simulation": ("DoStep",),
+    "3co-simulation": ("InstantiateCoSimulation", "DoStep"),
+    "3model-exchange": ("InstantiateModelExchange", "GetContinuousStateDerivatives"),
+    "model-exchange": ("SetTime", "SetContinuousStates", "GetContinuousStates", "GetDerivatives"),
+    "modes": ("EnterInitializationMode", "ExitInitializationMode"),
+}
+
+
+def needed(version: str, kind: str) -> frozenset[str]:
+    """Return the functions that a simulation cannot do without, as the library names them after ``fmi``."""
+    parts = [f"{version}{kind}", version, *((kind,) if kind == MODEL_EXCHANGE else ())]
+    names = {name for part in (*parts, *(("modes",) if version != "1" else ())) for name in NEEDED.get(part, ())}
+    if version == "3":
+        names -= {"GetDerivatives"}
+    prefix = "fmi" if version == "1" else f"fmi{version}"
+    return frozenset(prefix + name for name in names)
 
 
 class _Library:
-    """A library in which a function that is missing and not essential is one that returns Error."""
+    """A library in which a function that is missing and not needed is one that returns Error."""
 
-    def __init__(self, library: ctypes.CDLL) -> None:
-        self._library, self._missing = library, {}  # type: ignore[var-annotated]
+    def __init__(self, library: ctypes.CDLL, needed: frozenset[str]) -> None:
+        self._library, self._needed = library, needed
+        self._missing: dict[str, Any] = {}
 
     def __getattr__(self, name: str) -> Any:
         try:
             return getattr(self._library, name)
         except AttributeError:
-            if any(part in name for part in ESSENTIAL):
+            if name[name.rfind("fmi") :] in self._needed:
                 raise RuntimeError(f"its library has no function {name}") from None
             return self._missing.setdefault(name, CFUNCTYPE(c_int)(lambda: 3))
 
@@ -339,6 +269,7 @@ class Callbacks:
         self.first_setting, self.setting_size = 0, 1  # their address and size
 
     def _status(self, function: Any, *arguments: Any) -> int:
+        self.fmu.words = ""
         try:
             function(*arguments)
         except Exception as error:
@@ -354,8 +285,8 @@ class Callbacks:
         with contextlib.suppress(Exception):
             self.fmu.free()
 
-    def _setup(self, _: Any, __: int, ___: float, start: float, ____: int, _____: float) -> int:
-        self.fmu.start = start
+    def _setup(self, _: Any, __: int, ___: float, start: float, stops: int, stop: float) -> int:
+        self.fmu.start, self.fmu.stop = start, stop if stops else None
         return 0
 
     def _set(self, _: Any, indices: Any, count: int, values: Any) -> int:
@@ -371,7 +302,3 @@ class Callbacks:
     def _set_other(self, _: Any, setting: int) -> int:
         kind, reference, value = self.settings[(setting - self.first_setting) // self.setting_size]
         return self._status(self.fmu.set_typed, kind, [reference], [value])
-
-
-def _near(a: float, b: float) -> bool:
-    return abs(a - b) <= AT_EVENT * max(abs(a), abs(b), 1e-3)

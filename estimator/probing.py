@@ -219,7 +219,8 @@ class Prober:
 
     def _initialise(self) -> None:
         component = self.component
-        self._check("setupExperiment", self.call["setup_experiment"](component, 0, 0.0, self.start, 0, 0.0))
+        stop = self.start + self.horizon + self.h
+        self._check("setupExperiment", self.call["setup_experiment"](component, 0, 0.0, self.start, 1, stop))
         self._check("enterInitializationMode", self.call["enter_initialization"](component))
         self._check("exitInitializationMode", self.call["exit_initialization"](component))
 

@@ -34,7 +34,7 @@ def reference_trajectories(
     layout = loaded.layout
     recording = layout.experiments[experiment]
     fmu = loaded.foreign
-    fmu.start = recording.start
+    fmu.start, fmu.stop = recording.start, recording.start + recording.samples * recording.interval
     if not fmu.fmu.component:
         fmu.instantiate()
     else:

@@ -210,6 +210,11 @@ static fmi2Status set_setting(const Slave *slave, const Setting *setting) {
 
 static int64_t failed(int64_t phase, fmi2Status status) { return FAILED + 256 * phase + 65536 * (int64_t)status; }
 
+/* The last sample's inputs hold for one interval more: an FMU whose stop time is kept has room for rounding. */
+static double stop_time(const Experiment *experiment) {
+    return experiment->start + (double)experiment->samples * experiment->interval;
+}
+
 static int64_t initialise(Slave *slave, const Job *job, const Experiment *experiment, const double *values) {
     fmi2Status status;
     if (slave->reinstantiate || slave->component == NULL) {
@@ -220,7 +225,8 @@ static int64_t initialise(Slave *slave, const Job *job, const Experiment *experi
     } else if ((status = slave->reset(slave->component)) > fmi2Warning) {
         return failed(IN_RESET, status);
     }
-    status = slave->setup_experiment(slave->component, fmi2False, 0.0, experiment->start, fmi2False, 0.0);
+    status = slave->setup_experiment(slave->component, fmi2False, 0.0, experiment->start, fmi2True,
+                                     stop_time(experiment));
     if (status > fmi2Warning) return failed(IN_SETUP, status);
     if (job->parameters > 0) {
         status = slave->set_real(slave->component, job->parameter_references, (size_t)job->parameters, values);

@@ -14,7 +14,6 @@ FloatArray = NDArray[np.float64]
 NUDGE = 0.02  # of a parameter's range, on its scale
 FAR = (0.1, 0.5, 0.9)  # of its range, for one that a nudge does not move
 LONG = 10.0  # s: an estimation that takes longer is announced
-USUAL_SIMULATIONS = 300
 
 
 def unmoved(problem: Problem, start: FloatArray) -> tuple[list[str], float]:
@@ -35,15 +34,18 @@ def unmoved(problem: Problem, start: FloatArray) -> tuple[list[str], float]:
     if first.failed[0] or first.shown is None:
         return [], 0.0
     began = time.monotonic()
-    found = problem.trajectories(box.from_cube(nudged))
-    seconds = (time.monotonic() - began) / len(home)
-    assert found.shown is not None
+    batches = [problem.trajectories(box.from_cube(nudged[:1]))]
+    seconds = time.monotonic() - began
+    if len(nudged) > 1:
+        batches.append(problem.trajectories(box.from_cube(nudged[1:])))
+    failed = np.concatenate([b.failed for b in batches])
+    shown = np.concatenate([b.shown for b in batches if b.shown is not None])
     reference = problem.used(first.shown[0])
     sentences = []
     for j, parameter in enumerate(problem.parameters):
-        if parameter.place is not None or found.failed[j]:
+        if parameter.place is not None or failed[j]:
             continue
-        if np.array_equal(problem.used(found.shown[j]), reference) and not _moves_far(problem, home, j, reference):
+        if np.array_equal(problem.used(shown[j]), reference) and not _moves_far(problem, home, j, reference):
             signals = ", ".join(problem.outputs)
             sentences.append(
                 f"parameter {parameter.name!r} moves no measured signal ({signals}), so it cannot be estimated; fix it"
@@ -52,14 +54,21 @@ def unmoved(problem: Problem, start: FloatArray) -> tuple[list[str], float]:
     return sentences, seconds
 
 
-def announcement(seconds: float, *, workers: int) -> str | None:
-    """Say what one simulation costs and how long the search will take; None if that is not long."""
-    total = seconds * USUAL_SIMULATIONS / max(1, workers)
-    if total < LONG:
+def announcement(seconds: float, *, simulations: int, workers: int, always: bool = False) -> str | None:
+    """Say what one simulation costs and how long the search will take; None if that is not long.
+
+    Parameters
+    ----------
+    seconds : of one simulation; 0: not known
+    simulations : that the method usually takes
+    always : however short it is
+    """
+    total = seconds * simulations / max(1, workers)
+    if seconds <= 0 or (total < LONG and not always):
         return None
-    length = f"{total:.0f} s" if total < 120 else f"{total / 60:.0f} min"
+    length = f"{total:.1g} s" if total < 10 else f"{total:.0f} s" if total < 120 else f"{total / 60:.0f} min"
     return (
-        f"one simulation of this FMU takes {seconds:.2g} s; some {USUAL_SIMULATIONS} of them, by {workers}"
+        f"one simulation of this FMU takes {seconds:.2g} s; some {simulations} of them, by {workers}"
         f" worker{'s' if workers != 1 else ''}, will take about {length}, more where the model fits badly"
     )
 

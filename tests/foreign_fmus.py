@@ -66,7 +66,8 @@ def foreign_fmu(
     """
     folder.mkdir(parents=True, exist_ok=True)
     source = folder / f"{name}.c"
-    source.write_text("".join(f"#define {d}\n" for d in defines) + f'#include "fmi{version}.c"\n')
+    glue = "fmi1_model.c" if version == 1 and "model-exchange" in kinds else f"fmi{version}.c"
+    source.write_text("".join(f"#define {d}\n" for d in defines) + f'#include "{glue}"\n')
     library = folder / f"{name}{fmpy.sharedLibraryExtension}"
     compile_library(source, library, include=[SOURCES, fmi_headers()])
     units = WORKSHOP if "WORKSHOP_UNITS" in defines else {}
@@ -178,8 +179,13 @@ def _description1(kinds: Sequence[str], units: dict[str, tuple[str, float]], no_
         f' modelIdentifier="foreign" guid="{GUID}" generationTool="A foreign tool"'
         ' numberOfContinuousStates="2" numberOfEventIndicators="0">'
         f"<UnitDefinitions>{_units(units, '')}</UnitDefinitions><ModelVariables>{''.join(rows)}</ModelVariables>"
-        '<Implementation><CoSimulation_StandAlone><Capabilities canHandleVariableCommunicationStepSize="true"/>'
-        "</CoSimulation_StandAlone></Implementation></fmiModelDescription>\n"
+        + (
+            '<Implementation><CoSimulation_StandAlone><Capabilities canHandleVariableCommunicationStepSize="true"/>'
+            "</CoSimulation_StandAlone></Implementation>"
+            if "co-simulation" in kinds
+            else ""
+        )
+        + "</fmiModelDescription>\n"
     )
 
 

@@ -1,12 +1,20 @@
 """FMI 1.0, 2.0 and 3.0, co-simulation and model exchange: the same motor comes out of each."""
 
+import dataclasses
+import re
+
+import fmpy
+import numpy as np
 import pytest
 from foreign_fmus import CASE, foreign_case, foreign_fmu
 from motors import CML050, NAMES, step_recording
 
-from estimator.case import read_case
+import fmu_build
+from estimator.case import case_for_recording, read_case
+from estimator.errors import SimulationError
 from estimator.estimate import estimate
 from estimator.recording import write_recording
+from estimator.simulate import simulate
 
 
 @pytest.fixture(scope="module")
@@ -33,15 +41,52 @@ def test_fmi_1_co_simulation_is_estimated_to_1e_8(tmp_path, recording):
     assert e.fmu["fmi_version"] == "1.0"
 
 
-def test_model_exchange_is_estimated_to_1e_5(tmp_path, recording):
-    fmu = foreign_fmu(tmp_path, kinds=("model-exchange",))
+@pytest.mark.parametrize("version", [1, 2])
+def test_model_exchange_is_estimated_to_1e_5(tmp_path, recording, version):
+    fmu = foreign_fmu(tmp_path, version=version, kinds=("model-exchange",))
     e = estimate(read_case(foreign_case(fmu, recording)))
     assert worst(e) < 1e-5
-    assert e.fmu["kind"] == "model-exchange"
+    assert (e.fmu["kind"], e.fmu["fmi_version"]) == ("model-exchange", f"{version}.0")
+    assert re.match(r"one simulation of this FMU takes [\d.e-]+ s; some \d+ of them", e.notes[0])
+
+
+def test_model_exchange_of_fmi_3_is_estimated_to_1e_5(tmp_path, recording):
+    fmu = fmu_build.build("dc_motor", output=tmp_path / "motor.fmu", fmi=3)
+    case = case_for_recording(recording, fmu=str(fmu))
+    e = estimate(dataclasses.replace(case, kind="model-exchange"))
+    assert worst(e) < 1e-5
+    assert (e.fmu["kind"], e.fmu["fmi_version"]) == ("model-exchange", "3.0")
+
+
+@pytest.mark.parametrize("version", [1, 2])
+def test_model_exchange_holds_its_inputs_as_fmpy_does_with_doubled_time_stamps(tmp_path, version):
+    """The reference is fmpy's own simulation: its inputs ramp, so each jump has two samples at one time."""
+    fmu = foreign_fmu(tmp_path, version=version, kinds=("model-exchange",))
+    h, levels = 1e-3, np.repeat([0.0, 8.0, -3.0, 5.5], 40)
+    times = np.arange(len(levels) + 1) * h
+    stamps = np.repeat(times, 2)[1:-1]
+    doubled = np.array(list(zip(stamps, np.repeat(levels, 2), strict=True)), dtype=[("time", float), ("u_in", float)])
+    expected = fmpy.simulate_fmu(
+        str(fmu), fmi_type="ModelExchange", start_values={"motor.Ra": 2.0}, input=doubled, output=["shaft.w"],
+        stop_time=times[-1], output_interval=h, relative_tolerance=1e-11,
+    )  # fmt: skip
+    taken = expected[np.unique(np.round(expected["time"] / h), return_index=True)[1]]
+    held = np.append(levels, levels[-1])
+    own = simulate(str(fmu), parameters={"motor.Ra": 2.0}, inputs={"u_in": held}, times=times)
+    assert len(taken) == len(times)
+    assert np.max(np.abs(own["shaft.w"] - taken["shaft.w"])) < 1e-7 * np.max(np.abs(taken["shaft.w"]))
 
 
 def test_an_fmu_that_offers_both_is_stepped_by_itself_unless_the_user_chooses(tmp_path, recording):
     fmu = foreign_fmu(tmp_path, kinds=("co-simulation", "model-exchange"))
-    assert read_case(foreign_case(fmu, recording)).kind is None
-    chosen = CASE.replace("[inputs]", 'kind = "model-exchange"\n[inputs]')
-    assert read_case(foreign_case(fmu, recording, text=chosen)).kind == "model-exchange"
+    case = read_case(foreign_case(fmu, recording))
+    assert case.kind is None and estimate(case).fmu["kind"] == "co-simulation"
+    text = CASE.replace("[inputs]", 'kind = "model-exchange"\n[inputs]')
+    chosen = estimate(read_case(foreign_case(fmu, recording, text=text)))
+    assert chosen.fmu["kind"] == "model-exchange" and worst(chosen) < 1e-5
+
+
+def test_an_error_of_the_equations_reaches_the_user(tmp_path, recording):
+    fmu = foreign_fmu(tmp_path, "BROKEN_EQUATIONS 0.1", kinds=("model-exchange",))
+    with pytest.raises(SimulationError, match=r"every simulation of foreign.fmu failed: doStep returned Error"):
+        estimate(read_case(foreign_case(fmu, recording)))

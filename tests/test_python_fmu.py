@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 from motors import CML050, NAMES, step_recording
 
+from estimator.api import estimate_parameters
 from estimator.case import read_case
 from estimator.cli import main
 from estimator.estimate import estimate
@@ -40,11 +41,24 @@ def test_a_python_fmu_is_estimated_and_its_cost_is_said_before_the_search(tmp_pa
     said = []
     e = estimate(read_case(tmp_path / "motor.case.toml"), workers=1, tell=said.append)
     assert re.match(
-        r"one simulation of this FMU takes [\d.e-]+ s; some 300 of them, by 1 worker, will take about \d+ s, more",
+        r"one simulation of this FMU takes [\d.e-]+ s; some 300 of them, by 1 worker, will take about [\d.]+ s, more",
         said[0],
     )
     assert e.notes[0] == said[0]
     assert max(abs(e.parameters[n].value / CML050.parameters[n] - 1) for n in NAMES) < 1e-3
+
+
+def test_its_cost_is_said_on_every_way_to_an_estimate(tmp_path, monkeypatch, capsys, caplog):
+    builder.FmuBuilder.build_FMU(str(Path(__file__).parent / "foreign" / "python_motor.py"), dest=str(tmp_path))
+    write_recording(step_recording(CML050, lead=0.01, duration=0.1), tmp_path / "step.csv")
+    case = tmp_path / "motor.case.toml"
+    case.write_text(CASE)
+    monkeypatch.setattr("estimator.trial.LONG", 0.0)
+    for more in ([], ["--checkpoint", str(tmp_path / "journal")]):
+        assert main(["estimate", str(case), "--method", "integral", *more]) == 0
+        assert "one simulation of this FMU takes" in capsys.readouterr().err
+    estimate_parameters(case, method="integral")
+    assert "one simulation of this FMU takes" in caplog.text
 
 
 def test_inspect_runs_it(tmp_path, capsys):

@@ -16,7 +16,10 @@ NAMED(fmiInstantiateSlave)(fmi1String name, fmi1String guid, fmi1String location
                            fmi1Boolean logging) {
     return create();
 }
-FUNCTION(fmiInitializeSlave, fmi1Real from, fmi1Boolean stops, fmi1Real stop) { return fmi1OK; }
+FUNCTION(fmiInitializeSlave, fmi1Real from, fmi1Boolean stops, fmi1Real stop) {
+    M->initialised = 1;
+    return set_up(c, from, stops, stop) ? fmi1OK : fmi1Error;
+}
 PLAIN(fmiTerminateSlave) { return fmi1OK; }
 PLAIN(fmiResetSlave) {
     start(c);

@@ -18,9 +18,14 @@ fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, f
 }
 #endif
 void fmi2FreeInstance(fmi2Component c) { destroy(c); }
-FUNCTION(fmi2SetupExperiment, fmi2Boolean td, fmi2Real t, fmi2Real from, fmi2Boolean sd, fmi2Real stop) { return fmi2OK; }
+FUNCTION(fmi2SetupExperiment, fmi2Boolean td, fmi2Real t, fmi2Real from, fmi2Boolean sd, fmi2Real stop) {
+    return set_up(c, from, sd, stop) ? fmi2OK : fmi2Error;
+}
 fmi2Status fmi2EnterInitializationMode(fmi2Component c) { return fmi2OK; }
-fmi2Status fmi2ExitInitializationMode(fmi2Component c) { return fmi2OK; }
+fmi2Status fmi2ExitInitializationMode(fmi2Component c) {
+    M->initialised = 1;
+    return fmi2OK;
+}
 fmi2Status fmi2Terminate(fmi2Component c) { return fmi2OK; }
 #ifndef NO_RESET
 fmi2Status fmi2Reset(fmi2Component c) {
@@ -77,6 +82,9 @@ FUNCTION(fmi2GetContinuousStates, fmi2Real x[], size_t n) {
     return fmi2OK;
 }
 FUNCTION(fmi2GetDerivatives, fmi2Real d[], size_t n) {
+#ifdef BROKEN_EQUATIONS
+    if (M->time > BROKEN_EQUATIONS) return fmi2Error;
+#endif
     derivatives(M, (double[]){M->values[CURRENT], M->values[SPEED]}, M->time, d);
     return fmi2OK;
 }

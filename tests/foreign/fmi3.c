@@ -18,9 +18,12 @@ EXPORT void *fmi3InstantiateScheduledExecution(void) { return NULL; }
 EXPORT void fmi3FreeInstance(fmi3Instance c) { destroy(c); }
 EXPORT fmi3Status fmi3EnterInitializationMode(fmi3Instance c, fmi3Boolean td, fmi3Float64 t, fmi3Float64 from,
                                               fmi3Boolean sd, fmi3Float64 stop) {
+    return set_up(c, from, sd, stop) ? fmi3OK : fmi3Error;
+}
+EXPORT fmi3Status fmi3ExitInitializationMode(fmi3Instance c) {
+    M->initialised = 1;
     return fmi3OK;
 }
-EXPORT fmi3Status fmi3ExitInitializationMode(fmi3Instance c) { return fmi3OK; }
 EXPORT fmi3Status fmi3Terminate(fmi3Instance c) { return fmi3OK; }
 EXPORT fmi3Status fmi3Reset(fmi3Instance c) {
     start(c);

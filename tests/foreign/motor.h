@@ -9,9 +9,11 @@
  *     ONCE               a second instance in one process gets NULL, ever
  *     OWN_STEP           doStep advances by 1 ms, whatever is asked
  *     ONLY_STEP          doStep of anything but 1 ms is an error
- *     STOPS_AT           doStep past that time is an error
+ *     STOPS_AT           doStep past that time is discarded, whatever it was told
+ *     OWN_STOP           doStep past that time is discarded, unless it was told another stop time
+ *     STARTS_AT          it begins at that time and no other; each step must begin where the one before ended
  *     SELF_DRIVEN        no input: 10.5 V from 0.1 s on
- *     LATE_IGNORED       parameters are taken at instantiation's end only: set after initialisation they are ignored
+ *     LATE_IGNORED       parameters set after initialisation are accepted and ignored
  */
 #include <math.h>
 #include <stdlib.h>
@@ -25,6 +27,9 @@ typedef struct {
     int mode;      /* 0: no friction, 1: viscous */
     int enabled;
     double time;
+    int initialised;
+    int stops;     /* it was told a stop time */
+    double stop;
     const void *callbacks;
 } Motor;
 
@@ -35,6 +40,7 @@ static void start(Motor *m) {
     m->mode = 1;
     m->enabled = 1;
     m->time = 0;
+    m->initialised = m->stops = 0;
 }
 
 #ifdef SHARED
@@ -67,6 +73,17 @@ static void destroy(Motor *m) {
 #endif
 }
 
+/* What it is told before initialisation; 0: it refuses. */
+static int set_up(Motor *m, double from, int stops, double stop) {
+    m->time = from;
+    m->stops = stops;
+    m->stop = stop;
+#ifdef STARTS_AT
+    if (from != STARTS_AT) return 0;
+#endif
+    return !stops || stop > from;
+}
+
 static double voltage(const Motor *m, double time) {
 #ifdef SELF_DRIVEN
     (void)m;
@@ -94,6 +111,12 @@ static int advance(Motor *m, double time, double h) {
 #endif
 #ifdef STOPS_AT
     if (time + h > STOPS_AT + 1e-9) return 0;
+#endif
+#ifdef OWN_STOP
+    if (time + h > (m->stops ? m->stop : OWN_STOP) + 1e-9) return 0;
+#endif
+#ifdef STARTS_AT
+    if (fabs(time - m->time) > 1e-9) return 0;
 #endif
 #ifdef EULER
     n = 1;
@@ -139,7 +162,7 @@ static void take(Motor *m, unsigned reference, double value) {
     if (reference == JM) value /= 1e7;
 #endif
 #ifdef LATE_IGNORED
-    if (reference < U && m->time != 0) return;
+    if (reference < U && m->initialised) return;
 #endif
     m->values[reference] = value;
 }
