@@ -195,3 +195,12 @@ def real_bench(seed: int, motor: dict[str, float]) -> Bench:
         drift=0.05,
         delay=float(rng.uniform(0.005, 0.25)),
     )
+
+
+RANGES = {"R": (0.1, 20.0), "K": (0.005, 0.5), "L": (5e-5, 20e-3), "J": (1e-7, 1e-2), "B": (1e-7, 1e-3)}
+
+
+def random_motor(seed: int) -> dict[str, float]:
+    """Return a motor drawn log-uniformly; of these a quarter do not settle in 2.3 s, a tenth are aliased at 1 kHz."""
+    rng = np.random.default_rng([seed, 11])
+    return {name: float(np.exp(rng.uniform(*np.log(ends)))) for name, ends in RANGES.items()}

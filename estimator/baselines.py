@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from estimator.errors import InputError
 from estimator.integral import integral_estimate
 from estimator.parameters import Box
-from estimator.problem import MOTOR, Plan
+from estimator.plan import MOTOR, Plan
 from estimator.steiglitz_mcbride import NoMotorError, steiglitz_mcbride
 
 FloatArray = NDArray[np.float64]

@@ -20,12 +20,16 @@ from estimator.case import Case
 from estimator.cuckoo import CuckooSearch
 from estimator.derived import derived_quantities
 from estimator.errors import SimulationError
+from estimator.fit import Fit
 from estimator.fmu import FmuDescription, describe, with_kind
-from estimator.nuisance import Fit, Refinement
+from estimator.noise_level import output_deviations
+from estimator.nuisance import Refinement
 from estimator.outcome import comparisons, correlation, figures, parameter_estimates, versions
+from estimator.plan import MOTOR, Plan
+from estimator.planning import plan_case
 from estimator.polish import LeastSquares, Polish
 from estimator.probe import driven
-from estimator.problem import MOTOR, SIGMA_FLOOR, Plan, Problem, output_deviations, plan_case
+from estimator.problem import SIGMA_FLOOR, Problem
 from estimator.profile import cost_profiles
 from estimator.progress import Progress
 from estimator.recording import Recording

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from estimator.mapping import target
 from estimator.parameters import Parameter
+from estimator.plan import Plan
 from estimator.polish import Polish
-from estimator.problem import Plan
 from estimator.result import Comparison, ParameterEstimate, Setting
 from estimator.verdict import Judgement
 

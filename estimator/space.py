@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from estimator.errors import InputError
 from estimator.excitation import Settling, find_settling
 from estimator.parameters import Box
-from estimator.problem import MOTOR, Plan
+from estimator.plan import MOTOR, Plan
 from estimator.steady_state import SteadyState, last_samples
 
 FloatArray = NDArray[np.float64]

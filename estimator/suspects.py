@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from estimator.noise import find_colour, quadratic
 
 if TYPE_CHECKING:
-    from estimator.nuisance import Fit
+    from estimator.fit import Fit
 
 FloatArray = NDArray[np.float64]
 

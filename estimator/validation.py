@@ -11,9 +11,12 @@ import numpy as np
 from estimator.case import Case
 from estimator.errors import SimulationError
 from estimator.fmu import describe, with_kind
+from estimator.noise_level import output_deviations
 from estimator.outcome import comparisons, figures
+from estimator.plan import Plan
+from estimator.planning import plan_case
 from estimator.probe import driven
-from estimator.problem import Plan, Problem, output_deviations, plan_case
+from estimator.problem import Problem
 from estimator.recording import Recording
 from estimator.result import Estimate, Validation
 from estimator.workers import Workers

@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 
 from estimator.excitation import find_settling, lost_transient, noise_deviation, saturation
 from estimator.fmu import FmuDescription
+from estimator.plan import MOTOR, Observed, Plan
 from estimator.polish import Polish
-from estimator.problem import MOTOR, Observed, Plan
 from estimator.result import Status, Verdict
 
 if TYPE_CHECKING:
-    from estimator.nuisance import Fit
+    from estimator.fit import Fit
     from estimator.space import Steady
 
 FloatArray = NDArray[np.float64]
@@ -319,8 +319,8 @@ def _betrayed(fit: Fit | None) -> list[str]:
     """Name the strongest wrong assumption that the residuals betray."""
     if fit is None or not fit.colours:  # no noise to compare with
         return []
-    from estimator.nuisance import onset
     from estimator.suspects import suspicions
+    from estimator.treatment import onset
 
     return [s.sentence for s in suspicions(fit, onset=onset(fit.problem, 0, fit.polish.values))[:1]]
 

@@ -24,7 +24,8 @@ from estimator.cli import main
 from estimator.errors import FmuError, SimulationError
 from estimator.estimate import estimate
 from estimator.fmu import describe
-from estimator.problem import Problem, plan_case
+from estimator.planning import plan_case
+from estimator.problem import Problem
 from estimator.recording import write_recording
 from estimator.workers import Workers
 

@@ -1,0 +1,143 @@
+"""Which parameters are free, between which bounds, and where to begin. Knows the case, the FMU's table and the data."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.case import Case, ParameterSpec
+from estimator.errors import FmuError, InputError
+from estimator.fmu import FmuDescription, Variable
+from estimator.integral import integral_estimate
+from estimator.mapping import target
+from estimator.parameters import Parameter
+from estimator.plan import MOTOR, Observed
+
+FloatArray = NDArray[np.float64]
+
+PAPER_BOX = {"R": (0.01, 5.0), "K": (0.005, 0.1), "L": (1e-7, 0.5), "J": (1e-7, 1e-3), "B": (1e-5, 1e-3)}
+WIDTH = {"R": 100.0, "K": 100.0}  # bounds around the data's start when none are given: factor either way
+USUAL_WIDTH = 1e4
+
+
+def first_guess(case: Case, observed: tuple[Observed, ...]) -> tuple[dict[str, float], tuple[str, ...]]:
+    """Return a first guess of the motor's parameters from the data, and what to tell of it."""
+    for o in observed:
+        if {"v"} <= set(o.inputs) and {"i", "w"} <= set(o.outputs) and o.excitation.kind != "none":
+            late = round(o.delay / o.recording.step)
+            v = o.inputs["v"][: len(o.inputs["v"]) - late]
+            i, w = o.outputs["i"][late:], o.outputs["w"][late:]
+            load = case.fixed.get("load", 0.0)
+            guess = integral_estimate(v, i, w, step=o.recording.step, load=load)
+            return _sane(guess, v, i, w, step=o.recording.step), ()
+    return {}, ()
+
+
+def _sane(guess: Mapping[str, float], v: FloatArray, i: FloatArray, w: FloatArray, *, step: float) -> dict[str, float]:
+    """Replace what noise has driven out of reason by orders of magnitude that the signals allow."""
+    peak_v, peak_i, peak_w = (max(float(np.nanmax(np.abs(x))), 1e-12) for x in (v, i, w))
+    R = guess["R"] if 0 < guess["R"] < 1e3 * peak_v / peak_i else 0.5 * peak_v / peak_i
+    K = guess["K"] if 0 < guess["K"] < 1e2 * peak_v / peak_w else 0.9 * peak_v / peak_w
+    least_L = 0.05 * step * R
+    L = guess["L"] if guess["L"] > least_L else 5 * step * R if guess["L"] <= 0 else least_L
+    usual_J = K * K / R * 10 * step
+    J = guess["J"] if guess["J"] > 1e-3 * usual_J else usual_J
+    B = guess["B"] if guess["B"] > 1e-6 * K * K / R else 1e-2 * K * K / R
+    return {"R": R, "K": K, "L": L, "J": J, "B": B}
+
+
+def free_parameters(case: Case, description: FmuDescription, guess: Mapping[str, float]) -> tuple[Parameter, ...]:
+    """Return the free parameters with their bounds and starts.
+
+    Raises
+    ------
+    FmuError, InputError
+        A parameter is unknown, or has no bounds: one sentence.
+    """
+    available = [v.name for v in description.of_causality("parameter")]
+    names = [n for n in case.parameters if n not in case.fixed]
+    if not case.parameters:
+        names = [n for n in MOTOR if n in available and n not in case.fixed]
+        if not names and not any(n in available for n in MOTOR):
+            listed = ", ".join(available[:20]) or "none"
+            raise FmuError(
+                f"{description.path.name} has none of the parameters R, K, L, J, B (its parameters: {listed});"
+                " name those to estimate in a case file, under [parameters]"
+            )
+    elif all(n in MOTOR for n in case.parameters) and all(n in available for n in MOTOR):
+        names = [n for n in MOTOR if n not in case.fixed]  # bounds for some do not fix the others
+    return tuple(_parameter(name, case, description, guess) for name in names)
+
+
+def _parameter(name: str, case: Case, description: FmuDescription, guess: Mapping[str, float]) -> Parameter:
+    spec = case.parameters.get(name) or ParameterSpec(name=name)
+    targets = [target(description, variable) for variable in (spec.fmu or (name,))]
+    first, gains = targets[0], spec.gains or (1.0,) * len(targets)
+    for variable in targets:
+        if not variable.is_real:
+            raise FmuError(
+                f"{variable.name!r} of {description.path.name} is {variable.type}; only real parameters are estimated;"
+                " give it a value under [fixed]"
+            )
+    paper = case.search.method in ("paper", "original")
+    start = spec.start if spec.start is not None else guess.get(name)
+    if start is None:
+        start = spec.nominal if spec.nominal is not None else _over(_number(first.start), gains[0])
+    lower, upper = spec.minimum, spec.maximum
+    if paper and name in PAPER_BOX:
+        lower = PAPER_BOX[name][0] if lower is None else lower
+        upper = PAPER_BOX[name][1] if upper is None else upper
+    width = WIDTH.get(name, USUAL_WIDTH)
+    low, high = _limits(targets, gains)
+    if lower is None:
+        lower = start / width if start is not None and start > 0 else low
+        if low is not None and lower is not None:
+            lower = max(lower, low)
+    if upper is None:
+        upper = start * width if start is not None and start > 0 else high
+        if high is not None and upper is not None:
+            upper = min(upper, high)
+    if lower is None or upper is None or not np.isfinite([lower, upper]).all():
+        raise InputError(
+            f"parameter {name!r} has no bounds and no positive start to put them around; give them with"
+            f" --bounds {name}=MIN:MAX or in the case file"
+        )
+    if lower >= upper:
+        raise InputError(f"parameter {name!r}: the lower bound {lower:g} is not below the upper bound {upper:g}")
+    if (low is not None and lower < low) or (high is not None and upper > high):
+        raise InputError(
+            f"parameter {name!r}: the bounds {lower:g} to {upper:g} leave the range"
+            f" {low} to {high} that {description.path.name} allows"
+        )
+    return Parameter(
+        name=name,
+        unit=first.unit,
+        lower=float(lower),
+        upper=float(upper),
+        log=lower > 0 and not paper,
+        targets=tuple(v.name for v in targets),
+        start=None if start is None else float(np.clip(start, lower, upper)),
+        nominal=spec.nominal,
+        gains=spec.gains,
+    )
+
+
+def _limits(targets: Sequence[Variable], gains: Sequence[float]) -> tuple[float | None, float | None]:
+    """Return the range of a parameter in which all its variables stay within theirs."""
+    lows, highs = [], []
+    for variable, gain in zip(targets, gains, strict=True):
+        ends = [_over(variable.minimum, gain), _over(variable.maximum, gain)]
+        low, high = ends if gain > 0 else ends[::-1]
+        lows += [] if low is None else [low]
+        highs += [] if high is None else [high]
+    return max(lows, default=None), min(highs, default=None)
+
+
+def _over(value: float | None, gain: float) -> float | None:
+    return None if value is None else value / gain
+
+
+def _number(value: float | str | None) -> float | None:
+    return float(value) if isinstance(value, (int, float)) else None

@@ -1,0 +1,85 @@
+"""Plans with one more thing free, or one more sensor between: delay, offset, running mean, encoder. No FMU."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator import layout
+from estimator.parameters import Parameter, SensorPlace
+from estimator.plan import ChainSpec, Plan
+
+FloatArray = NDArray[np.float64]
+
+DELAY_ROOM = 20.0  # samples on either side of a delay's start
+
+
+def named(kind: str, plan: Plan, recording: int) -> str:
+    """Return the name of one recording's nuisance; plain where there is one recording."""
+    return kind if len(plan.observed) == 1 else f"{kind} {plan.observed[recording].recording.name}"
+
+
+def delay_parameter(plan: Plan, recording: int, start: float) -> Parameter:
+    """Return a free delay of one recording, around a start in s."""
+    h = plan.observed[recording].recording.step
+    return Parameter(
+        name=named("delay", plan, recording),
+        unit="s",
+        lower=start - DELAY_ROOM * h,
+        upper=start + DELAY_ROOM * h,
+        log=False,
+        targets=(),
+        start=start,
+        place=SensorPlace("delay", recording),
+    )
+
+
+def free_delay(plan: Plan, recording: int, start: float) -> Plan:
+    """Return the plan with one recording's delay free."""
+    observed = list(plan.observed)
+    observed[recording] = dataclasses.replace(observed[recording], delay=0.0)
+    parameter = delay_parameter(plan, recording, start)
+    return dataclasses.replace(plan, observed=tuple(observed), parameters=(*plan.parameters, parameter))
+
+
+def with_delay(name: str, recording: int) -> Callable[[Plan, float], Plan]:
+    """Return what frees a recording's delay, from a change of it in s."""
+    return lambda plan, start: free_delay(plan, recording, plan.observed[recording].delay + start)
+
+
+def with_offset(name: str, output: str) -> Callable[[Plan, float], Plan]:
+    """Return what frees an output's offset, from a start in its unit."""
+
+    def extend(plan: Plan, start: float) -> Plan:
+        spread = max(float(np.nanmax(np.abs(o.outputs[output]))) for o in plan.observed)
+        parameter = Parameter(
+            name=name,
+            unit=plan.description.variable(output).unit,
+            lower=-spread,
+            upper=spread,
+            log=False,
+            targets=(),
+            start=start,
+            place=SensorPlace("offset", None, output),
+        )
+        return dataclasses.replace(plan, parameters=(*plan.parameters, parameter))
+
+    return extend
+
+
+def with_average(output: str, samples: int) -> Callable[[Plan, float], Plan]:
+    """Return what puts a running mean behind an output."""
+
+    def extend(plan: Plan, start: float) -> Plan:
+        chain = dataclasses.replace(plan.chains.get(output, ChainSpec()), average=samples)
+        return dataclasses.replace(plan, chains={**plan.chains, output: chain})
+
+    return extend
+
+
+def with_mean(plan: Plan, start: float) -> Plan:
+    """Return the plan with the speed taken as a mean over the sampling interval."""
+    return dataclasses.replace(plan, sensors={**plan.sensors, "w": layout.MEAN})

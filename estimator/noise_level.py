@@ -1,0 +1,47 @@
+"""How much noise each output of a plan shows, before any simulation. Knows the recordings and the declared filters."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.excitation import noise_deviation
+from estimator.plan import ChainSpec, Observed, Plan
+from estimator.sensors import Sensor, chebyshev1_sections
+
+FloatArray = NDArray[np.float64]
+
+REST_SAMPLES, REST_LIMIT = 50, 10.0  # before the step; times the noise of differences: more is no noise
+
+
+def output_deviations(plan: Plan) -> dict[str, tuple[float, float]]:
+    """Return, for each output, the deviation of its noise as the data show it, and of the signal itself."""
+    result = {}
+    for name in plan.outputs:
+        chain = plan.chains.get(name, ChainSpec())
+        noise = np.sqrt(np.mean([(_noise(o, name) * _smoothing(chain, o.recording.step)) ** 2 for o in plan.observed]))
+        spread = float(np.nanstd(np.concatenate([o.outputs[name] for o in plan.observed])))
+        result[name] = (float(noise), spread)
+    return result
+
+
+def _smoothing(chain: ChainSpec, step: float) -> float:
+    """Return how much larger filtered white noise is than its second differences make it seem."""
+    if chain.filter is None:
+        return 1.0
+    f = chain.filter
+    sensor = Sensor(sections=chebyshev1_sections(order=f.order, ripple=f.ripple, cutoff=f.cutoff, step=step))
+    impulse = np.array([sensor.show(float(k == 2)) for k in range(2000)])
+    second = impulse[2:] - 2 * impulse[1:-1] + impulse[:-2]
+    return float(np.linalg.norm(impulse) / np.linalg.norm(second) * np.sqrt(6))
+
+
+def _noise(o: Observed, name: str) -> float:
+    """Return the deviation of an output's noise: at rest before the step, where it is coloured, or differences."""
+    rest = o.outputs[name][: o.excitation.index] if o.excitation.kind != "none" and not o.excitation.running else None
+    fast = noise_deviation(o.outputs[name])
+    if rest is None or np.sum(~np.isnan(rest)) < REST_SAMPLES:
+        return fast
+    known = rest[~np.isnan(rest)]
+    slow = float(np.median(np.abs(known - np.median(known)))) / 0.6745
+    return slow if fast < slow < REST_LIMIT * fast else fast
