@@ -54,7 +54,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _run(args: argparse.Namespace) -> int:
     """Run the command; turn whatever goes wrong into a sentence and an exit status."""
-    from estimator.errors import InputError, SimulationError
+    from estimator.errors import EstimatorError, InputError
 
     try:
         return int(args.run(args))
@@ -62,7 +62,7 @@ def _run(args: argparse.Namespace) -> int:
         return give_up_stdout()
     except InputError as error:
         return _failed(args, str(error), status=BAD_INPUT)
-    except SimulationError as error:
+    except EstimatorError as error:
         return _failed(args, str(error), status=FAILED)
     except KeyboardInterrupt as interrupt:
         best = getattr(interrupt, "best", None)

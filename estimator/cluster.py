@@ -8,7 +8,9 @@ run again elsewhere; that is Dask's doing.
 from __future__ import annotations
 
 import atexit
+import contextlib
 import hashlib
+import logging
 import os
 import shutil
 import tempfile
@@ -104,7 +106,7 @@ def _outcomes(client: Any, tasks: Iterable[Task]) -> Iterator[tuple[Task, Outcom
         return future
 
     try:
-        with warnings.catch_warnings():
+        with _without_tracebacks(), warnings.catch_warnings():
             warnings.filterwarnings("ignore", message=".*[Ll]arge (object|graph).*")
             futures = [future for _ in range(AHEAD * slots) if (future := submit()) is not None]
             done = as_completed(futures, loop=client.loop)
@@ -117,7 +119,22 @@ def _outcomes(client: Any, tasks: Iterable[Task]) -> Iterator[tuple[Task, Outcom
     finally:
         if under_way:
             client.cancel(list(under_way), force=True)
-        client.close()
+        with _without_tracebacks():
+            client.close()
+
+
+@contextlib.contextmanager
+def _without_tracebacks() -> Iterator[None]:
+    """Keep Dask's loggers silent: a lost connection is said once, by us."""
+    names = [name for name in logging.root.manager.loggerDict if name.split(".")[0] == "distributed"]
+    levels = {name: logging.getLogger(name).level for name in names}
+    for name in names:
+        logging.getLogger(name).setLevel(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        for name, level in levels.items():
+            logging.getLogger(name).setLevel(level)
 
 
 def _outcome(task: Task, future: Any) -> Outcome:

@@ -175,7 +175,6 @@ def build(args: argparse.Namespace) -> int:
 def batch(args: argparse.Namespace) -> int:
     """Estimate many cases and write their table."""
     from estimator.batch import BatchProgress, gather, last_line, repeated, run_batch
-    from estimator.batch_folder import DiskError
 
     cases = gather([Path(source) for source in args.sources], report=args.report)
     for _, outcome in cases.unread:
@@ -193,9 +192,6 @@ def batch(args: argparse.Namespace) -> int:
     try:
         with live or contextlib.nullcontext():
             result = run_batch(cases, folder, _runner(args), resume=args.resume, parquet=args.parquet, progress=show)
-    except DiskError as error:
-        complain(str(error))
-        return FAILED
     except KeyboardInterrupt:
         complain(f"interrupted; what is done is in {folder}, go on with --resume")
         return INTERRUPTED

@@ -20,6 +20,20 @@ class CaseScheduling(LoadScopeScheduling):
     def _split_scope(self, nodeid: str) -> str:
         return nodeid.rsplit("::", 1)[0] if f"{self.suffix}::" in nodeid else nodeid
 
+    def remove_node(self, node: Any) -> str | None:
+        """Let a worker go; return the test that it was running: it is not given to the next one."""
+        work = self.assigned_work[node]
+        running = next(((unit, test) for unit in work.values() for test, done in unit.items() if not done), None)
+        if running is None:
+            super().remove_node(node)
+            return None
+        unit, crashed = running
+        unit[crashed] = True
+        for scope in [scope for scope, unit in work.items() if all(unit.values())]:
+            del work[scope]
+        super().remove_node(node)
+        return crashed
+
 
 class SchedulerChoice:
     """xdist's own ``load`` scheduler, or, once case files have been collected, one that keeps cases together."""

@@ -8,6 +8,7 @@ import sys
 import time
 
 import pytest
+from interrupts import takes_interrupts
 from test_batch import ROOT, TABLES, line_of, tables_of
 
 from estimator.batch import gather, run_batch
@@ -36,7 +37,7 @@ def started(*arguments, folder):
 class Cluster:
     """A scheduler and three workers, each a process without a nanny, so that a killed one stays dead."""
 
-    def __init__(self, folder, workers):
+    def __init__(self, folder, workers, *, threads=1):
         self.scheduler = started("scheduler", "--port", "0", "--no-dashboard", "--host", "127.0.0.1", folder=folder)
         self.address = ""
         self.workers = []
@@ -49,7 +50,7 @@ class Cluster:
                     self.address = found[0]
         self.folder = folder
         for _ in range(workers):
-            arguments = ("worker", self.address, "--no-nanny", "--nthreads", "1", "--no-dashboard")
+            arguments = ("worker", self.address, "--no-nanny", "--nthreads", str(threads), "--no-dashboard")
             self.workers.append(started(*arguments, folder=folder))
 
     def wait(self):
@@ -91,26 +92,67 @@ def test_a_worker_killed_in_the_middle_loses_nothing_and_the_table_is_as_here(cl
         assert "cluster" not in (tmp_path / "there" / name).read_text()
 
 
-@pytest.mark.full
-def test_a_cluster_that_goes_away_is_said_and_the_batch_goes_on_here(cluster, tmp_path, capsys, monkeypatch):
-    line_of(tmp_path / "line", 6)
-    monkeypatch.chdir(tmp_path)
-    cluster.wait()
-    for worker in cluster.workers[1:]:
-        worker.kill()
+def batch_there(address, folder):
+    """Start the batch of `line` on the cluster and return its process once the first case is on disk."""
     process = subprocess.Popen(
-        [sys.executable, "-m", "estimator", "batch", "line", "-o", "out", "--dask", cluster.address],
+        [sys.executable, "-m", "estimator", "batch", "line", "-o", "out", "--dask", address],
+        cwd=folder,
         env={**os.environ, "PYTHONPATH": str(ROOT)},
         stderr=subprocess.PIPE,
+        preexec_fn=takes_interrupts,
     )
-    while not list((tmp_path / "out" / "cases").glob("line*")):
+    while not list((folder / "out" / "cases").glob("line*")):
         time.sleep(0.05)
         assert process.poll() is None
+    return process
+
+
+@pytest.mark.full
+def test_ctrl_c_cancels_what_is_left_there_and_the_batch_goes_on_here(cluster, tmp_path, monkeypatch):
+    from distributed import Client
+
+    line_of(tmp_path / "line", 12)
+    cluster.wait()
+    process = batch_there(cluster.address, tmp_path)
     process.send_signal(signal.SIGINT)
     _, said = process.communicate(timeout=60)
     assert process.returncode == 130
     assert b"interrupted; what is done is in out, go on with --resume" in said
+    deadline = time.monotonic() + 30
+    with Client(cluster.address, set_as_default=False) as client:
+        while client.run_on_scheduler(lambda dask_scheduler: len(dask_scheduler.tasks)):
+            assert time.monotonic() < deadline, "tasks are left on the cluster"
+            time.sleep(0.2)
+    monkeypatch.chdir(tmp_path)
     assert main(["batch", "line", "-o", "out", "--resume"]) == 0
+
+
+@pytest.mark.full
+def test_a_cluster_that_goes_away_is_said_and_the_batch_goes_on_here(cluster, tmp_path, monkeypatch):
+    line_of(tmp_path / "line", 12)
+    cluster.wait()
+    process = batch_there(cluster.address, tmp_path)
+    for lost in (cluster.scheduler, *cluster.workers):
+        lost.kill()
+    _, said = process.communicate(timeout=120)
+    assert process.returncode == 1
+    assert b"the cluster is gone; start it again, then go on with --resume" in said
+    assert b"Traceback" not in said
+    monkeypatch.chdir(tmp_path)
+    assert main(["batch", "line", "-o", "out", "--resume"]) == 0
+
+
+@pytest.mark.full
+def test_a_worker_may_have_several_threads(tmp_path):
+    cases = gather([line_of(tmp_path / "line", 6)])
+    run_batch(cases, tmp_path / "here", lambda tasks: run_here(tasks, processes=2))
+    made = Cluster(tmp_path, 1, threads=3)
+    try:
+        made.wait()
+        run_batch(cases, tmp_path / "there", run_there(made.address))
+    finally:
+        made.close()
+    assert tables_of(tmp_path / "there") == tables_of(tmp_path / "here")
 
 
 def test_no_scheduler_is_said(monkeypatch):
