@@ -23,7 +23,9 @@ class CaseScheduling(LoadScopeScheduling):
     def remove_node(self, node: Any) -> str | None:
         """Let a worker go; return the test that it was running: it is not given to the next one."""
         work = self.assigned_work[node]
-        running = next(((unit, test) for unit in work.values() for test, done in unit.items() if not done), None)
+        running: tuple[Any, str] | None = next(
+            ((unit, test) for unit in work.values() for test, done in unit.items() if not done), None
+        )
         if running is None:
             super().remove_node(node)
             return None
