@@ -58,8 +58,13 @@ class Result(Estimate):
 
         return to_json(self)
 
-    def save(self, folder: str | os.PathLike[str]) -> tuple[Path, ...]:
+    def save(self, folder: str | os.PathLike[str], *, figures: Sequence[str] = ()) -> tuple[Path, ...]:
         """Write result.json, report.html, parameters.ssv and figure.png to a folder; return their paths.
+
+        Parameters
+        ----------
+        figures : "svg", "pdf"
+            Formats of the figure besides PNG.
 
         Raises
         ------
@@ -69,7 +74,7 @@ class Result(Estimate):
         from estimator.export import RESULT_FILES, result_files
         from estimator.output import OutputFolder
 
-        files = result_files(self, sources=[path for path in [self.fmu.get("path")] if path])
+        files = result_files(self, sources=[path for path in [self.fmu.get("path")] if path], figures=figures)
         with OutputFolder(folder) as place:
             place.write(files, stale=RESULT_FILES)
         return tuple(Path(folder) / name for name in files)

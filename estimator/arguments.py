@@ -154,6 +154,13 @@ Exit status: 0 an estimate, ok or doubtful; 1 refused or failed; 2 bad input."""
         metavar="DIR",
         help="write result.json, report.html, parameters.ssv, figure.png",
     )
+    add(
+        "--figures",
+        action="append",
+        default=[],
+        choices=("svg", "pdf"),
+        help="write figure.svg or figure.pdf too, with -o; repeatable",
+    )
     add("--checkpoint", metavar="FILE", help="journal a long search there; killed and started again, it goes on")
     _add_quiet(estimate)
 

@@ -10,7 +10,7 @@ import functools
 import io
 import json
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -64,6 +64,8 @@ def estimate(args: argparse.Namespace) -> int:
     """Estimate parameters from a case file or a recording; print them, and write them with ``-o``."""
     case = _case(args)
     args.method, args.seed = case.search.method, case.search.seed
+    if args.figures and not args.output:
+        raise InputError("--figures needs a folder to write to; give one with -o")
     with OutputFolder(args.output) if args.output else contextlib.nullcontext() as folder:
         result = _estimated(
             case, workers=args.workers, quiet=args.quiet, profile=folder is not None, checkpoint=args.checkpoint
@@ -73,7 +75,7 @@ def estimate(args: argparse.Namespace) -> int:
 
             result = validated(result, case, [Path(file) for file in args.validate])
         if folder is not None:
-            _write_results(folder, result, case, command=args.command_line)
+            _write_results(folder, result, case, command=args.command_line, figures=args.figures)
     if args.json:
         from estimator.report import to_json
 
@@ -347,12 +349,14 @@ def _progress(*, quiet: bool) -> Iterator[Callable[[Progress], None] | None]:
         yield line
 
 
-def _write_results(folder: OutputFolder, result: Estimate, case: Case, *, command: str) -> None:
+def _write_results(
+    folder: OutputFolder, result: Estimate, case: Case, *, command: str, figures: Sequence[str] = ()
+) -> None:
     """Write all result files, and remove those of an earlier run that this one does not have."""
     from estimator.export import RESULT_FILES, result_files
 
     sources = [case.path, result.fmu.get("path"), *case.recordings]
-    files = result_files(result, command=command, sources=[source for source in sources if source])
+    files = result_files(result, command=command, sources=[s for s in sources if s], figures=figures)
     folder.write(files, stale=RESULT_FILES)
 
 

@@ -10,12 +10,15 @@ import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING
 
-from estimator.result import Estimate, Setting
+from estimator.result import Comparison, Estimate, Setting
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from estimator.report_html import Pictures
 
-RESULT_FILES = ("result.json", "report.html", "parameters.ssv", "figure.png")
+FIGURE_FORMATS = ("png", "svg", "pdf")
+RESULT_FILES = ("result.json", "report.html", "parameters.ssv", *(f"figure.{kind}" for kind in FIGURE_FORMATS))
 MOST_FIGURES = 12  # in the HTML report, one a recording
 CAPTION = (
     "{}: measured against simulated; the residual is measured minus simulated, "
@@ -48,6 +51,7 @@ def result_files(
     *,
     command: str = "",
     sources: Iterable[str | os.PathLike[str]] = (),
+    figures: Iterable[str] = (),
 ) -> dict[str, bytes]:
     """Return the content of all result files that this estimate has, by name.
 
@@ -57,6 +61,8 @@ def result_files(
         The command line that repeats the estimate, for the report.
     sources : paths
         FMU, case file and recordings; the report lists their SHA-256.
+    figures : "svg", "pdf"
+        Formats of the figure besides PNG.
 
     Notes
     -----
@@ -66,12 +72,14 @@ def result_files(
     from estimator import report, report_html
 
     files = {"result.json": report.to_json(estimate).encode()}
-    figures = _figures(estimate)
-    if figures:
-        files["figure.png"] = figures.pop(0)[1]
+    whole = _whole_figure(estimate)
+    if whole is not None:
+        from estimator.plots import rendered
+
+        files |= {f"figure.{kind}": rendered(whole, kind) for kind in dict.fromkeys(("png", *figures))}
     html = report_html.html_report(
         estimate,
-        figures=figures,
+        figures=_captioned(estimate, whole=files.get("figure.png")),
         pictures=_pictures(estimate),
         command=command,
         checksums=checksums(sources),
@@ -160,22 +168,29 @@ def checksums(paths: Iterable[str | os.PathLike[str]]) -> dict[str, str]:
     return found
 
 
-def _figures(estimate: Estimate) -> list[tuple[str, bytes]]:
-    """Return (caption, PNG) of all recordings together and then of each."""
+def _shown(estimate: Estimate) -> list[Comparison]:
+    return [c for c in estimate.comparisons if c.measured and len(c.time) > 1]
+
+
+def _whole_figure(estimate: Estimate) -> Figure | None:
+    """Return the figure of all recordings together; None where there is nothing to draw."""
     from estimator import plots
 
-    comparisons = [c for c in estimate.comparisons if c.measured and len(c.time) > 1]
-    pictures: list[tuple[str, bytes]] = []
-    if comparisons:
-        whole = plots.png(plots.comparison_figure(comparisons, noise=estimate.noise))
-        pictures.append(("", whole))
-        if len(comparisons) == 1:
-            pictures.append((CAPTION.format(comparisons[0].name), whole))
-        else:
-            for comparison in comparisons[:MOST_FIGURES]:
-                picture = plots.png(plots.comparison_figure([comparison], noise=estimate.noise))
-                pictures.append((CAPTION.format(comparison.name), picture))
-    return pictures
+    comparisons = _shown(estimate)
+    return plots.comparison_figure(comparisons, noise=estimate.noise) if comparisons else None
+
+
+def _captioned(estimate: Estimate, *, whole: bytes | None) -> list[tuple[str, bytes]]:
+    """Return (caption, PNG) of each recording; `whole` is that of all of them."""
+    from estimator import plots
+
+    comparisons = _shown(estimate)
+    if len(comparisons) == 1 and whole is not None:
+        return [(CAPTION.format(comparisons[0].name), whole)]
+    return [
+        (CAPTION.format(c.name), plots.png(plots.comparison_figure([c], noise=estimate.noise)))
+        for c in comparisons[:MOST_FIGURES]
+    ]
 
 
 def _pictures(estimate: Estimate) -> Pictures:

@@ -39,8 +39,8 @@ def test_the_public_names_are_these_ten_and_all_are_documented():
 
 
 def test_another_name_is_told_which_there_are():
-    with pytest.raises(AttributeError, match="no attribute 'fit'; public are Case, InputError"):
-        _ = estimator.fit
+    with pytest.raises(AttributeError, match="no attribute 'identify'; public are Case, InputError"):
+        _ = estimator.identify
 
 
 def test_importing_the_package_loads_nothing():

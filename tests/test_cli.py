@@ -324,6 +324,17 @@ def test_o_writes_the_four_files_and_removes_stale_ones(calls, capsys, tmp_path)
     assert {p.name for p in folder.iterdir()} == {"result.json", "report.html"}
 
 
+def test_figures_for_print_are_written_and_go_when_they_are_not_asked_for(calls, capsys, tmp_path):
+    figures = {"figure.png", "figure.svg", "figure.pdf"}
+    assert main(["estimate", "step.csv", "-o", "out", "--figures", "svg", "--figures", "pdf"]) == 0
+    assert {p.name for p in (tmp_path / "out").glob("figure.*")} == figures
+    assert main(["estimate", "step.csv", "-o", "out"]) == 0
+    assert {p.name for p in (tmp_path / "out").glob("figure.*")} == {"figure.png"}
+    capsys.readouterr()
+    said = fails(capsys, "estimate", "step.csv", "--figures", "svg")
+    assert said == "--figures needs a folder to write to; give one with -o"
+
+
 def test_o_that_cannot_be_written_is_told_before_anything_is_estimated(calls, capsys, tmp_path):
     (tmp_path / "file").touch()
     assert fails(capsys, "estimate", "x.csv", "-o", "file") == "file is a file, not a folder; give -o another name"

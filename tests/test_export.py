@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -90,7 +91,7 @@ def test_an_estimate_has_all_four_files_and_the_figure_is_in_the_report(tmp_path
     data = tmp_path / "data.csv"
     data.write_bytes(b"time\n")
     files = export.result_files(estimate(), command="fmu-estimator estimate data.csv", sources=[data, tmp_path / "no"])
-    assert set(files) == set(export.RESULT_FILES)
+    assert set(files) == {"result.json", "report.html", "parameters.ssv", "figure.png"}
     assert json.loads(files["result.json"])["verdict"] == "ok"
     assert files["figure.png"].startswith(b"\x89PNG")
     page = files["report.html"].decode()
@@ -98,6 +99,14 @@ def test_an_estimate_has_all_four_files_and_the_figure_is_in_the_report(tmp_path
     assert hashlib.sha256(b"time\n").hexdigest() in page
     assert "fmu-estimator estimate data.csv" in page
     assert "http:" not in page and "https:" not in page
+
+
+def test_the_figure_may_be_had_for_print_too():
+    files = export.result_files(estimate(), figures=["svg", "pdf", "svg"])
+    assert set(files) == set(export.RESULT_FILES)
+    assert ElementTree.fromstring(files["figure.svg"]).tag == "{http://www.w3.org/2000/svg}svg"
+    assert files["figure.pdf"].startswith(b"%PDF-") and files["figure.pdf"].rstrip().endswith(b"%%EOF")
+    assert files == export.result_files(estimate(), figures=["svg", "pdf"])  # the same estimate, the same bytes
 
 
 def test_each_recording_has_its_own_figure_in_the_report():

@@ -12,7 +12,7 @@ import pytest
 ROOT = Path(__file__).resolve().parent.parent
 ERRORS = {
     "InputError", "RecordingError", "CaseError", "FmuError", "SimulationError", "BuildError", "DiskError",
-    "ArgumentTypeError",
+    "ClusterError", "ArgumentTypeError",
 }  # fmt: skip
 NEXT = re.compile(
     r"\b(give|use|take|set|say|see|record|widen|leave|name|write|rename|install|pip install|check|make|choose|export"
