@@ -20,6 +20,7 @@ from estimator.case import Case
 from estimator.cuckoo import CuckooSearch
 from estimator.derived import derived_quantities
 from estimator.errors import SimulationError
+from estimator.failing import with_cause, with_values
 from estimator.fit import Fit
 from estimator.fmu import FmuDescription, describe, with_kind
 from estimator.noise_level import output_deviations
@@ -38,7 +39,7 @@ from estimator.search import SearchRecord, run_search
 from estimator.space import Space, paper_space, reduced_space, steady_state
 from estimator.trial import announcement, unmoved
 from estimator.verdict import Judgement, judge, refusal, refused_notes
-from estimator.workers import TIME_LIMIT, Failure, Workers
+from estimator.workers import TIME_LIMIT, Workers
 
 FloatArray = NDArray[np.float64]
 
@@ -469,9 +470,10 @@ class _Estimation:
                 self._all_failed()
 
     def _all_failed(self) -> None:
-        name = self.plan.description.path.name
-        reason = self.crew.failures[0].reason if self.crew.failures else "no reason given"
-        raise SimulationError(f"every simulation of {name} failed: {reason}")
+        description = self.plan.description
+        known = [with_cause(f, description, self.problem.variables) for f in self.crew.failures[:1]]
+        why = known[0] if known else "no reason is known"
+        raise SimulationError(f"every simulation of {description.path.name} failed: {why}")
 
     def _enter(self, phase: str) -> None:
         self._count()
@@ -587,17 +589,11 @@ class _Estimation:
             correlation=correlated,
             correlated=plan.names if correlated is not None else (),
             notes=(*self.announced, *judgement.notes),
-            failures=tuple(_failure(f, self.problem.variables) for f in failures),
+            failures=tuple(with_values(f, self.problem.variables) for f in failures),
             comparisons=compared,
             history=history,
             workers=self.crew.count,
         )
-
-
-def _failure(failure: Failure, variables: Sequence[str]) -> str:
-    """Return a sentence with the FMU's variables of the first candidate that failed so, to be simulated again."""
-    values = ", ".join(f"{name} = {value!r}" for name, value in zip(variables, failure.values, strict=False))
-    return f"{failure.reason} (first with {values})"
 
 
 def _shift(problem: Problem, polish: Polish, fine: FloatArray, fit: Fit | None) -> FloatArray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from estimator.fmu import REAL_TYPES
@@ -64,11 +65,17 @@ def positions(job: JobLayout) -> tuple[tuple[int, ...], tuple[int, ...], tuple[i
     return tuple(range(p)), tuple(range(p, q)), tuple(range(q, q + len(job.output_references)))
 
 
-def outcome_sentence(outcome: int, *, words: str = "") -> str:
-    """Say what an outcome code means: "doStep returned Error: <the FMU's words>"."""
-    kind, phase, status = outcome % 256, outcome // 256 % 256, outcome // 65536
+def outcome_sentence(outcome: int, *, words: str = "", names: Sequence[str] = ()) -> str:
+    """Say what an outcome code means: "doStep returned Error: <the FMU's words>".
+
+    Parameters
+    ----------
+    names : of the parameters, the settings and the inputs, one after the other
+    """
+    kind, phase, status, refused = outcome % 256, outcome >> 8 & 255, outcome >> 16 & 255, outcome >> 24
     if kind == FAILED:
-        return f"{PHASES[phase]} returned {FMI_STATUS[status]}" + (f": {words}" if words else "")
+        which = f" for {names[refused - 1]}" if 0 < refused <= len(names) else ""
+        return f"{PHASES[phase]} returned {FMI_STATUS[status]}{which}" + (f": {words}" if words else "")
     return {
         FINISHED: "finished",
         CUT_SHORT: "cut short",
@@ -77,3 +84,8 @@ def outcome_sentence(outcome: int, *, words: str = "") -> str:
         TIMED_OUT: "the FMU exceeded its time limit",
         PENDING: "not simulated",
     }[kind]
+
+
+def is_of_step(outcome: int) -> bool:
+    """Whether an outcome code says that a communication step failed."""
+    return outcome % 256 == FAILED and PHASES[outcome >> 8 & 255] == "doStep"

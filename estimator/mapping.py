@@ -131,13 +131,19 @@ def settings(
     description: FmuDescription, numbers: Mapping[str, float], texts: Mapping[str, str]
 ) -> tuple[tuple[str, int, float | str], ...]:
     """Return what is set and is no real number: type, value reference, value."""
-    found: list[tuple[str, int, float | str]] = []
+    found = []
     values: dict[str, float | str] = {**numbers, **texts}
-    for name, value in values.items():
+    for name in settings_names(description, numbers, texts):
         variable = target(description, name)
-        if not variable.is_real:
-            found.append((variable.type, variable.value_reference, value))
+        found.append((variable.type, variable.value_reference, values[name]))
     return tuple(found)
+
+
+def settings_names(
+    description: FmuDescription, numbers: Mapping[str, float], texts: Mapping[str, str]
+) -> tuple[str, ...]:
+    """Return the names of what `settings` sets, in its order."""
+    return tuple(name for name in (*numbers, *texts) if not target(description, name).is_real)
 
 
 def in_si(variable: Variable) -> Variable:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from estimator.case import Case
 from estimator.errors import CaseError
 from estimator.fmu import Variable
-from estimator.mapping import settings, target
+from estimator.mapping import settings, settings_names, target
 from estimator.parameters import Box
 from estimator.plan import ChainSpec, Observed, Plan
 from estimator.planning import read_variable
@@ -77,6 +77,7 @@ class Problem:
             fresh_process=description.restart == "fresh process",
             types=types_of([*taken, *held.values(), *driven, *read]),
             settings=settings(description, plan.fixed, plan.texts),
+            names=(*self.variables, *settings_names(description, plan.fixed, plan.texts), *inputs),
             scale=tuple((v.factor, v.offset) for v in read)
             if any((v.factor, v.offset) != (1, 0) for v in read)
             else (),

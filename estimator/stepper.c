@@ -118,7 +118,7 @@ typedef struct {
     const double *bounds;      /* [candidates] */
     double *costs;             /* [candidates]; infinity unless FINISHED */
     int64_t *steps;            /* [candidates] communication steps done */
-    int64_t *outcomes;         /* [candidates]: outcome + 256 phase + 65536 FMI status */
+    int64_t *outcomes;         /* [candidates]: outcome + 256 phase + 65536 FMI status + 2^24 refused variable */
     double *shown;             /* [candidates][samples of all experiments][outputs], or NULL */
 } Batch;
 
@@ -210,6 +210,19 @@ static fmi2Status set_setting(const Slave *slave, const Setting *setting) {
 
 static int64_t failed(int64_t phase, fmi2Status status) { return FAILED + 256 * phase + 65536 * (int64_t)status; }
 
+static int is_fatal(int64_t outcome) { return outcome % 256 == FAILED && outcome / 65536 % 256 == fmi2Fatal; }
+
+/* Setting values has failed: try them one by one, and say which is refused, counted from `first` + 1; none: 0. */
+static int64_t refused(const Slave *slave, const fmi2ValueReference references[], int64_t count, const double values[],
+                       fmi2Status status, int64_t first) {
+    const int64_t outcome = failed(IN_SET, status);
+    for (int64_t k = 0; k < count && status != fmi2Fatal; k++) {
+        status = slave->set_real(slave->component, references + k, 1, values + k);
+        if (status > fmi2Warning) return outcome + ((int64_t)1 << 24) * (first + k + 1);
+    }
+    return outcome;
+}
+
 /* The last sample's inputs hold for one interval more: an FMU whose stop time is kept has room for rounding. */
 static double stop_time(const Experiment *experiment) {
     return experiment->start + (double)experiment->samples * experiment->interval;
@@ -230,11 +243,12 @@ static int64_t initialise(Slave *slave, const Job *job, const Experiment *experi
     if (status > fmi2Warning) return failed(IN_SETUP, status);
     if (job->parameters > 0) {
         status = slave->set_real(slave->component, job->parameter_references, (size_t)job->parameters, values);
-        if (status > fmi2Warning) return failed(IN_SET, status);
+        if (status > fmi2Warning)
+            return refused(slave, job->parameter_references, job->parameters, values, status, 0);
     }
     for (int64_t s = 0; s < job->settings; s++) {
         status = set_setting(slave, &job->setting[s]);
-        if (status > fmi2Warning) return failed(IN_SET, status);
+        if (status > fmi2Warning) return failed(IN_SET, status) + ((int64_t)1 << 24) * (job->parameters + s + 1);
     }
     status = slave->enter_initialization(slave->component);
     if (status > fmi2Warning) return failed(IN_INITIALISATION, status);
@@ -388,7 +402,8 @@ SPECIALISED int64_t follow(Run *run, const size_t outputs, const size_t inputs, 
         }
         status = set_inputs(run, k, inputs);
         if (status > fmi2Warning) {
-            outcome = failed(IN_SET, status);
+            outcome = refused(slave, job->input_references, job->inputs, experiment->inputs + (size_t)k * inputs,
+                              status, job->parameters + job->settings);
             break;
         }
         for (int64_t s = 0; s < substeps; s++) {
@@ -453,7 +468,7 @@ static int64_t one_experiment(Slave *slave, const Job *job, const Batch *batch, 
     batch->steps[index] += run.count;
     if (outcome % 256 == FAILED && slave->component != NULL) {
         /* An FMU is in an undefined state after an error: the next run starts from a new instance. */
-        if (outcome / 65536 != fmi2Fatal) slave->free_instance(slave->component);
+        if (!is_fatal(outcome)) slave->free_instance(slave->component);
         slave->component = NULL;
     }
     return outcome;

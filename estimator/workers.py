@@ -33,6 +33,7 @@ from estimator.layout import (
     TIMED_OUT,
     ExperimentLayout,
     JobLayout,
+    is_of_step,
     outcome_sentence,
 )
 from estimator.process import IDLE, RUNNING, STARTING, Process, how_it_ended
@@ -94,14 +95,21 @@ class Job:
     types: tuple[str, ...] = ()  # of parameters, inputs and outputs, one after the other; empty: all real
     settings: tuple[tuple[str, int, float | str], ...] = ()  # type, value reference, value: set every time
     scale: tuple[tuple[float, float], ...] = ()  # of each output: factor and offset to SI; empty: SI
+    names: tuple[str, ...] = ()  # of parameters, settings and inputs, one after the other, for whoever reads of them
 
 
 @dataclass(frozen=True)
 class Failure:
-    """One candidate that the FMU could not simulate."""
+    """One candidate that the FMU could not simulate.
+
+    Attributes
+    ----------
+    step : s, begin and end of the communication step in which it failed; None: in none
+    """
 
     reason: str
     values: tuple[float, ...]
+    step: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -351,10 +359,10 @@ class Workers:
                     self.on_tick()
         self._busy += time.monotonic() - started
         self._start_more(0.0)
-        return self._collect(values, costs, steps, outcomes, record=record)
+        return self._collect(values, costs, steps, outcomes, refine=refine, record=record)
 
     def _collect(
-        self, values: FloatArray, costs: FloatArray, steps: IntArray, outcomes: IntArray, *, record: bool
+        self, values: FloatArray, costs: FloatArray, steps: IntArray, outcomes: IntArray, *, refine: int, record: bool
     ) -> Batch:
         n, desk = len(values), self._desk
         kinds = outcomes % 256
@@ -366,10 +374,11 @@ class Workers:
         seen = {f.reason for f in self.failures}
         for index in np.flatnonzero(failed):
             reason = self._reasons.pop(int(index), None) if kinds[index] in (CRASHED, TIMED_OUT) else None
-            reason = reason or outcome_sentence(int(outcomes[index]), words=self._words)
+            reason = reason or outcome_sentence(int(outcomes[index]), words=self._words, names=self._names)
             if reason not in seen and len(self.failures) < 100:
                 seen.add(reason)
-                self.failures.append(Failure(reason, tuple(values[index].ravel().tolist())))
+                step = self._step(int(steps[index]) - 1, refine) if is_of_step(int(outcomes[index])) else None
+                self.failures.append(Failure(reason, tuple(values[index].ravel().tolist()), step))
         shown = None
         if record:
             flat = self._view(desk.shown, n * desk.rows * desk.outputs, np.float64)
@@ -457,6 +466,20 @@ class Workers:
 
     def _view(self, offset: int, count: int, kind: type[Any]) -> NDArray[Any]:
         return np.frombuffer(self._memory, dtype=kind, count=count, offset=offset)
+
+    def _step(self, done: int, refine: int) -> tuple[float, float] | None:
+        """Return begin and end, s, of the communication step of a candidate that so many others came before."""
+        for e in self._job.experiments if self._job is not None else ():
+            substeps = e.substeps * refine
+            if done < (len(e.measured) - 1) * substeps:
+                h = e.interval / substeps
+                return e.start + done * h, e.start + (done + 1) * h
+            done -= (len(e.measured) - 1) * substeps
+        return None
+
+    @property
+    def _names(self) -> tuple[str, ...]:
+        return self._job.names if self._job is not None else ()
 
     @property
     def _name(self) -> str:

@@ -4,6 +4,7 @@ docs/any-fmu.md is the table of quirks against these tests; a test here keeps it
 """
 
 import ast
+import contextlib
 import re
 import shutil
 import subprocess
@@ -13,16 +14,18 @@ from pathlib import Path
 
 import fmpy
 import numpy as np
+import psutil
 import pytest
 from faulty import faulty_fmu
 from foreign_fmus import CASE, foreign_case, foreign_fmu
 from motors import CML050, NAMES, step_recording
+from test_containment import IF_BAD, MARK
 
 import fmu_build
 from estimator.case import case_for_recording, read_case
 from estimator.cli import main
 from estimator.errors import FmuError, SimulationError
-from estimator.estimate import estimate
+from estimator.estimate import estimate, estimate_by
 from estimator.fmu import describe
 from estimator.planning import plan_case
 from estimator.problem import Problem
@@ -89,11 +92,22 @@ def test_a_missing_function_that_is_needed_is_told(tmp_path, recording):
     assert str(caught.value) == sentence
 
 
-def test_a_reset_that_leaks_is_recycled_above_the_memory_limit():
-    """See test_containment: test_a_leaking_fmu_is_recycled_above_the_memory_limit."""
-    import test_containment
+def test_a_reset_that_leaks_is_recycled_above_the_memory_limit(tmp_path, recording):
+    leak = "volatile char *lost = malloc(4 << 20); for (int k = 0; k < 4 << 20; k += 4096) lost[k] = 1;"
+    fmu = faulty_fmu(tmp_path, Reset=leak)
+    limit, seen, peak = 300 << 20, set(), []
 
-    assert test_containment.test_a_leaking_fmu_is_recycled_above_the_memory_limit
+    def look():
+        for pid in crew.pids:
+            with contextlib.suppress(psutil.NoSuchProcess):
+                peak.append(psutil.Process(pid).memory_info().rss)
+                seen.add(pid)
+
+    with Workers(1, memory_limit=limit) as crew:
+        e = estimate_by(crew, case_for_recording(recording, fmu=str(fmu)), progress=lambda _: look())
+    assert worst(e) < 1e-8 and e.fmu["restart"] == "reset" and e.failed_simulations == 0
+    assert e.simulations > 150 and len(seen) > 1  # 600 MiB are lost in all
+    assert max(peak) < limit + (300 << 20)
 
 
 def test_instances_that_share_their_parameters(tmp_path, recording):
@@ -190,13 +204,23 @@ def test_euler_inside_gets_the_step_warning_and_the_right_answer_at_the_finer_st
 
 
 def test_a_start_time_that_is_not_zero(tmp_path, recording):
-    fmu = foreign_fmu(tmp_path, change=[('startTime="0" stopTime="1"', 'startTime="5" stopTime="6"')])
+    change = [('startTime="0" stopTime="1"', 'startTime="5" stopTime="6"')]
+    assert worst(estimated(foreign_fmu(tmp_path, "STARTS_AT 5.0", change=change), recording)) < 1e-8
+
+
+def test_a_stop_time_of_its_own_gives_way_to_the_recordings(tmp_path, recording):
+    fmu = foreign_fmu(tmp_path, "OWN_STOP 0.2", change=[('stopTime="1"', 'stopTime="0.2"')])
     assert worst(estimated(fmu, recording)) < 1e-8
 
 
 def test_a_stop_time_that_is_enforced_is_told(tmp_path, recording):
-    with pytest.raises(SimulationError, match=r"every simulation of foreign.fmu failed: doStep returned Discard"):
-        estimated(foreign_fmu(tmp_path, "STOPS_AT 0.2"), recording)
+    fmu = foreign_fmu(tmp_path, "STOPS_AT 0.2", change=[('stopTime="1"', 'stopTime="0.2"')])
+    with pytest.raises(SimulationError) as caught:
+        estimated(fmu, recording)
+    assert str(caught.value) == (
+        "every simulation of foreign.fmu failed: doStep returned Discard at t = 0.2 s; the FMU's own stop time is 0.2 s"
+        " and it goes no further; use a shorter recording, or export the FMU with a later stop time"
+    )
 
 
 def test_an_fmu_of_one_step_size_is_estimated_at_that_step(tmp_path, recording):
@@ -205,13 +229,23 @@ def test_an_fmu_of_one_step_size_is_estimated_at_that_step(tmp_path, recording):
 
 def test_an_fmu_of_one_step_size_is_told_at_another(tmp_path, recording):
     text = CASE.replace("[inputs]", "step = 5e-4\n[inputs]")
-    with pytest.raises(SimulationError, match=r"every simulation of foreign.fmu failed: doStep returned Discard"):
+    sentence = r"Discard at t = 0 s; the FMU's own step size is 0.001 s, not 0.0005 s; set step = 0.001 under \[fmu\]"
+    with pytest.raises(SimulationError, match=sentence):
         estimated(foreign_fmu(tmp_path, "ONLY_STEP"), recording, text=text)
 
 
 def test_a_discarded_step_costs_its_candidate_only(tmp_path, recording):
-    fmu = faulty_fmu(tmp_path, DoStep="if (time < 0) return fmi2Discard;")
-    assert worst(estimate(case_for_recording(recording, fmu=str(fmu)), workers=1)) < 1e-8
+    fmu = faulty_fmu(tmp_path, SetReal=MARK, DoStep=f"{IF_BAD} return fmi2Discard;")
+    e = estimate(case_for_recording(recording, fmu=str(fmu)), workers=1)
+    assert worst(e) < 1e-8
+    assert e.failed_simulations > 0 and "doStep returned Discard (first with " in e.failures[0]
+
+
+def test_a_value_that_the_fmu_refuses_is_named(tmp_path, recording):
+    refusal = "for (size_t k = 0; k < n; k++) if (references[k] == 4 && values[k] < 1e6) return fmi2Discard;"
+    fmu = faulty_fmu(tmp_path, SetReal=refusal)
+    with pytest.raises(SimulationError, match=r"failed: set returned Discard for L \(first with R = .*, L = "):
+        estimate(case_for_recording(recording, fmu=str(fmu)), workers=1)
 
 
 # What they do to their process
