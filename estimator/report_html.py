@@ -35,7 +35,7 @@ h2 { font-size: 1.15rem; margin: 2.2rem 0 .6rem; }
 .verdict p, .verdict ul { margin: .2rem 0; }
 .ok { border-color: #0072b2; } .doubtful { border-color: #e69f00; } .refused { border-color: #d55e00; }
 .wide { overflow-x: auto; }
-table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
+table { border-collapse: collapse; margin-bottom: .8rem; font-variant-numeric: tabular-nums; }
 th, td { text-align: left; vertical-align: top; padding: .25rem .9rem .25rem 0;
          border-bottom: 1px solid #ddd; }
 th { font-weight: 600; white-space: nowrap; }

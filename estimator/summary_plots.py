@@ -136,8 +136,9 @@ def _draw_parameter(ax: Axes, p: ParameterEstimate) -> None:
 
 def _draw_profile(ax: Axes, profile: CostProfile) -> None:
     x = profile.values
-    ax.plot(x, profile.held, color=MEASURED, lw=1.8, ls="--", label="the others held")
-    ax.plot(x, profile.followed, color=SIMULATED, lw=1.6, marker=".", label="the others following")
+    ax.plot(*_smooth(x, profile.held), color=MEASURED, lw=1.8, ls="--", label="the others held")
+    ax.plot(*_smooth(x, profile.followed), color=SIMULATED, lw=1.6, label="the others following")
+    ax.plot(x, profile.followed, color=SIMULATED, marker=".", ls="")
     ax.axhline(1.0, color=RESIDUAL, lw=0.8, ls=":", label="one standard error")
     best = int(np.argmin(np.where(np.isfinite(profile.followed), np.abs(profile.followed), np.inf)))
     ax.axvline(x[best], color=INPUT, lw=0.5)
@@ -147,6 +148,17 @@ def _draw_profile(ax: Axes, profile: CostProfile) -> None:
     ax.locator_params(axis="x", nbins=4)
     ax.locator_params(axis="y", nbins=5)
     finish(ax)
+
+
+def _smooth(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return a curve through the points: a cubic spline, which a parabola goes through as it is."""
+    from scipy.interpolate import CubicSpline
+
+    known = np.isfinite(y)
+    if known.sum() < 4:
+        return x, y
+    fine = np.linspace(x[known][0], x[known][-1], 60)
+    return fine, np.asarray(CubicSpline(x[known], y[known])(fine))
 
 
 def _finite(values: FloatArray) -> FloatArray:
