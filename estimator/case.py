@@ -14,6 +14,18 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+from estimator.case_signals import (
+    RUN_KEYS,
+    InputSpec,
+    OutputSpec,
+    RunSpec,
+    input_value,
+    output_value,
+    read_input,
+    read_output,
+    read_run,
+    run_value,
+)
 from estimator.errors import CaseError
 from estimator.expansion import expanded, told_apart
 from estimator.expectation import (
@@ -26,35 +38,17 @@ from estimator.expectation import (
     read_expectation,
     read_limits,
 )
+from estimator.filters import Chebyshev1
 from estimator.nameplate import Nameplate, nameplate_value, read_nameplate
 from estimator.output import write_files
 from estimator.strict_toml import Cell, Document, Keys, Table, to_key, to_toml
 
 METHODS = ("cuckoo", "paper", "original", "integral", "steiglitz-mcbride", "differential-evolution")
 FMI_KINDS = ("co-simulation", "model-exchange")
-SENSORS = ("identity", "mean")
+LOSSES = ("linear", "huber")
 KEYS = ("fmu", "inputs", "outputs", "parameters", "fixed", "recording", "motors", "search", "expect", "nameplate")
 BUNDLED_FMU = "dc_motor"
-
-
-@dataclass(frozen=True)
-class Chebyshev1:
-    """A causal Chebyshev type I low-pass filter, as on the measured signal."""
-
-    order: int
-    ripple: float  # dB
-    cutoff: float  # Hz
-
-
-@dataclass(frozen=True)
-class OutputSpec:
-    """One FMU output and the column that measures it."""
-
-    column: str
-    sensor: str = "identity"  # "mean": the mean over the last sampling interval, as differenced encoder counts
-    filter: Chebyshev1 | None = None
-    fmu: str = ""  # variable of the FMU; by default the one of the same name
-    integral: str = ""  # variable of the FMU that integrates it, for the sensor "mean"; by default angle for w
+__all__ = ["Case", "Chebyshev1", "OutputSpec", "ParameterSpec", "RunSpec", "SearchSpec", "read_case", "read_cases"]
 
 
 @dataclass(frozen=True)
@@ -68,6 +62,7 @@ class ParameterSpec:
     start: float | None = None
     fmu: tuple[str, ...] = ()  # variables of the FMU that take the value; by default the one of the same name
     gains: tuple[float, ...] = ()  # of each variable: its value over the parameter's; empty: 1
+    per_recording: bool = False  # a value of its own for each recording
 
     def __post_init__(self) -> None:
         """Fill in where the value goes."""
@@ -83,6 +78,7 @@ class SearchSpec:
     seed: int = 1
     nests: int | None = None  # None: the method's own
     iterations: int | None = None
+    loss: str = "linear"  # of the residuals in the polish: "huber" lets outliers pull less
 
 
 @dataclass(frozen=True)
@@ -95,11 +91,14 @@ class Case:
     kind: str | None = None  # "co-simulation" or "model-exchange"; None: co-simulation where the FMU offers it
     inputs: Mapping[str, str] = field(default_factory=dict)  # FMU input → column; empty: by the usual names
     input_variables: Mapping[str, str] = field(default_factory=dict)  # input → variable of the FMU, if not its name
+    products: Mapping[str, str] = field(default_factory=dict)  # input → column that its own is multiplied with
+    linear: tuple[str, ...] = ()  # inputs that go linearly from row to row; the others are held
     outputs: Mapping[str, OutputSpec] = field(default_factory=dict)  # FMU output → column; empty: usual names
     parameters: Mapping[str, ParameterSpec] = field(default_factory=dict)  # empty: what the FMU offers
     fixed: Mapping[str, float] = field(default_factory=dict)  # FMU parameter or input → value
     fixed_texts: Mapping[str, str] = field(default_factory=dict)  # FMU parameter → text, or item of an enumeration
     recordings: tuple[Path, ...] = ()  # absolute
+    runs: tuple[RunSpec, ...] = ()  # what is said of each recording; the last holds for all that follow
     search: SearchSpec = SearchSpec()
     expect: Mapping[str, Expectation] = field(default_factory=dict)  # of the parameters
     limits: Limits = Limits()  # what is expected of the estimate as a whole
@@ -115,9 +114,22 @@ class Case:
         inside = ",".join(part for part in (self.motor, self.recording_of) if part)
         return f"{stem}[{inside}]" if inside else stem
 
+    def run(self, recording: int) -> RunSpec:
+        """Return what is said of a recording."""
+        return self.runs[min(recording, len(self.runs) - 1)] if self.runs else RunSpec()
+
     def __post_init__(self) -> None:
         """Lock the mappings."""
-        for name in ("inputs", "input_variables", "outputs", "parameters", "fixed", "fixed_texts", "expect"):
+        for name in (
+            "inputs",
+            "input_variables",
+            "products",
+            "outputs",
+            "parameters",
+            "fixed",
+            "fixed_texts",
+            "expect",
+        ):
             object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -163,30 +175,35 @@ def read_cases(path: Path, *, recordings: Path | None = None) -> tuple[Case, ...
     document.table().only(*KEYS)
     cases: list[Case] = []
     for motor, filled in expanded(document):
-        for files, recording_of in _recordings(filled.table(), recordings):
-            cases.append(_case(filled, motor=motor, files=files, recording_of=recording_of))
+        for files, runs, recording_of in _recordings(filled.table(), recordings):
+            cases.append(_case(filled, motor=motor, files=files, runs=runs, recording_of=recording_of))
     return tuple(cases)
 
 
-def _case(document: Document, *, motor: str, files: tuple[Path, ...], recording_of: str) -> Case:
+def _case(
+    document: Document, *, motor: str, files: tuple[Path, ...], runs: tuple[RunSpec, ...], recording_of: str
+) -> Case:
     top = document.table()
     fmu = top.table("fmu")
     fmu.only("path", "step", "kind")
     parameters = {name: _parameter(top.table("parameters").table(name)) for name in top.table("parameters").keys}
     expect, fixed = top.table("expect"), top.table("fixed")
-    inputs = {name: _input(top.table("inputs"), name) for name in top.table("inputs").keys}
+    inputs = {name: read_input(top.table("inputs"), name) for name in top.table("inputs").keys}
     case = Case(
         path=document.path,
         fmu=_fmu_path(fmu),
         step=fmu.number("step", above=0),
         kind=fmu.choice("kind", FMI_KINDS, default="co-simulation") if "kind" in fmu.value else None,
-        inputs={name: column for name, (column, _) in inputs.items()},
-        input_variables={name: variable for name, (_, variable) in inputs.items() if variable not in ("", name)},
-        outputs={name: _output(top.table("outputs"), name) for name in top.table("outputs").keys},
+        inputs={name: spec.column for name, spec in inputs.items()},
+        input_variables={name: spec.fmu for name, spec in inputs.items() if spec.fmu},
+        products={name: spec.times for name, spec in inputs.items() if spec.times},
+        linear=tuple(name for name, spec in inputs.items() if spec.between == "linear"),
+        outputs={name: read_output(top.table("outputs"), name) for name in top.table("outputs").keys},
         parameters=parameters,
         fixed={name: _fixed(fixed, name) for name in fixed.keys if not _is_text(fixed.value[name])},
         fixed_texts={name: fixed.text(name) for name in fixed.keys if _is_text(fixed.value[name])},
         recordings=files,
+        runs=runs if any(run != RunSpec() for run in runs) else (),
         search=_search(top.table("search")),
         expect={name: _expectation(expect, name, parameters) for name in expect.keys if name not in LIMIT_KEYS},
         limits=read_limits(expect),
@@ -207,12 +224,15 @@ def write_case(case: Case, path: Path) -> None:
     folder = Path(os.path.abspath(path)).parent
     sections: list[tuple[str, dict[str, Any]]] = [
         ("[fmu]", {"path": _fmu_value(case.fmu, folder), "step": case.step, "kind": case.kind}),
-        ("[inputs]", {name: _input_value(case, name) for name in case.inputs}),
-        ("[outputs]", {name: _output_value(output) for name, output in case.outputs.items()}),
+        ("[inputs]", {name: input_value(_input(case, name)) for name in case.inputs}),
+        ("[outputs]", {name: output_value(output) for name, output in case.outputs.items()}),
         ("[parameters]", {name: _parameter_value(spec) for name, spec in case.parameters.items()}),
         ("[fixed]", {**case.fixed, **case.fixed_texts}),
-        *(("[[recording]]", {"file": _relative(str(file), folder)}) for file in case.recordings),
-        ("[search]", {f.name: getattr(case.search, f.name) for f in fields(case.search)}),
+        *(
+            ("[[recording]]", {"file": _relative(str(file), folder), **run_value(case.run(k))})
+            for k, file in enumerate(case.recordings)
+        ),
+        ("[search]", _search_value(case.search)),
         (
             "[expect]",
             {**{name: expectation_value(e) for name, e in case.expect.items()}, **limits_value(case.limits)},
@@ -237,7 +257,7 @@ def _is_file_name(text: str) -> bool:
     return text.endswith(".fmu") or "/" in text or "\\" in text
 
 
-def _recordings(top: Table, folder: Path | None) -> list[tuple[tuple[Path, ...], str]]:
+def _recordings(top: Table, folder: Path | None) -> list[tuple[tuple[Path, ...], tuple[RunSpec, ...], str]]:
     """Return the recordings of each case: those named, or one that matches the pattern and what to call it."""
     entries = top.value.get("recording")
     if entries is None:
@@ -245,9 +265,11 @@ def _recordings(top: Table, folder: Path | None) -> list[tuple[tuple[Path, ...],
     if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
         top.fail(("recording",), 'recording must be written [[recording]], in double brackets, with file = "…"')
     files: list[Path] = []
+    runs: list[RunSpec] = []
     for k in range(len(entries)):
         entry = Table(top.document, ("recording", k), entries[k])
-        entry.only("file")
+        entry.only(*RUN_KEYS)
+        run = read_run(entry)
         if entry.is_pattern("file", folder=folder):
             if len(entries) > 1:
                 entry.fail(
@@ -256,14 +278,19 @@ def _recordings(top: Table, folder: Path | None) -> list[tuple[tuple[Path, ...],
                     " is a case of its own, so leave the others out",
                 )
             found = entry.files("file", what="recording", folder=folder)
-            return [((file,), name) for file, name in zip(found, told_apart(found), strict=True)]
+            if run.validate:
+                entry.fail(("validate",), "a pattern's files are cases of their own; name the recording to validate on")
+            return [((file,), (run,), name) for file, name in zip(found, told_apart(found), strict=True)]
         file = entry.file("file", what="recording", folder=folder)
         if file in files:
             entry.fail(("file",), f"the recording {entry.value['file']!r} is given twice; leave one out")
         files.append(file)
+        runs.append(run)
     if not files:
         top.fail(("recording",), 'no recording is given; add [[recording]] with file = "…"')
-    return [(tuple(files), "")]
+    if all(run.validate for run in runs):
+        top.fail(("recording", 0, "validate"), "every recording is held out to validate on; leave one to fit to")
+    return [(tuple(files), tuple(runs), "")]
 
 
 def _is_text(value: Any) -> bool:
@@ -282,51 +309,20 @@ def _fixed(fixed: Table, name: str) -> float:
     return float(value) if isinstance(value, bool) else fixed.required_number(name)
 
 
-def _input(inputs: Table, name: str) -> tuple[str, str]:
-    """Return the column and the FMU's variable, "" for the one of the same name."""
-    if not isinstance(inputs.value[name], dict):
-        return inputs.text(name), ""
-    table = inputs.table(name)
-    table.only("column", "fmu")
-    return table.text("column"), table.text("fmu") if "fmu" in table.value else ""
-
-
-def _input_value(case: Case, name: str) -> Any:
-    variable = case.input_variables.get(name)
-    return case.inputs[name] if variable is None else {"column": case.inputs[name], "fmu": variable}
-
-
-def _output(outputs: Table, name: str) -> OutputSpec:
-    if not isinstance(outputs.value[name], dict):
-        return OutputSpec(outputs.text(name, expected='the text "column" or { column = "…" }'))
-    table = outputs.table(name)
-    table.only("column", "sensor", "filter", "fmu", "integral")
-    return OutputSpec(
-        column=table.text("column"),
-        sensor=table.choice("sensor", SENSORS, default="identity"),
-        filter=_filter(table.table("filter")) if "filter" in table.value else None,
-        fmu=table.text("fmu") if "fmu" in table.value else "",
-        integral=table.text("integral") if "integral" in table.value else "",
-    )
-
-
-def _filter(table: Table) -> Chebyshev1:
-    table.only("chebyshev1")
-    chebyshev = table.table("chebyshev1")
-    names = tuple(f.name for f in fields(Chebyshev1))
-    chebyshev.only(*names)
-    for name in names:
-        if name not in chebyshev.value:
-            chebyshev.fail((), f"{chebyshev.title} has no {name}; write {{ order = 3, ripple = 0.5, cutoff = 50 }}")
-    return Chebyshev1(
-        order=chebyshev.integer("order", minimum=1, maximum=20) or 0,
-        ripple=chebyshev.number("ripple", above=0) or 0.0,
-        cutoff=chebyshev.number("cutoff", above=0) or 0.0,
+def _input(case: Case, name: str) -> InputSpec:
+    return InputSpec(
+        column=case.inputs[name],
+        fmu=case.input_variables.get(name, ""),
+        times=case.products.get(name, ""),
+        between="linear" if name in case.linear else "held",
     )
 
 
 def _parameter(table: Table) -> ParameterSpec:
-    table.only("min", "max", "nominal", "start", "fmu")
+    table.only("min", "max", "nominal", "start", "fmu", "per_recording")
+    own = table.value.get("per_recording", False)
+    if not isinstance(own, bool):
+        table.fail(("per_recording",), f"{table.full('per_recording')} must be true or false")
     name = str(table.way[-1])
     low, high = table.number("min"), table.number("max")
     if low is not None and high is not None and low >= high:
@@ -345,6 +341,7 @@ def _parameter(table: Table) -> ParameterSpec:
         start=start,
         fmu=variables or (table.texts("fmu") if "fmu" in table.value else (name,)),
         gains=gains,
+        per_recording=own,
     )
 
 
@@ -365,13 +362,19 @@ def _targets(table: Table) -> tuple[tuple[str, ...], tuple[float, ...]]:
 
 
 def _search(table: Table) -> SearchSpec:
-    table.only("method", "seed", "nests", "iterations")
+    table.only("method", "seed", "nests", "iterations", "loss")
     return SearchSpec(
         method=table.choice("method", METHODS, default="cuckoo"),
         seed=table.integer("seed", minimum=0, default=1) or 0,
         nests=table.integer("nests", minimum=2),
         iterations=table.integer("iterations", minimum=1),
+        loss=table.choice("loss", LOSSES, default="linear"),
     )
+
+
+def _search_value(search: SearchSpec) -> dict[str, Any]:
+    values = {f.name: getattr(search, f.name) for f in fields(search)}
+    return {name: value for name, value in values.items() if name != "loss" or value != "linear"}
 
 
 def _expectation(expect: Table, name: str, parameters: Mapping[str, ParameterSpec]) -> Expectation:
@@ -409,16 +412,6 @@ def _fmu_value(fmu: str, folder: Path) -> str:
     return relative if _is_file_name(relative) else f"./{relative}"
 
 
-def _output_value(output: OutputSpec) -> Any:
-    if output == OutputSpec(output.column):
-        return output.column
-    value: dict[str, Any] = {"column": output.column, "sensor": output.sensor}
-    value |= {name: text for name, text in (("fmu", output.fmu), ("integral", output.integral)) if text}
-    if output.filter is not None:
-        value["filter"] = {"chebyshev1": {f.name: getattr(output.filter, f.name) for f in fields(Chebyshev1)}}
-    return value
-
-
 def _parameter_value(spec: ParameterSpec) -> dict[str, Any]:
     return {
         "min": spec.minimum,
@@ -426,6 +419,7 @@ def _parameter_value(spec: ParameterSpec) -> dict[str, Any]:
         "nominal": spec.nominal,
         "start": spec.start,
         "fmu": _targets_value(spec),
+        "per_recording": True if spec.per_recording else None,
     }
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,8 +49,10 @@ def _sane(guess: Mapping[str, float], v: FloatArray, i: FloatArray, w: FloatArra
     return {"R": R, "K": K, "L": L, "J": J, "B": B}
 
 
-def free_parameters(case: Case, description: FmuDescription, guess: Mapping[str, float]) -> tuple[Parameter, ...]:
-    """Return the free parameters with their bounds and starts.
+def free_parameters(
+    case: Case, description: FmuDescription, guess: Mapping[str, float], recordings: Sequence[str] = ("",)
+) -> tuple[Parameter, ...]:
+    """Return the free parameters with their bounds and starts; one for each recording where the case says so.
 
     Raises
     ------
@@ -68,7 +71,17 @@ def free_parameters(case: Case, description: FmuDescription, guess: Mapping[str,
             )
     elif all(n in MOTOR for n in case.parameters) and all(n in available for n in MOTOR):
         names = [n for n in MOTOR if n not in case.fixed]  # bounds for some do not fix the others
-    return tuple(_parameter(name, case, description, guess) for name in names)
+    found: list[Parameter] = []
+    for name in names:
+        parameter = _parameter(name, case, description, guess)
+        if (spec := case.parameters.get(name)) is None or not spec.per_recording or len(recordings) == 1:
+            found.append(parameter)
+            continue
+        labels = recordings if len(set(recordings)) == len(recordings) else [str(k + 1) for k in range(len(recordings))]
+        found += [
+            replace(parameter, name=f"{name} {label}", recording=e, quantity=name) for e, label in enumerate(labels)
+        ]
+    return tuple(found)
 
 
 def _parameter(name: str, case: Case, description: FmuDescription, guess: Mapping[str, float]) -> Parameter:

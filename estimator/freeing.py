@@ -50,8 +50,8 @@ def with_delay(name: str, recording: int) -> Callable[[Plan, float], Plan]:
     return lambda plan, start: free_delay(plan, recording, plan.observed[recording].delay + start)
 
 
-def with_offset(name: str, output: str) -> Callable[[Plan, float], Plan]:
-    """Return what frees an output's offset, from a start in its unit."""
+def with_offset(name: str, output: str, recording: int | None = None) -> Callable[[Plan, float], Plan]:
+    """Return what frees an output's offset, of one recording or of all, from a start in its unit."""
 
     def extend(plan: Plan, start: float) -> Plan:
         spread = max(float(np.nanmax(np.abs(o.outputs[output]))) for o in plan.observed)
@@ -63,11 +63,48 @@ def with_offset(name: str, output: str) -> Callable[[Plan, float], Plan]:
             log=False,
             targets=(),
             start=start,
-            place=SensorPlace("offset", None, output),
+            place=SensorPlace("offset", recording, output),
         )
         return dataclasses.replace(plan, parameters=(*plan.parameters, parameter))
 
     return extend
+
+
+def with_channel_delay(name: str, output: str) -> Callable[[Plan, float], Plan]:
+    """Return what frees a channel's delay beyond that of its recording, from a start in s."""
+
+    def extend(plan: Plan, start: float) -> Plan:
+        room = DELAY_ROOM * plan.observed[0].recording.step
+        place = SensorPlace("delay", None, output)
+        parameter = Parameter(name, "s", start - room, start + room, log=False, targets=(), start=start, place=place)
+        return dataclasses.replace(plan, parameters=(*plan.parameters, parameter))
+
+    return extend
+
+
+def with_gain(name: str, output: str) -> Callable[[Plan, float], Plan]:
+    """Return what frees an output's gain, from a start."""
+
+    def extend(plan: Plan, start: float) -> Plan:
+        place = SensorPlace("gain", None, output)
+        parameter = Parameter(name, "1", 0.1 * start, 10 * start, log=True, targets=(), start=start, place=place)
+        return dataclasses.replace(plan, parameters=(*plan.parameters, parameter))
+
+    return extend
+
+
+def with_place(plan: Plan, place: SensorPlace) -> Plan:
+    """Return the plan with a value of the measurement chain free that the case frees."""
+    e = place.recording
+    if place.kind == "delay" and not place.output:
+        assert e is not None
+        return free_delay(plan, e, plan.observed[e].delay)
+    name = f"{place.kind} {place.output}" if e is None else named(f"{place.kind} {place.output}", plan, e)
+    if place.kind == "offset":
+        return with_offset(name, place.output, e)(plan, 0.0)
+    if place.kind == "gain":
+        return with_gain(name, place.output)(plan, 1.0)
+    return with_channel_delay(name, place.output)(plan, 0.0)
 
 
 def with_average(output: str, samples: int) -> Callable[[Plan, float], Plan]:

@@ -27,6 +27,7 @@ class ExperimentLayout:
     weights: int
     complete: bool
     chains: tuple[tuple[int, tuple[tuple[float, ...], ...]], ...] = ()  # of each output: average, filter sections
+    times: int | None = None  # bytes into the job's memory; None: equidistant
 
 
 @dataclass(frozen=True)
@@ -50,6 +51,7 @@ class JobLayout:
     types: tuple[str, ...] = ()  # of parameters, inputs and outputs, one after the other; empty: all real
     settings: tuple[tuple[str, int, float | str], ...] = ()  # type, value reference, value
     scale: tuple[tuple[float, float], ...] = ()  # of each output: factor and offset from its unit to SI; empty: SI
+    linear: tuple[bool, ...] = ()  # of each input: whether it goes linearly from row to row; empty: all are held
     counts: tuple[int, int] = (0, 0)  # continuous states and event indicators, for model exchange
 
     @property

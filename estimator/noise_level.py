@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from estimator.excitation import noise_deviation
 from estimator.plan import ChainSpec, Observed, Plan
-from estimator.sensors import Sensor, chebyshev1_sections
+from estimator.sensors import Sensor
 
 FloatArray = NDArray[np.float64]
 
@@ -19,7 +19,9 @@ def output_deviations(plan: Plan) -> dict[str, tuple[float, float]]:
     result = {}
     for name in plan.outputs:
         chain = plan.chains.get(name, ChainSpec())
-        noise = np.sqrt(np.mean([(_noise(o, name) * _smoothing(chain, o.recording.step)) ** 2 for o in plan.observed]))
+        least = chain.quantum / np.sqrt(12)
+        shown = [max(_noise(o, name), least) * _smoothing(chain, o.recording.step) for o in plan.observed]
+        noise = np.sqrt(np.mean(np.square(shown)))
         spread = float(np.nanstd(np.concatenate([o.outputs[name] for o in plan.observed])))
         result[name] = (float(noise), spread)
     return result
@@ -27,10 +29,9 @@ def output_deviations(plan: Plan) -> dict[str, tuple[float, float]]:
 
 def _smoothing(chain: ChainSpec, step: float) -> float:
     """Return how much larger filtered white noise is than its second differences make it seem."""
-    if chain.filter is None:
+    if not chain.filters:
         return 1.0
-    f = chain.filter
-    sensor = Sensor(sections=chebyshev1_sections(order=f.order, ripple=f.ripple, cutoff=f.cutoff, step=step))
+    sensor = Sensor(sections=chain.sections(step))
     impulse = np.array([sensor.show(float(k == 2)) for k in range(2000)])
     second = impulse[2:] - 2 * impulse[1:-1] + impulse[:-2]
     return float(np.linalg.norm(impulse) / np.linalg.norm(second) * np.sqrt(6))

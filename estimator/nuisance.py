@@ -19,7 +19,16 @@ from numpy.typing import NDArray
 from estimator import layout
 from estimator.excitation import quantum
 from estimator.fit import Fit, chi_square, colours, inflation, log_likelihood, misfit, squares, with_coloured_errors
-from estimator.freeing import free_delay, named, with_average, with_delay, with_mean, with_offset
+from estimator.freeing import (
+    free_delay,
+    named,
+    with_average,
+    with_channel_delay,
+    with_delay,
+    with_mean,
+    with_offset,
+    with_place,
+)
 from estimator.noise import averaged
 from estimator.plan import ChainSpec, Plan
 from estimator.polish import Polish
@@ -44,6 +53,7 @@ class Direction:
     extend: Callable[[Plan, float], Plan]
     starts: tuple[float, ...] = (0.0,)
     sentence: str = ""
+    is_channel: bool = False  # a delay of one channel, that a running mean explains as well
 
 
 @dataclass
@@ -63,16 +73,19 @@ class Refinement:
 
     def run(self, problem: Problem, polish: Polish) -> Fit:
         """Return the fit with the nuisances that earn their place."""
+        problem, polish = self._wanted(problem, polish)
         fit = self._treated(Fit(problem, polish, Treatment.none(len(polish.residuals), len(problem.outputs))))
         for y in problem.outputs:  # an encoder's phase is never known
             counts = y == "angle" and all(quantum(o.outputs[y]) > 0 for o in problem.plan.observed)
-            if counts and f"offset {y}" not in problem.plan.names:
-                fit = self._with_phase(fit, y)
+            for e in range(len(problem.plan.observed)) if counts else ():
+                name = named(f"offset {y}", problem.plan, e)
+                if name not in fit.problem.plan.names and f"offset {y}" not in problem.plan.declared:
+                    fit = self._with_phase(fit, y, name, e)
         tried_averages = False
         for _ in range(ROUNDS):
             if self._is_numerical(fit):
                 break
-            direction = self._strongest(fit)
+            direction = self._strongest(fit, channels=tried_averages)
             freed = self._freed(fit, direction) if direction is not None else None
             if freed is not None:
                 fit = freed
@@ -84,16 +97,27 @@ class Refinement:
             else:
                 tried_averages = True
                 found = self._averaged(fit)
-                if found is None:
-                    break
-                fit = found
-                self.rejected.clear()
+                if found is not None:
+                    fit = found
+                    self.rejected.clear()
         return fit if self._is_numerical(fit) else with_coloured_errors(fit)
+
+    def _wanted(self, problem: Problem, polish: Polish) -> tuple[Problem, Polish]:
+        """Free what the case frees."""
+        plan = problem.plan
+        for place in plan.wanted:
+            plan = with_place(plan, place)
+        if plan is problem.plan:
+            return problem, polish
+        added = [p.start or 0.0 for p in plan.parameters[len(polish.values) :]]
+        problem = self.rebuild(plan)
+        least = squares(problem, Treatment.none(len(polish.residuals), len(problem.outputs)))
+        return problem, least.polish(np.concatenate([polish.values, added]), polish.deviations)
 
     def delayed(self, problem: Problem, polish: Polish) -> tuple[Problem, Polish]:
         """Free the delays that the data show at first sight; a delay that turns out to be none goes."""
         plan = problem.plan
-        late = [e for e, o in enumerate(plan.observed) if o.delay != 0]
+        late = [e for e, o in enumerate(plan.observed) if o.delay != 0 and f"delay of {e}" not in plan.declared]
         if not late:
             return problem, polish
         for e in late:
@@ -140,21 +164,21 @@ class Refinement:
             return None
         return dataclasses.replace(best, freed=(*fit.freed, direction.sentence), names=(*fit.names, direction.name))
 
-    def _with_phase(self, fit: Fit, output: str) -> Fit:
-        problem = self.rebuild(with_offset(f"offset {output}", output)(fit.problem.plan, 0.0))
+    def _with_phase(self, fit: Fit, output: str, name: str, recording: int) -> Fit:
+        problem = self.rebuild(with_offset(name, output, recording)(fit.problem.plan, 0.0))
         x = np.append(fit.polish.values, 0.0)
         polish = squares(problem, fit.treatment).polish(x, fit.polish.deviations)
         fit = dataclasses.replace(fit, problem=problem, polish=polish)
         return dataclasses.replace(
             fit,
             colours=colours(fit),
-            freed=(*fit.freed, f"{output} is an encoder's, in counts: its phase is estimated"),
+            freed=tuple(dict.fromkeys((*fit.freed, f"{output} is an encoder's, in counts: its phase is estimated"))),
         )
 
     def _averaged(self, fit: Fit) -> Fit | None:
         """Try running means of the current, as loggers show it, where its residuals are coloured; None if none fits."""
         plan = fit.problem.plan
-        if "i" not in plan.outputs or plan.chains.get("i", ChainSpec()).average != 1:
+        if "i" not in plan.outputs or "average i" in plan.declared or plan.chains.get("i", ChainSpec()).average != 1:
             return None
         if fit.colours[plan.outputs.index("i")].is_white:
             return None
@@ -197,13 +221,14 @@ class Refinement:
         fit = dataclasses.replace(fit, polish=polish, treatment=treatment)
         return dataclasses.replace(fit, colours=colours(fit))
 
-    def _strongest(self, fit: Fit) -> Direction | None:
+    def _strongest(self, fit: Fit, *, channels: bool) -> Direction | None:
+        """Return the nuisance that would improve the fit most; a channel's own delay only if `channels`."""
         jacobian = fit.polish.jacobian[:, fit.polish.at_bound == 0]
         basis = np.linalg.qr(jacobian)[0] if jacobian.shape[1] else jacobian
         residuals = fit.polish.residuals
         best: tuple[float, Direction | None] = (FREED**2, None)
         for direction in self._directions(fit):
-            if direction.name in self.rejected:
+            if direction.name in self.rejected or (direction.is_channel and not channels):
                 continue
             column = fit.treatment.apply(direction.column[None, :], weighted=True)[0]
             across = column - basis @ (basis.T @ column)
@@ -230,30 +255,41 @@ class Refinement:
         directions = []
         for e, o in enumerate(plan.observed):
             name = named("delay", plan, e)
-            if name not in free and o.excitation.kind != "none":
+            if name not in free and f"delay of {e}" not in plan.declared and o.excitation.kind != "none":
                 slope = [-np.gradient(y, axis=0) / o.recording.step if r == e else 0 * y for r, y in enumerate(shown)]
                 column = problem.spread_out(slope) * weights[problem.output_of_residual]
                 sentence = f"{o.recording.title}: the outputs come later than the input; the delay is estimated"
                 directions.append(Direction(name, column, None, with_delay(name, e), sentence=sentence))
         for j, y in enumerate(plan.outputs):
-            name = f"offset {y}"
-            if name not in free:
+            for e, o in enumerate(plan.observed):
+                name = named(f"offset {y}", plan, e)
+                if name in free or f"offset {y}" in plan.declared:
+                    continue
                 ones = [np.zeros_like(s) for s in shown]
-                for s in ones:
-                    s[:, j] = 1.0
+                ones[e][:, j] = 1.0
                 column = problem.spread_out(ones) * weights[problem.output_of_residual]
-                sentence = f"{y} has an offset; it is estimated"
-                directions.append(Direction(name, column, None, with_offset(name, y), sentence=sentence))
+                of = f" in {o.recording.title}" if len(plan.observed) > 1 else ""
+                sentence = f"{y} has an offset{of}; it is estimated"
+                directions.append(Direction(name, column, None, with_offset(name, y, e), sentence=sentence))
+            name = f"delay {y}"
+            if j > 0 and name not in free and name not in plan.declared and plan.sensors[y] == layout.IDENTITY:
+                change = [np.zeros_like(s) for s in shown]
+                for s, full, o in zip(change, shown, plan.observed, strict=True):
+                    s[:, j] = -np.gradient(full[:, j]) / o.recording.step
+                column = problem.spread_out(change) * weights[problem.output_of_residual]
+                sentence = f"{y} comes later than {plan.outputs[0]}; its delay is estimated"
+                extend = with_channel_delay(name, y)
+                directions.append(Direction(name, column, None, extend, sentence=sentence, is_channel=True))
             chain = plan.chains.get(y, ChainSpec())
             if chain.average == 1 and plan.sensors[y] == layout.IDENTITY and y == "w":
-                for n in AVERAGES[1:]:
+                for n in AVERAGES[1:] if f"average {y}" not in plan.declared else ():
                     change = [np.zeros_like(s) for s in shown]
                     for s, full in zip(change, shown, strict=True):
                         s[:, j] = _running_mean(full[:, j], n) - full[:, j]
                     column = problem.spread_out(change) * weights[problem.output_of_residual]
                     sentence = f"{y} is a mean over the last {n} samples, as the data show; the model's is taken so too"
                     directions.append(Direction(f"average {y} {n}", column, 1.0, with_average(y, n), sentence=sentence))
-                if y == "w" and any(v.name == "angle" for v in plan.description.variables):
+                if "mean w" not in plan.declared and any(v.name == "angle" for v in plan.description.variables):
                     change = [np.zeros_like(s) for s in shown]
                     for s, full in zip(change, shown, strict=True):
                         s[1:, j] = 0.5 * (full[:-1, j] - full[1:, j])

@@ -35,6 +35,10 @@ class Parameter:
         Where to begin, and what to compare with.
     place : SensorPlace or None
         Set for a value of the measurement chain, which no FMU variable takes.
+    recording : int or None
+        Which recording's it is; None: of all.
+    quantity : str
+        What it is, where the name also says whose: "R" of "R run3".
     """
 
     name: str
@@ -47,6 +51,8 @@ class Parameter:
     nominal: float | None = None
     place: SensorPlace | None = None
     gains: tuple[float, ...] = ()  # of each target: its value over the parameter's; empty: 1
+    recording: int | None = None
+    quantity: str = ""
 
 
 class Box:

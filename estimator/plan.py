@@ -8,11 +8,13 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.case import Case, Chebyshev1
+from estimator.case import Case
 from estimator.excitation import Excitation
+from estimator.filters import Filter, filter_sections
 from estimator.fmu import FmuDescription
-from estimator.parameters import Parameter
+from estimator.parameters import Parameter, SensorPlace
 from estimator.recording import Recording
+from estimator.sensors import Section
 
 FloatArray = NDArray[np.float64]
 
@@ -31,7 +33,9 @@ class Observed:
         Samples simulated before the first of the recording, at its first inputs, so that a motor that already runs
         in the first row runs in the simulation too.
     delay : float
-        s, of the outputs behind the inputs as the data show it at first sight; 0 where the parameters have a delay.
+        s, of the outputs behind the inputs as the case says it, or as the data show it at first sight; 0 where the
+        parameters have a delay.
+    notes : sentences about what was done to its samples
     """
 
     recording: Recording
@@ -40,20 +44,33 @@ class Observed:
     excitation: Excitation
     lead: int
     delay: float = 0.0
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
 class ChainSpec:
-    """What stands between an output and what its sensor shows: samples averaged, filter, gain."""
+    """What stands between an output and what its sensor shows: samples averaged, filters, gain, offset, delay."""
 
     average: int = 1
-    filter: Chebyshev1 | None = None
+    filters: tuple[Filter, ...] = ()
     gain: float = 1.0
+    offset: float = 0.0
+    delay: float = 0.0  # s, beyond that of the recording
+    quantum: float = 0.0  # step of the quantisation, where it is declared
 
     @property
     def is_plain(self) -> bool:
-        """Whether nothing stands between, but for a gain."""
-        return self.average == 1 and self.filter is None
+        """Whether nothing stands between that has a memory of samples."""
+        return self.average == 1 and not self.filters
+
+    @property
+    def is_straight(self) -> bool:
+        """Whether it is shown at once and as it is, but for what is averaged and filtered."""
+        return (self.gain, self.offset, self.delay) == (1.0, 0.0, 0.0)
+
+    def sections(self, step: float) -> tuple[Section, ...]:
+        """Return the sections of all filters at a sampling interval in s."""
+        return tuple(section for spec in self.filters for section in filter_sections(spec, step=step))
 
 
 @dataclass(frozen=True)
@@ -70,6 +87,9 @@ class Plan:
     notes: tuple[str, ...]
     chains: Mapping[str, ChainSpec] = field(default_factory=dict)
     texts: Mapping[str, str] = field(default_factory=dict)  # FMU variable → text that it is set to
+    declared: frozenset[str] = frozenset()  # what of the measurement chain the case says: "offset i", "delay of 0"
+    wanted: tuple[SensorPlace, ...] = ()  # what of it the case frees
+    temperatures: tuple[float | None, ...] = ()  # °C, of the winding, one a recording
 
     @property
     def outputs(self) -> tuple[str, ...]:

@@ -2,30 +2,41 @@
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimator import layout
-from estimator.case import Case
-from estimator.errors import CaseError, FmuError, RecordingError, suggestion
-from estimator.excitation import Excitation, find_delay, find_excitation, quantum
+from estimator.case import Case, RunSpec
+from estimator.case_signals import FREE
+from estimator.errors import CaseError, FmuError, RecordingError
+from estimator.excitation import quantum
 from estimator.fmu import FmuDescription, Variable
 from estimator.free_parameters import first_guess, free_parameters
-from estimator.mapping import begins_elsewhere, fixed_values, integral_of, mapped, target
+from estimator.mapping import fixed_values, integral_of, mapped
+from estimator.observing import observe
+from estimator.parameters import SensorPlace
 from estimator.plan import ChainSpec, Observed, Plan
-from estimator.recording import Recording, motor_columns, read_recording
+from estimator.recording import Recording, read_recording
 
-FloatArray = NDArray[np.float64]
-
-LATE = 2  # samples: a response that starts this much later than it could is delayed
 COUNTS, WHOLE = (16, 1e6), 0.02  # counts a turn of an encoder whose differences are the speed
 
 
-def plan_case(case: Case, description: FmuDescription, *, recordings: Sequence[Recording] | None = None) -> Plan:
+def plan_case(
+    case: Case,
+    description: FmuDescription,
+    *,
+    recordings: Sequence[Recording] | None = None,
+    held_out: bool = False,
+) -> Plan:
     """Make a case concrete.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording, optional
+        Instead of reading the case's.
+    held_out : bool
+        Take the recordings that the case holds out to validate on, instead of those to fit to.
 
     Raises
     ------
@@ -34,10 +45,12 @@ def plan_case(case: Case, description: FmuDescription, *, recordings: Sequence[R
     """
     description = mapped(case, description)
     fixed, texts = fixed_values(case, description)
-    recordings = [read_recording(path) for path in case.recordings] if recordings is None else list(recordings)
-    if not recordings:
+    runs = [case.run(k) for k in range(len(case.recordings if recordings is None else recordings))]
+    taken = [k for k, run in enumerate(runs) if run.validate == held_out]
+    if not taken:
         raise CaseError('the case names no recording; add [[recording]] with file = "run.csv"')
-    observed = tuple(_observe(case, description, recording) for recording in recordings)
+    read = [read_recording(case.recordings[k]) if recordings is None else recordings[k] for k in taken]
+    observed = tuple(observe(case, description, r, runs[k]) for r, k in zip(read, taken, strict=True))
     for other in observed[1:]:
         if tuple(other.outputs) != tuple(observed[0].outputs):
             raise RecordingError(
@@ -45,7 +58,7 @@ def plan_case(case: Case, description: FmuDescription, *, recordings: Sequence[R
                 f" measures {', '.join(observed[0].outputs)}; all recordings need the same columns"
             )
     guess, notes = first_guess(case, observed)
-    parameters = free_parameters(case, description, guess)
+    parameters = free_parameters(case, description, guess, [o.recording.name for o in observed])
     if not parameters:
         raise CaseError("every parameter is fixed; leave at least one free")
     return Plan(
@@ -56,86 +69,13 @@ def plan_case(case: Case, description: FmuDescription, *, recordings: Sequence[R
         fixed=fixed,
         sensors=_sensors(case, description, observed),
         guess=guess,
-        notes=notes,
+        notes=(*notes, *(note for o in observed for note in o.notes)),
         chains=_chains(case, observed),
         texts=texts,
+        declared=_declared(case, observed[0].outputs, [runs[k] for k in taken]),
+        wanted=_wanted(case, observed[0].outputs, [runs[k] for k in taken]),
+        temperatures=tuple(runs[k].temperature for k in taken),
     )
-
-
-def _observe(case: Case, description: FmuDescription, recording: Recording) -> Observed:
-    inputs, outputs = _columns(case, description, recording)
-    driven: dict[str, FloatArray] = {}
-    for name, column in inputs.items():
-        signal = recording.signal(column, unit=description.variable(name, role="input").unit or None)
-        if np.isnan(signal).any():
-            k = int(np.flatnonzero(np.isnan(signal))[0])
-            raise RecordingError(
-                f"{recording.title}: {column} has no sample at t = {recording.time[k]:g} s; an input must be complete"
-            )
-        driven[name] = signal
-    for name, value in case.fixed.items():
-        variable = target(description, name)
-        if variable.causality == "input" and variable.is_real:
-            driven[name] = np.full(len(recording.time), value)
-    measured = {}
-    for name, column in outputs.items():
-        signal = recording.signal(column, unit=description.variable(name, role="output").unit or None)
-        measured[name] = _without_rest(signal) if name == "angle" else signal
-    if not driven:  # the FMU moves by itself, as the motor did
-        return Observed(recording, driven, measured, Excitation("several", 0, 0.0, 0.0, False), 0)
-    first = next(iter(driven.values()))
-    excitation = find_excitation(first, measured)
-    if begins_elsewhere(case, description):  # nothing to run in, and the way from there is a response
-        kind = "several" if excitation.kind == "none" else excitation.kind
-        still = dataclasses.replace(excitation, kind=kind, running=False)
-        return Observed(recording, driven, measured, still, 0)
-    lead = 0
-    if excitation.running and first[0] != 0 and excitation.kind != "none":
-        lead = len(first) - (excitation.index if excitation.kind == "step" else 0)
-    late = find_delay(excitation, measured) if lead == 0 else 0
-    return Observed(recording, driven, measured, excitation, lead, late * recording.step if late >= LATE else 0.0)
-
-
-def _without_rest(angle: FloatArray) -> FloatArray:
-    """Leave out what an encoder shows before it counts first: its error is constant there."""
-    known = angle[~np.isnan(angle)]
-    resting = int(np.argmax(angle != known[0])) if quantum(angle) > 0 else 0
-    resting = int(np.argmax(~np.isnan(angle) & (angle != known[0]))) if resting else 0
-    return np.where(np.arange(len(angle)) < resting, np.nan, angle)
-
-
-def _columns(case: Case, description: FmuDescription, recording: Recording) -> tuple[dict[str, str], dict[str, str]]:
-    """Return FMU input → column and FMU output → column, from the case or from the usual names."""
-    undriven = all(v.name in case.fixed for v in description.of_causality("input"))
-    if case.outputs and (case.inputs or undriven):
-        return (
-            {name: recording.column(column) for name, column in case.inputs.items()},
-            {name: recording.column(spec.column) for name, spec in case.outputs.items()},
-        )
-    inputs = {name: recording.column(column) for name, column in case.inputs.items()}
-    outputs = {name: recording.column(spec.column) for name, spec in case.outputs.items()}
-    roles = motor_columns(recording, required=[*([] if inputs else ["v"]), *([] if outputs else ["i", "w"])])
-    if not inputs:
-        for role in ("v", "load"):
-            if role in roles and any(v.name == role for v in description.of_causality("input")):
-                inputs[role] = roles[role]
-        if "v" not in inputs:
-            known = ", ".join(v.name for v in description.of_causality("input")) or "none"
-            raise FmuError(
-                f"{description.path.name} has no input 'v' (its inputs: {known});"
-                " say in a case file, under [inputs], which input takes which column"
-            )
-    if not outputs:
-        measured = [r for r in ("i", "w", "angle") if r in roles and not (r == "angle" and "w" in roles)]
-        names = [v.name for v in description.variables if v.causality == "output"]
-        outputs = {role: roles[role] for role in measured if role in names}
-        missing = [role for role in measured if role not in names]
-        if missing:
-            raise FmuError(
-                f"{description.path.name} has no output {missing[0]!r}{suggestion(missing[0], names)};"
-                " say in a case file, under [outputs], which output shows which column"
-            )
-    return inputs, outputs
 
 
 def _is_differenced(description: FmuDescription, observed: tuple[Observed, ...]) -> bool:
@@ -155,7 +95,8 @@ def _sensors(case: Case, description: FmuDescription, observed: tuple[Observed, 
     for name in observed[0].outputs:
         spec = case.outputs.get(name)
         mean = spec is not None and spec.sensor == "mean"
-        mean = mean or (spec is None and name == "w" and _is_differenced(description, observed))
+        found = spec is None or (spec.sensor == "auto" and spec.filter is None and spec.both is None)
+        mean = mean or (found and name == "w" and _is_differenced(description, observed))
         sensors[name] = layout.MEAN if mean else layout.IDENTITY
         if mean:
             read_variable(description, layout.MEAN, name)
@@ -165,16 +106,49 @@ def _sensors(case: Case, description: FmuDescription, observed: tuple[Observed, 
 def _chains(case: Case, observed: tuple[Observed, ...]) -> dict[str, ChainSpec]:
     chains = {}
     for name, spec in case.outputs.items():
-        if spec.filter is None or name not in observed[0].outputs:
+        if name not in observed[0].outputs:
             continue
-        for o in observed:
-            if not spec.filter.cutoff * o.recording.step < 0.5:
-                raise CaseError(
-                    f"output {name!r}: the filter's cutoff {spec.filter.cutoff:g} Hz is not below half the sampling"
-                    f" rate of {o.recording.title}, {0.5 / o.recording.step:g} Hz"
-                )
-        chains[name] = ChainSpec(filter=spec.filter)
-    return chains
+        filters = tuple(f for f in (spec.filter, spec.both) if f is not None)
+        for used in filters:
+            for o in observed:
+                if not used.limit * o.recording.step < 0.5:
+                    raise CaseError(
+                        f"output {name!r}: the filter's cutoff {used.limit:g} Hz is not below half the sampling"
+                        f" rate of {o.recording.title}, {0.5 / o.recording.step:g} Hz"
+                    )
+        chains[name] = ChainSpec(
+            average=spec.average or 1,
+            filters=filters,
+            **{k: float(v) for k in ("gain", "offset", "delay") if isinstance(v := getattr(spec, k), float | int)},
+            quantum=spec.quantum or 0.0,
+        )
+    return {name: chain for name, chain in chains.items() if chain != ChainSpec()}
+
+
+def _declared(case: Case, outputs: Collection[str], runs: Sequence[RunSpec]) -> frozenset[str]:
+    """Return what the case says of the measurement chain, so that it is not looked for in the data."""
+    found = {f"delay of {e}" for e, run in enumerate(runs) if run.delay is not None}
+    for name, spec in case.outputs.items():
+        if name in outputs:
+            found |= {
+                f"{key} {name}" for key in ("average", "gain", "offset", "delay") if getattr(spec, key) is not None
+            }
+            found |= {f"mean {name}"} if spec.sensor != "auto" else set()
+    return frozenset(found)
+
+
+def _wanted(case: Case, outputs: Collection[str], runs: Sequence[RunSpec]) -> tuple[SensorPlace, ...]:
+    """Return what the case frees in the measurement chain."""
+    wanted = [SensorPlace("delay", e) for e, run in enumerate(runs) if run.delay == FREE]
+    for name, spec in case.outputs.items():
+        if name in outputs:
+            wanted += [SensorPlace(key, None, name) for key in ("gain", "delay") if getattr(spec, key) == FREE]
+            wanted += [SensorPlace("offset", e, name) for e in range(len(runs)) if spec.offset == FREE]
+    if wanted and case.search.method != "cuckoo":
+        raise CaseError(
+            f'"free" sensor values are estimated by the method cuckoo only, not by {case.search.method}; give numbers'
+        )
+    return tuple(wanted)
 
 
 def read_variable(description: FmuDescription, sensor: int, name: str) -> Variable:

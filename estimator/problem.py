@@ -18,12 +18,13 @@ from estimator.parameters import Box
 from estimator.plan import ChainSpec, Observed, Plan
 from estimator.planning import read_variable
 from estimator.recording import Recording
-from estimator.sensors import Section, chebyshev1_sections
+from estimator.sensors import Section
 from estimator.workers import Batch, Experiment, Job, Workers
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
+COPPER, REFERENCE = 0.00393, 25.0  # 1/K, °C: a copper winding's resistance, as data sheets state it
 SIGMA_FLOOR = 1e-3  # of a signal's deviation: the least that the search takes for its noise
 
 
@@ -45,19 +46,18 @@ class Problem:
         self.box = Box.of(plan.parameters)
         self.outputs = plan.outputs
         description = plan.description
-        targets = [t for p in self.parameters for t in p.targets]
+        targets = list(dict.fromkeys(t for p in self.parameters for t in p.targets))
         taken = [target(description, name) for name in targets]
         held = {name: target(description, name) for name in plan.fixed if name not in targets}
         held = {name: v for name, v in held.items() if v.is_real and v.causality != "input"}
         self.variables = tuple(v.name for v in (*taken, *held.values()))  # as a candidate's values follow in the FMU
-        gains = [g for p in self.parameters for g in (p.gains or (1.0,) * len(p.targets))]
-        self._gain = np.array([g / v.factor for g, v in zip(gains, taken, strict=True)])
+        self._column, self._gain = self._destinations(targets)
+        self._gain /= np.array([v.factor for v in taken])
         self._shift = np.array([-v.offset / v.factor for v in taken])
-        self._column = [j for j, p in enumerate(self.parameters) for _ in p.targets]
         self._has_sensors = (
             any(p.place is not None for p in self.parameters)
             or any(o.delay != 0 for o in plan.observed)
-            or any(c.gain != 1 for c in plan.chains.values())
+            or any(not c.is_straight for c in plan.chains.values())
         )
         self.sigma = dict(sigma)
         self._constant = np.array([(plan.fixed[n] - v.offset) / v.factor for n, v in held.items()])
@@ -71,7 +71,8 @@ class Problem:
             output_references=tuple(v.value_reference for v in read),
             sensors=tuple(plan.sensors[y] for y in self.outputs),
             experiments=tuple(self._experiment(o, sigma) for o in plan.observed),
-            sensor_values=1 + 2 * len(self.outputs) if self._has_sensors else 0,
+            sensor_values=1 + 3 * len(self.outputs) if self._has_sensors else 0,
+            linear=tuple(name in plan.case.linear for name in inputs),
             even_steps=not description.capabilities.get("canHandleVariableCommunicationStepSize", True),
             reinstantiate=description.restart == "re-instantiate",
             fresh_process=description.restart == "fresh process",
@@ -159,43 +160,51 @@ class Problem:
         """Pick from (rows, outputs) trajectories the samples that are compared, (m,)."""
         return np.asarray(rows[self._used])
 
+    def _destinations(self, targets: Sequence[str]) -> tuple[IntArray, FloatArray]:
+        """Return, of each recording and variable, (recordings, variables), which parameter it takes, times what."""
+        column = np.zeros((len(self.plan.observed), len(targets)), dtype=np.int64)
+        gain = np.ones(column.shape)
+        for j, p in enumerate(self.parameters):
+            where = slice(None) if p.recording is None else p.recording
+            for name, factor in zip(p.targets, p.gains or (1.0,) * len(p.targets), strict=True):
+                column[where, targets.index(name)] = j
+                gain[where, targets.index(name)] = factor
+                if (p.quantity or p.name) == "R" and p.recording is None:
+                    gain[:, targets.index(name)] *= warmth(self.plan.temperatures, len(column))
+        return column, gain
+
     def _values(self, candidates: FloatArray) -> FloatArray:
+        """Return the FMU's parameters, then the sensors' values, (n, recordings, values)."""
         free = candidates[:, self._column] * self._gain + self._shift
-        constant = np.broadcast_to(self._constant, (len(candidates), len(self._constant)))
-        values = np.concatenate([free, constant], axis=1)
-        repeated = np.repeat(values[:, None, :], len(self.plan.observed), axis=1)
-        return np.concatenate([repeated, self._sensor_values(candidates)], axis=2) if self._has_sensors else repeated
+        constant = np.broadcast_to(self._constant, (*free.shape[:2], len(self._constant)))
+        values = np.concatenate([free, constant], axis=2)
+        return np.concatenate([values, self._sensor_values(candidates)], axis=2) if self._has_sensors else values
 
     def _sensor_values(self, candidates: FloatArray) -> FloatArray:
-        """Return delay, then gain and offset of every output, (n, recordings, values)."""
+        """Return the inputs' delay, then gain, offset and further delay of every output, (n, recordings, values)."""
         plan, q = self.plan, len(self.outputs)
-        values = np.zeros((len(candidates), len(plan.observed), 1 + 2 * q))
+        values = np.zeros((len(candidates), len(plan.observed), 1 + 3 * q))
+        chains = [plan.chains.get(y, ChainSpec()) for y in self.outputs]
         values[:, :, 0] = [o.delay for o in plan.observed]
-        values[:, :, 1::2] = [plan.chains[y].gain if y in plan.chains else 1.0 for y in self.outputs]
+        values[:, :, 1:] = [x for chain in chains for x in (chain.gain, chain.offset, chain.delay)]
         for p, column in zip(self.parameters, candidates.T, strict=True):
             if p.place is None:
                 continue
             where = slice(None) if p.place.recording is None else slice(p.place.recording, p.place.recording + 1)
-            if p.place.kind == "delay":
-                values[:, where, 0] = column[:, None]
-            else:
-                j = self.outputs.index(p.place.output)
-                values[:, where, 1 + 2 * j + (p.place.kind == "offset")] = column[:, None]
+            at = 0
+            if p.place.output:
+                at = 1 + 3 * self.outputs.index(p.place.output) + ("gain", "offset", "delay").index(p.place.kind)
+            values[:, where, at] = column[:, None]
+        earliest = np.minimum(values[:, :, 3::3].min(axis=2), 0.0)  # an output is shown late, never early
+        values[:, :, 0] += earliest
+        values[:, :, 3::3] -= earliest[:, :, None]
         return values
 
     def _chains(self, step: float) -> tuple[tuple[int, tuple[Section, ...]], ...]:
         specs = [self.plan.chains.get(y, ChainSpec()) for y in self.outputs]
         if all(s.is_plain for s in specs):
             return ()
-        chains = []
-        for s in specs:
-            sections: tuple[Section, ...] = ()
-            if s.filter is not None:
-                sections = chebyshev1_sections(
-                    order=s.filter.order, ripple=s.filter.ripple, cutoff=s.filter.cutoff, step=step
-                )
-            chains.append((s.average, sections))
-        return tuple(chains)
+        return tuple((s.average, s.sections(step)) for s in specs)
 
     def _experiment(self, observed: Observed, sigma: Mapping[str, float]) -> Experiment:
         recording = observed.recording
@@ -203,6 +212,12 @@ class Problem:
         inputs = np.column_stack(own) if own else np.empty((len(recording.time), 0))
         inputs = np.concatenate([np.repeat(inputs[:1], observed.lead, axis=0), inputs])
         start = self.plan.description.default_experiment["start_time"] or 0.0
+        times = None
+        if not recording.even:
+            before = np.arange(-observed.lead, 0) * recording.step
+            times = (
+                np.concatenate([before, recording.time - recording.time[0]]) + observed.lead * recording.step + start
+            )
         return Experiment(
             start=start,
             interval=recording.step,
@@ -211,6 +226,7 @@ class Problem:
             measured=self._measured(observed),
             weights=np.array([1 / sigma[y] ** 2 for y in self.outputs]),
             chains=self._chains(recording.step),
+            times=times,
         )
 
     def _own_unit(self, name: str, signal: FloatArray) -> FloatArray:
@@ -221,6 +237,14 @@ class Problem:
     def _measured(self, observed: Observed) -> FloatArray:
         measured = np.column_stack([observed.outputs[y] for y in self.outputs])
         return np.concatenate([np.full((observed.lead, measured.shape[1]), np.nan), measured])
+
+
+def warmth(temperatures: Sequence[float | None], count: int) -> FloatArray:
+    """Return the factors, (count,), on a copper winding's resistance, over that of the first recording."""
+    if len(temperatures) != count or any(t is None for t in temperatures):
+        return np.ones(count)
+    relative = np.array([1 + COPPER * ((t or 0.0) - REFERENCE) for t in temperatures])
+    return np.asarray(relative / relative[0])
 
 
 def _substeps(case: Case, recording: Recording) -> int:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
 from collections.abc import Sequence
+from itertools import pairwise
 
 from estimator.layout import MEAN, ExperimentLayout, JobLayout, positions
 from estimator.sensors import Sensor
@@ -16,6 +18,7 @@ def reference_trajectories(
     values: Sequence[float],
     experiment: int,
     inputs: Sequence[Sequence[float]],
+    times: Sequence[float] | None = None,
     refine: int = 1,
 ) -> list[list[float]]:
     """Simulate one candidate over one recording by fmpy's methods alone: the reference of the stepping loop.
@@ -25,6 +28,7 @@ def reference_trajectories(
     values : (p,) the FMU's parameters, in its units, then the sensors' values
     experiment : index of the recording
     inputs : (n, inputs)
+    times : (n,) s; None: equidistant
     refine : communication steps are this many times finer
 
     Returns
@@ -43,54 +47,86 @@ def reference_trajectories(
     fmu.set(parameters, list(values)[: len(parameters)])
     for kind, reference, value in layout.settings:
         fmu.set_typed(kind, [reference], [value])
-    delay, sensors = _sensors(layout, recording, list(values)[len(parameters) :])
+    chain = list(values)[len(parameters) :] or [0.0, *([1.0, 0.0, 0.0] * len(outputs))]
     fmu.enter()
     fmu.exit()
-    scale = layout.scale or ((1.0, 0.0),) * len(outputs)
-    substeps = recording.substeps * refine
-    h = recording.interval / substeps
-    rows: list[list[float]] = []
-    for k in range(recording.samples):
-        read = [y * factor + offset for y, (factor, offset) in zip(fmu.get(outputs), scale, strict=True)]
-        rows.append([sensor.show(y) for sensor, y in zip(sensors, read, strict=True)])
-        if k + 1 == recording.samples:
-            break
-        whole = math.floor(delay / recording.interval)
-        part = delay / recording.interval - whole
-        old, new = (inputs[min(max(k - late, 0), len(inputs) - 1)] for late in (whole + 1, whole))
-        spans = [(new, 0.0, recording.interval)]
-        if part > 1e-9 and list(old) != list(new) and not layout.even_steps:
-            spans = [(old, 0.0, part * recording.interval)]
-            spans += [(new, spans[0][2], recording.interval - spans[0][2])]
-        elif part > 1e-9:
-            spans = [([part * a + (1 - part) * b for a, b in zip(old, new, strict=True)], 0.0, recording.interval)]
-        for held, begin, length in spans:
-            if driven:
-                fmu.set(driven, list(held))
-            steps = substeps if length == recording.interval else max(1, math.ceil(length / h - 1e-9))
+    equidistant = times is None
+    times = [recording.start + k * recording.interval for k in range(recording.samples)] if times is None else times
+    late = chain[3::3]
+    acting = [time + chain[0] for time in times]
+    reads = sorted({time - d for time in times for d in late if d and times[0] < time - d})
+    breaks = [] if layout.even_steps else [*acting, *reads]
+    kept: list[tuple[float, list[float]]] = []
+    h = recording.interval / (recording.substeps * refine)
+
+    def read(now: float) -> None:
+        scale = layout.scale or ((1.0, 0.0),) * len(outputs)
+        kept.append((now, [y * a + b for y, (a, b) in zip(fmu.get(outputs), scale, strict=True)]))
+
+    read(times[0])
+    for k, (begin, end) in enumerate(pairwise(times)):
+        inside: list[float] = []
+        for t in sorted(t for t in breaks if begin < t < end - 1e-9 * h):
+            if t > (inside[-1] if inside else begin) + 1e-9 * h:
+                inside.append(t)
+        for left, right in pairwise([begin, *inside, end]):
+            steps = max(1, math.ceil((right - left) / h - 1e-6))
             for s in range(steps):
-                if length == recording.interval:
-                    fmu.step(recording.start + (k * substeps + s) * h, h)
-                else:
-                    now = recording.start + k * recording.interval + begin
-                    fmu.step(now + s * (length / steps), length / steps)
+                now, length = left + s * (right - left) / steps, (right - left) / steps
+                if equidistant and not inside:
+                    now, length = recording.start + (k * steps + s) * h, h
+                if driven:
+                    fmu.set(driven, _means(layout, acting, inputs, now, now + length))
+                fmu.step(now, length)
+            read(right)
+    shown = [_sensor(layout, recording, chain, j) for j in range(len(outputs))]
+    rows = []
+    for k, time in enumerate(times):
+        interval = recording.interval if k == 0 or equidistant else time - times[k - 1]
+        rows.append([sensor.show(_at(kept, time - late[j], j), interval) for j, sensor in enumerate(shown)])
     return rows
 
 
-def _sensors(layout: JobLayout, recording: ExperimentLayout, values: Sequence[float]) -> tuple[float, list[Sensor]]:
-    """Return the delay [s] and the outputs' sensors."""
-    sensors = []
-    for j, kind in enumerate(layout.sensors):
-        average, sections = recording.chains[j] if recording.chains else (1, ())
-        gain, offset = values[1 + 2 * j : 3 + 2 * j] if values else (1.0, 0.0)
-        sensors.append(
-            Sensor(
-                mean=kind == MEAN,
-                interval=recording.interval,
-                average=average,
-                sections=[tuple(section) for section in sections],  # type: ignore[misc]
-                gain=gain,
-                offset=offset,
-            )
-        )
-    return (values[0] if values else 0.0), sensors
+def _means(
+    layout: JobLayout, acting: Sequence[float], inputs: Sequence[Sequence[float]], left: float, right: float
+) -> list[float]:
+    """Return the mean of every input between two instants, by Simpson's rule over its pieces (exact for lines)."""
+    tiny = 1e-9 * (right - left)
+    cuts = [left, *(t for t in acting if left + tiny < t < right - tiny), right]
+    result = []
+    for j in range(len(inputs[0])):
+        linear = bool(layout.linear) and layout.linear[j]
+        column = [row[j] for row in inputs]
+        total = 0.0
+        for a, b in pairwise(cuts):
+            middle = (a + b) / 2
+            row = bisect_right(acting, middle) - 1
+            value = column[max(row, 0)]
+            if linear and 0 <= row < len(column) - 1:
+                share = (middle - acting[row]) / (acting[row + 1] - acting[row])
+                value = (1 - share) * value + share * column[row + 1]
+            total += value * ((b - a) / (right - left))
+        result.append(total)
+    return result
+
+
+def _at(kept: list[tuple[float, list[float]]], time: float, output: int) -> float:
+    """Return what an output read at an instant, on the line between the two nearest."""
+    k = min(max(bisect_right(kept, time, key=lambda pair: pair[0]), 1), len(kept) - 1)
+    (before, old), (after, new) = kept[k - 1], kept[k]
+    share = min(max((time - before) / (after - before), 0.0), 1.0)
+    if share in (0.0, 1.0):
+        return new[output] if share else old[output]
+    return old[output] + share * (new[output] - old[output])
+
+
+def _sensor(layout: JobLayout, recording: ExperimentLayout, chain: Sequence[float], output: int) -> Sensor:
+    average, sections = recording.chains[output] if recording.chains else (1, ())
+    return Sensor(
+        mean=layout.sensors[output] == MEAN,
+        interval=recording.interval,
+        average=average,
+        sections=[tuple(section) for section in sections],  # type: ignore[misc]
+        gain=chain[1 + 3 * output],
+        offset=chain[2 + 3 * output],
+    )

@@ -9,8 +9,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from estimator.case import BUNDLED_FMU, FMI_KINDS, METHODS, SENSORS
+from estimator.case import BUNDLED_FMU, FMI_KINDS, LOSSES, METHODS
+from estimator.case_signals import BETWEEN, FREE, MAX_AVERAGE, SENSORS
 from estimator.expectation import VERDICTS
+from estimator.filters import FAMILIES, MAX_ORDER
 from estimator.nameplate import QUANTITIES
 
 CELL = {"type": "string", "pattern": r"^\{[^{}]*\}$", "description": "a column of the table of motors"}
@@ -33,25 +35,36 @@ def schema() -> dict[str, Any]:
             ],
             "description": "variables of the FMU that take the value; default: the parameter's own name",
         },
-    )
-    chebyshev = _object(
-        required=("order", "ripple", "cutoff"),
-        order=_whole("order", minimum=1, maximum=20),
-        ripple=_positive("ripple in the passband, dB"),
-        cutoff=_positive("end of the passband, Hz"),
+        per_recording={"type": "boolean", "default": False, "description": "a value of its own for each recording"},
     )
     output = _object(
         required=("column",),
         column={**TEXT, "description": "column of the recording"},
-        sensor={"enum": list(SENSORS), "default": SENSORS[0]},
-        filter=_object(required=("chebyshev1",), chebyshev1=chebyshev),
         fmu={**TEXT, "description": "variable of the FMU; default: the output's own name"},
         integral={**TEXT, "description": "variable of the FMU that integrates it, for the sensor mean"},
+        sensor={
+            "enum": list(SENSORS),
+            "default": SENSORS[0],
+            "description": "mean: over the last sampling interval, as differenced encoder counts; auto: by the data",
+        },
+        counts=_whole("of an encoder a turn: the column holds counts", minimum=1),
+        average={
+            "anyOf": [{"type": "integer", "minimum": 1, "maximum": MAX_AVERAGE}, {"const": "auto"}],
+            "description": "samples of a running mean that the logger took; default: by the data",
+        },
+        filter={**_filter(), "description": "that the measurement went through; the model goes through it too"},
+        both={**_filter(), "description": "that is applied here, to measurement and model"},
+        gain=_value("of the sensor", exclusiveMinimum=0),
+        offset=_value("of the sensor, SI"),
+        delay=_value("of this channel beyond the recording's, s"),
+        quantum=_positive("step of the quantisation, SI; default: by the data"),
     )
     driven = _object(
         required=("column",),
         column={**TEXT, "description": "column of the recording"},
         fmu={**TEXT, "description": "variable of the FMU; default: the input's own name"},
+        times={**TEXT, "description": "column that it is multiplied with: the supply of a duty cycle"},
+        between={"enum": list(BETWEEN), "default": BETWEEN[0], "description": "from row to row"},
     )
     entry: dict[str, Any] = {
         "value": _number("expected value"),
@@ -83,6 +96,18 @@ def schema() -> dict[str, Any]:
     recording = _object(
         required=("file",),
         file={**TEXT, "description": "path, relative to this file; a pattern (motor_*.csv) is a case for each match"},
+        window={
+            "type": "array",
+            "items": _number("s"),
+            "minItems": 2,
+            "maxItems": 2,
+            "description": "only samples from one time to the other are used, s",
+        },
+        scale=_map(_number("factor"), "channel = factor on its samples; -1 turns its sign"),
+        offset=_map(_number("SI"), "channel = what is added to its samples after the factor"),
+        delay=_value("of the outputs behind the inputs, s"),
+        temperature=_number("of the winding, degrees Celsius"),
+        validate={"type": "boolean", "default": False, "description": "held out of the fit, compared with it"},
     )
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
@@ -111,6 +136,7 @@ def schema() -> dict[str, Any]:
                 seed=_whole("of the random numbers", minimum=0, default=1),
                 nests=_whole("candidates a generation", minimum=2),
                 iterations=_whole("generations", minimum=1),
+                loss={"enum": list(LOSSES), "default": LOSSES[0], "description": "huber: outliers pull less"},
             ),
             expect=expect,
             nameplate=nameplate,
@@ -138,6 +164,32 @@ def _positive(description: str) -> dict[str, Any]:
 def _whole(description: str, **limits: int) -> dict[str, Any]:
     default = {"default": limits.pop("default")} if "default" in limits else {}
     return {"anyOf": [{"type": "integer", **limits}, CELL], "description": description, **default}
+
+
+def _filter() -> dict[str, Any]:
+    parts = {
+        "ripple": _positive("in the pass band, dB"),
+        "attenuation": _positive("in the stop band, dB"),
+    }
+    families: dict[str, Any] = {
+        family: _object(
+            required=("order", *needed, "cutoff"),
+            order=_whole("order", minimum=1, maximum=MAX_ORDER),
+            cutoff=_positive("Hz"),
+            **{name: parts[name] for name in needed},
+        )
+        for family, needed in FAMILIES.items()
+    }
+    numbers = {"type": "array", "items": {"type": "number"}, "minItems": 1}
+    families["coefficients"] = _object(required=("b", "a"), b=numbers, a=numbers)
+    return {**_object(**families), "minProperties": 1, "maxProperties": 1}
+
+
+def _value(description: str, **limits: float) -> dict[str, Any]:
+    return {
+        "anyOf": [{"type": "number", **limits}, {"const": FREE}, CELL],
+        "description": f'{description}: a number (held), "free" (estimated); default: by the data',
+    }
 
 
 def _tolerance() -> dict[str, Any]:

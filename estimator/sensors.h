@@ -3,13 +3,12 @@
  *     output --(mean over the interval)--> mean of the last n samples --> filter --> gain x + offset --> shown
  *
  * Before the first sample everything is as in the first sample, and a filter's state is zero. Candidates may carry
- * their own sensor values, after the FMU's parameters: delay, then gain and offset of every output. The delay, of the
- * response behind the inputs, is exact: an interval in which a delayed input changes is stepped in two parts.
+ * their own sensor values, after the FMU's parameters: the delay of the response behind the inputs, then gain, offset
+ * and a further delay of every output. Delays are exact: timed.h steps to the instants that they mean.
  */
 #ifndef SENSORS_H
 #define SENSORS_H
 
-#include <math.h>
 #include <stddef.h>
 #include <stdint.h>
 #include <string.h>
@@ -60,30 +59,6 @@ static inline double sensor_shows(const Chain *chain, ChainState *state, int64_t
         x = y;
     }
     return x;
-}
-
-/* A delay in samples: whole ones, and the part of an interval for which the older input still holds. */
-typedef struct {
-    int64_t whole;
-    double part;
-} Delay;
-
-static inline Delay split_delay(double delay, double interval) {
-    const double samples = delay / interval;
-    const double whole = floor(samples);
-    Delay result = {(int64_t)whole, samples - whole};
-    if (result.part < 1e-9) result.part = 0.0;
-    if (result.part > 1.0 - 1e-9) {
-        result.whole++;
-        result.part = 0.0;
-    }
-    return result;
-}
-
-/* Row of the inputs that holds from sample k on, if they come `late` samples late. */
-static inline size_t delayed_row(int64_t k, int64_t late, int64_t samples) {
-    const int64_t row = k - late;
-    return (size_t)(row < 0 ? 0 : row >= samples ? samples - 1 : row);
 }
 
 #endif

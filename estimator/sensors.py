@@ -3,8 +3,8 @@
     output ──(mean over the interval)──▶ mean of the last n samples ──▶ filter ──▶ gain · x + offset ──▶ shown
 
 ``sensors.h`` does the same on the fast path; this is its reference, sample by sample in plain Python. Before the first
-sample everything is as in the first sample, and a filter's state is zero. The delay of a recording's outputs behind
-its inputs is the stepping loop's: inputs act late, exactly, also by a part of a sample.
+sample everything is as in the first sample, and a filter's state is zero. Delays are the stepping loop's: inputs act
+late and outputs are read early enough, exactly, also by a part of a sample.
 """
 
 from __future__ import annotations
@@ -139,11 +139,11 @@ class Sensor:
         self._before: float | None = None
         self._last: list[float] = []
 
-    def show(self, read: float) -> float:
-        """Return what the sensor shows of the next sample of the output."""
+    def show(self, read: float, interval: float | None = None) -> float:
+        """Return what the sensor shows of the next sample of the output, an interval after the one before."""
         x = read
         if self._mean:
-            x = 0.0 if self._before is None else (read - self._before) / self._interval
+            x = 0.0 if self._before is None else (read - self._before) / (interval or self._interval)
             self._before = read
         self._last = [x] * self._average if not self._last else [*self._last[1:], x]
         x = sum(self._last) / self._average if self._average > 1 else x

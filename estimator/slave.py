@@ -189,6 +189,7 @@ class LoadedFmu:
                     memory + e.weights,
                     int(e.complete),
                     self._chains(e),
+                    None if e.times is None else memory + e.times,
                 )
                 for e in job.experiments
             )
@@ -212,6 +213,7 @@ class LoadedFmu:
             settings=len(job.settings),
             setting=ctypes.addressof(self.settings),
             scale=self._array(c_double, [x for pair in job.scale for x in pair]) if job.scale else None,
+            linear=self._array(c_int64, job.linear) if any(job.linear) else None,
         )
 
     def _chains(self, experiment: ExperimentLayout) -> int | None:

@@ -88,6 +88,7 @@ typedef struct {
     const double *weights;     /* [outputs]: 1 / sigma^2 */
     int64_t complete;          /* no sample is left out */
     const Chain *chains;       /* [outputs], or NULL: sensors show the outputs as they are */
+    const double *times;       /* [n] s, increasing from `start`; NULL: equidistant */
 } Experiment;
 
 typedef struct {
@@ -100,11 +101,13 @@ typedef struct {
     const fmi2ValueReference *output_references;
     const int64_t *sensors;    /* [outputs]: IDENTITY or MEAN */
     const Experiment *experiment;
-    int64_t sensor_values;     /* that follow the parameters: 0, or delay and each output's gain and offset */
-    int64_t even_steps;        /* the FMU takes steps of one size only: a fractional delay mixes the inputs instead */
+    int64_t sensor_values;     /* that follow the parameters: 0, or the inputs' delay, and each output's gain, offset
+                                  and delay */
+    int64_t even_steps;        /* the FMU takes steps of one size only */
     int64_t settings;
     const Setting *setting;    /* [settings], set before every initialisation */
     const double *scale;       /* [outputs][2]: factor and offset from the FMU's units to SI, or NULL */
+    const int64_t *linear;     /* [inputs]: whether it goes linearly from row to row; NULL: all are held */
 } Job;
 
 /* One batch of candidates, in memory that several workers share: each takes the next candidate until none is left. */
@@ -280,56 +283,7 @@ static inline fmi2Status set_inputs(const Run *run, int64_t k, size_t inputs) {
     return changed ? run->slave->set_real(run->slave->component, run->job->input_references, inputs, now) : fmi2OK;
 }
 
-/* Hold the inputs of one row, where they differ from those held now. */
-static inline fmi2Status hold_inputs(const Run *run, const double *row, const double **held, size_t inputs) {
-    int changed = *held == NULL;
-    for (size_t j = 0; j < inputs && !changed; j++) changed = row[j] != (*held)[j];
-    *held = row;
-    return changed && inputs > 0
-               ? run->slave->set_real(run->slave->component, run->job->input_references, inputs, row)
-               : fmi2OK;
-}
-
-/* Step over one sampling interval in which the inputs come late. */
-static fmi2Status step_delayed(Run *run, int64_t k, const Delay *delay, const double **held, double *mixed,
-                               size_t inputs, int64_t *count, int64_t *phase) {
-    const Slave *slave = run->slave;
-    const Experiment *experiment = run->experiment;
-    const double *old = experiment->inputs + delayed_row(k, delay->whole + 1, experiment->samples) * inputs;
-    const double *new = experiment->inputs + delayed_row(k, delay->whole, experiment->samples) * inputs;
-    const double *rows[2] = {new, new};
-    const double interval = experiment->interval;
-    double begin = experiment->start + (double)k * interval;
-    double length[2] = {interval, 0.0};
-    int differ = 0;
-    for (size_t j = 0; j < inputs; j++) differ = differ || old[j] != new[j];
-    if (differ && delay->part > 0.0 && run->job->even_steps) {
-        double *mix = mixed + (size_t)(k % 2) * MAX_INPUTS;
-        for (size_t j = 0; j < inputs; j++) mix[j] = delay->part * old[j] + (1.0 - delay->part) * new[j];
-        rows[0] = mix;
-    } else if (differ && delay->part > 0.0) {
-        rows[0] = old;
-        length[0] = delay->part * interval;
-        length[1] = interval - length[0];
-    }
-    for (int part = 0; part < 2 && length[part] > 0.0; part++) {
-        const double share = length[part] / interval * (double)run->substeps;
-        const int64_t steps = length[part] < interval ? (int64_t)ceil(share - 1e-9) : run->substeps;
-        const double h = length[part] / (double)steps;
-        fmi2Status status = hold_inputs(run, rows[part], held, inputs);
-        *phase = IN_SET;
-        if (status > fmi2Warning) return status;
-        *phase = IN_STEP;
-        for (int64_t s = 0; s < steps; s++) {
-            status = slave->do_step(slave->component, begin + (double)s * h, h, fmi2True);
-            ++*count;
-            if (slave->restore_every_step) restore(run->saved);
-            if (status > fmi2Warning) return status;
-        }
-        begin += length[part];
-    }
-    return fmi2OK;
-}
+#include "timed.h"
 
 /* Inlined into each call, so that constant arguments take the questions out of the loop. */
 #if defined(__GNUC__)
@@ -358,9 +312,6 @@ SPECIALISED int64_t follow(Run *run, const size_t outputs, const size_t inputs, 
     double read[MAX_OUTPUTS];
     static _Thread_local ChainState states[MAX_OUTPUTS];
     const double *values = bare ? NULL : run->sensor_values;
-    const Delay delay = values != NULL ? split_delay(values[0], experiment->interval) : (Delay){0, 0.0};
-    const double *held = NULL;
-    double mixed[2 * MAX_INPUTS];
     double running = run->cost;
     int64_t outcome = FINISHED;
     int64_t count = 0;
@@ -377,7 +328,7 @@ SPECIALISED int64_t follow(Run *run, const size_t outputs, const size_t inputs, 
                 if (job->scale != NULL) value = value * job->scale[2 * j] + job->scale[2 * j + 1];
                 const Chain *chain = experiment->chains != NULL ? experiment->chains + j : NULL;
                 value = sensor_shows(chain, &states[j], job->sensors[j], experiment->interval, k, value);
-                if (values != NULL) value = values[1 + 2 * j] * value + values[2 + 2 * j];
+                if (values != NULL) value = values[1 + 3 * j] * value + values[2 + 3 * j];
             }
             if (!bare && run->shown != NULL) *run->shown++ = value;
             if (bare || !isnan(measured[j])) {
@@ -391,15 +342,6 @@ SPECIALISED int64_t follow(Run *run, const size_t outputs, const size_t inputs, 
             break;
         }
         if (k == last) break;
-        if (!bare && (delay.whole != 0 || delay.part > 0.0)) {
-            int64_t phase = IN_STEP;
-            status = step_delayed(run, k, &delay, &held, mixed, inputs, &count, &phase);
-            if (status > fmi2Warning) {
-                outcome = failed(phase, status);
-                break;
-            }
-            continue;
-        }
         status = set_inputs(run, k, inputs);
         if (status > fmi2Warning) {
             outcome = refused(slave, job->input_references, job->inputs, experiment->inputs + (size_t)k * inputs,
@@ -430,6 +372,7 @@ static int64_t simulate(Run *run, const double *values, Slave *slave) {
     int bare = run->shown == NULL && run->substeps == 1 && !slave->restore_every_step && run->experiment->complete &&
                run->sensor_values == NULL && run->experiment->chains == NULL && job->scale == NULL;
     if (outcome != FINISHED) return outcome;
+    if (is_timed(run)) return follow_events(run);
     for (size_t j = 0; j < outputs; j++) bare = bare && job->sensors[j] == IDENTITY;
     if (bare && outputs == 2 && inputs == 1) return follow(run, 2, 1, 1);
     if (bare) return follow(run, outputs, inputs, 1);

@@ -315,6 +315,8 @@ def to_key(name: str) -> str:
 
 def to_toml(value: Any) -> str:
     """Return a value as TOML; None within a table is left out."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
     if isinstance(value, dict):
         inside = ", ".join(f"{to_key(name)} = {to_toml(item)}" for name, item in value.items() if item is not None)
         return f"{{ {inside} }}" if inside else "{}"

@@ -93,6 +93,7 @@ class ExperimentStruct(ctypes.Structure):
         ("weights", c_void_p),
         ("complete", c_int64),
         ("chains", c_void_p),
+        ("times", c_void_p),
     ]
 
 
@@ -114,6 +115,7 @@ class JobStruct(ctypes.Structure):
         ("settings", c_int64),
         ("setting", c_void_p),
         ("scale", c_void_p),
+        ("linear", c_void_p),
     ]
 
 

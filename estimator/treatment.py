@@ -205,7 +205,7 @@ def onset(problem: Problem, recording: int, values: FloatArray) -> int:
     o = problem.plan.observed[recording]
     delay = o.delay
     for p, value in zip(problem.parameters, values, strict=True):
-        if p.place is not None and p.place.kind == "delay" and p.place.recording in (None, recording):
+        if p.place is not None and (p.place.kind, p.place.output, p.place.recording) == ("delay", "", recording):
             delay = float(value)
     return o.excitation.index + int(np.floor(delay / o.recording.step))
 

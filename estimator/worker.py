@@ -196,15 +196,19 @@ class _Worker:
     def _reference(self, order: dict[str, Any]) -> list[list[float]]:
         experiment = self.loaded.layout.experiments[order["experiment"]]
         columns = len(self.loaded.layout.input_references)
-        flat = (ctypes.c_double * (experiment.samples * columns)).from_address(
-            self._numbers_address + experiment.inputs
-        )
+
+        def numbers(offset: int, count: int) -> list[float]:
+            return list((ctypes.c_double * count).from_address(self._numbers_address + offset))
+
+        flat = numbers(experiment.inputs, experiment.samples * columns)
         inputs = [flat[k * columns : (k + 1) * columns] for k in range(experiment.samples)]
+        times = None if experiment.times is None else numbers(experiment.times, experiment.samples)
         return reference_trajectories(
             self.loaded,
             values=order["values"],
             experiment=order["experiment"],
             inputs=inputs,
+            times=times,
             refine=order["refine"],
         )
 

@@ -67,6 +67,8 @@ class Experiment:
     weights : (outputs,) array
         1 / σ², in the outputs' units.
     chains : of each output (samples averaged, filter sections b0 b1 b2 a1 a2), or empty
+    times : (n,) array, s, or None
+        Increasing, from `start`; None: equidistant.
     """
 
     start: float
@@ -76,6 +78,7 @@ class Experiment:
     measured: FloatArray
     weights: FloatArray
     chains: tuple[tuple[int, tuple[tuple[float, ...], ...]], ...] = ()
+    times: FloatArray | None = None
 
 
 @dataclass(frozen=True)
@@ -89,13 +92,14 @@ class Job:
     sensors: tuple[int, ...]
     experiments: tuple[Experiment, ...]
     reinstantiate: bool = False
-    sensor_values: int = 0  # that follow the parameters in a candidate's row: 0, or 1 + 2 an output
+    sensor_values: int = 0  # that follow the parameters in a candidate's row: 0, or 1 + 3 an output
     even_steps: bool = False
     fresh_process: bool = False  # a process of its own for every simulation
     types: tuple[str, ...] = ()  # of parameters, inputs and outputs, one after the other; empty: all real
     settings: tuple[tuple[str, int, float | str], ...] = ()  # type, value reference, value: set every time
     scale: tuple[tuple[float, float], ...] = ()  # of each output: factor and offset to SI; empty: SI
     names: tuple[str, ...] = ()  # of parameters, settings and inputs, one after the other, for whoever reads of them
+    linear: tuple[bool, ...] = ()  # of each input: whether it goes linearly from row to row; empty: all are held
 
 
 @dataclass(frozen=True)
@@ -224,6 +228,7 @@ class Workers:
             types=job.types,
             settings=job.settings,
             scale=job.scale,
+            linear=job.linear,
             counts=job.description.counts,
         )
         self._order = {
@@ -491,7 +496,9 @@ def _write_numbers(path: Path, experiments: Sequence[Experiment]) -> tuple[Exper
     with open(path, "wb") as file:
         for experiment in experiments:
             offsets = {}
-            for name in ("inputs", "measured", "weights"):
+            for name in ("inputs", "measured", "weights", "times"):
+                if getattr(experiment, name) is None:
+                    continue
                 offsets[name] = file.tell()
                 file.write(np.ascontiguousarray(getattr(experiment, name), dtype=np.float64).tobytes())
             layouts.append(

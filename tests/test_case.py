@@ -21,7 +21,9 @@ from estimator.case import (
     read_case,
     write_case,
 )
+from estimator.case_signals import RunSpec
 from estimator.errors import CaseError, InputError
+from estimator.filters import Coefficients, LowPass
 
 FULL = """\
 [fmu]
@@ -155,11 +157,11 @@ COMPLAINTS = {
     "unknown table in a table": (RECORDING + "[ftm.x]\n", "line 3: there is no key 'ftm'; did you mean 'fmu'?"),
     "unknown key": (
         RECORDING + "\n[search]\nseed = 1\nsede = 2\n",
-        "line 6: there is no key 'sede' in search; did you mean 'seed'? (method, seed, nests, iterations)",
+        "line 6: there is no key 'sede' in search; did you mean 'seed'? (method, seed, nests, iterations, loss)",
     ),
     "unknown key of a parameter": (
         FULL.replace("max = 0.1", "mx = 0.1"),
-        "line 14: there is no key 'mx' in parameters.K; did you mean 'max'? (min, max, nominal, start, fmu)",
+        "line 14: there is no key 'mx' in parameters.K; did you mean 'max'? (min, max, nominal, start, fmu, per",
     ),
     "unknown key in a table of its own": (
         RECORDING + "[parameters.R]\nmin = 1\n# fine\nmaxi = 2\n",
@@ -168,11 +170,11 @@ COMPLAINTS = {
     "unknown key of the FMU": ('[fmu]\npth = "x"\n' + RECORDING, "line 2: there is no key 'pth' in fmu; did you mean"),
     "unknown key of an output": (
         '[outputs]\nw = { column = "w", sensr = "mean" }\n' + RECORDING,
-        "line 2: there is no key 'sensr' in outputs.w; did you mean 'sensor'? (column, sensor, filter, fmu, integral)",
+        "line 2: there is no key 'sensr' in outputs.w; did you mean 'sensor'? (column, fmu, integral, sensor, counts,",
     ),
     "unknown filter": (
-        '[outputs]\nw = { column = "w", filter = { chebyshev2 = {} } }\n' + RECORDING,
-        "line 2: there is no key 'chebyshev2' in outputs.w.filter; did you mean 'chebyshev1'?",
+        '[outputs]\nw = { column = "w", filter = { chebyshev3 = {} } }\n' + RECORDING,
+        "line 2: there is no key 'chebyshev3' in outputs.w.filter; did you mean 'chebyshev2'?",
     ),
     "unknown key of a filter": (
         '[outputs]\nw = { column = "w", filter = { chebyshev1 = { ordr = 3 } } }\n' + RECORDING,
@@ -180,7 +182,7 @@ COMPLAINTS = {
     ),
     "unknown key of a recording": (
         RECORDING + '[[recording]]\nfiel = "x"\n',
-        "line 4: there is no key 'fiel' in recording; did you mean 'file'? (file)",
+        "line 4: there is no key 'fiel' in recording; did you mean 'file'? (file, window, scale,",
     ),
     "unknown key of an expectation": (
         RECORDING + "[expect]\nR = { value = 1, witin = 2 }\n",
@@ -229,9 +231,53 @@ COMPLAINTS = {
         '[outputs]\ni = { sensor = "mean" }\n' + RECORDING,
         'line 2: outputs.i has no column; add column = "…"',
     ),
+    "two filters": (
+        '[outputs]\nw = { column = "w", filter = { bessel = {}, elliptic = {} } }\n' + RECORDING,
+        "line 2: outputs.w.filter needs one filter, such as { butterworth = { order = 2, cutoff = 50 } }",
+    ),
+    "a filter that lacks a key": (
+        '[outputs]\nw = { column = "w", both = { elliptic = { order = 3, cutoff = 5, ripple = 1 } } }\n' + RECORDING,
+        "line 2: outputs.w.both.elliptic has no attenuation; write { order = 3, ripple = 0.5, attenuation = 40, cutoff",
+    ),
+    "unstable coefficients": (
+        '[outputs]\nw = { column = "w", filter = { coefficients = { b = [1], a = [1, -2] } } }\n' + RECORDING,
+        "line 2: outputs.w.filter.coefficients.a: the filter's coefficients a make it unstable; take a stable filter's",
+    ),
+    "coefficients that are none": (
+        '[outputs]\nw = { column = "w", filter = { coefficients = { b = 1, a = [1] } } }\n' + RECORDING,
+        "line 2: outputs.w.filter.coefficients.b must be a list of numbers, such as [0.1, 0.1]",
+    ),
+    "a delay that is neither": (
+        '[outputs]\nw = { column = "w", delay = "fre" }\n' + RECORDING,
+        'line 2: outputs.w.delay must be a number, or "free" to estimate it',
+    ),
+    "an average of none": (
+        '[outputs]\nw = { column = "w", average = 0 }\n' + RECORDING,
+        "line 2: outputs.w.average must be 1 to 64, not 0",
+    ),
+    "an input between": (
+        '[inputs]\nv = { column = "v", between = "cubic" }\n' + RECORDING,
+        "line 2: inputs.v.between cannot be 'cubic' (held, linear)",
+    ),
+    "a window of one": (RECORDING + "window = [1]\n", "line 3: recording.window must be two times in s, such as [0.4"),
+    "a window that goes back": (
+        RECORDING + "window = [2, 1]\n",
+        "line 3: recording.window ends before it begins;",
+    ),
+    "a scale without a number": (RECORDING + 'scale = { i = "x" }\n', "line 3: recording.scale.i must be a number"),
+    "held out or not": (RECORDING + "validate = 1\n", "line 3: recording.validate must be true or false"),
+    "nothing to fit to": (RECORDING + "validate = true\n", "every recording is held out to validate on; leave one to"),
+    "its own or not": (
+        "[parameters]\nR = { per_recording = 1 }\n" + RECORDING,
+        "line 2: parameters.R.per_recording must be true or false",
+    ),
+    "an unknown loss": (
+        RECORDING + '[search]\nloss = "hubert"\n',
+        "loss cannot be 'hubert'; did you mean 'huber'",
+    ),
     "unknown sensor": (
         '[outputs]\ni = { column = "i", sensor = "men" }\n' + RECORDING,
-        "line 2: outputs.i.sensor cannot be 'men'; did you mean 'mean'? (identity, mean)",
+        "line 2: outputs.i.sensor cannot be 'men'; did you mean 'mean'? (auto, identity, mean)",
     ),
     "filter without cutoff": (
         FULL.replace(", cutoff = 50", ""),
@@ -360,11 +406,38 @@ FINITE = st.floats(allow_nan=False, allow_infinity=False)
 POSITIVE = st.floats(min_value=1e-300, max_value=1e300)
 NAMES = st.text(st.characters(exclude_categories=["Cs"]), min_size=1, max_size=6)
 TEXTS = NAMES.filter(lambda text: bool(text.strip()))
+ORDERS = st.integers(1, 20)
+FILTERS = st.one_of(
+    st.none(),
+    st.builds(Chebyshev1, order=ORDERS, ripple=POSITIVE, cutoff=POSITIVE),
+    st.builds(LowPass, family=st.sampled_from(["butterworth", "bessel"]), order=ORDERS, cutoff=POSITIVE),
+    st.builds(LowPass, family=st.just("chebyshev2"), order=ORDERS, cutoff=POSITIVE, attenuation=POSITIVE),
+    st.builds(
+        LowPass, family=st.just("elliptic"), order=ORDERS, cutoff=POSITIVE, ripple=POSITIVE, attenuation=POSITIVE
+    ),
+    st.builds(Coefficients, b=st.lists(POSITIVE, min_size=1, max_size=3).map(tuple), a=st.just((1.0, -0.5))),
+)
+VALUES = st.none() | st.just("free") | FINITE
 OUTPUTS = st.builds(
     OutputSpec,
     column=TEXTS,
-    sensor=st.sampled_from(["identity", "mean"]),
-    filter=st.none() | st.builds(Chebyshev1, order=st.integers(1, 20), ripple=POSITIVE, cutoff=POSITIVE),
+    sensor=st.sampled_from(["auto", "identity", "mean"]),
+    filter=FILTERS,
+    both=FILTERS,
+    counts=st.none() | st.integers(1, 10**6),
+    average=st.none() | st.integers(1, 64),
+    gain=st.none() | st.just("free") | POSITIVE,
+    offset=VALUES,
+    delay=VALUES,
+    quantum=st.none() | POSITIVE,
+)
+RUNS = st.builds(
+    RunSpec,
+    window=st.none() | st.lists(FINITE, min_size=2, max_size=2, unique=True).map(lambda ends: tuple(sorted(ends))),
+    scale=st.dictionaries(NAMES, FINITE, max_size=2),
+    offset=st.dictionaries(NAMES, FINITE, max_size=2),
+    delay=VALUES,
+    temperature=st.none() | st.floats(-200, 500),
 )
 
 
@@ -381,11 +454,12 @@ def parameters(draw: st.DrawFn) -> dict[str, ParameterSpec]:
             nominal=draw(st.none() | FINITE),
             start=draw(st.sampled_from([start, None])),
             fmu=tuple(f"target {k} {j}" for j in range(draw(st.integers(1, 3)))),
+            per_recording=draw(st.booleans()),
         )
     return specs
 
 
-@settings(max_examples=200, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 def test_a_written_case_reads_back_the_same(data: st.DataObject, folder: Path) -> None:
     specs = data.draw(parameters())
@@ -394,14 +468,19 @@ def test_a_written_case_reads_back_the_same(data: st.DataObject, folder: Path) -
         for name in data.draw(st.lists(NAMES, unique=True, max_size=3))
         for fraction, absolute in [data.draw(st.sampled_from([(None, None), (0.01, None), (None, 0.5)]))]
     }
+    run = data.draw(RUNS)
+    inputs = data.draw(st.dictionaries(NAMES.map("in {}".format), TEXTS, max_size=3))
     case = Case(
         fmu=data.draw(st.sampled_from(["dc_motor", str(folder / "own.fmu"), str(folder / "step_10V5.csv")])),
         step=data.draw(st.none() | POSITIVE),
-        inputs=data.draw(st.dictionaries(NAMES.map("in {}".format), TEXTS, max_size=3)),
+        inputs=inputs,
+        products={name: data.draw(TEXTS) for name in inputs if data.draw(st.booleans())},
+        linear=tuple(name for name in inputs if data.draw(st.booleans())),
         outputs=data.draw(st.dictionaries(NAMES, OUTPUTS, max_size=3)),
         parameters=specs,
         fixed=data.draw(st.dictionaries(NAMES.map("fixed {}".format), FINITE, max_size=3)),
         recordings=(folder / "step_10V5.csv",),
+        runs=(run,) if run != RunSpec() else (),
         search=data.draw(
             st.builds(
                 SearchSpec,
@@ -409,6 +488,7 @@ def test_a_written_case_reads_back_the_same(data: st.DataObject, folder: Path) -
                 seed=st.integers(0, 2**62),
                 nests=st.none() | st.integers(2, 1000),
                 iterations=st.none() | st.integers(1, 1000),
+                loss=st.sampled_from(["linear", "huber"]),
             )
         ),
         expect=expect,

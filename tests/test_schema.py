@@ -15,17 +15,29 @@ FULL = """\
 path = "dc_motor"
 step = 1e-3
 [inputs]
-v = "voltage [V]"
+v = { column = "duty [%]", times = "supply [V]", between = "linear" }
 [outputs]
 i = "current [A]"
 w = { column = "speed [rpm]", sensor = "mean", filter = { chebyshev1 = { order = 3, ripple = 0.5, cutoff = 50 } } }
+angle = { column = "enc", counts = 4000, average = "auto", gain = "free", offset = 0.1, delay = 1e-3, quantum = 0.01 }
+x = { column = "x", sensor = "auto", average = 4, both = { bessel = { order = 2, cutoff = 9 } } }
+y = { column = "y", filter = { coefficients = { b = [0.5], a = [1, -0.5] } } }
+z = { column = "z", both = { elliptic = { order = 3, ripple = 1, attenuation = 40, cutoff = 9 } } }
 [parameters]
-R = { min = 0.01, max = 5, nominal = "{R}", start = 3.0 }
+R = { min = 0.01, max = 5, nominal = "{R}", start = 3.0, per_recording = true }
 K = { min = 0.005, max = 0.1, fmu = ["Ke", "Km"] }
 [fixed]
 load = 0.0
 [[recording]]
 file = "run.csv"
+window = [0.4, 2.0]
+scale = { i = -1 }
+offset = { i = 0.02 }
+delay = "free"
+temperature = 60
+[[recording]]
+file = "held.csv"
+validate = true
 [motors]
 file = "motors.csv"
 name = "serial"
@@ -33,6 +45,7 @@ name = "serial"
 method = "paper"
 seed = 7
 nests = 40
+loss = "huber"
 iterations = 25
 [expect]
 R = { value = 3.1363, within = "1 %" }
@@ -52,6 +65,7 @@ no_load_speed = { value = 2000, unit = "rpm", within = "5 %" }
 @pytest.fixture
 def folder(tmp_path):
     (tmp_path / "run.csv").write_text("")
+    (tmp_path / "held.csv").write_text("")
     (tmp_path / "motors.csv").write_text("serial,R\nA1,3.1\n")
     return tmp_path
 
