@@ -132,6 +132,7 @@ def estimate_parameters(
     source: Source,
     *,
     fmu: str | os.PathLike[str] | None = None,
+    kind: str | None = None,
     method: str | None = None,
     seed: int | None = None,
     fix: Mapping[str, float] | None = None,
@@ -150,6 +151,8 @@ def estimate_parameters(
         A recording's file, a case file (``*.case.toml``), or either of them in memory.
     fmu : str or path, optional
         An .fmu file or a bundled model's name; by default the case's, else "dc_motor".
+    kind : str, optional
+        "co-simulation" or "model-exchange", of an FMU that offers both; by default co-simulation.
     method : str, optional
         "cuckoo" (default), "paper" (Rodríguez-Abreo et al. 2021), "original", "integral", "steiglitz-mcbride" or
         "differential-evolution".
@@ -190,6 +193,7 @@ def estimate_parameters(
     case = with_options(
         case,
         fmu=None if fmu is None else os.fspath(fmu),
+        kind=kind,
         method=method,
         seed=seed,
         fix=tuple((fix or {}).items()),

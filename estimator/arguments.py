@@ -16,6 +16,7 @@ from estimator.version import version
 
 SHELLS = ("bash", "zsh", "fish")  # as in completion.py
 FORMATS = ("csv", "ssv", "ssp", "fmu", "matlab", "modelica", "state-space")  # as in handover_files.py
+KINDS = ("co-simulation", "model-exchange")  # as in fmu.py
 METHODS = ("cuckoo", "paper", "original", "integral", "steiglitz-mcbride", "differential-evolution")  # as in case.py
 
 
@@ -119,6 +120,7 @@ Exit status: 0 an estimate, ok or doubtful; 1 refused or failed; 2 bad input."""
     add = estimate.add_argument
     add("source", type=_path, metavar="CASE.case.toml|RECORDING", help="a case file, or a recording")
     add("--fmu", type=_path, metavar="FMU", help="an .fmu file or a bundled model's name (default: dc_motor)")
+    _add_kind(estimate)
     add("--method", choices=METHODS, metavar="METHOD", help=f"one of {', '.join(METHODS)} (default: cuckoo)")
     add(
         "--fix",
@@ -171,7 +173,8 @@ def _add_simulate(commands: Any) -> None:
         "simulate",
         "one simulation of an FMU, as a recording",
         """\
-Simulate an FMU and print what comes out as CSV, which estimate reads back.""",
+Simulate an FMU and print what comes out as CSV, which estimate reads back. Values are in SI units.
+Exit status: 0 simulated; 2 bad input, or the FMU fails.""",
         [
             f"{PROGRAM} simulate dc_motor --set R=1.2 --voltage-step 10.5@0.5 -o step.csv",
             f"{PROGRAM} simulate my_motor.fmu --input drive.csv --step 1e-4",
@@ -188,6 +191,7 @@ Simulate an FMU and print what comes out as CSV, which estimate reads back.""",
         metavar="NAME=VALUE",
         help="set a parameter, or hold an input; repeatable",
     )
+    _add_kind(simulate)
     drive = simulate.add_mutually_exclusive_group()
     drive.add_argument(
         "--voltage-step", type=level_at, metavar="V@T", help="voltage input: 0 V, then V volts from T seconds on"
@@ -209,8 +213,19 @@ to see whether it repeats itself, can be reset, and honours its parameters and i
         [f"{PROGRAM} inspect dc_motor", f"{PROGRAM} inspect my_motor.fmu --json"],
     )
     inspect.add_argument("fmu", type=_path, metavar="FMU", help="an .fmu file or a bundled model's name")
+    _add_kind(inspect)
     inspect.add_argument("--static", action="store_true", help="execute nothing of the FMU")
     inspect.add_argument("--json", action="store_true", help="print one JSON object instead of text")
+
+
+def _add_kind(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--kind",
+        choices=KINDS,
+        metavar="KIND",
+        help="co-simulation or model-exchange, of an FMU that offers both (default: co-simulation, which brings its own"
+        " solver)",
+    )
 
 
 def _add_init(commands: Any) -> None:

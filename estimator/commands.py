@@ -10,11 +10,12 @@ import functools
 import io
 import json
 import sys
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from estimator.errors import InputError
+from estimator.errors import FmuError, InputError, SimulationError
 from estimator.options import unique, with_options
 from estimator.output import OutputFolder, write_files
 from estimator.progress import LiveLine, Progress, batch_line, is_terminal
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
 
 CASE_SUFFIX = ".case.toml"
 DEFAULT_STOP, DEFAULT_STEP = 2.8, 1e-3  # s
+INSPECTION_LIMIT = 45.0  # s of describing and probing
 
 
 def demo(args: argparse.Namespace) -> int:
@@ -86,12 +88,14 @@ def estimate(args: argparse.Namespace) -> int:
 
 
 def simulate(args: argparse.Namespace) -> int:
-    """Simulate an FMU once and give what comes out as CSV."""
+    """Simulate an FMU once and give what comes out as CSV, in SI units."""
     from estimator.drive import settable
-    from estimator.fmu import check_usable, describe
+    from estimator.fmu import describe, with_kind
+    from estimator.mapping import in_si_units
+    from estimator.probe import driven
 
-    description = describe(args.fmu)
-    check_usable(description)
+    read = with_kind(describe(args.fmu), args.kind)
+    description = in_si_units(read)
     settings = unique(args.settings, option="--set")
     parameters = {name: value for name, value in settings.items() if settable(description, name) == "parameter"}
     times, inputs = _drive(description, args)
@@ -102,7 +106,10 @@ def simulate(args: argparse.Namespace) -> int:
             inputs[name] = times * 0 + value
     from estimator.simulate import simulate as simulate_fmu
 
-    outputs = simulate_fmu(description, parameters=parameters, inputs=inputs, times=times)
+    try:
+        outputs = simulate_fmu(in_si_units(driven(read)), parameters=parameters, inputs=inputs, times=times)
+    except SimulationError as error:
+        raise FmuError(str(error)) from error
     units = {variable.name: variable.unit for variable in description.variables}
     columns = {"time [s]": times}
     for signals in (inputs, outputs):
@@ -115,16 +122,18 @@ def simulate(args: argparse.Namespace) -> int:
 
 
 def inspect(args: argparse.Namespace) -> int:
-    """Show what an FMU is."""
-    from estimator.fmu import describe
+    """Show what an FMU is, and within a minute how it behaves, whatever it does."""
+    began = time.monotonic()
+    from estimator.fmu import describe, with_kind
     from estimator.inspection import inspection_mapping, inspection_text
 
-    description = describe(args.fmu, validate=True)
-    found = None
+    description = with_kind(describe(args.fmu, validate=True), args.kind)
+    found = {}
     if not args.static:
-        from estimator.probe import probe
+        from estimator.probe import probe_kinds
 
-        found = probe(description)
+        kinds = (args.kind,) if args.kind else description.kinds or (description.kind,)
+        found = probe_kinds(description, kinds, limit=INSPECTION_LIMIT - (time.monotonic() - began))
     if args.json:
         say(json.dumps(inspection_mapping(description, found), indent=2, allow_nan=False) + "\n")
     else:
@@ -312,7 +321,9 @@ def _case(args: argparse.Namespace) -> Case:
         raise InputError(f"{source} is an FMU; give a recording or a case file, and the FMU with --fmu {source}")
     else:
         case = case_for_recording(Path(source))
-    return with_options(case, fmu=args.fmu, method=args.method, seed=args.seed, fix=args.fix, bounds=args.bounds)
+    return with_options(
+        case, fmu=args.fmu, kind=args.kind, method=args.method, seed=args.seed, fix=args.fix, bounds=args.bounds
+    )
 
 
 def _estimated(

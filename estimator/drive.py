@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,8 +19,10 @@ VOLTAGE_NAMES = ("v", "u", "voltage")  # of an input without a unit
 
 
 def instants(*, stop: float, step: float) -> FloatArray:
-    """Return the sampling instants 0, step, …, stop, shape (n,), in s."""
-    return np.arange(int(np.floor(stop / step + 1e-6)) + 1, dtype=np.float64) * step
+    """Return the sampling instants 0, step, …, stop, shape (n,), in s: each the float nearest to k times the step."""
+    exact = Fraction(repr(step))
+    count = int(np.floor(stop / step + 1e-6)) + 1
+    return np.array([float(k * exact) for k in range(count)])
 
 
 def stepped_voltage(times: FloatArray, *, level: float, at: float) -> FloatArray:

@@ -139,13 +139,14 @@ def estimate_recordings(
         As `estimate`.
     """
     count = available_cores() if workers is None else workers
-    descriptions: dict[str, FmuDescription] = {}
+    descriptions: dict[tuple[str, str | None], FmuDescription] = {}
     results = []
     with Workers(count, time_limit=time_limit) as crew:
         for case, measured in zip(cases, recordings, strict=True):
-            if case.fmu not in descriptions:
-                descriptions[case.fmu] = driven(with_kind(describe(case.fmu), case.kind))
-            plan = plan_case(case, descriptions[case.fmu], recordings=measured)
+            wanted = case.fmu, case.kind
+            if wanted not in descriptions:
+                descriptions[wanted] = driven(with_kind(describe(case.fmu), case.kind))
+            plan = plan_case(case, descriptions[wanted], recordings=measured)
             results.append(_Estimation(plan, crew, progress=None, bounded=bounded).run())
     return results
 

@@ -9,7 +9,7 @@ import dataclasses
 import math
 import sys
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,6 @@ from estimator.archive import check_archive, check_description
 from estimator.errors import FmuError, one_line, suggestion
 
 REAL_TYPES = ("Real", "Float64")
-KINDS = ("co-simulation", "model-exchange")
 
 
 @dataclass(frozen=True)
@@ -55,6 +54,11 @@ class Variable:
     def is_real(self) -> bool:
         """Whether its value is a real number."""
         return self.type in REAL_TYPES
+
+    @property
+    def is_as_it_is(self) -> bool:
+        """Whether the FMU's own number is the value, with no unit between."""
+        return self.factor == 1 and self.offset == 0
 
     @property
     def is_settable(self) -> bool:
@@ -104,6 +108,7 @@ class FmuDescription:
     probe_simulations: int = 0  # that it took to find out
     is_bundled: bool = False  # found by a bundled model's name
     originals: tuple[Variable, ...] = ()  # the FMU's own variables, where `variables` holds others (mapping.py)
+    capabilities_of: Mapping[str, Mapping[str, bool]] = field(default_factory=dict)  # of each kind
 
     @property
     def library(self) -> str | None:
@@ -210,7 +215,7 @@ def _described(description: Any, path: Path, *, warnings: tuple[str, ...], bundl
     kinds = tuple(kind for kind, part in parts if part is not None)
     experiment = description.defaultExperiment
     bases = {u.name: _base(u) for u in description.unitDefinitions}
-    capabilities = _capabilities(co_simulation if co_simulation is not None else model_exchange)
+    capabilities = {kind: _capabilities(part, kind) for kind, part in parts if part is not None}
     version = str(description.fmiVersion)
     identifiers = [part.modelIdentifier if part is not None else None for _, part in parts]
     for identifier in identifiers:
@@ -227,7 +232,8 @@ def _described(description: Any, path: Path, *, warnings: tuple[str, ...], bundl
         kinds=kinds,
         platforms=tuple(fmpy.supported_platforms(str(path))),
         variables=tuple(_variable(v, bases=bases) for v in description.modelVariables),
-        capabilities=capabilities,
+        capabilities=capabilities[kinds[0]] if kinds else {},
+        capabilities_of=capabilities,
         default_experiment={
             "start_time": _number(experiment.startTime if experiment else None),
             "stop_time": _number(experiment.stopTime if experiment else None),
@@ -255,8 +261,9 @@ def with_kind(description: FmuDescription, kind: str | None) -> FmuDescription:
         return description
     if kind not in description.kinds:
         offered = " and ".join(description.kinds) or "nothing that can be simulated"
-        raise FmuError(f"{description.path.name} offers no {kind}, only {offered}; change kind under [fmu]")
-    return dataclasses.replace(description, kind=kind)
+        raise FmuError(f"{description.path.name} offers no {kind}, only {offered}; choose that, or leave the kind out")
+    capabilities = description.capabilities_of.get(kind, description.capabilities)
+    return dataclasses.replace(description, kind=kind, capabilities=capabilities)
 
 
 def check_usable(description: FmuDescription) -> None:
@@ -331,18 +338,17 @@ def _number(text: Any) -> float | None:
     return number if number is not None and math.isfinite(number) else None
 
 
-def _capabilities(part: Any) -> dict[str, bool]:
-    names = (
+def _capabilities(part: Any, kind: str) -> dict[str, bool]:
+    names: tuple[str, ...] = (
         "needsExecutionTool",
         "canBeInstantiatedOnlyOncePerProcess",
-        "canHandleVariableCommunicationStepSize",
-        "canInterpolateInputs",
-        "canRunAsynchronuously",
         "canGetAndSetFMUstate",
         "canSerializeFMUstate",
         "providesDirectionalDerivative",
     )
-    return {name: bool(getattr(part, name, False)) for name in names} if part is not None else {}
+    if kind == "co-simulation":
+        names += ("canHandleVariableCommunicationStepSize", "canInterpolateInputs", "canRunAsynchronuously")
+    return {name: bool(getattr(part, name, False)) for name in names}
 
 
 def platform_suffix() -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from estimator.errors import FmuError
@@ -35,8 +35,20 @@ def obstacles(description: FmuDescription) -> list[str]:
     return found
 
 
-def inspection_text(description: FmuDescription, probe: Probe | None = None) -> str:
-    """Return the description, and what a probe found, as lines for a person."""
+def choice_of_kind(description: FmuDescription) -> str:
+    """Return which kind is used and why, where the FMU offers both; else nothing."""
+    if len(description.kinds) < 2:
+        return ""
+    other = next(kind for kind in description.kinds if kind != description.kind)
+    why = {
+        "co-simulation": "the FMU then brings its own solver and is stepped at full speed",
+        "model-exchange": "as it was chosen; a solver of fmpy's then integrates the FMU's equations, which is slower",
+    }[description.kind]
+    return f"it is used for {description.kind}: {why}; choose {other} with --kind, or with kind under [fmu]"
+
+
+def inspection_text(description: FmuDescription, probes: Mapping[str, Probe] | None = None) -> str:
+    """Return the description, and what the probe of each kind found, as lines for a person."""
     facts = [
         ["file", str(description.path)],
         ["model", _with(description.model_name, description.description)],
@@ -66,10 +78,11 @@ def inspection_text(description: FmuDescription, probe: Probe | None = None) -> 
             "What looks like a motor's:",
             *(f"  {r.ljust(4)}  {', '.join(names)}" for r, names in roles.items()),
         ]
-    if len(description.kinds) > 1:
-        lines += ["", f"It is used by {description.kind}; the other with kind under [fmu] in a case file."]
-    if probe is not None:
-        lines += ["", "What the probe found:", *_items(probe_sentences(probe))]
+    if choice := choice_of_kind(description):
+        lines += ["", f"It offers both kinds; {choice}."]
+    for kind, probe in (probes or {}).items():
+        title = f"What the probe found, for {kind}:" if len(description.kinds) > 1 else "What the probe found:"
+        lines += ["", title, *_items(probe_sentences(probe))]
     problems = obstacles(description)
     lines += ["", "What would go wrong:", *_items(problems)] if problems else ["", "Nothing keeps it from use here."]
     if description.warnings:
@@ -102,8 +115,12 @@ def probe_sentences(probe: Probe) -> list[str]:
     return [*lines, *probe.findings]
 
 
-def inspection_mapping(description: FmuDescription, probe: Probe | None = None) -> dict[str, Any]:
-    """Return the description for JSON: plain dictionaries, lists, strings and finite numbers."""
+def inspection_mapping(description: FmuDescription, probes: Mapping[str, Probe] | None = None) -> dict[str, Any]:
+    """Return the description for JSON: plain dictionaries, lists, strings and finite numbers.
+
+    "probe" is that of the kind that is used, "probes" holds each kind's.
+    """
+    found = {kind: dataclasses.asdict(probe) for kind, probe in (probes or {}).items()}
     mapping = {
         "name": description.name,
         "path": description.path,
@@ -123,7 +140,9 @@ def inspection_mapping(description: FmuDescription, probe: Probe | None = None) 
         "warnings": description.warnings,
         "kind": description.kind,
         "roles": guess_roles(description),
-        "probe": None if probe is None else dataclasses.asdict(probe),
+        "kind_reason": choice_of_kind(description),
+        "probe": found.get(description.kind),
+        "probes": found,
     }
     plain: dict[str, Any] = json_ready(mapping)
     return plain

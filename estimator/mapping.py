@@ -41,8 +41,8 @@ def mapped(case: Case, description: FmuDescription) -> FmuDescription:
     FmuError
         The case names a variable that the FMU does not have, or a kind that it does not offer.
     """
-    description = with_kind(description, case.kind)
-    own = tuple(in_si(v) for v in description.variables)
+    description = in_si_units(with_kind(description, case.kind))
+    own = description.variables
     by_name = {v.name: v for v in own}
     aliases: dict[str, Variable] = {}
 
@@ -60,7 +60,7 @@ def mapped(case: Case, description: FmuDescription) -> FmuDescription:
         if spec.integral:
             alias(integral_of(name), spec.integral, "output")
     names = tuple(aliases.values()) + tuple(v for v in own if v.name not in aliases)
-    return dataclasses.replace(description, variables=names, originals=own)
+    return dataclasses.replace(description, variables=names)
 
 
 def integral_of(output: str) -> str:
@@ -144,6 +144,12 @@ def settings_names(
 ) -> tuple[str, ...]:
     """Return the names of what `settings` sets, in its order."""
     return tuple(name for name in (*numbers, *texts) if not target(description, name).is_real)
+
+
+def in_si_units(description: FmuDescription) -> FmuDescription:
+    """Return the description with its variables in SI units; the FMU's own stay beside them."""
+    own = tuple(in_si(v) for v in description.variables)
+    return dataclasses.replace(description, variables=own, originals=own)
 
 
 def in_si(variable: Variable) -> Variable:

@@ -20,6 +20,7 @@ def with_options(
     case: Case,
     *,
     fmu: str | None = None,
+    kind: str | None = None,
     method: str | None = None,
     seed: int | None = None,
     fix: Sequence[tuple[str, float]] = (),
@@ -35,6 +36,8 @@ def with_options(
     if fmu is not None:
         is_file = fmu.endswith(".fmu") or os.path.dirname(fmu) or os.path.isfile(fmu)
         case = dataclasses.replace(case, fmu=os.path.abspath(fmu) if is_file else fmu)
+    if kind is not None:
+        case = dataclasses.replace(case, kind=kind)
     search = case.search
     search = dataclasses.replace(search, method=search.method if method is None else method)
     search = dataclasses.replace(search, seed=search.seed if seed is None else seed)

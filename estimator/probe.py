@@ -19,7 +19,7 @@ from typing import Any
 
 from estimator.archive import extract
 from estimator.errors import FmuError
-from estimator.fmu import FmuDescription, Variable, check_usable
+from estimator.fmu import FmuDescription, Variable, check_usable, with_kind
 from estimator.layout import JobLayout
 from estimator.process import Process, how_it_ended
 from estimator.run_folder import RunFolder
@@ -28,7 +28,7 @@ RESET, REINSTANTIATE, FRESH_PROCESS = "reset", "re-instantiate", "fresh process"
 HORIZON = 1.0  # s simulated
 PATIENCE = 3.0  # s of a run, then it is cut
 STAGE_LIMIT = 8.0  # s of a stage, then its process is ended
-LIMIT = 45.0  # s of all stages
+LIMIT = 40.0  # s of all stages
 MAX_VARIABLES = 40
 LARGE_CHANGE = 1e-3  # of a signal's span, from step h to h/10
 USUAL_STEP, STEPS = 1e-3, (1e-5, 1e-2)  # s
@@ -116,6 +116,16 @@ def probe(description: FmuDescription, *, thorough: bool = True, limit: float = 
         return Probe(False, problem=str(error), hopeless=True)
     except OSError as error:
         return Probe(False, problem=f"it cannot be extracted: {error.strerror or error}", hopeless=True)
+
+
+def probe_kinds(description: FmuDescription, kinds: Sequence[str], *, limit: float) -> dict[str, Probe]:
+    """Probe an FMU as each of the kinds, one after the other, in `limit` s in all."""
+    until = time.monotonic() + limit
+    found = {}
+    for k, kind in enumerate(kinds):
+        share = max(0.0, until - time.monotonic()) / (len(kinds) - k)
+        found[kind] = probe(with_kind(description, kind) if description.kinds else description, limit=min(LIMIT, share))
+    return found
 
 
 class _Stopped(Exception):

@@ -79,9 +79,7 @@ class Problem:
             types=types_of([*taken, *held.values(), *driven, *read]),
             settings=settings(description, plan.fixed, plan.texts),
             names=(*self.variables, *settings_names(description, plan.fixed, plan.texts), *inputs),
-            scale=tuple((v.factor, v.offset) for v in read)
-            if any((v.factor, v.offset) != (1, 0) for v in read)
-            else (),
+            scale=tuple((v.factor, v.offset) for v in read) if any(not v.is_as_it_is for v in read) else (),
         )
         workers.load(self._job, keep_counts=keep_counts)
         lengths = [o.lead + len(o.recording.time) for o in plan.observed]
@@ -232,7 +230,7 @@ class Problem:
     def _own_unit(self, name: str, signal: FloatArray) -> FloatArray:
         """Return an input in the FMU's unit."""
         variable = self.plan.description.variable(name)
-        return signal if variable.factor == 1 and variable.offset == 0 else (signal - variable.offset) / variable.factor
+        return signal if variable.is_as_it_is else (signal - variable.offset) / variable.factor
 
     def _measured(self, observed: Observed) -> FloatArray:
         measured = np.column_stack([observed.outputs[y] for y in self.outputs])

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimator import layout
 from estimator.errors import FmuError, InputError, SimulationError, suggestion
-from estimator.fmu import FmuDescription, check_usable, describe
+from estimator.failing import with_cause
+from estimator.fmu import FmuDescription, Variable, check_usable, describe
 from estimator.workers import TIME_LIMIT, Experiment, Job, Workers
 
 FloatArray = NDArray[np.float64]
@@ -32,7 +34,7 @@ def simulate(
     fmu : str or FmuDescription
         A file, a bundled model's name, or what `describe` returned.
     parameters : name → value
-        In the FMU's units; the others keep their start values.
+        In the units of the description: the FMU's, or SI after `in_si_units`; the others keep their start values.
     inputs : name → (n,) array
         inputs[k] holds from times[k] to times[k + 1]; inputs that are not given keep their start values.
     times : (n,) array
@@ -43,7 +45,7 @@ def simulate(
     Returns
     -------
     name → (n,) array
-        All real outputs; sample k is taken at times[k], before inputs[k] act.
+        All real outputs, in the units of the description; sample k is taken at times[k], before inputs[k] act.
 
     Raises
     ------
@@ -54,56 +56,77 @@ def simulate(
     """
     description = describe(fmu) if isinstance(fmu, str) else fmu
     check_usable(description)
-    step = _step(times)
     outputs = [v for v in description.of_causality("output") if v.is_real]
     if not outputs:
         raise FmuError(f"{description.path.name} has no real output, so there is nothing to show")
-    values, references = [], []
-    held: list[tuple[str, int, float | str]] = []
-    for name, value in parameters.items():
-        variable = next((v for v in description.of_causality("parameter") if v.name == name), None)
-        if variable is None:
-            known = [v.name for v in description.of_causality("parameter")]
-            raise FmuError(f"{description.path.name} has no parameter {name!r}{suggestion(name, known)}")
-        _check_range(description, name, value, variable.minimum, variable.maximum)
-        if not variable.is_real:
-            if variable.type == "String" or value != round(value):
-                raise FmuError(f"{name} of {description.path.name} is {variable.type}; {value:g} is no value for it")
-            held.append((variable.type, variable.value_reference, value))
-            continue
-        values.append(value)
-        references.append(variable.value_reference)
+    chosen = [(_parameter(description, name, value), value) for name, value in parameters.items()]
+    reals = [(v, value) for v, value in chosen if v.is_real]
+    held = [(v, value) for v, value in chosen if not v.is_real]
     driven = [description.variable(name, role="input") for name in inputs]
-    types = ("Real",) * len(references) + tuple(v.type for v in (*driven, *outputs))
-    experiment = Experiment(
-        start=float(times[0]),
-        interval=step,
-        substeps=1,
-        inputs=np.column_stack([np.asarray(u, dtype=float) for u in inputs.values()])
-        if inputs
-        else np.empty((len(times), 0)),
-        measured=np.zeros((len(times), len(outputs))),
-        weights=np.zeros(len(outputs)),
+    shown = [*(v for v, _ in reals), *driven, *outputs]
+    job = Job(
+        description=description,
+        parameter_references=tuple(v.value_reference for v, _ in reals),
+        input_references=tuple(v.value_reference for v in driven),
+        output_references=tuple(v.value_reference for v in outputs),
+        sensors=(layout.IDENTITY,) * len(outputs),
+        experiments=(_experiment(description, driven, inputs, times, outputs=len(outputs)),),
+        reinstantiate=description.restart == "re-instantiate",
+        fresh_process=description.restart == "fresh process",
+        types=() if all(v.is_real for v in driven) else tuple(v.type for v in shown),
+        settings=tuple((v.type, v.value_reference, value) for v, value in held),
+        scale=tuple((v.factor, v.offset) for v in outputs) if any(not v.is_as_it_is for v in outputs) else (),
+        names=tuple(v.name for v in (*(v for v, _ in reals), *(v for v, _ in held), *driven)),
     )
+    values = np.array([_own(v, value) for v, value in reals], dtype=float)
     with Workers(1, time_limit=time_limit) as workers:
-        workers.load(
-            Job(
-                description=description,
-                parameter_references=tuple(references),
-                input_references=tuple(v.value_reference for v in driven),
-                output_references=tuple(v.value_reference for v in outputs),
-                sensors=(layout.IDENTITY,) * len(outputs),
-                experiments=(experiment,),
-                settings=tuple(held),
-                types=() if all(v.is_real for v in driven) else types,
-            )
-        )
-        batch = workers.run(np.array(values, dtype=float).reshape(1, 1, len(values)), record=True)
+        workers.load(job)
+        batch = workers.run(values.reshape(1, 1, len(values)), record=True)
         if batch.failed[0] or batch.shown is None:
-            reason = workers.failures[0].reason if workers.failures else "no reason given"
-            wrong = FmuError if reason.startswith(("the FMU ", "instantiate ")) else SimulationError
-            raise wrong(f"{description.path.name} failed: {reason}")
+            first = workers.failures[0]
+            wrong = FmuError if first.reason.startswith(("the FMU ", "instantiate ")) else SimulationError
+            raise wrong(f"{description.path.name} failed: {with_cause(first, description, job.names[: len(values)])}")
     return {v.name: batch.shown[0, :, j].copy() for j, v in enumerate(outputs)}
+
+
+def _parameter(description: FmuDescription, name: str, value: float) -> Variable:
+    """Return the parameter of that name, if it takes the value."""
+    parameters = description.of_causality("parameter")
+    variable = next((v for v in parameters if v.name == name), None)
+    if variable is None:
+        raise FmuError(
+            f"{description.path.name} has no parameter {name!r}{suggestion(name, [v.name for v in parameters])}"
+        )
+    low, high = variable.minimum, variable.maximum
+    if (low is not None and value < low) or (high is not None and value > high):
+        raise InputError(f"{name} = {value:g} is outside the range {low} to {high} that {description.path.name} allows")
+    if not variable.is_real and (variable.type == "String" or value != round(value)):
+        raise FmuError(f"{name} of {description.path.name} is {variable.type}; {value:g} is no value for it")
+    return variable
+
+
+def _experiment(
+    description: FmuDescription,
+    driven: Sequence[Variable],
+    inputs: Mapping[str, FloatArray],
+    times: FloatArray,
+    *,
+    outputs: int,
+) -> Experiment:
+    columns = [_own(v, np.asarray(inputs[v.name], dtype=float)) for v in driven]
+    return Experiment(
+        start=float(times[0]) or description.default_experiment["start_time"] or 0.0,
+        interval=_step(times),
+        substeps=1,
+        inputs=np.column_stack(columns) if columns else np.empty((len(times), 0)),
+        measured=np.zeros((len(times), outputs)),
+        weights=np.zeros(outputs),
+    )
+
+
+def _own(variable: Variable, value: Any) -> Any:
+    """Return a value or an array in the FMU's own unit."""
+    return value if variable.is_as_it_is else (value - variable.offset) / variable.factor
 
 
 def _step(times: FloatArray) -> float:
@@ -113,12 +136,3 @@ def _step(times: FloatArray) -> float:
     if step <= 0 or float(np.max(np.abs(np.diff(times) - step))) > OFF_GRID * step:
         raise InputError("the times of a simulation must increase in equal steps")
     return round(step, 15)
-
-
-def _check_range(
-    description: FmuDescription, name: str, value: float, minimum: float | None, maximum: float | None
-) -> None:
-    if (minimum is not None and value < minimum) or (maximum is not None and value > maximum):
-        raise InputError(
-            f"{name} = {value:g} is outside the range {minimum} to {maximum} that {description.path.name} allows"
-        )

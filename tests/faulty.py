@@ -51,8 +51,8 @@ PRELUDE = """#define _GNU_SOURCE
 """
 
 
-def faulty_fmu(folder: Path, **faults: str) -> Path:
-    """Build dc_motor.fmu with wrapped functions into `folder`.
+def faulty_fmu(folder: Path, *, besides: str = "", **faults: str) -> Path:
+    """Build dc_motor.fmu with wrapped functions, and C besides them, into `folder`.
 
     Each keyword is an FMI function's name without ``fmi2``, its value the body of the wrapper: C statements that may
     use the arguments and ``ORIGINAL``, the result of the wrapped function, and that return a value or fall through to
@@ -73,6 +73,7 @@ def faulty_fmu(folder: Path, **faults: str) -> Path:
             f"{kind} {name}({parameters})\n{{\n"
             f"#define ORIGINAL original_{name}({arguments})\n{body}\nreturn ORIGINAL;\n#undef ORIGINAL\n}}\n"
         )
+    text += besides
     source = work / "faulty.c"
     source.write_text(text)
     library = work / "binaries" / fmpy.platform / ("dc_motor" + fmpy.sharedLibraryExtension)

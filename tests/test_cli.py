@@ -18,6 +18,7 @@ from test_report import check_contract
 
 import estimator.estimate
 import estimator.fmu
+import estimator.probe
 import estimator.simulate
 from estimator import arguments, case
 from estimator.case import Case, ParameterSpec, SearchSpec
@@ -77,7 +78,7 @@ def calls(monkeypatch, tmp_path):
     monkeypatch.setattr(estimator.estimate, "estimate", run)
     monkeypatch.setattr(estimator.simulate, "simulate", simulate)
     monkeypatch.setattr(estimator.fmu, "describe", lambda fmu, **_: DESCRIPTION)
-    monkeypatch.setattr(estimator.fmu, "check_usable", lambda description: None)
+    monkeypatch.setattr(estimator.probe, "driven", lambda description: description)
     monkeypatch.chdir(tmp_path)
     return seen
 
@@ -634,3 +635,4 @@ def test_the_demo_does_not_write_among_other_files(calls, capsys, tmp_path):
 
 def test_the_methods_of_the_command_line_are_those_of_a_case_file():
     assert case.METHODS == arguments.METHODS
+    assert case.FMI_KINDS == arguments.KINDS

@@ -84,22 +84,73 @@ def test_an_fmu_that_stops_early_is_probed_as_far_as_it_goes(tmp_path):
 
 
 TROUBLES = {
-    "hangs in a step": ({"DoStep": "for (;;) {}"}, "it does not run: it does not come back within 8 s"),
     "crashes in a step": ({"DoStep": "abort();"}, "it does not run: it crashed (SIGABRT)"),
     "ends its process": ({"Instantiate": "exit(3);"}, "it does not run: it ended its process (exit status 3)"),
     "gives no instance": ({"Instantiate": "return NULL;"}, "it does not run: instantiate gave no instance"),
+    "hangs in a step": ({"DoStep": "for (;;) {}"}, "it does not run: it does not come back within 2 s"),
+    "hangs in instantiate": ({"Instantiate": "for (;;) {}"}, "it does not run: it does not come back within 2 s"),
+    "hangs when loaded": (
+        {"besides": "__attribute__((constructor)) static void load(void) { for (;;) {} }"},
+        "it does not run: it does not come back within 2 s",
+    ),
 }
 
 
 @pytest.mark.parametrize(("faults", "sentence"), TROUBLES.values(), ids=TROUBLES)
-def test_inspect_answers_whatever_the_fmu_does(tmp_path, capsys, faults, sentence):
+def test_inspect_answers_whatever_the_fmu_does(tmp_path, capsys, monkeypatch, faults, sentence):
+    monkeypatch.setattr(module, "STAGE_LIMIT", 2.0)
     fmu = faulty_fmu(tmp_path, **faults)
-    began = time.monotonic()
     assert main(["inspect", str(fmu), "--json"]) == 0
-    assert time.monotonic() - began < 60
     found = json.loads(capsys.readouterr().out)
     assert found["probe"]["runs"] is False and found["probe"]["problem"] == sentence
     assert found["parameters"][0]["name"] == "R"
+    assert main(["simulate", str(fmu)]) == 2
+    assert capsys.readouterr().err == f"fmu-estimator: faulty.fmu cannot be used: {sentence}\n"
+
+
+LATER = {
+    "hangs in reset": ({"Reset": "for (;;) {}"}, "reset fails: it does not come back within"),
+    "hangs in the second step": ({"DoStep": "if (time > 0.5) for (;;) {}"}, "it does not run: it does not come back"),
+    "hangs at a fine step": ({"DoStep": "if (h < 9e-4) for (;;) {}"}, "at a ten times finer step it fails: it does"),
+    "hangs with another value": (
+        {"SetReal": "for (size_t k = 0; k < n; k++) if (references[k] == 4 && values[k] != 0) for (;;) {}"},
+        "its parameters could not all be tried: it does not come back within",
+    ),
+}
+
+
+@pytest.mark.full
+@pytest.mark.parametrize(("faults", "finding"), LATER.values(), ids=LATER)
+def test_inspect_answers_within_a_minute_wherever_the_fmu_hangs(tmp_path, capsys, faults, finding):
+    fmu = faulty_fmu(tmp_path, **faults)
+    began = time.monotonic()
+    assert main(["inspect", str(fmu)]) == 0
+    assert time.monotonic() - began < 60
+    assert finding in capsys.readouterr().out
+
+
+def test_an_fmu_that_hangs_when_it_is_freed_gets_fresh_processes(tmp_path, monkeypatch):
+    monkeypatch.setattr(module, "STAGE_LIMIT", 2.0)
+    found = probe(describe(foreign_fmu(tmp_path, "HANGING_FREE", "IDLE_RESET")), thorough=False)
+    assert found.runs and found.restart == "fresh process"
+    assert "reinstantiate fails: it does not come back within 2 s" in found.findings
+
+
+def test_inspect_probes_both_kinds_or_the_one_that_is_chosen(tmp_path, capsys):
+    fmu = foreign_fmu(tmp_path, "BROKEN_EQUATIONS 0.1", kinds=("co-simulation", "model-exchange"))
+    assert main(["inspect", str(fmu), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["kind"] == "co-simulation" and found["probe"] == found["probes"]["co-simulation"]
+    assert found["probe"]["runs"] and found["probe"]["findings"] == []
+    assert "it runs for 0.099 s only: doStep returned Error" in found["probes"]["model-exchange"]["findings"][0]
+    assert main(["inspect", str(fmu), "--kind", "model-exchange"]) == 0
+    text = " ".join(capsys.readouterr().out.split())
+    assert "What the probe found, for model-exchange: - it loads" in text and "for co-simulation:" not in text
+    assert "it is used for model-exchange: as it was chosen" in text
+    assert main(["inspect", str(fmu), "--static"]) == 0
+    text = " ".join(capsys.readouterr().out.split())
+    assert "It offers both kinds; it is used for co-simulation: the FMU then brings its own solver" in text
+    assert "choose model-exchange with --kind, or with kind under [fmu]" in text
 
 
 def test_inspect_tells_what_the_probe_found_and_guesses_roles(tmp_path, capsys):

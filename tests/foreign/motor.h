@@ -6,6 +6,7 @@
  *     EULER              one Euler step a communication step
  *     SHARED             all instances share one struct
  *     IDLE_RESET         reset does nothing;  CRASHING_RESET, FAILING_RESET
+ *     HANGING_FREE       freeInstance never returns
  *     ONCE               a second instance in one process gets NULL, ever
  *     OWN_STEP           doStep advances by 1 ms, whatever is asked
  *     ONLY_STEP          doStep of anything but 1 ms is an error
@@ -66,6 +67,9 @@ static Motor *create(void) {
 }
 
 static void destroy(Motor *m) {
+#ifdef HANGING_FREE
+    for (;;) {}
+#endif
 #ifndef SHARED
     free(m);
 #else
