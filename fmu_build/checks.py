@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import math
 import random
-from collections.abc import Mapping
+import re
+from collections.abc import Iterator
+from itertools import islice, product
 from pathlib import Path
 
 from .errors import BuildError
 from .model import Equations, Model, Variable
 from .units import base_exponents
 
-PROBES = 16  # random points at which equations are looked at
+PROBES = 16  # random points at which equations are looked at, in every combination of modes
+MOST_COMBINATIONS = 64
 
 
 def check_model(model: Model, equations: Equations, *, source: Path) -> None:
@@ -26,50 +29,70 @@ def check_model(model: Model, equations: Equations, *, source: Path) -> None:
         _check_variable(variable, source)
     for name, rate in equations(_start(model)).items():
         if not math.isfinite(rate):
-            raise BuildError(f"{source}: d->{name} is not set, or not finite at the start values")
+            what = f"s->{name}.margin" if name in {v.name for v in model.of_kind("mode")} else f"d->{name}"
+            raise BuildError(f"{source}: {what} is not set, or not finite at the start values")
     if model.linear:
         _check_linearity(model, equations, source)
 
 
-def check_use(model: Model, changed_by: Mapping[str, frozenset[str]], *, source: Path) -> None:
-    """Refuse an input or a parameter that changes nothing.
+def dependencies(model: Model, equations: Equations, *, text: str, source: Path) -> dict[str, frozenset[str]]:
+    """Return for each state's derivative, calculated output and mode's margin the variables that change it, modes too.
+
+    They are found by looking: in every mode, at random points of very different size, states at rest among them, one
+    variable after another is changed. What is read in the model's text and was not seen to change anything may do so
+    in a corner: it counts as changing all.
 
     Parameters
     ----------
-    changed_by : mapping of str to frozenset of str
-        What `dependencies` found.
+    text : str
+        The model file's.
 
     Raises
     ------
     BuildError
-        A sentence with the model file and the variable.
+        An input or a parameter is read nowhere, in a sentence with the model file and the variable.
     """
-    used = frozenset[str]().union(*changed_by.values())
+    known = model.of_kind("input", "parameter", "state")
+    found: dict[str, set[str]] = {unknown.name: set() for unknown in model.of_kind("state", "output", "mode")}
+    rng = random.Random(1)
+    combinations = list(_combinations_of_modes(model))
+    for modes in combinations:
+        for probe in range(PROBES):
+            reach = 10 ** rng.uniform(-3, 0.5)
+            point = _start(model) | modes | {v.name: _random_value(v, rng, reach=reach) for v in known}
+            if probe % 2:
+                point |= {v.name: 0.0 for v in known if v.kind == "state" and rng.random() < 0.5}
+            here = equations(point)
+            changes = [{v.name: _random_value(v, rng, reach=reach)} for v in known]
+            changes += [{name: value} for name, value in rng.choice(combinations).items() if value != modes[name]]
+            for change in changes:
+                there = equations(point | change)
+                for unknown, names in found.items():
+                    if there[unknown] != here[unknown] and math.isfinite(there[unknown] - here[unknown]):
+                        names |= set(change)
     for variable in model.of_kind("input", "parameter"):
-        if variable.name not in used and variable.min < variable.max:
+        if variable.name in set().union(*found.values()) or variable.min == variable.max:
+            continue
+        if not _reads(text, variable.name):
             raise BuildError(
                 f"{source}: {variable.kind} {variable.name} changes no derivative and no output; use it or remove it"
             )
-
-
-def dependencies(model: Model, equations: Equations) -> dict[str, frozenset[str]]:
-    """Return for each calculated output and each state's derivative the variables that change it.
-
-    They are found by looking: at random points of very different size one variable after another is changed.
-    """
-    known = model.of_kind("input", "parameter", "state")
-    found: dict[str, set[str]] = {unknown.name: set() for unknown in model.of_kind("state", "output")}
-    rng = random.Random(1)
-    for _ in range(PROBES):
-        reach = 10 ** rng.uniform(-3, 0.5)
-        point = _start(model) | {v.name: _random_value(v, rng, reach=reach) for v in known}
-        here = equations(point)
-        for variable in known:
-            there = equations(point | {variable.name: _random_value(variable, rng, reach=reach)})
-            for unknown, names in found.items():
-                if there[unknown] != here[unknown]:
-                    names.add(variable.name)
+        for names in found.values():
+            names.add(variable.name)
     return {unknown: frozenset(names) for unknown, names in found.items()}
+
+
+def _combinations_of_modes(model: Model) -> Iterator[dict[str, float]]:
+    modes = model.of_kind("mode")
+    values = [[float(value) for value in range(round(v.min), round(v.max) + 1)] for v in modes]
+    for combination in islice(product(*values), MOST_COMBINATIONS):
+        yield dict(zip((v.name for v in modes), combination, strict=True))
+
+
+def _reads(text: str, name: str) -> bool:
+    """Return whether C text takes a structure's member of this name, comments left out."""
+    code = re.sub(r"/\*.*?\*/|//[^\n]*", " ", text, flags=re.S)
+    return re.search(rf"(->|\.)\s*{name}\b", code) is not None
 
 
 def _check_variable(variable: Variable, source: Path) -> None:
@@ -84,6 +107,8 @@ def _check_variable(variable: Variable, source: Path) -> None:
         raise wrong(f"starts at {variable.start:g}, not within min {variable.min:g} and max {variable.max:g}")
     if not 0 < variable.nominal < math.inf:
         raise wrong(f"has nominal {variable.nominal:g}; a typical magnitude above 0 is needed")
+    if variable.kind == "mode" and variable.max - variable.min > MOST_COMBINATIONS:
+        raise wrong(f"is a mode from {variable.min:g} to {variable.max:g}; give it the few whole numbers that it takes")
     if not variable.description:
         raise wrong("has no description")
     try:
@@ -96,8 +121,9 @@ def _check_linearity(model: Model, equations: Equations, source: Path) -> None:
     """Check f(x1 + x2, u) - f(0, u) = f(x1, 0) - f(0, 0) + f(x2, 0) - f(0, 0) at random states and inputs."""
     rng = random.Random(1)
     states, inputs = model.of_kind("state"), model.of_kind("input")
-    zero = _start(model) | {v.name: 0.0 for v in (*states, *inputs)}
-    for _ in range(PROBES):
+    rest = _start(model) | {v.name: 0.0 for v in (*states, *inputs)}
+    for modes, _ in product(_combinations_of_modes(model), range(PROBES)):
+        zero = rest | modes
         held = {v.name: _random_value(v, rng) for v in inputs}
         one, two = ({v.name: _random_value(v, rng) for v in states} for _ in range(2))
         both = {name: one[name] + two[name] for name in one}

@@ -19,6 +19,7 @@ _CAUSALITY = {
     "parameter": ("parameter", "tunable", "exact"),
     "state": ("output", "continuous", "exact"),
     "output": ("output", "continuous", "calculated"),
+    "mode": ("local", "discrete", "calculated"),
 }
 
 
@@ -29,6 +30,7 @@ class _Unknowns:
     outputs: list[tuple[int, list[int]]]
     derivatives: list[tuple[int, list[int]]]
     initial: list[tuple[int, list[int]]]
+    indicators: list[tuple[int, list[int]]]
 
 
 def model_description(
@@ -53,7 +55,7 @@ def model_description(
     description : str
         What the model is, in one sentence.
     dependencies : mapping of str to frozenset of str
-        For each calculated output, and for each state's derivative, the variables that change it.
+        For each calculated output, each state's derivative and each mode's margin, the variables that change it.
     source_file : str
         The translation unit in sources/.
     """
@@ -66,7 +68,7 @@ def model_description(
         description=description,
         generationTool=GENERATION_TOOL,
         variableNamingConvention="structured",
-        **({"numberOfEventIndicators": "0"} if fmi == 2 else {}),
+        **({"numberOfEventIndicators": str(len(model.of_kind("mode")))} if fmi == 2 else {}),
     )
     for interface in ("ModelExchange", "CoSimulation"):
         element = _element(root, interface, modelIdentifier=model.name, **_abilities(interface, fmi))
@@ -132,7 +134,7 @@ def _add_units(root: ElementTree.Element, model: Model) -> None:
 
 
 def _add_variables(root: ElementTree.Element, model: Model, fmi: int) -> None:
-    """List the variables, then the derivatives.
+    """List the variables, then the derivatives, then the margins of the modes.
 
     The time is a variable in FMI 3.0 only, where it must be: FMI Library before 2024 logs an error where it is in 2.0.
     """
@@ -154,7 +156,7 @@ def _add_variables(root: ElementTree.Element, model: Model, fmi: int) -> None:
         if variable.unit in DISPLAY_UNITS:
             real["displayUnit"] = DISPLAY_UNITS[variable.unit][0]
         real |= {"min": repr(variable.min), "max": repr(variable.max), "nominal": repr(variable.nominal)}
-        real |= {"start": repr(variable.start)} if variable.kind != "output" else {}
+        real |= {"start": repr(variable.start)} if variable.kind not in ("output", "mode") else {}
         add(reference, attributes, real)
     count = len(model.variables)
     if fmi == 3:
@@ -166,15 +168,28 @@ def _add_variables(root: ElementTree.Element, model: Model, fmi: int) -> None:
         place = model.variables.index(state)
         real = {"unit": derivative_unit(state.unit), "derivative": str(place + 1 if fmi == 2 else place)}
         add(count + number, attributes, real)
+    count += 1 + len(model.of_kind("state"))
+    for number, mode in enumerate(model.of_kind("mode")):
+        attributes = {"name": f"margin_of_{mode.name}", "causality": "local", "variability": "continuous"}
+        attributes |= {"description": f"How far {mode.name} is from its end", "initial": "calculated"}
+        add(count + number, attributes, {})
 
 
 def _unknowns(model: Model, dependencies: Mapping[str, frozenset[str]]) -> _Unknowns:
-    """List what is calculated. A state that is an output depends on itself only."""
+    """List what is calculated. A state that is an output depends on itself only.
+
+    In initialisation, the modes are found: what depends on a mode depends on what its margin does.
+    """
     place = {variable.name: k for k, variable in enumerate(model.variables)}
     states = model.of_kind("state")
 
+    modes = {v.name for v in model.of_kind("mode")}
+
     def known(name: str, *kinds: Kind) -> list[int]:
-        return sorted(place[v.name] for v in model.of_kind(*kinds) if v.name in dependencies[name])
+        names = dependencies[name]
+        if "parameter" in kinds:
+            names = names.union(*(dependencies[mode] for mode in names & modes))
+        return sorted(place[v.name] for v in model.of_kind(*kinds) if v.name in names)
 
     outputs = [
         (place[v.name], [place[v.name]] if v.kind == "state" else known(v.name, "input", "state"))
@@ -182,10 +197,12 @@ def _unknowns(model: Model, dependencies: Mapping[str, frozenset[str]]) -> _Unkn
     ]
     calculated = [(place[v.name], known(v.name, "input", "parameter", "state")) for v in model.of_kind("output")]
     rates = [(len(place) + k, state.name) for k, state in enumerate(states)]
+    margins = [(len(place) + len(states) + k, mode.name) for k, mode in enumerate(model.of_kind("mode"))]
     return _Unknowns(
         outputs,
         [(number, known(name, "input", "state")) for number, name in rates],
         calculated + [(number, known(name, "input", "parameter", "state")) for number, name in rates],
+        [(number, known(name, "input", "state")) for number, name in margins],
     )
 
 
@@ -206,6 +223,7 @@ def _add_structure_of_fmi3(root: ElementTree.Element, unknowns: _Unknowns, *, fi
         "Output": unknowns.outputs,
         "ContinuousStateDerivative": unknowns.derivatives,
         "InitialUnknown": unknowns.initial,
+        "EventIndicator": unknowns.indicators,
     }
     for tag, entries in lists.items():
         for place, known in entries:

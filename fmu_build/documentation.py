@@ -51,8 +51,10 @@ def index_page(model: Model, *, header: str) -> bytes:
     """Return documentation/index.html: the header comment, the variables, what may be done with them."""
     rows = []
     for v in model.variables:
-        start = "" if v.kind == "output" else f"{v.start:g}"
-        kind = {"state": "output, integrated", "output": "output, calculated"}.get(v.kind, v.kind)
+        start = "" if v.kind in ("output", "mode") else f"{v.start:g}"
+        kind = {"state": "output, integrated", "output": "output, calculated", "mode": "mode, found"}.get(
+            v.kind, v.kind
+        )
         cells = (v.name, kind, start, f"{v.min:g}", f"{v.max:g}", v.unit, v.description)
         rows.append("<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in cells) + "</tr>")
     steps = (

@@ -10,7 +10,7 @@ import zipfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from .checks import check_model, check_use, dependencies
+from .checks import check_model, dependencies
 from .compiler import compile_library, fmi_headers, library_suffix
 from .description import build_description, model_description
 from .documentation import header_comment, icon, index_page, summary
@@ -20,8 +20,8 @@ from .platforms import Platform, find_platforms, native_tuple, universal_binary,
 from .sources import GLUE, beside, find_source, fmu_sources, unit_name
 
 _LICENCE_NOTE = """\
-The code around the model (model.h, integrator.c, instance.c, sensitivity.c, fmi2.c, fmi3.c) is under the licence
-below. The model itself is its author's.
+The code around the model (model.h, integrator.c, modes.c, instance.c, sensitivity.c, fmi2.c, fmi3.c) is under the
+licence below. The model itself is its author's.
 
 """
 
@@ -68,9 +68,9 @@ def build(
         compile_library(folder / unit_name(source), library, include=[fmi_headers()], subject=source)
         with loaded_model(library, source=source) as (table, equations):
             check_model(table, equations, source=source)
-            changed_by = dependencies(table, equations)
-            check_use(table, changed_by, source=source)
-        header = header_comment(files[source.name].decode())
+            text = files[source.name].decode()
+            changed_by = dependencies(table, equations, text=text, source=source)
+        header = header_comment(text)
         description = model_description(
             table,
             fmi=fmi,

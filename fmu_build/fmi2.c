@@ -285,7 +285,7 @@ fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReferenc
     return (fmi2Status)instance_differentiate(c, vUnknown_ref, nUnknown, vKnown_ref, nKnown, dvKnown, dvUnknown);
 }
 
-/* ---- Model exchange: there are no events, but those in which the importer changes a parameter ---- */
+/* ---- Model exchange: events are changes of mode, and those in which the importer changes a parameter ---- */
 
 fmi2Status fmi2EnterEventMode(fmi2Component c)
 {
@@ -295,12 +295,16 @@ fmi2Status fmi2EnterEventMode(fmi2Component c)
 
 fmi2Status fmi2NewDiscreteStates(fmi2Component c, fmi2EventInfo *fmi2eventInfo)
 {
+    bool changed;
+    Status status;
     if (c == NULL) return fmi2Error;
     if (!instance_exchanges(c, PHASE_EVENT, PHASE_EVENT))
         return (fmi2Status)instance_refuse(c, "updating discrete states");
     if (fmi2eventInfo == NULL) return fmi2Error;
-    memset(fmi2eventInfo, 0, sizeof *fmi2eventInfo); /* no, to all */
-    return fmi2OK;
+    status = instance_settle(c, &changed);
+    memset(fmi2eventInfo, 0, sizeof *fmi2eventInfo); /* no, to all else */
+    fmi2eventInfo->valuesOfContinuousStatesChanged = changed;
+    return (fmi2Status)status;
 }
 
 fmi2Status fmi2EnterContinuousTimeMode(fmi2Component c)
@@ -353,10 +357,8 @@ fmi2Status fmi2GetNominalsOfContinuousStates(fmi2Component c, fmi2Real x_nominal
 
 fmi2Status fmi2GetEventIndicators(fmi2Component c, fmi2Real eventIndicators[], size_t ni)
 {
-    (void)eventIndicators;
     if (c == NULL) return fmi2Error;
-    if (!((Instance *)c)->model_exchange) return (fmi2Status)instance_refuse(c, "reading event indicators");
-    return ni == 0 ? fmi2OK : (fmi2Status)instance_report(c, INSTANCE_ERROR, "there are no event indicators");
+    return (fmi2Status)instance_get_indicators(c, eventIndicators, ni);
 }
 
 /* ---- Not offered: steps are never pending ---- */

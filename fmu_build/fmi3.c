@@ -1,7 +1,7 @@
 /* The functions of FMI 3.0, written once for every model. Co-simulation and model exchange; those that are not offered
  * exist, log and return fmi3Error. Knows no model.
  *
- * There are no events of the model's own, no clocks, no arrays and no structural parameters. Allocates with the C
+ * There are no events of the model's own but changes of mode, no clocks, no arrays and no structural parameters. Allocates with the C
  * library. Messages are complete text. Pointers given at instantiation are copied.
  */
 #include "instance.c"
@@ -336,7 +336,7 @@ fmi3Status fmi3GetAdjointDerivative(fmi3Instance instance, const fmi3ValueRefere
     return fmi3OK;
 }
 
-/* ---- Model exchange: there are no events, but those in which the importer changes a parameter ---- */
+/* ---- Model exchange: events are changes of mode, and those in which the importer changes a parameter ---- */
 
 fmi3Status fmi3EnterEventMode(fmi3Instance instance)
 {
@@ -357,16 +357,19 @@ fmi3Status fmi3UpdateDiscreteStates(fmi3Instance instance, fmi3Boolean *discrete
                                     fmi3Boolean *valuesOfContinuousStatesChanged, fmi3Boolean *nextEventTimeDefined,
                                     fmi3Float64 *nextEventTime)
 {
+    bool changed;
+    Status status;
     if (instance == NULL) return fmi3Error;
     if (!instance_exchanges(instance, PHASE_EVENT, PHASE_EVENT))
         return (fmi3Status)instance_refuse(instance, "updating discrete states");
+    status = instance_settle(instance, &changed);
     if (discreteStatesNeedUpdate != NULL) *discreteStatesNeedUpdate = fmi3False;
     if (terminateSimulation != NULL) *terminateSimulation = fmi3False;
     if (nominalsOfContinuousStatesChanged != NULL) *nominalsOfContinuousStatesChanged = fmi3False;
-    if (valuesOfContinuousStatesChanged != NULL) *valuesOfContinuousStatesChanged = fmi3False;
+    if (valuesOfContinuousStatesChanged != NULL) *valuesOfContinuousStatesChanged = changed;
     if (nextEventTimeDefined != NULL) *nextEventTimeDefined = fmi3False;
     if (nextEventTime != NULL) *nextEventTime = 0;
-    return fmi3OK;
+    return (fmi3Status)status;
 }
 
 fmi3Status fmi3EnterContinuousTimeMode(fmi3Instance instance)
@@ -435,16 +438,13 @@ fmi3Status fmi3GetNumberOfContinuousStates(fmi3Instance instance, size_t *nConti
 
 fmi3Status fmi3GetNumberOfEventIndicators(fmi3Instance instance, size_t *nEventIndicators)
 {
-    return fmi3_count(instance, 0, nEventIndicators);
+    return fmi3_count(instance, N_MODES, nEventIndicators);
 }
 
 fmi3Status fmi3GetEventIndicators(fmi3Instance instance, fmi3Float64 eventIndicators[], size_t nEventIndicators)
 {
-    (void)eventIndicators;
     if (instance == NULL) return fmi3Error;
-    if (!((Instance *)instance)->model_exchange)
-        return (fmi3Status)instance_refuse(instance, "reading event indicators");
-    return nEventIndicators == 0 ? fmi3OK : fmi3_error(instance, "there are no event indicators");
+    return (fmi3Status)instance_get_indicators(instance, eventIndicators, nEventIndicators);
 }
 
 /* ---- Not offered ---- */

@@ -2,9 +2,9 @@
  *
  * fmi2.c and fmi3.c turn their functions into calls of these. No function here keeps anything outside its instance. All
  * that a saved state must hold is in State, which is plain data. Value references: the table's rows, the time, the
- * derivatives of the states.
+ * derivatives of the states, the margins of the modes.
  */
-#include "integrator.c"
+#include "modes.c"
 
 #include <stdarg.h>
 #include <stdio.h>
@@ -39,6 +39,8 @@ typedef enum {
 } Phase;
 
 #define FIRST_DERIVATIVE (unsigned int)(N_VARIABLES + 1) /* value reference; the time's is the one before */
+#define FIRST_MARGIN (FIRST_DERIVATIVE + N_STATES)
+#define INDICATOR_SHIFT 1e-12 /* an event indicator is not 0 where a mode begins at its end, as FMI wants it */
 
 typedef struct {
     Values values;
@@ -51,7 +53,7 @@ typedef struct {
 typedef struct Instance {
     State state;
     Propagator propagator;   /* follows from the state; its step is NaN when it does not */
-    bool outputs_follow;     /* the calculated outputs follow from the other values */
+    bool outputs_follow;     /* modes and calculated outputs follow from the other values */
     bool model_exchange;     /* the importer integrates */
     bool log_discard;
     bool log_error;
@@ -77,15 +79,21 @@ typedef struct {
     int log_categories;
     const TableRow *table;
     const LogCategory *log_category;
-    void (*derivatives)(const Variables *m, Derivatives *d);
+    void (*derivatives)(const Values *values, Rates *rates);
+    void (*switches)(const Values *values, Margins *margins);
 } ModelInfo;
 
 MODEL_EXPORT const ModelInfo *fmu_build_model(void);
 
+static void model_derivatives(const Values *values, Rates *rates)
+{
+    derivatives(&values->named, &rates->named);
+}
+
 MODEL_EXPORT const ModelInfo *fmu_build_model(void)
 {
-    static const ModelInfo info = {N_VARIABLES, MODEL_LINEAR,   N_LOG_CATEGORIES,
-                                   model_table, log_categories, derivatives};
+    static const ModelInfo info = {N_VARIABLES,    MODEL_LINEAR,      N_LOG_CATEGORIES, model_table,
+                                   log_categories, model_derivatives, model_switches};
     return &info;
 }
 
@@ -106,6 +114,15 @@ INSTANCE_RARE static Status instance_report(const Instance *instance, Status sta
 static inline double *instance_time(Instance *instance)
 {
     return &instance->state.values.flat[N_VARIABLES];
+}
+
+/* Modes follow from the start values; so they begin anew when these are set. */
+static void instance_reset_modes(Instance *instance)
+{
+    for (int k = 0; k < N_MODES; k++) {
+        const int place = model_mode_places[k];
+        instance->state.values.flat[place] = model_table[place].start;
+    }
 }
 
 /* As freshly instantiated. */
@@ -130,6 +147,11 @@ static bool instance_is_sane(const Instance *instance, const State *state)
     sane = sane && !(instance->model_exchange ? state->phase == PHASE_STEPPING : exchanged);
     sane = sane && state->step >= 0 && state->substep >= 0 && !isnan(state->stop_time);
     for (int k = 0; k <= N_VARIABLES; k++) sane = sane && isfinite(state->values.flat[k]);
+    for (int k = 0; k < N_MODES; k++) {
+        const int place = model_mode_places[k];
+        const double mode = state->values.flat[place];
+        sane = sane && mode >= model_table[place].min && mode <= model_table[place].max;
+    }
     return sane;
 }
 
@@ -172,8 +194,23 @@ static Status instance_enter(Instance *instance, Phase from, Phase to, const cha
     return INSTANCE_OK;
 }
 
+/* Change the modes that have ended. */
+static Status instance_settle(Instance *instance, bool *changed)
+{
+    *changed = false;
+    if (N_MODES == 0) return INSTANCE_OK;
+    if (!modes_settle(&instance->state.values, changed))
+        return instance_report(instance, INSTANCE_ERROR, "the modes of the model change without end");
+    if (*changed) instance->propagator.step = NAN;
+    if (*changed) instance->outputs_follow = false;
+    return INSTANCE_OK;
+}
+
 static Status instance_exit_initialization(Instance *instance)
 {
+    bool changed;
+    if (instance->state.phase == PHASE_INITIALIZATION && instance_settle(instance, &changed) != INSTANCE_OK)
+        return INSTANCE_ERROR;
     return instance_enter(instance, PHASE_INITIALIZATION, instance->model_exchange ? PHASE_EVENT : PHASE_STEPPING,
                           "leaving initialisation");
 }
@@ -185,11 +222,14 @@ static Status instance_terminate(Instance *instance)
     return instance_enter(instance, (Phase)phase, PHASE_TERMINATED, "termination");
 }
 
-/* Calculate the outputs that the model calculates; false if one is infinite or NaN. */
+/* Calculate the outputs that the model calculates; false if one is infinite or NaN. In model exchange, the importer
+   says when modes change. */
 static bool instance_calculate_outputs(Instance *instance)
 {
     Rates rates;
     double sum = 0;
+    bool changed;
+    if (instance->state.phase <= PHASE_STEPPING && instance_settle(instance, &changed) != INSTANCE_OK) return false;
     derivatives(&instance->state.values.named, &rates.named);
     for (int k = 0; k < N_OUTPUTS; k++) {
         instance->state.values.flat[model_output_places[k]] = rates.flat[N_STATES + k];
@@ -199,12 +239,14 @@ static bool instance_calculate_outputs(Instance *instance)
     return instance->outputs_follow;
 }
 
-/* What follows the first value reference that is past the table: derivatives too. */
+/* What follows the first value reference that is past the table: derivatives and margins too. */
 INSTANCE_RARE static Status instance_get_any(Instance *instance, unsigned int limit, const unsigned int *references,
                                              size_t count, double *values)
 {
     Rates rates;
+    Margins margins;
     derivatives(&instance->state.values.named, &rates.named);
+    model_switches(&instance->state.values, &margins);
     for (size_t k = 0; k < count; k++) {
         const unsigned int reference = references[k];
         if (reference < limit) {
@@ -212,6 +254,9 @@ INSTANCE_RARE static Status instance_get_any(Instance *instance, unsigned int li
         } else if (reference >= FIRST_DERIVATIVE && reference < FIRST_DERIVATIVE + N_STATES) {
             values[k] = rates.flat[reference - FIRST_DERIVATIVE];
             if (!isfinite(values[k])) return instance_report(instance, INSTANCE_ERROR, "a derivative is not finite");
+        } else if (reference >= FIRST_MARGIN && reference < FIRST_MARGIN + N_MODES) {
+            values[k] = margins.flat[reference - FIRST_MARGIN].margin;
+            if (!isfinite(values[k])) return instance_report(instance, INSTANCE_ERROR, "a margin is not finite");
         } else {
             return instance_report(instance, INSTANCE_ERROR, "there is no variable with value reference %u", reference);
         }
@@ -223,7 +268,7 @@ INSTANCE_RARE static Status instance_get_any(Instance *instance, unsigned int li
 static inline Status instance_get(Instance *instance, unsigned int limit, const unsigned int *references, size_t count,
                                   double *values)
 {
-    if (N_OUTPUTS > 0 && !instance->outputs_follow && !instance_calculate_outputs(instance))
+    if (N_OUTPUTS + N_MODES > 0 && !instance->outputs_follow && !instance_calculate_outputs(instance))
         return instance_report(instance, INSTANCE_ERROR, "a calculated output is not finite");
     for (size_t k = 0; k < count; k++) {
         if (references[k] >= limit)
@@ -245,9 +290,10 @@ static Status instance_set(Instance *instance, const unsigned int *references, s
             return instance_report(instance, INSTANCE_ERROR, "no variable with value reference %u can be set",
                                    references[k]);
         row = &model_table[references[k]];
-        if (row->kind == MODEL_output || (row->kind == MODEL_state && phase >= PHASE_STEPPING))
-            return instance_report(instance, INSTANCE_ERROR, "output %s cannot be set%s", row->name,
-                                   row->kind == MODEL_output ? "" : " after initialisation");
+        if (row->kind >= MODEL_output || (row->kind == MODEL_state && phase >= PHASE_STEPPING))
+            return instance_report(instance, INSTANCE_ERROR, "%s %s cannot be set%s",
+                                   row->kind == MODEL_mode ? "mode" : "output", row->name,
+                                   row->kind >= MODEL_output ? "" : " after initialisation");
         if (row->kind == MODEL_parameter && phase == PHASE_CONTINUOUS)
             return instance_report(instance, INSTANCE_ERROR, "parameter %s cannot be set in continuous-time mode",
                                    row->name);
@@ -258,6 +304,7 @@ static Status instance_set(Instance *instance, const unsigned int *references, s
     }
     for (size_t k = 0; k < count; k++) instance->state.values.flat[references[k]] = values[k];
     instance->outputs_follow = false;
+    if (N_MODES > 0 && phase <= PHASE_INITIALIZATION) instance_reset_modes(instance);
     if (!only_inputs)
         instance->propagator.step = NAN;
     else if (MODEL_LINEAR && !isnan(instance->propagator.step))
@@ -286,7 +333,9 @@ INSTANCE_RARE static Status instance_step_with_care(Instance *instance, double t
     /* Importers that subtract times (libcosim) pass steps that differ by the rounding of the times: the same step. */
     if (fabs(step - state->step) <= 2 * DBL_EPSILON * larger_of(fabs(time), fabs(end))) step = state->step;
     state->step = step;
-    if (MODEL_LINEAR) {
+    if (N_MODES > 0) {
+        if (!modes_integrate(&state->values, step, &instance->propagator)) return instance_fail(instance, time);
+    } else if (MODEL_LINEAR) {
         if (!(step == instance->propagator.step) && !propagator_prepare(&instance->propagator, &state->values, step))
             return instance_fail(instance, time);
         if (!propagator_step(&instance->propagator, &state->values)) return instance_fail(instance, time);
@@ -303,7 +352,7 @@ static inline Status instance_step(Instance *instance, double time, double step)
 {
     const double end = time + step;
     /* A step as long as the last one, nothing else changed but inputs: what could be wrong was looked at then. */
-    if (MODEL_LINEAR && memcmp(&step, &instance->propagator.step, sizeof step) == 0 &&
+    if (MODEL_LINEAR && N_MODES == 0 && memcmp(&step, &instance->propagator.step, sizeof step) == 0 &&
         end <= instance->state.stop_time) {
         if (!propagator_step(&instance->propagator, &instance->state.values)) return instance_fail(instance, time);
         *instance_time(instance) = end;
@@ -347,6 +396,26 @@ static Status instance_set_states(Instance *instance, const double *states, size
     return INSTANCE_OK;
 }
 
+/* Event indicators: above 0 while a mode lasts. */
+static Status instance_get_indicators(Instance *instance, double *values, size_t count)
+{
+    Margins margins;
+    bool changed;
+    if (!instance_exchanges(instance, PHASE_INITIALIZATION, PHASE_TERMINATED))
+        return instance_refuse(instance, "reading event indicators");
+    if (instance->state.phase == PHASE_INITIALIZATION && instance_settle(instance, &changed) != INSTANCE_OK)
+        return INSTANCE_ERROR;
+    if (count != N_MODES)
+        return instance_report(instance, INSTANCE_ERROR, "there are %d event indicators, not %lu", N_MODES,
+                               (unsigned long)count);
+    model_switches(&instance->state.values, &margins);
+    for (int k = 0; k < N_MODES; k++) {
+        values[k] = margins.flat[k].margin + INDICATOR_SHIFT;
+        if (!isfinite(values[k])) return instance_report(instance, INSTANCE_DISCARD, "a margin is not finite");
+    }
+    return INSTANCE_OK;
+}
+
 typedef enum { OF_STATES, OF_DERIVATIVES, OF_NOMINALS } StateVector;
 
 static Status instance_get_states(Instance *instance, StateVector what, double *values, size_t count)
@@ -360,6 +429,9 @@ static Status instance_get_states(Instance *instance, StateVector what, double *
                                (unsigned long)count);
     if (what == OF_DERIVATIVES) {
         double sum = 0;
+        bool changed;
+        if (instance->state.phase == PHASE_INITIALIZATION && instance_settle(instance, &changed) != INSTANCE_OK)
+            return INSTANCE_ERROR;
         derivatives(&instance->state.values.named, &rates.named);
         for (int k = 0; k < N_STATES; k++) sum += fabs(rates.flat[k]);
         if (!isfinite(sum)) return instance_report(instance, INSTANCE_DISCARD, "a derivative is not finite");

@@ -26,7 +26,7 @@
 #include "model.h"
 
 #define TOLERANCE 1e-10      /* of max(|x|, nominal): error of a substep, models that are not linear */
-#define MAX_SUBSTEPS 1000000 /* in one communication step */
+#define MAX_SUBSTEPS 1000000 /* in one communication step, or from one change of mode to the next */
 
 typedef struct {
     double at[N_STATES][N_STATES];
@@ -135,6 +135,7 @@ static inline bool exponential(const Matrix *a, double scale, int levels, Expone
 
 typedef struct {
     double step; /* s: the communication step that the rest is for; NaN: none */
+    double part; /* s: what one propagation covers of it: all, but where the model has modes */
     Matrix growth;
     double change[N_STATES]; /* gain b, for the inputs as they are */
     Matrix gain;
@@ -202,30 +203,35 @@ static void propagator_refine(Propagator *p, const Matrix *a)
     }
 }
 
-/* Compute all for the parameters and inputs as they are; false if it is not finite. */
-static bool propagator_prepare(Propagator *p, const Values *values, double step)
+/* A of x' = A x + b. What does not matter, the inputs, is kept out of the differences. */
+static void linear_matrix(const Values *values, Matrix *a)
 {
     Values probe = *values;
     Rates origin, rates;
-    Matrix a;
-    Exponential e;
     for (int k = 0; k < N_VARIABLES; k++)
-        if (model_table[k].kind == MODEL_input) probe.flat[k] = 0; /* what does not matter, out of the differences */
-    for (int j = 0; j < N_STATES; j++) probe.flat[model_state_places[j]] = 0;
+        if (model_table[k].kind == MODEL_input || model_table[k].kind == MODEL_state) probe.flat[k] = 0;
     derivatives(&probe.named, &origin.named);
     for (int j = 0; j < N_STATES; j++) {
         probe.flat[model_state_places[j]] = 1;
         derivatives(&probe.named, &rates.named);
         probe.flat[model_state_places[j]] = 0;
-        for (int i = 0; i < N_STATES; i++) a.at[i][j] = rates.flat[i] - origin.flat[i];
+        for (int i = 0; i < N_STATES; i++) a->at[i][j] = rates.flat[i] - origin.flat[i];
     }
+}
+
+/* Compute all for the parameters and inputs as they are; false if it is not finite. */
+static bool propagator_prepare(Propagator *p, const Values *values, double step)
+{
+    Matrix a;
+    Exponential e;
+    linear_matrix(values, &a);
     if (!exponential(&a, step, 1, &e)) return false;
     p->growth = e.phi[0];
     for (int i = 0; i < N_STATES; i++)
         for (int j = 0; j < N_STATES; j++) p->gain.at[i][j] = step * e.phi[1].at[i][j];
     propagator_refine(p, &a);
     propagator_hold_inputs(p, values);
-    p->step = step;
+    p->step = p->part = step;
     return true;
 }
 
@@ -252,6 +258,26 @@ static inline bool propagator_step(const Propagator *p, Values *values)
 
 /* ---- Other models ---- */
 
+/* J = df/dx at values, by central differences. */
+static void jacobian_by_differences(const Values *values, Matrix *jacobian)
+{
+    Values probe = *values;
+    Rates there, here;
+    for (int j = 0; j < N_STATES; j++) {
+        const int place = model_state_places[j];
+        const double x = values->flat[place];
+        const double shift = 6e-6 * larger_of(fabs(x), model_table[place].nominal); /* cube root of the rounding error */
+        const double above = x + shift;
+        const double below = x - shift;
+        probe.flat[place] = above;
+        derivatives(&probe.named, &there.named);
+        probe.flat[place] = below;
+        derivatives(&probe.named, &here.named);
+        for (int i = 0; i < N_STATES; i++) jacobian->at[i][j] = (there.flat[i] - here.flat[i]) / (above - below);
+        probe.flat[place] = x;
+    }
+}
+
 /* One exprb43 step of length h from the state in values. Returns the error in units of the tolerance, infinite where
    something is not finite, and the new state in x_new. */
 static double rosenbrock_step(const Values *values, double h, double *x_new)
@@ -270,19 +296,7 @@ static double rosenbrock_step(const Values *values, double h, double *x_new)
         x[i] = values->flat[model_state_places[i]];
         rate[i] = rates.flat[i];
     }
-    for (int j = 0; j < N_STATES; j++) {
-        const int place = model_state_places[j];
-        const double shift = 6e-6 * larger_of(fabs(x[j]), model_table[place].nominal); /* cube root of the rounding error */
-        const double above = x[j] + shift;
-        const double below = x[j] - shift;
-        probe.flat[place] = above;
-        derivatives(&probe.named, &rates.named);
-        for (int i = 0; i < N_STATES; i++) jacobian.at[i][j] = rates.flat[i];
-        probe.flat[place] = below;
-        derivatives(&probe.named, &rates.named);
-        for (int i = 0; i < N_STATES; i++) jacobian.at[i][j] = (jacobian.at[i][j] - rates.flat[i]) / (above - below);
-        probe.flat[place] = x[j];
-    }
+    jacobian_by_differences(values, &jacobian);
 
     if (!exponential(&jacobian, h / 2, 4, &e)) return INFINITY;
     matrix_apply(&e.phi[1], rate, change);

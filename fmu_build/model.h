@@ -13,9 +13,20 @@
  *     parameter    may be set before and between steps
  *     state        an output that is integrated: `derivatives` sets d->name to its derivative
  *     output       an output that is calculated: `derivatives` sets d->name to its value; its start is not used
+ *     mode         a whole number that stays as it is until the model leaves that mode (below); it starts from start
  *
  * `derivatives` reads m, sets every member of d, and keeps nothing from call to call. Inputs and parameters are within
  * min and max whenever a step is made. nominal is a typical magnitude (> 0); it scales the errors of states.
+ *
+ * A model with modes, such as one with dry friction, has two functions more:
+ *
+ *     static void switches(const Variables *m, Switches *s) { ... }
+ *     static void enter(Variables *m) { ... }
+ *
+ * `switches` sets, for every mode, s->name.margin, how far the model is from leaving it, and s->name.next, the mode that
+ * it leaves it for. A mode lasts while its margin is not below 0. Margins are continuous in the states; the instant at
+ * which one falls below 0 is found within the step. All modes with a margin below 0 then change together, `enter` may set
+ * states that a mode holds, and this is repeated until no margin is below 0. Within modes, MODEL_LINEAR counts.
  *
  * From the table come the structures below, the value references (a variable's place in the table) and
  * modelDescription.xml.
@@ -41,14 +52,28 @@
 #define MODEL_STATE_parameter(...)
 #define MODEL_STATE_state(...) __VA_ARGS__
 #define MODEL_STATE_output(...)
+#define MODEL_STATE_mode(...)
 #define MODEL_OUTPUT_input(...)
 #define MODEL_OUTPUT_parameter(...)
 #define MODEL_OUTPUT_state(...)
 #define MODEL_OUTPUT_output(...) __VA_ARGS__
+#define MODEL_OUTPUT_mode(...)
+#define MODEL_MODE_input(...)
+#define MODEL_MODE_parameter(...)
+#define MODEL_MODE_state(...)
+#define MODEL_MODE_output(...)
+#define MODEL_MODE_mode(...) __VA_ARGS__
 
 #define MODEL_MEMBER(kind, name, start, nominal, min, max, unit, text) double name;
 #define MODEL_STATE_MEMBER(kind, name, start, nominal, min, max, unit, text) MODEL_STATE_##kind(double name;)
 #define MODEL_OUTPUT_MEMBER(kind, name, start, nominal, min, max, unit, text) MODEL_OUTPUT_##kind(double name;)
+#define MODEL_MODE_MEMBER(kind, name, start, nominal, min, max, unit, text) MODEL_MODE_##kind(Switch name;)
+
+#define MODEL_ONE(kind, name, start, nominal, min, max, unit, text) +1
+#define MODEL_STATE_ONE(kind, name, start, nominal, min, max, unit, text) MODEL_STATE_##kind(+1)
+#define MODEL_OUTPUT_ONE(kind, name, start, nominal, min, max, unit, text) MODEL_OUTPUT_##kind(+1)
+#define MODEL_MODE_ONE(kind, name, start, nominal, min, max, unit, text) MODEL_MODE_##kind(+1)
+#define MODEL_MODES (0 MODEL_VARIABLES(MODEL_MODE_ONE)) /* their number, for the preprocessor too */
 
 /* The values, in the order of the table. */
 typedef struct {
@@ -63,16 +88,36 @@ typedef struct {
 
 static void derivatives(const Variables *m, Derivatives *d);
 
-/* From here on: the same by number, for the code around the model. */
+/* How far a mode is from its end, and the one that follows. */
+typedef struct {
+    double margin, next;
+} Switch;
 
-#define MODEL_ONE(kind, name, start, nominal, min, max, unit, text) +1
-#define MODEL_STATE_ONE(kind, name, start, nominal, min, max, unit, text) MODEL_STATE_##kind(+1)
-#define MODEL_OUTPUT_ONE(kind, name, start, nominal, min, max, unit, text) MODEL_OUTPUT_##kind(+1)
+#if MODEL_MODES > 0
+typedef struct {
+    MODEL_VARIABLES(MODEL_MODE_MEMBER)
+} Switches;
+
+static void switches(const Variables *m, Switches *s);
+static void enter(Variables *m);
+
+/* Dry friction on a rate x: it moves one way, 1, or the other, -1, or is held at 0, mode 0, while what drives it, push,
+   is no more than hold. */
+static inline Switch dry_friction(double mode, double x, double push, double hold)
+{
+    if (mode != 0) return (Switch){mode * x, 0};
+    if (x != 0) return (Switch){-fabs(x), x > 0 ? 1 : -1}; /* it was set to move */
+    return (Switch){hold - fabs(push), push > 0 ? 1 : -1};
+}
+#endif
+
+/* From here on: the same by number, for the code around the model. */
 
 enum {
     N_VARIABLES = MODEL_VARIABLES(MODEL_ONE),
     N_STATES = 0 MODEL_VARIABLES(MODEL_STATE_ONE),
-    N_OUTPUTS = 0 MODEL_VARIABLES(MODEL_OUTPUT_ONE) /* the calculated ones */
+    N_OUTPUTS = 0 MODEL_VARIABLES(MODEL_OUTPUT_ONE), /* the calculated ones */
+    N_MODES = MODEL_MODES
 };
 
 typedef union {
@@ -85,10 +130,17 @@ typedef union {
     double flat[N_STATES + N_OUTPUTS];
 } Rates;
 
+typedef union {
+#if MODEL_MODES > 0
+    Switches named;
+#endif
+    Switch flat[N_MODES + 1];
+} Margins;
+
 _Static_assert(N_STATES > 0, "a model has a state");
 _Static_assert(sizeof(Variables) == N_VARIABLES * sizeof(double), "the values lie side by side");
 
-typedef enum { MODEL_input, MODEL_parameter, MODEL_state, MODEL_output } Kind;
+typedef enum { MODEL_input, MODEL_parameter, MODEL_state, MODEL_output, MODEL_mode } Kind;
 
 typedef struct {
     Kind kind;
@@ -102,9 +154,11 @@ typedef struct {
 #define MODEL_PLACE(name) (int)(offsetof(Variables, name) / sizeof(double))
 #define MODEL_STATE_PLACE(kind, name, start, nominal, min, max, unit, text) MODEL_STATE_##kind(MODEL_PLACE(name), )
 #define MODEL_OUTPUT_PLACE(kind, name, start, nominal, min, max, unit, text) MODEL_OUTPUT_##kind(MODEL_PLACE(name), )
+#define MODEL_MODE_PLACE(kind, name, start, nominal, min, max, unit, text) MODEL_MODE_##kind(MODEL_PLACE(name), )
 
 static const TableRow model_table[N_VARIABLES] = {MODEL_VARIABLES(MODEL_ROW)};
 static const int model_state_places[] = {MODEL_VARIABLES(MODEL_STATE_PLACE)};
 static const int model_output_places[N_OUTPUTS + 1] = {MODEL_VARIABLES(MODEL_OUTPUT_PLACE) -1};
+static const int model_mode_places[N_MODES + 1] = {MODEL_VARIABLES(MODEL_MODE_PLACE) -1};
 
 #endif

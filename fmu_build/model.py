@@ -13,8 +13,9 @@ from typing import Any, Literal, get_args
 
 from .errors import BuildError
 
-Kind = Literal["input", "parameter", "state", "output"]
-# Values by name, to the states' derivatives and the calculated outputs' values by name; NaN where they are not set.
+Kind = Literal["input", "parameter", "state", "output", "mode"]
+# Values by name, to the states' derivatives, the calculated outputs' values and the modes' margins by name; NaN where
+# they are not set.
 Equations = Callable[[Mapping[str, float]], dict[str, float]]
 
 
@@ -83,7 +84,7 @@ class _LogCategory(ctypes.Structure):  # instance.c
     _fields_ = [("name", ctypes.c_char_p), ("description", ctypes.c_char_p)]
 
 
-_Derivatives = ctypes.CFUNCTYPE(None, ctypes.POINTER(ctypes.c_double), ctypes.POINTER(ctypes.c_double))
+_Function = ctypes.CFUNCTYPE(None, ctypes.POINTER(ctypes.c_double), ctypes.POINTER(ctypes.c_double))
 
 
 class _ModelInfo(ctypes.Structure):  # instance.c
@@ -93,7 +94,8 @@ class _ModelInfo(ctypes.Structure):  # instance.c
         ("log_categories", ctypes.c_int),
         ("table", ctypes.POINTER(_TableRow)),
         ("log_category", ctypes.POINTER(_LogCategory)),
-        ("derivatives", _Derivatives),
+        ("derivatives", _Function),
+        ("switches", _Function),
     ]
 
 
@@ -124,12 +126,17 @@ def loaded_model(library: Path, *, source: Path) -> Iterator[tuple[Model, Equati
             log_categories=tuple(LogCategory(c.name.decode(), c.description.decode()) for c in categories),
         )
         rates = [v.name for v in model.of_kind("state")] + [v.name for v in model.of_kind("output")]
+        modes = [v.name for v in model.of_kind("mode")]
 
         def equations(point: Mapping[str, float]) -> dict[str, float]:
             values = (ctypes.c_double * (len(model.variables) + 1))(*(point[v.name] for v in model.variables))
             results = (ctypes.c_double * len(rates))(*[math.nan] * len(rates))
             info.derivatives(values, results)
-            return dict(zip(rates, results, strict=True))
+            switches = (ctypes.c_double * (2 * len(modes) + 2))(*[math.nan] * (2 * len(modes) + 2))
+            info.switches(values, switches)  # margin and next of each
+            return dict(zip(rates, results, strict=True)) | dict(
+                zip(modes, switches[: 2 * len(modes) : 2], strict=True)
+            )
 
         yield model, equations
 

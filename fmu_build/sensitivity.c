@@ -1,4 +1,4 @@
-/* Directional derivatives of derivatives and outputs. Knows the model's equations, nothing of an FMI version.
+/* Directional derivatives of derivatives, outputs and margins, the modes kept. Knows the model's equations, nothing of an FMI version.
  *
  * With respect to the states of a linear model, derivatives of states are exact: f(seed) - f(0). All else is the limit
  * of central differences along the seed, (f(x + t s) - f(x - t s)) / 2 t, for t halved again and again, extrapolated to
@@ -8,16 +8,21 @@
 #define RIDDERS_ROWS 16
 #define RIDDERS_REACH 0.5 /* of max(|x|, nominal): the first, longest way along the seed */
 
-enum { N_RATES = N_STATES + N_OUTPUTS };
+enum { N_RATES = N_STATES + N_OUTPUTS + N_MODES };
 
-/* Rates at values + way seed, no variable moved out of min and max by more than the way; false if not finite. */
-static bool sensitivity_rates(const Values *values, const double *seed, double way, Rates *rates)
+/* Rates, outputs and margins at values + way seed, no variable moved out of min and max by more than the way; false if not finite. */
+static bool sensitivity_rates(const Values *values, const double *seed, double way, double *rates)
 {
     Values probe = *values;
+    Rates there;
+    Margins margins;
     double sum = 0;
     for (int k = 0; k < N_VARIABLES; k++) probe.flat[k] += way * seed[k];
-    derivatives(&probe.named, &rates->named);
-    for (int k = 0; k < N_RATES; k++) sum += fabs(rates->flat[k]);
+    derivatives(&probe.named, &there.named);
+    model_switches(&probe, &margins);
+    memcpy(rates, there.flat, sizeof there.flat);
+    for (int k = 0; k < N_MODES; k++) rates[N_STATES + N_OUTPUTS + k] = margins.flat[k].margin;
+    for (int k = 0; k < N_RATES; k++) sum += fabs(rates[k]);
     return isfinite(sum);
 }
 
@@ -42,17 +47,17 @@ static bool sensitivity_by_differences(const Values *values, const double *seed,
     }
     if (!isfinite(way)) return true; /* no seed: no change */
     for (int attempt = 0; rows < RIDDERS_ROWS && attempt < 40; attempt++, way *= 0.5) {
-        Rates above, below;
+        double above[N_RATES], below[N_RATES];
         double(*now)[N_RATES] = tableau[rows % 2];
         double(*last)[N_RATES] = tableau[(rows + 1) % 2];
         double factor = 4;
-        if (!sensitivity_rates(values, seed, way, &above) || !sensitivity_rates(values, seed, -way, &below)) {
+        if (!sensitivity_rates(values, seed, way, above) || !sensitivity_rates(values, seed, -way, below)) {
             if (rows > 0) break;
             continue;
         }
         for (int k = 0; k < N_RATES; k++) {
-            now[0][k] = (above.flat[k] / 2 - below.flat[k] / 2) / way;
-            rounding[k] = DBL_EPSILON * larger_of(fabs(above.flat[k]), fabs(below.flat[k])) / way;
+            now[0][k] = (above[k] / 2 - below[k] / 2) / way;
+            rounding[k] = DBL_EPSILON * larger_of(fabs(above[k]), fabs(below[k])) / way;
         }
         for (int m = 1; m <= rows; m++, factor *= 4)
             for (int k = 0; k < N_RATES; k++) {
@@ -71,7 +76,7 @@ static bool sensitivity_by_differences(const Values *values, const double *seed,
 }
 
 /* sensitivity[u] = sum over k of d unknown[u] / d known[k] seed[k]. Known: inputs, parameters, states. Unknown: states,
-   calculated outputs, derivatives. */
+   calculated outputs, derivatives, margins. */
 static Status instance_differentiate(Instance *instance, const unsigned int *unknown, size_t unknowns,
                                      const unsigned int *known, size_t knowns, const double *seed, double *sensitivity)
 {
@@ -79,18 +84,21 @@ static Status instance_differentiate(Instance *instance, const unsigned int *unk
     double along[N_RATES], exact[N_STATES] = {0};
     double curved[N_RATES];
     const int64_t phase = instance->state.phase;
+    bool changed;
     if (phase < PHASE_INITIALIZATION || phase > PHASE_TERMINATED)
         return instance_refuse(instance, "a directional derivative");
+    if (phase <= PHASE_STEPPING && instance_settle(instance, &changed) != INSTANCE_OK) return INSTANCE_ERROR;
     for (size_t k = 0; k < knowns; k++) {
-        if (known[k] >= N_VARIABLES || model_table[known[k]].kind == MODEL_output || !isfinite(seed[k]))
+        if (known[k] >= N_VARIABLES || model_table[known[k]].kind >= MODEL_output || !isfinite(seed[k]))
             return instance_report(instance, INSTANCE_ERROR,
                                    "value reference %u, seed %g: no input, parameter or state to derive by", known[k],
                                    seed[k]);
         direction[known[k]] += seed[k];
     }
     for (size_t k = 0; k < unknowns; k++) {
-        const bool derivative = unknown[k] >= FIRST_DERIVATIVE && unknown[k] < FIRST_DERIVATIVE + N_STATES;
-        const bool value = unknown[k] < N_VARIABLES && model_table[unknown[k]].kind >= MODEL_state;
+        const bool derivative = unknown[k] >= FIRST_DERIVATIVE && unknown[k] < FIRST_MARGIN + N_MODES;
+        const bool value = unknown[k] < N_VARIABLES && (model_table[unknown[k]].kind == MODEL_state ||
+                                                        model_table[unknown[k]].kind == MODEL_output);
         if (!derivative && !value)
             return instance_report(instance, INSTANCE_ERROR, "value reference %u: no output or derivative to derive",
                                    unknown[k]);
@@ -116,7 +124,9 @@ static Status instance_differentiate(Instance *instance, const unsigned int *unk
             return instance_report(instance, INSTANCE_DISCARD, "a derivative is not finite nearby");
     }
     for (size_t k = 0; k < unknowns; k++) {
-        if (unknown[k] >= FIRST_DERIVATIVE) {
+        if (N_MODES > 0 && unknown[k] >= FIRST_MARGIN) {
+            sensitivity[k] = curved[N_STATES + N_OUTPUTS + unknown[k] - FIRST_MARGIN];
+        } else if (unknown[k] >= FIRST_DERIVATIVE) {
             const unsigned int state = unknown[k] - FIRST_DERIVATIVE;
             sensitivity[k] = exact[state] + along[state];
         } else if (model_table[unknown[k]].kind == MODEL_state) {

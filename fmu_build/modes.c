@@ -1,0 +1,218 @@
+/* Changes of mode within a step: dry friction that catches and lets go, a contact that closes. Knows the model's margins
+ * and how a step is made, nothing of FMI.
+ *
+ * A step is made as if the modes lasted. Where a margin is below 0 at its end, or dips below 0 on the way, the first
+ * instant at which one is below 0 is found, the step made to there, the modes changed, and the rest made from there.
+ * Every point looked at is reached by a step from the last change, none by interpolation: within a mode a linear model
+ * stays exact, and the instant of a change is right to rounding.
+ *
+ * Steps are so short that what swings turns back at most once in one. A margin that falls at the start and rises at the
+ * end then has one lowest point; where the tangents at both ends meet above 0, so is that point, and where they do not,
+ * it is closed in upon.
+ */
+#include "integrator.c"
+
+#define MAX_CHANGES 10000  /* of mode in one communication step */
+#define MAX_ROUNDS 100     /* of changes at one instant */
+#define MAX_PROBES 200     /* in the search for one instant */
+#define LONGEST_SWING 2.0  /* rad in one step; pi from one turning point to the next */
+#define SLOPE_REACH 0.01   /* of a step: how far a margin is followed to see its slope */
+
+/* For models without modes, these are empty and all below is left out by the compiler. */
+static inline void model_switches(const Values *values, Margins *margins)
+{
+#if MODEL_MODES > 0
+    switches(&values->named, &margins->named);
+#else
+    (void)values;
+    (void)margins;
+#endif
+}
+
+static inline void model_enter(Values *values)
+{
+#if MODEL_MODES > 0
+    enter(&values->named);
+#else
+    (void)values;
+#endif
+}
+
+/* Change modes until no margin is below 0; false if there is no end to it. *changed is set where one has changed. */
+static bool modes_settle(Values *values, bool *changed)
+{
+    for (int round = 0; round < MAX_ROUNDS; round++) {
+        Margins margins;
+        bool settled = true;
+        model_switches(values, &margins);
+        for (int k = 0; k < N_MODES; k++)
+            if (margins.flat[k].margin < 0) {
+                values->flat[model_mode_places[k]] = margins.flat[k].next;
+                settled = false;
+            }
+        if (settled) return true;
+        model_enter(values);
+        *changed = true;
+    }
+    return false;
+}
+
+static double margin_of(int mode, const Values *values)
+{
+    Margins margins;
+    model_switches(values, &margins);
+    return margins.flat[mode].margin;
+}
+
+/* How fast a margin changes, per s; reach in s. */
+static double margin_slope(int mode, const Values *values, double reach)
+{
+    Values above = *values, below = *values;
+    Rates rates;
+    derivatives(&values->named, &rates.named);
+    for (int i = 0; i < N_STATES; i++) {
+        above.flat[model_state_places[i]] += reach * rates.flat[i];
+        below.flat[model_state_places[i]] -= reach * rates.flat[i];
+    }
+    return (margin_of(mode, &above) - margin_of(mode, &below)) / (2 * reach);
+}
+
+/* A step of any length, the modes kept; false if it does not end in a finite state. */
+static bool modes_keep(const Values *from, double step, Values *to)
+{
+    *to = *from;
+    if (MODEL_LINEAR) {
+        Propagator passing;
+        return propagator_prepare(&passing, from, step) && propagator_step(&passing, to);
+    } else {
+        double substep = 0;
+        return rosenbrock_integrate(to, step, &substep);
+    }
+}
+
+/* An instant in (0, *end] at which a margin that is not below 0 at from and at *end is below 0: in *end. False: none. */
+static bool margin_dips(int mode, const Values *from, const Values *at_end, double *end)
+{
+    const double reach = SLOPE_REACH * *end;
+    double a = 0, b = *end;
+    double a_slope = margin_slope(mode, from, reach), b_slope = margin_slope(mode, at_end, reach);
+    double a_margin = margin_of(mode, from), b_margin = margin_of(mode, at_end);
+    for (int n = 0; n < MAX_PROBES && a_slope < 0 && b_slope > 0; n++) {
+        const double meet = (b_slope * (b - a) - (b_margin - a_margin)) / (b_slope - a_slope); /* after a */
+        const double t = a + fmin(fmax(meet, 0.1 * (b - a)), 0.9 * (b - a));
+        Values there;
+        double margin, slope;
+        if (a_margin + a_slope * meet >= 0 || !(t > a && t < b) || !modes_keep(from, t, &there)) return false;
+        margin = margin_of(mode, &there);
+        slope = margin_slope(mode, &there, SLOPE_REACH * (b - a));
+        if (margin < 0) {
+            *end = t;
+            return true;
+        }
+        if (slope < 0) {
+            a = t, a_slope = slope, a_margin = margin;
+        } else {
+            b = t, b_slope = slope, b_margin = margin;
+        }
+    }
+    return false;
+}
+
+/* The first instant in (0, end] at which a margin is below 0, to the last bits: false position with halved weights
+   (Dowell and Jarratt, BIT 11, 1971), halving where that gets nowhere. Infinite: there is none. */
+static double margin_ends(int mode, const Values *from, const Values *at_end, double end)
+{
+    double low = 0, high = end;
+    double low_margin = margin_of(mode, from), high_margin = margin_of(mode, at_end);
+    int side = 0;
+    if (!(high_margin < 0)) {
+        Values there;
+        if (!margin_dips(mode, from, at_end, &high) || !modes_keep(from, high, &there)) return INFINITY;
+        high_margin = margin_of(mode, &there);
+    }
+    for (int n = 0; n < MAX_PROBES && high - low > 4 * DBL_EPSILON * high; n++) {
+        double t = low + (high - low) * (low_margin / (low_margin - high_margin));
+        double margin;
+        Values there;
+        if (!(t > low && t < high) || n > MAX_PROBES / 4) t = low + (high - low) / 2;
+        if (!(t > low && t < high) || !modes_keep(from, t, &there)) break;
+        margin = margin_of(mode, &there);
+        if (margin < 0) {
+            high = t, high_margin = margin;
+            if (side < 0) low_margin /= 2;
+            side = -1;
+        } else {
+            low = t, low_margin = margin;
+            if (side > 0) high_margin /= 2;
+            side = 1;
+        }
+    }
+    return high;
+}
+
+/* How fast the model swings at most, rad/s: by the states that drive each other to and fro, in pairs. */
+static double swing(const Values *values)
+{
+    Matrix a;
+    double fastest = 0;
+    if (MODEL_LINEAR)
+        linear_matrix(values, &a);
+    else
+        jacobian_by_differences(values, &a);
+    for (int i = 0; i < N_STATES; i++) {
+        double sum = 0;
+        for (int j = 0; j < N_STATES; j++)
+            if (j != i) sum += sqrt(larger_of(0, -a.at[i][j] * a.at[j][i]));
+        fastest = larger_of(fastest, sum);
+    }
+    return fastest;
+}
+
+/* Make ready for parts of a communication step that are short enough; false if what is needed is not finite. */
+static bool modes_prepare(Propagator *propagator, const Values *values, double step)
+{
+    const double parts = ceil(larger_of(1, step * swing(values) / LONGEST_SWING));
+    if (!(parts < MAX_CHANGES)) return false;
+    if (MODEL_LINEAR && !propagator_prepare(propagator, values, step / parts)) return false;
+    propagator->step = step;
+    propagator->part = step / parts;
+    return true;
+}
+
+/* One communication step through all changes of mode. False, and none made, where it does not end in a finite state or
+   modes change without end. */
+static bool modes_integrate(Values *values, double step, Propagator *propagator)
+{
+    Values now = *values;
+    double left = step;
+    bool changed = false;
+    if (!modes_settle(&now, &changed)) return false;
+    if (changed) propagator->step = NAN;
+    for (int changes = 0; left > 0 && changes < MAX_CHANGES;) {
+        Values next = now;
+        double first = INFINITY;
+        double h;
+        if ((!MODEL_LINEAR || !(propagator->step == step)) && !modes_prepare(propagator, &now, step)) return false;
+        h = propagator->part < left * (1 - 1e-12) ? propagator->part : left;
+        if (MODEL_LINEAR && fabs(h - propagator->part) <= 1e-12 * step) {
+            if (!propagator_step(propagator, &next)) return false;
+        } else if (!modes_keep(&now, h, &next)) {
+            return false;
+        }
+        for (int k = 0; k < N_MODES; k++) {
+            const double end = margin_ends(k, &now, &next, h);
+            if (!(end < first)) continue;
+            h = first = end;
+            if (!modes_keep(&now, h, &next)) return false;
+        }
+        now = next;
+        left -= h;
+        if (!(first < INFINITY)) continue;
+        if (!modes_settle(&now, &changed)) return false;
+        propagator->step = NAN;
+        changes++;
+    }
+    if (left > 0) return false;
+    *values = now;
+    return true;
+}
