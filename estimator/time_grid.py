@@ -22,6 +22,7 @@ from estimator.units import FloatArray
 
 OFF_GRID = 0.01  # of the step: further off is no uniform grid
 JITTER = 0.25  # of the step: an interval further off a whole number of steps is an error
+FEW = 0.05  # of the rows: fewer off the grid than these are mistakes, and not a clock that jitters
 MISSING = 3  # times the rows that are there: more missing ones are an error
 
 
@@ -55,7 +56,8 @@ def sampling_clock(
     Raises
     ------
     RecordingError
-        Time does not increase, or is neither on a uniform grid, nor beside one by less than a quarter of a step.
+        Time does not increase, or is neither on a uniform grid nor, in many rows, beside one by less than a quarter of a
+        step.
     """
     try:
         start, step = uniform_grid(times, place=place, half_digit=half_digit)
@@ -88,9 +90,12 @@ def _with_gaps(times: FloatArray, half_digit: Callable[[], FloatArray] | None) -
     half = np.zeros(times.size) if half_digit is None else half_digit()
     half[4 * half > 1.001 * step] = 0.0
     missing = None if n == times.size else index
-    if (np.abs(off) <= np.maximum(OFF_GRID * step, half * (1 + 3 / np.sqrt(times.size)))).all():
+    away = np.abs(off) > np.maximum(OFF_GRID * step, half * (1 + 3 / np.sqrt(times.size)))
+    if not away.any():
         start, step = _plainest(times, step, float(np.abs(off).max()), rows)
         return Clock(start + np.arange(n, dtype=np.float64) * step, step, missing)
+    if away.mean() < FEW:
+        return None
     return Clock(np.interp(np.arange(n), rows, times), step, missing, even=False)
 
 
@@ -195,6 +200,6 @@ def _off_grid(times: FloatArray, half: FloatArray, allowed: FloatArray, place: C
     k = int(np.argmax(off > 0)) if (off > 0).any() else int(np.argmax(off))
     return (
         f"{place(k)}: time is off its uniform grid by {abs(float(times[k] - due[k])) / step:.3g} of a step"
-        f" ({float(times[k]):.9g} s where {float(due[k]):.9g} s was due), and no interval"
-        " is to be over a quarter off; print time with enough digits, or resample to equal steps"
+        f" ({float(times[k]):.9g} s where {float(due[k]):.9g} s was due);"
+        " correct it, print time with enough digits, or resample to equal steps"
     )

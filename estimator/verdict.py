@@ -363,6 +363,9 @@ def _notes(plan: Plan, steady: Steady | None) -> tuple[str, ...]:
             )
         elif e.kind == "several":
             notes.append(f"{title}: the input has several levels")
+        if not o.recording.even:
+            jitter = float(np.std(np.diff(o.recording.time))) / o.recording.step
+            notes.append(f"{title}: the clock jitters by {100 * jitter:.2g} % of a step; each sample has its own time")
         for name, y in o.outputs.items():
             notes.append(f"{title}: {name} has {np.sum(~np.isnan(y))} samples, noise {noise_deviation(y):.2g}")
     if steady is not None and steady.settling.settled:

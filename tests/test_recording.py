@@ -182,6 +182,13 @@ def test_a_clock_that_jitters_keeps_its_times(tmp_path: Path) -> None:
     assert fewer.time[12] == pytest.approx((times[11] + times[13]) / 2)
 
 
+@pytest.mark.parametrize("off", [2e-5, 2e-4])
+def test_one_time_off_the_grid_is_a_mistake_and_no_jitter(off: float, tmp_path: Path) -> None:
+    rows = [f"{0.001 * k + (off if k == 20 else 0):.6f},{r.split(',', 1)[1]}" for k, r in enumerate(ROWS)]
+    with pytest.raises(RecordingError, match=r"line 22: time is off its uniform grid by"):
+        read(tmp_path, "\n".join([HEADER, *rows]))
+
+
 def test_empty_cells_are_missing_samples(tmp_path: Path) -> None:
     rows = list(ROWS)
     rows[3] = "0.003,0,,"
