@@ -56,8 +56,8 @@ def sampling_clock(
     Raises
     ------
     RecordingError
-        Time does not increase, or is neither on a uniform grid nor, in many rows, beside one by less than a quarter of a
-        step.
+        Time does not increase, or is neither on a uniform grid nor, in many rows, beside one by under a quarter
+        of a step.
     """
     try:
         start, step = uniform_grid(times, place=place, half_digit=half_digit)

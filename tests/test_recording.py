@@ -332,11 +332,11 @@ COMPLAINTS: dict[str, tuple[str | bytes, str]] = {
     "time twice": (row(9, "0.008,10.5,1,3"), "run3.csv line 11: time does not increase (0.008 s after 0.008 s)"),
     "off the grid": (
         row(9, "0.0094,10.5,1,3"),
-        "run3.csv line 11: time is off its uniform grid by 0.4 of a step (0.0094 s where 0.009 s was due), and no",
+        "run3.csv line 11: time is off its uniform grid by 0.4 of a step (0.0094 s where 0.009 s was due); correct it",
     ),
     "too many lost rows": (
         "\n".join([HEADER, *ROWS[:20], *(r.replace("0.0", "5.0", 1) for r in ROWS[21:])]),
-        "run3.csv line 22: time is off its uniform grid by 5e+03 of a step (5.021 s where 0.02 s was due), and no",
+        "run3.csv line 22: time is off its uniform grid by 5e+03 of a step (5.021 s where 0.02 s was due); correct it",
     ),
     "same name twice": (
         with_header("time [s],current [A],current [A],speed [rad/s]"),
