@@ -12,7 +12,7 @@ from estimator.case import Case, ParameterSpec
 from estimator.errors import FmuError, InputError
 from estimator.fmu import FmuDescription, Variable
 from estimator.integral import integral_estimate
-from estimator.mapping import target
+from estimator.mapping import how_to_map, target
 from estimator.parameters import Parameter
 from estimator.plan import MOTOR, Observed
 
@@ -67,7 +67,7 @@ def free_parameters(
             listed = ", ".join(available[:20]) or "none"
             raise FmuError(
                 f"{description.path.name} has none of the parameters R, K, L, J, B (its parameters: {listed});"
-                " name those to estimate in a case file, under [parameters]"
+                f" {how_to_map(case, description, 'parameters', 'which parameters to estimate')}"
             )
     elif all(n in MOTOR for n in case.parameters) and all(n in available for n in MOTOR):
         names = [n for n in MOTOR if n not in case.fixed]  # bounds for some do not fix the others

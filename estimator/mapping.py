@@ -8,6 +8,7 @@ steady-state relations work.
 from __future__ import annotations
 
 import dataclasses
+import shlex
 from collections.abc import Mapping
 
 from estimator.case import Case
@@ -103,6 +104,9 @@ def fixed_values(case: Case, description: FmuDescription) -> tuple[dict[str, flo
                 f"[fixed] {name} is {variable.type} in {description.path.name}; {value:g} is no whole number"
             )
         _in_range(variable, value, description)
+        if variable.items and value not in dict(variable.items).values():
+            known = ", ".join(f"{item} = {number}" for item, number in variable.items)
+            raise CaseError(f"[fixed] {name} of {description.path.name} has no item of the value {value:g} ({known})")
         numbers[name] = value
     for name, text in case.fixed_texts.items():
         variable = target(description, name)
@@ -118,6 +122,20 @@ def fixed_values(case: Case, description: FmuDescription) -> tuple[dict[str, flo
                 f"[fixed] {name} is {variable.type} in {description.path.name}; give a number, not {text!r}"
             )
     return numbers, texts
+
+
+def driven_twice(case: Case, inputs: Mapping[str, str]) -> str | None:
+    """Return the input that a column drives and that is fixed as well; None: there is none."""
+    return next((name for name in inputs if case.input_variables.get(name, name) in case.fixed), None)
+
+
+def how_to_map(case: Case, description: FmuDescription, key: str, what: str) -> str:
+    """Return the remedy where the FMU has other names: the key of the case file, or the command that guesses one."""
+    if case.path is not None or not case.recordings:
+        return f"say in a case file, under [{key}], {what}"
+    fmu = description.name if description.is_bundled else str(description.path)
+    command = shlex.join(["fmu-estimator", "init", fmu, str(case.recordings[0]), "-o", "motor.case.toml"])
+    return f"a case file says {what}: let one be guessed with {command}"
 
 
 def begins_elsewhere(case: Case, description: FmuDescription) -> bool:

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.case import Case, OutputSpec, RunSpec
-from estimator.errors import CaseError, FmuError, RecordingError, suggestion
+from estimator.errors import CaseError, FmuError, InputError, RecordingError, suggestion
 from estimator.excitation import Excitation, find_delay, find_excitation, noise_deviation, quantum
 from estimator.filters import filter_sections
 from estimator.fmu import FmuDescription
-from estimator.mapping import begins_elsewhere, target
+from estimator.mapping import begins_elsewhere, driven_twice, how_to_map, target
 from estimator.plan import Observed
 from estimator.recording import MIN_SAMPLES, Recording, motor_columns
 from estimator.sensors import Section, Sensor
@@ -37,6 +37,11 @@ def observe(case: Case, description: FmuDescription, recording: Recording, run: 
     """
     recording = _within(recording, run)
     inputs, outputs = _columns(case, description, recording)
+    if twice := driven_twice(case, inputs):
+        raise InputError(
+            f"the input {twice!r} is fixed, but {recording.title} has it in the column {inputs[twice]!r};"
+            " leave the fixed value out, or name the columns to use in a case file"
+        )
     _check_channels(run, inputs, outputs, recording)
     driven, gaps = {}, []
     for name, column in inputs.items():
@@ -220,16 +225,17 @@ def _columns(case: Case, description: FmuDescription, recording: Recording) -> t
         )
     inputs = {name: recording.column(column) for name, column in case.inputs.items()}
     outputs = {name: recording.column(spec.column) for name, spec in case.outputs.items()}
-    roles = motor_columns(recording, required=[*([] if inputs else ["v"]), *([] if outputs else ["i", "w"])])
+    needs_voltage = not inputs and "v" not in case.fixed
+    roles = motor_columns(recording, required=[*(["v"] if needs_voltage else []), *([] if outputs else ["i", "w"])])
     if not inputs:
         for role in ("v", "load"):
             if role in roles and any(v.name == role for v in description.of_causality("input")):
                 inputs[role] = roles[role]
-        if "v" not in inputs:
+        if needs_voltage and "v" not in inputs:
             known = ", ".join(v.name for v in description.of_causality("input")) or "none"
             raise FmuError(
                 f"{description.path.name} has no input 'v' (its inputs: {known});"
-                " say in a case file, under [inputs], which input takes which column"
+                f" {how_to_map(case, description, 'inputs', 'which input takes which column')}"
             )
     if not outputs:
         measured = [r for r in ("i", "w", "angle") if r in roles and not (r == "angle" and "w" in roles)]
@@ -239,6 +245,6 @@ def _columns(case: Case, description: FmuDescription, recording: Recording) -> t
         if missing:
             raise FmuError(
                 f"{description.path.name} has no output {missing[0]!r}{suggestion(missing[0], names)};"
-                " say in a case file, under [outputs], which output shows which column"
+                f" {how_to_map(case, description, 'outputs', 'which output shows which column')}"
             )
     return inputs, outputs

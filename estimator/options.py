@@ -48,8 +48,10 @@ def with_options(
     if not held and not limits:
         return case
     from estimator.fmu import describe
+    from estimator.mapping import in_si_units
 
-    return _bounded(_held(case, held, describe(case.fmu)), limits, describe(case.fmu))
+    description = in_si_units(describe(case.fmu))
+    return _bounded(_held(case, held, description), limits, description)
 
 
 def unique(pairs: Sequence[tuple[str, T]], *, option: str) -> dict[str, T]:
@@ -63,26 +65,29 @@ def unique(pairs: Sequence[tuple[str, T]], *, option: str) -> dict[str, T]:
 
 
 def _held(case: Case, held: Mapping[str, float], description: FmuDescription) -> Case:
-    """Fix parameters: of the case by its names, else of the FMU by its names."""
+    """Fix parameters: of the case by its names, through its factors, else of the FMU by its names; values are SI."""
     parameters, fixed = dict(case.parameters), dict(case.fixed)
     for name, value in held.items():
         spec = parameters.pop(name, None)
         if spec is None:
             _known_parameter(name, case, description)
-        for target in (name,) if spec is None else spec.fmu:
-            _in_range(target, value, description)
-            fixed[target] = value
+        targets = (name,) if spec is None else spec.fmu
+        gains = (1.0,) * len(targets) if spec is None else spec.gains or (1.0,) * len(targets)
+        for target, gain in zip(targets, gains, strict=True):
+            _in_range(target, gain * value, description, by=f"--fix {name}={value:g}")
+            fixed[target] = gain * value
     if case.parameters and not parameters and not _motor_parameters(description):
         raise InputError("every parameter is fixed; leave at least one free")
     return dataclasses.replace(case, parameters=parameters, fixed=fixed)
 
 
-def _in_range(name: str, value: float, description: FmuDescription) -> None:
+def _in_range(name: str, value: float, description: FmuDescription, *, by: str) -> None:
     variable = description.variable(name)
     low, high = variable.minimum, variable.maximum
     if (low is not None and value < low) or (high is not None and value > high):
         reach = f"{'any' if low is None else f'{low:g}'} to {'any' if high is None else f'{high:g}'}"
-        raise InputError(f"--fix {name}={value:g} is outside the range {reach} that {description.path.name} allows")
+        given = by if by == f"--fix {name}={value:g}" else f"{by}, which sets {name} to {value:g},"
+        raise InputError(f"{given} is outside the range {reach} that {description.path.name} allows")
 
 
 def _bounded(case: Case, limits: Mapping[str, tuple[float, float]], description: FmuDescription) -> Case:

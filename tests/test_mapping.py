@@ -5,12 +5,14 @@ import dataclasses
 import numpy as np
 import pytest
 from foreign_fmus import CASE, foreign_case, foreign_fmu
-from motors import CML050, NAMES, step_recording
+from motors import CML050, NAMES, held_response, step_recording
 
-from estimator.case import read_case, write_case
+from estimator.case import case_for_recording, read_case, write_case
+from estimator.cli import main
 from estimator.errors import InputError
 from estimator.estimate import estimate
 from estimator.fmu import describe
+from estimator.options import with_options
 from estimator.recording import write_recording
 
 
@@ -114,6 +116,66 @@ def test_a_case_with_a_mapping_reads_back_as_it_was_written(plain_fmu, recording
     again = plain_fmu.with_name("again.case.toml")
     write_case(case, again)
     assert read_case(again) == case
+
+
+def test_a_fixed_parameter_reaches_its_variables_through_their_factors(plain_fmu, recording):
+    text = CASE.replace('["motor.Ke", "motor.Km"]', '{{ "motor.Ke" = 0.5, "motor.Km" = 0.5 }}')
+    case = read_case(foreign_case(plain_fmu, recording, text=text))
+    e = estimate(with_options(case, fix=[("K", 2 * CML050.K)]))
+    assert e.parameters["motor.Ke"].value == e.parameters["motor.Km"].value == CML050.K
+    assert worst(e, "RLJB") < 1e-6
+
+
+def test_a_fixed_value_is_si_and_its_range_too(tmp_path, recording):
+    change = [('(<Real unit="mH")', r'\1 min="1" max="100"')]
+    case = read_case(foreign_case(foreign_fmu(tmp_path, "WORKSHOP_UNITS", change=change), recording))
+    assert worst(estimate(with_options(case, fix=[("L", CML050.L)])), "RKJB") < 1e-6
+    with pytest.raises(
+        InputError, match=r"^--fix L=0.2, which sets motor.La to 0.2, is outside the range 0.001 to 0.1"
+    ):
+        with_options(case, fix=[("L", 0.2)])
+
+
+@pytest.mark.parametrize(
+    ("fixed", "sentence"),
+    [
+        ("friction = 7", "[fixed] friction of foreign.fmu has no item of the value 7 (none = 0, viscous = 1)"),
+        ('"motor.La" = 1e3', "[fixed] motor.La = 1000 is outside the range any to 0.5 that foreign.fmu allows"),
+    ],
+)
+def test_a_fixed_value_that_the_fmu_does_not_allow_is_named(tmp_path, recording, fixed, sentence):
+    change = [('(valueReference="1"[^>]*><Real unit="H")', r'\1 max="0.5"')]
+    text = CASE.replace('L = {{ fmu = "motor.La" }}\n', "") + f"[fixed]\n{fixed}\n"
+    with pytest.raises(InputError) as caught:
+        estimate(read_case(foreign_case(foreign_fmu(tmp_path, change=change), recording, text=text)))
+    assert str(caught.value) == sentence
+
+
+def test_a_recorded_input_is_not_replaced_by_a_fixed_value(plain_fmu, recording):
+    sentence = "the input 'v' is fixed, but step.csv has it in the column 'voltage'; leave the fixed value out"
+    with pytest.raises(InputError, match=sentence):
+        estimate(with_options(case_for_recording(recording), fix=[("v", 3.0)]))
+    case = read_case(foreign_case(plain_fmu, recording))
+    with pytest.raises(InputError, match=sentence):
+        estimate(with_options(case, fix=[("u_in", 3.0)]))
+
+
+def test_a_fixed_voltage_needs_no_column(tmp_path):
+    motor, n = CML050, 400
+    shown = held_response(motor, np.full(n, 5.0), step=1e-3)
+    path = tmp_path / "on.csv"
+    rows = np.column_stack([np.arange(n) * 1e-3, shown])
+    np.savetxt(path, rows, delimiter=",", header="time [s],current [A],speed [rad/s]", comments="", fmt="%.17g")
+    e = estimate(with_options(case_for_recording(path), fix=[("v", 5.0)]))
+    assert worst(e) < 1e-6
+
+
+def test_a_bare_recording_with_a_foreign_fmu_is_told_of_init(plain_fmu, recording, capsys, tmp_path):
+    assert main(["estimate", str(recording), "--fmu", str(plain_fmu)]) == 2
+    command = capsys.readouterr().err.partition("let one be guessed with ")[2].split()
+    assert command[:2] == ["fmu-estimator", "init"]
+    command[-1] = str(tmp_path / "motor.case.toml")
+    assert main(command[1:]) == 0 and main(["estimate", command[-1], "--json"]) == 0
 
 
 WRONG = {

@@ -34,8 +34,8 @@ def test_an_fmu_that_answers_error_ends_with_status_2(tmp_path, capsys):
     fmu = foreign_fmu(tmp_path, "STOPS_AT 0.02", change=[('stopTime="1"', 'stopTime="0.02"')])
     assert main(["simulate", str(fmu)]) == 2
     assert capsys.readouterr().err == (
-        "fmu-estimator: foreign.fmu failed: doStep returned Discard at t = 0.02 s; the FMU's own stop time is 0.02 s and"
-        " it goes no further; use a shorter recording, or export the FMU with a later stop time\n"
+        "fmu-estimator: foreign.fmu failed: doStep returned Discard at t = 0.02 s; the FMU's own stop time is 0.02 s"
+        " and it goes no further; use a shorter recording, or export the FMU with a later stop time\n"
     )
 
 
