@@ -21,7 +21,7 @@ from estimator.cuckoo import CuckooSearch
 from estimator.derived import derived_quantities
 from estimator.errors import SimulationError
 from estimator.failing import with_cause, with_values
-from estimator.fit import Fit
+from estimator.fit import Fit, log_likelihood
 from estimator.fmu import FmuDescription, describe, with_kind
 from estimator.noise_level import output_deviations
 from estimator.nuisance import Refinement
@@ -34,11 +34,13 @@ from estimator.problem import SIGMA_FLOOR, Problem
 from estimator.profile import cost_profiles
 from estimator.progress import Progress
 from estimator.recording import Recording
+from estimator.refusal import lost_transients, refusal, refused_notes
 from estimator.result import Estimate, ParameterEstimate, SearchHistory
 from estimator.search import SearchRecord, run_search
 from estimator.space import Space, paper_space, reduced_space, steady_state
+from estimator.starts import many_starts, needs_many
 from estimator.trial import announcement, unmoved
-from estimator.verdict import Judgement, judge, refusal, refused_notes
+from estimator.verdict import Judgement, judge
 from estimator.workers import TIME_LIMIT, Workers
 
 FloatArray = NDArray[np.float64]
@@ -48,6 +50,7 @@ NESTS, GENERATIONS, PA, ALPHA = 10, 8, 0.25, 1.0
 POLISHING = 130  # simulations that usually follow the search: polish, nuisances, checks
 EVOLVED = 200  # generations that differential evolution usually takes
 WIDER = ((30, 40), (60, 100))  # nests, generations of the searches that follow a poor polish
+STARTS, POLISHED = 300, 8  # where few samples tell the transient; of these are polished
 POOR_FIT = 1.5  # residuals' deviation over the noise that the data show
 NOISE_FREE = 1e-6  # of a signal's deviation: residuals below are no misfit
 STEP_REFINEMENT = 10
@@ -225,6 +228,8 @@ class _Estimation:
         """Run the method, and account for it."""
         plan = self.plan
         reasons = refusal(plan)
+        if self.method != "cuckoo":
+            reasons += lost_transients(plan)
         if reasons:
             return self._result(None, None, Judgement("refused", tuple(reasons), {}, refused_notes(plan)))
         noise = output_deviations(plan)
@@ -350,15 +355,17 @@ class _Estimation:
         floor = np.array([max(noise[y], 1e-12 * s) for y, s in zip(problem.outputs, problem.spread, strict=True)])
         sigma = np.array([max(n, SIGMA_FLOOR * s) for n, s in zip(floor, problem.spread, strict=True)])
         polish = self._polished(squares, candidates, sigma)
+        if steady is not None and set(plan.names) == set(MOTOR) and needs_many(plan, polish):
+            polish = self._best_of_many(squares, polish, many_starts(plan, steady, box, count=STARTS, rng=self.rng))
         fit = self._refined(polish)
         for extra in self._restarts(polish, start):
-            if self._is_good(fit.polish, floor, problem.spread):
+            if self._is_good(fit, floor, problem.spread):
                 break
             better = self._better(polish, self._polished(squares, [extra], sigma), sigma)
             if better is not polish:
                 polish, fit = better, self._refined(better)
         for wider_nests, wider_generations in WIDER:
-            if self._is_good(fit.polish, floor, problem.spread) or not self._worth_searching(fit.polish, floor):
+            if self._is_good(fit, floor, problem.spread) or not self._worth_searching(fit, floor):
                 break
             found = self._searched(Space.full(box), polish.values, wider_nests, wider_generations)
             better = self._better(polish, self._polished(squares, [found], sigma), sigma)
@@ -367,6 +374,22 @@ class _Estimation:
             polish, fit = better, self._refined(better)
         self.problem, self.plan = fit.problem, fit.problem.plan
         return self._finish(fit.polish.values, fit.polish, noise=floor, fit=fit)
+
+    def _best_of_many(self, squares: LeastSquares, polish: Polish, starts: FloatArray) -> Polish:
+        """Polish the best of many starts; return the most likely optimum."""
+        self._enter("polish")
+        problem = self.problem
+        costs = problem.costs(starts)
+        found = []
+        for start in starts[np.argsort(costs)[:POLISHED]]:
+            values, deviations = squares.quick(start, polish.deviations)
+            found.append((log_likelihood(problem, deviations), values))
+        lowest, values = min(found, key=lambda f: f[0])
+        if lowest >= log_likelihood(problem, polish.deviations):
+            return polish
+        better = squares.polish(values, polish.deviations)
+        self.best = better.values
+        return better
 
     def _refined(self, polish: Polish) -> Fit:
         """Free the nuisances that the data show."""
@@ -412,12 +435,13 @@ class _Estimation:
     def _better(self, old: Polish, new: Polish, sigma: FloatArray) -> Polish:
         return new if self._cost_at(new, sigma) < 0.999 * self._cost_at(old, sigma) else old
 
-    def _is_good(self, polish: Polish, floor: FloatArray, spread: FloatArray) -> bool:
+    def _is_good(self, fit: Fit, floor: FloatArray, spread: FloatArray) -> bool:
         """Whether the residuals are no larger than the noise of the data."""
-        return bool(np.all(polish.deviations <= np.maximum(POOR_FIT * floor, NOISE_FREE * spread)))
+        deviations = fit.problem.noise_shown(fit.polish.deviations)
+        return bool(np.all(deviations <= np.maximum(POOR_FIT * floor, NOISE_FREE * spread)))
 
-    def _worth_searching(self, polish: Polish, floor: FloatArray) -> bool:
-        return bool(np.any(polish.deviations > POOR_FIT * floor))
+    def _worth_searching(self, fit: Fit, floor: FloatArray) -> bool:
+        return bool(np.any(fit.problem.noise_shown(fit.polish.deviations) > POOR_FIT * floor))
 
     def _restarts(self, polish: Polish, start: FloatArray) -> list[FloatArray]:
         """Return further starts: the data's guess, and for a motor one that leaves the optimum at L → 0."""
@@ -515,8 +539,10 @@ class _Estimation:
             shift=shift,
             fit=fit,
         )
+        if judgement.verdict == "refused":
+            return self._result(None, None, judgement)
         profiles = {}
-        if self.profile and polish is not None and judgement.verdict != "refused":
+        if self.profile and polish is not None:
             self._enter("profile")
             treat = fit.treatment.apply if fit is not None else np.asarray
             profiles = cost_profiles(
@@ -527,7 +553,7 @@ class _Estimation:
                 output=problem.output_of_residual,
             )
         derived = {}
-        if polish is not None and judgement.verdict != "refused":
+        if polish is not None:
             found = {**self.plan.fixed, **dict(zip(self.plan.names, values.tolist(), strict=True))}
             derived = derived_quantities(found, self.plan.names, problem.box.log, polish)
         result = self._result(values, polish, judgement, shown=problem.shown(batch))
@@ -586,7 +612,9 @@ class _Estimation:
             versions=versions(),
             rmse=rmse,
             fit_percent=fit,
-            noise={} if polish is None else dict(zip(plan.outputs, polish.deviations.tolist(), strict=True)),
+            noise={}
+            if polish is None
+            else dict(zip(plan.outputs, self.problem.noise_shown(polish.deviations).tolist(), strict=True)),
             correlation=correlated,
             correlated=plan.names if correlated is not None else (),
             notes=(*self.announced, *judgement.notes),
@@ -600,9 +628,8 @@ class _Estimation:
 def _shift(problem: Problem, polish: Polish, fine: FloatArray, fit: Fit | None) -> FloatArray:
     """Return how far a finer communication step would move the scaled parameters, (p,), to first order."""
     weights = 1 / polish.deviations[problem.output_of_residual]
-    measured = problem.used(fine)
     coarse = polish.residuals
-    change = measured - problem._measured_used
+    change = problem.compared(fine[None])[0]
     if fit is not None:
         change = fit.treatment.apply(change[None, :])[0]
     change = change * weights - coarse

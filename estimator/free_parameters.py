@@ -19,7 +19,7 @@ from estimator.plan import MOTOR, Observed
 FloatArray = NDArray[np.float64]
 
 PAPER_BOX = {"R": (0.01, 5.0), "K": (0.005, 0.1), "L": (1e-7, 0.5), "J": (1e-7, 1e-3), "B": (1e-5, 1e-3)}
-WIDTH = {"R": 100.0, "K": 100.0}  # bounds around the data's start when none are given: factor either way
+WIDTH = {"R": 100.0, "K": 100.0, "B": 1e6}  # bounds around the data's start when none are given: factor either way
 USUAL_WIDTH = 1e4
 
 

@@ -45,6 +45,11 @@ def free_delay(plan: Plan, recording: int, start: float) -> Plan:
     return dataclasses.replace(plan, observed=tuple(observed), parameters=(*plan.parameters, parameter))
 
 
+def without(plan: Plan, name: str) -> Plan:
+    """Return the plan with a nuisance at its default again."""
+    return dataclasses.replace(plan, parameters=tuple(p for p in plan.parameters if p.name != name))
+
+
 def with_delay(name: str, recording: int) -> Callable[[Plan, float], Plan]:
     """Return what frees a recording's delay, from a change of it in s."""
     return lambda plan, start: free_delay(plan, recording, plan.observed[recording].delay + start)

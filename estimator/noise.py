@@ -22,6 +22,7 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 MAX_ORDER = 24  # of the autoregression
+SIGNIFICANT = 5.0  # deviations of a chi-square of many degrees; with the term of few, 1 in 10 000
 MIN_SAMPLES = 100  # fewer tell nothing of a colour
 OUTLIER = 5.5  # robust deviations
 NEIGHBOURS = 3.5  # robust deviations: an outlier's neighbours are below
@@ -46,11 +47,17 @@ class Colour:
         Variance of e.
     variance : float
         Variance of x.
+    samples : int
+        From which it was found.
+    neighbours : float
+        Correlation of neighbours.
     """
 
     coefficients: FloatArray
     innovation: float
     variance: float
+    samples: int = 0
+    neighbours: float = 0.0
 
     @property
     def is_white(self) -> bool:
@@ -58,9 +65,13 @@ class Colour:
         return len(self.coefficients) == 0
 
     @property
-    def correlation(self) -> float:
-        """Correlation of neighbouring residuals of the process (its first coefficient's sign and size)."""
-        return float(self.coefficients[0]) if len(self.coefficients) else 0.0
+    def is_significant(self) -> bool:
+        """Whether white noise shows such a colour by chance less than once in 10 000."""
+        order = len(self.coefficients)
+        if order == 0 or self.innovation <= 0:
+            return order > 0
+        gain = self.samples * np.log(self.variance / self.innovation)  # chi-square of `order` degrees if it is white
+        return bool(gain > order + SIGNIFICANT * np.sqrt(2 * order) + 2 * SIGNIFICANT)
 
     def spectrum(self, size: int) -> FloatArray:
         """Return the power at the frequencies of an rfft of `size`; the mean over all frequencies is the variance."""
@@ -68,6 +79,32 @@ class Colour:
             return np.full(size // 2 + 1, self.variance)
         transfer = np.fft.rfft(np.concatenate([[1.0], -self.coefficients]), size)
         return np.asarray(self.innovation / np.abs(transfer) ** 2)
+
+
+@dataclass(frozen=True)
+class Differenced:
+    """Noise of encoder counts, white, after differencing and filtering: nothing at rest, most at high frequencies."""
+
+    variance: float
+    sections: tuple[tuple[float, float, float, float, float], ...] = ()
+
+    @property
+    def is_white(self) -> bool:
+        """Never."""
+        return False
+
+    def spectrum(self, size: int) -> FloatArray:
+        """Return the power at the frequencies of an rfft of `size`; the mean over all frequencies is the variance."""
+        z = np.exp(-2j * np.pi * np.arange(size // 2 + 1) / size)
+        gain = 1 - z
+        for b0, b1, b2, a1, a2 in self.sections:
+            gain = gain * (b0 + b1 * z + b2 * z * z) / (1 + a1 * z + a2 * z * z)
+        power = np.abs(gain) ** 2
+        mean = (2 * np.sum(power) - power[0] - power[-1]) / size
+        return np.asarray(self.variance * power / mean)
+
+
+Spectrum = Colour | Differenced
 
 
 def find_colour(series: list[FloatArray]) -> Colour:
@@ -85,6 +122,7 @@ def find_colour(series: list[FloatArray]) -> Colour:
     covariances = products / np.maximum(counts, 1.0) * (1 - np.arange(MAX_ORDER + 1) / total)
     best, best_score = Colour(np.empty(0), variance, variance), 0.0
     a, error = np.zeros(0), float(covariances[0])
+    neighbours = float(covariances[1] / covariances[0])
     for order in range(1, MAX_ORDER + 1):  # Levinson
         reflection = float((covariances[order] - a @ covariances[order - 1 : 0 : -1]) / error)
         if not abs(reflection) < 1:
@@ -93,11 +131,11 @@ def find_colour(series: list[FloatArray]) -> Colour:
         error *= 1 - reflection**2
         score = total * np.log(error / covariances[0]) + order * np.log(total)
         if score < best_score:
-            best, best_score = Colour(a.copy(), error, variance), float(score)
+            best, best_score = Colour(a.copy(), error, variance, total, neighbours), float(score)
     return best
 
 
-def quadratic(columns: list[FloatArray], colour: Colour) -> FloatArray:
+def quadratic(columns: list[FloatArray], colour: Spectrum) -> FloatArray:
     """Return Jᵀ Γ J, (p, p), of one output's columns, (n, p) a recording, zero where a sample is missing."""
     p = columns[0].shape[1]
     total = np.zeros((p, p))

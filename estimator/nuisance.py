@@ -17,43 +17,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator import layout
+from estimator.directions import AVERAGES, Direction, default_of, directions, starts
+from estimator.drift import with_drift
 from estimator.excitation import quantum
 from estimator.fit import Fit, chi_square, colours, inflation, log_likelihood, misfit, squares, with_coloured_errors
-from estimator.freeing import (
-    free_delay,
-    named,
-    with_average,
-    with_channel_delay,
-    with_delay,
-    with_mean,
-    with_offset,
-    with_place,
-)
-from estimator.noise import averaged
+from estimator.freeing import free_delay, named, with_average, with_offset, with_place, without
 from estimator.plan import ChainSpec, Plan
 from estimator.polish import Polish
 from estimator.problem import Problem
-from estimator.treatment import Treatment, find_treatment
+from estimator.suspects import strongest_suspect
+from estimator.treatment import Accused, Treatment, find_treatment
 
 FloatArray = NDArray[np.float64]
 
 FREED = 4.0  # standard deviations by which a nuisance must improve the fit
 ROUNDS = 8
-AVERAGES = (2, 3, 4, 5, 6, 8, 10, 16)  # samples that a logger's running mean may span
+COUNTED = 1.3  # times the deviation of one count, 1/√12: more is not explained by counting
+SMOOTH = 0.3  # correlation of neighbours, of a mean over n samples 1 − 1/n
 NUMERICAL = 1e-6  # of a signal's deviation: residuals below are the FMU's, not noise
-
-
-@dataclass(frozen=True)
-class Direction:
-    """A nuisance that might be freed: the plan with it, where to start, and its gain at first sight."""
-
-    name: str
-    column: FloatArray  # (m,) change of the weighted residuals for a unit of it
-    unit: float | None  # for a nuisance with two states only: the size of the step; None: any size
-    extend: Callable[[Plan, float], Plan]
-    starts: tuple[float, ...] = (0.0,)
-    sentence: str = ""
-    is_channel: bool = False  # a delay of one channel, that a running mean explains as well
 
 
 @dataclass
@@ -75,32 +56,109 @@ class Refinement:
         """Return the fit with the nuisances that earn their place."""
         problem, polish = self._wanted(problem, polish)
         fit = self._treated(Fit(problem, polish, Treatment.none(len(polish.residuals), len(problem.outputs))))
+        if self._is_numerical(fit):
+            return fit
         for y in problem.outputs:  # an encoder's phase is never known
             counts = y == "angle" and all(quantum(o.outputs[y]) > 0 for o in problem.plan.observed)
             for e in range(len(problem.plan.observed)) if counts else ():
                 name = named(f"offset {y}", problem.plan, e)
                 if name not in fit.problem.plan.names and f"offset {y}" not in problem.plan.declared:
                     fit = self._with_phase(fit, y, name, e)
+        fit = self._counted(fit) or fit
+        if self._is_smooth(fit):  # before a mean is taken for a delay or for a friction
+            fit = self._averaged(fit) or fit
         tried_averages = False
         for _ in range(ROUNDS):
-            if self._is_numerical(fit):
-                break
-            direction = self._strongest(fit, channels=tried_averages)
-            freed = self._freed(fit, direction) if direction is not None else None
-            if freed is not None:
-                fit = freed
-                self.rejected.clear()
-            elif direction is not None:
-                self.rejected.add(direction.name)
-            elif tried_averages:
-                break
-            else:
+            better = self._step(fit, channels=tried_averages)
+            if better is None and not tried_averages:
                 tried_averages = True
-                found = self._averaged(fit)
-                if found is not None:
-                    fit = found
+                better = self._averaged(fit)
+                if better is not None:
                     self.rejected.clear()
-        return fit if self._is_numerical(fit) else with_coloured_errors(fit)
+                better = better or self._step(fit, channels=True)
+            better = better or self._counted(fit)
+            if better is None:
+                break
+            fit = better
+        return with_coloured_errors(self._without_idle(fit))
+
+    def _counted(self, fit: Fit) -> Fit | None:
+        """Add a differenced encoder's speed up to counts again; None unless the model then explains it to a count.
+
+        Their noise is white, that of their differences anything but: least squares on counts lose nothing.
+        """
+        plan = fit.problem.plan
+        j = plan.outputs.index("w") if "w" in plan.outputs else -1
+        if (
+            plan.counted
+            or j < 0
+            or plan.sensors["w"] != layout.MEAN
+            or plan.chains.get("w", ChainSpec()) != ChainSpec()
+        ):
+            return None
+        steps = [quantum(o.outputs["w"]) * o.recording.step for o in plan.observed]
+        broken = any(np.isnan(o.outputs["w"]).any() or o.lead or not o.recording.even for o in plan.observed)
+        if broken or min(steps) <= 0 or "offset w" in plan.names or "gain w" in plan.names:
+            return None
+        problem = self.rebuild(dataclasses.replace(plan, counted=True))
+        size = len(problem.output_of_residual)
+        start = fit.polish.deviations.copy()
+        start[j] = max(steps) / np.sqrt(12)
+        plain = dataclasses.replace(Treatment.none(size, len(plan.outputs)), accused=fit.treatment.accused)
+        polish = squares(problem, plain).polish(fit.polish.values, start)
+        found = self._treated(dataclasses.replace(fit, problem=problem, polish=polish, treatment=plain), again=True)
+        return found if found.polish.deviations[j] < COUNTED * start[j] else None
+
+    def _step(self, fit: Fit, *, channels: bool) -> Fit | None:
+        """Free the strongest nuisance, or accuse the strongest suspect, whichever is stronger; None if none is."""
+        for _ in range(ROUNDS):
+            gain, direction = self._strongest(fit, channels=channels)
+            suspect = strongest_suspect(fit)
+            if suspect is not None and suspect.deviations**2 > gain:
+                return self._accused(fit, suspect)
+            if direction is None:
+                return None
+            freed = self._freed(fit, direction)
+            if freed is not None:
+                self.rejected.clear()
+                return freed
+            self.rejected.add(direction.name)
+        return None
+
+    def _accused(self, fit: Fit, suspect: Accused) -> Fit:
+        """Take a wrong assumption out of the residuals, and fit again."""
+        treatment = dataclasses.replace(fit.treatment, accused=(*fit.treatment.accused, suspect))
+        self.rejected.clear()
+        return self._treated(dataclasses.replace(fit, treatment=treatment), again=True)
+
+    def _without_idle(self, fit: Fit) -> Fit:
+        """Fix again what was freed at first and has become insignificant beside what was freed later."""
+        judged = with_coloured_errors(fit).polish
+        for j, parameter in enumerate(fit.problem.parameters):
+            place = parameter.place
+            if place is None or place.output == "angle" or judged.at_bound[j] or place in fit.problem.plan.wanted:
+                continue
+            if abs(judged.values[j] - default_of(parameter.name)) > FREED * judged.standard_errors[j]:
+                continue
+            problem = self.rebuild(without(fit.problem.plan, parameter.name))
+            x = np.delete(fit.polish.values, j)
+            polish = squares(problem, fit.treatment).polish(x, fit.polish.deviations)
+            kept = [(n, s) for n, s in zip(fit.names, fit.freed, strict=True) if n != parameter.name]
+            names, freed = tuple(n for n, _ in kept), tuple(s for _, s in kept)
+            fixed = self._treated(Fit(problem, polish, fit.treatment, names=names, freed=freed))
+            return self._without_idle(fixed)
+        return fit
+
+    def _is_smooth(self, fit: Fit) -> bool:
+        """Whether neighbouring residuals of the current are alike in the second half, where all has settled."""
+        if "i" not in fit.problem.outputs:
+            return False
+        for series, _ in fit.problem.series(fit.polish.residuals, fit.problem.outputs.index("i")):
+            late = series[len(series) // 2 :]
+            late = late - np.nanmean(late)
+            if np.nanmean(late[1:] * late[:-1]) > SMOOTH * np.nanmean(late * late):
+                return True
+        return False
 
     def _wanted(self, problem: Problem, polish: Polish) -> tuple[Problem, Polish]:
         """Free what the case frees."""
@@ -158,8 +216,7 @@ class Refinement:
         if direction.unit is None:
             j = best.problem.plan.names.index(direction.name)
             judged = with_coloured_errors(best).polish
-            default = 1.0 if direction.name.startswith("gain") else 0.0
-            significant = abs(judged.values[j] - default) > FREED * judged.standard_errors[j]
+            significant = abs(judged.values[j] - direction.default) > FREED * judged.standard_errors[j]
         if not significant:
             return None
         return dataclasses.replace(best, freed=(*fit.freed, direction.sentence), names=(*fit.names, direction.name))
@@ -168,11 +225,13 @@ class Refinement:
         problem = self.rebuild(with_offset(name, output, recording)(fit.problem.plan, 0.0))
         x = np.append(fit.polish.values, 0.0)
         polish = squares(problem, fit.treatment).polish(x, fit.polish.deviations)
+        sentence = f"{output} is an encoder's, in counts: its phase is estimated"
         fit = dataclasses.replace(fit, problem=problem, polish=polish)
         return dataclasses.replace(
             fit,
             colours=colours(fit),
-            freed=tuple(dict.fromkeys((*fit.freed, f"{output} is an encoder's, in counts: its phase is estimated"))),
+            freed=(*fit.freed, sentence) if sentence not in fit.freed else fit.freed,
+            names=(*fit.names, name) if sentence not in fit.freed else fit.names,
         )
 
     def _averaged(self, fit: Fit) -> Fit | None:
@@ -204,30 +263,33 @@ class Refinement:
         best = dataclasses.replace(best, colours=colours(best))
         return best if chi_square(fit, best) > FREED**2 * inflation(best) else None
 
-    def _treated(self, fit: Fit) -> Fit:
+    def _treated(self, fit: Fit, *, again: bool = False) -> Fit:
         """Take out outliers and ripple, as the residuals show them, and fit again where that changes anything."""
         if self._is_numerical(fit):
             return fit
         raw = fit.problem.residuals(fit.polish.values[None, :])[0]
-        treatment = find_treatment(fit.problem, raw, fit.polish)
+        treatment = find_treatment(fit.problem, raw, fit.polish, accused=fit.treatment.accused)
+        treatment = with_drift(fit.problem, raw, fit.polish, treatment)
         same = (
             np.array_equal(treatment.keep, fit.treatment.keep)
             and treatment.ripples == fit.treatment.ripples
             and treatment.drifts == fit.treatment.drifts
         )
-        if same:
+        if same and not again:
             return dataclasses.replace(fit, colours=colours(fit))
         polish = squares(fit.problem, treatment).polish(fit.polish.values, fit.polish.deviations)
         fit = dataclasses.replace(fit, polish=polish, treatment=treatment)
         return dataclasses.replace(fit, colours=colours(fit))
 
-    def _strongest(self, fit: Fit, *, channels: bool) -> Direction | None:
-        """Return the nuisance that would improve the fit most; a channel's own delay only if `channels`."""
+    def _strongest(self, fit: Fit, *, channels: bool) -> tuple[float, Direction | None]:
+        """Return the nuisance that would improve the fit most, to first order, and by how much chi-square falls.
+
+        A channel's own delay only if `channels`: a running mean explains it as well.
+        """
         jacobian = fit.polish.jacobian[:, fit.polish.at_bound == 0]
         basis = np.linalg.qr(jacobian)[0] if jacobian.shape[1] else jacobian
-        residuals = fit.polish.residuals
         best: tuple[float, Direction | None] = (FREED**2, None)
-        for direction in self._directions(fit):
+        for direction in directions(fit):
             if direction.name in self.rejected or (direction.is_channel and not channels):
                 continue
             column = fit.treatment.apply(direction.column[None, :], weighted=True)[0]
@@ -235,78 +297,13 @@ class Refinement:
             power = float(across @ across)
             if power <= 1e-9 * float(column @ column):
                 continue  # what the parameters explain cannot be told
-            product = float(across @ residuals)
+            product = float(across @ fit.polish.residuals)
             if direction.unit is None:
                 gain = product**2 / power
-                start = -product / power
-                direction = dataclasses.replace(direction, starts=_starts(direction, start, fit.problem))
+                begin = starts(direction, -product / power, fit.problem)
+                direction = dataclasses.replace(direction, starts=begin)
             else:
                 gain = -2 * product * direction.unit - power * direction.unit**2
             if gain > best[0]:
                 best = (gain, direction)
-        return best[1]
-
-    def _directions(self, fit: Fit) -> list[Direction]:
-        problem, plan = fit.problem, fit.problem.plan
-        batch = problem.trajectories(fit.polish.values[None, :])
-        shown = problem.shown(batch)
-        weights = 1 / fit.polish.deviations
-        free = set(plan.names)
-        directions = []
-        for e, o in enumerate(plan.observed):
-            name = named("delay", plan, e)
-            if name not in free and f"delay of {e}" not in plan.declared and o.excitation.kind != "none":
-                slope = [-np.gradient(y, axis=0) / o.recording.step if r == e else 0 * y for r, y in enumerate(shown)]
-                column = problem.spread_out(slope) * weights[problem.output_of_residual]
-                sentence = f"{o.recording.title}: the outputs come later than the input; the delay is estimated"
-                directions.append(Direction(name, column, None, with_delay(name, e), sentence=sentence))
-        for j, y in enumerate(plan.outputs):
-            for e, o in enumerate(plan.observed):
-                name = named(f"offset {y}", plan, e)
-                if name in free or f"offset {y}" in plan.declared:
-                    continue
-                ones = [np.zeros_like(s) for s in shown]
-                ones[e][:, j] = 1.0
-                column = problem.spread_out(ones) * weights[problem.output_of_residual]
-                of = f" in {o.recording.title}" if len(plan.observed) > 1 else ""
-                sentence = f"{y} has an offset{of}; it is estimated"
-                directions.append(Direction(name, column, None, with_offset(name, y, e), sentence=sentence))
-            name = f"delay {y}"
-            if j > 0 and name not in free and name not in plan.declared and plan.sensors[y] == layout.IDENTITY:
-                change = [np.zeros_like(s) for s in shown]
-                for s, full, o in zip(change, shown, plan.observed, strict=True):
-                    s[:, j] = -np.gradient(full[:, j]) / o.recording.step
-                column = problem.spread_out(change) * weights[problem.output_of_residual]
-                sentence = f"{y} comes later than {plan.outputs[0]}; its delay is estimated"
-                extend = with_channel_delay(name, y)
-                directions.append(Direction(name, column, None, extend, sentence=sentence, is_channel=True))
-            chain = plan.chains.get(y, ChainSpec())
-            if chain.average == 1 and plan.sensors[y] == layout.IDENTITY and y == "w":
-                for n in AVERAGES[1:] if f"average {y}" not in plan.declared else ():
-                    change = [np.zeros_like(s) for s in shown]
-                    for s, full in zip(change, shown, strict=True):
-                        s[:, j] = _running_mean(full[:, j], n) - full[:, j]
-                    column = problem.spread_out(change) * weights[problem.output_of_residual]
-                    sentence = f"{y} is a mean over the last {n} samples, as the data show; the model's is taken so too"
-                    directions.append(Direction(f"average {y} {n}", column, 1.0, with_average(y, n), sentence=sentence))
-                if "mean w" not in plan.declared and any(v.name == "angle" for v in plan.description.variables):
-                    change = [np.zeros_like(s) for s in shown]
-                    for s, full in zip(change, shown, strict=True):
-                        s[1:, j] = 0.5 * (full[:-1, j] - full[1:, j])
-                    column = problem.spread_out(change) * weights[problem.output_of_residual]
-                    sentence = "w is a mean over the sampling interval, as differenced encoder counts are"
-                    directions.append(Direction("mean w", column, 1.0, with_mean, sentence=sentence))
-        return directions
-
-
-def _starts(direction: Direction, start: float, problem: Problem) -> tuple[float, ...]:
-    if not direction.name.startswith("delay"):
-        return (start,)
-    h = problem.plan.observed[0].recording.step
-    start = float(np.clip(start, -5 * h, 5 * h))
-    near = np.floor(start / h) * h
-    return tuple(dict.fromkeys((start, near + 0.5 * h, near + 1.5 * h if start - near > 0.5 * h else near - 0.5 * h)))
-
-
-def _running_mean(y: FloatArray, n: int) -> FloatArray:
-    return averaged(y[:, None], n)[:, 0]
+        return best

@@ -86,6 +86,7 @@ class Plan:
     guess: Mapping[str, float]
     notes: tuple[str, ...]
     chains: Mapping[str, ChainSpec] = field(default_factory=dict)
+    counted: bool = False  # residuals of a differenced encoder's speed are added up again, to its counts
     texts: Mapping[str, str] = field(default_factory=dict)  # FMU variable → text that it is set to
     declared: frozenset[str] = frozenset()  # what of the measurement chain the case says: "offset i", "delay of 0"
     wanted: tuple[SensorPlace, ...] = ()  # what of it the case frees

@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator import layout
 from estimator.case import Case
 from estimator.errors import CaseError
 from estimator.fmu import Variable
@@ -85,8 +86,9 @@ class Problem:
         lengths = [o.lead + len(o.recording.time) for o in plan.observed]
         self._edges = np.cumsum([0, *lengths])
         measured = np.concatenate([self._measured(o) for o in plan.observed])
-        self._used = ~np.isnan(measured)
-        self._measured_used = measured[self._used]
+        self._measured_rows = np.nan_to_num(measured)
+        self._counted = [j for j, y in enumerate(self.outputs) if plan.counted and plan.sensors[y] == layout.MEAN]
+        self._used = self._compared(measured)
         self.output_of_residual = np.broadcast_to(np.arange(len(self.outputs)), measured.shape)[self._used].astype(
             np.int64
         )
@@ -94,7 +96,8 @@ class Problem:
         for j in range(len(self.outputs)):
             column = measured[:, j]
             spread = float(np.nanstd(column))
-            spreads.append(spread if spread > 0 else max(abs(float(np.nanmean(column))), 1e-12))
+            spread = spread if spread > 0 else max(abs(float(np.nanmean(column))), 1e-12)
+            spreads.append(spread * plan.observed[0].recording.step if j in self._counted else spread)
         self.spread = np.array(spreads)
 
     def costs(self, candidates: FloatArray, bounds: FloatArray | None = None) -> FloatArray:
@@ -108,10 +111,17 @@ class Problem:
         return self.workers.run(self._values(candidates), refine=refine, record=True)
 
     def residuals(self, candidates: FloatArray) -> FloatArray:
-        """Return simulated minus measured, (n, m), in the outputs' units, missing samples left out; NaN if failed."""
+        """Return simulated minus measured, (n, m), in the outputs' units, missing samples left out; NaN if failed.
+
+        Of a plan that is `counted`, the speed of a differenced encoder stands there as its angle.
+        """
         shown = self.trajectories(candidates).shown
         assert shown is not None
-        return np.asarray(shown[:, self._used] - self._measured_used)
+        return self.compared(shown)
+
+    def compared(self, shown: FloatArray) -> FloatArray:
+        """Return (c, rows, outputs) trajectories minus the measured ones, (c, m), as `residuals` does."""
+        return self._picked(shown - self._measured_rows)
 
     def reference(self, candidate: FloatArray, *, recording: int = 0) -> FloatArray:
         """Return what the sensors show, (n, outputs), of one candidate simulated by fmpy's methods alone."""
@@ -135,7 +145,36 @@ class Problem:
         parts = []
         for o, part in zip(self.plan.observed, rows, strict=True):
             parts += [np.zeros((o.lead, len(self.outputs))), part]
-        return np.asarray(np.concatenate(parts)[self._used])
+        return np.asarray(self._picked(np.concatenate(parts)[None])[0])
+
+    def noise_shown(self, deviations: FloatArray) -> FloatArray:
+        """Return deviations of the residuals, (q,), as those of what the sensors show: of counts, differenced."""
+        result = deviations.copy()
+        result[self._counted] *= np.sqrt(2) / self.plan.observed[0].recording.step
+        return result
+
+    def _compared(self, measured: FloatArray) -> NDArray[np.bool_]:
+        """Return which samples are compared; of an encoder at rest none: its error is constant there."""
+        used = ~np.isnan(measured)
+        for j in self._counted:
+            for first, last in zip(self._edges[:-1], self._edges[1:], strict=True):
+                turning = np.flatnonzero(np.nan_to_num(measured[first:last, j]) != 0)
+                used[first : first + (int(turning[0]) if len(turning) else last - first), j] = False
+        return used
+
+    def _picked(self, rows: FloatArray) -> FloatArray:
+        """Pick from (c, rows, outputs) what is compared, (c, m); speeds of an encoder added up, without their mean.
+
+        The mean is the encoder's phase, which is never known.
+        """
+        for j in self._counted:
+            rows = rows.copy()
+            for e, o in enumerate(self.plan.observed):
+                part = slice(self._edges[e], self._edges[e + 1])
+                turned = np.cumsum(rows[:, part, j], axis=1) * o.recording.step
+                turning = self._used[part, j]
+                rows[:, part, j] = turned - np.mean(turned[:, turning], axis=1, keepdims=True)
+        return np.asarray(rows[:, self._used])
 
     def series(self, residuals: FloatArray, output: int) -> list[tuple[FloatArray, IntArray]]:
         """Split (m,) residuals of one output by recording: (n,) each, NaN where missing, and their indices (-1)."""

@@ -1,124 +1,131 @@
 """Wrong assumptions that a fit betrays: a sagging supply, dry friction, lost samples. Knows the motor, no FMU.
 
 Each suspect is a direction in which the residuals of a motor's step response would lie: what the outputs would do, to
-first order, if it were true. The residuals are projected on it, free of what the estimated parameters (and freed
-nuisances) explain; beyond ACCUSED standard deviations of the noise of the settled part it is named.
+first order, if it were true. The residuals are projected on it, free of what the estimated parameters explain, and
+judged by the colour that the noise of the settled part has. The strongest of suspects and nuisances goes first; a
+suspect that is believed is named and taken out of the residuals, so that it neither bends what is found after it
+nor the parameters.
 
 A gain of the current's sensor, or a supply whose voltage falls in proportion to the current, is no suspect: other
-parameters explain it exactly (R and L × 1/g, J and B × g), so no recording of this kind can tell.
+parameters explain it exactly (R and L × 1/g, J and B × g), so no recording of this kind can tell, unless one of the
+parameters is known.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.noise import find_colour, quadratic
-
-if TYPE_CHECKING:
-    from estimator.fit import Fit
+from estimator import layout
+from estimator.evidence import Evidence
+from estimator.fit import Fit
+from estimator.noise import averaged
+from estimator.plan import ChainSpec, Plan
+from estimator.treatment import Accused, onset
 
 FloatArray = NDArray[np.float64]
 
-ACCUSED = 5.0  # standard deviations: once in 2 million of one direction of white noise
+ACCUSED = 4.5  # standard deviations: by white noise once in 150 000 of one direction
 SAGS = (0.003, 0.01, 0.03, 0.1)  # s in which a supply may recover
 LOST_FROM = 60  # places in the transient at which lost samples are looked for, at most
-SETTLED_FROM = 0.2  # of the part after the step: what follows tells the noise
+LEAST_LOST = 0.7  # samples: a logger loses whole ones
+MOVES = 0.02  # of the largest slope: where the transient is
 
 
 @dataclass(frozen=True)
-class Suspicion:
-    """A suspect with its evidence: standard deviations, and its size in `unit`."""
+class Suspect:
+    """What current, speed and angle, (n, 3), would do for a unit of it, and how to say so from size and deviations."""
 
     name: str
-    deviations: float
-    size: float
-    sentence: str
+    rows: FloatArray
+    tell: Callable[[float, float], str]
+    least: float = 0.0
 
 
-def suspicions(fit: Fit, *, onset: int) -> list[Suspicion]:
-    """Return what the residuals of a single step's fit betray, the strongest first.
-
-    Parameters
-    ----------
-    onset : int
-        Sample at which the input acts first.
-    """
-    problem, polish, plan = fit.problem, fit.polish, fit.problem.plan
-    values = {**dict(zip(plan.names, polish.values.tolist(), strict=True)), **plan.fixed}
+def strongest_suspect(fit: Fit) -> Accused | None:
+    """Return the strongest of what the residuals of a single step's fit betray; None if nothing."""
+    plan = fit.problem.plan
+    values = {**dict(zip(plan.names, fit.polish.values.tolist(), strict=True)), **plan.fixed}
     if len(plan.observed) != 1 or plan.observed[0].excitation.kind != "step" or plan.observed[0].lead:
-        return []
-    if not {"R", "K", "L", "J", "B"} <= set(values) or not set(plan.outputs) <= {"i", "w"}:
-        return []
+        return None
+    if not {"R", "K", "L", "J", "B"} <= set(values) or not set(plan.outputs) <= {"i", "w", "angle"}:
+        return None
+    start = onset(fit.problem, 0, fit.polish.values)
+    if fit.treatment.accused:
+        return None  # to first order only: what is left of it would look like another
+    judged = Evidence(fit.problem, fit.polish, fit.treatment, fit.polish.residuals, start=start)
+    best: Accused | None = None
+    for suspect in _suspects(plan, values, start):
+        rows = _shown(plan, suspect.rows)
+        z, size = judged(fit.problem.spread_out([rows]))
+        if z > (best.deviations if best else ACCUSED) and abs(size) >= suspect.least:
+            best = Accused(suspect.name, z, suspect.tell(size, z), rows)
+    return best
+
+
+def _shown(plan: Plan, rows: FloatArray) -> FloatArray:
+    """Return current, speed and angle, (n, 3), as the plan's sensors show them, (n, outputs)."""
+    h = plan.observed[0].recording.step
+    columns = []
+    for y in plan.outputs:
+        x = rows[:, ("i", "w", "angle").index(y)]
+        if plan.sensors[y] == layout.MEAN:
+            x = np.diff(rows[:, 2], prepend=0.0) / h
+        chain = plan.chains.get(y, ChainSpec())
+        x = averaged(x[:, None], chain.average)[:, 0]
+        if sections := chain.sections(h):
+            from scipy.signal import sosfilt
+
+            x = sosfilt([[b0, b1, b2, 1.0, a1, a2] for b0, b1, b2, a1, a2 in sections], x)
+        columns.append(np.asarray(x))
+    return np.column_stack(columns)
+
+
+def _suspects(plan: Plan, values: dict[str, float], start: int) -> Iterator[Suspect]:
     o = plan.observed[0]
-    after = np.maximum(np.arange(len(o.recording.time)) - onset, 0) * o.recording.step
+    h = o.recording.step
+    after = np.maximum(np.arange(len(o.recording.time)) - start, 0) * h
     jump = o.excitation.after - o.excitation.before
-    inside = polish.jacobian[:, polish.at_bound == 0]
-    basis = np.linalg.qr(inside)[0]
-    weights = 1 / polish.deviations[problem.output_of_residual]
-    late = onset + int(SETTLED_FROM * (len(after) - onset))
-    colours = []
-    for j in range(len(plan.outputs)):
-        series = problem.series(np.where(fit.treatment.keep > 0, polish.residuals, np.nan), j)[0][0]
-        colours.append(find_colour([series[late:] - np.nanmean(series[late:])]))
-
-    def judged(rows: FloatArray) -> tuple[float, float]:
-        """Return deviations and size of a direction, (n, 2) current and speed."""
-        chosen = rows[:, [("i", "w").index(y) for y in plan.outputs]]
-        column = fit.treatment.apply((problem.spread_out([chosen]) * weights)[None, :], weighted=True)[0]
-        across = column - basis @ (basis.T @ column)
-        power = float(across @ across)
-        if power <= 1e-9 * float(column @ column):
-            return 0.0, 0.0
-        variance = sum(
-            float(quadratic(problem.spread_columns(across[:, None], j), colour)[0, 0])
-            for j, colour in enumerate(colours)
-        )
-        product = float(across @ polish.residuals)
-        return abs(product) / max(np.sqrt(variance), 1e-300), -product / power
-
-    found = []
-    sags = [(*judged(jump * _to_decaying_voltage(values, after, tau)), tau) for tau in SAGS]
-    z, size, tau = max(sags)
-    found.append(
-        Suspicion(
-            "supply sag",
-            z,
-            size,
-            f"the supply's voltage seems to sag at the step ({100 * size:+.2g} % at first, recovering in some"
-            f" {tau:g} s; {z:.1f} standard deviations); record the motor's voltage, not the command",
-        )
-    )
-    z, size = judged(_to_torque(values, after))
-    found.append(
-        Suspicion(
-            "dry friction",
-            z,
-            size,
-            f"the residuals look like a dry (Coulomb) friction of some {abs(size):.2g} N·m besides B"
-            f" ({z:.1f} standard deviations); record two voltage levels and estimate it (dc_motor_friction)",
-        )
-    )
+    for tau in SAGS:
+        yield Suspect("supply sag", _turned(jump * _to_decaying_voltage(values, after, tau), h), _sag(tau))
+    yield Suspect("dry friction", _turned(_to_torque(values, after), h), _dry)
     slope = np.gradient(_response(values, after) * jump, axis=0) * (after > 0)[:, None]
     speed = np.abs(slope[:, 1]) / max(float(np.max(np.abs(slope[:, 1]))), 1e-300)
-    places = np.flatnonzero(speed > 0.02)
+    places = np.flatnonzero(speed > MOVES)
     places = places[:: max(1, len(places) // LOST_FROM)]
-    losses = [(*judged(slope * (np.arange(len(after)) >= k)[:, None]), int(k)) for k in places[1:]]
-    if losses:
-        z, size, k = max(losses)
-        found.append(
-            Suspicion(
-                "lost samples",
-                z,
-                size,
-                f"some {abs(size):.1f} samples seem to {'be missing' if size > 0 else 'have been repeated'} at about"
-                f" t = {o.recording.time[k]:.4g} s ({z:.1f} standard deviations); check the logger's clock",
-            )
-        )
-    return sorted((s for s in found if s.deviations > ACCUSED), key=lambda s: -s.deviations)
+    for k in places[1:].tolist():
+        lost = slope * (np.arange(len(after)) >= k)[:, None]
+        yield Suspect("lost samples", _turned(lost, h), _lost(float(o.recording.time[k])), least=LEAST_LOST)
+
+
+def _turned(rows: FloatArray, step: float) -> FloatArray:
+    """Return current and speed, (n, 2), with the angle, (n, 3)."""
+    w = rows[:, 1]
+    return np.column_stack([rows, np.concatenate([[0.0], np.cumsum((w[1:] + w[:-1]) / 2) * step])])
+
+
+def _sag(tau: float) -> Callable[[float, float], str]:
+    return lambda size, z: (
+        f"the supply's voltage seems to sag at the step ({100 * size:+.2g} % at first, recovering in some"
+        f" {tau:g} s; {z:.1f} standard deviations); record the motor's voltage, not the command"
+    )
+
+
+def _dry(size: float, z: float) -> str:
+    return (
+        f"the residuals look like a dry (Coulomb) friction of some {abs(size):.2g} N·m besides B"
+        f" ({z:.1f} standard deviations); record two voltage levels and estimate it (dc_motor_friction)"
+    )
+
+
+def _lost(time: float) -> Callable[[float, float], str]:
+    return lambda size, z: (
+        f"some {abs(size):.1f} samples seem to {'be missing' if size > 0 else 'have been repeated'} at about"
+        f" t = {time:.4g} s ({z:.1f} standard deviations); check the logger's clock"
+    )
 
 
 def _modes(values: dict[str, float]) -> FloatArray:

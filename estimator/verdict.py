@@ -1,7 +1,7 @@
 """How far to believe an estimate: ok, doubtful (why) or refused (why). Knows the data, the fit and the motor's poles.
 
-Refused only where there is nothing to estimate from: no excitation, a lost transient, a saturated signal. Everything
-else is an estimate with a reason to doubt it, or without.
+An estimate is refused where the transient is lost and R or J with it; everything else is an estimate with a reason to
+doubt it, or without. What no recording can tell at all is refused before (`refusal.py`).
 """
 
 from __future__ import annotations
@@ -13,10 +13,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.excitation import find_settling, lost_transient, noise_deviation, saturation
-from estimator.fmu import FmuDescription
-from estimator.plan import MOTOR, Observed, Plan
+from estimator import layout
+from estimator.excitation import noise_deviation, quantum
+from estimator.plan import MOTOR, Plan
 from estimator.polish import Polish
+from estimator.refusal import lost_transients, refused_notes
 from estimator.result import Status, Verdict
 
 if TYPE_CHECKING:
@@ -29,8 +30,6 @@ DOUBTFUL_ERROR = 0.1  # relative standard error
 USELESS_ERROR = 0.5  # relative standard error: the parameter is not identified
 MISFIT = 1.5  # residuals' deviation over the noise that the data show
 NUMERICAL = 1e-6  # of a signal's deviation: smaller residuals are no misfit
-MOVES = 12.0  # deviations of the noise from end to end: more is a movement
-RECTIFIED = 50  # samples at rest that tell a lost sign
 STEP_ERROR = 1.0  # shift by a finer step, in standard errors
 NEGLIGIBLE_SHIFT = 1e-6  # relative: a smaller shift matters to nobody
 
@@ -51,124 +50,6 @@ class Judgement:
     reasons: tuple[str, ...]
     statuses: Mapping[str, ParameterStatus]
     notes: tuple[str, ...] = ()
-
-
-def refusal(plan: Plan) -> list[str]:
-    """Return why nothing can be estimated from the recordings; empty if something can."""
-    reasons = []
-    if all(o.excitation.kind == "none" for o in plan.observed):
-        level = plan.observed[0].excitation.after
-        moving = [n for n, y in plan.observed[0].outputs.items() if _moves(y)]
-        if level == 0 and moving:
-            return [
-                f"the voltage is zero throughout while {' and '.join(moving)} move"
-                f"{'s' if len(moving) == 1 else ''}: no voltage was logged; record the motor's voltage, too"
-            ]
-        what = "is zero" if level == 0 else f"stays at {level:.4g} V"
-        reasons.append(
-            f"the voltage {what} from the first to the last sample while the motor does not start, so nothing is"
-            " excited; record a voltage step from standstill"
-        )
-    for o in plan.observed:
-        reasons += _damaged(o, plan.description) + _unsigned(o) + _contradicted(o)
-    return reasons
-
-
-def refused_notes(plan: Plan) -> tuple[str, ...]:
-    """Return what a refused step response still tells: its settled part gives B / K and a line between R and K."""
-    notes = []
-    for o in plan.observed:
-        if o.excitation.kind != "step" or not {"i", "w"} <= set(o.outputs) or "v" not in o.inputs:
-            continue
-        if not find_settling(o.excitation, o.outputs, interval=o.recording.step).settled:
-            continue
-        tail = max(5, (len(o.recording.time) - o.excitation.index) // 10)
-        v, i, w = (float(np.nanmean(x[-tail:])) for x in (o.inputs["v"], o.outputs["i"], o.outputs["w"]))
-        if i * v > 0 and w * v > 0:
-            notes.append(
-                f"{o.recording.title}: the settled part still tells B = {i / w:.4g} K and"
-                f" R = {v / i:.5g} - {w / i:.5g} K (SI units)"
-            )
-    return tuple(notes)
-
-
-def _moves(y: FloatArray) -> bool:
-    """Whether an output changes by far more than its noise."""
-    known = y[~np.isnan(y)]
-    return float(np.ptp(known)) > MOVES * noise_deviation(known) and float(np.ptp(known)) > 0
-
-
-def _unsigned(o: Observed) -> list[str]:
-    """Find a current whose sign was lost: never negative where the voltage and the speed reverse, or at rest."""
-    if "i" not in o.outputs or "v" not in o.inputs:
-        return []
-    v, i = o.inputs["v"], o.outputs["i"]
-    known = i[~np.isnan(i)]
-    noise = noise_deviation(known)
-    lowest, highest = float(np.min(known)), float(np.max(known))
-    if np.min(v) < 0 < np.max(v) and min(-np.min(v), np.max(v)) > 0.2 * np.max(np.abs(v)):
-        if lowest > -max(4 * noise, 0.02 * highest) and highest > 10 * noise:
-            return [
-                f"{o.recording.title}: the voltage goes from {np.min(v):.4g} to {np.max(v):.4g} V, but the current"
-                f" never below {lowest:.3g} A: its sign was lost; record it with a sensor that tells the direction"
-            ]
-        return []
-    rest = i[: o.excitation.index] if o.excitation.kind == "step" and o.excitation.before == 0 else known[:0]
-    rest = rest[~np.isnan(rest)]
-    if len(rest) >= RECTIFIED and not o.excitation.running:
-        above = rest[rest > 0]
-        if np.min(rest) >= 0 and len(above) > 0.9 * len(rest) and np.mean(above) < 2 * np.std(above):
-            return [
-                f"{o.recording.title}: the current at rest is never negative in {len(rest)} samples, with a mean of"
-                f" {np.mean(rest):.3g} A: its sign was lost; record it with a sensor that tells the direction"
-            ]
-    return []
-
-
-def _contradicted(o: Observed) -> list[str]:
-    """Find a settled state that no motor has: against its voltage, or giving off power."""
-    if o.excitation.kind != "step" or "v" not in o.inputs or o.excitation.after == 0:
-        return []
-    if any(np.any(u != 0) for name, u in o.inputs.items() if name != "v"):
-        return []
-    tail = max(5, (len(o.recording.time) - o.excitation.index) // 10)
-    v = float(np.mean(o.inputs["v"][-tail:]))
-    reasons = []
-    for name, what, unit in (("i", "current", "A"), ("w", "speed", "rad/s")):
-        y = o.outputs.get(name)
-        if y is None or np.isnan(y[-tail:]).all():
-            continue
-        final, noise = float(np.nanmean(y[-tail:])), noise_deviation(y)
-        if final * v < 0 and abs(final) > 6 * noise and abs(final) > 0.02 * float(np.nanmax(np.abs(y))):
-            reasons.append(
-                f"{o.recording.title}: at the end the {what} is {final:.4g} {unit} under {v:.4g} V, which no motor"
-                f" without load does; check the sign of the {what} and of the voltage"
-            )
-    return reasons
-
-
-def _damaged(o: Observed, description: FmuDescription) -> list[str]:
-    reasons = []
-    title = o.recording.title
-    for name, y in o.outputs.items():
-        clipped = saturation(y) if name != "angle" else None
-        if clipped is not None:
-            first, run, value = clipped
-            unit = description.variable(name).unit
-            reasons.append(
-                f"{title}: {name} is saturated at {value:.4g} {unit} for {run} samples from"
-                f" t = {o.recording.time[first]:.6g} s; record again with a larger sensor range"
-            )
-        if o.excitation.kind == "step" and name == "w":
-            lost = lost_transient(o.excitation, y)
-            if lost is not None:
-                k, part = lost
-                reasons.append(
-                    f"{title}: the speed jumps by {100 * part:.0f} % of its response within one sample at"
-                    f" t = {o.recording.time[k]:.6g} s: the transient is lost, and R, L and J with it;"
-                    " record at a higher rate, without gaps"
-                )
-    return reasons
 
 
 def judge(
@@ -208,11 +89,23 @@ def judge(
     if polish is not None:
         statuses.update(_identified(plan, values, polish))
         reasons += [f"{name}: {s.reason}" for name, s in statuses.items()]
-        reasons += _misfit(plan, polish, noise, spread)
+        shown = polish.deviations if fit is None else fit.problem.noise_shown(polish.deviations)
+        reasons += _misfit(plan, shown, noise, spread)
         reasons += _step_error(plan, polish, shift)
         reasons += _drifts(fit)
-        reasons += _betrayed(fit)
-    reasons += _aliased(plan, values)
+        wrong = [*_betrayed(fit), *_fast(plan, values)]
+        reasons += wrong
+        if wrong:  # numbers that stand on it are not to be relied on
+            for name in set(plan.names) & set(MOTOR) - set(statuses):
+                statuses[name] = ParameterStatus("doubtful", wrong[0])
+        reasons += _coloured(plan, fit)
+        lost = lost_transients(plan, K=values.get("K"), J=values.get("J"))
+        told = {n for n in ("R", "J") if n not in statuses or statuses[n].status != "not identified"}
+        if lost and (told != {"R", "J"} or _misfit(plan, shown, noise, spread)):
+            return Judgement("refused", tuple(lost), {}, refused_notes(plan))
+        reasons += lost
+    else:
+        reasons += _fast(plan, values)
     return Judgement(
         "doubtful" if reasons else "ok", tuple(reasons), statuses, (*_notes(plan, steady), *_chain_notes(fit))
     )
@@ -250,12 +143,12 @@ def _small_inductance(plan: Plan, values: Mapping[str, float]) -> str:
     return f"L/R is about {tau:.2g} s against a sampling interval of {h:g} s; sample faster to tell L"
 
 
-def _misfit(plan: Plan, polish: Polish, noise: FloatArray | None, spread: FloatArray) -> list[str]:
+def _misfit(plan: Plan, deviations: FloatArray, noise: FloatArray | None, spread: FloatArray) -> list[str]:
     if noise is None:
         return []
     reasons = []
     for j, name in enumerate(plan.outputs):
-        found = polish.deviations[j]
+        found = deviations[j]
         if found > MISFIT * noise[j] and found > NUMERICAL * spread[j]:
             unit = plan.description.variable(name).unit
             times = found / max(noise[j], 1e-300)
@@ -286,8 +179,8 @@ def _step_error(plan: Plan, polish: Polish, shift: FloatArray | None) -> list[st
     ]
 
 
-def _aliased(plan: Plan, values: Mapping[str, float]) -> list[str]:
-    """Say when the motor oscillates faster than the recording can show: |Im λ| h > π."""
+def _fast(plan: Plan, values: Mapping[str, float]) -> list[str]:
+    """Say when the motor is faster than the recording can show: |Im λ| h > π, or all is over within a sample."""
     known = {**values, **plan.fixed}
     if not set(MOTOR) <= set(known):
         return []
@@ -295,12 +188,36 @@ def _aliased(plan: Plan, values: Mapping[str, float]) -> list[str]:
     poles = np.linalg.eigvals(np.array([[-R / L, -K / L], [K / J, -B / J]]))
     h = max(o.recording.step for o in plan.observed)
     frequency = float(np.max(np.abs(poles.imag)))
-    if frequency * h <= np.pi:
+    if frequency * h > np.pi:
+        return [
+            f"the motor oscillates at {frequency / 2 / np.pi:.4g} Hz, above half the sampling rate of {1 / h:g} Hz:"
+            " other parameters fit these samples as well; sample faster"
+        ]
+    slowest = float(np.min(np.abs(poles)))
+    if slowest * h > 1:
+        return [
+            f"the motor follows the voltage within {1 / slowest:.2g} s, less than the sampling interval of {h:g} s:"
+            " other parameters may fit these few samples as well; sample faster"
+        ]
+    return []
+
+
+def _coloured(plan: Plan, fit: Fit | None) -> list[str]:
+    """Say which residuals are not white though the measurement chain gives them no colour."""
+    if fit is None:
         return []
-    return [
-        f"the motor oscillates at {frequency / 2 / np.pi:.4g} Hz, above half the sampling rate of {1 / h:g} Hz: other"
-        " parameters fit these samples as well; sample faster"
-    ]
+    reasons = []
+    for name, colour in zip(plan.outputs, fit.colours, strict=False):  # none of a fit without noise
+        chain = fit.problem.plan.chains.get(name)
+        plain = plan.sensors[name] == layout.IDENTITY and (chain is None or chain.is_plain)
+        noise = fit.problem.noise_shown(fit.polish.deviations)[plan.outputs.index(name)]
+        coarse = max(quantum(o.outputs[name]) for o in plan.observed) > noise  # quantisation beats with the speed
+        if plain and not coarse and colour.is_significant:
+            reasons.append(
+                f"the residuals of {name} are not white: neighbours correlate by {colour.neighbours:+.2f}; something"
+                " acts that the model or its sensors leave out; the standard errors allow for its colour only"
+            )
+    return reasons
 
 
 def _drifts(fit: Fit | None) -> list[str]:
@@ -316,13 +233,8 @@ def _drifts(fit: Fit | None) -> list[str]:
 
 
 def _betrayed(fit: Fit | None) -> list[str]:
-    """Name the strongest wrong assumption that the residuals betray."""
-    if fit is None or not fit.colours:  # no noise to compare with
-        return []
-    from estimator.suspects import suspicions
-    from estimator.treatment import onset
-
-    return [s.sentence for s in suspicions(fit, onset=onset(fit.problem, 0, fit.polish.values))[:1]]
+    """Name the wrong assumptions that the residuals betray."""
+    return [] if fit is None else [a.sentence for a in fit.treatment.accused]
 
 
 def _chain_notes(fit: Fit | None) -> list[str]:

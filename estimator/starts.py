@@ -1,0 +1,52 @@
+"""Many starts for a motor whose transient few samples tell, where one search may miss the best optimum. No FMU.
+
+Between few samples of a fast transient several sets of parameters fit nearly as well, and the misfit of the wrong ones
+drowns in the noise of the settled part. The steady state still holds: starts are drawn along its line between R and
+K, with L / R and R J / K² from a fiftieth of the sampling interval to a hundred intervals.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.parameters import Box
+from estimator.plan import MOTOR, Plan
+from estimator.polish import Polish
+from estimator.space import Steady
+
+FloatArray = NDArray[np.float64]
+
+FAST = 0.5  # of 1 / sampling interval: a faster pole is told by few samples
+UNSURE = 0.1  # relative standard error
+LEAST_R = 1e-4  # of the largest R that the steady state allows
+LEAST, MOST = 0.02, 100.0  # sampling intervals of the time constants
+
+
+def needs_many(plan: Plan, polish: Polish) -> bool:
+    """Whether few samples tell the transient, or a parameter is hardly told at all."""
+    if not set(MOTOR) <= set(plan.names):
+        return False
+    values: Mapping[str, float] = dict(zip(plan.names, polish.values.tolist(), strict=True))
+    R, K, L, J, B = (values[n] for n in MOTOR)
+    poles = np.linalg.eigvals(np.array([[-R / L, -K / L], [K / J, -B / J]]))
+    h = plan.observed[0].recording.step
+    unsure = np.any(polish.at_bound != 0) or not np.all(polish.standard_errors < UNSURE * np.abs(polish.values))
+    return bool(np.max(np.abs(poles)) * h > FAST or unsure)
+
+
+def many_starts(plan: Plan, steady: Steady, box: Box, *, count: int, rng: np.random.Generator) -> FloatArray:
+    """Return starts, (count, p), that keep the steady state."""
+    v, i, w = abs(steady.state.v), max(abs(steady.state.i), 1e-9), abs(steady.state.w)
+    h = plan.observed[0].recording.step
+
+    def spread(low: float, high: float) -> FloatArray:
+        return np.exp(rng.uniform(np.log(low), np.log(high), count))
+
+    R = spread(LEAST_R, 0.999) * min(v / i, 1e6)
+    K = (v - np.minimum(R * i, 0.999 * v)) / max(w, 1e-9)
+    drawn = {"R": R, "K": K, "L": R * h * spread(LEAST, MOST), "B": K * i / max(w, 1e-9)}
+    drawn["J"] = K * K / R * h * spread(LEAST, MOST)
+    return np.asarray(np.clip(np.column_stack([drawn[n] for n in plan.names]), box.lower, box.upper))
