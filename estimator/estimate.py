@@ -50,7 +50,7 @@ NESTS, GENERATIONS, PA, ALPHA = 10, 8, 0.25, 1.0
 POLISHING = 130  # simulations that usually follow the search: polish, nuisances, checks
 EVOLVED = 200  # generations that differential evolution usually takes
 WIDER = ((30, 40), (60, 100))  # nests, generations of the searches that follow a poor polish
-STARTS, POLISHED = 300, 8  # where few samples tell the transient; of these are polished
+STARTS, POLISHED = 400, 12  # where few samples tell the transient; of these are polished
 POOR_FIT = 1.5  # residuals' deviation over the noise that the data show
 NOISE_FREE = 1e-6  # of a signal's deviation: residuals below are no misfit
 STEP_REFINEMENT = 10
@@ -356,7 +356,9 @@ class _Estimation:
         sigma = np.array([max(n, SIGMA_FLOOR * s) for n, s in zip(floor, problem.spread, strict=True)])
         polish = self._polished(squares, candidates, sigma)
         if steady is not None and set(plan.names) == set(MOTOR) and needs_many(plan, polish):
-            polish = self._best_of_many(squares, polish, many_starts(plan, steady, box, count=STARTS, rng=self.rng))
+            polish = self._best_of_many(
+                squares, polish, many_starts(plan, polish, steady, box, count=STARTS, rng=self.rng)
+            )
         fit = self._refined(polish)
         for extra in self._restarts(polish, start):
             if self._is_good(fit, floor, problem.spread):
@@ -382,8 +384,8 @@ class _Estimation:
         costs = problem.costs(starts)
         found = []
         for start in starts[np.argsort(costs)[:POLISHED]]:
-            values, deviations = squares.quick(start, polish.deviations)
-            found.append((log_likelihood(problem, deviations), values))
+            values, _ = squares.fit(start, polish.deviations, tolerance=1e4)
+            found.append((log_likelihood(problem, squares.deviations(values, free=len(values))), values))
         lowest, values = min(found, key=lambda f: f[0])
         if lowest >= log_likelihood(problem, polish.deviations):
             return polish

@@ -193,7 +193,7 @@ def _fast(plan: Plan, values: Mapping[str, float]) -> list[str]:
             f"the motor oscillates at {frequency / 2 / np.pi:.4g} Hz, above half the sampling rate of {1 / h:g} Hz:"
             " other parameters fit these samples as well; sample faster"
         ]
-    slowest = float(np.min(np.abs(poles)))
+    slowest = float(np.min(np.abs(poles.real)))
     if slowest * h > 1:
         return [
             f"the motor follows the voltage within {1 / slowest:.2g} s, less than the sampling interval of {h:g} s:"
