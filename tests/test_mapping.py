@@ -51,6 +51,14 @@ def test_units_of_the_fmu_are_converted_both_ways(tmp_path, recording):
     assert max(e.rmse.values()) < 1e-6
 
 
+@pytest.mark.parametrize("declared", [True, False])
+def test_an_output_in_degrees_is_compared_with_radians(tmp_path, recording, declared):
+    fmu = foreign_fmu(tmp_path, "DEGREES", change=[('unit="rad/s"', 'unit="deg/s"' if declared else "")])
+    gain = "" if declared else f", gain = {np.pi / 180!r}"
+    text = CASE.replace('fmu = "shaft.w" }}', f'fmu = "shaft.w"{gain} }}}}')
+    assert worst(estimate(read_case(foreign_case(fmu, recording, text=text)))) < 1e-8
+
+
 def test_without_roles_all_free_parameters_are_searched(plain_fmu, recording):
     text = CASE.replace("R = {{ fmu", "Ra = {{ min = 0.1, max = 30, fmu").replace("K = {{ fmu", "k = {{ fmu")
     e = estimate(read_case(foreign_case(plain_fmu, recording, text=text)))

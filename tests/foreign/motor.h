@@ -14,6 +14,7 @@
  *     OWN_STOP           doStep past that time is discarded, unless it was told another stop time
  *     STARTS_AT          it begins at that time and no other; each step must begin where the one before ended
  *     SELF_DRIVEN        no input: 10.5 V from 0.1 s on
+ *     DEGREES            it shows its speed in degrees a second
  *     LATE_IGNORED       parameters set after initialisation are accepted and ignored
  */
 #include <math.h>
@@ -148,9 +149,12 @@ static int advance(Motor *m, double time, double h) {
     return 1;
 }
 
-/* What is shown and taken may be in other units: rpm, mA, mH. */
+/* What is shown and taken may be in other units: rpm, mA, mH; degrees. */
 static double shown(const Motor *m, unsigned reference) {
     double value = reference == POWER ? m->values[U] * m->values[CURRENT] : m->values[reference];
+#ifdef DEGREES
+    if (reference == SPEED) value *= 180 / 3.14159265358979323846;
+#endif
 #ifdef WORKSHOP_UNITS
     if (reference == SPEED) value *= 30 / 3.14159265358979323846;
     if (reference == CURRENT || reference == LA) value *= 1e3;
