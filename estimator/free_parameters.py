@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from estimator.case import Case, ParameterSpec
 from estimator.errors import FmuError, InputError
 from estimator.fmu import FmuDescription, Variable
-from estimator.integral import integral_estimate
+from estimator.integral import integral_estimate, speed_estimate
 from estimator.mapping import how_to_map, target
 from estimator.parameters import Parameter
 from estimator.plan import MOTOR, Observed
@@ -23,7 +23,9 @@ WIDTH = {"R": 100.0, "K": 100.0, "B": 1e6}  # bounds around the data's start whe
 USUAL_WIDTH = 1e4
 
 
-def first_guess(case: Case, observed: tuple[Observed, ...]) -> tuple[dict[str, float], tuple[str, ...]]:
+def first_guess(
+    case: Case, observed: tuple[Observed, ...], description: FmuDescription
+) -> tuple[dict[str, float], tuple[str, ...]]:
     """Return a first guess of the motor's parameters from the data, and what to tell of it."""
     for o in observed:
         if {"v"} <= set(o.inputs) and {"i", "w"} <= set(o.outputs) and o.excitation.kind != "none":
@@ -33,7 +35,31 @@ def first_guess(case: Case, observed: tuple[Observed, ...]) -> tuple[dict[str, f
             load = case.fixed.get("load", 0.0)
             guess = integral_estimate(v, i, w, step=o.recording.step, load=load)
             return _sane(guess, v, i, w, step=o.recording.step), ()
+    for o in observed:
+        if "v" in o.inputs and {"w", "angle"} & set(o.outputs) and o.excitation.kind != "none":
+            return _guess_without_current(case, o, description), ()
     return {}, ()
+
+
+def _guess_without_current(case: Case, observed: Observed, description: FmuDescription) -> dict[str, float]:
+    """Return what speed or angle say of K, J, B with the resistance and inductance that are given, or the FMU's own."""
+    given = {}
+    for name in ("R", "L"):
+        spec = case.parameters.get(name) or ParameterSpec(name)
+        own = next((_number(v.start) for v in description.of_causality("parameter") if v.name == name), None)
+        known = (case.fixed.get(name), spec.nominal, spec.start, own)
+        given[name] = next((value for value in known if value is not None and value > 0), None)
+    R, L, step = given["R"], given["L"], observed.recording.step
+    if R is None:
+        return {}
+    late = round(observed.delay / step)
+    v = observed.inputs["v"][: len(observed.inputs["v"]) - late]
+    w = observed.outputs["w"] if "w" in observed.outputs else np.gradient(observed.outputs["angle"], step)
+    guess = speed_estimate(v, w[late:], step=step, R=R)
+    if guess and L is not None:
+        slow = R * guess["J"] / guess["K"] ** 2
+        guess["L"] = min(L, R * slow / 10)
+    return guess and {"R": R, **guess}
 
 
 def _sane(guess: Mapping[str, float], v: FloatArray, i: FloatArray, w: FloatArray, *, step: float) -> dict[str, float]:

@@ -6,6 +6,9 @@ Both equations of the motor, integrated once from the first sample, are linear i
 
 The first gives R, L, K; with K known the second gives J, B. No derivative of a noisy signal is taken. The integrals
 of i and w are trapezoids, that of v is exact for a held voltage, so the guess is off by terms of (h/τ)².
+
+Speed alone tells two numbers, a and b of w' = a v − b w (and a constant, of the load), the current being left out as
+settled: with R known elsewhere and most of the braking electrical, they give K and J.
 """
 
 from __future__ import annotations
@@ -16,6 +19,7 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 
 NAMES = ("R", "K", "L", "J", "B")
+MECHANICAL = 0.02  # of the braking by K²/R: what a motor's own friction brakes, usually
 
 
 def integral_estimate(
@@ -46,6 +50,35 @@ def integral_estimate(
     torque = K * integral_i - load * step * np.arange(len(v))
     J, B = _solve(np.column_stack([w - w[0], integral_w]), torque)
     return {"R": R, "K": K, "L": L, "J": J, "B": B}
+
+
+def speed_estimate(v: FloatArray, w: FloatArray, *, step: float, R: float) -> dict[str, float]:
+    """Return K, J, B [SI] from voltage and speed, for a resistance that is known or assumed.
+
+    Parameters
+    ----------
+    v, w : (n,) arrays
+        V, rad/s; NaN where a sample is missing.
+    step : float
+        s, sampling interval.
+    R : float
+        Ohm.
+
+    Returns
+    -------
+    dict
+        Empty where the signals do not follow each other as a motor's do.
+    """
+    w = _filled(w)
+    zero = np.zeros(1)
+    integral_v = np.concatenate([zero, np.cumsum(v[:-1])]) * step
+    integral_w = np.concatenate([zero, np.cumsum((w[1:] + w[:-1]) / 2)]) * step
+    time = step * np.arange(len(v))
+    a, b, _ = _solve(np.column_stack([integral_v, -integral_w, time]), w - w[0])
+    if not (a > 0 and b > 0):
+        return {}
+    K = b / a / (1 + MECHANICAL)
+    return {"K": K, "J": K / (R * a), "B": MECHANICAL * K * K / R}
 
 
 def _filled(signal: FloatArray) -> FloatArray:

@@ -57,7 +57,7 @@ def plan_case(
                 f"{other.recording.title} measures {', '.join(other.outputs)}, but {observed[0].recording.title}"
                 f" measures {', '.join(observed[0].outputs)}; all recordings need the same columns"
             )
-    guess, notes = first_guess(case, observed)
+    guess, notes = first_guess(case, observed, description)
     parameters = free_parameters(case, description, guess, [o.recording.name for o in observed])
     if not parameters:
         raise CaseError("every parameter is fixed; leave at least one free")
