@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import codecs
+import re
 import zipfile
 from pathlib import Path, PurePosixPath
 
@@ -12,6 +14,7 @@ MAX_SIZE = 4 * 2**30  # bytes, extracted
 MAX_DESCRIPTION = 64 * 2**20  # bytes of modelDescription.xml
 MAX_RATIO = 1000  # of extracted to packed bytes: more is a bomb
 SMALL = 2**24  # bytes: too small to be a bomb
+ENCODINGS = ("utf-8", "utf8", "utf-16", "us-ascii", "ascii", "iso-8859", "latin", "windows-125", "cp125")  # of the XML
 
 
 def check_archive(path: Path) -> None:
@@ -49,12 +52,19 @@ def check_archive(path: Path) -> None:
 
 
 def check_description(path: Path) -> None:
-    """Refuse a description with a document type: entities could expand without end, or reach files."""
+    """Refuse a description with a document type: entities could expand without end, or reach files.
+
+    Nor may it be in an encoding in which a document type cannot be seen.
+    """
     with zipfile.ZipFile(path) as archive:
         text = archive.read("modelDescription.xml")
-    if any(
-        mark.encode(code) in text for mark in ("<!DOCTYPE", "<!ENTITY") for code in ("ascii", "utf-16-le", "utf-16-be")
-    ):
+    declared = re.match(rb"""[^<]*<\?xml[^>]*?\bencoding\s*=\s*["']([^"']*)["']""", text.replace(b"\0", b"")[:300])
+    encoding = declared[1].decode("ascii", "replace").lower() if declared else "utf-8"
+    begins = text.lstrip(codecs.BOM_UTF8)[:200].replace(b"\0", b"").lstrip(codecs.BOM_UTF16_LE + codecs.BOM_UTF16_BE)
+    if not encoding.startswith(ENCODINGS) or not begins.lstrip().startswith(b"<"):
+        raise FmuError(f"{path.name}: modelDescription.xml is in the encoding {encoding!r}; write it in UTF-8")
+    marks = ("<!DOCTYPE", "<!ENTITY")
+    if any(mark.encode(code) in text for mark in marks for code in ("ascii", "utf-16-le", "utf-16-be")):
         raise FmuError(f"{path.name}: modelDescription.xml has a document type with entities; it is not opened")
 
 

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -349,8 +348,3 @@ def _capabilities(part: Any, kind: str) -> dict[str, bool]:
     if kind == "co-simulation":
         names += ("canHandleVariableCommunicationStepSize", "canInterpolateInputs", "canRunAsynchronuously")
     return {name: bool(getattr(part, name, False)) for name in names}
-
-
-def platform_suffix() -> str:
-    """Return the suffix of a shared library on this platform."""
-    return {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")

@@ -21,7 +21,7 @@ from estimator.archive import extract
 from estimator.errors import FmuError
 from estimator.fmu import FmuDescription, Variable, check_usable, with_kind
 from estimator.layout import JobLayout
-from estimator.process import Process, how_it_ended
+from estimator.process import Process, check_installed, how_it_ended
 from estimator.run_folder import RunFolder
 
 RESET, REINSTANTIATE, FRESH_PROCESS = "reset", "re-instantiate", "fresh process"
@@ -108,6 +108,7 @@ def probe(description: FmuDescription, *, thorough: bool = True, limit: float = 
     limit : float
         s for everything.
     """
+    check_installed()
     try:
         check_usable(description)
         with RunFolder() as folder, _Owner(description, folder, until=time.monotonic() + limit) as owner:

@@ -16,7 +16,17 @@ import threading
 from pathlib import Path
 from typing import Any
 
+from estimator.errors import InputError
+
 STARTING, IDLE, RUNNING = range(3)
+SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")  # of a shared library
+STEPPER = Path(__file__).with_name("stepper" + SUFFIX)  # the compiled stepping loop, which every worker loads
+
+
+def check_installed() -> None:
+    """Raise InputError unless the stepping loop is there."""
+    if not STEPPER.is_file():
+        raise InputError(f"{STEPPER} is missing: an installation compiles it; install fmu-estimator again by pip")
 
 
 class Process:

@@ -14,6 +14,7 @@ from typing import Any
 
 from estimator.foreign import Callbacks, ForeignFmu
 from estimator.layout import ExperimentLayout, JobLayout, positions
+from estimator.process import STEPPER
 from estimator.structures import (
     SETTING_TYPES,
     BatchStruct,
@@ -50,16 +51,9 @@ FMI3_FUNCTIONS = {
 }
 
 
-def stepper_library() -> Path:
-    """Return the path of the compiled stepping loop."""
-    from estimator.fmu import platform_suffix
-
-    return Path(__file__).with_name("stepper" + platform_suffix())
-
-
 def stepper() -> ctypes.CDLL:
     """Return the stepping loop, loaded."""
-    library = ctypes.CDLL(str(stepper_library()))
+    library = ctypes.CDLL(str(STEPPER))
     pointers: list[Any] = [POINTER(SlaveStruct), POINTER(JobStruct), POINTER(BatchStruct)]
     library.stepper_run.restype = library.stepper_take.restype = library.stepper_run_one.restype = c_int64
     library.stepper_run.argtypes = pointers

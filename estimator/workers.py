@@ -36,7 +36,7 @@ from estimator.layout import (
     is_of_step,
     outcome_sentence,
 )
-from estimator.process import IDLE, RUNNING, STARTING, Process, how_it_ended
+from estimator.process import IDLE, RUNNING, STARTING, Process, check_installed, how_it_ended
 from estimator.run_folder import RunFolder
 
 FloatArray = NDArray[np.float64]
@@ -154,6 +154,7 @@ class Workers:
     """
 
     def __init__(self, count: int, *, time_limit: float = TIME_LIMIT, memory_limit: int = MEMORY_LIMIT) -> None:
+        check_installed()
         self.count = max(1, min(count, MAX_WORKERS))
         self.time_limit = time_limit
         self.memory_limit = memory_limit

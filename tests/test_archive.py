@@ -68,6 +68,29 @@ def test_entities_are_not_expanded(tmp_path, text):
         describe(archive(tmp_path / "bad.fmu", description=text))
 
 
+def declared_as(encoding):
+    return f'<?xml version="1.0" encoding="{encoding}"?>'
+
+
+HIDDEN = {
+    "utf-7": declared_as("UTF-7").encode() + ENTITIES.replace("<", "+ADw-").encode(),
+    "an old code page": (declared_as("IBM037") + ENTITIES).encode("cp037"),
+    "utf-32": (declared_as("UTF-32") + ENTITIES).encode("utf-32"),
+}
+
+
+@pytest.mark.parametrize("text", HIDDEN.values(), ids=HIDDEN)
+def test_an_encoding_that_could_hide_entities_is_refused(tmp_path, text):
+    with pytest.raises(FmuError, match=r"modelDescription.xml is in the encoding '.*'; write it in UTF-8"):
+        describe(archive(tmp_path / "bad.fmu", description=text))
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "iso-8859-1", "windows-1252"])
+def test_the_usual_encodings_are_read(tmp_path, encoding):
+    text = declared_as(encoding.removesuffix("-sig").removesuffix("-le")) + "\n" + XML.replace('"m" guid', '"µ" guid')
+    assert describe(archive(tmp_path / "good.fmu", description=text.encode(encoding))).model_name == "µ"
+
+
 def test_too_many_members_are_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(estimator.archive, "MAX_MEMBERS", 3)
     path = archive(tmp_path / "bad.fmu", [(f"resources/{k}", "") for k in range(4)])

@@ -17,6 +17,7 @@ from motors import CML050, NAMES, step_recording
 from test_stepper import NOMINAL, experiment, noisy_voltage
 
 from estimator import layout
+from estimator.cli import main
 from estimator.errors import FmuError, SimulationError
 from estimator.estimate import estimate_recordings
 from estimator.fmu import describe
@@ -194,6 +195,17 @@ def test_the_search_goes_around_a_region_in_which_the_fmu_crashes(tmp_path, case
     assert e.failed_simulations > 0
     assert "SIGABRT" in e.failures[0] and "(first with R = " in e.failures[0] and ", L = 0.0" in e.failures[0]
     assert max(abs(e.parameters[n].value / CML050.parameters[n] - 1) for n in NAMES) < 1e-8
+
+
+def test_a_missing_stepping_loop_is_told_with_its_remedy(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("estimator.process.STEPPER", tmp_path / "stepper.so")
+    write_recording(step_recording(CML050, duration=0.6), tmp_path / "step.csv")
+    for command in (["estimate", str(tmp_path / "step.csv")], ["simulate", "dc_motor"], ["inspect", "dc_motor"]):
+        assert main(command) == 2
+        assert capsys.readouterr().err == (
+            f"fmu-estimator: {tmp_path / 'stepper.so'} is missing: an installation compiles it;"
+            " install fmu-estimator again by pip\n"
+        )
 
 
 # The end of the owner
