@@ -17,14 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.linear import MOTOR, is_motor
-from estimator.polish import Polish
+from estimator.polish import OUTSIDE, SEEN, Polish, information_parts, scaled_svd
 from estimator.result import DerivedQuantity
 
 FloatArray = NDArray[np.float64]
 Values = Mapping[str, float]
 
-SEEN = 1e-6  # of the largest singular value: below, differences of simulations are noise
-OUTSIDE = 1e-3  # of a gradient, in directions that are not seen: more, and the quantity is not told
 USEFUL = 1.0  # of the value: a larger standard error tells nothing
 STEP = 1e-6  # of a parameter, for the gradient
 
@@ -71,18 +69,14 @@ def derived_quantities(
 def _standard_error(gradient: FloatArray, polish: Polish) -> float | None:
     """Return the standard error of a quantity with this (p,) gradient; None where the data do not tell it."""
     inside = polish.at_bound == 0
+    if np.any(gradient[~inside] != 0) or not inside.any():
+        return None
     jacobian, g = polish.jacobian[:, inside], gradient[inside]
-    norms = np.linalg.norm(jacobian, axis=0)
-    if np.any(gradient[~inside] != 0) or not norms.any():
+    scale, singular, rows = scaled_svd(jacobian)
+    rows, g_scaled = rows[singular > SEEN * singular[0]], g / scale
+    if np.linalg.norm(g_scaled - (rows @ g_scaled) @ rows) > OUTSIDE * np.linalg.norm(g_scaled):
         return None
-    scale = np.where(norms > 0, norms, norms.max())
-    _, singular, rows = np.linalg.svd(jacobian / scale, full_matrices=False)
-    seen = singular > SEEN * singular[0]
-    g = g / scale
-    along = rows[seen] @ g
-    if np.linalg.norm(g - along @ rows[seen]) > OUTSIDE * np.linalg.norm(g):
-        return None
-    a = (along / singular[seen] ** 2) @ rows[seen] / scale
+    a = information_parts(jacobian)[0] @ g
     return float(np.sqrt(a @ polish.scores[np.ix_(inside, inside)] @ a))
 
 

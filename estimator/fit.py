@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.noise import Colour, find_colour, quadratic
-from estimator.polish import LeastSquares, Polish
+from estimator.polish import LeastSquares, Polish, information_parts
 from estimator.problem import Problem
 from estimator.treatment import Treatment
 
@@ -39,16 +39,16 @@ def with_coloured_errors(fit: Fit) -> Fit:
     """Return the fit with the sandwich covariance of its residuals' colour."""
     found = fit.colours or colours(fit)
     polish = fit.polish
-    told = np.isfinite(np.diag(polish.covariance))
-    if all(c.is_white for c in found) or not told.any():
+    inside = polish.at_bound == 0
+    if all(c.is_white for c in found) or not inside.any():
         return dataclasses.replace(fit, colours=found)
     middle = np.zeros((len(polish.values), len(polish.values)))
     for j, colour in enumerate(found):
         middle += quadratic(fit.problem.spread_columns(polish.jacobian, j), colour)
-    powers, axes = np.linalg.eigh(middle)
-    half = polish.covariance[np.ix_(told, told)] @ (axes * np.sqrt(np.maximum(powers, 0.0)))[told]
-    covariance = polish.covariance.copy()
-    covariance[np.ix_(told, told)] = half @ half.T  # never negative, however little the data tell
+    # Directions that are not seen stay out of the product: their size would drown the others.
+    seen, unseen = information_parts(polish.jacobian[:, inside])
+    covariance = np.zeros_like(polish.covariance)
+    covariance[np.ix_(inside, inside)] = seen @ middle[np.ix_(inside, inside)] @ seen + unseen
     scale = np.where(fit.problem.box.log, polish.values, 1.0)
     errors = np.sqrt(np.diag(covariance)) * np.abs(scale)
     polish = dataclasses.replace(polish, covariance=covariance, standard_errors=errors, scores=middle)

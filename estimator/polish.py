@@ -27,6 +27,8 @@ REWEIGHTED = 0.02  # relative change of the deviations at which reweighting stop
 NUMERICAL = 1e-12  # of a signal's deviation: what the arithmetic of a simulation leaves
 NOISE_FREE = 1e-7  # of a signal's deviation: smaller residuals are numerical, not noise
 FAILED_RESIDUAL = 1e3  # what a failed simulation shows, in deviations
+SEEN = 1e-6  # of the largest singular value: below, differences of simulations are noise
+OUTSIDE = 1e-3  # of a unit vector, in directions that are not seen: less is rounding
 AT_BOUND = 1e-6  # of the scaled width of the bounds
 
 
@@ -185,7 +187,7 @@ class LeastSquares:
         inside = at_bound == 0
         p = len(values)
         covariance = np.zeros((p, p))
-        covariance[np.ix_(inside, inside)] = _inverse_information(jacobian[:, inside])
+        covariance[np.ix_(inside, inside)] = sum(information_parts(jacobian[:, inside]))
         with np.errstate(invalid="ignore"):
             errors = np.sqrt(np.diag(covariance)) * np.where(self.box.log, values, 1.0)
         return Polish(
@@ -249,17 +251,34 @@ def _unit(j: int, p: int) -> FloatArray:
     return e
 
 
-def _inverse_information(jacobian: FloatArray) -> FloatArray:
-    """Return (JᵀJ)⁻¹, through the singular values of the column-scaled Jacobian; infinite where it does not tell."""
-    p = jacobian.shape[1]
-    if p == 0:
-        return np.zeros((0, 0))
-    norms = np.linalg.norm(jacobian, axis=0)
-    dead = norms == 0
-    scale = np.where(dead, 1.0, norms)
-    _, singular, rows = np.linalg.svd(jacobian / scale, full_matrices=False)
-    floor = max(jacobian.shape) * np.finfo(float).eps * (singular[0] if len(singular) else 0.0)
+def information_parts(jacobian: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return (JᵀJ)⁻¹ in two parts, (p, p) each: of the directions that the data see, and of those that they do not.
+
+    A direction is seen if its singular value, of the column-scaled Jacobian, is above SEEN of the largest: below, the
+    differences that the Jacobian is made of are noise. The second part is zero for parameters that lie in what is seen,
+    and infinite where a column is zero.
+    """
+    scale, singular, rows = scaled_svd(jacobian)
+    if not len(scale):
+        return np.zeros((0, 0)), np.zeros((0, 0))
+    floor = max(jacobian.shape) * np.finfo(float).eps * singular[0]
     inverse = 1 / np.maximum(singular, max(floor, 1e-150)) ** 2
-    covariance = (rows.T * inverse) @ rows / np.outer(scale, scale)
-    covariance[dead, dead] = np.inf
-    return np.asarray(covariance)
+    seen = singular > SEEN * singular[0]
+
+    def part(which: NDArray[np.bool_]) -> FloatArray:
+        return np.asarray((rows[which].T * inverse[which]) @ rows[which] / np.outer(scale, scale))
+
+    unseen = part(~seen)
+    outside = np.linalg.norm(rows[~seen], axis=0) > OUTSIDE
+    unseen *= np.outer(outside, outside)
+    dead = np.linalg.norm(jacobian, axis=0) == 0
+    unseen[dead, dead] = np.inf
+    return part(seen), unseen
+
+
+def scaled_svd(jacobian: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the columns' lengths, (p,), 1 for a zero one, and singular values and rows of J over them."""
+    norms = np.linalg.norm(jacobian, axis=0)
+    scale = np.where(norms == 0, 1.0, norms)
+    _, singular, rows = np.linalg.svd(jacobian / scale, full_matrices=False)
+    return scale, singular, rows
