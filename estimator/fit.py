@@ -24,7 +24,8 @@ class Fit:
     ----------
     colours : of each output's residuals
     freed : sentences about the nuisances that were freed
-    accused : names of freed nuisances
+    names : of freed nuisances
+    nearly : sentences about those that were not, by little
     """
 
     problem: Problem
@@ -33,6 +34,7 @@ class Fit:
     colours: tuple[Colour, ...] = ()
     freed: tuple[str, ...] = ()
     names: tuple[str, ...] = ()
+    nearly: tuple[str, ...] = ()
 
 
 def with_coloured_errors(fit: Fit) -> Fit:

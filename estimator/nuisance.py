@@ -22,8 +22,9 @@ from estimator.drift import with_drift
 from estimator.excitation import quantum
 from estimator.fit import Fit, chi_square, colours, inflation, log_likelihood, misfit, squares, with_coloured_errors
 from estimator.freeing import free_delay, named, with_average, with_offset, with_place, without
+from estimator.noise import find_outliers
 from estimator.plan import ChainSpec, Plan
-from estimator.polish import Polish
+from estimator.polish import LeastSquares, Polish
 from estimator.problem import Problem
 from estimator.suspects import strongest_suspect
 from estimator.treatment import Accused, Treatment, find_treatment
@@ -31,8 +32,11 @@ from estimator.treatment import Accused, Treatment, find_treatment
 FloatArray = NDArray[np.float64]
 
 FREED = 4.0  # standard deviations by which a nuisance must improve the fit
+NEARLY = 2.0  # standard deviations from which one that stays fixed widens the errors
 ROUNDS = 8
 COUNTED = 1.3  # times the deviation of one count, 1/√12: more is not explained by counting
+OUTLIERS = 3  # fewer do no harm that is not seen
+HUBER, HUBER_PASSES = 1.5, 4  # deviations
 SMOOTH = 0.3  # correlation of neighbours, of a mean over n samples 1 − 1/n
 NUMERICAL = 1e-6  # of a signal's deviation: residuals below are the FMU's, not noise
 
@@ -55,6 +59,7 @@ class Refinement:
     def run(self, problem: Problem, polish: Polish) -> Fit:
         """Return the fit with the nuisances that earn their place."""
         problem, polish = self._wanted(problem, polish)
+        polish = self._robust(problem, polish)
         fit = self._treated(Fit(problem, polish, Treatment.none(len(polish.residuals), len(problem.outputs))))
         if self._is_numerical(fit):
             return fit
@@ -80,7 +85,29 @@ class Refinement:
             if better is None:
                 break
             fit = better
-        return with_coloured_errors(self._without_idle(fit))
+        return self._widened(with_coloured_errors(self._without_idle(fit)))
+
+    def _robust(self, problem: Problem, polish: Polish) -> Polish:
+        """Where there are outliers, fit again with them held down (Huber): in the transient they bend the fit."""
+        raw = problem.residuals(polish.values[None, :])[0]
+        parts = [series for j in range(len(problem.outputs)) for series, _ in problem.series(raw, j)]
+        if sum(int(find_outliers(series).sum()) for series in parts) < OUTLIERS:
+            return polish
+        output = problem.output_of_residual
+        values = polish.values
+        for _ in range(HUBER_PASSES):
+            raw = problem.residuals(values[None, :])[0]
+            spread = np.array([np.median(np.abs(raw[output == j])) for j in range(len(problem.outputs))]) / 0.6745
+            held = np.minimum(1.0, HUBER / np.maximum(np.abs(raw) / np.maximum(spread, 1e-300)[output], 1e-300))
+            least = LeastSquares(
+                lambda candidates, held=held: problem.residuals(candidates) * np.sqrt(held),  # type: ignore[misc]
+                problem.box,
+                output=output,
+                spread=problem.spread,
+            )
+            values, _ = least.fit(values, np.maximum(spread, 1e-12 * problem.spread), tolerance=1e4)
+        found = squares(problem, Treatment.none(len(raw), len(problem.outputs)))
+        return found.judge(values, found.deviations(values, free=len(values)))
 
     def _counted(self, fit: Fit) -> Fit | None:
         """Add a differenced encoder's speed up to counts again; None unless the model then explains it to a count.
@@ -148,6 +175,42 @@ class Refinement:
             fixed = self._treated(Fit(problem, polish, fit.treatment, names=names, freed=freed))
             return self._without_idle(fixed)
         return fit
+
+    def _widened(self, fit: Fit) -> Fit:
+        """Widen the errors by what a nuisance would move that was nearly freed.
+
+        Between NEARLY and FREED standard deviations it stays fixed, so that clean data keep their small errors; but
+        it may be there, and then the parameters are off by this much.
+        """
+        inside = fit.polish.at_bound == 0
+        jacobian, covariance = fit.polish.jacobian[:, inside], fit.polish.covariance.copy()
+        if not inside.any() or not np.isfinite(covariance).all():
+            return fit
+        basis, triangle = np.linalg.qr(jacobian)
+        found = []
+        for direction in directions(fit):
+            column = fit.treatment.apply(direction.column[None, :], weighted=True)[0]
+            across = column - basis @ (basis.T @ column)
+            power, product = float(across @ across), float(across @ fit.polish.residuals)
+            if direction.unit is not None or direction.is_channel or power <= 1e-9 * float(column @ column):
+                continue
+            z = abs(product) / np.sqrt(power * max(1.0, inflation(fit)))
+            if not NEARLY < z < FREED:
+                continue
+            size = -product / power
+            shift = np.zeros(len(covariance))
+            shift[inside] = np.linalg.lstsq(triangle, basis.T @ column * size, rcond=None)[0]
+            covariance += np.outer(shift, shift)
+            found.append(
+                f"{direction.name} of {size:.2g} would improve the fit by {z:.1f} standard deviations, too few to free"
+                " it; the standard errors allow for it"
+            )
+        if not found:
+            return fit
+        scale = np.where(fit.problem.box.log, fit.polish.values, 1.0)
+        errors = np.sqrt(np.diag(covariance)) * np.abs(scale)
+        polish = dataclasses.replace(fit.polish, covariance=covariance, standard_errors=errors)
+        return dataclasses.replace(fit, polish=polish, nearly=tuple(found))
 
     def _is_smooth(self, fit: Fit) -> bool:
         """Whether neighbouring residuals of the current are alike in the second half, where all has settled."""

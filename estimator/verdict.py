@@ -242,7 +242,7 @@ def _chain_notes(fit: Fit | None) -> list[str]:
     if fit is None:
         return []
     plan, polish = fit.problem.plan, fit.polish
-    notes = list(fit.freed)
+    notes = [*fit.freed, *fit.nearly]
     for j, parameter in enumerate(plan.parameters):
         if parameter.place is not None:
             value, error = polish.values[j], polish.standard_errors[j]
