@@ -16,6 +16,7 @@ from estimator.treatment import Treatment, filled, onset
 FloatArray = NDArray[np.float64]
 
 DRIFTS = 5.0  # standard deviations of a drift that is taken out
+EXPLAINED = 0.05  # of its power: a response that goes on to the end looks like a drift
 LEAST = 500  # samples after the step: fewer tell no drift
 
 
@@ -37,7 +38,7 @@ def with_drift(problem: Problem, raw: FloatArray, polish: Polish, treatment: Tre
     if n - start < LEAST:
         return treatment
     weighted = treatment.apply(raw[None, :])[0] / polish.deviations[problem.output_of_residual]
-    judged = Evidence(problem, polish, treatment, weighted, start=start)
+    judged = Evidence(problem, polish, treatment, weighted, start=start, explained=EXPLAINED)
     line = _line(filled(plan.observed[0].outputs["w"]), start)
     drifts, columns = [], []
     for j, name in enumerate(problem.outputs):

@@ -15,7 +15,6 @@ from estimator.treatment import Treatment
 FloatArray = NDArray[np.float64]
 
 SETTLED_FROM = 0.2  # of the part after the step: what follows tells the noise
-EXPLAINED = 1e-9  # of a direction's power: less is left by the parameters
 
 
 class Evidence:
@@ -27,11 +26,21 @@ class Evidence:
         Weighted, after the treatment.
     start : int
         Sample at which the input acts first, in the only recording.
+    explained : float
+        Of a direction's power: where less is left by the parameters, it cannot be told from them.
     """
 
     def __init__(
-        self, problem: Problem, polish: Polish, treatment: Treatment, residuals: FloatArray, *, start: int
+        self,
+        problem: Problem,
+        polish: Polish,
+        treatment: Treatment,
+        residuals: FloatArray,
+        *,
+        start: int,
+        explained: float = 1e-9,
     ) -> None:
+        self._explained = explained
         self._problem, self._treatment, self._residuals = problem, treatment, residuals
         inside = polish.jacobian[:, polish.at_bound == 0]
         if inside.shape[1]:
@@ -60,7 +69,7 @@ class Evidence:
         weighted = self._treatment.apply((column * self._weights)[None, :], weighted=True)[0]
         across = weighted - self._basis @ (self._basis.T @ weighted)
         power = float(across @ across)
-        if power <= EXPLAINED * float(weighted @ weighted):
+        if power <= self._explained * float(weighted @ weighted):
             return 0.0, 0.0
         variance = 0.0
         for j, spectra in enumerate(self._spectra):
