@@ -119,7 +119,7 @@ def named(found: Estimate) -> set[str]:
     }
     text = " ".join((*found.reasons, *found.notes))
     names = {name for name, words in said.items() if words in text}
-    return names | {n.split()[0] for n in found.parameters if n.split()[0] in ("delay", "offset")}
+    return names | {n.split()[0] for n in found.parameters if n.split()[0] in ("delay", "offset", "gain")}
 
 
 # The tables
@@ -179,7 +179,10 @@ def wrong_rows() -> Iterator[Row]:
     yield Row("good", made())
     yield Row("delay 5–250 ms", made(delay=lambda r: r.uniform(0.005, 0.25)), asked="delay")
     yield Row("current averaged over 2–5", made(average=lambda r: int(r.integers(2, 6))), asked="average")
-    yield Row("gain of the current 0.9–1.1", made(current_gain=lambda r: r.choice([0.9, 1.1])), asked="gain")
+    gain = made(current_gain=lambda r: r.choice([0.9, 1.1]))
+    known = replace(PLAIN, fixed={"B": CML050["B"]})
+    yield Row("gain of the current 0.9 or 1.1", gain, asked="gain")
+    yield Row("gain of the current 0.9 or 1.1, B known", gain, known, asked="gain")
     yield Row("offset of the current 10 mA", made(current_offset=lambda r: r.choice([-0.01, 0.01])), asked="offset")
     yield Row("supply sags by 5 %, 30 ms", made(sag=lambda r: 0.05), asked="supply sag")
     yield Row("half of the friction dry", dry, asked="dry friction")

@@ -42,7 +42,8 @@ class Suspect:
     name: str
     rows: FloatArray
     tell: Callable[[float, float], str]
-    least: float = 0.0
+    least: float = 0.0  # size in either way
+    positive: bool = False  # of no other sign
 
 
 def strongest_suspect(fit: Fit) -> Accused | None:
@@ -61,7 +62,11 @@ def strongest_suspect(fit: Fit) -> Accused | None:
     for suspect in _suspects(plan, values, start):
         rows = _shown(plan, suspect.rows)
         z, size = judged(fit.problem.spread_out([rows]))
-        if z > (best.deviations if best else ACCUSED) and abs(size) >= suspect.least:
+        if (
+            z > (best.deviations if best else ACCUSED)
+            and abs(size) >= suspect.least
+            and (size > 0 or not suspect.positive)
+        ):
             best = Accused(suspect.name, z, suspect.tell(size, z), rows)
     return best
 
@@ -91,7 +96,7 @@ def _suspects(plan: Plan, values: dict[str, float], start: int) -> Iterator[Susp
     jump = o.excitation.after - o.excitation.before
     for tau in SAGS:
         yield Suspect("supply sag", _turned(jump * _to_decaying_voltage(values, after, tau), h), _sag(tau))
-    yield Suspect("dry friction", _turned(_to_torque(values, after), h), _dry)
+    yield Suspect("dry friction", _turned(_to_torque(values, after), h), _dry, positive=True)
     slope = np.gradient(_response(values, after) * jump, axis=0) * (after > 0)[:, None]
     speed = np.abs(slope[:, 1]) / max(float(np.max(np.abs(slope[:, 1]))), 1e-300)
     places = np.flatnonzero(speed > MOVES)

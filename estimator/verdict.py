@@ -243,6 +243,11 @@ def _chain_notes(fit: Fit | None) -> list[str]:
         return []
     plan, polish = fit.problem.plan, fit.polish
     notes = [*fit.freed, *fit.nearly]
+    if set(MOTOR) <= set(plan.names) and "i" in plan.outputs:
+        notes.append(
+            "a gain error g of the current, or a supply's inner resistance, shows in no recording of this kind: it"
+            " moves R and L by 1/g, J and B by g, or adds to R; measure one of them otherwise and fix it to tell"
+        )
     for j, parameter in enumerate(plan.parameters):
         if parameter.place is not None:
             value, error = polish.values[j], polish.standard_errors[j]
