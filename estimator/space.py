@@ -89,7 +89,7 @@ def paper_space(plan: Plan, box: Box) -> Space:
             f" steady-state relations (v = {state.v:.4g} V, i = {state.i:.4g} A, w = {state.w:.4g} rad/s at the"
             " end); widen the bounds with --bounds, or use method 'cuckoo'"
         )
-    drawn = [n for n in ("K", "L", "J") if n in names]
+    drawn = ["K", *(n for n in names if n not in ("R", "K", "B"))]
     index = tuple(names.index(n) for n in drawn)
     inner = Box(box.lower[list(index)], box.upper[list(index)], box.log[list(index)])
     R, K, B = (names.index(n) for n in ("R", "K", "B"))
@@ -110,8 +110,8 @@ def paper_space(plan: Plan, box: Box) -> Space:
 def reduced_space(plan: Plan, box: Box, steady: Steady | None) -> Space | None:
     """Return the default's reduced space: R, L, J searched, K and B from the relations; None where they do not hold."""
     names = plan.names
-    if steady is None or not steady.settling.settled or not set(MOTOR) <= set(names):
-        return None
+    if steady is None or not steady.settling.settled or set(MOTOR) != set(names):
+        return None  # another free parameter, such as Coulomb friction, has its part in the settled state
     state = steady.state
     if not state.is_usable:
         return None

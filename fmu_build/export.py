@@ -68,9 +68,9 @@ def build(
         compile_library(folder / unit_name(source), library, include=[fmi_headers()], subject=source)
         with loaded_model(library, source=source) as (table, equations):
             check_model(table, equations, source=source)
-            text = files[source.name].decode()
-            changed_by = dependencies(table, equations, text=text, source=source)
-        header = header_comment(text)
+            written = files[source.name].decode()
+            changed_by = dependencies(table, equations, text=written, source=source)
+        header = header_comment(written)
         description = model_description(
             table,
             fmi=fmi,

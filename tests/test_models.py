@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import fmu_build
-from estimator.case import read_case
+from estimator.case import Case, read_case
 from estimator.commands import csv_bytes
 from estimator.drive import instants
 from estimator.estimate import estimate
@@ -19,13 +19,17 @@ ROOT = Path(__file__).parent.parent
 GEARED = {"R": 2.1, "K": 0.04, "L": 9e-3, "J": 1.4e-5, "B": 1e-4, "stiffness": 3.1, "damping": 2e-3, "J_load": 7e-4}
 GEARED |= {"B_load": 2e-3}
 PMSM = {"R": 0.43, "Ld": 1.2e-3, "Lq": 1.9e-3, "flux": 0.0121, "J": 6.1e-5, "B": 1.4e-4}
+DRY = {"R": 2.6, "K": 0.041, "L": 6e-3, "J": 1.3e-5, "B": 4e-5, "friction": 0.012}
 CASES = {
     "dc_motor_geared": (GEARED, {"gear": 4.0}, ("v",), ("i", "w", "w_load")),
     "pmsm_dq": (PMSM, {"poles": 3.0}, ("vd", "vq"), ("id", "iq", "w")),
+    "dc_motor_friction": (DRY, {"stiction": 0.0, "brush": 0.0}, ("v",), ("i", "w")),
 }
 
 
-@pytest.mark.parametrize("model", ["dc_motor_geared", pytest.param("pmsm_dq", marks=pytest.mark.full)])
+@pytest.mark.parametrize(
+    "model", ["dc_motor_geared", "dc_motor_friction", pytest.param("pmsm_dq", marks=pytest.mark.full)]
+)
 def test_parameters_are_found_again_from_a_recording(tmp_path: Path, model: str) -> None:
     truth, fixed, inputs, outputs = CASES[model]
     times = instants(stop=0.4, step=1e-3)
@@ -45,6 +49,48 @@ def test_parameters_are_found_again_from_a_recording(tmp_path: Path, model: str)
     assert found.verdict == "ok", found.reasons
     for name, value in truth.items():
         assert found.parameters[name].value == pytest.approx(value, rel=1e-6), name
+
+
+def dry_motor(folder: Path, levels: list[float], *, seed: int) -> Case:
+    """Return the case of a motor with dry friction, recorded with noise at these voltages, half a second each."""
+    times = instants(stop=0.5 * len(levels), step=1e-3)
+    v = np.array(levels)[np.minimum((times / 0.5 + 1e-9).astype(int), len(levels) - 1)]
+    shown = simulate("dc_motor_friction", parameters=DRY, inputs={"v": v}, times=times)
+    noise = np.random.default_rng(seed).standard_normal((2, len(times)))
+    columns = {"time [s]": times, "voltage [V]": v}
+    columns |= {"current [A]": shown["i"] + 0.02 * noise[0], "speed [rad/s]": shown["w"] + noise[1]}
+    (folder / "run.csv").write_bytes(csv_bytes(columns))
+    lines = ['[fmu]\npath = "dc_motor_friction"', "[parameters]"]
+    lines += [f"{name} = {{ min = {value / 10!r}, max = {value * 10!r} }}" for name, value in DRY.items()]
+    lines += ["[fixed]", "stiction = 0.0", "brush = 0.0", "load = 0.0", "[[recording]]", 'file = "run.csv"']
+    case = folder / "run.case.toml"
+    case.write_text("\n".join(lines))
+    return read_case(case)
+
+
+SEEDS = [*range(1, 5), *(pytest.param(seed, marks=pytest.mark.full) for seed in range(5, 101))]
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_two_voltages_tell_coulomb_friction_from_viscous(tmp_path: Path, seed: int) -> None:
+    found = estimate(dry_motor(tmp_path, [0.0, 10.5, 5.0], seed=seed), workers=1)
+    assert found.verdict == "ok", found.reasons
+    for name, value in DRY.items():
+        p = found.parameters[name]
+        assert p.status == "ok" and p.standard_error < 0.02 * value
+        assert abs(p.value - value) < 6 * p.standard_error, name  # 600 of them: 1e-6 by chance
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_one_voltage_does_not_and_the_result_says_so(tmp_path: Path, seed: int) -> None:
+    found = estimate(dry_motor(tmp_path, [0.0, 10.5], seed=seed), workers=1)
+    assert found.verdict == "doubtful"
+    for name, value in DRY.items():
+        p = found.parameters[name]
+        if name in ("B", "friction"):
+            assert p.status in ("doubtful", "not identified"), name
+        else:
+            assert abs(p.value - value) < 6 * p.standard_error, name
 
 
 @pytest.mark.parametrize("model", fmu_build.bundled_names())
