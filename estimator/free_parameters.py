@@ -21,12 +21,11 @@ FloatArray = NDArray[np.float64]
 PAPER_BOX = {"R": (0.01, 5.0), "K": (0.005, 0.1), "L": (1e-7, 0.5), "J": (1e-7, 1e-3), "B": (1e-5, 1e-3)}
 WIDTH = {"R": 100.0, "K": 100.0, "B": 1e6}  # bounds around the data's start when none are given: factor either way
 USUAL_WIDTH = 1e4
+MOST_HELD = 6  # parameters named in one sentence
 
 
-def first_guess(
-    case: Case, observed: tuple[Observed, ...], description: FmuDescription
-) -> tuple[dict[str, float], tuple[str, ...]]:
-    """Return a first guess of the motor's parameters from the data, and what to tell of it."""
+def first_guess(case: Case, observed: tuple[Observed, ...], description: FmuDescription) -> dict[str, float]:
+    """Return a first guess of the motor's parameters from the data; empty where they show none."""
     for o in observed:
         if {"v"} <= set(o.inputs) and {"i", "w"} <= set(o.outputs) and o.excitation.kind != "none":
             late = round(o.delay / o.recording.step)
@@ -34,11 +33,11 @@ def first_guess(
             i, w = o.outputs["i"][late:], o.outputs["w"][late:]
             load = case.fixed.get("load", 0.0)
             guess = integral_estimate(v, i, w, step=o.recording.step, load=load)
-            return _sane(guess, v, i, w, step=o.recording.step), ()
+            return _sane(guess, v, i, w, step=o.recording.step)
     for o in observed:
         if "v" in o.inputs and {"w", "angle"} & set(o.outputs) and o.excitation.kind != "none":
-            return _guess_without_current(case, o, description), ()
-    return {}, ()
+            return _guess_without_current(case, o, description)
+    return {}
 
 
 def _guess_without_current(case: Case, observed: Observed, description: FmuDescription) -> dict[str, float]:
@@ -108,6 +107,21 @@ def free_parameters(
             replace(parameter, name=f"{name} {label}", recording=e, quantity=name) for e, label in enumerate(labels)
         ]
     return tuple(found)
+
+
+def held_parameters(case: Case, description: FmuDescription, free: Sequence[Parameter]) -> tuple[str, ...]:
+    """Return a sentence about the FMU's parameters that are held because nobody named any; none if there are none."""
+    if case.parameters:
+        return ()
+    taken = {*case.fixed, *(target for p in free for target in p.targets)}
+    held = [
+        v for v in description.of_causality("parameter") if v.name not in taken and v.is_real and v.start is not None
+    ]
+    if not held:
+        return ()
+    listed = ", ".join(f"{v.name} = {_number(v.start):.6g} {v.unit}".rstrip() for v in held[:MOST_HELD])
+    more = f" and {len(held) - MOST_HELD} more" if len(held) > MOST_HELD else ""
+    return (f"held at the FMU's own value: {listed}{more}; name under [parameters] what is to be estimated",)
 
 
 def _parameter(name: str, case: Case, description: FmuDescription, guess: Mapping[str, float]) -> Parameter:

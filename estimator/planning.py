@@ -12,7 +12,7 @@ from estimator.case_signals import FREE
 from estimator.errors import CaseError, FmuError, RecordingError
 from estimator.excitation import quantum
 from estimator.fmu import FmuDescription, Variable
-from estimator.free_parameters import first_guess, free_parameters
+from estimator.free_parameters import first_guess, free_parameters, held_parameters
 from estimator.mapping import fixed_values, integral_of, mapped
 from estimator.observing import observe
 from estimator.parameters import SensorPlace
@@ -57,7 +57,7 @@ def plan_case(
                 f"{other.recording.title} measures {', '.join(other.outputs)}, but {observed[0].recording.title}"
                 f" measures {', '.join(observed[0].outputs)}; all recordings need the same columns"
             )
-    guess, notes = first_guess(case, observed, description)
+    guess = first_guess(case, observed, description)
     parameters = free_parameters(case, description, guess, [o.recording.name for o in observed])
     if not parameters:
         raise CaseError("every parameter is fixed; leave at least one free")
@@ -69,7 +69,7 @@ def plan_case(
         fixed=fixed,
         sensors=_sensors(case, description, observed),
         guess=guess,
-        notes=(*notes, *(note for o in observed for note in o.notes)),
+        notes=(*held_parameters(case, description, parameters), *(note for o in observed for note in o.notes)),
         chains=_chains(case, observed),
         texts=texts,
         declared=_declared(case, observed[0].outputs, [runs[k] for k in taken]),

@@ -270,7 +270,7 @@ def _chain_notes(fit: Fit | None) -> list[str]:
 
 
 def _notes(plan: Plan, steady: Steady | None) -> tuple[str, ...]:
-    notes = []
+    notes = list(plan.notes)
     for o in plan.observed:
         e, title = o.excitation, o.recording.title
         if e.kind == "step":

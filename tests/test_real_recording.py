@@ -50,6 +50,12 @@ def test_with_a_known_resistance_and_dry_friction_it_tells_three(measured, stead
     assert estimate.fit_percent["w"] > 97
 
 
+def test_parameters_that_are_held_because_nobody_named_any_are_said(measured):
+    (estimate,) = estimate_recordings([Case(fmu="dc_motor_friction", **SIGNALS)], [[measured]])
+    held = "held at the FMU's own value: friction = 0.01 N.m, stiction = 0 N.m, brush = 0 V; name under [parameters]"
+    assert any(note.startswith(held) for note in estimate.notes)
+
+
 def test_the_guess_from_speed_is_that_of_a_first_order_response():
     K, J, R, step = 0.05, 1e-4, 2.0, 1e-3
     B = 0.02 * K * K / R
