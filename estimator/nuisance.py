@@ -137,15 +137,16 @@ class Refinement:
         return found if found.polish.deviations[j] < COUNTED * start[j] else None
 
     def _step(self, fit: Fit, *, channels: bool) -> Fit | None:
-        """Free the strongest nuisance, or accuse the strongest suspect, whichever is stronger; None if none is."""
+        """Free the strongest nuisance, or accuse the strongest suspect, whichever explains more; None if none does."""
         for _ in range(ROUNDS):
             gain, direction = self._strongest(fit, channels=channels)
             suspect = strongest_suspect(fit)
-            if suspect is not None and suspect.deviations**2 > gain:
-                return self._accused(fit, suspect)
+            accused = self._accused(fit, suspect) if suspect is not None and suspect.deviations**2 > gain else None
             if direction is None:
-                return None
+                return accused
             freed = self._freed(fit, direction)
+            if accused is not None and (freed is None or misfit(accused) < misfit(freed)):
+                return accused
             if freed is not None:
                 self.rejected.clear()
                 return freed

@@ -93,7 +93,7 @@ def judge(
         reasons += _misfit(plan, shown, noise, spread)
         reasons += _step_error(plan, polish, shift)
         reasons += _drifts(fit)
-        wrong = [*_betrayed(fit), *_fast(plan, values)]
+        wrong = [*_betrayed(fit), *_gains(plan, values, fit), *_fast(plan, values)]
         reasons += wrong
         if wrong:  # numbers that stand on it are not to be relied on
             for name in set(plan.names) & set(MOTOR) - set(statuses):
@@ -235,6 +235,16 @@ def _drifts(fit: Fit | None) -> list[str]:
 def _betrayed(fit: Fit | None) -> list[str]:
     """Name the wrong assumptions that the residuals betray."""
     return [] if fit is None else [a.sentence for a in fit.treatment.accused]
+
+
+def _gains(plan: Plan, values: Mapping[str, float], fit: Fit | None) -> list[str]:
+    """Say that a sensor's gain contradicts what is held fixed; of which sensor, nobody can tell."""
+    names = [] if fit is None else [n for n in fit.names if n.startswith("gain ")]
+    return [
+        f"what is held fixed does not fit the recording unless {name.split()[1]} is shown with a gain of"
+        f" {values[name]:.4g}; a gain of another signal may explain it as well; check the sensors' scales"
+        for name in names
+    ]
 
 
 def _chain_notes(fit: Fit | None) -> list[str]:
