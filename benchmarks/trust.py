@@ -344,7 +344,7 @@ def estimate_all(tables: list[str], folder: Path, options: argparse.Namespace) -
         for index, row in enumerate(TABLES[table].rows):
             if options.only not in row.title:
                 continue
-            count = options.seeds or row.seeds or TABLES[table].seeds
+            count = min(options.seeds or TABLES[table].seeds, row.seeds or TABLES[table].seeds)
             tasks += [(table, index, seed) for seed in range(count) if (row.title, seed) not in done]
     with multiprocessing.get_context("spawn").Pool(options.jobs) as pool:
         for table, entry in pool.imap_unordered(_run, tasks):

@@ -23,7 +23,7 @@ from estimator.errors import SimulationError
 from estimator.failing import with_cause, with_values
 from estimator.fit import Fit, log_likelihood
 from estimator.fmu import FmuDescription, describe, with_kind
-from estimator.noise_level import output_deviations
+from estimator.noise_level import beside_means, output_deviations
 from estimator.nuisance import Refinement
 from estimator.outcome import comparisons, correlation, figures, parameter_estimates, versions
 from estimator.plan import MOTOR, Plan
@@ -440,9 +440,11 @@ class _Estimation:
     def _is_good(self, fit: Fit, floor: FloatArray, spread: FloatArray) -> bool:
         """Whether the residuals are no larger than the noise of the data."""
         deviations = fit.problem.noise_shown(fit.polish.deviations)
+        floor = beside_means(fit.problem.plan, floor)
         return bool(np.all(deviations <= np.maximum(POOR_FIT * floor, NOISE_FREE * spread)))
 
     def _worth_searching(self, fit: Fit, floor: FloatArray) -> bool:
+        floor = beside_means(fit.problem.plan, floor)
         return bool(np.any(fit.problem.noise_shown(fit.polish.deviations) > POOR_FIT * floor))
 
     def _restarts(self, polish: Polish, start: FloatArray) -> list[FloatArray]:

@@ -278,7 +278,9 @@ def _trend(y: FloatArray) -> tuple[float, float]:
     k -= k.mean()
     slope = float(k @ (values - values.mean()) / (k @ k))
     residual = values - values.mean() - slope * k
-    return slope, float(np.sqrt(residual @ residual / (len(k) - 2) / (k @ k)))
+    power = float(residual @ residual)
+    alike = float(np.clip(residual[1:] @ residual[:-1] / power, 0.0, 0.95)) if power > 0 else 0.0  # of a mean: much
+    return slope, float(np.sqrt(power / (len(k) - 2) / (k @ k) * (1 + alike) / (1 - alike)))
 
 
 def _smoothed(y: FloatArray, *, width: int = 5) -> FloatArray:

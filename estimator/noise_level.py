@@ -27,6 +27,15 @@ def output_deviations(plan: Plan) -> dict[str, tuple[float, float]]:
     return result
 
 
+def beside_means(plan: Plan, noise: FloatArray) -> FloatArray:
+    """Return the noise, (q,), that differences show, corrected for running means that were found afterwards.
+
+    Of white noise averaged over n > 1 samples second differences see a part of 1 / √(1.5 n) only.
+    """
+    averages = [plan.chains.get(name, ChainSpec()).average for name in plan.outputs]
+    return np.asarray([x * (np.sqrt(1.5 * n) if n > 1 else 1.0) for x, n in zip(noise, averages, strict=True)])
+
+
 def _smoothing(chain: ChainSpec, step: float) -> float:
     """Return how much larger filtered white noise is than its second differences make it seem."""
     if not chain.filters:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from estimator import layout
 from estimator.excitation import noise_deviation, quantum
+from estimator.noise_level import beside_means
 from estimator.plan import MOTOR, Plan
 from estimator.polish import Polish
 from estimator.refusal import lost_transients, refused_notes
@@ -147,6 +148,7 @@ def _misfit(plan: Plan, deviations: FloatArray, noise: FloatArray | None, spread
     if noise is None:
         return []
     reasons = []
+    noise = beside_means(plan, noise)
     for j, name in enumerate(plan.outputs):
         found = deviations[j]
         if found > MISFIT * noise[j] and found > NUMERICAL * spread[j]:
