@@ -89,7 +89,7 @@ def judge(
         )
     if polish is not None:
         statuses.update(_identified(plan, values, polish))
-        reasons += [f"{name}: {s.reason}" for name, s in statuses.items()]
+        reasons += _by_parameter(statuses)
         shown = polish.deviations if fit is None else fit.problem.noise_shown(polish.deviations)
         reasons += _misfit(plan, shown, noise, spread)
         reasons += _step_error(plan, polish, shift)
@@ -129,13 +129,21 @@ def _identified(plan: Plan, values: Mapping[str, float], polish: Polish) -> dict
             statuses[name] = ParameterStatus("not identified", reason)
         elif not relative < USELESS_ERROR:
             size = f"{100 * relative:.0f} %" if np.isfinite(relative) and relative < 100 else "more than 100 times"
-            reason = f"it cannot be told from this recording: its standard error is {size} of its value"
+            reason = f"cannot be told from this recording: the standard error is {size} of the value"
             if name == "L":
                 reason = f"{reason}; {_small_inductance(plan, values)}"
             statuses[name] = ParameterStatus("not identified", reason)
         elif relative > DOUBTFUL_ERROR:
             statuses[name] = ParameterStatus("doubtful", f"its standard error is {100 * relative:.0f} % of its value")
     return statuses
+
+
+def _by_parameter(statuses: Mapping[str, ParameterStatus]) -> list[str]:
+    """Return the reasons with the parameters that they are for, each once."""
+    named: dict[str, list[str]] = {}
+    for name, status in statuses.items():
+        named.setdefault(status.reason or status.status, []).append(name)
+    return [f"{', '.join(names)}: {reason}" for reason, names in named.items()]
 
 
 def _small_inductance(plan: Plan, values: Mapping[str, float]) -> str:
