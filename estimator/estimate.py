@@ -39,6 +39,7 @@ from estimator.result import Estimate, ParameterEstimate, SearchHistory
 from estimator.search import SearchRecord, run_search
 from estimator.space import Space, paper_space, reduced_space, steady_state
 from estimator.starts import many_starts, needs_many
+from estimator.step_check import step_check
 from estimator.trial import announcement, unmoved
 from estimator.verdict import Judgement, judge
 from estimator.workers import TIME_LIMIT, Workers
@@ -53,7 +54,6 @@ WIDER = ((30, 40), (60, 100))  # nests, generations of the searches that follow 
 STARTS, POLISHED = 400, 12  # where few samples tell the transient; of these are polished
 POOR_FIT = 1.5  # residuals' deviation over the noise that the data show
 NOISE_FREE = 1e-6  # of a signal's deviation: residuals below are no misfit
-STEP_REFINEMENT = 10
 START_L = 5.0  # times h R: start of L that cures the spurious optimum L → 0
 
 
@@ -527,12 +527,9 @@ class _Estimation:
     ) -> Estimate:
         problem = self.problem
         self._enter("step check")
-        shift = None
-        fine = problem.trajectories(values[None, :], refine=STEP_REFINEMENT)
+        step = step_check(problem, values, polish, fit)
         self._enter("result")
         batch = problem.trajectories(values[None, :])
-        if polish is not None and fine.shown is not None and not fine.failed[0]:
-            shift = _shift(problem, polish, fine.shown[0], fit)
         judgement = judge(
             self.plan,
             dict(zip(self.plan.names, values.tolist(), strict=True)),
@@ -540,7 +537,7 @@ class _Estimation:
             steady=steady_state(self.plan),
             noise=noise,
             spread=problem.spread,
-            shift=shift,
+            step=step,
             fit=fit,
         )
         if judgement.verdict == "refused":
@@ -627,19 +624,3 @@ class _Estimation:
             history=history,
             workers=self.crew.count,
         )
-
-
-def _shift(problem: Problem, polish: Polish, fine: FloatArray, fit: Fit | None) -> FloatArray:
-    """Return how far a finer communication step would move the scaled parameters, (p,), to first order."""
-    weights = 1 / polish.deviations[problem.output_of_residual]
-    coarse = polish.residuals
-    change = problem.compared(fine[None])[0]
-    if fit is not None:
-        change = fit.treatment.apply(change[None, :])[0]
-    change = change * weights - coarse
-    jacobian = polish.jacobian
-    inside = polish.at_bound == 0
-    shift = np.zeros(len(polish.values))
-    if inside.any():
-        shift[inside] = -np.linalg.lstsq(jacobian[:, inside], change, rcond=None)[0]
-    return shift

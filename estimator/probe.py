@@ -9,6 +9,7 @@ Whatever the FMU does, crash or hang included, becomes a finding. What is found 
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import math
 import queue
@@ -127,6 +128,14 @@ def probe_kinds(description: FmuDescription, kinds: Sequence[str], *, limit: flo
         share = max(0.0, until - time.monotonic()) / (len(kinds) - k)
         found[kind] = probe(with_kind(description, kind) if description.kinds else description, limit=min(LIMIT, share))
     return found
+
+
+def ignores_step(description: FmuDescription) -> bool:
+    """Whether an FMU that runs was seen to give the same samples at a ten times finer step."""
+    until = time.monotonic() + LIMIT
+    with RunFolder() as folder, _Owner(description, folder, until=until) as owner, contextlib.suppress(_Stopped):
+        return bool(owner.stage("step_size").get("ignored"))
+    return False
 
 
 class _Stopped(Exception):

@@ -24,6 +24,7 @@ from estimator.result import Status, Verdict
 if TYPE_CHECKING:
     from estimator.fit import Fit
     from estimator.space import Steady
+from estimator.step_check import StepCheck
 
 FloatArray = NDArray[np.float64]
 
@@ -31,8 +32,6 @@ DOUBTFUL_ERROR = 0.1  # relative standard error
 USELESS_ERROR = 0.5  # relative standard error: the parameter is not identified
 MISFIT = 1.5  # residuals' deviation over the noise that the data show
 NUMERICAL = 1e-6  # of a signal's deviation: smaller residuals are no misfit
-STEP_ERROR = 1.0  # shift by a finer step, in standard errors
-NEGLIGIBLE_SHIFT = 1e-6  # relative: a smaller shift matters to nobody
 
 
 @dataclass(frozen=True)
@@ -61,7 +60,7 @@ def judge(
     steady: Steady | None,
     noise: FloatArray | None,
     spread: FloatArray,
-    shift: FloatArray | None,
+    step: StepCheck,
     fit: Fit | None = None,
 ) -> Judgement:
     """Judge an estimate.
@@ -75,8 +74,8 @@ def judge(
         Of a single step.
     noise, spread : (q,) arrays
         Deviation of each output's noise as the data show it, and of the signal.
-    shift : (p,) array or None
-        How far a ten times finer communication step moves the scaled parameters.
+    step : StepCheck
+        What a finer communication step changes.
     fit : Fit or None
         What was found of the measurement chain.
     """
@@ -92,7 +91,7 @@ def judge(
         reasons += _by_parameter(statuses)
         shown = polish.deviations if fit is None else fit.problem.noise_shown(polish.deviations)
         reasons += _misfit(plan, shown, noise, spread)
-        reasons += _step_error(plan, polish, shift)
+        reasons += step.reasons
         reasons += _drifts(fit)
         wrong = [*_betrayed(fit), *_gains(plan, values, fit), *_fast(plan, values)]
         reasons += wrong
@@ -108,7 +107,10 @@ def judge(
     else:
         reasons += _fast(plan, values)
     return Judgement(
-        "doubtful" if reasons else "ok", tuple(reasons), statuses, (*_notes(plan, steady), *_chain_notes(fit))
+        "doubtful" if reasons else "ok",
+        tuple(reasons),
+        statuses,
+        (*_notes(plan, steady), *_chain_notes(fit), *step.notes),
     )
 
 
@@ -168,25 +170,6 @@ def _misfit(plan: Plan, deviations: FloatArray, noise: FloatArray | None, spread
                 f" noise of {noise[j]:.2g} {unit} that the recording shows"
             )
     return reasons
-
-
-def _step_error(plan: Plan, polish: Polish, shift: FloatArray | None) -> list[str]:
-    if shift is None:
-        return []
-    deviation = np.sqrt(np.diag(polish.covariance))
-    moved = [
-        (abs(shift[j]) / deviation[j], name, shift[j])
-        for j, name in enumerate(plan.names)
-        if 0 < deviation[j] < np.inf and abs(shift[j]) > NEGLIGIBLE_SHIFT and plan.parameters[j].log
-    ]
-    worst = max(moved, default=(0.0, "", 0.0))
-    if worst[0] <= STEP_ERROR:
-        return []
-    size = f"{worst[0]:.1f} standard errors" if worst[0] < 1000 else "far more than its standard error"
-    return [
-        f"the FMU's own step error matters: a ten times finer communication step would move {worst[1]} by"
-        f" {100 * abs(worst[2]):.2g} %, {size}; set a finer step in the case file, under [fmu]"
-    ]
 
 
 def _fast(plan: Plan, values: Mapping[str, float]) -> list[str]:

@@ -224,7 +224,9 @@ def test_a_stop_time_that_is_enforced_is_told(tmp_path, recording):
 
 
 def test_an_fmu_of_one_step_size_is_estimated_at_that_step(tmp_path, recording):
-    assert worst(estimated(foreign_fmu(tmp_path, "ONLY_STEP"), recording)) < 1e-8
+    e = estimated(foreign_fmu(tmp_path, "ONLY_STEP"), recording)
+    assert worst(e) < 1e-8
+    assert "the step could not be checked: the FMU fails at 0.0001 s, a tenth of the step" in e.notes
 
 
 def test_an_fmu_of_one_step_size_is_told_at_another(tmp_path, recording):
@@ -232,6 +234,13 @@ def test_an_fmu_of_one_step_size_is_told_at_another(tmp_path, recording):
     sentence = r"Discard at t = 0 s; the FMU's own step size is 0.001 s, not 0.0005 s; set step = 0.001 under \[fmu\]"
     with pytest.raises(SimulationError, match=sentence):
         estimated(foreign_fmu(tmp_path, "ONLY_STEP"), recording, text=text)
+
+
+def test_a_step_that_is_ignored_is_told(tmp_path, recording):
+    e = estimated(foreign_fmu(tmp_path, "OWN_STEP"), recording)
+    assert e.verdict == "doubtful" and worst(e) < 1e-8
+    assert [r for r in e.reasons if r.startswith("the FMU ignores the communication step that it is given")]
+    assert not any("step error" in r for r in e.reasons)
 
 
 def test_a_discarded_step_costs_its_candidate_only(tmp_path, recording):
