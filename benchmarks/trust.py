@@ -92,10 +92,12 @@ def line(row: Row, seed: int, bench: Bench, recording: Recording, found: Estimat
         "named": sorted(named(found)),
         "simulations": found.simulations,
         "truth": bench.motor,
-        "found": {n: (p.value, p.standard_error, p.status) for n, p in found.parameters.items() if p.free},
+        "found": {
+            n: (p.value, p.standard_error, p.status) for n, p in {**found.parameters, **found.chain}.items() if p.free
+        },
         "rmse": dict(found.rmse),
     }
-    if "delay" in found.parameters:
+    if "delay" in found.chain:
         entry["delay"] = bench.delay
     if row.asked == "optimum":
         measured = np.column_stack([recording.signals["current"], recording.signals["speed"]])
@@ -119,7 +121,7 @@ def named(found: Estimate) -> set[str]:
     }
     text = " ".join((*found.reasons, *found.notes))
     names = {name for name, words in said.items() if words in text}
-    return names | {n.split()[0] for n in found.parameters if n.split()[0] in ("delay", "offset", "gain")}
+    return names | {n.split()[0] for n in found.chain if n.split()[0] in ("delay", "offset", "gain")}
 
 
 # The tables

@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING
 
 from estimator.case import Case, case_for_recording, read_case
 from estimator.errors import InputError
-from estimator.options import with_options
+from estimator.options import with_corrections, with_held_out, with_options
 from estimator.progress import Progress
-from estimator.recording import Recording
+from estimator.recording import Recording, read_recording
 from estimator.result import Estimate, FloatArray
 
 if TYPE_CHECKING:
@@ -138,6 +138,11 @@ def estimate_parameters(
     fix: Mapping[str, float] | None = None,
     bounds: Mapping[str, tuple[float, float]] | None = None,
     validate: Sequence[str | os.PathLike[str]] = (),
+    window: tuple[float, float] | None = None,
+    scale: Mapping[str, float] | None = None,
+    offset: Mapping[str, float] | None = None,
+    temperature: float | None = None,
+    loss: str | None = None,
     workers: int | None = None,
     profile: bool = False,
     progress: Callable[[Progress], None] | None = None,
@@ -164,6 +169,14 @@ def estimate_parameters(
         SI units; typical of a small motor: R 0.1 to 50 Ohm, K 0.001 to 1 V.s/rad, L 1e-5 to 0.1 H.
     validate : paths of recordings
         Compared with, not fitted to.
+    window : (from, to), optional
+        s, of the recording's own time; only samples within are used.
+    scale, offset : channel → value, optional
+        Factor on a channel's samples (-1 turns the sign), and what is added after it, SI units.
+    temperature : float, optional
+        Of the winding, °C; R is then told at 25 °C too.
+    loss : str, optional
+        "linear" (default), or "huber": outliers pull less.
     workers : int, optional
         Processes that simulate; by default the cores that this process may use.
     profile : bool
@@ -186,7 +199,6 @@ def estimate_parameters(
         The FMU fails at every start.
     """
     from estimator.estimate import available_cores, estimate_by
-    from estimator.validation import validated
     from estimator.workers import Workers
 
     case, recordings = _case(source)
@@ -198,19 +210,29 @@ def estimate_parameters(
         seed=seed,
         fix=tuple((fix or {}).items()),
         bounds=tuple((bounds or {}).items()),
+        loss=loss,
     )
+    case = with_corrections(
+        case,
+        window=window,
+        scale=tuple((scale or {}).items()),
+        offset=tuple((offset or {}).items()),
+        temperature=temperature,
+    )
+    case = with_held_out(case, validate, fitted=len(case.recordings if recordings is None else recordings))
+    if recordings is not None:
+        recordings = [*recordings, *(read_recording(Path(path)) for path in validate)]
     with Workers(workers or available_cores()) as crew:
-        found = estimate_by(
-            crew,
-            case,
-            recordings=recordings,
-            progress=progress,
-            tell=tell or logging.getLogger("fmu-estimator").warning,
-            profile=profile,
+        return Result.of(
+            estimate_by(
+                crew,
+                case,
+                recordings=recordings,
+                progress=progress,
+                tell=tell or logging.getLogger("fmu-estimator").warning,
+                profile=profile,
+            )
         )
-    if validate:
-        found = validated(found, case, [Path(path) for path in validate])
-    return Result.of(found)
 
 
 def simulate_fmu(

@@ -6,17 +6,30 @@ Nothing heavy is imported here: ``--help`` and ``--version`` answer at once.
 from __future__ import annotations
 
 import argparse
-import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from difflib import get_close_matches
 from typing import Any, NoReturn
 
+from estimator.argument_values import (
+    assignment,
+    bounds,
+    case_file,
+    fmi,
+    level_at,
+    names,
+    path,
+    positive,
+    temperature,
+    whole,
+    window,
+)
 from estimator.terminal import BAD_INPUT, OK, PROGRAM, say
 from estimator.version import version
 
 SHELLS = ("bash", "zsh", "fish")  # as in completion.py
 FORMATS = ("csv", "ssv", "ssp", "fmu", "matlab", "modelica", "state-space")  # as in handover_files.py
 KINDS = ("co-simulation", "model-exchange")  # as in fmu.py
+LOSSES = ("linear", "huber")  # as in case.py
 METHODS = ("cuckoo", "paper", "original", "integral", "steiglitz-mcbride", "differential-evolution")  # as in case.py
 
 
@@ -86,7 +99,7 @@ the motor from that recording, and write recording.csv and all results to a fold
     demo.add_argument(
         "-o",
         dest="output",
-        type=_path,
+        type=path,
         metavar="DIR",
         default="fmu-estimator-demo",
         help="folder (default: %(default)s)",
@@ -96,8 +109,8 @@ the motor from that recording, and write recording.csv and all results to a fold
         action="store_true",
         help="draw the paper's figures 3 to 10 instead, as PNG, SVG and PDF; some minutes",
     )
-    demo.add_argument("--nests", type=_whole(2), metavar="N", help="of the paper's searches (default: its 400)")
-    demo.add_argument("--iterations", type=_whole(1), metavar="N", help="of the paper's searches (default: its 100)")
+    demo.add_argument("--nests", type=whole(2), metavar="N", help="of the paper's searches (default: its 400)")
+    demo.add_argument("--iterations", type=whole(1), metavar="N", help="of the paper's searches (default: its 100)")
     _add_quiet(demo)
 
 
@@ -118,8 +131,8 @@ Exit status: 0 an estimate, ok or doubtful; 1 refused or failed; 2 bad input."""
         ],
     )
     add = estimate.add_argument
-    add("source", type=_path, metavar="CASE.case.toml|RECORDING", help="a case file, or a recording")
-    add("--fmu", type=_path, metavar="FMU", help="an .fmu file or a bundled model's name (default: dc_motor)")
+    add("source", type=path, metavar="CASE.case.toml|RECORDING", help="a case file, or a recording")
+    add("--fmu", type=path, metavar="FMU", help="an .fmu file or a bundled model's name (default: dc_motor)")
     _add_kind(estimate)
     add("--method", choices=METHODS, metavar="METHOD", help=f"one of {', '.join(METHODS)} (default: cuckoo)")
     add(
@@ -138,11 +151,23 @@ Exit status: 0 an estimate, ok or doubtful; 1 refused or failed; 2 bad input."""
         metavar="NAME=LOWER:UPPER",
         help="bounds of a parameter, in SI units; repeatable",
     )
-    add("--seed", type=_whole(0), metavar="N", help="of the random numbers (default: 1); same seed, same result")
-    add("--workers", type=_whole(1), metavar="N", help="processes that simulate (default: all cores free to use)")
+    add("--loss", choices=LOSSES, metavar="LOSS", help="linear (default), or huber: outliers pull less")
+    add("--window", type=window, metavar="FROM:TO", help="use only the samples between two times, in s")
+    for option, what in (("scale", "factor on a channel's samples; -1 turns its sign"), ("offset", "added after it")):
+        add(
+            f"--{option}",
+            type=assignment,
+            action="append",
+            default=[],
+            metavar="NAME=VALUE",
+            help=f"{what}, in SI units; NAME is i, w, v, … or a column; repeatable",
+        )
+    add("--temperature", type=temperature, metavar="C", help="of the winding; R is then given at 25 degrees too")
+    add("--seed", type=whole(0), metavar="N", help="of the random numbers (default: 1); same seed, same result")
+    add("--workers", type=whole(1), metavar="N", help="processes that simulate (default: all cores free to use)")
     add(
         "--validate",
-        type=_path,
+        type=path,
         action="append",
         default=[],
         metavar="FILE",
@@ -152,7 +177,7 @@ Exit status: 0 an estimate, ok or doubtful; 1 refused or failed; 2 bad input."""
     add(
         "-o",
         dest="output",
-        type=_path,
+        type=path,
         metavar="DIR",
         help="write result.json, report.html, parameters.ssv, figure.png",
     )
@@ -163,6 +188,7 @@ Exit status: 0 an estimate, ok or doubtful; 1 refused or failed; 2 bad input."""
         choices=("svg", "pdf"),
         help="write figure.svg or figure.pdf too, with -o; repeatable",
     )
+    add("--save-case", type=case_file, metavar="OUT.case.toml", help="write all that is said here as a case file")
     add("--checkpoint", metavar="FILE", help="journal a long search there; killed and started again, it goes on")
     _add_quiet(estimate)
 
@@ -181,7 +207,7 @@ Exit status: 0 simulated; 2 bad input, or the FMU fails.""",
         ],
     )
     add = simulate.add_argument
-    add("fmu", type=_path, metavar="FMU", help="an .fmu file or a bundled model's name")
+    add("fmu", type=path, metavar="FMU", help="an .fmu file or a bundled model's name")
     add(
         "--set",
         dest="settings",
@@ -196,10 +222,10 @@ Exit status: 0 simulated; 2 bad input, or the FMU fails.""",
     drive.add_argument(
         "--voltage-step", type=level_at, metavar="V@T", help="voltage input: 0 V, then V volts from T seconds on"
     )
-    drive.add_argument("--input", type=_path, metavar="FILE", help="a recording with a column for each input")
-    add("--stop", type=_positive, metavar="S", help="last instant, in s (default: 2.8)")
-    add("--step", type=_positive, metavar="S", help="communication step, in s (default: 1e-3)")
-    add("-o", dest="output", type=_path, metavar="OUT.csv", help="write there instead of to the terminal")
+    drive.add_argument("--input", type=path, metavar="FILE", help="a recording with a column for each input")
+    add("--stop", type=positive, metavar="S", help="last instant, in s (default: 2.8)")
+    add("--step", type=positive, metavar="S", help="communication step, in s (default: 1e-3)")
+    add("-o", dest="output", type=path, metavar="OUT.csv", help="write there instead of to the terminal")
 
 
 def _add_inspect(commands: Any) -> None:
@@ -212,7 +238,7 @@ Show what an FMU is, what can be estimated in it, and what would go wrong; run i
 to see whether it repeats itself, can be reset, and honours its parameters and its step.""",
         [f"{PROGRAM} inspect dc_motor", f"{PROGRAM} inspect my_motor.fmu --json"],
     )
-    inspect.add_argument("fmu", type=_path, metavar="FMU", help="an .fmu file or a bundled model's name")
+    inspect.add_argument("fmu", type=path, metavar="FMU", help="an .fmu file or a bundled model's name")
     _add_kind(inspect)
     inspect.add_argument("--static", action="store_true", help="execute nothing of the FMU")
     inspect.add_argument("--json", action="store_true", help="print one JSON object instead of text")
@@ -238,10 +264,10 @@ Guess a case file from an FMU's description and a recording's header: which vari
 which parameters to estimate and between which bounds. What could not be guessed is marked TODO.""",
         [f"{PROGRAM} init my_motor.fmu step.csv -o motor.case.toml", f"{PROGRAM} init dc_motor step.csv"],
     )
-    init.add_argument("fmu", type=_path, metavar="FMU", help="an .fmu file or a bundled model's name")
-    init.add_argument("recording", type=_path, metavar="RECORDING", help="a recording")
+    init.add_argument("fmu", type=path, metavar="FMU", help="an .fmu file or a bundled model's name")
+    init.add_argument("recording", type=path, metavar="RECORDING", help="a recording")
     init.add_argument(
-        "-o", dest="output", type=_path, metavar="OUT.case.toml", help="write there instead of to the terminal"
+        "-o", dest="output", type=path, metavar="OUT.case.toml", help="write there instead of to the terminal"
     )
 
 
@@ -253,17 +279,17 @@ def _add_build(commands: Any) -> None:
         "Compile a model (a C file, or the name of a bundled one) into an FMU, for co-simulation and model exchange.",
         [f"{PROGRAM} build dc_motor", f"{PROGRAM} build my_motor.c --fmi 3 -o my_motor.fmu"],
     )
-    build.add_argument("model", type=_path, metavar="MODEL.c|NAME", help="a model's C file, or a bundled model's name")
-    build.add_argument("--fmi", type=_fmi, default=2, metavar="2|3", help="version of FMI (default: 2)")
+    build.add_argument("model", type=path, metavar="MODEL.c|NAME", help="a model's C file, or a bundled model's name")
+    build.add_argument("--fmi", type=fmi, default=2, metavar="2|3", help="version of FMI (default: 2)")
     build.add_argument(
         "--platforms",
-        type=_names,
+        type=names,
         metavar="NAME,…",
         help="compile for linux64, linux-aarch64, win64, darwin-x86_64, darwin-aarch64 by the package ziglang"
         " (default: for this machine by its C compiler)",
     )
     build.add_argument(
-        "-o", dest="output", type=_path, metavar="OUT.fmu", help="default: the model's name, in this folder"
+        "-o", dest="output", type=path, metavar="OUT.fmu", help="default: the model's name, in this folder"
     )
 
 
@@ -287,11 +313,11 @@ refused or failed, or stopped by a full disk; 2 bad usage.""",
     add("-o", dest="output", metavar="DIR", default="fmu-estimator-batch", help="folder (default: %(default)s)")
     add("--resume", action="store_true", help="go on with the batch in the folder: run only what is missing")
     add("--dask", metavar="ADDRESS", help="of a Dask scheduler, such as tcp://10.0.0.5:8786 (extra: cluster)")
-    add("--workers", type=_whole(1), metavar="N", help="cases at a time on this machine (default: all cores)")
+    add("--workers", type=whole(1), metavar="N", help="cases at a time on this machine (default: all cores)")
     many = batch.add_mutually_exclusive_group()
     for kind, how in (("monte-carlo", "white noise"), ("bootstrap", "its own residuals")):
         many.add_argument(
-            f"--{kind}", type=_whole(2), metavar="N", help=f"instead, each case N times: its best fit with {how}"
+            f"--{kind}", type=whole(2), metavar="N", help=f"instead, each case N times: its best fit with {how}"
         )
     add("--report", action="store_true", help="write report.html and figure.png of every case too, some 2 s a case")
     add("--parquet", action="store_true", help="write results.parquet too (extra: parquet)")
@@ -313,7 +339,7 @@ a MATLAB script, a Modelica modifier, and a motor's state space.""",
         ],
     )
     add = export.add_argument
-    add("result", type=_path, metavar="DIR|RESULT.json", help="what estimate -o wrote")
+    add("result", type=path, metavar="DIR|RESULT.json", help="what estimate -o wrote")
     add(
         "--format",
         dest="formats",
@@ -323,8 +349,8 @@ a MATLAB script, a Modelica modifier, and a motor's state space.""",
         metavar="FORMAT",
         help=f"one of {', '.join(FORMATS)}; repeatable (default: all that the FMU allows)",
     )
-    add("--fmu", type=_path, metavar="FMU", help="the FMU, if it has moved since")
-    add("-o", dest="output", type=_path, metavar="DIR", help="folder (default: that of the result)")
+    add("--fmu", type=path, metavar="FMU", help="the FMU, if it has moved since")
+    add("-o", dest="output", type=path, metavar="DIR", help="folder (default: that of the result)")
 
 
 def _add_schema(commands: Any) -> None:
@@ -389,73 +415,6 @@ class _Version(argparse.Action):
         parser.exit(OK)
 
 
-def assignment(text: str) -> tuple[str, float]:
-    """Read ``NAME=VALUE``."""
-    name, equals, value = text.partition("=")
-    if not name.strip() or not equals:
-        raise argparse.ArgumentTypeError(f"{text!r} is not NAME=VALUE, such as L=0.013")
-    return name.strip(), _number(value, of=text)
-
-
-def bounds(text: str) -> tuple[str, tuple[float, float]]:
-    """Read ``NAME=LOWER:UPPER``."""
-    name, equals, both = text.partition("=")
-    lower_text, colon, upper_text = both.partition(":")
-    if not name.strip() or not equals or not colon:
-        raise argparse.ArgumentTypeError(f"{text!r} is not NAME=LOWER:UPPER, such as R=0.1:5")
-    lower, upper = _number(lower_text, of=text), _number(upper_text, of=text)
-    if lower > upper:
-        raise argparse.ArgumentTypeError(f"{text!r} is upside down; write {name}={upper_text}:{lower_text}")
-    if lower == upper:
-        raise argparse.ArgumentTypeError(f"{text!r} leaves no room; use --fix {name}={lower_text}")
-    return name.strip(), (lower, upper)
-
-
-def level_at(text: str) -> tuple[float, float]:
-    """Read ``VOLTAGE@TIME``."""
-    level, at, time = text.partition("@")
-    if not at:
-        raise argparse.ArgumentTypeError(f"{text!r} is not VOLTAGE@TIME, such as 10.5@0.5")
-    return _number(level, of=text), _number(time, of=text)
-
-
-def _number(text: str, *, of: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        where = "" if text == of else f" in {of!r}"
-        raise argparse.ArgumentTypeError(f"{text!r}{where} is not a number; write it as 0.013 or 1.3e-2")
-    return value
-
-
-def _path(text: str) -> str:
-    if not text.strip():
-        raise argparse.ArgumentTypeError(f"{text!r} names nothing; give a name")
-    return text
-
-
-def _positive(text: str) -> float:
-    value = _number(text, of=text)
-    if value <= 0:
-        raise argparse.ArgumentTypeError(f"{text!r} is not positive; give a number above 0")
-    return value
-
-
-def _whole(least: int) -> Callable[[str], int]:
-    def read(text: str) -> int:
-        try:
-            value = int(text)
-        except ValueError:
-            value = least - 1
-        if value < least:
-            raise argparse.ArgumentTypeError(f"{text!r} is not a whole number of at least {least}")
-        return value
-
-    return read
-
-
 def _add_new_model(commands: Any) -> None:
     new_model = _command(
         commands,
@@ -465,16 +424,6 @@ def _add_new_model(commands: Any) -> None:
         [f"{PROGRAM} new-model my_motor", f"{PROGRAM} build my_motor.c"],
     )
     new_model.add_argument("name", metavar="NAME", help="a C identifier, such as my_motor")
-
-
-def _names(text: str) -> list[str]:
-    return [name.strip() for name in text.split(",") if name.strip()]
-
-
-def _fmi(text: str) -> int:
-    if text not in ("2", "3"):
-        raise argparse.ArgumentTypeError(f"{text!r} is no version of FMI that can be built; use --fmi 2 or --fmi 3")
-    return int(text)
 
 
 def _joined(arguments: Sequence[str]) -> list[str]:

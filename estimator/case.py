@@ -118,6 +118,10 @@ class Case:
         """Return what is said of a recording."""
         return self.runs[min(recording, len(self.runs) - 1)] if self.runs else RunSpec()
 
+    def runs_of(self, count: int) -> tuple[RunSpec, ...]:
+        """Return what is said of each of so many recordings."""
+        return tuple(self.run(k) for k in range(count))
+
     def __post_init__(self) -> None:
         """Lock the mappings."""
         for name in (

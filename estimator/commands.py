@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from estimator.errors import FmuError, InputError, SimulationError
-from estimator.options import unique, with_options
+from estimator.options import unique, with_corrections, with_held_out, with_options
 from estimator.output import OutputFolder, write_files
 from estimator.progress import LiveLine, Progress, batch_line, is_terminal
 from estimator.terminal import FAILED, INTERRUPTED, OK, complain, say
@@ -66,16 +66,16 @@ def estimate(args: argparse.Namespace) -> int:
     """Estimate parameters from a case file or a recording; print them, and write them with ``-o``."""
     case = _case(args)
     args.method, args.seed = case.search.method, case.search.seed
+    if args.save_case:
+        from estimator.case import write_case
+
+        write_case(case, Path(args.save_case))
     if args.figures and not args.output:
         raise InputError("--figures needs a folder to write to; give one with -o")
     with OutputFolder(args.output) if args.output else contextlib.nullcontext() as folder:
         result = _estimated(
             case, workers=args.workers, quiet=args.quiet, profile=folder is not None, checkpoint=args.checkpoint
         )
-        if args.validate:
-            from estimator.validation import validated
-
-            result = validated(result, case, [Path(file) for file in args.validate])
         if folder is not None:
             _write_results(folder, result, case, command=args.command_line, figures=args.figures)
     if args.json:
@@ -321,9 +321,20 @@ def _case(args: argparse.Namespace) -> Case:
         raise InputError(f"{source} is an FMU; give a recording or a case file, and the FMU with --fmu {source}")
     else:
         case = case_for_recording(Path(source))
-    return with_options(
-        case, fmu=args.fmu, kind=args.kind, method=args.method, seed=args.seed, fix=args.fix, bounds=args.bounds
+    case = with_options(
+        case,
+        fmu=args.fmu,
+        kind=args.kind,
+        method=args.method,
+        seed=args.seed,
+        fix=args.fix,
+        bounds=args.bounds,
+        loss=args.loss,
     )
+    case = with_corrections(
+        case, window=args.window, scale=args.scale, offset=args.offset, temperature=args.temperature
+    )
+    return with_held_out(case, args.validate, fitted=len(case.recordings))
 
 
 def _estimated(

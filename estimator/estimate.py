@@ -25,7 +25,7 @@ from estimator.fit import Fit, log_likelihood
 from estimator.fmu import FmuDescription, describe, with_kind
 from estimator.noise_level import beside_means, output_deviations
 from estimator.nuisance import Refinement
-from estimator.outcome import comparisons, correlation, figures, parameter_estimates, versions
+from estimator.outcome import comparisons, correlation, figures, parameter_estimates, recordings, sensors, versions
 from estimator.plan import MOTOR, Plan
 from estimator.planning import plan_case
 from estimator.polish import LeastSquares, Polish
@@ -41,7 +41,9 @@ from estimator.space import Space, paper_space, reduced_space, steady_state
 from estimator.starts import many_starts, needs_many
 from estimator.step_check import step_check
 from estimator.trial import announcement, unmoved
+from estimator.validation import validated
 from estimator.verdict import Judgement, judge
+from estimator.winding import cold_resistances
 from estimator.workers import TIME_LIMIT, Workers
 
 FloatArray = NDArray[np.float64]
@@ -115,8 +117,7 @@ def estimate(
     """
     count = available_cores() if workers is None else workers
     with Workers(count, time_limit=time_limit) as crew:
-        plan = plan_case(case, driven(with_kind(describe(case.fmu), case.kind)))
-        return _Estimation(plan, crew, progress=progress, bounded=bounded, tell=tell, profile=profile).run()
+        return estimate_by(crew, case, progress=progress, bounded=bounded, tell=tell, profile=profile)
 
 
 def estimate_recordings(
@@ -142,16 +143,11 @@ def estimate_recordings(
         As `estimate`.
     """
     count = available_cores() if workers is None else workers
-    descriptions: dict[tuple[str, str | None], FmuDescription] = {}
-    results = []
     with Workers(count, time_limit=time_limit) as crew:
-        for case, measured in zip(cases, recordings, strict=True):
-            wanted = case.fmu, case.kind
-            if wanted not in descriptions:
-                descriptions[wanted] = driven(with_kind(describe(case.fmu), case.kind))
-            plan = plan_case(case, descriptions[wanted], recordings=measured)
-            results.append(_Estimation(plan, crew, progress=None, bounded=bounded).run())
-    return results
+        return [
+            estimate_by(crew, case, recordings=measured, bounded=bounded)
+            for case, measured in zip(cases, recordings, strict=True)
+        ]
 
 
 def estimate_by(
@@ -185,7 +181,12 @@ def estimate_by(
     """
     described = driven(with_kind(description or describe(case.fmu), case.kind))
     plan = plan_case(case, described, recordings=recordings)
-    return _Estimation(plan, crew, progress=progress, bounded=bounded, tell=tell, profile=profile).run()
+    found = _Estimation(plan, crew, progress=progress, bounded=bounded, tell=tell, profile=profile).run()
+    count = len(case.recordings if recordings is None else recordings)
+    apart = [k for k in range(count) if case.run(k).validate]
+    if not apart:
+        return found
+    return validated(found, case, recordings=None if recordings is None else [recordings[k] for k in apart])
 
 
 def available_cores() -> int:
@@ -351,7 +352,13 @@ class _Estimation:
         nests, generations = plan.case.search.nests or NESTS, plan.case.search.iterations or GENERATIONS
         self.expected = self._usual_simulations()
         candidates = [self._searched(reduced or Space.full(box), start, nests, generations)]
-        squares = LeastSquares(problem.residuals, box, output=problem.output_of_residual, spread=problem.spread)
+        squares = LeastSquares(
+            problem.residuals,
+            box,
+            output=problem.output_of_residual,
+            spread=problem.spread,
+            loss=plan.case.search.loss,
+        )
         floor = np.array([max(noise[y], 1e-12 * s) for y, s in zip(problem.outputs, problem.spread, strict=True)])
         sigma = np.array([max(n, SIGMA_FLOOR * s) for n, s in zip(floor, problem.spread, strict=True)])
         polish = self._polished(squares, candidates, sigma)
@@ -557,6 +564,7 @@ class _Estimation:
         if polish is not None:
             found = {**self.plan.fixed, **dict(zip(self.plan.names, values.tolist(), strict=True))}
             derived = derived_quantities(found, self.plan.names, problem.box.log, polish)
+            derived |= cold_resistances(self.plan, values, polish)
         result = self._result(values, polish, judgement, shown=problem.shown(batch))
         return dataclasses.replace(result, profiles=profiles, derived=derived)
 
@@ -571,6 +579,7 @@ class _Estimation:
         self._count()
         plan = self.plan
         parameters: dict[str, ParameterEstimate] = {}
+        chain = {p.name for p in plan.parameters if p.place is not None}
         if values is not None:
             parameters = parameter_estimates(plan, values, polish, judgement)
         compared = comparisons(plan, shown) if shown is not None else ()
@@ -590,7 +599,10 @@ class _Estimation:
         return Estimate(
             verdict=judgement.verdict,
             reasons=judgement.reasons,
-            parameters=parameters,
+            parameters={n: p for n, p in parameters.items() if n not in chain},
+            chain={n: p for n, p in parameters.items() if n in chain},
+            sensors=sensors(plan),
+            recordings=recordings(plan),
             method=self.method,
             seed=plan.case.search.seed,
             simulations=self.crew.simulations + description.probe_simulations if self.loaded else 0,

@@ -65,6 +65,7 @@ def squares(problem: Problem, treatment: Treatment) -> LeastSquares:
         output=problem.output_of_residual,
         spread=problem.spread,
         lost=treatment.lost,
+        loss=problem.plan.case.search.loss,
     )
 
 

@@ -149,9 +149,25 @@ class Refinement:
                 return accused
             if freed is not None:
                 self.rejected.clear()
-                return freed
+                return self._or_late(fit, direction, freed)
             self.rejected.add(direction.name)
         return None
+
+    def _or_late(self, fit: Fit, direction: Direction, freed: Fit) -> Fit:
+        """Return a fit with a channel's mean, or one with its delay where that explains far more."""
+        kind, _, rest = direction.name.partition(" ")
+        if kind not in ("mean", "average"):
+            return freed
+        name = f"delay {rest.partition(' ')[0]}"
+        late = next((d for d in directions(fit) if d.is_channel and d.name == name), None)
+        if late is None:
+            return freed
+        product = float(late.column @ fit.polish.residuals) / float(late.column @ late.column)
+        rival = self._freed(fit, dataclasses.replace(late, starts=starts(late, -product, fit.problem)))
+        if rival is None:
+            return freed
+        scores = [misfit(f) + FREED**2 * float(np.sum(f.treatment.keep == 0)) for f in (rival, freed)]
+        return rival if scores[0] < scores[1] - FREED**2 else freed
 
     def _accused(self, fit: Fit, suspect: Accused) -> Fit:
         """Take a wrong assumption out of the residuals, and fit again."""

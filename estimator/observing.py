@@ -189,7 +189,12 @@ def _measured(
         signal = np.concatenate([[np.nan], np.diff(signal) / np.diff(recording.time)])
     elif name == "angle":
         signal = _without_rest(signal)
-    return signal if spec.both is None else _filtered(signal, filter_sections(spec.both, step=recording.step))
+    if spec.both is None:
+        return signal
+    try:
+        return _filtered(signal, filter_sections(spec.both, step=recording.step))
+    except ValueError as error:
+        raise CaseError(f"output {name!r}: {error} of {recording.title}; take a lower one") from None
 
 
 def _filtered(signal: FloatArray, sections: tuple[Section, ...]) -> FloatArray:
@@ -226,7 +231,7 @@ def _columns(case: Case, description: FmuDescription, recording: Recording) -> t
     inputs = {name: recording.column(column) for name, column in case.inputs.items()}
     outputs = {name: recording.column(spec.column) for name, spec in case.outputs.items()}
     needs_voltage = not inputs and "v" not in case.fixed
-    roles = motor_columns(recording, required=[*(["v"] if needs_voltage else []), *([] if outputs else ["i", "w"])])
+    roles = motor_columns(recording, required=["v"] if needs_voltage else [], either=[] if outputs else ["i", "w"])
     if not inputs:
         for role in ("v", "load"):
             if role in roles and any(v.name == role for v in description.of_causality("input")):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import os
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 from estimator.errors import FmuError, InputError, suggestion
@@ -25,6 +26,7 @@ def with_options(
     seed: int | None = None,
     fix: Sequence[tuple[str, float]] = (),
     bounds: Sequence[tuple[str, tuple[float, float]]] = (),
+    loss: str | None = None,
 ) -> Case:
     """Return a case with the command line's options applied; they win over the case file.
 
@@ -41,6 +43,7 @@ def with_options(
     search = case.search
     search = dataclasses.replace(search, method=search.method if method is None else method)
     search = dataclasses.replace(search, seed=search.seed if seed is None else seed)
+    search = dataclasses.replace(search, loss=search.loss if loss is None else loss)
     case = dataclasses.replace(case, search=search)
     held, limits = unique(fix, option="--fix"), unique(bounds, option="--bounds")
     for name in held.keys() & limits.keys():
@@ -52,6 +55,48 @@ def with_options(
 
     description = in_si_units(describe(case.fmu))
     return _bounded(_held(case, held, description), limits, description)
+
+
+def with_corrections(
+    case: Case,
+    *,
+    window: tuple[float, float] | None = None,
+    scale: Sequence[tuple[str, float]] = (),
+    offset: Sequence[tuple[str, float]] = (),
+    temperature: float | None = None,
+) -> Case:
+    """Return a case with what the command line says of its recordings; it holds for each of them.
+
+    Raises
+    ------
+    InputError
+        A channel is given twice.
+    """
+    factors, offsets = unique(scale, option="--scale"), unique(offset, option="--offset")
+    if not factors and not offsets and window is None and temperature is None:
+        return case
+    runs = []
+    for run in case.runs_of(max(len(case.recordings), 1)):
+        run = dataclasses.replace(run, scale={**run.scale, **factors}, offset={**run.offset, **offsets})
+        run = dataclasses.replace(run, window=run.window if window is None else window)
+        runs.append(dataclasses.replace(run, temperature=run.temperature if temperature is None else temperature))
+    return dataclasses.replace(case, runs=tuple(runs))
+
+
+def with_held_out(case: Case, files: Sequence[str | os.PathLike[str]], *, fitted: int) -> Case:
+    """Return a case with further recordings that are held out of the fit; their channels are corrected alike.
+
+    Parameters
+    ----------
+    fitted : int
+        How many recordings there are already.
+    """
+    if not files:
+        return case
+    usual = dataclasses.replace(case.run(0), validate=True, window=None, temperature=None, delay=None)
+    runs = (*case.runs_of(fitted), *[usual] * len(files))
+    more = tuple(Path(os.path.abspath(file)) for file in files)
+    return dataclasses.replace(case, recordings=(*case.recordings, *more), runs=runs)
 
 
 def unique(pairs: Sequence[tuple[str, T]], *, option: str) -> dict[str, T]:

@@ -7,9 +7,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator import layout
+from estimator.case_signals import run_value
 from estimator.mapping import target
 from estimator.parameters import Parameter
-from estimator.plan import Plan
+from estimator.plan import ChainSpec, Plan
 from estimator.polish import Polish
 from estimator.result import Comparison, ParameterEstimate, Setting
 from estimator.verdict import Judgement
@@ -20,7 +22,7 @@ FloatArray = NDArray[np.float64]
 def parameter_estimates(
     plan: Plan, values: FloatArray, polish: Polish | None, judgement: Judgement
 ) -> dict[str, ParameterEstimate]:
-    """Return every parameter's estimate, the fixed ones included."""
+    """Return every parameter's estimate, the fixed ones included, and what the measurement chain adds."""
     result = {}
     for j, parameter in enumerate(plan.parameters):
         status = judgement.statuses.get(parameter.name)
@@ -69,6 +71,39 @@ def _settings(plan: Plan, parameter: Parameter, value: float) -> tuple[Setting, 
         kind = "Real" if variable.is_real else variable.type
         settings.append(Setting(name, own, variable.own_unit or variable.unit, kind))
     return None if settings == [Setting(parameter.name, value, parameter.unit)] else tuple(settings)
+
+
+def sensors(plan: Plan) -> dict[str, dict[str, Any]]:
+    """Return what each output's sensor was taken for."""
+    result: dict[str, dict[str, Any]] = {}
+    for name in plan.outputs:
+        chain = plan.chains.get(name, ChainSpec())
+        result[name] = {
+            "sensor": "mean" if plan.sensors[name] == layout.MEAN else "identity",
+            "average": chain.average,
+            "filters": [f.family for f in chain.filters],
+            "gain": chain.gain,
+            "offset": chain.offset,
+            "delay": chain.delay,
+        }
+    return result
+
+
+def recordings(plan: Plan) -> tuple[dict[str, Any], ...]:
+    """Return what was done to each recording."""
+    case = plan.case
+    count = max(len(case.recordings), len(plan.observed))
+    runs = [run for run in map(case.run, range(count)) if not run.validate]
+    return tuple(
+        {
+            "name": o.recording.name,
+            "samples": len(o.recording.time),
+            "missing_rows": o.recording.missing_rows,
+            "even_clock": o.recording.even,
+            **run_value(run),
+        }
+        for o, run in zip(plan.observed, runs, strict=False)
+    )
 
 
 def comparisons(plan: Plan, shown: list[FloatArray]) -> tuple[Comparison, ...]:

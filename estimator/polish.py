@@ -21,6 +21,7 @@ from estimator.parameters import Box
 FloatArray = NDArray[np.float64]
 Residuals = Callable[[FloatArray], FloatArray]
 
+HUBER = 1.345  # deviations: 95 % of the efficiency of least squares on normal noise
 STEP = 1e-4  # of a parameter, for differences
 REWEIGHTINGS = 3
 REWEIGHTED = 0.02  # relative change of the deviations at which reweighting stops
@@ -83,6 +84,8 @@ class LeastSquares:
         Which output each residual belongs to.
     spread : (q,) array
         Standard deviation of each measured output: its scale.
+    loss : "linear" or "huber"
+        Beyond HUBER deviations a residual counts in proportion, no longer by its square (Huber 1964).
     lost : (q,) array, optional
         Degrees of freedom that each output has lost already, to outliers and ripple.
     """
@@ -95,7 +98,9 @@ class LeastSquares:
         output: NDArray[np.int64],
         spread: FloatArray,
         lost: FloatArray | None = None,
+        loss: str = "linear",
     ) -> None:
+        self._robust = loss == "huber"
         self._residuals, self.box, self._output, self._spread = residuals, box, output, spread
         self._lost = np.zeros(len(spread)) if lost is None else lost
         self.low = _scale(box.lower, box.log)
@@ -115,10 +120,13 @@ class LeastSquares:
             if key not in cache:
                 cache.clear()
                 cache[key] = self._weighted(x[None, :], weights)[0]
-            return cache[key]
+            return rooted(cache[key])[0] if self._robust else cache[key]
 
         def jacobian(x: FloatArray) -> FloatArray:
-            return self._differences(x, weights, value(x))
+            value(x)
+            at = cache[x.tobytes()]
+            differences = self._differences(x, weights, at)
+            return differences * rooted(at)[1][:, None] if self._robust else differences
 
         margin = 1e-9 * (self.high - self.low)
         x = np.clip(_scale(start, self.box.log), self.low + margin, self.high - margin)
@@ -152,6 +160,9 @@ class LeastSquares:
         for j in range(outputs):
             own = raw[self._output == j]
             own = own[np.isfinite(own)]
+            if self._robust and own.any():
+                result[j] = float(np.median(np.abs(own[own != 0]))) / 0.6745
+                continue
             freedom = max(1.0, len(own) - self._lost[j] - free / outputs)
             result[j] = np.sqrt(own @ own / freedom) if len(own) else self._spread[j]
         return np.maximum(result, NUMERICAL * self._spread)
@@ -188,6 +199,14 @@ class LeastSquares:
         p = len(values)
         covariance = np.zeros((p, p))
         covariance[np.ix_(inside, inside)] = sum(information_parts(jacobian[:, inside]))
+        wider = 1.0
+        if self._robust:
+            clipped = np.clip(residuals, -HUBER, HUBER)
+            share = max(float(np.mean(np.abs(residuals) < HUBER)), 1e-3)
+            power = float(np.mean(clipped**2))
+            wider = power / share**2  # of an M-estimate (Huber 1964)
+            covariance *= wider
+            residuals = clipped * (share / power) if power > 0 else clipped
         with np.errstate(invalid="ignore"):
             errors = np.sqrt(np.diag(covariance)) * np.where(self.box.log, values, 1.0)
         return Polish(
@@ -199,7 +218,7 @@ class LeastSquares:
             at_bound=at_bound.astype(np.int64),
             jacobian=jacobian,
             residuals=residuals,
-            scores=jacobian.T @ jacobian,
+            scores=wider * jacobian.T @ jacobian,
         )
 
     def _values(self, x: FloatArray) -> FloatArray:
@@ -239,6 +258,14 @@ class LeastSquares:
     def _unclipped(self, x: FloatArray) -> FloatArray:
         """Return values that may lie one difference step outside the bounds."""
         return np.where(self.box.log, np.exp(np.where(self.box.log, x, 0.0)), x)
+
+
+def rooted(residuals: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return residuals, (m,), whose squares are twice Huber's loss, and their derivatives by the plain ones."""
+    size = np.abs(residuals)
+    far = size > HUBER
+    root = np.sqrt(np.where(far, 2 * HUBER * size - HUBER**2, 1.0))
+    return np.where(far, np.sign(residuals) * root, residuals), np.where(far, HUBER / root, 1.0)
 
 
 def _scale(values: FloatArray, log: NDArray[np.bool_]) -> FloatArray:

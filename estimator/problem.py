@@ -20,12 +20,12 @@ from estimator.plan import ChainSpec, Observed, Plan
 from estimator.planning import read_variable
 from estimator.recording import Recording
 from estimator.sensors import Section
+from estimator.winding import warmth
 from estimator.workers import Batch, Experiment, Job, Workers
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-COPPER, REFERENCE = 0.00393, 25.0  # 1/K, °C: a copper winding's resistance, as data sheets state it
 SIGMA_FLOOR = 1e-3  # of a signal's deviation: the least that the search takes for its noise
 
 
@@ -274,14 +274,6 @@ class Problem:
     def _measured(self, observed: Observed) -> FloatArray:
         measured = np.column_stack([observed.outputs[y] for y in self.outputs])
         return np.concatenate([np.full((observed.lead, measured.shape[1]), np.nan), measured])
-
-
-def warmth(temperatures: Sequence[float | None], count: int) -> FloatArray:
-    """Return the factors, (count,), on a copper winding's resistance, over that of the first recording."""
-    if len(temperatures) != count or any(t is None for t in temperatures):
-        return np.ones(count)
-    relative = np.array([1 + COPPER * ((t or 0.0) - REFERENCE) for t in temperatures])
-    return np.asarray(relative / relative[0])
 
 
 def _substeps(case: Case, recording: Recording) -> int:

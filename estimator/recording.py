@@ -6,7 +6,7 @@ clock jitters.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from difflib import get_close_matches
 from pathlib import Path
@@ -280,7 +280,9 @@ def write_recording(recording: Recording, path: Path) -> None:
     write_files({Path(path): ("\n".join(lines) + "\n").encode()})
 
 
-def motor_columns(recording: Recording, *, required: Sequence[str] = ("v", "i", "w")) -> dict[str, str]:
+def motor_columns(
+    recording: Recording, *, required: Sequence[str] = ("v", "i", "w"), either: Sequence[str] = ()
+) -> dict[str, str]:
     """Find which columns are a motor's voltage, current, speed, angle and load, by usual names and units.
 
     Parameters
@@ -289,6 +291,8 @@ def motor_columns(recording: Recording, *, required: Sequence[str] = ("v", "i", 
         The recording.
     required
         The roles that must be there; an angle will do for the speed.
+    either
+        Roles of which one is enough, unless a column seems to be meant for another.
 
     Returns
     -------
@@ -316,17 +320,28 @@ def motor_columns(recording: Recording, *, required: Sequence[str] = ("v", "i", 
                 found[role] = column
                 break
             wrong = wrong or fault
-        if role not in found and wrong and role in required:
+        if role not in found and wrong and role in (*required, *either):
             raise RecordingError(wrong)
-    missing = [role for role in required if role not in found and not (role == "w" and "angle" in found)]
+    lacking = [role for role in (*required, *either) if role not in found and not (role == "w" and "angle" in found)]
+    meant = {role: _meant(recording, role, found.values(), by_unit=role in either) for role in lacking}
+    nothing = bool(either) and not {*either, "angle"} & found.keys()
+    missing = [role for role in lacking if role in required or meant[role] or nothing]
     if missing:
         role = missing[0]
-        left = {plain(parse_header(h).name): h for c, h in recording.headers.items() if c not in found.values()}
-        near = [left[name] for name in left if get_close_matches(name, USUAL_NAMES[role], n=1, cutoff=0.75)]
+        near = meant[role]
         columns = ", ".join(recording.headers.values())
-        meant = f"; is it {near[0]!r}?" if near else f"; add one such as {_example(role)!r}, or map it in a case file"
-        raise RecordingError(f"{recording.title} has no {ROLE_TITLE[role]} column{meant} ({columns})")
+        remedy = f"; is it {near[0]!r}?" if near else f"; add one such as {_example(role)!r}, or map it in a case file"
+        raise RecordingError(f"{recording.title} has no {ROLE_TITLE[role]} column{remedy} ({columns})")
     return found
+
+
+def _meant(recording: Recording, role: str, taken: Collection[str], *, by_unit: bool) -> list[str]:
+    """Return the headers of columns that nearly have a role's name, or else are in its unit."""
+    left = {c: parse_header(h) for c, h in recording.headers.items() if c not in taken}
+    near = [h.text for h in left.values() if get_close_matches(plain(h.name), USUAL_NAMES[role], n=1, cutoff=0.75)]
+    if near or not by_unit:
+        return near
+    return [h.text for h in left.values() if h.unit is not None and h.unit.quantity == ROLE_QUANTITY[role]]
 
 
 def _example(role: str) -> str:

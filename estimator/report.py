@@ -25,6 +25,8 @@ def text_report(estimate: Estimate) -> str:
     lines = [VERDICTS[estimate.verdict], *(f"  - {reason}" for reason in estimate.reasons)]
     if estimate.parameters:
         lines += ["", *table(*parameter_rows(estimate), right=(1, 3, 5, 6))]
+    if estimate.chain:
+        lines += ["", *table(*chain_rows(estimate), right=(1, 3))]
     if estimate.derived:
         lines += ["", *table(*derived_rows(estimate), right=(1, 3))]
     if estimate.rmse:
@@ -44,9 +46,20 @@ def parameter_rows(estimate: Estimate) -> tuple[list[str], list[list[str]]]:
 
     The columns of the nominal values are left empty (and dropped by `table`) when no nominal value is known.
     """
-    header = ["parameter", "estimate", "± std. error", "", "unit", "nominal", "deviation", "note"]
+    return _estimate_rows("parameter", estimate.parameters, said=estimate.reasons)
+
+
+def chain_rows(estimate: Estimate) -> tuple[list[str], list[list[str]]]:
+    """Return header and rows of what was estimated of the measurement chain, as `parameter_rows`."""
+    return _estimate_rows("measurement", estimate.chain, said=estimate.reasons)
+
+
+def _estimate_rows(
+    title: str, parameters: Mapping[str, ParameterEstimate], *, said: Iterable[str]
+) -> tuple[list[str], list[list[str]]]:
+    header = [title, "estimate", "± std. error", "", "unit", "nominal", "deviation", "note"]
     rows = []
-    for name, parameter in estimate.parameters.items():
+    for name, parameter in parameters.items():
         useless = parameter.standard_error is not None and parameter.standard_error > abs(parameter.value)
         value, error = value_texts(parameter.value, None if useless else parameter.standard_error)
         nominal = parameter.nominal
@@ -59,7 +72,7 @@ def parameter_rows(estimate: Estimate) -> tuple[list[str], list[list[str]]]:
                 parameter.unit,
                 "" if nominal is None else number_text(nominal),
                 "" if nominal is None else deviation_text(parameter.value, nominal),
-                parameter_note(parameter, said=estimate.reasons),
+                parameter_note(parameter, said=said),
             ]
         )
     return header, rows
@@ -120,6 +133,9 @@ def validation_lines(estimate: Estimate) -> list[str]:
         shown = f"  {name}  RMSE {_finite_text(rmse, '.4g')} {unit}".rstrip()
         fitted = _finite_text(estimate.rmse.get(name, math.nan), ".4g")
         lines.append(f"{shown} ({fitted} where it was fitted)")
+    if estimate.validation.chain:
+        own = ", ".join(f"{name} {value:.4g}" for name, value in estimate.validation.chain.items())
+        lines.append(f"  their own delays and offsets were fitted: {own}")
     return lines
 
 
@@ -172,6 +188,9 @@ def to_mapping(estimate: Estimate) -> dict[str, Any]:
         "reasons": estimate.reasons,
         "notes": estimate.notes,
         "parameters": {name: _parameter_mapping(p) for name, p in estimate.parameters.items()},
+        "measurement_chain": {name: _parameter_mapping(p) for name, p in estimate.chain.items()},
+        "sensors": estimate.sensors,
+        "recordings": estimate.recordings,
         "derived": {
             name: {"value": q.value, "standard_error": q.standard_error, "unit": q.unit}
             for name, q in estimate.derived.items()
@@ -186,6 +205,7 @@ def to_mapping(estimate: Estimate) -> dict[str, Any]:
             "recordings": [c.name for c in estimate.validation.comparisons],
             "rmse": estimate.validation.rmse,
             "fit_percent": estimate.validation.fit_percent,
+            "measurement_chain": estimate.validation.chain,
         },
         "simulations": estimate.simulations,
         "simulations_by_phase": estimate.simulations_by_phase,

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 
-from estimator.report import cost_lines, derived_rows, json_ready, parameter_rows, signal_rows
+from estimator.report import chain_rows, cost_lines, derived_rows, json_ready, parameter_rows, signal_rows
 from estimator.result import Estimate
 
 PROFILE_CAPTION = (
@@ -107,6 +107,8 @@ def html_report(
     parts = [f"<h1>{escape(title)}</h1>", _verdict(estimate)]
     if estimate.parameters:
         parts += [_heading("Parameters"), _parameters(estimate)]
+    if estimate.chain:
+        parts += [_table(*chain_rows(estimate), right=(1, 3))]
     if estimate.derived:
         parts += [_table(*derived_rows(estimate), right=(1, 3))]
     if pictures.parameters is not None:
@@ -151,6 +153,8 @@ def html_fragment(estimate: Estimate) -> str:
     parts = [_verdict(estimate)]
     if estimate.parameters:
         parts.append(_parameters(estimate))
+    if estimate.chain:
+        parts.append(_table(*chain_rows(estimate), right=(1, 3)))
     if estimate.rmse:
         parts.append(_table(*signal_rows(estimate), right=(1, 3)))
     return f'<div class="fmu-estimator"><style>{FRAGMENT_STYLE}</style>' + "\n".join(parts) + "</div>"

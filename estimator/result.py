@@ -153,11 +153,13 @@ class Validation:
     comparisons : one a recording
     rmse : output name → root mean square error, SI units
     fit_percent : output name → 100 (1 − ‖e‖ / ‖y − mean‖)
+    chain : what was fitted to these recordings all the same: their delays and offsets
     """
 
     comparisons: tuple[Comparison, ...]
     rmse: Mapping[str, float]
     fit_percent: Mapping[str, float]
+    chain: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -171,6 +173,9 @@ class Estimate:
     notes : sentences about what was found in the data and used (where the step is, noise, what settled)
     parameters : name → ParameterEstimate; may be empty when refused
     derived : name → DerivedQuantity; gains and time constants, those that the recordings tell
+    chain : what was estimated of the measurement chain (delay, offset i, …) → ParameterEstimate
+    sensors : output name → what its sensor was taken for: sensor, average, filters, gain, offset, delay
+    recordings : what was done to each recording, one mapping each (window, scale, offset, delay, temperature)
     correlation : (p, p) array over the free parameters in the order of `correlated`, or None
     correlated : names of the rows and columns of `correlation`
     rmse : output name → root mean square error over all samples used, SI units
@@ -202,6 +207,9 @@ class Estimate:
     seconds: float
     fmu: Mapping[str, Any]
     versions: Mapping[str, str]
+    chain: Mapping[str, ParameterEstimate] = field(default_factory=dict)
+    sensors: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    recordings: tuple[Mapping[str, Any], ...] = ()
     rmse: Mapping[str, float] = field(default_factory=dict)
     fit_percent: Mapping[str, float] = field(default_factory=dict)
     noise: Mapping[str, float] = field(default_factory=dict)

@@ -288,6 +288,7 @@ def _notes(plan: Plan, steady: Steady | None) -> tuple[str, ...]:
             notes.append(f"{title}: the clock jitters by {100 * jitter:.2g} % of a step; each sample has its own time")
         for name, y in o.outputs.items():
             notes.append(f"{title}: {name} has {np.sum(~np.isnan(y))} samples, noise {noise_deviation(y):.2g}")
+    notes += plan.notes
     if steady is not None and steady.settling.settled:
         t = plan.observed[0].recording.time[steady.settling.start]
         state = steady.state

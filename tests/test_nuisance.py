@@ -51,14 +51,14 @@ def test_a_clean_recording_frees_nothing(case_of, noisy):
 def test_a_delay_is_found_and_estimated(case_of, noisy, late):
     voltage = np.concatenate([noisy.signals["voltage"][late:], np.full(late, 10.5)])
     result = run(case_of(), with_signals(noisy, voltage=voltage))
-    assert result.parameters["delay"].value == pytest.approx(late * 1e-3, abs=2e-4)
-    assert abs(result.parameters["delay"].value - late * 1e-3) < 5 * result.parameters["delay"].standard_error
+    assert result.chain["delay"].value == pytest.approx(late * 1e-3, abs=2e-4)
+    assert abs(result.chain["delay"].value - late * 1e-3) < 5 * result.chain["delay"].standard_error
     assert worst(result) < 5
 
 
 def test_offsets_are_found_and_estimated(case_of, noisy):
     result = run(case_of(), with_signals(noisy, current=noisy.signals["current"] + 0.01))
-    offset = result.parameters["offset i"]
+    offset = result.chain["offset i"]
     assert abs(offset.value - 0.01) < 5 * offset.standard_error
     assert worst(result) < 5
 

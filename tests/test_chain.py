@@ -1,0 +1,522 @@
+"""Declared sensors, corrected channels, driven inputs, several recordings: estimated to the noise, against a bench.
+
+The bench moves by the matrix exponential on a grid twenty times finer than the samples, its sensors are of scipy and
+numpy, so nothing is shared with what is tested. A value beyond five standard errors has a chance of 6e-7; all
+of this file's together are below 1e-4 a run.
+"""
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+from motors import CML050, NAMES
+from scipy import linalg, signal
+
+import estimator
+from estimator.case import Case, ParameterSpec, RunSpec, SearchSpec, read_case
+from estimator.case_signals import OutputSpec
+from estimator.cli import main
+from estimator.errors import CaseError, InputError, RecordingError
+from estimator.estimate import estimate_recordings
+from estimator.filters import Chebyshev1, Coefficients, LowPass, filter_sections
+from estimator.noise_level import output_deviations
+from estimator.planning import plan_case
+from estimator.recording import Recording, recording_from_arrays, write_recording
+from estimator.result import Estimate
+from estimator.sensors import Sensor
+from estimator.winding import warmth
+
+H, FINE = 1e-3, 20
+NOISE = {"i": 0.02, "w": 1.0}
+
+
+@dataclasses.dataclass
+class Bench:
+    """What the motor did, on the fine grid: current, speed, angle, and the voltage that drove it."""
+
+    time: np.ndarray
+    v: np.ndarray
+    i: np.ndarray
+    w: np.ndarray
+    angle: np.ndarray
+
+    def at(self, name: str, late: float = 0.0) -> np.ndarray:
+        """Return a signal's samples, late by whole fine steps."""
+        k = np.arange(0, len(self.time), FINE) - round(late / H * FINE)
+        return getattr(self, name)[np.clip(k, 0, None)]
+
+    @property
+    def samples(self) -> np.ndarray:
+        return self.time[::FINE]
+
+
+def bench(voltage, *, duration=1.0, motor=CML050, R=None) -> Bench:
+    """Run the motor at a voltage that is a function of time, held over each fine step."""
+    R = motor.R if R is None else R
+    time = np.arange(round(duration / H) * FINE + 1) * (H / FINE)
+    v = np.asarray(voltage(time + 1e-12), dtype=float) * np.ones(len(time))
+    system = np.zeros((4, 4))
+    system[0] = -R / motor.L, -motor.K / motor.L, 0, 1 / motor.L
+    system[1] = motor.K / motor.J, -motor.B / motor.J, 0, 0
+    system[2] = 0, 1, 0, 0
+    E = linalg.expm(system * (H / FINE))
+    response = signal.dlti(E[:3, :3], E[:3, 3:], np.eye(3), np.zeros((3, 1)), dt=H / FINE)
+    x = signal.dlsim(response, v)[1]
+    return Bench(time, v, x[:, 0], x[:, 1], x[:, 2])
+
+
+def step(level=10.5, at=0.1):
+    return lambda t: np.where(t >= at, level, 0.0)
+
+
+def noisy(name: str, x: np.ndarray, seed: int) -> np.ndarray:
+    return x + NOISE[name] * np.random.default_rng([seed, len(name), ord(name[0])]).standard_normal(len(x))
+
+
+def recorded(run: Bench, *, name="bench", seed=1, i=None, w=None, v=None, **more) -> Recording:
+    signals = {
+        "voltage [V]": run.at("v") if v is None else v,
+        "current [A]": i if i is False else noisy("i", run.at("i") if i is None else i, seed),
+        "speed [rad/s]": w if w is False else noisy("w", run.at("w") if w is None else w, seed),
+        **more,
+    }
+    return recording_from_arrays(name, run.samples, {k: x for k, x in signals.items() if x is not False})
+
+
+def found(case: Case, *recordings: Recording) -> Estimate:
+    return estimate_recordings([case], [list(recordings)], workers=1)[0]
+
+
+def with_outputs(**outputs) -> Case:
+    usual = {"i": "current", "w": "speed"}
+    specs = {n: OutputSpec(outputs[n].pop("column", usual.get(n, n)), **outputs[n]) for n in outputs}
+    specs |= {n: OutputSpec(c) for n, c in usual.items() if n not in outputs}
+    return Case(inputs={"v": "voltage"}, outputs=specs)
+
+
+def close(result: Estimate, motor=CML050, names=NAMES, sigmas=5.0) -> None:
+    """Assert that every parameter lies within so many of its standard errors."""
+    for n in names:
+        p = result.parameters[n]
+        assert p.standard_error is not None and p.standard_error < 0.2 * p.value, (n, p)
+        assert abs(p.value - getattr(motor, n)) < sigmas * p.standard_error, (n, p.value, p.standard_error)
+
+
+def near(estimate, truth: float) -> None:
+    assert abs(estimate.value - truth) < 5 * estimate.standard_error, (estimate.value, estimate.standard_error, truth)
+
+
+RUN = bench(step())
+SEEN = {"quantum": 12.0}
+FILTERS = {
+    "butterworth": (LowPass("butterworth", 3, 60.0), lambda: signal.butter(3, 60, fs=1 / H)),
+    "bessel": (LowPass("bessel", 4, 60.0), lambda: signal.bessel(4, 60, fs=1 / H)),
+    "chebyshev1": (Chebyshev1(3, 0.5, 60.0), lambda: signal.cheby1(3, 0.5, 60, fs=1 / H)),
+    "chebyshev2": (LowPass("chebyshev2", 4, 90.0, None, 40.0), lambda: signal.cheby2(4, 40, 90, fs=1 / H)),
+    "elliptic": (LowPass("elliptic", 3, 60.0, 0.5, 40.0), lambda: signal.ellip(3, 0.5, 40, 60, fs=1 / H)),
+    "coefficients": (Coefficients((0.1, 0.05), (1.0, -1.2, 0.35)), lambda: ((0.1, 0.05), (1.0, -1.2, 0.35))),
+}
+
+
+@pytest.mark.parametrize("family", FILTERS)
+def test_every_filter_is_that_of_scipy(family):
+    spec, design = FILTERS[family]
+    x = np.random.default_rng(3).standard_normal(300)
+    sensor = Sensor(sections=filter_sections(spec, step=H))
+    np.testing.assert_allclose([sensor.show(v) for v in x], signal.lfilter(*design(), x), rtol=0, atol=1e-9)
+
+
+def test_a_cutoff_above_half_the_sampling_rate_is_told():
+    with pytest.raises(CaseError, match="output 'w': the filter's cutoff 700 Hz is not below half the sampling rate"):
+        found(with_outputs(w={"both": LowPass("butterworth", 2, 700.0)}), recorded(RUN))
+    with pytest.raises(ValueError, match="cutoff 700 Hz is not below half the sampling rate"):
+        filter_sections(LowPass("butterworth", 2, 700.0), step=H)
+
+
+@pytest.mark.parametrize("family", ["butterworth", "elliptic", "coefficients"])
+def test_a_declared_filter_is_applied_to_the_model(family):
+    spec, design = FILTERS[family]
+    filtered = signal.lfilter(*design(), RUN.at("w"))
+    result = found(with_outputs(w={"filter": spec, "sensor": "identity"}), recorded(RUN, w=filtered))
+    close(result)
+    assert result.sensors["w"]["filters"] == [family] and result.verdict == "ok"
+
+
+def test_a_filter_of_ours_goes_over_both_and_moves_nothing():
+    result = found(with_outputs(w={"both": LowPass("butterworth", 2, 80.0)}), recorded(RUN))
+    close(result)
+    assert result.noise["w"] < 0.7 * NOISE["w"]  # the noise is filtered too
+
+
+def test_a_filter_of_ours_leaves_out_what_a_gap_reaches_into():
+    recording = recorded(RUN)
+    speed = recording.signals["speed"].copy()
+    speed[[300, 301, 700]] = np.nan
+    gapped = recording_from_arrays(
+        "gapped",
+        recording.time,
+        {"voltage [V]": recording.signals["voltage"], "current [A]": recording.signals["current"], "speed": speed},
+    )
+    result = found(with_outputs(w={"both": LowPass("butterworth", 2, 80.0)}), gapped)
+    missing = np.flatnonzero(np.isnan(result.comparisons[0].measured["w"]))
+    assert {300, 301, 700} <= set(missing) and 5 < len(missing) < 100
+    close(result)
+
+
+def test_gain_offset_delay_and_average_are_held_where_they_are_given():
+    late = np.clip(np.arange(len(RUN.samples)) - np.arange(4)[:, None], 0, None)
+    current = 1.1 * RUN.at("i", late=0.4e-3)[late].mean(axis=0) + 0.3
+    spec = {"gain": 1.1, "offset": 0.3, "delay": 0.4e-3, "average": 4}
+    result = found(with_outputs(i=spec), recorded(RUN, i=current))
+    close(result)
+    assert not result.chain
+    assert {k: result.sensors["i"][k] for k in spec} == spec
+
+
+def test_free_values_are_estimated_and_told_apart_from_the_parameters():
+    current = RUN.at("i", late=0.4e-3) + 0.05
+    case = with_outputs(i={"offset": "free", "delay": "free"}, w={"gain": "free"})
+    case = dataclasses.replace(case, fixed={"K": CML050.K})
+    result = found(case, recorded(RUN, i=current, w=1.07 * RUN.at("w")))
+    close(result, names=("R", "L", "J", "B"))
+    assert set(result.chain) == {"offset i", "delay i", "gain w"} and set(result.parameters) == set(NAMES)
+    for name, truth in (("offset i", 0.05), ("delay i", 0.4e-3), ("gain w", 1.07)):
+        near(result.chain[name], truth)
+
+
+def test_a_delay_of_one_channel_is_found_by_itself():
+    result = found(Case(), recorded(RUN, w=RUN.at("w", late=2.3e-3)))
+    near(result.chain["delay w"], 2.3e-3)
+    assert any("w comes later than i; its delay is estimated" in note for note in result.notes)
+    close(result)
+
+
+def test_free_values_need_a_method_that_estimates_them():
+    case = dataclasses.replace(with_outputs(i={"offset": "free"}), search=SearchSpec(method="integral"))
+    with pytest.raises(
+        CaseError, match='"free" sensor values are estimated by the method cuckoo only, not by integral'
+    ):
+        found(case, recorded(RUN))
+
+
+def test_encoder_counts_are_an_angle_and_their_differences_a_speed():
+    counts = np.floor(RUN.at("angle") / (2 * np.pi) * 4000 + 0.37)
+    recording = recorded(RUN, w=False, **{"enc": counts})
+    as_angle = found(with_outputs(w={"column": "enc", "counts": 4000, "sensor": "mean"}), recording)
+    assert as_angle.sensors["w"]["sensor"] == "mean"
+    close(as_angle)
+    case = Case(inputs={"v": "voltage"}, outputs={"i": OutputSpec("current"), "angle": OutputSpec("enc", counts=4000)})
+    result = found(case, recording)
+    assert "offset angle" in result.chain  # the encoder's phase
+    close(result)
+    for name in ("K", "J", "B"):  # counts tell more than their differences
+        assert result.parameters[name].standard_error <= 1.1 * as_angle.parameters[name].standard_error
+
+
+def test_counts_of_a_column_in_another_unit_are_told():
+    with pytest.raises(
+        RecordingError, match="column 'speed' is in rad/s, so counts a turn do not fit it; leave counts"
+    ):
+        found(with_outputs(w={"counts": 4000}), recorded(RUN))
+
+
+def test_a_declared_quantum_is_its_noise():
+    from estimator.fmu import describe
+
+    plans = [plan_case(with_outputs(w=spec), describe("dc_motor"), recordings=[recorded(RUN)]) for spec in ({}, SEEN)]
+    plain, declared = (output_deviations(plan)["w"][0] for plan in plans)
+    assert plain < 1.5 and declared == pytest.approx(SEEN["quantum"] / np.sqrt(12))
+
+
+def sag(t):
+    return 10.5 - 2.5 * np.exp(-np.clip(t - 0.1, 0, None) / 0.04) * (t >= 0.1)
+
+
+def test_a_duty_cycle_times_a_supply_that_sags_is_the_voltage():
+    def held(x):
+        return np.repeat(x[::FINE], FINE)[: len(x)]
+
+    duty = held(np.where(RUN.time >= 0.1, 80.0, 0.0))
+    supply = held(sag(RUN.time))
+    run = bench(lambda t: duty / 100 * supply)
+    case = dataclasses.replace(with_outputs(), inputs={"v": "duty"}, products={"v": "supply"})
+    columns = {"duty [%]": duty[::FINE], "supply [V]": supply[::FINE]}
+    result = found(case, recorded(run, v=False, **columns))
+    close(result)
+    assert result.verdict == "ok"
+    wrong = {"duty [V]": columns["duty [%]"], "supply [V]": columns["supply [V]"]}
+    with pytest.raises(RecordingError, match="which are multiplied for 'v', one must be a ratio; give its unit as %"):
+        found(case, recorded(run, v=False, **wrong))
+
+
+def test_a_measured_supply_that_sags_is_an_input_on_a_line_between_its_samples():
+    run = bench(lambda t: np.where(t >= 0.1, sag(t), 0.0) + 0.5 * np.sin(40 * t))
+    case = dataclasses.replace(with_outputs(), linear=("v",))
+    close(found(case, recorded(run)))
+
+
+def runs_of(*specs: RunSpec, recordings: int = 0, **more) -> Case:
+    return dataclasses.replace(with_outputs(), runs=specs, **more)
+
+
+@pytest.fixture(scope="module")
+def several():
+    """Return three recordings: other voltages, delays, offsets; the second winding is warmer."""
+    late = (0.0, 12.4e-3, 31.7e-3)
+    warm = 1 + 0.00393 * 50
+    runs = [bench(step(10.5)), bench(step(6.0), R=CML050.R * warm), bench(step(-8.0))]
+    shown = [
+        recorded(r, name=f"run{k}", seed=k, i=r.at("i", late=d) + 0.03 * (k == 2), w=r.at("w", late=d))
+        for k, (r, d) in enumerate(zip(runs, late, strict=True))
+    ]
+    return shown, late
+
+
+def test_recordings_share_parameters_and_have_delays_offsets_and_resistances_of_their_own(several):
+    recordings, late = several
+    parameters = {"R": ParameterSpec("R", per_recording=True)}
+    result = found(runs_of(parameters=parameters), *recordings)
+    close(result, names=("K", "L", "J", "B"))
+    for name, truth in (("R run0", 1.0), ("R run1", 1 + 0.00393 * 50), ("R run2", 1.0)):
+        near(result.parameters[name], truth * CML050.R)
+    near(result.chain["delay run1"], late[1])
+    near(result.chain["delay run2"], late[2])
+    near(result.chain["offset i run2"], 0.03)
+    assert set(result.chain) == {"delay run1", "delay run2", "offset i run2"}
+
+
+def test_a_shared_resistance_follows_the_windings_temperature_and_is_told_at_25_degrees(several):
+    recordings, _ = several
+    case = runs_of(RunSpec(temperature=45.0), RunSpec(temperature=45.0 + 50 * (1 + 0.00393 * 20)))
+    result = found(case, recordings[0], recordings[1])
+    # the bench's second resistance is 1 + α 50 times the first, whatever the first one's temperature
+    close(result)
+    cold = result.derived["R_at_25_C"]
+    assert cold.value == pytest.approx(result.parameters["R"].value / (1 + 0.00393 * 20), rel=1e-12)
+    assert cold.standard_error == pytest.approx(result.parameters["R"].standard_error / (1 + 0.00393 * 20), rel=1e-12)
+
+
+def test_warmth_is_that_of_copper():
+    np.testing.assert_allclose(warmth([25.0, 125.0], 2), [1.0, 1.393], rtol=1e-12)
+    np.testing.assert_array_equal(warmth([25.0, None], 2), [1.0, 1.0])
+
+
+def test_a_held_out_recording_is_compared_with_its_own_delay_and_offset(several):
+    recordings, late = several
+    case = runs_of(RunSpec(), RunSpec(validate=True), RunSpec())
+    swapped = [recordings[0], recordings[2], recordings[0]]
+    case = runs_of(RunSpec(), RunSpec(validate=True))
+    fitted = recorded(bench(step(10.5)), name="late", i=RUN.at("i", late=7.3e-3) + 0.05, w=RUN.at("w", late=7.3e-3))
+    result = found(case, fitted, swapped[1])
+    close(result)
+    assert [c.name for c in result.validation.comparisons] == ["run2"] and len(result.comparisons) == 1
+    # 1 001 samples: a deviation is told to 2.2 %; five of those
+    assert result.validation.rmse == pytest.approx(NOISE, rel=0.12)
+    assert result.validation.chain["delay"] == pytest.approx(late[2], abs=2e-4)
+    assert result.validation.chain["offset i"] == pytest.approx(0.03, abs=5e-3)
+
+
+def test_channels_at_different_rates_and_missing_rows_are_left_out_not_invented():
+    recording = recorded(RUN)
+    keep = np.random.default_rng(5).random(len(recording.time)) > 0.05
+    keep[[0, -1]] = True
+    speed = recording.signals["speed"].copy()
+    speed[np.arange(len(speed)) % 4 != 0] = np.nan
+    gapped = recording_from_arrays(
+        "gapped",
+        recording.time[keep],
+        {
+            "voltage [V]": recording.signals["voltage"][keep],
+            "current [A]": recording.signals["current"][keep],
+            "speed [rad/s]": speed[keep],
+        },
+    )
+    assert gapped.missing_rows == np.sum(~keep)
+    result = found(Case(), gapped)
+    close(result)
+    measured = result.comparisons[0].measured
+    assert np.isnan(measured["i"]).sum() == np.sum(~keep)
+    assert np.isnan(measured["w"]).sum() > 0.74 * len(speed)
+    assert any("v has" in note and "held from the one before" in note for note in result.notes)
+
+
+def test_an_input_of_a_slower_clock_is_held_and_a_long_gap_where_it_changes_is_an_error():
+    recording = recorded(RUN)
+    voltage = recording.signals["voltage"].copy()
+    voltage[np.arange(len(voltage)) % 5 != 0] = np.nan
+    signals = {"current [A]": recording.signals["current"], "speed [rad/s]": recording.signals["speed"]}
+    slower = recording_from_arrays("slower", recording.time, {"voltage [V]": voltage, **signals})
+    result = found(Case(), slower)
+    close(result)
+    assert any("v was sampled at every 5th row and held between" in note for note in result.notes)
+    voltage = recording.signals["voltage"].copy()
+    voltage[95:110] = np.nan
+    gap = recording_from_arrays("gap", recording.time, {"voltage [V]": voltage, **signals})
+    with pytest.raises(RecordingError, match="voltage has no sample at t = 0.095 s and changes before the next one"):
+        found(Case(), gap)
+
+
+def test_a_jittering_clock_is_believed():
+    rng = np.random.default_rng(8)
+    jitter = np.clip(np.round(2 * rng.standard_normal(len(RUN.samples))), -2, 2).astype(int)  # of the fine steps
+    jitter[0] = 0
+    rows = np.arange(len(RUN.samples)) * FINE + jitter
+    rows[-1] = len(RUN.time) - 1
+    acting = rows[np.searchsorted(RUN.time[rows], 0.1 - 1e-9)]
+    run = bench(lambda t: np.where(t >= RUN.time[acting] - 1e-9, 10.5, 0.0))
+    recording = recording_from_arrays(
+        "jitter",
+        run.time[rows],
+        {"voltage": run.v[rows], "current": noisy("i", run.i[rows], 1), "speed": noisy("w", run.w[rows], 1)},
+    )
+    assert not recording.even
+    result = found(Case(), recording)
+    close(result)
+    assert not result.chain and result.rmse == pytest.approx(NOISE, rel=0.1)
+
+
+def test_huber_is_hardly_worse_on_normal_noise_and_holds_against_many_outliers():
+    recording = recorded(RUN)
+    robust = Case(search=SearchSpec(loss="huber"))
+    plain, huber = found(Case(), recording), found(robust, recording)
+    close(huber)
+    for n in NAMES:  # 95 % efficiency: 2.6 % larger errors, and the scale is told to some percent
+        ratio = huber.parameters[n].standard_error / plain.parameters[n].standard_error
+        assert 0.9 < ratio < 1.15, (n, ratio)
+
+
+def test_huber_finds_the_optimum_that_scipy_finds():
+    from scipy.optimize import least_squares
+
+    from estimator.parameters import Box
+    from estimator.polish import HUBER, LeastSquares
+
+    rng = np.random.default_rng(2)
+    A = rng.standard_normal((400, 3))
+    y = A @ [1.0, -2.0, 0.5] + rng.standard_normal(400) + 8 * (rng.random(400) < 0.1)
+    box = Box(np.full(3, -9.0), np.full(3, 9.0), np.zeros(3, dtype=bool))
+    own = LeastSquares(
+        lambda c: c @ A.T - y, box, output=np.zeros(400, dtype=np.int64), spread=np.ones(1), loss="huber"
+    )
+    values, cost = own.fit(np.zeros(3), np.ones(1))
+    scipys = least_squares(lambda x: A @ x - y, np.zeros(3), loss="huber", f_scale=HUBER, xtol=1e-12, ftol=1e-12)
+    np.testing.assert_allclose(values, scipys.x, atol=1e-6)
+    assert cost == pytest.approx(2 * scipys.cost, rel=1e-9)
+    spread = [own.judge(values, np.ones(1)).standard_errors, np.sqrt(np.diag(np.linalg.inv(A.T @ A)))]
+    assert np.all(spread[0] > 1.02 * spread[1])
+
+
+def test_speed_alone_and_angle_alone_are_estimated_as_far_as_they_tell():
+    speed_only = found(Case(inputs={"v": "voltage"}, outputs={"w": OutputSpec("speed")}), recorded(RUN))
+    told = speed_only.derived["speed_per_volt"]
+    truth = CML050.K / (CML050.R * CML050.B + CML050.K**2)
+    assert abs(told.value - truth) < 5 * told.standard_error and told.standard_error < 0.01 * truth
+    assert all(p.status == "not identified" for p in speed_only.parameters.values())
+    recording = recorded(RUN, i=False, w=False, **{"angle [rad]": RUN.at("angle")})
+    angle_only = found(Case(inputs={"v": "voltage"}, outputs={"angle": OutputSpec("angle")}), recording)
+    assert angle_only.parameters and angle_only.verdict in ("ok", "doubtful")
+
+
+def test_a_bare_recording_without_a_current_is_estimated_unless_a_column_is_meant_for_it(tmp_path):
+    path = tmp_path / "speed.csv"
+    write_recording(recorded(RUN, i=False), path)
+    result = estimator.estimate_parameters(path, workers=1)
+    assert set(result.comparisons[0].measured) == {"w"} and "speed_per_volt" in result.derived
+    angle = recorded(RUN, i=False, w=False, **{"angle [rad]": RUN.at("angle")})
+    assert set(found(Case(), angle).comparisons[0].measured) == {"angle"}
+    for header in ("curent [A]", "amplifier [A]"):
+        with pytest.raises(RecordingError, match="has no current column; is it '" + header.replace("[", r"\[")):
+            found(Case(), recorded(RUN, i=False, **{header: RUN.at("i")}))
+    with pytest.raises(RecordingError, match="bench has no current column; add one such as"):
+        found(Case(), recorded(RUN, i=False, w=False, **{"brightness": RUN.at("i")}))
+
+
+@pytest.fixture
+def wrong_way(tmp_path):
+    """Return a recording whose current has the wrong sign and an offset, after two seconds of another experiment."""
+    path = tmp_path / "wrong.csv"
+    junk = bench(lambda t: 5 * np.sin(30 * t), duration=0.4)
+    time = np.concatenate([junk.samples[:-1], 0.4 + RUN.samples])
+    columns = {
+        "voltage [V]": np.concatenate([junk.at("v")[:-1], RUN.at("v")]),
+        "current [A]": 0.02 - np.concatenate([junk.at("i")[:-1], noisy("i", RUN.at("i"), 1)]),
+        "speed [rad/s]": np.concatenate([3 * junk.at("w")[:-1], noisy("w", RUN.at("w"), 1)]),
+    }
+    write_recording(recording_from_arrays("wrong", time, columns), path)
+    return path
+
+
+def test_window_sign_scale_and_offset_come_from_the_command_line_and_go_into_a_case_file(wrong_way, tmp_path, capsys):
+    saved = tmp_path / "right.case.toml"
+    options = ["--window", "0.4:1.4", "--scale", "i=-1", "--offset", "i=0.02", "--temperature", "60"]
+    assert main(["estimate", str(wrong_way), *options, "--save-case", str(saved), "--json"]) == 0
+    printed = capsys.readouterr().out
+    import json
+
+    shown = json.loads(printed)
+    for n in NAMES:
+        p = shown["parameters"][n]
+        assert abs(p["value"] - getattr(CML050, n)) < 5 * p["standard_error"]
+    (echo,) = shown["recordings"]
+    assert echo["window"] == [0.4, 1.4] and echo["scale"] == {"i": -1.0} and echo["offset"] == {"i": 0.02}
+    assert echo["temperature"] == 60.0 and echo["samples"] == 1001
+    assert shown["derived"]["R_at_25_C"]["value"] == pytest.approx(shown["parameters"]["R"]["value"] / 1.13755)
+    case = read_case(saved)
+    assert case.run(0) == RunSpec(window=(0.4, 1.4), scale={"i": -1.0}, offset={"i": 0.02}, temperature=60.0)
+    again = estimator.estimate_parameters(saved, workers=1)
+    assert again.values == pytest.approx({n: shown["parameters"][n]["value"] for n in NAMES}, rel=1e-12)
+    from_python = estimator.estimate_parameters(
+        wrong_way, window=(0.4, 1.4), scale={"i": -1}, offset={"i": 0.02}, temperature=60, workers=1
+    )
+    assert from_python.values == again.values
+
+
+def test_corrections_that_do_not_fit_are_told(wrong_way):
+    with pytest.raises(
+        RecordingError, match="the window 3 to 4 s holds 0 samples of wrong.csv, which goes from 0 to 1.4"
+    ):
+        estimator.estimate_parameters(wrong_way, window=(3, 4))
+    with pytest.raises(CaseError, match="scale is given for 'x', which is no channel of wrong.csv that is used"):
+        estimator.estimate_parameters(wrong_way, scale={"x": -1})
+    with pytest.raises(InputError, match="--scale is given twice for 'i'; leave one out"):
+        main_error = ["estimate", str(wrong_way), "--scale", "i=-1", "--scale", "i=2"]
+        from estimator.arguments import parse
+        from estimator.commands import estimate
+
+        estimate(parse(main_error))
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "sentence"),
+    [
+        ("--window", "2", "'2' is not FROM:TO, such as 0.4:2.0"),
+        ("--window", "2:1", "'2:1' ends before it begins; write 1:2"),
+        ("--temperature", "-300", "'-300' is below absolute zero; give degrees Celsius"),
+        ("--save-case", "x.toml", "'x.toml': the name of a case file ends in .case.toml; rename it"),
+    ],
+)
+def test_options_that_cannot_be_are_told(option, value, sentence, capsys):
+    assert main(["estimate", "a.csv", f"{option}={value}"]) == 2
+    assert sentence in capsys.readouterr().err
+
+
+def test_a_validation_file_is_corrected_like_the_first(wrong_way, tmp_path):
+    other = tmp_path / "other.csv"
+    run = bench(step(-6.0))
+    recording = recorded(run, name="other", i=run.at("i"))
+    flipped = recording_from_arrays(
+        "other",
+        recording.time,
+        {
+            "voltage [V]": recording.signals["voltage"],
+            "current [A]": 0.02 - recording.signals["current"],
+            "speed [rad/s]": recording.signals["speed"],
+        },
+    )
+    write_recording(flipped, other)
+    result = estimator.estimate_parameters(
+        wrong_way, window=(0.4, 1.4), scale={"i": -1}, offset={"i": 0.02}, validate=[other], workers=1
+    )
+    assert result.validation.rmse == pytest.approx(NOISE, rel=0.12)
+    assert Path(other).name.startswith(result.validation.comparisons[0].name)
