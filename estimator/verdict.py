@@ -248,8 +248,8 @@ def _chain_notes(fit: Fit | None) -> list[str]:
     notes = [*fit.freed, *fit.nearly]
     if set(MOTOR) <= set(plan.names) and "i" in plan.outputs:
         notes.append(
-            "a gain error g of the current, or a supply's inner resistance, shows in no recording of this kind: it"
-            " moves R and L by 1/g, J and B by g, or adds to R; measure one of them otherwise and fix it to tell"
+            "not visible in such a recording: a gain error g of the current (R and L by 1/g, J and B by g), a resistance"
+            " of the supply (adds to R)"
         )
     for j, parameter in enumerate(plan.parameters):
         if parameter.place is not None:
