@@ -248,7 +248,7 @@ def _chain_notes(fit: Fit | None) -> list[str]:
     notes = [*fit.freed, *fit.nearly]
     if set(MOTOR) <= set(plan.names) and "i" in plan.outputs:
         notes.append(
-            "not visible in such a recording: a gain error g of the current (R and L by 1/g, J and B by g), the supply's"
+            "not visible in such a recording: a gain error g of the current (R, L by 1/g, J, B by g), the supply's"
             " resistance (in R)"
         )
     for j, parameter in enumerate(plan.parameters):
