@@ -92,7 +92,9 @@ def driven(description: FmuDescription) -> FmuDescription:
         _KNOWN[key] = probe(description, thorough=False)
     found = _KNOWN[key]
     if found.hopeless:
-        raise FmuError(f"{description.path.name} cannot be used: {found.problem}")
+        needs = description.capabilities.get("needsExecutionTool")
+        tool = f"; it needs its tool, {description.generation_tool}, to be installed and running" if needs else ""
+        raise FmuError(f"{description.path.name} cannot be used: {found.problem}{tool}")
     return dataclasses.replace(description, restart=found.restart, probe_simulations=found.simulations)
 
 

@@ -13,7 +13,10 @@ from estimator.errors import InputError
 from estimator.estimate import estimate
 from estimator.fmu import describe
 from estimator.options import with_options
+from estimator.parameters import Box
+from estimator.planning import plan_case
 from estimator.recording import write_recording
+from estimator.space import reduced_space, steady_state
 
 
 @pytest.fixture(scope="module")
@@ -57,6 +60,15 @@ def test_an_output_in_degrees_is_compared_with_radians(tmp_path, recording, decl
     gain = "" if declared else f", gain = {np.pi / 180!r}"
     text = CASE.replace('fmu = "shaft.w" }}', f'fmu = "shaft.w"{gain} }}}}')
     assert worst(estimate(read_case(foreign_case(fmu, recording, text=text)))) < 1e-8
+
+
+def test_roles_shorten_the_search_on_foreign_names(plain_fmu, recording):
+    dimensions = []
+    for text in (CASE, CASE.replace("R = {{ fmu", "Ra = {{ min = 0.1, max = 30, fmu")):
+        plan = plan_case(read_case(foreign_case(plain_fmu, recording, text=text)), describe(plain_fmu))
+        space = reduced_space(plan, Box.of(plan.parameters), steady_state(plan))
+        dimensions.append(None if space is None else space.box.dimension)
+    assert dimensions == [3, None]
 
 
 def test_without_roles_all_free_parameters_are_searched(plain_fmu, recording):

@@ -135,6 +135,17 @@ def test_needs_an_execution_tool_but_runs_all_the_same(tmp_path, recording, caps
     assert "it needs its tool, A foreign tool" in capsys.readouterr().out
 
 
+def test_needs_an_execution_tool_that_is_not_there(tmp_path, recording):
+    change = [("canHandleVariable", 'needsExecutionTool="true" canHandleVariable')]
+    fmu = foreign_fmu(tmp_path, "NO_TOOL", change=change)
+    with pytest.raises(FmuError) as caught:
+        estimated(fmu, recording)
+    assert str(caught.value) == (
+        "foreign.fmu cannot be used: it does not run: instantiate gave no instance; it needs its tool, A foreign tool,"
+        " to be installed and running"
+    )
+
+
 # Parameters and variables
 
 

@@ -6,6 +6,7 @@
  *     EULER              one Euler step a communication step
  *     SHARED             all instances share one struct
  *     IDLE_RESET         reset does nothing;  CRASHING_RESET, FAILING_RESET
+ *     NO_TOOL            there is never an instance
  *     HANGING_FREE       freeInstance never returns
  *     ONCE               a second instance in one process gets NULL, ever
  *     OWN_STEP           doStep advances by 1 ms, whatever is asked
@@ -54,6 +55,9 @@ static int instances;
 #endif
 
 static Motor *create(void) {
+#ifdef NO_TOOL
+    return NULL;
+#endif
 #ifdef ONCE
     if (instances++ > 0) return NULL;
 #endif
