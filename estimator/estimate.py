@@ -40,6 +40,7 @@ from estimator.search import SearchRecord, run_search
 from estimator.space import Space, paper_space, reduced_space, steady_state
 from estimator.starts import many_starts, needs_many
 from estimator.step_check import step_check
+from estimator.structure import Structure, structure
 from estimator.trial import announcement, unmoved
 from estimator.validation import validated
 from estimator.verdict import Judgement, judge
@@ -211,6 +212,7 @@ class _Estimation:
     ) -> None:
         self.tell = tell
         self.announced: tuple[str, ...] = ()
+        self.structure = Structure()
         self.started = time.monotonic()
         self.profile = profile
         self.plan, self.crew, self.progress, self.bounded = plan, crew, progress, bounded
@@ -265,6 +267,8 @@ class _Estimation:
         middle = box.from_cube(np.full(box.dimension, 0.5))
         start = np.array([m if p.start is None else p.start for p, m in zip(plan.parameters, middle, strict=True)])
         sentences, seconds = unmoved(self.problem, start)
+        if not sentences and self.method == "cuckoo":
+            self.structure = structure(self.problem, start)
         announced = announcement(
             seconds,
             simulations=self._usual_simulations(),
@@ -546,6 +550,7 @@ class _Estimation:
             spread=problem.spread,
             step=step,
             fit=fit,
+            structure=self.structure,
         )
         if judgement.verdict == "refused":
             return self._result(None, None, judgement)

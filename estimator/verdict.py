@@ -20,15 +20,17 @@ from estimator.plan import MOTOR, Plan
 from estimator.polish import Polish
 from estimator.refusal import lost_transients, refused_notes
 from estimator.result import Status, Verdict
+from estimator.step_check import StepCheck
 
 if TYPE_CHECKING:
     from estimator.fit import Fit
     from estimator.space import Steady
-from estimator.step_check import StepCheck
+    from estimator.structure import Structure
 
 FloatArray = NDArray[np.float64]
 
 DOUBTFUL_ERROR = 0.1  # relative standard error
+TRADED = 0.98  # correlation of two that stand in for each other
 USELESS_ERROR = 0.5  # relative standard error: the parameter is not identified
 MISFIT = 1.5  # residuals' deviation over the noise that the data show
 NUMERICAL = 1e-6  # of a signal's deviation: smaller residuals are no misfit
@@ -62,6 +64,7 @@ def judge(
     spread: FloatArray,
     step: StepCheck,
     fit: Fit | None = None,
+    structure: Structure | None = None,
 ) -> Judgement:
     """Judge an estimate.
 
@@ -78,6 +81,8 @@ def judge(
         What a finer communication step changes.
     fit : Fit or None
         What was found of the measurement chain.
+    structure : Structure or None
+        What the outputs cannot tell, whatever the noise.
     """
     reasons: list[str] = []
     statuses: dict[str, ParameterStatus] = {}
@@ -87,8 +92,13 @@ def judge(
             " current stay constant"
         )
     if polish is not None:
-        statuses.update(_identified(plan, values, polish))
+        untold = () if structure is None else structure.untold
+        reasons += [structure.sentence] if structure is not None and structure.untold else []
+        alone = _identified(plan, values, polish)
+        statuses.update({n: s for n, s in alone.items() if n not in untold})
         reasons += _by_parameter(statuses)
+        statuses.update({n: ParameterStatus("not identified", structure.sentence) for n in untold} if structure else {})
+        reasons += _traded(plan, polish, statuses)
         shown = polish.deviations if fit is None else fit.problem.noise_shown(polish.deviations)
         reasons += _misfit(plan, shown, noise, spread)
         reasons += step.reasons
@@ -146,6 +156,24 @@ def _by_parameter(statuses: Mapping[str, ParameterStatus]) -> list[str]:
     for name, status in statuses.items():
         named.setdefault(status.reason or status.status, []).append(name)
     return [f"{', '.join(names)}: {reason}" for reason, names in named.items()]
+
+
+def _traded(plan: Plan, polish: Polish, statuses: Mapping[str, ParameterStatus]) -> list[str]:
+    """Name the two parameters that stand in for each other most, where one of them is not told well."""
+    motor = [j for j, p in enumerate(plan.parameters) if p.place is None and polish.standard_errors[j] > 0]
+    deviation = np.sqrt(np.diag(polish.covariance))
+    pairs = [
+        (float(polish.covariance[j, k] / (deviation[j] * deviation[k])), plan.names[k], plan.names[j])
+        for j in motor
+        for k in motor
+        if k < j and {plan.names[j], plan.names[k]} & set(statuses) and np.isfinite(deviation[j] * deviation[k])
+    ]
+    correlation, one, other = max(pairs, key=lambda pair: abs(pair[0]), default=(0.0, "", ""))
+    if abs(correlation) < TRADED:
+        return []
+    single = all(o.excitation.kind == "step" for o in plan.observed) and len(plan.observed) == 1
+    remedy = "record several voltage levels or both directions, or fix" if single else "fix"
+    return [f"{one} and {other} stand in for each other (correlation {correlation:+.3f}); {remedy} one of them"]
 
 
 def _small_inductance(plan: Plan, values: Mapping[str, float]) -> str:
