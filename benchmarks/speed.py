@@ -34,9 +34,10 @@ from estimator import slave
 from estimator.case import case_for_recording
 from estimator.estimate import estimate_recordings
 from estimator.fmu import describe, extract
+from estimator.job import Experiment, Job
 from estimator.recording import recording_from_arrays
 from estimator.simulate import simulate
-from estimator.workers import Experiment, Job, Workers
+from estimator.workers import Workers
 from fmu_build.compiler import compile_library
 
 CML050 = {"R": 3.1363, "K": 0.048774, "L": 0.01307, "J": 9.0e-6, "B": 1.690e-4}

@@ -22,7 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.errors import InputError
-from estimator.workers import Batch, Failure, Workers
+from estimator.job import Batch, Failure
+from estimator.workers import Workers
 
 FloatArray = NDArray[np.float64]
 

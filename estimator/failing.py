@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from estimator.fmu import FmuDescription
-from estimator.workers import Failure
+from estimator.job import Failure
 
 NEAR = 1e-6  # of a step
 

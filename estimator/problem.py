@@ -14,6 +14,7 @@ from estimator import layout
 from estimator.case import Case
 from estimator.errors import CaseError
 from estimator.fmu import Variable
+from estimator.job import Batch, Experiment, Job
 from estimator.mapping import settings, settings_names, target
 from estimator.parameters import Box
 from estimator.plan import ChainSpec, Observed, Plan
@@ -21,7 +22,7 @@ from estimator.planning import read_variable
 from estimator.recording import Recording
 from estimator.sensors import Section
 from estimator.winding import warmth
-from estimator.workers import Batch, Experiment, Job, Workers
+from estimator.workers import Workers
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

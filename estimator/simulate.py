@@ -12,7 +12,8 @@ from estimator import layout
 from estimator.errors import FmuError, InputError, SimulationError, suggestion
 from estimator.failing import with_cause
 from estimator.fmu import FmuDescription, Variable, check_usable, describe
-from estimator.workers import TIME_LIMIT, Experiment, Job, Workers
+from estimator.job import Experiment, Job
+from estimator.workers import TIME_LIMIT, Workers
 
 FloatArray = NDArray[np.float64]
 

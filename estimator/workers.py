@@ -12,8 +12,7 @@ import dataclasses
 import mmap
 import queue
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -25,14 +24,13 @@ from estimator.archive import extract
 from estimator.desk import MAX_WORKERS, NO_CLAIM, Desk
 from estimator.errors import FmuError, SimulationError
 from estimator.fmu import FmuDescription, check_usable
+from estimator.job import Batch, Failure, Job, write_numbers
 from estimator.layout import (
     CRASHED,
     CUT_SHORT,
     FINISHED,
     PENDING,
     TIMED_OUT,
-    ExperimentLayout,
-    JobLayout,
     is_of_step,
     outcome_sentence,
 )
@@ -49,92 +47,7 @@ TICK = 0.05  # s between two looks at the clock
 TIME_LIMIT = 60.0  # s a candidate
 LOAD_LIMIT = 20.0  # s, at least, to start a process and load the FMU
 MEMORY_LIMIT = 1 << 30  # bytes a worker
-
-
-@dataclass(frozen=True)
-class Experiment:
-    """What one recording asks of the FMU.
-
-    Attributes
-    ----------
-    start, interval : float
-        s; first sample and sampling interval.
-    substeps : int
-        Communication steps a sampling interval.
-    inputs : (n, inputs) array
-    measured : (n, outputs) array
-        NaN: sample left out.
-    weights : (outputs,) array
-        1 / σ², in the outputs' units.
-    chains : of each output (samples averaged, filter sections b0 b1 b2 a1 a2), or empty
-    times : (n,) array, s, or None
-        Increasing, from `start`; None: equidistant.
-    """
-
-    start: float
-    interval: float
-    substeps: int
-    inputs: FloatArray
-    measured: FloatArray
-    weights: FloatArray
-    chains: tuple[tuple[int, tuple[tuple[float, ...], ...]], ...] = ()
-    times: FloatArray | None = None
-
-
-@dataclass(frozen=True)
-class Job:
-    """What to set and what to read, by FMI value reference, and the experiments."""
-
-    description: FmuDescription
-    parameter_references: tuple[int, ...]
-    input_references: tuple[int, ...]
-    output_references: tuple[int, ...]
-    sensors: tuple[int, ...]
-    experiments: tuple[Experiment, ...]
-    reinstantiate: bool = False
-    sensor_values: int = 0  # that follow the parameters in a candidate's row: 0, or 1 + 3 an output
-    even_steps: bool = False
-    fresh_process: bool = False  # a process of its own for every simulation
-    types: tuple[str, ...] = ()  # of parameters, inputs and outputs, one after the other; empty: all real
-    settings: tuple[tuple[str, int, float | str], ...] = ()  # type, value reference, value: set every time
-    scale: tuple[tuple[float, float], ...] = ()  # of each output: factor and offset to SI; empty: SI
-    names: tuple[str, ...] = ()  # of parameters, settings and inputs, one after the other, for whoever reads of them
-    linear: tuple[bool, ...] = ()  # of each input: whether it goes linearly from row to row; empty: all are held
-
-
-@dataclass(frozen=True)
-class Failure:
-    """One candidate that the FMU could not simulate.
-
-    Attributes
-    ----------
-    step : s, begin and end of the communication step in which it failed; None: in none
-    """
-
-    reason: str
-    values: tuple[float, ...]
-    step: tuple[float, float] | None = None
-
-
-@dataclass(frozen=True)
-class Batch:
-    """What became of a batch of candidates.
-
-    Attributes
-    ----------
-    costs : (n,) array
-        Infinity where cut short or failed.
-    steps : (n,) array
-        Communication steps done.
-    failed : (n,) bool array
-    shown : (n, rows, outputs) array or None
-        Trajectories of all experiments, one after the other.
-    """
-
-    costs: FloatArray
-    steps: IntArray
-    failed: NDArray[np.bool_]
-    shown: FloatArray | None
+MOST_FAILURES = 100  # reasons that are kept
 
 
 class Workers:
@@ -208,30 +121,10 @@ class Workers:
         with open(desk_file, "r+b") as file:
             self._memory = mmap.mmap(file.fileno(), desk.size)
         numbers_file = self._folder.path / f"numbers-{self._jobs}"
-        layouts = _write_numbers(numbers_file, job.experiments)
+        layouts = write_numbers(numbers_file, job.experiments)
         self._desk = desk
         self._job = job
-        layout = JobLayout(
-            folder=str(folder),
-            identifier=job.description.library or "",
-            guid=job.description.guid,
-            reinstantiate=job.reinstantiate,
-            parameter_references=job.parameter_references,
-            input_references=job.input_references,
-            output_references=job.output_references,
-            sensors=job.sensors,
-            experiments=layouts,
-            sensor_values=job.sensor_values,
-            even_steps=job.even_steps,
-            version=job.description.fmi_version,
-            kind=job.description.kind,
-            fresh_process=job.fresh_process,
-            types=job.types,
-            settings=job.settings,
-            scale=job.scale,
-            linear=job.linear,
-            counts=job.description.counts,
-        )
+        layout = job.layout(str(folder), layouts)
         self._order = {
             "number": self._jobs,
             "job": dataclasses.asdict(layout),
@@ -377,20 +270,24 @@ class Workers:
         self.simulations += n
         self.steps += int(steps.sum())
         self.failed += int(failed.sum())
-        seen = {f.reason for f in self.failures}
         for index in np.flatnonzero(failed):
-            reason = self._reasons.pop(int(index), None) if kinds[index] in (CRASHED, TIMED_OUT) else None
-            reason = reason or outcome_sentence(int(outcomes[index]), words=self._words, names=self._names)
-            if reason not in seen and len(self.failures) < 100:
-                seen.add(reason)
-                step = self._step(int(steps[index]) - 1, refine) if is_of_step(int(outcomes[index])) else None
-                self.failures.append(Failure(reason, tuple(values[index].ravel().tolist()), step))
+            self._remember(int(index), int(outcomes[index]), values[index], done=int(steps[index]), refine=refine)
         shown = None
         if record:
             flat = self._view(desk.shown, n * desk.rows * desk.outputs, np.float64)
             shown = flat.reshape(n, desk.rows, desk.outputs).copy()
             shown[failed] = np.nan
         return Batch(costs=costs.copy(), steps=steps.copy(), failed=failed, shown=shown)
+
+    def _remember(self, index: int, outcome: int, values: FloatArray, *, done: int, refine: int) -> None:
+        """Keep the first candidate of each reason to fail."""
+        assert self._job is not None
+        reason = self._reasons.pop(index, None) if outcome % 256 in (CRASHED, TIMED_OUT) else None
+        reason = reason or outcome_sentence(outcome, words=self._words, names=self._job.names)
+        if len(self.failures) >= MOST_FAILURES or any(f.reason == reason for f in self.failures):
+            return
+        step = self._job.step(done - 1, refine=refine) if is_of_step(outcome) else None
+        self.failures.append(Failure(reason, tuple(values.ravel().tolist()), step))
 
     def _handle(self, process: Process, message: dict[str, Any] | None, *, outcomes: IntArray | None = None) -> None:
         if self._processes.get(process.slot) is not process:
@@ -473,45 +370,6 @@ class Workers:
     def _view(self, offset: int, count: int, kind: type[Any]) -> NDArray[Any]:
         return np.frombuffer(self._memory, dtype=kind, count=count, offset=offset)
 
-    def _step(self, done: int, refine: int) -> tuple[float, float] | None:
-        """Return begin and end, s, of the communication step of a candidate that so many others came before."""
-        for e in self._job.experiments if self._job is not None else ():
-            substeps = e.substeps * refine
-            if done < (len(e.measured) - 1) * substeps:
-                h = e.interval / substeps
-                return e.start + done * h, e.start + (done + 1) * h
-            done -= (len(e.measured) - 1) * substeps
-        return None
-
-    @property
-    def _names(self) -> tuple[str, ...]:
-        return self._job.names if self._job is not None else ()
-
     @property
     def _name(self) -> str:
         return self._job.description.path.name if self._job is not None else "the FMU"
-
-
-def _write_numbers(path: Path, experiments: Sequence[Experiment]) -> tuple[ExperimentLayout, ...]:
-    layouts = []
-    with open(path, "wb") as file:
-        for experiment in experiments:
-            offsets = {}
-            for name in ("inputs", "measured", "weights", "times"):
-                if getattr(experiment, name) is None:
-                    continue
-                offsets[name] = file.tell()
-                file.write(np.ascontiguousarray(getattr(experiment, name), dtype=np.float64).tobytes())
-            layouts.append(
-                ExperimentLayout(
-                    samples=len(experiment.measured),
-                    substeps=experiment.substeps,
-                    start=experiment.start,
-                    interval=experiment.interval,
-                    complete=not np.isnan(experiment.measured).any(),
-                    chains=experiment.chains,
-                    **offsets,
-                )
-            )
-        file.write(bytes(8))  # never empty
-    return tuple(layouts)

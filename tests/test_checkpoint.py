@@ -16,8 +16,8 @@ from estimator.bench import Bench
 from estimator.case import SearchSpec, case_for_recording
 from estimator.checkpoint import Journal
 from estimator.errors import InputError
+from estimator.job import Batch, Failure
 from estimator.report import to_mapping
-from estimator.workers import Batch, Failure
 
 
 def case_of(method, **search):

@@ -21,9 +21,10 @@ from estimator.cli import main
 from estimator.errors import FmuError, SimulationError
 from estimator.estimate import estimate_recordings
 from estimator.fmu import describe
+from estimator.job import Job
 from estimator.recording import write_recording
 from estimator.run_folder import LOCK, PREFIX, RunFolder, remove_leftovers
-from estimator.workers import Job, Workers
+from estimator.workers import Workers
 
 # In the middle of a simulation, only for candidates with a large L (value reference 4).
 MARK = 'for (size_t k = 0; k < n; k++) if (references[k] == 4) setenv("BAD", values[k] > 0.02 ? "1" : "0", 1);'

@@ -8,7 +8,8 @@ from motors import CML050, RMCS2004, held_response, step_recording
 
 from estimator import layout
 from estimator.fmu import describe
-from estimator.workers import Experiment, Job, Workers
+from estimator.job import Experiment, Job
+from estimator.workers import Workers
 
 NOMINAL = np.array([CML050.R, CML050.K, CML050.L, CML050.J, CML050.B])
 
