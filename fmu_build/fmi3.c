@@ -322,6 +322,9 @@ fmi3Status fmi3GetAdjointDerivative(fmi3Instance instance, const fmi3ValueRefere
     if (instance == NULL) return fmi3Error;
     if (nSeed != nUnknowns || nSensitivity != nKnowns)
         return fmi3_error(instance, "as many seeds as unknowns and sensitivities as knowns are needed");
+    if (!is_given(unknowns, nUnknowns) || !is_given(knowns, nKnowns) || !is_given(seed, nSeed) ||
+        !is_given(sensitivity, nSensitivity))
+        return (fmi3Status)instance_miss(instance);
     for (size_t k = 0; k < nKnowns; k++) {
         const double one = 1;
         double sum = 0;

@@ -264,10 +264,22 @@ INSTANCE_RARE static Status instance_get_any(Instance *instance, unsigned int li
     return INSTANCE_OK;
 }
 
+/* Whether an array of count elements is given; a call without it is an error, not a crash. */
+static inline bool is_given(const void *array, size_t count)
+{
+    return array != NULL || count == 0;
+}
+
+INSTANCE_RARE static Status instance_miss(const Instance *instance)
+{
+    return instance_report(instance, INSTANCE_ERROR, "an array is missing: its pointer is NULL");
+}
+
 /* limit is the number of the table's value references: N_VARIABLES, or one more where the time is a variable. */
 static inline Status instance_get(Instance *instance, unsigned int limit, const unsigned int *references, size_t count,
                                   double *values)
 {
+    if (!is_given(references, count) || !is_given(values, count)) return instance_miss(instance);
     if (N_OUTPUTS + N_MODES > 0 && !instance->outputs_follow && !instance_calculate_outputs(instance))
         return instance_report(instance, INSTANCE_ERROR, "a calculated output is not finite");
     for (size_t k = 0; k < count; k++) {
@@ -284,6 +296,7 @@ static Status instance_set(Instance *instance, const unsigned int *references, s
     const int64_t phase = instance->state.phase;
     bool only_inputs = true;
     if (phase > PHASE_CONTINUOUS) return instance_refuse(instance, "setting a variable");
+    if (!is_given(references, count) || !is_given(values, count)) return instance_miss(instance);
     for (size_t k = 0; k < count; k++) {
         const TableRow *row;
         if (references[k] >= N_VARIABLES)
@@ -387,6 +400,7 @@ static Status instance_set_states(Instance *instance, const double *states, size
     if (count != N_STATES)
         return instance_report(instance, INSTANCE_ERROR, "there are %d states, not %lu", N_STATES,
                                (unsigned long)count);
+    if (!is_given(states, count)) return instance_miss(instance);
     for (int k = 0; k < N_STATES; k++)
         if (!isfinite(states[k]))
             return instance_report(instance, INSTANCE_DISCARD, "state %s = %g is not finite",
@@ -408,6 +422,7 @@ static Status instance_get_indicators(Instance *instance, double *values, size_t
     if (count != N_MODES)
         return instance_report(instance, INSTANCE_ERROR, "there are %d event indicators, not %lu", N_MODES,
                                (unsigned long)count);
+    if (!is_given(values, count)) return instance_miss(instance);
     model_switches(&instance->state.values, &margins);
     for (int k = 0; k < N_MODES; k++) {
         values[k] = margins.flat[k].margin + INDICATOR_SHIFT;
@@ -427,6 +442,7 @@ static Status instance_get_states(Instance *instance, StateVector what, double *
     if (count != N_STATES)
         return instance_report(instance, INSTANCE_ERROR, "there are %d states, not %lu", N_STATES,
                                (unsigned long)count);
+    if (!is_given(values, count)) return instance_miss(instance);
     if (what == OF_DERIVATIVES) {
         double sum = 0;
         bool changed;

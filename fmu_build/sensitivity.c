@@ -88,6 +88,9 @@ static Status instance_differentiate(Instance *instance, const unsigned int *unk
     if (phase < PHASE_INITIALIZATION || phase > PHASE_TERMINATED)
         return instance_refuse(instance, "a directional derivative");
     if (phase <= PHASE_STEPPING && instance_settle(instance, &changed) != INSTANCE_OK) return INSTANCE_ERROR;
+    if (!is_given(unknown, unknowns) || !is_given(known, knowns) || !is_given(seed, knowns) ||
+        !is_given(sensitivity, unknowns))
+        return instance_miss(instance);
     for (size_t k = 0; k < knowns; k++) {
         if (known[k] >= N_VARIABLES || model_table[known[k]].kind >= MODEL_output || !isfinite(seed[k]))
             return instance_report(instance, INSTANCE_ERROR,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import os
 import shutil
 import subprocess
@@ -13,25 +12,22 @@ from pathlib import Path
 import pytest
 from importers import STEPS
 from slaves import Opened
+from test_docs import loaded
 
 import fmu_build
 from fmu_build.compiler import find_compiler
 
 HERE = Path(__file__).parent
+importer_table = loaded(HERE.parent / "benchmarks" / "importer_table.py")
 
 
 def run_importer(name: str, fmu: Path) -> list[str]:
     """Return what an importer printed, a line a step; skip where it is not installed or cannot be loaded."""
-    if importlib.util.find_spec(name) is None:
-        pytest.skip(f"{name} is not installed")
-    loads = subprocess.run([sys.executable, "-c", f"import {name}"], capture_output=True, text=True)
-    if loads.returncode != 0:
-        pytest.skip(f"{name} cannot be loaded: {loads.stderr.strip().splitlines()[-1]}")
-    run = subprocess.run(
-        [sys.executable, str(HERE / "importers.py"), name, str(fmu)], capture_output=True, text=True, timeout=120
-    )
-    assert run.returncode == 0, run.stderr[-2000:]
-    return [line for line in run.stdout.splitlines() if line.lstrip("-").startswith("0x")]  # ecos talks
+    lines = importer_table.run(name, fmu)
+    if lines in ("not installed", "cannot be loaded"):
+        pytest.skip(f"{name} is {lines}")
+    assert isinstance(lines, list), lines
+    return lines
 
 
 @pytest.fixture(scope="module", params=[2, 3], ids=["FMI2", "FMI3"])
@@ -45,12 +41,32 @@ def by_fmpy() -> list[str]:
     return run_importer("fmpy", fmu_build.bundled("dc_motor"))
 
 
-@pytest.mark.parametrize("name", ["fmpy", "libcosimpy", "ecospy"])
+@pytest.mark.parametrize("name", importer_table.IMPORTERS)
 def test_importers_get_the_same_bits_in_both_versions_of_fmi(name: str, fmu: Path, by_fmpy: list[str]) -> None:
     if name == "libcosimpy" and b'fmiVersion="3.0"' in zipfile.ZipFile(fmu).read("modelDescription.xml"):
         pytest.skip("libcosimpy takes FMI 2.0 only")
     assert len(by_fmpy) == STEPS
     assert run_importer(name, fmu) == by_fmpy
+
+
+def written_rows() -> list[list[str]]:
+    lines = [line.strip("| ").split(" | ") for line in importer_table.PAGE.read_text().splitlines()]
+    return [row for row in lines if row[0] in fmu_build.bundled_names()]
+
+
+def test_page_on_importers_lists_every_model_and_says_that_all_agree() -> None:
+    rows = [row for row in written_rows() if row[2] == "co-simulation"]
+    assert [tuple(row[:2]) for row in rows] == [(m, f"{fmi}.0") for m in fmu_build.bundled_names() for fmi in (2, 3)]
+    for row in rows:
+        assert set(row[3:]) <= {"same bits", "takes FMI 2.0 only"}, row
+
+
+@pytest.mark.full
+def test_page_on_importers_is_what_its_command_prints() -> None:
+    rows = importer_table.table(fmu_build.bundled_names())
+    for made, row in zip(rows, written_rows(), strict=True):
+        for cell, written in zip(made, row, strict=True):
+            assert cell in (written, "not installed", "cannot be loaded"), row
 
 
 def test_rebuilt_from_its_own_sources_it_gives_the_same_bits(tmp_path: Path, fmu: Path, by_fmpy: list[str]) -> None:
