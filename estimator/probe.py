@@ -11,28 +11,20 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import math
-import queue
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from estimator.archive import extract
 from estimator.errors import FmuError
-from estimator.fmu import FmuDescription, Variable, check_usable, with_kind
-from estimator.layout import JobLayout
-from estimator.process import Process, check_installed, how_it_ended
+from estimator.fmu import FmuDescription, check_usable, with_kind
+from estimator.probe_stages import HORIZON, Stages, Stopped
+from estimator.process import check_installed
 from estimator.run_folder import RunFolder
 
 RESET, REINSTANTIATE, FRESH_PROCESS = "reset", "re-instantiate", "fresh process"
-HORIZON = 1.0  # s simulated
-PATIENCE = 3.0  # s of a run, then it is cut
-STAGE_LIMIT = 8.0  # s of a stage, then its process is ended
 LIMIT = 40.0  # s of all stages
-MAX_VARIABLES = 40
 LARGE_CHANGE = 1e-3  # of a signal's span, from step h to h/10
-USUAL_STEP, STEPS = 1e-3, (1e-5, 1e-2)  # s
 
 
 @dataclass(frozen=True)
@@ -114,7 +106,7 @@ def probe(description: FmuDescription, *, thorough: bool = True, limit: float = 
     check_installed()
     try:
         check_usable(description)
-        with RunFolder() as folder, _Owner(description, folder, until=time.monotonic() + limit) as owner:
+        with RunFolder() as folder, Stages(description, folder, until=time.monotonic() + limit) as owner:
             return _Conclusion(description, owner).draw(thorough=thorough)
     except FmuError as error:
         return Probe(False, problem=str(error), hopeless=True)
@@ -135,74 +127,15 @@ def probe_kinds(description: FmuDescription, kinds: Sequence[str], *, limit: flo
 def ignores_step(description: FmuDescription) -> bool:
     """Whether an FMU that runs was seen to give the same samples at a ten times finer step."""
     until = time.monotonic() + LIMIT
-    with RunFolder() as folder, _Owner(description, folder, until=until) as owner, contextlib.suppress(_Stopped):
+    with RunFolder() as folder, Stages(description, folder, until=until) as owner, contextlib.suppress(Stopped):
         return bool(owner.stage("step_size").get("ignored"))
     return False
-
-
-class _Stopped(Exception):
-    """A stage that gave no answer: the reason."""
-
-
-class _Owner:
-    """The process in which the stages run, started again after each that ends it."""
-
-    def __init__(self, description: FmuDescription, folder: RunFolder, *, until: float) -> None:
-        self.until, self.folder = until, folder
-        extracted = folder.path / "fmu"
-        extracted.mkdir()
-        extract(description.path, extracted)
-        self.order = _order(description, str(extracted))
-        self.process: Process | None = None
-        self.messages: queue.SimpleQueue[tuple[Process, dict[str, Any] | None]] = queue.SimpleQueue()
-        self.generation = 0
-
-    def __enter__(self) -> _Owner:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.end()
-
-    def end(self) -> None:
-        """End the process, so that the next stage begins in a fresh one."""
-        if self.process is not None:
-            self.process.end(politely=False)
-            self.process = None
-
-    def stage(self, name: str) -> dict[str, Any]:
-        """Run a stage and return what it found; {"refused": why} if the FMU answered that it cannot."""
-        left = min(STAGE_LIMIT, self.until - time.monotonic())
-        if left <= 0:
-            raise _Stopped("there was no time left to try it")
-        if self.process is None:
-            self.generation += 1
-            self.process = Process(0, self.generation, self.folder.path, self.messages)
-            self.process.send({"prepare": self.order})
-        self.process.send({"probe": name})
-        deadline = time.monotonic() + left
-        while True:
-            try:
-                sender, message = self.messages.get(timeout=max(0.0, deadline - time.monotonic()))
-            except queue.Empty:
-                self.end()
-                raise _Stopped(f"it does not come back within {left:.0f} s") from None
-            if sender is not self.process:
-                continue
-            if message is None:
-                code = sender.reap()
-                self.process = None
-                raise _Stopped(how_it_ended(code).replace("the FMU", "it"))
-            if "error" in message:
-                self.end()
-                raise _Stopped(str(message["error"]))
-            if "stage" in message:
-                return dict(message["stage"])
 
 
 class _Conclusion:
     """From stages to findings."""
 
-    def __init__(self, description: FmuDescription, owner: _Owner) -> None:
+    def __init__(self, description: FmuDescription, owner: Stages) -> None:
         self.description, self.owner = description, owner
         self.findings: list[str] = []
         self.facts: dict[str, Any] = {"simulations": 0}
@@ -212,7 +145,7 @@ class _Conclusion:
         once = self.description.capabilities.get("canBeInstantiatedOnlyOncePerProcess", False)
         try:
             first = self._try("run")
-        except _Stopped as stop:
+        except Stopped as stop:
             return Probe(False, problem=f"it does not run: {stop}", hopeless=True)
         if "refused" in first:
             none = first["refused"].startswith("instantiate")
@@ -249,7 +182,7 @@ class _Conclusion:
         self.owner.end()
         try:
             again = self._try("run")
-        except _Stopped:
+        except Stopped:
             again = {}
         self.facts["repeats"] = again.get("digest") == first["digest"] and again.get("steps") == first["steps"]
         if not self.facts["repeats"]:
@@ -267,7 +200,7 @@ class _Conclusion:
     def _apart(self) -> None:
         try:
             found = self._try("apart")
-        except _Stopped as stop:
+        except Stopped as stop:
             self.findings.append(f"two instances in one process fail: {stop}")
             self.facts["apart"] = False
             return
@@ -283,7 +216,7 @@ class _Conclusion:
         names = self.owner.order["names"]
         try:
             found = self._try("parameters")
-        except _Stopped as stop:
+        except Stopped as stop:
             self.findings.append(f"its parameters could not all be tried: {stop}")
             return
         answers = dict(zip(names, found.get("answers", ()), strict=False))
@@ -302,7 +235,7 @@ class _Conclusion:
         h = self.owner.order["h"]
         try:
             found = self._try("step_size")
-        except _Stopped as stop:
+        except Stopped as stop:
             self.findings.append(f"at a ten times finer step it fails: {stop}")
             return
         if "refused" in found:
@@ -326,7 +259,7 @@ class _Conclusion:
     def _honoured(self, stage: str) -> bool | None:
         try:
             found = self._try(stage)
-        except _Stopped as stop:
+        except Stopped as stop:
             self.findings.append(f"{stage} fails: {stop}")
             return False
         if "refused" in found:
@@ -338,65 +271,3 @@ class _Conclusion:
             stage, 0
         )
         return self.owner.stage(stage)
-
-
-def _order(description: FmuDescription, folder: str) -> dict[str, Any]:
-    """Return what the stages need: variables, values, inputs, step."""
-    parameters = [v for v in description.of_causality("parameter") if v.is_real and isinstance(v.start, float)]
-    parameters = parameters[:MAX_VARIABLES]
-    inputs = [v for v in description.of_causality("input") if v.is_real][:MAX_VARIABLES]
-    shown = [v for v in description.of_causality("output") if v.is_real]
-    shown = (shown or [v for v in description.of_causality("local") if v.is_real])[:MAX_VARIABLES]
-    layout = JobLayout(
-        folder=folder,
-        identifier=description.library or "",
-        guid=description.guid,
-        reinstantiate=False,
-        parameter_references=tuple(v.value_reference for v in parameters),
-        input_references=tuple(v.value_reference for v in inputs),
-        output_references=tuple(v.value_reference for v in shown),
-        sensors=(0,) * len(shown),
-        experiments=(),
-        version=description.fmi_version,
-        kind=description.kind,
-        counts=description.counts,
-    )
-    stated = description.default_experiment["step_size"]
-    return {
-        "job": dataclasses.asdict(layout),
-        "names": [v.name for v in parameters],
-        "values": [_start(v) for v in parameters],
-        "other": [_other(v) for v in parameters],
-        "inputs": _drive(inputs),
-        "start": description.default_experiment["start_time"] or 0.0,
-        "h": stated if stated is not None and STEPS[0] <= stated <= STEPS[1] else USUAL_STEP,
-        "horizon": HORIZON,
-        "patience": PATIENCE,
-    }
-
-
-def _start(variable: Variable) -> float:
-    return variable.start if isinstance(variable.start, float) else 0.0
-
-
-def _other(variable: Variable) -> float:
-    """Return another value than the start, 10 % off, within the limits."""
-    start = _start(variable)
-    for value in (1.1 * start, start / 1.1):
-        low = variable.minimum is None or value >= variable.minimum
-        high = variable.maximum is None or value <= variable.maximum
-        if start != 0 and low and high and math.isfinite(value):
-            return value
-    return start
-
-
-def _drive(inputs: Sequence[Variable]) -> list[float]:
-    """Return what the inputs are held at: 10 V, or the nominal value, where it is a voltage or the only input."""
-    values = []
-    for variable in inputs:
-        value = _start(variable)
-        if value == 0 and (variable.unit == "V" or len(inputs) == 1):
-            value = variable.nominal or (10.0 if variable.unit == "V" else 1.0)
-            value = value if variable.maximum is None else min(value, variable.maximum)
-        values.append(value)
-    return values

@@ -8,6 +8,7 @@ from faulty import faulty_fmu
 from foreign_fmus import foreign_fmu
 
 from estimator import probe as module
+from estimator import probe_stages
 from estimator.cli import main
 from estimator.fmu import describe
 from estimator.probe import driven, probe
@@ -98,7 +99,7 @@ TROUBLES = {
 
 @pytest.mark.parametrize(("faults", "sentence"), TROUBLES.values(), ids=TROUBLES)
 def test_inspect_answers_whatever_the_fmu_does(tmp_path, capsys, monkeypatch, faults, sentence):
-    monkeypatch.setattr(module, "STAGE_LIMIT", 2.0)
+    monkeypatch.setattr(probe_stages, "STAGE_LIMIT", 2.0)
     fmu = faulty_fmu(tmp_path, **faults)
     assert main(["inspect", str(fmu), "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
@@ -130,7 +131,7 @@ def test_inspect_answers_within_a_minute_wherever_the_fmu_hangs(tmp_path, capsys
 
 
 def test_an_fmu_that_hangs_when_it_is_freed_gets_fresh_processes(tmp_path, monkeypatch):
-    monkeypatch.setattr(module, "STAGE_LIMIT", 2.0)
+    monkeypatch.setattr(probe_stages, "STAGE_LIMIT", 2.0)
     found = probe(describe(foreign_fmu(tmp_path, "HANGING_FREE", "IDLE_RESET")), thorough=False)
     assert found.runs and found.restart == "fresh process"
     assert "reinstantiate fails: it does not come back within 2 s" in found.findings

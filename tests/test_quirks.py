@@ -290,7 +290,7 @@ def test_an_fmu_that_crashes_always_is_told(tmp_path, recording, capsys, command
 
 
 def test_an_fmu_that_hangs_always_is_told(tmp_path, recording, monkeypatch):
-    monkeypatch.setattr("estimator.probe.STAGE_LIMIT", 3.0)
+    monkeypatch.setattr("estimator.probe_stages.STAGE_LIMIT", 3.0)
     fmu = faulty_fmu(tmp_path, DoStep="for (;;) {}")
     with pytest.raises(FmuError, match=r"faulty.fmu cannot be used: it does not run: it does not come back within 3 s"):
         estimate(case_for_recording(recording, fmu=str(fmu)), workers=2)
