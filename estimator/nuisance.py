@@ -143,31 +143,38 @@ class Refinement:
             suspect = strongest_suspect(fit)
             accused = self._accused(fit, suspect) if suspect is not None and suspect.deviations**2 > gain else None
             if direction is None:
-                return accused
+                return accused and self._or_late(fit, accused)
             freed = self._freed(fit, direction)
             if accused is not None and (freed is None or misfit(accused) < misfit(freed)):
-                return accused
+                return self._or_late(fit, accused)
             if freed is not None:
                 self.rejected.clear()
-                return self._or_late(fit, direction, freed)
+                is_mean = direction.name.partition(" ")[0] in ("mean", "average")
+                return self._or_late(fit, freed) if is_mean else freed
             self.rejected.add(direction.name)
         return None
 
-    def _or_late(self, fit: Fit, direction: Direction, freed: Fit) -> Fit:
-        """Return a fit with a channel's mean, or one with its delay where that explains far more."""
-        kind, _, rest = direction.name.partition(" ")
-        if kind not in ("mean", "average"):
-            return freed
-        name = f"delay {rest.partition(' ')[0]}"
-        late = next((d for d in directions(fit) if d.is_channel and d.name == name), None)
-        if late is None:
-            return freed
-        product = float(late.column @ fit.polish.residuals) / float(late.column @ late.column)
-        rival = self._freed(fit, dataclasses.replace(late, starts=starts(late, -product, fit.problem)))
-        if rival is None:
-            return freed
-        scores = [misfit(f) + FREED**2 * float(np.sum(f.treatment.keep == 0)) for f in (rival, freed)]
-        return rival if scores[0] < scores[1] - FREED**2 else freed
+    def _or_late(self, fit: Fit, taken: Fit) -> Fit:
+        """Return a fit with a mean or an accusation, or one with a channel's delay where that explains far more.
+
+        Where an accusation explains as much, it stays, so that the estimate is doubtful, and the delay is told.
+        """
+        best = taken
+        for late in directions(fit):
+            if not late.is_channel or late.name in self.rejected:
+                continue
+            product = float(late.column @ fit.polish.residuals) / float(late.column @ late.column)
+            rival = self._freed(fit, dataclasses.replace(late, starts=starts(late, -product, fit.problem)))
+            if rival is None:
+                continue
+            if _score(rival) < _score(taken) - FREED**2:
+                best = rival
+            elif _score(rival) < _score(taken) + FREED**2 and len(taken.treatment.accused) > len(fit.treatment.accused):
+                delay = rival.polish.values[rival.problem.plan.names.index(late.name)]
+                channel = late.name.partition(" ")[2]
+                told = f"{channel} shown {1e3 * delay:.2g} ms late would explain the recording as well; measure it"
+                best = dataclasses.replace(taken, freed=(*taken.freed, told))
+        return best
 
     def _accused(self, fit: Fit, suspect: Accused) -> Fit:
         """Take a wrong assumption out of the residuals, and fit again."""
@@ -387,3 +394,8 @@ class Refinement:
             if gain > best[0]:
                 best = (gain, direction)
         return best
+
+
+def _score(fit: Fit) -> float:
+    """Return a fit's misfit, each sample that is left out as an outlier counted as one."""
+    return misfit(fit) + FREED**2 * float(np.sum(fit.treatment.keep == 0))

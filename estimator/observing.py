@@ -36,6 +36,8 @@ def observe(case: Case, description: FmuDescription, recording: Recording, run: 
         A column, a window or a correction does not fit: one sentence.
     """
     recording = _within(recording, run)
+    for named in (*case.inputs.values(), *case.products.values(), *(spec.column for spec in case.outputs.values())):
+        recording = recording.in_unit(named)
     inputs, outputs = _columns(case, description, recording)
     if twice := driven_twice(case, inputs):
         raise InputError(

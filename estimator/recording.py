@@ -77,6 +77,21 @@ class Recording:
         signals = {name: signal[part].copy() for name, signal in self.signals.items()}
         return replace(self, time=self.time[part].copy(), signals=signals)
 
+    def in_unit(self, name: str) -> Recording:
+        """Return the recording with a column in the unit that ``speed [rpm]`` says, if its header says none."""
+        asked = parse_header(name)
+        bare = [c for c, h in self.headers.items() if plain(c) == plain(asked.name) and not parse_header(h).unit_text]
+        if asked.unit is None or not bare or bare[0] not in self.signals:
+            return self
+        column, unit = bare[0], asked.unit
+        return replace(
+            self,
+            signals={**self.signals, column: unit.to_si(self.signals[column])},
+            units={**self.units, column: unit.si},
+            headers={**self.headers, column: f"{column} [{asked.unit_text}]"},
+            assumed_units=tuple(c for c in self.assumed_units if c != column),
+        )
+
     def column(self, name: str) -> str:
         """Return the column that is meant by its name, ``speed``, or its header, ``speed [rpm]``.
 

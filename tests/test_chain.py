@@ -192,6 +192,12 @@ def test_a_delay_of_one_channel_is_found_by_itself():
     close(result)
 
 
+def test_a_delay_that_a_dry_friction_explains_as_well_makes_doubtful_and_is_told():
+    result = found(Case(), recorded(RUN, seed=11, w=RUN.at("w", late=0.8e-3)))
+    assert result.verdict == "doubtful"
+    assert any("w shown 0.8" in note and "ms late would explain the recording as well" in note for note in result.notes)
+
+
 def test_free_values_need_a_method_that_estimates_them():
     case = dataclasses.replace(with_outputs(i={"offset": "free"}), search=SearchSpec(method="integral"))
     with pytest.raises(
@@ -416,6 +422,15 @@ def test_speed_alone_and_angle_alone_are_estimated_as_far_as_they_tell():
     recording = recorded(RUN, i=False, w=False, **{"angle [rad]": RUN.at("angle")})
     angle_only = found(Case(inputs={"v": "voltage"}, outputs={"angle": OutputSpec("angle")}), recording)
     assert angle_only.parameters and angle_only.verdict in ("ok", "doubtful")
+
+
+def test_units_come_from_the_case_file_where_the_header_has_none():
+    shown = {"u": RUN.at("v"), "cur": 1e3 * noisy("i", RUN.at("i"), 1), "n": noisy("w", RUN.at("w"), 1) * 30 / np.pi}
+    recording = recording_from_arrays("plain", RUN.samples, shown)
+    case = Case(inputs={"v": "u"}, outputs={"i": OutputSpec("cur [mA]"), "w": OutputSpec("n [rpm]")})
+    close(found(case, recording))
+    with pytest.raises(RecordingError, match="'mA' is no unit of angular speed"):
+        found(dataclasses.replace(case, outputs={**case.outputs, "w": OutputSpec("n [mA]")}), recording)
 
 
 def test_a_bare_recording_without_a_current_is_estimated_unless_a_column_is_meant_for_it(tmp_path):

@@ -106,7 +106,7 @@ def test_a_voltage_that_never_changes_is_refused_with_status_1(tmp_path):
         (None, "bad.csv"),
         ("", "bad.csv"),
         ("time [s],voltage [V],current [A],speed [rad/s]\n", "bad.csv"),
-        ("time [s],voltage [V],current [A]\n" + "".join(f"{k},1,2\n" for k in range(20)), "speed"),
+        ("time [s],current [A],speed [rad/s]\n" + "".join(f"{k},1,2\n" for k in range(20)), "voltage"),
         (
             "time [s],voltage [V],current [A],speed [m]\n" + "".join(f"{k},1,2,3\n" for k in range(20)),
             "'m' is no unit of angular speed",
