@@ -15,7 +15,7 @@ from typing import Any
 from estimator.archive import check_archive, check_description
 from estimator.errors import FmuError, one_line, suggestion
 
-REAL_TYPES = ("Real", "Float64")
+REAL_TYPES = ("Real", "Float64", "Float32")
 
 
 @dataclass(frozen=True)

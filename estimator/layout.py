@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from estimator.fmu import REAL_TYPES
-
+FAST_TYPES = ("Real", "Float64")  # that the stepping loop sets and gets
 FINISHED, CUT_SHORT, FAILED, NOT_FINITE = range(4)  # as in stepper.c
 CRASHED, TIMED_OUT, PENDING = 4, 5, 6  # found by the worker's owner, not by the stepper
 PHASES = ("", "instantiate", "reset", "set", "set up", "initialise", "doStep", "read")
@@ -58,7 +57,12 @@ class JobLayout:
     def is_fast(self) -> bool:
         """Whether the stepping loop calls the FMU's own functions."""
         cosimulation = self.kind == "co-simulation" and self.version[0] in "23"
-        return cosimulation and all(t in REAL_TYPES for t in self.types)
+        return cosimulation and all(t in FAST_TYPES for t in self.types)
+
+
+def types_of(types: Sequence[str]) -> tuple[str, ...]:
+    """Return the types of a job's variables; nothing if the stepping loop knows them all."""
+    return () if all(t in FAST_TYPES for t in types) else tuple(types)
 
 
 def positions(job: JobLayout) -> tuple[tuple[int, ...], tuple[int, ...], tuple[int, ...]]:

@@ -14,7 +14,7 @@ from typing import Any
 
 from estimator.archive import extract
 from estimator.fmu import FmuDescription, Variable
-from estimator.layout import JobLayout
+from estimator.layout import JobLayout, types_of
 from estimator.process import Process, how_it_ended
 from estimator.run_folder import RunFolder
 
@@ -103,6 +103,7 @@ def order_of(description: FmuDescription, folder: str) -> dict[str, Any]:
         experiments=(),
         version=description.fmi_version,
         kind=description.kind,
+        types=types_of([v.type for v in (*parameters, *inputs, *shown)]),
         counts=description.counts,
     )
     stated = description.default_experiment["step_size"]

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from estimator import layout
 from estimator.case import Case
 from estimator.errors import CaseError
-from estimator.fmu import Variable
 from estimator.job import Batch, Experiment, Job
+from estimator.layout import types_of
 from estimator.mapping import settings, settings_names, target
 from estimator.parameters import Box
 from estimator.plan import ChainSpec, Observed, Plan
@@ -78,7 +78,7 @@ class Problem:
             even_steps=not description.capabilities.get("canHandleVariableCommunicationStepSize", True),
             reinstantiate=description.restart == "re-instantiate",
             fresh_process=description.restart == "fresh process",
-            types=types_of([*taken, *held.values(), *driven, *read]),
+            types=types_of([v.type for v in (*taken, *held.values(), *driven, *read)]),
             settings=settings(description, plan.fixed, plan.texts),
             names=(*self.variables, *settings_names(description, plan.fixed, plan.texts), *inputs),
             scale=tuple((v.factor, v.offset) for v in read) if any(not v.is_as_it_is for v in read) else (),
@@ -287,8 +287,3 @@ def _substeps(case: Case, recording: Recording) -> int:
             f" of {recording.title}; take {recording.step:g} s or a whole fraction of it"
         )
     return substeps
-
-
-def types_of(variables: Sequence[Variable]) -> tuple[str, ...]:
-    """Return the types of variables; nothing if all are real."""
-    return () if all(v.is_real for v in variables) else tuple(v.type for v in variables)

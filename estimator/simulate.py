@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator import layout
 from estimator.errors import FmuError, InputError, SimulationError, suggestion
 from estimator.failing import with_cause
 from estimator.fmu import FmuDescription, Variable, check_usable, describe
 from estimator.job import Experiment, Job
+from estimator.layout import IDENTITY, types_of
 from estimator.workers import TIME_LIMIT, Workers
 
 FloatArray = NDArray[np.float64]
@@ -70,11 +70,11 @@ def simulate(
         parameter_references=tuple(v.value_reference for v, _ in reals),
         input_references=tuple(v.value_reference for v in driven),
         output_references=tuple(v.value_reference for v in outputs),
-        sensors=(layout.IDENTITY,) * len(outputs),
+        sensors=(IDENTITY,) * len(outputs),
         experiments=(_experiment(description, driven, inputs, times, outputs=len(outputs)),),
         reinstantiate=description.restart == "re-instantiate",
         fresh_process=description.restart == "fresh process",
-        types=() if all(v.is_real for v in driven) else tuple(v.type for v in shown),
+        types=types_of([v.type for v in shown]),
         settings=tuple((v.type, v.value_reference, value) for v, value in held),
         scale=tuple((v.factor, v.offset) for v in outputs) if any(not v.is_as_it_is for v in outputs) else (),
         names=tuple(v.name for v in (*(v for v, _ in reals), *(v for v, _ in held), *driven)),

@@ -45,6 +45,11 @@ def test_fmi_1_co_simulation_is_estimated_to_1e_8(tmp_path, recording):
     assert e.fmu["fmi_version"] == "1.0"
 
 
+def test_reals_of_single_precision_are_estimated_to_1e_5(tmp_path, recording):
+    fmu = foreign_fmu(tmp_path, version=3, change=[('Float64 name="(motor.Ra|u_in|shaft.w)"', r'Float32 name="\1"')])
+    assert worst(estimate(read_case(foreign_case(fmu, recording)))) < 1e-5
+
+
 @pytest.mark.parametrize(("setting", "moves"), [("mode = 0", True), ("mode = 1", False), ("enabled = false", True)])
 def test_an_integer_and_a_boolean_of_fmi_3_are_set(tmp_path, recording, setting, moves):
     fmu = foreign_fmu(tmp_path, version=3)

@@ -48,13 +48,13 @@ EXPORT fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 time, fmi3Float64 h, fm
         return fmi3OK;                                                                                                \
     }
 ACCESS(Float64, v[k] = shown(M, r[k]), take(M, r[k], v[k]))
+ACCESS(Float32, v[k] = (float)shown(M, r[k]), take(M, r[k], v[k]))
 ACCESS(Int64, v[k] = M->mode, M->mode = (int)v[k])
 ACCESS(Boolean, v[k] = M->enabled, M->enabled = v[k])
 
 #define NOT_OFFERED(name)                                                                                             \
     EXPORT fmi3Status name(void) { return fmi3Error; }
 NOT_OFFERED(fmi3EnterEventMode)
-NOT_OFFERED(fmi3GetFloat32)
 NOT_OFFERED(fmi3GetInt8)
 NOT_OFFERED(fmi3GetUInt8)
 NOT_OFFERED(fmi3GetInt16)
@@ -65,7 +65,6 @@ NOT_OFFERED(fmi3GetUInt64)
 NOT_OFFERED(fmi3GetString)
 NOT_OFFERED(fmi3GetBinary)
 NOT_OFFERED(fmi3GetClock)
-NOT_OFFERED(fmi3SetFloat32)
 NOT_OFFERED(fmi3SetInt8)
 NOT_OFFERED(fmi3SetUInt8)
 NOT_OFFERED(fmi3SetInt16)
