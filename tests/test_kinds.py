@@ -106,7 +106,7 @@ def test_model_exchange_holds_its_inputs_as_fmpy_does_with_doubled_time_stamps(t
 
 
 def test_an_fmu_that_offers_both_is_stepped_by_itself_unless_the_user_chooses(tmp_path, recording, monkeypatch):
-    monkeypatch.setattr("estimator.estimate.GENERATIONS", 1)  # it is the kind that matters here
+    monkeypatch.setattr("estimator.effort.GENERATIONS", 1)  # it is the kind that matters here
     fmu = foreign_fmu(tmp_path, kinds=("co-simulation", "model-exchange"))
     case = read_case(foreign_case(fmu, recording))
     chosen = read_case(foreign_case(fmu, recording, text=CASE.replace("[inputs]", 'kind = "model-exchange"\n[inputs]')))
