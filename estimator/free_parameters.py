@@ -21,6 +21,7 @@ FloatArray = NDArray[np.float64]
 PAPER_BOX = {"R": (0.01, 5.0), "K": (0.005, 0.1), "L": (1e-7, 0.5), "J": (1e-7, 1e-3), "B": (1e-5, 1e-3)}
 WIDTH = {"R": 100.0, "K": 100.0, "B": 1e6}  # bounds around the data's start when none are given: factor either way
 USUAL_WIDTH = 1e4
+FREE_TOO = ("friction",)  # beside the motor's five, where the FMU has it: the Coulomb friction of dc_motor_friction
 MOST_HELD = 6  # parameters named in one sentence
 
 
@@ -87,7 +88,7 @@ def free_parameters(
     available = [v.name for v in description.of_causality("parameter")]
     names = [n for n in case.parameters if n not in case.fixed]
     if not case.parameters:
-        names = [n for n in MOTOR if n in available and n not in case.fixed]
+        names = [n for n in (*MOTOR, *FREE_TOO) if n in available and n not in case.fixed]
         if not names and not any(n in available for n in MOTOR):
             listed = ", ".join(available[:20]) or "none"
             raise FmuError(
