@@ -31,6 +31,7 @@ def case_text(description: FmuDescription, recording: Recording, *, fmu: str, fo
     variables = {v.name: in_si(v) for v in description.variables}
     roles = guess_roles(description)
     columns = _columns(recording)
+    motion = "angle" if "angle" in columns and "w" not in columns else "w"
     lines = [
         f"# Guessed from {description.path.name} ({description.generation_tool}, FMI {description.fmi_version}) and"
         f" {recording.title}.",
@@ -49,7 +50,7 @@ def case_text(description: FmuDescription, recording: Recording, *, fmu: str, fo
         *_signals(("v", "load"), roles, columns, variables, causality="input", required=("v",)),
         "",
         "[outputs]",
-        *_signals(("i", "w"), roles, columns, variables, causality="output", required=("i", "w")),
+        *_signals(("i", motion), roles, columns, variables, causality="output", required=("i", motion)),
         "",
         "[parameters]  # a name R, K, L, J or B says what it is in a motor; fmu says what the FMU calls it",
         *_parameters(roles, variables),

@@ -27,6 +27,7 @@ _CLUES: dict[str, tuple[tuple[str, ...], tuple[str, ...], str, str]] = {
     "v": (("input",), ("V",), r"v|u|va|ua|vin|uin|u_in|v_in|voltage|volt", r"voltage|spannung"),
     "load": (("input",), ("N.m",), r"load|tl|tau|tau_l|torque|ml|m_l", r"load|torque|moment"),
     "i": (("output", "local"), ("A",), r"i|ia|im|i_a|current", r"current|strom"),
+    "angle": (("output", "local"), ("rad",), r"angle|phi|phi_m|theta|pos|position", r"angle|position|winkel"),
     "w": (("output", "local"), ("rad/s",), r"w|wm|omega|w_m|speed|n|phid|velocity", r"speed|velocity|drehzahl"),
 }
 ROLES = tuple(_CLUES)

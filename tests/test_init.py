@@ -9,7 +9,9 @@ from motors import CML050, NAMES, step_recording
 from estimator.case import read_case
 from estimator.cli import main
 from estimator.estimate import estimate
-from estimator.recording import write_recording
+from estimator.fmu import describe
+from estimator.init_case import case_text
+from estimator.recording import read_recording, write_recording
 
 
 @pytest.fixture(scope="module")
@@ -37,6 +39,32 @@ def test_the_bundled_motor_keeps_its_names(folder, capsys):
     assert guessed["fmu"]["path"] == "dc_motor"
     assert guessed["inputs"] == {"v": "voltage"} and guessed["outputs"] == {"i": "current", "w": "speed"}
     assert set(guessed["parameters"]) == set(NAMES) and guessed["fixed"] == {"load": 0.0}
+
+
+def test_bounds_come_from_the_fmus_limits_and_starts(folder):
+    change = [
+        ('(valueReference="0"[^>]*><Real unit="Ohm" start="3.0")', r'\1 min="0.5" max="8"'),
+        ('(valueReference="1"[^>]*><Real unit="H") start="0.012"', r'\1 nominal="0.02"'),
+        ('(valueReference="4"[^>]*><Real unit="kg.m2") start="1e-05"', r"\1"),
+    ]
+    fmu = foreign_fmu(folder / "limits", change=change)
+    text = case_text(describe(fmu), read_recording(folder / "step.csv"), fmu=str(fmu), folder=folder)
+    guessed = tomllib.loads(text)["parameters"]
+    assert guessed["R"] == {"min": 0.5, "max": 8.0, "start": 3.0, "fmu": "motor.Ra"}
+    assert guessed["L"] == {"min": 2e-4, "max": 2.0, "start": 0.02, "fmu": "motor.La"}
+    assert guessed["J"] == {"fmu": "motor.Jm"}
+    assert [line for line in text.splitlines() if line.startswith("J = ")][0].count("TODO: give min and max") == 1
+
+
+def test_an_angle_stands_for_the_speed_where_no_speed_was_measured(folder):
+    encoder = folder / "encoder.csv"
+    rows = "".join(f"{k / 1000},{10 * (k > 5)},{k / 100},{k / 10}\n" for k in range(20))
+    encoder.write_text("time [s],voltage [V],current [A],angle [rad]\n" + rows)
+    change = [('name="shaft.w"', 'name="shaft.phi"'), ('(valueReference="7".*?)unit="rad/s"', r'\1unit="rad"')]
+    change += [('<Unit name="rad/s"></Unit>', '<Unit name="rad"></Unit>')]
+    fmu = foreign_fmu(folder / "angle", change=change)
+    guessed = tomllib.loads(case_text(describe(fmu), read_recording(encoder), fmu=str(fmu), folder=folder))
+    assert guessed["outputs"]["angle"] == {"column": "angle", "fmu": "shaft.phi"}
 
 
 def test_what_could_not_be_guessed_is_marked(folder, capsys):
