@@ -10,6 +10,7 @@ FINISHED, CUT_SHORT, FAILED, NOT_FINITE = range(4)  # as in stepper.c
 CRASHED, TIMED_OUT, PENDING = 4, 5, 6  # found by the worker's owner, not by the stepper
 PHASES = ("", "instantiate", "reset", "set", "set up", "initialise", "doStep", "read")
 FMI_STATUS = ("OK", "Warning", "Discard", "Error", "Fatal", "Pending")
+MAX_SIGNALS = 64  # inputs or outputs of a job, as in stepper.c
 IDENTITY, MEAN = range(2)  # sensors, as in sensors.h
 
 

@@ -12,7 +12,7 @@ from estimator.errors import FmuError, InputError, SimulationError, suggestion
 from estimator.failing import with_cause
 from estimator.fmu import FmuDescription, Variable, check_usable, describe
 from estimator.job import Experiment, Job
-from estimator.layout import IDENTITY, types_of
+from estimator.layout import IDENTITY, MAX_SIGNALS, types_of
 from estimator.workers import TIME_LIMIT, Workers
 
 FloatArray = NDArray[np.float64]
@@ -61,32 +61,48 @@ def simulate(
     if not outputs:
         raise FmuError(f"{description.path.name} has no real output, so there is nothing to show")
     chosen = [(_parameter(description, name, value), value) for name, value in parameters.items()]
+    driven = [description.variable(name, role="input") for name in inputs]
+    shown: dict[str, FloatArray] = {}
+    with Workers(1, time_limit=time_limit) as workers:
+        for k in range(0, len(outputs), MAX_SIGNALS):
+            read = outputs[k : k + MAX_SIGNALS]
+            experiment = _experiment(description, driven, inputs, times, outputs=len(read))
+            shown |= _shown(workers, description, chosen, driven, read, experiment)
+    return shown
+
+
+def _shown(
+    workers: Workers,
+    description: FmuDescription,
+    chosen: Sequence[tuple[Variable, float]],
+    driven: Sequence[Variable],
+    outputs: Sequence[Variable],
+    experiment: Experiment,
+) -> dict[str, FloatArray]:
+    """Simulate once and return some of the outputs."""
     reals = [(v, value) for v, value in chosen if v.is_real]
     held = [(v, value) for v, value in chosen if not v.is_real]
-    driven = [description.variable(name, role="input") for name in inputs]
-    shown = [*(v for v, _ in reals), *driven, *outputs]
     job = Job(
         description=description,
         parameter_references=tuple(v.value_reference for v, _ in reals),
         input_references=tuple(v.value_reference for v in driven),
         output_references=tuple(v.value_reference for v in outputs),
         sensors=(IDENTITY,) * len(outputs),
-        experiments=(_experiment(description, driven, inputs, times, outputs=len(outputs)),),
+        experiments=(experiment,),
         reinstantiate=description.restart == "re-instantiate",
         fresh_process=description.restart == "fresh process",
-        types=types_of([v.type for v in shown]),
+        types=types_of([*(v.type for v, _ in reals), *(v.type for v in (*driven, *outputs))]),
         settings=tuple((v.type, v.value_reference, value) for v, value in held),
         scale=tuple((v.factor, v.offset) for v in outputs) if any(not v.is_as_it_is for v in outputs) else (),
         names=tuple(v.name for v in (*(v for v, _ in reals), *(v for v, _ in held), *driven)),
     )
+    workers.load(job)
     values = np.array([_own(v, value) for v, value in reals], dtype=float)
-    with Workers(1, time_limit=time_limit) as workers:
-        workers.load(job)
-        batch = workers.run(values.reshape(1, 1, len(values)), record=True)
-        if batch.failed[0] or batch.shown is None:
-            first = workers.failures[0]
-            wrong = FmuError if first.reason.startswith(("the FMU ", "instantiate ")) else SimulationError
-            raise wrong(f"{description.path.name} failed: {with_cause(first, description, job.names[: len(values)])}")
+    batch = workers.run(values.reshape(1, 1, len(values)), record=True)
+    if batch.failed[0] or batch.shown is None:
+        first = workers.failures[0]
+        wrong = FmuError if first.reason.startswith(("the FMU ", "instantiate ")) else SimulationError
+        raise wrong(f"{description.path.name} failed: {with_cause(first, description, job.names[: len(values)])}")
     return {v.name: batch.shown[0, :, j].copy() for j, v in enumerate(outputs)}
 
 

@@ -1,8 +1,8 @@
 """A worker process: one loaded FMU, candidates from shared memory. Started by ``workers.py``; knows no search.
 
-Speaks lines of JSON: orders on standard input, answers on what was standard output when it started (the FMU's own
-prints go nowhere). When standard input ends, the owner is gone: the run's folder is removed and the process ends,
-whatever the FMU is doing.
+Speaks lines of JSON: orders on what was standard input when it started, answers on what was standard output; the FMU's
+own reads and prints go nowhere. When the orders end, the owner is gone: the run's folder is removed and the process
+ends, whatever the FMU is doing.
 """
 
 from __future__ import annotations
@@ -37,11 +37,13 @@ def main() -> None:
     """Serve until told to quit."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the owner's business
     answers = os.fdopen(os.dup(1), "w", buffering=1, encoding="utf-8")
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    os.dup2(nowhere, 1)
+    given = os.fdopen(os.dup(0), encoding="utf-8")
+    nowhere = os.open(os.devnull, os.O_RDWR)
+    for standard in (0, 1):  # an FMU that reads or prints does so there
+        os.dup2(nowhere, standard)
     orders: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
     folder = Path(sys.argv[1])
-    threading.Thread(target=_listen, args=(orders, folder), daemon=True).start()
+    threading.Thread(target=_listen, args=(given, orders, folder), daemon=True).start()
     worker: _Worker | None = None
     prober: Any = None
     number = 0  # of the job that was loaded last
@@ -230,8 +232,8 @@ def _end_with_parent() -> None:
         ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG
 
 
-def _listen(orders: queue.SimpleQueue[dict[str, Any]], folder: Path) -> None:
-    for line in sys.stdin:
+def _listen(given: IO[str], orders: queue.SimpleQueue[dict[str, Any]], folder: Path) -> None:
+    for line in given:
         orders.put(json.loads(line))
     shutil.rmtree(folder, ignore_errors=True)
     os._exit(0)

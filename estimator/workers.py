@@ -29,6 +29,7 @@ from estimator.layout import (
     CRASHED,
     CUT_SHORT,
     FINISHED,
+    MAX_SIGNALS,
     PENDING,
     TIMED_OUT,
     is_of_step,
@@ -103,6 +104,9 @@ class Workers:
             The FMU cannot be stepped on this machine.
         """
         check_usable(job.description)
+        for what, references in (("inputs", job.input_references), ("outputs", job.output_references)):
+            if len(references) > MAX_SIGNALS:
+                raise FmuError(f"{len(references)} {what} at once are more than {MAX_SIGNALS}; leave some out")
         folder = self._extracted(job.description)
         rows = sum(len(e.measured) for e in job.experiments)
         outputs = len(job.output_references)

@@ -163,6 +163,12 @@ def test_what_an_fmu_prints_goes_nowhere(tmp_path, good_cost, capfd):
     assert capfd.readouterr() == ("", "")
 
 
+def test_an_fmu_that_reads_standard_input_takes_no_orders_away(tmp_path, good_cost):
+    fmu = faulty_fmu(tmp_path, DoStep="char line[80]; while (fgets(line, sizeof line, stdin) != NULL) {}")
+    batch, *_ = run(fmu, [GOOD, GOOD], time_limit=10.0)
+    assert batch.costs.tolist() == [good_cost, good_cost]
+
+
 @pytest.mark.parametrize(
     "change",
     ["fesetround(FE_UPWARD);", 'setlocale(LC_ALL, "C.UTF-8");', 'fesetround(FE_TOWARDZERO); setlocale(LC_ALL, "");'],

@@ -49,3 +49,26 @@ def test_an_fmu_of_another_start_time_is_begun_there(tmp_path, capsys):
 def test_instants_are_the_floats_that_are_written_shortest(step):
     shown = [repr(t) for t in instants(stop=3000 * step, step=step).tolist()]
     assert len(shown) == 3001 and max(len(text.split("e")[0]) for text in shown) <= 8
+
+
+def signals(causality, count):
+    row = '<ScalarVariable name="{0}{1}" valueReference="{2}" causality="{0}" variability="continuous"><Real{3}/>'
+    reference, start = (7, "") if causality == "output" else (6, ' start="0"')
+    rows = (row.format(causality, k, reference, start) + "</ScalarVariable>" for k in range(count))
+    return [("</ModelVariables>", "".join(rows) + "</ModelVariables>")]
+
+
+def test_more_outputs_than_are_read_at_once_are_all_shown(tmp_path, capsys):
+    fmu = foreign_fmu(tmp_path, change=signals("output", 150))
+    assert main(["simulate", str(fmu), *DRIVE]) == 0
+    header, *rows = capsys.readouterr().out.splitlines()
+    assert header.split(",")[2:] == ["shaft.w [rad/s]", *(f"output{k}" for k in range(150))]
+    last = rows[-1].split(",")[2:]
+    assert len(set(last)) == 1 and float(last[0]) > 100
+
+
+def test_more_inputs_than_are_set_at_once_are_told(tmp_path, capsys):
+    fmu = foreign_fmu(tmp_path, change=signals("input", 65))
+    settings = [option for k in range(65) for option in ("--set", f"input{k}=1")]
+    assert main(["simulate", str(fmu), *settings]) == 2
+    assert capsys.readouterr().err == "fmu-estimator: 65 inputs at once are more than 64; leave some out\n"
