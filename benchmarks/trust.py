@@ -121,6 +121,8 @@ def named(found: Estimate) -> set[str]:
     }
     text = " ".join((*found.reasons, *found.notes))
     names = {name for name, words in said.items() if words in text}
+    if "the transient is lost" in text:
+        names.add("lost samples")
     return names | {n.split()[0] for n in found.chain if n.split()[0] in ("delay", "offset", "gain")}
 
 

@@ -121,8 +121,10 @@ def _means(fit: Fit, shown: list[FloatArray], j: int) -> Iterator[Direction]:
 
 def starts(direction: Direction, start: float, problem: Problem) -> tuple[float, ...]:
     """Return the starts of a nuisance: a fractional delay may have two minima."""
+    if direction.name.startswith("gain"):
+        return (float(np.clip(direction.default + start, 0.2, 5.0)),)
     if not direction.name.startswith("delay"):
-        return (direction.default + start,)
+        return (start,)
     h = problem.plan.observed[0].recording.step
     start = float(np.clip(start, -5 * h, 5 * h))
     near = np.floor(start / h) * h

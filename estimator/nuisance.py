@@ -26,13 +26,14 @@ from estimator.noise import find_outliers
 from estimator.plan import ChainSpec, Plan
 from estimator.polish import LeastSquares, Polish
 from estimator.problem import Problem
-from estimator.suspects import strongest_suspect
+from estimator.suspects import LOST, strongest_suspect
 from estimator.treatment import Accused, Treatment, find_treatment
 
 FloatArray = NDArray[np.float64]
 
 FREED = 4.0  # standard deviations by which a nuisance must improve the fit
 NEARLY = 2.0  # standard deviations from which one that stays fixed widens the errors
+TOLD = 1e-3  # of a nuisance's power, beside the parameters: below they cannot be told apart
 ROUNDS = 8
 COUNTED = 1.3  # times the deviation of one count, 1/√12: more is not explained by counting
 OUTLIERS = 3  # fewer do no harm that is not seen
@@ -138,12 +139,14 @@ class Refinement:
 
     def _step(self, fit: Fit, *, channels: bool) -> Fit | None:
         """Free the strongest nuisance, or accuse the strongest suspect, whichever explains more; None if none does."""
+        if any(a.name == LOST for a in fit.treatment.accused):
+            return None  # taken out to first order: what is left of it would look like a delay
         for _ in range(ROUNDS):
             gain, direction = self._strongest(fit, channels=channels)
             suspect = strongest_suspect(fit)
             accused = self._accused(fit, suspect) if suspect is not None and suspect.deviations**2 > gain else None
-            if direction is None:
-                return accused and self._or_late(fit, accused)
+            if direction is None or (accused is not None and direction.unit is not None):
+                return accused and self._or_late(fit, accused)  # a mean is not freed for what a suspect explains
             freed = self._freed(fit, direction)
             if accused is not None and (freed is None or misfit(accused) < misfit(freed)):
                 return self._or_late(fit, accused)
@@ -173,7 +176,7 @@ class Refinement:
                 delay = rival.polish.values[rival.problem.plan.names.index(late.name)]
                 channel = late.name.partition(" ")[2]
                 told = f"{channel} shown {1e3 * delay:.2g} ms late would explain the recording as well; measure it"
-                best = dataclasses.replace(taken, freed=(*taken.freed, told))
+                best = dataclasses.replace(taken, nearly=(*taken.nearly, told))
         return best
 
     def _accused(self, fit: Fit, suspect: Accused) -> Fit:
@@ -216,7 +219,7 @@ class Refinement:
             column = fit.treatment.apply(direction.column[None, :], weighted=True)[0]
             across = column - basis @ (basis.T @ column)
             power, product = float(across @ across), float(across @ fit.polish.residuals)
-            if direction.unit is not None or direction.is_channel or power <= 1e-9 * float(column @ column):
+            if direction.unit is not None or direction.is_channel or power <= TOLD * float(column @ column):
                 continue
             z = abs(product) / np.sqrt(power * max(1.0, inflation(fit)))
             if not NEARLY < z < FREED:
@@ -234,7 +237,7 @@ class Refinement:
         scale = np.where(fit.problem.box.log, fit.polish.values, 1.0)
         errors = np.sqrt(np.diag(covariance)) * np.abs(scale)
         polish = dataclasses.replace(fit.polish, covariance=covariance, standard_errors=errors)
-        return dataclasses.replace(fit, polish=polish, nearly=tuple(found))
+        return dataclasses.replace(fit, polish=polish, nearly=(*fit.nearly, *found))
 
     def _is_smooth(self, fit: Fit) -> bool:
         """Whether neighbouring residuals of the current are alike in the second half, where all has settled."""

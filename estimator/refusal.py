@@ -6,6 +6,8 @@ a settled state that no motor has. What the settled part of a refused step still
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,7 +18,8 @@ from estimator.plan import Observed, Plan
 FloatArray = NDArray[np.float64]
 
 MOVES = 12.0  # deviations of the noise from end to end: more is a movement
-IMPOSSIBLE = 1.5  # times the acceleration of the largest current
+IMPOSSIBLE = 1.5  # times the largest acceleration
+CONTRADICTED = "an impossible acceleration"
 RECTIFIED = 50  # samples at rest that tell a lost sign
 
 
@@ -129,10 +132,10 @@ def _damaged(o: Observed, description: FmuDescription) -> list[str]:
     return reasons
 
 
-def lost_transients(plan: Plan, *, K: float | None = None, J: float | None = None) -> list[str]:
+def lost_transients(plan: Plan, motor: Mapping[str, float] | None = None) -> list[str]:
     """Return which recordings lose the transient between two samples: a speed that jumps where no neighbour does.
 
-    With K [V·s/rad] and J [kg·m²] of an estimate the jump is held against the acceleration that the current allows.
+    With R, K and J of an estimate the jump is held against the largest acceleration that the voltage allows, K v / R J.
     """
     reasons = []
     for o in plan.observed:
@@ -143,13 +146,12 @@ def lost_transients(plan: Plan, *, K: float | None = None, J: float | None = Non
             continue
         k, part = lost
         evidence = ""
-        if K is not None and J is not None and "i" in o.outputs:
+        if motor is not None and {"R", "K", "J"} <= set(motor):
             jump = part * float(np.ptp(o.outputs["w"][~np.isnan(o.outputs["w"])]))
-            most = K * float(np.nanmax(np.abs(o.outputs["i"]))) / J * o.recording.step
+            step = abs(o.excitation.after - o.excitation.before)
+            most = motor["K"] * step / motor["R"] / motor["J"] * o.recording.step
             if jump > IMPOSSIBLE * most:
-                evidence = (
-                    f", an impossible acceleration: {jump:.3g} rad/s where K i / J allows {most:.3g} rad/s a sample"
-                )
+                evidence = f", {CONTRADICTED}: {jump:.3g} rad/s where K v / (R J) allows {most:.3g} rad/s a sample"
         reasons.append(
             f"{o.recording.title}: the speed jumps by {100 * part:.0f} % of its response within one sample at"
             f" t = {o.recording.time[k]:.6g} s{evidence}: the transient is lost, and R, L and J with it;"

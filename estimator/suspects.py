@@ -28,6 +28,7 @@ from estimator.treatment import Accused, onset
 
 FloatArray = NDArray[np.float64]
 
+LOST = "lost samples"
 ACCUSED = 4.5  # standard deviations: by white noise once in 150 000 of one direction
 SAGS = (0.003, 0.01, 0.03, 0.1)  # s in which a supply may recover
 LOST_FROM = 60  # places in the transient at which lost samples are looked for, at most
@@ -103,7 +104,7 @@ def _suspects(plan: Plan, values: dict[str, float], start: int) -> Iterator[Susp
     places = places[:: max(1, len(places) // LOST_FROM)]
     for k in places[1:].tolist():
         lost = slope * (np.arange(len(after)) >= k)[:, None]
-        yield Suspect("lost samples", _turned(lost, h), _lost(float(o.recording.time[k])), least=LEAST_LOST)
+        yield Suspect(LOST, _turned(lost, h), _lost(float(o.recording.time[k])), least=LEAST_LOST)
 
 
 def _turned(rows: FloatArray, step: float) -> FloatArray:

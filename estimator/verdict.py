@@ -18,7 +18,7 @@ from estimator.excitation import noise_deviation, quantum
 from estimator.noise_level import beside_means
 from estimator.plan import MOTOR, Plan
 from estimator.polish import Polish
-from estimator.refusal import lost_transients, refused_notes
+from estimator.refusal import CONTRADICTED, lost_transients, refused_notes
 from estimator.result import Status, Verdict
 from estimator.step_check import StepCheck
 
@@ -109,9 +109,10 @@ def judge(
             for name in set(plan.names) & set(MOTOR) - set(statuses):
                 statuses[name] = ParameterStatus("doubtful", wrong[0])
         reasons += _coloured(plan, fit)
-        lost = lost_transients(plan, K=values.get("K"), J=values.get("J"))
+        lost = lost_transients(plan, {**values, **plan.fixed})
         told = {n for n in ("R", "J") if n not in statuses or statuses[n].status != "not identified"}
-        if lost and (told != {"R", "J"} or _misfit(plan, shown, noise, spread)):
+        impossible = any(CONTRADICTED in sentence for sentence in lost)
+        if lost and (impossible or told != {"R", "J"} or _misfit(plan, shown, noise, spread)):
             return Judgement("refused", tuple(lost), {}, refused_notes(plan))
         reasons += lost
     else:
