@@ -26,7 +26,7 @@ from estimator.noise import find_outliers
 from estimator.plan import ChainSpec, Plan
 from estimator.polish import LeastSquares, Polish
 from estimator.problem import Problem
-from estimator.suspects import LOST, strongest_suspect
+from estimator.suspects import LOST, renewed, strongest_suspect
 from estimator.treatment import Accused, Treatment, find_treatment
 
 FloatArray = NDArray[np.float64]
@@ -183,7 +183,12 @@ class Refinement:
         """Take a wrong assumption out of the residuals, and fit again."""
         treatment = dataclasses.replace(fit.treatment, accused=(*fit.treatment.accused, suspect))
         self.rejected.clear()
-        return self._treated(dataclasses.replace(fit, treatment=treatment), again=True)
+        found = self._treated(dataclasses.replace(fit, treatment=treatment), again=True)
+        if suspect.name == LOST:  # the places move with the fit
+            return found
+        last = renewed(found, suspect)
+        treatment = dataclasses.replace(found.treatment, accused=(*fit.treatment.accused, last))
+        return self._treated(dataclasses.replace(found, treatment=treatment), again=True)
 
     def _without_idle(self, fit: Fit) -> Fit:
         """Fix again what was freed at first and has become insignificant beside what was freed later."""

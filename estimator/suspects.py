@@ -14,7 +14,7 @@ parameters is known.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +30,7 @@ FloatArray = NDArray[np.float64]
 
 LOST = "lost samples"
 ACCUSED = 4.5  # standard deviations: by white noise once in 150 000 of one direction
+AGAIN = 2.0  # standard deviations from which a direction is taken at its size
 SAGS = (0.003, 0.01, 0.03, 0.1)  # s in which a supply may recover
 LOST_FROM = 60  # places in the transient at which lost samples are looked for, at most
 LEAST_LOST = 0.7  # samples: a logger loses whole ones
@@ -45,6 +46,7 @@ class Suspect:
     tell: Callable[[float, float], str]
     least: float = 0.0  # size in either way
     positive: bool = False  # of no other sign
+    again: Callable[[float], FloatArray] | None = None  # the rows, (n, 3), for a unit at a size that is not small
 
 
 def strongest_suspect(fit: Fit) -> Accused | None:
@@ -60,16 +62,29 @@ def strongest_suspect(fit: Fit) -> Accused | None:
         return None  # to first order only: what is left of it would look like another
     judged = Evidence(fit.problem, fit.polish, fit.treatment, fit.polish.residuals, start=start)
     best: Accused | None = None
-    for suspect in _suspects(plan, values, start):
+    for which, suspect in enumerate(_suspects(plan, values, start)):
         rows = _shown(plan, suspect.rows)
         z, size = judged(fit.problem.spread_out([rows]))
+        if suspect.again is not None and size > 0 and z > AGAIN:
+            rows = _shown(plan, suspect.again(size))
+            z, size = judged(fit.problem.spread_out([rows]))
         if (
             z > (best.deviations if best else ACCUSED)
             and abs(size) >= suspect.least
             and (size > 0 or not suspect.positive)
         ):
-            best = Accused(suspect.name, z, suspect.tell(size, z), rows)
+            best = Accused(suspect.name, z, suspect.tell(size, z), rows, size, which)
     return best
+
+
+def renewed(fit: Fit, accused: Accused) -> Accused:
+    """Return what was accused with its direction taken at a fit that allows for it."""
+    plan = fit.problem.plan
+    values = {**dict(zip(plan.names, fit.polish.values.tolist(), strict=True)), **plan.fixed}
+    start = onset(fit.problem, 0, fit.polish.values)
+    suspect = next(s for k, s in enumerate(_suspects(plan, values, start)) if k == accused.which)
+    rows = suspect.rows if suspect.again is None else suspect.again(accused.size)
+    return replace(accused, rows=_shown(plan, rows))
 
 
 def _shown(plan: Plan, rows: FloatArray) -> FloatArray:
@@ -97,7 +112,13 @@ def _suspects(plan: Plan, values: dict[str, float], start: int) -> Iterator[Susp
     jump = o.excitation.after - o.excitation.before
     for tau in SAGS:
         yield Suspect("supply sag", _turned(jump * _to_decaying_voltage(values, after, tau), h), _sag(tau))
-    yield Suspect("dry friction", _turned(_to_torque(values, after), h), _dry, positive=True)
+    yield Suspect(
+        "dry friction",
+        _turned(_to_torque(values, after), h),
+        _dry,
+        positive=True,
+        again=lambda size: _turned(_dragged(values, after, jump, size), h),
+    )
     slope = np.gradient(_response(values, after) * jump, axis=0) * (after > 0)[:, None]
     speed = np.abs(slope[:, 1]) / max(float(np.max(np.abs(slope[:, 1]))), 1e-300)
     places = np.flatnonzero(speed > MOVES)
@@ -147,6 +168,25 @@ def _response(values: dict[str, float], t: FloatArray) -> FloatArray:
 def _to_torque(values: dict[str, float], t: FloatArray) -> FloatArray:
     """Return the response, (n, 2), to a unit of torque against the motion from its start."""
     return _step(_modes(values), np.array([0.0, -1 / values["J"]]), t)
+
+
+def _dragged(values: dict[str, float], t: FloatArray, jump: float, torque: float) -> FloatArray:
+    """Return the response, (n, 2), to a unit of dry friction of `torque` N·m: the shaft stands until K i exceeds it.
+
+    Current rises as v / R (1 − exp(−t R / L)) until then; after it the motor is linear again, from that state.
+    """
+    R, K, L, J = (values[n] for n in ("R", "K", "L", "J"))
+    stall, torque = abs(jump) / R, min(torque, 0.9 * K * abs(jump) / R)
+    starts = -L / R * np.log(1 - torque / K / stall)
+    A = _modes(values)
+    final = -np.linalg.solve(A, np.array([abs(jump) / L, -torque / J]))
+    eigenvalues, vectors = np.linalg.eig(A)
+    weights = np.linalg.solve(vectors, (np.array([torque / K, 0.0]) - final).astype(complex))
+    later = np.maximum(t - starts, 0.0)
+    moving = final + np.real((vectors * weights) @ np.exp(np.outer(eigenvalues, later))).T
+    standing = np.column_stack([stall * -np.expm1(-t * R / L), np.zeros_like(t)])
+    shown = np.where((t > starts)[:, None], moving, standing)
+    return np.asarray(np.sign(jump) * shown - jump * _response(values, t)) / torque
 
 
 def _to_decaying_voltage(values: dict[str, float], t: FloatArray, tau: float) -> FloatArray:

@@ -28,6 +28,8 @@ class Accused:
     deviations: float
     sentence: str
     rows: FloatArray
+    size: float = 0.0
+    which: int = 0  # of all that were tried
 
 
 @dataclass(frozen=True)
@@ -87,6 +89,8 @@ def find_treatment(
     columns: list[FloatArray] = [problem.spread_out([a.rows]) for a in accused]
     ripples: list[tuple[str, Ripple]] = []
     outliers: list[tuple[str, int]] = []
+    if accused:  # what it explains is no outlier
+        raw = Treatment(keep, np.zeros((m, 0)), lost, scale).also(columns).apply(raw[None, :])[0]
     for j, name in enumerate(problem.outputs):
         for e, (series, index) in enumerate(problem.series(raw, j)):
             o = plan.observed[e]
