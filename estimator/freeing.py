@@ -19,7 +19,10 @@ DELAY_ROOM = 20.0  # samples on either side of a delay's start
 
 def named(kind: str, plan: Plan, recording: int) -> str:
     """Return the name of one recording's nuisance; plain where there is one recording."""
-    return kind if len(plan.observed) == 1 else f"{kind} {plan.observed[recording].recording.name}"
+    if len(plan.observed) == 1:
+        return kind
+    names = [o.recording.name for o in plan.observed]
+    return f"{kind} {names[recording] if names.count(names[recording]) == 1 else recording + 1}"
 
 
 def delay_parameter(plan: Plan, recording: int, start: float) -> Parameter:

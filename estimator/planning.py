@@ -57,6 +57,13 @@ def plan_case(
                 f"{other.recording.title} measures {', '.join(other.outputs)}, but {observed[0].recording.title}"
                 f" measures {', '.join(observed[0].outputs)}; all recordings need the same columns"
             )
+    if not description.capabilities.get("canHandleVariableCommunicationStepSize", True):
+        uneven = next((o.recording.title for o in observed if not o.recording.even), None)
+        if uneven is not None:
+            raise RecordingError(
+                f"the clock of {uneven} jitters, and {description.path.name} takes steps of one size only;"
+                " resample the recording to equal steps"
+            )
     guess = first_guess(case, observed, description)
     parameters = free_parameters(case, description, guess, [o.recording.name for o in observed])
     if not parameters:

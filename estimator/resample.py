@@ -57,9 +57,14 @@ def _by_own_names(case: Case, estimate: Estimate) -> Case:
     """Return the case for recordings whose columns are called as the FMU's variables."""
     first = estimate.comparisons[0]
     held = {*case.fixed, *case.fixed_texts}
-    outputs = {n: replace(case.outputs.get(n, OutputSpec(n)), column=n) for n in first.measured}
+    outputs = {n: _by_own_name(case.outputs.get(n, OutputSpec(n)), n) for n in first.measured}
     inputs = {n: n for n in first.inputs if n not in held}
-    return replace(case, inputs=inputs, outputs=outputs, motor=case.motor or case.name)
+    return replace(case, inputs=inputs, outputs=outputs, products={}, runs=(), motor=case.motor or case.name)
+
+
+def _by_own_name(spec: OutputSpec, name: str) -> OutputSpec:
+    """Return the sensor of a signal that is counted, filtered and corrected already."""
+    return replace(spec, column=name, counts=None, filter=spec.filter or spec.both, both=None)
 
 
 def _again(
