@@ -211,11 +211,12 @@ def test_adjoint_derivatives_are_the_transposed_ones(make: Callable[..., Exchang
     assert status(fan.fmi.getDirectionalDerivative, *references, seed) == ERROR
 
 
-@pytest.mark.parametrize("name", ["dc_motor", "dc_motor_fan", "dc_motor_elastic"])
+@pytest.mark.parametrize("name", ["dc_motor", "dc_motor_fan", "dc_motor_elastic", "dc_motor_geared", "pmsm_dq"])
 def test_declared_dependencies_are_those_that_derivatives_show(make: Callable[..., Exchanged], name: str) -> None:
     motor = make(name)
     kinds = {v.name: v.causality for v in motor.description.modelVariables}
     settable = [n for n, causality in kinds.items() if causality in ("input", "parameter")]
+    inputs = [n for n in settable if kinds[n] == "input"]
     knowns = [*settable, *motor.states]
     structure = motor.description
     declared = {
@@ -228,7 +229,7 @@ def test_declared_dependencies_are_those_that_derivatives_show(make: Callable[..
     assert set(moved) == set(kinds) - set(settable) - {"time"}
     for _ in range(4):
         motor.set(**{n: v * rng.uniform(0.5, 2) for n, v in zip(settable, motor.get(*settable), strict=True)})
-        motor.set(v=rng.uniform(-10, 10))
+        motor.set(**{n: rng.uniform(-10, 10) for n in inputs})
         motor.update()
         motor.fmi.enterContinuousTimeMode()
         motor.move(list(rng.uniform(-10, 10, len(motor.states))))
@@ -238,14 +239,70 @@ def test_declared_dependencies_are_those_that_derivatives_show(make: Callable[..
         for row, unknown in enumerate(moved):
             there = np.abs(jacobian[row] * np.abs(motor.get(*knowns))) > 1e-9 * scale[row]
             moved[unknown] |= {known for column, known in enumerate(knowns) if there[column]}
-    if "load" in kinds:  # it was 0 all the way: what depends on it, depends on it by a number
-        for unknown, names in moved.items():
-            if motor.directional([unknown], {"load": 1.0}) != [0.0]:
-                names.add("load")
     for unknowns, counts in declared.values():
         for unknown in unknowns:
             expected = {n for n in moved[unknown.variable.name] if counts(n)}
             assert {known.name for known in unknown.dependencies} == expected, unknown.variable.name
+
+
+def test_declared_dependencies_of_a_model_with_modes_are_those_that_changes_show(
+    make: Callable[..., Exchanged],
+) -> None:
+    """In all modes, what changes when one variable is changed; in initialisation, the modes follow."""
+    motor = make("dc_motor_friction")
+    kinds = {v.name: v.causality for v in motor.description.modelVariables}
+    settable = [n for n, causality in kinds.items() if causality in ("input", "parameter")]
+    knowns = [n for n in settable if kinds[n] == "input"] + motor.states
+    rates = [f"der({state})" for state in motor.states]
+    margins = ["margin_of_motion", "margin_of_conduction"]
+    rng = np.random.default_rng(4)
+    usual = dict(zip(settable, motor.get(*settable), strict=True))
+    seen: dict[str, set[str]] = {name: set() for name in rates + margins}
+    at_start: dict[str, set[str]] = {name: set() for name in rates}
+    for _ in range(400):
+        point = {"v": rng.uniform(-3, 3), "load": rng.uniform(-0.02, 0.02), "stiction": 0.01, "brush": 1.0}
+        states = rng.choice([-1.0, 0.0, 1.0], len(motor.states)) * rng.uniform(0.01, 1, len(motor.states))
+        start = dict(zip(motor.states, map(float, states), strict=True))
+
+        def begun(values: dict[str, float]) -> None:
+            motor.fmi.reset()
+            motor.set(**values)
+            if motor.version == 2:
+                motor.fmi.setupExperiment(startTime=0.0)
+                motor.fmi.enterInitializationMode()
+            else:
+                motor.fmi.enterInitializationMode(startTime=0.0)
+
+        base = usual | point | start
+        begun(base)
+        here = dict(zip(rates, motor.get(*rates), strict=True))
+        known = str(rng.choice(list(base)))
+        changed = base | {known: base[known] * 1.5 + (0.004 if known in ("v", "load", "i", "w", "angle") else 0.0)}
+        begun(changed)
+        for name, value in zip(rates, motor.get(*rates), strict=True):
+            if value != here[name]:
+                at_start[name].add(known)
+        if known not in knowns:
+            continue
+        begun(base)
+        motor.fmi.exitInitializationMode()
+        motor.update()
+        motor.fmi.enterContinuousTimeMode()
+        before = motor.get(*seen)
+        if known in motor.states:
+            motor.move([changed[state] for state in motor.states])
+        else:
+            motor.set(**{known: changed[known]})
+        for name, old, new in zip(seen, before, motor.get(*seen), strict=True):
+            if old != new:
+                seen[name].add(known)
+    declared = {u.variable.name: {k.name for k in u.dependencies} for u in motor.description.derivatives}
+    assert {name: seen[name] for name in rates} == declared
+    initial = {u.variable.name: {k.name for k in u.dependencies} for u in motor.description.initialUnknowns}
+    assert at_start == initial
+    if motor.version == 3:
+        indicators = {u.variable.name: {k.name for k in u.dependencies} for u in motor.description.eventIndicators}
+        assert {name: seen[name] for name in margins} == indicators
 
 
 @pytest.mark.parametrize("name", ["dc_motor", "dc_motor_fan", "dc_motor_elastic"])

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import importlib.util
+import os
 import re
+import shutil
 import struct
 import subprocess
 import sys
+import venv
 import zipfile
 from pathlib import Path
 
+import fmpy
+import numpy as np
 import pytest
 
 import fmu_build
@@ -20,6 +25,7 @@ from fmu_build.sources import find_source, fmu_sources
 
 needs_zig = pytest.mark.skipif(importlib.util.find_spec("ziglang") is None, reason="ziglang is not installed")
 HERE = Path(__file__).parent
+GLIBC_OF_ARM = Path("/usr/aarch64-linux-gnu")  # Debian's libc6-arm64-cross
 
 
 def declared(version: int) -> set[str]:
@@ -51,8 +57,9 @@ def machine(data: bytes) -> str:
 @needs_zig
 @pytest.mark.full
 @pytest.mark.parametrize("fmi", [2, 3])
-def test_every_platform_gets_its_binary_with_all_functions(tmp_path: Path, fmi: int) -> None:
-    fmu = fmu_build.build("dc_motor", output=tmp_path / "all.fmu", fmi=fmi, platforms=list(PLATFORMS))
+@pytest.mark.parametrize("model", fmu_build.bundled_names())
+def test_every_platform_gets_its_binary_with_all_functions(tmp_path: Path, model: str, fmi: int) -> None:
+    fmu = fmu_build.build(model, output=tmp_path / "all.fmu", fmi=fmi, platforms=list(PLATFORMS))
     with zipfile.ZipFile(fmu) as archive:
         files = {n.split("/")[1]: archive.read(n) for n in archive.namelist() if n.startswith("binaries/")}
     assert set(files) == {p.folder if fmi == 2 else p.tuple for p in PLATFORMS.values()}
@@ -96,6 +103,64 @@ def test_without_a_c_compiler_zig_takes_its_place(tmp_path: Path, monkeypatch: p
         (tmp_path / name).write_bytes(text)
     compile_library(source, tmp_path / "library", include=[fmi_headers()], warnings_are_errors=True)
     assert exported((tmp_path / "library").read_bytes()) >= declared(2)
+
+
+@needs_zig
+@pytest.mark.full
+@pytest.mark.skipif(shutil.which("qemu-aarch64") is None, reason="qemu-user is not installed")
+@pytest.mark.skipif(not GLIBC_OF_ARM.is_dir(), reason="libc6-arm64-cross is not installed")
+@pytest.mark.skipif(native_tuple() != "x86_64-linux", reason="compares with x86_64-linux")
+@pytest.mark.parametrize("model", fmu_build.bundled_names())
+def test_binary_for_linux_on_arm_gets_under_qemu_what_that_for_x86_gets(tmp_path: Path, model: str) -> None:
+    wanted = ["linux64", "linux-aarch64"]
+    fmu = fmu_build.build(model, output=tmp_path / "both.fmu", platforms=wanted)
+    description = fmpy.read_model_description(str(fmu))
+    count = len([v for v in description.modelVariables if v.causality in ("input", "output", "parameter")])
+    with zipfile.ZipFile(fmu) as archive:
+        archive.extractall(tmp_path)
+    runs = []
+    for name in wanted:
+        platform = PLATFORMS[name]
+        program = tmp_path / name
+        compiler = zig_compiler(platform.target)
+        assert compiler is not None
+        options = [f"-I{fmi_headers()}", str(HERE / "steps.c"), "-o", str(program), "-ldl"]
+        subprocess.run([*compiler, *options], check=True, capture_output=True)
+        library = tmp_path / "binaries" / platform.folder / f"{model}.so"
+        before = ["qemu-aarch64", "-L", str(GLIBC_OF_ARM)] if name == "linux-aarch64" else []
+        command = [*before, str(program), str(library), description.guid, str(count)]
+        done = subprocess.run(command, capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+        runs.append(np.array([[float.fromhex(word) for word in line.split()] for line in done.stdout.splitlines()]))
+    x86, arm = runs
+    assert x86.shape == (200, count) and np.abs(x86).max(axis=0).min() >= 0 and np.abs(x86[:, 0]).max() == 9
+    assert np.all(np.abs(x86 - arm) <= 1e-9 * np.abs(x86).max(axis=0))
+
+
+@needs_zig
+@pytest.mark.full
+def test_installed_without_a_system_compiler_it_builds_and_estimates(tmp_path: Path) -> None:
+    source, place = tmp_path / "source", tmp_path / "venv"
+    left_out = shutil.ignore_patterns(".git", ".venv*", "*.so", "*.fmu", "__pycache__", ".*_cache", "dist", "build")
+    shutil.copytree(HERE.parent, source, ignore=left_out)
+    venv.create(place, with_pip=True)
+    programs = place / "bin"
+    environment = {k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", "VIRTUAL_ENV", "CC")}
+    environment["PATH"] = str(programs)  # no cc, no gcc, no clang
+
+    def run(*command: str | Path) -> str:
+        words = [str(word) for word in command]
+        done = subprocess.run(words, cwd=tmp_path, env=environment, capture_output=True, text=True)
+        assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-3000:]
+        return done.stdout
+
+    run(programs / "pip", "install", "-q", "ziglang", "hatchling", "fmpy")
+    run(programs / "pip", "install", "-q", "--no-build-isolation", source)
+    assert "\nOK: " in run(programs / "fmu-estimator", "estimate", source / "examples" / "cml050_step.csv")
+    assert run(programs / "fmu-estimator", "new-model", "mine") and run(programs / "fmu-estimator", "build", "mine.c")
+    (library,) = (place / "lib").glob("python*/site-packages/estimator/stepper.so")
+    versions = {tuple(map(int, v.split(b"."))) for v in re.findall(rb"GLIBC_(\d+\.\d+)", library.read_bytes())}
+    assert max(versions) <= (2, 17)
 
 
 def test_platforms_that_do_not_exist_or_cannot_be_compiled_for_are_errors(
