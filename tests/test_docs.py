@@ -37,7 +37,7 @@ def test_the_examples_of_the_python_page_run(tmp_path, monkeypatch, capsys):
 
 def test_every_page_is_in_the_navigation_and_every_link_leads_to_one():
     listed = set(re.findall(r"(\S+\.md)", (ROOT / "mkdocs.yml").read_text()))
-    pages = {path.name for path in (ROOT / "docs").glob("*.md")}
+    pages = {path.relative_to(ROOT / "docs").as_posix() for path in (ROOT / "docs").rglob("*.md")}
     assert pages | {"case-file.md"} == listed
     for page in pages:
         for target in re.findall(r"\]\(([^)#:]+\.md)", (ROOT / "docs" / page).read_text()):
