@@ -186,7 +186,8 @@ def describe(fmu: str | Path, *, validate: bool = False) -> FmuDescription:
     try:
         check_description(path)
         description = read_model_description(str(path), validate=False)
-        return _described(description, path, warnings=_validated(path) if validate else (), bundled=_is_name(fmu))
+        warnings = (*_validated(path), *_contradictions(description)) if validate else ()
+        return _described(description, path, warnings=warnings, bundled=_is_name(fmu))
     except FmuError:
         raise
     except Exception as error:  # fmpy raises many kinds; each means that the description cannot be read
@@ -204,6 +205,18 @@ def _validated(path: Path) -> tuple[str, ...]:
         return tuple(one_line(problem) for problem in validate_fmu(str(path)))
     except Exception as error:
         return (f"the validation itself failed: {one_line(error)}",)
+
+
+def _contradictions(description: Any) -> list[str]:
+    """Return what fmpy's validation does not look at: limits the wrong way round, starts outside them."""
+    found = []
+    for variable in description.modelVariables:
+        low, high, start = _limit(variable, "min"), _limit(variable, "max"), _start(variable)
+        if low is not None and high is not None and low > high:
+            found.append(f"{variable.name} has min {low:g} above max {high:g}; its limits are not used")
+        elif isinstance(start, float) and ((low is not None and start < low) or (high is not None and start > high)):
+            found.append(f"{variable.name} starts at {start:g}, outside its own limits")
+    return found
 
 
 def _described(description: Any, path: Path, *, warnings: tuple[str, ...], bundled: bool) -> FmuDescription:
@@ -298,10 +311,9 @@ def _variable(variable: Any, *, bases: Mapping[str, Base | None]) -> Variable:
     declared = variable.declaredType
     unit = variable.unit or (declared.unit if declared is not None else None) or ""
 
-    def limit(name: str) -> float | None:
-        value = getattr(variable, name)
-        return _number(value if value is not None or declared is None else getattr(declared, name, None))
-
+    low, high = _limit(variable, "min"), _limit(variable, "max")
+    if low is not None and high is not None and low > high:
+        low = high = None
     return Variable(
         name=variable.name,
         value_reference=int(variable.valueReference),
@@ -311,13 +323,19 @@ def _variable(variable: Any, *, bases: Mapping[str, Base | None]) -> Variable:
         unit=unit,
         description=variable.description or "",
         start=_start(variable),
-        minimum=limit("min"),
-        maximum=limit("max"),
-        nominal=limit("nominal"),
+        minimum=low,
+        maximum=high,
+        nominal=_limit(variable, "nominal"),
         initial=variable.initial or "",
         items=tuple((i.name, int(i.value)) for i in getattr(declared, "items", None) or () if i.value is not None),
         base=bases.get(unit),
     )
+
+
+def _limit(variable: Any, name: str) -> float | None:
+    """Return "min", "max" or "nominal" of a variable, or of its declared type."""
+    value, declared = getattr(variable, name), variable.declaredType
+    return _number(value if value is not None or declared is None else getattr(declared, name, None))
 
 
 def _start(variable: Any) -> float | str | None:

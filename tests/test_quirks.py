@@ -354,11 +354,26 @@ def test_a_wrong_identifier_is_told(tmp_path, recording):
 # Descriptions
 
 
-def test_a_description_that_fails_validation_is_a_warning(tmp_path, recording, capsys):
-    fmu = foreign_fmu(tmp_path, change=[("<ModelVariables>", '<ModelVariables strange="1">')])
+@pytest.mark.parametrize("version", [2, 3])
+def test_a_description_that_fails_validation_is_a_warning(tmp_path, recording, capsys, version):
+    fmu = foreign_fmu(tmp_path, version=version, change=[("<ModelVariables>", '<ModelVariables strange="1">')])
     assert worst(estimated(fmu, recording)) < 1e-8
     assert main(["inspect", str(fmu), "--static"]) == 0
     assert "What the validation found" in capsys.readouterr().out
+
+
+def test_limits_that_contradict_themselves_are_a_warning(tmp_path, recording, capsys):
+    change = [
+        ('(valueReference="0"[^>]*><Real unit="Ohm")', r'\1 min="8" max="0.5"'),
+        ('(valueReference="4"[^>]*><Real unit="kg.m2")', r'\1 max="9.5e-06"'),
+    ]
+    fmu = foreign_fmu(tmp_path, change=change)
+    e = estimated(fmu, recording)
+    assert worst(e) < 1e-8 and e.parameters["J"].upper == 9.5e-6
+    assert main(["inspect", str(fmu), "--static"]) == 0
+    text = capsys.readouterr().out
+    assert "motor.Ra has min 8 above max 0.5; its limits are not used" in text
+    assert "motor.Jm starts at 1e-05, outside its own limits" in text
 
 
 # The table in the documentation
