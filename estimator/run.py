@@ -291,7 +291,8 @@ class Run:
         probed = plan.description.probe_simulations
         if probed:
             self.phases["probe"] = probed
-        if plan.description.is_bundled and {"i", "w"} <= set(plan.outputs) and set(plan.names) <= set(MOTOR):
+        known = plan.description.is_bundled and plan.description.is_fast
+        if known and {"i", "w"} <= set(plan.outputs) and set(plan.names) <= set(MOTOR):
             return []
         self.enter("probe")
         sentences, seconds = unmoved(self.problem, self.start)
