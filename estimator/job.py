@@ -87,6 +87,8 @@ class Job:
             settings=self.settings,
             scale=self.scale,
             linear=self.linear,
+            interpolates=bool(self.description.capabilities.get("canInterpolateInputs"))
+            and self.description.fmi_version.startswith("2"),
             counts=self.description.counts,
         )
 

@@ -52,6 +52,7 @@ class JobLayout:
     settings: tuple[tuple[str, int, float | str], ...] = ()  # type, value reference, value
     scale: tuple[tuple[float, float], ...] = ()  # of each output: factor and offset from its unit to SI; empty: SI
     linear: tuple[bool, ...] = ()  # of each input: whether it goes linearly from row to row; empty: all are held
+    interpolates: bool = False  # the FMU takes the slopes of its inputs
     counts: tuple[int, int] = (0, 0)  # continuous states and event indicators, for model exchange
 
     @property

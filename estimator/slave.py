@@ -154,6 +154,8 @@ class LoadedFmu:
             return slave
         for field, name in FMI2_FUNCTIONS.items():
             setattr(slave, field, _address(getattr(dll, f"fmi2{name}")))
+        if job.interpolates:
+            slave.set_derivatives = _address(getattr(dll, "fmi2SetRealInputDerivatives", None))
         for field, name in FMI2_SETTERS.items():
             setattr(slave, field, _address(getattr(dll, f"fmi2{name}", None)))
         return slave

@@ -76,6 +76,7 @@ typedef struct {
     fmi2SetBooleanTYPE *set_boolean;
     fmi2SetStringTYPE *set_string;
     fmi2Status (*set_other)(fmi2Component component, const Setting *setting); /* instead of the three; or NULL */
+    fmi2SetRealInputDerivativesTYPE *set_derivatives; /* of an FMU that interpolates its inputs; or NULL */
 } Slave;
 
 typedef struct {

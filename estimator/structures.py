@@ -41,6 +41,7 @@ class SlaveStruct(ctypes.Structure):
         ("set_boolean", c_void_p),
         ("set_string", c_void_p),
         ("set_other", c_void_p),
+        ("set_derivatives", c_void_p),
     ]
 
 

@@ -3,7 +3,8 @@
  * Inputs that act late by a fraction of a sample, outputs that are shown late, inputs that go linearly from row to row,
  * clocks that jitter: every instant at which an input changes or an output is read is an event, and the FMU is stepped
  * from event to event, exactly, with no interpolation of outputs. An input that goes linearly is held, over each
- * communication step, at its mean there: the error goes with the square of the step (substeps, or `refine`).
+ * communication step, at its mean there: the error goes with the square of the step (substeps, or `refine`). An FMU
+ * that interpolates its inputs is told their slopes instead.
  *
  * An FMU of one step size only cannot be stepped so: it is stepped from sample to sample, its inputs at their means
  * over the step, and what is read between two samples is interpolated linearly.
@@ -27,6 +28,7 @@ typedef struct {
     double before[MAX_OUTPUTS];   /* even steps: as read a step ago */
     double held[MAX_INPUTS];
     int has_held;
+    int tells_slopes;             /* the FMU is told the slopes of its inputs */
 } Timed;
 
 static inline double instant(const Experiment *experiment, int64_t k) {
@@ -101,12 +103,43 @@ static void input_means(const Timed *t, double from, double to, double *means) {
     }
 }
 
+/* Tell the FMU where its inputs begin between two instants without an event between, and how steep they are. */
+static fmi2Status tell_slopes(const Timed *t, double from, double to, const double *means) {
+    const Slave *slave = t->run->slave;
+    const fmi2ValueReference *references = t->run->job->input_references;
+    const double *rows = t->run->experiment->inputs;
+    const double middle = 0.5 * (from + to);
+    double begin[MAX_INPUTS], slope[MAX_INPUTS];
+    fmi2ValueReference told[MAX_INPUTS];
+    fmi2Integer order[MAX_INPUTS];
+    size_t count = 0;
+    int64_t row = t->row;
+    fmi2Status status;
+    while (row + 1 < t->samples && acts_from(t, row + 1) <= middle) row++;
+    for (size_t j = 0; j < t->inputs; j++) {
+        begin[j] = means[j];
+        if (!goes_linearly(t, j)) continue;
+        slope[count] = 0.0;
+        if (row >= 0 && row + 1 < t->samples) {
+            const double *now = rows + (size_t)row * t->inputs + j;
+            slope[count] = (now[t->inputs] - *now) / (acts_from(t, row + 1) - acts_from(t, row));
+        }
+        begin[j] -= 0.5 * slope[count] * (to - from);
+        told[count] = references[j];
+        order[count++] = 1;
+    }
+    status = slave->set_real(slave->component, references, t->inputs, begin);
+    if (status > fmi2Warning) return status;
+    return slave->set_derivatives(slave->component, told, count, order, slope);
+}
+
 static fmi2Status hold_means(Timed *t, double from, double to) {
     const Slave *slave = t->run->slave;
     double means[MAX_INPUTS];
     int changed = !t->has_held;
     if (t->inputs == 0) return fmi2OK;
     input_means(t, from, to, means);
+    if (t->tells_slopes) return tell_slopes(t, from, to, means);
     for (size_t j = 0; j < t->inputs && !changed; j++) changed = means[j] != t->held[j];
     if (!changed) return fmi2OK;
     memcpy(t->held, means, t->inputs * sizeof *means);
@@ -215,6 +248,9 @@ static int64_t follow_events(Run *run) {
         t.delay = run->sensor_values[0];
         for (size_t j = 0; j < t.outputs; j++) t.late[j] = run->sensor_values[3 + 3 * j];
     }
+    for (size_t j = 0; j < t.inputs; j++)
+        t.tells_slopes = t.tells_slopes || (goes_linearly(&t, j) && slave->set_derivatives != NULL);
+    if (run->job->even_steps) t.tells_slopes = 0; /* an input may bend within a step */
     t.kept = malloc((size_t)t.samples * t.outputs * sizeof *t.kept);
     if (t.kept == NULL) return failed(IN_READ, fmi2Error);
     while (t.row + 1 < t.samples && acts_from(&t, t.row + 1) <= start + t.same) t.row++;

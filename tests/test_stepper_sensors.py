@@ -4,10 +4,13 @@ import dataclasses
 
 import numpy as np
 import pytest
+from foreign_fmus import foreign_fmu
 from motors import CML050, held_response
 from test_stepper import NOMINAL, experiment, job_of, noisy_voltage
 
 from estimator import layout
+from estimator.fmu import describe
+from estimator.job import Job
 from estimator.sensors import chebyshev1_sections
 from estimator.workers import Workers
 
@@ -212,3 +215,30 @@ def test_a_bound_cuts_short_where_times_are_not_those_of_the_steps(crew):
     assert crew.run(values, bounds=np.array([whole])).costs[0] == whole
     cut = crew.run(values, bounds=np.array([0.5 * whole]))
     assert cut.costs[0] == np.inf and cut.steps[0] < crew.run(values).steps[0]
+
+
+def test_an_fmu_that_interpolates_is_told_the_slopes(crew, tmp_path):
+    fmu = foreign_fmu(
+        tmp_path, "INTERPOLATES", change=[("canHandleVariable", 'canInterpolateInputs="true" canHandleVariable')]
+    )
+    described = describe(fmu)
+    by_name = {v.name: v.value_reference for v in described.variables}
+    names = {"R": "motor.Ra", "L": "motor.La", "J": "motor.Jm", "B": "motor.c"}
+    parameters = {v: getattr(CML050, k) for k, v in names.items()} | {n: CML050.K for n in ("motor.Ke", "motor.Km")}
+    n = 150
+    voltage, times = smooth(n), np.arange(n) * 1e-3
+    job = Job(
+        description=described,
+        parameter_references=tuple(by_name[name] for name in parameters),
+        input_references=(by_name["u_in"],),
+        output_references=(by_name["motor.ia"], by_name["shaft.w"]),
+        sensors=(layout.IDENTITY, layout.IDENTITY),
+        experiments=(experiment(voltage, np.zeros((n, 2))),),
+        sensor_values=7,
+        linear=(True,),
+    )
+    crew.load(job)
+    for delay in (0.0, 0.0034):
+        truth = solved(lambda t, d=delay: np.interp(t - d, times, voltage), times, breaks=times + delay)
+        batch = shown(crew, [*parameters.values(), delay, *PLAIN])
+        np.testing.assert_allclose(batch.shown[0], truth, rtol=1e-6, atol=1e-6)

@@ -54,6 +54,17 @@ ACCESS(Integer, v[k] = r[k] == 1 ? (int)(M->values[SPEED] * 100) : M->mode, M->m
 ACCESS(Boolean, v[k] = M->enabled, M->enabled = v[k])
 ACCESS(String, v[k] = "", (void)v[k])
 
+#ifdef INTERPOLATES
+FUNCTION(fmi2SetRealInputDerivatives, const fmi2ValueReference r[], size_t n, const fmi2Integer order[],
+         const fmi2Real v[]) {
+    for (size_t k = 0; k < n; k++) {
+        if (r[k] != U || order[k] != 1) return fmi2Error;
+        M->slope = v[k];
+    }
+    return fmi2OK;
+}
+#endif
+
 FUNCTION(fmi2DoStep, fmi2Real time, fmi2Real h, fmi2Boolean same) {
     return advance(c, time, h) ? fmi2OK : fmi2Discard;
 }
@@ -104,8 +115,10 @@ NOT_OFFERED(fmi2SerializeFMUstate, fmi2FMUstate s, fmi2Byte b[], size_t n)
 NOT_OFFERED(fmi2DeSerializeFMUstate, const fmi2Byte b[], size_t n, fmi2FMUstate *s)
 NOT_OFFERED(fmi2GetDirectionalDerivative, const fmi2ValueReference z[], size_t nz, const fmi2ValueReference v[],
             size_t nv, const fmi2Real dv[], fmi2Real dz[])
+#ifndef INTERPOLATES
 NOT_OFFERED(fmi2SetRealInputDerivatives, const fmi2ValueReference r[], size_t n, const fmi2Integer o[],
             const fmi2Real v[])
+#endif
 NOT_OFFERED(fmi2GetRealOutputDerivatives, const fmi2ValueReference r[], size_t n, const fmi2Integer o[], fmi2Real v[])
 fmi2Status fmi2CancelStep(fmi2Component c) { return fmi2Error; }
 NOT_OFFERED(fmi2GetStatus, const fmi2StatusKind k, fmi2Status *v)
