@@ -8,6 +8,7 @@ import stat
 import sys
 from pathlib import Path
 
+import fmpy
 import pytest
 
 import fmu_build
@@ -93,6 +94,54 @@ def test_error_of_the_compiler_is_told_in_terms_of_the_model(tmp_path: Path, old
 )
 def test_fault_of_the_table_or_the_equations_is_one_sentence(tmp_path: Path, old: str, new: str, said: str) -> None:
     assert message(tmp_path, old, new).startswith(said)
+
+
+MODES = MODEL.replace(
+    'X(output,    p, 0, 1,  -1e6, 1e6, "W",   "Power")', 'X(mode, way, 0, 1, -1, 1, "1", "Way")'
+).replace(
+    "    d->p = m->v * m->i;\n}",
+    """}
+static void switches(const Variables *m, Switches *s)
+{
+    s->way = dry_friction(m->way, m->i, m->v, 1);
+}
+static void enter(Variables *m)
+{
+    if (m->way == 0) m->i = 0;
+}""",
+)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("void switches", "void switching", "it uses what it does not define: .*switches"),
+        ("void enter", "void entering", "it uses what it does not define: .*enter"),
+        ("s->way = dry", "dry", "s->way.margin is not set, or not finite at the start values"),
+        ("s->way = dry", "s->away = dry", "'Switches' has no member named 'away'"),
+        ("0, 1, -1, 1,", "0, 1, -1, 1e6,", "variable way is a mode from -1 to 1e.06; give it the few whole numbers"),
+        ("(m->v - m->R", "(m->v - m->way * m->i * m->i - m->R", "d->i is not linear in the states"),
+    ],
+)
+def test_fault_of_a_model_with_modes_is_one_sentence(tmp_path: Path, old: str, new: str, said: str) -> None:
+    assert old in MODES
+    with pytest.raises(BuildError, match=said):
+        build(tmp_path, MODES.replace(old, new, 1))
+
+
+def test_model_with_modes_and_without_faults_is_built(tmp_path: Path) -> None:
+    assert build(tmp_path, MODES).is_file()
+
+
+def test_parameter_that_is_only_in_a_comment_is_refused_and_one_that_acts_in_a_corner_is_not(tmp_path: Path) -> None:
+    unread = message(tmp_path, "m->R * m->i)", "m->i) /* m->R * m->i */")
+    assert unread == "parameter R changes no derivative and no output; use it or remove it"
+    corner = MODEL.replace("m->v * m->i;", "m->v * m->i + (m->i > 999 ? m->C : 0);").replace(
+        "    X(state,", '    X(parameter, C, 1, 1, 0, 10, "W", "Acts at 999 A and above") \\\n    X(state,'
+    )
+    description = fmpy.read_model_description(str(build(tmp_path, corner)))
+    known = {u.variable.name: {k.name for k in u.dependencies} for u in description.initialUnknowns}
+    assert all("C" in names for names in known.values())  # rather one too many
 
 
 def test_variable_may_not_be_called_time(tmp_path: Path) -> None:
