@@ -14,7 +14,7 @@ from typing import Any
 
 from estimator.exchange import Exchange
 
-MODEL_EXCHANGE = "model-exchange"
+CO_SIMULATION, MODEL_EXCHANGE = "co-simulation", "model-exchange"
 FMI1_TYPES = {"Enumeration": "Integer"}
 FMI3_TYPES = {"Enumeration": "Int64"}
 
@@ -200,28 +200,28 @@ def fmu_class(version: str, kind: str) -> Any:
     return Lenient
 
 
-# What a simulation calls, without the prefix; any other function may be missing.
+# What a simulation calls, as the standards name it without their prefix; any other function may be missing.
+STATES = ("SetTime", "SetContinuousStates", "GetContinuousStates")
 NEEDED = {
-    "1co-simulation": ("InstantiateSlave", "FreeSlaveInstance", "InitializeSlave", "SetReal", "GetReal", "DoStep"),
-    "1model-exchange": ("InstantiateModel", "FreeModelInstance", "Initialize", "SetReal", "GetReal"),
+    "1": ("SetReal", "GetReal"),
     "2": ("Instantiate", "FreeInstance", "SetupExperiment", "SetReal", "GetReal"),
     "3": ("FreeInstance", "SetFloat64", "GetFloat64"),
-    "2co-simulation": ("DoStep",),
-    "3co-simulation": ("InstantiateCoSimulation", "DoStep"),
-    "3model-exchange": ("InstantiateModelExchange", "GetContinuousStateDerivatives"),
-    "model-exchange": ("SetTime", "SetContinuousStates", "GetContinuousStates", "GetDerivatives"),
-    "modes": ("EnterInitializationMode", "ExitInitializationMode"),
+}
+MODES = ("EnterInitializationMode", "ExitInitializationMode")  # of FMI 2.0 and 3.0
+NEEDED_BY_KIND = {
+    ("1", CO_SIMULATION): ("InstantiateSlave", "FreeSlaveInstance", "InitializeSlave", "DoStep"),
+    ("1", MODEL_EXCHANGE): ("InstantiateModel", "FreeModelInstance", "Initialize", *STATES, "GetDerivatives"),
+    ("2", CO_SIMULATION): (*MODES, "DoStep"),
+    ("2", MODEL_EXCHANGE): (*MODES, *STATES, "GetDerivatives"),
+    ("3", CO_SIMULATION): ("InstantiateCoSimulation", *MODES, "DoStep"),
+    ("3", MODEL_EXCHANGE): ("InstantiateModelExchange", *MODES, *STATES, "GetContinuousStateDerivatives"),
 }
 
 
 def needed(version: str, kind: str) -> frozenset[str]:
-    """Return the functions that a simulation cannot do without, as the library names them after ``fmi``."""
-    parts = [f"{version}{kind}", version, *((kind,) if kind == MODEL_EXCHANGE else ())]
-    names = {name for part in (*parts, *(("modes",) if version != "1" else ())) for name in NEEDED.get(part, ())}
-    if version == "3":
-        names -= {"GetDerivatives"}
+    """Return the functions that a simulation cannot do without, by their names in the standard."""
     prefix = "fmi" if version == "1" else f"fmi{version}"
-    return frozenset(prefix + name for name in names)
+    return frozenset(prefix + name for name in (*NEEDED[version], *NEEDED_BY_KIND[version, kind]))
 
 
 class _Library:

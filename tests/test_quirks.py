@@ -92,6 +92,10 @@ def test_a_missing_function_that_is_needed_is_told(tmp_path, recording):
     assert str(caught.value) == sentence
 
 
+def test_missing_functions_that_are_never_called(tmp_path, recording):
+    assert worst(estimated(foreign_fmu(tmp_path, "NO_EXTRAS"), recording)) < 1e-8
+
+
 def test_a_reset_that_leaks_is_recycled_above_the_memory_limit(tmp_path, recording):
     leak = "volatile char *lost = malloc(4 << 20); for (int k = 0; k < 4 << 20; k += 4096) lost[k] = 1;"
     fmu = faulty_fmu(tmp_path, Reset=leak)

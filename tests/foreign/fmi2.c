@@ -105,6 +105,7 @@ FUNCTION(fmi2GetNominalsOfContinuousStates, fmi2Real x[], size_t n) {
     return fmi2OK;
 }
 
+#ifndef NO_EXTRAS
 #define NOT_OFFERED(name, ...)                                                                                        \
     FUNCTION(name, __VA_ARGS__) { return fmi2Error; }
 NOT_OFFERED(fmi2GetFMUstate, fmi2FMUstate *s)
@@ -126,3 +127,4 @@ NOT_OFFERED(fmi2GetRealStatus, const fmi2StatusKind k, fmi2Real *v)
 NOT_OFFERED(fmi2GetIntegerStatus, const fmi2StatusKind k, fmi2Integer *v)
 NOT_OFFERED(fmi2GetBooleanStatus, const fmi2StatusKind k, fmi2Boolean *v)
 NOT_OFFERED(fmi2GetStringStatus, const fmi2StatusKind k, fmi2String *v)
+#endif

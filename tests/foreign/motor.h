@@ -6,6 +6,7 @@
  *     EULER              one Euler step a communication step
  *     SHARED             all instances share one struct
  *     IDLE_RESET         reset does nothing;  CRASHING_RESET, FAILING_RESET
+ *     NO_EXTRAS          what it does not offer is missing in the library (FMI 2.0)
  *     NO_TOOL            there is never an instance
  *     HANGING_FREE       freeInstance never returns
  *     ONCE               a second instance in one process gets NULL, ever
