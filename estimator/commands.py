@@ -69,6 +69,8 @@ def estimate(args: argparse.Namespace) -> int:
     if args.save_case:
         from estimator.case import write_case
 
+        if Path(args.save_case).exists():
+            raise InputError(f"{args.save_case} is there already; give another name with --save-case, or remove it")
         write_case(case, Path(args.save_case))
     if args.figures and not args.output:
         raise InputError("--figures needs a folder to write to; give one with -o")

@@ -16,6 +16,7 @@ from typing import Any, NoReturn
 import numpy as np
 import numpy.typing as npt
 
+from estimator.clock_text import seconds_since_first
 from estimator.columns import Columns
 from estimator.delimited import BadCell, HeaderRules, read_table
 from estimator.errors import RecordingError, suggestion
@@ -223,15 +224,28 @@ def _read_text(path: Path) -> Recording:
 
     where = f"{path.name} line {table.header_line}"
     keep = [j for j, text in enumerate(texts) if text or not np.isnan(table.columns[j]).all() or j in table.bad]
+    columns, bad, half_digits = list(table.columns), dict(table.bad), {}
+    for j in keep:
+        header = parse_header(texts[j])
+        if j in bad and role_of(header.name) == "time" and (told := seconds_since_first(table.text(j))) is not None:
+            columns[j], half_digits[j] = told
+            texts[j] = f"{header.name} [s]"
+            del bad[j]
+
+    def half_digit(new: int, factor: float) -> FloatArray:
+        if keep[new] in half_digits:
+            return np.full(len(table.line), half_digits[keep[new]])
+        return factor * half_last_digit(table.text(keep[new]), len(table.line))
+
     return _build(
         path.stem,
         path,
         [texts[j] or f"column {j + 1}" for j in keep],
-        [table.columns[j] for j in keep],
+        [columns[j] for j in keep],
         where=where,
         place=place,
-        bad={new: table.bad[j] for new, j in enumerate(keep) if j in table.bad},
-        half_digit=lambda j, factor: factor * half_last_digit(table.text(keep[j]), len(table.line)),
+        bad={new: bad[j] for new, j in enumerate(keep) if j in bad},
+        half_digit=half_digit,
     )
 
 

@@ -502,6 +502,8 @@ def test_window_sign_scale_and_offset_come_from_the_command_line_and_go_into_a_c
     assert echo["window"] == [0.4, 1.4] and echo["scale"] == {"i": -1.0} and echo["offset"] == {"i": 0.02}
     assert echo["temperature"] == 60.0 and echo["samples"] == 1001
     assert shown["derived"]["R_at_25_C"]["value"] == pytest.approx(shown["parameters"]["R"]["value"] / 1.13755)
+    assert main(["estimate", str(wrong_way), "--save-case", str(saved)]) == 2
+    assert "is there already; give another name with --save-case, or remove it" in capsys.readouterr().err
     case = read_case(saved)
     assert case.run(0) == RunSpec(window=(0.4, 1.4), scale={"i": -1.0}, offset={"i": 0.02}, temperature=60.0)
     again = estimator.estimate_parameters(saved, workers=1)

@@ -57,6 +57,16 @@ def with_header(header: str) -> str:
     return "\n".join([header, *ROWS]) + "\n"
 
 
+def clocked(form: str, *, start: float = 0.0) -> str:
+    """PLAIN with times of day."""
+    rows = []
+    for t, row in zip(TIME, ROWS, strict=True):
+        second = start + t
+        text = form.format(second) if second < 59.9995 else "00:00:" + f"{second - 60:06.3f}"
+        rows.append(f"{text},{row.split(',', 1)[1]}")
+    return "\n".join([HEADER.replace("time [s]", "time"), *rows]) + "\n"
+
+
 DIALECTS: dict[str, str | bytes] = {
     "plain": PLAIN,
     "no newline at the end": PLAIN.rstrip(),
@@ -105,6 +115,11 @@ DIALECTS: dict[str, str | bytes] = {
     "an oscilloscope's preamble": 'Model,DPO2024\nSample Interval,0.001,s\n"Record Length",40\n\n' + PLAIN,
     "an oscilloscope's line of units": with_header("x-axis,voltage,current,speed\nsecond,Volt,Ampere,rad/s"),
     "a line of units in brackets, then an empty one": with_header("Time,u,i,n\n(s),(V),(A),(rad/s)\n"),
+    "a line that names the separator": "sep=;\n" + PLAIN.replace(",", ";"),
+    "times of day": clocked("12:00:{:06.3f}"),
+    "times of day over midnight": clocked("23:59:{:06.3f}", start=59.98),
+    "dates": clocked("2026-11-21T07:03:{:06.3f}Z"),
+    "dates as in Germany": clocked("21.11.2026 07:03:{:06.3f}"),
     "index from pandas": "\n".join(["," + HEADER, *(f"{k},{row}" for k, row in enumerate(ROWS))]),
 }
 
@@ -289,9 +304,9 @@ COMPLAINTS: dict[str, tuple[str | bytes, str]] = {
     ),
     "an endless cell": (row(9, '0.009,10.5,"' + "x" * 200_000), "run3.csv line 11 has too few cells (3, the header"),
     "text in time": (row(9, "x,10.5,1,3"), "run3.csv line 11: time is not a number ('x'); every row needs its time"),
-    "time of day": (
-        "\n".join([HEADER, *(f"12:00:00.{k:03},1,1,1" for k in range(N))]),
-        "run3.csv line 2: time is not a number ('12:00:00.000')",
+    "a time of day that is none": (
+        "\n".join([HEADER, *(f"12:00:{k}.0,1,1,1" for k in range(N))]),
+        "run3.csv line 2: time is not a number ('12:00:0.0')",
     ),
     "thousands in a decimal comma file": (
         row(9, "0.009,10.5,X,3").replace(",", ";").replace(".", ",").replace("X", "1.500,5"),
