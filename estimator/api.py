@@ -34,7 +34,8 @@ class Result(Estimate):
     """An estimate that shows itself, as text and in a notebook, and writes itself.
 
     All attributes are those of `estimator.result.Estimate`: ``verdict``, ``reasons``, ``parameters`` (name → value,
-    standard error, unit, bounds, status), ``correlation``, ``rmse``, ``simulations``, ``comparisons``, …
+    standard error, unit, bounds, status), ``chain`` (the same for what was estimated of the measurement chain: delay,
+    offsets), ``correlation``, ``rmse``, ``simulations``, ``comparisons``, …
     """
 
     @classmethod
