@@ -51,6 +51,7 @@ class Process:
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
             env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"},
+            start_new_session=os.name == "posix",  # so that what an FMU starts ends with it
         )
         threading.Thread(target=self._read, args=(messages,), daemon=True).start()
 
@@ -67,8 +68,16 @@ class Process:
             self.send({"quit": True})
             self.reap()
         else:
-            self.popen.kill()
+            self.kill()
             self.reap()
+
+    def kill(self) -> None:
+        """End the process, and those that the FMU has started, by force."""
+        if os.name != "posix":
+            self.popen.kill()
+            return
+        with contextlib.suppress(OSError):
+            os.killpg(self.popen.pid, signal.SIGKILL)
 
     def reap(self, *, patience: float = 1.0) -> int:
         """Wait for a process that is ending, `patience` seconds at most; return its exit code."""
@@ -76,8 +85,10 @@ class Process:
         try:
             self.popen.wait(timeout=patience)
         except subprocess.TimeoutExpired:
-            self.popen.kill()
+            self.kill()
             self.popen.wait()
+        else:
+            self.kill()  # what it has left behind
         with contextlib.suppress(OSError):
             self.popen.stdin.close()
         return int(self.popen.returncode)

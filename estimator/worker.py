@@ -53,7 +53,7 @@ def main() -> None:
             if worker is not None:
                 worker.close()
             answers.flush()
-            os._exit(0)
+            _end_group()
         try:
             if "load" in order:
                 if worker is not None:
@@ -236,6 +236,13 @@ def _listen(given: IO[str], orders: queue.SimpleQueue[dict[str, Any]], folder: P
     for line in given:
         orders.put(json.loads(line))
     shutil.rmtree(folder, ignore_errors=True)
+    _end_group()
+
+
+def _end_group() -> NoReturn:
+    """End this process, and those that the FMU has started."""
+    if os.name == "posix" and os.getpgrp() == os.getpid():
+        os.killpg(0, signal.SIGKILL)
     os._exit(0)
 
 

@@ -343,7 +343,7 @@ class Workers:
             elif now - before[1] > limit:
                 what = "loading the FMU" if waiting else "the FMU"
                 process.ended_because = f"{what} exceeded the time limit of {limit:g} s"
-                process.popen.kill()
+                process.kill()
                 watch.pop(slot)
 
     def _start_more(self, running: float) -> None:

@@ -215,6 +215,34 @@ def test_a_missing_stepping_loop_is_told_with_its_remedy(tmp_path, monkeypatch, 
         )
 
 
+CHILD = "static int started; if (!started++ && fork() == 0) for (;;) pause();"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="fork is POSIX")
+@pytest.mark.parametrize("death", ["", f"{IF_BAD} abort();", f"{IF_BAD} for (;;) {{}}"], ids=["good", "crash", "hang"])
+def test_what_an_fmu_starts_ends_with_it(tmp_path, death):
+    fmu = faulty_fmu(tmp_path, SetReal=MARK, Instantiate=CHILD, DoStep=death or "return ORIGINAL;")
+    children = set()
+    with Workers(1, time_limit=3.0) as crew:
+        crew.load(job_of(fmu))
+        crew.on_tick = lambda: children.update(c.pid for pid in crew.pids for c in _children(pid))
+        for candidate in (GOOD, BAD, GOOD):
+            crew.run(np.array(candidate).reshape(1, 1, 5))
+            children.update(c.pid for pid in crew.pids for c in _children(pid))
+    assert children
+    limit = time.monotonic() + 5
+    while any(_alive(pid) for pid in children) and time.monotonic() < limit:
+        time.sleep(0.05)
+    assert not any(_alive(pid) for pid in children)
+
+
+def _children(pid):
+    try:
+        return psutil.Process(pid).children(recursive=True)
+    except psutil.NoSuchProcess:
+        return []
+
+
 # The end of the owner
 
 
