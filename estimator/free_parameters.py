@@ -29,7 +29,7 @@ def first_guess(case: Case, observed: tuple[Observed, ...], description: FmuDesc
     """Return a first guess of the motor's parameters from the data; empty where they show none."""
     for o in observed:
         if {"v"} <= set(o.inputs) and {"i", "w"} <= set(o.outputs) and o.excitation.kind != "none":
-            late = round(o.delay / o.recording.step)
+            late = max(0, round(o.delay / o.recording.step))
             v = o.inputs["v"][: len(o.inputs["v"]) - late]
             i, w = o.outputs["i"][late:], o.outputs["w"][late:]
             load = case.fixed.get("load", 0.0)
@@ -52,7 +52,7 @@ def _guess_without_current(case: Case, observed: Observed, description: FmuDescr
     R, L, step = given["R"], given["L"], observed.recording.step
     if R is None:
         return {}
-    late = round(observed.delay / step)
+    late = max(0, round(observed.delay / step))
     v = observed.inputs["v"][: len(observed.inputs["v"]) - late]
     w = observed.outputs["w"] if "w" in observed.outputs else np.gradient(observed.outputs["angle"], step)
     guess = speed_estimate(v, w[late:], step=step, R=R)

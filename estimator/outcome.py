@@ -92,7 +92,7 @@ def sensors(plan: Plan) -> dict[str, dict[str, Any]]:
 def recordings(plan: Plan) -> tuple[dict[str, Any], ...]:
     """Return what was done to each recording."""
     case = plan.case
-    count = max(len(case.recordings), len(plan.observed))
+    count = max(len(case.recordings), len(case.runs), len(plan.observed))
     runs = [run for run in map(case.run, range(count)) if not run.validate]
     return tuple(
         {

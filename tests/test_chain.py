@@ -295,6 +295,16 @@ def test_recordings_share_parameters_and_have_delays_offsets_and_resistances_of_
     assert set(result.chain) == {"delay run1", "delay run2", "offset i run2"}
 
 
+def test_a_voltage_that_is_logged_late_is_a_negative_delay_declared_or_found():
+    recording = recorded(RUN, v=RUN.at("v", late=3e-3))
+    declared = found(runs_of(RunSpec(delay=-3e-3)), recording)
+    close(declared)
+    assert not declared.chain and declared.recordings[0]["delay"] == -3e-3
+    by_itself = found(Case(), recording)
+    near(by_itself.chain["delay"], -3e-3)
+    close(by_itself)
+
+
 def test_a_shared_resistance_follows_the_windings_temperature_and_is_told_at_25_degrees(several):
     recordings, _ = several
     case = runs_of(RunSpec(temperature=45.0), RunSpec(temperature=45.0 + 50 * (1 + 0.00393 * 20)))
