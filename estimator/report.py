@@ -143,13 +143,16 @@ def cost_lines(estimate: Estimate) -> list[str]:
     """Return sentences about what the estimate cost and how it was made."""
     phases = ", ".join(f"{count} {phase}" for phase, count in estimate.simulations_by_phase.items() if count)
     fmu = str(estimate.fmu.get("name", "")) or "unknown FMU"
-    version = estimate.fmu.get("fmi_version")
+    kind, restart = estimate.fmu.get("kind"), estimate.fmu.get("restart")
+    told = [f"FMI {version}"] if (version := estimate.fmu.get("fmi_version")) else []
+    told += ["model exchange"] if kind == "model-exchange" else []
+    told += [f"restarted by {restart}"] if restart not in (None, "reset") else []
     workers = f"{estimate.workers} worker{'' if estimate.workers == 1 else 's'}"
     return [
         f"{_count(estimate.simulations, 'simulation')}{f' ({phases})' if phases else ''}, "
         f"{estimate.failed_simulations} failed, {_count(estimate.steps, 'step')}, "
         f"{estimate.seconds:.2f} s, {workers}",
-        f"method {estimate.method}, seed {estimate.seed}, FMU {fmu}{f' (FMI {version})' if version else ''}",
+        f"method {estimate.method}, seed {estimate.seed}, FMU {fmu}" + (f" ({', '.join(told)})" if told else ""),
     ]
 
 

@@ -1,5 +1,6 @@
 """Text, JSON and HTML of an estimate."""
 
+import dataclasses
 import html.parser
 import json
 import re
@@ -283,3 +284,10 @@ def test_the_html_report_escapes_what_a_recording_is_called():
 
 def test_json_ready_makes_text_of_what_it_does_not_know():
     assert report.json_ready({1: {3.5}, "x": Path("a/b")}) == {"1": [3.5], "x": "a/b"}
+
+
+def test_how_the_fmu_was_driven_is_told_where_it_is_not_the_usual_way():
+    usual = {"name": "motor", "fmi_version": "2.0", "kind": "co-simulation", "restart": "reset"}
+    other = usual | {"kind": "model-exchange", "restart": "re-instantiate"}
+    for fmu, told in ((usual, "(FMI 2.0)"), (other, "(FMI 2.0, model exchange, restarted by re-instantiate)")):
+        assert report.cost_lines(dataclasses.replace(estimate(), fmu=fmu))[-1].endswith(f"FMU motor {told}")
