@@ -35,6 +35,7 @@ FREED = 4.0  # standard deviations by which a nuisance must improve the fit
 NEARLY = 2.0  # standard deviations from which one that stays fixed widens the errors
 TOLD = 1e-3  # of a nuisance's power, beside the parameters: below they cannot be told apart
 ROUNDS = 8
+HOPELESS = 5.0  # times that, by a rough fit
 COUNTED = 1.3  # times the deviation of one count, 1/√12: more is not explained by counting
 OUTLIERS = 3  # fewer do no harm that is not seen
 HUBER, HUBER_PASSES = 1.5, 4  # deviations
@@ -133,6 +134,9 @@ class Refinement:
         start = fit.polish.deviations.copy()
         start[j] = max(steps) / np.sqrt(12)
         plain = dataclasses.replace(Treatment.none(size, len(plan.outputs)), accused=fit.treatment.accused)
+        _, rough = squares(problem, plain).quick(fit.polish.values, start)
+        if rough[j] > HOPELESS * start[j]:
+            return None
         polish = squares(problem, plain).polish(fit.polish.values, start)
         found = self._treated(dataclasses.replace(fit, problem=problem, polish=polish, treatment=plain), again=True)
         return found if found.polish.deviations[j] < COUNTED * start[j] else None

@@ -208,7 +208,7 @@ class LeastSquares:
             along = np.linalg.qr(inside)[0].T @ found.residuals
             if float(along @ along) < LEFT:
                 break
-            values, cost = self.fit(found.values, found.deviations, central=True)
+            values, cost = self.fit(found.values, found.deviations, evaluations=15, central=True)
             if not cost < found.cost:
                 break
             deviations = np.maximum(self.deviations(values, free=self.box.dimension), NOISE_FREE * self._spread)

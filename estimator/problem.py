@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from estimator import layout
 from estimator.case import Case
 from estimator.errors import CaseError
+from estimator.excitation import quantum
 from estimator.job import Batch, Experiment, Job
 from estimator.layout import types_of
 from estimator.mapping import settings, settings_names, target
@@ -89,6 +90,7 @@ class Problem:
         measured = np.concatenate([self._measured(o) for o in plan.observed])
         self._measured_rows = np.nan_to_num(measured)
         self._counted = [j for j, y in enumerate(self.outputs) if plan.counted and plan.sensors[y] == layout.MEAN]
+        self._phased = self._without_phase()
         self._used = self._compared(measured)
         self.output_of_residual = np.broadcast_to(np.arange(len(self.outputs)), measured.shape)[self._used].astype(
             np.int64
@@ -163,16 +165,27 @@ class Problem:
                 used[first : first + (int(turning[0]) if len(turning) else last - first), j] = False
         return used
 
+    def _without_phase(self) -> list[int]:
+        """Return the outputs that are an encoder's counts while nobody has freed their phase, or declared it."""
+        plan = self.plan
+        if "angle" not in self.outputs or "offset angle" in plan.declared:
+            return []
+        freed = any(p.place is not None and p.place.output == "angle" for p in plan.parameters)
+        counts = all(quantum(o.outputs["angle"]) > 0 for o in plan.observed)
+        return [self.outputs.index("angle")] if counts and not freed else []
+
     def _picked(self, rows: FloatArray) -> FloatArray:
-        """Pick from (c, rows, outputs) what is compared, (c, m); speeds of an encoder added up, without their mean.
+        """Pick from (c, rows, outputs) what is compared, (c, m); an encoder's speeds added up, counts without mean.
 
         The mean is the encoder's phase, which is never known.
         """
-        for j in self._counted:
+        for j in (*self._counted, *self._phased):
             rows = rows.copy()
             for e, o in enumerate(self.plan.observed):
                 part = slice(self._edges[e], self._edges[e + 1])
-                turned = np.cumsum(rows[:, part, j], axis=1) * o.recording.step
+                turned = rows[:, part, j]
+                if j in self._counted:
+                    turned = np.cumsum(turned, axis=1) * o.recording.step
                 turning = self._used[part, j]
                 rows[:, part, j] = turned - np.mean(turned[:, turning], axis=1, keepdims=True)
         return np.asarray(rows[:, self._used])

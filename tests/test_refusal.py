@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from motors import CML050, RMCS2004, held_response, recording_of, step_recording
+from motors import CML050, RMCS2004, Motor, held_response, recording_of, step_recording
 
 from estimator.estimate import estimate_recordings
 
@@ -76,3 +76,31 @@ def test_good_recordings_are_not_refused(case_of):
         for motor in (CML050, RMCS2004):
             result = run(case_of(), step_recording(motor, noise=(0.02, 1.0), seed=seed, duration=1.5))
             assert result.verdict == "ok", result.reasons
+
+
+def test_an_impossible_acceleration(case_of, good):
+    keep = np.r_[0:303, 309:1500]  # six samples of the steepest part are missing
+    refused(case_of, made(good[0][keep], good[1][keep]), "an impossible acceleration", "the transient is lost")
+
+
+def test_a_fast_motor_is_doubtful_and_not_refused(case_of):
+    fast = Motor("fast", 10.5, R=2.0, K=0.05, L=1e-3, J=5e-7, B=2e-5)
+    result = run(case_of(), step_recording(fast, noise=(0.02, 1.0), seed=2))
+    assert result.verdict in ("ok", "doubtful")
+    for name in ("R", "K", "J", "B"):
+        p = result.parameters[name]
+        assert abs(p.value - fast.parameters[name]) < 5 * p.standard_error
+
+
+def test_a_response_that_has_not_settled_is_doubtful(case_of):
+    result = run(case_of(), step_recording(RMCS2004, noise=(0.02, 1.0), seed=1, duration=0.56))
+    assert result.verdict == "doubtful"
+    assert any("has not settled" in reason for reason in result.reasons)
+
+
+def test_a_model_that_does_not_explain_the_data_is_doubtful(case_of, good):
+    shown = good[1].copy()
+    shown[:, 1] *= 1 - 0.1 * np.clip(shown[:, 1] / shown[:, 1].max(), 0, 1) ** 3  # no linear motor
+    result = run(case_of(), made(good[0], shown, noise=(0.002, 0.1)))
+    assert result.verdict == "doubtful"
+    assert result.parameters

@@ -1,0 +1,169 @@
+"""A sample of the tables of docs/recordings.md, with fixed seeds: the same recordings at every run.
+
+`benchmarks/trust.py` makes the tables; here each line has a few recordings, and the long ones are `full`.
+"""
+
+import dataclasses
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "benchmarks"))
+
+from bench import CML050, MOTORS, NAMES, PAPER_BENCH, Bench, random_motor
+from bound import cramer_rao, from_the_truth, likelihood
+from trust import TABLES, Hand, aliases
+
+from estimator.case import Case, OutputSpec
+from estimator.estimate import estimate_recordings
+
+PLAIN = Case(fmu="dc_motor", recordings=(Path("bench.csv"),), inputs={"v": "voltage"})
+
+
+@pytest.fixture(scope="module")
+def hand():
+    hand = Hand()
+    yield hand
+    hand.crew.close()
+
+
+def entries(hand, table, title, seeds):
+    index = [row.title for row in TABLES[table].rows].index(title)
+    return [hand.run((table, index, seed))[1] for seed in seeds]
+
+
+def deviations(found):
+    """Return errors over standard errors, (n, 5)."""
+    return np.array([[(e["found"][n][0] - e["truth"][n]) / e["found"][n][1] for n in NAMES] for e in found])
+
+
+def run(bench, seed=1, **changes):
+    return estimate_recordings([dataclasses.replace(PLAIN, **changes)], [[bench.record(seed)]], workers=1)[0]
+
+
+def test_the_bound_is_what_maximum_likelihood_from_the_truth_reaches():
+    bench, errors = Bench(duration=1.5), []
+    for seed in range(30):  # a ratio outside comes by chance less than once in 100 000 draws of 30
+        recording = bench.record(seed)
+        measured = np.column_stack([recording.signals["current"], recording.signals["speed"]])
+        errors.append(np.log(from_the_truth(bench, measured)[0] / [CML050[n] for n in NAMES]))
+    ratio = np.sqrt(np.mean(np.square(errors), axis=0)) / cramer_rao(bench)
+    assert np.all((ratio > 0.5) & (ratio < 1.6)), ratio
+
+
+def test_a_free_delay_or_phase_only_raises_the_bound():
+    for bench in (Bench(), dataclasses.replace(PAPER_BENCH, counts=True)):
+        assert np.all(cramer_rao(bench, nuisances=["delay", "offset i"]) > cramer_rao(bench))
+
+
+@pytest.mark.parametrize("motor", MOTORS)
+def test_encoder_counts_come_near_the_bound(hand, motor):
+    found = entries(hand, "bound", f"{motor}, encoder counts", [3, 7, 11])  # 7 and 11 stall by one-sided differences
+    errors = np.array([[np.log(e["found"][n][0] / e["truth"][n]) for n in NAMES] for e in found])
+    assert np.all(np.sqrt(np.mean(errors**2, axis=0)) < 3 * cramer_rao(PAPER_BENCH_OF[motor]))
+
+
+PAPER_BENCH_OF = {name: dataclasses.replace(PAPER_BENCH, motor=motor, counts=True) for name, motor in MOTORS.items()}
+
+
+@pytest.mark.parametrize(
+    ("table", "title"),
+    [
+        ("coverage", "CML-050, white noise"),
+        ("coverage", "RMCS2004, differenced counts"),
+        ("real", "CML-050, real bench"),
+        ("robust", "delay 0–300 ms"),
+        ("robust", "offsets ±20 mA, ±1 rad/s"),
+        ("robust", "1 % outliers"),
+    ],
+)
+def test_errors_are_within_five_standard_errors(hand, table, title):
+    found = entries(hand, table, title, [0, 24])
+    assert not [e for e in found if e["verdict"] == "refused"]
+    assert np.max(np.abs(deviations(found))) < 5
+
+
+@pytest.mark.parametrize("row", [row for row in TABLES["named"].rows if row.asked], ids=lambda row: row.title)
+def test_a_wrong_assumption_is_named(hand, row):
+    found = entries(hand, "named", row.title, [2])[0]
+    visible = row.title != "gain of the current 0.9 or 1.1"  # no recording tells it where nothing is known
+    assert (row.asked in found["named"]) == visible
+
+
+def test_an_invisible_gain_is_said_to_be_invisible():
+    assert any("a gain error g of the current" in note for note in run(Bench()).notes)
+
+
+def test_good_recordings_are_not_accused(hand):
+    for entry in entries(hand, "named", "good", range(4)):
+        assert (entry["verdict"], entry["named"]) == ("ok", [])
+
+
+def test_a_fast_motor_is_estimated_from_few_samples():
+    bench = Bench(motor=random_motor(130))  # 3 045 rad/s, hardly damped: one basin in fifty starts
+    recording = bench.record(130)
+    measured = np.column_stack([recording.signals["current"], recording.signals["speed"]])
+    result = estimate_recordings([PLAIN], [[recording]], workers=1)[0]
+    values = np.array([result.parameters[n].value for n in NAMES])
+    assert likelihood(bench, values, measured) < from_the_truth(bench, measured)[1] + 0.05
+
+
+def test_an_aliased_motor_is_said_to_be():
+    seed = next(s for s in range(200) if aliases(random_motor(s)) and s not in (10, 12))
+    result = run(Bench(motor=random_motor(seed)), seed)
+    text = " ".join(result.reasons)
+    assert "the motor oscillates at" in text or "the transient is lost" in text
+    assert all(p.status != "ok" for p in result.parameters.values())
+
+
+@pytest.mark.parametrize(
+    ("outputs", "untold", "missing"),
+    [
+        ({"w": OutputSpec("speed")}, {"R", "K", "L", "J", "B"}, "fix 2 of them (--fix NAME=VALUE), or record i, too"),
+        ({"i": OutputSpec("current")}, {"K", "J", "B"}, "fix 1 of them (--fix NAME=VALUE), or record w or angle, too"),
+    ],
+)
+def test_what_the_outputs_cannot_tell_is_said_before_the_search(outputs, untold, missing):
+    result = run(Bench(duration=1.2), outputs=outputs)
+    assert {n for n, p in result.parameters.items() if p.status == "not identified"} >= untold
+    assert any("alone cannot tell" in reason and missing in reason for reason in result.reasons), result.reasons
+
+
+def test_coloured_residuals_alone_are_doubtful():
+    recording = Bench().record(5)
+    noise = np.zeros(len(recording.time))
+    draws = np.random.default_rng(5).standard_normal(len(noise))
+    for k in range(1, len(noise)):
+        noise[k] = 0.4 * noise[k - 1] + 0.02 * draws[k]
+    signals = {**recording.signals, "current": recording.signals["current"] + noise}
+    coloured = dataclasses.replace(recording, signals=signals)
+    result = estimate_recordings([PLAIN], [[coloured]], workers=1)[0]
+    assert result.verdict == "doubtful"
+    assert any("the residuals of i are not white" in reason for reason in result.reasons), result.reasons
+
+
+def test_what_was_nearly_freed_widens_the_errors():
+    result = run(Bench(current_offset=0.0025), 3)
+    clean = run(Bench(), 3)
+    assert any("offset i" in note and "the standard errors allow for it" in note for note in result.notes)
+    assert result.parameters["B"].standard_error > 1.5 * clean.parameters["B"].standard_error
+
+
+@pytest.mark.full
+def test_two_hundred_good_recordings_are_not_refused_and_two_at_most_accused(hand):
+    found = [e for name in MOTORS for e in entries(hand, "coverage", f"{name}, white noise", range(100))]
+    assert not [e["seed"] for e in found if e["verdict"] == "refused"]
+    assert sum(e["verdict"] != "ok" or bool(e["named"]) for e in found) <= 2
+
+
+@pytest.mark.full
+def test_random_motors_reach_the_optimum_and_none_is_falsely_sure(hand):
+    found = [e for e in entries(hand, "motors", "random motors", range(200)) if e["verdict"] != "refused"]
+    reached = sum(e["reached"] < e["best"] + 0.05 for e in found)
+    assert reached >= 0.98 * len(found)
+    for e in found:
+        for n in NAMES:
+            value, error, status = e["found"][n]
+            assert status != "ok" or abs(value - e["truth"][n]) < 5 * error, (e["seed"], n)
