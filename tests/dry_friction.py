@@ -87,7 +87,8 @@ def _event(
     def event(_: float, x: Vector) -> float:
         if hold == 0:
             return 1.0
-        return way * float(x[place]) if way else hold * (1 + 1e-12) - abs(push(x))  # surely let go
+        # past its end by what rounding could undo, or it would be held and let go for ever
+        return way * float(x[place]) + 1e-13 if way else hold * (1 + 1e-12) - abs(push(x))
 
     event.terminal, event.direction = True, -1  # type: ignore[attr-defined]
     return event

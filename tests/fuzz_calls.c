@@ -209,7 +209,7 @@ static void any_call(Handle c, Saved saved[SAVED])
         references[k] = below(20) ? below(N_VARIABLES + N_STATES + N_MODES + 3) : below(UINT32_MAX / 4) * 4;
         array[k] = any_double();
     }
-    switch (below(18)) {
+    switch (below(30)) { /* half of them go on */
     case 0: note(F(ExitInitializationMode)(c)); break;
     case 1:
         if (below(4) == 0) note(F(Terminate)(c));
@@ -241,10 +241,22 @@ static void any_call(Handle c, Saved saved[SAVED])
     }
 }
 
+static int get_all(Handle c, double *values)
+{
+    unsigned int references[N_VARIABLES];
+    for (unsigned int k = 0; k < N_VARIABLES; k++) references[k] = k;
+#if FMI == 2
+    return fmi2GetReal(c, references, N_VARIABLES, values);
+#else
+    return fmi3GetFloat64(c, references, N_VARIABLES, values, N_VARIABLES);
+#endif
+}
+
 static void sequence(void)
 {
     Handle instances[INSTANCES] = {NULL};
     Saved saved[SAVED] = {NULL};
+    double all[N_VARIABLES];
     for (int k = 0; k < INSTANCES; k++) instances[k] = make(below(2) == 0, below(9) ? MODEL_GUID : rarely_null("{}"));
     for (int k = 0; k < INSTANCES; k++)
         if (instances[k] != NULL && below(2) == 0) note(begin(instances[k]));
@@ -252,6 +264,7 @@ static void sequence(void)
     for (int k = 0; k < INSTANCES; k++) {
         Handle c = instances[k];
         if (c == NULL) continue;
+        finite(get_all(c, all), all, N_VARIABLES);
         if (F(Reset)(c) != 0 || begin(c) != 0) fail("no fresh start after a reset");
         if (!((Instance *)c)->model_exchange && step(c, 0, 1e-3) != 0) fail("no step after a reset");
     }
