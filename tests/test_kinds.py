@@ -10,7 +10,7 @@ from foreign_fmus import CASE, foreign_case, foreign_fmu
 from motors import CML050, NAMES, step_recording
 
 import fmu_build
-from estimator.case import case_for_recording, read_case
+from estimator.case import SearchSpec, case_for_recording, read_case
 from estimator.errors import SimulationError
 from estimator.estimate import estimate
 from estimator.fmu import describe
@@ -78,6 +78,12 @@ def test_model_exchange_of_fmi_1_is_estimated_to_1e_5(tmp_path, recording):
     assert (e.fmu["kind"], e.fmu["fmi_version"]) == ("model-exchange", "1.0")
 
 
+def test_what_model_exchange_of_a_bundled_model_costs_is_said(recording):
+    case = dataclasses.replace(case_for_recording(recording), kind="model-exchange")
+    e = estimate(dataclasses.replace(case, search=SearchSpec(method="integral")))
+    assert e.fmu["kind"] == "model-exchange" and e.notes[0].startswith("one simulation of this FMU takes ")
+
+
 def test_model_exchange_of_fmi_3_is_estimated_to_1e_5(tmp_path, recording):
     fmu = fmu_build.build("dc_motor", output=tmp_path / "motor.fmu", fmi=3)
     case = case_for_recording(recording, fmu=str(fmu))
@@ -105,11 +111,13 @@ def test_model_exchange_holds_its_inputs_as_fmpy_does_with_doubled_time_stamps(t
     assert np.max(np.abs(own["shaft.w"] - taken["shaft.w"])) < 1e-7 * np.max(np.abs(taken["shaft.w"]))
 
 
-def test_an_fmu_that_offers_both_is_stepped_by_itself_unless_the_user_chooses(tmp_path, recording, monkeypatch):
-    monkeypatch.setattr("estimator.effort.GENERATIONS", 1)  # it is the kind that matters here
+def test_an_fmu_that_offers_both_is_stepped_by_itself_unless_the_user_chooses(tmp_path, recording):
     fmu = foreign_fmu(tmp_path, kinds=("co-simulation", "model-exchange"))
-    case = read_case(foreign_case(fmu, recording))
-    chosen = read_case(foreign_case(fmu, recording, text=CASE.replace("[inputs]", 'kind = "model-exchange"\n[inputs]')))
+    brief = CASE + '[search]\nmethod = "integral"\n'  # it is the kind that matters here
+    case = read_case(foreign_case(fmu, recording, text=brief))
+    chosen = read_case(
+        foreign_case(fmu, recording, text=brief.replace("[inputs]", 'kind = "model-exchange"\n[inputs]'))
+    )
     said = [estimate(c).fmu["kind"] for c in (case, chosen, with_options(case, kind="model-exchange"))]
     assert said == ["co-simulation", "model-exchange", "model-exchange"]
 
