@@ -146,6 +146,19 @@ def correlation(polish: Polish) -> FloatArray:
     return np.asarray(np.clip(correlation, -1.0, 1.0))
 
 
+def information(polish: Polish, names: tuple[str, ...]) -> dict[str, Any]:
+    """Return eigenvalues of the Fisher information scaled to a diagonal of 1, and the direction of the least."""
+    jacobian = polish.jacobian
+    norms = np.linalg.norm(jacobian, axis=0)
+    if not len(norms) or not np.all(norms > 0) or not np.isfinite(norms).all():
+        return {}
+    _, singular, rows = np.linalg.svd(jacobian / norms, full_matrices=False)
+    return {
+        "eigenvalues": np.sort(singular**2).tolist(),
+        "least_told": dict(zip(names, rows[-1].tolist(), strict=True)),
+    }
+
+
 def versions() -> dict[str, str]:
     """Return the versions of what took part."""
     import platform

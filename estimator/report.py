@@ -199,6 +199,7 @@ def to_mapping(estimate: Estimate) -> dict[str, Any]:
             for name, q in estimate.derived.items()
         },
         "correlation": correlation,
+        "information": estimate.information,
         "rmse": estimate.rmse,
         "fit_percent": estimate.fit_percent,
         "noise": estimate.noise,

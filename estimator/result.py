@@ -178,6 +178,8 @@ class Estimate:
     recordings : what was done to each recording, one mapping each (window, scale, offset, delay, temperature)
     correlation : (p, p) array over the free parameters in the order of `correlated`, or None
     correlated : names of the rows and columns of `correlation`
+    information : "eigenvalues" of the scaled Fisher information (its diagonal is 1), ascending, and "least_told":
+        parameter name → part in the direction of the least of them
     rmse : output name → root mean square error over all samples used, SI units
     fit_percent : output name → 100 (1 − ‖e‖ / ‖y − mean‖)
     noise : output name → standard deviation of the measurement noise as estimated, SI units
@@ -216,6 +218,7 @@ class Estimate:
     derived: Mapping[str, DerivedQuantity] = field(default_factory=dict)
     correlation: FloatArray | None = None
     correlated: tuple[str, ...] = ()
+    information: Mapping[str, Any] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     failures: tuple[str, ...] = ()
     comparisons: tuple[Comparison, ...] = ()

@@ -17,7 +17,16 @@ from estimator.errors import SimulationError
 from estimator.failing import with_cause, with_values
 from estimator.fit import Fit
 from estimator.noise_level import output_deviations
-from estimator.outcome import comparisons, correlation, figures, parameter_estimates, recordings, sensors, versions
+from estimator.outcome import (
+    comparisons,
+    correlation,
+    figures,
+    information,
+    parameter_estimates,
+    recordings,
+    sensors,
+    versions,
+)
 from estimator.plan import MOTOR, Plan
 from estimator.polish import Polish
 from estimator.problem import SIGMA_FLOOR, Problem
@@ -278,6 +287,7 @@ class Run:
             else dict(zip(plan.outputs, self.problem.noise_shown(polish.deviations).tolist(), strict=True)),
             correlation=correlated,
             correlated=plan.names if correlated is not None else (),
+            information={} if polish is None else information(polish, plan.names),
             notes=(*self.announced, *judgement.notes),
             failures=tuple(with_values(f, self.problem.variables) for f in failures),
             comparisons=compared,

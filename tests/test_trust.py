@@ -12,6 +12,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "benchmarks"))
 
+import bound
 from bench import CML050, MOTORS, NAMES, PAPER_BENCH, Bench, random_motor
 from bound import cramer_rao, from_the_truth, likelihood
 from trust import TABLES, Hand, aliases
@@ -90,6 +91,14 @@ def test_a_wrong_assumption_is_named(hand, row):
     found = entries(hand, "named", row.title, [2])[0]
     visible = row.title != "gain of the current 0.9 or 1.1"  # no recording tells it where nothing is known
     assert (row.asked in found["named"]) == visible
+
+
+def test_the_scaled_information_is_that_of_the_closed_form():
+    told = run(Bench()).information
+    columns = np.column_stack([bound._sensitivity(Bench(), name) for name in NAMES])
+    _, singular, rows = np.linalg.svd(columns / np.linalg.norm(columns, axis=0), full_matrices=False)
+    assert told["eigenvalues"] == pytest.approx(np.sort(singular**2), rel=0.1)
+    assert abs(rows[-1] @ [told["least_told"][n] for n in NAMES]) > 0.99
 
 
 def test_an_invisible_gain_is_said_to_be_invisible():
