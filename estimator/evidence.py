@@ -54,7 +54,7 @@ class Evidence:
         problem, plan = self._problem, self._problem.plan
         series = problem.series(np.where(self._treatment.keep > 0, self._residuals, np.nan), j)[0][0]
         late = series[start + int(SETTLED_FROM * (len(series) - start)) :]
-        found: list[Spectrum] = [find_colour([late - np.nanmean(late)])]
+        found: list[Spectrum] = [find_colour([_straightened(late)])]
         y = problem.outputs[j]
         variance = float(np.nanmean(series * series))
         if plan.sensors[y] == layout.MEAN and not plan.counted:
@@ -77,3 +77,13 @@ class Evidence:
             variance += max(float(quadratic(columns, s)[0, 0]) for s in spectra)
         product = float(across @ self._residuals)
         return abs(product) / max(np.sqrt(variance), 1e-300), -product / power
+
+
+def _straightened(series: FloatArray) -> FloatArray:
+    """Return a series, NaN where missing, less its straight line: a drift is no colour of the noise."""
+    known = ~np.isnan(series)
+    if known.sum() < 3:
+        return series
+    k = np.arange(len(series), dtype=float)
+    slope, level = np.polyfit(k[known], series[known], 1)
+    return np.asarray(series - slope * k - level)

@@ -147,7 +147,8 @@ class Refinement:
             return None  # taken out to first order: what is left of it would look like a delay
         for _ in range(ROUNDS):
             gain, direction = self._strongest(fit, channels=channels)
-            suspect = strongest_suspect(fit)
+            smooth = not channels and self._is_smooth(fit)  # a mean that is not found yet looks like anything
+            suspect = None if smooth else strongest_suspect(fit)
             accused = self._accused(fit, suspect) if suspect is not None and suspect.deviations**2 > gain else None
             if direction is None or (accused is not None and direction.unit is not None):
                 return accused and self._or_late(fit, accused)  # a mean is not freed for what a suspect explains
