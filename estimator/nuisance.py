@@ -150,8 +150,10 @@ class Refinement:
             smooth = not channels and self._is_smooth(fit)  # a mean that is not found yet looks like anything
             suspect = None if smooth else strongest_suspect(fit)
             accused = self._accused(fit, suspect) if suspect is not None and suspect.deviations**2 > gain else None
-            if direction is None or (accused is not None and direction.unit is not None):
-                return accused and self._or_late(fit, accused)  # a mean is not freed for what a suspect explains
+            if accused is not None and direction is not None and direction.unit is not None:
+                _, direction = self._strongest(fit, channels=channels, means=False)  # a mean is no rival to a suspect
+            if direction is None:
+                return accused and self._or_late(fit, accused)
             freed = self._freed(fit, direction)
             if accused is not None and (freed is None or misfit(accused) < misfit(freed)):
                 return self._or_late(fit, accused)
@@ -381,7 +383,7 @@ class Refinement:
         fit = dataclasses.replace(fit, polish=polish, treatment=treatment)
         return dataclasses.replace(fit, colours=colours(fit))
 
-    def _strongest(self, fit: Fit, *, channels: bool) -> tuple[float, Direction | None]:
+    def _strongest(self, fit: Fit, *, channels: bool, means: bool = True) -> tuple[float, Direction | None]:
         """Return the nuisance that would improve the fit most, to first order, and by how much chi-square falls.
 
         A channel's own delay only if `channels`: a running mean explains it as well.
@@ -391,6 +393,8 @@ class Refinement:
         best: tuple[float, Direction | None] = (FREED**2, None)
         for direction in directions(fit):
             if direction.name in self.rejected or (direction.is_channel and not channels):
+                continue
+            if direction.unit is not None and not means:
                 continue
             column = fit.treatment.apply(direction.column[None, :], weighted=True)[0]
             across = column - basis @ (basis.T @ column)

@@ -94,7 +94,7 @@ def test_a_mean_that_is_not_found_yet_is_not_taken_for_lost_samples(hand):
 
 @pytest.mark.parametrize("row", [row for row in TABLES["named"].rows if row.asked], ids=lambda row: row.title)
 def test_a_wrong_assumption_is_named(hand, row):
-    found = entries(hand, "named", row.title, [2])[0]
+    found = entries(hand, "named", row.title, [3])[0]
     visible = row.title != "gain of the current 0.9 or 1.1"  # no recording tells it where nothing is known
     assert (row.asked in found["named"]) == visible
 
