@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.noise import Colour, find_colour, quadratic
+from estimator.plan import Plan
 from estimator.polish import LeastSquares, Polish, information_parts
 from estimator.problem import Problem
 from estimator.treatment import Treatment
@@ -55,6 +56,16 @@ def with_coloured_errors(fit: Fit) -> Fit:
     errors = np.sqrt(np.diag(covariance)) * np.abs(scale)
     polish = dataclasses.replace(polish, covariance=covariance, standard_errors=errors, scores=middle)
     return dataclasses.replace(fit, polish=polish, colours=found)
+
+
+def at_given_bound(plan: Plan, polish: Polish) -> tuple[str, ...]:
+    """Return the parameters that lie at a bound which the case gives them."""
+    held = []
+    for parameter, side in zip(plan.parameters, polish.at_bound.tolist(), strict=True):
+        spec = plan.case.parameters.get(parameter.quantity or parameter.name)
+        if spec is not None and (spec.minimum if side < 0 else spec.maximum if side > 0 else None) is not None:
+            held.append(parameter.name)
+    return tuple(held)
 
 
 def squares(problem: Problem, treatment: Treatment) -> LeastSquares:

@@ -20,7 +20,17 @@ from estimator import layout
 from estimator.directions import AVERAGES, Direction, default_of, directions, starts
 from estimator.drift import with_drift
 from estimator.excitation import quantum
-from estimator.fit import Fit, chi_square, colours, inflation, log_likelihood, misfit, squares, with_coloured_errors
+from estimator.fit import (
+    Fit,
+    at_given_bound,
+    chi_square,
+    colours,
+    inflation,
+    log_likelihood,
+    misfit,
+    squares,
+    with_coloured_errors,
+)
 from estimator.freeing import free_delay, named, with_average, with_offset, with_place, without
 from estimator.noise import find_outliers
 from estimator.plan import ChainSpec, Plan
@@ -61,8 +71,11 @@ class Refinement:
     def run(self, problem: Problem, polish: Polish) -> Fit:
         """Return the fit with the nuisances that earn their place."""
         problem, polish = self._wanted(problem, polish)
+        untreated = Fit(problem, polish, Treatment.none(len(polish.residuals), len(problem.outputs)))
+        if at_given_bound(problem.plan, polish):  # then what does not fit is the bound's doing
+            return with_coloured_errors(untreated)
         polish = self._robust(problem, polish)
-        fit = self._treated(Fit(problem, polish, Treatment.none(len(polish.residuals), len(problem.outputs))))
+        fit = self._treated(dataclasses.replace(untreated, polish=polish))
         if self._is_numerical(fit):
             return fit
         for y in problem.outputs:  # an encoder's phase is never known

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from estimator import layout
 from estimator.excitation import noise_deviation, quantum
+from estimator.fit import at_given_bound
 from estimator.noise_level import beside_means
 from estimator.plan import MOTOR, Plan
 from estimator.polish import Polish
@@ -105,6 +106,8 @@ def judge(
         reasons += _drifts(fit)
         wrong = [*_betrayed(fit), *_gains(plan, values, fit), *_fast(plan, values)]
         reasons += wrong
+        if held := at_given_bound(plan, polish):
+            wrong.append(f"{', '.join(held)} may not go where the recording wants it")
         if wrong:  # numbers that stand on it are not to be relied on
             for name in set(plan.names) & set(MOTOR) - set(statuses):
                 statuses[name] = ParameterStatus("doubtful", wrong[0])

@@ -1,9 +1,12 @@
 """What cannot be estimated is refused with its evidence; what can be is not."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from motors import CML050, RMCS2004, Motor, held_response, recording_of, step_recording
 
+from estimator.case import ParameterSpec
 from estimator.estimate import estimate_recordings
 
 
@@ -104,3 +107,13 @@ def test_a_model_that_does_not_explain_the_data_is_doubtful(case_of, good):
     result = run(case_of(), made(good[0], shown, noise=(0.002, 0.1)))
     assert result.verdict == "doubtful"
     assert result.parameters
+
+
+def test_a_bound_that_is_wrong_is_blamed_and_not_the_bench(case_of):
+    """The truth, 0.01307 H, is out of reach; whatever else would explain the residuals is not looked for."""
+    case = dataclasses.replace(case_of("cuckoo"), parameters={"L": ParameterSpec("L", minimum=1e-4, maximum=0.01)})
+    (estimate,) = estimate_recordings([case], [[step_recording(CML050)]])
+    assert estimate.verdict == "doubtful" and not estimate.chain
+    assert estimate.reasons[0].startswith("L: the estimate lies at its upper bound 0.01; widen the bound")
+    assert not any("sag" in reason or "gain" in reason or "drift" in reason for reason in estimate.reasons)
+    assert {estimate.parameters[name].status for name in "RKJB"} == {"doubtful"}
