@@ -85,7 +85,7 @@ def main() -> None:
     for k in range(args.kills):
         process = start(args.folder, killed)
         try:
-            process.wait(timeout=rng.uniform(0.5, 1.2 * seconds / max(1, args.kills)))
+            process.wait(timeout=rng.uniform(1.0, 4.0 + 2 * seconds / max(1, args.kills)))
         except subprocess.TimeoutExpired:
             process.send_signal(signal.SIGKILL)
             process.wait()

@@ -39,9 +39,9 @@ def bench(seed: int) -> Bench:
 
 def distance(made: Bench, values: FloatArray) -> FloatArray:
     """Return the RMSE of current and speed, (2,), between the responses of R … B and of the true motor."""
-    time = np.arange(round(made.duration / made.step) + 1) * made.step - made.lead
+    time = np.arange(round(made.duration / made.step) + 1, dtype=float) * made.step - made.lead
     other = replace(made, motor=dict(zip(NAMES, values.tolist(), strict=True)))
-    errors = np.array(other.response(time)[:2]) - np.array(made.response(time)[:2])
+    errors = np.stack(other.response(time)[:2]) - np.stack(made.response(time)[:2])
     return np.asarray(np.sqrt(np.mean(errors**2, axis=1)))
 
 

@@ -42,7 +42,7 @@ ERROR_PRINTED = {  # %
 
 def step_recording(motor: str) -> Recording:
     """Return the paper's noise-free step response of a motor, simulated in dc_motor.fmu."""
-    time_s = np.arange(2801) * 1e-3
+    time_s = np.arange(2801, dtype=float) * 1e-3
     voltage = np.where(time_s >= 0.5 - 1e-9, 10.5, 0.0)
     shown = simulate("dc_motor", parameters=NOMINAL[motor], inputs={"v": voltage}, times=time_s)
     signals = {"voltage [V]": voltage, "current [A]": shown["i"], "speed [rad/s]": shown["w"]}

@@ -78,7 +78,7 @@ def sticking(fmu: Path, truth: dict[str, float]) -> Callable[[int], Recording]:
     """Return recordings of a motor that sticks at the first of three voltage levels, through the FMU."""
 
     def record(seed: int) -> Recording:
-        time = np.arange(1201) * 1e-3
+        time = np.arange(1201, dtype=float) * 1e-3
         voltage = np.select([time < 0.1, time < 0.4, time < 0.8], [0.0, 0.5, 6.0], 10.0)
         shown = simulate(str(fmu), parameters=truth, inputs={"v": voltage}, times=time)
         rng = np.random.default_rng(seed)

@@ -56,7 +56,7 @@ def machine() -> str:
 
 
 def signals(motor: dict[str, float]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    times = np.arange(SAMPLES) * 1e-3
+    times = np.arange(SAMPLES, dtype=float) * 1e-3
     voltage = np.where(times >= 0.5 - 1e-9, 10.5, 0.0)
     shown = simulate("dc_motor", parameters=motor, inputs={"v": voltage}, times=times)
     return times, voltage, np.column_stack([shown["i"], shown["w"]])

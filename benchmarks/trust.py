@@ -198,7 +198,8 @@ def robust_rows() -> Iterator[Row]:
 
     def drawn(seed: int, **changes: tuple[float, float]) -> Bench:
         rng = np.random.default_rng([seed, 4])
-        return replace(Bench(), **{name: rng.uniform(*ends) for name, ends in changes.items()})
+        found: dict[str, Any] = {name: rng.uniform(*ends) for name, ends in changes.items()}
+        return replace(Bench(), **found)
 
     yield Row("delay 0–300 ms", lambda s: drawn(s, delay=(0.0, 0.3)))
     yield Row("offsets ±20 mA, ±1 rad/s", lambda s: drawn(s, current_offset=(-0.02, 0.02), speed_offset=(-1, 1)))
