@@ -66,15 +66,14 @@ class _Attempts:
         if steady is not None and set(self.plan.names) == set(MOTOR) and needs_many(self.plan, polish):
             starts = many_starts(self.plan, polish, steady, box, count=STARTS, rng=run.rng)
             polish = self._best_of_many(polish, starts)
-        fit = self._refined(polish)
-        for other in self._other_starts(polish, start):
-            if self._is_good(fit):
+        for other in self._other_starts(polish, start):  # before the chain is asked: it would explain a false optimum
+            if self._is_good(self.problem, polish):
                 break
             tried = self._polished(other)
-            if self._is_better(tried, polish):
-                polish, fit = tried, self._refined(tried)
+            polish = tried if self._is_better(tried, polish) else polish
+        fit = self._refined(polish)
         for nests, generations in WIDER:
-            if self._is_good(fit):
+            if self._is_good(fit.problem, fit.polish):
                 break
             tried = self._polished(self._searched(Space.full(box), polish.values, nests, generations))
             if not self._is_better(tried, polish):
@@ -148,7 +147,7 @@ class _Attempts:
         weighted = polish.residuals * (polish.deviations / self.sigma)[self.problem.output_of_residual]
         return float(weighted @ weighted)
 
-    def _is_good(self, fit: Fit) -> bool:
+    def _is_good(self, problem: Problem, polish: Polish) -> bool:
         """Whether the residuals are no larger than the noise of the data."""
-        allowed = np.maximum(POOR_FIT * beside_means(fit.problem.plan, self.floor), NOISE_FREE * self.problem.spread)
-        return bool(np.all(fit.problem.noise_shown(fit.polish.deviations) <= allowed))
+        allowed = np.maximum(POOR_FIT * beside_means(problem.plan, self.floor), NOISE_FREE * self.problem.spread)
+        return bool(np.all(problem.noise_shown(polish.deviations) <= allowed))
