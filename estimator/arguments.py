@@ -40,7 +40,7 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
     """
     joined = _joined(arguments)
     parser = command_line()
-    _check_command(parser, joined)
+    _check_words(parser, joined)
     return parser.parse_args(joined)
 
 
@@ -51,6 +51,11 @@ class _Parser(argparse.ArgumentParser):
         """Say what is wrong with the usage and leave with status 2."""
         remedy = "" if "; " in message else f"; see {self.prog} --help"
         self.exit(BAD_INPUT, f"{self.prog}: {message}{remedy}\n")
+
+    @property
+    def flags(self) -> tuple[str, ...]:
+        """The options that it knows, as they are written."""
+        return tuple(self._option_string_actions)
 
 
 def command_line() -> argparse.ArgumentParser:
@@ -82,7 +87,7 @@ def command_line() -> argparse.ArgumentParser:
         _add_completion,
     ):
         add(commands)
-    parser.set_defaults(names=tuple(commands.choices))
+    parser.set_defaults(flags={"": parser.flags, **{name: own.flags for name, own in commands.choices.items()}})
     return parser
 
 
@@ -437,12 +442,20 @@ def _joined(arguments: Sequence[str]) -> list[str]:
     return joined
 
 
-def _check_command(parser: argparse.ArgumentParser, arguments: Sequence[str]) -> None:
-    """Leave with a suggestion if the first word is no command."""
-    names: Sequence[str] = parser.get_default("names")
-    name = next((argument for argument in arguments if not argument.startswith("-")), None)
-    if name is None or name in names:
-        return
-    nearest = get_close_matches(name, names, n=1)
-    meant = f"; did you mean {nearest[0]!r}?" if nearest else ""
-    parser.error(f"there is no command {name!r}{meant} ({', '.join(names)})")
+def _check_words(parser: argparse.ArgumentParser, arguments: Sequence[str]) -> None:
+    """Leave with a suggestion if the first word is no command, or one that begins with -- none of its options."""
+    flags: dict[str, tuple[str, ...]] = parser.get_default("flags")
+    name = next((argument for argument in arguments if not argument.startswith("-")), "")
+    if name not in flags:
+        names = [n for n in flags if n]
+        parser.error(f"there is no command {name!r}{_meant(name, names)} ({', '.join(names)})")
+    options = arguments[: arguments.index("--")] if "--" in arguments else arguments
+    for option in (argument.partition("=")[0] for argument in options if argument.startswith("--")):
+        if option not in flags[name] and option not in flags[""] and (meant := _meant(option, flags[name])):
+            parser.error(f"unrecognized arguments: {option}{meant}")
+
+
+def _meant(word: str, known: Sequence[str]) -> str:
+    """Return a question for the nearest of the words that are known; empty if none is near."""
+    nearest = get_close_matches(word, known, n=1)
+    return f"; did you mean {nearest[0]!r}?" if nearest else ""
