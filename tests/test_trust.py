@@ -68,7 +68,7 @@ def test_encoder_counts_come_near_the_bound(hand, motor):
 
 @pytest.mark.parametrize(("motor", "seeds"), [("CML-050", [116, 131]), ("RMCS2004", [113])])
 def test_a_false_optimum_is_left_before_the_chain_could_explain_it(hand, motor, seeds):
-    """Here the first search ends at L → 0, which a delay, a mean and a sagging supply explain to 1.4 times the noise."""
+    """Here the first search ends at L → 0, which a delay, a mean and a sag explain to 1.4 times the noise."""
     found = entries(hand, "bound", f"{motor}, encoder counts", seeds)
     assert [e["verdict"] for e in found] == ["ok"] * len(seeds)
     assert np.max(np.abs(deviations(found))) < 4
