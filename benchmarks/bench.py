@@ -35,6 +35,7 @@ class Bench:
     current_ripple, speed_ripple : amplitudes, A, rad/s, with their orders of the angle
     drift : relative change of B over the record, centred on it
     coulomb : N·m
+    delay, speed_delay : s, of both signals behind the voltage; of the speed behind the current, too
     sag : part of the voltage that is missing at first; sag_time : s in which it comes back
     clock_loss : (sample after the step, lost samples)
     """
@@ -57,6 +58,7 @@ class Bench:
     drift: float = 0.0
     coulomb: float = 0.0
     delay: float = 0.0
+    speed_delay: float = 0.0
     current_offset: float = 0.0
     speed_offset: float = 0.0
     current_gain: float = 1.0
@@ -80,6 +82,8 @@ class Bench:
             taken = np.where(k >= round(self.lead / self.step) + at, taken + lost * self.step, taken)
         on = round(self.lead / self.step) * self.step + self.delay
         i, w, angle = self.response(taken - on)
+        if self.speed_delay:
+            _, w, angle = self.response(taken - on - self.speed_delay)
         i = i + self.current_ripple * np.cos(self.current_order * angle + rng.uniform(0, 2 * np.pi)) * (taken > on)
         phase = rng.uniform(0, 2 * np.pi)
         if self.speed_ripple:

@@ -115,6 +115,8 @@ def named(found: Estimate) -> set[str]:
         "supply sag": "supply's voltage seems to sag",
         "lost samples": "check the logger's clock",
         "dry friction": "dry (Coulomb) friction",
+        "gain": "shown with a gain of",
+        "channel delay": "ms late would explain the recording as well",
         "drift": "drifts by",
         "ripple": "has a ripple of order",
         "alias": "the motor oscillates at",
@@ -123,7 +125,9 @@ def named(found: Estimate) -> set[str]:
     names = {name for name, words in said.items() if words in text}
     if "the transient is lost" in text:
         names.add("lost samples")
-    return names | {n.split()[0] for n in found.chain if n.split()[0] in ("delay", "offset", "gain")}
+    if any(n.startswith("delay ") for n in found.chain):  # of one channel: the recording's has no more words
+        names.add("channel delay")
+    return names | {n.split()[0] for n in found.chain if n == "delay" or n.split()[0] in ("offset", "gain")}
 
 
 # The tables
@@ -190,6 +194,8 @@ def wrong_rows() -> Iterator[Row]:
     yield Row("offset of the current 10 mA", made(current_offset=lambda r: r.choice([-0.01, 0.01])), asked="offset")
     yield Row("supply sags by 5 %, 30 ms", made(sag=lambda r: 0.05), asked="supply sag")
     yield Row("half of the friction dry", dry, asked="dry friction")
+    late = made(speed_delay=lambda r: r.uniform(0.5e-3, 3e-3))
+    yield Row("speed shown 0.5 to 3 ms late", late, asked="channel delay")
     yield Row("five samples lost", made(clock_loss=lambda r: (int(r.integers(3, 25)), 5)), asked="lost samples")
 
 

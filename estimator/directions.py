@@ -37,6 +37,11 @@ class Direction:
         """What it is where nothing is wrong."""
         return default_of(self.name)
 
+    @property
+    def is_gain(self) -> bool:
+        """Whether it is a channel's gain."""
+        return self.name.startswith("gain ")
+
 
 def default_of(name: str) -> float:
     """Return what a nuisance is where nothing is wrong."""

@@ -32,12 +32,13 @@ from estimator.fit import (
     with_coloured_errors,
 )
 from estimator.freeing import free_delay, named, with_average, with_offset, with_place, without
+from estimator.lost_samples import Loss, best_loss, can_be_set_right, with_loss
 from estimator.noise import find_outliers
 from estimator.plan import ChainSpec, Plan
 from estimator.polish import LeastSquares, Polish
 from estimator.problem import Problem
-from estimator.suspects import LOST, renewed, strongest_suspect
-from estimator.treatment import Accused, Treatment, find_treatment
+from estimator.suspects import LOST, renewed, set_right, strongest_suspect
+from estimator.treatment import Accused, Treatment, find_treatment, onset
 
 FloatArray = NDArray[np.float64]
 
@@ -156,7 +157,7 @@ class Refinement:
 
     def _step(self, fit: Fit, *, channels: bool) -> Fit | None:
         """Free the strongest nuisance, or accuse the strongest suspect, whichever explains more; None if none does."""
-        if any(a.name == LOST for a in fit.treatment.accused):
+        if any(a.name == LOST and len(a.rows) for a in fit.treatment.accused):
             return None  # taken out to first order: what is left of it would look like a delay
         for _ in range(ROUNDS):
             gain, direction = self._strongest(fit, channels=channels)
@@ -166,38 +167,51 @@ class Refinement:
             if accused is not None and direction is not None and direction.unit is not None:
                 _, direction = self._strongest(fit, channels=channels, means=False)  # a mean is no rival to a suspect
             if direction is None:
-                return accused and self._or_late(fit, accused)
+                return accused and self._weighed(fit, accused)
             freed = self._freed(fit, direction)
             if accused is not None and (freed is None or misfit(accused) < misfit(freed)):
-                return self._or_late(fit, accused)
+                return self._weighed(fit, accused)
             if freed is not None:
                 self.rejected.clear()
-                is_mean = direction.name.partition(" ")[0] in ("mean", "average")
-                return self._or_late(fit, freed) if is_mean else freed
+                return freed if smooth else self._weighed(fit, freed, direction)
             self.rejected.add(direction.name)
         return None
 
-    def _or_late(self, fit: Fit, taken: Fit) -> Fit:
-        """Return a fit with a mean or an accusation, or one with a channel's delay where that explains far more.
+    def _weighed(self, fit: Fit, taken: Fit, direction: Direction | None = None) -> Fit:
+        """Return a fit with an accusation or with what was freed, or the rival that explains far more.
 
-        Where an accusation explains as much, it stays, so that the estimate is doubtful, and the delay is told.
+        Where an accusation or a gain explains nearly as much as the best, it is kept, so that the estimate is
+        doubtful, and what else does so is told.
+
+        Parameters
+        ----------
+        direction : Direction or None
+            What was freed; None for an accusation.
         """
-        best = taken
-        for late in directions(fit):
-            if not late.is_channel or late.name in self.rejected:
-                continue
-            product = float(late.column @ fit.polish.residuals) / float(late.column @ late.column)
-            rival = self._freed(fit, dataclasses.replace(late, starts=starts(late, -product, fit.problem)))
-            if rival is None:
-                continue
-            if _score(rival) < _score(taken) - FREED**2:
-                best = rival
-            elif _score(rival) < _score(taken) + FREED**2 and len(taken.treatment.accused) > len(fit.treatment.accused):
-                delay = rival.polish.values[rival.problem.plan.names.index(late.name)]
-                channel = late.name.partition(" ")[2]
-                told = f"{channel} shown {1e3 * delay:.2g} ms late would explain the recording as well; measure it"
-                best = dataclasses.replace(taken, nearly=(*taken.nearly, told))
-        return best
+        rivals: list[tuple[Fit, Direction | None]] = []
+        is_mean = direction is not None and direction.unit is not None
+        if direction is None or is_mean:
+            rivals = [(r, d) for d in directions(fit) if (r := self._rival(fit, d, gains=not is_mean)) is not None]
+        elif (direction.is_channel or direction.is_gain) and (suspect := strongest_suspect(fit)) is not None:
+            rivals = [(self._accused(fit, suspect), None)]
+        every = [(taken, direction), *rivals]
+        lowest = min(_score(f) for f, _ in every)
+        near = [(f, d) for f, d in every if _score(f) <= lowest + FREED**2]
+        doubtful = [f for f, d in near if d is None or d.is_gain]
+        if not doubtful:
+            return taken if near[0][0] is taken else min(near, key=lambda n: _score(n[0]))[0]
+        best = min(doubtful, key=_score)
+        told = tuple(_as_well(f, d) for f, d in near if f is not best and (d is None or d.unit is None))
+        return dataclasses.replace(best, nearly=(*best.nearly, *told))
+
+    def _rival(self, fit: Fit, direction: Direction, *, gains: bool) -> Fit | None:
+        """Free a channel's delay, or its gain, that may explain what an accusation does; None if it does not."""
+        if not (direction.is_channel or (gains and direction.is_gain)) or direction.name in self.rejected:
+            return None
+        product, power = self._first_order(fit, direction)
+        if power == 0:
+            return None
+        return self._freed(fit, dataclasses.replace(direction, starts=starts(direction, -product / power, fit.problem)))
 
     def _accused(self, fit: Fit, suspect: Accused) -> Fit:
         """Take a wrong assumption out of the residuals, and fit again."""
@@ -205,10 +219,34 @@ class Refinement:
         self.rejected.clear()
         found = self._treated(dataclasses.replace(fit, treatment=treatment), again=True)
         if suspect.name == LOST:  # the places move with the fit
-            return found
+            return self._set_right(found, suspect) or found
         last = renewed(found, suspect)
         treatment = dataclasses.replace(found.treatment, accused=(*fit.treatment.accused, last))
         return self._treated(dataclasses.replace(found, treatment=treatment), again=True)
+
+    def _set_right(self, fit: Fit, lost: Accused) -> Fit | None:
+        """Put rows that were lost back where that explains the recording better than their effect to first order."""
+        plan = fit.problem.plan
+        if lost.size < 0 or not can_be_set_right(plan):
+            return None
+
+        def rough(loss: Loss) -> Fit:
+            problem = self.rebuild(with_loss(plan, loss))
+            plain = Treatment.none(len(problem.output_of_residual), len(plan.outputs))
+            values, deviations = squares(problem, plain).quick(fit.polish.values, fit.polish.deviations)
+            polish = dataclasses.replace(fit.polish, values=values, deviations=deviations)
+            return dataclasses.replace(fit, problem=problem, polish=polish, treatment=plain)
+
+        time = plan.observed[0].recording.time
+        earliest = onset(fit.problem, 0, fit.polish.values)
+        first = Loss(lost.place, max(1, round(lost.size)))
+        loss = best_loss(first, lambda loss: misfit(rough(loss)), earliest=earliest, rows=len(time))
+        found = rough(loss)
+        again = squares(found.problem, found.treatment).polish(found.polish.values, found.polish.deviations)
+        known = set_right(lost, loss.place, loss.count, float(time[loss.place]))
+        treatment = dataclasses.replace(found.treatment, accused=(*fit.treatment.accused[:-1], known))
+        found = self._treated(dataclasses.replace(found, polish=again, treatment=treatment), again=True)
+        return found if _score(found) < _score(fit) + FREED**2 else None
 
     def _without_idle(self, fit: Fit) -> Fit:
         """Fix again what was freed at first and has become insignificant beside what was freed later."""
@@ -396,25 +434,31 @@ class Refinement:
         fit = dataclasses.replace(fit, polish=polish, treatment=treatment)
         return dataclasses.replace(fit, colours=colours(fit))
 
+    def _first_order(self, fit: Fit, direction: Direction) -> tuple[float, float]:
+        """Return a direction's product with the residuals and its power, free of the parameters; 0 if they explain it."""
+        jacobian = fit.polish.jacobian[:, fit.polish.at_bound == 0]
+        basis = np.linalg.qr(jacobian)[0] if jacobian.shape[1] else jacobian
+        column = fit.treatment.apply(direction.column[None, :], weighted=True)[0]
+        across = column - basis @ (basis.T @ column)
+        power = float(across @ across)
+        if power <= 1e-9 * float(column @ column):
+            return 0.0, 0.0
+        return float(across @ fit.polish.residuals), power
+
     def _strongest(self, fit: Fit, *, channels: bool, means: bool = True) -> tuple[float, Direction | None]:
         """Return the nuisance that would improve the fit most, to first order, and by how much chi-square falls.
 
         A channel's own delay only if `channels`: a running mean explains it as well.
         """
-        jacobian = fit.polish.jacobian[:, fit.polish.at_bound == 0]
-        basis = np.linalg.qr(jacobian)[0] if jacobian.shape[1] else jacobian
         best: tuple[float, Direction | None] = (FREED**2, None)
         for direction in directions(fit):
             if direction.name in self.rejected or (direction.is_channel and not channels):
                 continue
             if direction.unit is not None and not means:
                 continue
-            column = fit.treatment.apply(direction.column[None, :], weighted=True)[0]
-            across = column - basis @ (basis.T @ column)
-            power = float(across @ across)
-            if power <= 1e-9 * float(column @ column):
-                continue  # what the parameters explain cannot be told
-            product = float(across @ fit.polish.residuals)
+            product, power = self._first_order(fit, direction)
+            if power == 0:
+                continue
             if direction.unit is None:
                 gain = product**2 / power
                 begin = starts(direction, -product / power, fit.problem)
@@ -429,3 +473,14 @@ class Refinement:
 def _score(fit: Fit) -> float:
     """Return a fit's misfit, each sample that is left out as an outlier counted as one."""
     return misfit(fit) + FREED**2 * float(np.sum(fit.treatment.keep == 0))
+
+
+def _as_well(rival: Fit, direction: Direction | None) -> str:
+    """Say that an accusation, or a channel's delay or gain, explains a recording as well as what was taken."""
+    if direction is None:
+        return f"it would be explained as well otherwise: {rival.treatment.accused[-1].sentence}"
+    size = float(rival.polish.values[rival.problem.plan.names.index(direction.name)])
+    channel = direction.name.partition(" ")[2]
+    if direction.is_gain:
+        return f"{channel} shown with a gain of {size:.4g} would explain the recording as well; check its scale"
+    return f"{channel} shown {1e3 * size:.2g} ms late would explain the recording as well; measure it"

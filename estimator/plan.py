@@ -36,6 +36,8 @@ class Observed:
         s, of the outputs behind the inputs as the case says it, or as the data show it at first sight; 0 where the
         parameters have a delay.
     notes : sentences about what was done to its samples
+    logged : Observed or None
+        As it was logged, where rows that its logger lost have been put back.
     """
 
     recording: Recording
@@ -45,6 +47,7 @@ class Observed:
     lead: int
     delay: float = 0.0
     notes: tuple[str, ...] = ()
+    logged: Observed | None = None
 
 
 @dataclass(frozen=True)

@@ -138,7 +138,7 @@ def lost_transients(plan: Plan, motor: Mapping[str, float] | None = None) -> lis
     With R, K and J of an estimate the jump is held against the largest acceleration that the voltage allows, K v / R J.
     """
     reasons = []
-    for o in plan.observed:
+    for o in (o.logged or o for o in plan.observed):
         lost = (
             lost_transient(o.excitation, o.outputs["w"]) if o.excitation.kind == "step" and "w" in o.outputs else None
         )

@@ -46,6 +46,7 @@ class Suspect:
     tell: Callable[[float, float], str]
     least: float = 0.0  # size in either way
     positive: bool = False  # of no other sign
+    place: int = 0
     again: Callable[[float], FloatArray] | None = None  # the rows, (n, 3), for a unit at a size that is not small
 
 
@@ -73,7 +74,7 @@ def strongest_suspect(fit: Fit) -> Accused | None:
             and abs(size) >= suspect.least
             and (size > 0 or not suspect.positive)
         ):
-            best = Accused(suspect.name, z, suspect.tell(size, z), rows, size, which)
+            best = Accused(suspect.name, z, suspect.tell(size, z), rows, size, which, suspect.place)
     return best
 
 
@@ -125,7 +126,7 @@ def _suspects(plan: Plan, values: dict[str, float], start: int) -> Iterator[Susp
     places = places[:: max(1, len(places) // LOST_FROM)]
     for k in places[1:].tolist():
         lost = slope * (np.arange(len(after)) >= k)[:, None]
-        yield Suspect(LOST, _turned(lost, h), _lost(float(o.recording.time[k])), least=LEAST_LOST)
+        yield Suspect(LOST, _turned(lost, h), _lost(float(o.recording.time[k])), least=LEAST_LOST, place=k)
 
 
 def _turned(rows: FloatArray, step: float) -> FloatArray:
@@ -153,6 +154,16 @@ def _lost(time: float) -> Callable[[float, float], str]:
         f"some {abs(size):.1f} samples seem to {'be missing' if size > 0 else 'have been repeated'} at about"
         f" t = {time:.4g} s ({z:.1f} standard deviations); check the logger's clock"
     )
+
+
+def set_right(accused: Accused, place: int, count: int, time: float) -> Accused:
+    """Return lost samples of which place and number are known, and which are put back."""
+    sentence = (
+        f"{count} sample{' seems' if count == 1 else 's seem'} to be missing before t = {time:.4g} s"
+        f" ({accused.deviations:.1f} standard deviations); what follows is compared at its time; check the logger's"
+        " clock"
+    )
+    return replace(accused, sentence=sentence, rows=accused.rows[:0], size=float(count), place=place)
 
 
 def _modes(values: dict[str, float]) -> FloatArray:

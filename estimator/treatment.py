@@ -22,7 +22,10 @@ SMOOTH = 5  # degree of the polynomial by which the model's angle is corrected
 
 @dataclass(frozen=True)
 class Accused:
-    """A wrong assumption that was believed: its standard deviations, and what the outputs would do, (n, q)."""
+    """A wrong assumption that was believed: its standard deviations, and what the outputs would do, (n, q).
+
+    No rows where it is set right in the plan. The place is that of what happens at one time, in rows.
+    """
 
     name: str
     deviations: float
@@ -30,6 +33,7 @@ class Accused:
     rows: FloatArray
     size: float = 0.0
     which: int = 0  # of all that were tried
+    place: int = 0
 
 
 @dataclass(frozen=True)
@@ -86,10 +90,10 @@ def find_treatment(
     plan, m, q, values = problem.plan, len(raw), len(problem.outputs), polish.values
     scale = polish.deviations[problem.output_of_residual]
     keep, lost = np.ones(m), np.zeros(q)
-    columns: list[FloatArray] = [problem.spread_out([a.rows]) for a in accused]
+    columns: list[FloatArray] = [problem.spread_out([a.rows]) for a in accused if len(a.rows)]
     ripples: list[tuple[str, Ripple]] = []
     outliers: list[tuple[str, int]] = []
-    if accused:  # what it explains is no outlier
+    if columns:  # what it explains is no outlier
         raw = Treatment(keep, np.zeros((m, 0)), lost, scale).also(columns).apply(raw[None, :])[0]
     for j, name in enumerate(problem.outputs):
         for e, (series, index) in enumerate(problem.series(raw, j)):

@@ -107,6 +107,11 @@ def test_a_wrong_assumption_is_named(hand, row):
     assert (row.asked in found["named"]) == visible
 
 
+def test_a_gain_and_a_dry_friction_that_explain_a_recording_as_well_are_both_told(hand):
+    found = entries(hand, "named", "gain of the current 0.9 or 1.1, B known", [2])[0]  # the friction by a little
+    assert found["verdict"] == "doubtful" and set(found["named"]) == {"dry friction", "gain"}
+
+
 def test_the_scaled_information_is_that_of_the_closed_form():
     told = run(Bench()).information
     columns = np.column_stack([bound._sensitivity(Bench(), name) for name in NAMES])
