@@ -435,7 +435,7 @@ class Refinement:
         return dataclasses.replace(fit, colours=colours(fit))
 
     def _first_order(self, fit: Fit, direction: Direction) -> tuple[float, float]:
-        """Return a direction's product with the residuals and its power beside the parameters; 0 if these explain it."""
+        """Return a direction's product with the residuals and its power beside the parameters; 0 if they explain it."""
         jacobian = fit.polish.jacobian[:, fit.polish.at_bound == 0]
         basis = np.linalg.qr(jacobian)[0] if jacobian.shape[1] else jacobian
         column = fit.treatment.apply(direction.column[None, :], weighted=True)[0]
