@@ -20,6 +20,8 @@ FloatArray = NDArray[np.float64]
 MOVES = 12.0  # deviations of the noise from end to end: more is a movement
 IMPOSSIBLE = 1.5  # times the largest acceleration
 CONTRADICTED = "an impossible acceleration"
+OVER, STILL = 6, 0.1  # samples after a jump; part of the response: within both the jump was all that happened
+FASTER = 10  # samples in what is one now
 RECTIFIED = 50  # samples at rest that tell a lost sign
 
 
@@ -155,6 +157,22 @@ def lost_transients(plan: Plan, motor: Mapping[str, float] | None = None) -> lis
         reasons.append(
             f"{o.recording.title}: the speed jumps by {100 * part:.0f} % of its response within one sample at"
             f" t = {o.recording.time[k]:.6g} s{evidence}: the transient is lost, and R, L and J with it;"
-            " record at a higher rate, without gaps"
+            f" {_faster(o, k)}, without gaps"
         )
     return reasons
+
+
+def _faster(o: Observed, k: int) -> str:
+    """Return how to record what is lost before row k: all of a motor that is fast, or a part of a slow response."""
+    known = np.flatnonzero(~np.isnan(o.outputs["w"]))
+    w = np.interp(np.arange(len(o.outputs["w"])), known, o.outputs["w"][known])
+    rest, final = float(np.mean(w[: max(1, o.excitation.index)])), float(np.mean(w[-max(5, (len(w) - k) // 10) :]))
+    still, noise = STILL * float(np.ptp(w)), MOVES / 2 * noise_deviation(o.outputs["w"])
+    after = float(np.mean(w[k + 1 : k + 1 + OVER])) if k + 1 < len(w) else final
+    if abs(w[k - 1] - rest) > still + noise or abs(after - final) > still + noise / np.sqrt(OVER):
+        return "record at a higher rate"
+    rate = 1 / o.recording.step
+    return (
+        f"an oscillation above half the sampling rate of {rate:g} Hz may be what is lost (aliasing);"
+        f" record at {FASTER * rate:g} Hz or more"
+    )

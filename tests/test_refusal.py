@@ -70,6 +70,8 @@ def test_a_lost_transient_still_gives_what_the_steady_state_gives(case_of, good)
     keep = np.r_[0:301, 400:1500]
     result = refused(case_of, made(good[0][keep], good[1][keep]), "the transient is lost")
     note = next(n for n in result.notes if "the settled part still tells" in n)
+    assert "an oscillation above half the sampling rate of 1000 Hz may be what is lost (aliasing)" in result.reasons[0]
+    assert "record at 10000 Hz or more" in result.reasons[0]
     ratio = float(note.split("B = ")[1].split()[0])
     assert ratio == pytest.approx(CML050.B / CML050.K, rel=0.02)
 
@@ -83,7 +85,9 @@ def test_good_recordings_are_not_refused(case_of):
 
 def test_an_impossible_acceleration(case_of, good):
     keep = np.r_[0:303, 309:1500]  # six samples of the steepest part are missing
-    refused(case_of, made(good[0][keep], good[1][keep]), "an impossible acceleration", "the transient is lost")
+    lost = made(good[0][keep], good[1][keep])
+    result = refused(case_of, lost, "an impossible acceleration", "the transient is lost")
+    assert "aliasing" not in result.reasons[0]  # what remains of the response is slow
 
 
 def test_a_fast_motor_is_doubtful_and_not_refused(case_of):

@@ -140,11 +140,14 @@ def test_a_fast_motor_is_estimated_from_few_samples():
 
 @pytest.mark.full
 def test_an_aliased_motor_is_said_to_be():
-    seed = next(s for s in range(200) if aliases(random_motor(s)) and s not in (10, 12))
-    result = run(Bench(motor=random_motor(seed)), seed)
-    text = " ".join(result.reasons)
-    assert "the motor oscillates at" in text or "the transient is lost" in text
-    assert all(p.status != "ok" for p in result.parameters.values())
+    refused = {10, 12, 30, 73, 137, 193, 197}  # over within a sample
+    seeds = [s for s in range(200) if aliases(random_motor(s))]
+    assert refused < set(seeds)
+    for seed in (12, next(s for s in seeds if s not in refused)):
+        result = run(Bench(motor=random_motor(seed)), seed)
+        told = "may be what is lost (aliasing)" if seed in refused else "the motor oscillates at"
+        assert told in " ".join(result.reasons)
+        assert all(p.status != "ok" for p in result.parameters.values())
 
 
 @pytest.mark.parametrize(
