@@ -13,7 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimator import layout
-from estimator.plan import Observed, Plan
+from estimator.fit import Fit, misfit, squares
+from estimator.plan import ChainSpec, Observed, Plan
+from estimator.problem import Problem
+from estimator.treatment import Accused, Treatment, onset
 
 STRIDES = (1, 4)  # rows by which a place is moved
 MOVES = 60  # of place or number, at most
@@ -51,8 +54,8 @@ def with_loss(plan: Plan, loss: Loss) -> Plan:
     outputs = {}
     for name, y in o.outputs.items():
         y = y.copy()
-        if plan.sensors[name] == layout.MEAN:  # over the gap and the interval after it
-            y[k] = np.nan
+        reach = plan.chains.get(name, ChainSpec()).average - 1 + (plan.sensors[name] == layout.MEAN)
+        y[k : k + reach] = np.nan  # means over the gap and what follows it
         outputs[name] = np.insert(y, k, np.full(n, np.nan))
     whole = Observed(
         recording,
@@ -80,3 +83,41 @@ def best_loss(first: Loss, score: Callable[[Loss], float], *, earliest: int, row
             break
         best = lowest
     return best
+
+
+def put_back(fit: Fit, lost: Accused, rebuild: Callable[[Plan], Problem]) -> Fit:
+    """Return a fit, not treated yet, with the rows that the last accusation says are lost put back.
+
+    Parameters
+    ----------
+    rebuild : callable
+        A plan → a problem.
+    """
+    plan = fit.problem.plan
+
+    def rough(loss: Loss) -> Fit:
+        problem = rebuild(with_loss(plan, loss))
+        plain = Treatment.none(len(problem.output_of_residual), len(plan.outputs))
+        values, deviations = squares(problem, plain).quick(fit.polish.values, fit.polish.deviations)
+        polish = dataclasses.replace(fit.polish, values=values, deviations=deviations)
+        return dataclasses.replace(fit, problem=problem, polish=polish, treatment=plain)
+
+    logged = plan.observed[0].logged or plan.observed[0]
+    earliest, rows = onset(fit.problem, 0, fit.polish.values), len(logged.recording.time)
+    first = Loss(lost.place, max(1, round(lost.size)))
+    loss = best_loss(first, lambda loss: misfit(rough(loss)), earliest=earliest, rows=rows)
+    found = rough(loss)
+    polish = squares(found.problem, found.treatment).polish(found.polish.values, found.polish.deviations)
+    known = _known(lost, loss, float(logged.recording.time[loss.place]))
+    treatment = dataclasses.replace(found.treatment, accused=(*fit.treatment.accused[:-1], known))
+    return dataclasses.replace(found, polish=polish, treatment=treatment)
+
+
+def _known(lost: Accused, loss: Loss, time: float) -> Accused:
+    """Return lost samples of which place and number are known: they take no rows out any more."""
+    sentence = (
+        f"{loss.count} sample{' seems' if loss.count == 1 else 's seem'} to be missing before t = {time:.4g} s"
+        f" ({lost.deviations:.1f} standard deviations); what follows is compared at its time; check the logger's"
+        " clock"
+    )
+    return dataclasses.replace(lost, sentence=sentence, rows=lost.rows[:0], size=float(loss.count), place=loss.place)

@@ -32,13 +32,13 @@ from estimator.fit import (
     with_coloured_errors,
 )
 from estimator.freeing import free_delay, named, with_average, with_offset, with_place, without
-from estimator.lost_samples import Loss, best_loss, can_be_set_right, with_loss
+from estimator.lost_samples import can_be_set_right, put_back
 from estimator.noise import find_outliers
 from estimator.plan import ChainSpec, Plan
 from estimator.polish import LeastSquares, Polish
 from estimator.problem import Problem
-from estimator.suspects import LOST, renewed, set_right, strongest_suspect
-from estimator.treatment import Accused, Treatment, find_treatment, onset
+from estimator.suspects import LOST, renewed, strongest_suspect
+from estimator.treatment import Accused, Treatment, find_treatment
 
 FloatArray = NDArray[np.float64]
 
@@ -225,28 +225,12 @@ class Refinement:
         return self._treated(dataclasses.replace(found, treatment=treatment), again=True)
 
     def _set_right(self, fit: Fit, lost: Accused) -> Fit | None:
-        """Put rows that were lost back where that explains the recording better than their effect to first order."""
-        plan = fit.problem.plan
-        if lost.size < 0 or not can_be_set_right(plan):
+        """Put rows that were lost back where that explains the recording as well as their effect to first order."""
+        if lost.size < 0 or not can_be_set_right(fit.problem.plan):
             return None
-
-        def rough(loss: Loss) -> Fit:
-            problem = self.rebuild(with_loss(plan, loss))
-            plain = Treatment.none(len(problem.output_of_residual), len(plan.outputs))
-            values, deviations = squares(problem, plain).quick(fit.polish.values, fit.polish.deviations)
-            polish = dataclasses.replace(fit.polish, values=values, deviations=deviations)
-            return dataclasses.replace(fit, problem=problem, polish=polish, treatment=plain)
-
-        time = plan.observed[0].recording.time
-        earliest = onset(fit.problem, 0, fit.polish.values)
-        first = Loss(lost.place, max(1, round(lost.size)))
-        loss = best_loss(first, lambda loss: misfit(rough(loss)), earliest=earliest, rows=len(time))
-        found = rough(loss)
-        again = squares(found.problem, found.treatment).polish(found.polish.values, found.polish.deviations)
-        known = set_right(lost, loss.place, loss.count, float(time[loss.place]))
-        treatment = dataclasses.replace(found.treatment, accused=(*fit.treatment.accused[:-1], known))
-        found = self._treated(dataclasses.replace(found, polish=again, treatment=treatment), again=True)
-        return found if _score(found) < _score(fit) + FREED**2 else None
+        found = self._treated(put_back(fit, lost, self.rebuild), again=True)
+        fewer = misfit(found) - log_likelihood(fit.problem, found.polish.deviations)  # samples that are left out now
+        return found if _score(found) - fewer < _score(fit) + FREED**2 else None
 
     def _without_idle(self, fit: Fit) -> Fit:
         """Fix again what was freed at first and has become insignificant beside what was freed later."""

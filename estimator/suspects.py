@@ -156,16 +156,6 @@ def _lost(time: float) -> Callable[[float, float], str]:
     )
 
 
-def set_right(accused: Accused, place: int, count: int, time: float) -> Accused:
-    """Return lost samples of which place and number are known, and which are put back."""
-    sentence = (
-        f"{count} sample{' seems' if count == 1 else 's seem'} to be missing before t = {time:.4g} s"
-        f" ({accused.deviations:.1f} standard deviations); what follows is compared at its time; check the logger's"
-        " clock"
-    )
-    return replace(accused, sentence=sentence, rows=accused.rows[:0], size=float(count), place=place)
-
-
 def _modes(values: dict[str, float]) -> FloatArray:
     R, K, L, J, B = (values[n] for n in ("R", "K", "L", "J", "B"))
     return np.array([[-R / L, -K / L], [K / J, -B / J]])

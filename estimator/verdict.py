@@ -116,7 +116,7 @@ def judge(
         told = {n for n in ("R", "J") if n not in statuses or statuses[n].status != "not identified"}
         impossible = any(CONTRADICTED in sentence for sentence in lost)
         if lost and (impossible or told != {"R", "J"} or _misfit(plan, shown, noise, spread)):
-            return Judgement("refused", tuple(lost), {}, refused_notes(plan))
+            return Judgement("refused", tuple(lost), {}, (*refused_notes(plan), *_put_back(fit)))
         reasons += lost
     else:
         reasons += _fast(plan, values)
@@ -260,6 +260,11 @@ def _drifts(fit: Fit | None) -> list[str]:
 def _betrayed(fit: Fit | None) -> list[str]:
     """Name the wrong assumptions that the residuals betray."""
     return [] if fit is None else [a.sentence for a in fit.treatment.accused]
+
+
+def _put_back(fit: Fit | None) -> list[str]:
+    """Say which samples explain the recording if they are missing, where the jump that they make is refused."""
+    return [] if fit is None else [a.sentence for a in fit.treatment.accused if not len(a.rows)]
 
 
 def _gains(plan: Plan, values: Mapping[str, float], fit: Fit | None) -> list[str]:

@@ -88,6 +88,7 @@ def test_an_impossible_acceleration(case_of, good):
     lost = made(good[0][keep], good[1][keep])
     result = refused(case_of, lost, "an impossible acceleration", "the transient is lost")
     assert "aliasing" not in result.reasons[0]  # what remains of the response is slow
+    assert any(note.startswith("6 samples seem to be missing before t = 0.303 s") for note in result.notes)
 
 
 def test_a_fast_motor_is_doubtful_and_not_refused(case_of):
