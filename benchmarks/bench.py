@@ -10,8 +10,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.recording import Recording, recording_from_arrays
-from estimator.sensors import chebyshev1_sections
+from estimator.recordings.recording import Recording, recording_from_arrays
+from estimator.recordings.sensors import chebyshev1_sections
 
 FloatArray = NDArray[np.float64]
 NAMES = ("R", "K", "L", "J", "B")

@@ -19,10 +19,10 @@ from bench import CML050, NAMES, Bench
 from numpy.typing import NDArray
 from trust import FILTER, FILTERED, PLAIN, quantised
 
-from estimator.case import Case, SearchSpec
-from estimator.estimate import estimate_by
-from estimator.fmu import describe
-from estimator.workers import Workers
+from estimator.cases.case import Case, SearchSpec
+from estimator.estimating.estimate import estimate_by
+from estimator.fmus.fmu import describe
+from estimator.fmus.workers import Workers
 
 FloatArray = NDArray[np.float64]
 TOLERANCE = 0.05  # of a nominal value

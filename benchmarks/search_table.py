@@ -21,18 +21,18 @@ from bench import CML050, Bench
 from numpy.typing import NDArray
 
 import fmu_build
-from estimator.baselines import evolve
-from estimator.case import Case, OutputSpec, ParameterSpec, SearchSpec
-from estimator.estimate import estimate_by
-from estimator.fmu import FmuDescription, describe
-from estimator.noise_level import output_deviations
-from estimator.planning import plan_case
-from estimator.polish import LeastSquares
-from estimator.probe import driven
-from estimator.problem import Problem
-from estimator.recording import Recording, recording_from_arrays
-from estimator.simulate import simulate
-from estimator.workers import Workers
+from estimator.cases.case import Case, OutputSpec, ParameterSpec, SearchSpec
+from estimator.estimating.baselines import evolve
+from estimator.estimating.estimate import estimate_by
+from estimator.fitting.polish import LeastSquares
+from estimator.fitting.problem import Problem
+from estimator.fmus.fmu import FmuDescription, describe
+from estimator.fmus.probe import driven
+from estimator.fmus.simulate import simulate
+from estimator.fmus.workers import Workers
+from estimator.plans.noise_level import output_deviations
+from estimator.plans.planning import plan_case
+from estimator.recordings.recording import Recording, recording_from_arrays
 
 FloatArray = NDArray[np.float64]
 MODELS = Path(__file__).resolve().parent.parent / "models"

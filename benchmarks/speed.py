@@ -30,15 +30,15 @@ from pathlib import Path
 import numpy as np
 import psutil
 
-from estimator import layout
-from estimator.archive import extract
-from estimator.case import case_for_recording
-from estimator.estimate import estimate_recordings
-from estimator.fmu import describe
-from estimator.job import Experiment, Job
-from estimator.recording import recording_from_arrays
-from estimator.simulate import simulate
-from estimator.workers import Workers
+from estimator.cases.case import case_for_recording
+from estimator.estimating.estimate import estimate_recordings
+from estimator.fmus.archive import extract
+from estimator.fmus.fmu import describe
+from estimator.fmus.job import Experiment, Job
+from estimator.fmus.simulate import simulate
+from estimator.fmus.workers import Workers
+from estimator.recordings.recording import recording_from_arrays
+from estimator.stepping import layout
 from fmu_build.compiler import compile_library
 
 CML050 = {"R": 3.1363, "K": 0.048774, "L": 0.01307, "J": 9.0e-6, "B": 1.690e-4}

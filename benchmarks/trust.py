@@ -32,16 +32,16 @@ from bench import CML050, MOTORS, NAMES, PAPER_BENCH, Bench, random_motor, real_
 from bound import cramer_rao, from_the_truth, likelihood
 from numpy.typing import NDArray
 
-from estimator.case import Case, Chebyshev1, OutputSpec, SearchSpec
-from estimator.estimate import METHODS
-from estimator.fmu import FmuDescription, describe
-from estimator.planning import plan_case
-from estimator.polish import Polish
-from estimator.probe import driven
-from estimator.recording import Recording
-from estimator.result import Estimate
-from estimator.run import Run
-from estimator.workers import Workers
+from estimator.cases.case import Case, Chebyshev1, OutputSpec, SearchSpec
+from estimator.estimating.estimate import METHODS
+from estimator.estimating.run import Run
+from estimator.fitting.polish import Polish
+from estimator.fmus.fmu import FmuDescription, describe
+from estimator.fmus.probe import driven
+from estimator.fmus.workers import Workers
+from estimator.plans.planning import plan_case
+from estimator.recordings.recording import Recording
+from estimator.results.result import Estimate
 
 FloatArray = NDArray[np.float64]
 Made = Callable[[int], Bench]

@@ -7,7 +7,7 @@ import re
 from typing import Any
 
 import estimator
-from estimator.schema import schema
+from estimator.cases.schema import schema
 
 
 def on_files(files: Any, config: Any) -> Any:

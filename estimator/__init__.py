@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from estimator.api import Result, describe_fmu, estimate_parameters, simulate_fmu
-    from estimator.case import Case, read_case
+    from estimator.cases.case import Case, read_case
     from estimator.errors import InputError, SimulationError
-    from estimator.recording import read_recording, recording_from_arrays
+    from estimator.recordings.recording import read_recording, recording_from_arrays
 
 __all__ = [
     "Case",
@@ -32,15 +32,15 @@ __all__ = [
 ]
 
 _HOMES = {
-    "Case": "case",
+    "Case": "cases.case",
     "InputError": "errors",
     "Result": "api",
     "SimulationError": "errors",
     "describe_fmu": "api",
     "estimate_parameters": "api",
-    "read_case": "case",
-    "read_recording": "recording",
-    "recording_from_arrays": "recording",
+    "read_case": "cases.case",
+    "read_recording": "recordings.recording",
+    "recording_from_arrays": "recordings.recording",
     "simulate_fmu": "api",
 }
 

@@ -13,17 +13,17 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from estimator.case import Case, case_for_recording, read_case
+from estimator.cases.case import Case, case_for_recording, read_case
+from estimator.commands.options import with_corrections, with_held_out, with_options
 from estimator.errors import InputError
-from estimator.options import with_corrections, with_held_out, with_options
-from estimator.progress import Progress
-from estimator.recording import Recording, read_recording
-from estimator.result import Estimate, FloatArray
+from estimator.estimating.progress import Progress
+from estimator.recordings.recording import Recording, read_recording
+from estimator.results.result import Estimate, FloatArray
 
 if TYPE_CHECKING:
     from scipy.signal import StateSpace
 
-    from estimator.fmu import FmuDescription
+    from estimator.fmus.fmu import FmuDescription
 
 CASE_SUFFIX = ".case.toml"
 Source = str | os.PathLike[str] | Case | Recording
@@ -33,9 +33,9 @@ Source = str | os.PathLike[str] | Case | Recording
 class Result(Estimate):
     """An estimate that shows itself, as text and in a notebook, and writes itself.
 
-    All attributes are those of `estimator.result.Estimate`: ``verdict``, ``reasons``, ``parameters`` (name → value,
-    standard error, unit, bounds, status), ``chain`` (the same for what was estimated of the measurement chain: delay,
-    offsets), ``correlation``, ``rmse``, ``simulations``, ``comparisons``, …
+    All attributes are those of `estimator.results.result.Estimate`: ``verdict``, ``reasons``, ``parameters`` (name →
+    value, standard error, unit, bounds, status), ``chain`` (the same for what was estimated of the measurement chain:
+    delay, offsets), ``correlation``, ``rmse``, ``simulations``, ``comparisons``, …
     """
 
     @classmethod
@@ -55,7 +55,7 @@ class Result(Estimate):
 
     def to_json(self) -> str:
         """Return the result as the command line's ``--json`` prints it."""
-        from estimator.report import to_json
+        from estimator.results.report import to_json
 
         return to_json(self)
 
@@ -72,8 +72,8 @@ class Result(Estimate):
         InputError
             The folder cannot be written.
         """
-        from estimator.export import RESULT_FILES, result_files
         from estimator.output import OutputFolder
+        from estimator.results.export import RESULT_FILES, result_files
 
         files = result_files(self, sources=[path for path in [self.fmu.get("path")] if path], figures=figures)
         with OutputFolder(folder) as place:
@@ -97,8 +97,8 @@ class Result(Estimate):
         InputError
             A format that was asked for cannot be made, or the folder cannot be written.
         """
-        from estimator.handover_files import handover_files
         from estimator.output import OutputFolder
+        from estimator.results.handover_files import handover_files
 
         files, _ = handover_files(self, formats=formats, fmu=fmu)
         with OutputFolder(folder) as place:
@@ -113,18 +113,18 @@ class Result(Estimate):
         InputError
             R, K, L, J and B are not all among the parameters.
         """
-        from estimator.linear import state_space
+        from estimator.results.linear import state_space
 
         return state_space(self.values)
 
     def __repr__(self) -> str:
         """Return the report as the command line prints it."""
-        from estimator.report import text_report
+        from estimator.results.report import text_report
 
         return text_report(self).rstrip("\n")
 
     def _repr_html_(self) -> str:
-        from estimator.report_html import html_fragment
+        from estimator.results.report_html import html_fragment
 
         return html_fragment(self)
 
@@ -199,8 +199,8 @@ def estimate_parameters(
     SimulationError
         The FMU fails at every start.
     """
-    from estimator.estimate import available_cores, estimate_by
-    from estimator.workers import Workers
+    from estimator.estimating.estimate import available_cores, estimate_by
+    from estimator.fmus.workers import Workers
 
     case, recordings = _case(source)
     case = with_options(
@@ -268,7 +268,7 @@ def simulate_fmu(
     SimulationError
         The FMU failed.
     """
-    from estimator.simulate import simulate
+    from estimator.fmus.simulate import simulate
 
     return simulate(os.fspath(fmu), parameters=parameters or {}, inputs=inputs or {}, times=times)
 
@@ -286,7 +286,7 @@ def describe_fmu(fmu: str | os.PathLike[str]) -> FmuDescription:
     InputError
         It is no FMU, or a damaged one.
     """
-    from estimator.fmu import describe
+    from estimator.fmus.fmu import describe
 
     return describe(fmu if isinstance(fmu, str) else Path(fmu))
 

@@ -14,8 +14,8 @@ import sys
 import traceback
 from collections.abc import Sequence
 
-from estimator.arguments import parse
-from estimator.terminal import (
+from estimator.commands.arguments import parse
+from estimator.commands.terminal import (
     BAD_INPUT,
     FAILED,
     INTERRUPTED,
@@ -87,7 +87,7 @@ def _failed(args: argparse.Namespace, sentence: str, *, status: int) -> int:
         traceback.print_exc()
     complain(sentence)
     if status == FAILED and getattr(args, "json", False) and args.command == "estimate":
-        from estimator.report import refusal_json
+        from estimator.results.report import refusal_json
 
         with contextlib.suppress(StdoutClosed):
             say(refusal_json(sentence, method=args.method, seed=args.seed))

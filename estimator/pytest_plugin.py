@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 if TYPE_CHECKING:
-    from estimator.bench import Bench
-    from estimator.case import Case
-    from estimator.expectation import Check
-    from estimator.result import Estimate
+    from estimator.batches.bench import Bench
+    from estimator.cases.case import Case
+    from estimator.cases.expectation import Check
+    from estimator.results.result import Estimate
 
 SUFFIX = ".case.toml"
 OUTCOMES = {"fail": "not met", "undecided": "undecided"}
@@ -142,9 +142,9 @@ class Estimates:
 
     def of(self, case: Case) -> Estimate:
         """Return the estimate of a case, or raise again what went wrong."""
-        from estimator.bench import Bench
+        from estimator.batches.bench import Bench
         from estimator.errors import EstimatorError
-        from estimator.estimate import available_cores
+        from estimator.estimating.estimate import available_cores
 
         key = repr(case) + str(case.path)
         if key not in self._done:
@@ -165,14 +165,14 @@ class Estimates:
 
     def checks(self, case: Case) -> dict[str, Check]:
         """Return how a case's estimate meets each expectation."""
-        from estimator.bench import case_checks
+        from estimator.batches.bench import case_checks
 
         return {check.name: check for check in case_checks(case, self.of(case))}
 
     def figure(self, case: Case) -> Path | None:
         """Write the estimate's files, once, and return the path of the figure, or of the report where there is none."""
-        from estimator.batch_folder import folder_name
-        from estimator.export import result_files
+        from estimator.batches.batch_folder import folder_name
+        from estimator.results.export import result_files
 
         key = repr(case) + str(case.path)
         if key not in self._figures:
@@ -207,20 +207,22 @@ def _estimates(config: pytest.Config) -> Estimates:
 
 def _cases(path: Path, config: pytest.Config, *, single: bool = False) -> tuple[Case, ...]:
     """Read a case file with --fmu and --recordings applied."""
-    from estimator.case import read_cases
+    from estimator.cases.case import read_cases
+    from estimator.commands.options import with_options
     from estimator.errors import CaseError
-    from estimator.options import with_options
 
     folder = config.getoption("--recordings")
     cases = read_cases(path.absolute(), recordings=Path(folder).absolute() if folder else None)
     if single and len(cases) > 1:
-        raise CaseError(f"{path.name} means {len(cases)} cases; take them one by one from estimator.case.read_cases")
+        raise CaseError(
+            f"{path.name} means {len(cases)} cases; take them one by one from estimator.cases.case.read_cases"
+        )
     return tuple(with_options(case, fmu=config.getoption("--fmu")) for case in cases)
 
 
 def _tests(parent: pytest.Collector, case: Case) -> Iterable[pytest.Item]:
-    from estimator.expectation import check_names
-    from estimator.nameplate import plate_check_names
+    from estimator.cases.expectation import check_names
+    from estimator.cases.nameplate import plate_check_names
 
     for check in (*check_names(case.expect, case.limits), *plate_check_names(case.nameplate)):
         yield CaseTest.from_parent(parent, name=check.replace(" ", "_"), case=case, check=check)

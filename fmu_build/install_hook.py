@@ -34,7 +34,7 @@ class CustomBuildHook(BuildHookInterface):  # type: ignore[type-arg]
 def _compile_stepper(root: Path) -> list[Path]:
     from fmu_build.compiler import compile_library, fmi_headers, library_suffix
 
-    source = root / "estimator" / "stepper.c"
+    source = root / "estimator" / "stepping" / "stepper.c"
     if not source.is_file():
         return []
     library = source.with_suffix(library_suffix())

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from estimator.case import Case, case_for_recording
+from estimator.cases.case import Case, case_for_recording
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:

@@ -122,7 +122,7 @@ def estimator(path: str, plan: Plan) -> Iterator[tuple[float, ...]]:
     """Step by this package's loop in C."""
     import numpy as np
 
-    from estimator.simulate import simulate
+    from estimator.fmus.simulate import simulate
 
     inputs = {name: np.array([plan.held(step)[name] for step in range(STEPS + 1)]) for name in plan.inputs}
     shown = simulate(path, parameters=plan.parameters, inputs=inputs, times=np.arange(STEPS + 1) * STEP)

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from scipy.linalg import expm
 
-from estimator.result import Comparison, Estimate, ParameterEstimate, SearchHistory
+from estimator.results.result import Comparison, Estimate, ParameterEstimate, SearchHistory
 
 MOTOR = {"R": 3.1363, "K": 0.048774, "L": 0.01307, "J": 9e-6, "B": 1.69e-4}
 UNITS = {"R": "Ohm", "K": "V.s/rad", "L": "H", "J": "kg.m2", "B": "N.m.s/rad"}

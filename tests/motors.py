@@ -14,7 +14,7 @@ import mpmath
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.recording import Recording, recording_from_arrays
+from estimator.recordings.recording import Recording, recording_from_arrays
 
 FloatArray = NDArray[np.float64]
 NAMES = ("R", "K", "L", "J", "B")

@@ -1,38 +1,92 @@
-"""The arrows between the modules point one way: `estimator` is layered, `fmu_build` knows nothing of it."""
+"""The arrows between the modules and between the folders point one way; `fmu_build` knows nothing of `estimator`."""
 
 import ast
+import re
+from functools import cache
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).resolve().parent.parent
+PACKAGE = ROOT / "estimator"
+ROOMS = sorted(path.parent.name for path in PACKAGE.glob("*/__init__.py"))
+OUTSIDE = ("fmpy", "ctypes")
 
 
+def name_of(path):
+    """Return the dotted name of a module of this project."""
+    return ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
+
+
+def modules(package):
+    return {name_of(path): path for path in (ROOT / package).rglob("*.py")}
+
+
+@cache
 def imports(path):
-    """Return the modules of this project that a module imports, at any depth of indentation."""
+    """Return what a module imports, at any depth of indentation: this project's modules, and what few may know."""
     found = set()
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module:
             found |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
-    return {name for name in found if name.split(".")[0] in ("estimator", "fmu_build", "fmpy")}
+    return {name for name in found if name.split(".")[0] in ("estimator", "fmu_build", *OUTSIDE)}
 
 
-def modules(package):
-    return {path.stem: path for path in (ROOT / package).glob("*.py")}
+@cache
+def arrows():
+    """Return for every module of `estimator` the modules that it imports."""
+    known = modules("estimator")
+    folders = {"estimator", *(f"estimator.{room}" for room in ROOMS)}
+    return {name: (imports(path) & set(known)) - {name} - folders for name, path in known.items()}
+
+
+def room_of(module):
+    """Return a module's folder; the few modules beside the folders are each a room of its own."""
+    return ".".join(module.split(".")[:2])
+
+
+@cache
+def arrows_between_rooms():
+    found = {room_of(name): set() for name in arrows()}
+    for name, below in arrows().items():
+        found[room_of(name)] |= {room_of(other) for other in below} - {room_of(name)}
+    return found
+
+
+def circle(graph):
+    """Return what is left when all is taken away that needs nothing of the rest: the circles and what needs them."""
+    remaining = dict(graph)
+    while free := [name for name, below in remaining.items() if not below & set(remaining)]:
+        for name in free:
+            del remaining[name]
+    return sorted(remaining)
 
 
 def test_no_module_is_imported_in_a_circle():
-    known = modules("estimator")
-    arrows = {
-        name: {i.split(".")[1] for i in imports(path) if i.startswith("estimator.") and i.split(".")[1] in known}
-        for name, path in known.items()
-    }
-    remaining = dict(arrows)
-    while remaining:
-        free = [name for name, below in remaining.items() if not (below - {name}) & set(remaining)]
-        assert free, f"these modules import each other in a circle: {sorted(remaining)}"
-        for name in free:
-            del remaining[name]
+    assert len(arrows()) > 100 and not circle(arrows())
+
+
+def test_no_folder_is_imported_in_a_circle():
+    assert len(ROOMS) > 5 and not circle(arrows_between_rooms())
+
+
+def test_the_map_of_the_folders_says_what_each_says_of_itself_from_the_top_down():
+    page = (ROOT / "docs" / "structure.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| `(\w+)/` \| (.+) \|$", page, re.M)
+    assert sorted(room for room, _ in rows) == ROOMS
+    for room, words in rows:
+        assert words == ast.get_docstring(ast.parse((PACKAGE / room / "__init__.py").read_text(encoding="utf-8")))
+    below = [f"estimator.{room}" for room, _ in rows]
+    for k, room in enumerate(below):
+        assert not arrows_between_rooms()[room] & set(below[:k]), f"{room} stands below a folder that it imports"
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_a_folder_holds_its_modules_and_no_second_door_to_them(room):
+    (only,) = ast.parse((PACKAGE / room / "__init__.py").read_text(encoding="utf-8")).body
+    assert isinstance(only, ast.Expr), "its docstring alone"
 
 
 def test_fmu_build_never_imports_estimator():
@@ -40,13 +94,21 @@ def test_fmu_build_never_imports_estimator():
         assert not [i for i in imports(path) if i.startswith("estimator")], path
 
 
+def users(library):
+    return {
+        name for name, path in modules("estimator").items() if any(i.split(".")[0] == library for i in imports(path))
+    }
+
+
 def test_only_the_fmu_modules_know_fmpy():
-    allowed = {"fmu", "slave", "foreign", "exchange"}
-    users = {name for name, path in modules("estimator").items() if any(i.startswith("fmpy") for i in imports(path))}
-    assert users <= allowed
+    allowed = {"fmus.fmu", "stepping.slave", "stepping.foreign", "stepping.exchange"}
+    assert users("fmpy") == {f"estimator.{name}" for name in allowed}
+
+
+def test_only_a_worker_process_loads_a_library():
+    assert {room_of(name) for name in users("ctypes")} == {"estimator.stepping"}
 
 
 def test_the_search_knows_neither_motor_nor_fmu():
-    for name in ("cuckoo", "search"):
-        below = {i for i in imports(modules("estimator")[name]) if i.startswith("estimator.")}
-        assert {i.split(".")[1] for i in below} <= {"cuckoo"}
+    search, cuckoo = "estimator.estimating.search", "estimator.estimating.cuckoo"
+    assert arrows()[cuckoo] == set() and arrows()[search] == {cuckoo}

@@ -6,10 +6,10 @@ import zipfile
 import pytest
 from foreign_fmus import foreign_fmu
 
-import estimator.archive
+import estimator.fmus.archive
 from estimator.cli import main
 from estimator.errors import FmuError
-from estimator.fmu import describe
+from estimator.fmus.fmu import describe
 
 XML = '<fmiModelDescription fmiVersion="2.0" modelName="m" guid="g"><CoSimulation modelIdentifier="m"/><ModelVariables>'
 XML += "</ModelVariables><ModelStructure/></fmiModelDescription>"
@@ -92,14 +92,14 @@ def test_the_usual_encodings_are_read(tmp_path, encoding):
 
 
 def test_too_many_members_are_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr(estimator.archive, "MAX_MEMBERS", 3)
+    monkeypatch.setattr(estimator.fmus.archive, "MAX_MEMBERS", 3)
     path = archive(tmp_path / "bad.fmu", [(f"resources/{k}", "") for k in range(4)])
     with pytest.raises(FmuError, match=r"bad.fmu is too large: more than 3 files or 4 GiB extracted"):
         describe(path)
 
 
 def test_a_large_description_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr(estimator.archive, "MAX_DESCRIPTION", 1 << 20)
+    monkeypatch.setattr(estimator.fmus.archive, "MAX_DESCRIPTION", 1 << 20)
     noise = "".join(chr(33 + k * k % 60) for k in range(2 << 20)).replace("<", "").replace("&", "").replace("-", "")
     with pytest.raises(FmuError, match=r"modelDescription.xml is larger than 1 MiB"):
         describe(archive(tmp_path / "bad.fmu", description=XML + f"<!-- {noise} -->"))

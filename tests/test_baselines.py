@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from motors import CML050, RMCS2004, held_response, recording_of, step_recording
 
-from estimator.case import ParameterSpec
+from estimator.cases.case import ParameterSpec
 from estimator.errors import InputError
-from estimator.estimate import estimate_recordings
-from estimator.integral import integral_estimate
-from estimator.recording import recording_from_arrays
-from estimator.steiglitz_mcbride import NoMotorError, steiglitz_mcbride
+from estimator.estimating.estimate import estimate_recordings
+from estimator.estimating.steiglitz_mcbride import NoMotorError, steiglitz_mcbride
+from estimator.plans.integral import integral_estimate
+from estimator.recordings.recording import recording_from_arrays
 
 
 def errors(estimate, motor):
@@ -70,7 +70,7 @@ def test_a_direct_method_needs_current_and_speed(case_of):
     only = recording_from_arrays(
         "w", r.time, {"voltage [V]": r.signals["voltage"], "speed [rad/s]": r.signals["speed"]}
     )
-    from estimator.case import OutputSpec
+    from estimator.cases.case import OutputSpec
 
     case = dataclasses.replace(case, outputs={"w": OutputSpec("speed")})
     with pytest.raises(InputError, match="needs voltage, current and speed, but 'i' is missing"):

@@ -16,12 +16,12 @@ import psutil
 import pytest
 from interrupts import takes_interrupts
 
-from estimator import benches
-from estimator.batch import BatchResult, gather, last_line, run_batch
-from estimator.batch_folder import BatchFolder, DiskError, folder_name
-from estimator.batch_table import flat, table_files
-from estimator.bench import Outcome, Task, failed
-from estimator.case import Case
+from estimator.batches import benches
+from estimator.batches.batch import BatchResult, gather, last_line, run_batch
+from estimator.batches.batch_folder import BatchFolder, DiskError, folder_name
+from estimator.batches.batch_table import flat, table_files
+from estimator.batches.bench import Outcome, Task, failed
+from estimator.cases.case import Case
 from estimator.cli import main
 from estimator.errors import InputError
 
@@ -388,7 +388,7 @@ def test_a_batch_killed_at_random_moments_ends_in_the_same_table(motors, kills, 
 
 FRAGILE = """
 import os, signal, sys
-from estimator import bench
+from estimator.batches import bench
 def run(self, task):
     if task.name == "dies" or (task.name == "dies once" and not os.path.exists(sys.argv[-1] + "/died")):
         if task.name == "dies once": open(sys.argv[-1] + "/died", "w").close()
@@ -402,7 +402,7 @@ def test_a_process_that_dies_takes_nobody_along(tmp_path, monkeypatch):
     real = subprocess.Popen
 
     def fragile(arguments, **options):
-        code = arguments[2].replace("from estimator.bench", f"exec({FRAGILE!r}); from estimator.bench")
+        code = arguments[2].replace("from estimator.batches.bench", f"exec({FRAGILE!r}); from estimator.batches.bench")
         return real([arguments[0], "-c", code, str(tmp_path)], **options)
 
     monkeypatch.setattr(benches.subprocess, "Popen", fragile)

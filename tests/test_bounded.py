@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from motors import CML050, RMCS2004, step_recording
 
-from estimator.cuckoo import CuckooSearch
-from estimator.estimate import estimate_recordings
+from estimator.estimating.cuckoo import CuckooSearch
+from estimator.estimating.estimate import estimate_recordings
 
 BOTH = pytest.mark.parametrize("motor", [RMCS2004, CML050], ids=lambda m: m.name)
 

@@ -12,8 +12,8 @@ import pytest
 from made_estimates import comparison, estimate, with_parameter
 from test_summary_plots import profiles
 
-from estimator.export import result_files
-from estimator.result import Validation
+from estimator.results.export import result_files
+from estimator.results.result import Validation
 
 BROWSER = next(
     (path for name in ("chromium", "chromium-browser", "google-chrome") if (path := shutil.which(name))), None

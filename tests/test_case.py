@@ -9,7 +9,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from estimator.case import (
+from estimator.cases.case import (
     METHODS,
     Case,
     Chebyshev1,
@@ -21,9 +21,9 @@ from estimator.case import (
     read_case,
     write_case,
 )
-from estimator.case_signals import RunSpec
+from estimator.cases.case_signals import RunSpec
 from estimator.errors import CaseError, InputError
-from estimator.filters import Coefficients, LowPass
+from estimator.recordings.filters import Coefficients, LowPass
 
 FULL = """\
 [fmu]

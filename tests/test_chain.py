@@ -17,19 +17,19 @@ from motors import CML050, NAMES
 from scipy import linalg, signal
 
 import estimator
-from estimator.case import Case, ParameterSpec, RunSpec, SearchSpec, read_case
-from estimator.case_signals import OutputSpec
+from estimator.cases.case import Case, ParameterSpec, RunSpec, SearchSpec, read_case
+from estimator.cases.case_signals import OutputSpec
 from estimator.cli import main
 from estimator.errors import CaseError, InputError, RecordingError
-from estimator.estimate import estimate_recordings
-from estimator.filters import Chebyshev1, Coefficients, LowPass, filter_sections
-from estimator.fmu import describe
-from estimator.noise_level import output_deviations
-from estimator.planning import plan_case
-from estimator.recording import Recording, recording_from_arrays, write_recording
-from estimator.result import Estimate
-from estimator.sensors import Sensor
-from estimator.winding import warmth
+from estimator.estimating.estimate import estimate_recordings
+from estimator.fitting.winding import warmth
+from estimator.fmus.fmu import describe
+from estimator.plans.noise_level import output_deviations
+from estimator.plans.planning import plan_case
+from estimator.recordings.filters import Chebyshev1, Coefficients, LowPass, filter_sections
+from estimator.recordings.recording import Recording, recording_from_arrays, write_recording
+from estimator.recordings.sensors import Sensor
+from estimator.results.result import Estimate
 
 H, FINE = 1e-3, 20
 NOISE = {"i": 0.02, "w": 1.0}
@@ -435,8 +435,8 @@ def test_huber_is_hardly_worse_on_normal_noise_and_holds_against_many_outliers()
 def test_huber_finds_the_optimum_that_scipy_finds():
     from scipy.optimize import least_squares
 
-    from estimator.parameters import Box
-    from estimator.polish import HUBER, LeastSquares
+    from estimator.fitting.polish import HUBER, LeastSquares
+    from estimator.plans.parameters import Box
 
     rng = np.random.default_rng(2)
     A = rng.standard_normal((400, 3))
@@ -542,8 +542,8 @@ def test_corrections_that_do_not_fit_are_told(wrong_way):
         estimator.estimate_parameters(wrong_way, scale={"x": -1})
     with pytest.raises(InputError, match="--scale is given twice for 'i'; leave one out"):
         main_error = ["estimate", str(wrong_way), "--scale", "i=-1", "--scale", "i=2"]
-        from estimator.arguments import parse
-        from estimator.commands import estimate
+        from estimator.commands.arguments import parse
+        from estimator.commands.commands import estimate
 
         estimate(parse(main_error))
 

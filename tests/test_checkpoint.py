@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 from test_batch import EXAMPLE, ROOT
 
-from estimator.bench import Bench
-from estimator.case import SearchSpec, case_for_recording
-from estimator.checkpoint import Journal
+from estimator.batches.bench import Bench
+from estimator.cases.case import SearchSpec, case_for_recording
 from estimator.errors import InputError
-from estimator.job import Batch, Failure
-from estimator.report import to_mapping
+from estimator.estimating.checkpoint import Journal
+from estimator.fmus.job import Batch, Failure
+from estimator.results.report import to_mapping
 
 
 def case_of(method, **search):

@@ -16,17 +16,18 @@ import pytest
 from made_estimates import MOTOR, UNITS, estimate
 from test_report import check_contract
 
-import estimator.estimate
-import estimator.fmu
-import estimator.probe
-import estimator.simulate
-from estimator import arguments, case
-from estimator.case import Case, ParameterSpec, SearchSpec
+import estimator.estimating.estimate
+import estimator.fmus.fmu
+import estimator.fmus.probe
+import estimator.fmus.simulate
+from estimator.cases import case
+from estimator.cases.case import Case, ParameterSpec, SearchSpec
 from estimator.cli import main
+from estimator.commands import arguments
 from estimator.errors import InputError, SimulationError
-from estimator.fmu import FmuDescription, Variable
-from estimator.progress import Progress
-from estimator.recording import read_recording
+from estimator.estimating.progress import Progress
+from estimator.fmus.fmu import FmuDescription, Variable
+from estimator.recordings.recording import read_recording
 
 ROOT = Path(__file__).parent.parent
 
@@ -75,10 +76,10 @@ def calls(monkeypatch, tmp_path):
         seen.simulated = SimpleNamespace(parameters=parameters, inputs=inputs, times=times)
         return {"i": np.sin(times), "w": 100 * np.cos(times)}
 
-    monkeypatch.setattr(estimator.estimate, "estimate", run)
-    monkeypatch.setattr(estimator.simulate, "simulate", simulate)
-    monkeypatch.setattr(estimator.fmu, "describe", lambda fmu, **_: DESCRIPTION)
-    monkeypatch.setattr(estimator.probe, "driven", lambda description: description)
+    monkeypatch.setattr(estimator.estimating.estimate, "estimate", run)
+    monkeypatch.setattr(estimator.fmus.simulate, "simulate", simulate)
+    monkeypatch.setattr(estimator.fmus.fmu, "describe", lambda fmu, **_: DESCRIPTION)
+    monkeypatch.setattr(estimator.fmus.probe, "driven", lambda description: description)
     monkeypatch.chdir(tmp_path)
     return seen
 
@@ -294,7 +295,7 @@ def test_fixing_all_that_a_case_estimates_is_refused(calls, capsys, case_file, m
     strange = dataclasses.replace(
         DESCRIPTION, variables=(variable("Rs", "parameter", "Ohm"), variable("v", "input", "V"))
     )
-    monkeypatch.setattr(estimator.fmu, "describe", lambda fmu, **_: strange)
+    monkeypatch.setattr(estimator.fmus.fmu, "describe", lambda fmu, **_: strange)
     Path(case_file).write_text('[parameters]\nRs = {}\n[[recording]]\nfile = "step.csv"\n')
     assert fails(capsys, "estimate", case_file, "--fix", "Rs=1") == (
         "every parameter is fixed; leave at least one free"
@@ -373,11 +374,11 @@ def test_an_unexpected_error_is_a_sentence_that_tells_how_to_see_more(calls, cap
         (MemoryError(), 1, "not enough memory; make it shorter, or give fewer --workers"),
         (KeyboardInterrupt(), 130, "interrupted"),
         (
-            estimator.estimate.Interrupted({"R": 3.1, "J": 9e-6}),
+            estimator.estimating.estimate.Interrupted({"R": 3.1, "J": 9e-6}),
             130,
             "interrupted; the best so far: R=3.1 J=9e-06",
         ),
-        (estimator.estimate.Interrupted(None), 130, "interrupted"),
+        (estimator.estimating.estimate.Interrupted(None), 130, "interrupted"),
     ],
 )
 def test_the_world_outside_fails_in_one_sentence(calls, capsys, error, status, sentence):
@@ -407,7 +408,7 @@ def test_a_reader_that_goes_away_ends_the_command_quietly():
 
 def test_output_to_a_closed_pipe_is_status_141_and_silent(tmp_path):
     code = (
-        "import sys, estimator.estimate as e; sys.path.insert(0, 'tests'); import made_estimates as m;"
+        "import sys, estimator.estimating.estimate as e; sys.path.insert(0, 'tests'); import made_estimates as m;"
         "e.estimate = lambda case, **_: m.estimate();"
         "from estimator.cli import main; sys.exit(main(['estimate', 'x.csv']))"
     )
@@ -420,7 +421,7 @@ def test_output_to_a_closed_pipe_is_status_141_and_silent(tmp_path):
 
 def test_an_ascii_terminal_gets_the_report_spelled_out():
     code = (
-        "import sys, estimator.estimate as e; sys.path.insert(0, 'tests'); import made_estimates as m;"
+        "import sys, estimator.estimating.estimate as e; sys.path.insert(0, 'tests'); import made_estimates as m;"
         "e.estimate = lambda case, **_: m.estimate(reasons=('3 Ω ≥ 2, ☃',));"
         "from estimator.cli import main; sys.exit(main(['estimate', 'x.csv']))"
     )
@@ -525,7 +526,7 @@ def test_wrong_simulations_are_told_in_one_sentence(calls, capsys, tmp_path, mon
     )
     assert "no/out.csv: cannot be written" in simulate_fails(capsys, "-o no/out.csv")
     unclear = dataclasses.replace(DESCRIPTION, variables=(variable("a", "input", ""), variable("b", "input", "")))
-    monkeypatch.setattr(estimator.fmu, "describe", lambda fmu, **_: unclear)
+    monkeypatch.setattr(estimator.fmus.fmu, "describe", lambda fmu, **_: unclear)
     assert simulate_fails(capsys, "--voltage-step 1@0") == (
         "motor.fmu: it is not clear which input is the voltage (a, b); use --input FILE"
     )
@@ -550,7 +551,7 @@ def test_inspect_tells_what_would_go_wrong(calls, capsys, monkeypatch):
         warnings=("line 3: no start value",),
         capabilities={"needsExecutionTool": True},
     )
-    monkeypatch.setattr(estimator.fmu, "describe", lambda fmu, **_: bare)
+    monkeypatch.setattr(estimator.fmus.fmu, "describe", lambda fmu, **_: bare)
     assert main(["inspect", "motor.fmu", "--static", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["problems"] == [

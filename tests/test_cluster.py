@@ -11,14 +11,14 @@ import pytest
 from interrupts import takes_interrupts
 from test_batch import ROOT, TABLES, line_of, tables_of
 
-from estimator.batch import gather, run_batch
-from estimator.benches import run_here
+from estimator.batches.batch import gather, run_batch
+from estimator.batches.benches import run_here
 from estimator.cli import main
 from estimator.errors import InputError
 
 pytest.importorskip("distributed", reason="Dask is not installed: pip install 'fmu-estimator[cluster]'")
 
-from estimator.cluster import run_there  # noqa: E402
+from estimator.batches.cluster import run_there  # noqa: E402
 
 pytestmark = pytest.mark.filterwarnings("default")  # Dask's own
 
@@ -156,7 +156,7 @@ def test_a_worker_may_have_several_threads(tmp_path):
 
 
 def test_no_scheduler_is_said(monkeypatch):
-    monkeypatch.setattr("estimator.cluster.CONNECT", 1)
+    monkeypatch.setattr("estimator.batches.cluster.CONNECT", 1)
     with pytest.raises(
         InputError, match=r"^--dask tcp://127\.0\.0\.1:9: no scheduler answers there .* dask scheduler$"
     ):

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from estimator import arguments, completion
 from estimator.cli import main
+from estimator.commands import arguments, completion
 
 
 def script(shell: str) -> str:

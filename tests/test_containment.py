@@ -16,15 +16,15 @@ from interrupts import takes_interrupts
 from motors import CML050, NAMES, step_recording
 from test_stepper import NOMINAL, experiment, noisy_voltage
 
-from estimator import layout
 from estimator.cli import main
 from estimator.errors import FmuError, SimulationError
-from estimator.estimate import estimate_recordings
-from estimator.fmu import describe
-from estimator.job import Job
-from estimator.recording import write_recording
-from estimator.run_folder import LOCK, PREFIX, RunFolder, remove_leftovers
-from estimator.workers import Workers
+from estimator.estimating.estimate import estimate_recordings
+from estimator.fmus.fmu import describe
+from estimator.fmus.job import Job
+from estimator.fmus.run_folder import LOCK, PREFIX, RunFolder, remove_leftovers
+from estimator.fmus.workers import Workers
+from estimator.recordings.recording import write_recording
+from estimator.stepping import layout
 
 # In the middle of a simulation, only for candidates with a large L (value reference 4).
 MARK = 'for (size_t k = 0; k < n; k++) if (references[k] == 4) setenv("BAD", values[k] > 0.02 ? "1" : "0", 1);'
@@ -205,7 +205,7 @@ def test_the_search_goes_around_a_region_in_which_the_fmu_crashes(tmp_path, case
 
 
 def test_a_missing_stepping_loop_is_told_with_its_remedy(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr("estimator.process.STEPPER", tmp_path / "stepper.so")
+    monkeypatch.setattr("estimator.stepping.library.STEPPER", tmp_path / "stepper.so")
     write_recording(step_recording(CML050, duration=0.6), tmp_path / "step.csv")
     for command in (["estimate", str(tmp_path / "step.csv")], ["simulate", "dc_motor"], ["inspect", "dc_motor"]):
         assert main(command) == 2
@@ -258,7 +258,7 @@ import sys, threading, time
 import numpy as np
 sys.path[:0] = {path!r}
 from test_containment import GOOD, job_of
-from estimator.workers import Workers
+from estimator.fmus.workers import Workers
 crew = Workers(2)
 crew.busy_before_more = 0.0
 crew.load(job_of({fmu!r}))

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from estimator.cuckoo import CuckooSearch, levy_scale
+from estimator.estimating.cuckoo import CuckooSearch, levy_scale
 
 
 def sphere(points):

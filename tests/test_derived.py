@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from motors import CML050, RMCS2004, recording_of, step_recording
 
-from estimator.case import Case, OutputSpec
-from estimator.estimate import estimate_recordings
+from estimator.cases.case import Case, OutputSpec
+from estimator.estimating.estimate import estimate_recordings
 
 SEEDS = 40
 
@@ -58,6 +58,6 @@ def test_speed_alone_tells_no_parameter_but_the_speed_per_volt():
 
 
 def test_another_model_has_none():
-    from estimator.derived import derived_quantities
+    from estimator.judging.derived import derived_quantities
 
     assert derived_quantities({"R": 1.0, "Kt": 0.1}, ["R", "Kt"], np.array([True, True]), None) == {}

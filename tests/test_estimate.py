@@ -11,7 +11,7 @@ import pytest
 from motors import CML050, NAMES, RMCS2004, all_motors, held_response, recording_of, step_recording
 
 from estimator.errors import InputError
-from estimator.estimate import estimate_recordings
+from estimator.estimating.estimate import estimate_recordings
 
 BOTH = pytest.mark.parametrize("motor", [RMCS2004, CML050], ids=lambda m: m.name)
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from estimator.case import read_case, read_cases
+from estimator.cases.case import read_case, read_cases
 from estimator.errors import CaseError
 
 MOTORS = "serial; R; J\nA1; 3.1; 9e-6\n\n# comment\nB2; 2.9;\n"

@@ -8,11 +8,11 @@ import mpmath
 import numpy as np
 import pytest
 
-from estimator.case import Case, read_case, write_case
+from estimator.cases.case import Case, read_case, write_case
+from estimator.cases.expectation import Expectation, Limits, check_names, checks, compare
+from estimator.cases.nameplate import Nameplate, plate_check_names, plate_checks, plate_values
 from estimator.errors import CaseError
-from estimator.expectation import Expectation, Limits, check_names, checks, compare
-from estimator.nameplate import Nameplate, plate_check_names, plate_checks, plate_values
-from estimator.result import Estimate, ParameterEstimate
+from estimator.results.result import Estimate, ParameterEstimate
 
 RECORDING = '[[recording]]\nfile = "run.csv"\n'
 UNITS = {"R": "Ohm", "K": "V.s/rad", "L": "H", "J": "kg.m2", "B": "N.m.s/rad"}

@@ -9,8 +9,8 @@ import pytest
 from fmpy.ssp.ssd import read_ssv
 from made_estimates import MOTOR, UNITS, comparison, estimate, with_parameter
 
-from estimator import export
-from estimator.result import Setting
+from estimator.results import export
+from estimator.results.result import Setting
 
 
 def read(content: bytes, tmp_path):

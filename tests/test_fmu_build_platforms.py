@@ -159,7 +159,7 @@ def test_installed_without_a_system_compiler_it_builds_and_estimates(tmp_path: P
     told = run(programs / "fmu-estimator", "estimate", source / "examples" / "cml050_step.csv")
     assert told.startswith("OK: ")
     assert run(programs / "fmu-estimator", "new-model", "mine") and run(programs / "fmu-estimator", "build", "mine.c")
-    (library,) = (place / "lib").glob("python*/site-packages/estimator/stepper.so")
+    (library,) = (place / "lib").glob("python*/site-packages/estimator/stepping/stepper.so")
     versions = {tuple(map(int, v.split(b"."))) for v in re.findall(rb"GLIBC_(\d+\.\d+)", library.read_bytes())}
     assert max(versions) <= (2, 17)
 

@@ -5,7 +5,7 @@ import csv
 import numpy as np
 import pytest
 
-from estimator.gauge import components, natural, outliers, spreads, statistics_files, statistics_text, trend
+from estimator.batches.gauge import components, natural, outliers, spreads, statistics_files, statistics_text, trend
 
 
 def row(case, value, *, motor="", error=0.1, verdict="ok", status="ok", plate=None):

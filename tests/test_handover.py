@@ -18,12 +18,12 @@ from fmpy import read_model_description, simulate_fmu
 from fmpy.ssp.ssd import read_ssd
 from made_estimates import MOTOR, UNITS, estimate, with_parameter
 
-from estimator import handover, handover_files, linear, rebuild, system
 from estimator.cli import main
 from estimator.errors import FmuError, InputError
-from estimator.fmu import describe
-from estimator.report import to_json
-from estimator.result import Setting
+from estimator.fmus.fmu import describe
+from estimator.results import handover, handover_files, linear, rebuild, system
+from estimator.results.report import to_json
+from estimator.results.result import Setting
 
 FOUND = {"R": 1 / 3, "K": 0.0734721234567891, "L": 0.007759, "J": 1.36e-4, "B": 6.78e-4}  # no value is a start value
 STEPS, STEP = 200, 1e-3
@@ -284,6 +284,6 @@ def test_what_cannot_be_exported_is_told_in_one_sentence(tmp_path, capsys, conte
 
 
 def test_the_command_line_offers_the_formats_there_are():
-    from estimator import arguments
+    from estimator.commands import arguments
 
     assert arguments.FORMATS == handover_files.FORMATS

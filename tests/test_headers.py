@@ -2,7 +2,7 @@
 
 import pytest
 
-from estimator.headers import parse_header, quantity_of, rank_in_role, role_of
+from estimator.recordings.headers import parse_header, quantity_of, rank_in_role, role_of
 
 
 @pytest.mark.parametrize(

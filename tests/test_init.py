@@ -6,12 +6,12 @@ import pytest
 from foreign_fmus import foreign_fmu
 from motors import CML050, NAMES, step_recording
 
-from estimator.case import read_case
+from estimator.cases.case import read_case
+from estimator.cases.init_case import case_text
 from estimator.cli import main
-from estimator.estimate import estimate
-from estimator.fmu import describe
-from estimator.init_case import case_text
-from estimator.recording import read_recording, write_recording
+from estimator.estimating.estimate import estimate
+from estimator.fmus.fmu import describe
+from estimator.recordings.recording import read_recording, write_recording
 
 
 @pytest.fixture(scope="module")

@@ -10,16 +10,16 @@ from foreign_fmus import CASE, foreign_case, foreign_fmu
 from motors import CML050, NAMES, step_recording
 
 import fmu_build
-from estimator.case import SearchSpec, case_for_recording, read_case
+from estimator.cases.case import SearchSpec, case_for_recording, read_case
+from estimator.commands.options import with_options
 from estimator.errors import SimulationError
-from estimator.estimate import estimate
-from estimator.fmu import describe
-from estimator.options import with_options
-from estimator.planning import plan_case
-from estimator.problem import Problem
-from estimator.recording import write_recording
-from estimator.simulate import simulate
-from estimator.workers import Workers
+from estimator.estimating.estimate import estimate
+from estimator.fitting.problem import Problem
+from estimator.fmus.fmu import describe
+from estimator.fmus.simulate import simulate
+from estimator.fmus.workers import Workers
+from estimator.plans.planning import plan_case
+from estimator.recordings.recording import write_recording
 
 
 @pytest.fixture(scope="module")

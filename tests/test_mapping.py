@@ -7,16 +7,16 @@ import pytest
 from foreign_fmus import CASE, foreign_case, foreign_fmu
 from motors import CML050, NAMES, held_response, step_recording
 
-from estimator.case import case_for_recording, read_case, write_case
+from estimator.cases.case import case_for_recording, read_case, write_case
 from estimator.cli import main
+from estimator.commands.options import with_options
 from estimator.errors import InputError
-from estimator.estimate import estimate
-from estimator.fmu import describe
-from estimator.options import with_options
-from estimator.parameters import Box
-from estimator.planning import plan_case
-from estimator.recording import write_recording
-from estimator.space import reduced_space, steady_state
+from estimator.estimating.estimate import estimate
+from estimator.fmus.fmu import describe
+from estimator.plans.parameters import Box
+from estimator.plans.planning import plan_case
+from estimator.plans.space import reduced_space, steady_state
+from estimator.recordings.recording import write_recording
 
 
 @pytest.fixture(scope="module")

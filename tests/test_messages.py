@@ -51,7 +51,7 @@ def template(node: ast.expr) -> str:
 def messages():
     """Return (place, message) of every error that is raised on purpose."""
     found = []
-    for path in sorted([*(ROOT / "estimator").glob("*.py"), *(ROOT / "fmu_build").glob("*.py")]):
+    for path in sorted([*(ROOT / "estimator").rglob("*.py"), *(ROOT / "fmu_build").glob("*.py")]):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if (
                 isinstance(node, ast.Call)

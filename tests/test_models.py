@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 import fmu_build
-from estimator.case import Case, read_case
-from estimator.commands import csv_bytes
-from estimator.drive import instants
-from estimator.estimate import estimate
-from estimator.simulate import simulate
+from estimator.cases.case import Case, read_case
+from estimator.commands.commands import csv_bytes
+from estimator.commands.drive import instants
+from estimator.estimating.estimate import estimate
+from estimator.fmus.simulate import simulate
 
 ROOT = Path(__file__).parent.parent
 GEARED = {"R": 2.1, "K": 0.04, "L": 9e-3, "J": 1.4e-5, "B": 1e-4, "stiffness": 3.1, "damping": 2e-3, "J_load": 7e-4}

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from estimator.noise import averaged, find_colour, find_outliers, find_ripple, quadratic
+from estimator.fitting.noise import averaged, find_colour, find_outliers, find_ripple, quadratic
 
 N = 2800
 ANGLE = np.cumsum(0.176 * (1 - np.exp(-np.arange(N) / 20)))

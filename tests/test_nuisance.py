@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from motors import CML050, NAMES, recording_of, step_recording
 
-from estimator.case import Case, Chebyshev1, OutputSpec
-from estimator.estimate import estimate_recordings
-from estimator.fmu import describe
-from estimator.lost_samples import Loss, with_loss
-from estimator.planning import plan_case
-from estimator.recording import Recording, recording_from_arrays
+from estimator.cases.case import Case, Chebyshev1, OutputSpec
+from estimator.estimating.estimate import estimate_recordings
+from estimator.fitting.lost_samples import Loss, with_loss
+from estimator.fmus.fmu import describe
+from estimator.plans.planning import plan_case
+from estimator.recordings.recording import Recording, recording_from_arrays
 
 
 def run(case: Case, *recordings: Recording):

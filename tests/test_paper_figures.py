@@ -8,9 +8,9 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from scipy.signal import cheby1, sosfilt
 
-from estimator import paper_figures
 from estimator.cli import main
-from estimator.plots import rendered
+from estimator.commands import paper_figures
+from estimator.results.plots import rendered
 
 
 @pytest.fixture(scope="module")

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from estimator.parameters import Box
+from estimator.plans.parameters import Box
 
 
 def box():

@@ -13,8 +13,8 @@ from made_estimates import comparison
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.image import imread
 
-from estimator import plots
-from estimator.result import Comparison
+from estimator.results import plots
+from estimator.results.result import Comparison
 
 NOISE = {"i": 0.02, "w": 1.0}
 

@@ -7,12 +7,12 @@ import pytest
 from faulty import faulty_fmu
 from foreign_fmus import foreign_fmu
 
-from estimator import probe as module
-from estimator import probe_stages
 from estimator.cli import main
-from estimator.fmu import describe
-from estimator.probe import driven, probe
-from estimator.simulate import simulate
+from estimator.fmus import probe as module
+from estimator.fmus import probe_stages
+from estimator.fmus.fmu import describe
+from estimator.fmus.probe import driven, probe
+from estimator.fmus.simulate import simulate
 
 
 def probed(folder, *defines, **options):

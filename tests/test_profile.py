@@ -5,9 +5,9 @@ import dataclasses
 import numpy as np
 import pytest
 
-from estimator.parameters import Box
-from estimator.polish import LeastSquares
-from estimator.profile import REACH, cost_profiles
+from estimator.fitting.polish import LeastSquares
+from estimator.judging.profile import REACH, cost_profiles
+from estimator.plans.parameters import Box
 
 rng = np.random.default_rng(5)
 DESIGN = rng.standard_normal((200, 3)) @ np.array([[1, 0.9, 0], [0, 0.3, 0], [0, 0, 1.0]])

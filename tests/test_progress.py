@@ -7,7 +7,7 @@ import termios
 
 import pytest
 
-from estimator.progress import LiveLine, Progress, is_terminal, progress_line
+from estimator.estimating.progress import LiveLine, Progress, is_terminal, progress_line
 
 
 class Clock:

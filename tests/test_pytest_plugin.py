@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-import estimator.batch_folder  # noqa: F401
-from estimator.bench import Bench
-from estimator.case import case_for_recording
-from estimator.export import result_files
+import estimator.batches.batch_folder  # noqa: F401
+from estimator.batches.bench import Bench
+from estimator.cases.case import case_for_recording
+from estimator.results.export import result_files
 
 pytest_plugins = ["pytester"]
 
@@ -118,7 +118,7 @@ def test_tests_can_be_selected_and_reported_as_ever(project):
 
 CONFTEST = """
 import os, pathlib
-from estimator import bench
+from estimator.batches import bench
 done = pathlib.Path(__file__).parent / "done"
 done.mkdir(exist_ok=True)
 original = bench.Bench.estimate
@@ -141,7 +141,7 @@ def estimates_of(folder):
 def test_a_case_is_estimated_once_whatever_it_feeds(project):
     (project.path / "conftest.py").write_text(CONFTEST)
     (project.path / "test_own.py").write_text(
-        "from estimator.case import read_case\n"
+        "from estimator.cases.case import read_case\n"
         "def test_path(estimate):\n    assert estimate('line.case.toml').parameters['R'].value > 3\n"
         "def test_case(estimate):\n"
         "    assert estimate(read_case(__file__.replace('test_own.py', 'line.case.toml'))).verdict == 'ok'\n"

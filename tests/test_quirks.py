@@ -22,15 +22,15 @@ from motors import CML050, NAMES, step_recording
 from test_containment import IF_BAD, MARK
 
 import fmu_build
-from estimator.case import case_for_recording, read_case
+from estimator.cases.case import case_for_recording, read_case
 from estimator.cli import main
 from estimator.errors import FmuError, SimulationError
-from estimator.estimate import estimate, estimate_by
-from estimator.fmu import describe
-from estimator.planning import plan_case
-from estimator.problem import Problem
-from estimator.recording import write_recording
-from estimator.workers import Workers
+from estimator.estimating.estimate import estimate, estimate_by
+from estimator.fitting.problem import Problem
+from estimator.fmus.fmu import describe
+from estimator.fmus.workers import Workers
+from estimator.plans.planning import plan_case
+from estimator.recordings.recording import write_recording
 
 TABLE = Path(__file__).resolve().parent.parent / "docs" / "any-fmu.md"
 NOISE = (2e-3, 0.2)
@@ -294,7 +294,7 @@ def test_an_fmu_that_crashes_always_is_told(tmp_path, recording, capsys, command
 
 
 def test_an_fmu_that_hangs_always_is_told(tmp_path, recording, monkeypatch):
-    monkeypatch.setattr("estimator.probe_stages.STAGE_LIMIT", 3.0)
+    monkeypatch.setattr("estimator.fmus.probe_stages.STAGE_LIMIT", 3.0)
     fmu = faulty_fmu(tmp_path, DoStep="for (;;) {}")
     with pytest.raises(FmuError, match=r"faulty.fmu cannot be used: it does not run: it does not come back within 3 s"):
         estimate(case_for_recording(recording, fmu=str(fmu)), workers=2)

@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estimator.case import Case, OutputSpec, ParameterSpec
-from estimator.estimate import estimate_recordings
-from estimator.integral import speed_estimate
-from estimator.recording import read_recording
+from estimator.cases.case import Case, OutputSpec, ParameterSpec
+from estimator.estimating.estimate import estimate_recordings
+from estimator.plans.integral import speed_estimate
+from estimator.recordings.recording import read_recording
 
 EXAMPLE = Path(__file__).parent.parent / "examples" / "esp32_step.csv"
 SIGNALS = {"inputs": {"v": "voltage [V]"}, "outputs": {"w": OutputSpec("speed [deg/s]")}}

@@ -13,9 +13,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from estimator.delimited import CHUNK
 from estimator.errors import InputError, RecordingError
-from estimator.recording import (
+from estimator.recordings.delimited import CHUNK
+from estimator.recordings.recording import (
     MIN_SAMPLES,
     Recording,
     motor_columns,

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from estimator.errors import RecordingError
-from estimator.headers import parse_header
-from estimator.recording import Recording, motor_columns, read_recording
+from estimator.recordings.headers import parse_header
+from estimator.recordings.recording import Recording, motor_columns, read_recording
 
 N = 60
 TIME = np.arange(N) * 1e-3  # s

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from motors import CML050, RMCS2004, Motor, held_response, recording_of, step_recording
 
-from estimator.case import ParameterSpec
-from estimator.estimate import estimate_recordings
+from estimator.cases.case import ParameterSpec
+from estimator.estimating.estimate import estimate_recordings
 
 
 def run(case, recording):

@@ -13,8 +13,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from made_estimates import MOTOR, comparison, estimate, with_parameter
 
-from estimator import report
-from estimator.report_html import Pictures, html_report
+from estimator.results import report
+from estimator.results.report_html import Pictures, html_report
 
 CONTRACT = {
     "verdict": str,

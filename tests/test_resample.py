@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from test_batch import EXAMPLE, tables_of
 
-from estimator.batch import gather, repeated, run_batch
-from estimator.bench import Bench
-from estimator.benches import run_here
+from estimator.batches.batch import gather, repeated, run_batch
+from estimator.batches.bench import Bench
+from estimator.batches.benches import run_here
+from estimator.batches.gauge import spreads
+from estimator.batches.resample import blocks, resampled
 from estimator.cli import main
 from estimator.errors import InputError
-from estimator.gauge import spreads
-from estimator.resample import blocks, resampled
 
 
 @pytest.fixture(scope="module")

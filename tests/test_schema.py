@@ -6,9 +6,9 @@ import tomllib
 import jsonschema
 import pytest
 
-from estimator.case import read_cases
+from estimator.cases.case import read_cases
+from estimator.cases.schema import schema
 from estimator.errors import CaseError
-from estimator.schema import schema
 
 FULL = """\
 [fmu]

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from estimator.sensors import Sensor, chebyshev1_sections, response, transfer_sections
+from estimator.recordings.sensors import Sensor, chebyshev1_sections, response, transfer_sections
 
 
 def _shown(sensor, x):

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from motors import CML050, RMCS2004, held_response, step_recording
 
-from estimator import layout
-from estimator.fmu import describe
-from estimator.job import Experiment, Job
-from estimator.workers import Workers
+from estimator.fmus.fmu import describe
+from estimator.fmus.job import Experiment, Job
+from estimator.fmus.workers import Workers
+from estimator.stepping import layout
 
 NOMINAL = np.array([CML050.R, CML050.K, CML050.L, CML050.J, CML050.B])
 

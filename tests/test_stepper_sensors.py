@@ -8,11 +8,11 @@ from foreign_fmus import foreign_fmu
 from motors import CML050, held_response
 from test_stepper import NOMINAL, experiment, job_of, noisy_voltage
 
-from estimator import layout
-from estimator.fmu import describe
-from estimator.job import Job
-from estimator.sensors import chebyshev1_sections
-from estimator.workers import Workers
+from estimator.fmus.fmu import describe
+from estimator.fmus.job import Job
+from estimator.fmus.workers import Workers
+from estimator.recordings.sensors import chebyshev1_sections
+from estimator.stepping import layout
 
 PLAIN = [1.0, 0.0, 0.0, 1.0, 0.0, 0.0]  # gain, offset and delay of each output
 

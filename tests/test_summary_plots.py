@@ -7,8 +7,8 @@ import pytest
 from made_estimates import MOTOR, UNITS, estimate, with_parameter
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-from estimator import plots, summary_plots
-from estimator.result import CostProfile
+from estimator.results import plots, summary_plots
+from estimator.results.result import CostProfile
 
 
 def profiles(names=tuple(MOTOR)) -> dict[str, CostProfile]:

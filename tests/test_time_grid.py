@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from estimator.errors import RecordingError
-from estimator.time_grid import half_last_digit, uniform_grid
+from estimator.recordings.time_grid import half_last_digit, uniform_grid
 
 
 def grid(cells: list[str]) -> tuple[float, float]:

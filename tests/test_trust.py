@@ -17,8 +17,8 @@ from bench import CML050, MOTORS, NAMES, PAPER_BENCH, Bench, random_motor
 from bound import cramer_rao, from_the_truth, likelihood
 from trust import TABLES, Hand, aliases
 
-from estimator.case import Case, OutputSpec
-from estimator.estimate import estimate_recordings
+from estimator.cases.case import Case, OutputSpec
+from estimator.estimating.estimate import estimate_recordings
 
 PLAIN = Case(fmu="dc_motor", recordings=(Path("bench.csv"),), inputs={"v": "voltage"})
 

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from estimator.units import SI_UNIT, examples, parse_unit, unit_of
+from estimator.recordings.units import SI_UNIT, examples, parse_unit, unit_of
 
 
 @pytest.mark.parametrize(

@@ -6,16 +6,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estimator.case import case_for_recording
+from estimator.cases.case import case_for_recording
 from estimator.cli import main
-from estimator.commands import csv_bytes
-from estimator.demo import NOMINAL
-from estimator.drive import instants
+from estimator.commands.commands import csv_bytes
+from estimator.commands.demo import NOMINAL
+from estimator.commands.drive import instants
 from estimator.errors import RecordingError
-from estimator.estimate import estimate
-from estimator.recording import read_recording
-from estimator.simulate import simulate
-from estimator.validation import validated
+from estimator.estimating.estimate import estimate
+from estimator.fmus.simulate import simulate
+from estimator.judging.validation import validated
+from estimator.recordings.recording import read_recording
 
 EXAMPLE = Path(__file__).parent.parent / "examples" / "cml050_step.csv"
 

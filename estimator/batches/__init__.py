@@ -1,0 +1,1 @@
+"""Many estimations: their processes or cluster, their folder on disk, their table, their gauge."""

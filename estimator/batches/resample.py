@@ -1,0 +1,87 @@
+"""One case many times over: its best fit with other noise, by Monte-Carlo or bootstrap. Knows no batch.
+
+Monte-Carlo adds white noise of the estimated deviation to the simulated signals; the bootstrap adds blocks of the
+residuals, drawn with replacement from a circle (Politis and Romano 1992), which keeps their colour within a block. The
+spread of the estimates then checks the standard errors that each of them states.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.batches.bench import Task
+from estimator.cases.case import Case, OutputSpec
+from estimator.errors import InputError
+from estimator.recordings.recording import Recording, recording_from_arrays
+from estimator.results.result import Comparison, Estimate
+
+FloatArray = NDArray[np.float64]
+Kind = Literal["monte-carlo", "bootstrap"]
+
+
+def resampled(task: Task, estimate: Estimate, *, kind: Kind, count: int) -> Iterator[Task]:
+    """Yield `count` tasks like this one, with recordings of the estimate's best fit and other noise.
+
+    The noise follows from the case's seed and the task's number: the same task, the same recordings.
+
+    Raises
+    ------
+    InputError
+        The estimate was refused: there is no fit to repeat.
+    """
+    if not estimate.comparisons or not estimate.parameters:
+        raise InputError(f"{task.name} has no fit to repeat: {'; '.join(estimate.reasons) or estimate.verdict}")
+    case = _by_own_names(task.case, estimate)
+    digits = len(str(count))
+    for k in range(1, count + 1):
+        rng = np.random.default_rng([task.case.search.seed, k])
+        recordings = tuple(_again(c, estimate, case=case, kind=kind, rng=rng) for c in estimate.comparisons)
+        yield replace(task, name=f"{task.name}[{kind} {k:0{digits}}]", case=case, recordings=recordings)
+
+
+def blocks(residuals: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """Return residuals, (n, q), drawn anew in blocks of √n samples, all columns together; none may be missing."""
+    n = len(residuals)
+    length = max(1, round(n**0.5))
+    starts = rng.integers(0, n, size=-(-n // length))
+    index = (starts[:, None] + np.arange(length)).ravel()[:n] % n
+    return np.asarray(residuals[index])
+
+
+def _by_own_names(case: Case, estimate: Estimate) -> Case:
+    """Return the case for recordings whose columns are called as the FMU's variables."""
+    first = estimate.comparisons[0]
+    held = {*case.fixed, *case.fixed_texts}
+    outputs = {n: _by_own_name(case.outputs.get(n, OutputSpec(n)), n) for n in first.measured}
+    inputs = {n: n for n in first.inputs if n not in held}
+    return replace(case, inputs=inputs, outputs=outputs, products={}, runs=(), motor=case.motor or case.name)
+
+
+def _by_own_name(spec: OutputSpec, name: str) -> OutputSpec:
+    """Return the sensor of a signal that is counted, filtered and corrected already."""
+    return replace(spec, column=name, counts=None, filter=spec.filter or spec.both, both=None)
+
+
+def _again(
+    comparison: Comparison, estimate: Estimate, *, case: Case, kind: Kind, rng: np.random.Generator
+) -> Recording:
+    names = list(comparison.measured)
+    simulated = np.column_stack([comparison.simulated[name] for name in names])
+    measured = np.column_stack([comparison.measured[name] for name in names])
+    residuals = measured - simulated
+    missing = np.isnan(measured)
+    if kind == "bootstrap":
+        noise = blocks(np.where(missing, 0.0, residuals - np.nanmean(residuals, axis=0)), rng)
+    else:
+        deviations = [estimate.noise.get(n, float(np.nanstd(r))) for n, r in zip(names, residuals.T, strict=True)]
+        noise = rng.standard_normal(simulated.shape) * deviations
+    drawn = np.where(missing, np.nan, simulated + noise)
+    columns = {name: comparison.inputs[name] for name in case.inputs}
+    columns |= dict(zip(names, drawn.T, strict=True))
+    headers = {f"{n} [{u}]" if (u := comparison.units.get(n)) else n: np.array(c) for n, c in columns.items()}
+    return recording_from_arrays(comparison.name, np.array(comparison.time), headers)

@@ -1,0 +1,1 @@
+"""What to estimate, from what, through which FMU: case files and the names in them. Simulates nothing."""

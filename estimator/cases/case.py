@@ -1,0 +1,440 @@
+"""A case file (TOML) ⇄ what to estimate, from what, through which FMU. Opens no FMU and no recording.
+
+Strict: a key that is not known is an error with the nearest right one, every value is checked, and every
+message names the file and the line. One file may mean many cases: one for each recording that a pattern such as
+``motor_*.csv`` matches, and one for each row of a table of motors (expansion.py).
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+from estimator.cases.case_signals import (
+    RUN_KEYS,
+    InputSpec,
+    OutputSpec,
+    RunSpec,
+    input_value,
+    output_value,
+    read_input,
+    read_output,
+    read_run,
+    run_value,
+)
+from estimator.cases.expansion import expanded, told_apart
+from estimator.cases.expectation import (
+    ENTRY_KEYS,
+    LIMIT_KEYS,
+    Expectation,
+    Limits,
+    expectation_value,
+    limits_value,
+    read_expectation,
+    read_limits,
+)
+from estimator.cases.nameplate import Nameplate, nameplate_value, read_nameplate
+from estimator.cases.strict_toml import Cell, Document, Keys, Table, to_key, to_toml
+from estimator.errors import CaseError
+from estimator.output import write_files
+from estimator.recordings.filters import Chebyshev1
+
+METHODS = ("cuckoo", "paper", "original", "integral", "steiglitz-mcbride", "differential-evolution")
+FMI_KINDS = ("co-simulation", "model-exchange")
+LOSSES = ("linear", "huber")
+KEYS = ("fmu", "inputs", "outputs", "parameters", "fixed", "recording", "motors", "search", "expect", "nameplate")
+BUNDLED_FMU = "dc_motor"
+__all__ = ["Case", "Chebyshev1", "OutputSpec", "ParameterSpec", "RunSpec", "SearchSpec", "read_case", "read_cases"]
+
+
+@dataclass(frozen=True)
+class ParameterSpec:
+    """One parameter to estimate; None where the case says nothing."""
+
+    name: str
+    minimum: float | None = None
+    maximum: float | None = None
+    nominal: float | None = None
+    start: float | None = None
+    fmu: tuple[str, ...] = ()  # variables of the FMU that take the value; by default the one of the same name
+    gains: tuple[float, ...] = ()  # of each variable: its value over the parameter's; empty: 1
+    per_recording: bool = False  # a value of its own for each recording
+
+    def __post_init__(self) -> None:
+        """Fill in where the value goes."""
+        if not self.fmu:
+            object.__setattr__(self, "fmu", (self.name,))
+
+
+@dataclass(frozen=True)
+class SearchSpec:
+    """How to search."""
+
+    method: str = "cuckoo"
+    seed: int = 1
+    nests: int | None = None  # None: the method's own
+    iterations: int | None = None
+    loss: str = "linear"  # of the residuals in the polish: "huber" lets outliers pull less
+
+
+@dataclass(frozen=True)
+class Case:
+    """What to estimate, from what, through which FMU."""
+
+    path: Path | None = field(default=None, compare=False)
+    fmu: str = BUNDLED_FMU  # a bundled model's name, or an absolute path
+    step: float | None = None  # s, communication step; None: the recording's sampling interval
+    kind: str | None = None  # "co-simulation" or "model-exchange"; None: co-simulation where the FMU offers it
+    inputs: Mapping[str, str] = field(default_factory=dict)  # FMU input → column; empty: by the usual names
+    input_variables: Mapping[str, str] = field(default_factory=dict)  # input → variable of the FMU, if not its name
+    products: Mapping[str, str] = field(default_factory=dict)  # input → column that its own is multiplied with
+    linear: tuple[str, ...] = ()  # inputs that go linearly from row to row; the others are held
+    outputs: Mapping[str, OutputSpec] = field(default_factory=dict)  # FMU output → column; empty: usual names
+    parameters: Mapping[str, ParameterSpec] = field(default_factory=dict)  # empty: what the FMU offers
+    fixed: Mapping[str, float] = field(default_factory=dict)  # FMU parameter or input → value
+    fixed_texts: Mapping[str, str] = field(default_factory=dict)  # FMU parameter → text, or item of an enumeration
+    recordings: tuple[Path, ...] = ()  # absolute
+    runs: tuple[RunSpec, ...] = ()  # what is said of each recording; the last holds for all that follow
+    search: SearchSpec = SearchSpec()
+    expect: Mapping[str, Expectation] = field(default_factory=dict)  # of the parameters
+    limits: Limits = Limits()  # what is expected of the estimate as a whole
+    nameplate: Nameplate | None = None
+    motor: str = ""  # which row of the table of motors
+    recording_of: str = ""  # which recording of a pattern's; "" if the file names its recordings
+
+    @property
+    def name(self) -> str:
+        """What the case is called: the file's stem, then what tells it from the file's others."""
+        stem = self.path.name if self.path else self.recordings[0].stem if self.recordings else "case"
+        stem = stem.removesuffix(".toml").removesuffix(".case")
+        inside = ",".join(part for part in (self.motor, self.recording_of) if part)
+        return f"{stem}[{inside}]" if inside else stem
+
+    def run(self, recording: int) -> RunSpec:
+        """Return what is said of a recording."""
+        return self.runs[min(recording, len(self.runs) - 1)] if self.runs else RunSpec()
+
+    def runs_of(self, count: int) -> tuple[RunSpec, ...]:
+        """Return what is said of each of so many recordings."""
+        return tuple(self.run(k) for k in range(count))
+
+    def __post_init__(self) -> None:
+        """Lock the mappings."""
+        for name in (
+            "inputs",
+            "input_variables",
+            "products",
+            "outputs",
+            "parameters",
+            "fixed",
+            "fixed_texts",
+            "expect",
+        ):
+            object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle as plain dictionaries."""
+        values = (getattr(self, f.name) for f in fields(self))
+        return Case, tuple(dict(v) if isinstance(v, MappingProxyType) else v for v in values)
+
+
+def case_for_recording(recording_path: Path, *, fmu: str = BUNDLED_FMU) -> Case:
+    """Return the case of a bare recording: columns by their usual names, everything else by default."""
+    return Case(fmu=fmu, recordings=(Path(os.path.abspath(recording_path)),))
+
+
+def read_case(path: Path) -> Case:
+    """Read a case file that means one case.
+
+    Raises
+    ------
+    CaseError
+        One sentence: the file, the line, what is wrong there, and what would be right.
+    """
+    cases = read_cases(path)
+    if len(cases) > 1:
+        raise CaseError(f"{Path(path).name} means {len(cases)} cases; run them with the command batch, or by pytest")
+    return cases[0]
+
+
+def read_cases(path: Path, *, recordings: Path | None = None) -> tuple[Case, ...]:
+    """Read a case file: one case, or one for each row of its table of motors and each recording of its pattern.
+
+    Parameters
+    ----------
+    recordings : path, optional
+        A folder in which the recordings are, instead of where the file says.
+
+    Raises
+    ------
+    CaseError
+        One sentence: the file, the line, what is wrong there, and what would be right.
+    """
+    path = Path(path)
+    document = Document(path)
+    document.table().only(*KEYS)
+    cases: list[Case] = []
+    for motor, filled in expanded(document):
+        for files, runs, recording_of in _recordings(filled.table(), recordings):
+            cases.append(_case(filled, motor=motor, files=files, runs=runs, recording_of=recording_of))
+    return tuple(cases)
+
+
+def _case(
+    document: Document, *, motor: str, files: tuple[Path, ...], runs: tuple[RunSpec, ...], recording_of: str
+) -> Case:
+    top = document.table()
+    fmu = top.table("fmu")
+    fmu.only("path", "step", "kind")
+    parameters = {name: _parameter(top.table("parameters").table(name)) for name in top.table("parameters").keys}
+    expect, fixed = top.table("expect"), top.table("fixed")
+    inputs = {name: read_input(top.table("inputs"), name) for name in top.table("inputs").keys}
+    case = Case(
+        path=document.path,
+        fmu=_fmu_path(fmu),
+        step=fmu.number("step", above=0),
+        kind=fmu.choice("kind", FMI_KINDS, default="co-simulation") if "kind" in fmu.value else None,
+        inputs={name: spec.column for name, spec in inputs.items()},
+        input_variables={name: spec.fmu for name, spec in inputs.items() if spec.fmu},
+        products={name: spec.times for name, spec in inputs.items() if spec.times},
+        linear=tuple(name for name, spec in inputs.items() if spec.between == "linear"),
+        outputs={name: read_output(top.table("outputs"), name) for name in top.table("outputs").keys},
+        parameters=parameters,
+        fixed={name: _fixed(fixed, name) for name in fixed.keys if not _is_text(fixed.value[name])},
+        fixed_texts={name: fixed.text(name) for name in fixed.keys if _is_text(fixed.value[name])},
+        recordings=files,
+        runs=runs if any(run != RunSpec() for run in runs) else (),
+        search=_search(top.table("search")),
+        expect={name: _expectation(expect, name, parameters) for name in expect.keys if name not in LIMIT_KEYS},
+        limits=read_limits(expect),
+        nameplate=read_nameplate(top.table("nameplate")) if "nameplate" in top.value else None,
+        motor=motor,
+        recording_of=recording_of,
+    )
+    _check_destinations(case, document)
+    return case
+
+
+def write_case(case: Case, path: Path) -> None:
+    """Write a case file that reads back as the same case; it appears whole or not at all.
+
+    Paths are written relative to the file.
+    """
+    path = Path(path)
+    folder = Path(os.path.abspath(path)).parent
+    sections: list[tuple[str, dict[str, Any]]] = [
+        ("[fmu]", {"path": _fmu_value(case.fmu, folder), "step": case.step, "kind": case.kind}),
+        ("[inputs]", {name: input_value(_input(case, name)) for name in case.inputs}),
+        ("[outputs]", {name: output_value(output) for name, output in case.outputs.items()}),
+        ("[parameters]", {name: _parameter_value(spec) for name, spec in case.parameters.items()}),
+        ("[fixed]", {**case.fixed, **case.fixed_texts}),
+        *(
+            ("[[recording]]", {"file": _relative(str(file), folder), **run_value(case.run(k))})
+            for k, file in enumerate(case.recordings)
+        ),
+        ("[search]", _search_value(case.search)),
+        (
+            "[expect]",
+            {**{name: expectation_value(e) for name, e in case.expect.items()}, **limits_value(case.limits)},
+        ),
+        ("[nameplate]", {} if case.nameplate is None else nameplate_value(case.nameplate)),
+    ]
+    blocks = []
+    for title, values in sections:
+        rows = [f"{to_key(name)} = {to_toml(value)}" for name, value in values.items() if value is not None]
+        if rows:
+            blocks.append("\n".join([title, *rows]) + "\n")
+    write_files({path: "\n".join(blocks).encode()})
+
+
+def _fmu_path(fmu: Table) -> str:
+    text = fmu.text("path", default=BUNDLED_FMU)
+    return str(fmu.file("path", what="FMU")) if _is_file_name(text) else text
+
+
+def _is_file_name(text: str) -> bool:
+    """Tell a file from a bundled model's name."""
+    return text.endswith(".fmu") or "/" in text or "\\" in text
+
+
+def _recordings(top: Table, folder: Path | None) -> list[tuple[tuple[Path, ...], tuple[RunSpec, ...], str]]:
+    """Return the recordings of each case: those named, or one that matches the pattern and what to call it."""
+    entries = top.value.get("recording")
+    if entries is None:
+        top.fail((), 'no recording is given; add [[recording]] with file = "…"')
+    if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
+        top.fail(("recording",), 'recording must be written [[recording]], in double brackets, with file = "…"')
+    files: list[Path] = []
+    runs: list[RunSpec] = []
+    for k in range(len(entries)):
+        entry = Table(top.document, ("recording", k), entries[k])
+        entry.only(*RUN_KEYS)
+        run = read_run(entry)
+        if entry.is_pattern("file", folder=folder):
+            if len(entries) > 1:
+                entry.fail(
+                    ("file",),
+                    f"the pattern {entry.value['file']!r} stands beside other recordings; each file that it matches"
+                    " is a case of its own, so leave the others out",
+                )
+            found = entry.files("file", what="recording", folder=folder)
+            if run.validate:
+                entry.fail(("validate",), "a pattern's files are cases of their own; name the recording to validate on")
+            return [((file,), (run,), name) for file, name in zip(found, told_apart(found), strict=True)]
+        file = entry.file("file", what="recording", folder=folder)
+        if file in files:
+            entry.fail(("file",), f"the recording {entry.value['file']!r} is given twice; leave one out")
+        files.append(file)
+        runs.append(run)
+    if not files:
+        top.fail(("recording",), 'no recording is given; add [[recording]] with file = "…"')
+    if all(run.validate for run in runs):
+        top.fail(("recording", 0, "validate"), "every recording is held out to validate on; leave one to fit to")
+    return [(tuple(files), tuple(runs), "")]
+
+
+def _is_text(value: Any) -> bool:
+    """Tell an enumeration's item from a number in quotes."""
+    if not isinstance(value, str) or isinstance(value, Cell) or not value.strip():
+        return False
+    try:
+        float(value)
+    except ValueError:
+        return True
+    return False
+
+
+def _fixed(fixed: Table, name: str) -> float:
+    value = fixed.value[name]
+    return float(value) if isinstance(value, bool) else fixed.required_number(name)
+
+
+def _input(case: Case, name: str) -> InputSpec:
+    return InputSpec(
+        column=case.inputs[name],
+        fmu=case.input_variables.get(name, ""),
+        times=case.products.get(name, ""),
+        between="linear" if name in case.linear else "held",
+    )
+
+
+def _parameter(table: Table) -> ParameterSpec:
+    table.only("min", "max", "nominal", "start", "fmu", "per_recording")
+    own = table.value.get("per_recording", False)
+    if not isinstance(own, bool):
+        table.fail(("per_recording",), f"{table.full('per_recording')} must be true or false")
+    name = str(table.way[-1])
+    low, high = table.number("min"), table.number("max")
+    if low is not None and high is not None and low >= high:
+        table.fail(("min",), f"{table.title} has min {low:g} and max {high:g}; min must be the smaller one")
+    start = table.number("start")
+    if start is not None and not (low is None or start >= low):
+        table.fail(("start",), f"{table.title} starts at {start:g}, below its min {low:g}; start within the bounds")
+    if start is not None and not (high is None or start <= high):
+        table.fail(("start",), f"{table.title} starts at {start:g}, above its max {high:g}; start within the bounds")
+    variables, gains = _targets(table)
+    return ParameterSpec(
+        name=name,
+        minimum=low,
+        maximum=high,
+        nominal=table.number("nominal"),
+        start=start,
+        fmu=variables or (table.texts("fmu") if "fmu" in table.value else (name,)),
+        gains=gains,
+        per_recording=own,
+    )
+
+
+def _targets(table: Table) -> tuple[tuple[str, ...], tuple[float, ...]]:
+    """Return the variables and their factors of ``fmu = { Ke = 1, Km = 1.05 }``; nothing if it is not written so."""
+    if not isinstance(table.value.get("fmu"), dict):
+        return (), ()
+    factors = table.table("fmu")
+    if not factors.keys:
+        table.fail(("fmu",), f"{factors.title} is empty; write {{ Ke = 1, Km = 1 }}: variables and their factors")
+    gains = {name: factors.required_number(name) for name in factors.keys}
+    for name, gain in gains.items():
+        if gain == 0:
+            factors.fail(
+                (name,), f"{factors.full(name)} is 0, so {name!r} would not follow the parameter; leave it out"
+            )
+    return tuple(gains), tuple(gains.values())
+
+
+def _search(table: Table) -> SearchSpec:
+    table.only("method", "seed", "nests", "iterations", "loss")
+    return SearchSpec(
+        method=table.choice("method", METHODS, default="cuckoo"),
+        seed=table.integer("seed", minimum=0, default=1) or 0,
+        nests=table.integer("nests", minimum=2),
+        iterations=table.integer("iterations", minimum=1),
+        loss=table.choice("loss", LOSSES, default="linear"),
+    )
+
+
+def _search_value(search: SearchSpec) -> dict[str, Any]:
+    values = {f.name: getattr(search, f.name) for f in fields(search)}
+    return {name: value for name, value in values.items() if name != "loss" or value != "linear"}
+
+
+def _expectation(expect: Table, name: str, parameters: Mapping[str, ParameterSpec]) -> Expectation:
+    table = expect.table(name)
+    table.only(*ENTRY_KEYS)
+    spec = parameters.get(name)
+    nominal = None if spec is None else spec.nominal
+    return read_expectation(table, nominal=nominal, remedy=f", or a nominal to parameters.{name}")
+
+
+def _check_destinations(case: Case, document: Document) -> None:
+    """Refuse a variable of the FMU that would be given twice."""
+    given: dict[str, str] = {}
+
+    def give(variable: str, by: str, at: Keys) -> None:
+        if variable in given:
+            document.fail(at, f"{variable!r} is given by {given[variable]} and by {by}; leave one out")
+        given[variable] = by
+
+    for name in case.inputs:
+        give(case.input_variables.get(name, name), "[inputs]", ("inputs", name))
+    for name, spec in case.parameters.items():
+        for variable in spec.fmu:
+            give(variable, f"parameters.{name}", ("parameters", name, "fmu"))
+    for name in (*case.fixed, *case.fixed_texts):
+        if name in case.parameters and name not in given:
+            document.fail(("fixed", name), f"{name!r} is both estimated (parameters.{name}) and fixed; leave one out")
+        give(name, "[fixed]", ("fixed", name))
+
+
+def _fmu_value(fmu: str, folder: Path) -> str:
+    if not os.path.isabs(fmu):
+        return fmu
+    relative = _relative(fmu, folder)
+    return relative if _is_file_name(relative) else f"./{relative}"
+
+
+def _parameter_value(spec: ParameterSpec) -> dict[str, Any]:
+    return {
+        "min": spec.minimum,
+        "max": spec.maximum,
+        "nominal": spec.nominal,
+        "start": spec.start,
+        "fmu": _targets_value(spec),
+        "per_recording": True if spec.per_recording else None,
+    }
+
+
+def _targets_value(spec: ParameterSpec) -> Any:
+    if spec.gains:
+        return dict(zip(spec.fmu, spec.gains, strict=True))
+    return None if spec.fmu == (spec.name,) else list(spec.fmu)
+
+
+def _relative(path: str, folder: Path) -> str:
+    try:
+        return Path(os.path.relpath(path, folder)).as_posix()
+    except ValueError:  # another drive
+        return path

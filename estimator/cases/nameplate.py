@@ -1,0 +1,196 @@
+"""What a motor's nameplate says, computed from an estimate and checked. Knows the motor's steady state, no FMU.
+
+At the voltage V, with R, K (= Kt = Ke) and the viscous friction B:
+
+    no-load speed     K V / (R B + K²)        no-load current    B V / (R B + K²)
+    stall torque      K V / R                 stall current      V / R
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
+
+from estimator.cases.expectation import ENTRY_KEYS, Check, Expectation, compare, expectation_value, read_expectation
+from estimator.cases.strict_toml import Table
+from estimator.errors import suggestion
+
+if TYPE_CHECKING:
+    from estimator.results.result import Estimate
+
+# quantity → (SI unit, quantity of units.py)
+QUANTITIES = {
+    "Kt": ("N.m/A", ""),
+    "R": ("Ohm", "resistance"),
+    "no_load_speed": ("rad/s", "angular speed"),
+    "no_load_current": ("A", "current"),
+    "stall_current": ("A", "current"),
+    "stall_torque": ("N.m", "torque"),
+}
+NEED_VOLTAGE = tuple(name for name in QUANTITIES if name not in ("Kt", "R"))
+
+
+@dataclass(frozen=True)
+class Nameplate:
+    """The rated voltage [V], and what the plate says, SI units."""
+
+    voltage: float | None = None
+    values: Mapping[str, Expectation] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Lock the mapping."""
+        object.__setattr__(self, "values", MappingProxyType(dict(self.values)))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle as a plain dictionary."""
+        return Nameplate, tuple(
+            dict(v) if f.name == "values" else v for f in fields(self) for v in [getattr(self, f.name)]
+        )
+
+
+@dataclass(frozen=True)
+class PlateValue:
+    """One nameplate quantity of an estimate, SI, with its standard error to first order; None if that is unknown."""
+
+    value: float
+    standard_error: float | None
+
+
+def read_nameplate(table: Table) -> Nameplate:
+    """Read [nameplate]."""
+    table.only("voltage", *QUANTITIES)
+    voltage = table.number("voltage", above=0)
+    values = {}
+    for name in table.keys:
+        if name == "voltage":
+            continue
+        if voltage is None and name in NEED_VOLTAGE:
+            table.fail((name,), f"{table.full(name)} depends on the voltage; add voltage = …, in V")
+        if not isinstance(table.value[name], dict):
+            values[name] = Expectation(name, table.required_number(name))
+            continue
+        entry = table.table(name)
+        entry.only(*ENTRY_KEYS, "unit")
+        values[name] = _in_si(read_expectation(entry, nominal=None), _factor(entry, name))
+    return Nameplate(voltage, values)
+
+
+def nameplate_value(nameplate: Nameplate) -> dict[str, Any]:
+    """Return a nameplate as the table that reads back the same."""
+    return {"voltage": nameplate.voltage, **{n: expectation_value(e) for n, e in nameplate.values.items()}}
+
+
+def plate_values(estimate: Estimate, *, voltage: float | None) -> dict[str, PlateValue]:
+    """Return the nameplate quantities of an estimate; those that its parameters do not give are left out.
+
+    Standard errors are propagated to first order with the estimate's correlations.
+    """
+    have = estimate.parameters
+    if "K" not in have or "R" not in have:
+        return {}
+    R, K = have["R"].value, have["K"].value
+    B = have["B"].value if "B" in have else None
+    found: dict[str, tuple[float, dict[str, float]]] = {"Kt": (K, {"K": 1.0}), "R": (R, {"R": 1.0})}
+    if voltage is not None and R > 0:
+        V = voltage
+        if B is not None:
+            d = R * B + K * K
+            found["no_load_speed"] = (
+                K * V / d,
+                {"R": -K * V * B / d**2, "K": V * (R * B - K * K) / d**2, "B": -K * V * R / d**2},
+            )
+            found["no_load_current"] = (
+                B * V / d,
+                {"R": -B * V * B / d**2, "K": -2 * B * V * K / d**2, "B": V * K * K / d**2},
+            )
+        found["stall_current"] = (V / R, {"R": -V / R**2})
+        found["stall_torque"] = (K * V / R, {"R": -K * V / R**2, "K": V / R})
+    order = [name for name in QUANTITIES if name in found]
+    return {name: PlateValue(found[name][0], _error(estimate, found[name][1])) for name in order}
+
+
+def plate_checks(nameplate: Nameplate, estimate: Estimate, *, confidence: float | None = None) -> tuple[Check, ...]:
+    """Hold an estimate against the limits of a nameplate; a value without a tolerance is shown, not checked."""
+    found = plate_values(estimate, voltage=nameplate.voltage)
+    result = []
+    for name, expectation in nameplate.values.items():
+        if expectation.limits() is None:
+            continue
+        title = f"nameplate {name}"
+        if name not in found:
+            why = "; ".join(estimate.reasons) if not estimate.parameters else "it needs R, K and B"
+            result.append(Check(title, "fail", f"the estimate gives no {name}: {why}"))
+            continue
+        value, unit = found[name], QUANTITIES[name][0]
+        result.append(
+            compare(
+                title,
+                expectation,
+                value=value.value,
+                standard_error=value.standard_error,
+                confidence=confidence,
+                unit=unit,
+            )
+        )
+    return tuple(result)
+
+
+def plate_check_names(nameplate: Nameplate | None) -> tuple[str, ...]:
+    """Return the names of the checks that `plate_checks` will make, in its order."""
+    if nameplate is None:
+        return ()
+    return tuple(f"nameplate {name}" for name, e in nameplate.values.items() if e.limits() is not None)
+
+
+def _error(estimate: Estimate, gradient: Mapping[str, float]) -> float | None:
+    variance = 0.0
+    errors = {}
+    for name in gradient:
+        parameter = estimate.parameters[name]
+        error = parameter.standard_error if parameter.free else 0.0
+        if error is None:
+            return None
+        errors[name] = error
+    for a, slope_a in gradient.items():
+        for b, slope_b in gradient.items():
+            variance += slope_a * slope_b * errors[a] * errors[b] * _correlation(estimate, a, b)
+    return float(max(variance, 0.0) ** 0.5)
+
+
+def _correlation(estimate: Estimate, a: str, b: str) -> float:
+    if a == b:
+        return 1.0
+    names = estimate.correlated
+    if estimate.correlation is None or a not in names or b not in names:
+        return 0.0
+    return float(estimate.correlation[names.index(a), names.index(b)])
+
+
+def _factor(entry: Table, name: str) -> float:
+    si, quantity = QUANTITIES[name]
+    if "unit" not in entry.value:
+        return 1.0
+    text = entry.text("unit")
+    if text == si:
+        return 1.0
+    from estimator.recordings.units import parse_unit  # imports numpy
+
+    unit = parse_unit(text)
+    if unit is None or unit.quantity != quantity or unit.offset:
+        entry.fail(("unit",), f"{entry.title} cannot be in {text!r}{suggestion(text, (si, *_usual(quantity)))}")
+    return unit.numerator / unit.denominator
+
+
+def _usual(quantity: str) -> tuple[str, ...]:
+    return {"angular speed": ("rpm",), "current": ("mA",), "torque": ("mN.m",), "resistance": ("mOhm",)}.get(
+        quantity, ()
+    )
+
+
+def _in_si(e: Expectation, factor: float) -> Expectation:
+    def scaled(value: float | None) -> float | None:
+        return None if value is None else value * factor
+
+    return Expectation(e.name, scaled(e.value), e.fraction, scaled(e.absolute), scaled(e.minimum), scaled(e.maximum))

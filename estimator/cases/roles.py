@@ -1,0 +1,77 @@
+"""Which of an FMU's variables looks like which quantity of a motor, by name, unit and description. Only guesses."""
+
+from __future__ import annotations
+
+import re
+
+from estimator.cases.mapping import in_si
+from estimator.fmus.fmu import FmuDescription, Variable
+
+# Of each role: causalities, SI units, words of the name, words of the description.
+_CLUES: dict[str, tuple[tuple[str, ...], tuple[str, ...], str, str]] = {
+    "R": (("parameter",), ("Ohm",), r"r|ra|rm|rs|rw|resistance|res", r"resistance|widerstand"),
+    "L": (("parameter",), ("H",), r"l|la|lm|ls|lw|inductance|ind", r"inductance|induktivit"),
+    "K": (
+        ("parameter",),
+        ("V.s/rad", "V.s", "N.m/A", "Wb"),
+        r"k|ke|km|kt|kv|ki|ce|cm|k_e|k_m|k_t|psi|kemf|ktau",
+        r"torque constant|motor constant|emf|voltage constant|speed constant|flux",
+    ),
+    "J": (("parameter",), ("kg.m2",), r"j|jm|jr|ja|inertia|theta", r"inertia|trägheit"),
+    "B": (
+        ("parameter",),
+        ("N.m.s/rad", "N.m.s", "kg.m2/s"),
+        r"b|bm|c|d|f|dm|kd|damping|friction|viscous|mu",
+        r"damping|viscous|friction|reibung",
+    ),
+    "v": (("input",), ("V",), r"v|u|va|ua|vin|uin|u_in|v_in|voltage|volt", r"voltage|spannung"),
+    "load": (("input",), ("N.m",), r"load|tl|tau|tau_l|torque|ml|m_l", r"load|torque|moment"),
+    "i": (("output", "local"), ("A",), r"i|ia|im|i_a|current", r"current|strom"),
+    "angle": (("output", "local"), ("rad",), r"angle|phi|phi_m|theta|pos|position", r"angle|position|winkel"),
+    "w": (("output", "local"), ("rad/s",), r"w|wm|omega|w_m|speed|n|phid|velocity", r"speed|velocity|drehzahl"),
+}
+ROLES = tuple(_CLUES)
+UNIT, NAME, WORDS, TOP, OWN = 4, 3, 2, 1, 1  # points for a clue
+ENOUGH = 3
+
+
+def guess_roles(description: FmuDescription) -> dict[str, tuple[str, ...]]:
+    """Return role → variables that look like it, best first; both constants where a motor has two.
+
+    A variable is given to one role only.
+    """
+    scored: list[tuple[int, int, str, Variable]] = []
+    for order, variable in enumerate(description.variables):
+        if not variable.is_real:
+            continue
+        for role in ROLES:
+            points = _points(in_si(variable), role)
+            if points >= ENOUGH:
+                scored.append((-points, order, role, variable))
+    found: dict[str, tuple[str, ...]] = {}
+    best: dict[str, int] = {}
+    taken: set[str] = set()
+    for minus, _, role, variable in sorted(scored, key=lambda s: s[:2]):
+        if variable.name in taken:
+            continue
+        second = role == "K" and len(found.get(role, ())) == 1 and minus <= best[role] + UNIT
+        if role not in found or second:
+            found[role] = (*found.get(role, ()), variable.name)
+            best.setdefault(role, minus)
+            taken.add(variable.name)
+    return {role: found[role] for role in ROLES if role in found}
+
+
+def _points(variable: Variable, role: str) -> int:
+    causalities, units, names, words = _CLUES[role]
+    if variable.causality not in causalities:
+        return 0
+    if variable.unit and variable.unit not in units and role not in ("K", "B"):
+        return 0
+    points = UNIT if variable.unit in units else 0
+    last = re.split(r"[.\[\]]", variable.name.lower().rstrip("]"))[-1]
+    points += NAME if re.fullmatch(names, last) else 0
+    points += WORDS if re.search(words, variable.description.lower()) or re.search(words, last) else 0
+    if role in ("K", "B") and variable.unit and variable.unit not in units:
+        return 0
+    return points + (OWN if points and variable.causality == "output" else 0)

@@ -1,0 +1,394 @@
+"""What each command does: one function a command, from parsed arguments to an exit status."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import csv
+import dataclasses
+import functools
+import io
+import json
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from estimator.commands.options import unique, with_corrections, with_held_out, with_options
+from estimator.commands.terminal import FAILED, INTERRUPTED, OK, complain, say
+from estimator.errors import FmuError, InputError, SimulationError
+from estimator.estimating.progress import LiveLine, Progress, batch_line, is_terminal
+from estimator.output import OutputFolder, write_files
+
+if TYPE_CHECKING:
+    from estimator.batches.batch import Run
+    from estimator.batches.resample import Kind
+    from estimator.cases.case import Case
+    from estimator.fmus.fmu import FmuDescription
+    from estimator.results.result import Estimate, FloatArray
+
+CASE_SUFFIX = ".case.toml"
+DEFAULT_STOP, DEFAULT_STEP = 2.8, 1e-3  # s
+INSPECTION_LIMIT = 45.0  # s of describing and probing
+
+
+def demo(args: argparse.Namespace) -> int:
+    """Emulate the paper's bench, estimate its motor from the recording, and write everything to a folder."""
+    if args.paper_figures:
+        return _paper_figures(args)
+    if args.nests or args.iterations:
+        raise InputError("--nests and --iterations are those of --paper-figures; give that too, or leave them out")
+    from estimator.results.export import RESULT_FILES
+
+    with OutputFolder(args.output, own=("recording.csv", *RESULT_FILES)) as folder:
+        from estimator.cases.case import ParameterSpec, case_for_recording
+        from estimator.commands import demo as bench
+
+        recording = folder.path / "recording.csv"
+        columns = bench.emulated_recording()
+        folder.write({recording.name: csv_bytes(columns)})
+        say(
+            f"The paper's bench, emulated: {bench.MOTOR}, {bench.VOLTAGE} V at {bench.STEP_AT} s, "
+            f"{bench.STOP} s at {1 / bench.STEP:.0f} Hz, with noise.\n\n"
+        )
+        case = case_for_recording(recording)
+        nominal = {name: ParameterSpec(name, nominal=value) for name, value in bench.NOMINAL.items()}
+        case = dataclasses.replace(case, parameters=nominal)
+        result = _estimated(case, workers=None, quiet=args.quiet, profile=True)
+        _write_results(folder, result, case, command=f"fmu-estimator estimate {recording}")
+        say(_text(result))
+        say(f"\nWritten to {folder.path}: {', '.join(sorted(p.name for p in folder.path.iterdir()))}\n")
+    return _status(result)
+
+
+def estimate(args: argparse.Namespace) -> int:
+    """Estimate parameters from a case file or a recording; print them, and write them with ``-o``."""
+    case = _case(args)
+    args.method, args.seed = case.search.method, case.search.seed
+    if args.save_case:
+        from estimator.cases.case import write_case
+
+        if Path(args.save_case).exists():
+            raise InputError(f"{args.save_case} is there already; give another name with --save-case, or remove it")
+        write_case(case, Path(args.save_case))
+    if args.figures and not args.output:
+        raise InputError("--figures needs a folder to write to; give one with -o")
+    with OutputFolder(args.output) if args.output else contextlib.nullcontext() as folder:
+        result = _estimated(
+            case, workers=args.workers, quiet=args.quiet, profile=folder is not None, checkpoint=args.checkpoint
+        )
+        if folder is not None:
+            _write_results(folder, result, case, command=args.command_line, figures=args.figures)
+    if args.json:
+        from estimator.results.report import to_json
+
+        say(to_json(result))
+    else:
+        say(_text(result))
+    return _status(result)
+
+
+def simulate(args: argparse.Namespace) -> int:
+    """Simulate an FMU once and give what comes out as CSV, in SI units."""
+    from estimator.cases.mapping import in_si_units
+    from estimator.commands.drive import settable
+    from estimator.fmus.fmu import describe, with_kind
+    from estimator.fmus.probe import driven
+
+    read = with_kind(describe(args.fmu), args.kind)
+    description = in_si_units(read)
+    settings = unique(args.settings, option="--set")
+    parameters = {name: value for name, value in settings.items() if settable(description, name) == "parameter"}
+    times, inputs = _drive(description, args)
+    for name, value in settings.items():
+        if name not in parameters:
+            if name in inputs:
+                raise InputError(f"the input {name!r} is given twice, by --set and by the drive; leave one out")
+            inputs[name] = times * 0 + value
+    from estimator.fmus.simulate import simulate as simulate_fmu
+
+    try:
+        outputs = simulate_fmu(in_si_units(driven(read)), parameters=parameters, inputs=inputs, times=times)
+    except SimulationError as error:
+        raise FmuError(str(error)) from error
+    units = {variable.name: variable.unit for variable in description.variables}
+    columns = {"time [s]": times}
+    for signals in (inputs, outputs):
+        columns |= {f"{n} [{units[n]}]" if units.get(n) else n: signal for n, signal in signals.items()}
+    if args.output:
+        write_files({Path(args.output): csv_bytes(columns)})
+    else:
+        say(csv_bytes(columns).decode())
+    return OK
+
+
+def inspect(args: argparse.Namespace) -> int:
+    """Show what an FMU is, and within a minute how it behaves, whatever it does."""
+    began = time.monotonic()
+    from estimator.commands.inspection import inspection_mapping, inspection_text
+    from estimator.fmus.fmu import describe, with_kind
+
+    description = with_kind(describe(args.fmu, validate=True), args.kind)
+    found = {}
+    if not args.static:
+        from estimator.fmus.probe import probe_kinds
+
+        kinds = (args.kind,) if args.kind else description.kinds or (description.kind,)
+        found = probe_kinds(description, kinds, limit=INSPECTION_LIMIT - (time.monotonic() - began))
+    if args.json:
+        say(json.dumps(inspection_mapping(description, found), indent=2, allow_nan=False) + "\n")
+    else:
+        say(inspection_text(description, found))
+    return OK
+
+
+def init(args: argparse.Namespace) -> int:
+    """Guess a case file and give its text."""
+    from estimator.cases.init_case import case_text
+    from estimator.fmus.fmu import describe
+    from estimator.recordings.recording import read_recording
+
+    output = Path(args.output) if args.output else None
+    if output is not None and not output.name.endswith(CASE_SUFFIX):
+        raise InputError(f"{output}: the name of a case file ends in {CASE_SUFFIX}; give -o {output.stem}{CASE_SUFFIX}")
+    if output is not None and output.exists():
+        raise InputError(f"{output} is there already; give another name with -o, or remove it")
+    folder = Path.cwd() if output is None else output.absolute().parent
+    recording = read_recording(Path(args.recording))
+    text = case_text(describe(args.fmu), recording, fmu=args.fmu, folder=folder)
+    if output is None:
+        say(text)
+        return OK
+    write_files({output: text.encode()})
+    marks = text.count("TODO") - 1
+    say(f"{output}" + (f": {marks} thing{'s' if marks != 1 else ''} to fill in, marked TODO\n" if marks else "\n"))
+    return OK
+
+
+def new_model(args: argparse.Namespace) -> int:
+    """Write a model file to start from and print its path."""
+    import fmu_build
+
+    say(f"{fmu_build.new_model(args.name, folder=Path())}\n")
+    return OK
+
+
+def build(args: argparse.Namespace) -> int:
+    """Compile a model into an FMU and print its path."""
+    import fmu_build
+
+    output = Path(args.output) if args.output else Path(Path(args.model).stem + ".fmu")
+    if output.is_dir() or str(args.output or "").endswith("/"):
+        raise InputError(f"{output} is a folder; give -o the name of a file, such as {output / 'model.fmu'}")
+    say(f"{fmu_build.build(args.model, output=output, fmi=args.fmi, platforms=args.platforms)}\n")
+    return OK
+
+
+def batch(args: argparse.Namespace) -> int:
+    """Estimate many cases and write their table."""
+    from estimator.batches.batch import BatchProgress, gather, last_line, repeated, run_batch
+
+    cases = gather([Path(source) for source in args.sources], report=args.report)
+    for _, outcome in cases.unread:
+        complain(outcome.row["reasons"][0])
+    kind: Kind | None = "monte-carlo" if args.monte_carlo else "bootstrap" if args.bootstrap else None
+    if kind is not None:
+        cases = repeated(cases, kind=kind, count=args.monte_carlo or args.bootstrap)
+    folder = Path(args.output)
+    live = LiveLine(sys.stderr) if is_terminal(sys.stderr) and not args.quiet else None
+
+    def show(p: BatchProgress) -> None:
+        if live is not None:
+            live.draw(lambda s: batch_line(done=p.done, total=p.total, kept=p.kept, verdicts=p.verdicts, seconds=s))
+
+    try:
+        with live or contextlib.nullcontext():
+            result = run_batch(cases, folder, _runner(args), resume=args.resume, parquet=args.parquet, progress=show)
+    except KeyboardInterrupt:
+        complain(f"interrupted; what is done is in {folder}, go on with --resume")
+        return INTERRUPTED
+    from estimator.batches.gauge import statistics_text
+
+    statistics = statistics_text(result.rows)
+    say("\n".join([*statistics, *([""] if statistics else []), last_line(result, table=folder / "results.csv")]) + "\n")
+    return FAILED if result.verdicts.keys() - {"ok", "doubtful"} else OK
+
+
+def export(args: argparse.Namespace) -> int:
+    """Write an estimate's files for other tools."""
+    from estimator.results.handover_files import handover_files, read_result
+
+    source = Path(args.result)
+    result = read_result(source)
+    if result.verdict != "ok":
+        complain(f"the estimate is {result.verdict}: {'; '.join(result.reasons)}")
+    files, left_out = handover_files(result, formats=args.formats, fmu=args.fmu)
+    with OutputFolder(args.output or (source if source.is_dir() else source.parent)) as folder:
+        folder.write(files)
+        say(f"Written to {folder.path}: {', '.join(sorted(files))}\n")
+    for sentence in left_out:
+        say(f"Left out, {sentence}\n")
+    return OK
+
+
+def completion(args: argparse.Namespace) -> int:
+    """Print a shell's completion script."""
+    from estimator.commands.completion import completion as script
+
+    say(script(args.whole(), args.shell))
+    return OK
+
+
+def schema(args: argparse.Namespace) -> int:
+    """Give the JSON Schema of case files."""
+    from estimator.cases.schema import schema as case_schema
+
+    text = json.dumps(case_schema(), indent=2) + "\n"
+    if args.output:
+        write_files({Path(args.output): text.encode()})
+    else:
+        say(text)
+    return OK
+
+
+def _paper_figures(args: argparse.Namespace) -> int:
+    """Draw the paper's figures and write them to a folder."""
+    names = {f"figure{number}.{kind}" for number in range(3, 11) for kind in ("png", "svg", "pdf")}
+    with OutputFolder(args.output, own=names) as folder:
+        from estimator.commands.paper_figures import paper_figures
+        from estimator.results.plots import rendered
+
+        def tell(sentence: str) -> None:
+            if not args.quiet:
+                print(sentence, file=sys.stderr, flush=True)
+
+        paper = paper_figures(nests=args.nests, iterations=args.iterations, tell=tell)
+        for number, figure in paper.figures.items():
+            folder.write({f"figure{number}.{kind}": rendered(figure, kind) for kind in ("png", "svg", "pdf")})
+        say("\n".join(paper.lines) + f"\n\nWritten to {folder.path}: figures 3 to 10, each as PNG, SVG and PDF\n")
+    return OK
+
+
+def csv_bytes(columns: Mapping[str, FloatArray]) -> bytes:
+    """Return columns of equal length as CSV, exact to the bit; a missing sample (NaN) is an empty cell."""
+    stream = io.StringIO(newline="")
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow(columns)
+    rows = zip(*(column.tolist() for column in columns.values()), strict=True)
+    writer.writerows(["" if value != value else repr(value) for value in row] for row in rows)
+    return stream.getvalue().encode()
+
+
+def _runner(args: argparse.Namespace) -> Run:
+    """Return what runs the cases of `batch`: processes here, or a Dask cluster."""
+    if args.dask is not None:
+        from estimator.batches.cluster import run_there
+
+        return run_there(args.dask)
+    from estimator.batches.benches import run_here
+    from estimator.estimating.estimate import available_cores
+
+    return functools.partial(run_here, processes=args.workers or available_cores())
+
+
+def _drive(description: FmuDescription, args: argparse.Namespace) -> tuple[FloatArray, dict[str, FloatArray]]:
+    """Return the times and the inputs over them that the arguments of `simulate` mean."""
+    from estimator.commands.drive import inputs_from, instants, stepped_voltage, voltage_input
+
+    if args.input is not None:
+        if args.stop is not None or args.step is not None:
+            raise InputError("--stop and --step come from the file of --input; leave them out")
+        return inputs_from(Path(args.input), description)
+    stop, step = args.stop or DEFAULT_STOP, args.step or DEFAULT_STEP
+    if step > stop:
+        raise InputError(f"--step {step:g} is longer than --stop {stop:g}; give a smaller step")
+    times = instants(stop=stop, step=step)
+    if args.voltage_step is None:
+        return times, {}
+    level, at = args.voltage_step
+    return times, {voltage_input(description): stepped_voltage(times, level=level, at=at)}
+
+
+def _case(args: argparse.Namespace) -> Case:
+    """Return the case that the arguments of `estimate` mean."""
+    from estimator.cases.case import case_for_recording, read_case
+
+    source = args.source
+    if source.endswith(CASE_SUFFIX):
+        case = read_case(Path(source))
+    elif source.endswith(".toml"):
+        raise InputError(f"{source}: the name of a case file ends in {CASE_SUFFIX}; rename it")
+    elif source.endswith(".fmu"):
+        raise InputError(f"{source} is an FMU; give a recording or a case file, and the FMU with --fmu {source}")
+    else:
+        case = case_for_recording(Path(source))
+    case = with_options(
+        case,
+        fmu=args.fmu,
+        kind=args.kind,
+        method=args.method,
+        seed=args.seed,
+        fix=args.fix,
+        bounds=args.bounds,
+        loss=args.loss,
+    )
+    case = with_corrections(
+        case, window=args.window, scale=args.scale, offset=args.offset, temperature=args.temperature
+    )
+    return with_held_out(case, args.validate, fitted=len(case.recordings))
+
+
+def _estimated(
+    case: Case, *, workers: int | None, quiet: bool, profile: bool, checkpoint: str | None = None
+) -> Estimate:
+    """Run the estimation with its progress on the terminal, journalled if there is a checkpoint."""
+    from estimator.estimating.estimate import estimate as run
+
+    tell = None if quiet else complain
+    with _progress(quiet=quiet) as progress:
+        if checkpoint is None:
+            return run(case, workers=workers, progress=progress, tell=tell, profile=profile)
+        from estimator.batches.batch import Digests
+        from estimator.batches.bench import Task
+        from estimator.estimating.checkpoint import Journal, JournalledWorkers
+        from estimator.estimating.estimate import available_cores, estimate_by
+
+        digest = Digests().of(Task("", case))
+        with (
+            Journal(Path(checkpoint), digest=digest) as journal,
+            JournalledWorkers(workers or available_cores(), journal=journal) as crew,
+        ):
+            result = estimate_by(crew, case, progress=progress, tell=tell, profile=profile)
+            journal.remove()
+            return result
+
+
+@contextlib.contextmanager
+def _progress(*, quiet: bool) -> Iterator[Callable[[Progress], None] | None]:
+    if quiet or not is_terminal(sys.stderr):
+        yield None
+        return
+    with LiveLine(sys.stderr) as line:
+        yield line
+
+
+def _write_results(
+    folder: OutputFolder, result: Estimate, case: Case, *, command: str, figures: Sequence[str] = ()
+) -> None:
+    """Write all result files, and remove those of an earlier run that this one does not have."""
+    from estimator.results.export import RESULT_FILES, result_files
+
+    sources = [case.path, result.fmu.get("path"), *case.recordings]
+    files = result_files(result, command=command, sources=[s for s in sources if s], figures=figures)
+    folder.write(files, stale=RESULT_FILES)
+
+
+def _text(result: Estimate) -> str:
+    from estimator.results.report import text_report
+
+    return text_report(result)
+
+
+def _status(result: Estimate) -> int:
+    return FAILED if result.verdict == "refused" else OK

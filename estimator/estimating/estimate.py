@@ -1,0 +1,173 @@
+"""From a case to an estimate. Knows no file format and prints nothing; the methods are modules of their own."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+
+from estimator.cases.case import Case
+from estimator.estimating.methods import direct, evolution, paper
+from estimator.estimating.progress import Progress
+from estimator.estimating.run import Run
+from estimator.estimating.search_and_polish import search_and_polish
+from estimator.fmus.fmu import FmuDescription, describe, with_kind
+from estimator.fmus.probe import driven
+from estimator.fmus.workers import TIME_LIMIT, Workers
+from estimator.judging.validation import validated
+from estimator.plans.planning import plan_case
+from estimator.recordings.recording import Recording
+from estimator.results.result import Estimate
+
+METHODS: Mapping[str, Callable[[Run], Estimate]] = {
+    "cuckoo": search_and_polish,
+    "paper": paper,
+    "original": paper,
+    "integral": direct,
+    "steiglitz-mcbride": direct,
+    "differential-evolution": evolution,
+}
+
+
+class Interrupted(KeyboardInterrupt):
+    """Ctrl-C during an estimation.
+
+    Attributes
+    ----------
+    best : mapping of parameter → value, or None
+        The best candidate so far.
+    """
+
+    def __init__(self, best: Mapping[str, float] | None) -> None:
+        super().__init__("interrupted")
+        self.best = best
+
+
+def estimate(
+    case: Case,
+    *,
+    workers: int | None = None,
+    progress: Callable[[Progress], None] | None = None,
+    time_limit: float = TIME_LIMIT,
+    bounded: bool = True,
+    tell: Callable[[str], None] | None = None,
+    profile: bool = False,
+) -> Estimate:
+    """Estimate a case's free parameters.
+
+    Parameters
+    ----------
+    case : Case
+    workers : int, optional
+        Processes that simulate; by default the cores that this process may use. The result does not depend on it.
+    progress : callable, optional
+        Told where the estimation stands, often.
+    time_limit : float
+        s that one candidate may take.
+    bounded : bool
+        Let a candidate stop once it can no longer replace its nest; the result is the same without.
+    tell : callable, optional
+        Told, in a sentence and before the search, what one simulation costs and how long the search will take, where
+        that is long or the FMU is not simulated at full speed.
+    profile : bool
+        Simulate the cost around the optimum too, some 36 simulations a parameter; the estimate is the same without.
+
+    Returns
+    -------
+    Estimate
+
+    Raises
+    ------
+    InputError
+        Something in the case is wrong.
+    SimulationError
+        The FMU fails at every start.
+    Interrupted
+        Ctrl-C.
+    """
+    count = available_cores() if workers is None else workers
+    with Workers(count, time_limit=time_limit) as crew:
+        return estimate_by(crew, case, progress=progress, bounded=bounded, tell=tell, profile=profile)
+
+
+def estimate_recordings(
+    cases: Sequence[Case],
+    recordings: Sequence[Sequence[Recording]],
+    *,
+    workers: int | None = None,
+    time_limit: float = TIME_LIMIT,
+    bounded: bool = True,
+) -> list[Estimate]:
+    """Estimate many cases from recordings in memory, one after the other in the same worker processes.
+
+    Parameters
+    ----------
+    cases : sequence of Case
+        Their recordings' paths are not read.
+    recordings : sequence of sequences of Recording
+        One sequence a case.
+
+    Raises
+    ------
+    InputError, SimulationError
+        As `estimate`.
+    """
+    count = available_cores() if workers is None else workers
+    with Workers(count, time_limit=time_limit) as crew:
+        return [
+            estimate_by(crew, case, recordings=measured, bounded=bounded)
+            for case, measured in zip(cases, recordings, strict=True)
+        ]
+
+
+def estimate_by(
+    crew: Workers,
+    case: Case,
+    *,
+    description: FmuDescription | None = None,
+    recordings: Sequence[Recording] | None = None,
+    progress: Callable[[Progress], None] | None = None,
+    bounded: bool = True,
+    tell: Callable[[str], None] | None = None,
+    profile: bool = False,
+) -> Estimate:
+    """Estimate one case by worker processes that are there already, for whoever has many cases.
+
+    Parameters
+    ----------
+    crew : Workers
+        After an error it may be in any state: close it and take another.
+    description : FmuDescription, optional
+        Of the case's FMU, if it is known.
+    recordings : sequence of Recording, optional
+        Instead of reading the case's.
+    tell, profile
+        As `estimate`.
+
+    Raises
+    ------
+    InputError, SimulationError, Interrupted
+        As `estimate`.
+    """
+    described = driven(with_kind(description or describe(case.fmu), case.kind))
+    plan = plan_case(case, described, recordings=recordings)
+    found = _estimated(Run(plan, crew, progress=progress, bounded=bounded, tell=tell, profile=profile))
+    count = len(case.recordings if recordings is None else recordings)
+    apart = [k for k in range(count) if case.run(k).validate]
+    if not apart:
+        return found
+    return validated(found, case, recordings=None if recordings is None else [recordings[k] for k in apart])
+
+
+def available_cores() -> int:
+    """Return the number of cores that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def _estimated(run: Run) -> Estimate:
+    """Run the method of a plan."""
+    try:
+        return run.begin() or METHODS[run.method](run)
+    except KeyboardInterrupt:
+        raise Interrupted(run.best_values) from None

@@ -1,0 +1,330 @@
+"""One estimation under way: its phases, their simulations, what is told, and how it ends. Knows no method."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Callable, Sequence
+from typing import NoReturn
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.errors import SimulationError
+from estimator.estimating.cuckoo import CuckooSearch
+from estimator.estimating.effort import usual_simulations
+from estimator.estimating.progress import Progress
+from estimator.estimating.search import SearchRecord, run_search
+from estimator.fitting.fit import Fit
+from estimator.fitting.polish import Polish
+from estimator.fitting.problem import SIGMA_FLOOR, Problem
+from estimator.fitting.winding import cold_resistances
+from estimator.fmus.failing import with_cause, with_values
+from estimator.fmus.workers import Workers
+from estimator.judging.derived import derived_quantities
+from estimator.judging.outcome import (
+    comparisons,
+    correlation,
+    figures,
+    information,
+    parameter_estimates,
+    recordings,
+    sensors,
+    versions,
+)
+from estimator.judging.profile import cost_profiles
+from estimator.judging.refusal import lost_transients, refusal, refused_notes
+from estimator.judging.step_check import step_check
+from estimator.judging.structure import Structure, structure
+from estimator.judging.trial import announcement, unmoved
+from estimator.judging.verdict import Judgement, judge
+from estimator.plans.noise_level import output_deviations
+from estimator.plans.plan import MOTOR, Plan
+from estimator.plans.space import Space, steady_state
+from estimator.results.result import Estimate, ParameterEstimate, SearchHistory
+
+FloatArray = NDArray[np.float64]
+
+
+class Run:
+    """What a method works with: the plan, the problem, the random numbers, the account.
+
+    Parameters
+    ----------
+    plan : Plan
+    crew : Workers
+    progress, tell, bounded, profile
+        As `estimator.estimating.estimate.estimate`.
+    """
+
+    def __init__(
+        self,
+        plan: Plan,
+        crew: Workers,
+        *,
+        progress: Callable[[Progress], None] | None,
+        bounded: bool,
+        tell: Callable[[str], None] | None = None,
+        profile: bool = False,
+    ) -> None:
+        self.tell = tell
+        self.announced: tuple[str, ...] = ()
+        self.structure = Structure()
+        self.started = time.monotonic()
+        self.profile = profile
+        self.plan, self.crew, self.progress, self.bounded = plan, crew, progress, bounded
+        self.method = plan.case.search.method
+        self.rng = np.random.default_rng(plan.case.search.seed)
+        self.phases: dict[str, int] = {}
+        self.phase = ""
+        self.counted = 0
+        self.loaded = False
+        self.expected: int | None = None
+        self.best: FloatArray | None = None
+        self.best_cost = np.inf
+        self.record = SearchRecord()
+        self.noise: dict[str, tuple[float, float]] = {}
+
+    def begin(self) -> Estimate | None:
+        """Load the FMU and see what the data and the FMU allow; return the refusal where that is nothing."""
+        plan = self.plan
+        reasons = refusal(plan)
+        if self.method != "cuckoo":
+            reasons += lost_transients(plan)
+        if reasons:
+            return self.refused(reasons, notes=refused_notes(plan))
+        self.noise = output_deviations(plan)
+        self.problem = Problem(plan, self.crew, sigma=self._sigma())
+        self.loaded = True
+        self.crew.on_tick = self.tell_progress
+        still = self._unmoved()
+        return self.refused(still) if still else None
+
+    def refused(self, reasons: Sequence[str], *, notes: Sequence[str] = ()) -> Estimate:
+        """Return the estimate that is none."""
+        return self._result(None, None, Judgement("refused", tuple(reasons), {}, tuple(notes)))
+
+    @property
+    def best_values(self) -> dict[str, float] | None:
+        """The best candidate so far."""
+        return None if self.best is None else dict(zip(self.plan.names, self.best.tolist(), strict=True))
+
+    @property
+    def start(self) -> FloatArray:
+        """Where to begin, (p,): the data's guess, and the middle of the bounds where there is none."""
+        middle = self.problem.box.from_cube(np.full(self.problem.box.dimension, 0.5))
+        return np.array([m if p.start is None else p.start for p, m in zip(self.plan.parameters, middle, strict=True)])
+
+    def search(self, cuckoo: CuckooSearch, space: Space, generations: int) -> FloatArray:
+        """Run a cuckoo search; return its best candidate, (p,)."""
+
+        def costs(eggs: FloatArray, bounds: FloatArray) -> FloatArray:
+            return self.problem.costs(space.values(eggs), bounds)
+
+        def on_generation(search: CuckooSearch, generation: int) -> None:
+            if search.best_cost < self.best_cost or self.best is None:
+                self.best, self.best_cost = space.values(search.best[None, :])[0], search.best_cost
+            self.tell_progress()
+
+        run_search(
+            cuckoo,
+            costs,
+            generations=generations,
+            record=self.record,
+            bounded=self.bounded,
+            on_generation=on_generation,
+        )
+        if not np.isfinite(cuckoo.best_cost):
+            self.all_failed()
+        return np.asarray(space.values(cuckoo.best[None, :])[0])
+
+    def probe(self, start: FloatArray) -> None:
+        """Simulate the start once: an FMU that cannot do this cannot be searched."""
+        self.enter("probe")
+        failed = self.problem.trajectories(start[None, :]).failed
+        if failed[0]:
+            middle = self.problem.box.from_cube(self.rng.random((20, self.problem.box.dimension)))
+            if self.problem.trajectories(middle).failed.all():
+                self.all_failed()
+
+    def all_failed(self) -> NoReturn:
+        """Say that no candidate can be simulated, and why."""
+        description = self.plan.description
+        known = [with_cause(f, description, self.problem.variables) for f in self.crew.failures[:1]]
+        why = known[0] if known else "no reason is known"
+        raise SimulationError(f"every simulation of {description.path.name} failed: {why}")
+
+    def enter(self, phase: str) -> None:
+        """Begin a phase; the simulations until the next are its own."""
+        self._count()
+        self.phase = phase
+        self.tell_progress()
+
+    def _count(self) -> None:
+        done = self.crew.simulations - self.counted
+        if done:
+            self.phases[self.phase] = self.phases.get(self.phase, 0) + done
+        self.counted = self.crew.simulations
+
+    def tell_progress(self) -> None:
+        """Tell where the estimation stands."""
+        if self.progress is None:
+            return
+        cost = float(self.best_cost) if np.isfinite(self.best_cost) else None
+        self.progress(Progress(self.phase, self.crew.simulations, self.expected, cost, self.best_values))
+
+    def finish(
+        self, values: FloatArray, polish: Polish | None, *, noise: FloatArray | None = None, fit: Fit | None = None
+    ) -> Estimate:
+        """Check the step, judge, and return the estimate.
+
+        Parameters
+        ----------
+        values : (p,) array
+        polish : Polish or None
+            None for a method that ends with its search.
+        noise : (q,) array, optional
+            Deviation of each output's noise as the data show it.
+        fit : Fit, optional
+            What was found of the measurement chain.
+        """
+        problem = self.problem
+        self.enter("step check")
+        step = step_check(problem, values, polish, fit)
+        self.enter("result")
+        batch = problem.trajectories(values[None, :])
+        judgement = judge(
+            self.plan,
+            dict(zip(self.plan.names, values.tolist(), strict=True)),
+            polish,
+            steady=steady_state(self.plan),
+            noise=noise,
+            spread=problem.spread,
+            step=step,
+            fit=fit,
+            structure=self.structure,
+        )
+        if judgement.verdict == "refused":
+            return self._result(None, None, judgement)
+        profiles = {}
+        if self.profile and polish is not None:
+            self.enter("profile")
+            treat = fit.treatment.apply if fit is not None else np.asarray
+            profiles = cost_profiles(
+                lambda candidates: treat(problem.residuals(candidates)),
+                problem.box,
+                polish,
+                names=self.plan.names,
+                output=problem.output_of_residual,
+            )
+        derived = {}
+        if polish is not None:
+            found = {**self.plan.fixed, **dict(zip(self.plan.names, values.tolist(), strict=True))}
+            derived = derived_quantities(found, self.plan.names, problem.box.log, polish)
+            derived |= cold_resistances(self.plan, values, polish)
+        result = self._result(values, polish, judgement, shown=problem.shown(batch))
+        return dataclasses.replace(result, profiles=profiles, derived=derived)
+
+    def _result(
+        self,
+        values: FloatArray | None,
+        polish: Polish | None,
+        judgement: Judgement,
+        *,
+        shown: list[FloatArray] | None = None,
+    ) -> Estimate:
+        self._count()
+        plan = self.plan
+        parameters: dict[str, ParameterEstimate] = {}
+        chain = {p.name for p in plan.parameters if p.place is not None}
+        if values is not None:
+            parameters = parameter_estimates(plan, values, polish, judgement)
+        compared = comparisons(plan, shown) if shown is not None else ()
+        rmse, fit = figures(plan, compared)
+        correlated = None if polish is None else correlation(polish)
+        history = None
+        if self.record.simulations:
+            history = SearchHistory(
+                simulations=np.array(self.record.simulations),
+                best=np.array(self.record.best),
+                median=np.array(self.record.median),
+                lower=np.array(self.record.lower),
+                upper=np.array(self.record.upper),
+            )
+        description = plan.description
+        failures = self.crew.failures if self.loaded else []  # else they are another case's
+        return Estimate(
+            verdict=judgement.verdict,
+            reasons=judgement.reasons,
+            parameters={n: p for n, p in parameters.items() if n not in chain},
+            chain={n: p for n, p in parameters.items() if n in chain},
+            sensors=sensors(plan),
+            recordings=recordings(plan),
+            method=self.method,
+            seed=plan.case.search.seed,
+            simulations=self.crew.simulations + description.probe_simulations if self.loaded else 0,
+            simulations_by_phase=dict(self.phases),
+            failed_simulations=self.crew.failed if self.loaded else 0,
+            steps=self.crew.steps if self.loaded else 0,
+            seconds=time.monotonic() - self.started,
+            fmu={
+                "name": description.name,
+                "path": str(description.path),
+                "fmi_version": description.fmi_version,
+                "kind": description.kind,
+                "guid": description.guid,
+                "generation_tool": description.generation_tool,
+                "restart": description.restart,
+                "communication_step": [
+                    o.recording.step if plan.case.step is None else plan.case.step for o in plan.observed
+                ][0],
+            },
+            versions=versions(),
+            rmse=rmse,
+            fit_percent=fit,
+            noise={}
+            if polish is None
+            else dict(zip(plan.outputs, self.problem.noise_shown(polish.deviations).tolist(), strict=True)),
+            correlation=correlated,
+            correlated=plan.names if correlated is not None else (),
+            information={} if polish is None else information(polish, plan.names),
+            notes=(*self.announced, *judgement.notes),
+            failures=tuple(with_values(f, self.problem.variables) for f in failures),
+            comparisons=compared,
+            history=history,
+            workers=self.crew.count,
+        )
+
+    def _unmoved(self) -> list[str]:
+        """Return why a parameter cannot be estimated; the bundled motor's all move current and speed."""
+        plan = self.plan
+        probed = plan.description.probe_simulations
+        if probed:
+            self.phases["probe"] = probed
+        known = plan.description.is_bundled and plan.description.is_fast
+        if known and {"i", "w"} <= set(plan.outputs) and set(plan.names) <= set(MOTOR):
+            return []
+        self.enter("probe")
+        sentences, seconds = unmoved(self.problem, self.start)
+        if not sentences and self.method == "cuckoo":
+            self.structure = structure(self.problem, self.start)
+        announced = announcement(
+            seconds,
+            simulations=usual_simulations(plan),
+            workers=self.crew.count,
+            always=not plan.description.is_fast,
+        )
+        if announced is not None:
+            self.announced = (announced,)
+            if self.tell is not None:
+                self.tell(announced)
+        return sentences
+
+    def _sigma(self) -> dict[str, float]:
+        """Return the deviations that weigh the outputs in the search: the paper divides by the signals' own."""
+        result = {}
+        for name, (deviation, spread) in self.noise.items():
+            if spread == 0:
+                spread = 1.0
+            result[name] = spread if self.method in ("paper", "original") else max(deviation, SIGMA_FLOOR * spread)
+        return result

@@ -1,0 +1,153 @@
+"""The default method: a short search seeded from the data, a polish, the measurement chain, and again if that is poor.
+
+Few nests on logarithmic scales search first; all free parameters are then polished by weighted least squares, and what
+the measurement chain adds is found (nuisance.py). Where the residuals are still larger than the noise that the data
+show, it starts again elsewhere, then searches wider, before it believes that the model is wrong.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.estimating.cuckoo import CuckooSearch
+from estimator.estimating.effort import nests_and_generations, usual_simulations
+from estimator.estimating.run import Run
+from estimator.estimating.starts import many_starts, needs_many
+from estimator.fitting.fit import Fit, log_likelihood
+from estimator.fitting.nuisance import Refinement
+from estimator.fitting.polish import LeastSquares, Polish
+from estimator.fitting.problem import SIGMA_FLOOR, Problem
+from estimator.plans.noise_level import beside_means
+from estimator.plans.plan import MOTOR, Plan
+from estimator.plans.space import Space, reduced_space, steady_state
+from estimator.results.result import Estimate
+
+FloatArray = NDArray[np.float64]
+
+PA, ALPHA = 0.25, 1.0  # chance of discovery, size of the Lévy flights
+WIDER = ((30, 40), (60, 100))  # nests, generations of the searches that follow a poor polish
+STARTS, POLISHED = 400, 12  # where few samples tell the transient; of these are polished
+POOR_FIT = 1.5  # residuals' deviation over the noise that the data show
+NOISE_FREE = 1e-6  # of a signal's deviation: residuals below are no misfit
+BETTER = 0.999  # of the cost: less of an improvement is none
+START_L = 5.0  # times h R: start of L that cures the spurious optimum L → 0
+
+
+def search_and_polish(run: Run) -> Estimate:
+    """Search, polish, refine, and judge."""
+    run.expected = usual_simulations(run.plan)
+    run.probe(run.start)
+    return _Attempts(run).best()
+
+
+class _Attempts:
+    """The fits of one estimation, and how they compare."""
+
+    def __init__(self, run: Run) -> None:
+        self.run, self.problem, self.plan = run, run.problem, run.plan
+        self.squares = LeastSquares(
+            run.problem.residuals,
+            run.problem.box,
+            output=run.problem.output_of_residual,
+            spread=run.problem.spread,
+            loss=run.plan.case.search.loss,
+        )
+        noise = np.array([run.noise[y][0] for y in run.problem.outputs])
+        self.floor = np.maximum(noise, 1e-12 * run.problem.spread)
+        self.sigma = np.maximum(self.floor, SIGMA_FLOOR * run.problem.spread)
+
+    def best(self) -> Estimate:
+        """Return the estimate of the best fit."""
+        run, box, start = self.run, self.problem.box, self.run.start
+        steady = steady_state(self.plan)
+        space = reduced_space(self.plan, box, steady) or Space.full(box)
+        polish = self._polished(self._searched(space, start, *nests_and_generations(self.plan)))
+        if steady is not None and set(self.plan.names) == set(MOTOR) and needs_many(self.plan, polish):
+            starts = many_starts(self.plan, polish, steady, box, count=STARTS, rng=run.rng)
+            polish = self._best_of_many(polish, starts)
+        for other in self._other_starts(polish, start):  # before the chain is asked: it would explain a false optimum
+            if self._is_good(self.problem, polish):
+                break
+            tried = self._polished(other)
+            polish = tried if self._is_better(tried, polish) else polish
+        fit = self._refined(polish)
+        for nests, generations in WIDER:
+            if self._is_good(fit.problem, fit.polish):
+                break
+            tried = self._polished(self._searched(Space.full(box), polish.values, nests, generations))
+            if not self._is_better(tried, polish):
+                break
+            polish, fit = tried, self._refined(tried)
+        run.problem, run.plan = fit.problem, fit.problem.plan
+        return run.finish(fit.polish.values, fit.polish, noise=self.floor, fit=fit)
+
+    def _searched(self, space: Space, start: FloatArray, nests: int, generations: int) -> FloatArray:
+        """Search from nests of which a fifth lies around the start; return the best candidate."""
+        self.run.enter("search")
+        rng, d = self.run.rng, space.box.dimension
+        first = rng.random((nests, d))
+        home = space.cube(start)
+        first[0] = home
+        near = max(1, nests // 5)
+        first[1 : 1 + near] = np.clip(home + 0.05 * rng.standard_normal((near, d)), 0.0, 1.0)
+        if space.redraw is not None:
+            first = space.redraw(first, rng)
+        cuckoo = CuckooSearch(first, rng=rng, pa=PA, alpha=ALPHA, redraw=space.redraw)
+        return self.run.search(cuckoo, space, generations)
+
+    def _polished(self, start: FloatArray) -> Polish:
+        self.run.enter("polish")
+        polish = self.squares.polish(start, self.sigma)
+        self.run.best = polish.values
+        return polish
+
+    def _best_of_many(self, polish: Polish, starts: FloatArray) -> Polish:
+        """Polish the best of many starts; return the most likely optimum."""
+        self.run.enter("polish")
+        problem = self.problem
+        costs = problem.costs(starts)
+        found = []
+        for start in starts[np.argsort(costs)[:POLISHED]]:
+            values, _ = self.squares.fit(start, polish.deviations, tolerance=1e4)
+            found.append((log_likelihood(problem, self.squares.deviations(values, free=len(values))), values))
+        lowest, values = min(found, key=lambda f: f[0])
+        if lowest >= log_likelihood(problem, polish.deviations):
+            return polish
+        better = self.squares.polish(values, polish.deviations)
+        self.run.best = better.values
+        return better
+
+    def _refined(self, polish: Polish) -> Fit:
+        """Free the nuisances that the data show."""
+        self.run.enter("nuisances")
+
+        def rebuild(plan: Plan) -> Problem:
+            return Problem(plan, self.run.crew, sigma=self.problem.sigma, keep_counts=True)
+
+        refinement = Refinement(rebuild)
+        return refinement.run(*refinement.delayed(self.problem, polish))
+
+    def _other_starts(self, polish: Polish, start: FloatArray) -> list[FloatArray]:
+        """Return further starts: the data's guess, and for a motor one that leaves the optimum at L → 0."""
+        names = self.plan.names
+        if not {"L", "R"} <= set(names):
+            return [start]
+        again = polish.values.copy()
+        again[names.index("L")] = START_L * self.plan.observed[0].recording.step * again[names.index("R")]
+        if "J" in names:
+            again[names.index("J")] /= 1.15
+        return [np.clip(again, self.problem.box.lower, self.problem.box.upper), start]
+
+    def _is_better(self, new: Polish, old: Polish) -> bool:
+        return self._cost_at(new) < BETTER * self._cost_at(old)
+
+    def _cost_at(self, polish: Polish) -> float:
+        """Return a polish's cost at common deviations, so that two can be compared."""
+        weighted = polish.residuals * (polish.deviations / self.sigma)[self.problem.output_of_residual]
+        return float(weighted @ weighted)
+
+    def _is_good(self, problem: Problem, polish: Polish) -> bool:
+        """Whether the residuals are no larger than the noise of the data."""
+        allowed = np.maximum(POOR_FIT * beside_means(problem.plan, self.floor), NOISE_FREE * self.problem.spread)
+        return bool(np.all(problem.noise_shown(polish.deviations) <= allowed))

@@ -1,0 +1,91 @@
+"""Many starts for a motor whose transient few samples tell, where one search may miss the best optimum. No FMU.
+
+Between few samples of a fast transient several sets of parameters fit nearly as well, and the misfit of the wrong ones
+drowns in the noise of the settled part. The steady state still holds: starts are drawn along its line between R and
+K, with L / R and R J / K² from a fiftieth of the sampling interval to a hundred intervals.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.estimating.steiglitz_mcbride import NoMotorError, steiglitz_mcbride
+from estimator.fitting.polish import Polish
+from estimator.plans.parameters import Box
+from estimator.plans.plan import MOTOR, Plan
+from estimator.plans.space import Steady
+from estimator.recordings.excitation import noise_deviation
+
+FloatArray = NDArray[np.float64]
+
+FAST = 0.5  # of 1 / sampling interval: a faster pole is told by few samples
+UNSURE = 0.1  # relative standard error
+LEAST_R = 1e-4  # of the largest R that the steady state allows
+LEAST, MOST = 0.005, 100.0  # sampling intervals of the time constants
+OTHERS = 8  # inductances
+
+
+def needs_many(plan: Plan, polish: Polish) -> bool:
+    """Whether few samples tell the transient, or a parameter is hardly told at all."""
+    if not set(MOTOR) <= set(plan.names):
+        return False
+    values: Mapping[str, float] = dict(zip(plan.names, polish.values.tolist(), strict=True))
+    R, K, L, J, B = (values[n] for n in MOTOR)
+    poles = np.linalg.eigvals(np.array([[-R / L, -K / L], [K / J, -B / J]]))
+    h = plan.observed[0].recording.step
+    unsure = np.any(polish.at_bound != 0) or not np.all(polish.standard_errors < UNSURE * np.abs(polish.values))
+    return bool(np.max(np.abs(poles)) * h > FAST or unsure)
+
+
+def many_starts(
+    plan: Plan, polish: Polish, steady: Steady, box: Box, *, count: int, rng: np.random.Generator
+) -> FloatArray:
+    """Return starts, (n, p): around a first optimum, by Steiglitz-McBride, and `count` that keep the steady state."""
+    starts = [*_inductances(plan, polish), *_direct(plan)]
+    if steady.settling.settled:
+        starts += list(_along_the_line(plan, steady, count=count, rng=rng))
+    return np.asarray(np.clip(np.array(starts), box.lower, box.upper))
+
+
+def _inductances(plan: Plan, polish: Polish) -> list[FloatArray]:
+    """Return the optimum with other inductances: below a sampling interval L has two minima."""
+    R, L = plan.names.index("R"), plan.names.index("L")
+    found = []
+    for intervals in np.geomspace(LEAST, MOST, OTHERS):
+        other = polish.values.copy()
+        other[L] = intervals * plan.observed[0].recording.step * other[R]
+        found.append(other)
+    return found
+
+
+def _direct(plan: Plan) -> list[FloatArray]:
+    """Return what Steiglitz-McBride finds, which knows no local optimum; nothing where no motor has it."""
+    o = plan.observed[0]
+    if o.lead or o.delay or "v" not in o.inputs:
+        return []
+    sigma = (max(noise_deviation(o.outputs["i"]), 1e-12), max(noise_deviation(o.outputs["w"]), 1e-12))
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", RuntimeWarning)  # of a logarithm near its branch
+            found = steiglitz_mcbride(o.inputs["v"], o.outputs["i"], o.outputs["w"], step=o.recording.step, sigma=sigma)
+    except (NoMotorError, np.linalg.LinAlgError):
+        return []
+    return [np.array([found[name] for name in plan.names])]
+
+
+def _along_the_line(plan: Plan, steady: Steady, *, count: int, rng: np.random.Generator) -> FloatArray:
+    v, i, w = abs(steady.state.v), max(abs(steady.state.i), 1e-9), abs(steady.state.w)
+    h = plan.observed[0].recording.step
+
+    def spread(low: float, high: float) -> FloatArray:
+        return np.exp(rng.uniform(np.log(low), np.log(high), count))
+
+    R = spread(LEAST_R, 0.999) * min(v / i, 1e6)
+    K = (v - np.minimum(R * i, 0.999 * v)) / max(w, 1e-9)
+    drawn = {"R": R, "K": K, "L": R * h * spread(LEAST, MOST), "B": K * i / max(w, 1e-9)}
+    drawn["J"] = K * K / R * h * spread(LEAST, MOST)
+    return np.column_stack([drawn[n] for n in plan.names])

@@ -1,0 +1,111 @@
+"""What drifts over a recording while the shaft turns: friction, a winding that warms up. Knows the motor, no FMU."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.fitting.evidence import Evidence
+from estimator.fitting.polish import Polish
+from estimator.fitting.problem import Problem
+from estimator.fitting.treatment import Treatment, filled, onset
+from estimator.plans.plan import MOTOR
+
+FloatArray = NDArray[np.float64]
+
+DRIFTS = 5.0  # standard deviations of a drift that is taken out
+EXPLAINED = 0.05  # of its power: a response that goes on to the end looks like a drift
+LEAST = 500  # samples after the step: fewer tell no drift
+
+
+def with_drift(problem: Problem, raw: FloatArray, polish: Polish, treatment: Treatment) -> Treatment:
+    """Return the treatment that takes out what drifts over the recording, if anything does, too.
+
+    Friction or a winding that warms up move current and speed slowly, in proportion to the speed: a straight line in
+    time, with its zero in the middle of the part after the step, so that the parameters stand for the mean.
+
+    Parameters
+    ----------
+    raw : (m,) array
+        Residuals in the outputs' units, not treated.
+    """
+    plan = problem.plan
+    if len(plan.observed) > 1 or plan.observed[0].excitation.kind != "step" or "w" not in plan.outputs:
+        return treatment
+    start, n = onset(problem, 0, polish.values), len(plan.observed[0].recording.time)
+    if n - start < LEAST:
+        return treatment
+    weighted = treatment.apply(raw[None, :])[0] / polish.deviations[problem.output_of_residual]
+    judged = Evidence(problem, polish, treatment, weighted, start=start, explained=EXPLAINED)
+    line = _line(filled(plan.observed[0].outputs["w"]), start)
+    drifts, columns = [], []
+    for j, name in enumerate(problem.outputs):
+        rows = np.zeros((n, len(problem.outputs)))
+        rows[:, j] = line
+        column = problem.spread_out([rows])
+        z, size = judged(column)
+        if z > DRIFTS:
+            drifts.append((name, -size))
+        columns.append(column)
+    if not drifts:
+        return treatment
+    if set(MOTOR) <= {*plan.names, *plan.fixed}:
+        columns = _motor_drift(problem, polish.values, start)
+    return dataclasses.replace(treatment.also(columns), drifts=tuple(drifts), lost=treatment.lost + 1)
+
+
+def _line(w: FloatArray, start: int) -> FloatArray:
+    """Return a straight line in time, (n,), from −1/2 to 1/2 after the start, in proportion to the speed."""
+    n = len(w)
+    final = float(np.mean(w[-(n - start) // 2 :]))
+    ramp = np.clip(np.where(np.arange(n) > start, w / final if final else 0.0, 0.0), 0.0, 1.0)
+    return np.asarray(ramp * (np.arange(n) - (start + n) / 2) / (n - start))
+
+
+def _motor_drift(problem: Problem, values: FloatArray, start: int) -> list[FloatArray]:
+    """Return what a friction and a resistance that drift by their own size over the recording would change, (m,) each.
+
+    To first order the motor responds to the torque and to the voltage that the drift takes: B w(t) s(t), R i(t) s(t),
+    with s(t) a straight line through zero in the middle of the part after the step.
+    """
+    plan = problem.plan
+    known = {**dict(zip(plan.names, values.tolist(), strict=True)), **plan.fixed}
+    R, K, L, J, B = (known[n] for n in ("R", "K", "L", "J", "B"))
+    o = plan.observed[0]
+    h, n = o.recording.step, len(o.recording.time)
+    system = np.array([[-R / L, -K / L, 1 / L, 0.0], [K / J, -B / J, 0.0, -1 / J], [0, 0, 0, 0], [0, 0, 0, 0]])
+    E = _exponential(system * h)
+    jump = o.excitation.after - o.excitation.before
+    line = (np.arange(n) - (start + n) / 2) / max(n - start, 1)
+    base = np.zeros((n, 2))
+    shift = np.zeros((2, n, 2))
+    i = w = 0.0
+    d = [[0.0, 0.0], [0.0, 0.0]]
+    (a, b, c, e), (f, g, p, q) = E[0].tolist(), E[1].tolist()
+    for k in range(n):
+        base[k] = i, w
+        shift[0, k], shift[1, k] = d[0], d[1]
+        voltage = jump if k >= start else 0.0
+        torque, drop = B * w * line[k], R * i * line[k]
+        d = [
+            [a * d[0][0] + b * d[0][1] + e * torque, f * d[0][0] + g * d[0][1] + q * torque],
+            [a * d[1][0] + b * d[1][1] - c * drop, f * d[1][0] + g * d[1][1] - p * drop],
+        ]
+        i, w = a * i + b * w + c * voltage, f * i + g * w + p * voltage
+    index = [("i", "w").index(y) for y in plan.outputs]
+    return [problem.spread_out([rows[:, index]]) for rows in shift]
+
+
+def _exponential(A: FloatArray) -> FloatArray:
+    """Return e^A, by squaring."""
+    halvings = max(0, int(np.ceil(np.log2(max(float(np.abs(A).sum(axis=1).max()), 1e-300)))) + 4)
+    x = A / 2.0**halvings
+    term = total = np.eye(len(A))
+    for k in range(1, 14):
+        term = term @ x / k
+        total = total + term
+    for _ in range(halvings):
+        total = total @ total
+    return np.asarray(total)

@@ -1,0 +1,339 @@
+"""Weighted least squares from a start: values, covariance, what cannot be told. Knows residuals only, no motor, no FMU.
+
+    minimise  Σ_j Σ_k (y_jk(θ) − m_jk)² / σ_j²        over x = ln θ (or θ, for parameters not on a log scale)
+
+by scipy's trust-region reflective method with a Jacobian of one-sided differences, all of whose simulations are one
+batch. σ_j are the residuals' own deviations: found from the fit and put back, until they agree (for independent
+normal noise of unknown deviations this is the maximum-likelihood estimate). The covariance at the optimum is
+(JᵀJ)⁻¹ with a Jacobian of central differences.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.plans.parameters import Box
+
+FloatArray = NDArray[np.float64]
+Residuals = Callable[[FloatArray], FloatArray]
+
+HUBER = 1.345  # deviations: 95 % of the efficiency of least squares on normal noise
+STEP = 1e-4  # of a parameter, for differences
+REWEIGHTINGS = 3
+REWEIGHTED = 0.02  # relative change of the deviations at which reweighting stops
+LEFT, CLOSINGS = 0.02, 3  # of chi-square that an optimum may be above the least; times it is closed in on
+NUMERICAL = 1e-12  # of a signal's deviation: what the arithmetic of a simulation leaves
+NOISE_FREE = 1e-7  # of a signal's deviation: smaller residuals are numerical, not noise
+FAILED_RESIDUAL = 1e3  # what a failed simulation shows, in deviations
+SEEN = 1e-6  # of the largest singular value: below, differences of simulations are noise
+OUTSIDE = 1e-3  # of a unit vector, in directions that are not seen: less is rounding
+AT_BOUND = 1e-6  # of the scaled width of the bounds
+
+
+@dataclass(frozen=True)
+class Polish:
+    """A least-squares optimum.
+
+    Attributes
+    ----------
+    values : (p,) array
+        Parameters, in their units.
+    cost : float
+        Σ of squared weighted residuals.
+    deviations : (q,) array
+        σ of each output, in its unit.
+    covariance : (p, p) array
+        Of the scaled parameters (ln θ where log); rows of parameters at a bound are zero.
+    standard_errors : (p,) array
+        In the parameters' units; infinity where the data do not tell, 0 at a bound.
+    at_bound : (p,) array
+        −1 lower, 1 upper, 0 free.
+    jacobian : (m, p) array
+        Of the weighted residuals by the scaled parameters.
+    residuals : (m,) array
+        Weighted.
+    scores : (p, p) array
+        Jᵀ Γ J, with Γ the autocovariance of the weighted residuals; JᵀJ where they are white.
+    """
+
+    values: FloatArray
+    cost: float
+    deviations: FloatArray
+    covariance: FloatArray
+    standard_errors: FloatArray
+    at_bound: NDArray[np.int64]
+    jacobian: FloatArray
+    residuals: FloatArray
+    scores: FloatArray
+
+
+class LeastSquares:
+    """The problem to polish.
+
+    Parameters
+    ----------
+    residuals : callable
+        (c, p) candidates in the parameters' units → (c, m) residuals in the outputs' units; a failed candidate's
+        row is NaN.
+    box : Box
+        Bounds and scales of the parameters.
+    output : (m,) integer array
+        Which output each residual belongs to.
+    spread : (q,) array
+        Standard deviation of each measured output: its scale.
+    loss : "linear" or "huber"
+        Beyond HUBER deviations a residual counts in proportion, no longer by its square (Huber 1964).
+    lost : (q,) array, optional
+        Degrees of freedom that each output has lost already, to outliers and ripple.
+    """
+
+    def __init__(
+        self,
+        residuals: Residuals,
+        box: Box,
+        *,
+        output: NDArray[np.int64],
+        spread: FloatArray,
+        lost: FloatArray | None = None,
+        loss: str = "linear",
+    ) -> None:
+        self._robust = loss == "huber"
+        self._residuals, self.box, self._output, self._spread = residuals, box, output, spread
+        self._lost = np.zeros(len(spread)) if lost is None else lost
+        self.low = _scale(box.lower, box.log)
+        self.high = _scale(box.upper, box.log)
+
+    def fit(
+        self,
+        start: FloatArray,
+        deviations: FloatArray,
+        *,
+        evaluations: int = 40,
+        tolerance: float = 1.0,
+        central: bool = False,
+    ) -> tuple[FloatArray, float]:
+        """Return the optimum, (p,) in the parameters' units, and its cost, for given deviations of the outputs."""
+        from scipy.optimize import least_squares
+
+        weights = 1 / deviations[self._output]
+        cache: dict[bytes, FloatArray] = {}
+
+        def value(x: FloatArray) -> FloatArray:
+            key = x.tobytes()
+            if key not in cache:
+                cache.clear()
+                cache[key] = self._weighted(x[None, :], weights)[0]
+            return rooted(cache[key])[0] if self._robust else cache[key]
+
+        def jacobian(x: FloatArray) -> FloatArray:
+            value(x)
+            at = cache[x.tobytes()]
+            differences = self._differences(x, weights, at, central=central)
+            return differences * rooted(at)[1][:, None] if self._robust else differences
+
+        margin = 1e-9 * (self.high - self.low)
+        x = np.clip(_scale(start, self.box.log), self.low + margin, self.high - margin)
+        free = self.high > self.low
+        if not free.any():
+            return np.array(start), float(value(x) @ value(x))
+        solution = least_squares(
+            value,
+            x,
+            jac=jacobian,
+            bounds=(self.low, np.where(free, self.high, self.low + 1e-12)),
+            method="trf",
+            x_scale="jac",
+            ftol=1e-14 * tolerance,
+            xtol=1e-11 * tolerance,
+            gtol=1e-15,
+            max_nfev=evaluations,
+        )
+        return self._values(solution.x), float(2 * solution.cost)
+
+    def quick(self, start: FloatArray, deviations: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return values and deviations of a rough fit, to compare models that are not the right one."""
+        values, _ = self.fit(start, deviations, evaluations=10, tolerance=1e6)
+        return values, self.deviations(values, free=self.box.dimension)
+
+    def deviations(self, values: FloatArray, *, free: int) -> FloatArray:
+        """Return the residuals' deviations of each output at a point; `free` parameters are shared out."""
+        raw = self._residuals(values[None, :])[0]
+        outputs = len(self._spread)
+        result = np.empty(outputs)
+        for j in range(outputs):
+            own = raw[self._output == j]
+            own = own[np.isfinite(own)]
+            if self._robust and own.any():
+                result[j] = float(np.median(np.abs(own[own != 0]))) / 0.6745
+                continue
+            freedom = max(1.0, len(own) - self._lost[j] - free / outputs)
+            result[j] = np.sqrt(own @ own / freedom) if len(own) else self._spread[j]
+        return np.maximum(result, NUMERICAL * self._spread)
+
+    def polish(self, start: FloatArray, deviations: FloatArray) -> Polish:
+        """Fit, find the deviations from the residuals, and repeat until they agree."""
+        values, cost = self.fit(start, deviations)
+        for _ in range(REWEIGHTINGS):
+            found = self.deviations(values, free=self.box.dimension)
+            if np.all(found < NOISE_FREE * self._spread):
+                deviations = found
+                break
+            floored = np.maximum(found, NOISE_FREE * self._spread)
+            change = np.max(np.abs(floored / deviations - 1))
+            # Only ratios of the deviations move the optimum; a common factor does not.
+            ratio = floored / deviations
+            moved = np.max(ratio) / np.min(ratio) - 1
+            deviations = floored
+            if moved > REWEIGHTED:
+                values, cost = self.fit(values, deviations)
+            elif change <= REWEIGHTED or moved <= REWEIGHTED:
+                break
+        return self._closed_in(self.judge(values, deviations))
+
+    def _closed_in(self, found: Polish) -> Polish:
+        """Go on with central differences where the exact Jacobian says that the least is not reached.
+
+        One-sided differences bend the gradient along a valley that is far steeper across: encoder counts tell some
+        combination of the parameters a thousand times better than another.
+        """
+        for _ in range(0 if self._robust else CLOSINGS):
+            inside = found.jacobian[:, found.at_bound == 0]
+            noisy = np.any(found.deviations > NOISE_FREE * self._spread)
+            if not noisy or not inside.shape[1] or not np.isfinite(inside).all():
+                break
+            along = np.linalg.qr(inside)[0].T @ found.residuals
+            if float(along @ along) < LEFT:
+                break
+            values, cost = self.fit(found.values, found.deviations, evaluations=15, central=True)
+            if not cost < found.cost:
+                break
+            deviations = np.maximum(self.deviations(values, free=self.box.dimension), NOISE_FREE * self._spread)
+            found = self.judge(values, deviations)
+        return found
+
+    def judge(self, values: FloatArray, deviations: FloatArray) -> Polish:
+        """Return covariance and standard errors at a point, for given deviations of the outputs."""
+        weights = 1 / deviations[self._output]
+        x = _scale(values, self.box.log)
+        width = np.where(self.high > self.low, self.high - self.low, 1.0)
+        at_bound = np.where(x - self.low <= AT_BOUND * width, -1, np.where(self.high - x <= AT_BOUND * width, 1, 0))
+        residuals = self._weighted(x[None, :], weights)[0]
+        jacobian = self._differences(x, weights, residuals, central=True)
+        inside = at_bound == 0
+        p = len(values)
+        covariance = np.zeros((p, p))
+        covariance[np.ix_(inside, inside)] = sum(information_parts(jacobian[:, inside]))
+        wider = 1.0
+        if self._robust:
+            clipped = np.clip(residuals, -HUBER, HUBER)
+            share = max(float(np.mean(np.abs(residuals) < HUBER)), 1e-3)
+            power = float(np.mean(clipped**2))
+            wider = power / share**2  # of an M-estimate (Huber 1964)
+            covariance *= wider
+            residuals = clipped * (share / power) if power > 0 else clipped
+        with np.errstate(invalid="ignore"):
+            errors = np.sqrt(np.diag(covariance)) * np.where(self.box.log, values, 1.0)
+        return Polish(
+            values=values,
+            cost=float(residuals @ residuals),
+            deviations=deviations,
+            covariance=covariance,
+            standard_errors=errors,
+            at_bound=at_bound.astype(np.int64),
+            jacobian=jacobian,
+            residuals=residuals,
+            scores=wider * jacobian.T @ jacobian,
+        )
+
+    def _values(self, x: FloatArray) -> FloatArray:
+        values = np.where(self.box.log, np.exp(np.where(self.box.log, x, 0.0)), x)
+        return np.clip(values, self.box.lower, self.box.upper)
+
+    def _weighted(self, points: FloatArray, weights: FloatArray) -> FloatArray:
+        raw = self._residuals(np.array([self._values(x) for x in points]))
+        weighted = raw * weights
+        failed = ~np.isfinite(weighted).all(axis=1)
+        weighted[failed] = FAILED_RESIDUAL
+        return np.asarray(weighted)
+
+    def _differences(self, x: FloatArray, weights: FloatArray, at: FloatArray, *, central: bool = False) -> FloatArray:
+        p = len(x)
+        steps = STEP * np.where(self.box.log, 1.0, np.maximum(np.abs(x), 1e-3 * (self.high - self.low)))
+        forward = np.where(x + steps <= self.high, 1.0, -1.0) * steps
+        points = [x + forward[j] * _unit(j, p) for j in range(p)]
+        if central:
+            points += [x - forward[j] * _unit(j, p) for j in range(p)]
+        raw = self._residuals(np.array([self._unclipped(point) for point in points])) * weights
+        ahead = raw[:p]
+        behind = raw[p:] if central else np.broadcast_to(at, ahead.shape)
+        columns = []
+        for j in range(p):
+            good_ahead, good_behind = np.isfinite(ahead[j]).all(), np.isfinite(behind[j]).all()
+            if good_ahead and good_behind:
+                columns.append((ahead[j] - behind[j]) / (forward[j] * (2.0 if central else 1.0)))
+            elif good_ahead:
+                columns.append((ahead[j] - at) / forward[j])
+            elif good_behind and central:
+                columns.append((at - behind[j]) / forward[j])
+            else:
+                columns.append(np.zeros_like(at))
+        return np.column_stack(columns)
+
+    def _unclipped(self, x: FloatArray) -> FloatArray:
+        """Return values that may lie one difference step outside the bounds."""
+        return np.where(self.box.log, np.exp(np.where(self.box.log, x, 0.0)), x)
+
+
+def rooted(residuals: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return residuals, (m,), whose squares are twice Huber's loss, and their derivatives by the plain ones."""
+    size = np.abs(residuals)
+    far = size > HUBER
+    root = np.sqrt(np.where(far, 2 * HUBER * size - HUBER**2, 1.0))
+    return np.where(far, np.sign(residuals) * root, residuals), np.where(far, HUBER / root, 1.0)
+
+
+def _scale(values: FloatArray, log: NDArray[np.bool_]) -> FloatArray:
+    return np.where(log, np.log(np.where(log, values, 1.0)), values)
+
+
+def _unit(j: int, p: int) -> FloatArray:
+    e = np.zeros(p)
+    e[j] = 1.0
+    return e
+
+
+def information_parts(jacobian: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return (JᵀJ)⁻¹ in two parts, (p, p) each: of the directions that the data see, and of those that they do not.
+
+    A direction is seen if its singular value, of the column-scaled Jacobian, is above SEEN of the largest: below, the
+    differences that the Jacobian is made of are noise. The second part is zero for parameters that lie in what is seen,
+    and infinite where a column is zero.
+    """
+    scale, singular, rows = scaled_svd(jacobian)
+    if not len(scale):
+        return np.zeros((0, 0)), np.zeros((0, 0))
+    floor = max(jacobian.shape) * np.finfo(float).eps * singular[0]
+    inverse = 1 / np.maximum(singular, max(floor, 1e-150)) ** 2
+    seen = singular > SEEN * singular[0]
+
+    def part(which: NDArray[np.bool_]) -> FloatArray:
+        return np.asarray((rows[which].T * inverse[which]) @ rows[which] / np.outer(scale, scale))
+
+    unseen = part(~seen)
+    outside = np.linalg.norm(rows[~seen], axis=0) > OUTSIDE
+    unseen *= np.outer(outside, outside)
+    dead = np.linalg.norm(jacobian, axis=0) == 0
+    unseen[dead, dead] = np.inf
+    return part(seen), unseen
+
+
+def scaled_svd(jacobian: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the columns' lengths, (p,), 1 for a zero one, and singular values and rows of J over them."""
+    norms = np.linalg.norm(jacobian, axis=0)
+    scale = np.where(norms == 0, 1.0, norms)
+    _, singular, rows = np.linalg.svd(jacobian / scale, full_matrices=False)
+    return scale, singular, rows

@@ -1,0 +1,302 @@
+"""Candidates → costs and residuals over all recordings, through one FMU. Knows no search.
+
+A candidate is an array of the free parameters in their units, in the order of `Problem.parameters`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.cases.case import Case
+from estimator.cases.mapping import settings, settings_names, target
+from estimator.errors import CaseError
+from estimator.fitting.winding import warmth
+from estimator.fmus.job import Batch, Experiment, Job
+from estimator.fmus.workers import Workers
+from estimator.plans.parameters import Box
+from estimator.plans.plan import ChainSpec, Observed, Plan
+from estimator.plans.planning import read_variable
+from estimator.recordings.excitation import quantum
+from estimator.recordings.recording import Recording
+from estimator.recordings.sensors import Section
+from estimator.stepping import layout
+from estimator.stepping.layout import types_of
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+SIGMA_FLOOR = 1e-3  # of a signal's deviation: the least that the search takes for its noise
+
+
+class Problem:
+    """A plan, with its FMU loaded into workers.
+
+    Parameters
+    ----------
+    plan : Plan
+    workers : Workers
+        Loaded by this constructor.
+    sigma : output → float
+        Deviations that weigh the outputs in `costs`, in their units.
+    """
+
+    def __init__(self, plan: Plan, workers: Workers, *, sigma: Mapping[str, float], keep_counts: bool = False) -> None:
+        self.plan, self.workers = plan, workers
+        self.parameters = plan.parameters
+        self.box = Box.of(plan.parameters)
+        self.outputs = plan.outputs
+        description = plan.description
+        targets = list(dict.fromkeys(t for p in self.parameters for t in p.targets))
+        taken = [target(description, name) for name in targets]
+        held = {name: target(description, name) for name in plan.fixed if name not in targets}
+        held = {name: v for name, v in held.items() if v.is_real and v.causality != "input"}
+        self.variables = tuple(v.name for v in (*taken, *held.values()))  # as a candidate's values follow in the FMU
+        self._column, self._gain = self._destinations(targets)
+        self._gain /= np.array([v.factor for v in taken])
+        self._shift = np.array([-v.offset / v.factor for v in taken])
+        self._has_sensors = (
+            any(p.place is not None for p in self.parameters)
+            or any(o.delay != 0 for o in plan.observed)
+            or any(not c.is_straight for c in plan.chains.values())
+        )
+        self.sigma = dict(sigma)
+        self._constant = np.array([(plan.fixed[n] - v.offset) / v.factor for n, v in held.items()])
+        inputs = tuple(plan.observed[0].inputs)
+        driven = [description.variable(n) for n in inputs]
+        read = [read_variable(description, plan.sensors[y], y) for y in self.outputs]
+        self._job = Job(
+            description=description,
+            parameter_references=tuple(v.value_reference for v in (*taken, *held.values())),
+            input_references=tuple(v.value_reference for v in driven),
+            output_references=tuple(v.value_reference for v in read),
+            sensors=tuple(plan.sensors[y] for y in self.outputs),
+            experiments=tuple(self._experiment(o, sigma) for o in plan.observed),
+            sensor_values=1 + 3 * len(self.outputs) if self._has_sensors else 0,
+            linear=tuple(name in plan.case.linear for name in inputs),
+            even_steps=not description.capabilities.get("canHandleVariableCommunicationStepSize", True),
+            reinstantiate=description.restart == "re-instantiate",
+            fresh_process=description.restart == "fresh process",
+            types=types_of([v.type for v in (*taken, *held.values(), *driven, *read)]),
+            settings=settings(description, plan.fixed, plan.texts),
+            names=(*self.variables, *settings_names(description, plan.fixed, plan.texts), *inputs),
+            scale=tuple((v.factor, v.offset) for v in read) if any(not v.is_as_it_is for v in read) else (),
+        )
+        workers.load(self._job, keep_counts=keep_counts)
+        lengths = [o.lead + len(o.recording.time) for o in plan.observed]
+        self._edges = np.cumsum([0, *lengths])
+        measured = np.concatenate([self._measured(o) for o in plan.observed])
+        self._measured_rows = np.nan_to_num(measured)
+        self._counted = [j for j, y in enumerate(self.outputs) if plan.counted and plan.sensors[y] == layout.MEAN]
+        self._phased = self._without_phase()
+        self._used = self._compared(measured)
+        self.output_of_residual = np.broadcast_to(np.arange(len(self.outputs)), measured.shape)[self._used].astype(
+            np.int64
+        )
+        spreads = []
+        for j in range(len(self.outputs)):
+            column = measured[:, j]
+            spread = float(np.nanstd(column))
+            spread = spread if spread > 0 else max(abs(float(np.nanmean(column))), 1e-12)
+            spreads.append(spread * plan.observed[0].recording.step if j in self._counted else spread)
+        self.spread = np.array(spreads)
+
+    def costs(self, candidates: FloatArray, bounds: FloatArray | None = None) -> FloatArray:
+        """Return the weighted sums of squares, (n,), of (n, p) candidates; infinity where cut short or failed."""
+        self._take_over()
+        return self.workers.run(self._values(candidates), bounds=bounds).costs
+
+    def trajectories(self, candidates: FloatArray, *, refine: int = 1) -> Batch:
+        """Simulate (n, p) candidates to the end and keep what the sensors show."""
+        self._take_over()
+        return self.workers.run(self._values(candidates), refine=refine, record=True)
+
+    def residuals(self, candidates: FloatArray) -> FloatArray:
+        """Return simulated minus measured, (n, m), in the outputs' units, missing samples left out; NaN if failed.
+
+        Of a plan that is `counted`, the speed of a differenced encoder stands there as its angle.
+        """
+        shown = self.trajectories(candidates).shown
+        assert shown is not None
+        return self.compared(shown)
+
+    def compared(self, shown: FloatArray) -> FloatArray:
+        """Return (c, rows, outputs) trajectories minus the measured ones, (c, m), as `residuals` does."""
+        return self._picked(shown - self._measured_rows)
+
+    def reference(self, candidate: FloatArray, *, recording: int = 0) -> FloatArray:
+        """Return what the sensors show, (n, outputs), of one candidate simulated by fmpy's methods alone."""
+        self._take_over()
+        return self.workers.reference(self._values(candidate[None, :])[0, recording], experiment=recording)
+
+    def _take_over(self) -> None:
+        """Load this problem again if the workers have served another since."""
+        if self.workers.job is not self._job:
+            self.workers.load(self._job, keep_counts=True)
+
+    def shown(self, batch: Batch, index: int = 0) -> list[FloatArray]:
+        """Split one candidate's trajectories by recording, (n, outputs) each, without the lead."""
+        assert batch.shown is not None
+        return [
+            batch.shown[index, self._edges[e] + o.lead : self._edges[e + 1]] for e, o in enumerate(self.plan.observed)
+        ]
+
+    def spread_out(self, rows: list[FloatArray]) -> FloatArray:
+        """Return (n, outputs) arrays, one a recording, as a residual vector, (m,)."""
+        parts = []
+        for o, part in zip(self.plan.observed, rows, strict=True):
+            parts += [np.zeros((o.lead, len(self.outputs))), part]
+        return np.asarray(self._picked(np.concatenate(parts)[None])[0])
+
+    def noise_shown(self, deviations: FloatArray) -> FloatArray:
+        """Return deviations of the residuals, (q,), as those of what the sensors show: of counts, differenced."""
+        result = deviations.copy()
+        result[self._counted] *= np.sqrt(2) / self.plan.observed[0].recording.step
+        return result
+
+    def _compared(self, measured: FloatArray) -> NDArray[np.bool_]:
+        """Return which samples are compared; of an encoder at rest none: its error is constant there."""
+        used = ~np.isnan(measured)
+        for j in self._counted:
+            for first, last in zip(self._edges[:-1], self._edges[1:], strict=True):
+                turning = np.flatnonzero(np.nan_to_num(measured[first:last, j]) != 0)
+                used[first : first + (int(turning[0]) if len(turning) else last - first), j] = False
+        return used
+
+    def _without_phase(self) -> list[int]:
+        """Return the outputs that are an encoder's counts while nobody has freed their phase, or declared it."""
+        plan = self.plan
+        if "angle" not in self.outputs or "offset angle" in plan.declared:
+            return []
+        freed = any(p.place is not None and p.place.output == "angle" for p in plan.parameters)
+        counts = all(quantum(o.outputs["angle"]) > 0 for o in plan.observed)
+        return [self.outputs.index("angle")] if counts and not freed else []
+
+    def _picked(self, rows: FloatArray) -> FloatArray:
+        """Pick from (c, rows, outputs) what is compared, (c, m); an encoder's speeds added up, counts without mean.
+
+        The mean is the encoder's phase, which is never known.
+        """
+        for j in (*self._counted, *self._phased):
+            rows = rows.copy()
+            for e, o in enumerate(self.plan.observed):
+                part = slice(self._edges[e], self._edges[e + 1])
+                turned = rows[:, part, j]
+                if j in self._counted:
+                    turned = np.cumsum(turned, axis=1) * o.recording.step
+                turning = self._used[part, j]
+                rows[:, part, j] = turned - np.mean(turned[:, turning], axis=1, keepdims=True)
+        return np.asarray(rows[:, self._used])
+
+    def series(self, residuals: FloatArray, output: int) -> list[tuple[FloatArray, IntArray]]:
+        """Split (m,) residuals of one output by recording: (n,) each, NaN where missing, and their indices (-1)."""
+        index = np.full(self._used.shape, -1, dtype=np.int64)
+        index[self._used] = np.arange(len(residuals))
+        result = []
+        for e, o in enumerate(self.plan.observed):
+            own = index[self._edges[e] + o.lead : self._edges[e + 1], output]
+            result.append((np.where(own >= 0, residuals[own], np.nan), own))
+        return result
+
+    def spread_columns(self, jacobian: FloatArray, output: int) -> list[FloatArray]:
+        """Split an (m, p) array of one output by recording: (n, p) each, zero where a sample is missing."""
+        blocks = []
+        for _, own in self.series(np.zeros(len(jacobian)), output):
+            blocks.append(np.where((own >= 0)[:, None], jacobian[own], 0.0))
+        return blocks
+
+    def used(self, rows: FloatArray) -> FloatArray:
+        """Pick from (rows, outputs) trajectories the samples that are compared, (m,)."""
+        return np.asarray(rows[self._used])
+
+    def _destinations(self, targets: Sequence[str]) -> tuple[IntArray, FloatArray]:
+        """Return, of each recording and variable, (recordings, variables), which parameter it takes, times what."""
+        column = np.zeros((len(self.plan.observed), len(targets)), dtype=np.int64)
+        gain = np.ones(column.shape)
+        for j, p in enumerate(self.parameters):
+            where = slice(None) if p.recording is None else p.recording
+            for name, factor in zip(p.targets, p.gains or (1.0,) * len(p.targets), strict=True):
+                column[where, targets.index(name)] = j
+                gain[where, targets.index(name)] = factor
+                if (p.quantity or p.name) == "R" and p.recording is None:
+                    gain[:, targets.index(name)] *= warmth(self.plan.temperatures, len(column))
+        return column, gain
+
+    def _values(self, candidates: FloatArray) -> FloatArray:
+        """Return the FMU's parameters, then the sensors' values, (n, recordings, values)."""
+        free = candidates[:, self._column] * self._gain + self._shift
+        constant = np.broadcast_to(self._constant, (*free.shape[:2], len(self._constant)))
+        values = np.concatenate([free, constant], axis=2)
+        return np.concatenate([values, self._sensor_values(candidates)], axis=2) if self._has_sensors else values
+
+    def _sensor_values(self, candidates: FloatArray) -> FloatArray:
+        """Return the inputs' delay, then gain, offset and further delay of every output, (n, recordings, values)."""
+        plan, q = self.plan, len(self.outputs)
+        values = np.zeros((len(candidates), len(plan.observed), 1 + 3 * q))
+        chains = [plan.chains.get(y, ChainSpec()) for y in self.outputs]
+        values[:, :, 0] = [o.delay for o in plan.observed]
+        values[:, :, 1:] = [x for chain in chains for x in (chain.gain, chain.offset, chain.delay)]
+        for p, column in zip(self.parameters, candidates.T, strict=True):
+            if p.place is None:
+                continue
+            where = slice(None) if p.place.recording is None else slice(p.place.recording, p.place.recording + 1)
+            at = 0
+            if p.place.output:
+                at = 1 + 3 * self.outputs.index(p.place.output) + ("gain", "offset", "delay").index(p.place.kind)
+            values[:, where, at] = column[:, None]
+        earliest = np.minimum(values[:, :, 3::3].min(axis=2), 0.0)  # an output is shown late, never early
+        values[:, :, 0] += earliest
+        values[:, :, 3::3] -= earliest[:, :, None]
+        return values
+
+    def _chains(self, step: float) -> tuple[tuple[int, tuple[Section, ...]], ...]:
+        specs = [self.plan.chains.get(y, ChainSpec()) for y in self.outputs]
+        if all(s.is_plain for s in specs):
+            return ()
+        return tuple((s.average, s.sections(step)) for s in specs)
+
+    def _experiment(self, observed: Observed, sigma: Mapping[str, float]) -> Experiment:
+        recording = observed.recording
+        own = [self._own_unit(name, signal) for name, signal in observed.inputs.items()]
+        inputs = np.column_stack(own) if own else np.empty((len(recording.time), 0))
+        inputs = np.concatenate([np.repeat(inputs[:1], observed.lead, axis=0), inputs])
+        start = self.plan.description.default_experiment["start_time"] or 0.0
+        times = None
+        if not recording.even:
+            before = np.arange(-observed.lead, 0) * recording.step
+            times = (
+                np.concatenate([before, recording.time - recording.time[0]]) + observed.lead * recording.step + start
+            )
+        return Experiment(
+            start=start,
+            interval=recording.step,
+            substeps=_substeps(self.plan.case, recording),
+            inputs=inputs,
+            measured=self._measured(observed),
+            weights=np.array([1 / sigma[y] ** 2 for y in self.outputs]),
+            chains=self._chains(recording.step),
+            times=times,
+        )
+
+    def _own_unit(self, name: str, signal: FloatArray) -> FloatArray:
+        """Return an input in the FMU's unit."""
+        variable = self.plan.description.variable(name)
+        return signal if variable.is_as_it_is else (signal - variable.offset) / variable.factor
+
+    def _measured(self, observed: Observed) -> FloatArray:
+        measured = np.column_stack([observed.outputs[y] for y in self.outputs])
+        return np.concatenate([np.full((observed.lead, measured.shape[1]), np.nan), measured])
+
+
+def _substeps(case: Case, recording: Recording) -> int:
+    if case.step is None:
+        return 1
+    substeps = round(recording.step / case.step)
+    if substeps < 1 or abs(recording.step / case.step - substeps) > 1e-6 * substeps:
+        raise CaseError(
+            f"the communication step {case.step:g} s does not divide the sampling interval {recording.step:g} s"
+            f" of {recording.title}; take {recording.step:g} s or a whole fraction of it"
+        )
+    return substeps

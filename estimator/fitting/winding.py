@@ -1,0 +1,46 @@
+"""A copper winding's resistance and its temperature. Knows a plan's temperatures, no file and no FMU."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.fitting.polish import Polish
+from estimator.plans.plan import Plan
+from estimator.results.result import DerivedQuantity
+
+FloatArray = NDArray[np.float64]
+
+COPPER, REFERENCE = 0.00393, 25.0  # 1/K, °C: as data sheets state a winding's resistance
+
+
+def warmth(temperatures: Sequence[float | None], count: int) -> FloatArray:
+    """Return the factors, (count,), on a winding's resistance in each recording, over that in the first.
+
+    Ones where a temperature is not known.
+    """
+    if len(temperatures) != count or any(t is None for t in temperatures):
+        return np.ones(count)
+    relative = np.array([_relative(t or 0.0) for t in temperatures])
+    return np.asarray(relative / relative[0])
+
+
+def cold_resistances(plan: Plan, values: FloatArray, polish: Polish) -> dict[str, DerivedQuantity]:
+    """Return the resistance at 25 °C where the winding's temperature is known."""
+    found = {}
+    for j, parameter in enumerate(plan.parameters):
+        if (parameter.quantity or parameter.name) != "R" or polish.at_bound[j] or not plan.temperatures:
+            continue
+        temperature = plan.temperatures[parameter.recording or 0]
+        error = float(polish.standard_errors[j])
+        if temperature is not None and np.isfinite(error):
+            cold = 1 / _relative(temperature)
+            name = f"{parameter.name.replace('R', 'R_at_25_C', 1)}"
+            found[name] = DerivedQuantity(float(values[j]) * cold, error * cold, parameter.unit)
+    return found
+
+
+def _relative(temperature: float) -> float:
+    return 1 + COPPER * (temperature - REFERENCE)

@@ -1,0 +1,368 @@
+"""An FMU as a file: what it says of itself. Executes nothing of it; knows no motor.
+
+Of this package only this module and those of the worker processes (``slave.py``, ``foreign.py``) know FMI and fmpy.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from estimator.errors import FmuError, one_line, suggestion
+from estimator.fmus.archive import check_archive, check_description
+
+REAL_TYPES = ("Real", "Float64", "Float32")
+
+
+@dataclass(frozen=True)
+class Base:
+    """A unit in base units, as the FMU defines it: SI = factor × value + offset."""
+
+    factor: float
+    offset: float
+    exponents: tuple[tuple[str, int], ...]  # "kg", "m", "s", "A", "K", "mol", "cd", "rad"
+
+
+@dataclass(frozen=True)
+class Variable:
+    """One variable of the model description; numbers in the FMU's own unit, None where not given."""
+
+    name: str
+    value_reference: int
+    type: str  # "Real", "Integer", "Boolean", "String", "Enumeration", …
+    causality: str  # "parameter", "input", "output", "local", …
+    variability: str
+    unit: str
+    description: str
+    start: float | str | None = None
+    minimum: float | None = None
+    maximum: float | None = None
+    nominal: float | None = None
+    initial: str = ""
+    items: tuple[tuple[str, int], ...] = ()  # of an enumeration
+    base: Base | None = None
+    factor: float = 1.0  # SI = factor × the FMU's own number + offset, where mapping.py has made it SI
+    offset: float = 0.0
+    own_unit: str = ""  # the FMU's own, where mapping.py has made `unit` SI by a factor
+
+    @property
+    def is_real(self) -> bool:
+        """Whether its value is a real number."""
+        return self.type in REAL_TYPES
+
+    @property
+    def is_as_it_is(self) -> bool:
+        """Whether the FMU's own number is the value, with no unit between."""
+        return self.factor == 1 and self.offset == 0
+
+    @property
+    def is_settable(self) -> bool:
+        """Whether it takes a value before initialisation: a parameter, an input, or what has a start value."""
+        if self.causality in ("parameter", "structuralParameter", "input"):
+            return True
+        variable = self.causality in ("local", "output") and self.variability != "constant"
+        return variable and self.initial in ("", "exact", "approx") and self.start is not None
+
+
+@dataclass(frozen=True)
+class FmuDescription:
+    """What an FMU says of itself.
+
+    Attributes
+    ----------
+    path : Path
+        The .fmu file.
+    identifier : str or None
+        Model identifier of the co-simulation part: the library's name.
+    kinds : tuple of "co-simulation" and "model-exchange"
+    platforms : tuple of str
+        Platforms with a binary, and "c-code" where sources are inside.
+    default_experiment : mapping of "start_time", "stop_time", "step_size", "tolerance" → s or None
+    warnings : tuple of str
+        What the validation of the description found.
+    """
+
+    path: Path
+    name: str
+    fmi_version: str
+    model_name: str
+    guid: str
+    generation_tool: str
+    identifier: str | None
+    kinds: tuple[str, ...]
+    platforms: tuple[str, ...]
+    variables: tuple[Variable, ...]
+    capabilities: Mapping[str, bool]
+    default_experiment: Mapping[str, float | None]
+    warnings: tuple[str, ...]
+    description: str = ""
+    model_exchange_identifier: str | None = None
+    counts: tuple[int, int] = (0, 0)  # continuous states and event indicators
+    kind: str = "co-simulation"  # what is used; co-simulation where both are offered: the FMU then brings its solver
+    restart: str = "reset"  # how it begins again: "reset", "re-instantiate" or "fresh process" (probe.py)
+    probe_simulations: int = 0  # that it took to find out
+    is_bundled: bool = False  # found by a bundled model's name
+    originals: tuple[Variable, ...] = ()  # the FMU's own variables, where `variables` holds others (mapping.py)
+    capabilities_of: Mapping[str, Mapping[str, bool]] = field(default_factory=dict)  # of each kind
+
+    @property
+    def library(self) -> str | None:
+        """Model identifier of the kind that is used."""
+        return self.identifier if self.kind == "co-simulation" else self.model_exchange_identifier
+
+    @property
+    def is_fast(self) -> bool:
+        """Whether it is simulated at full speed: co-simulation of FMI 2.0 or 3.0."""
+        return self.kind == "co-simulation" and self.fmi_version[:1] in ("2", "3")
+
+    def variable(self, name: str, *, role: str = "variable") -> Variable:
+        """Return the variable of that name; `role` ("parameter", "input", "output", …) also bounds the suggestion.
+
+        Raises
+        ------
+        FmuError
+            There is none; the sentence suggests the nearest.
+        """
+        for variable in (*self.variables, *self.originals):
+            if variable.name == name:
+                return variable
+        known = [v.name for v in self.variables if role == "variable" or v.causality == role]
+        raise FmuError(f"{self.path.name} has no {role} {name!r}{suggestion(name, known)}")
+
+    def of_causality(self, causality: str) -> tuple[Variable, ...]:
+        """Return the variables of one causality, in the FMU's order."""
+        return tuple(v for v in self.variables if v.causality == causality)
+
+
+def find_fmu(fmu: str | Path) -> Path:
+    """Return the path of an FMU given as a file or as the name of a bundled model.
+
+    Raises
+    ------
+    FmuError
+        No such file and no such model.
+    """
+    path = Path(fmu)
+    if path.is_file():
+        return path
+    text = str(fmu)
+    import fmu_build
+
+    if text in fmu_build.bundled_names():
+        try:
+            return fmu_build.bundled(text)
+        except fmu_build.BuildError as error:
+            raise FmuError(f"the bundled model {text!r} cannot be built: {error}") from error
+    if path.is_dir():
+        raise FmuError(f"{fmu} is a folder, not an FMU; give the .fmu file")
+    if path.suffix == ".fmu" or len(path.parts) > 1:
+        raise FmuError(f"{fmu}: no such file; give an .fmu file or a bundled model's name")
+    raise FmuError(f"no FMU {text!r}: no such file, and no bundled model{suggestion(text, fmu_build.bundled_names())}")
+
+
+def describe(fmu: str | Path, *, validate: bool = False) -> FmuDescription:
+    """Read an FMU's model description. Nothing of the FMU is executed.
+
+    Parameters
+    ----------
+    fmu : str or Path
+        A file, or a bundled model's name.
+    validate : bool
+        Also check the description against the standard's schema and rules; findings become `warnings`.
+
+    Raises
+    ------
+    FmuError
+        No such file, no zip archive, no readable model description.
+    """
+    path = find_fmu(fmu).resolve()
+    check_archive(path)
+    from fmpy.model_description import read_model_description
+
+    try:
+        check_description(path)
+        description = read_model_description(str(path), validate=False)
+        warnings = (*_validated(path), *_contradictions(description)) if validate else ()
+        return _described(description, path, warnings=warnings, bundled=_is_name(fmu))
+    except FmuError:
+        raise
+    except Exception as error:  # fmpy raises many kinds; each means that the description cannot be read
+        raise FmuError(f"{path.name}: modelDescription.xml cannot be read: {one_line(error)}") from error
+
+
+def _is_name(fmu: str | Path) -> bool:
+    return not Path(fmu).is_file()
+
+
+def _validated(path: Path) -> tuple[str, ...]:
+    from fmpy.validation import validate_fmu
+
+    try:
+        return tuple(one_line(problem) for problem in validate_fmu(str(path)))
+    except Exception as error:
+        return (f"the validation itself failed: {one_line(error)}",)
+
+
+def _contradictions(description: Any) -> list[str]:
+    """Return what fmpy's validation does not look at: limits the wrong way round, starts outside them."""
+    found = []
+    for variable in description.modelVariables:
+        low, high, start = _limit(variable, "min"), _limit(variable, "max"), _start(variable)
+        if low is not None and high is not None and low > high:
+            found.append(f"{variable.name} has min {low:g} above max {high:g}; its limits are not used")
+        elif isinstance(start, float) and ((low is not None and start < low) or (high is not None and start > high)):
+            found.append(f"{variable.name} starts at {start:g}, outside its own limits")
+    return found
+
+
+def _described(description: Any, path: Path, *, warnings: tuple[str, ...], bundled: bool) -> FmuDescription:
+    import fmpy
+
+    co_simulation, model_exchange = description.coSimulation, description.modelExchange
+    parts = (("co-simulation", co_simulation), ("model-exchange", model_exchange))
+    kinds = tuple(kind for kind, part in parts if part is not None)
+    experiment = description.defaultExperiment
+    bases = {u.name: _base(u) for u in description.unitDefinitions}
+    capabilities = {kind: _capabilities(part, kind) for kind, part in parts if part is not None}
+    version = str(description.fmiVersion)
+    identifiers = [part.modelIdentifier if part is not None else None for _, part in parts]
+    for identifier in identifiers:
+        if identifier is not None and ("/" in identifier or "\\" in identifier or ".." in identifier):
+            raise FmuError(f"{path.name}: the model identifier {identifier!r} is no name of a library")
+    return FmuDescription(
+        path=path,
+        name=path.stem,
+        fmi_version=version,
+        model_name=description.modelName or path.stem,
+        guid=description.guid or "",
+        generation_tool=description.generationTool or "unknown tool",
+        identifier=identifiers[0],
+        kinds=kinds,
+        platforms=tuple(fmpy.supported_platforms(str(path))),
+        variables=tuple(_variable(v, bases=bases) for v in description.modelVariables),
+        capabilities=capabilities[kinds[0]] if kinds else {},
+        capabilities_of=capabilities,
+        default_experiment={
+            "start_time": _number(experiment.startTime if experiment else None),
+            "stop_time": _number(experiment.stopTime if experiment else None),
+            "step_size": _number(experiment.stepSize if experiment else None),
+            "tolerance": _number(experiment.tolerance if experiment else None),
+        },
+        warnings=warnings,
+        description=description.description or "",
+        model_exchange_identifier=identifiers[1],
+        counts=(int(description.numberOfContinuousStates or 0), int(description.numberOfEventIndicators or 0)),
+        kind=kinds[0] if kinds else "co-simulation",
+        is_bundled=bundled,
+    )
+
+
+def with_kind(description: FmuDescription, kind: str | None) -> FmuDescription:
+    """Return the description with the kind that is to be used; by default co-simulation where it is offered.
+
+    Raises
+    ------
+    FmuError
+        The FMU does not offer that kind.
+    """
+    if kind is None or kind == description.kind:
+        return description
+    if kind not in description.kinds:
+        offered = " and ".join(description.kinds) or "nothing that can be simulated"
+        raise FmuError(f"{description.path.name} offers no {kind}, only {offered}; choose that, or leave the kind out")
+    capabilities = description.capabilities_of.get(kind, description.capabilities)
+    return dataclasses.replace(description, kind=kind, capabilities=capabilities)
+
+
+def check_usable(description: FmuDescription) -> None:
+    """Raise FmuError, with the reason, unless the FMU can be simulated on this machine."""
+    import fmpy
+
+    name = description.path.name
+    if not description.kinds or not description.library:
+        raise FmuError(f"{name} offers neither co-simulation nor model exchange; export it as a co-simulation FMU")
+    if description.fmi_version[:2] not in ("1.", "2.", "3."):
+        raise FmuError(f"{name} is FMI {description.fmi_version}; export it as FMI 1.0, 2.0 or 3.0")
+    here = (fmpy.platform, fmpy.platform_tuple)
+    if not set(here) & set(description.platforms):
+        there = ", ".join(description.platforms) or "none"
+        remedy = "export it for this platform"
+        if "c-code" in description.platforms:
+            remedy = f"compile its sources with: python -m fmpy compile {name}"
+        raise FmuError(f"{name} has no binary for {here[0]} (it has: {there}); {remedy}")
+
+
+def _base(unit: Any) -> Base | None:
+    base = unit.baseUnit
+    if base is None:
+        return None
+    exponents = {name: int(getattr(base, name, 0) or 0) for name in ("kg", "m", "s", "A", "K", "mol", "cd", "rad")}
+    factor, offset = (_number(getattr(base, name, None)) for name in ("factor", "offset"))
+    if not factor or not math.isfinite(factor):
+        factor = 1.0
+    return Base(factor, offset or 0.0, tuple((name, e) for name, e in exponents.items() if e))
+
+
+def _variable(variable: Any, *, bases: Mapping[str, Base | None]) -> Variable:
+    declared = variable.declaredType
+    unit = variable.unit or (declared.unit if declared is not None else None) or ""
+
+    low, high = _limit(variable, "min"), _limit(variable, "max")
+    if low is not None and high is not None and low > high:
+        low = high = None
+    return Variable(
+        name=variable.name,
+        value_reference=int(variable.valueReference),
+        type=(variable.type or "Real") + ("[]" if getattr(variable, "dimensions", None) else ""),
+        causality=variable.causality or "local",
+        variability=variable.variability or "continuous",
+        unit=unit,
+        description=variable.description or "",
+        start=_start(variable),
+        minimum=low,
+        maximum=high,
+        nominal=_limit(variable, "nominal"),
+        initial=variable.initial or "",
+        items=tuple((i.name, int(i.value)) for i in getattr(declared, "items", None) or () if i.value is not None),
+        base=bases.get(unit),
+    )
+
+
+def _limit(variable: Any, name: str) -> float | None:
+    """Return "min", "max" or "nominal" of a variable, or of its declared type."""
+    value, declared = getattr(variable, name), variable.declaredType
+    return _number(value if value is not None or declared is None else getattr(declared, name, None))
+
+
+def _start(variable: Any) -> float | str | None:
+    if variable.start is None or variable.type == "String":
+        return None if variable.start is None else str(variable.start)
+    if variable.start in ("true", "false"):
+        return float(variable.start == "true")
+    number = _number(variable.start)
+    return str(variable.start) if number is None else number
+
+
+def _number(text: Any) -> float | None:
+    try:
+        number = None if text is None else float(text)
+    except (TypeError, ValueError):
+        return None
+    return number if number is not None and math.isfinite(number) else None
+
+
+def _capabilities(part: Any, kind: str) -> dict[str, bool]:
+    names: tuple[str, ...] = (
+        "needsExecutionTool",
+        "canBeInstantiatedOnlyOncePerProcess",
+        "canGetAndSetFMUstate",
+        "canSerializeFMUstate",
+        "providesDirectionalDerivative",
+    )
+    if kind == "co-simulation":
+        names += ("canHandleVariableCommunicationStepSize", "canInterpolateInputs", "canRunAsynchronuously")
+    return {name: bool(getattr(part, name, False)) for name in names}

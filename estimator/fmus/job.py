@@ -1,0 +1,164 @@
+"""What the workers are asked, and what came of it: an FMU, its variables, recordings; costs. Knows no process."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.fmus.fmu import FmuDescription
+from estimator.stepping.layout import ExperimentLayout, JobLayout
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """What one recording asks of the FMU.
+
+    Attributes
+    ----------
+    start, interval : float
+        s; first sample and sampling interval.
+    substeps : int
+        Communication steps a sampling interval.
+    inputs : (n, inputs) array
+    measured : (n, outputs) array
+        NaN: sample left out.
+    weights : (outputs,) array
+        1 / σ², in the outputs' units.
+    chains : of each output (samples averaged, filter sections b0 b1 b2 a1 a2), or empty
+    times : (n,) array, s, or None
+        Increasing, from `start`; None: equidistant.
+    """
+
+    start: float
+    interval: float
+    substeps: int
+    inputs: FloatArray
+    measured: FloatArray
+    weights: FloatArray
+    chains: tuple[tuple[int, tuple[tuple[float, ...], ...]], ...] = ()
+    times: FloatArray | None = None
+
+
+@dataclass(frozen=True)
+class Job:
+    """What to set and what to read, by FMI value reference, and the experiments."""
+
+    description: FmuDescription
+    parameter_references: tuple[int, ...]
+    input_references: tuple[int, ...]
+    output_references: tuple[int, ...]
+    sensors: tuple[int, ...]
+    experiments: tuple[Experiment, ...]
+    reinstantiate: bool = False
+    sensor_values: int = 0  # that follow the parameters in a candidate's row: 0, or 1 + 3 an output
+    even_steps: bool = False
+    fresh_process: bool = False  # a process of its own for every simulation
+    types: tuple[str, ...] = ()  # of parameters, inputs and outputs, one after the other; empty: all real
+    settings: tuple[tuple[str, int, float | str], ...] = ()  # type, value reference, value: set every time
+    scale: tuple[tuple[float, float], ...] = ()  # of each output: factor and offset to SI; empty: SI
+    names: tuple[str, ...] = ()  # of parameters, settings and inputs, one after the other, for whoever reads of them
+    linear: tuple[bool, ...] = ()  # of each input: whether it goes linearly from row to row; empty: all are held
+
+    def layout(self, folder: str, experiments: tuple[ExperimentLayout, ...]) -> JobLayout:
+        """Return the job as it travels to a worker: the FMU's folder, and where the experiments' numbers stand."""
+        return JobLayout(
+            folder=folder,
+            identifier=self.description.library or "",
+            guid=self.description.guid,
+            reinstantiate=self.reinstantiate,
+            parameter_references=self.parameter_references,
+            input_references=self.input_references,
+            output_references=self.output_references,
+            sensors=self.sensors,
+            experiments=experiments,
+            sensor_values=self.sensor_values,
+            even_steps=self.even_steps,
+            version=self.description.fmi_version,
+            kind=self.description.kind,
+            fresh_process=self.fresh_process,
+            types=self.types,
+            settings=self.settings,
+            scale=self.scale,
+            linear=self.linear,
+            interpolates=bool(self.description.capabilities.get("canInterpolateInputs"))
+            and self.description.fmi_version.startswith("2"),
+            counts=self.description.counts,
+        )
+
+    def step(self, done: int, *, refine: int) -> tuple[float, float] | None:
+        """Return begin and end, s, of the communication step of a candidate that so many others came before."""
+        for e in self.experiments:
+            substeps = e.substeps * refine
+            if done < (len(e.measured) - 1) * substeps:
+                h = e.interval / substeps
+                return e.start + done * h, e.start + (done + 1) * h
+            done -= (len(e.measured) - 1) * substeps
+        return None
+
+
+@dataclass(frozen=True)
+class Failure:
+    """One candidate that the FMU could not simulate.
+
+    Attributes
+    ----------
+    step : s, begin and end of the communication step in which it failed; None: in none
+    """
+
+    reason: str
+    values: tuple[float, ...]
+    step: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True)
+class Batch:
+    """What became of a batch of candidates.
+
+    Attributes
+    ----------
+    costs : (n,) array
+        Infinity where cut short or failed.
+    steps : (n,) array
+        Communication steps done.
+    failed : (n,) bool array
+    shown : (n, rows, outputs) array or None
+        Trajectories of all experiments, one after the other.
+    """
+
+    costs: FloatArray
+    steps: IntArray
+    failed: NDArray[np.bool_]
+    shown: FloatArray | None
+
+
+def write_numbers(path: Path, experiments: Sequence[Experiment]) -> tuple[ExperimentLayout, ...]:
+    """Write the experiments' numbers to a file; return where each stands."""
+    layouts = []
+    with open(path, "wb") as file:
+        for experiment in experiments:
+            offsets = {}
+            for name in ("inputs", "measured", "weights", "times"):
+                if getattr(experiment, name) is None:
+                    continue
+                offsets[name] = file.tell()
+                file.write(np.ascontiguousarray(getattr(experiment, name), dtype=np.float64).tobytes())
+            layouts.append(
+                ExperimentLayout(
+                    samples=len(experiment.measured),
+                    substeps=experiment.substeps,
+                    start=experiment.start,
+                    interval=experiment.interval,
+                    complete=not np.isnan(experiment.measured).any(),
+                    chains=experiment.chains,
+                    **offsets,
+                )
+            )
+        file.write(bytes(8))  # never empty
+    return tuple(layouts)

@@ -1,0 +1,101 @@
+"""One worker process, seen from its owner: started, spoken to, listened to, ended. Knows orders and answers only.
+
+The process is started from the same interpreter by ``subprocess``, on every platform alike.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import queue
+import signal
+import subprocess
+import sys
+import threading
+from pathlib import Path
+from typing import Any
+
+STARTING, IDLE, RUNNING = range(3)
+
+
+class Process:
+    """One worker process and the thread that reads its answers."""
+
+    def __init__(
+        self,
+        slot: int,
+        generation: int,
+        folder: Path,
+        messages: queue.SimpleQueue[tuple[Process, dict[str, Any] | None]],
+    ) -> None:
+        self.slot = slot
+        self.generation = generation
+        self.state = STARTING
+        self.ended_because = ""
+        root = str(Path(__file__).resolve().parents[2])
+        code = f"import sys; sys.path.insert(0, {root!r}); from estimator.stepping.worker import main; main()"
+        self.popen = subprocess.Popen(
+            [sys.executable, "-c", code, str(folder)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"},
+            start_new_session=os.name == "posix",  # so that what an FMU starts ends with it
+        )
+        threading.Thread(target=self._read, args=(messages,), daemon=True).start()
+
+    def send(self, order: dict[str, Any]) -> None:
+        """Send one order; a process that is gone is noticed by its reader."""
+        assert self.popen.stdin is not None
+        with contextlib.suppress(OSError):
+            self.popen.stdin.write((json.dumps(order) + "\n").encode())
+            self.popen.stdin.flush()
+
+    def end(self, *, politely: bool) -> None:
+        """End the process: by its own hand when it is idle, else by force."""
+        if politely:
+            self.send({"quit": True})
+            self.reap()
+        else:
+            self.kill()
+            self.reap()
+
+    def kill(self) -> None:
+        """End the process, and those that the FMU has started, by force."""
+        if os.name != "posix":
+            self.popen.kill()
+            return
+        with contextlib.suppress(OSError):
+            os.killpg(self.popen.pid, signal.SIGKILL)
+
+    def reap(self, *, patience: float = 1.0) -> int:
+        """Wait for a process that is ending, `patience` seconds at most; return its exit code."""
+        assert self.popen.stdin is not None
+        try:
+            self.popen.wait(timeout=patience)
+        except subprocess.TimeoutExpired:
+            self.kill()
+            self.popen.wait()
+        else:
+            self.kill()  # what it has left behind
+        with contextlib.suppress(OSError):
+            self.popen.stdin.close()
+        return int(self.popen.returncode)
+
+    def _read(self, messages: queue.SimpleQueue[tuple[Process, dict[str, Any] | None]]) -> None:
+        assert self.popen.stdout is not None
+        with self.popen.stdout as stdout:
+            for line in stdout:
+                messages.put((self, json.loads(line)))
+        messages.put((self, None))
+
+
+def how_it_ended(code: int) -> str:
+    """Say how a process ended, from its exit code."""
+    if code < 0:
+        try:
+            return f"the FMU crashed ({signal.Signals(-code).name})"
+        except ValueError:
+            return f"the FMU crashed (signal {-code})"
+    return f"the FMU ended its process (exit status {code})"

@@ -1,0 +1,380 @@
+"""FMUs live in worker processes: a crash, a hang or a leak stays there. Knows candidates and costs, no search.
+
+Workers share one batch in memory (desk.py); each takes the next candidate when it is free, so they are dealt out
+evenly, and what a candidate costs does not depend on who simulated it. A worker that dies or exceeds the time limit
+is replaced; its candidate costs infinity and is remembered with its reason.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import mmap
+import queue
+import time
+from collections.abc import Callable
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.errors import FmuError, SimulationError
+from estimator.fmus.archive import extract
+from estimator.fmus.fmu import FmuDescription, check_usable
+from estimator.fmus.job import Batch, Failure, Job, write_numbers
+from estimator.fmus.process import IDLE, RUNNING, STARTING, Process, how_it_ended
+from estimator.fmus.run_folder import RunFolder
+from estimator.stepping.desk import MAX_WORKERS, NO_CLAIM, Desk
+from estimator.stepping.layout import (
+    CRASHED,
+    CUT_SHORT,
+    FINISHED,
+    MAX_SIGNALS,
+    PENDING,
+    TIMED_OUT,
+    is_of_step,
+    outcome_sentence,
+)
+from estimator.stepping.library import check_installed
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+CAPACITY = 4096  # candidates a batch
+SHOWN_VALUES = 4_000_000  # trajectory values a batch
+BUSY_BEFORE_MORE = 0.3  # s of simulation before further workers are started
+TICK = 0.05  # s between two looks at the clock
+TIME_LIMIT = 60.0  # s a candidate
+LOAD_LIMIT = 20.0  # s, at least, to start a process and load the FMU
+MEMORY_LIMIT = 1 << 30  # bytes a worker
+MOST_FAILURES = 100  # reasons that are kept
+
+
+class Workers:
+    """The processes, and the memory that they share.
+
+    The first process starts at once, so that it imports what it needs while the caller reads its recordings; the
+    others start when there has been enough work to pay for them.
+
+    Parameters
+    ----------
+    count : int
+        Processes at most.
+    time_limit : float
+        s a candidate may take.
+    memory_limit : int
+        Bytes above which a worker is replaced.
+    """
+
+    def __init__(self, count: int, *, time_limit: float = TIME_LIMIT, memory_limit: int = MEMORY_LIMIT) -> None:
+        check_installed()
+        self.count = max(1, min(count, MAX_WORKERS))
+        self.time_limit = time_limit
+        self.memory_limit = memory_limit
+        self.simulations = 0
+        self.steps = 0
+        self.failures: list[Failure] = []
+        self.failed = 0
+        self.on_tick: Callable[[], None] | None = None
+        self._folder = RunFolder()
+        self._messages: queue.SimpleQueue[tuple[Process, dict[str, Any] | None]] = queue.SimpleQueue()
+        self._processes: dict[int, Process] = {}
+        self._job: Job | None = None
+        self._order: dict[str, Any] = {}
+        self._busy = 0.0
+        self.busy_before_more = BUSY_BEFORE_MORE
+        self._loads_died = 0
+        self._words = ""
+        self._reasons: dict[int, str] = {}  # of crashes and time limits, by candidate
+        self._generation = 0
+        self._jobs = 0
+        self._files: list[Path] = []
+        self._folders: dict[Path, Path] = {}
+        self._spawn(0)
+
+    def load(self, job: Job, *, keep_counts: bool = False) -> None:
+        """Extract the FMU and put the job's numbers where the workers find them; counters start from zero.
+
+        May be called again, with the next job: the processes stay.
+
+        Raises
+        ------
+        FmuError
+            The FMU cannot be stepped on this machine.
+        """
+        check_usable(job.description)
+        for what, references in (("inputs", job.input_references), ("outputs", job.output_references)):
+            if len(references) > MAX_SIGNALS:
+                raise FmuError(f"{len(references)} {what} at once are more than {MAX_SIGNALS}; leave some out")
+        folder = self._extracted(job.description)
+        rows = sum(len(e.measured) for e in job.experiments)
+        outputs = len(job.output_references)
+        desk = Desk(
+            capacity=CAPACITY,
+            shown_capacity=max(1, min(CAPACITY, SHOWN_VALUES // max(1, rows * outputs))),
+            experiments=len(job.experiments),
+            parameters=len(job.parameter_references) + job.sensor_values,
+            outputs=outputs,
+            rows=rows,
+        )
+        self._jobs += 1
+        desk_file = self._folder.path / f"desk-{self._jobs}"
+        with open(desk_file, "wb") as file:
+            file.truncate(desk.size)
+        with open(desk_file, "r+b") as file:
+            self._memory = mmap.mmap(file.fileno(), desk.size)
+        numbers_file = self._folder.path / f"numbers-{self._jobs}"
+        layouts = write_numbers(numbers_file, job.experiments)
+        self._desk = desk
+        self._job = job
+        layout = job.layout(str(folder), layouts)
+        self._order = {
+            "number": self._jobs,
+            "job": dataclasses.asdict(layout),
+            "desk": dataclasses.asdict(desk),
+            "desk_file": str(desk_file),
+            "numbers_file": str(numbers_file),
+            "memory_limit": self.memory_limit,
+        }
+        self._counter = self._view(desk.next, 1, np.int64)
+        self._claims = self._view(desk.claims, MAX_WORKERS, np.int64)
+        self._claims[:] = NO_CLAIM
+        if not keep_counts:
+            self.simulations = self.steps = self.failed = 0
+            self.failures = []
+        self._words = ""
+        for process in self._processes.values():
+            self._send_load(process)
+        for old in self._files:
+            with contextlib.suppress(OSError):  # still mapped: it goes with the folder
+                old.unlink()
+        self._files = [desk_file, numbers_file]
+
+    def run(
+        self, values: FloatArray, *, bounds: FloatArray | None = None, refine: int = 1, record: bool = False
+    ) -> Batch:
+        """Simulate candidates.
+
+        Parameters
+        ----------
+        values : (n, experiments, parameters) array
+            FMU parameters, in the FMU's units.
+        bounds : (n,) array, optional
+            A candidate may stop once its cost exceeds its bound; it then costs infinity.
+        refine : int
+            Communication steps are this many times finer than the job says.
+        record : bool
+            Keep the trajectories.
+
+        Raises
+        ------
+        SimulationError
+            The FMU cannot even be loaded.
+        """
+        n = len(values)
+        room = self._desk.shown_capacity if record else self._desk.capacity
+        limits = np.full(n, np.inf) if bounds is None else np.asarray(bounds, dtype=float)
+        parts = [
+            self._run_part(values[i : i + room], limits[i : i + room], refine=refine, record=record)
+            for i in range(0, n, room)
+        ]
+        if len(parts) == 1:
+            return parts[0]
+        return Batch(
+            costs=np.concatenate([p.costs for p in parts]) if parts else np.empty(0),
+            steps=np.concatenate([p.steps for p in parts]) if parts else np.empty(0, dtype=np.int64),
+            failed=np.concatenate([p.failed for p in parts]) if parts else np.empty(0, dtype=bool),
+            shown=np.concatenate([p.shown for p in parts if p.shown is not None]) if record and parts else None,
+        )
+
+    def reference(self, values: FloatArray, *, experiment: int = 0, refine: int = 1) -> FloatArray:
+        """Simulate one candidate, (parameters,), by fmpy's methods alone; return (n, outputs)."""
+        order = {"reference": True, "values": list(values), "experiment": experiment, "refine": refine}
+        process = self._processes[0]
+        while process.state != IDLE:
+            self._handle(*self._messages.get(timeout=max(self.time_limit, LOAD_LIMIT)))
+        process.send({"run": order})
+        while True:
+            sender, message = self._messages.get(timeout=max(self.time_limit, LOAD_LIMIT))
+            if sender is process and message is not None and "rows" in message:
+                return np.array(message["rows"])
+            if sender is process and (message is None or "error" in message):
+                raise SimulationError(str((message or {}).get("error", "the FMU crashed")))
+            self._handle(sender, message)
+
+    @property
+    def job(self) -> Job | None:
+        """The job that is loaded."""
+        return self._job
+
+    @property
+    def pids(self) -> tuple[int, ...]:
+        """Process identifiers of the workers that live now."""
+        return tuple(p.popen.pid for p in self._processes.values())
+
+    def all_ready(self) -> bool:
+        """Whether every process that was started has loaded the FMU."""
+        return all(p.state != STARTING for p in self._processes.values())
+
+    def close(self) -> None:
+        """End all workers and remove the run's folder."""
+        for process in self._processes.values():
+            process.end(politely=process.state == IDLE)
+        self._processes.clear()
+        self._folder.close()
+
+    def __enter__(self) -> Workers:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _run_part(self, values: FloatArray, bounds: FloatArray, *, refine: int, record: bool) -> Batch:
+        n, desk = len(values), self._desk
+        self._view(desk.values, values.size, np.float64)[:] = values.ravel()
+        self._view(desk.bounds, n, np.float64)[:] = bounds
+        costs = self._view(desk.costs, n, np.float64)
+        steps = self._view(desk.steps, n, np.int64)
+        outcomes = self._view(desk.outcomes, n, np.int64)
+        costs[:], steps[:], outcomes[:] = np.inf, 0, PENDING
+        self._counter[0] = 0
+        self._order["run"] = {"candidates": n, "refine": refine, "record": record}
+        started = looked = time.monotonic()
+        watch: dict[int, tuple[int, float]] = {}
+        while True:
+            for process in list(self._processes.values()):
+                if process.state == IDLE and self._counter[0] < n:
+                    process.state = RUNNING
+                    process.send({"run": self._order["run"]})
+            if self._counter[0] >= n and not any(p.state == RUNNING for p in self._processes.values()):
+                break
+            with contextlib.suppress(queue.Empty):
+                self._handle(*self._messages.get(timeout=TICK), outcomes=outcomes)
+            now = time.monotonic()
+            if now - looked >= TICK:
+                looked = now
+                self._end_the_overdue(watch, now)
+                self._start_more(now - started)
+                if self.on_tick is not None:
+                    self.on_tick()
+        self._busy += time.monotonic() - started
+        self._start_more(0.0)
+        return self._collect(values, costs, steps, outcomes, refine=refine, record=record)
+
+    def _collect(
+        self, values: FloatArray, costs: FloatArray, steps: IntArray, outcomes: IntArray, *, refine: int, record: bool
+    ) -> Batch:
+        n, desk = len(values), self._desk
+        kinds = outcomes % 256
+        failed = (kinds != FINISHED) & (kinds != CUT_SHORT)
+        costs[failed] = np.inf
+        self.simulations += n
+        self.steps += int(steps.sum())
+        self.failed += int(failed.sum())
+        for index in np.flatnonzero(failed):
+            self._remember(int(index), int(outcomes[index]), values[index], done=int(steps[index]), refine=refine)
+        shown = None
+        if record:
+            flat = self._view(desk.shown, n * desk.rows * desk.outputs, np.float64)
+            shown = flat.reshape(n, desk.rows, desk.outputs).copy()
+            shown[failed] = np.nan
+        return Batch(costs=costs.copy(), steps=steps.copy(), failed=failed, shown=shown)
+
+    def _remember(self, index: int, outcome: int, values: FloatArray, *, done: int, refine: int) -> None:
+        """Keep the first candidate of each reason to fail."""
+        assert self._job is not None
+        reason = self._reasons.pop(index, None) if outcome % 256 in (CRASHED, TIMED_OUT) else None
+        reason = reason or outcome_sentence(outcome, words=self._words, names=self._job.names)
+        if len(self.failures) >= MOST_FAILURES or any(f.reason == reason for f in self.failures):
+            return
+        step = self._job.step(done - 1, refine=refine) if is_of_step(outcome) else None
+        self.failures.append(Failure(reason, tuple(values.ravel().tolist()), step))
+
+    def _handle(self, process: Process, message: dict[str, Any] | None, *, outcomes: IntArray | None = None) -> None:
+        if self._processes.get(process.slot) is not process:
+            return  # the last words of a process that has been replaced
+        if message is None:
+            self._bury(process, outcomes)
+        elif message["number"] != self._jobs:
+            return  # about a job that has been replaced
+        elif "ready" in message:
+            process.state = IDLE
+            self._loads_died = 0
+        elif "error" in message:
+            raise FmuError(f"{self._name} cannot be loaded: {message['error']}")
+        elif "done" in message:
+            process.state = IDLE
+            self._words = message["words"] or self._words
+            self._reasons |= {int(candidate): how_it_ended(code) for candidate, code in message.get("ended", ())}
+            if message["recycle"]:
+                process.end(politely=True)
+                self._spawn(process.slot)
+
+    def _bury(self, process: Process, outcomes: IntArray | None) -> None:
+        """Replace a process that has ended; its candidate has failed."""
+        claim = int(self._claims[process.slot]) if self._job is not None else NO_CLAIM
+        code = process.reap()
+        how = process.ended_because or how_it_ended(code)
+        if process.state == RUNNING and claim != NO_CLAIM and outcomes is not None:
+            outcomes[claim] = TIMED_OUT if process.ended_because else CRASHED
+            self._reasons[claim] = how
+            self._claims[process.slot] = NO_CLAIM
+        else:
+            self._loads_died += 1
+            if self._loads_died >= 3:
+                raise FmuError(f"{self._name} cannot be loaded: {how}")
+        self._spawn(process.slot)
+
+    def _end_the_overdue(self, watch: dict[int, tuple[int, float]], now: float) -> None:
+        for slot, process in self._processes.items():
+            waiting = process.state == STARTING
+            claim = int(self._claims[slot]) if process.state == RUNNING else (-2 - process.generation)
+            if process.state == IDLE or (claim == NO_CLAIM and not waiting):
+                watch.pop(slot, None)
+                continue
+            before = watch.get(slot)
+            # A busy machine may take seconds to start an interpreter: that is not the FMU's time.
+            limit = max(self.time_limit, LOAD_LIMIT) if waiting else self.time_limit
+            if before is None or before[0] != claim:
+                watch[slot] = (claim, now)
+            elif now - before[1] > limit:
+                what = "loading the FMU" if waiting else "the FMU"
+                process.ended_because = f"{what} exceeded the time limit of {limit:g} s"
+                process.kill()
+                watch.pop(slot)
+
+    def _start_more(self, running: float) -> None:
+        if self._busy + running > self.busy_before_more and len(self._processes) < self.count:
+            for slot in range(len(self._processes), self.count):
+                self._spawn(slot)
+
+    def _spawn(self, slot: int) -> None:
+        self._generation += 1
+        process = Process(slot, self._generation, self._folder.path, self._messages)
+        self._processes[slot] = process
+        if self._job is not None:
+            self._send_load(process)
+
+    def _extracted(self, description: FmuDescription) -> Path:
+        if description.path not in self._folders:
+            folder = self._folder.path / f"fmu-{len(self._folders) + 1}"
+            folder.mkdir()
+            extract(description.path, folder)
+            self._folders[description.path] = folder
+        return self._folders[description.path]
+
+    def _send_load(self, process: Process) -> None:
+        process.state = STARTING
+        order = {k: v for k, v in self._order.items() if k != "run"}
+        process.send({"load": {**order, "index": process.slot}})
+
+    def _view(self, offset: int, count: int, kind: type[Any]) -> NDArray[Any]:
+        return np.frombuffer(self._memory, dtype=kind, count=count, offset=offset)
+
+    @property
+    def _name(self) -> str:
+        return self._job.description.path.name if self._job is not None else "the FMU"

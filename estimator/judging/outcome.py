@@ -1,0 +1,173 @@
+"""From a plan, an optimum and a judgement to the parts of an Estimate. Knows no search and simulates nothing."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.cases.case_signals import run_value
+from estimator.cases.mapping import target
+from estimator.fitting.polish import Polish
+from estimator.judging.verdict import Judgement
+from estimator.plans.parameters import Parameter
+from estimator.plans.plan import ChainSpec, Plan
+from estimator.results.result import Comparison, ParameterEstimate, Setting
+from estimator.stepping import layout
+
+FloatArray = NDArray[np.float64]
+
+
+def parameter_estimates(
+    plan: Plan, values: FloatArray, polish: Polish | None, judgement: Judgement
+) -> dict[str, ParameterEstimate]:
+    """Return every parameter's estimate, the fixed ones included, and what the measurement chain adds."""
+    result = {}
+    for j, parameter in enumerate(plan.parameters):
+        status = judgement.statuses.get(parameter.name)
+        error = None
+        at_bound: Any = None
+        if polish is not None:
+            at_bound = {-1: "lower", 1: "upper"}.get(int(polish.at_bound[j]))
+            raw = float(polish.standard_errors[j])
+            error = raw if np.isfinite(raw) and at_bound is None else None
+        else:
+            width = parameter.upper - parameter.lower
+            if values[j] - parameter.lower <= 1e-9 * width:
+                at_bound = "lower"
+            elif parameter.upper - values[j] <= 1e-9 * width:
+                at_bound = "upper"
+        result[parameter.name] = ParameterEstimate(
+            name=parameter.name,
+            value=float(values[j]),
+            unit=parameter.unit,
+            lower=parameter.lower,
+            upper=parameter.upper,
+            standard_error=error,
+            at_bound=at_bound,
+            status=status.status if status else "ok",
+            reason=status.reason if status else None,
+            nominal=parameter.nominal,
+            settings=_settings(plan, parameter, float(values[j])),
+        )
+    for name, value in plan.fixed.items():
+        variable = plan.description.variable(name)
+        if variable.causality != "input":
+            held = Parameter(name, variable.unit, value, value, log=False, targets=(name,))
+            settings = _settings(plan, held, value)
+            result[name] = ParameterEstimate(name, value, variable.unit, value, value, free=False, settings=settings)
+    return result
+
+
+def _settings(plan: Plan, parameter: Parameter, value: float) -> tuple[Setting, ...] | None:
+    """Return what a parameter sets in the FMU; None where that is one variable of its own name, in SI."""
+    if parameter.place is not None:
+        return ()
+    settings = []
+    for name, gain in zip(parameter.targets, parameter.gains or (1.0,) * len(parameter.targets), strict=True):
+        variable = target(plan.description, name)
+        own = (gain * value - variable.offset) / variable.factor
+        kind = "Real" if variable.is_real else variable.type
+        settings.append(Setting(name, own, variable.own_unit or variable.unit, kind))
+    return None if settings == [Setting(parameter.name, value, parameter.unit)] else tuple(settings)
+
+
+def sensors(plan: Plan) -> dict[str, dict[str, Any]]:
+    """Return what each output's sensor was taken for."""
+    result: dict[str, dict[str, Any]] = {}
+    for name in plan.outputs:
+        chain = plan.chains.get(name, ChainSpec())
+        result[name] = {
+            "sensor": "mean" if plan.sensors[name] == layout.MEAN else "identity",
+            "average": chain.average,
+            "filters": [f.family for f in chain.filters],
+            "gain": chain.gain,
+            "offset": chain.offset,
+            "delay": chain.delay,
+        }
+    return result
+
+
+def recordings(plan: Plan) -> tuple[dict[str, Any], ...]:
+    """Return what was done to each recording."""
+    case = plan.case
+    count = max(len(case.recordings), len(case.runs), len(plan.observed))
+    runs = [run for run in map(case.run, range(count)) if not run.validate]
+    return tuple(
+        {
+            "name": o.recording.name,
+            "samples": len(o.recording.time),
+            "missing_rows": o.recording.missing_rows,
+            "even_clock": o.recording.even,
+            **run_value(run),
+        }
+        for o, run in zip(plan.observed, runs, strict=False)
+    )
+
+
+def comparisons(plan: Plan, shown: list[FloatArray]) -> tuple[Comparison, ...]:
+    """Return measured against simulated signals, one entry a recording; `shown` is (n, outputs) each."""
+    return tuple(
+        Comparison(
+            name=o.recording.name,
+            time=o.recording.time,
+            inputs=dict(o.inputs),
+            measured=dict(o.outputs),
+            simulated={name: rows[:, j].copy() for j, name in enumerate(plan.outputs)},
+            units={n: plan.description.variable(n).unit for n in (*o.inputs, *o.outputs)},
+        )
+        for o, rows in zip(plan.observed, shown, strict=True)
+    )
+
+
+def figures(plan: Plan, comparisons: tuple[Comparison, ...]) -> tuple[dict[str, float], dict[str, float]]:
+    """Return root mean square error (SI) and fit (percent) of each output over all recordings."""
+    rmse, fit = {}, {}
+    for name in plan.outputs if comparisons else ():
+        measured = np.concatenate([c.measured[name] for c in comparisons])
+        simulated = np.concatenate([c.simulated[name] for c in comparisons])
+        used = ~np.isnan(measured)
+        error = simulated[used] - measured[used]
+        spread = measured[used] - measured[used].mean()
+        rmse[name] = float(np.sqrt(np.mean(error**2)))
+        scale = float(np.linalg.norm(spread))
+        fit[name] = 100 * (1 - float(np.linalg.norm(error)) / scale) if scale > 0 else float("nan")
+    return rmse, fit
+
+
+def correlation(polish: Polish) -> FloatArray:
+    """Return the (p, p) correlation of the estimates; zero for parameters at a bound."""
+    deviation = np.sqrt(np.diag(polish.covariance))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        correlation = polish.covariance / np.outer(deviation, deviation)
+    correlation[~np.isfinite(correlation)] = 0.0
+    np.fill_diagonal(correlation, 1.0)
+    return np.asarray(np.clip(correlation, -1.0, 1.0))
+
+
+def information(polish: Polish, names: tuple[str, ...]) -> dict[str, Any]:
+    """Return eigenvalues of the Fisher information scaled to a diagonal of 1, and the direction of the least."""
+    jacobian = polish.jacobian
+    norms = np.linalg.norm(jacobian, axis=0)
+    if not len(norms) or not np.all(norms > 0) or not np.isfinite(norms).all():
+        return {}
+    _, singular, rows = np.linalg.svd(jacobian / norms, full_matrices=False)
+    return {
+        "eigenvalues": np.sort(singular**2).tolist(),
+        "least_told": dict(zip(names, rows[-1].tolist(), strict=True)),
+    }
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of what took part."""
+    import platform
+    from importlib.metadata import PackageNotFoundError, version
+
+    versions = {"python": platform.python_version()}
+    for package in ("fmu-estimator", "fmpy", "numpy", "scipy"):
+        try:
+            versions[package] = version(package)
+        except PackageNotFoundError:
+            versions[package] = "not installed"
+    return versions

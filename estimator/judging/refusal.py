@@ -1,0 +1,178 @@
+"""What cannot be estimated at all, from the recordings alone: each reason with its evidence. Simulates nothing.
+
+Refused only where there is nothing to estimate from: no excitation, a lost transient, a saturated or unsigned signal,
+a settled state that no motor has. What the settled part of a refused step still tells is told.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.fmus.fmu import FmuDescription
+from estimator.plans.plan import Observed, Plan
+from estimator.recordings.excitation import find_settling, lost_transient, noise_deviation, saturation
+
+FloatArray = NDArray[np.float64]
+
+MOVES = 12.0  # deviations of the noise from end to end: more is a movement
+IMPOSSIBLE = 1.5  # times the largest acceleration
+CONTRADICTED = "an impossible acceleration"
+OVER, STILL = 6, 0.1  # samples after a jump; part of the response: within both the jump was all that happened
+FASTER = 10  # samples in what is one now
+RECTIFIED = 50  # samples at rest that tell a lost sign
+
+
+def refusal(plan: Plan) -> list[str]:
+    """Return why nothing can be estimated from the recordings; empty if something can."""
+    reasons = []
+    if all(o.excitation.kind == "none" for o in plan.observed):
+        level = plan.observed[0].excitation.after
+        moving = [n for n, y in plan.observed[0].outputs.items() if _moves(y)]
+        if level == 0 and moving:
+            return [
+                f"the voltage is zero throughout while {' and '.join(moving)} move"
+                f"{'s' if len(moving) == 1 else ''}: no voltage was logged; record the motor's voltage, too"
+            ]
+        what = "is zero" if level == 0 else f"stays at {level:.4g} V"
+        reasons.append(
+            f"the voltage {what} from the first to the last sample while the motor does not start, so nothing is"
+            " excited; record a voltage step from standstill"
+        )
+    for o in plan.observed:
+        reasons += _damaged(o, plan.description) + _unsigned(o) + _contradicted(o)
+    return reasons
+
+
+def refused_notes(plan: Plan) -> tuple[str, ...]:
+    """Return what a refused step response still tells: its settled part gives B / K and a line between R and K."""
+    notes = []
+    for o in plan.observed:
+        if o.excitation.kind != "step" or not {"i", "w"} <= set(o.outputs) or "v" not in o.inputs:
+            continue
+        if not find_settling(o.excitation, o.outputs, interval=o.recording.step).settled:
+            continue
+        tail = max(5, (len(o.recording.time) - o.excitation.index) // 10)
+        v, i, w = (float(np.nanmean(x[-tail:])) for x in (o.inputs["v"], o.outputs["i"], o.outputs["w"]))
+        if i * v > 0 and w * v > 0:
+            notes.append(
+                f"{o.recording.title}: the settled part still tells B = {i / w:.4g} K and"
+                f" R = {v / i:.5g} - {w / i:.5g} K (SI units)"
+            )
+    return tuple(notes)
+
+
+def _moves(y: FloatArray) -> bool:
+    """Whether an output changes by far more than its noise."""
+    known = y[~np.isnan(y)]
+    return float(np.ptp(known)) > MOVES * noise_deviation(known) and float(np.ptp(known)) > 0
+
+
+def _unsigned(o: Observed) -> list[str]:
+    """Find a current whose sign was lost: never negative where the voltage and the speed reverse, or at rest."""
+    if "i" not in o.outputs or "v" not in o.inputs:
+        return []
+    v, i = o.inputs["v"], o.outputs["i"]
+    known = i[~np.isnan(i)]
+    noise = noise_deviation(known)
+    lowest, highest = float(np.min(known)), float(np.max(known))
+    if np.min(v) < 0 < np.max(v) and min(-np.min(v), np.max(v)) > 0.2 * np.max(np.abs(v)):
+        if lowest > -max(4 * noise, 0.02 * highest) and highest > 10 * noise:
+            return [
+                f"{o.recording.title}: the voltage goes from {np.min(v):.4g} to {np.max(v):.4g} V, but the current"
+                f" never below {lowest:.3g} A: its sign was lost; record it with a sensor that tells the direction"
+            ]
+        return []
+    rest = i[: o.excitation.index] if o.excitation.kind == "step" and o.excitation.before == 0 else known[:0]
+    rest = rest[~np.isnan(rest)]
+    if len(rest) >= RECTIFIED and not o.excitation.running:
+        above = rest[rest > 0]
+        if np.min(rest) >= 0 and len(above) > 0.9 * len(rest) and np.mean(above) < 2 * np.std(above):
+            return [
+                f"{o.recording.title}: the current at rest is never negative in {len(rest)} samples, with a mean of"
+                f" {np.mean(rest):.3g} A: its sign was lost; record it with a sensor that tells the direction"
+            ]
+    return []
+
+
+def _contradicted(o: Observed) -> list[str]:
+    """Find a settled state that no motor has: against its voltage, or giving off power."""
+    if o.excitation.kind != "step" or "v" not in o.inputs or o.excitation.after == 0:
+        return []
+    if any(np.any(u != 0) for name, u in o.inputs.items() if name != "v"):
+        return []
+    tail = max(5, (len(o.recording.time) - o.excitation.index) // 10)
+    v = float(np.mean(o.inputs["v"][-tail:]))
+    reasons = []
+    for name, what, unit in (("i", "current", "A"), ("w", "speed", "rad/s")):
+        y = o.outputs.get(name)
+        if y is None or np.isnan(y[-tail:]).all():
+            continue
+        final, noise = float(np.nanmean(y[-tail:])), noise_deviation(y)
+        if final * v < 0 and abs(final) > 6 * noise and abs(final) > 0.02 * float(np.nanmax(np.abs(y))):
+            reasons.append(
+                f"{o.recording.title}: at the end the {what} is {final:.4g} {unit} under {v:.4g} V, which no motor"
+                f" without load does; check the sign of the {what} and of the voltage"
+            )
+    return reasons
+
+
+def _damaged(o: Observed, description: FmuDescription) -> list[str]:
+    reasons = []
+    title = o.recording.title
+    for name, y in o.outputs.items():
+        clipped = saturation(y) if name != "angle" else None
+        if clipped is not None:
+            first, run, value = clipped
+            unit = description.variable(name).unit
+            reasons.append(
+                f"{title}: {name} is saturated at {value:.4g} {unit} for {run} samples from"
+                f" t = {o.recording.time[first]:.6g} s; record again with a larger sensor range"
+            )
+    return reasons
+
+
+def lost_transients(plan: Plan, motor: Mapping[str, float] | None = None) -> list[str]:
+    """Return which recordings lose the transient between two samples: a speed that jumps where no neighbour does.
+
+    With R, K and J of an estimate the jump is held against the largest acceleration that the voltage allows, K v / R J.
+    """
+    reasons = []
+    for o in (o.logged or o for o in plan.observed):
+        lost = (
+            lost_transient(o.excitation, o.outputs["w"]) if o.excitation.kind == "step" and "w" in o.outputs else None
+        )
+        if lost is None:
+            continue
+        k, part = lost
+        evidence = ""
+        if motor is not None and {"R", "K", "J"} <= set(motor):
+            jump = part * float(np.ptp(o.outputs["w"][~np.isnan(o.outputs["w"])]))
+            step = abs(o.excitation.after - o.excitation.before)
+            most = motor["K"] * step / motor["R"] / motor["J"] * o.recording.step
+            if jump > IMPOSSIBLE * most:
+                evidence = f", {CONTRADICTED}: {jump:.3g} rad/s where K v / (R J) allows {most:.3g} rad/s a sample"
+        reasons.append(
+            f"{o.recording.title}: the speed jumps by {100 * part:.0f} % of its response within one sample at"
+            f" t = {o.recording.time[k]:.6g} s{evidence}: the transient is lost, and R, L and J with it;"
+            f" {_faster(o, k)}, without gaps"
+        )
+    return reasons
+
+
+def _faster(o: Observed, k: int) -> str:
+    """Return how to record what is lost before row k: all of a motor that is fast, or a part of a slow response."""
+    known = np.flatnonzero(~np.isnan(o.outputs["w"]))
+    w = np.interp(np.arange(len(o.outputs["w"])), known, o.outputs["w"][known])
+    rest, final = float(np.mean(w[: max(1, o.excitation.index)])), float(np.mean(w[-max(5, (len(w) - k) // 10) :]))
+    still, noise = STILL * float(np.ptp(w)), MOVES / 2 * noise_deviation(o.outputs["w"])
+    after = float(np.mean(w[k + 1 : k + 1 + OVER])) if k + 1 < len(w) else final
+    if abs(w[k - 1] - rest) > still + noise or abs(after - final) > still + noise / np.sqrt(OVER):
+        return "record at a higher rate"
+    rate = 1 / o.recording.step
+    return (
+        f"an oscillation above half the sampling rate of {rate:g} Hz may be what is lost (aliasing);"
+        f" record at {FASTER * rate:g} Hz or more"
+    )

@@ -1,0 +1,92 @@
+"""Is the communication step fine enough? The same estimate at a ten times finer one. Runs that simulation only."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.fitting.fit import Fit
+from estimator.fitting.polish import Polish
+from estimator.fitting.problem import Problem
+from estimator.fmus.probe import ignores_step
+from estimator.plans.plan import Plan
+
+FloatArray = NDArray[np.float64]
+
+REFINEMENT = 10
+STEP_ERROR = 1.0  # shift by a finer step, in standard errors
+NEGLIGIBLE_SHIFT = 1e-6  # relative: a smaller shift matters to nobody
+
+
+@dataclass(frozen=True)
+class StepCheck:
+    """What a finer step showed: why the estimate is doubtful, and what else to tell."""
+
+    reasons: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+
+
+def step_check(problem: Problem, values: FloatArray, polish: Polish | None, fit: Fit | None) -> StepCheck:
+    """Simulate an estimate, (p,), at a finer communication step, and say what that changes.
+
+    Parameters
+    ----------
+    polish : Polish or None
+        None for methods that end with the search: nothing is compared then.
+    """
+    fine = problem.trajectories(values[None, :], refine=REFINEMENT)
+    if polish is None or fine.shown is None:
+        return StepCheck()
+    plan = problem.plan
+    h = plan.observed[0].recording.step if plan.case.step is None else plan.case.step
+    if fine.failed[0]:
+        return StepCheck(
+            notes=(f"the step could not be checked: the FMU fails at {h / REFINEMENT:g} s, a tenth of the step",)
+        )
+    worst = _worst(plan, polish, shift(problem, polish, fine.shown[0], fit))
+    if worst is None:
+        return StepCheck()
+    if ignores_step(plan.description):
+        return StepCheck(
+            reasons=(
+                f"the FMU ignores the communication step that it is given, so its time is that of the recording only if"
+                f" its own step is {h:g} s; set step under [fmu] to the FMU's own",
+            )
+        )
+    errors, name, moved = worst
+    size = f"{errors:.1f} standard errors" if errors < 1000 else "far more than its standard error"
+    return StepCheck(
+        reasons=(
+            f"the FMU's own step error matters: a ten times finer communication step would move {name} by {moved},"
+            f" {size}; set a finer step in the case file, under [fmu]",
+        )
+    )
+
+
+def shift(problem: Problem, polish: Polish, fine: FloatArray, fit: Fit | None) -> FloatArray:
+    """Return how far the fine trajectories, (rows, q), would move the scaled parameters, (p,), to first order."""
+    weights = 1 / polish.deviations[problem.output_of_residual]
+    change = problem.compared(fine[None])[0]
+    if fit is not None:
+        change = fit.treatment.apply(change[None, :])[0]
+    change = change * weights - polish.residuals
+    inside = polish.at_bound == 0
+    moved = np.zeros(len(polish.values))
+    if inside.any():
+        moved[inside] = -np.linalg.lstsq(polish.jacobian[:, inside], change, rcond=None)[0]
+    return moved
+
+
+def _worst(plan: Plan, polish: Polish, moved: FloatArray) -> tuple[float, str, str] | None:
+    """Return the largest shift: in standard errors, whose, and how far; None if none matters."""
+    deviation = np.sqrt(np.diag(polish.covariance))
+    found = []
+    for j, p in enumerate(plan.parameters):
+        relative = moved[j] if p.log else moved[j] / (p.upper - p.lower)
+        if p.place is None and 0 < deviation[j] < np.inf and abs(relative) > NEGLIGIBLE_SHIFT:
+            told = f"{100 * abs(relative):.2g} %" + ("" if p.log else " of its range")
+            found.append((abs(moved[j]) / deviation[j], p.name, told))
+    worst = max(found, default=None)
+    return worst if worst is not None and worst[0] > STEP_ERROR else None

@@ -1,0 +1,71 @@
+"""Before a search: which parameters the measured outputs could tell at all, were there no noise. Knows no motor.
+
+The outputs' derivatives by the scaled parameters are taken, at a second point too if need be; a direction in which
+nothing moves at either is one that no recording of these outputs can tell. What has a part in it is named.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.cases.mapping import integral_of
+from estimator.fitting.polish import LeastSquares
+from estimator.fitting.problem import Problem
+
+FloatArray = NDArray[np.float64]
+
+TOLD = 3e-6  # of the largest singular value: smaller ones are the rounding of differences
+PART = 0.01  # of a unit direction
+AWAY = 0.2  # of ln θ, to the second point
+
+
+@dataclass(frozen=True)
+class Structure:
+    """Parameters that the outputs alone cannot tell, and why; empty where all can be told."""
+
+    untold: tuple[str, ...] = ()
+    sentence: str = ""
+
+
+def structure(problem: Problem, start: FloatArray) -> Structure:
+    """Return what the outputs of a plan cannot tell.
+
+    Parameters
+    ----------
+    start : (p,) array
+        Where the search begins.
+    """
+    box, names = problem.box, problem.plan.names
+    squares = LeastSquares(problem.residuals, box, output=problem.output_of_residual, spread=problem.spread)
+    best: tuple[int, FloatArray] | None = None
+    for away in (0.0, AWAY):
+        tilt = away * np.cos(np.arange(len(start)))
+        point = np.clip(np.where(box.log, start * np.exp(tilt), start), box.lower, box.upper)
+        jacobian = squares.judge(point, problem.spread).jacobian
+        norms = np.linalg.norm(jacobian, axis=0)
+        if not np.isfinite(jacobian).all() or not norms.all():
+            return Structure()  # where it cannot be simulated, or a parameter moves nothing: others say so
+        _, singular, rows = np.linalg.svd(jacobian / norms, full_matrices=False)
+        rank = int(np.sum(singular > TOLD * singular[0]))
+        if rank == len(names):
+            return Structure()
+        if best is None or rank > best[0]:
+            best = (rank, rows[rank:])
+    assert best is not None
+    rank, null = best
+    part = np.sqrt(np.sum(null**2, axis=0))
+    untold = tuple(n for n, x, p in zip(names, part, problem.parameters, strict=True) if x > PART and p.place is None)
+    missing = len(names) - rank
+    outputs = [v.name for v in problem.plan.description.of_causality("output")]
+    known = {*problem.outputs, *(integral_of(y) for y in problem.outputs)}
+    others = [y for y in outputs if y not in known and integral_of(y) not in known]
+    remedy = f", or record {' or '.join(others)}, too" if others else ", or record another experiment"
+    sentence = (
+        f"{' and '.join(problem.outputs)} alone cannot tell {', '.join(untold)} apart:"
+        f" {len(untold) - missing} combinations of these {len(untold)} show, whatever the noise;"
+        f" fix {missing} of them (--fix NAME=VALUE){remedy}"
+    )
+    return Structure(untold, sentence)

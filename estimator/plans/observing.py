@@ -1,0 +1,257 @@
+"""A recording → what drives the FMU and what it is compared with: windows, corrections, counts, gaps."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.cases.case import Case, OutputSpec, RunSpec
+from estimator.cases.mapping import begins_elsewhere, driven_twice, how_to_map, target
+from estimator.errors import CaseError, FmuError, InputError, RecordingError, suggestion
+from estimator.fmus.fmu import FmuDescription
+from estimator.plans.plan import Observed
+from estimator.recordings.excitation import Excitation, find_delay, find_excitation, noise_deviation, quantum
+from estimator.recordings.filters import filter_sections
+from estimator.recordings.recording import MIN_SAMPLES, Recording, motor_columns
+from estimator.recordings.sensors import Section, Sensor
+
+FloatArray = NDArray[np.float64]
+
+LATE = 2  # samples: a response that starts this much later than it could is delayed
+SAME_LEVEL = 0.02  # of an input's range: levels on both sides of a gap that are nearer are one
+SHORT_GAP = 3  # rows: an input that changes within so short a gap is held over it
+SLOWER_CLOCK = 0.9  # of the gaps of an input that are equal: it was sampled at a lower rate
+RINGING = 1e-3  # of a filter's response: samples after a gap are left out until it has fallen below
+
+
+def observe(case: Case, description: FmuDescription, recording: Recording, run: RunSpec) -> Observed:
+    """Map a recording on the FMU.
+
+    Raises
+    ------
+    InputError
+        A column, a window or a correction does not fit: one sentence.
+    """
+    recording = _within(recording, run)
+    for named in (*case.inputs.values(), *case.products.values(), *(spec.column for spec in case.outputs.values())):
+        recording = recording.in_unit(named)
+    inputs, outputs = _columns(case, description, recording)
+    if twice := driven_twice(case, inputs):
+        raise InputError(
+            f"the input {twice!r} is fixed, but {recording.title} has it in the column {inputs[twice]!r};"
+            " leave the fixed value out, or name the columns to use in a case file"
+        )
+    _check_channels(run, inputs, outputs, recording)
+    driven, gaps = {}, []
+    for name, column in inputs.items():
+        unit = description.variable(name, role="input").unit or None
+        driven[name] = _corrected(_driving(case, recording, name, column, unit), name, column, run)
+    first, last = _known_range(recording, driven)
+    if last - first < len(recording.time):
+        recording = recording.between(first, last)
+        driven = {name: signal[first:last] for name, signal in driven.items()}
+    for name in driven:
+        driven[name], told = _complete(recording, driven[name], name, inputs[name], linear=name in case.linear)
+        gaps += told
+    for name, value in case.fixed.items():
+        variable = target(description, name)
+        if variable.causality == "input" and variable.is_real:
+            driven[name] = np.full(len(recording.time), value)
+    measured = {}
+    for name, column in outputs.items():
+        spec = case.outputs.get(name) or OutputSpec(column)
+        unit = description.variable(name, role="output").unit or None
+        measured[name] = _measured(recording, column, spec, unit=unit, name=name, run=run)
+        if np.isnan(measured[name]).all():
+            raise RecordingError(f"{recording.title}: {column} has no sample that can be used; widen the window")
+    if not driven:  # the FMU moves by itself, as the motor did
+        return Observed(recording, driven, measured, Excitation("several", 0, 0.0, 0.0, False), 0)
+    excitation = find_excitation(next(iter(driven.values())), measured)
+    if begins_elsewhere(case, description):  # nothing to run in, and the way from there is a response
+        kind = "several" if excitation.kind == "none" else excitation.kind
+        still = dataclasses.replace(excitation, kind=kind, running=False)
+        return Observed(recording, driven, measured, still, 0, notes=tuple(gaps))
+    lead = 0
+    if excitation.running and next(iter(driven.values()))[0] != 0 and excitation.kind != "none":
+        lead = len(recording.time) - (excitation.index if excitation.kind == "step" else 0)
+    late = find_delay(excitation, measured) if lead == 0 else 0
+    delay = late * recording.step if late >= LATE else 0.0
+    if isinstance(run.delay, float | int):
+        delay = float(run.delay)
+    return Observed(recording, driven, measured, excitation, lead, delay, notes=tuple(gaps))
+
+
+def _within(recording: Recording, run: RunSpec) -> Recording:
+    if run.window is None:
+        return recording
+    low, high = run.window
+    tiny = 1e-6 * recording.step
+    inside = np.flatnonzero((recording.time >= low - tiny) & (recording.time <= high + tiny))
+    if len(inside) < MIN_SAMPLES:
+        raise RecordingError(
+            f"the window {low:g} to {high:g} s holds {len(inside)} samples of {recording.title}, which goes from"
+            f" {recording.time[0]:g} to {recording.time[-1]:g} s; at least {MIN_SAMPLES} are needed"
+        )
+    return recording.between(int(inside[0]), int(inside[-1]) + 1)
+
+
+def _check_channels(run: RunSpec, inputs: Mapping[str, str], outputs: Mapping[str, str], recording: Recording) -> None:
+    known = {**inputs, **outputs}
+    for key in ("scale", "offset"):
+        for name in getattr(run, key):
+            if name not in known and name not in known.values():
+                raise CaseError(
+                    f"{key} is given for {name!r}, which is no channel of {recording.title} that is used"
+                    f"{suggestion(name, known)}"
+                )
+
+
+def _corrected(signal: FloatArray, name: str, column: str, run: RunSpec) -> FloatArray:
+    scale, offset = (
+        next((given[key] for key in (name, column) if key in given), default)
+        for given, default in ((run.scale, 1.0), (run.offset, 0.0))
+    )
+    return signal if (scale, offset) == (1.0, 0.0) else scale * signal + offset
+
+
+def _driving(case: Case, recording: Recording, name: str, column: str, unit: str | None) -> FloatArray:
+    """Return an input's samples; a duty cycle times its supply."""
+    if name not in case.products:
+        return recording.signal(column, unit=unit)
+    other = recording.column(case.products[name])
+    kinds = {recording.units[c] for c in (column, other)} & {"1", "", "?"}
+    if not kinds:
+        raise RecordingError(
+            f"{recording.title}: of {column!r} and {other!r}, which are multiplied for {name!r}, one must be a ratio;"
+            " give its unit as % or 1"
+        )
+    return recording.signals[recording.column(column)] * recording.signals[other]
+
+
+def _known_range(recording: Recording, driven: Mapping[str, FloatArray]) -> tuple[int, int]:
+    """Return the first row, and the one after the last, in which every input is known."""
+    first, last = 0, len(recording.time)
+    for name, signal in driven.items():
+        known = np.flatnonzero(~np.isnan(signal))
+        if not len(known):
+            raise RecordingError(f"{recording.title}: the input {name!r} has no sample; an input must be complete")
+        first, last = max(first, int(known[0])), min(last, int(known[-1]) + 1)
+    if last - first < MIN_SAMPLES:
+        raise RecordingError(f"{recording.title}: the inputs need at least {MIN_SAMPLES} samples in common")
+    return first, last
+
+
+def _complete(
+    recording: Recording, signal: FloatArray, name: str, column: str, *, linear: bool
+) -> tuple[FloatArray, list[str]]:
+    """Return an input without gaps, and what to tell: held over them, as it is from row to row, or on a line."""
+    missing = np.isnan(signal)
+    if not missing.any():
+        return signal, []
+    known = np.flatnonzero(~missing)
+    if linear:
+        told = f"{recording.title}: {name} has {int(missing.sum())} missing samples, taken on a line between the others"
+        return np.interp(recording.time, recording.time[known], signal[known]), [told]
+    held = signal[known[np.searchsorted(known, np.arange(len(signal)), side="right") - 1]]
+    gaps = np.diff(known)
+    usual = int(np.median(gaps))
+    if usual > 1 and np.mean(gaps == usual) >= SLOWER_CLOCK:
+        return held, [f"{recording.title}: {name} was sampled at every {usual}th row and held between"]
+    level = max(SAME_LEVEL * float(np.ptp(signal[known])), 6 * noise_deviation(signal[known]))
+    for k, gap in zip(known, gaps, strict=False):
+        changes = abs(float(signal[k + gap] - signal[k])) > level
+        if changes and gap > SHORT_GAP:
+            raise RecordingError(
+                f"{recording.title}: {column} has no sample at t = {recording.time[k + 1]:g} s and changes before the"
+                " next one; an input must be complete where it changes; leave the gap out with a window"
+            )
+    return held, [f"{recording.title}: {name} has {int(missing.sum())} missing samples, held from the one before"]
+
+
+def _measured(
+    recording: Recording, column: str, spec: OutputSpec, *, unit: str | None, name: str, run: RunSpec
+) -> FloatArray:
+    """Return what an output is compared with."""
+    header_unit = recording.units.get(recording.column(column), "")
+    is_angle = spec.sensor == "mean" and unit == "rad/s" and header_unit == "rad"
+    if spec.counts is not None:
+        if header_unit not in ("", "?", "1", "count"):
+            raise RecordingError(
+                f"{recording.title}: column {column!r} is in {header_unit}, so counts a turn do not fit it;"
+                " leave counts out"
+            )
+        signal = recording.signals[recording.column(column)] * (2 * np.pi / spec.counts)
+    else:
+        signal = recording.signal(column, unit="rad" if is_angle else unit)
+    signal = _corrected(signal, name, column, run)
+    if is_angle or (spec.counts is not None and spec.sensor == "mean"):
+        signal = np.concatenate([[np.nan], np.diff(signal) / np.diff(recording.time)])
+    elif name == "angle":
+        signal = _without_rest(signal)
+    if spec.both is None:
+        return signal
+    try:
+        return _filtered(signal, filter_sections(spec.both, step=recording.step))
+    except ValueError as error:
+        raise CaseError(f"output {name!r}: {error} of {recording.title}; take a lower one") from None
+
+
+def _filtered(signal: FloatArray, sections: tuple[Section, ...]) -> FloatArray:
+    """Return a signal filtered as the model's is, from a state of zero; what a gap reaches into is left out."""
+    missing = np.isnan(signal)
+    known = np.flatnonzero(~missing)
+    sensor = Sensor(sections=sections)
+    shown = np.array([sensor.show(float(x)) for x in np.interp(np.arange(len(signal)), known, signal[known])])
+    if missing.any():
+        impulse = Sensor(sections=sections)
+        ringing = np.abs([impulse.show(float(k == 0)) for k in range(len(signal))])
+        reach = int(np.flatnonzero(ringing > RINGING * ringing.max())[-1]) + 1
+        gaps = np.convolve(missing, np.ones(reach))[: len(signal)] > 0.5
+        shown[gaps] = np.nan
+    return shown
+
+
+def _without_rest(angle: FloatArray) -> FloatArray:
+    """Leave out what an encoder shows before it counts first: its error is constant there."""
+    known = angle[~np.isnan(angle)]
+    resting = int(np.argmax(angle != known[0])) if quantum(angle) > 0 else 0
+    resting = int(np.argmax(~np.isnan(angle) & (angle != known[0]))) if resting else 0
+    return np.where(np.arange(len(angle)) < resting, np.nan, angle)
+
+
+def _columns(case: Case, description: FmuDescription, recording: Recording) -> tuple[dict[str, str], dict[str, str]]:
+    """Return FMU input → column and FMU output → column, from the case or from the usual names."""
+    undriven = all(v.name in case.fixed for v in description.of_causality("input"))
+    if case.outputs and (case.inputs or undriven):
+        return (
+            {name: recording.column(column) for name, column in case.inputs.items()},
+            {name: recording.column(spec.column) for name, spec in case.outputs.items()},
+        )
+    inputs = {name: recording.column(column) for name, column in case.inputs.items()}
+    outputs = {name: recording.column(spec.column) for name, spec in case.outputs.items()}
+    needs_voltage = not inputs and "v" not in case.fixed
+    roles = motor_columns(recording, required=["v"] if needs_voltage else [], either=[] if outputs else ["i", "w"])
+    if not inputs:
+        for role in ("v", "load"):
+            if role in roles and any(v.name == role for v in description.of_causality("input")):
+                inputs[role] = roles[role]
+        if needs_voltage and "v" not in inputs:
+            known = ", ".join(v.name for v in description.of_causality("input")) or "none"
+            raise FmuError(
+                f"{description.path.name} has no input 'v' (its inputs: {known});"
+                f" {how_to_map(case, description, 'inputs', 'which input takes which column')}"
+            )
+    if not outputs:
+        measured = [r for r in ("i", "w", "angle") if r in roles and not (r == "angle" and "w" in roles)]
+        names = [v.name for v in description.variables if v.causality == "output"]
+        outputs = {role: roles[role] for role in measured if role in names}
+        missing = [role for role in measured if role not in names]
+        if missing:
+            raise FmuError(
+                f"{description.path.name} has no output {missing[0]!r}{suggestion(missing[0], names)};"
+                f" {how_to_map(case, description, 'outputs', 'which output shows which column')}"
+            )
+    return inputs, outputs

@@ -1,0 +1,106 @@
+"""A case made concrete: recordings mapped on an FMU, free parameters, sensors. Knows no file, simulates nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.cases.case import Case
+from estimator.fmus.fmu import FmuDescription
+from estimator.plans.parameters import Parameter, SensorPlace
+from estimator.recordings.excitation import Excitation
+from estimator.recordings.filters import Filter, filter_sections
+from estimator.recordings.recording import Recording
+from estimator.recordings.sensors import Section
+
+FloatArray = NDArray[np.float64]
+
+MOTOR = ("R", "K", "L", "J", "B")
+
+
+@dataclass(frozen=True)
+class Observed:
+    """One recording, mapped on the FMU.
+
+    Attributes
+    ----------
+    inputs : FMU input → (n,) array
+    outputs : FMU output → (n,) array, NaN where a sample is missing
+    lead : int
+        Samples simulated before the first of the recording, at its first inputs, so that a motor that already runs
+        in the first row runs in the simulation too.
+    delay : float
+        s, of the outputs behind the inputs as the case says it, or as the data show it at first sight; 0 where the
+        parameters have a delay.
+    notes : sentences about what was done to its samples
+    logged : Observed or None
+        As it was logged, where rows that its logger lost have been put back.
+    """
+
+    recording: Recording
+    inputs: Mapping[str, FloatArray]
+    outputs: Mapping[str, FloatArray]
+    excitation: Excitation
+    lead: int
+    delay: float = 0.0
+    notes: tuple[str, ...] = ()
+    logged: Observed | None = None
+
+
+@dataclass(frozen=True)
+class ChainSpec:
+    """What stands between an output and what its sensor shows: samples averaged, filters, gain, offset, delay."""
+
+    average: int = 1
+    filters: tuple[Filter, ...] = ()
+    gain: float = 1.0
+    offset: float = 0.0
+    delay: float = 0.0  # s, beyond that of the recording
+    quantum: float = 0.0  # step of the quantisation, where it is declared
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether nothing stands between that has a memory of samples."""
+        return self.average == 1 and not self.filters
+
+    @property
+    def is_straight(self) -> bool:
+        """Whether it is shown at once and as it is, but for what is averaged and filtered."""
+        return (self.gain, self.offset, self.delay) == (1.0, 0.0, 0.0)
+
+    def sections(self, step: float) -> tuple[Section, ...]:
+        """Return the sections of all filters at a sampling interval in s."""
+        return tuple(section for spec in self.filters for section in filter_sections(spec, step=step))
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A case made concrete against its FMU and recordings; nothing has been simulated yet."""
+
+    case: Case
+    description: FmuDescription
+    observed: tuple[Observed, ...]
+    parameters: tuple[Parameter, ...]
+    fixed: Mapping[str, float]
+    sensors: Mapping[str, int]
+    guess: Mapping[str, float]
+    notes: tuple[str, ...]
+    chains: Mapping[str, ChainSpec] = field(default_factory=dict)
+    counted: bool = False  # residuals of a differenced encoder's speed are added up again, to its counts
+    texts: Mapping[str, str] = field(default_factory=dict)  # FMU variable → text that it is set to
+    declared: frozenset[str] = frozenset()  # what of the measurement chain the case says: "offset i", "delay of 0"
+    wanted: tuple[SensorPlace, ...] = ()  # what of it the case frees
+    temperatures: tuple[float | None, ...] = ()  # °C, of the winding, one a recording
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """FMU outputs that are compared."""
+        return tuple(self.observed[0].outputs)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Free parameters."""
+        return tuple(p.name for p in self.parameters)

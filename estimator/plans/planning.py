@@ -1,0 +1,172 @@
+"""From a case, an FMU and recordings to a plan: which column is what, what each sensor shows. Simulates nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+
+import numpy as np
+
+from estimator.cases.case import Case, RunSpec
+from estimator.cases.case_signals import FREE
+from estimator.cases.mapping import fixed_values, integral_of, mapped
+from estimator.errors import CaseError, FmuError, RecordingError
+from estimator.fmus.fmu import FmuDescription, Variable
+from estimator.plans.free_parameters import first_guess, free_parameters, held_parameters
+from estimator.plans.observing import observe
+from estimator.plans.parameters import SensorPlace
+from estimator.plans.plan import ChainSpec, Observed, Plan
+from estimator.recordings.excitation import quantum
+from estimator.recordings.recording import Recording, read_recording
+from estimator.stepping import layout
+
+COUNTS, WHOLE = (16, 1e6), 0.02  # counts a turn of an encoder whose differences are the speed
+
+
+def plan_case(
+    case: Case,
+    description: FmuDescription,
+    *,
+    recordings: Sequence[Recording] | None = None,
+    held_out: bool = False,
+) -> Plan:
+    """Make a case concrete.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording, optional
+        Instead of reading the case's.
+    held_out : bool
+        Take the recordings that the case holds out to validate on, instead of those to fit to.
+
+    Raises
+    ------
+    InputError
+        A recording, a column, an FMU variable or a bound is wrong: one sentence.
+    """
+    description = mapped(case, description)
+    fixed, texts = fixed_values(case, description)
+    runs = [case.run(k) for k in range(len(case.recordings if recordings is None else recordings))]
+    taken = [k for k, run in enumerate(runs) if run.validate == held_out]
+    if not taken:
+        raise CaseError('the case names no recording; add [[recording]] with file = "run.csv"')
+    read = [read_recording(case.recordings[k]) if recordings is None else recordings[k] for k in taken]
+    observed = tuple(observe(case, description, r, runs[k]) for r, k in zip(read, taken, strict=True))
+    for other in observed[1:]:
+        if tuple(other.outputs) != tuple(observed[0].outputs):
+            raise RecordingError(
+                f"{other.recording.title} measures {', '.join(other.outputs)}, but {observed[0].recording.title}"
+                f" measures {', '.join(observed[0].outputs)}; all recordings need the same columns"
+            )
+    if not description.capabilities.get("canHandleVariableCommunicationStepSize", True):
+        uneven = next((o.recording.title for o in observed if not o.recording.even), None)
+        if uneven is not None:
+            raise RecordingError(
+                f"the clock of {uneven} jitters, and {description.path.name} takes steps of one size only;"
+                " resample the recording to equal steps"
+            )
+    guess = first_guess(case, observed, description)
+    parameters = free_parameters(case, description, guess, [o.recording.name for o in observed])
+    if not parameters:
+        raise CaseError("every parameter is fixed; leave at least one free")
+    return Plan(
+        case=case,
+        description=description,
+        observed=observed,
+        parameters=parameters,
+        fixed=fixed,
+        sensors=_sensors(case, description, observed),
+        guess=guess,
+        notes=(*held_parameters(case, description, parameters), *(note for o in observed for note in o.notes)),
+        chains=_chains(case, observed),
+        texts=texts,
+        declared=_declared(case, observed[0].outputs, [runs[k] for k in taken]),
+        wanted=_wanted(case, observed[0].outputs, [runs[k] for k in taken]),
+        temperatures=tuple(runs[k].temperature for k in taken),
+    )
+
+
+def _is_differenced(description: FmuDescription, observed: tuple[Observed, ...]) -> bool:
+    """Whether the speed is that of encoder counts, differenced: its steps are 2π / (whole counts a turn) / interval."""
+    if not any(v.name == "angle" for v in description.variables):
+        return False
+    for o in observed:
+        step = quantum(o.outputs["w"]) * o.recording.step
+        counts = 2 * np.pi / step if step > 0 else 0.0
+        if not (COUNTS[0] <= counts <= COUNTS[1] and abs(counts - round(counts)) < WHOLE):
+            return False
+    return True
+
+
+def _sensors(case: Case, description: FmuDescription, observed: tuple[Observed, ...]) -> dict[str, int]:
+    sensors = {}
+    for name in observed[0].outputs:
+        spec = case.outputs.get(name)
+        mean = spec is not None and spec.sensor == "mean"
+        found = spec is None or (spec.sensor == "auto" and spec.filter is None and spec.both is None)
+        mean = mean or (found and name == "w" and _is_differenced(description, observed))
+        sensors[name] = layout.MEAN if mean else layout.IDENTITY
+        if mean:
+            read_variable(description, layout.MEAN, name)
+    return sensors
+
+
+def _chains(case: Case, observed: tuple[Observed, ...]) -> dict[str, ChainSpec]:
+    chains = {}
+    for name, spec in case.outputs.items():
+        if name not in observed[0].outputs:
+            continue
+        filters = tuple(f for f in (spec.filter, spec.both) if f is not None)
+        for used in filters:
+            for o in observed:
+                if not used.limit * o.recording.step < 0.5:
+                    raise CaseError(
+                        f"output {name!r}: the filter's cutoff {used.limit:g} Hz is not below half the sampling"
+                        f" rate of {o.recording.title}, {0.5 / o.recording.step:g} Hz"
+                    )
+        chains[name] = ChainSpec(
+            average=spec.average or 1,
+            filters=filters,
+            **{k: float(v) for k in ("gain", "offset", "delay") if isinstance(v := getattr(spec, k), float | int)},
+            quantum=spec.quantum or 0.0,
+        )
+    return {name: chain for name, chain in chains.items() if chain != ChainSpec()}
+
+
+def _declared(case: Case, outputs: Collection[str], runs: Sequence[RunSpec]) -> frozenset[str]:
+    """Return what the case says of the measurement chain, so that it is not looked for in the data."""
+    found = {f"delay of {e}" for e, run in enumerate(runs) if run.delay is not None}
+    for name, spec in case.outputs.items():
+        if name in outputs:
+            found |= {
+                f"{key} {name}" for key in ("average", "gain", "offset", "delay") if getattr(spec, key) is not None
+            }
+            found |= {f"mean {name}"} if spec.sensor != "auto" else set()
+    return frozenset(found)
+
+
+def _wanted(case: Case, outputs: Collection[str], runs: Sequence[RunSpec]) -> tuple[SensorPlace, ...]:
+    """Return what the case frees in the measurement chain."""
+    wanted = [SensorPlace("delay", e) for e, run in enumerate(runs) if run.delay == FREE]
+    for name, spec in case.outputs.items():
+        if name in outputs:
+            wanted += [SensorPlace(key, None, name) for key in ("gain", "delay") if getattr(spec, key) == FREE]
+            wanted += [SensorPlace("offset", e, name) for e in range(len(runs)) if spec.offset == FREE]
+    if wanted and case.search.method != "cuckoo":
+        raise CaseError(
+            f'"free" sensor values are estimated by the method cuckoo only, not by {case.search.method}; give numbers'
+        )
+    return tuple(wanted)
+
+
+def read_variable(description: FmuDescription, sensor: int, name: str) -> Variable:
+    """Return the variable to read for an output: a mean is read from the output's integral."""
+    if sensor != layout.MEAN:
+        return description.variable(name, role="output")
+    integral = integral_of(name)
+    for variable in description.variables:
+        if variable.name == integral:
+            return variable
+    raise FmuError(
+        f"{description.path.name} has no output that integrates {name!r} (such as 'angle' for 'w');"
+        ' sensor = "mean" needs it; use sensor = "identity"'
+    )

@@ -1,0 +1,50 @@
+"""Times of day and dates, as loggers print them → seconds since the first. Knows no files and no time zones' rules.
+
+12:03:07.250    2026-11-21 12:03:07,250    2026-11-21T12:03:07.250Z    21.11.2026 12:03:07.250
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from datetime import date
+
+import numpy as np
+
+from estimator.recordings.units import FloatArray
+
+_TEXT = re.compile(
+    r"(?:(?:(?P<y>\d{4})[-/.](?P<m>\d{1,2})[-/.](?P<d>\d{1,2})|(?P<D>\d{1,2})\.(?P<M>\d{1,2})\.(?P<Y>\d{4}))[T ]+)?"
+    r"(?P<hour>\d{1,2}):(?P<minute>\d{2}):(?P<second>\d{2})(?:[.,](?P<fraction>\d{1,9}))?(?:Z|[+-]\d{2}:?\d{2})?"
+)
+DAY = 86_400  # s
+
+
+def seconds_since_first(cells: Iterable[str]) -> tuple[FloatArray, float] | None:
+    """Return seconds, (n,), and half of the last printed digit; None if a cell is no such time.
+
+    A time of day that falls by over half a day has passed midnight.
+    """
+    whole: list[int] = []
+    nanoseconds: list[int] = []
+    digits = 0
+    for cell in cells:
+        found = _TEXT.fullmatch(cell.strip().strip('"').strip())
+        if found is None:
+            return None
+        year, month, day = (found[a] or found[b] for a, b in (("y", "Y"), ("m", "M"), ("d", "D")))
+        try:
+            days = date(int(year), int(month), int(day)).toordinal() if year else 0
+        except ValueError:
+            return None
+        seconds = days * DAY + int(found["hour"]) * 3600 + int(found["minute"]) * 60 + int(found["second"])
+        if whole and not year and seconds < whole[-1] - DAY // 2:
+            seconds += DAY * ((whole[-1] - seconds + DAY // 2) // DAY)
+        fraction = found["fraction"] or ""
+        digits = max(digits, len(fraction))
+        whole.append(seconds)
+        nanoseconds.append(seconds * 10**9 + int(fraction.ljust(9, "0")))
+    if not whole:
+        return None
+    since = np.array([(n - nanoseconds[0]) / 1e9 for n in nanoseconds])
+    return since, 0.5 * 10.0**-digits

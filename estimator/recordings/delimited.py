@@ -1,0 +1,323 @@
+"""Delimited text → a header and columns of numbers, in any usual dialect. Knows no time, units or motors."""
+
+from __future__ import annotations
+
+import codecs
+import csv
+import itertools
+import re
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NoReturn
+
+import numpy as np
+
+from estimator.errors import RecordingError
+from estimator.recordings.units import FloatArray
+
+HEADER_EXAMPLE = "time [s],voltage [V],current [A],speed [rad/s]"
+HEADER_LINES = 200  # the header is looked for in so many lines
+CHUNK = 16384  # rows converted at a time
+_MISSING = frozenset(("nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "1.#qnan", "-nan", "nan(ind)"))
+_SKIPPED = ("", "#", "%")  # first characters of empty lines and comments
+_EMPTY = ' \t,;"'
+_KEEP = {
+    ",": "leave the cell of a missing sample empty, but keep its comma",
+    ";": "leave the cell of a missing sample empty, but keep its semicolon",
+    "\t": "leave the cell of a missing sample empty, but keep its tab",
+    None: "to leave the cell of a missing sample empty, separate the columns by commas",
+}
+_CONTROL = bytes(set(range(32)) - set(b"\t\n\v\f\r\x1a\x1b"))  # never in a text
+_TOKENS = re.compile(r'"[^"]*"|\S+')
+_BRACKETED = re.compile(r"\s*([^\[\]()]+(?:\[[^\[\]]*\]|\([^()]*\)))")
+
+Cells = list[str]
+
+
+@dataclass(frozen=True)
+class HeaderRules:
+    """How to know a header from its cells."""
+
+    is_header: Callable[[Sequence[str]], bool]
+    is_units: Callable[[Sequence[str]], bool]  # the line below the header holds the units
+    complain: Callable[[str, Sequence[str]], NoReturn]  # place, cells that come nearest: no line is a header
+
+
+@dataclass(frozen=True)
+class BadCell:
+    """A cell that is no number."""
+
+    line: int
+    text: str
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """What a file of delimited text holds."""
+
+    header: tuple[str, ...]
+    header_line: int
+    units: tuple[str, ...] | None  # a line of units below the header
+    columns: tuple[FloatArray, ...]  # each (n,); NaN where a cell is empty or bad
+    bad: dict[int, BadCell]  # column → its first cell that is no number
+    line: Sequence[int]  # (n,) line number of each row
+    text: Callable[[int], Iterator[str]]  # column → its n cells as written
+
+
+def read_table(path: Path, rules: HeaderRules) -> Table:
+    """Read a file of delimited text.
+
+    Parameters
+    ----------
+    path
+        The file: UTF-8, UTF-16 with its mark, or Latin-1; any line ends; cells separated by tab, semicolon,
+        comma or spaces; decimal point, or decimal comma where the separator is another.
+    rules
+        How to know a header.
+
+    Raises
+    ------
+    RecordingError
+        The file is missing, no text, empty, without a header, or a row has too few or too many cells.
+    """
+    lines = _read_lines(path)
+    while lines and not lines[-1].strip(_EMPTY):
+        lines.pop()  # rows of empty cells at the end
+    if not lines:
+        raise RecordingError(f"{path.name} is empty; it should begin with a header such as {HEADER_EXAMPLE}")
+    at, delimiter, header = _find_header(path, lines, rules)
+    rows = [k for k in range(at + 1, len(lines)) if lines[k].lstrip()[:1] not in _SKIPPED]
+    units = None
+    if rows and rules.is_units(unit_cells := _split(lines[rows[0]], delimiter)):
+        units = tuple(unit_cells)
+        rows.pop(0)
+    if not rows:
+        raise RecordingError(f"{path.name} has no samples below line {at + 1}, {_short(lines[at])!r}")
+    width = len(header)
+    decimal = _decimal_mark(lines, rows, delimiter)
+    values = np.empty((width, len(rows)))
+    bad: dict[int, BadCell] = {}
+    for start in range(0, len(rows), CHUNK):
+        numbers = rows[start : start + CHUNK]
+        chunk = [lines[k] for k in numbers]
+        here = slice(start, start + len(numbers))
+        block = _plain_block(chunk, delimiter=delimiter, width=width, decimal=decimal)
+        if block is not None:
+            values[:, here] = block.T
+            continue
+        cells = _rows(path, chunk, numbers, delimiter=delimiter, width=width)
+        for j, column in enumerate(zip(*cells, strict=True)):
+            values[j, here], first_bad = _numbers(column, decimal)
+            if first_bad is not None:
+                bad.setdefault(j, BadCell(numbers[first_bad] + 1, _bare(column[first_bad])))
+
+    def text(column: int) -> Iterator[str]:
+        for k in rows:
+            yield _split(lines[k], delimiter)[column]
+
+    return Table(
+        header=tuple(header),
+        header_line=at + 1,
+        units=units,
+        columns=tuple(values),
+        bad=bad,
+        line=[k + 1 for k in rows],
+        text=text,
+    )
+
+
+def _read_lines(path: Path) -> list[str]:
+    try:
+        data = path.read_bytes()
+    except FileNotFoundError:
+        raise RecordingError(f"there is no recording {path}; give the path of a text file (CSV)") from None
+    except IsADirectoryError:
+        raise RecordingError(f"{path} is a folder; give one of its files") from None
+    except OSError as error:
+        raise RecordingError(f"{path} cannot be read ({error.strerror or error}); make it readable") from None
+    data = data.removeprefix(codecs.BOM_UTF8)
+    encodings: tuple[str, ...] = ("utf-8", "latin-1")
+    if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        encodings = ("utf-16",)
+    elif len(data) != len(data.translate(None, _CONTROL)):
+        raise RecordingError(f"{path.name} is not a text file; export the recording as CSV")
+    for encoding in encodings:
+        try:
+            text = data.decode(encoding)
+        except UnicodeDecodeError:
+            continue
+        return text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    raise RecordingError(f"{path.name} begins as UTF-16 text and is none; export the recording as CSV in UTF-8")
+
+
+def _find_header(path: Path, lines: list[str], rules: HeaderRules) -> tuple[int, str | None, Cells]:
+    """Return the header's line index, the delimiter, and its cells."""
+    content = [k for k in range(min(len(lines), HEADER_LINES)) if lines[k].lstrip()[:1] not in _SKIPPED]
+    if not content:
+        raise RecordingError(f"{path.name} has no header; it should have one such as {HEADER_EXAMPLE}")
+    first = content[0]
+    above = list(itertools.takewhile(lambda k: not _is_numeric(lines[k]), content))
+    below = dict(zip(content, content[1:], strict=False))
+    if not above:
+        for k in [k for k in range(first) if lines[k].strip()][-1:]:  # numpy.savetxt comments its header out
+            line = lines[k].lstrip(" \t#%")
+            for delimiter, cells in _splits(line):
+                if rules.is_header(cells) and _width(lines[first], delimiter, len(cells)) == len(cells):
+                    return k, delimiter, cells
+        raise RecordingError(
+            f"{path.name} line {first + 1}: there is no header above the numbers;"
+            f" name the columns, as in {HEADER_EXAMPLE}"
+        )
+    ways = [(k, *way) for k in above for way in _splits(lines[k]) if rules.is_header(way[1])]
+    if not ways:
+        named = [cells for _, cells in _splits(lines[first]) if len(cells) > 1]
+        rules.complain(f"{path.name} line {first + 1}", named[0] if named else [lines[first].strip()])
+
+    def likeliness(way: tuple[int, str | None, Cells]) -> tuple[bool, bool, bool]:
+        """Rate a header: as wide as the line below, numbers or units in that one, more than one cell."""
+        k, delimiter, cells = way
+        under = lines[below[k]] if k in below else ""
+        fits = _width(under, delimiter, len(cells)) == len(cells)
+        return fits and (_is_numeric(under) or rules.is_units(_split(under, delimiter))), fits, len(cells) > 1
+
+    return max(ways, key=likeliness)
+
+
+def _width(line: str, delimiter: str | None, width: int) -> int:
+    return len(_trimmed(_split(line, delimiter), width))
+
+
+def _splits(line: str) -> list[tuple[str | None, Cells]]:
+    """Return each way to split a header, the likeliest first; spaces may be within names."""
+    ways: list[tuple[str | None, Cells]] = []
+    for delimiter in ("\t", ";", ","):
+        cells = _split(line, delimiter)
+        if len(cells) > 1 and not cells[-1]:
+            cells.pop()  # a delimiter at the end of the line
+        ways.append((delimiter, cells))
+    ways.append((None, re.split(r"\s{2,}", line.strip())))
+    bracketed = [cell.strip() for cell in _BRACKETED.findall(line)]
+    if "".join("".join(bracketed).split()) == "".join(line.split()):
+        ways.append((None, bracketed))
+    ways.append((None, _split(line, None)))
+    return ways
+
+
+def _split(line: str, delimiter: str | None) -> Cells:
+    if delimiter is None:
+        return [cell.strip('"') for cell in _TOKENS.findall(line)]
+    if '"' in line:
+        with suppress(csv.Error):  # an endless cell
+            return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter, skipinitialspace=True))]
+    return [cell.strip() for cell in line.split(delimiter)]
+
+
+def _trimmed(cells: Cells, width: int) -> Cells:
+    """Leave out what a delimiter at the end of the line adds."""
+    return cells[:width] if len(cells) == width + 1 and not cells[width].strip() else cells
+
+
+def _rows(path: Path, lines: list[str], numbers: list[int], *, delimiter: str | None, width: int) -> list[Cells]:
+    """Split lines into cells, ``width`` a line."""
+    quoted = any('"' in line for line in lines)
+    rows = [_split(line, delimiter) if quoted else line.split(delimiter) for line in lines]
+    if all(len(row) == width for row in rows):
+        return rows
+    rows = [_trimmed(row, width) for row in rows]
+    for row, k in zip(rows, numbers, strict=True):
+        if len(row) != width:
+            few = "few" if len(row) < width else "many"
+            if len(row) < width:
+                hint = _KEEP[delimiter]
+            elif delimiter == ",":
+                hint = "with decimal commas, separate the columns by semicolons"
+            else:
+                hint = "every column needs a name in the header"
+            raise RecordingError(
+                f"{path.name} line {k + 1} has too {few} cells ({len(row)}, the header has {width}); {hint}"
+            )
+    return rows
+
+
+def _plain_block(lines: list[str], *, delimiter: str | None, width: int, decimal: str) -> FloatArray | None:
+    """Return rows of nothing but finite numbers, NaN and empty cells, (rows, width), or None; the fast way."""
+    if decimal == ",":
+        if delimiter == "," or any("." in line for line in lines):
+            return None
+        lines = [line.replace(",", ".") for line in lines]
+    block = _load(lines, delimiter, width)
+    if block is not None:
+        return None if np.isinf(block).any() else block
+    text = "\n" + "\n".join(lines) + "\n"
+    if delimiter is None:
+        return None
+    for before, after in (
+        ("\n", delimiter),
+        (delimiter, delimiter),
+        (delimiter, delimiter),
+        (delimiter, "\n"),
+    ):
+        text = text.replace(before + after, before + "nan" + after)
+    block = _load(text[1:-1].split("\n"), delimiter, width)
+    return None if block is None or np.isinf(block).any() else block
+
+
+def _load(lines: list[str], delimiter: str | None, width: int) -> FloatArray | None:
+    try:
+        block = np.loadtxt(lines, dtype=np.float64, delimiter=delimiter, comments=None, ndmin=2)
+    except ValueError:
+        return None
+    return block if block.shape == (len(lines), width) else None
+
+
+def _decimal_mark(lines: list[str], rows: list[int], delimiter: str | None) -> str:
+    """Return the decimal mark of the first number that has one."""
+    for k in rows:
+        line = lines[k]
+        if delimiter == ",":
+            line = " ".join(_split(line, delimiter))  # a comma within quotes is a decimal comma
+        if mark := re.search(r"[.,](?=\d)", line):
+            return mark[0]
+    return "."
+
+
+def _numbers(cells: Sequence[str], decimal: str) -> tuple[FloatArray, int | None]:
+    """Return one column's numbers (NaN where there is none) and where the first bad cell is."""
+    values = np.full(len(cells), np.nan)
+    first_bad = None
+    for k, cell in enumerate(cells):
+        text = _bare(cell)
+        if not text or text.lower() in _MISSING:
+            continue
+        value = _number(text, decimal)
+        if value is not None:
+            values[k] = value
+        elif first_bad is None:
+            first_bad = k
+    return values, first_bad
+
+
+def _number(text: str, decimal: str) -> float | None:
+    if "_" in text or (decimal == "," and "." in text):
+        return None
+    try:
+        value = float(text.replace(",", ".") if decimal == "," else text)
+    except ValueError:
+        return None
+    return value if -np.inf < value < np.inf else None
+
+
+def _is_numeric(line: str) -> bool:
+    """Tell whether a line holds numbers only, in whatever dialect."""
+    cells = re.split(r'[\s,;"]+', line.strip(_EMPTY))
+    return all(_number(cell, ".") is not None for cell in cells)
+
+
+def _bare(cell: str) -> str:
+    return cell.strip().strip('"').strip()
+
+
+def _short(line: str) -> str:
+    return line if len(line) <= 40 else line[:39] + "…"

@@ -1,0 +1,148 @@
+"""What a column's header says: name, unit, usual part in a motor. Knows no files and no samples."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+from estimator.recordings.units import Unit, parse_unit, unit_of
+
+
+@dataclass(frozen=True)
+class Header:
+    """One header, taken apart."""
+
+    text: str  # as written: "speed [rpm]"
+    name: str  # "speed"
+    unit: Unit | None  # None: not written, or not known
+    unit_text: str | None  # "rpm"; None: not written
+
+
+ROLE_QUANTITY = {
+    "time": "time",
+    "v": "voltage",
+    "i": "current",
+    "w": "angular speed",
+    "angle": "angle",
+    "load": "torque",
+}
+ROLE_TITLE = {
+    "time": "time",
+    "v": "voltage",
+    "i": "current",
+    "w": "speed",
+    "angle": "angle",
+    "load": "load torque",
+}
+# Usual names per role, best first, as `plain` gives them. A measured voltage goes before a commanded one.
+_NAMES = {
+    "time": "time t zeit temps tiempo timestamp time_stamp elapsed_time seconds sec s ms us x_axis x_value",
+    "v": "voltage armature_voltage motor_voltage terminal_voltage measured_voltage v u u_a v_a ua va"
+    " u_m v_m um vm v_mot u_mot v_motor u_motor uin vin u_in v_in volts volt spannung ankerspannung"
+    " motorspannung tension voltaje applied_voltage input_voltage supply_voltage v_supply v_cmd u_cmd"
+    " voltage_command command_voltage commanded_voltage command cmd",
+    "i": "current armature_current motor_current measured_current i i_a ia i_m im i_mot i_motor amps amp"
+    " ampere amperes strom ankerstrom motorstrom courant corriente ma",
+    "w": "speed angular_speed angular_velocity motor_speed shaft_speed rotor_speed measured_speed omega ω w"
+    " w_m wm omega_m ω_m velocity motor_velocity speed_rpm rpm drehzahl winkelgeschwindigkeit vitesse"
+    " velocidad n n_m",
+    "angle": "angle theta θ phi φ position motor_angle shaft_angle rotor_angle encoder_angle angular_position"
+    " motor_position theta_m winkel drehwinkel pos",
+    "load": "load load_torque torque_load external_torque t_l tl tau_l m_l lastmoment",
+}
+USUAL_NAMES = {role: tuple(names.split()) for role, names in _NAMES.items()}
+_ROLE_OF = {name: role for role, names in USUAL_NAMES.items() for name in names}
+# Words that tell the part of a longer name: "shaft speed raw". Setpoints and limits have another part.
+_TELLING = {
+    role: frozenset(name for name in names if len(name) > 3 and "_" not in name) for role, names in USUAL_NAMES.items()
+}
+_OTHER_PART = frozenset(
+    (
+        "setpoint",
+        "set",
+        "target",
+        "reference",
+        "ref",
+        "desired",
+        "command",
+        "cmd",
+        "limit",
+        "max",
+        "min",
+        "error",
+        "offset",
+        "bias",
+        "noise",
+        "estimated",
+    )
+)
+_NEVER_SUFFIX = frozenset({"min", "s", "m", "K", "N", "H", "W", "1", "-", "g", "inc", "turn", "count", "rev"})
+_BRACKETS = re.compile(r"(?P<name>.*?)\s*(?:\[(?P<square>[^\[\]]*)\]|\((?P<round>[^()]*)\))", re.DOTALL)
+
+
+def plain(name: str) -> str:
+    """Return the form in which names are compared: ``"Armature Voltage"`` → ``"armature_voltage"``."""
+    return re.sub(r"[\s_.,:;\-]+", "_", name.casefold()).strip("_")
+
+
+def role_of(name: str) -> str | None:
+    """Return the role whose usual name this is: ``"U_a"`` → ``"v"``."""
+    return _ROLE_OF.get(plain(name))
+
+
+def rank_in_role(name: str, role: str) -> int | None:
+    """Return how usual a name is for a role (0 is the most usual), or None if it is not."""
+    key = plain(name)
+    names = USUAL_NAMES[role]
+    if key in names:
+        return names.index(key)
+    words = frozenset(key.split("_"))
+    if key not in _ROLE_OF and words & _TELLING[role] and not words & _OTHER_PART:
+        return len(names)
+    return None
+
+
+def quantity_of(name: str) -> str | None:
+    """Return the quantity that a usual name stands for: ``"omega"`` → ``"angular speed"``."""
+    role = role_of(name)
+    return None if role is None else ROLE_QUANTITY[role]
+
+
+def assumed_unit(name: str) -> Unit | None:
+    """Return the SI unit that a usual name without a unit is taken to be in."""
+    quantity = quantity_of(name)
+    return None if quantity is None else unit_of(quantity)
+
+
+def parse_header(text: str) -> Header:
+    """Take a header apart: ``speed [rpm]``, ``speed (rpm)``, ``speed_rpm``, ``speed/rpm``, ``speed rpm``.
+
+    What stands in brackets at the end is a unit, known or not. After ``_``, ``/`` or a space it is one only
+    if it is known and the name stays sensible without it: ``U_a`` and ``w_min`` are names.
+    """
+    text = " ".join(text.split())
+    brackets = _BRACKETS.fullmatch(text)
+    if brackets:
+        inside = (brackets["square"] if brackets["square"] is not None else brackets["round"]).strip()
+        name = brackets["name"].strip().removesuffix("/").strip()
+        if not inside:
+            return Header(text, name or text, None, None)
+        return Header(text, name or inside, parse_unit(inside), inside)
+    for place in re.finditer(r"[_/ ]", text):
+        name, suffix = text[: place.start()].strip(), text[place.end() :].strip()
+        unit = parse_unit(suffix, symbols_only=True)
+        if name and unit and _is_suffix(name, place[0], suffix, unit):
+            return Header(text, name, unit, suffix)
+    if len(text) > 1 and (unit := parse_unit(text, symbols_only=True)):
+        return Header(text, text, unit, text)  # "rpm", "amps": the unit is the name
+    return Header(text, text, None, None)
+
+
+def _is_suffix(name: str, separator: str, suffix: str, unit: Unit) -> bool:
+    quantity = quantity_of(name)
+    if quantity == unit.quantity:
+        return True
+    if separator == " " or suffix in _NEVER_SUFFIX:
+        return False
+    # "current_V" is a current in volts, to be complained of; "U_A" is an armature voltage.
+    return quantity is None or len(name) > 2

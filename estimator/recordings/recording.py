@@ -1,0 +1,487 @@
+"""Measured signals on one clock: reading, units, columns. Knows no model and no FMU.
+
+SI inside, NaN for a missing sample. Sample k is taken at ``t0 + k * step``, or at its own time beside that where the
+clock jitters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from difflib import get_close_matches
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, NoReturn
+
+import numpy as np
+import numpy.typing as npt
+
+from estimator.errors import RecordingError, suggestion
+from estimator.output import write_files
+from estimator.recordings.clock_text import seconds_since_first
+from estimator.recordings.columns import Columns
+from estimator.recordings.delimited import BadCell, HeaderRules, read_table
+from estimator.recordings.headers import (
+    ROLE_QUANTITY,
+    ROLE_TITLE,
+    USUAL_NAMES,
+    Header,
+    assumed_unit,
+    parse_header,
+    plain,
+    quantity_of,
+    rank_in_role,
+    role_of,
+)
+from estimator.recordings.time_grid import half_last_digit, sampling_clock
+from estimator.recordings.units import FloatArray, Unit, examples, parse_unit
+
+MIN_SAMPLES = 10
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """Measured signals on one clock."""
+
+    name: str  # file stem
+    path: Path | None
+    time: FloatArray  # (n,) s, exactly t0 + k * step if even, read-only
+    step: float  # s, sampling interval; the mean one if not even
+    signals: Mapping[str, FloatArray]  # column without its unit → (n,) SI, NaN = missing, read-only
+    units: Mapping[str, str]  # column → SI unit; "" for a strange column without a unit, "?" for a unit not known
+    headers: Mapping[str, str]  # column → header as written, "speed [rpm]"
+    assumed_units: tuple[str, ...] = ()  # columns without a unit, taken as SI; "time" too
+    unreadable: Mapping[str, str] = field(default_factory=dict)  # columns of text → what is wrong with them
+    even: bool = True  # the times are equidistant
+    missing_rows: int = 0  # rows that the file lacks, as its times show; their samples are NaN
+
+    def __post_init__(self) -> None:
+        """Lock arrays and mappings."""
+        for array in (self.time, *self.signals.values()):
+            array.setflags(write=False)
+        for name in ("signals", "units", "headers", "unreadable"):
+            object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle as plain dictionaries."""
+        values = (getattr(self, f.name) for f in fields(self))
+        return Recording, tuple(dict(v) if isinstance(v, MappingProxyType) else v for v in values)
+
+    @property
+    def title(self) -> str:
+        """The file's name, or the recording's, for messages."""
+        return self.path.name if self.path else self.name
+
+    def between(self, first: int, last: int) -> Recording:
+        """Return the samples from one to before another."""
+        part = slice(first, last)
+        signals = {name: signal[part].copy() for name, signal in self.signals.items()}
+        return replace(self, time=self.time[part].copy(), signals=signals)
+
+    def in_unit(self, name: str) -> Recording:
+        """Return the recording with a column in the unit that ``speed [rpm]`` says, if its header says none."""
+        asked = parse_header(name)
+        bare = [c for c, h in self.headers.items() if plain(c) == plain(asked.name) and not parse_header(h).unit_text]
+        if asked.unit is None or not bare or bare[0] not in self.signals:
+            return self
+        column, unit = bare[0], asked.unit
+        return replace(
+            self,
+            signals={**self.signals, column: unit.to_si(self.signals[column])},
+            units={**self.units, column: unit.si},
+            headers={**self.headers, column: f"{column} [{asked.unit_text}]"},
+            assumed_units=tuple(c for c in self.assumed_units if c != column),
+        )
+
+    def column(self, name: str) -> str:
+        """Return the column that is meant by its name, ``speed``, or its header, ``speed [rpm]``.
+
+        Raises
+        ------
+        RecordingError
+            There is no such column, there are several, it holds text, or its unit is not the one asked for.
+        """
+        asked = parse_header(name)
+        if asked.text in self.unreadable or asked.name in self.unreadable:
+            raise RecordingError(self.unreadable.get(asked.text) or self.unreadable[asked.name])
+        if asked.text in self.signals:
+            return asked.text
+        written = {" ".join(header.split()): column for column, header in self.headers.items()}
+        if asked.text in written:
+            return written[asked.text]
+        taken = {column: parse_header(header) for column, header in self.headers.items()}
+        same = [c for c, header in taken.items() if asked.name in (c, header.name)]
+        same = same or [c for c, header in taken.items() if plain(header.name) == plain(asked.name)]
+        if asked.unit_text is not None:
+            of_unit = [c for c in same if asked.unit and asked.unit == (taken[c].unit or assumed_unit(c))]
+            if len(of_unit) == 1:
+                return of_unit[0]
+            if same and taken[same[0]].unit_text is None:
+                raise RecordingError(
+                    f"{self.title} has no column {name!r}: {same[0]!r} is written without a unit; put it in the header"
+                )
+        elif len(same) == 1:
+            return same[0]
+        elif same:
+            several = " or ".join(repr(self.headers[c]) for c in same)
+            raise RecordingError(f"{self.title} has more than one column {name!r}; say which: {several}")
+        raise RecordingError(f"{self.title} has no column {name!r}{suggestion(name, self.headers.values())}")
+
+    def signal(self, name: str, *, unit: str | None = None) -> FloatArray:
+        """Return a column's samples, (n,) SI, NaN = missing, for use where a unit is expected.
+
+        Parameters
+        ----------
+        name
+            The column, as for ``column``.
+        unit
+            What it is to be used as, such as ``"A"`` (any unit of that quantity will do); by default what a
+            column of that name usually holds. A unit that this package does not know is not checked.
+
+        Raises
+        ------
+        RecordingError
+            No such column, its unit does not fit, or it has no samples at all.
+        """
+        column = self.column(name)
+        wanted = parse_unit(unit) if unit else None
+        if wrong := self.fault(column, wanted.quantity if wanted else quantity_of(column)):
+            raise RecordingError(wrong)
+        return self.signals[column]
+
+    def fault(self, column: str, quantity: str | None) -> str | None:
+        """Say why a column cannot be used as a quantity (None: any), or return None if it can."""
+        if column in self.unreadable:
+            return self.unreadable[column]
+        header = parse_header(self.headers[column])
+        if quantity is not None and header.unit_text is not None:
+            given = parse_unit(self.units[column])
+            if given is None or given.quantity != quantity:
+                known = "is not a known unit" if given is None else f"is no unit of {quantity}"
+                return (
+                    f"{self.title}: column {header.text!r}: {header.unit_text!r} {known};"
+                    f" use one of {examples(quantity)}"
+                )
+        if np.isnan(self.signals[column]).all():
+            return f"{self.title}: column {column!r} is empty; it should hold the measured samples"
+        return None
+
+
+def read_recording(path: Path) -> Recording:
+    """Read a recording: delimited text with a header, MAT (v4 to v7.3), Parquet or MDF, known by its content.
+
+    Raises
+    ------
+    RecordingError
+        One sentence: what is wrong, in which line, and what would be right.
+    """
+    path = Path(path)
+    columns = _binary(path)
+    if columns is None:
+        return _read_text(path)
+    texts = {j: columns.texts[header] for j, header in enumerate(columns.headers) if header in columns.texts}
+    return _build(
+        path.stem,
+        path,
+        list(columns.headers),
+        list(columns.columns),
+        where=path.name,
+        place=lambda k: f"{path.name} sample {k}",
+        texts_in=texts,
+    )
+
+
+def _binary(path: Path) -> Columns | None:
+    """Return what a file that is no text holds; None if it is one."""
+    try:
+        with path.open("rb") as file:
+            head = file.read(1024)
+    except OSError:
+        return None  # the reader of text says what is wrong
+    if head.startswith(b"PAR1"):
+        from estimator.recordings.recording_parquet import read_parquet
+
+        return read_parquet(path)
+    if head.startswith((b"MDF     ", b"UnFinMF ")):
+        from estimator.recordings.recording_mdf import read_mdf
+
+        return read_mdf(path)
+    from estimator.recordings.recording_mat import is_mat, read_mat
+
+    return read_mat(path, head) if is_mat(path, head) else None
+
+
+def _read_text(path: Path) -> Recording:
+    table = read_table(path, HeaderRules(is_header=_has_time, is_units=_are_units, complain=_no_time))
+    texts = list(table.header)
+    if table.units is not None:
+        for j, unit in enumerate(table.units[: len(texts)]):
+            if unit.strip("[]() ") and parse_header(texts[j]).unit_text is None:
+                texts[j] = f"{texts[j]} [{unit.strip('[]() ')}]"
+
+    def place(k: int) -> str:
+        return f"{path.name} line {table.line[k]}"
+
+    where = f"{path.name} line {table.header_line}"
+    keep = [j for j, text in enumerate(texts) if text or not np.isnan(table.columns[j]).all() or j in table.bad]
+    columns, bad, half_digits = list(table.columns), dict(table.bad), {}
+    for j in keep:
+        header = parse_header(texts[j])
+        if j in bad and role_of(header.name) == "time" and (told := seconds_since_first(table.text(j))) is not None:
+            columns[j], half_digits[j] = told
+            texts[j] = f"{header.name} [s]"
+            del bad[j]
+
+    def half_digit(new: int, factor: float) -> FloatArray:
+        if keep[new] in half_digits:
+            return np.full(len(table.line), half_digits[keep[new]])
+        return factor * half_last_digit(table.text(keep[new]), len(table.line))
+
+    return _build(
+        path.stem,
+        path,
+        [texts[j] or f"column {j + 1}" for j in keep],
+        [columns[j] for j in keep],
+        where=where,
+        place=place,
+        bad={new: bad[j] for new, j in enumerate(keep) if j in bad},
+        half_digit=half_digit,
+    )
+
+
+def recording_from_arrays(
+    name: str, time: npt.ArrayLike, signals: Mapping[str, npt.ArrayLike], *, path: Path | None = None
+) -> Recording:
+    """Make a recording from arrays.
+
+    Parameters
+    ----------
+    name
+        What messages call it.
+    time
+        (n,) s, increasing in equal steps.
+    signals
+        Header → (n,) samples in the header's unit, as ``{"voltage [V]": v, "speed [rpm]": n}``; NaN is a
+        missing sample.
+    path
+        Where it came from, if it is a file.
+
+    Raises
+    ------
+    RecordingError
+        An array has another shape, or something in it is no sample.
+    """
+    texts = ["time [s]", *signals]
+    columns: list[FloatArray] = []
+    for text, values in zip(texts, (time, *signals.values()), strict=True):
+        try:
+            columns.append(np.array(values, dtype=np.float64))
+        except (ValueError, TypeError):
+            raise RecordingError(f"{name}: {text!r} is not an array of numbers; give one float per sample") from None
+    for text, column in zip(texts, columns, strict=True):
+        if column.ndim != 1 or column.shape != columns[0].shape:
+            raise RecordingError(
+                f"{name}: {text!r} has shape {column.shape}; it should be one-dimensional and as long as time"
+            )
+        if np.isinf(column).any():
+            k = int(np.argmax(np.isinf(column)))
+            raise RecordingError(f"{name} sample {k}: {text!r} is infinite; use NaN for a missing sample")
+    return _build(name, path, texts, columns, where=name, place=lambda k: f"{name} sample {k}")
+
+
+def write_recording(recording: Recording, path: Path) -> None:
+    """Write a recording as CSV in SI units, exact to the bit; the file appears whole or not at all."""
+
+    def quoted(cell: str) -> str:
+        return '"' + cell.replace('"', '""') + '"' if set(cell) & set('",;\t') else cell
+
+    def header(column: str) -> str:
+        unit = recording.units[column]
+        if unit == "?":
+            return recording.headers[column]
+        return column if column in recording.assumed_units or not unit else f"{column} [{unit}]"
+
+    columns = list(recording.signals)
+    lines = [",".join(["time [s]", *(quoted(header(column)) for column in columns)])]
+    samples = [recording.time.tolist(), *(recording.signals[column].tolist() for column in columns)]
+    for row in zip(*samples, strict=True):
+        lines.append(",".join("" if value != value else repr(value) for value in row))
+    write_files({Path(path): ("\n".join(lines) + "\n").encode()})
+
+
+def motor_columns(
+    recording: Recording, *, required: Sequence[str] = ("v", "i", "w"), either: Sequence[str] = ()
+) -> dict[str, str]:
+    """Find which columns are a motor's voltage, current, speed, angle and load, by usual names and units.
+
+    Parameters
+    ----------
+    recording
+        The recording.
+    required
+        The roles that must be there; an angle will do for the speed.
+    either
+        Roles of which one is enough, unless a column seems to be meant for another.
+
+    Returns
+    -------
+    dict
+        Role (``v``, ``i``, ``w``, ``angle``, ``load``) → column, only for what is there.
+
+    Raises
+    ------
+    RecordingError
+        A required column is missing, empty or text, or its unit does not fit.
+    """
+    found: dict[str, str] = {}
+    for role, quantity in ROLE_QUANTITY.items():
+        if role == "time":
+            continue
+        ranked = sorted(
+            (rank, column)
+            for column in [*recording.signals, *recording.unreadable]
+            if (rank := rank_in_role(parse_header(recording.headers[column]).name, role)) is not None
+        )
+        wrong = None
+        for _, column in ranked:
+            fault = recording.fault(column, quantity)
+            if fault is None:
+                found[role] = column
+                break
+            wrong = wrong or fault
+        if role not in found and wrong and role in (*required, *either):
+            raise RecordingError(wrong)
+    lacking = [role for role in (*required, *either) if role not in found and not (role == "w" and "angle" in found)]
+    meant = {role: _meant(recording, role, found.values(), by_unit=role in either) for role in lacking}
+    nothing = bool(either) and not {*either, "angle"} & found.keys()
+    missing = [role for role in lacking if role in required or meant[role] or nothing]
+    if missing:
+        role = missing[0]
+        near = meant[role]
+        columns = ", ".join(recording.headers.values())
+        remedy = f"; is it {near[0]!r}?" if near else f"; add one such as {_example(role)!r}, or map it in a case file"
+        raise RecordingError(f"{recording.title} has no {ROLE_TITLE[role]} column{remedy} ({columns})")
+    return found
+
+
+def _meant(recording: Recording, role: str, taken: Collection[str], *, by_unit: bool) -> list[str]:
+    """Return the headers of columns that nearly have a role's name, or else are in its unit."""
+    left = {c: parse_header(h) for c, h in recording.headers.items() if c not in taken}
+    near = [h.text for h in left.values() if get_close_matches(plain(h.name), USUAL_NAMES[role], n=1, cutoff=0.75)]
+    if near or not by_unit:
+        return near
+    return [h.text for h in left.values() if h.unit is not None and h.unit.quantity == ROLE_QUANTITY[role]]
+
+
+def _example(role: str) -> str:
+    unit = assumed_unit(USUAL_NAMES[role][0])
+    return f"{USUAL_NAMES[role][0]} [{unit.si}]" if unit else USUAL_NAMES[role][0]
+
+
+def _has_time(cells: Sequence[str]) -> bool:
+    return any(role_of(parse_header(cell).name) == "time" for cell in cells)
+
+
+def _no_time(where: str, cells: Sequence[str]) -> NoReturn:
+    raise RecordingError(
+        f"{where}: there is no time column{suggestion('time [s]', cells)}; one column should be called time [s]"
+    )
+
+
+def _are_units(cells: Sequence[str]) -> bool:
+    bare = [cell.strip("[]() ") for cell in cells]
+    return any(cell and not cell.isdigit() for cell in bare) and all(
+        not cell or cell == "-" or (not cell[0].isdigit() and parse_unit(cell) is not None) for cell in bare
+    )
+
+
+def _build(
+    name: str,
+    path: Path | None,
+    texts: list[str],
+    columns: list[FloatArray],
+    *,
+    where: str,
+    place: Callable[[int], str],
+    bad: Mapping[int, BadCell] | None = None,
+    texts_in: Mapping[int, str] | None = None,
+    half_digit: Callable[[int, float], FloatArray] | None = None,
+) -> Recording:
+    """Check the columns, convert them to SI, and put them on their clock."""
+    bad, held = bad or {}, texts_in or {}
+    file = path.name if path else name
+    headers = [parse_header(text) for text in texts]
+    written = [header.text for header in headers]
+    for text in written:
+        if written.count(text) > 1:
+            raise RecordingError(f"{where}: two columns are called {text!r}; give each its own name")
+    clock, time_unit = _time_column(headers, where)
+    names = [header.name for header in headers]
+    names = [h.text if names.count(h.name) > 1 else h.name for h in headers]
+
+    def not_a_number(j: int) -> str:
+        if j in held:
+            return f"{file}: column {names[j]!r} holds {held[j]}, not numbers; export it as numbers"
+        remedy = "every row needs its time" if j == clock else "leave the cell of a missing sample empty"
+        return f"{file} line {bad[j].line}: {names[j]} is not a number ({bad[j].text!r}); {remedy}"
+
+    numbers = [not np.isnan(column).all() for column in columns]
+    broken = [j for j in bad if numbers[j] or j == clock]  # a column of nothing but text harms nobody until it is used
+    if broken:
+        raise RecordingError(not_a_number(min(broken, key=lambda j: bad[j].line)))
+    time = time_unit.to_si(columns[clock])
+    if clock in held:
+        raise RecordingError(not_a_number(clock))
+    if np.isnan(time).any():
+        raise RecordingError(f"{place(int(np.argmax(np.isnan(time))))}: time is empty; every row needs its time")
+    if time.size < MIN_SAMPLES:
+        raise RecordingError(f"{file} has {time.size} samples; at least {MIN_SAMPLES} are needed")
+    seconds_per_unit = time_unit.numerator / time_unit.denominator
+    ticks = sampling_clock(
+        time,
+        place=place,
+        half_digit=None if half_digit is None else lambda: half_digit(clock, seconds_per_unit),
+    )
+
+    def on_clock(column: FloatArray) -> FloatArray:
+        if ticks.rows is None:
+            return column
+        spread = np.full(ticks.time.size, np.nan)
+        spread[ticks.rows] = column
+        return spread
+
+    signals, units = {}, {}
+    for j, header in enumerate(headers):
+        if j == clock:
+            continue
+        unit = header.unit or (assumed_unit(header.name) if header.unit_text is None else None)
+        units[names[j]] = unit.si if unit else ("" if header.unit_text is None else "?")
+        if j not in bad and j not in held:
+            signals[names[j]] = on_clock(unit.to_si(columns[j]) if unit else columns[j])
+    return Recording(
+        name=name,
+        path=path,
+        time=ticks.time,
+        step=ticks.step,
+        signals=signals,
+        units=units,
+        headers={names[j]: texts[j] for j in range(len(texts)) if j != clock},
+        assumed_units=tuple(n for n, h in zip(names, headers, strict=True) if h.unit_text is None and role_of(h.name)),
+        unreadable={names[j]: not_a_number(j) for j in (*bad, *held)},
+        even=ticks.even,
+        missing_rows=ticks.time.size - time.size,
+    )
+
+
+def _time_column(headers: list[Header], where: str) -> tuple[int, Unit]:
+    ranked = [(rank, j) for j, h in enumerate(headers) if (rank := rank_in_role(h.name, "time")) is not None]
+    if not ranked:
+        _no_time(where, [header.text for header in headers])
+    clock = min(ranked)[1]
+    header = headers[clock]
+    unit = header.unit if header.unit_text is not None else assumed_unit("time")
+    if unit is None or unit.quantity != "time":
+        raise RecordingError(
+            f"{where}: {header.unit_text!r} is no unit of time, in {header.text!r}; use one of {examples('time')}"
+        )
+    return clock, unit

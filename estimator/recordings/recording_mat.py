@@ -1,0 +1,269 @@
+"""MAT files of MATLAB and Simulink → columns. Knows scipy.io (v4 to v7) and h5py (v7.3; extra: mat).
+
+What is found, in this order:
+
+    structure with time         out.time and out.signals(k).values, .label or .blockName, as Simulink logs them
+    signals with own clocks     i.Time and i.Data (a time series as a structure), or i = [time, value]
+    vectors                     t, v, i, w of one length, in the file or in one structure
+    a matrix and its names      data (n × m) beside m names, and m units where they are given
+
+Objects of MATLAB (timeseries, timetable, table, Simulink's Dataset) can only be read by MATLAB.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from estimator.errors import RecordingError
+from estimator.recordings.columns import Columns, Signal, distinct, on_one_clock
+from estimator.recordings.headers import parse_header, rank_in_role
+from estimator.recordings.units import FloatArray, parse_unit
+
+HDF5 = b"\x89HDF\r\n\x1a\n"
+TEXT = b"MATLAB 5.0 MAT-file"
+REMEDY = "save the vectors time, voltage, current and speed, or a structure of them"
+MIN_ROWS = 3
+
+
+def is_mat(path: Path, head: bytes) -> bool:
+    """Whether a file, of which the first 1 024 bytes are given, is a MAT file or HDF5."""
+    return path.suffix.lower() == ".mat" or head.startswith((TEXT, HDF5)) or head[512:520] == HDF5
+
+
+def read_mat(path: Path, head: bytes) -> Columns:
+    """Read a MAT file.
+
+    Raises
+    ------
+    RecordingError
+        It is damaged, holds objects that only MATLAB reads, or nothing with a clock; or h5py is not installed.
+    """
+    content, objects = _hdf5(path) if HDF5 in (head[:8], head[512:520]) else _scipy(path)
+    if found := _structure_with_time(content):
+        return on_one_clock(path, found)
+    groups = [group for _, group in _groups(content, ())]
+    for reading in (_own_clocks, _vectors, _matrix):
+        for group in groups:
+            signals = reading(path, group)
+            if signals:
+                return on_one_clock(path, signals)
+    if objects:
+        raise RecordingError(f"{path.name} holds {objects}, which only MATLAB reads; {REMEDY}")
+    names = ", ".join(str(name) for name in content) or "nothing"
+    raise RecordingError(f"{path.name} holds no time with signals of its length ({names}); {REMEDY}")
+
+
+def _scipy(path: Path) -> tuple[dict[str, Any], str]:
+    import warnings
+
+    from scipy.io import loadmat
+
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            content = loadmat(path, simplify_cells=True)
+    except Exception as error:  # scipy raises whatever it stumbles over
+        words = " ".join(str(error).split())[:100] or type(error).__name__
+        raise RecordingError(f"{path.name} is no MAT file, or a damaged one ({words}); {REMEDY}") from None
+    opaque = "None" in content or "__function_workspace__" in content
+    objects = "an object (timeseries, timetable, table or Dataset)" if opaque else ""
+    return {name: value for name, value in content.items() if not name.startswith("__") and name != "None"}, objects
+
+
+def _hdf5(path: Path) -> tuple[dict[str, Any], str]:
+    try:
+        import h5py
+    except ImportError:
+        raise RecordingError(
+            f"{path.name} is a MAT file of version 7.3, which needs h5py; install it with:"
+            " pip install 'fmu-estimator[mat]', or save it with -v7"
+        ) from None
+    objects = ""
+
+    def value(item: Any, file: Any) -> Any:
+        nonlocal objects
+        kind = item.attrs.get("MATLAB_class", b"")
+        kind = kind.decode() if isinstance(kind, bytes) else str(kind)
+        if "MATLAB_object_decode" in item.attrs or kind in ("timeseries", "table", "timetable"):
+            objects = f"an object ({kind})"
+            return None
+        if isinstance(item, h5py.Group):
+            return {name: value(item[name], file) for name in item}
+        data = item[()]
+        if item.attrs.get("MATLAB_empty", 0):
+            return np.empty(0)
+        if kind == "char":
+            return "".join(chr(int(code)) for code in np.asarray(data).T.ravel())
+        if item.dtype == h5py.ref_dtype:
+            return [value(file[reference], file) for reference in np.asarray(data).T.ravel()]
+        if item.dtype.kind in "OS":
+            return [x.decode("utf-8", "replace") if isinstance(x, bytes) else str(x) for x in np.ravel(data)]
+        return np.squeeze(np.asarray(data).T)
+
+    try:
+        with h5py.File(path, "r") as file:
+            return {name: value(file[name], file) for name in file if not name.startswith("#")}, objects
+    except OSError as error:
+        words = " ".join(str(error).split())[:100]
+        raise RecordingError(f"{path.name} is a damaged MAT file of version 7.3 ({words}); {REMEDY}") from None
+
+
+def _groups(content: Any, way: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], Mapping[str, Any]]]:
+    """Yield the file's own variables, then every structure in it."""
+    if isinstance(content, Mapping):
+        yield way, content
+        for name, value in content.items():
+            yield from _groups(value, (*way, name))
+
+
+def _structure_with_time(content: Any) -> list[Signal]:
+    for _, group in _groups(content, ()):
+        lower = {name.lower(): value for name, value in group.items()}
+        time, signals = _vector(lower.get("time")), lower.get("signals")
+        if time is None or signals is None:
+            continue
+        entries = _entries(signals)
+        headers, values = [], []
+        for k, entry in enumerate(entries):
+            block = _array(entry.get("values"))
+            if block is None or block.shape[:1] != time.shape:
+                continue
+            told = [_text(entry.get(key)) for key in ("label", "blockName", "title")]
+            label = next(filter(None, told), "")
+            label = label.split("/")[-1] or f"signal {k + 1}"
+            labels = [part.strip() for part in label.split(",")]
+            block = block.reshape(len(time), -1)
+            if len(labels) != block.shape[1]:
+                labels = [label] if block.shape[1] == 1 else [f"{label} {c + 1}" for c in range(block.shape[1])]
+            headers += labels
+            values += list(block.T)
+        if headers:
+            names = distinct(headers, headers)
+            return [Signal(name, column, time) for name, column in zip(names, values, strict=True)]
+    return []
+
+
+def _entries(signals: Any) -> list[Mapping[str, Any]]:
+    """Return the elements of a structure array: a list of structures, or a structure of lists."""
+    if isinstance(signals, Mapping):
+        columns = {name: value for name, value in signals.items() if isinstance(value, list)}
+        if "values" in columns:
+            return [{name: v[k] for name, v in columns.items() if k < len(v)} for k in range(len(columns["values"]))]
+        return [signals]
+    return [entry for entry in np.ravel(np.asarray(signals, dtype=object)).tolist() if isinstance(entry, Mapping)]
+
+
+def _own_clocks(path: Path, group: Mapping[str, Any]) -> list[Signal]:
+    """Return signals that bring their own clocks: structures of Time and Data, or two columns."""
+    found = []
+    for name, value in group.items():
+        if isinstance(value, Mapping):
+            lower = {key.lower(): item for key, item in value.items()}
+            time, data = _vector(lower.get("time")), _vector(lower.get("data", lower.get("values")))
+            info = lower.get("datainfo")
+            unit = _text(info.get("Units", info.get("units"))) if isinstance(info, Mapping) else ""
+            unit = unit or _text(lower.get("unit", lower.get("units")))
+            if time is not None and data is not None and len(time) == len(data):
+                found.append(Signal(_with_unit(_text(lower.get("name")) or name, unit), data, time))
+    if found:
+        return found
+    for name, value in group.items():
+        block = _array(value)
+        if block is not None and block.ndim == 2 and block.shape[1] == 2 and len(block) >= MIN_ROWS:
+            increasing = bool(np.all(np.diff(block[:, 0]) > 0))
+            if increasing and any(rank_in_role(parse_header(name).name, role) is not None for role in ("v", "i", "w")):
+                found.append(Signal(name, block[:, 1], block[:, 0]))
+    return found if len(found) > 1 else []
+
+
+def _vectors(path: Path, group: Mapping[str, Any]) -> list[Signal]:
+    """Return the vectors that are as long as the time."""
+    vectors = {name: v for name, value in group.items() if (v := _vector(value)) is not None and len(v) >= MIN_ROWS}
+    clock = _clock(list(vectors))
+    if clock is None:
+        return []
+    unit = parse_header(clock).unit
+    time = vectors[clock] if unit is None or unit.quantity != "time" else unit.to_si(vectors[clock])
+    names = [name for name, vector in vectors.items() if name != clock and len(vector) == len(time)]
+    units = group.get("units", group.get("unit"))
+    given = units if isinstance(units, Mapping) else {}
+    return [Signal(_with_unit(name, _text(given.get(name))), vectors[name], time) for name in names]
+
+
+def _matrix(path: Path, group: Mapping[str, Any]) -> list[Signal]:
+    """Return the columns of a matrix that stands beside as many names."""
+    lists = {name: texts for name, value in group.items() if (texts := _texts(value))}
+    for name, value in group.items():
+        block = _array(value)
+        if block is None or block.ndim != 2 or min(block.shape) < 2:
+            continue
+        fitting = {key: texts for key, texts in lists.items() if len(texts) in block.shape}
+        titles = next((texts for texts in fitting.values() if _clock(texts) is not None), None)
+        if titles is None:
+            if max(block.shape) >= MIN_ROWS and not lists and "time" in {n.lower() for n in group} | {name.lower()}:
+                raise RecordingError(
+                    f"{path.name}: {name} has columns without names; give them in a cell array of texts, such as"
+                    " names = {'time','voltage','current','speed'}"
+                )
+            continue
+        columns = block.T if block.shape[1] == len(titles) else block
+        units = next((t for t in fitting.values() if t is not titles and all(not u or parse_unit(u) for u in t)), None)
+        headers = [_with_unit(title, units[j] if units else "") for j, title in enumerate(titles)]
+        clock = titles.index(_clock(titles) or "")
+        unit = parse_header(headers[clock]).unit
+        time = columns[clock] if unit is None or unit.quantity != "time" else unit.to_si(columns[clock])
+        return [Signal(header, columns[j], time) for j, header in enumerate(headers) if j != clock]
+    return []
+
+
+def _clock(names: list[str]) -> str | None:
+    """Return the name that is likeliest the time's."""
+    usual = {"tout": len(names)}
+    ranks = [
+        (rank, name)
+        for name in names
+        if (rank := rank_in_role(parse_header(name).name, "time")) is not None
+        or (rank := usual.get(name.lower())) is not None
+    ]
+    return min(ranks)[1] if ranks else None
+
+
+def _with_unit(name: str, unit: str) -> str:
+    return f"{name} [{unit.strip()}]" if unit.strip() and parse_header(name).unit_text is None else name
+
+
+def _array(value: Any) -> FloatArray | None:
+    """Return numbers as an array; None if it holds something else."""
+    if isinstance(value, (np.ndarray, list, int, float)):
+        try:
+            array = np.asarray(value)
+        except ValueError:
+            return None
+        if array.dtype.kind in "iufb" and array.size:
+            return array.astype(np.float64)
+    return None
+
+
+def _vector(value: Any) -> FloatArray | None:
+    array = _array(value)
+    if array is None:
+        return None
+    array = np.squeeze(array)
+    return array if array.ndim == 1 and not np.isinf(array).any() else None
+
+
+def _text(value: Any) -> str:
+    return value.strip() if isinstance(value, str) else ""
+
+
+def _texts(value: Any) -> list[str]:
+    """Return a cell array of texts, or the rows of a matrix of characters."""
+    if isinstance(value, np.ndarray) and value.dtype.kind in "UO":
+        value = np.ravel(value).tolist()
+    if isinstance(value, list) and len(value) > 1 and all(isinstance(text, str) for text in value):
+        return [text.strip() for text in value]
+    return []

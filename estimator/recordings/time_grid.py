@@ -1,0 +1,205 @@
+"""Printed sampling times → a clock: the uniform grid t0 + k*step, or times beside it. Knows no files.
+
+Printed times are rounded, so the step is what all of them together say: a least-squares line, then the
+plainest numbers (fewest digits in the step or in the sampling rate) that fit the print as well as that line
+does. Times printed as 0.001, 0.002, … give 0.001 exactly; 0.0003, 0.0007, 0.0010, … over a few hundred
+samples give 1/3000.
+
+Rows that are missing are found by their times, one step and more apart, and kept as places without a sample. A clock
+that jitters is taken as it is printed: its times are real, only nearly equal.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.errors import RecordingError
+from estimator.recordings.units import FloatArray
+
+OFF_GRID = 0.01  # of the step: further off is no uniform grid
+JITTER = 0.25  # of the step: an interval further off a whole number of steps is an error
+FEW = 0.05  # of the rows: fewer off the grid than these are mistakes, and not a clock that jitters
+MISSING = 3  # times the rows that are there: more missing ones are an error
+
+
+@dataclass(frozen=True, eq=False)
+class Clock:
+    """When samples were taken.
+
+    Attributes
+    ----------
+    time : (n,) array, s
+        Increasing; exactly t0 + k * step where `even`.
+    step : float
+        s, the mean interval.
+    rows : (m,) integer array, or None
+        Which of the n times has a row; None: every one.
+    even : bool
+        Whether the times lie on the uniform grid.
+    """
+
+    time: FloatArray
+    step: float
+    rows: NDArray[np.int64] | None = None
+    even: bool = True
+
+
+def sampling_clock(
+    times: FloatArray, *, place: Callable[[int], str], half_digit: Callable[[], FloatArray] | None = None
+) -> Clock:
+    """Return the clock of printed times, (m,) s, m ≥ 3.
+
+    Raises
+    ------
+    RecordingError
+        Time does not increase, or is neither on a uniform grid nor, in many rows, beside one by under a quarter
+        of a step.
+    """
+    try:
+        start, step = uniform_grid(times, place=place, half_digit=half_digit)
+    except RecordingError:
+        found = _with_gaps(times, half_digit)
+        if found is None:
+            raise
+        return found
+    return Clock(start + np.arange(times.size, dtype=np.float64) * step, step)
+
+
+def _with_gaps(times: FloatArray, half_digit: Callable[[], FloatArray] | None) -> Clock | None:
+    """Return the clock of times with missing rows or jitter; None if it is none."""
+    steps = np.diff(times)
+    if (steps <= 0).any():
+        return None
+    usual = float(np.median(steps))
+    usual = float(np.mean(steps[np.abs(steps - usual) <= JITTER * usual]))
+    multiples = np.round(steps / usual)
+    if (multiples < 1).any() or (np.abs(steps / usual - multiples) > JITTER).any():
+        return None
+    rows = np.concatenate([[0], np.cumsum(multiples)])
+    n = int(rows[-1]) + 1
+    if n > (1 + MISSING) * times.size:
+        return None
+    index = rows.astype(np.int64)
+    centred = rows - rows.mean()
+    step = float(centred @ (times - times.mean()) / (centred @ centred))
+    off = times - times.mean() - centred * step
+    half = np.zeros(times.size) if half_digit is None else half_digit()
+    half[4 * half > 1.001 * step] = 0.0
+    missing = None if n == times.size else index
+    away = np.abs(off) > np.maximum(OFF_GRID * step, half * (1 + 3 / np.sqrt(times.size)))
+    if not away.any():
+        start, step = _plainest(times, step, float(np.abs(off).max()), rows)
+        return Clock(start + np.arange(n, dtype=np.float64) * step, step, missing)
+    if away.mean() < FEW:
+        return None
+    return Clock(np.interp(np.arange(n), rows, times), step, missing, even=False)
+
+
+def uniform_grid(
+    times: FloatArray, *, place: Callable[[int], str], half_digit: Callable[[], FloatArray] | None = None
+) -> tuple[float, float]:
+    """Return t0 and the step of a uniform grid.
+
+    Parameters
+    ----------
+    times
+        (n,) s, n ≥ 3, as printed.
+    place
+        Says where sample k stands: ``"run3.csv line 812"``.
+    half_digit
+        Gives half of the last printed digit of each time, (n,) s; called only if times are off by over 1 %.
+
+    Raises
+    ------
+    RecordingError
+        Time does not increase, or is off its grid by more than 1 % of the step and half a printed digit (which
+        only counts where a step has two digits at least).
+    """
+    n = times.size
+    steps = np.diff(times)
+    if (steps <= 0).any():
+        k = int(np.argmax(steps <= 0)) + 1
+        raise RecordingError(
+            f"{place(k)}: time does not increase ({float(times[k]):.9g} s after {float(times[k - 1]):.9g} s);"
+            " each row needs a later time than the one before, printed with enough digits"
+        )
+    centred = np.arange(n, dtype=np.float64) - (n - 1) / 2
+    since = times - times[0]
+    step = float(centred @ since / (centred @ centred))
+    off = since - since.mean() - centred * step
+    worst = float(np.abs(off).max())
+    allowed: FloatArray = np.full(n, OFF_GRID * step)
+    half = np.zeros(n)
+    if worst > OFF_GRID * step and half_digit is not None:
+        half = half_digit()
+        half[4 * half > 1.001 * step] = 0.0  # a digit above half a step cannot tell a lost row from rounding
+        allowed = np.maximum(allowed, half * (1 + 3 / np.sqrt(n)))  # the line itself is as uncertain as that
+    if (np.abs(off) > allowed).any():
+        raise RecordingError(_off_grid(times, half, allowed, place))
+    return _plainest(times, step, worst, np.arange(n, dtype=np.float64))
+
+
+def half_last_digit(cells: Iterable[str], n: int) -> FloatArray:
+    """Return half of the last printed digit of n numbers, the finest within each power of ten.
+
+    (Programs that print with a fixed count of digits leave zeros at the end out.)
+    """
+    digits = np.zeros(n)
+    decade = np.zeros(n)
+    for k, cell in enumerate(cells):
+        text = cell.strip().strip('"').replace(",", ".").lower()
+        mantissa, _, exponent = text.partition("e")
+        _, _, decimals = mantissa.partition(".")
+        digits[k] = len(decimals) - int(exponent or 0)
+        value = abs(float(text))
+        decade[k] = np.floor(np.log10(value)) if value else -999
+    for power in np.unique(decade):
+        here = decade == power
+        digits[here] = digits[here].max()
+    digits[decade == -999] = digits.max()  # a plain 0 says nothing
+    return np.asarray(0.5 * 10.0**-digits)
+
+
+def _plainest(times: FloatArray, step: float, worst: float, k: FloatArray) -> tuple[float, float]:
+    allowed = 1.2 * worst + 4 * float(np.spacing(np.abs(times).max()))
+    first = float(times[0])
+    for candidate in _candidates(step):
+        if abs((times[-1] - first) - k[-1] * candidate) > 2 * allowed:
+            continue
+        off = times - k * candidate
+        low, high = float(off.max()) - allowed, float(off.min()) + allowed
+        if low <= first <= high:
+            return first, candidate
+        if low <= high:
+            middle = (low + high) / 2
+            for digits in range(18):
+                rounded = round(middle, digits)
+                if low <= rounded <= high:
+                    return rounded, candidate
+    return float(np.mean(times - k * step)), step
+
+
+def _candidates(step: float) -> Iterator[float]:
+    for digits in range(17):
+        yield float(f"{step:.{digits}e}")
+        yield 1 / float(f"{1 / step:.{digits}e}")
+
+
+def _off_grid(times: FloatArray, half: FloatArray, allowed: FloatArray, place: Callable[[int], str]) -> str:
+    """Name the first time that is off the grid of the regular ones."""
+    steps = np.diff(times)
+    usual = float(np.median(steps))
+    regular = np.abs(steps - usual) <= np.maximum(0.9 * OFF_GRID * usual, 2 * half[1:])
+    step = float(steps[regular].mean())
+    due = times[0] + np.arange(times.size) * step
+    off = np.abs(times - due) - allowed
+    k = int(np.argmax(off > 0)) if (off > 0).any() else int(np.argmax(off))
+    return (
+        f"{place(k)}: time is off its uniform grid by {abs(float(times[k] - due[k])) / step:.3g} of a step"
+        f" ({float(times[k]):.9g} s where {float(due[k]):.9g} s was due);"
+        " correct it, print time with enough digits, or resample to equal steps"
+    )

@@ -1,0 +1,213 @@
+"""An estimate's values as text for other tools: CSV, MATLAB, Modelica, state space. Knows no FMU and writes no file.
+
+Every number keeps all its bits, and every text says with how much doubt it was found.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import re
+from typing import Any
+
+from estimator.errors import InputError
+from estimator.results.linear import INPUTS, MOTOR, STATES, is_motor, matrices, transfer_functions
+from estimator.results.report import json_ready, to_mapping
+from estimator.results.result import Estimate, ParameterEstimate, Setting
+
+MSL = {  # what takes each value in a motor made of the Modelica Standard Library
+    "R": "Modelica.Electrical.Analog.Basic.Resistor resistor(R={})",
+    "L": "Modelica.Electrical.Analog.Basic.Inductor inductor(L={})",
+    "K": "Modelica.Electrical.Analog.Basic.RotationalEMF emf(k={})",
+    "J": "Modelica.Mechanics.Rotational.Components.Inertia inertia(J={})",
+    "B": "Modelica.Mechanics.Rotational.Components.Damper damper(d={})",
+}
+
+
+def estimate_from_json(text: str, *, source: str = "result.json") -> Estimate:
+    """Return the estimate of a result.json, without its signals.
+
+    Raises
+    ------
+    InputError
+        It is no result of `estimate`.
+    """
+    try:
+        data = json.loads(text)
+        parameters = {name: _parameter(name, entry) for name, entry in data["parameters"].items()}
+        return Estimate(
+            verdict=data["verdict"],
+            reasons=tuple(data["reasons"]),
+            parameters=parameters,
+            method=data["method"],
+            seed=data["seed"],
+            simulations=data["simulations"],
+            simulations_by_phase=data["simulations_by_phase"],
+            failed_simulations=data["failed_simulations"],
+            steps=data["steps"],
+            seconds=data["seconds"],
+            fmu=data["fmu"],
+            versions=data["versions"],
+        )
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        raise InputError(
+            f"{source} is no result of an estimate ({type(error).__name__}: {error}); give the result.json that"
+            " estimate -o wrote"
+        ) from error
+
+
+def csv_table(estimate: Estimate) -> bytes:
+    """Return one row a parameter: name, value, standard error, unit, bounds, nominal, status."""
+    stream = io.StringIO(newline="")
+    writer = csv.writer(stream, lineterminator="\n")
+    columns = ("value", "standard_error", "unit", "lower", "upper", "at_bound", "nominal", "free", "status")
+    writer.writerow(("parameter", *columns))
+    for name, entry in to_mapping(estimate)["parameters"].items():
+        cells = (entry[column] for column in columns)
+        writer.writerow((name, *("" if c is None else repr(c) if isinstance(c, float) else c for c in cells)))
+    return stream.getvalue().encode()
+
+
+def matlab_script(estimate: Estimate) -> bytes:
+    """Return a script that defines ``parameters`` and ``standard_errors``, and a motor's ``ss`` where it is one.
+
+    Its function handle ``set_fmu`` gives the values to an FMU block in Simulink.
+    """
+    name = _identifier(str(estimate.fmu.get("name") or "motor"))
+    lines = [f"% {line}" for line in _heading(estimate)]
+    lines += ["", "% values, in the unit that is named"]
+    for parameter in estimate.parameters.values():
+        lines.append(f"parameters.{_identifier(parameter.name)} = {_number(parameter.value)};  % {_doubt(parameter)}")
+    lines += ["", "% standard errors; NaN where none is known"]
+    for parameter in estimate.parameters.values():
+        error = parameter.standard_error if parameter.free else 0.0
+        shown = "NaN" if error is None else _number(error)
+        lines.append(f"standard_errors.{_identifier(parameter.name)} = {shown};")
+    values = {n: p.value for n, p in estimate.parameters.items()}
+    if is_motor(values):
+        A, B, C, D = (_matrix(m.tolist()) for m in matrices(values))
+        lines += ["", "% the motor as a linear system: inputs v [V], load [N.m]; outputs i [A], w [rad/s]"]
+        lines += [f"A = {A};", f"B = {B};", f"C = {C};", f"D = {D};"]
+        lines += [
+            "if exist('ss', 'file')  % Control System Toolbox, or Octave's control package",
+            f"    {name} = ss(A, B, C, D, 'InputName', {{'v', 'load'}}, 'OutputName', {{'i', 'w'}});",
+            "end",
+        ]
+    pairs = [f"'{s.variable}', '{_number(s.value)}'" for p in estimate.parameters.values() for s in p.set_in_fmu]
+    lines += ["", "% In Simulink: set_fmu(gcb) with the FMU block selected"]
+    lines += [f"set_fmu = @(block) set_param(block, {', '.join(pairs)});"]
+    return ("\n".join(lines) + "\n").encode()
+
+
+def modelica_modifier(estimate: Estimate) -> bytes:
+    """Return a modifier of the model behind the FMU, and the same values for the Modelica Standard Library's parts."""
+    lines = [f"// {line}" for line in _heading(estimate)]
+    settings = [s for p in estimate.parameters.values() for s in p.set_in_fmu if s.type in ("Real", "Integer")]
+    lines += ["// Put behind the model's name, as in: MyMotor motor" + _modifier(settings) + ";"]
+    lines += [_modifier(settings)]
+    values = {n: p.value for n, p in estimate.parameters.items()}
+    if is_motor(values):
+        lines += ["", "// The same motor from parts of the Modelica Standard Library:"]
+        lines += [f"{MSL[name].format(_number(values[name]))};" for name in MOTOR]
+    return ("\n".join(lines) + "\n").encode()
+
+
+def state_space_json(estimate: Estimate) -> bytes:
+    """Return the motor's matrices and transfer functions as JSON.
+
+    Raises
+    ------
+    InputError
+        It is no motor: R, K, L, J and B are needed.
+    """
+    values = {name: p.value for name, p in estimate.parameters.items()}
+    A, B, C, D = matrices(values)
+    content: dict[str, Any] = {
+        "description": "dx/dt = A x + B u, y = C x + D u, SI units",
+        "inputs": INPUTS,
+        "states": STATES,
+        "outputs": STATES,
+        "A": A,
+        "B": B,
+        "C": C,
+        "D": D,
+        "transfer_functions": {
+            name: {"numerator": numerator, "denominator": denominator}
+            for name, (numerator, denominator) in transfer_functions(values).items()
+        },
+    }
+    return (json.dumps(json_ready(content), indent=2, allow_nan=False) + "\n").encode()
+
+
+def _parameter(name: str, entry: dict[str, Any]) -> ParameterEstimate:
+    known = entry.get("variables")
+    settings = None
+    if known is not None:
+        settings = tuple(
+            Setting(variable, s["value"], s["unit"], s.get("type", "Real")) for variable, s in known.items()
+        )
+    if not isinstance(entry["value"], (int, float)):
+        raise ValueError(f"{name} has no value")
+    infinity = float("inf")
+    return ParameterEstimate(
+        name=name,
+        value=float(entry["value"]),
+        unit=entry["unit"],
+        lower=entry["lower"] if entry["lower"] is not None else -infinity,
+        upper=entry["upper"] if entry["upper"] is not None else infinity,
+        standard_error=entry["standard_error"],
+        at_bound=entry["at_bound"],
+        status=entry["status"],
+        reason=entry["reason"],
+        free=entry["free"],
+        nominal=entry["nominal"],
+        settings=settings,
+    )
+
+
+def _heading(estimate: Estimate) -> list[str]:
+    fmu = estimate.fmu.get("name") or "an FMU"
+    lines = [f"Parameters of {fmu}, estimated by fmu-estimator; verdict: {estimate.verdict}"]
+    return [" ".join(line.split()) for line in (*lines, *estimate.reasons)]
+
+
+def _doubt(parameter: ParameterEstimate) -> str:
+    parts = [parameter.unit or "-"]
+    if not parameter.free:
+        parts.append("fixed")
+    elif parameter.standard_error is not None:
+        parts.append(f"+- {parameter.standard_error:.2g}")
+    if parameter.status != "ok":
+        parts.append(parameter.status)
+    return ", ".join(parts)
+
+
+def _modifier(settings: list[Setting]) -> str:
+    """Return ``(R=3.1, drive(K=0.05))``: a dot in a name is a component of the model."""
+    tree: dict[str, Any] = {}
+    for setting in settings:
+        *path, last = setting.variable.split(".")
+        branch = tree
+        for part in path:
+            branch = branch.setdefault(part, {})
+        branch[last] = str(round(setting.value)) if setting.type == "Integer" else _number(setting.value)
+
+    def text(branch: dict[str, Any]) -> str:
+        items = [f"{k}{text(v)}" if isinstance(v, dict) else f"{k}={v}" for k, v in branch.items()]
+        return f"({', '.join(items)})"
+
+    return text(tree)
+
+
+def _matrix(rows: list[list[float]]) -> str:
+    return "[" + "; ".join(" ".join(_number(x) for x in row) for row in rows) + "]"
+
+
+def _number(value: float) -> str:
+    return repr(float(value))
+
+
+def _identifier(name: str) -> str:
+    plain = re.sub(r"\W", "_", name, flags=re.ASCII)
+    return plain if re.match(r"[A-Za-z]", plain) else f"p_{plain}"

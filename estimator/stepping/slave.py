@@ -1,0 +1,252 @@
+"""An FMU, loaded: fmpy loads and instantiates, ``stepper.c`` steps. Lives in a worker process; knows no search.
+
+With ``fmu.py`` and ``foreign.py`` the only module that knows FMI and fmpy. Co-simulation of FMI 2.0 and 3.0 runs at
+full speed; everything else runs through ``foreign.py``, in the same loop.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Sequence
+from ctypes import POINTER, c_double, c_int64, c_uint32, c_void_p
+from pathlib import Path
+from typing import Any
+
+from estimator.stepping.foreign import Callbacks, ForeignFmu
+from estimator.stepping.layout import ExperimentLayout, JobLayout, positions
+from estimator.stepping.library import STEPPER
+from estimator.stepping.structures import (
+    SETTING_TYPES,
+    BatchStruct,
+    ChainStruct,
+    ExperimentStruct,
+    Fmi3Struct,
+    JobStruct,
+    Log,
+    SettingStruct,
+    SlaveStruct,
+)
+
+FMI2_FUNCTIONS = {
+    "instantiate": "Instantiate",
+    "free_instance": "FreeInstance",
+    "reset": "Reset",
+    "setup_experiment": "SetupExperiment",
+    "enter_initialization": "EnterInitializationMode",
+    "exit_initialization": "ExitInitializationMode",
+    "set_real": "SetReal",
+    "get_real": "GetReal",
+    "do_step": "DoStep",
+}
+FMI2_SETTERS = {"set_integer": "SetInteger", "set_boolean": "SetBoolean", "set_string": "SetString"}
+FMI3_FUNCTIONS = {
+    "instantiate": "InstantiateCoSimulation",
+    "free_instance": "FreeInstance",
+    "reset": "Reset",
+    "enter_initialization": "EnterInitializationMode",
+    "exit_initialization": "ExitInitializationMode",
+    "set_float64": "SetFloat64",
+    "get_float64": "GetFloat64",
+    "do_step": "DoStep",
+}
+
+
+def stepper() -> ctypes.CDLL:
+    """Return the stepping loop, loaded."""
+    library = ctypes.CDLL(str(STEPPER))
+    pointers: list[Any] = [POINTER(SlaveStruct), POINTER(JobStruct), POINTER(BatchStruct)]
+    library.stepper_run.restype = library.stepper_take.restype = library.stepper_run_one.restype = c_int64
+    library.stepper_run.argtypes = pointers
+    library.stepper_take.argtypes = pointers[2:]
+    library.stepper_run_one.argtypes = [*pointers, c_int64, c_int64]
+    library.stepper_close.restype = None
+    library.stepper_close.argtypes = pointers[:1]
+    return library
+
+
+class LoadedFmu:
+    """An FMU, its library loaded into this process (and never unloaded).
+
+    Parameters
+    ----------
+    job : JobLayout
+    memory : address of the job's numbers
+    """
+
+    def __init__(self, job: JobLayout, memory: int) -> None:
+        self.log = Log()
+        self.layout = job
+        self.stepper = stepper()
+        self.callbacks = native_callbacks(self.stepper, self.log)
+        self._kept: list[Any] = []
+        references = (*job.parameter_references, *job.input_references, *job.output_references)
+        types = job.types or ("Real",) * len(references)
+        self.foreign = ForeignFmu(
+            folder=job.folder,
+            identifier=job.identifier,
+            guid=job.guid,
+            version=job.version,
+            kind=job.kind,
+            variables=list(zip(types, references, strict=True)),
+            callbacks=self.callbacks,
+            logger=self.stepper.stepper_log1,
+            counts=job.counts,
+        )
+        self.settings = self._settings(job)
+        self.slave = self._slave(job)
+        self.job = self._job(job, memory)
+
+    def run(self, batch: BatchStruct) -> int:
+        """Simulate candidates until none is left or the quota is reached; return how many this process did."""
+        return int(self.stepper.stepper_run(self.slave, self.job, batch))
+
+    def take(self, batch: BatchStruct) -> int:
+        """Take the next candidate; -1: none is left."""
+        return int(self.stepper.stepper_take(batch))
+
+    def run_one(self, batch: BatchStruct, *, candidate: int, experiment: int) -> int:
+        """Simulate one experiment of a candidate; return its outcome."""
+        return int(self.stepper.stepper_run_one(self.slave, self.job, batch, candidate, experiment))
+
+    def close(self) -> None:
+        """Free the instance."""
+        self.stepper.stepper_close(self.slave)
+        self.foreign.free()
+
+    def _settings(self, job: JobLayout) -> Any:
+        rows = []
+        for kind, reference, value in job.settings:
+            name = "Integer" if kind == "Enumeration" and job.version[0] != "3" else kind
+            name = "Int64" if name == "Enumeration" else name
+            row = SettingStruct(type=SETTING_TYPES[name], reference=reference)
+            if isinstance(value, str):
+                row.text = value.encode()
+            else:
+                row.whole, row.real = round(value), value
+            rows.append(row)
+        settings = (SettingStruct * max(1, len(rows)))(*rows)
+        self._kept.append(settings)
+        return settings
+
+    def _slave(self, job: JobLayout) -> SlaveStruct:
+        resources = (Path(job.folder).resolve() / "resources").as_uri()
+        slave = SlaveStruct(
+            reinstantiate=int(job.reinstantiate),
+            component=None,
+            instance_name=job.identifier.encode(),
+            guid=job.guid.encode(),
+            resources=resources.encode(),
+            callbacks=ctypes.addressof(self.callbacks),
+        )
+        if not job.is_fast:
+            self._slow = Callbacks(self.foreign, self._tell)
+            self._slow.settings = job.settings
+            self._slow.first_setting = ctypes.addressof(self.settings)
+            self._slow.setting_size = ctypes.sizeof(SettingStruct)
+            for name, function in self._slow.functions.items():
+                setattr(slave, name, _address(function))
+            return slave
+        dll = self.foreign.fmu.dll
+        if job.version.startswith("3"):
+            slave.resources = (str(Path(job.folder).resolve() / "resources") + "/").encode()
+            self._fmi3 = self._fmi3_functions(dll)
+            self.stepper.stepper_adapt(ctypes.byref(slave), ctypes.byref(self._fmi3))
+            return slave
+        for field, name in FMI2_FUNCTIONS.items():
+            setattr(slave, field, _address(getattr(dll, f"fmi2{name}")))
+        if job.interpolates:
+            slave.set_derivatives = _address(getattr(dll, "fmi2SetRealInputDerivatives", None))
+        for field, name in FMI2_SETTERS.items():
+            setattr(slave, field, _address(getattr(dll, f"fmi2{name}", None)))
+        return slave
+
+    def _fmi3_functions(self, dll: Any) -> Fmi3Struct:
+        functions = Fmi3Struct(log=ctypes.addressof(self.log), log_message=_address(self.stepper.stepper_log3))
+        for field, name in FMI3_FUNCTIONS.items():
+            setattr(functions, field, _address(getattr(dll, f"fmi3{name}")))
+        for name, k in SETTING_TYPES.items():
+            functions.set_other[k] = _address(getattr(dll, f"fmi3Set{name}", None)) if k else None
+        return functions
+
+    def _tell(self, words: str) -> None:
+        self.log.messages += 1
+        self.log.last = " ".join(words.split()).encode()[:500]
+
+    def _job(self, job: JobLayout, memory: int) -> JobStruct:
+        experiments = (ExperimentStruct * len(job.experiments))(
+            *(
+                ExperimentStruct(
+                    e.samples,
+                    e.substeps,
+                    e.start,
+                    e.interval,
+                    memory + e.inputs,
+                    memory + e.measured,
+                    memory + e.weights,
+                    int(e.complete),
+                    self._chains(e),
+                    None if e.times is None else memory + e.times,
+                )
+                for e in job.experiments
+            )
+        )
+        self._kept.append(experiments)
+        parameters, inputs, outputs = job.parameter_references, job.input_references, job.output_references
+        if not job.is_fast:  # variables go by their position
+            parameters, inputs, outputs = positions(job)
+        return JobStruct(
+            parameters=len(job.parameter_references),
+            inputs=len(job.input_references),
+            outputs=len(job.output_references),
+            experiments=len(job.experiments),
+            parameter_references=self._array(c_uint32, parameters),
+            input_references=self._array(c_uint32, inputs),
+            output_references=self._array(c_uint32, outputs),
+            sensors=self._array(c_int64, job.sensors),
+            experiment=ctypes.addressof(experiments),
+            sensor_values=job.sensor_values,
+            even_steps=int(job.even_steps),
+            settings=len(job.settings),
+            setting=ctypes.addressof(self.settings),
+            scale=self._array(c_double, [x for pair in job.scale for x in pair]) if job.scale else None,
+            linear=self._array(c_int64, job.linear) if any(job.linear) else None,
+        )
+
+    def _chains(self, experiment: ExperimentLayout) -> int | None:
+        if not experiment.chains:
+            return None
+        chains = (ChainStruct * len(experiment.chains))()
+        for chain, (average, sections) in zip(chains, experiment.chains, strict=True):
+            chain.average, chain.sections = average, len(sections)
+            for s, section in enumerate(sections):
+                for c, coefficient in enumerate(section):
+                    chain.section[s][c] = coefficient
+        self._kept.append(chains)
+        return ctypes.addressof(chains)
+
+    def _array(self, kind: type[Any], values: Sequence[float]) -> int:
+        array = (kind * max(1, len(values)))(*values)
+        self._kept.append(array)
+        return ctypes.addressof(array)
+
+
+def native_callbacks(stepper: ctypes.CDLL, log: Log) -> Any:
+    """Return FMI 2 callbacks that never enter Python: the stepper's logger, the C library's memory functions."""
+    from fmpy import calloc, free
+    from fmpy.fmi2 import (
+        fmi2CallbackAllocateMemoryTYPE,
+        fmi2CallbackFreeMemoryTYPE,
+        fmi2CallbackFunctions,
+        fmi2CallbackLoggerTYPE,
+    )
+
+    callbacks = fmi2CallbackFunctions()
+    callbacks.logger = ctypes.cast(stepper.stepper_log, fmi2CallbackLoggerTYPE)
+    callbacks.allocateMemory = ctypes.cast(calloc, fmi2CallbackAllocateMemoryTYPE)
+    callbacks.freeMemory = ctypes.cast(free, fmi2CallbackFreeMemoryTYPE)
+    callbacks.componentEnvironment = ctypes.addressof(log)
+    return callbacks
+
+
+def _address(function: Any) -> int | None:
+    return None if function is None else ctypes.cast(function, c_void_p).value

@@ -1,0 +1,253 @@
+"""A worker process: one loaded FMU, candidates from shared memory. Started by ``workers.py``; knows no search.
+
+Speaks lines of JSON: orders on what was standard input when it started, answers on what was standard output; the FMU's
+own reads and prints go nowhere. When the orders end, the owner is gone: the run's folder is removed and the process
+ends, whatever the FMU is doing.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import json
+import mmap
+import os
+import queue
+import shutil
+import signal
+import sys
+import threading
+import time
+from pathlib import Path
+from typing import IO, Any, NoReturn
+
+from estimator.stepping.desk import ENTRY, Desk
+from estimator.stepping.foreign import fmu_class
+from estimator.stepping.layout import CRASHED, FINISHED, ExperimentLayout, JobLayout
+from estimator.stepping.reference import reference_trajectories
+from estimator.stepping.slave import LoadedFmu, stepper
+from estimator.stepping.structures import BatchStruct
+
+UNFINISHED, NOT_LOADED = 9, 7  # exit codes of a process of one simulation
+QUOTA = 64  # candidates between two looks at the own memory
+MEMORY_CHECK = 0.25  # s between two looks at the own memory
+
+
+def main() -> None:
+    """Serve until told to quit."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the owner's business
+    answers = os.fdopen(os.dup(1), "w", buffering=1, encoding="utf-8")
+    given = os.fdopen(os.dup(0), encoding="utf-8")
+    nowhere = os.open(os.devnull, os.O_RDWR)
+    for standard in (0, 1):  # an FMU that reads or prints does so there
+        os.dup2(nowhere, standard)
+    orders: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
+    folder = Path(sys.argv[1])
+    threading.Thread(target=_listen, args=(given, orders, folder), daemon=True).start()
+    worker: _Worker | None = None
+    prober: Any = None
+    number = 0  # of the job that was loaded last
+    while True:
+        order = orders.get()
+        if "quit" in order:
+            if worker is not None:
+                worker.close()
+            answers.flush()
+            _end_group()
+        try:
+            if "load" in order:
+                if worker is not None:
+                    worker.close()
+                number = order["load"]["number"]
+                worker = None
+                worker = _Worker(order["load"])
+                answer: dict[str, Any] = {"ready": True}
+            elif "prepare" in order:
+                from estimator.stepping.probing import Prober
+
+                prober = Prober(order["prepare"])
+                continue
+            elif "probe" in order:
+                answer = {"stage": _stage(prober, order["probe"])}
+            elif worker is None:
+                answer = {"error": "no FMU loaded"}
+            else:
+                answer = worker.run(order["run"])
+        except Exception as error:
+            answer = {"error": " ".join(str(error).split()) or type(error).__name__}
+        answers.write(json.dumps({**answer, "number": number}) + "\n")
+
+
+def _stage(prober: Any, name: str) -> dict[str, Any]:
+    """Run a stage of the probe; a refusal is an answer."""
+    from estimator.stepping.probing import Refused
+
+    if prober is None:
+        raise RuntimeError("its library cannot be loaded")
+    try:
+        return dict(prober.stage(name))
+    except Refused as refusal:
+        return {"refused": str(refusal)}
+
+
+class _Worker:
+    """The FMU of one job, the desk, and the numbers."""
+
+    def __init__(self, order: dict[str, Any]) -> None:
+        job = dict(order["job"])
+        job["experiments"] = tuple(ExperimentLayout(**e) for e in job["experiments"])
+        for name in ("settings", "scale", "types", "counts"):
+            job[name] = tuple(tuple(x) if isinstance(x, list) else x for x in job[name])
+        self.index = int(order["index"])
+        self.memory_limit = int(order["memory_limit"])
+        self.desk = Desk(**order["desk"])
+        self._desk_map, self._desk_address = _map(order["desk_file"], write=True)
+        self._numbers_map, self._numbers_address = _map(order["numbers_file"], write=False)
+        self.layout = JobLayout(**job)
+        self.forks = self.layout.fresh_process and hasattr(os, "fork")
+        self._loaded = None if self.forks else LoadedFmu(self.layout, self._numbers_address)
+        self._looked = time.monotonic()
+        self._process: Any = None
+
+    def run(self, order: dict[str, Any]) -> dict[str, Any]:
+        """Simulate candidates until none is left, or until this process has grown too large."""
+        if order.get("reference"):
+            return {"rows": self._reference(order)}
+        desk, base = self.desk, self._desk_address
+        batch = BatchStruct(
+            next=base + desk.next,
+            claim=base + desk.claims + self.index * ENTRY,
+            candidates=int(order["candidates"]),
+            quota=QUOTA,
+            refine=int(order["refine"]),
+            values=base + desk.values,
+            bounds=base + desk.bounds,
+            costs=base + desk.costs,
+            steps=base + desk.steps,
+            outcomes=base + desk.outcomes,
+            shown=base + desk.shown if order["record"] else None,
+        )
+        if self.layout.fresh_process:
+            return self._run_apart(batch)
+        full = False
+        while self.loaded.run(batch) == QUOTA and not full:
+            full = self._too_large()
+        full = full or self._too_large()
+        return self._answer(recycle=full)
+
+    @property
+    def loaded(self) -> LoadedFmu:
+        """The FMU, loaded into this process when it is asked for."""
+        if self._loaded is None:
+            self._loaded = LoadedFmu(self.layout, self._numbers_address)
+        return self._loaded
+
+    def close(self) -> None:
+        """Free the FMU's instance."""
+        if self._loaded is not None:
+            self._loaded.close()
+
+    def _run_apart(self, batch: BatchStruct) -> dict[str, Any]:
+        """Simulate candidates, each simulation in a process of its own, which is forked from this one.
+
+        Where there is no fork this process does one candidate of one recording and asks to be replaced.
+        """
+        if not self.forks:
+            candidate = self.loaded.take(batch)
+            if candidate >= 0:
+                for e in range(len(self.layout.experiments)):
+                    if self.loaded.run_one(batch, candidate=candidate, experiment=e) != FINISHED:
+                        break
+            return self._answer(recycle=candidate >= 0)
+        fmu_class(self.layout.version, self.layout.kind)  # imported before the fork, so that no child need do it
+        taker = stepper()
+        ended = []
+        while (candidate := int(taker.stepper_take(batch))) >= 0:
+            for e in range(len(self.layout.experiments)):
+                child = os.fork()
+                if child == 0:
+                    self._only(batch, candidate, e)
+                _, status = os.waitpid(child, 0)
+                code = os.waitstatus_to_exitcode(status)
+                if code == NOT_LOADED:
+                    raise RuntimeError("its library cannot be loaded in a process of its own")
+                if code not in (0, UNFINISHED):
+                    outcomes = (ctypes.c_int64 * batch.candidates).from_address(batch.outcomes)
+                    outcomes[candidate] = CRASHED
+                    ended.append((candidate, code))
+                if code != 0:
+                    break
+        return {"done": True, "recycle": False, "words": "", "messages": 0, "ended": ended}
+
+    def _only(self, batch: BatchStruct, candidate: int, experiment: int) -> NoReturn:
+        """Simulate one experiment in this forked process, and end it."""
+        code = NOT_LOADED
+        try:
+            _end_with_parent()
+            loaded = self.loaded
+            outcome = loaded.run_one(batch, candidate=candidate, experiment=experiment)
+            code = 0 if outcome == FINISHED else UNFINISHED
+        finally:
+            os._exit(code)
+
+    def _answer(self, *, recycle: bool) -> dict[str, Any]:
+        log = self.loaded.log
+        words = log.last.decode("utf-8", "replace")
+        return {"done": True, "recycle": recycle, "words": words, "messages": log.messages}
+
+    def _reference(self, order: dict[str, Any]) -> list[list[float]]:
+        experiment = self.loaded.layout.experiments[order["experiment"]]
+        columns = len(self.loaded.layout.input_references)
+
+        def numbers(offset: int, count: int) -> list[float]:
+            return list((ctypes.c_double * count).from_address(self._numbers_address + offset))
+
+        flat = numbers(experiment.inputs, experiment.samples * columns)
+        inputs = [flat[k * columns : (k + 1) * columns] for k in range(experiment.samples)]
+        times = None if experiment.times is None else numbers(experiment.times, experiment.samples)
+        return reference_trajectories(
+            self.loaded,
+            values=order["values"],
+            experiment=order["experiment"],
+            inputs=inputs,
+            times=times,
+            refine=order["refine"],
+        )
+
+    def _too_large(self) -> bool:
+        now = time.monotonic()
+        if now - self._looked < MEMORY_CHECK:
+            return False
+        self._looked = now
+        if self._process is None:
+            import psutil
+
+            self._process = psutil.Process()
+        return bool(self._process.memory_info().rss > self.memory_limit)
+
+
+def _end_with_parent() -> None:
+    """End this forked child when its parent ends; Linux only."""
+    with contextlib.suppress(OSError, AttributeError):
+        ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG
+
+
+def _listen(given: IO[str], orders: queue.SimpleQueue[dict[str, Any]], folder: Path) -> None:
+    for line in given:
+        orders.put(json.loads(line))
+    shutil.rmtree(folder, ignore_errors=True)
+    _end_group()
+
+
+def _end_group() -> NoReturn:
+    """End this process, and those that the FMU has started."""
+    if os.name == "posix" and os.getpgrp() == os.getpid():
+        os.killpg(0, signal.SIGKILL)
+    os._exit(0)
+
+
+def _map(path: str, *, write: bool) -> tuple[mmap.mmap, int]:
+    file: IO[bytes]
+    with open(path, "r+b") as file:
+        mapped = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_WRITE if write else mmap.ACCESS_COPY)
+    return mapped, ctypes.addressof(ctypes.c_char.from_buffer(mapped))
