@@ -101,7 +101,8 @@ def test_a_drift_is_named_and_makes_the_estimate_doubtful(case_of, noisy):
     line = np.where(k > 520, (k - 1650) / 2300, 0.0)
     result = run(case_of(), with_signals(noisy, current=noisy.signals["current"] + 0.04 * line))
     assert result.verdict == "doubtful"
-    assert any(reason.startswith("i drifts by") for reason in result.reasons)
+    told = [float(reason.split()[3]) for reason in result.reasons if reason.startswith("i drifts by")]
+    assert told == pytest.approx([0.04], rel=0.2)  # its deviation is 0.003
 
 
 def test_a_supply_that_sags_is_named(case_of, noisy):

@@ -47,13 +47,28 @@ def with_drift(problem: Problem, raw: FloatArray, polish: Polish, treatment: Tre
         column = problem.spread_out([rows])
         z, size = judged(column)
         if z > DRIFTS:
-            drifts.append((name, -size))
+            drifts.append((name, size))
         columns.append(column)
     if not drifts:
         return treatment
     if set(MOTOR) <= {*plan.names, *plan.fixed}:
-        columns = _motor_drift(problem, polish.values, start)
+        moved = _motor_drift(problem, polish.values, start)
+        columns = [problem.spread_out([own]) for own in moved]
+        told = {name for name, _ in drifts}
+        sizes = _sizes(problem, polish, treatment, weighted, columns)
+        over = 2 * sizes @ np.array([own[-1] for own in moved])  # the line ends at one half
+        drifts = [(name, size) for name, size in zip(problem.outputs, over.tolist(), strict=True) if name in told]
     return dataclasses.replace(treatment.also(columns), drifts=tuple(drifts), lost=treatment.lost + 1)
+
+
+def _sizes(
+    problem: Problem, polish: Polish, treatment: Treatment, weighted: FloatArray, columns: list[FloatArray]
+) -> FloatArray:
+    """Return how much of each column, (m,) in the outputs' units, the measurement holds beside the parameters."""
+    scale = polish.deviations[problem.output_of_residual]
+    inside = polish.jacobian[:, polish.at_bound == 0]
+    rows = treatment.apply(np.vstack([inside.T, [column / scale for column in columns]]), weighted=True)
+    return -np.asarray(np.linalg.lstsq(rows.T, weighted, rcond=None)[0])[-len(columns) :]
 
 
 def _line(w: FloatArray, start: int) -> FloatArray:
@@ -65,7 +80,7 @@ def _line(w: FloatArray, start: int) -> FloatArray:
 
 
 def _motor_drift(problem: Problem, values: FloatArray, start: int) -> list[FloatArray]:
-    """Return what a friction and a resistance that drift by their own size over the recording would change, (m,) each.
+    """Return what a friction and a resistance that drift by their own size would change, (n, q) each.
 
     To first order the motor responds to the torque and to the voltage that the drift takes: B w(t) s(t), R i(t) s(t),
     with s(t) a straight line through zero in the middle of the part after the step.
@@ -95,7 +110,7 @@ def _motor_drift(problem: Problem, values: FloatArray, start: int) -> list[Float
         ]
         i, w = a * i + b * w + c * voltage, f * i + g * w + p * voltage
     index = [("i", "w").index(y) for y in plan.outputs]
-    return [problem.spread_out([rows[:, index]]) for rows in shift]
+    return [rows[:, index] for rows in shift]
 
 
 def _exponential(A: FloatArray) -> FloatArray:

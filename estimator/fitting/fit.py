@@ -16,6 +16,8 @@ from estimator.plans.plan import Plan
 
 FloatArray = NDArray[np.float64]
 
+REWEIGHED, SAME_WEIGHTS = 3, 0.02  # times at most; relative change of the outputs' weights that does not matter
+
 
 @dataclass(frozen=True)
 class Fit:
@@ -78,6 +80,23 @@ def squares(problem: Problem, treatment: Treatment) -> LeastSquares:
         lost=treatment.lost,
         loss=problem.plan.case.search.loss,
     )
+
+
+def weighed(fit: Fit) -> Fit:
+    """Return the fit whose treatment weighs the outputs as the fit does.
+
+    What moves several outputs at once, a drift or a wrong assumption, is taken out along all of them: by other weights
+    the projection would be oblique, the parameters worse and their standard errors wrong.
+    """
+    for _ in range(REWEIGHED):
+        scale = fit.polish.deviations[fit.problem.output_of_residual]
+        ratio = scale / fit.treatment.scale
+        if not fit.treatment.basis.shape[1] or np.ptp(ratio) < SAME_WEIGHTS * np.max(ratio):
+            break
+        treatment = fit.treatment.rescaled(scale)
+        polish = squares(fit.problem, treatment).polish(fit.polish.values, fit.polish.deviations)
+        fit = dataclasses.replace(fit, polish=polish, treatment=treatment)
+    return fit
 
 
 def colours(fit: Fit) -> tuple[Colour, ...]:

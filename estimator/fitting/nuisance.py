@@ -27,6 +27,7 @@ from estimator.fitting.fit import (
     log_likelihood,
     misfit,
     squares,
+    weighed,
     with_coloured_errors,
 )
 from estimator.fitting.freeing import free_delay, named, with_average, with_offset, with_place, without
@@ -412,10 +413,10 @@ class Refinement:
             and treatment.ripples == fit.treatment.ripples
             and treatment.drifts == fit.treatment.drifts
         )
-        if same and not again:
-            return dataclasses.replace(fit, colours=colours(fit))
-        polish = squares(fit.problem, treatment).polish(fit.polish.values, fit.polish.deviations)
-        fit = dataclasses.replace(fit, polish=polish, treatment=treatment)
+        if not same or again:
+            polish = squares(fit.problem, treatment).polish(fit.polish.values, fit.polish.deviations)
+            fit = dataclasses.replace(fit, polish=polish, treatment=treatment)
+        fit = weighed(fit)
         return dataclasses.replace(fit, colours=colours(fit))
 
     def _first_order(self, fit: Fit, direction: Direction) -> tuple[float, float]:

@@ -68,6 +68,11 @@ class Treatment:
         basis = np.linalg.qr(np.column_stack([self.basis, *more]))[0]
         return dataclasses.replace(self, basis=basis)
 
+    def rescaled(self, scale: FloatArray) -> Treatment:
+        """Return the treatment that takes out the same columns from residuals weighed by other deviations, (m,)."""
+        basis = np.linalg.qr(self.basis * (self.scale / scale)[:, None])[0]
+        return dataclasses.replace(self, basis=basis, scale=scale)
+
     @classmethod
     def none(cls, size: int, outputs: int) -> Treatment:
         """Return the treatment that changes nothing."""
