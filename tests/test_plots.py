@@ -2,7 +2,10 @@
 
 import io
 import itertools
+import os
+import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,6 +19,7 @@ from matplotlib.image import imread
 from estimator.results import plots
 from estimator.results.result import Comparison
 
+ROOT = Path(__file__).resolve().parent.parent
 NOISE = {"i": 0.02, "w": 1.0}
 
 
@@ -138,7 +142,16 @@ def test_recordings_beyond_the_first_four_are_counted():
 
 
 def test_nothing_global_is_touched():
-    assert "matplotlib.pyplot" not in sys.modules
+    code = (
+        "import sys; from made_estimates import comparison; from estimator.results import plots;"
+        "plots.png(plots.comparison_figure([comparison()])); print(*sys.modules)"
+    )
+    path = os.pathsep.join(["tests", ".", *sys.path])
+    run = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, env={**os.environ, "PYTHONPATH": path}, capture_output=True, check=True
+    )
+    loaded = run.stdout.decode().split()
+    assert "matplotlib.figure" in loaded and "matplotlib.pyplot" not in loaded
 
 
 def test_the_enlarged_part_of_a_step_is_its_transient():
