@@ -30,6 +30,7 @@ class Bench:
     adc : A, one step of the current's converter; 0: none
     lines : encoder lines (four counts each), differenced to a speed; 0: the speed itself with `speed_noise`
     counts : record the encoder's angle, not the speed
+    beside : record the encoder's angle (of 1 000 lines) beside the speed, which has `speed_gain`
     chebyshev : (order, ripple dB, cutoff Hz) on the recorded speed
     average : samples that the current is averaged over
     current_ripple, speed_ripple : amplitudes, A, rad/s, with their orders of the angle
@@ -49,6 +50,7 @@ class Bench:
     adc: float = 0.0
     lines: int = 0
     counts: bool = False
+    beside: bool = False
     chebyshev: tuple[int, float, float] | None = None
     average: int = 1
     current_ripple: float = 0.0
@@ -62,6 +64,7 @@ class Bench:
     current_offset: float = 0.0
     speed_offset: float = 0.0
     current_gain: float = 1.0
+    speed_gain: float = 1.0
     outliers: float = 0.0
     missing: float = 0.0
     jitter: float = 0.0
@@ -103,7 +106,7 @@ class Bench:
             w = np.concatenate([[0.0], np.diff(angle)]) / self.step
         else:
             w = w + self.speed_noise * rng.standard_normal(n)
-        w = w + self.speed_offset
+        w = self.speed_gain * w + self.speed_offset
         if self.chebyshev is not None:
             w = filtered(w, self.chebyshev, self.step)
         signals = [i, angle if self.counts else w]
@@ -115,9 +118,11 @@ class Bench:
                 signal[rng.random(n) < self.missing] = np.nan
         voltage = np.where(k >= round(self.lead / self.step), self.voltage, 0.0)
         second = "angle [rad]" if self.counts else "speed [rad/s]"
-        return recording_from_arrays(
-            name, time, {"voltage [V]": voltage, "current [A]": signals[0], second: signals[1]}
-        )
+        columns = {"voltage [V]": voltage, "current [A]": signals[0], second: signals[1]}
+        if self.beside:
+            count = 2 * np.pi / 4000
+            columns["angle [rad]"] = count * np.floor(angle / count + rng.random())
+        return recording_from_arrays(name, time, columns)
 
     def response(self, t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return current, speed and angle at t s after the voltage has come on, (n,) each; zero before."""

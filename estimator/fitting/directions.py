@@ -113,7 +113,9 @@ def _scales(fit: Fit, shown: list[FloatArray], j: int) -> Iterator[Direction]:
     name = f"gain {y}"
     if name not in {*plan.names, *plan.declared} and y != "angle":  # of the encoder the counts a turn are known
         column = _weighted(fit, _alone(shown, j, lambda full: full))
-        sentence = f"{y} is shown with a gain other than 1, as what is held fixed tells; it is estimated"
+        sentence = (
+            f"{y} is shown with a gain other than 1, as what is held fixed or shown beside it tells; it is estimated"
+        )
         yield Direction(name, column, None, with_gain(name, y), sentence=sentence)
 
 

@@ -16,6 +16,7 @@ from estimator.plans.plan import MOTOR
 FloatArray = NDArray[np.float64]
 
 DRIFTS = 5.0  # standard deviations of a drift that is taken out
+STATES = ("i", "w", "angle")
 EXPLAINED = 0.05  # of its power: a response that goes on to the end looks like a drift
 LEAST = 500  # samples after the step: fewer tell no drift
 
@@ -51,7 +52,7 @@ def with_drift(problem: Problem, raw: FloatArray, polish: Polish, treatment: Tre
         columns.append(column)
     if not drifts:
         return treatment
-    if set(MOTOR) <= {*plan.names, *plan.fixed}:
+    if set(MOTOR) <= {*plan.names, *plan.fixed} and set(plan.outputs) <= set(STATES):
         moved = _motor_drift(problem, polish.values, start)
         columns = [problem.spread_out([own]) for own in moved]
         told = {name for name, _ in drifts}
@@ -109,8 +110,8 @@ def _motor_drift(problem: Problem, values: FloatArray, start: int) -> list[Float
             [a * d[1][0] + b * d[1][1] - c * drop, f * d[1][0] + g * d[1][1] - p * drop],
         ]
         i, w = a * i + b * w + c * voltage, f * i + g * w + p * voltage
-    index = [("i", "w").index(y) for y in plan.outputs]
-    return [rows[:, index] for rows in shift]
+    index = [STATES.index(y) for y in plan.outputs]
+    return [np.column_stack([rows, np.cumsum(rows[:, 1]) * h])[:, index] for rows in shift]
 
 
 def _exponential(A: FloatArray) -> FloatArray:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from estimator.fitting.fit import at_given_bound
 from estimator.fitting.polish import Polish
 from estimator.judging.refusal import CONTRADICTED, lost_transients, refused_notes
+from estimator.judging.scales import scales_at_odds
 from estimator.judging.step_check import StepCheck
 from estimator.plans.noise_level import beside_means
 from estimator.plans.plan import MOTOR, Plan
@@ -104,7 +105,7 @@ def judge(
         reasons += _misfit(plan, shown, noise, spread)
         reasons += step.reasons
         reasons += _drifts(fit)
-        wrong = [*_betrayed(fit), *_gains(plan, values, fit), *_fast(plan, values)]
+        wrong = [*_betrayed(fit), *_gains(plan, values, fit), *scales_at_odds(plan), *_fast(plan, values)]
         reasons += wrong
         if held := at_given_bound(plan, polish):
             wrong.append(f"{', '.join(held)} may not go where the recording wants it")
@@ -268,10 +269,11 @@ def _put_back(fit: Fit | None) -> list[str]:
 
 
 def _gains(plan: Plan, values: Mapping[str, float], fit: Fit | None) -> list[str]:
-    """Say that a sensor's gain contradicts what is held fixed; of which sensor, nobody can tell."""
+    """Say that a sensor's gain contradicts what is held fixed or another sensor; of which, nobody can tell."""
     names = [] if fit is None else [n for n in fit.names if n.startswith("gain ")]
+    what = "what is held fixed does not fit" if plan.fixed or not names else "the signals contradict each other in"
     return [
-        f"what is held fixed does not fit the recording unless {name.split()[1]} is shown with a gain of"
+        f"{what} the recording unless {name.split()[1]} is shown with a gain of"
         f" {values[name]:.4g}; a gain of another signal may explain it as well; check the sensors' scales"
         for name in names
     ]
@@ -291,7 +293,8 @@ def _chain_notes(fit: Fit | None) -> list[str]:
     for j, parameter in enumerate(plan.parameters):
         if parameter.place is not None:
             value, error = polish.values[j], polish.standard_errors[j]
-            notes.append(f"{parameter.name} = {value:.6g} {parameter.unit} ± {error:.2g}")
+            unit = "" if parameter.unit == "1" else f" {parameter.unit}"
+            notes.append(f"{parameter.name} = {value:.6g}{unit} ± {error:.2g}")
     for name, ripple in fit.treatment.ripples:
         unit = plan.description.variable(name).unit
         notes.append(
@@ -325,7 +328,6 @@ def _notes(plan: Plan, steady: Steady | None) -> tuple[str, ...]:
             notes.append(f"{title}: the clock jitters by {100 * jitter:.2g} % of a step; each sample has its own time")
         for name, y in o.outputs.items():
             notes.append(f"{title}: {name} has {np.sum(~np.isnan(y))} samples, noise {noise_deviation(y):.2g}")
-    notes += plan.notes
     if steady is not None and steady.settling.settled:
         t = plan.observed[0].recording.time[steady.settling.start]
         state = steady.state

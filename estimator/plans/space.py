@@ -145,7 +145,8 @@ def steady_state(plan: Plan) -> Steady | None:
         return None
     if any(np.any(u != 0) for name, u in observed.inputs.items() if name != "v"):
         return None  # a load torque: the relations do not hold
-    settling = find_settling(observed.excitation, observed.outputs, interval=observed.recording.step)
+    settling_ones = {name: y for name, y in observed.outputs.items() if name != "angle"}
+    settling = find_settling(observed.excitation, settling_ones, interval=observed.recording.step)
     part = slice(settling.start, None)
     means = (observed.inputs["v"][part], observed.outputs["i"][part], observed.outputs["w"][part])
     return Steady(settling, SteadyState(*(float(np.nanmean(x)) for x in means)))

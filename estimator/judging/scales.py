@@ -1,0 +1,63 @@
+"""Whether the speed and the angle of one recording agree on a scale: one of the few gains that a recording tells."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.plans.plan import Observed, Plan
+from estimator.recordings.recording import motor_columns
+
+FloatArray = NDArray[np.float64]
+
+BLOCKS = 50  # parts of the recording whose means are compared: within them the speed's noise is averaged
+LEAST_BLOCK = 10  # samples
+AT_ODDS = 5.0  # standard deviations of a gain, with BLOCKS − 2 degrees of freedom
+LEAST = 0.002  # of a gain: less harms nobody
+
+
+def scales_at_odds(plan: Plan) -> list[str]:
+    """Return where a speed that is compared is not the slope of the angle that was logged beside it.
+
+    Over blocks of samples the angle's mean slope is fitted as gain × speed + offset. An angle that is compared itself
+    is no matter here: there the gain is estimated with all else.
+    """
+    reasons = []
+    for o in plan.observed:
+        found = _gain(o) if "w" in o.outputs and "angle" not in o.outputs else None
+        if found is None:
+            continue
+        column, gain, error = found
+        if abs(gain - 1) > max(LEAST, AT_ODDS * error):
+            reasons.append(
+                f"{o.recording.title}: held against {column!r} the speed is shown with a gain of {1 / gain:.4g}"
+                f" ± {error / gain**2:.1g}; if it is the speed that is wrong, K, J and B are, too: check the scales"
+            )
+    return reasons
+
+
+def _gain(o: Observed) -> tuple[str, float, float] | None:
+    """Return the angle's column, its slope over the speed, and the standard error of that; None without an angle."""
+    recording = o.recording
+    column = motor_columns(recording, required=[]).get("angle")
+    if column is None or recording.fault(column, "angle") or len(recording.signals[column]) != len(o.outputs["w"]):
+        return None
+    angle, w = recording.signals[column], o.outputs["w"]
+    size = max(LEAST_BLOCK, len(w) // BLOCKS)
+    ends = np.arange(0, len(w) - size, size)
+    whole = np.array(
+        [not (np.isnan(angle[k : k + size + 1]).any() or np.isnan(w[k : k + size + 1]).any()) for k in ends]
+    )
+    ends = ends[whole] if len(ends) else ends
+    if len(ends) < LEAST_BLOCK:
+        return None
+    slope = (angle[ends + size] - angle[ends]) / (recording.time[ends + size] - recording.time[ends])
+    mean = np.array([np.mean((w[k : k + size] + w[k + 1 : k + size + 1]) / 2) for k in ends])
+    if np.ptp(mean) == 0:
+        return None
+    rows = np.column_stack([mean, np.ones_like(mean)])
+    (gain, offset), *_ = np.linalg.lstsq(rows, slope, rcond=None)
+    left = slope - rows @ [gain, offset]
+    variance = float(left @ left) / (len(mean) - 2)
+    error = float(np.sqrt(variance / np.sum((mean - mean.mean()) ** 2)))
+    return column, float(gain), error
