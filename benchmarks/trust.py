@@ -213,6 +213,11 @@ def five_lost(seed: int) -> Bench:
     return replace(Bench(), clock_loss=(int(np.random.default_rng([seed, 3]).integers(3, 25)), 5))
 
 
+def five_lost_of_means(seed: int) -> Bench:
+    """Return such a bench whose logger takes means of the current, too."""
+    return replace(five_lost(seed), average=2 + seed % 4)
+
+
 def robust_rows() -> Iterator[Row]:
     """Yield one trouble at a time."""
 
@@ -226,6 +231,7 @@ def robust_rows() -> Iterator[Row]:
     yield Row("1 % outliers", lambda s: Bench(outliers=0.01))
     yield Row("5 % missing", lambda s: Bench(missing=0.05))
     yield Row("five samples lost", five_lost)
+    yield Row("five samples lost, current averaged over 2–5", five_lost_of_means)
     yield Row("clock jitters by 0.05 ms", lambda s: Bench(jitter=5e-5))
 
 

@@ -136,6 +136,15 @@ def test_a_gain_and_a_dry_friction_that_explain_a_recording_as_well_are_both_tol
     assert found["verdict"] == "doubtful" and set(found["named"]) == {"dry friction", "gain"}
 
 
+def test_lost_samples_of_a_logger_that_averages_are_put_back():
+    bench = Bench(average=2, clock_loss=(14, 5))  # on the wrong clock a mean of the speed and a delay are found
+    result = run(bench, 2)
+    assert result.reasons[0].startswith("5 samples seem to be missing before t = 0.514 s"), result.reasons
+    assert not result.chain and result.sensors["i"]["average"] == 2 and result.sensors["w"]["sensor"] == "identity"
+    for n in NAMES:
+        assert abs(result.parameters[n].value - bench.motor[n]) < 5 * result.parameters[n].standard_error
+
+
 def test_the_scaled_information_is_that_of_the_closed_form():
     told = run(Bench()).information
     columns = np.column_stack([bound._sensitivity(Bench(), name) for name in NAMES])

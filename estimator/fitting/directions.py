@@ -144,3 +144,14 @@ def starts(direction: Direction, start: float, problem: Problem) -> tuple[float,
     start = float(np.clip(start, -5 * h, 5 * h))
     near = np.floor(start / h) * h
     return tuple(dict.fromkeys((start, near + 0.5 * h, near + 1.5 * h if start - near > 0.5 * h else near - 0.5 * h)))
+
+
+def as_well(rival: Fit, direction: Direction | None) -> str:
+    """Say that an accusation, or a channel's delay or gain, explains a recording as well as what was taken."""
+    if direction is None:
+        return f"it would be explained as well otherwise: {rival.treatment.accused[-1].sentence}"
+    size = float(rival.polish.values[rival.problem.plan.names.index(direction.name)])
+    channel = direction.name.partition(" ")[2]
+    if direction.is_gain:
+        return f"{channel} shown with a gain of {size:.4g} would explain the recording as well; check its scale"
+    return f"{channel} shown {1e3 * size:.2g} ms late would explain the recording as well; measure it"

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.fitting.directions import AVERAGES, Direction, default_of, directions, starts
+from estimator.fitting.directions import AVERAGES, Direction, as_well, default_of, directions, starts
 from estimator.fitting.drift import with_drift
 from estimator.fitting.fit import (
     Fit,
@@ -69,10 +69,12 @@ class Refinement:
     rebuild: Callable[[Plan], Problem]
     evaluations: int = 30
     rejected: set[str] = field(default_factory=set)
+    plain: Plan | None = None  # before anything is freed
 
     def run(self, problem: Problem, polish: Polish) -> Fit:
         """Return the fit with the nuisances that earn their place."""
         problem, polish = self._wanted(problem, polish)
+        self.plain = problem.plan
         untreated = Fit(problem, polish, Treatment.none(len(polish.residuals), len(problem.outputs)))
         if at_given_bound(problem.plan, polish):  # then what does not fit is the bound's doing
             return with_coloured_errors(untreated)
@@ -202,7 +204,7 @@ class Refinement:
         if not doubtful:
             return taken if near[0][0] is taken else min(near, key=lambda n: _score(n[0]))[0]
         best = min(doubtful, key=_score)
-        told = tuple(_as_well(f, d) for f, d in near if f is not best and (d is None or d.unit is None))
+        told = tuple(as_well(f, d) for f, d in near if f is not best and (d is None or d.unit is None))
         return dataclasses.replace(best, nearly=(*best.nearly, *told))
 
     def _rival(self, fit: Fit, direction: Direction, *, gains: bool) -> Fit | None:
@@ -229,9 +231,33 @@ class Refinement:
         """Put rows that were lost back where that explains the recording as well as their effect to first order."""
         if lost.size < 0 or not can_be_set_right(fit.problem.plan):
             return None
+        bare = self._without_what_was_freed(fit)
+        tried = [self._with_rows_back(f, lost) for f in (fit, bare) if f is not None]
+        found = min(tried, key=lambda f: _score(f, like=fit))
+        return found if _score(found, like=fit) < _score(fit) + FREED**2 else None
+
+    def _with_rows_back(self, fit: Fit, lost: Accused) -> Fit:
+        """Put rows that were lost back; again if the current turns out to be a mean on the right clock."""
         found = self._treated(put_back(fit, lost, self.rebuild), again=True)
-        fewer = misfit(found) - log_likelihood(fit.problem, found.polish.deviations)  # samples that are left out now
-        return found if _score(found) - fewer < _score(fit) + FREED**2 else None
+        mean = self._averaged(found)
+        if mean is None:
+            return found
+        return self._treated(put_back(mean, mean.treatment.accused[-1], self.rebuild), again=True)
+
+    def _without_what_was_freed(self, fit: Fit) -> Fit | None:
+        """Return a fit, not polished, without what a wrong clock may have freed; the current's mean and phases stay."""
+        plan, gone = fit.problem.plan, [n for n in fit.names if not n.startswith("average i ") and " angle" not in n]
+        if not gone:
+            return None
+        kept = [p.name not in gone for p in plan.parameters]
+        parameters = tuple(p for p in plan.parameters if p.name not in gone)
+        first = self.plain or plan
+        chains = {**first.chains, **{y: chain for y, chain in plan.chains.items() if y == "i"}}
+        problem = self.rebuild(dataclasses.replace(plan, parameters=parameters, sensors=first.sensors, chains=chains))
+        polish = dataclasses.replace(fit.polish, values=fit.polish.values[kept])
+        told = [(n, s) for n, s in zip(fit.names, fit.freed, strict=True) if n not in gone]
+        names, freed = tuple(n for n, _ in told), tuple(s for _, s in told)
+        return dataclasses.replace(fit, problem=problem, polish=polish, names=names, freed=freed)
 
     def _without_idle(self, fit: Fit) -> Fit:
         """Fix again what was freed at first and has become insignificant beside what was freed later."""
@@ -455,17 +481,10 @@ class Refinement:
         return best
 
 
-def _score(fit: Fit) -> float:
-    """Return a fit's misfit, each sample that is left out as an outlier counted as one."""
-    return misfit(fit) + FREED**2 * float(np.sum(fit.treatment.keep == 0))
+def _score(fit: Fit, *, like: Fit | None = None) -> float:
+    """Return a fit's misfit, each sample that is left out as an outlier counted as one.
 
-
-def _as_well(rival: Fit, direction: Direction | None) -> str:
-    """Say that an accusation, or a channel's delay or gain, explains a recording as well as what was taken."""
-    if direction is None:
-        return f"it would be explained as well otherwise: {rival.treatment.accused[-1].sentence}"
-    size = float(rival.polish.values[rival.problem.plan.names.index(direction.name)])
-    channel = direction.name.partition(" ")[2]
-    if direction.is_gain:
-        return f"{channel} shown with a gain of {size:.4g} would explain the recording as well; check its scale"
-    return f"{channel} shown {1e3 * size:.2g} ms late would explain the recording as well; measure it"
+    That of another fit's number of samples if it is given.
+    """
+    outliers = float(np.sum(fit.treatment.keep == 0))
+    return log_likelihood((like or fit).problem, fit.polish.deviations) + FREED**2 * outliers
