@@ -245,15 +245,15 @@ class Refinement:
         return self._treated(put_back(mean, mean.treatment.accused[-1], self.rebuild), again=True)
 
     def _without_what_was_freed(self, fit: Fit) -> Fit | None:
-        """Return a fit, not polished, without what a wrong clock may have freed; the current's mean and phases stay."""
-        plan, gone = fit.problem.plan, [n for n in fit.names if not n.startswith("average i ") and " angle" not in n]
+        """Return a fit, not polished, without what a wrong clock may have freed; an encoder's phase stays."""
+        plan, gone = fit.problem.plan, [n for n in fit.names if " angle" not in n]
         if not gone:
             return None
         kept = [p.name not in gone for p in plan.parameters]
         parameters = tuple(p for p in plan.parameters if p.name not in gone)
         first = self.plain or plan
-        chains = {**first.chains, **{y: chain for y, chain in plan.chains.items() if y == "i"}}
-        problem = self.rebuild(dataclasses.replace(plan, parameters=parameters, sensors=first.sensors, chains=chains))
+        plan = dataclasses.replace(plan, parameters=parameters, sensors=first.sensors, chains=first.chains)
+        problem = self.rebuild(plan)
         polish = dataclasses.replace(fit.polish, values=fit.polish.values[kept])
         told = [(n, s) for n, s in zip(fit.names, fit.freed, strict=True) if n not in gone]
         names, freed = tuple(n for n, _ in told), tuple(s for _, s in told)
