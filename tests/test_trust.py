@@ -214,6 +214,8 @@ def test_what_was_nearly_freed_widens_the_errors():
     clean = run(Bench(), 3)
     assert any("offset i" in note and "the standard errors allow for it" in note for note in result.notes)
     assert result.parameters["B"].standard_error > 1.5 * clean.parameters["B"].standard_error
+    current = result.derived["current_per_volt"]  # which stands on B and the offset's current
+    assert current.standard_error > 1.5 * clean.derived["current_per_volt"].standard_error
 
 
 @pytest.mark.full

@@ -25,6 +25,14 @@ def named(kind: str, plan: Plan, recording: int) -> str:
     return f"{kind} {names[recording] if names.count(names[recording]) == 1 else recording + 1}"
 
 
+def unit_of(name: str, plan: Plan) -> str:
+    """Return the unit of a delay, an offset or a gain by its name; nothing for a gain."""
+    kind, _, rest = name.partition(" ")
+    if kind == "offset":
+        return plan.description.variable(rest.partition(" ")[0]).unit or ""
+    return "s" if kind == "delay" else ""
+
+
 def delay_parameter(plan: Plan, recording: int, start: float) -> Parameter:
     """Return a free delay of one recording, around a start in s."""
     h = plan.observed[recording].recording.step

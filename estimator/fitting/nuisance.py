@@ -30,7 +30,7 @@ from estimator.fitting.fit import (
     weighed,
     with_coloured_errors,
 )
-from estimator.fitting.freeing import free_delay, named, with_average, with_offset, with_place, without
+from estimator.fitting.freeing import free_delay, named, unit_of, with_average, with_offset, with_place, without
 from estimator.fitting.lost_samples import can_be_set_right, put_back
 from estimator.fitting.noise import find_outliers
 from estimator.fitting.polish import LeastSquares, Polish
@@ -284,11 +284,12 @@ class Refinement:
         it may be there, and then the parameters are off by this much.
         """
         inside = fit.polish.at_bound == 0
-        jacobian, covariance = fit.polish.jacobian[:, inside], fit.polish.covariance.copy()
+        jacobian = fit.polish.jacobian[:, inside]
+        covariance, scores = fit.polish.covariance.copy(), fit.polish.scores.copy()
         if not inside.any() or not np.isfinite(covariance).all():
             return fit
         basis, triangle = np.linalg.qr(jacobian)
-        found = []
+        found, plan = [], fit.problem.plan
         for direction in directions(fit):
             column = fit.treatment.apply(direction.column[None, :], weighted=True)[0]
             across = column - basis @ (basis.T @ column)
@@ -302,15 +303,17 @@ class Refinement:
             shift = np.zeros(len(covariance))
             shift[inside] = np.linalg.lstsq(triangle, basis.T @ column * size, rcond=None)[0]
             covariance += np.outer(shift, shift)
+            scores[np.ix_(inside, inside)] += np.outer(jacobian.T @ column * size, jacobian.T @ column * size)
             found.append(
-                f"{direction.name} of {size:.2g} would improve the fit by {z:.1f} standard deviations, too few to free"
-                " it; the standard errors allow for it"
+                f"{direction.name} of {size:.2g} {unit_of(direction.name, plan)}".rstrip()
+                + f" would improve the fit by {z:.1f} standard deviations, too few to free it; the standard errors allow"
+                " for it"
             )
         if not found:
             return fit
         scale = np.where(fit.problem.box.log, fit.polish.values, 1.0)
         errors = np.sqrt(np.diag(covariance)) * np.abs(scale)
-        polish = dataclasses.replace(fit.polish, covariance=covariance, standard_errors=errors)
+        polish = dataclasses.replace(fit.polish, covariance=covariance, standard_errors=errors, scores=scores)
         return dataclasses.replace(fit, polish=polish, nearly=(*fit.nearly, *found))
 
     def _is_smooth(self, fit: Fit) -> bool:

@@ -57,7 +57,8 @@ class Polish:
     residuals : (m,) array
         Weighted.
     scores : (p, p) array
-        Jᵀ Γ J, with Γ the autocovariance of the weighted residuals; JᵀJ where they are white.
+        Jᵀ Γ J, with Γ the autocovariance of the weighted residuals; JᵀJ where they are white. The covariance between
+        its inverses (JᵀJ)⁻¹.
     """
 
     values: FloatArray
