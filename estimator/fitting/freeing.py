@@ -15,6 +15,7 @@ from estimator.stepping import layout
 FloatArray = NDArray[np.float64]
 
 DELAY_ROOM = 20.0  # samples on either side of a delay's start
+FREED = 4.0  # standard deviations by which a nuisance must improve the fit
 
 
 def named(kind: str, plan: Plan, recording: int) -> str:

@@ -30,25 +30,23 @@ from estimator.fitting.fit import (
     weighed,
     with_coloured_errors,
 )
-from estimator.fitting.freeing import free_delay, named, unit_of, with_average, with_offset, with_place, without
+from estimator.fitting.freeing import FREED, free_delay, named, with_average, with_offset, with_place, without
 from estimator.fitting.lost_samples import can_be_set_right, put_back
 from estimator.fitting.noise import find_outliers
 from estimator.fitting.polish import LeastSquares, Polish
 from estimator.fitting.problem import Problem
 from estimator.fitting.suspects import LOST, renewed, strongest_suspect
 from estimator.fitting.treatment import Accused, Treatment, find_treatment
+from estimator.fitting.widening import widened
 from estimator.plans.plan import ChainSpec, Plan
 from estimator.recordings.excitation import quantum
 from estimator.stepping import layout
 
 FloatArray = NDArray[np.float64]
 
-FREED = 4.0  # standard deviations by which a nuisance must improve the fit
-NEARLY = 2.0  # standard deviations from which one that stays fixed widens the errors
-TOLD = 1e-3  # of a nuisance's power, beside the parameters: below they cannot be told apart
 ROUNDS = 8
-HOPELESS = 5.0  # times that, by a rough fit
 COUNTED = 1.3  # times the deviation of one count, 1/√12: more is not explained by counting
+HOPELESS = 5.0  # times that deviation, by a rough fit
 OUTLIERS = 3  # fewer do no harm that is not seen
 HUBER, HUBER_PASSES = 1.5, 4  # deviations
 SMOOTH = 0.3  # correlation of neighbours, of a mean over n samples 1 − 1/n
@@ -104,7 +102,7 @@ class Refinement:
             if better is None:
                 break
             fit = better
-        return self._widened(with_coloured_errors(self._without_idle(fit)))
+        return widened(with_coloured_errors(self._without_idle(fit)))
 
     def _robust(self, problem: Problem, polish: Polish) -> Polish:
         """Where there are outliers, fit again with them held down (Huber): in the transient they bend the fit."""
@@ -276,45 +274,6 @@ class Refinement:
             fixed = self._treated(Fit(problem, polish, fit.treatment, names=names, freed=freed))
             return self._without_idle(fixed)
         return fit
-
-    def _widened(self, fit: Fit) -> Fit:
-        """Widen the errors by what a nuisance would move that was nearly freed.
-
-        Between NEARLY and FREED standard deviations it stays fixed, so that clean data keep their small errors; but
-        it may be there, and then the parameters are off by this much.
-        """
-        inside = fit.polish.at_bound == 0
-        jacobian = fit.polish.jacobian[:, inside]
-        covariance, scores = fit.polish.covariance.copy(), fit.polish.scores.copy()
-        if not inside.any() or not np.isfinite(covariance).all():
-            return fit
-        basis, triangle = np.linalg.qr(jacobian)
-        found, plan = [], fit.problem.plan
-        for direction in directions(fit):
-            column = fit.treatment.apply(direction.column[None, :], weighted=True)[0]
-            across = column - basis @ (basis.T @ column)
-            power, product = float(across @ across), float(across @ fit.polish.residuals)
-            if direction.unit is not None or direction.is_channel or power <= TOLD * float(column @ column):
-                continue
-            z = abs(product) / np.sqrt(power * max(1.0, inflation(fit)))
-            if not NEARLY < z < FREED:
-                continue
-            size = -product / power
-            shift = np.zeros(len(covariance))
-            shift[inside] = np.linalg.lstsq(triangle, basis.T @ column * size, rcond=None)[0]
-            covariance += np.outer(shift, shift)
-            scores[np.ix_(inside, inside)] += np.outer(jacobian.T @ column * size, jacobian.T @ column * size)
-            found.append(
-                f"{direction.name} of {size:.2g} {unit_of(direction.name, plan)}".rstrip()
-                + f" would improve the fit by {z:.1f} standard deviations, too few to free it; the standard errors allow"
-                " for it"
-            )
-        if not found:
-            return fit
-        scale = np.where(fit.problem.box.log, fit.polish.values, 1.0)
-        errors = np.sqrt(np.diag(covariance)) * np.abs(scale)
-        polish = dataclasses.replace(fit.polish, covariance=covariance, standard_errors=errors, scores=scores)
-        return dataclasses.replace(fit, polish=polish, nearly=(*fit.nearly, *found))
 
     def _is_smooth(self, fit: Fit) -> bool:
         """Whether neighbouring residuals of the current are alike in the second half, where all has settled."""
