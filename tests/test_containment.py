@@ -21,6 +21,7 @@ from estimator.errors import FmuError, SimulationError
 from estimator.estimating.estimate import estimate_recordings
 from estimator.fmus.fmu import describe
 from estimator.fmus.job import Job
+from estimator.fmus.probe import probe
 from estimator.fmus.run_folder import LOCK, PREFIX, RunFolder, remove_leftovers
 from estimator.fmus.workers import Workers
 from estimator.recordings.recording import write_recording
@@ -116,6 +117,21 @@ def test_a_step_that_fails_costs_its_candidate_only(tmp_path, good_cost, status)
     assert batch.costs.tolist() == [good_cost, np.inf, good_cost]
     assert failures[0].reason == f"doStep returned {status}"
     assert before == after
+
+
+@pytest.mark.parametrize(("status", "told"), [("-1", 255), ("77", 77), ("300", 44)])
+def test_a_status_that_fmi_does_not_know_costs_its_candidate_only(tmp_path, good_cost, status, told):
+    fmu = faulty_fmu(tmp_path, SetReal=MARK, DoStep=f"{IF_BAD} return (fmi2Status) {status};")
+    batch, failures, *_ = run(fmu, [GOOD, BAD, GOOD])
+    assert batch.costs.tolist() == [good_cost, np.inf, good_cost]
+    assert [f.reason for f in failures] == [f"doStep returned the status {told}, which FMI does not know"]
+
+
+def test_a_status_that_fmi_does_not_know_is_told_by_the_probe(tmp_path):
+    found = probe(describe(faulty_fmu(tmp_path, DoStep="return (fmi2Status) 77;")), thorough=False)
+    assert found.problem.startswith(
+        "it does not run: doStep returned the status 77, which FMI does not know at t = 0 s"
+    )
 
 
 def test_the_fmus_own_words_are_told(tmp_path):

@@ -73,6 +73,11 @@ def positions(job: JobLayout) -> tuple[tuple[int, ...], tuple[int, ...], tuple[i
     return tuple(range(p)), tuple(range(p, q)), tuple(range(q, q + len(job.output_references)))
 
 
+def status_name(status: int) -> str:
+    """Return the standard's name of an FMI status, or its number where it is none of the standard's."""
+    return FMI_STATUS[status] if 0 <= status < len(FMI_STATUS) else f"the status {status}, which FMI does not know"
+
+
 def outcome_sentence(outcome: int, *, words: str = "", names: Sequence[str] = ()) -> str:
     """Say what an outcome code means: "doStep returned Error: <the FMU's words>".
 
@@ -83,7 +88,7 @@ def outcome_sentence(outcome: int, *, words: str = "", names: Sequence[str] = ()
     kind, phase, status, refused = outcome % 256, outcome >> 8 & 255, outcome >> 16 & 255, outcome >> 24
     if kind == FAILED:
         which = f" for {names[refused - 1]}" if 0 < refused <= len(names) else ""
-        return f"{PHASES[phase]} returned {FMI_STATUS[status]}{which}" + (f": {words}" if words else "")
+        return f"{PHASES[phase]} returned {status_name(status)}{which}" + (f": {words}" if words else "")
     return {
         FINISHED: "finished",
         CUT_SHORT: "cut short",

@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 from ctypes import CFUNCTYPE, POINTER, c_char_p, c_double, c_int, c_size_t, c_uint32, c_void_p
 from typing import Any
 
-from estimator.stepping.layout import FMI_STATUS, JobLayout, positions
+from estimator.stepping.layout import JobLayout, positions, status_name
 from estimator.stepping.slave import LoadedFmu
 
 LEAST_STEPS = 10  # of a run that ends early, to be one
@@ -238,7 +238,7 @@ class Prober:
         at = self.start + k * h
         status = self.call["do_step"](component, at, h, 1)
         if status > 1:
-            raise Refused(f"doStep returned {FMI_STATUS[status]} at t = {at:g} s{self._words()}")
+            raise Refused(f"doStep returned {status_name(status)} at t = {at:g} s{self._words()}")
 
     def _set(self, references: Sequence[int], values: Sequence[float]) -> int:
         n = len(references)
@@ -259,8 +259,7 @@ class Prober:
 
     def _check(self, what: str, status: int) -> None:
         if status > 1:
-            name = FMI_STATUS[status] if 0 <= status < len(FMI_STATUS) else str(status)
-            raise Refused(f"{what} returned {name}{self._words()}")
+            raise Refused(f"{what} returned {status_name(status)}{self._words()}")
 
     def _words(self) -> str:
         words = self.loaded.log.last.decode("utf-8", "replace").strip()

@@ -212,7 +212,10 @@ static fmi2Status set_setting(const Slave *slave, const Setting *setting) {
     return fmi2Error;
 }
 
-static int64_t failed(int64_t phase, fmi2Status status) { return FAILED + 256 * phase + 65536 * (int64_t)status; }
+/* A status that FMI does not know keeps its last byte. */
+static int64_t failed(int64_t phase, fmi2Status status) {
+    return FAILED + 256 * phase + 65536 * ((int64_t)status & 255);
+}
 
 static int is_fatal(int64_t outcome) { return outcome % 256 == FAILED && outcome / 65536 % 256 == fmi2Fatal; }
 
