@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from estimator.errors import RecordingError
+from estimator.recordings.columns import Signal, on_one_clock
 from estimator.recordings.headers import parse_header
 from estimator.recordings.recording import Recording, motor_columns, read_recording
 
@@ -217,6 +218,13 @@ def test_parquet_is_read_by_headers_fields_and_pandas_attributes(tmp_path: Path)
     check(parquet(path, indexed, pandas={"index_columns": ["__index_level_0__"]}))
 
 
+def test_an_infinite_sample_is_told(tmp_path: Path) -> None:
+    current = CURRENT.copy()
+    current[7] = -np.inf
+    with pytest.raises(RecordingError, match=r"run3.parquet sample 7: 'current \[A\]' is infinite; use NaN"):
+        parquet(tmp_path / "run3.parquet", {"time [s]": TIME, "voltage [V]": V, "current [A]": current})
+
+
 def test_parquet_nulls_are_missing_samples_and_text_harms_nobody_until_it_is_used(tmp_path: Path) -> None:
     speed = [None if k == 7 else float(w) for k, w in enumerate(W)]
     recording = parquet(
@@ -266,3 +274,11 @@ def test_an_mdf_file_without_numbers_is_told(tmp_path: Path) -> None:
     path = mdf(tmp_path / "run3.mf4", [{"note": (TIME, texts, "")}])
     with pytest.raises(RecordingError, match="run3.mf4 holds no channel of numbers with a clock; export voltage"):
         read_recording(path)
+
+
+def test_signals_of_one_sample_each_are_put_on_one_clock(tmp_path: Path) -> None:
+    signals = [Signal(name, np.array([x]), np.array([x])) for name, x in (("v", 1.0), ("i", 0.5))]
+    time, v, i = on_one_clock(tmp_path / "run3.mf4", signals).columns
+    np.testing.assert_array_equal(time, [0.5, 1.0])
+    np.testing.assert_array_equal(v, [np.nan, 1.0])
+    np.testing.assert_array_equal(i, [0.5, np.nan])

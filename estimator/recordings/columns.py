@@ -69,7 +69,7 @@ def distinct(headers: Sequence[str], longer: Sequence[str]) -> list[str]:
 
 
 def _union(clocks: Sequence[FloatArray]) -> FloatArray:
-    finest = min(float(np.median(np.diff(clock))) for clock in clocks if len(clock) > 1)
+    finest = min((float(np.median(np.diff(clock))) for clock in clocks if len(clock) > 1), default=0.0)
     result = max(clocks, key=len)
     for clock in clocks:
         at = _nearest(result, clock)

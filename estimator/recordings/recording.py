@@ -179,6 +179,7 @@ def read_recording(path: Path) -> Recording:
     columns = _binary(path)
     if columns is None:
         return _read_text(path)
+    _check_finite(path.name, columns.headers, columns.columns)
     texts = {j: columns.texts[header] for j, header in enumerate(columns.headers) if header in columns.texts}
     return _build(
         path.stem,
@@ -283,10 +284,15 @@ def recording_from_arrays(
             raise RecordingError(
                 f"{name}: {text!r} has shape {column.shape}; it should be one-dimensional and as long as time"
             )
+    _check_finite(name, texts, columns)
+    return _build(name, path, texts, columns, where=name, place=lambda k: f"{name} sample {k}")
+
+
+def _check_finite(where: str, texts: Sequence[str], columns: Sequence[FloatArray]) -> None:
+    for text, column in zip(texts, columns, strict=True):
         if np.isinf(column).any():
             k = int(np.argmax(np.isinf(column)))
-            raise RecordingError(f"{name} sample {k}: {text!r} is infinite; use NaN for a missing sample")
-    return _build(name, path, texts, columns, where=name, place=lambda k: f"{name} sample {k}")
+            raise RecordingError(f"{where} sample {k}: {text!r} is infinite; use NaN for a missing sample")
 
 
 def write_recording(recording: Recording, path: Path) -> None:
