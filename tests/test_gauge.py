@@ -92,6 +92,7 @@ def test_a_trend_is_found_and_its_probability_is_right():
 
 def test_runs_are_taken_in_their_natural_order():
     assert sorted(["run 10", "run 9", "a", "run"], key=natural) == ["a", "run", "run 9", "run 10"]
+    assert sorted(["5²7", "5²6"], key=natural) == ["5²6", "5²7"]  # a power is no number
     (s,) = spreads([row(f"run {k}", float(k)) for k in (10, 9, 8, 11, 12, 7)])
     assert s.drift == pytest.approx(1.0)
 

@@ -182,7 +182,7 @@ def trend(values: FloatArray) -> tuple[float, float] | None:
 
 def natural(text: str) -> list[tuple[int, int, str]]:
     """Return a key that sorts ``run 2`` before ``run 10``."""
-    return [(1, int(part), "") if part.isdigit() else (0, 0, part) for part in re.split(r"([0-9]+)", text)]
+    return [(1, int(part), "") if part.isdecimal() else (0, 0, part) for part in re.split(r"([0-9]+)", text)]
 
 
 def _spread(name: str, unit: str, entries: Sequence[tuple[str, str, float, float | None]]) -> Spread:
