@@ -153,6 +153,11 @@ def test_the_matlab_script_of_what_is_no_motor_has_no_matrices():
     assert "parameters.drive_R = " in text and "A = " not in text and "'drive.R', '" in text
 
 
+def test_a_quote_in_a_variables_name_is_doubled_in_matlab():
+    made = with_parameter(found(), "R", settings=(Setting("'winding 1'.R", 1.25, "Ohm"),))
+    assert "set_param(block, '''winding 1''.R', '1.25'," in handover.matlab_script(made).decode()
+
+
 def test_the_modelica_modifier_goes_down_into_components():
     made = with_parameter(
         found(), "K", settings=(Setting("drive.motor.Ke", 0.5, ""), Setting("drive.n", 3.0, "", "Integer"))

@@ -94,7 +94,9 @@ def matlab_script(estimate: Estimate) -> bytes:
             f"    {name} = ss(A, B, C, D, 'InputName', {{'v', 'load'}}, 'OutputName', {{'i', 'w'}});",
             "end",
         ]
-    pairs = [f"'{s.variable}', '{_number(s.value)}'" for p in estimate.parameters.values() for s in p.set_in_fmu]
+    pairs = [
+        f"'{_quoted(s.variable)}', '{_number(s.value)}'" for p in estimate.parameters.values() for s in p.set_in_fmu
+    ]
     lines += ["", "% In Simulink: set_fmu(gcb) with the FMU block selected"]
     lines += [f"set_fmu = @(block) set_param(block, {', '.join(pairs)});"]
     return ("\n".join(lines) + "\n").encode()
@@ -202,6 +204,11 @@ def _modifier(settings: list[Setting]) -> str:
 
 def _matrix(rows: list[list[float]]) -> str:
     return "[" + "; ".join(" ".join(_number(x) for x in row) for row in rows) + "]"
+
+
+def _quoted(name: str) -> str:
+    """Return a name for MATLAB's quotes: Modelica's own names may hold one."""
+    return name.replace("'", "''")
 
 
 def _number(value: float) -> str:
