@@ -58,6 +58,13 @@ def test_a_wrong_parameter_shows(made, other):
     assert found.validation.rmse["w"] > 3.0
 
 
+def test_the_delay_of_a_channel_is_the_estimates_and_frees_none_of_the_recordings(made, other):
+    case, result = made
+    late = dataclasses.replace(result.parameters["R"], name="delay w", value=0.0)
+    found = validated(dataclasses.replace(result, chain={"delay w": late}), case, [other])
+    assert not found.validation.chain
+
+
 def test_a_refused_estimate_is_not_validated(made, other):
     case, result = made
     refused = dataclasses.replace(result, verdict="refused", parameters={})

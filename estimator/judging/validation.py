@@ -112,10 +112,11 @@ def _as_estimated(plan: Plan, estimate: Estimate) -> tuple[Plan, FloatArray, lis
             values.append(estimate.parameters[parameter.name].value)
         else:  # it has a value for each recording: their mean is where this one's begins
             own = parameter.quantity or parameter.name
-            same = [p.value for n, p in estimate.parameters.items() if n.startswith(f"{own} ")]
+            same = [p.value for n, p in estimate.parameters.items() if n == own or n.startswith(f"{own} ")]
             values.append(float(np.mean(same)))
             free.append(j)
-    is_late = any(name == "delay" or name.startswith("delay ") for name in chain)
+    channels = {f"delay {name}" for name in plan.outputs}
+    is_late = any(name.startswith("delay") and name not in channels for name in chain)
     for e, o in enumerate(plan.observed):
         if (o.delay != 0 or is_late) and f"delay of {e}" not in plan.declared:
             plan = free_delay(plan, e, o.delay)
