@@ -11,9 +11,9 @@ from estimator.cases.strict_toml import to_key, to_toml
 from estimator.fmus.fmu import FmuDescription, Variable
 from estimator.recordings.headers import ROLE_TITLE
 from estimator.recordings.recording import Recording, motor_columns
+from estimator.results.linear import MOTOR
 
 MARK = "# TODO"  # what could not be guessed
-MOTOR = ("R", "K", "L", "J", "B")
 WIDTH = 100.0  # factor either way of the start
 SHOWN = 30  # other variables that are listed
 

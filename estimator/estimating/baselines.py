@@ -16,7 +16,8 @@ from estimator.errors import InputError
 from estimator.estimating.steiglitz_mcbride import NoMotorError, steiglitz_mcbride
 from estimator.plans.integral import integral_estimate
 from estimator.plans.parameters import Box
-from estimator.plans.plan import MOTOR, Plan
+from estimator.plans.plan import Plan
+from estimator.results.linear import MOTOR
 
 FloatArray = NDArray[np.float64]
 
@@ -45,7 +46,7 @@ def direct_values(plan: Plan, noise: Mapping[str, float]) -> FloatArray | str:
         found = integral_estimate(v, i, w, step=o.recording.step, load=float(loads[0]))
     else:
         if o.lead:
-            v, i, w = v - v[0], i - float(np.nanmean(i[:1])), w - float(np.nanmean(w[:1]))
+            v, i, w = v - v[0], i - i[~np.isnan(i)][0], w - w[~np.isnan(w)][0]
         sigma = (max(noise["i"], 1e-12), max(noise["w"], 1e-12))
         try:
             found = steiglitz_mcbride(v, i, w, step=o.recording.step, sigma=sigma)
@@ -63,7 +64,9 @@ def direct_values(plan: Plan, noise: Mapping[str, float]) -> FloatArray | str:
 def _check_applies(plan: Plan, method: str) -> None:
     if set(plan.names) != set(MOTOR):
         missing = [n for n in MOTOR if n not in plan.names]
-        what = f"{', '.join(missing)} fixed" if missing else f"{', '.join(set(plan.names) - set(MOTOR))} free"
+        what = (
+            f"{', '.join(missing)} fixed" if missing else f"{', '.join(n for n in plan.names if n not in MOTOR)} free"
+        )
         raise InputError(f"method {method!r} finds R, K, L, J and B together, but here is {what}; use method 'cuckoo'")
     if len(plan.observed) != 1:
         raise InputError(f"method {method!r} takes one recording; use method 'cuckoo' for several")

@@ -39,8 +39,9 @@ from estimator.judging.structure import Structure, structure
 from estimator.judging.trial import announcement, unmoved
 from estimator.judging.verdict import Judgement, judge
 from estimator.plans.noise_level import output_deviations
-from estimator.plans.plan import MOTOR, Plan
+from estimator.plans.plan import Plan
 from estimator.plans.space import Space, steady_state
+from estimator.results.linear import MOTOR
 from estimator.results.result import Estimate, ParameterEstimate, SearchHistory
 
 FloatArray = NDArray[np.float64]

@@ -19,8 +19,9 @@ from estimator.fitting.nuisance import Refinement
 from estimator.fitting.polish import LeastSquares, Polish
 from estimator.fitting.problem import SIGMA_FLOOR, Problem
 from estimator.plans.noise_level import beside_means
-from estimator.plans.plan import MOTOR, Plan
+from estimator.plans.plan import Plan
 from estimator.plans.space import Space, reduced_space, steady_state
+from estimator.results.linear import MOTOR
 from estimator.results.result import Estimate
 
 FloatArray = NDArray[np.float64]

@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 from estimator.estimating.steiglitz_mcbride import NoMotorError, steiglitz_mcbride
 from estimator.fitting.polish import Polish
 from estimator.plans.parameters import Box
-from estimator.plans.plan import MOTOR, Plan
+from estimator.plans.plan import Plan
 from estimator.plans.space import Steady
 from estimator.recordings.excitation import noise_deviation
+from estimator.results.linear import MOTOR, is_motor
 
 FloatArray = NDArray[np.float64]
 
@@ -31,9 +32,9 @@ OTHERS = 8  # inductances
 
 def needs_many(plan: Plan, polish: Polish) -> bool:
     """Whether few samples tell the transient, or a parameter is hardly told at all."""
-    if not set(MOTOR) <= set(plan.names):
-        return False
     values: Mapping[str, float] = dict(zip(plan.names, polish.values.tolist(), strict=True))
+    if not is_motor(values):
+        return False
     R, K, L, J, B = (values[n] for n in MOTOR)
     poles = np.linalg.eigvals(np.array([[-R / L, -K / L], [K / J, -B / J]]))
     h = plan.observed[0].recording.step

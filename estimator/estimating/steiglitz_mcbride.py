@@ -18,6 +18,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.recordings.samples import filled
+
 FloatArray = NDArray[np.float64]
 
 PASSES = 60
@@ -47,7 +49,7 @@ def steiglitz_mcbride(
     NoMotorError
         One sentence: no motor has these transfer functions.
     """
-    i, w = _filled(i), _filled(w)
+    i, w = filled(i), filled(w)
     a = np.zeros(2)
     coefficients = np.zeros(6)
     best, best_error = None, np.inf
@@ -139,11 +141,3 @@ def _stable(a: FloatArray) -> FloatArray:
     poles = np.roots([1.0, *a])
     poles = np.where(np.abs(poles) > 1, 1 / np.conj(np.where(poles == 0, 1.0, poles)), poles)
     return np.real(np.poly(poles))[1:]
-
-
-def _filled(signal: FloatArray) -> FloatArray:
-    missing = np.isnan(signal)
-    if not missing.any():
-        return signal
-    index = np.arange(len(signal))
-    return np.interp(index, index[~missing], signal[~missing])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,8 +11,10 @@ from numpy.typing import NDArray
 from estimator.fitting.evidence import Evidence
 from estimator.fitting.polish import Polish
 from estimator.fitting.problem import Problem
-from estimator.fitting.treatment import Treatment, filled, onset
-from estimator.plans.plan import MOTOR
+from estimator.fitting.treatment import Treatment, onset
+from estimator.plans.plan import Plan
+from estimator.recordings.samples import filled
+from estimator.results.linear import MOTOR, is_motor
 
 FloatArray = NDArray[np.float64]
 
@@ -52,8 +55,9 @@ def with_drift(problem: Problem, raw: FloatArray, polish: Polish, treatment: Tre
         columns.append(column)
     if not drifts:
         return treatment
-    if set(MOTOR) <= {*plan.names, *plan.fixed} and set(plan.outputs) <= set(STATES):
-        moved = _motor_drift(problem, polish.values, start)
+    known = {**dict(zip(plan.names, polish.values.tolist(), strict=True)), **plan.fixed}
+    if is_motor(known) and set(plan.outputs) <= set(STATES):
+        moved = _motor_drift(plan, known, start)
         columns = [problem.spread_out([own]) for own in moved]
         told = {name for name, _ in drifts}
         sizes = _sizes(problem, polish, treatment, weighted, columns)
@@ -80,28 +84,24 @@ def _line(w: FloatArray, start: int) -> FloatArray:
     return np.asarray(ramp * (np.arange(n) - (start + n) / 2) / (n - start))
 
 
-def _motor_drift(problem: Problem, values: FloatArray, start: int) -> list[FloatArray]:
+def _motor_drift(plan: Plan, known: Mapping[str, float], start: int) -> list[FloatArray]:
     """Return what a friction and a resistance that drift by their own size would change, (n, q) each.
 
     To first order the motor responds to the torque and to the voltage that the drift takes: B w(t) s(t), R i(t) s(t),
     with s(t) a straight line through zero in the middle of the part after the step.
     """
-    plan = problem.plan
-    known = {**dict(zip(plan.names, values.tolist(), strict=True)), **plan.fixed}
-    R, K, L, J, B = (known[n] for n in ("R", "K", "L", "J", "B"))
+    R, K, L, J, B = (known[n] for n in MOTOR)
     o = plan.observed[0]
     h, n = o.recording.step, len(o.recording.time)
     system = np.array([[-R / L, -K / L, 1 / L, 0.0], [K / J, -B / J, 0.0, -1 / J], [0, 0, 0, 0], [0, 0, 0, 0]])
     E = _exponential(system * h)
     jump = o.excitation.after - o.excitation.before
     line = (np.arange(n) - (start + n) / 2) / max(n - start, 1)
-    base = np.zeros((n, 2))
     shift = np.zeros((2, n, 2))
     i = w = 0.0
     d = [[0.0, 0.0], [0.0, 0.0]]
     (a, b, c, e), (f, g, p, q) = E[0].tolist(), E[1].tolist()
     for k in range(n):
-        base[k] = i, w
         shift[0, k], shift[1, k] = d[0], d[1]
         voltage = jump if k >= start else 0.0
         torque, drop = B * w * line[k], R * i * line[k]

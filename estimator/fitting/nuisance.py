@@ -40,6 +40,7 @@ from estimator.fitting.treatment import Accused, Treatment, find_treatment
 from estimator.fitting.widening import widened
 from estimator.plans.plan import ChainSpec, Plan
 from estimator.recordings.excitation import quantum
+from estimator.recordings.samples import mean_of_known
 from estimator.stepping import layout
 
 FloatArray = NDArray[np.float64]
@@ -281,8 +282,8 @@ class Refinement:
             return False
         for series, _ in fit.problem.series(fit.polish.residuals, fit.problem.outputs.index("i")):
             late = series[len(series) // 2 :]
-            late = late - np.nanmean(late)
-            if np.nanmean(late[1:] * late[:-1]) > SMOOTH * np.nanmean(late * late):
+            late = late - mean_of_known(late)
+            if mean_of_known(late[1:] * late[:-1]) > SMOOTH * mean_of_known(late * late):
                 return True
         return False
 

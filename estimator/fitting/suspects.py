@@ -24,6 +24,7 @@ from estimator.fitting.fit import Fit
 from estimator.fitting.noise import averaged
 from estimator.fitting.treatment import Accused, onset
 from estimator.plans.plan import ChainSpec, Plan
+from estimator.results.linear import is_motor
 from estimator.stepping import layout
 
 FloatArray = NDArray[np.float64]
@@ -56,7 +57,7 @@ def strongest_suspect(fit: Fit) -> Accused | None:
     values = {**dict(zip(plan.names, fit.polish.values.tolist(), strict=True)), **plan.fixed}
     if len(plan.observed) != 1 or plan.observed[0].excitation.kind != "step" or plan.observed[0].lead:
         return None
-    if not {"R", "K", "L", "J", "B"} <= set(values) or not set(plan.outputs) <= {"i", "w", "angle"}:
+    if not is_motor(values) or not set(plan.outputs) <= {"i", "w", "angle"}:
         return None
     start = onset(fit.problem, 0, fit.polish.values)
     if fit.treatment.accused:
@@ -115,7 +116,7 @@ def _suspects(plan: Plan, values: dict[str, float], start: int) -> Iterator[Susp
         yield Suspect("supply sag", _turned(jump * _to_decaying_voltage(values, after, tau), h), _sag(tau))
     yield Suspect(
         "dry friction",
-        _turned(_to_torque(values, after), h),
+        _turned(np.sign(jump) * _to_torque(values, after), h),
         _dry,
         positive=True,
         again=lambda size: _turned(_dragged(values, after, jump, size), h),
@@ -167,7 +168,7 @@ def _response(values: dict[str, float], t: FloatArray) -> FloatArray:
 
 
 def _to_torque(values: dict[str, float], t: FloatArray) -> FloatArray:
-    """Return the response, (n, 2), to a unit of torque against the motion from its start."""
+    """Return the response, (n, 2), to a unit of torque against positive motion."""
     return _step(_modes(values), np.array([0.0, -1 / values["J"]]), t)
 
 

@@ -13,6 +13,7 @@ from estimator.fitting.polish import Polish
 from estimator.fitting.problem import Problem
 from estimator.plans.plan import ChainSpec, Plan
 from estimator.recordings.excitation import quantum
+from estimator.recordings.samples import filled
 from estimator.stepping import layout
 
 FloatArray = NDArray[np.float64]
@@ -174,9 +175,3 @@ def turned(problem: Problem, recording: int, raw: FloatArray) -> FloatArray | No
         return np.asarray(model)
     smooth = np.polynomial.legendre.legfit(time, wrong, SMOOTH)
     return np.asarray(model + np.polynomial.legendre.legval(time, smooth))
-
-
-def filled(y: FloatArray) -> FloatArray:
-    """Return a signal with its missing samples interpolated."""
-    known = np.flatnonzero(~np.isnan(y))
-    return np.interp(np.arange(len(y)), known, y[known])

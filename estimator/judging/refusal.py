@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from estimator.fmus.fmu import FmuDescription
 from estimator.plans.plan import Observed, Plan
 from estimator.recordings.excitation import find_settling, lost_transient, noise_deviation, saturation
+from estimator.recordings.samples import filled, mean_of_known
 
 FloatArray = NDArray[np.float64]
 
@@ -55,7 +56,7 @@ def refused_notes(plan: Plan) -> tuple[str, ...]:
         if not find_settling(o.excitation, o.outputs, interval=o.recording.step).settled:
             continue
         tail = max(5, (len(o.recording.time) - o.excitation.index) // 10)
-        v, i, w = (float(np.nanmean(x[-tail:])) for x in (o.inputs["v"], o.outputs["i"], o.outputs["w"]))
+        v, i, w = (mean_of_known(x[-tail:]) for x in (o.inputs["v"], o.outputs["i"], o.outputs["w"]))
         if i * v > 0 and w * v > 0:
             notes.append(
                 f"{o.recording.title}: the settled part still tells B = {i / w:.4g} K and"
@@ -164,8 +165,7 @@ def lost_transients(plan: Plan, motor: Mapping[str, float] | None = None) -> lis
 
 def _faster(o: Observed, k: int) -> str:
     """Return how to record what is lost before row k: all of a motor that is fast, or a part of a slow response."""
-    known = np.flatnonzero(~np.isnan(o.outputs["w"]))
-    w = np.interp(np.arange(len(o.outputs["w"])), known, o.outputs["w"][known])
+    w = filled(o.outputs["w"])
     rest, final = float(np.mean(w[: max(1, o.excitation.index)])), float(np.mean(w[-max(5, (len(w) - k) // 10) :]))
     still, noise = STILL * float(np.ptp(w)), MOVES / 2 * noise_deviation(o.outputs["w"])
     after = float(np.mean(w[k + 1 : k + 1 + OVER])) if k + 1 < len(w) else final

@@ -19,8 +19,9 @@ from estimator.judging.refusal import CONTRADICTED, lost_transients, refused_not
 from estimator.judging.scales import scales_at_odds
 from estimator.judging.step_check import StepCheck
 from estimator.plans.noise_level import beside_means
-from estimator.plans.plan import MOTOR, Plan
+from estimator.plans.plan import Plan
 from estimator.recordings.excitation import noise_deviation, quantum
+from estimator.results.linear import MOTOR, is_motor
 from estimator.results.result import Status, Verdict
 from estimator.stepping import layout
 
@@ -131,6 +132,7 @@ def judge(
 
 def _identified(plan: Plan, values: Mapping[str, float], polish: Polish) -> dict[str, ParameterStatus]:
     statuses = {}
+    has_winding = set(MOTOR) <= {*(p.quantity or p.name for p in plan.parameters), *plan.fixed}
     for j, parameter in enumerate(plan.parameters):
         if parameter.place is not None:
             continue
@@ -141,13 +143,13 @@ def _identified(plan: Plan, values: Mapping[str, float], polish: Polish) -> dict
             side = "lower" if polish.at_bound[j] < 0 else "upper"
             bound = parameter.lower if side == "lower" else parameter.upper
             reason = f"the estimate lies at its {side} bound {bound:.4g}; widen the bound or check the recording"
-            if name == "L" and side == "lower":
+            if has_winding and name == "L" and side == "lower":
                 reason = _small_inductance(plan, values)
             statuses[name] = ParameterStatus("not identified", reason)
         elif not relative < USELESS_ERROR:
             size = f"{100 * relative:.0f} %" if np.isfinite(relative) and relative < 100 else "more than 100 times"
             reason = f"cannot be told from this recording: the standard error is {size} of the value"
-            if name == "L":
+            if has_winding and name == "L":
                 reason = f"{reason}; {_small_inductance(plan, values)}"
             statuses[name] = ParameterStatus("not identified", reason)
         elif relative > DOUBTFUL_ERROR:
@@ -183,8 +185,9 @@ def _traded(plan: Plan, polish: Polish, statuses: Mapping[str, ParameterStatus])
 
 def _small_inductance(plan: Plan, values: Mapping[str, float]) -> str:
     h = plan.observed[0].recording.step
-    tau = values["L"] / values["R"] if "R" in values else float("nan")
-    return f"L/R is about {tau:.2g} s against a sampling interval of {h:g} s; sample faster to tell L"
+    R = next((x for n, x in {**plan.fixed, **values}.items() if n == "R" or n.startswith("R ")), None)
+    about = f"L/R is about {values['L'] / R:.2g} s against a sampling interval of" if R else "it is sampled every"
+    return f"{about} {h:g} s; sample faster to tell L"
 
 
 def _misfit(plan: Plan, deviations: FloatArray, noise: FloatArray | None, spread: FloatArray) -> list[str]:
@@ -208,7 +211,7 @@ def _misfit(plan: Plan, deviations: FloatArray, noise: FloatArray | None, spread
 def _fast(plan: Plan, values: Mapping[str, float]) -> list[str]:
     """Say when the motor is faster than the recording can show: |Im λ| h > π, or all is over within a sample."""
     known = {**values, **plan.fixed}
-    if not set(MOTOR) <= set(known):
+    if not is_motor(known):
         return []
     R, K, L, J, B = (known[n] for n in MOTOR)
     poles = np.linalg.eigvals(np.array([[-R / L, -K / L], [K / J, -B / J]]))

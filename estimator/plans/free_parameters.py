@@ -14,7 +14,8 @@ from estimator.errors import FmuError, InputError
 from estimator.fmus.fmu import FmuDescription, Variable
 from estimator.plans.integral import integral_estimate, speed_estimate
 from estimator.plans.parameters import Parameter
-from estimator.plans.plan import MOTOR, Observed
+from estimator.plans.plan import Observed
+from estimator.results.linear import MOTOR
 
 FloatArray = NDArray[np.float64]
 

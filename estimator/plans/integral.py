@@ -16,9 +16,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.recordings.samples import filled
+
 FloatArray = NDArray[np.float64]
 
-NAMES = ("R", "K", "L", "J", "B")
 MECHANICAL = 0.02  # of the braking by K²/R: what a motor's own friction brakes, usually
 
 
@@ -41,7 +42,7 @@ def integral_estimate(
     dict
         Values as they come out of the linear equations: with much noise they may be negative.
     """
-    i, w = _filled(i), _filled(w)
+    i, w = filled(i), filled(w)
     zero = np.zeros(1)
     integral_v = np.concatenate([zero, np.cumsum(v[:-1])]) * step
     integral_i = np.concatenate([zero, np.cumsum((i[1:] + i[:-1]) / 2)]) * step
@@ -69,7 +70,7 @@ def speed_estimate(v: FloatArray, w: FloatArray, *, step: float, R: float) -> di
     dict
         Empty where the signals do not follow each other as a motor's do.
     """
-    w = _filled(w)
+    w = filled(w)
     zero = np.zeros(1)
     integral_v = np.concatenate([zero, np.cumsum(v[:-1])]) * step
     integral_w = np.concatenate([zero, np.cumsum((w[1:] + w[:-1]) / 2)]) * step
@@ -79,15 +80,6 @@ def speed_estimate(v: FloatArray, w: FloatArray, *, step: float, R: float) -> di
         return {}
     K = b / a / (1 + MECHANICAL)
     return {"K": K, "J": K / (R * a), "B": MECHANICAL * K * K / R}
-
-
-def _filled(signal: FloatArray) -> FloatArray:
-    """Return the signal with missing samples interpolated: good enough for a guess."""
-    missing = np.isnan(signal)
-    if not missing.any():
-        return signal
-    index = np.arange(len(signal))
-    return np.interp(index, index[~missing], signal[~missing])
 
 
 def _solve(columns: FloatArray, right: FloatArray) -> list[float]:

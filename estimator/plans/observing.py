@@ -69,19 +69,42 @@ def observe(case: Case, description: FmuDescription, recording: Recording, run: 
             raise RecordingError(f"{recording.title}: {column} has no sample that can be used; widen the window")
     if not driven:  # the FMU moves by itself, as the motor did
         return Observed(recording, driven, measured, Excitation("several", 0, 0.0, 0.0, False), 0)
-    excitation = find_excitation(next(iter(driven.values())), measured)
+    excitation = _excitation(driven, measured)
     if begins_elsewhere(case, description):  # nothing to run in, and the way from there is a response
         kind = "several" if excitation.kind == "none" else excitation.kind
         still = dataclasses.replace(excitation, kind=kind, running=False)
         return Observed(recording, driven, measured, still, 0, notes=tuple(gaps))
     lead = 0
-    if excitation.running and next(iter(driven.values()))[0] != 0 and excitation.kind != "none":
+    if excitation.running and any(u[0] != 0 for u in driven.values()) and excitation.kind != "none":
         lead = len(recording.time) - (excitation.index if excitation.kind == "step" else 0)
     late = find_delay(excitation, measured) if lead == 0 else 0
     delay = late * recording.step if late >= LATE else 0.0
     if isinstance(run.delay, float | int):
         delay = float(run.delay)
+        _check_delay(delay, excitation, recording)
     return Observed(recording, driven, measured, excitation, lead, delay, notes=tuple(gaps))
+
+
+def _excitation(driven: Mapping[str, FloatArray], measured: Mapping[str, FloatArray]) -> Excitation:
+    """Find how the inputs move: the voltage, or the first, and where that does nothing, one of the others."""
+    first, *others = sorted(driven, key=lambda name: name != "v")
+    excitation = find_excitation(driven[first], measured)
+    for name in others if excitation.kind == "none" else ():
+        found = find_excitation(driven[name], measured)
+        if found.kind != "none" and np.ptp(driven[name]) > 0:
+            return dataclasses.replace(found, kind="several") if first == "v" else found  # a step is the voltage's
+    return excitation
+
+
+def _check_delay(delay: float, excitation: Excitation, recording: Recording) -> None:
+    """Refuse a delay by which nothing of the response is in the recording."""
+    length = float(recording.time[-1] - recording.time[0])
+    begins = excitation.index * recording.step if excitation.kind == "step" else 0.0
+    if not -length < begins + delay < length:
+        raise CaseError(
+            f"the delay of {delay:g} s puts the response outside {recording.title}, which is {length:g} s long; give a"
+            " smaller one, in s"
+        )
 
 
 def _within(recording: Recording, run: RunSpec) -> Recording:

@@ -18,8 +18,6 @@ from estimator.recordings.sensors import Section
 
 FloatArray = NDArray[np.float64]
 
-MOTOR = ("R", "K", "L", "J", "B")
-
 
 @dataclass(frozen=True)
 class Observed:

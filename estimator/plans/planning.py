@@ -57,6 +57,12 @@ def plan_case(
                 f"{other.recording.title} measures {', '.join(other.outputs)}, but {observed[0].recording.title}"
                 f" measures {', '.join(observed[0].outputs)}; all recordings need the same columns"
             )
+        if tuple(other.inputs) != tuple(observed[0].inputs):
+            raise RecordingError(
+                f"{other.recording.title} drives {', '.join(other.inputs)}, but {observed[0].recording.title} drives"
+                f" {', '.join(observed[0].inputs)}; all recordings need the same columns, or name under [inputs] those"
+                " to use"
+            )
     if not description.capabilities.get("canHandleVariableCommunicationStepSize", True):
         uneven = next((o.recording.title for o in observed if not o.recording.even), None)
         if uneven is not None:

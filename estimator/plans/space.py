@@ -14,9 +14,11 @@ from numpy.typing import NDArray
 
 from estimator.errors import InputError
 from estimator.plans.parameters import Box
-from estimator.plans.plan import MOTOR, Plan
+from estimator.plans.plan import Plan
 from estimator.plans.steady_state import SteadyState, last_samples
 from estimator.recordings.excitation import Settling, find_settling
+from estimator.recordings.samples import mean_of_known
+from estimator.results.linear import MOTOR
 
 FloatArray = NDArray[np.float64]
 
@@ -149,4 +151,4 @@ def steady_state(plan: Plan) -> Steady | None:
     settling = find_settling(observed.excitation, settling_ones, interval=observed.recording.step)
     part = slice(settling.start, None)
     means = (observed.inputs["v"][part], observed.outputs["i"][part], observed.outputs["w"][part])
-    return Steady(settling, SteadyState(*(float(np.nanmean(x)) for x in means)))
+    return Steady(settling, SteadyState(*map(mean_of_known, means)))

@@ -15,6 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.recordings.samples import mean_of_known
+
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
@@ -56,5 +58,5 @@ class SteadyState:
 
 
 def last_samples(v: FloatArray, i: FloatArray, w: FloatArray, *, count: int = 5) -> SteadyState:
-    """Return the mean of the last `count` samples, as the paper takes its steady state."""
-    return SteadyState(*(float(np.nanmean(x[-count:])) for x in (v, i, w)))
+    """Return the mean of the last `count` samples, as the paper takes its steady state; NaN where none is there."""
+    return SteadyState(*(mean_of_known(x[-count:]) for x in (v, i, w)))

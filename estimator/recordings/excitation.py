@@ -12,6 +12,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.recordings.samples import filled, mean_of_known
+
 FloatArray = NDArray[np.float64]
 
 NORMAL_SPAN = 4.0  # standard deviations: normal noise spans more, a pseudo-random signal less
@@ -192,6 +194,9 @@ def find_settling(step: Excitation, outputs: Mapping[str, FloatArray], *, interv
         return Settling(False, n - min(tail, after), "fewer than 20 samples follow the step")
     for name, y in outputs.items():
         response = y[step.index :]
+        final = mean_of_known(response[-tail:])
+        if np.isnan(final):
+            continue  # what was not recorded tells nothing
         swing = float(np.nanmax(response) - np.nanmin(response))
         if swing == 0:
             continue
@@ -204,7 +209,6 @@ def find_settling(step: Excitation, outputs: Mapping[str, FloatArray], *, interv
                 f"{name} still changed by {100 * change / swing:.2g} % of its response"
                 f" in the last {tail * interval:.3g} s",
             )
-        final = float(np.nanmean(response[-tail:]))
         outside = np.abs(_smoothed(response) - final) > max(BAND * swing, TREND_SIGMAS * noise_deviation(response))
         inside = int(np.flatnonzero(outside)[-1]) + 1 if outside.any() else 0
         start = max(start, step.index + int(SETTLED_MARGIN * inside))
@@ -213,7 +217,7 @@ def find_settling(step: Excitation, outputs: Mapping[str, FloatArray], *, interv
 
 def lost_transient(step: Excitation, y: FloatArray) -> tuple[int, float] | None:
     """Return sample and size (part of the response) of a jump that no neighbour shares, or None."""
-    difference = np.abs(np.diff(np.where(np.isnan(y), np.interp(np.arange(len(y)), *_known(y)), y)))
+    difference = np.abs(np.diff(filled(y)))
     response = float(np.nanmax(y) - np.nanmin(y))
     if response == 0 or len(difference) < 5:
         return None
@@ -285,11 +289,5 @@ def _trend(y: FloatArray) -> tuple[float, float]:
 
 def _smoothed(y: FloatArray, *, width: int = 5) -> FloatArray:
     """Return the running mean over `width` samples, same length."""
-    filled = np.where(np.isnan(y), np.interp(np.arange(len(y)), *_known(y)), y)
-    padded = np.pad(filled, width // 2, mode="edge")
+    padded = np.pad(filled(y), width // 2, mode="edge")
     return np.convolve(padded, np.ones(width) / width, mode="valid")
-
-
-def _known(y: FloatArray) -> tuple[NDArray[np.intp], FloatArray]:
-    index = np.flatnonzero(~np.isnan(y))
-    return index, y[index]

@@ -1,0 +1,182 @@
+"""Recordings and cases unlike the usual ones: inputs in another order, signals with gaps, a voltage below zero."""
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+from dry_friction import DryMotor
+from motors import CML050, NAMES, Motor, held_response, recording_of, step_recording
+
+import fmu_build
+from estimator.cases.case import Case, OutputSpec, ParameterSpec, RunSpec, SearchSpec
+from estimator.errors import CaseError, InputError, RecordingError
+from estimator.estimating.estimate import estimate_recordings
+from estimator.fmus.fmu import describe
+from estimator.judging.validation import validated
+from estimator.plans.planning import plan_case
+from estimator.recordings.recording import Recording, recording_from_arrays
+
+MODELS = Path(__file__).parent.parent / "models"
+NOISE = (0.02, 1.0)
+N, AT = 1200, 300
+VOLTAGE = np.where(np.arange(N) >= AT, 10.5, 0.0)
+
+
+def run(case: Case, *recordings: Recording):
+    return estimate_recordings([case], [list(recordings)], workers=1)[0]
+
+
+def changed(recording: Recording, **signals) -> Recording:
+    """Return a recording with other or further columns, by their headers."""
+    units = {"voltage": "V", "current": "A", "speed": "rad/s", "load": "N.m"}
+    columns = {**recording.signals, **signals}
+    return recording_from_arrays("changed", recording.time, {f"{n} [{units[n]}]": x for n, x in columns.items()})
+
+
+@pytest.fixture(scope="module")
+def shown():
+    return held_response(CML050, VOLTAGE, step=1e-3)
+
+
+@pytest.fixture
+def measured(shown):
+    return recording_of("bench", np.arange(N) * 1e-3, VOLTAGE, shown, noise=NOISE, seed=1)
+
+
+def worst(result, motor: Motor = CML050) -> float:
+    """Return the largest error in standard errors; above 4.5 by chance once in 30 000 of five."""
+    return max(
+        abs(result.parameters[n].value - motor.parameters[n]) / result.parameters[n].standard_error for n in NAMES
+    )
+
+
+# Inputs
+
+
+def test_a_step_of_the_voltage_is_found_whatever_input_the_case_names_first(measured):
+    recording = changed(measured, load=np.zeros(N))
+    inputs = {"load": "load", "v": "voltage"}
+    case = Case(inputs=inputs, outputs={"i": OutputSpec("current"), "w": OutputSpec("speed")})
+    (observed,) = plan_case(case, describe("dc_motor"), recordings=[recording]).observed
+    assert (observed.excitation.kind, observed.excitation.index, observed.excitation.after) == ("step", AT, 10.5)
+    result = run(case, recording)
+    assert result.verdict == "ok" and worst(result) < 4.5
+
+
+def test_load_steps_excite_a_motor_whose_voltage_stays(case_of):
+    load = np.where(np.arange(N) >= AT, 0.03, 0.0) - np.where(np.arange(N) >= 2 * AT, 0.05, 0.0)
+    steady = 10.5 * np.array([CML050.B, CML050.K]) / (CML050.R * CML050.B + CML050.K**2)
+    A = np.array([[-CML050.R / CML050.L, -CML050.K / CML050.L], [CML050.K / CML050.J, -CML050.B / CML050.J]])
+    values, vectors = np.linalg.eig(A)
+    forced = np.linalg.solve(A, np.array([0.0, -1 / CML050.J]))
+    rows, x = [], np.zeros(2)  # from the steady state at 10.5 V, per held load in closed form
+    for torque in load:
+        rows.append(steady + x)
+        x = np.real(vectors @ (np.exp(values * 1e-3) * np.linalg.solve(vectors, x + forced * torque))) - forced * torque
+    recording = recording_of("loaded", np.arange(N) * 1e-3, np.full(N, 10.5), np.array(rows), noise=NOISE, seed=3)
+    result = run(case_of(), changed(recording, load=load))
+    assert result.verdict != "refused", result.reasons
+    assert worst(result) < 4.5
+
+
+def test_recordings_with_different_inputs_are_told(measured, case_of):
+    loaded = changed(measured, load=np.zeros(N))
+    sentence = "bench drives v, but changed drives v, load; all recordings need the same columns, or name under"
+    with pytest.raises(RecordingError, match=sentence):
+        run(case_of(), loaded, measured)
+
+
+@pytest.mark.parametrize("delay", [3.0, -3.0, 0.95])
+def test_a_delay_that_leaves_nothing_of_the_response_is_told(measured, case_of, delay):
+    case = dataclasses.replace(case_of(), runs=(RunSpec(delay=delay),))
+    with pytest.raises(CaseError, match=f"the delay of {delay:g} s puts the response outside bench, which is 1.199 s"):
+        run(case, measured)
+
+
+# Voltage below zero
+
+
+def test_a_dry_friction_is_named_whichever_way_the_motor_turns(case_of):
+    torque = 2e-3  # N·m
+    rows = DryMotor({**CML050.parameters, "friction": torque, "stiction": 0.0, "brush": 0.0}).response(
+        VOLTAGE[:-1], np.zeros(N - 1), step=1e-3
+    )
+    shown = np.vstack([np.zeros(2), rows[:, :2]])
+    ahead = recording_of("dry", np.arange(N) * 1e-3, VOLTAGE, shown, noise=(0.005, 0.2), seed=1)
+    back = changed(ahead, **{name: -signal for name, signal in ahead.signals.items()})
+    there, mirrored = run(case_of(), ahead), run(case_of(), back)
+    assert "dry (Coulomb) friction" in " ".join(there.reasons)
+    assert mirrored.reasons == tuple(r.replace("dry:", "changed:") for r in there.reasons)
+    for name in NAMES:
+        assert mirrored.parameters[name].value == pytest.approx(there.parameters[name].value, rel=1e-6)
+
+
+# Gaps; warnings of numpy are errors here
+
+
+def without(recording: Recording, column: str, rows) -> Recording:
+    signal = recording.signals[column].copy()
+    signal[rows] = np.nan
+    return changed(recording, **{column: signal})
+
+
+GAPS = {"every second row": slice(1, None, 2), "the end": slice(900, None), "all after the step": slice(AT + 10, None)}
+
+
+@pytest.mark.parametrize("rows", GAPS.values(), ids=GAPS)
+@pytest.mark.parametrize("column", ["current", "speed"])
+def test_a_signal_that_is_known_in_part_tells_what_it_tells(measured, case_of, column, rows):
+    result = run(case_of(), without(measured, column, rows))
+    assert result.verdict != "refused" and worst(result) < 4.5
+
+
+def test_the_paper_needs_the_last_samples(measured, case_of):
+    with pytest.raises(InputError, match="i = nan A.*use method 'cuckoo'"):
+        run(case_of("paper"), without(measured, "current", slice(900, None)))
+
+
+def test_steiglitz_mcbride_begins_at_the_first_sample_that_is_there(case_of):
+    recording = step_recording(CML050, levels=(5.0, 10.5))
+    result = run(case_of("steiglitz-mcbride"), without(recording, "speed", slice(0, 1)))
+    assert max(abs(result.parameters[n].value / CML050.parameters[n] - 1) for n in NAMES) < 1e-6
+
+
+# Parameters
+
+
+def test_an_inductance_beside_a_fixed_resistance_is_compared_with_the_interval(case_of):
+    slow = dataclasses.replace(CML050, L=1e-6)
+    case = dataclasses.replace(case_of(), fixed={"R": CML050.R})
+    result = run(case, step_recording(slow, noise=NOISE, duration=1.2))
+    reason = result.parameters["L"].reason
+    assert "sample faster to tell L" in reason and "L/R is about" in reason and "nan" not in reason
+
+
+def test_a_winding_without_inductance_is_judged_without_its_poles(tmp_path):
+    text = (MODELS / "dc_motor.c").read_text()
+    text = text.replace('1e-9,   1e3,   "H"', '0,      1e3,   "H"').replace("/ m->L;", "/ (m->L + 1e-3);")
+    (tmp_path / "choke.c").write_text(text)
+    fmu = fmu_build.build(str(tmp_path / "choke.c"), output=tmp_path / "choke.fmu")
+    motor = dataclasses.replace(CML050, L=1e-3)
+    case = Case(fmu=str(fmu), fixed={"L": 0.0}, recordings=(tmp_path / "made",), search=SearchSpec(seed=1))
+    result = run(case, step_recording(motor, noise=NOISE, duration=1.2))
+    assert result.verdict == "ok"
+    for name in ("R", "K", "J", "B"):
+        found = result.parameters[name]
+        assert abs(found.value - CML050.parameters[name]) < 4.5 * found.standard_error
+
+
+def test_a_parameter_of_each_recording_is_fitted_to_each_that_is_held_out(shown, case_of):
+    def at(share: float, seed: int) -> Recording:
+        time = np.arange(N) * 1e-3
+        return recording_of(f"run {seed}", time, share * VOLTAGE, share * shown, noise=NOISE, seed=seed)
+
+    parameters = {n: ParameterSpec(n, per_recording=n == "R") for n in NAMES}
+    held_out = RunSpec(validate=True)
+    case = dataclasses.replace(case_of(), parameters=parameters, runs=(RunSpec(), held_out, held_out))
+    recordings = [at(1.0, 1), at(0.8, 2), at(0.6, 3)]
+    fitted = run(dataclasses.replace(case, runs=()), recordings[0])
+    found = validated(fitted, case, recordings=recordings[1:])
+    assert set(found.validation.chain) == {"R run 2", "R run 3"}
+    assert list(found.validation.chain.values()) == pytest.approx([CML050.R] * 2, rel=0.02)
