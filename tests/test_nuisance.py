@@ -75,6 +75,36 @@ def test_a_logger_that_averages_is_found_out(case_of, noisy, samples):
     assert worst(result) < 5
 
 
+@pytest.mark.parametrize("late", [1, 3])
+def test_a_current_that_comes_late_is_not_taken_for_lost_samples(case_of, noisy, late):
+    current = np.concatenate([noisy.signals["current"][:late], noisy.signals["current"][:-late]])
+    result = run(case_of(), with_signals(noisy, current=current))
+    assert result.verdict == "ok"
+    assert result.chain["delay"].value == pytest.approx(late * 1e-3, abs=2e-4)
+    assert result.chain["delay w"].value == pytest.approx(-late * 1e-3, abs=2e-4)
+    assert any(note.startswith("i comes later than w") for note in result.notes)
+    assert worst(result) < 5
+
+
+@pytest.mark.parametrize("samples", [2, 3])
+def test_a_mean_whose_noise_is_white_is_not_taken_for_lost_samples(case_of, samples):
+    clean, rng = step_recording(CML050), np.random.default_rng(5)
+    padded = np.concatenate([np.zeros(samples - 1), clean.signals["current"]])
+    current = np.convolve(padded, np.ones(samples) / samples, mode="valid") + rng.normal(0, 0.02, len(clean.time))
+    speed = clean.signals["speed"] + rng.normal(0, 1, len(clean.time))
+    result = run(case_of(), with_signals(clean, current=current, speed=speed))
+    assert result.verdict == "ok"
+    assert any(f"i is a mean over the last {samples} samples" in note for note in result.notes)
+    assert worst(result) < 5
+
+
+def test_a_step_down_to_rest_is_estimated(case_of):
+    recording = step_recording(CML050, noise=(0.02, 1.0), seed=2, levels=(10.5, 0.0))
+    result = run(case_of(), recording)
+    assert result.verdict == "ok"
+    assert worst(result) < 5
+
+
 def test_outliers_are_left_out_and_missing_samples_do_no_harm(case_of, noisy):
     rng = np.random.default_rng(4)
     current, speed = noisy.signals["current"].copy(), noisy.signals["speed"].copy()

@@ -47,7 +47,7 @@ def many_starts(
 ) -> FloatArray:
     """Return starts, (n, p): around a first optimum, by Steiglitz-McBride, and `count` that keep the steady state."""
     starts = [*_inductances(plan, polish), *_direct(plan)]
-    if steady.settling.settled:
+    if steady.settling.settled and steady.state.is_usable:  # not so after a step down to rest
         starts += list(_along_the_line(plan, steady, count=count, rng=rng))
     return np.asarray(np.clip(np.array(starts), box.lower, box.upper))
 

@@ -25,6 +25,8 @@ from estimator.stepping import layout
 
 FloatArray = NDArray[np.float64]
 
+EARLY = "{first} comes later than {later}; the delay of {later} behind it, below zero, is estimated"
+LATE_CURRENT = EARLY.format(first="i", later="w")
 AVERAGES = (2, 3, 4, 5, 6, 8, 10, 16)  # samples that a logger's running mean may span
 
 
@@ -38,6 +40,7 @@ class Direction:
     extend: Callable[[Plan, float], Plan]
     starts: tuple[float, ...] = (0.0,)
     sentence: str = ""
+    sentence_if_early: str = ""  # of a channel whose delay turns out to be negative
     is_channel: bool = False  # a delay of one channel, that a running mean explains as well
 
     @property
@@ -107,9 +110,15 @@ def _scales(fit: Fit, shown: list[FloatArray], j: int) -> Iterator[Direction]:
         late = [np.zeros_like(s) for s in shown]
         for rows_late, full, o in zip(late, shown, plan.observed, strict=True):
             rows_late[:, j] = -np.gradient(full[:, j]) / o.recording.step
-        sentence = f"{y} comes later than {plan.outputs[0]}; its delay is estimated"
-        extend = with_channel_delay(name, y)
-        yield Direction(name, _weighted(fit, late), None, extend, sentence=sentence, is_channel=True)
+        yield Direction(
+            name,
+            _weighted(fit, late),
+            None,
+            with_channel_delay(name, y),
+            sentence=f"{y} comes later than {plan.outputs[0]}; its delay is estimated",
+            sentence_if_early=EARLY.format(first=plan.outputs[0], later=y),
+            is_channel=True,
+        )
     name = f"gain {y}"
     if name not in {*plan.names, *plan.declared} and y != "angle":  # of the encoder the counts a turn are known
         column = _weighted(fit, _alone(shown, j, lambda full: full))
@@ -154,4 +163,11 @@ def as_well(rival: Fit, direction: Direction | None) -> str:
     channel = direction.name.partition(" ")[2]
     if direction.is_gain:
         return f"{channel} shown with a gain of {size:.4g} would explain the recording as well; check its scale"
-    return f"{channel} shown {1e3 * size:.2g} ms late would explain the recording as well; measure it"
+    late = f"{1e3 * abs(size):.2g} ms {'late' if size > 0 else 'early'}"
+    return f"{channel} shown {late} would explain the recording as well; measure it"
+
+
+def late_as_well(late: Fit) -> str:
+    """Say that a current that comes late explains a recording as well as a mean of it."""
+    delay = -float(late.polish.values[late.problem.plan.names.index("delay w")])
+    return f"i shown {1e3 * delay:.2g} ms late would explain the recording as well; measure it"

@@ -16,7 +16,16 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.fitting.directions import AVERAGES, Direction, as_well, default_of, directions, starts
+from estimator.fitting.directions import (
+    AVERAGES,
+    LATE_CURRENT,
+    Direction,
+    as_well,
+    default_of,
+    directions,
+    late_as_well,
+    starts,
+)
 from estimator.fitting.drift import with_drift
 from estimator.fitting.fit import (
     Fit,
@@ -89,13 +98,13 @@ class Refinement:
                     fit = self._with_phase(fit, y, name, e)
         fit = self._counted(fit) or fit
         if self._is_smooth(fit):  # before a mean is taken for a delay or for a friction
-            fit = self._averaged(fit) or fit
+            fit = self._mean_or_late(fit) or fit
         tried_averages = False
         for _ in range(ROUNDS):
             better = self._step(fit, channels=tried_averages)
             if better is None and not tried_averages:
                 tried_averages = True
-                better = self._averaged(fit)
+                better = self._mean_or_late(fit)
                 if better is not None:
                     self.rejected.clear()
                 better = better or self._step(fit, channels=True)
@@ -166,6 +175,9 @@ class Refinement:
             smooth = not channels and self._is_smooth(fit)  # a mean that is not found yet looks like anything
             suspect = None if smooth else strongest_suspect(fit)
             accused = self._accused(fit, suspect) if suspect is not None and suspect.deviations**2 > gain else None
+            if accused is not None and (rather := self._rather(fit, accused)) is not None:
+                self.rejected.clear()
+                return rather
             if accused is not None and direction is not None and direction.unit is not None:
                 _, direction = self._strongest(fit, channels=channels, means=False)  # a mean is no rival to a suspect
             if direction is None:
@@ -225,6 +237,40 @@ class Refinement:
         last = renewed(found, suspect)
         treatment = dataclasses.replace(found.treatment, accused=(*fit.treatment.accused, last))
         return self._treated(dataclasses.replace(found, treatment=treatment), again=True)
+
+    def _rather(self, fit: Fit, taken: Fit) -> Fit | None:
+        """Return a current that comes late, or a mean of it, that explains far more than what was taken for true."""
+        late = self._late_current(fit)
+        if late is None:
+            return None
+        near = dataclasses.replace(fit.polish, values=late.polish.values[: len(fit.polish.values)])
+        mean = self._averaged(dataclasses.replace(fit, polish=near), even_if_white=True)
+        best = late
+        if mean is not None and (gap := _score(mean, like=fit) - _score(late, like=fit)) < FREED**2:
+            best = mean if gap < -(FREED**2) else dataclasses.replace(mean, nearly=(*mean.nearly, late_as_well(late)))
+        return best if _score(best, like=fit) < _score(taken, like=fit) - FREED**2 else None
+
+    def _mean_or_late(self, fit: Fit) -> Fit | None:
+        """Return a mean of the current, if one fits, or a current that comes late if that explains far more."""
+        mean = self._averaged(fit)
+        return None if mean is None else self._rather(fit, mean) or mean
+
+    def _late_current(self, fit: Fit) -> Fit | None:
+        """Free the delay of all outputs and, against it, that of the speed; None unless that is below zero."""
+        plan = fit.problem.plan
+        name = named("delay", plan, 0)
+        pair = {d.name: d for d in directions(fit) if d.name in (name, "delay w")}
+        if len(pair) < 2:
+            return None
+        late = plan.observed[0].recording.step
+        problem = self.rebuild(pair["delay w"].extend(pair[name].extend(plan, late), -late))
+        x = np.concatenate([fit.polish.values, [late, -late]])
+        polish = squares(problem, fit.treatment).polish(x, fit.polish.deviations)
+        if polish.values[-1] >= 0:
+            return None
+        sentences = (*fit.freed, pair[name].sentence, LATE_CURRENT)
+        freed = Fit(problem, polish, fit.treatment, freed=sentences, names=(*fit.names, name, "delay w"))
+        return self._treated(freed)
 
     def _set_right(self, fit: Fit, lost: Accused) -> Fit | None:
         """Put rows that were lost back where that explains the recording as well as their effect to first order."""
@@ -346,7 +392,10 @@ class Refinement:
             significant = abs(judged.values[j] - direction.default) > FREED * judged.standard_errors[j]
         if not significant:
             return None
-        return dataclasses.replace(best, freed=(*fit.freed, direction.sentence), names=(*fit.names, direction.name))
+        sentence = direction.sentence
+        if direction.is_channel and best.polish.values[best.problem.plan.names.index(direction.name)] < 0:
+            sentence = direction.sentence_if_early
+        return dataclasses.replace(best, freed=(*fit.freed, sentence), names=(*fit.names, direction.name))
 
     def _with_phase(self, fit: Fit, output: str, name: str, recording: int) -> Fit:
         problem = self.rebuild(with_offset(name, output, recording)(fit.problem.plan, 0.0))
@@ -361,12 +410,12 @@ class Refinement:
             names=(*fit.names, name) if sentence not in fit.freed else fit.names,
         )
 
-    def _averaged(self, fit: Fit) -> Fit | None:
+    def _averaged(self, fit: Fit, *, even_if_white: bool = False) -> Fit | None:
         """Try running means of the current, as loggers show it, where its residuals are coloured; None if none fits."""
         plan = fit.problem.plan
         if "i" not in plan.outputs or "average i" in plan.declared or plan.chains.get("i", ChainSpec()).average != 1:
             return None
-        if fit.colours[plan.outputs.index("i")].is_white:
+        if fit.colours[plan.outputs.index("i")].is_white and not even_if_white:
             return None
         tried: list[tuple[float, int, Problem, FloatArray]] = []
         for n in AVERAGES:

@@ -305,7 +305,7 @@ def _chain_notes(fit: Fit | None) -> list[str]:
             f" {ripple.amplitude:.3g} {unit}; it is taken out"
         )
     for name, count in fit.treatment.outliers:
-        notes.append(f"{name} has {count} outliers; they are left out")
+        notes.append(f"{name} has {count} outlier{'; it is' if count == 1 else 's; they are'} left out")
     for name, colour in zip(plan.outputs, fit.colours, strict=False):  # none of a fit without noise
         if not colour.is_white:
             notes.append(
