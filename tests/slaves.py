@@ -6,37 +6,45 @@ import shutil
 from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
 import fmpy
 import numpy as np
 from fmpy.fmi1 import FMICallException
 from fmpy.fmi2 import FMU2Slave, fmi2CallbackFunctions, fmi2CallbackLoggerTYPE
+from fmpy.fmi3 import FMU3Slave, fmi3LogMessageCallback
 from numpy.typing import NDArray
 
 OK, DISCARD, ERROR = 0, 2, 3
 
 
 class Slave:
-    """One instance of an extracted co-simulation FMU, with variables by name."""
+    """One instance of an extracted co-simulation FMU of FMI 2.0, with variables by name."""
 
     def __init__(self, folder: str, *, guid: str | None = None, logs: list[tuple[int, str, str]] | None = None) -> None:
         self.description = fmpy.read_model_description(folder, validate=False)
         self.references = {v.name: v.valueReference for v in self.description.modelVariables}
-        self.fmi = FMU2Slave(
+        self._logs = logs
+        self.fmi = self._instantiated(
             guid=guid or self.description.guid,
             unzipDirectory=folder,
             modelIdentifier=self.description.coSimulation.modelIdentifier,
             instanceName="motor",
         )
+
+    def _instantiated(self, **about: str) -> Any:
         self._callbacks = fmi2CallbackFunctions()
-        if logs is not None:
+        if self._logs is not None:
+            self._callbacks.logger = fmi2CallbackLoggerTYPE(
+                lambda _environment, _name, status, category, message: self._log(status, category, message)
+            )
+        fmi = FMU2Slave(**about)
+        fmi.instantiate(callbacks=self._callbacks, loggingOn=self._logs is not None)
+        return fmi
 
-            def log(_environment, _name, status, category, message) -> None:  # type: ignore[no-untyped-def]
-                logs.append((status, category.decode(), message.decode()))
-
-            self._callbacks.logger = fmi2CallbackLoggerTYPE(log)
-        self.fmi.instantiate(callbacks=self._callbacks, loggingOn=logs is not None)
+    def _log(self, status: int, category: bytes, message: bytes) -> None:
+        if self._logs is not None:
+            self._logs.append((status, category.decode(), message.decode()))
 
     def set(self, **values: float) -> None:
         self.fmi.setReal([self.references[name] for name in values], list(values.values()))
@@ -44,11 +52,15 @@ class Slave:
     def get(self, *names: str) -> list[float]:
         return list(self.fmi.getReal([self.references[name] for name in names]))
 
-    def start(self, *, stop: float | None = None, time: float = 0.0, **values: float) -> None:
-        """Set up, set values, initialise."""
+    def enter(self, *, time: float = 0.0, stop: float | None = None) -> None:
+        """Enter initialisation."""
         self.fmi.setupExperiment(startTime=time, stopTime=stop)
-        self.set(**values)
         self.fmi.enterInitializationMode()
+
+    def start(self, *, stop: float | None = None, time: float = 0.0, **values: float) -> None:
+        """Set values and initialise."""
+        self.set(**values)
+        self.enter(time=time, stop=stop)
         self.fmi.exitInitializationMode()
 
     def step(self, time: float, step: float) -> None:
@@ -65,6 +77,40 @@ class Slave:
             rows.append(self.get(*outputs))
         return np.array(rows)
 
+    def restored(self, serialised: bytes) -> Any:
+        """Return the state that was serialised."""
+        return self.fmi.deSerializeFMUstate(serialised)
+
+    def free(self) -> None:
+        self.fmi.fmi2FreeInstance(self.fmi.component)
+
+
+class Slave3(Slave):
+    """One instance of an extracted co-simulation FMU of FMI 3.0, with variables by name."""
+
+    def _instantiated(self, **about: str) -> Any:
+        self._callback = fmi3LogMessageCallback(
+            lambda _environment, status, category, message: self._log(status, category, message)
+        )
+        fmi = FMU3Slave(**about)
+        fmi.instantiate(loggingOn=self._logs is not None, logMessage=self._callback)
+        return fmi
+
+    def set(self, **values: float) -> None:
+        self.fmi.setFloat64([self.references[name] for name in values], list(values.values()))
+
+    def get(self, *names: str) -> list[float]:
+        return list(self.fmi.getFloat64([self.references[name] for name in names]))
+
+    def enter(self, *, time: float = 0.0, stop: float | None = None) -> None:
+        self.fmi.enterInitializationMode(startTime=time, stopTime=stop)
+
+    def restored(self, serialised: bytes) -> Any:
+        return self.fmi.deserializeFMUState(serialised)
+
+    def free(self) -> None:
+        self.fmi.fmi3FreeInstance(self.fmi.component)
+
 
 def status(call, *arguments, **keywords) -> int:  # type: ignore[no-untyped-def]
     """Return the FMI status with which a call fails; OK if it does not."""
@@ -80,10 +126,11 @@ class Opened:
 
     def __init__(self, fmu: Path) -> None:
         self.folder = fmpy.extract(str(fmu))
+        self._kind = Slave3 if fmpy.read_model_description(self.folder).fmiVersion.startswith("3") else Slave
         self._slaves: list[Slave] = []
 
     def slave(self, **keywords) -> Slave:  # type: ignore[no-untyped-def]
-        slave = Slave(self.folder, **keywords)
+        slave = self._kind(self.folder, **keywords)
         self._slaves.append(slave)
         return slave
 
@@ -92,5 +139,5 @@ class Opened:
 
     def __exit__(self, kind: type[BaseException] | None, value: object, traceback: TracebackType | None) -> None:
         for slave in self._slaves:
-            slave.fmi.fmi2FreeInstance(slave.fmi.component)
+            slave.free()
         shutil.rmtree(self.folder, ignore_errors=True)
