@@ -180,3 +180,64 @@ def test_a_parameter_of_each_recording_is_fitted_to_each_that_is_held_out(shown,
     found = validated(fitted, case, recordings=recordings[1:])
     assert set(found.validation.chain) == {"R run 2", "R run 3"}
     assert list(found.validation.chain.values()) == pytest.approx([CML050.R] * 2, rel=0.02)
+
+
+# Angles
+
+
+def turned(rows) -> np.ndarray:
+    """Return the angle, (n,) rad, of a current and speed, (n, 2), by trapezoids."""
+    w = rows[:, 1]
+    return np.concatenate([[0.0], np.cumsum((w[1:] + w[:-1]) / 2)]) * 1e-3
+
+
+def with_angle(recording: Recording, angle) -> Recording:
+    columns = {"voltage [V]": recording.signals["voltage"], "current [A]": recording.signals["current"]}
+    return recording_from_arrays("turning", recording.time, {**columns, "angle [rad]": angle})
+
+
+COUNT = 2 * np.pi / 4000
+SHOWN = {
+    "counts": lambda angle: COUNT * np.floor(angle / COUNT),
+    "a resolver": lambda angle: angle + 1e-3 * np.random.default_rng(5).standard_normal(len(angle)),
+}
+
+
+@pytest.mark.parametrize("sensor", SHOWN.values(), ids=SHOWN)
+@pytest.mark.parametrize("levels", [(5.0, 10.5), (10.5, 5.0)], ids=["up", "down"])
+def test_an_angle_of_a_motor_that_runs_already_may_begin_anywhere(case_of, levels, sensor):
+    recording = step_recording(CML050, levels=levels, duration=1.2, lead=0.3, noise=(0.02, 0.0))
+    angle = turned(np.column_stack([recording.signals["current"], recording.signals["speed"]])) - 12.3
+    result = run(case_of(), with_angle(recording, sensor(angle)))
+    assert result.verdict == "ok" and "offset angle" in result.chain and worst(result) < 4.5
+    assert result.rmse["angle"] < 2e-3
+
+
+def test_an_angle_that_does_not_begin_at_zero_is_counted_from_there(shown, measured, case_of):
+    result = run(case_of(), with_angle(measured, SHOWN["a resolver"](37.0 + turned(shown))))
+    assert result.verdict == "ok" and worst(result) < 4.5
+    assert any("turning: angle begins at 37" in note for note in result.notes)
+
+
+def test_the_angle_of_what_is_no_motor_is_taken_as_it_is(measured):
+    spring = fmu_build.bundled("pmsm_dq")
+    case = Case(
+        fmu=str(spring),
+        inputs={"vq": "voltage"},
+        outputs={"angle": OutputSpec("angle")},
+        parameters={"J": ParameterSpec("J", minimum=1e-6, maximum=1e-3)},
+    )
+    recording = with_angle(measured, np.linspace(37.0, 50.0, N))
+    (observed,) = plan_case(case, describe(case.fmu), recordings=[recording]).observed
+    assert observed.outputs["angle"][0] == 37.0 and not observed.notes
+
+
+@pytest.mark.parametrize("low", [0.0, -np.pi], ids=["0 to 2 pi", "-pi to pi"])
+def test_an_angle_that_begins_again_after_each_turn_accuses_no_speed(shown, measured, case_of, low):
+    wrapped = (turned(shown) - low) % (2 * np.pi) + low
+    columns = {"voltage [V]": VOLTAGE, "current [A]": measured.signals["current"]}
+    for gain, verdict in ((1.0, "ok"), (1.1, "doubtful")):
+        columns |= {"speed [rad/s]": gain * measured.signals["speed"], "angle [rad]": SHOWN["counts"](wrapped)}
+        result = run(case_of(), recording_from_arrays("wrapped", measured.time, columns))
+        assert result.verdict == verdict
+    assert "the speed is shown with a gain of 1.1" in result.reasons[0]

@@ -14,6 +14,7 @@ from estimator.stepping import layout
 
 FloatArray = NDArray[np.float64]
 
+TRAVEL = 10.0  # of the largest angle: how far a motor may have turned before the first row
 DELAY_ROOM = 20.0  # samples on either side of a delay's start
 FREED = 4.0  # standard deviations by which a nuisance must improve the fit
 
@@ -72,6 +73,8 @@ def with_offset(name: str, output: str, recording: int | None = None) -> Callabl
 
     def extend(plan: Plan, start: float) -> Plan:
         spread = max(float(np.nanmax(np.abs(o.outputs[output]))) for o in plan.observed)
+        if output == "angle":  # a motor that runs already has turned on, no longer than it is recorded
+            spread += TRAVEL * spread
         parameter = Parameter(
             name=name,
             unit=plan.description.variable(output).unit,

@@ -66,6 +66,7 @@ def with_loss(plan: Plan, loss: Loss) -> Plan:
         plan.observed[0].delay,
         o.notes,
         logged=o,
+        has_phase=o.has_phase,
     )
     return dataclasses.replace(plan, observed=(whole,))
 

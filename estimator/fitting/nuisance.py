@@ -71,11 +71,9 @@ class Refinement:
     ----------
     rebuild : callable
         A plan with other nuisances → a problem.
-    fixed : names of nuisances that the case fixes
     """
 
     rebuild: Callable[[Plan], Problem]
-    evaluations: int = 30
     rejected: set[str] = field(default_factory=set)
     plain: Plan | None = None  # before anything is freed
 
@@ -90,12 +88,7 @@ class Refinement:
         fit = self._treated(dataclasses.replace(untreated, polish=polish))
         if self._is_numerical(fit):
             return fit
-        for y in problem.outputs:  # an encoder's phase is never known
-            counts = y == "angle" and all(quantum(o.outputs[y]) > 0 for o in problem.plan.observed)
-            for e in range(len(problem.plan.observed)) if counts else ():
-                name = named(f"offset {y}", problem.plan, e)
-                if name not in fit.problem.plan.names and f"offset {y}" not in problem.plan.declared:
-                    fit = self._with_phase(fit, y, name, e)
+        fit = self._with_phases(fit)
         fit = self._counted(fit) or fit
         if self._is_smooth(fit):  # before a mean is taken for a delay or for a friction
             fit = self._mean_or_late(fit) or fit
@@ -397,11 +390,28 @@ class Refinement:
             sentence = direction.sentence_if_early
         return dataclasses.replace(best, freed=(*fit.freed, sentence), names=(*fit.names, direction.name))
 
-    def _with_phase(self, fit: Fit, output: str, name: str, recording: int) -> Fit:
-        problem = self.rebuild(with_offset(name, output, recording)(fit.problem.plan, 0.0))
-        x = np.append(fit.polish.values, 0.0)
+    def _with_phases(self, fit: Fit) -> Fit:
+        """Free where the angle of each recording begins, if that is not known of one."""
+        plan = fit.problem.plan
+        if not any(o.has_phase for o in plan.observed) or "offset angle" in plan.declared:
+            return fit
+        counts = all(quantum(o.outputs["angle"]) > 0 for o in plan.observed)
+        sentence = "angle is an encoder's, in counts: its phase is estimated"
+        sentence = sentence if counts else "angle does not begin where the model's does: its phase is estimated"
+        for e in range(len(plan.observed)):
+            name = named("offset angle", plan, e)
+            if name not in fit.problem.plan.names:
+                fit = self._with_phase(fit, name, e, sentence)
+        return fit
+
+    def _with_phase(self, fit: Fit, name: str, recording: int, sentence: str) -> Fit:
+        """Free one phase, from the mean of what is measured less what is simulated."""
+        old = fit.problem
+        shown = old.shown(old.trajectories(fit.polish.values[None, :]))[recording][:, old.outputs.index("angle")]
+        start = mean_of_known(old.plan.observed[recording].outputs["angle"] - shown)
+        problem = self.rebuild(with_offset(name, "angle", recording)(old.plan, start))
+        x = np.append(fit.polish.values, start)
         polish = squares(problem, fit.treatment).polish(x, fit.polish.deviations)
-        sentence = f"{output} is an encoder's, in counts: its phase is estimated"
         fit = dataclasses.replace(fit, problem=problem, polish=polish)
         return dataclasses.replace(
             fit,

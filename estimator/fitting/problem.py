@@ -19,7 +19,6 @@ from estimator.fmus.workers import Workers
 from estimator.plans.parameters import Box
 from estimator.plans.plan import ChainSpec, Observed, Plan
 from estimator.plans.planning import read_variable
-from estimator.recordings.excitation import quantum
 from estimator.recordings.recording import Recording
 from estimator.recordings.sensors import Section
 from estimator.stepping import layout
@@ -166,13 +165,12 @@ class Problem:
         return used
 
     def _without_phase(self) -> list[int]:
-        """Return the outputs that are an encoder's counts while nobody has freed their phase, or declared it."""
+        """Return the outputs whose phase is not known while nobody has freed it, or declared it."""
         plan = self.plan
         if "angle" not in self.outputs or "offset angle" in plan.declared:
             return []
         freed = any(p.place is not None and p.place.output == "angle" for p in plan.parameters)
-        counts = all(quantum(o.outputs["angle"]) > 0 for o in plan.observed)
-        return [self.outputs.index("angle")] if counts and not freed else []
+        return [self.outputs.index("angle")] if any(o.has_phase for o in plan.observed) and not freed else []
 
     def _picked(self, rows: FloatArray) -> FloatArray:
         """Pick from (c, rows, outputs) what is compared, (c, m); an encoder's speeds added up, counts without mean.

@@ -276,7 +276,7 @@ def _gains(plan: Plan, values: Mapping[str, float], fit: Fit | None) -> list[str
     names = [] if fit is None else [n for n in fit.names if n.startswith("gain ")]
     what = "what is held fixed does not fit" if plan.fixed or not names else "the signals contradict each other in"
     return [
-        f"{what} the recording unless {name.split()[1]} is shown with a gain of"
+        f"{what} the recording unless {name.removeprefix('gain ')} is shown with a gain of"
         f" {values[name]:.4g}; a gain of another signal may explain it as well; check the sensors' scales"
         for name in names
     ]

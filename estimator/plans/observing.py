@@ -16,10 +16,14 @@ from estimator.plans.plan import Observed
 from estimator.recordings.excitation import Excitation, find_delay, find_excitation, noise_deviation, quantum
 from estimator.recordings.filters import filter_sections
 from estimator.recordings.recording import MIN_SAMPLES, Recording, motor_columns
+from estimator.recordings.samples import filled
 from estimator.recordings.sensors import Section, Sensor
+from estimator.results.linear import MOTOR
 
 FloatArray = NDArray[np.float64]
 
+FIRST = 10  # samples that tell where an angle begins
+ONSET, STILL = 6.0, 0.01  # deviations of its noise; of the largest angle: less is where the model's begins
 LATE = 2  # samples: a response that starts this much later than it could is delayed
 SAME_LEVEL = 0.02  # of an input's range: levels on both sides of a gap that are nearer are one
 SHORT_GAP = 3  # rows: an input that changes within so short a gap is held over it
@@ -45,7 +49,38 @@ def observe(case: Case, description: FmuDescription, recording: Recording, run: 
             " leave the fixed value out, or name the columns to use in a case file"
         )
     _check_channels(run, inputs, outputs, recording)
-    driven, gaps = {}, []
+    recording, driven, told = _driven(case, description, recording, inputs, run)
+    measured = _compared(case, description, recording, outputs, run)
+    has_phase = "angle" in measured and quantum(measured["angle"]) > 0
+    if not driven:  # the FMU moves by itself, as the motor did
+        return Observed(recording, driven, measured, Excitation("several", 0, 0.0, 0.0, False), 0, has_phase=has_phase)
+    is_motor = _is_motor(case, description)
+    if is_motor and "angle" in measured:
+        measured["angle"], more = _from_zero(recording, measured["angle"])
+        told += more
+    excitation = _excitation(driven, _moving(measured, recording.step))
+    notes = tuple(told)
+    if begins_elsewhere(case, description):  # nothing to run in, and the way from there is a response
+        kind = "several" if excitation.kind == "none" else excitation.kind
+        still = dataclasses.replace(excitation, kind=kind, running=False)
+        return Observed(recording, driven, measured, still, 0, notes=notes, has_phase=has_phase)
+    lead = 0
+    if excitation.running and any(u[0] != 0 for u in driven.values()) and excitation.kind != "none":
+        lead = len(recording.time) - (excitation.index if excitation.kind == "step" else 0)
+        has_phase = "angle" in measured and (has_phase or is_motor)
+    late = find_delay(excitation, measured) if lead == 0 else 0
+    delay = late * recording.step if late >= LATE else 0.0
+    if isinstance(run.delay, float | int):
+        delay = float(run.delay)
+        _check_delay(delay, excitation, recording)
+    return Observed(recording, driven, measured, excitation, lead, delay, notes=notes, has_phase=has_phase)
+
+
+def _driven(
+    case: Case, description: FmuDescription, recording: Recording, inputs: Mapping[str, str], run: RunSpec
+) -> tuple[Recording, dict[str, FloatArray], list[str]]:
+    """Return the part of a recording in which every input is known, the inputs, (n,) each, and what to tell."""
+    driven, notes = {}, []
     for name, column in inputs.items():
         unit = description.variable(name, role="input").unit or None
         driven[name] = _corrected(_driving(case, recording, name, column, unit), name, column, run)
@@ -55,11 +90,18 @@ def observe(case: Case, description: FmuDescription, recording: Recording, run: 
         driven = {name: signal[first:last] for name, signal in driven.items()}
     for name in driven:
         driven[name], told = _complete(recording, driven[name], name, inputs[name], linear=name in case.linear)
-        gaps += told
+        notes += told
     for name, value in case.fixed.items():
         variable = target(description, name)
         if variable.causality == "input" and variable.is_real:
             driven[name] = np.full(len(recording.time), value)
+    return recording, driven, notes
+
+
+def _compared(
+    case: Case, description: FmuDescription, recording: Recording, outputs: Mapping[str, str], run: RunSpec
+) -> dict[str, FloatArray]:
+    """Return what each output is compared with, (n,) each."""
     measured = {}
     for name, column in outputs.items():
         spec = case.outputs.get(name) or OutputSpec(column)
@@ -67,22 +109,7 @@ def observe(case: Case, description: FmuDescription, recording: Recording, run: 
         measured[name] = _measured(recording, column, spec, unit=unit, name=name, run=run)
         if np.isnan(measured[name]).all():
             raise RecordingError(f"{recording.title}: {column} has no sample that can be used; widen the window")
-    if not driven:  # the FMU moves by itself, as the motor did
-        return Observed(recording, driven, measured, Excitation("several", 0, 0.0, 0.0, False), 0)
-    excitation = _excitation(driven, measured)
-    if begins_elsewhere(case, description):  # nothing to run in, and the way from there is a response
-        kind = "several" if excitation.kind == "none" else excitation.kind
-        still = dataclasses.replace(excitation, kind=kind, running=False)
-        return Observed(recording, driven, measured, still, 0, notes=tuple(gaps))
-    lead = 0
-    if excitation.running and any(u[0] != 0 for u in driven.values()) and excitation.kind != "none":
-        lead = len(recording.time) - (excitation.index if excitation.kind == "step" else 0)
-    late = find_delay(excitation, measured) if lead == 0 else 0
-    delay = late * recording.step if late >= LATE else 0.0
-    if isinstance(run.delay, float | int):
-        delay = float(run.delay)
-        _check_delay(delay, excitation, recording)
-    return Observed(recording, driven, measured, excitation, lead, delay, notes=tuple(gaps))
+    return measured
 
 
 def _excitation(driven: Mapping[str, FloatArray], measured: Mapping[str, FloatArray]) -> Excitation:
@@ -94,6 +121,26 @@ def _excitation(driven: Mapping[str, FloatArray], measured: Mapping[str, FloatAr
         if found.kind != "none" and np.ptp(driven[name]) > 0:
             return dataclasses.replace(found, kind="several") if first == "v" else found  # a step is the voltage's
     return excitation
+
+
+def _is_motor(case: Case, description: FmuDescription) -> bool:
+    """Whether the FMU is a motor, which moves in the same way at any angle, and begins at zero."""
+    known = {*case.parameters, *(v.name for v in description.of_causality("parameter"))}
+    return set(MOTOR) <= known and not begins_elsewhere(case, description)
+
+
+def _from_zero(recording: Recording, angle: FloatArray) -> tuple[FloatArray, list[str]]:
+    """Return an angle, (n,), that begins at zero, as the model's does, and what to tell."""
+    begins = float(np.median(angle[~np.isnan(angle)][:FIRST]))
+    noise = max(noise_deviation(angle), quantum(angle))
+    if abs(begins) <= ONSET * noise + STILL * float(np.nanmax(np.abs(angle))):
+        return angle, []
+    return angle - begins, [f"{recording.title}: angle begins at {begins:.4g} rad; it is counted from there"]
+
+
+def _moving(measured: Mapping[str, FloatArray], step: float) -> dict[str, FloatArray]:
+    """Return what shows whether a motor moves: of an angle its slope."""
+    return {name: np.gradient(filled(y), step) if name == "angle" else y for name, y in measured.items()}
 
 
 def _check_delay(delay: float, excitation: Excitation, recording: Recording) -> None:

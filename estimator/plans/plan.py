@@ -36,6 +36,8 @@ class Observed:
     notes : sentences about what was done to its samples
     logged : Observed or None
         As it was logged, where rows that its logger lost have been put back.
+    has_phase : bool
+        Its angle begins anywhere, not where the model's does: encoder counts, or a motor that runs already.
     """
 
     recording: Recording
@@ -46,6 +48,7 @@ class Observed:
     delay: float = 0.0
     notes: tuple[str, ...] = ()
     logged: Observed | None = None
+    has_phase: bool = False
 
 
 @dataclass(frozen=True)
