@@ -239,11 +239,10 @@ def find_ripple(
         power = np.abs(waves @ moved) ** 2
         floor = _floor(moved, turn_rate)
         power[[o - 1 for o in orders]] = 0.0
+        amplitude = 2 * np.sqrt(power) / len(moved)
+        power[amplitude < max(least, RIPPLE_LEAST * float(np.std(moved)))] = 0.0  # where a mean hides the noise, too
         best = int(np.argmax(power / floor))
-        amplitude = 2 * float(np.sqrt(power[best])) / len(moved)
-        if 2 * power[best] < RIPPLE_POWER * floor[best] or amplitude < RIPPLE_LEAST * float(np.std(moved)):
-            break
-        if amplitude < least:
+        if 2 * power[best] < RIPPLE_POWER * floor[best]:
             break
         orders.append(best + 1)
         columns = np.column_stack(
