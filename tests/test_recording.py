@@ -542,6 +542,15 @@ def test_a_motor_column_that_is_missing_or_misfits_is_said(header: str, sentence
     assert sentence in str(caught.value)
 
 
+@pytest.mark.parametrize("column", ["x [counts]", "encoder", "motor encoder [ticks]"])
+def test_encoder_counts_alone_ask_for_the_counts_a_turn(column: str, tmp_path: Path) -> None:
+    recording = read(tmp_path, with_header(f"time,voltage,current,{column}"))
+    with pytest.raises(RecordingError, match="counts the lines of an encoder; say in a case file how many make a turn"):
+        motor_columns(recording, required=["v"], either=["i", "w"])
+    beside = read(tmp_path, with_header(f"time,voltage,speed,{column}"))
+    assert motor_columns(beside, required=["v"], either=["i", "w"]) == {"v": "voltage", "w": "speed"}
+
+
 def test_a_motor_column_of_text_is_said(tmp_path: Path) -> None:
     text = "\n".join([HEADER, *(f"{k / 1000:.3f},1,abc,2" for k in range(N))])
     with pytest.raises(RecordingError, match=r"^run3.csv line 2: current is not a number \('abc'\)"):

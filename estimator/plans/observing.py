@@ -18,6 +18,7 @@ from estimator.recordings.filters import filter_sections
 from estimator.recordings.recording import MIN_SAMPLES, Recording, motor_columns
 from estimator.recordings.samples import filled
 from estimator.recordings.sensors import Section, Sensor
+from estimator.recordings.turns import is_countable, starts_again, with_turns
 from estimator.results.linear import MOTOR
 
 FloatArray = NDArray[np.float64]
@@ -50,7 +51,8 @@ def observe(case: Case, description: FmuDescription, recording: Recording, run: 
         )
     _check_channels(run, inputs, outputs, recording)
     recording, driven, told = _driven(case, description, recording, inputs, run)
-    measured = _compared(case, description, recording, outputs, run)
+    measured, more = _compared(case, description, recording, outputs, run)
+    told += more
     has_phase = "angle" in measured and quantum(measured["angle"]) > 0
     if not driven:  # the FMU moves by itself, as the motor did
         return Observed(recording, driven, measured, Excitation("several", 0, 0.0, 0.0, False), 0, has_phase=has_phase)
@@ -100,16 +102,18 @@ def _driven(
 
 def _compared(
     case: Case, description: FmuDescription, recording: Recording, outputs: Mapping[str, str], run: RunSpec
-) -> dict[str, FloatArray]:
-    """Return what each output is compared with, (n,) each."""
-    measured = {}
+) -> tuple[dict[str, FloatArray], list[str]]:
+    """Return what each output is compared with, (n,) each, and what to tell."""
+    measured, told = {}, []
     for name, column in outputs.items():
         spec = case.outputs.get(name) or OutputSpec(column)
         unit = description.variable(name, role="output").unit or None
         measured[name] = _measured(recording, column, spec, unit=unit, name=name, run=run)
+        if recording.units[recording.column(column)] == "rad" and starts_again(recording.signal(column)):
+            told.append(f"{recording.title}: {column} starts again with every turn; its turns are added up")
         if np.isnan(measured[name]).all():
             raise RecordingError(f"{recording.title}: {column} has no sample that can be used; widen the window")
-    return measured
+    return measured, told
 
 
 def _excitation(driven: Mapping[str, FloatArray], measured: Mapping[str, FloatArray]) -> Excitation:
@@ -131,9 +135,11 @@ def _is_motor(case: Case, description: FmuDescription) -> bool:
 
 def _from_zero(recording: Recording, angle: FloatArray) -> tuple[FloatArray, list[str]]:
     """Return an angle, (n,), that begins at zero, as the model's does, and what to tell."""
-    begins = float(np.median(angle[~np.isnan(angle)][:FIRST]))
+    first = angle[~np.isnan(angle)][:FIRST]
+    begins = float(np.median(first))
     noise = max(noise_deviation(angle), quantum(angle))
-    if abs(begins) <= ONSET * noise + STILL * float(np.nanmax(np.abs(angle))):
+    moves = np.ptp(first) > ONSET * noise
+    if abs(begins) <= ONSET * noise + STILL * moves * float(np.nanmax(np.abs(angle))):
         return angle, []
     return angle - begins, [f"{recording.title}: angle begins at {begins:.4g} rad; it is counted from there"]
 
@@ -256,6 +262,8 @@ def _measured(
         signal = recording.signals[recording.column(column)] * (2 * np.pi / spec.counts)
     else:
         signal = recording.signal(column, unit="rad" if is_angle else unit)
+        if header_unit == "rad" and starts_again(signal):
+            signal = _added_up(recording, column, signal)
     signal = _corrected(signal, name, column, run)
     if is_angle or (spec.counts is not None and spec.sensor == "mean"):
         signal = np.concatenate([[np.nan], np.diff(signal) / np.diff(recording.time)])
@@ -267,6 +275,16 @@ def _measured(
         return _filtered(signal, filter_sections(spec.both, step=recording.step))
     except ValueError as error:
         raise CaseError(f"output {name!r}: {error} of {recording.title}; take a lower one") from None
+
+
+def _added_up(recording: Recording, column: str, angle: FloatArray) -> FloatArray:
+    whole = with_turns(angle)
+    if not is_countable(whole):
+        raise RecordingError(
+            f"{recording.title}: {column!r} starts again with every turn and moves by nearly half a turn from row to"
+            " row, so its turns cannot be counted; record faster, or the speed"
+        )
+    return whole
 
 
 def _filtered(signal: FloatArray, sections: tuple[Section, ...]) -> FloatArray:

@@ -357,6 +357,11 @@ def motor_columns(
             wrong = wrong or fault
         if role not in found and wrong and role in (*required, *either):
             raise RecordingError(wrong)
+    if "w" in either and not {"w", "angle"} & found.keys() and (counts := _counting(recording, found.values())):
+        raise RecordingError(
+            f"{recording.title}: {counts!r} counts the lines of an encoder; say in a case file how many make a turn:"
+            f' under [outputs], angle = {{ column = "{counts}", counts = 4000 }}'
+        )
     lacking = [role for role in (*required, *either) if role not in found and not (role == "w" and "angle" in found)]
     meant = {role: _meant(recording, role, found.values(), by_unit=role in either) for role in lacking}
     nothing = bool(either) and not {*either, "angle"} & found.keys()
@@ -368,6 +373,16 @@ def motor_columns(
         remedy = f"; is it {near[0]!r}?" if near else f"; add one such as {_example(role)!r}, or map it in a case file"
         raise RecordingError(f"{recording.title} has no {ROLE_TITLE[role]} column{remedy} ({columns})")
     return found
+
+
+def _counting(recording: Recording, taken: Collection[str]) -> str | None:
+    """Return the header of a column that seems to hold an encoder's counts."""
+    for column, text in recording.headers.items():
+        words = set(plain(parse_header(text).name).split("_"))
+        bare = recording.units[column] in ("", "count") and column in recording.signals
+        if column not in taken and bare and (recording.units[column] == "count" or "encoder" in words):
+            return text
+    return None
 
 
 def _meant(recording: Recording, role: str, taken: Collection[str], *, by_unit: bool) -> list[str]:
