@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from motors import CML050, NAMES, recording_of, step_recording
+from motors import CML050, NAMES, held_response, recording_of, step_recording
 
 from estimator.cases.case import Case, Chebyshev1, OutputSpec
 from estimator.estimating.estimate import estimate_recordings
@@ -139,13 +139,30 @@ def test_a_supply_that_sags_is_named(case_of, noisy):
     sagging = dataclasses.replace(CML050, voltage=10.5)
     k = np.arange(2801)
     voltage = np.where(k >= 500, 10.5 * (1 - 0.05 * np.exp(-(k - 500) / 30)), 0.0)
-    from motors import held_response
-
     shown = held_response(sagging, voltage, step=1e-3)
     recording = recording_of("sag", noisy.time, np.where(k >= 500, 10.5, 0.0), shown, noise=(0.02, 1.0), seed=5)
     result = run(case_of(), recording)
     assert result.verdict == "doubtful"
     assert any("supply's voltage seems to sag" in reason for reason in result.reasons)
+
+
+def test_a_voltage_that_is_too_high_at_the_step_is_not_said_to_sag(case_of, noisy):
+    k = np.arange(len(noisy.time))
+    voltage = np.where(k >= 500, 10.5 * (1 + 0.1 * np.exp(-np.maximum(k - 500, 0) / 30)), 0.0)
+    shown = held_response(CML050, voltage, step=1e-3)
+    recording = recording_of("high", noisy.time, np.where(k >= 500, 10.5, 0.0), shown, noise=(0.02, 1.0), seed=5)
+    reasons = " ".join(run(case_of(), recording).reasons)
+    assert "the supply's voltage seems to be too high at the step (+" in reasons
+    assert "sag" not in reasons
+
+
+def test_a_motor_that_turns_already_without_voltage_is_said_to(case_of, noisy):
+    voltage = noisy.signals["voltage"][480:]
+    shown = held_response(CML050, np.concatenate([np.full(500, 5.0), voltage]), step=1e-3)[500:]
+    recording = recording_of("coasts", np.arange(len(shown)) * 1e-3, voltage, shown, noise=(0.02, 1.0), seed=4)
+    result = run(case_of(), recording)
+    assert result.verdict == "doubtful"
+    assert any("coasts: the motor turns already at" in reason for reason in result.reasons)
 
 
 def test_lost_samples_in_the_transient_are_named(case_of, noisy):

@@ -137,10 +137,19 @@ def _turned(rows: FloatArray, step: float) -> FloatArray:
 
 
 def _sag(tau: float) -> Callable[[float, float], str]:
-    return lambda size, z: (
-        f"the supply's voltage seems to sag at the step ({100 * size:+.2g} % at first, recovering in some"
-        f" {tau:g} s; {z:.1f} standard deviations); record the motor's voltage, not the command"
-    )
+    def tell(size: float, z: float) -> str:
+        by = f"{100 * size:+.2g} % at first"
+        if size < 0:
+            return (
+                f"the supply's voltage seems to sag at the step ({by}, recovering in some {tau:g} s; {z:.1f} standard"
+                " deviations); record the motor's voltage, not the command"
+            )
+        return (
+            f"the supply's voltage seems to be too high at the step ({by}, falling off in some {tau:g} s; {z:.1f}"
+            " standard deviations), or a sensor has a filter; record the motor's voltage, and declare the filter"
+        )
+
+    return tell
 
 
 def _dry(size: float, z: float) -> str:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from estimator.fitting.fit import at_given_bound
 from estimator.fitting.polish import Polish
+from estimator.judging.coasting import coasting
 from estimator.judging.refusal import CONTRADICTED, lost_transients, refused_notes
 from estimator.judging.scales import scales_at_odds
 from estimator.judging.step_check import StepCheck
@@ -106,7 +107,13 @@ def judge(
         reasons += _misfit(plan, shown, noise, spread)
         reasons += step.reasons
         reasons += _drifts(fit)
-        wrong = [*_betrayed(fit), *_gains(plan, values, fit), *scales_at_odds(plan), *_fast(plan, values)]
+        wrong = [
+            *_betrayed(fit),
+            *_gains(plan, values, fit),
+            *scales_at_odds(plan),
+            *_fast(plan, values),
+            *coasting(plan),
+        ]
         reasons += wrong
         if held := at_given_bound(plan, polish):
             wrong.append(f"{', '.join(held)} may not go where the recording wants it")
