@@ -30,7 +30,9 @@ def check_model(model: Model, equations: Equations, *, source: Path) -> None:
     for name, rate in equations(_start(model)).items():
         if not math.isfinite(rate):
             what = f"s->{name}.margin" if name in {v.name for v in model.of_kind("mode")} else f"d->{name}"
-            raise BuildError(f"{source}: {what} is not set, or not finite at the start values")
+            raise BuildError(
+                f"{source}: {what} is not set, or not finite at the start values; set it, or other start values"
+            )
     if model.linear:
         _check_linearity(model, equations, source)
 
@@ -104,13 +106,15 @@ def _check_variable(variable: Variable, source: Path) -> None:
     if not -math.inf < variable.min <= variable.max < math.inf:
         raise wrong(f"has min {variable.min:g} and max {variable.max:g}; min <= max and both finite are needed")
     if variable.kind != "output" and not variable.min <= variable.start <= variable.max:
-        raise wrong(f"starts at {variable.start:g}, not within min {variable.min:g} and max {variable.max:g}")
+        raise wrong(
+            f"starts at {variable.start:g}, not within min {variable.min:g} and max {variable.max:g}; start within"
+        )
     if not 0 < variable.nominal < math.inf:
         raise wrong(f"has nominal {variable.nominal:g}; a typical magnitude above 0 is needed")
     if variable.kind == "mode" and variable.max - variable.min > MOST_COMBINATIONS:
         raise wrong(f"is a mode from {variable.min:g} to {variable.max:g}; give it the few whole numbers that it takes")
     if not variable.description:
-        raise wrong("has no description")
+        raise wrong("has no description; say what it is")
     try:
         base_exponents(variable.unit)
     except BuildError as error:

@@ -161,7 +161,7 @@ def _variable(row: _TableRow, source: Path) -> Variable:
     try:
         unit, description = row.unit.decode(), row.description.decode()
     except UnicodeDecodeError as error:
-        raise BuildError(f"{source}: the line of {row.name.decode()} is not UTF-8") from error
+        raise BuildError(f"{source}: the line of {row.name.decode()} is not UTF-8; save the file so") from error
     return Variable(
         get_args(Kind)[row.kind], row.name.decode(), row.start, row.nominal, row.min, row.max, unit, description
     )

@@ -88,7 +88,7 @@ def fmu_sources(source: Path, *, fmi: int = 2) -> tuple[dict[str, bytes], str]:
         raise BuildError(f"{source}: the model file cannot be read: {reason}") from error
     for included in re.findall(r'^\s*#\s*include\s*"(.*?)"', text, re.M):
         if included != "model.h":
-            raise BuildError(f'{source}: a model is one file; it includes "{included}"')
+            raise BuildError(f'{source}: a model is one file; it includes "{included}"; put its text in instead')
     files = {source.name: text.encode()} | {name: (HERE / name).read_bytes() for name in GLUE[fmi]}
     digest = hashlib.sha256()
     for name, content in sorted((files | _RECIPE).items()):

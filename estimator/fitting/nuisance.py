@@ -39,9 +39,10 @@ from estimator.fitting.fit import (
     weighed,
     with_coloured_errors,
 )
-from estimator.fitting.freeing import FREED, free_delay, named, with_average, with_offset, with_place, without
+from estimator.fitting.freeing import FREED, free_delay, named, with_average, with_place, without
 from estimator.fitting.lost_samples import can_be_set_right, put_back
 from estimator.fitting.noise import find_outliers
+from estimator.fitting.phases import with_phases
 from estimator.fitting.polish import LeastSquares, Polish
 from estimator.fitting.problem import Problem
 from estimator.fitting.suspects import LOST, renewed, strongest_suspect
@@ -88,7 +89,7 @@ class Refinement:
         fit = self._treated(dataclasses.replace(untreated, polish=polish))
         if self._is_numerical(fit):
             return fit
-        fit = self._with_phases(fit)
+        fit = with_phases(fit, self.rebuild)
         fit = self._counted(fit) or fit
         if self._is_smooth(fit):  # before a mean is taken for a delay or for a friction
             fit = self._mean_or_late(fit) or fit
@@ -389,36 +390,6 @@ class Refinement:
         if direction.is_channel and best.polish.values[best.problem.plan.names.index(direction.name)] < 0:
             sentence = direction.sentence_if_early
         return dataclasses.replace(best, freed=(*fit.freed, sentence), names=(*fit.names, direction.name))
-
-    def _with_phases(self, fit: Fit) -> Fit:
-        """Free where the angle of each recording begins, if that is not known of one."""
-        plan = fit.problem.plan
-        if not any(o.has_phase for o in plan.observed) or "offset angle" in plan.declared:
-            return fit
-        counts = all(quantum(o.outputs["angle"]) > 0 for o in plan.observed)
-        sentence = "angle is an encoder's, in counts: its phase is estimated"
-        sentence = sentence if counts else "angle does not begin where the model's does: its phase is estimated"
-        for e in range(len(plan.observed)):
-            name = named("offset angle", plan, e)
-            if name not in fit.problem.plan.names:
-                fit = self._with_phase(fit, name, e, sentence)
-        return fit
-
-    def _with_phase(self, fit: Fit, name: str, recording: int, sentence: str) -> Fit:
-        """Free one phase, from the mean of what is measured less what is simulated."""
-        old = fit.problem
-        shown = old.shown(old.trajectories(fit.polish.values[None, :]))[recording][:, old.outputs.index("angle")]
-        start = mean_of_known(old.plan.observed[recording].outputs["angle"] - shown)
-        problem = self.rebuild(with_offset(name, "angle", recording)(old.plan, start))
-        x = np.append(fit.polish.values, start)
-        polish = squares(problem, fit.treatment).polish(x, fit.polish.deviations)
-        fit = dataclasses.replace(fit, problem=problem, polish=polish)
-        return dataclasses.replace(
-            fit,
-            colours=colours(fit),
-            freed=(*fit.freed, sentence) if sentence not in fit.freed else fit.freed,
-            names=(*fit.names, name) if sentence not in fit.freed else fit.names,
-        )
 
     def _averaged(self, fit: Fit, *, even_if_white: bool = False) -> Fit | None:
         """Try running means of the current, as loggers show it, where its residuals are coloured; None if none fits."""
