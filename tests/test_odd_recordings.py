@@ -112,6 +112,26 @@ def test_a_dry_friction_is_named_whichever_way_the_motor_turns(case_of):
         assert mirrored.parameters[name].value == pytest.approx(there.parameters[name].value, rel=1e-6)
 
 
+# Delays, and sensors that show nothing
+
+
+@pytest.mark.parametrize("method", ["integral", "steiglitz-mcbride"])
+def test_a_method_without_a_search_allows_for_the_delay_that_the_data_show(case_of, method):
+    recording = step_recording(CML050, duration=1.2)
+    late = {name: np.concatenate([np.zeros(20), recording.signals[name][:-20]]) for name in ("current", "speed")}
+    found, plain = run(case_of(method), changed(recording, **late)), run(case_of(method), recording)
+    for name in NAMES:
+        assert found.parameters[name].value == pytest.approx(plain.parameters[name].value, rel=1e-3)
+    assert found.rmse["w"] < 1.5 * plain.rmse["w"] + 1e-6
+
+
+@pytest.mark.parametrize(("column", "said"), [("current", "i is 0 A"), ("speed", "w is 0 rad/s")])
+def test_a_sensor_that_shows_nothing_is_refused(measured, case_of, column, said):
+    result = run(case_of(), changed(measured, **{column: np.zeros(N)}))
+    assert result.verdict == "refused"
+    assert f"changed: {said} from the first to the last sample while the voltage moves" in result.reasons[0]
+
+
 # Gaps; warnings of numpy are errors here
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from motors import CML050, RMCS2004, Motor, held_response, recording_of, step_recording
 
-from estimator.cases.case import ParameterSpec
+from estimator.cases.case import OutputSpec, ParameterSpec
 from estimator.estimating.estimate import estimate_recordings
 
 
@@ -38,6 +38,22 @@ def test_no_voltage_logged(case_of, good):
 
 def test_no_excitation(case_of, good):
     refused(case_of, made(0 * good[0], 0 * good[1]), "nothing is excited")
+
+
+@pytest.mark.parametrize(("level", "moves"), [(0.0, True), (0.0, False), (2.0, False)])
+def test_no_excitation_of_what_is_driven_by_no_voltage_names_its_input(case_of, good, level, moves):
+    recording = made(0 * good[0], moves * good[1])
+    recording = dataclasses.replace(recording, signals={**recording.signals, "voltage": np.full(1500, level)})
+    inputs, outputs = {"load": "voltage"}, {"i": OutputSpec("current"), "w": OutputSpec("speed")}
+    case = dataclasses.replace(case_of(), inputs=inputs, outputs=outputs)
+    recording = dataclasses.replace(recording, units={**recording.units, "voltage": "N.m"})
+    recording = dataclasses.replace(recording, headers={**recording.headers, "voltage": "voltage [N.m]"})
+    result = run(case, recording)
+    told = (
+        "is zero throughout while i and w move: it was not logged" if moves else "so nothing is excited; record a step"
+    )
+    assert result.verdict == "refused"
+    assert result.reasons[0].startswith("the input 'load' ") and told in result.reasons[0]
 
 
 def test_a_saturated_current(case_of, good):

@@ -40,8 +40,9 @@ def direct_values(plan: Plan, noise: Mapping[str, float]) -> FloatArray | str:
     method = plan.case.search.method
     _check_applies(plan, method)
     o = plan.observed[0]
-    v, i, w = o.inputs["v"], o.outputs["i"], o.outputs["w"]
-    loads = o.inputs.get("load", np.zeros(1))
+    inputs, outputs = o.in_time()
+    v, i, w = inputs["v"], outputs["i"], outputs["w"]
+    loads = inputs.get("load", np.zeros(1))
     if method == "integral":
         found = integral_estimate(v, i, w, step=o.recording.step, load=float(loads[0]))
     else:

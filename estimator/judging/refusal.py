@@ -23,6 +23,7 @@ IMPOSSIBLE = 1.5  # times the largest acceleration
 CONTRADICTED = "an impossible acceleration"
 OVER, STILL = 6, 0.1  # samples after a jump; part of the response: within both the jump was all that happened
 FASTER = 10  # samples in what is one now
+ONE = 10  # samples that are alike by no chance
 RECTIFIED = 50  # samples at rest that tell a lost sign
 
 
@@ -30,18 +31,26 @@ def refusal(plan: Plan) -> list[str]:
     """Return why nothing can be estimated from the recordings; empty if something can."""
     reasons = []
     if all(o.excitation.kind == "none" for o in plan.observed):
-        level = plan.observed[0].excitation.after
-        moving = [n for n, y in plan.observed[0].outputs.items() if _moves(y)]
+        first = plan.observed[0]
+        is_motor = "v" in first.inputs
+        drive = "voltage" if is_motor else f"input {next(iter(first.inputs))!r}"
+        level = first.excitation.after
+        moving = [n for n, y in first.outputs.items() if _moves(y)]
         if level == 0 and moving:
+            remedy = "no voltage was logged; record the motor's voltage, too"
             return [
-                f"the voltage is zero throughout while {' and '.join(moving)} move"
-                f"{'s' if len(moving) == 1 else ''}: no voltage was logged; record the motor's voltage, too"
+                f"the {drive} is zero throughout while {' and '.join(moving)} move{'s' if len(moving) == 1 else ''}:"
+                f" {remedy if is_motor else 'it was not logged; record it, too'}"
             ]
-        what = "is zero" if level == 0 else f"stays at {level:.4g} V"
+        what = "is zero" if level == 0 else f"stays at {level:.4g}{' V' if is_motor else ''}"
         reasons.append(
-            f"the voltage {what} from the first to the last sample while the motor does not start, so nothing is"
-            " excited; record a voltage step from standstill"
+            f"the {drive} {what} from the first to the last sample while the motor does not start, so nothing is"
+            f" excited; record a {drive} step from standstill"
+            if is_motor
+            else f"the {drive} {what} from the first to the last sample, so nothing is excited; record a step of it"
         )
+    if dead := _dead(plan):
+        return [*reasons, *dead]
     for o in plan.observed:
         reasons += _damaged(o, plan.description) + _unsigned(o) + _contradicted(o)
     return reasons
@@ -69,6 +78,25 @@ def _moves(y: FloatArray) -> bool:
     """Whether an output changes by far more than its noise."""
     known = y[~np.isnan(y)]
     return float(np.ptp(known)) > MOVES * noise_deviation(known) and float(np.ptp(known)) > 0
+
+
+def _dead(plan: Plan) -> list[str]:
+    """Find a current or a speed that no recording shows to move from one number, though the voltage does."""
+    if not all("v" in o.inputs and np.ptp(o.inputs["v"]) > 0 for o in plan.observed):
+        return []
+    title = plan.observed[0].recording.title
+    return [
+        f"{title}: {name} is {float(np.nanmax(plan.observed[0].outputs[name])):.4g}"
+        f" {plan.description.variable(name).unit} from the first to the last sample while the voltage moves: its sensor"
+        " is dead, or the shaft is held; leave the column out, or record it again"
+        for name in ("i", "w")
+        if name in plan.outputs and all(_stays(o.outputs[name]) for o in plan.observed)
+    ]
+
+
+def _stays(y: FloatArray) -> bool:
+    known = y[~np.isnan(y)]
+    return len(known) > ONE and float(np.ptp(known)) == 0
 
 
 def _unsigned(o: Observed) -> list[str]:

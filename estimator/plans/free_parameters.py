@@ -30,9 +30,10 @@ def first_guess(case: Case, observed: tuple[Observed, ...], description: FmuDesc
     """Return a first guess of the motor's parameters from the data; empty where they show none."""
     for o in observed:
         if {"v"} <= set(o.inputs) and {"i", "w"} <= set(o.outputs) and o.excitation.kind != "none":
-            late = max(0, round(o.delay / o.recording.step))
-            v = o.inputs["v"][: len(o.inputs["v"]) - late]
-            i, w = o.outputs["i"][late:], o.outputs["w"][late:]
+            inputs, outputs = o.in_time()
+            v, i, w = inputs["v"], outputs["i"], outputs["w"]
+            if any(not np.nanmax(np.abs(x), initial=0.0) for x in (v, i, w)):
+                return {}  # a signal that shows nothing
             load = case.fixed.get("load", 0.0)
             guess = integral_estimate(v, i, w, step=o.recording.step, load=load)
             return _sane(guess, v, i, w, step=o.recording.step)
@@ -53,10 +54,9 @@ def _guess_without_current(case: Case, observed: Observed, description: FmuDescr
     R, L, step = given["R"], given["L"], observed.recording.step
     if R is None:
         return {}
-    late = max(0, round(observed.delay / step))
-    v = observed.inputs["v"][: len(observed.inputs["v"]) - late]
-    w = observed.outputs["w"] if "w" in observed.outputs else np.gradient(observed.outputs["angle"], step)
-    guess = speed_estimate(v, w[late:], step=step, R=R)
+    inputs, outputs = observed.in_time()
+    w = outputs["w"] if "w" in outputs else np.gradient(outputs["angle"], step)
+    guess = speed_estimate(inputs["v"], w, step=step, R=R)
     if guess and L is not None:
         slow = R * guess["J"] / guess["K"] ** 2
         guess["L"] = min(L, R * slow / 10)

@@ -50,6 +50,14 @@ class Observed:
     logged: Observed | None = None
     has_phase: bool = False
 
+    def in_time(self) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
+        """Return inputs and outputs, (n − d,) each, as if there were no delay, of d samples."""
+        late = round(self.delay / self.recording.step)
+        kept = len(self.recording.time) - abs(late)
+        first, second = max(0, -late), max(0, late)
+        inputs = {name: u[first : first + kept] for name, u in self.inputs.items()}
+        return inputs, {name: y[second : second + kept] for name, y in self.outputs.items()}
+
 
 @dataclass(frozen=True)
 class ChainSpec:
