@@ -239,6 +239,16 @@ def test_an_angle_that_does_not_begin_at_zero_is_counted_from_there(shown, measu
     assert any("turning: angle begins at 37" in note for note in result.notes)
 
 
+def test_the_held_out_angle_of_a_motor_that_runs_already_has_a_phase_of_its_own(shown, measured, case_of):
+    case, resolver = case_of(), SHOWN["a resolver"]
+    fitted = run(case, with_angle(measured, resolver(turned(shown))))
+    running = step_recording(CML050, levels=(5.0, 10.5), duration=1.2, lead=0.3, noise=(0.02, 0.0))
+    angle = turned(np.column_stack([running.signals["current"], running.signals["speed"]]))
+    found = validated(fitted, case, recordings=[with_angle(running, resolver(angle))])
+    assert set(found.validation.chain) == {"offset angle"}
+    assert found.validation.rmse["angle"] < 0.02  # of 200 rad, by the error of the speed times 1.2 s
+
+
 def test_the_angle_of_what_is_no_motor_is_taken_as_it_is(measured):
     spring = fmu_build.bundled("pmsm_dq")
     case = Case(

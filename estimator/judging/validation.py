@@ -121,7 +121,8 @@ def _as_estimated(plan: Plan, estimate: Estimate) -> tuple[Plan, FloatArray, lis
         if (o.delay != 0 or is_late) and f"delay of {e}" not in plan.declared:
             plan = free_delay(plan, e, o.delay)
         for name in plan.outputs:
-            if any(n == f"offset {name}" or n.startswith(f"offset {name} ") for n in chain):
+            has_phase = name == "angle" and o.has_phase and "offset angle" not in plan.declared
+            if has_phase or any(n == f"offset {name}" or n.startswith(f"offset {name} ") for n in chain):
                 plan = with_offset(named(f"offset {name}", plan, e), name, e)(plan, 0.0)
     free += list(range(len(values), len(plan.parameters)))
     values += [p.start or 0.0 for p in plan.parameters[len(values) :]]
