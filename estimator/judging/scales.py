@@ -8,13 +8,13 @@ from numpy.typing import NDArray
 from estimator.plans.plan import Observed, Plan
 from estimator.recordings.recording import motor_columns
 from estimator.recordings.samples import filled
+from estimator.recordings.turns import starts_again
 
 FloatArray = NDArray[np.float64]
 
 BLOCKS = 50  # parts of the recording whose means are compared: within them the speed's noise is averaged
 LEAST_BLOCK = 10  # samples
 AT_ODDS = 5.0  # standard deviations of a gain, with BLOCKS − 2 degrees of freedom
-TURN = 1.001 * 2 * np.pi  # rad
 LEAST = 0.002  # of a gain: less harms nobody
 
 
@@ -40,9 +40,9 @@ def scales_at_odds(plan: Plan) -> list[str]:
 
 def _unwrapped(angle: FloatArray, w: FloatArray, time: FloatArray) -> FloatArray:
     """Return an angle, (n,) rad, that goes on where the logged one begins again after each turn, as the speed tells."""
-    expected = np.diff(time) * (filled(w)[1:] + filled(w)[:-1]) / 2
-    if np.nanmax(angle) - np.nanmin(angle) > TURN or float(np.sum(np.abs(expected))) <= TURN:
+    if not starts_again(angle):
         return angle
+    expected = np.diff(time) * (filled(w)[1:] + filled(w)[:-1]) / 2
     moved = np.diff(filled(angle)) - expected
     moved = expected + moved - 2 * np.pi * np.round(moved / (2 * np.pi))
     return np.where(np.isnan(angle), np.nan, np.concatenate([[0.0], np.cumsum(moved)]))
