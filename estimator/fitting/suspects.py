@@ -53,15 +53,10 @@ class Suspect:
 
 def strongest_suspect(fit: Fit) -> Accused | None:
     """Return the strongest of what the residuals of a single step's fit betray; None if nothing."""
-    plan = fit.problem.plan
-    values = {**dict(zip(plan.names, fit.polish.values.tolist(), strict=True)), **plan.fixed}
-    if len(plan.observed) != 1 or plan.observed[0].excitation.kind != "step" or plan.observed[0].lead:
-        return None
-    if not is_motor(values) or not set(plan.outputs) <= {"i", "w", "angle"}:
-        return None
-    start = onset(fit.problem, 0, fit.polish.values)
-    if fit.treatment.accused:
+    plan, values = fit.problem.plan, _motor_from_rest(fit)
+    if values is None or fit.treatment.accused:
         return None  # to first order only: what is left of it would look like another
+    start = onset(fit.problem, 0, fit.polish.values)
     judged = Evidence(fit.problem, fit.polish, fit.treatment, fit.polish.residuals, start=start)
     best: Accused | None = None
     for which, suspect in enumerate(_suspects(plan, values, start)):
@@ -77,6 +72,35 @@ def strongest_suspect(fit: Fit) -> Accused | None:
         ):
             best = Accused(suspect.name, z, suspect.tell(size, z), rows, size, which, suspect.place)
     return best
+
+
+def hidden_friction(fit: Fit) -> tuple[float, float] | None:
+    """Return the dry friction that would not be noticed in a motor's single step from rest, and all friction, in N·m.
+
+    Where the current follows the voltage far faster than the speed, a torque that is there from the start looks like
+    more inertia and more viscous friction. Taken at half of all friction, where the shaft stands at first.
+    """
+    plan, values = fit.problem.plan, _motor_from_rest(fit)
+    if values is None:
+        return None
+    R, K, B = (values[n] for n in ("R", "K", "B"))
+    o, start = plan.observed[0], onset(fit.problem, 0, fit.polish.values)
+    jump = o.excitation.after - o.excitation.before
+    total = abs(jump) * K * B / (R * B + K * K)
+    after = np.maximum(np.arange(len(o.recording.time)) - start, 0) * o.recording.step
+    rows = _turned(_dragged(values, after, jump, total / 2), o.recording.step)
+    judged = Evidence(fit.problem, fit.polish, fit.treatment, fit.polish.residuals, start=start)
+    z, size = judged(fit.problem.spread_out([_shown(plan, rows)]))
+    return (min(total, ACCUSED * abs(size) / z) if z > 0 else total), total
+
+
+def _motor_from_rest(fit: Fit) -> dict[str, float] | None:
+    """Return R, K, L, J, B of a motor that one step starts, seen by its usual outputs; None of anything else."""
+    plan = fit.problem.plan
+    values = {**dict(zip(plan.names, fit.polish.values.tolist(), strict=True)), **plan.fixed}
+    if len(plan.observed) != 1 or plan.observed[0].excitation.kind != "step" or plan.observed[0].lead:
+        return None
+    return values if is_motor(values) and set(plan.outputs) <= {"i", "w", "angle"} else None
 
 
 def renewed(fit: Fit, accused: Accused) -> Accused:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from estimator.fitting.fit import at_given_bound
 from estimator.fitting.polish import Polish
+from estimator.fitting.suspects import hidden_friction
 from estimator.judging.coasting import coasting
 from estimator.judging.refusal import CONTRADICTED, lost_transients, refused_notes
 from estimator.judging.scales import scales_at_odds
@@ -37,6 +38,7 @@ DOUBTFUL_ERROR = 0.1  # relative standard error
 TRADED = 0.98  # correlation of two that stand in for each other
 USELESS_ERROR = 0.5  # relative standard error: the parameter is not identified
 MISFIT = 1.5  # residuals' deviation over the noise that the data show
+HIDDEN = 0.1  # of the friction: less of it that may be dry is not told
 NUMERICAL = 1e-6  # of a signal's deviation: smaller residuals are no misfit
 
 
@@ -289,6 +291,15 @@ def _gains(plan: Plan, values: Mapping[str, float], fit: Fit | None) -> list[str
     ]
 
 
+def _hidden(fit: Fit) -> str:
+    """Say how much of the friction may be dry without being noticed."""
+    found = hidden_friction(fit)
+    if found is None or not found[1] > 0 or found[0] < HIDDEN * found[1]:
+        return ""
+    size = "any size" if found[0] == found[1] else f"up to {100 * found[0] / found[1]:.0f} % of all friction"
+    return f"; nor a dry friction of {size} (in B and J): record two voltage levels, which tell"
+
+
 def _chain_notes(fit: Fit | None) -> list[str]:
     """Say what was found of the measurement chain."""
     if fit is None:
@@ -298,7 +309,7 @@ def _chain_notes(fit: Fit | None) -> list[str]:
     if set(MOTOR) <= set(plan.names) and "i" in plan.outputs:
         notes.append(
             "not visible in such a recording: a gain error g of the current (R, L by 1/g, J, B by g), the supply's"
-            " resistance (in R)"
+            f" resistance (in R){_hidden(fit)}"
         )
     for j, parameter in enumerate(plan.parameters):
         if parameter.place is not None:
