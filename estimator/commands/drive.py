@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimator.errors import FmuError, RecordingError, suggestion
-from estimator.recordings.recording import motor_columns, read_recording
+from estimator.recordings.motor_columns import motor_columns
+from estimator.recordings.recording import read_recording
 from estimator.results.result import FloatArray
 
 if TYPE_CHECKING:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.plans.plan import Observed, Plan
-from estimator.recordings.recording import motor_columns
+from estimator.recordings.motor_columns import motor_columns
 from estimator.recordings.samples import filled
 from estimator.recordings.turns import starts_again
 

@@ -15,7 +15,8 @@ from estimator.fmus.fmu import FmuDescription
 from estimator.plans.plan import Observed
 from estimator.recordings.excitation import Excitation, find_delay, find_excitation, noise_deviation, quantum
 from estimator.recordings.filters import filter_sections
-from estimator.recordings.recording import MIN_SAMPLES, Recording, motor_columns
+from estimator.recordings.motor_columns import motor_columns
+from estimator.recordings.recording import MIN_SAMPLES, Recording
 from estimator.recordings.samples import filled
 from estimator.recordings.sensors import Section, Sensor
 from estimator.recordings.turns import is_countable, starts_again, with_turns

@@ -1,0 +1,102 @@
+"""Which columns of a recording are a motor's voltage, current, speed, angle and load: by usual names and units."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from difflib import get_close_matches
+
+from estimator.errors import RecordingError
+from estimator.recordings.headers import (
+    ROLE_QUANTITY,
+    ROLE_TITLE,
+    USUAL_NAMES,
+    assumed_unit,
+    parse_header,
+    plain,
+    rank_in_role,
+)
+from estimator.recordings.recording import Recording
+
+
+def motor_columns(
+    recording: Recording, *, required: Sequence[str] = ("v", "i", "w"), either: Sequence[str] = ()
+) -> dict[str, str]:
+    """Find which columns are a motor's voltage, current, speed, angle and load, by usual names and units.
+
+    Parameters
+    ----------
+    recording
+        The recording.
+    required
+        The roles that must be there; an angle will do for the speed.
+    either
+        Roles of which one is enough, unless a column seems to be meant for another.
+
+    Returns
+    -------
+    dict
+        Role (``v``, ``i``, ``w``, ``angle``, ``load``) → column, only for what is there.
+
+    Raises
+    ------
+    RecordingError
+        A required column is missing, empty or text, or its unit does not fit.
+    """
+    found: dict[str, str] = {}
+    for role, quantity in ROLE_QUANTITY.items():
+        if role == "time":
+            continue
+        ranked = sorted(
+            (rank, column)
+            for column in [*recording.signals, *recording.unreadable]
+            if (rank := rank_in_role(parse_header(recording.headers[column]).name, role)) is not None
+        )
+        wrong = None
+        for _, column in ranked:
+            fault = recording.fault(column, quantity)
+            if fault is None:
+                found[role] = column
+                break
+            wrong = wrong or fault
+        if role not in found and wrong and role in (*required, *either):
+            raise RecordingError(wrong)
+    if "w" in either and not {"w", "angle"} & found.keys() and (counts := _counting(recording, found.values())):
+        raise RecordingError(
+            f"{recording.title}: {counts!r} counts the lines of an encoder; say in a case file how many make a turn:"
+            f' under [outputs], angle = {{ column = "{counts}", counts = 4000 }}'
+        )
+    lacking = [role for role in (*required, *either) if role not in found and not (role == "w" and "angle" in found)]
+    meant = {role: _meant(recording, role, found.values(), by_unit=role in either) for role in lacking}
+    nothing = bool(either) and not {*either, "angle"} & found.keys()
+    missing = [role for role in lacking if role in required or meant[role] or nothing]
+    if missing:
+        role = missing[0]
+        near = meant[role]
+        columns = ", ".join(recording.headers.values())
+        remedy = f"; is it {near[0]!r}?" if near else f"; add one such as {_example(role)!r}, or map it in a case file"
+        raise RecordingError(f"{recording.title} has no {ROLE_TITLE[role]} column{remedy} ({columns})")
+    return found
+
+
+def _counting(recording: Recording, taken: Collection[str]) -> str | None:
+    """Return the header of a column that seems to hold an encoder's counts."""
+    for column, text in recording.headers.items():
+        words = set(plain(parse_header(text).name).split("_"))
+        bare = recording.units[column] in ("", "count") and column in recording.signals
+        if column not in taken and bare and (recording.units[column] == "count" or "encoder" in words):
+            return text
+    return None
+
+
+def _meant(recording: Recording, role: str, taken: Collection[str], *, by_unit: bool) -> list[str]:
+    """Return the headers of columns that nearly have a role's name, or else are in its unit."""
+    left = {c: parse_header(h) for c, h in recording.headers.items() if c not in taken}
+    near = [h.text for h in left.values() if get_close_matches(plain(h.name), USUAL_NAMES[role], n=1, cutoff=0.75)]
+    if near or not by_unit:
+        return near
+    return [h.text for h in left.values() if h.unit is not None and h.unit.quantity == ROLE_QUANTITY[role]]
+
+
+def _example(role: str) -> str:
+    unit = assumed_unit(USUAL_NAMES[role][0])
+    return f"{USUAL_NAMES[role][0]} [{unit.si}]" if unit else USUAL_NAMES[role][0]
