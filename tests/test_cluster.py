@@ -92,6 +92,33 @@ def test_a_worker_killed_in_the_middle_loses_nothing_and_the_table_is_as_here(cl
         assert "cluster" not in (tmp_path / "there" / name).read_text()
 
 
+def test_a_case_that_the_scheduler_cancels_is_sent_again(cluster, tmp_path):
+    from distributed import Client
+
+    cases = gather([line_of(tmp_path / "line", 4)])
+    cluster.wait()
+    cancelled = []
+
+    def cancel(dask_scheduler):
+        """Tell every client that its running cases are cancelled, as a scheduler does that has lost what they need."""
+        names = [k for k, t in dask_scheduler.tasks.items() if t.state == "processing" and k.startswith("_run")]
+        for client in dask_scheduler.clients:
+            dask_scheduler.report({"op": "cancelled-keys", "keys": names, "reason": "lost dependencies"}, client=client)
+            dask_scheduler.client_releases_keys(keys=names, client=client, stimulus_id="test")
+        return names
+
+    def run(tasks):
+        for answer in run_there(cluster.address)(tasks):
+            if not cancelled:
+                with Client(cluster.address, set_as_default=False) as other:
+                    cancelled.extend(other.run_on_scheduler(cancel))
+            yield answer
+
+    run_batch(cases, tmp_path / "there", run)
+    assert cancelled and "the cluster" not in (tmp_path / "there" / TABLES[0]).read_text()
+    assert len((tmp_path / "there" / "results.csv").read_text().splitlines()) == 1 + 4
+
+
 def batch_there(address, folder):
     """Start the batch of `line` on the cluster and return its process once the first case is on disk."""
     process = subprocess.Popen(

@@ -16,6 +16,7 @@ import shutil
 import tempfile
 import threading
 import warnings
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -25,6 +26,7 @@ from estimator.batches.bench import Bench, Outcome, Task, failed
 from estimator.errors import EstimatorError, InputError
 
 AHEAD = 3  # cases on their way for each that a cluster can run at a time
+AGAIN = 3  # times that a case which the scheduler cancels is sent again
 CONNECT = 10  # s
 _local = threading.local()
 _here: Path | None = None
@@ -95,9 +97,10 @@ def _outcomes(client: Any, tasks: Iterable[Task]) -> Iterator[tuple[Task, Outcom
     waiting = iter(tasks)
     files: dict[str, Any] = {}  # digest → future of the content; FMUs stay, recordings go with their case
     under_way: dict[Any, tuple[Task, list[Any]]] = {}
+    again: Counter[str] = Counter()  # task → how often the scheduler cancelled it, as it may where workers die
 
-    def submit() -> Any:
-        task = next(waiting, None)
+    def submit(task: Task | None = None) -> Any:
+        task = task or next(waiting, None)
         if task is None:
             return None
         shipped, contents = _ship(client, task, files)
@@ -112,8 +115,12 @@ def _outcomes(client: Any, tasks: Iterable[Task]) -> Iterator[tuple[Task, Outcom
             done = as_completed(futures, loop=client.loop)
             for future in done:
                 task, _ = under_way.pop(future)
-                yield task, _outcome(task, future)
-                following = submit()
+                if _is_cancelled(future) and client.status == "running" and again[task.name] < AGAIN:
+                    again[task.name] += 1
+                    following = submit(task)
+                else:
+                    yield task, _outcome(task, future)
+                    following = submit()
                 if following is not None:
                     done.add(following)
     finally:
@@ -137,12 +144,16 @@ def _without_tracebacks() -> Iterator[None]:
             logging.getLogger(name).setLevel(level)
 
 
+def _is_cancelled(future: Any) -> bool:
+    return future.status in ("cancelled", "lost")
+
+
 def _outcome(task: Task, future: Any) -> Outcome:
     if future.status == "finished":
         outcome = future.result()
         assert isinstance(outcome, Outcome)
         return outcome
-    if future.status in ("cancelled", "lost"):
+    if _is_cancelled(future):
         raise ClusterError("the cluster is gone; start it again, then go on with --resume")
     error = future.exception()
     return failed(task, f"the cluster could not run it, {type(error).__name__}: {error}")
@@ -160,7 +171,7 @@ def _ship(client: Any, task: Task, files: dict[str, Any]) -> tuple[Task, list[tu
             return path  # the worker says what is wrong
         digest = hashlib.sha256(content).hexdigest()
         future = files.get(digest)
-        if future is None:
+        if future is None or _is_cancelled(future):
             future = client.submit(_content, content, key=f"fmu-estimator-file-{digest}")
             if keep:
                 files[digest] = future
