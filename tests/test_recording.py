@@ -15,10 +15,10 @@ from hypothesis.extra import numpy as hnp
 
 from estimator.errors import InputError, RecordingError
 from estimator.recordings.delimited import CHUNK
+from estimator.recordings.motor_columns import motor_columns
 from estimator.recordings.recording import (
     MIN_SAMPLES,
     Recording,
-    motor_columns,
     read_recording,
     recording_from_arrays,
     write_recording,
