@@ -168,7 +168,7 @@ def coverage_rows() -> Iterator[Row]:
     for name, motor in MOTORS.items():
         yield Row(f"{name}, white noise", lambda s, m=motor: Bench(motor=m))  # type: ignore[misc]
         yield Row(f"{name}, differenced counts", lambda s, m=motor: quantised(m, s))  # type: ignore[misc]
-        yield Row(f"{name}, 4 to 100 lines", lambda s, m=motor: quantised(m, s, FEW), seeds=400)  # type: ignore[misc]
+        yield Row(f"{name}, 4 to 100 lines", lambda s, m=motor: quantised(m, s, FEW), seeds=100)  # type: ignore[misc]
 
 
 def real_rows() -> Iterator[Row]:
