@@ -10,6 +10,7 @@ import argparse
 import contextlib
 import os
 import shlex
+import signal
 import sys
 import traceback
 from collections.abc import Sequence
@@ -39,7 +40,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         args = parse(arguments)
         args.command_line = shlex.join([PROGRAM, *arguments])
-        return _run(args)
+        status = _run(args)
+        if argv is None:  # the program ends here, and Ctrl-C can only spoil its end
+            signal.signal(signal.SIGINT, signal.SIG_IGN)
+        return status
     except KeyboardInterrupt:
         complain("interrupted")
         return INTERRUPTED

@@ -11,14 +11,14 @@ import io
 import json
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from estimator.commands.options import unique, with_corrections, with_held_out, with_options
 from estimator.commands.terminal import FAILED, INTERRUPTED, OK, complain, say
 from estimator.errors import FmuError, InputError, SimulationError
-from estimator.estimating.progress import LiveLine, Progress, batch_line, is_terminal
+from estimator.estimating.progress import LiveLine, batch_line, is_live
 from estimator.output import OutputFolder, write_files
 
 if TYPE_CHECKING:
@@ -196,7 +196,7 @@ def batch(args: argparse.Namespace) -> int:
     if kind is not None:
         cases = repeated(cases, kind=kind, count=args.monte_carlo or args.bootstrap)
     folder = Path(args.output)
-    live = LiveLine(sys.stderr) if is_terminal(sys.stderr) and not args.quiet else None
+    live = LiveLine(sys.stderr) if is_live(sys.stderr) and not args.quiet else None
 
     def show(p: BatchProgress) -> None:
         if live is not None:
@@ -345,8 +345,15 @@ def _estimated(
     """Run the estimation with its progress on the terminal, journalled if there is a checkpoint."""
     from estimator.estimating.estimate import estimate as run
 
-    tell = None if quiet else complain
-    with _progress(quiet=quiet) as progress:
+    live = LiveLine(sys.stderr) if is_live(sys.stderr) and not quiet else None
+
+    def announce(sentence: str) -> None:
+        if live is not None:
+            live.wipe()
+        complain(sentence)
+
+    tell = None if quiet else announce
+    with live or contextlib.nullcontext() as progress:
         if checkpoint is None:
             return run(case, workers=workers, progress=progress, tell=tell, profile=profile)
         from estimator.batches.batch import Digests
@@ -362,15 +369,6 @@ def _estimated(
             result = estimate_by(crew, case, progress=progress, tell=tell, profile=profile)
             journal.remove()
             return result
-
-
-@contextlib.contextmanager
-def _progress(*, quiet: bool) -> Iterator[Callable[[Progress], None] | None]:
-    if quiet or not is_terminal(sys.stderr):
-        yield None
-        return
-    with LiveLine(sys.stderr) as line:
-        yield line
 
 
 def _write_results(
