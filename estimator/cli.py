@@ -22,6 +22,7 @@ from estimator.commands.terminal import (
     INTERRUPTED,
     PROGRAM,
     StdoutClosed,
+    StdoutFull,
     complain,
     give_up_stdout,
     make_printable,
@@ -53,6 +54,10 @@ def main(argv: Sequence[str] | None = None) -> int:
             say("")
         except StdoutClosed:
             status = give_up_stdout()
+        except StdoutFull as error:
+            give_up_stdout()
+            complain(str(error))
+            status = BAD_INPUT
         return status
 
 
@@ -64,6 +69,9 @@ def _run(args: argparse.Namespace) -> int:
         return int(args.run(args))
     except StdoutClosed:
         return give_up_stdout()
+    except StdoutFull as error:
+        give_up_stdout()
+        return _failed(args, str(error), status=BAD_INPUT)
     except InputError as error:
         return _failed(args, str(error), status=BAD_INPUT)
     except EstimatorError as error:
@@ -93,7 +101,7 @@ def _failed(args: argparse.Namespace, sentence: str, *, status: int) -> int:
     if status == FAILED and getattr(args, "json", False) and args.command == "estimate":
         from estimator.results.report import refusal_json
 
-        with contextlib.suppress(StdoutClosed):
+        with contextlib.suppress(StdoutClosed, StdoutFull):
             say(refusal_json(sentence, method=args.method, seed=args.seed))
     return status
 
