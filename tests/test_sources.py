@@ -89,6 +89,15 @@ def test_stdin_and_two_recordings_give_an_estimate():
     assert together == pytest.approx(error / 2**0.5, rel=0.1), "the same noise twice counts twice"
 
 
+def test_recordings_of_one_name_are_told_apart_by_their_folders(tmp_path):
+    for folder in ("a", "b"):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "step.csv").write_bytes(RECORDING.read_bytes())
+    done = program("estimate", str(tmp_path / "a" / "step.csv"), str(tmp_path / "b" / "step.csv"), "--json")
+    notes = check_contract(done.stdout.decode())["notes"]
+    assert [sum(note.startswith(f"{folder}/step.csv: step from") for note in notes) for folder in "ab"] == [1, 1]
+
+
 def test_stdin_names_no_recording_for_a_case_file(tmp_path):
     done = program("estimate", "-", "--save-case", str(tmp_path / "x.case.toml"), stdin=b"time [s],v\n")
     assert done.returncode == 2 and not (tmp_path / "x.case.toml").exists()

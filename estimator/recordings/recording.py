@@ -66,8 +66,8 @@ class Recording:
 
     @property
     def title(self) -> str:
-        """The file's name, or the recording's, for messages."""
-        return self.path.name if self.path else self.name
+        """The file's name, with its folder where the recording's name has it, or the recording's, for messages."""
+        return self.path.name if self.path and not self.name.endswith(self.path.name) else self.name
 
     def between(self, first: int, last: int) -> Recording:
         """Return the samples from one to before another."""
