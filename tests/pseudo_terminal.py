@@ -36,7 +36,7 @@ class Screen:
     @property
     def drawings(self) -> list[str]:
         """The drawings of the live line, without the spaces that cover the one before."""
-        parts = [part.rstrip(" ") for part in self.text.split("\r") if not part.startswith("\n")]
+        parts = [part.rstrip(" ") for part in self.text.replace("^C", "").split("\r") if not part.startswith("\n")]
         return [part for part in parts if "simulations" in part and "\n" not in part]
 
 
