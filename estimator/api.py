@@ -7,26 +7,35 @@ time[k + 1].
 from __future__ import annotations
 
 import dataclasses
+import inspect
 import logging
 import os
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NoReturn
 
-from estimator.cases.case import Case, case_for_recording, read_case
+from estimator.cases.case import Case, read_case
 from estimator.commands.options import with_corrections, with_held_out, with_options
-from estimator.errors import InputError
+from estimator.commands.sources import CASE_SUFFIX, expanded
+from estimator.errors import InputError, suggestion
 from estimator.estimating.progress import Progress
-from estimator.recordings.recording import Recording, read_recording
+from estimator.recordings.recording import Recording, read_recording, recording_from_arrays
+from estimator.results.named import Named
 from estimator.results.result import Estimate, FloatArray
 
 if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.figure import Figure
+    from numpy.typing import ArrayLike
     from scipy.signal import StateSpace
 
     from estimator.fmus.fmu import FmuDescription
 
-CASE_SUFFIX = ".case.toml"
-Source = str | os.PathLike[str] | Case | Recording
+Table = Any  # a mapping of header → (n,) samples, or a DataFrame of pandas or polars
+Source = str | os.PathLike[str] | Case | Recording | Table
+SIGNALS = ("v", "i", "w", "angle", "load")
+ARRAYS = ("voltage [V]", "current [A]", "speed [rad/s]", "angle [rad]", "load torque [N.m]")  # headers of SIGNALS
+MEANT = {"voltage": "v", "u": "v", "current": "i", "speed": "w", "omega": "w", "t": "time", "theta": "angle"}
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
@@ -40,24 +49,67 @@ class Result(Estimate):
 
     @classmethod
     def of(cls, estimate: Estimate) -> Result:
-        """Return an estimate as a result."""
-        return cls(**{f.name: getattr(estimate, f.name) for f in dataclasses.fields(Estimate)})
+        """Return an estimate as a result; a name that its mappings do not have is answered with those they do."""
+        fields = {f.name: getattr(estimate, f.name) for f in dataclasses.fields(Estimate)}
+        named = ("parameters", "chain", "derived", "rmse", "fit_percent", "noise", "sensors")
+        return cls(**{**fields, **{name: Named(fields[name]) for name in named}})
 
     @property
     def values(self) -> dict[str, float]:
         """Parameter → estimate, SI units, the fixed ones included."""
-        return {name: parameter.value for name, parameter in self.parameters.items()}
+        return Named((name, parameter.value) for name, parameter in self.parameters.items())
 
     @property
     def standard_errors(self) -> dict[str, float | None]:
         """Parameter → standard error, SI units; None where it is fixed or not known."""
-        return {name: parameter.standard_error for name, parameter in self.parameters.items()}
+        return Named((name, parameter.standard_error) for name, parameter in self.parameters.items())
 
     def to_json(self) -> str:
         """Return the result as the command line's ``--json`` prints it."""
         from estimator.results.report import to_json
 
         return to_json(self)
+
+    def plot(self) -> Figure:
+        """Return the figure of measured and simulated signals and their residuals; ``.savefig(path)`` writes it.
+
+        Raises
+        ------
+        InputError
+            There is nothing to draw: the estimate was refused before anything was simulated.
+        """
+        figure = self._figure()
+        if figure is None:
+            raise InputError(f"there is nothing to plot: the estimate is {self.verdict} ({'; '.join(self.reasons)})")
+        return figure
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """Return one row a quantity as pandas' DataFrame: the parameters, the measurement chain, what follows of them.
+
+        Columns: kind ("parameter", "measurement", "derived"), value, standard_error, unit (SI), lower, upper,
+        at_bound, status, reason, free; missing where a kind has no such thing.
+
+        Raises
+        ------
+        InputError
+            pandas is not installed.
+        """
+        try:
+            import pandas as pd
+        except ImportError:
+            raise InputError("to_dataframe needs pandas; install it with: pip install pandas") from None
+        columns = ("value", "standard_error", "unit", "lower", "upper", "at_bound", "status", "reason", "free")
+        rows = {}
+        for kind, found in (("parameter", self.parameters), ("measurement", self.chain), ("derived", self.derived)):
+            for name, quantity in found.items():
+                rows[name] = {"kind": kind, **{column: getattr(quantity, column, None) for column in columns}}
+        frame = pd.DataFrame.from_dict(rows, orient="index", columns=["kind", *columns])
+        return frame.rename_axis("name").astype({c: float for c in ("value", "standard_error", "lower", "upper")})
+
+    def _figure(self) -> Figure | None:
+        from estimator.results.export import whole_figure
+
+        return whole_figure(self)
 
     def save(self, folder: str | os.PathLike[str], *, figures: Sequence[str] = ()) -> tuple[Path, ...]:
         """Write result.json, report.html, parameters.ssv and figure.png to a folder; return their paths.
@@ -124,14 +176,23 @@ class Result(Estimate):
         return text_report(self).rstrip("\n")
 
     def _repr_html_(self) -> str:
+        from estimator.results.plots import png
         from estimator.results.report_html import html_fragment
 
-        return html_fragment(self)
+        figure = self._figure()
+        return html_fragment(self, figure=None if figure is None else png(figure))
 
 
 def estimate_parameters(
-    source: Source,
+    source: Source | Sequence[Source] | None = None,
     *,
+    time: ArrayLike | None = None,
+    v: ArrayLike | None = None,
+    i: ArrayLike | None = None,
+    w: ArrayLike | None = None,
+    angle: ArrayLike | None = None,
+    load: ArrayLike | None = None,
+    units: Mapping[str, str] | None = None,
     fmu: str | os.PathLike[str] | None = None,
     kind: str | None = None,
     method: str | None = None,
@@ -148,13 +209,20 @@ def estimate_parameters(
     profile: bool = False,
     progress: Callable[[Progress], None] | None = None,
     tell: Callable[[str], None] | None = None,
+    **unknown: object,
 ) -> Result:
-    """Estimate a motor's parameters from a recording or a case.
+    """Estimate a motor's parameters from recordings or a case.
 
     Parameters
     ----------
-    source : path, Case or Recording
-        A recording's file, a case file (``*.case.toml``), or either of them in memory.
+    source : path, table, Recording or Case; or a list of recordings, which are fitted together
+        A recording's file or a pattern such as ``"run_*.csv"``, a case file (``*.case.toml``), either of them in
+        memory, or a table: a DataFrame of pandas or polars, or a mapping of header → (n,) samples, such as
+        ``{"time [s]": t, "voltage [V]": u, "current [mA]": i, "speed [rpm]": n}``.
+    time, v, i, w, angle, load : (n,) arrays, optional
+        Instead of a source: the signals in SI units (s, V, A, rad/s, rad, N.m); NaN is a missing sample.
+    units : column → unit, optional
+        Of a table's columns whose names say none; by default what pandas' ``attrs["units"]`` says.
     fmu : str or path, optional
         An .fmu file or a bundled model's name; by default the case's, else "dc_motor".
     kind : str, optional
@@ -198,11 +266,22 @@ def estimate_parameters(
         Something in the recording, the case or the arguments is wrong.
     SimulationError
         The FMU fails at every start.
+    TypeError
+        There is no such argument; the message names the one that is meant.
     """
+    if unknown:
+        _no_argument(next(iter(unknown)))
     from estimator.estimating.estimate import available_cores, estimate_by
     from estimator.fmus.workers import Workers
 
-    case, recordings = _case(source)
+    arrays = {name: a for name, a in zip(SIGNALS, (v, i, w, angle, load), strict=True) if a is not None}
+    if time is not None or arrays:
+        if source is not None:
+            raise InputError("signals are given twice, as a source and as arrays; leave one out")
+        source = _from_arrays(time, arrays)
+    if source is None:
+        raise InputError("nothing to estimate from; give a recording's file, a table, or the arrays time, v, i, w")
+    case, recordings = _case(source, units)
     case = with_options(
         case,
         fmu=None if fmu is None else os.fspath(fmu),
@@ -291,15 +370,60 @@ def describe_fmu(fmu: str | os.PathLike[str]) -> FmuDescription:
     return describe(fmu if isinstance(fmu, str) else Path(fmu))
 
 
-def _case(source: Source) -> tuple[Case, list[Recording] | None]:
+def _case(source: Source | Sequence[Source], units: Mapping[str, str] | None) -> tuple[Case, list[Recording] | None]:
     """Return the case that is meant, and its recordings where they are in memory."""
     if isinstance(source, Case):
         return source, None
-    if isinstance(source, Recording):
-        return Case(recordings=() if source.path is None else (source.path,)), [source]
-    path = Path(source)
-    if path.name.endswith(CASE_SUFFIX):
-        return read_case(path), None
-    if path.suffix in (".toml", ".fmu"):
+    sources = list(source) if isinstance(source, (list, tuple)) else [source]
+    if not sources:
+        raise InputError("the list of recordings is empty; give one at least")
+    things: list[Path | Recording] = []
+    for thing in sources:
+        things += _recordings(thing, units, name="table" if len(sources) == 1 else f"table {len(things) + 1}")
+    paths = [thing for thing in things if isinstance(thing, Path)]
+    cases = [path for path in paths if path.name.endswith(CASE_SUFFIX)]
+    if cases and len(things) > 1:
+        raise InputError(f"{cases[0]} is a case file; give it alone: it names its own recordings")
+    if cases:
+        return read_case(cases[0]), None
+    if len(paths) == len(things):
+        expanded([os.fspath(path) for path in paths])  # each once
+        return Case(recordings=tuple(Path(os.path.abspath(path)) for path in paths)), None
+    found = [read_recording(thing) if isinstance(thing, Path) else thing for thing in things]
+    named = tuple(recording.path for recording in found if recording.path is not None)
+    return Case(recordings=named if len(named) == len(found) else ()), found
+
+
+def _recordings(thing: Any, units: Mapping[str, str] | None, *, name: str) -> list[Path | Recording]:
+    """Return the recordings that one source means: files, or one in memory."""
+    from estimator.recordings.in_memory import is_table, recording_from_table
+
+    if isinstance(thing, Recording):
+        return [thing]
+    if is_table(thing):
+        return [recording_from_table(name, thing, units=units)]
+    if isinstance(thing, Case):
+        raise InputError("a Case stands for its own recordings; give it alone, or give recordings")
+    if not isinstance(thing, (str, os.PathLike)):
+        raise InputError(
+            f"{type(thing).__name__} is no recording; give a file, a DataFrame, a mapping such as"
+            ' {"time [s]": t, "voltage [V]": u, "current [A]": i}, or the arrays by name: time=, v=, i=, w='
+        )
+    path = Path(thing)
+    if path.suffix in (".toml", ".fmu") and not path.name.endswith(CASE_SUFFIX):
         raise InputError(f"{path} is no recording; a case file's name ends in {CASE_SUFFIX}, an FMU is given as fmu=")
-    return case_for_recording(path), None
+    return [Path(file) for file in expanded([os.fspath(thing)])]
+
+
+def _from_arrays(time: ArrayLike | None, arrays: Mapping[str, ArrayLike]) -> Recording:
+    if time is None or not arrays:
+        missing = "the signals are" if not arrays else "time is"
+        raise InputError(f"{missing} missing; give time=, v= and i= or w=, each (n,) in SI units")
+    headers = dict(zip(SIGNALS, ARRAYS, strict=True))
+    return recording_from_arrays("arrays", time, {headers[name]: array for name, array in arrays.items()})
+
+
+def _no_argument(name: str) -> NoReturn:
+    known = list(inspect.signature(estimate_parameters).parameters)[:-1]
+    told = f"; did you mean {MEANT[name]!r}? ({', '.join(known)})" if name in MEANT else suggestion(name, known)
+    raise TypeError(f"estimate_parameters has no argument {name!r}{told}")

@@ -10,6 +10,7 @@ import argparse
 import contextlib
 import os
 import shlex
+import signal
 import sys
 import traceback
 from collections.abc import Sequence
@@ -21,6 +22,7 @@ from estimator.commands.terminal import (
     INTERRUPTED,
     PROGRAM,
     StdoutClosed,
+    StdoutFull,
     complain,
     give_up_stdout,
     make_printable,
@@ -39,7 +41,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         args = parse(arguments)
         args.command_line = shlex.join([PROGRAM, *arguments])
-        return _run(args)
+        status = _run(args)
+        if argv is None:  # the program ends here, and Ctrl-C can only spoil its end
+            signal.signal(signal.SIGINT, signal.SIG_IGN)
+        return status
     except KeyboardInterrupt:
         complain("interrupted")
         return INTERRUPTED
@@ -49,6 +54,10 @@ def main(argv: Sequence[str] | None = None) -> int:
             say("")
         except StdoutClosed:
             status = give_up_stdout()
+        except StdoutFull as error:
+            give_up_stdout()
+            complain(str(error))
+            status = BAD_INPUT
         return status
 
 
@@ -60,6 +69,9 @@ def _run(args: argparse.Namespace) -> int:
         return int(args.run(args))
     except StdoutClosed:
         return give_up_stdout()
+    except StdoutFull as error:
+        give_up_stdout()
+        return _failed(args, str(error), status=BAD_INPUT)
     except InputError as error:
         return _failed(args, str(error), status=BAD_INPUT)
     except EstimatorError as error:
@@ -89,7 +101,7 @@ def _failed(args: argparse.Namespace, sentence: str, *, status: int) -> int:
     if status == FAILED and getattr(args, "json", False) and args.command == "estimate":
         from estimator.results.report import refusal_json
 
-        with contextlib.suppress(StdoutClosed):
+        with contextlib.suppress(StdoutClosed, StdoutFull):
             say(refusal_json(sentence, method=args.method, seed=args.seed))
     return status
 

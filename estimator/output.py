@@ -27,6 +27,7 @@ class OutputFolder:
         self.path = Path(path)
         self._own = None if own is None else set(own)
         self._made: list[Path] = []
+        self._lock: int | None = None
 
     def __enter__(self) -> OutputFolder:
         """Make the folder and see that it can be written, before any time is spent on results.
@@ -34,7 +35,7 @@ class OutputFolder:
         Raises
         ------
         InputError
-            It cannot be made or written, or holds other files.
+            It cannot be made or written, holds other files, or another run is at work in it.
         """
         if self.path.exists() and not self.path.is_dir():
             raise InputError(f"{self.path} is a file, not a folder; give -o another name")
@@ -46,12 +47,14 @@ class OutputFolder:
             with tempfile.TemporaryFile(dir=self.path):
                 pass
             found = {entry.name for entry in self.path.iterdir()}
+            self._lock = _locked(self.path)
         except OSError as error:
             self._remove_empty()
             raise InputError(
                 f"{self.path}: cannot write there ({error.strerror or error}); give -o a folder of yours"
             ) from error
         if self._own is not None and found - self._own:
+            self._unlock()
             other = sorted(found - self._own)[0]
             raise InputError(f"{self.path} already holds other files ({other}); give -o an empty or a new folder")
         return self
@@ -59,6 +62,7 @@ class OutputFolder:
     def __exit__(self, *exception: object) -> None:
         """Remove the folder if it was made here and is still empty."""
         self._remove_empty()
+        self._unlock()
 
     def write(self, files: Mapping[str, bytes], *, stale: Iterable[str] = ()) -> None:
         """Write files, all or none, and remove those names of `stale` that are not among them.
@@ -72,10 +76,39 @@ class OutputFolder:
         for name in set(stale) - set(files):
             (self.path / name).unlink(missing_ok=True)
 
+    def _unlock(self) -> None:
+        if self._lock is not None:
+            os.close(self._lock)
+            self._lock = None
+
     def _remove_empty(self) -> None:
         with contextlib.suppress(OSError):
             for folder in self._made:
                 folder.rmdir()
+
+
+def _locked(folder: Path) -> int | None:
+    """Lock a folder for one run; return what to close, or None where folders cannot be locked.
+
+    Raises
+    ------
+    InputError
+        Another run has it.
+    """
+    try:
+        import fcntl
+    except ImportError:  # Windows
+        return None
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        os.close(descriptor)
+        raise InputError(f"another run is at work in {folder}; wait for its end, or give -o another folder") from None
+    except OSError:  # some folders of a network
+        os.close(descriptor)
+        return None
+    return descriptor
 
 
 def write_files(files: Mapping[Path, bytes]) -> None:

@@ -20,7 +20,12 @@ class CustomBuildHook(BuildHookInterface):  # type: ignore[type-arg]
         root = Path(self.root)
         sys.path.insert(0, self.root)
         try:
-            artifacts = [*_compile_stepper(root), *_build_models()]
+            from fmu_build.errors import BuildError
+
+            try:
+                artifacts = [*_compile_stepper(root), *_build_models()]
+            except BuildError as error:
+                raise SystemExit(f"fmu-estimator cannot be installed: {error}") from None  # one sentence, no traceback
         finally:
             sys.path.remove(self.root)
         if version == "standard":  # an editable install finds these beside the package

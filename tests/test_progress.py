@@ -7,7 +7,7 @@ import termios
 
 import pytest
 
-from estimator.estimating.progress import LiveLine, Progress, is_terminal, progress_line
+from estimator.estimating.progress import LiveLine, Progress, fitted, is_live, is_terminal, progress_line
 
 
 class Clock:
@@ -22,21 +22,21 @@ class Clock:
 def test_a_line_tells_phase_runs_rate_remaining_time_cost_and_values():
     event = Progress("search", 1200, 4000, 0.0125, {"R": 3.1, "J": 9e-6})
     assert progress_line(event, seconds=3.0) == (
-        "search  1200 of 4000 simulations  400/s  7 s left  cost 0.0125  R 3.1 J 9e-06"
+        "search  1200 of 4000 simulations  400/s  7 s left  cost 0.0125  R 3.1  J 9e-06"
     )
 
 
 @pytest.mark.parametrize(
     ("event", "seconds", "line"),
     [
-        (Progress("probe", 0), 0.0, "probe  0 simulations"),
-        (Progress("polish", 500, 400), 10.0, "polish  500 simulations  50/s"),
-        (Progress("search", 3, None, float("inf"), None), 6.0, "search  3 simulations  0.5/s"),
+        (Progress("probe", 0), 0.0, "probe  0 simulations  time left not known"),
+        (Progress("polish", 500, 400), 10.0, "polish  500 simulations  50/s  time left not known"),
+        (Progress("search", 3, None, float("inf"), None), 6.0, "search  3 simulations  0.5/s  time left not known"),
         (Progress("search", 100, 100_100), 10.0, "search  100 of 100100 simulations  10/s  2.8 h left"),
         (Progress("search", 100, 1_100), 10.0, "search  100 of 1100 simulations  10/s  2 min left"),
     ],
 )
-def test_a_line_leaves_out_what_is_not_known(event, seconds, line):
+def test_a_line_says_what_is_known_and_when_no_end_is_in_sight(event, seconds, line):
     assert progress_line(event, seconds=seconds) == line
 
 
@@ -49,7 +49,7 @@ def test_the_line_is_drawn_at_most_ten_times_a_second_and_wiped_at_the_end():
     drawn = stream.getvalue()
     assert 9 <= drawn.count("search") <= 11
     assert "\n" not in drawn
-    assert drawn.endswith("\r" + " " * len("search  90 simulations  100/s") + "\r")
+    assert drawn.endswith("\r" + " " * len("search  90 simulations  100/s  time left not known") + "\r")
 
 
 def test_a_shorter_line_covers_a_longer_one():
@@ -58,7 +58,7 @@ def test_a_shorter_line_covers_a_longer_one():
         line(Progress("a long phase", 1))
         clock.now += 0.2
         line(Progress("b", 1))
-        assert stream.getvalue().endswith("\rb  1 simulations" + " " * 11)
+        assert stream.getvalue().endswith("\rb  1 simulations  time left not known" + " " * 11)
 
 
 def test_nothing_is_written_when_nothing_happens():
@@ -74,10 +74,44 @@ def test_a_line_is_never_wider_than_the_terminal():
     with os.fdopen(slave, "w") as terminal, LiveLine(terminal) as line:
         line(Progress("search", 1, parameters={f"p{k}": 1.0 for k in range(50)}))
         drawn = ""
-        while len(drawn) < 30:  # a terminal delivers in pieces
+        while len(drawn) < 22:  # a terminal delivers in pieces
             drawn += os.read(master, 1000).decode()
     os.close(master)
-    assert len(drawn.lstrip("\r")) == 29
+    assert drawn == "\rsearch  1 simulations"
+
+
+def test_a_line_is_cut_between_two_values_and_never_within_one():
+    line = progress_line(Progress("search", 1, parameters={"R": 3.125, "J": 0.00125}), seconds=0.0)
+    assert line == "search  1 simulations  time left not known  R 3.125  J 0.00125"
+    for width in range(1, len(line)):
+        cut = fitted(line, width)
+        assert len(cut) <= width
+        assert cut == line[:width] if width < len("search") else line[len(cut) :].startswith("  ")
+    assert fitted(line, len(line)) == line
+
+
+def test_a_line_that_something_else_interrupts_makes_room_first():
+    stream, clock = io.StringIO(), Clock()
+    with LiveLine(stream, clock=clock) as line:
+        line(Progress("probe", 1))
+        line.wipe()
+        stream.write("a sentence\n")
+        clock.now += 1
+        line(Progress("probe", 2))
+    assert stream.getvalue().split("\r")[2:4] == [
+        " " * len("probe  1 simulations  time left not known"),
+        "a sentence\n",
+    ]
+
+
+def test_a_dumb_terminal_draws_nothing_over(monkeypatch):
+    master, slave = pty.openpty()
+    with os.fdopen(slave, "w") as terminal:
+        monkeypatch.setenv("TERM", "xterm")
+        assert is_live(terminal) and not is_live(io.StringIO())
+        monkeypatch.setenv("TERM", "dumb")
+        assert not is_live(terminal)
+    os.close(master)
 
 
 def test_only_a_terminal_is_a_terminal():

@@ -9,6 +9,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from estimator.errors import InputError
+from estimator.results.cells import harmless
 
 TIMING_COLUMNS = ("case", "seconds", "search_seconds", "files_seconds", "host")
 
@@ -77,9 +78,9 @@ def csv_of(columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> bytes:
     """Return a table as CSV: numbers exact to the bit, an empty cell where there is none."""
     stream = io.StringIO(newline="")
     writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(columns)
+    writer.writerow([harmless(column) for column in columns])
     for row in rows:
-        writer.writerow(["" if cell is None else repr(cell) if isinstance(cell, float) else cell for cell in row])
+        writer.writerow(["" if c is None else repr(c) if isinstance(c, float) else harmless(c) for c in row])
     return stream.getvalue().encode()
 
 

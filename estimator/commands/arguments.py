@@ -30,6 +30,7 @@ SHELLS = ("bash", "zsh", "fish")  # as in completion.py
 FORMATS = ("csv", "ssv", "ssp", "fmu", "matlab", "modelica", "state-space")  # as in handover_files.py
 KINDS = ("co-simulation", "model-exchange")  # as in fmu.py
 LOSSES = ("linear", "huber")  # as in case.py
+RECORDINGS = (".csv", ".txt", ".tsv", ".dat", ".mat", ".parquet", ".mf4", ".xlsx", ".tdms", ".case.toml")
 METHODS = ("cuckoo", "paper", "original", "integral", "steiglitz-mcbride", "differential-evolution")  # as in case.py
 
 
@@ -41,7 +42,13 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
     joined = _joined(arguments)
     parser = command_line()
     _check_words(parser, joined)
-    return parser.parse_args(joined)
+    args, left = parser.parse_known_args(joined)
+    if args.command == "estimate":  # recordings may stand on both sides of an option
+        args.sources += [word for word in left if not word.startswith("-")]
+        left = [word for word in left if word.startswith("-")]
+    if left:
+        parser.error(f"unrecognized arguments: {' '.join(left)}")
+    return args
 
 
 class _Parser(argparse.ArgumentParser):
@@ -126,17 +133,24 @@ def _add_estimate(commands: Any) -> None:
         "parameters with error bars from a recording",
         """\
 Estimate a motor's parameters from a recording (text with a header such as
-time [s],voltage [V],current [A],speed [rad/s]) or from a case file.
+time [s],voltage [V],current [A],speed [rad/s]), from several together, or from a case file.
 Exit status: 0 an estimate, ok or doubtful; 1 refused or failed; 2 bad input.""",
         [
             f"{PROGRAM} estimate step.csv",
+            f"{PROGRAM} estimate up.csv down.csv 'run_*.csv'",
             f"{PROGRAM} estimate step.csv --fix L=0.013 --bounds R=0.1:5 -o result",
             f"{PROGRAM} estimate step.csv --fmu my_motor.fmu",
             f"{PROGRAM} estimate motor.case.toml --method paper --seed 7 --json",
         ],
     )
     add = estimate.add_argument
-    add("source", type=path, metavar="CASE.case.toml|RECORDING", help="a case file, or a recording")
+    add(
+        "sources",
+        type=path,
+        nargs="+",
+        metavar="CASE.case.toml|RECORDING",
+        help="a case file; or recordings, which are fitted together: files, a pattern in quotes, - for stdin",
+    )
     add("--fmu", type=path, metavar="FMU", help="an .fmu file or a bundled model's name (default: dc_motor)")
     _add_kind(estimate)
     add("--method", choices=METHODS, metavar="METHOD", help=f"one of {', '.join(METHODS)} (default: cuckoo)")
@@ -448,6 +462,8 @@ def _check_words(parser: argparse.ArgumentParser, arguments: Sequence[str]) -> N
     name = next((argument for argument in arguments if not argument.startswith("-")), "")
     if name not in flags:
         names = [n for n in flags if n]
+        if name.lower().endswith(RECORDINGS):
+            parser.error(f"there is no command {name!r}; did you mean {parser.prog} estimate {name}?")
         parser.error(f"there is no command {name!r}{_meant(name, names)} ({', '.join(names)})")
     options = arguments[: arguments.index("--")] if "--" in arguments else arguments
     for option in (argument.partition("=")[0] for argument in options if argument.startswith("--")):
@@ -457,5 +473,7 @@ def _check_words(parser: argparse.ArgumentParser, arguments: Sequence[str]) -> N
 
 def _meant(word: str, known: Sequence[str]) -> str:
     """Return a question for the nearest of the words that are known; empty if none is near."""
-    nearest = get_close_matches(word, known, n=1)
+    if word.startswith("--out") and "-o" in known:
+        return "; did you mean '-o'?"
+    nearest = get_close_matches(word, known, n=1, cutoff=0.7)
     return f"; did you mean {nearest[0]!r}?" if nearest else ""

@@ -11,14 +11,15 @@ import io
 import json
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from estimator.commands.options import unique, with_corrections, with_held_out, with_options
+from estimator.commands.sources import CASE_SUFFIX, STDIN, case_of
 from estimator.commands.terminal import FAILED, INTERRUPTED, OK, complain, say
 from estimator.errors import FmuError, InputError, SimulationError
-from estimator.estimating.progress import LiveLine, Progress, batch_line, is_terminal
+from estimator.estimating.progress import LiveLine, batch_line, is_live
 from estimator.output import OutputFolder, write_files
 
 if TYPE_CHECKING:
@@ -28,7 +29,6 @@ if TYPE_CHECKING:
     from estimator.fmus.fmu import FmuDescription
     from estimator.results.result import Estimate, FloatArray
 
-CASE_SUFFIX = ".case.toml"
 DEFAULT_STOP, DEFAULT_STEP = 2.8, 1e-3  # s
 INSPECTION_LIMIT = 45.0  # s of describing and probing
 
@@ -56,19 +56,27 @@ def demo(args: argparse.Namespace) -> int:
         nominal = {name: ParameterSpec(name, nominal=value) for name, value in bench.NOMINAL.items()}
         case = dataclasses.replace(case, parameters=nominal)
         result = _estimated(case, workers=None, quiet=args.quiet, profile=True)
-        _write_results(folder, result, case, command=f"fmu-estimator estimate {recording}")
-        say(_text(result))
+        try:
+            say(_text(result))
+        finally:
+            _write_results(folder, result, case, command=f"fmu-estimator estimate {recording}")
         say(f"\nWritten to {folder.path}: {', '.join(sorted(p.name for p in folder.path.iterdir()))}\n")
     return _status(result)
 
 
 def estimate(args: argparse.Namespace) -> int:
-    """Estimate parameters from a case file or a recording; print them, and write them with ``-o``."""
-    case = _case(args)
+    """Estimate parameters from a case file or recordings; print them, and write them with ``-o``."""
+    with case_of(args.sources) as case:
+        return _estimate(args, _with_arguments(case, args))
+
+
+def _estimate(args: argparse.Namespace, case: Case) -> int:
     args.method, args.seed = case.search.method, case.search.seed
     if args.save_case:
         from estimator.cases.case import write_case
 
+        if STDIN in args.sources:
+            raise InputError("--save-case names the recording's file, and stdin is none; save it to a file first")
         if Path(args.save_case).exists():
             raise InputError(f"{args.save_case} is there already; give another name with --save-case, or remove it")
         write_case(case, Path(args.save_case))
@@ -78,14 +86,12 @@ def estimate(args: argparse.Namespace) -> int:
         result = _estimated(
             case, workers=args.workers, quiet=args.quiet, profile=folder is not None, checkpoint=args.checkpoint
         )
-        if folder is not None:
-            _write_results(folder, result, case, command=args.command_line, figures=args.figures)
-    if args.json:
-        from estimator.results.report import to_json
-
-        say(to_json(result))
-    else:
-        say(_text(result))
+        text = _json(result) if args.json else _text(result)
+        try:
+            say(text)  # before the files: a disk that is full, or Ctrl-C while figures are drawn, cannot lose it
+        finally:
+            if folder is not None:
+                _write_results(folder, result, case, command=args.command_line, figures=args.figures)
     return _status(result)
 
 
@@ -196,7 +202,7 @@ def batch(args: argparse.Namespace) -> int:
     if kind is not None:
         cases = repeated(cases, kind=kind, count=args.monte_carlo or args.bootstrap)
     folder = Path(args.output)
-    live = LiveLine(sys.stderr) if is_terminal(sys.stderr) and not args.quiet else None
+    live = LiveLine(sys.stderr) if is_live(sys.stderr) and not args.quiet else None
 
     def show(p: BatchProgress) -> None:
         if live is not None:
@@ -310,19 +316,8 @@ def _drive(description: FmuDescription, args: argparse.Namespace) -> tuple[Float
     return times, {voltage_input(description): stepped_voltage(times, level=level, at=at)}
 
 
-def _case(args: argparse.Namespace) -> Case:
-    """Return the case that the arguments of `estimate` mean."""
-    from estimator.cases.case import case_for_recording, read_case
-
-    source = args.source
-    if source.endswith(CASE_SUFFIX):
-        case = read_case(Path(source))
-    elif source.endswith(".toml"):
-        raise InputError(f"{source}: the name of a case file ends in {CASE_SUFFIX}; rename it")
-    elif source.endswith(".fmu"):
-        raise InputError(f"{source} is an FMU; give a recording or a case file, and the FMU with --fmu {source}")
-    else:
-        case = case_for_recording(Path(source))
+def _with_arguments(case: Case, args: argparse.Namespace) -> Case:
+    """Return the case with what the other arguments of `estimate` say."""
     case = with_options(
         case,
         fmu=args.fmu,
@@ -345,8 +340,15 @@ def _estimated(
     """Run the estimation with its progress on the terminal, journalled if there is a checkpoint."""
     from estimator.estimating.estimate import estimate as run
 
-    tell = None if quiet else complain
-    with _progress(quiet=quiet) as progress:
+    live = LiveLine(sys.stderr) if is_live(sys.stderr) and not quiet else None
+
+    def announce(sentence: str) -> None:
+        if live is not None:
+            live.wipe()
+        complain(sentence)
+
+    tell = None if quiet else announce
+    with live or contextlib.nullcontext() as progress:
         if checkpoint is None:
             return run(case, workers=workers, progress=progress, tell=tell, profile=profile)
         from estimator.batches.batch import Digests
@@ -364,15 +366,6 @@ def _estimated(
             return result
 
 
-@contextlib.contextmanager
-def _progress(*, quiet: bool) -> Iterator[Callable[[Progress], None] | None]:
-    if quiet or not is_terminal(sys.stderr):
-        yield None
-        return
-    with LiveLine(sys.stderr) as line:
-        yield line
-
-
 def _write_results(
     folder: OutputFolder, result: Estimate, case: Case, *, command: str, figures: Sequence[str] = ()
 ) -> None:
@@ -382,6 +375,12 @@ def _write_results(
     sources = [case.path, result.fmu.get("path"), *case.recordings]
     files = result_files(result, command=command, sources=[s for s in sources if s], figures=figures)
     folder.write(files, stale=RESULT_FILES)
+
+
+def _json(result: Estimate) -> str:
+    from estimator.results.report import to_json
+
+    return to_json(result)
 
 
 def _text(result: Estimate) -> str:

@@ -14,6 +14,10 @@ class StdoutClosed(Exception):
     """Whoever read the output has gone, as ``head`` does."""
 
 
+class StdoutFull(Exception):
+    """What is behind stdout takes no more, such as a file on a full disk."""
+
+
 def say(text: str) -> None:
     """Write text to stdout at once."""
     try:
@@ -21,6 +25,8 @@ def say(text: str) -> None:
         sys.stdout.flush()
     except BrokenPipeError as error:
         raise StdoutClosed from error
+    except OSError as error:
+        raise StdoutFull(f"stdout cannot be written ({error.strerror or error}); send it elsewhere") from error
 
 
 def complain(sentence: str) -> None:

@@ -170,4 +170,4 @@ def _estimated(run: Run) -> Estimate:
     try:
         return run.begin() or METHODS[run.method](run)
     except KeyboardInterrupt:
-        raise Interrupted(run.best_values) from None
+        raise Interrupted(run.standing.parameters) from None

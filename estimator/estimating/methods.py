@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from estimator.estimating.baselines import direct_values, evolve
 from estimator.estimating.cuckoo import CuckooSearch
-from estimator.estimating.effort import nests_and_generations, usual_simulations
+from estimator.estimating.effort import nests_and_generations
 from estimator.estimating.run import Run
 from estimator.plans.space import Space, paper_space
 from estimator.results.result import Estimate
@@ -24,7 +24,6 @@ def paper(run: Run) -> Estimate:
     """Search as the paper does, to the letter; no polish."""
     box = run.problem.box
     nests, generations = nests_and_generations(run.plan)
-    run.expected = usual_simulations(run.plan)
     run.probe(box.from_cube(np.full(box.dimension, 0.5)))
     run.enter("search")
     space = paper_space(run.plan, box) if run.method == "paper" else Space.full(box)
@@ -53,7 +52,7 @@ def evolution(run: Run) -> Estimate:
     run.enter("search")
 
     def on_generation(best: FloatArray, cost: float) -> None:
-        run.best, run.best_cost = best, cost
+        run.found(run.plan.names, best, cost)
         run.tell_progress()
 
     values = evolve(

@@ -46,16 +46,29 @@ def progress_line(event: Progress, *, seconds: float) -> str:
     """
     known_end = event.expected is not None and event.expected >= event.simulations
     parts = [event.phase, f"{event.simulations}{f' of {event.expected}' if known_end else ''} simulations"]
-    if seconds > 0.5 and event.simulations > 0:
-        rate = event.simulations / seconds
+    rate = event.simulations / seconds if seconds > 0.5 else 0.0
+    if rate > 0:
         parts.append(f"{rate:.0f}/s" if rate >= 10 else f"{rate:.1f}/s")
-        if event.expected is not None and event.expected > event.simulations:
-            parts.append(f"{_duration((event.expected - event.simulations) / rate)} left")
+    if rate > 0 and known_end and event.expected is not None:
+        parts.append(f"{_duration((event.expected - event.simulations) / rate)} left")
+    else:
+        parts.append("time left not known")
     if event.best_cost is not None and math.isfinite(event.best_cost):
         parts.append(f"cost {event.best_cost:.3g}")
-    if event.parameters:
-        parts.append(" ".join(f"{name} {value:.4g}" for name, value in event.parameters.items()))
+    parts += [f"{name} {value:.4g}" for name, value in (event.parameters or {}).items()]
     return "  ".join(parts)
+
+
+def fitted(line: str, width: int) -> str:
+    """Return as many whole items of a line as `width` columns hold; a value is never cut in two.
+
+    >>> fitted("search  100 simulations  cost 0.0125", 30)
+    'search  100 simulations'
+    """
+    if len(line) <= width:
+        return line
+    cut = line.rfind("  ", 0, width + 2)
+    return line[: cut if cut > 0 else width]
 
 
 def batch_line(*, done: int, total: int, kept: int, verdicts: Mapping[str, int], seconds: float) -> str:
@@ -101,9 +114,16 @@ class LiveLine:
         if now - self._drawn < REDRAW:
             return
         self._drawn = now
-        line = line_after(now - self._start)[: _width(self._stream) - 1]
-        self._write("\r" + line + " " * (self._shown - len(line)))
+        room = _width(self._stream) - 1
+        line = fitted(line_after(now - self._start), room)
+        self._write("\r" + line + " " * (min(self._shown, room) - len(line)))  # the window may be narrower than before
         self._shown = len(line)
+
+    def wipe(self) -> None:
+        """Make room for something else; the line comes back when it is drawn next."""
+        if self._shown:
+            self._write("\r" + " " * min(self._shown, _width(self._stream) - 1) + "\r")
+            self._shown = 0
 
     def __enter__(self) -> LiveLine:
         """Start the clock."""
@@ -112,9 +132,7 @@ class LiveLine:
 
     def __exit__(self, *exception: object) -> None:
         """Wipe the line."""
-        if self._shown:
-            self._write("\r" + " " * self._shown + "\r")
-            self._shown = 0
+        self.wipe()
 
     def _write(self, text: str) -> None:
         self._stream.write(text)
@@ -127,6 +145,11 @@ def is_terminal(stream: TextIO | None) -> bool:
         return stream is not None and stream.isatty()
     except ValueError:  # closed
         return False
+
+
+def is_live(stream: TextIO | None) -> bool:
+    """Return whether a line can be drawn over and over on `stream`; a terminal that says TERM=dumb cannot."""
+    return is_terminal(stream) and os.environ.get("TERM") != "dumb"
 
 
 def _width(stream: TextIO) -> int:

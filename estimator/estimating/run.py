@@ -77,12 +77,9 @@ class Run:
         self.method = plan.case.search.method
         self.rng = np.random.default_rng(plan.case.search.seed)
         self.phases: dict[str, int] = {}
-        self.phase = ""
+        self.standing = Progress("", 0)  # replaced as a whole: whoever reads it, Ctrl-C too, finds it in one piece
         self.counted = 0
         self.loaded = False
-        self.expected: int | None = None
-        self.best: FloatArray | None = None
-        self.best_cost = np.inf
         self.record = SearchRecord()
         self.noise: dict[str, tuple[float, float]] = {}
 
@@ -97,6 +94,7 @@ class Run:
         self.noise = output_deviations(plan)
         self.problem = Problem(plan, self.crew, sigma=self._sigma())
         self.loaded = True
+        self.expect(usual_simulations(plan))
         self.crew.on_tick = self.tell_progress
         still = self._unmoved()
         return self.refused(still) if still else None
@@ -104,11 +102,6 @@ class Run:
     def refused(self, reasons: Sequence[str], *, notes: Sequence[str] = ()) -> Estimate:
         """Return the estimate that is none."""
         return self._result(None, None, Judgement("refused", tuple(reasons), {}, tuple(notes)))
-
-    @property
-    def best_values(self) -> dict[str, float] | None:
-        """The best candidate so far."""
-        return None if self.best is None else dict(zip(self.plan.names, self.best.tolist(), strict=True))
 
     @property
     def start(self) -> FloatArray:
@@ -123,8 +116,8 @@ class Run:
             return self.problem.costs(space.values(eggs), bounds)
 
         def on_generation(search: CuckooSearch, generation: int) -> None:
-            if search.best_cost < self.best_cost or self.best is None:
-                self.best, self.best_cost = space.values(search.best[None, :])[0], search.best_cost
+            if search.best_cost < (np.inf if self.standing.best_cost is None else self.standing.best_cost):
+                self.found(self.plan.names, space.values(search.best[None, :])[0], search.best_cost)
             self.tell_progress()
 
         run_search(
@@ -158,21 +151,33 @@ class Run:
     def enter(self, phase: str) -> None:
         """Begin a phase; the simulations until the next are its own."""
         self._count()
-        self.phase = phase
+        self.standing = dataclasses.replace(self.standing, phase=phase)
         self.tell_progress()
 
+    def expect(self, simulations: int) -> None:
+        """Expect so many simulations from here to the end."""
+        self.standing = dataclasses.replace(self.standing, expected=self._simulations + simulations)
+
+    def found(self, names: Sequence[str], values: FloatArray, cost: float) -> None:
+        """Remember the best candidate, (p,), by the names that it was found under: a plan may free more later."""
+        best = dict(zip(names, values.tolist(), strict=True))
+        self.standing = dataclasses.replace(self.standing, parameters=best, best_cost=float(cost))
+
+    @property
+    def _simulations(self) -> int:
+        return self.crew.simulations if self.loaded else 0  # else they are another case's
+
     def _count(self) -> None:
-        done = self.crew.simulations - self.counted
+        done = self._simulations - self.counted
         if done:
-            self.phases[self.phase] = self.phases.get(self.phase, 0) + done
-        self.counted = self.crew.simulations
+            self.phases[self.standing.phase] = self.phases.get(self.standing.phase, 0) + done
+        self.counted = self._simulations
 
     def tell_progress(self) -> None:
         """Tell where the estimation stands."""
-        if self.progress is None:
-            return
-        cost = float(self.best_cost) if np.isfinite(self.best_cost) else None
-        self.progress(Progress(self.phase, self.crew.simulations, self.expected, cost, self.best_values))
+        self.standing = dataclasses.replace(self.standing, simulations=self._simulations)
+        if self.progress is not None:
+            self.progress(self.standing)
 
     def finish(
         self, values: FloatArray, polish: Polish | None, *, noise: FloatArray | None = None, fit: Fit | None = None
@@ -263,7 +268,7 @@ class Run:
             recordings=recordings(plan),
             method=self.method,
             seed=plan.case.search.seed,
-            simulations=self.crew.simulations + description.probe_simulations if self.loaded else 0,
+            simulations=self._simulations + description.probe_simulations if self.loaded else 0,
             simulations_by_phase=dict(self.phases),
             failed_simulations=self.crew.failed if self.loaded else 0,
             steps=self.crew.steps if self.loaded else 0,

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.estimating.cuckoo import CuckooSearch
-from estimator.estimating.effort import nests_and_generations, usual_simulations
+from estimator.estimating.effort import POLISHING, nests_and_generations
 from estimator.estimating.run import Run
 from estimator.estimating.starts import many_starts, needs_many
 from estimator.fitting.fit import Fit, log_likelihood
@@ -37,7 +37,6 @@ START_L = 5.0  # times h R: start of L that cures the spurious optimum L → 0
 
 def search_and_polish(run: Run) -> Estimate:
     """Search, polish, refine, and judge."""
-    run.expected = usual_simulations(run.plan)
     run.probe(run.start)
     return _Attempts(run).best()
 
@@ -81,11 +80,13 @@ class _Attempts:
                 break
             polish, fit = tried, self._refined(tried)
         run.problem, run.plan = fit.problem, fit.problem.plan
+        run.found(run.plan.names, fit.polish.values, self._cost_at(fit.polish, fit.problem))
         return run.finish(fit.polish.values, fit.polish, noise=self.floor, fit=fit)
 
     def _searched(self, space: Space, start: FloatArray, nests: int, generations: int) -> FloatArray:
         """Search from nests of which a fifth lies around the start; return the best candidate."""
         self.run.enter("search")
+        self.run.expect(nests * (1 + 2 * generations) + POLISHING)
         rng, d = self.run.rng, space.box.dimension
         first = rng.random((nests, d))
         home = space.cube(start)
@@ -100,7 +101,7 @@ class _Attempts:
     def _polished(self, start: FloatArray) -> Polish:
         self.run.enter("polish")
         polish = self.squares.polish(start, self.sigma)
-        self.run.best = polish.values
+        self.run.found(self.plan.names, polish.values, self._cost_at(polish))
         return polish
 
     def _best_of_many(self, polish: Polish, starts: FloatArray) -> Polish:
@@ -116,7 +117,7 @@ class _Attempts:
         if lowest >= log_likelihood(problem, polish.deviations):
             return polish
         better = self.squares.polish(values, polish.deviations)
-        self.run.best = better.values
+        self.run.found(self.plan.names, better.values, self._cost_at(better))
         return better
 
     def _refined(self, polish: Polish) -> Fit:
@@ -143,9 +144,9 @@ class _Attempts:
     def _is_better(self, new: Polish, old: Polish) -> bool:
         return self._cost_at(new) < BETTER * self._cost_at(old)
 
-    def _cost_at(self, polish: Polish) -> float:
+    def _cost_at(self, polish: Polish, problem: Problem | None = None) -> float:
         """Return a polish's cost at common deviations, so that two can be compared."""
-        weighted = polish.residuals * (polish.deviations / self.sigma)[self.problem.output_of_residual]
+        weighted = polish.residuals * (polish.deviations / self.sigma)[(problem or self.problem).output_of_residual]
         return float(weighted @ weighted)
 
     def _is_good(self, problem: Problem, polish: Polish) -> bool:

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
 from estimator.cases.case import Case, RunSpec
 from estimator.cases.case_signals import FREE
+from estimator.cases.expansion import told_apart
 from estimator.cases.mapping import fixed_values, integral_of, mapped
 from estimator.errors import CaseError, FmuError, RecordingError
 from estimator.fmus.fmu import FmuDescription, Variable
@@ -49,7 +52,7 @@ def plan_case(
     taken = [k for k, run in enumerate(runs) if run.validate == held_out]
     if not taken:
         raise CaseError('the case names no recording; add [[recording]] with file = "run.csv"')
-    read = [read_recording(case.recordings[k]) if recordings is None else recordings[k] for k in taken]
+    read = _told_apart([read_recording(case.recordings[k]) if recordings is None else recordings[k] for k in taken])
     observed = tuple(observe(case, description, r, runs[k]) for r, k in zip(read, taken, strict=True))
     for other in observed[1:]:
         if tuple(other.outputs) != tuple(observed[0].outputs):
@@ -89,6 +92,14 @@ def plan_case(
         wanted=_wanted(case, observed[0].outputs, [runs[k] for k in taken]),
         temperatures=tuple(runs[k].temperature for k in taken),
     )
+
+
+def _told_apart(recordings: Sequence[Recording]) -> Sequence[Recording]:
+    """Return recordings with names that differ: those of one name get their folders' before it, or a number."""
+    if len({r.name for r in recordings}) == len(recordings):
+        return recordings
+    names = told_apart([r.path or Path(f"{r.name} {k}") for k, r in enumerate(recordings, start=1)])
+    return [replace(r, name=name) for r, name in zip(recordings, names, strict=True)]
 
 
 def _is_differenced(description: FmuDescription, observed: tuple[Observed, ...]) -> bool:

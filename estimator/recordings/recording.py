@@ -33,6 +33,7 @@ from estimator.recordings.time_grid import half_last_digit, sampling_clock
 from estimator.recordings.units import FloatArray, Unit, examples, parse_unit
 
 MIN_SAMPLES = 10
+LARGEST = 1e30  # in any unit: no sensor shows more, and its powers are still numbers
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,8 +66,8 @@ class Recording:
 
     @property
     def title(self) -> str:
-        """The file's name, or the recording's, for messages."""
-        return self.path.name if self.path else self.name
+        """The file's name, with its folder where the recording's name has it, or the recording's, for messages."""
+        return self.path.name if self.path and not self.name.endswith(self.path.name) else self.name
 
     def between(self, first: int, last: int) -> Recording:
         """Return the samples from one to before another."""
@@ -164,7 +165,7 @@ class Recording:
 
 
 def read_recording(path: Path) -> Recording:
-    """Read a recording: delimited text with a header, MAT (v4 to v7.3), Parquet or MDF, known by its content.
+    """Read a recording: text with a header, MAT (v4 to v7.3), Parquet, MDF, Excel or TDMS, known by its content.
 
     Raises
     ------
@@ -175,15 +176,27 @@ def read_recording(path: Path) -> Recording:
     columns = _binary(path)
     if columns is None:
         return _read_text(path)
-    _check_finite(path.name, columns.headers, columns.columns)
+    return recording_from_columns(path.stem, columns, path=path)
+
+
+def recording_from_columns(name: str, columns: Columns, *, path: Path | None = None) -> Recording:
+    """Make a recording from columns, one of them the time.
+
+    Raises
+    ------
+    RecordingError
+        There is no time, or something in a column is no sample.
+    """
+    where = path.name if path else name
+    _check_finite(where, columns.headers, columns.columns)
     texts = {j: columns.texts[header] for j, header in enumerate(columns.headers) if header in columns.texts}
     return _build(
-        path.stem,
+        name,
         path,
         list(columns.headers),
         list(columns.columns),
-        where=path.name,
-        place=lambda k: f"{path.name} sample {k}",
+        where=where,
+        place=lambda k: f"{where} sample {k}",
         texts_in=texts,
     )
 
@@ -203,6 +216,15 @@ def _binary(path: Path) -> Columns | None:
         from estimator.recordings.recording_mdf import read_mdf
 
         return read_mdf(path)
+    if head.startswith(b"TDSm"):
+        from estimator.recordings.recording_tdms import read_tdms
+
+        return read_tdms(path)
+    if head.startswith((b"PK\x03\x04", b"\xd0\xcf\x11\xe0")):
+        from estimator.recordings.recording_xlsx import is_xlsx, read_xlsx
+
+        if is_xlsx(path, head):
+            return read_xlsx(path, head)
     from estimator.recordings.recording_mat import is_mat, read_mat
 
     return read_mat(path, head) if is_mat(path, head) else None
@@ -362,6 +384,14 @@ def _build(
     broken = [j for j in bad if numbers[j] or j == clock]  # a column of nothing but text harms nobody until it is used
     if broken:
         raise RecordingError(not_a_number(min(broken, key=lambda j: bad[j].line)))
+    huge = {j: k for j, column in enumerate(columns) if (k := _huge(column)) is not None}
+
+    def too_large(j: int) -> str:
+        sample = f"{place(huge[j])}: {names[j]} is {float(columns[j][huge[j]]):g}"
+        return f"{sample}, which nothing measures; leave the cell of a missing sample empty"
+
+    if clock in huge:
+        raise RecordingError(too_large(clock))
     time = time_unit.to_si(columns[clock])
     if clock in held:
         raise RecordingError(not_a_number(clock))
@@ -389,7 +419,7 @@ def _build(
             continue
         unit = header.unit or (assumed_unit(header.name) if header.unit_text is None else None)
         units[names[j]] = unit.si if unit else ("" if header.unit_text is None else "?")
-        if j not in bad and j not in held:
+        if j not in bad and j not in held and j not in huge:
             signals[names[j]] = on_clock(unit.to_si(columns[j]) if unit else columns[j])
     return Recording(
         name=name,
@@ -400,10 +430,16 @@ def _build(
         units=units,
         headers={names[j]: texts[j] for j in range(len(texts)) if j != clock},
         assumed_units=tuple(n for n, h in zip(names, headers, strict=True) if h.unit_text is None and role_of(h.name)),
-        unreadable={names[j]: not_a_number(j) for j in (*bad, *held)},
+        unreadable={names[j]: too_large(j) for j in huge} | {names[j]: not_a_number(j) for j in (*bad, *held)},
         even=ticks.even,
         missing_rows=ticks.time.size - time.size,
     )
+
+
+def _huge(column: FloatArray) -> int | None:
+    """Return the first sample that is too large to be one."""
+    above = np.abs(column) > LARGEST
+    return int(np.argmax(above)) if above.any() else None
 
 
 def _time_column(headers: list[Header], where: str) -> tuple[int, Unit]:

@@ -64,6 +64,8 @@ def sampling_clock(
     except RecordingError:
         found = _with_gaps(times, half_digit)
         if found is None:
+            if (k := _beyond_jitter(times)) is not None:
+                raise RecordingError(_too_far(times, k, place)) from None
             raise
         return found
     return Clock(start + np.arange(times.size, dtype=np.float64) * step, step)
@@ -97,6 +99,26 @@ def _with_gaps(times: FloatArray, half_digit: Callable[[], FloatArray] | None) -
     if away.mean() < FEW:
         return None
     return Clock(np.interp(np.arange(n), rows, times), step, missing, even=False)
+
+
+def _beyond_jitter(times: FloatArray) -> int | None:
+    """Return the first row that comes too early or too late for a clock that jitters; None where few rows are off."""
+    steps = np.diff(times)
+    if (steps <= 0).any():
+        return None
+    usual = float(np.median(steps))
+    off = np.abs(steps / usual - np.maximum(np.round(steps / usual), 1))
+    if (off > OFF_GRID).mean() <= 2 * FEW or not (off > JITTER).any():  # a row that is off spoils two intervals
+        return None
+    return int(np.argmax(off > JITTER)) + 1
+
+
+def _too_far(times: FloatArray, k: int, place: Callable[[int], str]) -> str:
+    usual = float(np.median(np.diff(times)))
+    return (
+        f"{place(k)}: time is {float(times[k] - times[k - 1]):.4g} s after the row before; a clock may jitter by"
+        f" {JITTER:.0%} of its step, {usual:.4g} s, and skip whole steps; correct it, or resample to equal steps"
+    )
 
 
 def uniform_grid(

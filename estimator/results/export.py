@@ -72,7 +72,7 @@ def result_files(
     from estimator.results import report, report_html
 
     files = {"result.json": report.to_json(estimate).encode()}
-    whole = _whole_figure(estimate)
+    whole = whole_figure(estimate)
     if whole is not None:
         from estimator.results.plots import rendered
 
@@ -172,7 +172,7 @@ def _shown(estimate: Estimate) -> list[Comparison]:
     return [c for c in estimate.comparisons if c.measured and len(c.time) > 1]
 
 
-def _whole_figure(estimate: Estimate) -> Figure | None:
+def whole_figure(estimate: Estimate) -> Figure | None:
     """Return the figure of all recordings together; None where there is nothing to draw."""
     from estimator.results import plots
 

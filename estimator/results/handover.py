@@ -12,6 +12,7 @@ import re
 from typing import Any
 
 from estimator.errors import InputError
+from estimator.results.cells import harmless
 from estimator.results.linear import INPUTS, MOTOR, STATES, is_motor, matrices, transfer_functions
 from estimator.results.report import json_ready, to_mapping
 from estimator.results.result import Estimate, ParameterEstimate, Setting
@@ -65,7 +66,7 @@ def csv_table(estimate: Estimate) -> bytes:
     writer.writerow(("parameter", *columns))
     for name, entry in to_mapping(estimate)["parameters"].items():
         cells = (entry[column] for column in columns)
-        writer.writerow((name, *("" if c is None else repr(c) if isinstance(c, float) else c for c in cells)))
+        writer.writerow((harmless(name), *("" if c is None else repr(c) if isinstance(c, float) else c for c in cells)))
     return stream.getvalue().encode()
 
 

@@ -58,6 +58,7 @@ FRAGMENT_STYLE = """
 .fmu-estimator .doubtful { border-color: #e69f00; }
 .fmu-estimator .refused { border-color: #d55e00; }
 .fmu-estimator .number { text-align: right; }
+.fmu-estimator img { max-width: 100%; }
 """
 
 
@@ -148,15 +149,25 @@ def html_report(
     )
 
 
-def html_fragment(estimate: Estimate) -> str:
-    """Return verdict and tables as a piece of HTML for a notebook, with its own look and nobody else's changed."""
+def html_fragment(estimate: Estimate, *, figure: bytes | None = None) -> str:
+    """Return verdict and tables as a piece of HTML for a notebook, with its own look and nobody else's changed.
+
+    Parameters
+    ----------
+    figure : bytes, optional
+        A PNG file's content: measured against simulated signals.
+    """
     parts = [_verdict(estimate)]
     if estimate.parameters:
         parts.append(_parameters(estimate))
     if estimate.chain:
         parts.append(_table(*chain_rows(estimate), right=(1, 3)))
+    if estimate.derived:
+        parts.append(_table(*derived_rows(estimate), right=(1, 3)))
     if estimate.rmse:
         parts.append(_table(*signal_rows(estimate), right=(1, 3)))
+    if figure is not None:
+        parts.append(_figure(figure, caption="", alternative="Measured and simulated signals, and residuals"))
     return f'<div class="fmu-estimator"><style>{FRAGMENT_STYLE}</style>' + "\n".join(parts) + "</div>"
 
 

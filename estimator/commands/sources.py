@@ -1,0 +1,103 @@
+"""What `estimate` is given → one case: a case file, recordings, a pattern, stdin. Reads no signal."""
+
+from __future__ import annotations
+
+import contextlib
+import glob
+import os
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from estimator.commands.terminal import PROGRAM
+from estimator.errors import InputError
+
+if TYPE_CHECKING:
+    from estimator.cases.case import Case
+
+CASE_SUFFIX = ".case.toml"
+STDIN = "-"
+
+
+@contextlib.contextmanager
+def case_of(words: Sequence[str]) -> Iterator[Case]:
+    """Give the case that words mean; what came through stdin is a file as long as the ``with`` statement lasts.
+
+    Raises
+    ------
+    InputError
+        A word is no recording, or does not go with the others.
+    """
+    from estimator.cases.case import Case, read_case
+
+    files = expanded(words)
+    if files[0].endswith(CASE_SUFFIX):
+        yield read_case(Path(files[0]))
+        return
+    with contextlib.ExitStack() as stack:
+        paths = [stack.enter_context(_stdin()) if file == STDIN else Path(os.path.abspath(file)) for file in files]
+        yield Case(recordings=tuple(paths))
+
+
+def expanded(words: Sequence[str]) -> list[str]:
+    """Return the files that words mean, patterns filled in: recordings or "-", each once, or one case file.
+
+    Raises
+    ------
+    InputError
+        A pattern matches nothing, a word is a folder, an FMU or given twice, or a case file is not alone.
+    """
+    files = [file for word in words for file in _matches(word)]
+    for file in files:
+        if file.endswith(CASE_SUFFIX) and len(files) > 1:
+            others = "each by itself" if all(f.endswith(CASE_SUFFIX) for f in files) else "alone"
+            with_batch = f", with {PROGRAM} batch" if others != "alone" else "; it names its own recordings"
+            raise InputError(f"{file} is a case file; give it {others}{with_batch}")
+        if file.endswith(".toml") and not file.endswith(CASE_SUFFIX):
+            raise InputError(f"{file}: the name of a case file ends in {CASE_SUFFIX}; rename it")
+        if file.endswith(".fmu"):
+            raise InputError(f"{file} is an FMU; give a recording or a case file, and the FMU with --fmu {file}")
+        if os.path.isdir(file):
+            raise InputError(_folder(file))
+    seen: dict[str, str] = {}
+    for file in files:
+        place = STDIN if file == STDIN else os.path.realpath(file)
+        if place in seen:
+            also = f" and as {seen[place]}" if seen[place] != file else ""
+            raise InputError(f"{file} is given twice{also}; each recording counts once")
+        seen[place] = file
+    return files
+
+
+def _matches(word: str) -> list[str]:
+    if not glob.has_magic(word) or os.path.lexists(word):
+        return [word]
+    found = sorted(glob.glob(word))
+    if not found:
+        raise InputError(f"no file matches {word!r}; give the names of recordings, or put the pattern right")
+    return found
+
+
+def _folder(folder: str) -> str:
+    names = sorted(os.listdir(folder))
+    if any(name.endswith(CASE_SUFFIX) for name in names):
+        return f"{folder} is a folder with case files; estimate each of them with {PROGRAM} batch {folder}"
+    suffixes = [os.path.splitext(name)[1] for name in names if not name.startswith(".")]
+    usual = max(suffixes, key=suffixes.count, default="") or ".csv"
+    pattern = os.path.join(folder, f"*{usual}")
+    return (
+        f"{folder} is a folder; fit its recordings together with {PROGRAM} estimate '{pattern}',"
+        f" or each by itself with {PROGRAM} batch {pattern}"
+    )
+
+
+@contextlib.contextmanager
+def _stdin() -> Iterator[Path]:
+    if sys.stdin is None or sys.stdin.isatty():
+        raise InputError(f"- stands for stdin, but nothing is piped into it; write {PROGRAM} estimate - < run.csv")
+    with tempfile.TemporaryDirectory(prefix="fmu-estimator-") as folder:
+        path = Path(folder) / "stdin"
+        path.write_bytes(sys.stdin.buffer.read())
+        yield path

@@ -1,0 +1,86 @@
+"""Tables in memory → columns: a pandas or polars DataFrame, a mapping of arrays. Imports neither pandas nor polars."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from estimator.errors import RecordingError, suggestion
+from estimator.recordings.columns import Columns
+from estimator.recordings.headers import parse_header, role_of
+from estimator.recordings.recording import Recording, recording_from_columns
+from estimator.recordings.units import FloatArray
+
+
+def is_table(thing: object) -> bool:
+    """Whether a thing is a mapping of columns or a data frame."""
+    return isinstance(thing, Mapping) or (hasattr(thing, "columns") and hasattr(thing, "__getitem__"))
+
+
+def recording_from_table(name: str, table: Any, *, units: Mapping[str, str] | None = None) -> Recording:
+    """Make a recording from a table.
+
+    Parameters
+    ----------
+    name
+        What messages call it.
+    table
+        A mapping of header → (n,) samples, or a DataFrame of pandas or polars. One column is the time; of pandas the
+        index may be. Dates and durations become seconds since the first.
+    units
+        Column → unit, where its name says none; by default what pandas' ``attrs["units"]`` says.
+
+    Raises
+    ------
+    RecordingError
+        There is no time, a column has another length, or `units` names no column.
+    """
+    columns = {str(header): table[header] for header in (table if isinstance(table, Mapping) else table.columns)}
+    index = getattr(table, "index", None)
+    if index is not None and not any(role_of(parse_header(header).name) == "time" for header in columns):
+        named = getattr(index, "name", None)
+        if named is not None or np.asarray(index).dtype.kind in "mM":
+            header = str(named) if named is not None else "time"
+            columns = {header if role_of(parse_header(header).name) == "time" else "time": index, **columns}
+    attributes = getattr(table, "attrs", None)
+    given = units if units is not None else attributes.get("units", {}) if isinstance(attributes, Mapping) else {}
+    for column in given:
+        if column not in columns:
+            raise RecordingError(f"{name}: units names {column!r}, which is no column{suggestion(column, columns)}")
+    headers, arrays, held = [], [], {}
+    for header, column in columns.items():
+        unit = given.get(header)
+        if unit is not None and parse_header(header).unit_text is None:
+            header = f"{header} [{unit}]"
+        values, is_clock = _numbers(column)
+        if values is None:
+            held[header] = "text"
+            values = np.full(len(column), np.nan)
+        if is_clock and parse_header(header).unit_text is None:
+            header = f"{header} [s]"
+        headers.append(header)
+        arrays.append(values)
+    for header, array in zip(headers, arrays, strict=True):
+        if array.ndim != 1 or array.shape != arrays[0].shape:
+            raise RecordingError(
+                f"{name}: {header!r} has shape {array.shape}; it should be one-dimensional and as long as"
+                f" {headers[0]!r}, {arrays[0].shape}"
+            )
+    return recording_from_columns(name, Columns(tuple(headers), tuple(arrays), held))
+
+
+def _numbers(column: Any) -> tuple[FloatArray | None, bool]:
+    """Return a column as numbers, None if it holds none, and whether they are seconds."""
+    array = np.asarray(column)
+    if array.dtype.kind in "mM":
+        ticks = array.astype(f"{'timedelta64' if array.dtype.kind == 'm' else 'datetime64'}[ns]")
+        since = (ticks - ticks[:1]).astype(np.float64) / 1e9
+        return np.where(np.isnat(ticks), np.nan, since), True
+    if array.dtype.kind in "biuf":
+        return array.astype(np.float64), False
+    try:
+        return np.array([np.nan if cell is None else float(cell) for cell in array.tolist()], dtype=np.float64), False
+    except (TypeError, ValueError):
+        return None, False

@@ -1,0 +1,157 @@
+"""Excel (.xlsx) → columns. Knows openpyxl (extra: xlsx); units stand in the header, or in the row below it."""
+
+from __future__ import annotations
+
+import datetime
+import warnings
+import zipfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from estimator.errors import RecordingError
+from estimator.recordings.columns import Columns
+from estimator.recordings.headers import parse_header, role_of
+from estimator.recordings.units import FloatArray, parse_unit
+
+MAGIC = b"PK\x03\x04"  # of any ZIP archive
+OLD_MAGIC = b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"  # of .xls
+HEADER_ROWS = 200  # the header is looked for in so many rows
+DAY = 86_400.0  # s
+EPOCH = datetime.datetime(1970, 1, 1)
+
+Row = tuple[Any, ...]
+
+
+def is_xlsx(path: Path, head: bytes) -> bool:
+    """Whether a file is an Excel workbook, from its first bytes and its table of contents."""
+    if head.startswith(OLD_MAGIC):
+        return True
+    if not head.startswith(MAGIC):
+        return False
+    try:
+        with zipfile.ZipFile(path) as archive:
+            return "xl/workbook.xml" in archive.namelist()
+    except zipfile.BadZipFile:
+        return path.suffix.lower() in (".xlsx", ".xlsm")
+
+
+def read_xlsx(path: Path, head: bytes) -> Columns:
+    """Read the one sheet that has a header with a time; dates and times of day become seconds since the first.
+
+    Raises
+    ------
+    RecordingError
+        openpyxl is not installed, the file is damaged, no sheet or more than one holds a recording, or a cell among
+        numbers is no number.
+    """
+    if head.startswith(OLD_MAGIC):
+        raise RecordingError(f"{path.name} is an Excel file of before 2007; save it as .xlsx or as CSV")
+    try:
+        import openpyxl
+    except ImportError:
+        raise RecordingError(
+            f"{path.name} is an Excel file, which needs openpyxl; install it with: pip install 'fmu-estimator[xlsx]'"
+        ) from None
+    found: dict[str, tuple[int, list[Row]]] = {}
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of styles that openpyxl does not know
+            book = openpyxl.load_workbook(path, read_only=True, data_only=True)
+            try:
+                for sheet in book.worksheets:
+                    rows = [tuple(row) for row in sheet.iter_rows(values_only=True)]
+                    at = next((k for k, row in enumerate(rows[:HEADER_ROWS]) if _has_time(row)), None)
+                    if at is not None:
+                        found[sheet.title] = (at, rows)
+            finally:
+                book.close()
+    except Exception as error:  # openpyxl raises whatever it stumbles over
+        words = " ".join(str(error).split())[:100] or type(error).__name__
+        raise RecordingError(f"{path.name} is a damaged Excel file ({words}); save it again") from None
+    if not found:
+        raise RecordingError(
+            f"{path.name} has no sheet with a time column; give one a header such as time [s], voltage [V], current [A]"
+        )
+    if len(found) > 1:
+        sheets = " and ".join(repr(title) for title in found)
+        raise RecordingError(f"{path.name} holds recordings on the sheets {sheets}; save each as a file of its own")
+    ((title, (at, rows)),) = found.items()
+    return _columns(f"{path.name} sheet {title!r}", at, rows)
+
+
+def _columns(where: str, at: int, rows: list[Row]) -> Columns:
+    texts = [_text(cell) for cell in rows[at]]
+    first = at + 1
+    if first < len(rows) and _are_units(rows[first]):
+        for j, unit in enumerate(_text(cell).strip("[]() ") for cell in rows[first][: len(texts)]):
+            if unit and parse_header(texts[j]).unit_text is None:
+                texts[j] = f"{texts[j]} [{unit}]"
+        first += 1
+    body = [(k, row) for k, row in enumerate(rows[first:], start=first) if any(_text(cell) for cell in row)]
+    headers, columns, held = [], [], {}
+    for j, text in enumerate(texts):
+        cells = [row[j] if j < len(row) else None for _, row in body]
+        values, is_clock = _numbers(cells)
+        if not text and all(cell is None for cell in cells):
+            continue
+        header = text or f"column {j + 1}"
+        if is_clock and parse_header(header).unit_text is None:
+            header = f"{header} [s]"
+        wrong = [k for k, (cell, value) in enumerate(zip(cells, values, strict=True)) if _text(cell) and value != value]
+        if wrong and len(wrong) < sum(1 for cell in cells if _text(cell)):
+            place = f"{where} row {body[wrong[0]][0] + 1}"
+            raise RecordingError(
+                f"{place}: {parse_header(header).name} is not a number ({_text(cells[wrong[0]])!r});"
+                " leave the cell of a missing sample empty"
+            )
+        if wrong:
+            held[header] = "text"
+        headers.append(header)
+        columns.append(values)
+    return Columns(tuple(headers), tuple(columns), held)
+
+
+def _numbers(cells: Sequence[Any]) -> tuple[FloatArray, bool]:
+    """Return cells as numbers, NaN where there is none, and whether they were instants, now seconds since the first."""
+    instants = [_instant(cell) for cell in cells]
+    if cells and all(instant is not None for instant in instants):
+        seconds = np.array(instants, dtype=np.float64)
+        return np.asarray(seconds - seconds[0]), True
+    return np.array([_number(cell) for cell in cells], dtype=np.float64), False
+
+
+def _instant(cell: Any) -> float | None:
+    if isinstance(cell, datetime.datetime):
+        return (cell.replace(tzinfo=None) - EPOCH).total_seconds()
+    if isinstance(cell, datetime.timedelta):
+        return cell.total_seconds()
+    if isinstance(cell, datetime.time):
+        return cell.hour * 3600.0 + cell.minute * 60.0 + cell.second + cell.microsecond / 1e6
+    return None
+
+
+def _number(cell: Any) -> float:
+    if isinstance(cell, (int, float)):
+        return float(cell)
+    try:
+        return float(_text(cell).replace(",", "."))
+    except ValueError:
+        return np.nan
+
+
+def _text(cell: Any) -> str:
+    return "" if cell is None else str(cell).strip()
+
+
+def _has_time(row: Row) -> bool:
+    texts = [cell for cell in row if isinstance(cell, str) and cell.strip()]
+    return len(texts) > 1 and any(role_of(parse_header(text).name) == "time" for text in texts)
+
+
+def _are_units(row: Row) -> bool:
+    texts = [_text(cell).strip("[]() ") for cell in row]
+    said = [text for text in texts if text not in ("", "-")]
+    return bool(said) and all(not text[0].isdigit() and parse_unit(text) is not None for text in said)

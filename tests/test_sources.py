@@ -1,0 +1,132 @@
+"""What `estimate` may be given: several recordings, patterns, stdin; and what it says of anything else."""
+
+import io
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from test_cli import calls, fails  # noqa: F401 - a fixture
+from test_report import check_contract
+
+from estimator.cli import main
+from estimator.commands.sources import case_of, expanded
+
+ROOT = Path(__file__).parent.parent
+RECORDING = ROOT / "examples" / "cml050_step.csv"
+
+
+def program(*arguments: str, stdin: bytes | None = None, **options) -> subprocess.CompletedProcess[bytes]:
+    command = [sys.executable, "-m", "estimator", *arguments]
+    return subprocess.run(command, cwd=ROOT, input=stdin, capture_output="stdout" not in options, **options)
+
+
+def test_recordings_on_both_sides_of_an_option_and_patterns_are_fitted_together(calls, capsys, tmp_path):  # noqa: F811
+    for name in ("run_1.csv", "run_2.csv", "up.csv", "[odd].csv"):
+        (tmp_path / name).touch()
+    assert main(["estimate", "up.csv", "--seed", "4", "run_*.csv", "[odd].csv"]) == 0
+    assert [path.name for path in calls.case.recordings] == ["up.csv", "run_1.csv", "run_2.csv", "[odd].csv"]
+    assert all(path.is_absolute() for path in calls.case.recordings) and calls.case.search.seed == 4
+    capsys.readouterr()
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        ("up.csv up.csv", "up.csv is given twice; each recording counts once"),
+        ("up.csv u*.csv runs/../up.csv", "up.csv is given twice; each recording counts once"),
+        ("up.csv runs/../up.csv", "runs/../up.csv is given twice and as up.csv; each recording counts once"),
+        ("no_*.csv", "no file matches 'no_*.csv'; give the names of recordings, or put the pattern right"),
+        (
+            "runs",
+            "runs is a folder; fit its recordings together with fmu-estimator estimate 'runs/*.mat',"
+            " or each by itself with fmu-estimator batch runs/*.mat",
+        ),
+        ("cases", "cases is a folder with case files; estimate each of them with fmu-estimator batch cases"),
+        ("a.case.toml up.csv", "a.case.toml is a case file; give it alone; it names its own recordings"),
+        (
+            "a.case.toml b.case.toml",
+            "a.case.toml is a case file; give it each by itself, with fmu-estimator batch",
+        ),
+        ("up.csv motor.toml", "motor.toml: the name of a case file ends in .case.toml; rename it"),
+        ("-", "- stands for stdin, but nothing is piped into it; write fmu-estimator estimate - < run.csv"),
+        ("- --save-case x.case.toml", "- stands for stdin, but nothing is piped into it"),
+        ("up.csv --out x", "unrecognized arguments: --out; did you mean '-o'?"),
+        ("up.csv --outptu=x", "unrecognized arguments: --outptu; did you mean '-o'?"),
+    ],
+)
+def test_what_does_not_go_together_is_told(calls, capsys, monkeypatch, tmp_path, words, sentence):  # noqa: F811
+    (tmp_path / "runs").mkdir()
+    (tmp_path / "cases").mkdir()
+    for name in ("up.csv", "runs/a.mat", "runs/b.mat", "runs/notes.txt", "cases/m.case.toml"):
+        (tmp_path / name).touch()
+    monkeypatch.setattr(sys, "stdin", None)
+    assert fails(capsys, "estimate", *words.split()).startswith(sentence)
+
+
+@pytest.mark.parametrize("name", ["run.csv", "run.MAT", "motor.case.toml", "folder/run.parquet"])
+def test_a_recording_without_a_command_suggests_estimate(capsys, name):
+    said = fails(capsys, name)
+    assert said == f"there is no command {name!r}; did you mean fmu-estimator estimate {name}?"
+
+
+def test_stdin_is_a_file_as_long_as_it_is_needed(monkeypatch):
+    monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(RECORDING.read_bytes())))
+    with case_of(["-"]) as case:
+        (path,) = case.recordings
+        assert path.name == "stdin" and path.read_bytes() == RECORDING.read_bytes()
+    assert not path.exists()
+    assert expanded(["-", str(RECORDING)]) == ["-", str(RECORDING)]
+
+
+def test_stdin_and_two_recordings_give_an_estimate():
+    done = program("estimate", "-", "--json", stdin=RECORDING.read_bytes())
+    found = check_contract(done.stdout.decode())
+    assert done.returncode == 0 and found["verdict"] == "ok"
+    both = program("estimate", "-", str(RECORDING), "--json", stdin=RECORDING.read_bytes())
+    error = found["parameters"]["R"]["standard_error"]
+    together = check_contract(both.stdout.decode())["parameters"]["R"]["standard_error"]
+    assert together == pytest.approx(error / 2**0.5, rel=0.1), "the same noise twice counts twice"
+
+
+def test_recordings_of_one_name_are_told_apart_by_their_folders(tmp_path):
+    for folder in ("a", "b"):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "step.csv").write_bytes(RECORDING.read_bytes())
+    done = program("estimate", str(tmp_path / "a" / "step.csv"), str(tmp_path / "b" / "step.csv"), "--json")
+    notes = check_contract(done.stdout.decode())["notes"]
+    assert [sum(note.startswith(f"{folder}/step.csv: step from") for note in notes) for folder in "ab"] == [1, 1]
+
+
+def test_stdin_names_no_recording_for_a_case_file(tmp_path):
+    done = program("estimate", "-", "--save-case", str(tmp_path / "x.case.toml"), stdin=b"time [s],v\n")
+    assert done.returncode == 2 and not (tmp_path / "x.case.toml").exists()
+    assert done.stderr.decode().endswith("stdin is none; save it to a file first\n")
+
+
+@pytest.mark.parametrize(
+    "arguments", [["estimate", str(RECORDING), "--json", "--quiet"], ["--help"], ["schema"], ["inspect", "dc_motor"]]
+)
+def test_a_full_disk_behind_stdout_is_one_sentence(arguments):
+    with open("/dev/full", "w") as full:
+        done = program(*arguments, stdout=full, stderr=subprocess.PIPE)
+    told = b"fmu-estimator: stdout cannot be written (No space left on device); send it elsewhere\n"
+    assert (done.returncode, done.stderr) == (2, told)
+
+
+def test_a_full_disk_behind_stdout_does_not_keep_the_files_from_being_written(tmp_path):
+    with open("/dev/full", "w") as full:
+        done = program("estimate", str(RECORDING), "-o", str(tmp_path / "out"), stdout=full, stderr=subprocess.PIPE)
+    assert done.returncode == 2 and (tmp_path / "out" / "result.json").exists()
+
+
+def test_an_estimate_that_cannot_be_written_is_printed_all_the_same(calls, capsys, monkeypatch):  # noqa: F811
+    def full(*_, **__):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("estimator.output.os.replace", full)
+    assert main(["estimate", "step.csv", "-o", "out", "--json"]) == 2
+    out, err = capsys.readouterr()
+    assert check_contract(out)["verdict"] == "ok"
+    assert err.endswith("out/result.json: cannot be written (No space left on device); give -o another place\n")
+    assert err.count("\n") == 1

@@ -1,0 +1,131 @@
+"""Every command on a terminal, as a user runs it: windows of any width, resized windows, Ctrl-C at any moment."""
+
+from __future__ import annotations
+
+import csv
+import os
+import re
+import shutil
+from pathlib import Path
+
+import pytest
+from pseudo_terminal import Screen, Terminal
+
+from estimator.cli import main
+
+EXAMPLES = Path(__file__).parent.parent / "examples"
+OFFSETS = EXAMPLES / "esp32_step.csv"  # its speed has an offset, which the estimate frees
+MOTOR = ("--set", "R=3.1363", "--set", "K=0.048774", "--set", "L=0.01307", "--set", "J=9e-6", "--set", "B=1.69e-4")
+LATE = 3  # samples by which the voltage of `delayed` leads
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory):
+    """Return a folder of recordings: step.csv, the same with a delay, and one without a step."""
+    folder = tmp_path_factory.mktemp("bench")
+    step = folder / "step.csv"
+    assert main(["simulate", "dc_motor", *MOTOR, "--voltage-step", "10.5@0.1", "--stop", "0.6", "-o", str(step)]) == 0
+    with open(step, newline="") as file:
+        header, *rows = csv.reader(file)
+    column = next(j for j, text in enumerate(header) if text.startswith("v "))
+    voltage = [row[column] for row in rows]
+    for row, early in zip(rows, [*voltage[LATE:], *voltage[-LATE:]], strict=True):
+        row[column] = early
+    (folder / "delayed.csv").write_text("\n".join(",".join(row) for row in [header, *rows]) + "\n")
+    for row in rows:
+        row[column] = "0"
+    (folder / "still.csv").write_text("\n".join(",".join(row) for row in [header, *rows]) + "\n")
+    (folder / "cases").mkdir()
+    for name in ("step.csv", "delayed.csv"):
+        shutil.copy(folder / name, folder / "cases" / name)
+    return folder
+
+
+def check(screen: Screen, *, status: int = 0, columns: int = 80) -> Screen:
+    """Check what holds of every screen."""
+    assert screen.status == status, screen.text
+    assert "Traceback" not in screen.text and "internal error" not in screen.text, screen.text
+    for drawing in screen.drawings:
+        assert len(drawing) < columns, drawing
+        assert re.search(r"\b\d+ (s|min|h) left|\d h left|time left not known", drawing), drawing
+    return screen
+
+
+@pytest.mark.parametrize("columns", [80, 200])
+def test_an_estimate_that_frees_an_offset_runs_on_a_terminal(bench, columns):
+    screen = check(Terminal("estimate", str(OFFSETS), cwd=bench, columns=columns).run(), columns=columns)
+    assert "offset w" in screen.text and screen.drawings
+    assert any("K " in drawing for drawing in screen.drawings) or columns == 80
+
+
+def test_an_estimate_that_frees_a_delay_runs_on_a_terminal_and_writes_its_files(bench):
+    screen = check(Terminal("estimate", "delayed.csv", "-o", "out", cwd=bench).run())
+    assert "delay" in screen.text and screen.drawings
+    assert {"result.json", "report.html"} <= set(os.listdir(bench / "out"))
+
+
+def test_a_refused_recording_is_told_on_a_terminal(bench):
+    assert "REFUSED" in check(Terminal("estimate", "still.csv", cwd=bench).run(), status=1).text
+
+
+def test_a_dumb_terminal_gets_no_live_line(bench):
+    screen = check(Terminal("estimate", str(OFFSETS), cwd=bench, term="dumb").run())
+    assert screen.drawings == [] and "offset w" in screen.text
+    assert "\r" not in screen.text.replace("\r\n", "")
+
+
+def test_the_live_line_fits_a_window_that_is_made_narrower_while_it_is_drawn(bench):
+    terminal = Terminal("estimate", "step.csv", "--method", "original", cwd=bench, columns=200)
+    seen: list[int] = []
+
+    def narrow(text: str) -> None:
+        if not seen and text.count("simulations") >= 2:
+            terminal.resize(60)
+            seen.append(len(text))
+
+    screen = check(terminal.run(on_text=narrow), columns=200)
+    whole = [part for part in screen.text[seen[0] :].split("\r")[2:] if not part.startswith("\n")]
+    assert len(whole) > 3
+    assert all(len(part) < 60 for part in whole if "simulations" in part or not part.strip(" "))
+
+
+def test_a_batch_runs_on_a_terminal(bench):
+    text = check(Terminal("batch", "cases/step.csv", "cases/delayed.csv", "-o", "batch", cwd=bench).run()).text
+    assert re.search(r"\rof 2 cases|\r\d of 2 cases", text) and "results.csv" in text
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["simulate", "dc_motor", "--voltage-step", "10.5@0.01", "--stop", "0.02"], "time [s],v [V]"),
+        (["inspect", "dc_motor"], "Nothing keeps it from use here."),
+        (["init", "dc_motor", "step.csv"], "[parameters]"),
+        (["build", "dc_motor", "-o", "mine.fmu"], "mine.fmu"),
+        (["new-model", "mine"], "mine.c"),
+        (["schema"], '"recording"'),
+        (["completion", "bash"], "complete"),
+        (["estimate", "--help"], "--bounds"),
+        (["demo", "-o", "demo"], "Written to demo"),
+    ],
+    ids=lambda value: value[0] if isinstance(value, list) else "",
+)
+def test_every_other_command_runs_on_a_terminal(bench, arguments, said):
+    assert said in check(Terminal(*arguments, cwd=bench).run()).text
+
+
+def test_ctrl_c_at_ten_moments_ends_in_one_sentence_and_leaves_nothing_behind(bench):
+    command = ["estimate", str(OFFSETS), "-o", "interrupted"]
+    whole = check(Terminal(*command, cwd=bench).run()).seconds
+    shutil.rmtree(bench / "interrupted")
+    before, interrupted = set(os.listdir(bench)), 0
+    for moment in range(10):
+        screen = Terminal(*command, cwd=bench).run(after=whole * moment / 10)
+        check(screen, status=130 if screen.status == 130 else 0)
+        if screen.status == 130:
+            interrupted += 1
+            assert len(re.findall(r"fmu-estimator: interrupted", screen.text)) == 1
+            assert set(os.listdir(bench)) == before
+        else:
+            assert set(os.listdir(bench / "interrupted")) >= {"result.json", "report.html"}
+            shutil.rmtree(bench / "interrupted")
+    assert interrupted >= 5
