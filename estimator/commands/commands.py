@@ -9,6 +9,7 @@ import dataclasses
 import functools
 import io
 import json
+import shutil
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
 
 CASE_SUFFIX = ".case.toml"
 DEFAULT_STOP, DEFAULT_STEP = 2.8, 1e-3  # s
+SCREEN = 40  # lines of a terminal that an answer may take
 INSPECTION_LIMIT = 45.0  # s of describing and probing
 
 
@@ -57,7 +59,7 @@ def demo(args: argparse.Namespace) -> int:
         case = dataclasses.replace(case, parameters=nominal)
         result = _estimated(case, workers=None, quiet=args.quiet, profile=True)
         _write_results(folder, result, case, command=f"fmu-estimator estimate {recording}")
-        say(_text(result))
+        say(_text(result, folder=args.output))
         say(f"\nWritten to {folder.path}: {', '.join(sorted(p.name for p in folder.path.iterdir()))}\n")
     return _status(result)
 
@@ -85,7 +87,7 @@ def estimate(args: argparse.Namespace) -> int:
 
         say(to_json(result))
     else:
-        say(_text(result))
+        say(_text(result, folder=args.output))
     return _status(result)
 
 
@@ -384,10 +386,15 @@ def _write_results(
     folder.write(files, stale=RESULT_FILES)
 
 
-def _text(result: Estimate) -> str:
-    from estimator.results.report import text_report
+def _text(result: Estimate, *, folder: str | None = None) -> str:
+    """Return the result as text: whole into a file or a pipe, a screen of it on a terminal."""
+    from estimator.results.report import REST, text_report
 
-    return text_report(result)
+    if not is_terminal(sys.stdout):
+        return text_report(result)
+    columns = shutil.get_terminal_size().columns
+    rest = REST if folder is None else f"in {Path(folder) / 'report.html'}"
+    return text_report(result, width=columns, lines=SCREEN, rest=rest)
 
 
 def _status(result: Estimate) -> int:
