@@ -1,9 +1,11 @@
-"""What mkdocs adds when it builds: the case file's keys from the schema, the public names from their docstrings."""
+"""What mkdocs adds when it builds: keys of case files from the schema, public names from their docstrings, search."""
 
 from __future__ import annotations
 
 import inspect
 import re
+import shutil
+from pathlib import Path
 from typing import Any
 
 import estimator
@@ -21,6 +23,16 @@ def on_files(files: Any, config: Any) -> Any:
 def on_page_markdown(markdown: str, *, page: Any, **_: Any) -> str:
     """Add the reference to the page on Python."""
     return markdown + api_reference() if page.file.src_uri == "api.md" else markdown
+
+
+def on_post_build(config: Any) -> None:
+    """Replace mkdocs' search, which needs a server, by one that reads its index from a disk as well."""
+    folder = Path(config["site_dir"]) / "search"
+    index = (folder / "search_index.json").read_text(encoding="utf-8")
+    (folder / "search_index.js").write_text(f"window.searchIndex = {index};\n", encoding="utf-8")
+    shutil.copyfile(Path(config["docs_dir"]) / "search.js", folder / "main.js")
+    for name in ("search_index.json", "worker.js", "lunr.js"):
+        (folder / name).unlink(missing_ok=True)
 
 
 def case_file_page() -> str:

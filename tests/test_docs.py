@@ -1,6 +1,8 @@
 """The documentation: its examples run, its generated pages hold what there is, its links lead somewhere."""
 
+import html
 import importlib.util
+import json
 import re
 import shutil
 import subprocess
@@ -9,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from test_browser import BROWSER
 
 ROOT = Path(__file__).resolve().parent.parent
 EXAMPLE = ROOT / "examples" / "cml050_step.csv"
@@ -67,6 +70,52 @@ def test_the_site_builds_without_a_warning(tmp_path):
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "site" / "case-file.html").is_file()
+
+
+def test_the_bar_of_the_site_has_at_most_seven_entries():
+    bar = re.findall(r"^  - (\w[^:]*):", (ROOT / "mkdocs.yml").read_text().split("nav:")[1], re.M)
+    assert bar[0] == "Home" and len(bar) <= 7
+
+
+PROBE = """<script>addEventListener("load", () => {
+  const input = document.getElementById("mkdocs-search-query");
+  input.value = "encoder phase";
+  input.dispatchEvent(new Event("input"));
+  setInterval(() => {
+    const found = [...document.querySelectorAll("#mkdocs-search-results a")].map(a => a.getAttribute("href"));
+    const wide = document.documentElement.scrollWidth - document.documentElement.clientWidth;
+    if (found.length) document.title = JSON.stringify({ found, wide }) }, 100) })</script>"""
+
+
+@pytest.mark.full
+@pytest.mark.skipif(BROWSER is None, reason="no chromium here: apt-get install chromium")
+def test_every_page_searches_fits_a_phone_and_leaves_the_console_empty(tmp_path):
+    if importlib.util.find_spec("mkdocs") is None:
+        pytest.skip("mkdocs is not installed")
+    site = tmp_path / "site"
+    subprocess.run([sys.executable, "-m", "mkdocs", "build", "-q", "-d", str(site)], cwd=ROOT, check=True)
+    pages = [page for page in site.rglob("*.html") if page.name != "404.html"]
+    frames = []
+    for page in pages:
+        page.write_text(page.read_text().replace("</body>", PROBE + "</body>"))
+        frames.append(f'<iframe src="{page.relative_to(site)}" width="400" height="900"></iframe>')
+    gather = (
+        "<script>setInterval(() => { const all = [...document.querySelectorAll('iframe')].map(f =>"
+        " [f.getAttribute('src'), f.contentDocument.title]);"
+        " if (all.every(([_, t]) => t.startsWith('{'))) document.title = JSON.stringify(all) }, 200)</script>"
+    )
+    (site / "all.html").write_text(f"<!DOCTYPE html><meta charset=utf-8><title></title>{''.join(frames)}{gather}")
+    command = [BROWSER, "--headless", "--no-sandbox", "--disable-gpu", "--enable-logging=stderr"]
+    command += ["--allow-file-access-from-files", "--virtual-time-budget=60000", "--dump-dom"]
+    command += [f"--user-data-dir={tmp_path / 'profile'}", "--host-resolver-rules=MAP * ~NOTFOUND"]
+    done = subprocess.run([*command, (site / "all.html").as_uri()], capture_output=True, text=True, timeout=120)
+    assert "CONSOLE" not in done.stderr, done.stderr
+    told = json.loads(html.unescape(re.search("<title>(.*?)</title>", done.stdout, re.S)[1]))
+    assert len(told) == len(pages) >= 15
+    for page, said in told:
+        said = json.loads(said)
+        assert said["wide"] <= 0, page
+        assert (site / page).parent.joinpath(said["found"][0]).resolve() == site / "recordings.html", page
 
 
 # --- the PI gains of the example -----------------------------------------------------------------------------------

@@ -113,6 +113,7 @@ def test_outliers_are_left_out_and_missing_samples_do_no_harm(case_of, noisy):
     speed[rng.random(len(speed)) < 0.05] = np.nan
     result = run(case_of(), with_signals(noisy, current=current, speed=speed))
     assert f"i has {hit.sum()} outliers; they are left out" in result.notes
+    assert np.array_equal(result.comparisons[0].left_out["i"], hit)
     assert worst(result) < 5
 
 
@@ -121,7 +122,11 @@ def test_ripple_locked_to_the_angle_is_taken_out(case_of, noisy):
     angle = np.cumsum(clean) * 1e-3
     ripple = 0.09 * np.cos(14 * angle + 1) * (np.arange(len(angle)) > 500)
     result = run(case_of(), with_signals(noisy, current=noisy.signals["current"] + ripple))
-    assert any("i has a ripple of order 14" in note for note in result.notes)
+    (note,) = [note for note in result.notes if "ripple" in note]
+    assert note.startswith("i has a ripple at an order of the shaft's angle") and ": 14 (0.0" in note
+    (shown,) = result.comparisons
+    assert set(shown.taken_out) == {"i"}, "the figure shows what the note says"
+    assert np.corrcoef(shown.taken_out["i"][600:], ripple[600:])[0, 1] > 0.99
     assert result.noise["i"] == pytest.approx(0.02, rel=0.1)
     assert worst(result) < 5
 

@@ -1,5 +1,6 @@
 """Figures: what is drawn, and that no label covers another."""
 
+import dataclasses
 import io
 import itertools
 import os
@@ -9,14 +10,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from hypothesis.extra.numpy import arrays
 from made_estimates import comparison
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.image import imread
 
 from estimator.results import plots
+from estimator.results.numbers import number_text
 from estimator.results.result import Comparison
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -52,6 +51,13 @@ def with_gap(made: Comparison) -> Comparison:
     return Comparison(made.name, made.time, made.inputs, measured, made.simulated, made.units)
 
 
+def with_marks(made: Comparison) -> Comparison:
+    out = np.zeros(len(made.time), dtype=bool)
+    out[[520, 700, 701]] = True
+    ripple = 0.01 * np.cos(made.time * 300) * (made.time > 0.5)
+    return dataclasses.replace(made, left_out={"i": out}, taken_out={"i": ripple})
+
+
 CASES = {
     "noisy": [comparison()],
     "noise-free": [comparison(noise=(1e-15, 1e-13))],
@@ -62,6 +68,7 @@ CASES = {
     "gap": [with_gap(comparison())],
     "strange": [named(comparison(), "model.drive.shaft.flange.phi_relative", "kg.m2/(A.s3)")],
     "not simulated": [without_simulation(comparison())],
+    "outliers and ripple": [with_marks(comparison())],
     "two": [comparison(), comparison(np.full(2801, 5.0), name="second")],
 }
 SIX = [comparison(np.full(30, 10.5), name=f"r{k}") for k in range(6)]
@@ -154,43 +161,26 @@ def test_nothing_global_is_touched():
     assert "matplotlib.figure" in loaded and "matplotlib.pyplot" not in loaded
 
 
-def test_the_enlarged_part_of_a_step_is_its_transient():
-    start, end = plots.transient(comparison())
-    assert 0.48 < start < 0.5
-    assert 0.52 < end < 0.6  # the slower time constant is 12 ms
+def legend(figure):
+    """Return what the legend names."""
+    (found,) = [ax.get_legend() for ax in figure.axes if ax.get_legend() is not None]
+    return [text.get_text() for text in found.get_texts()]
 
 
-def test_the_enlarged_part_of_a_switching_voltage_is_a_piece_of_it():
-    made = comparison(unequal(100_000), step=1e-4)
-    start, end = plots.transient(made)
-    assert 0.05 < (end - start) / (made.time[-1] - made.time[0]) < 0.15
+def test_outliers_and_ripple_are_drawn_and_named_where_there_are_some():
+    assert legend(plots.comparison_figure([comparison()])) == ["measured", "simulated with the estimate"]
+    figure = plots.comparison_figure(CASES["outliers and ripple"])
+    assert legend(figure)[2:] == ["left out as an outlier", "ripple or drift, taken out"]
+    current = next(ax for ax in figure.axes if ax.get_ylabel() == "current i\n[A]")
+    crosses = [line for line in current.lines if line.get_marker() == "x"]
+    assert [len(line.get_xdata()) for line in crosses] == [3]
 
 
-def test_without_movement_everything_is_enlarged():
-    made = comparison(np.zeros(100), noise=(0.0, 0.0))
-    assert plots.transient(made) == (0.0, made.time[-1])
-
-
-@settings(derandomize=True)
-@given(
-    values=arrays(np.float64, st.integers(1, 500), elements=st.floats(-1e6, 1e6) | st.just(np.nan)),
-    bins=st.integers(1, 40),
-)
-def test_an_envelope_keeps_every_extreme_and_the_order_of_time(values, bins):
-    time = np.arange(len(values)) * 0.1
-    t, y = plots.envelope(time, values, bins=bins)
-    assert len(t) == len(y) <= max(4 * bins, 1)
-    assert np.all(np.diff(t) > 0)
-    assert np.array_equal(y, values[np.searchsorted(time, t)], equal_nan=True)
-    if np.isfinite(values).any():
-        assert np.nanmax(y) == np.nanmax(values)
-        assert np.nanmin(y) == np.nanmin(values)
-    assert t[0] == time[0] and t[-1] == time[-1]
-
-
-def test_an_envelope_of_a_spike_shows_the_spike():
-    values = np.zeros(100_000)
-    values[54_321] = 1.0
-    t, y = plots.envelope(np.arange(100_000.0), values, bins=500)
-    assert t[y == 1.0] == [54_321.0]
-    assert len(t) <= 2000
+def test_ticks_are_written_as_the_tables_write_numbers():
+    made = comparison(noise=(1e-5, 1e-3))
+    figure = plots.comparison_figure([made])
+    FigureCanvasAgg(figure).draw()
+    residual = next(ax for ax in figure.axes if ax.get_ylabel() == "residual\n[A]")
+    texts = [label.get_text() for label in residual.get_yticklabels()]
+    assert "0" in texts and all(text == number_text(float(text)) for text in texts)
+    assert any("e-05" in text for text in texts)

@@ -85,10 +85,10 @@ def test_a_sign_that_contradicts_the_voltage(case_of, good, column, what):
 def test_a_lost_transient_still_gives_what_the_steady_state_gives(case_of, good):
     keep = np.r_[0:301, 400:1500]
     result = refused(case_of, made(good[0][keep], good[1][keep]), "the transient is lost")
-    note = next(n for n in result.notes if "the settled part still tells" in n)
+    note = next(n for n in result.notes if "the settled part still determines" in n)
     assert "an oscillation above half the sampling rate of 1000 Hz may be what is lost (aliasing)" in result.reasons[0]
     assert "record at 10000 Hz or more" in result.reasons[0]
-    ratio = float(note.split("B = ")[1].split()[0])
+    ratio = float(note.split("B/K = ")[1].split()[0])
     assert ratio == pytest.approx(CML050.B / CML050.K, rel=0.02)
 
 

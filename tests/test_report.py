@@ -13,8 +13,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from made_estimates import MOTOR, comparison, estimate, with_parameter
 
-from estimator.results import report
+from estimator.results import numbers, report
 from estimator.results.report_html import Pictures, html_report
+from estimator.results.result import Validation
 
 CONTRACT = {
     "verdict": str,
@@ -113,7 +114,7 @@ def test_json_of_a_failure_has_the_keys_of_the_contract():
 def test_a_value_shows_the_digits_that_its_standard_error_leaves(value, error, texts):
     if value == 123456.0:
         texts = ("123456", "234")  # digits before the point are not cut
-    assert report.value_texts(value, error) == texts
+    assert numbers.value_texts(value, error) == texts
 
 
 @settings(derandomize=True)
@@ -123,7 +124,7 @@ def test_a_value_shows_the_digits_that_its_standard_error_leaves(value, error, t
 )
 def test_a_shown_value_is_the_value_to_a_tenth_of_its_standard_error(value, relative):
     error = value * relative
-    shown_value, shown_error = report.value_texts(value, error)
+    shown_value, shown_error = numbers.value_texts(value, error)
     assert abs(float(shown_value) - value) <= 0.1 * error + 1e-8 * value
     assert abs(float(shown_error) - error) <= 0.06 * error
     ulp = Decimal(1).scaleb(Decimal(shown_value).as_tuple().exponent)
@@ -172,7 +173,7 @@ def test_the_text_shows_nominal_values_deviation_bounds_and_status():
     ],
 )
 def test_a_deviation_from_the_nominal_value_is_short(value, nominal, text):
-    assert report.deviation_text(value, nominal) == text
+    assert numbers.deviation_text(value, nominal) == text
 
 
 def test_a_reason_that_the_verdict_gave_is_not_said_again_in_the_table():
@@ -186,7 +187,7 @@ def test_the_text_tells_fit_noise_cost_and_how_it_was_made():
     for part in (
         "95.2 %",
         "99.12 %",
-        "0.02001  A",
+        "0.02001      0.02  A",
         "283 simulations (1 probe, 180 search, 98 polish, 4 step check), 0 failed, 792 400 steps",
         "0.41 s, 2 workers",
         "method cuckoo, seed 1, FMU dc_motor (FMI 2.0)",
@@ -205,7 +206,7 @@ def test_a_refused_estimate_without_anything_is_still_a_text():
 def test_fits_near_100_percent_show_the_digits_that_differ():
     made = estimate(rmse={"a": 1.0, "b": 1.0, "c": 1.0}, fit_percent={"a": 100.0, "b": 99.99987, "c": -20.0})
     _, rows = report.signal_rows(made)
-    assert [row[3] for row in rows] == ["100 %", "99.99987 %", "-20.0 %"]
+    assert [row[5] for row in rows] == ["100 %", "99.99987 %", "-20.0 %"]
 
 
 class Tags(html.parser.HTMLParser):
@@ -256,7 +257,7 @@ def test_the_html_report_stands_alone_with_the_verdict_first():
     order = ["Doubtful", "L <is> weak", "Parameters parameter", "the caption", "Correlation", "How to repeat it"]
     places = [text.index(part) for part in order]
     assert places == sorted(places)
-    for part in ("fmu-estimator estimate 'a b.csv' && rm", "0" * 64, "version of numpy", "−0.970", "3.1363"):
+    for part in ("fmu-estimator estimate 'a b.csv' && rm", "0" * 64, "version of numpy", "-0.970", "3.1363"):
         assert part in text, part
 
 
@@ -291,3 +292,54 @@ def test_how_the_fmu_was_driven_is_told_where_it_is_not_the_usual_way():
     other = usual | {"kind": "model-exchange", "restart": "re-instantiate"}
     for fmu, told in ((usual, "(FMI 2.0)"), (other, "(FMI 2.0, model exchange, restarted by re-instantiate)")):
         assert report.cost_lines(dataclasses.replace(estimate(), fmu=fmu))[-1].endswith(f"FMU motor {told}")
+
+
+NOTES = tuple(f"note {k}: " + "a long sentence of many words that goes beyond a line, " * 2 for k in range(12))
+REASONS = tuple(f"reason {k}: " + "something of which much can be said, " * 4 for k in range(6))
+
+
+@pytest.mark.parametrize(("reasons", "notes"), [((), NOTES), (REASONS[:2], NOTES), (REASONS, NOTES), (REASONS, ())])
+def test_a_screen_has_forty_lines_of_its_width_and_says_where_the_rest_is(reasons, notes):
+    made = estimate(verdict="doubtful", reasons=reasons, notes=notes)
+    whole = report.text_report(made)
+    text = report.text_report(made, width=80, lines=40, rest="in out/report.html")
+    assert len(text.splitlines()) <= 40 and all(len(line) <= 80 for line in text.splitlines())
+    assert all(f"- {sentence[:8]}" in text for sentence in reasons[:3])
+    assert all(name in text for name in ("N.m.s/rad", "method cuckoo, seed 1", "99.12 %"))
+    if len(whole.splitlines()) > 40 or notes:
+        assert "in out/report.html" in text
+    assert all(sentence in whole for sentence in (*reasons, *notes)), "a file is no screen"
+
+
+def test_a_short_answer_leaves_nothing_out_on_a_screen():
+    made = estimate()
+    text = report.text_report(made, width=120, lines=40)
+    assert text == report.text_report(made) and report.REST not in text
+
+
+def test_what_was_fitted_to_a_held_out_recording_is_said():
+    alone = Validation((comparison(),), {"i": 0.02}, {"i": 95.0})
+    own = dataclasses.replace(alone, chain={"R": 3.0031, "delay": 5.2e-3}, units={"R": "Ohm", "delay": "s"})
+    assert report.fitted_here(alone) == "Nothing was fitted to these recordings."
+    told = "Fitted to these recordings: R = 3.003 Ohm, delay = 0.0052 s; nothing else was."
+    assert report.fitted_here(own) == told
+    made = dataclasses.replace(estimate(), validation=own)
+    page = " ".join(parsed(html_report(made)).text)
+    assert told in report.text_report(made) and told in page and "Nothing was fitted" not in page
+
+
+def test_an_ok_without_standard_errors_does_not_say_that_parameters_are_identified():
+    made = estimate()
+    for name in MOTOR:
+        made = with_parameter(made, name, standard_error=None)
+    assert report.text_report(made).startswith("OK: The residuals are as small as the noise; this method gives no")
+    assert "identified" not in report.meaning(made) and "identified" in report.meaning(estimate())
+
+
+def test_the_two_noises_stand_in_one_table():
+    made = estimate(sample_noise={"i": 0.0057, "w": 2.3})
+    header, rows = report.signal_rows(made)
+    assert header[:4] == ["output", "RMSE", "residual", "noise"]
+    assert rows[0][:4] == ["i", "0.02001", "0.02", "0.0057"]
+    assert "RMSE  residual   noise" in report.text_report(made)
+    assert json.loads(report.to_json(made))["sample_noise"] == {"i": 0.0057, "w": 2.3}

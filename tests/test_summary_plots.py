@@ -88,3 +88,13 @@ def test_convergence_survives_costs_that_are_infinite_or_zero():
     history.best[-1] = 0.0
     history = dataclasses.replace(history, lower=history.best, upper=history.median)
     assert plots.png(summary_plots.convergence_figure(history)).startswith(b"\x89PNG")
+
+
+def test_the_legend_names_only_what_is_drawn():
+    def named(made):
+        (legend,) = summary_plots.parameter_figure(made).legends
+        return [text.get_text().split(",")[0] for text in legend.get_texts()]
+
+    assert named(estimate()) == ["estimate"]
+    assert named(with_parameter(estimate(), "R", nominal=3.0)) == ["estimate", "nominal"]
+    assert named(with_parameter(estimate(), "R", lower=3.13)) == ["estimate", "bound"]

@@ -78,7 +78,7 @@ def test_a_recording_that_is_not_there_is_told(made):
 
 def test_profiles_of_the_motor_are_parabolas_of_its_standard_errors(made):
     _, result = made
-    assert set(result.profiles) == set(NOMINAL) and result.simulations_by_phase["profile"] == 60
+    assert set(result.profiles) == set(NOMINAL) and result.simulations_by_phase["profile"] == 62
     for name, profile in result.profiles.items():
         offsets = (profile.values - result.parameters[name].value) / result.parameters[name].standard_error
         np.testing.assert_allclose(profile.followed, offsets**2, rtol=0.1, atol=0.05)
@@ -92,6 +92,6 @@ def test_the_profile_changes_no_estimate(made):
 
 def test_the_command_tells_of_the_validation(other, capsys, tmp_path):
     assert main(["estimate", str(EXAMPLE), "--validate", str(other), "-o", str(tmp_path / "out")]) == 0
-    assert "Validation, on recordings that it was not fitted to:\n  i  RMSE 0.0" in capsys.readouterr().out
+    assert "Validation, on recordings that were not used for the fit:\n  - i: RMSE 0.0" in capsys.readouterr().out
     page = (tmp_path / "out" / "report.html").read_text()
-    assert "Validation: recordings that it was not fitted to" in page and "two_steps: measured" in page
+    assert "Validation: recordings that were not used for the fit" in page and "two_steps: measured" in page

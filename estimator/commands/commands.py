@@ -9,6 +9,7 @@ import dataclasses
 import functools
 import io
 import json
+import shutil
 import sys
 import time
 from collections.abc import Mapping, Sequence
@@ -19,7 +20,7 @@ from estimator.commands.options import unique, with_corrections, with_held_out, 
 from estimator.commands.sources import CASE_SUFFIX, STDIN, case_of
 from estimator.commands.terminal import FAILED, INTERRUPTED, OK, complain, say
 from estimator.errors import FmuError, InputError, SimulationError
-from estimator.estimating.progress import LiveLine, batch_line, is_live
+from estimator.estimating.progress import LiveLine, batch_line, is_live, is_terminal
 from estimator.output import OutputFolder, write_files
 
 if TYPE_CHECKING:
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
     from estimator.results.result import Estimate, FloatArray
 
 DEFAULT_STOP, DEFAULT_STEP = 2.8, 1e-3  # s
+SCREEN = 40  # lines of a terminal that an answer may take
 INSPECTION_LIMIT = 45.0  # s of describing and probing
 
 
@@ -57,7 +59,7 @@ def demo(args: argparse.Namespace) -> int:
         case = dataclasses.replace(case, parameters=nominal)
         result = _estimated(case, workers=None, quiet=args.quiet, profile=True)
         try:
-            say(_text(result))
+            say(_text(result, folder=args.output))
         finally:
             _write_results(folder, result, case, command=f"fmu-estimator estimate {recording}")
         say(f"\nWritten to {folder.path}: {', '.join(sorted(p.name for p in folder.path.iterdir()))}\n")
@@ -86,7 +88,7 @@ def _estimate(args: argparse.Namespace, case: Case) -> int:
         result = _estimated(
             case, workers=args.workers, quiet=args.quiet, profile=folder is not None, checkpoint=args.checkpoint
         )
-        text = _json(result) if args.json else _text(result)
+        text = _json(result) if args.json else _text(result, folder=args.output)
         try:
             say(text)  # before the files: a disk that is full, or Ctrl-C while figures are drawn, cannot lose it
         finally:
@@ -383,10 +385,15 @@ def _json(result: Estimate) -> str:
     return to_json(result)
 
 
-def _text(result: Estimate) -> str:
-    from estimator.results.report import text_report
+def _text(result: Estimate, *, folder: str | None = None) -> str:
+    """Return the result as text: whole into a file or a pipe, a screen of it on a terminal."""
+    from estimator.results.report import REST, text_report
 
-    return text_report(result)
+    if not is_terminal(sys.stdout):
+        return text_report(result)
+    columns = shutil.get_terminal_size().columns
+    rest = REST if folder is None else f"in {Path(folder) / 'report.html'}"
+    return text_report(result, width=columns, lines=SCREEN, rest=rest)
 
 
 def _status(result: Estimate) -> int:

@@ -10,7 +10,8 @@ from estimator.cases.roles import guess_roles
 from estimator.errors import FmuError
 from estimator.fmus.fmu import FmuDescription, Variable, check_usable
 from estimator.fmus.probe import Probe
-from estimator.results.report import json_ready, number_text, table
+from estimator.results.numbers import number_text
+from estimator.results.report import json_ready, table
 
 
 def estimable(description: FmuDescription) -> tuple[Variable, ...]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import time
 from collections.abc import Callable, Sequence
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,11 +34,12 @@ from estimator.judging.outcome import (
 )
 from estimator.judging.profile import cost_profiles
 from estimator.judging.refusal import lost_transients, refusal, refused_notes
+from estimator.judging.shown import with_fine_signals, with_treatment
 from estimator.judging.step_check import step_check
 from estimator.judging.structure import Structure, structure
 from estimator.judging.trial import announcement, unmoved
 from estimator.judging.verdict import Judgement, judge
-from estimator.plans.noise_level import output_deviations
+from estimator.plans.noise_level import beside_means, output_deviations
 from estimator.plans.plan import Plan
 from estimator.plans.space import Space, steady_state
 from estimator.results.linear import MOTOR
@@ -199,12 +200,17 @@ class Run:
         step = step_check(problem, values, polish, fit)
         self.enter("result")
         batch = problem.trajectories(values[None, :])
+        compared = comparisons(self.plan, problem.shown(batch))
+        rmse = figures(self.plan, compared)[0]
+        if noise is None:
+            noise = np.array([self.noise[name][0] for name in self.plan.outputs])
         judgement = judge(
             self.plan,
             dict(zip(self.plan.names, values.tolist(), strict=True)),
             polish,
             steady=steady_state(self.plan),
             noise=noise,
+            rmse=np.array([rmse[name] for name in self.plan.outputs]),
             spread=problem.spread,
             step=step,
             fit=fit,
@@ -229,7 +235,13 @@ class Run:
             derived = derived_quantities(found, self.plan.names, problem.box.log, polish)
             derived |= cold_resistances(self.plan, values, polish)
         result = self._result(values, polish, judgement, shown=problem.shown(batch))
-        return dataclasses.replace(result, profiles=profiles, derived=derived)
+        compared = result.comparisons if fit is None else with_treatment(result.comparisons, fit)
+        if self.profile:
+            self.enter("profile")
+            compared = with_fine_signals(compared, self.plan, values, self.crew, sigma=problem.sigma)
+            self._count()
+            result = dataclasses.replace(result, **self._account())
+        return dataclasses.replace(result, comparisons=compared, profiles=profiles, derived=derived)
 
     def _result(
         self,
@@ -268,11 +280,7 @@ class Run:
             recordings=recordings(plan),
             method=self.method,
             seed=plan.case.search.seed,
-            simulations=self._simulations + description.probe_simulations if self.loaded else 0,
-            simulations_by_phase=dict(self.phases),
-            failed_simulations=self.crew.failed if self.loaded else 0,
-            steps=self.crew.steps if self.loaded else 0,
-            seconds=time.monotonic() - self.started,
+            **self._account(),
             fmu={
                 "name": description.name,
                 "path": str(description.path),
@@ -291,6 +299,7 @@ class Run:
             noise={}
             if polish is None
             else dict(zip(plan.outputs, self.problem.noise_shown(polish.deviations).tolist(), strict=True)),
+            sample_noise={} if values is None else self._sample_noise(),
             correlation=correlated,
             correlated=plan.names if correlated is not None else (),
             information={} if polish is None else information(polish, plan.names),
@@ -300,6 +309,17 @@ class Run:
             history=history,
             workers=self.crew.count,
         )
+
+    def _account(self) -> dict[str, Any]:
+        """Return what the estimation has cost so far."""
+        done = self.loaded
+        return {
+            "simulations": self._simulations + self.plan.description.probe_simulations if done else 0,
+            "simulations_by_phase": dict(self.phases),
+            "failed_simulations": self.crew.failed if done else 0,
+            "steps": self.crew.steps if done else 0,
+            "seconds": time.monotonic() - self.started,
+        }
 
     def _unmoved(self) -> list[str]:
         """Return why a parameter cannot be estimated; the bundled motor's all move current and speed."""
@@ -325,6 +345,11 @@ class Run:
             if self.tell is not None:
                 self.tell(announced)
         return sentences
+
+    def _sample_noise(self) -> dict[str, float]:
+        """Return the deviation of each output's noise as the data alone show it."""
+        shown = beside_means(self.plan, np.array([self.noise[name][0] for name in self.plan.outputs]))
+        return dict(zip(self.plan.outputs, shown.tolist(), strict=True))
 
     def _sigma(self) -> dict[str, float]:
         """Return the deviations that weigh the outputs in the search: the paper divides by the signals' own."""

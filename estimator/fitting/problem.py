@@ -155,6 +155,10 @@ class Problem:
         result[self._counted] *= np.sqrt(2) / self.plan.observed[0].recording.step
         return result
 
+    def is_counted(self, output: int) -> bool:
+        """Return whether an output's residuals stand as an encoder's angle."""
+        return output in self._counted
+
     def _compared(self, measured: FloatArray) -> NDArray[np.bool_]:
         """Return which samples are compared; of an encoder at rest none: its error is constant there."""
         used = ~np.isnan(measured)

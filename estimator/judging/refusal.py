@@ -68,8 +68,8 @@ def refused_notes(plan: Plan) -> tuple[str, ...]:
         v, i, w = (mean_of_known(x[-tail:]) for x in (o.inputs["v"], o.outputs["i"], o.outputs["w"]))
         if i * v > 0 and w * v > 0:
             notes.append(
-                f"{o.recording.title}: the settled part still tells B = {i / w:.4g} K and"
-                f" R = {v / i:.5g} - {w / i:.5g} K (SI units)"
+                f"{o.recording.title}: the settled part still determines B/K = {i / w:.4g} A.s/rad and"
+                f" R + K * {w / i:.5g} rad/(s.A) = {v / i:.5g} Ohm"
             )
     return tuple(notes)
 

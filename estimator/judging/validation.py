@@ -75,7 +75,13 @@ def validated(
     own = {plan.names[j]: float(values[j]) for j in free}
     return dataclasses.replace(
         estimate,
-        validation=Validation(comparisons=compared, rmse=rmse, fit_percent=fit, chain=own),
+        validation=Validation(
+            comparisons=compared,
+            rmse=rmse,
+            fit_percent=fit,
+            chain=own,
+            units={plan.names[j]: plan.parameters[j].unit for j in free},
+        ),
         simulations=estimate.simulations + simulations,
         simulations_by_phase={**estimate.simulations_by_phase, "validation": simulations},
         steps=estimate.steps + steps,

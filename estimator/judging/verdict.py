@@ -22,7 +22,7 @@ from estimator.judging.scales import scales_at_odds
 from estimator.judging.step_check import StepCheck
 from estimator.plans.noise_level import beside_means
 from estimator.plans.plan import Plan
-from estimator.recordings.excitation import noise_deviation, quantum
+from estimator.recordings.excitation import quantum
 from estimator.results.linear import MOTOR, is_motor
 from estimator.results.result import Status, Verdict
 from estimator.stepping import layout
@@ -66,7 +66,8 @@ def judge(
     polish: Polish | None,
     *,
     steady: Steady | None,
-    noise: FloatArray | None,
+    noise: FloatArray,
+    rmse: FloatArray,
     spread: FloatArray,
     step: StepCheck,
     fit: Fit | None = None,
@@ -83,6 +84,8 @@ def judge(
         Of a single step.
     noise, spread : (q,) arrays
         Deviation of each output's noise as the data show it, and of the signal.
+    rmse : (q,) array
+        Of what the sensors show; it is the misfit where there is no polish.
     step : StepCheck
         What a finer communication step changes.
     fit : Fit or None
@@ -110,7 +113,7 @@ def judge(
         reasons += step.reasons
         reasons += _drifts(fit)
         wrong = [
-            *_betrayed(fit),
+            *_wrong_assumptions(fit),
             *_gains(plan, values, fit),
             *scales_at_odds(plan),
             *_fast(plan, values),
@@ -130,7 +133,7 @@ def judge(
             return Judgement("refused", tuple(lost), {}, (*refused_notes(plan), *_put_back(fit)))
         reasons += lost
     else:
-        reasons += _fast(plan, values)
+        reasons += [*_misfit(plan, rmse, noise, spread), *_fast(plan, values)]
     return Judgement(
         "doubtful" if reasons else "ok",
         tuple(reasons),
@@ -199,9 +202,7 @@ def _small_inductance(plan: Plan, values: Mapping[str, float]) -> str:
     return f"{about} {h:g} s; sample faster to tell L"
 
 
-def _misfit(plan: Plan, deviations: FloatArray, noise: FloatArray | None, spread: FloatArray) -> list[str]:
-    if noise is None:
-        return []
+def _misfit(plan: Plan, deviations: FloatArray, noise: FloatArray, spread: FloatArray) -> list[str]:
     reasons = []
     noise = beside_means(plan, noise)
     for j, name in enumerate(plan.outputs):
@@ -270,8 +271,8 @@ def _drifts(fit: Fit | None) -> list[str]:
     ]
 
 
-def _betrayed(fit: Fit | None) -> list[str]:
-    """Name the wrong assumptions that the residuals betray."""
+def _wrong_assumptions(fit: Fit | None) -> list[str]:
+    """Name the wrong assumptions that the residuals show."""
     return [] if fit is None else [a.sentence for a in fit.treatment.accused]
 
 
@@ -297,31 +298,23 @@ def _hidden(fit: Fit) -> str:
     if found is None or not found[1] > 0 or found[0] < HIDDEN * found[1]:
         return ""
     size = "any size" if found[0] == found[1] else f"up to {100 * found[0] / found[1]:.0f} % of all friction"
-    return f"; nor a dry friction of {size} (in B and J): record two voltage levels, which tell"
+    return f"; nor a dry friction of {size} (in B and J): record two voltage levels to separate them"
 
 
 def _chain_notes(fit: Fit | None) -> list[str]:
     """Say what was found of the measurement chain."""
     if fit is None:
         return []
-    plan, polish = fit.problem.plan, fit.polish
-    notes = [*fit.freed, *fit.nearly]
+    plan, _polish = fit.problem.plan, fit.polish
+    tabled = set(plan.names)  # those stand in the table of the measurement chain, with their bars
+    notes = [s for name, s in zip(fit.names, fit.freed, strict=True) if name not in tabled or not _is_plain(name)]
+    notes += fit.nearly
     if set(MOTOR) <= set(plan.names) and "i" in plan.outputs:
         notes.append(
             "not visible in such a recording: a gain error g of the current (R, L by 1/g, J, B by g), the supply's"
             f" resistance (in R){_hidden(fit)}"
         )
-    for j, parameter in enumerate(plan.parameters):
-        if parameter.place is not None:
-            value, error = polish.values[j], polish.standard_errors[j]
-            unit = "" if parameter.unit == "1" else f" {parameter.unit}"
-            notes.append(f"{parameter.name} = {value:.6g}{unit} ± {error:.2g}")
-    for name, ripple in fit.treatment.ripples:
-        unit = plan.description.variable(name).unit
-        notes.append(
-            f"{name} has a ripple of order {ripple.order} of the shaft's angle, of amplitude"
-            f" {ripple.amplitude:.3g} {unit}; it is taken out"
-        )
+    notes += _ripples(fit)
     for name, count in fit.treatment.outliers:
         notes.append(f"{name} has {count} outlier{'; it is' if count == 1 else 's; they are'} left out")
     for name, colour in zip(plan.outputs, fit.colours, strict=False):  # none of a fit without noise
@@ -331,6 +324,32 @@ def _chain_notes(fit: Fit | None) -> list[str]:
                 " the standard errors allow for it"
             )
     return notes
+
+
+def _is_plain(name: str) -> bool:
+    """Whether a value of the measurement chain says all by its name: a delay or an offset, but not what is odd."""
+    return name.startswith(("offset", "delay")) and name not in ("delay w", "delay i")
+
+
+def _ripples(fit: Fit) -> list[str]:
+    """Say which ripple was taken out of each output, in one sentence, the largest first."""
+    plan = fit.problem.plan
+    sentences = []
+    for name in plan.outputs:
+        largest: dict[int, float] = {}
+        for output, ripple in fit.treatment.ripples:
+            if output == name:
+                largest[ripple.order] = max(ripple.amplitude, largest.get(ripple.order, 0.0))
+        if largest:
+            every = sorted(largest.items(), key=lambda entry: -entry[1])
+            told = ", ".join(f"{order} ({amplitude:.3g})" for order, amplitude in every)
+            orders = "an order" if len(every) == 1 else "orders"
+            unit = plan.description.variable(name).unit
+            sentences.append(
+                f"{name} has a ripple at {orders} of the shaft's angle, taken out of the residuals; order (amplitude,"
+                f" {unit}): {told}"
+            )
+    return sentences
 
 
 def _notes(plan: Plan, steady: Steady | None) -> tuple[str, ...]:
@@ -347,8 +366,8 @@ def _notes(plan: Plan, steady: Steady | None) -> tuple[str, ...]:
         if not o.recording.even:
             jitter = float(np.std(np.diff(o.recording.time))) / o.recording.step
             notes.append(f"{title}: the clock jitters by {100 * jitter:.2g} % of a step; each sample has its own time")
-        for name, y in o.outputs.items():
-            notes.append(f"{title}: {name} has {np.sum(~np.isnan(y))} samples, noise {noise_deviation(y):.2g}")
+        counts = [f"{np.sum(~np.isnan(y))} of {name}" for name, y in o.outputs.items()]
+        notes.append(f"{title}: samples: {', '.join(counts)}")
     if steady is not None and steady.settling.settled:
         t = plan.observed[0].recording.time[steady.settling.start]
         state = steady.state

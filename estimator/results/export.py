@@ -199,7 +199,7 @@ def _pictures(estimate: Estimate) -> Pictures:
     from estimator.results.report_html import Pictures
 
     bars = summary_plots.parameter_figure(estimate) if estimate.parameters else None
-    units = {name: p.unit for name, p in estimate.parameters.items()}
+    units = {name: p.unit for name, p in {**estimate.parameters, **estimate.chain}.items()}
     profiles = summary_plots.profile_figure(estimate.profiles, units=units) if estimate.profiles else None
     history = estimate.history
     searched = history is not None and len(history.simulations) >= 2

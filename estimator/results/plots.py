@@ -9,11 +9,13 @@ from __future__ import annotations
 
 import io
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from estimator.results.result import Comparison, FloatArray
+from estimator.results.numbers import number_text
+from estimator.results.panels import LABELS, MARKERS_UP_TO, Kind, Panel, Style, envelope, panels, transient
+from estimator.results.result import Comparison
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -22,7 +24,19 @@ if TYPE_CHECKING:
 MEASURED = "#9a9a9a"
 SIMULATED = "#0072b2"  # Okabe-Ito blue
 RESIDUAL = "#d55e00"  # Okabe-Ito vermillion
+TAKEN_OUT = "#009e73"  # Okabe-Ito bluish green
+LEFT_OUT = "#cc79a7"  # Okabe-Ito reddish purple
 INPUT = "#000000"
+LOOKS: Mapping[Style, Mapping[str, Any]] = {
+    "input": {"color": INPUT, "lw": 1.0, "drawstyle": "steps-post"},
+    "measured": {"color": MEASURED, "lw": 2.2},
+    "simulated": {"color": SIMULATED, "lw": 1.3},
+    "residual": {"color": RESIDUAL, "lw": 0.6},
+    "taken out": {"color": TAKEN_OUT, "lw": 0.8},
+    "left out": {"color": LEFT_OUT, "ls": "", "marker": "x", "ms": 4, "mew": 0.8},
+}
+TICKS: Mapping[Kind, int] = {"input": 2, "signal": 5, "residual": 4}
+TICK_DIGITS = 10  # at most: the differences of neighbouring ticks are round
 
 # inch
 WIDTH, COLUMN = 11.0, 4.4  # of the figure, of the axes
@@ -32,21 +46,7 @@ GAP, TOP, BOTTOM = 0.14, 0.4, 0.62  # between rows; above and below a recording
 LABEL = 0.77  # from the axes to their label
 
 DPI = 130
-BINS = 600  # of an envelope: about one for each pixel of a column
 MOST_RECORDINGS = 4  # in one figure
-MARKERS_UP_TO = 160  # samples in view: then each is shown
-MOVEMENT = 0.985  # share of all movement that the enlarged part holds
-LONGEST = 0.4  # of the record; beyond that only a piece of the movement is enlarged
-PIECE = 0.08  # of the record, enlarged when the signals move all the time
-QUANTITIES = {
-    "A": "current",
-    "V": "voltage",
-    "rad/s": "speed",
-    "rad": "angle",
-    "N.m": "torque",
-    "K": "temperature",
-    "W": "power",
-}
 
 
 def comparison_figure(comparisons: Sequence[Comparison], *, noise: Mapping[str, float] | None = None) -> Figure:
@@ -98,93 +98,23 @@ def rendered(fig: Figure, kind: str) -> bytes:
     return stream.getvalue()
 
 
-def envelope(time: FloatArray, values: FloatArray, *, bins: int = BINS) -> tuple[FloatArray, FloatArray]:
-    """Return a line that looks like ``values`` over ``time`` when it is drawn `bins` pixels wide.
-
-    Parameters
-    ----------
-    time, values : (n,) arrays
-        NaN marks a missing sample.
-    bins : int
-        Of each, the first sample, the smallest, the largest and the last are kept, in their order.
-
-    Returns
-    -------
-    time, values : (m,) arrays
-        m ≤ 4 bins; the given arrays themselves when n is not larger than that.
-    """
-    n = len(values)
-    if n <= 4 * bins:
-        return time, values
-    edges = np.linspace(0, n, bins + 1).astype(int)
-    starts, lasts = edges[:-1], edges[1:] - 1
-    index = np.minimum(starts[:, None] + np.arange(int(np.diff(edges).max())), lasts[:, None])
-    block = values[index]  # (bins, longest bin)
-    missing = np.isnan(block)
-    lowest = starts + np.where(missing, np.inf, block).argmin(axis=1)
-    highest = starts + np.where(missing, -np.inf, block).argmax(axis=1)
-    keep = np.unique(np.concatenate([starts, np.minimum(lowest, lasts), np.minimum(highest, lasts), lasts]))
-    return time[keep], values[keep]
-
-
-def transient(comparison: Comparison) -> tuple[float, float]:
-    """Return start and end, in s, of the part of a recording that is worth enlarging.
-
-    That is where nearly all movement of the simulated signals (they have no noise) takes place; when they
-    move all the time, it is the short piece in which they move most.
-    """
-    time = comparison.time
-    n = len(time)
-    movement = np.zeros(max(n - 1, 0))
-    for signal in (comparison.simulated or comparison.measured).values():
-        steps = np.abs(np.diff(signal))
-        steps[~np.isfinite(steps)] = 0.0
-        if steps.sum() > 0:
-            movement += steps / steps.sum()
-    if n < 4 or not movement.any():
-        return float(time[0]), float(time[-1])
-    moved = np.concatenate([[0.0], np.cumsum(movement)]) / movement.sum()
-    first = max(int(np.searchsorted(moved, 1e-6, side="right")) - 1, 0)
-    last = min(int(np.searchsorted(moved, MOVEMENT)), n - 1)
-    if time[last] - time[first] > LONGEST * (time[-1] - time[0]):
-        width = max(int(PIECE * n), 3)
-        first = int(np.argmax(moved[width:] - moved[:-width]))
-        last = first + width
-    margin = 0.15 * (time[last] - time[first])
-    return float(max(time[first] - margin, time[0])), float(min(time[last] + margin, time[-1]))
-
-
-def _rows(comparison: Comparison) -> list[tuple[str, str, float]]:
-    """Return what is drawn from top to bottom: kind, name and height in inch of every row."""
-    rows = [("input", name, INPUT_HEIGHT) for name in comparison.inputs if comparison.inputs[name].any()]
-    for name in comparison.measured:
-        rows += [("signal", name, SIGNAL_HEIGHT), ("residual", name, RESIDUAL_HEIGHT)]
-    return rows
+def _height_of(panel: Panel) -> float:
+    return {"input": INPUT_HEIGHT, "signal": SIGNAL_HEIGHT, "residual": RESIDUAL_HEIGHT}[panel.kind]
 
 
 def _height(comparison: Comparison) -> float:
-    rows = _rows(comparison)
-    return sum(height for _, _, height in rows) + (len(rows) - 1) * GAP + TOP + BOTTOM
+    rows = panels(comparison)
+    return sum(_height_of(panel) for panel in rows) + (len(rows) - 1) * GAP + TOP + BOTTOM
 
 
 def _draw(fig: Figure, comparison: Comparison, *, top: float, noise: Mapping[str, float]) -> None:
     """Draw one recording; `top` is its upper edge, in inch from the lower edge of the figure."""
-    time = comparison.time
-    windows = [(float(time[0]), float(time[-1])), transient(comparison)]
+    windows = [(float(comparison.time[0]), float(comparison.time[-1])), transient(comparison)]
     for column, (start, end) in enumerate(windows):
-        first, beyond = np.searchsorted(time, [start, end]).tolist()
-        seen = slice(max(first - 1, 0), beyond + 2)
-        axes = _column(fig, comparison, column=column, top=top)
-        for ax, (kind, name, _) in zip(axes, _rows(comparison), strict=True):
-            if kind == "input":
-                _draw_input(ax, time[seen], comparison.inputs[name][seen])
-                continue
-            measured = comparison.measured[name][seen]
-            simulated = comparison.simulated.get(name, np.full(len(time), np.nan))[seen]
-            if kind == "signal":
-                _draw_signal(ax, time[seen], measured, simulated)
-            else:
-                _draw_residual(ax, time[seen], measured - simulated, noise=noise.get(name))
+        rows = panels(comparison, noise=noise, enlarged=column == 1)
+        axes = _column(fig, rows, column=column, top=top)
+        for ax, panel in zip(axes, rows, strict=True):
+            _draw_panel(ax, panel, start, end)
         if end > start:
             axes[0].set_xlim(start, end)
         axes[-1].set_xlabel("time [s]")
@@ -192,85 +122,84 @@ def _draw(fig: Figure, comparison: Comparison, *, top: float, noise: Mapping[str
         for ax in axes:
             finish(ax)
         if column == 0:
-            _name_rows(axes, comparison)
+            _name_rows(axes, rows, title=comparison.name)
         else:
             axes[0].set_title("enlarged", fontsize="medium", loc="left")
             _legend(axes)
 
 
-def _column(fig: Figure, comparison: Comparison, *, column: int, top: float) -> list[Axes]:
+def _column(fig: Figure, rows: Sequence[Panel], *, column: int, top: float) -> list[Axes]:
     """Return empty axes for one column of a recording, with a common time axis."""
     height = float(fig.get_figheight())
     left = LEFT + column * (COLUMN + BETWEEN)
     axes: list[Axes] = []
     upper = top - TOP
-    for _, _, rows_height in _rows(comparison):
-        rectangle = (left / WIDTH, (upper - rows_height) / height, COLUMN / WIDTH, rows_height / height)
+    for panel in rows:
+        own = _height_of(panel)
+        rectangle = (left / WIDTH, (upper - own) / height, COLUMN / WIDTH, own / height)
         axes.append(fig.add_axes(rectangle, sharex=axes[0] if axes else None))
-        upper -= rows_height + GAP
+        upper -= own + GAP
     for ax in axes[:-1]:
         ax.tick_params(labelbottom=False)
     return axes
 
 
-def _name_rows(axes: Sequence[Axes], comparison: Comparison) -> None:
+def _name_rows(axes: Sequence[Axes], rows: Sequence[Panel], *, title: str) -> None:
     """Label the left column: title, quantity, name and unit."""
-    axes[0].set_title(_short(comparison.name, 55), fontsize="medium", loc="left")
-    for ax, (kind, name, _) in zip(axes, _rows(comparison), strict=True):
-        unit = comparison.units.get(name, "")
-        what = "residual" if kind == "residual" else f"{QUANTITIES.get(unit, '')} {_short(name, 18)}".strip()
-        ax.set_ylabel(f"{what}\n[{unit or '-'}]", fontsize="small")
+    axes[0].set_title(short(title, 55), fontsize="medium", loc="left")
+    for ax, panel in zip(axes, rows, strict=True):
+        ax.set_ylabel(f"{short(panel.title, 26)}\n[{panel.unit or '-'}]", fontsize="small")
         ax.yaxis.set_label_coords(-LABEL / COLUMN, 0.5)
 
 
 def _legend(axes: Sequence[Axes]) -> None:
-    """Name the lines above the right column, where nothing can be covered."""
+    """Name the lines above the right column, where nothing can be covered, each once."""
+    named: dict[str, Any] = {}
     for ax in axes:
-        handles, texts = ax.get_legend_handles_labels()
-        if handles:
-            axes[0].legend(
-                handles,
-                texts,
-                loc="lower right",
-                bbox_to_anchor=(1.0, 1.0),
-                borderaxespad=0.2,
-                ncols=2,
-                frameon=False,
-                fontsize="small",
-            )
-            return
+        for handle, text in zip(*ax.get_legend_handles_labels(), strict=True):
+            named.setdefault(text, handle)
+    if named:
+        axes[0].legend(
+            list(named.values()),
+            list(named),
+            loc="lower right",
+            bbox_to_anchor=(1.0, 1.0),
+            borderaxespad=0.2,
+            columnspacing=1.2,
+            handlelength=1.4,
+            ncols=2,
+            frameon=False,
+            fontsize="small" if len(named) < 3 else "x-small",
+        )
 
 
-def _draw_input(ax: Axes, time: FloatArray, values: FloatArray) -> None:
-    """Draw a held input as stairs, zero included."""
-    ax.plot(*envelope(time, values), color=INPUT, lw=1.0, drawstyle="steps-post")
-    low, high = min(0.0, float(np.nanmin(values))), max(0.0, float(np.nanmax(values)))
-    margin = 0.25 * (high - low) or 1.0
-    ax.set_ylim(low - margin, high + margin)
-    ax.locator_params(axis="y", nbins=2)
-
-
-def _draw_signal(ax: Axes, time: FloatArray, measured: FloatArray, simulated: FloatArray) -> None:
-    """Draw a measured signal wide and grey, and the simulated one thin on top of it."""
-    marker = "." if len(time) <= MARKERS_UP_TO else ""
-    ax.plot(*envelope(time, measured), color=MEASURED, lw=2.2, marker=marker, ms=7, label="measured")
-    ax.plot(*envelope(time, simulated), color=SIMULATED, lw=1.3, label="simulated with the estimate")
-    ax.margins(y=0.08)
-    ax.locator_params(axis="y", nbins=5)
-
-
-def _draw_residual(ax: Axes, time: FloatArray, residual: FloatArray, *, noise: float | None) -> None:
-    """Draw measured minus simulated around zero, over a band of two standard deviations of the noise."""
-    sigma = noise if noise is not None and np.isfinite(noise) else 0.0
-    if sigma > 0:
-        ax.axhspan(-2 * sigma, 2 * sigma, color=RESIDUAL, alpha=0.13, lw=0)
-    ax.axhline(0.0, color=INPUT, lw=0.5)
-    marker = "." if len(time) <= MARKERS_UP_TO else ""
-    ax.plot(*envelope(time, residual), color=RESIDUAL, lw=0.6, marker=marker, ms=4)
-    sizes = np.abs(residual[np.isfinite(residual)])
-    largest = max(float(sizes.max()) if sizes.size else 0.0, 2 * sigma) or 1.0
-    ax.set_ylim(-1.15 * largest, 1.15 * largest)
-    ax.locator_params(axis="y", nbins=4)
+def _draw_panel(ax: Axes, panel: Panel, start: float, end: float) -> None:
+    """Draw what of a row is seen between two times."""
+    seen = [line.within(start, end) for line in panel.lines]
+    if panel.kind == "residual":
+        if panel.band > 0:
+            ax.axhspan(-panel.band, panel.band, color=RESIDUAL, alpha=0.13, lw=0)
+        ax.axhline(0.0, color=INPUT, lw=0.5)
+    for line in seen:
+        marker = "." if len(panel.lines[0].within(start, end).time) <= MARKERS_UP_TO else ""
+        look = dict(LOOKS[line.style])
+        if line.style in ("measured", "residual") and marker:
+            look |= {"marker": marker, "ms": 7 if line.style == "measured" else 4}
+        drawn = (line.time, line.values) if line.style == "left out" else envelope(line.time, line.values)
+        label = LABELS.get(line.style)
+        ax.plot(*drawn, label=label if panel.kind == "signal" or line.style == "taken out" else None, **look)
+    if panel.kind == "input":
+        values = seen[0].values
+        low, high = min(0.0, float(np.nanmin(values))), max(0.0, float(np.nanmax(values)))
+        margin = 0.25 * (high - low) or 1.0
+        ax.set_ylim(low - margin, high + margin)
+    elif panel.kind == "residual":
+        sizes = np.abs(np.concatenate([line.values[np.isfinite(line.values)] for line in seen]))
+        largest = max(float(sizes.max()) if sizes.size else 0.0, panel.band) or 1.0
+        ax.set_ylim(-1.15 * largest, 1.15 * largest)
+    else:
+        ax.margins(y=0.08)
+    ax.locator_params(axis="y", nbins=TICKS[panel.kind])
 
 
 def finish(ax: Axes) -> None:
@@ -281,20 +210,12 @@ def finish(ax: Axes) -> None:
     ax.set_axisbelow(True)
     ax.spines[["top", "right"]].set_visible(False)
     ax.tick_params(labelsize="small")
-    plain = FuncFormatter(lambda value, _: _tick_text(value))
+    plain = FuncFormatter(lambda value, _: number_text(value, digits=TICK_DIGITS))
     ax.xaxis.set_major_formatter(plain)
     if ax.get_yscale() == "linear":
         ax.yaxis.set_major_formatter(plain)
 
 
-def _tick_text(value: float) -> str:
-    """Return a number without offset and, unless that gets long, without a power of ten."""
-    text = f"{value:.10g}"
-    if len(text) > 7:
-        mantissa, _, exponent = f"{value:.9e}".partition("e")
-        text = min(text, f"{mantissa.rstrip('0').rstrip('.')}e{int(exponent)}", key=len)
-    return text.replace("-", "\u2212")
-
-
-def _short(text: str, longest: int) -> str:
+def short(text: str, longest: int) -> str:
+    """Return a text, cut where it is longer."""
     return text if len(text) <= longest else text[: longest - 1] + "…"

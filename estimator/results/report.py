@@ -4,41 +4,144 @@ from __future__ import annotations
 
 import json
 import math
+import textwrap
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
-from estimator.results.result import Estimate, ParameterEstimate
+from estimator.results.numbers import ABSENT, deviation_text, magnitude, number_text, relative_text, value_texts
+from estimator.results.result import Estimate, ParameterEstimate, Validation, Verdict
 
-VALUE_DIGITS = 9  # at most: beyond that a noise-free fit prints its rounding errors
-UNKNOWN_ERROR_DIGITS = 6  # of a value whose standard error is not known
-ABSENT = "-"
-
-VERDICTS = {
-    "ok": "OK: the recording tells these parameters, and the model explains the recording.",
-    "doubtful": "DOUBTFUL: the best fit is below, but read the reasons before using it.",
-    "refused": "REFUSED: no estimate that could be relied on.",
+TITLES: Mapping[Verdict, str] = {"ok": "OK", "doubtful": "Doubtful", "refused": "Refused"}
+MEANINGS: Mapping[Verdict, str] = {
+    "ok": "Every free parameter is identified, and the residuals are as small as the noise.",
+    "doubtful": "An estimate with known weaknesses; read the reasons before using it.",
+    "refused": "No estimate that could be relied on.",
 }
+WITHOUT_ERRORS = "The residuals are as small as the noise; this method gives no standard errors."
+REST = "in the report that -o DIR writes, and with --json"  # where what a screen leaves out stands
+SIGNAL_WORDS = (
+    "RMSE: measured minus simulated, all samples. Residual: its standard deviation without outliers, and without the"
+    " ripple and drift that were found. Noise: from sample to sample, by the recording alone."
+)
+FEWEST = 3  # reasons that a screen shows, however many there are
 
 
-def text_report(estimate: Estimate) -> str:
-    """Return the result as aligned lines: verdict and reasons first, then values, fit and cost."""
-    lines = [VERDICTS[estimate.verdict], *(f"  - {reason}" for reason in estimate.reasons)]
+def meaning(estimate: Estimate) -> str:
+    """Return what the verdict means, in a sentence."""
+    free = [p for p in estimate.parameters.values() if p.free]
+    if estimate.verdict == "ok" and free and all(p.standard_error is None for p in free):
+        return WITHOUT_ERRORS
+    return MEANINGS[estimate.verdict]
+
+
+def text_report(estimate: Estimate, *, width: int | None = None, lines: int | None = None, rest: str = REST) -> str:
+    """Return the result as aligned lines: verdict and reasons first, then values, fit and cost.
+
+    Parameters
+    ----------
+    width : int, optional
+        Sentences are broken to so many characters; tables are not.
+    lines : int, optional
+        Lines of the screen: notes, then what is derived, then reasons are left out until it fits.
+    rest : str
+        Where what is left out can be read.
+    """
+    blocks = _blocks(estimate)
+    if lines is None:
+        return _joined(blocks, width) + "\n"
+    for kind, least in (("notes", 0), ("failures", 0), ("derived", 0), ("reasons", FEWEST)):
+        excess = _height(blocks, width) - lines
+        if excess <= 0:
+            break
+        blocks = [b.shortened(excess, width=width, least=least, rest=rest) if b.kind == kind else b for b in blocks]
+    return _joined(blocks, width) + "\n"
+
+
+@dataclass(frozen=True)
+class _Block:
+    """A part of the text: a title, then a table's lines or a list of sentences."""
+
+    kind: str
+    title: str
+    items: tuple[str, ...]
+    is_list: bool = True
+    left_out: str = ""
+
+    def lines(self, width: int | None) -> list[str]:
+        found = _wrapped(self.title, width) if self.title else []
+        for item in self.items:
+            found += _wrapped(item, width, first="  - ", other="    ") if self.is_list else [item]
+        return found + (_wrapped(self.left_out, width, first="  ") if self.left_out else [])
+
+    def shortened(self, excess: int, *, width: int | None, least: int, rest: str) -> _Block:
+        """Return the block so many lines shorter, or as short as it may be, and where the rest stands."""
+        if not self.is_list:
+            return replace(self, items=(), title="", left_out=f"{len(self.items) - 1} derived quantities: {rest}")
+        goal = len(self.lines(width)) - excess
+        short = self
+        for kept in range(len(self.items) - 1, least - 1, -1):
+            told = f"… {len(self.items) - kept} more: {rest}"
+            if kept == 0:
+                short = replace(self, title="", items=(), left_out=f"{self.title} {len(self.items)} notes, {rest}")
+            else:
+                short = replace(self, items=self.items[:kept], left_out=told)
+            if len(short.lines(width)) <= goal:
+                break
+        return short
+
+
+def _blocks(estimate: Estimate) -> list[_Block]:
+    """Return the parts of the text, in their order."""
+
+    def rows(kind: str, found: tuple[list[str], list[list[str]]], right: Sequence[int]) -> _Block:
+        return _Block(kind, "", tuple(table(*found, right=right)), is_list=False)
+
+    verdict = f"{TITLES[estimate.verdict].upper()}: {meaning(estimate)}"
+    blocks = [_Block("reasons", verdict, estimate.reasons)]
     if estimate.parameters:
-        lines += ["", *table(*parameter_rows(estimate), right=(1, 3, 5, 6))]
+        blocks.append(rows("parameters", parameter_rows(estimate), (1, 3, 5, 6)))
     if estimate.chain:
-        lines += ["", *table(*chain_rows(estimate), right=(1, 3))]
+        blocks.append(rows("chain", chain_rows(estimate), (1, 3)))
     if estimate.derived:
-        lines += ["", *table(*derived_rows(estimate), right=(1, 3))]
+        blocks.append(rows("derived", derived_rows(estimate), (1, 3)))
     if estimate.rmse:
-        lines += ["", *table(*signal_rows(estimate), right=(1, 3))]
+        blocks.append(rows("signals", signal_rows(estimate), (1, 2, 3, 5)))
     if estimate.validation is not None:
-        lines += ["", "Validation, on recordings that it was not fitted to:", *validation_lines(estimate)]
+        title = "Validation, on recordings that were not used for the fit:"
+        blocks.append(_Block("validation", title, tuple(validation_lines(estimate))))
     if estimate.notes:
-        lines += ["", "Found in the data and used:", *(f"  - {note}" for note in estimate.notes)]
+        blocks.append(_Block("notes", "Found in the data and used:", estimate.notes))
     if estimate.failures:
-        lines += ["", "Failed simulations:", *(f"  - {failure}" for failure in estimate.failures)]
-    lines += ["", *cost_lines(estimate)]
-    return "\n".join(lines) + "\n"
+        blocks.append(_Block("failures", "Failed simulations:", estimate.failures))
+    blocks.append(_Block("cost", "\n".join(cost_lines(estimate)), ()))
+    return blocks
+
+
+def _joined(blocks: Sequence[_Block], width: int | None) -> str:
+    return "\n\n".join("\n".join(block.lines(width)) for block in blocks)
+
+
+def _height(blocks: Sequence[_Block], width: int | None) -> int:
+    return _joined(blocks, width).count("\n") + 1
+
+
+def _wrapped(text: str, width: int | None, *, first: str = "", other: str | None = None) -> list[str]:
+    """Return a text broken to a width, each of its lines for itself."""
+    follow = first if other is None else other
+    if width is None:
+        return [first + part for part in text.split("\n")]
+    found = []
+    for part in text.split("\n"):
+        found += textwrap.wrap(
+            part,
+            max(width, 20),
+            initial_indent=first,
+            subsequent_indent=follow,
+            break_long_words=False,
+            break_on_hyphens=False,
+        )
+    return found
 
 
 def parameter_rows(estimate: Estimate) -> tuple[list[str], list[list[str]]]:
@@ -85,7 +188,7 @@ def derived_rows(estimate: Estimate) -> tuple[list[str], list[list[str]]]:
         value, error = value_texts(quantity.value, quantity.standard_error)
         relative = relative_text(quantity.standard_error, quantity.value)
         rows.append([name.replace("_", " "), value, f"± {error}", relative, quantity.unit])
-    return ["it follows", "value", "± std. error", "", "unit"], rows
+    return ["derived quantity", "value", "± std. error", "", "unit"], rows
 
 
 def parameter_note(parameter: ParameterEstimate, *, said: Iterable[str] = ()) -> str:
@@ -104,24 +207,41 @@ def parameter_note(parameter: ParameterEstimate, *, said: Iterable[str] = ()) ->
 
 
 def signal_rows(estimate: Estimate) -> tuple[list[str], list[list[str]]]:
-    """Return header and rows: output, RMSE, its unit, fit, noise."""
+    """Return header and rows: output, RMSE, deviation of the treated residuals, noise of the data, unit, fit.
+
+    RMSE is of all that was measured; `SIGNAL_WORDS` says what the others are.
+    """
     units: dict[str, str] = {}
     for comparison in estimate.comparisons:
         units.update(comparison.units)
     rows = []
     for name, rmse in estimate.rmse.items():
-        unit = units.get(name, "")
-        noise = estimate.noise.get(name)
         rows.append(
             [
                 name,
                 _finite_text(rmse, ".4g"),
-                unit,
+                _finite_text(estimate.noise.get(name, math.nan), ".3g"),
+                _finite_text(estimate.sample_noise.get(name, math.nan), ".3g"),
+                units.get(name, ""),
                 _percent_of_fit(estimate.fit_percent.get(name)),
-                "" if noise is None else f"{_finite_text(noise, '.3g')} {unit}".rstrip(),
             ]
         )
-    return ["output", "RMSE", "", "fit", "noise, estimated"], rows
+    for column in (2, 3):
+        if all(row[column] == ABSENT for row in rows):
+            for row in rows:
+                row[column] = ""
+    return ["output", "RMSE", "residual", "noise", "", "fit"], rows
+
+
+def fitted_here(validation: Validation) -> str:
+    """Return what was fitted to the recordings of the validation all the same, in a sentence."""
+    if not validation.chain:
+        return "Nothing was fitted to these recordings."
+    own = [
+        f"{name} = {number_text(value, digits=4)} {validation.units.get(name, '')}".rstrip()
+        for name, value in validation.chain.items()
+    ]
+    return f"Fitted to these recordings: {', '.join(own)}; nothing else was."
 
 
 def validation_lines(estimate: Estimate) -> list[str]:
@@ -130,13 +250,10 @@ def validation_lines(estimate: Estimate) -> list[str]:
     lines = []
     for name, rmse in estimate.validation.rmse.items():
         unit = next((c.units[name] for c in estimate.validation.comparisons if name in c.units), "")
-        shown = f"  {name}  RMSE {_finite_text(rmse, '.4g')} {unit}".rstrip()
+        shown = f"{name}: RMSE {_finite_text(rmse, '.4g')} {unit}".rstrip()
         fitted = _finite_text(estimate.rmse.get(name, math.nan), ".4g")
         lines.append(f"{shown} ({fitted} where it was fitted)")
-    if estimate.validation.chain:
-        own = ", ".join(f"{name} {value:.4g}" for name, value in estimate.validation.chain.items())
-        lines.append(f"  their own delays and offsets were fitted: {own}")
-    return lines
+    return [*lines, fitted_here(estimate.validation)]
 
 
 def cost_lines(estimate: Estimate) -> list[str]:
@@ -203,6 +320,7 @@ def to_mapping(estimate: Estimate) -> dict[str, Any]:
         "rmse": estimate.rmse,
         "fit_percent": estimate.fit_percent,
         "noise": estimate.noise,
+        "sample_noise": estimate.sample_noise,
         "validation": None
         if estimate.validation is None
         else {
@@ -244,62 +362,6 @@ def json_ready(thing: Any) -> Any:
     return str(thing)
 
 
-def value_texts(value: float, standard_error: float | None) -> tuple[str, str]:
-    """Return value and standard error as text, the error with two digits and the value to the same place.
-
-    The error's text is empty when it is not known.
-
-    >>> value_texts(3.13712, 0.00234)
-    ('3.1371', '0.0023')
-    >>> value_texts(9.0012e-6, 2.5e-9)
-    ('9.0012e-06', '2.5e-09')
-    """
-    if not math.isfinite(value):
-        return ABSENT, ""
-    if standard_error is None or not math.isfinite(standard_error) or standard_error < 0:
-        return number_text(value), ""
-    magnitude = _magnitude(value)
-    place = _magnitude(float(f"{standard_error:.1e}")) - 1 if standard_error > 0 else -math.inf
-    digits = int(min(max(magnitude - place, 0), VALUE_DIGITS - 1))  # after the first one
-    if _scientific(value):
-        return f"{value:.{digits}e}", f"{standard_error:.1e}"
-    decimals = max(digits - magnitude, 0) if place < 0 else 0
-    shown = f"{value:.{decimals}f}"
-    if -8 <= place <= 2 and decimals >= -place:
-        return shown, f"{standard_error:.{max(-int(place), 0)}f}"
-    return shown, f"{standard_error:.1e}"
-
-
-def number_text(value: float, *, digits: int = UNKNOWN_ERROR_DIGITS) -> str:
-    """Return a number with at most so many digits, without trailing zeros, in the notation of `value_texts`.
-
-    >>> number_text(1.69e-4)
-    '1.69e-04'
-    """
-    if not _scientific(value):
-        return f"{value:.{digits}g}"
-    mantissa, _, exponent = f"{value:.{digits - 1}e}".partition("e")
-    return f"{mantissa.rstrip('0').rstrip('.')}e{exponent}"
-
-
-def relative_text(standard_error: float | None, value: float) -> str:
-    """Return ``"0.12 %"``, empty when it cannot be said."""
-    if standard_error is None or not math.isfinite(standard_error) or not math.isfinite(value) or value == 0:
-        return ""
-    percent = 100 * standard_error / abs(value)
-    return (f"{percent:.2g} %" if 1e-3 <= percent < 1e3 else f"{percent:.0e} %") if percent else "0 %"
-
-
-def deviation_text(value: float, nominal: float) -> str:
-    """Return ``"+0.12 %"``, the deviation of a value from its nominal one."""
-    if not math.isfinite(value) or not math.isfinite(nominal) or nominal == 0:
-        return ""
-    percent = 100 * (value - nominal) / abs(nominal)
-    if percent == 0:
-        return "0 %"
-    return f"{percent:+.2f} %" if 0.01 <= abs(percent) < 1000 else f"{percent:+.1g} %"
-
-
 def table(header: Sequence[str], rows: Iterable[Sequence[str]], *, right: Sequence[int] = ()) -> list[str]:
     """Return aligned lines; empty columns are dropped, the columns in `right` are set flush right."""
     rows = [list(row) for row in rows]
@@ -328,16 +390,6 @@ def _parameter_mapping(parameter: ParameterEstimate) -> dict[str, Any]:
     }
 
 
-def _scientific(value: float) -> bool:
-    """Whether a value is written with a power of ten."""
-    return math.isfinite(value) and not -3 <= _magnitude(value) <= 5
-
-
-def _magnitude(value: float) -> int:
-    """Power of ten of the first digit; 0 for 0."""
-    return int(f"{abs(value):e}".partition("e")[2]) if value else 0
-
-
 def _finite_text(value: float, form: str) -> str:
     return format(value, form) if math.isfinite(value) else ABSENT
 
@@ -349,7 +401,7 @@ def _percent_of_fit(fit: float | None) -> str:
     missing = 100 - fit
     if missing <= 0:
         return "100 %"
-    return f"{fit:.{min(max(1 - _magnitude(missing), 1), 6)}f} %"
+    return f"{fit:.{min(max(1 - magnitude(missing), 1), 6)}f} %"
 
 
 def _count(number: int, thing: str) -> str:

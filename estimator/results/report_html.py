@@ -11,19 +11,24 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 
-from estimator.results.report import chain_rows, cost_lines, derived_rows, json_ready, parameter_rows, signal_rows
+from estimator.results.report import (
+    SIGNAL_WORDS,
+    TITLES,
+    chain_rows,
+    cost_lines,
+    derived_rows,
+    fitted_here,
+    json_ready,
+    meaning,
+    parameter_rows,
+    signal_rows,
+)
 from estimator.results.result import Estimate
 
 PROFILE_CAPTION = (
     "A rise of 1 is one standard error. Where the blue line is a parabola, the error bars hold; where it is flat to one"
     " side, the data set a limit on that side only. Far steeper with the others held: see the correlation."
 )
-TITLES = {"ok": "OK", "doubtful": "Doubtful", "refused": "Refused"}
-MEANINGS = {
-    "ok": "The recording tells these parameters, and the model explains the recording.",
-    "doubtful": "The best fit is below, but read the reasons before using it.",
-    "refused": "There is no estimate that could be relied on.",
-}
 STYLE = """
 :root { color-scheme: light; }
 body { font: 16px/1.5 system-ui, "Segoe UI", "DejaVu Sans", sans-serif; color: #1a1a1a; background: #fff;
@@ -117,13 +122,13 @@ def html_report(
         parts += [_figure(pictures.parameters, caption=caption, alternative="Parameters with error bars")]
     if estimate.rmse:
         parts += [_heading("How well the model explains the recording")]
-        parts += [_table(*signal_rows(estimate), right=(1, 3))]
+        parts += [_table(*signal_rows(estimate), right=(1, 2, 3, 5)), f'<p class="small">{SIGNAL_WORDS}</p>']
     if figures and not estimate.rmse:
         parts += [_heading("Recording")]
     for caption, image in figures:
         parts += [_figure(image, caption=caption, alternative="Measured and simulated signals, and residuals")]
     if estimate.validation is not None:
-        parts += [_heading("Validation: recordings that it was not fitted to"), _validation(estimate)]
+        parts += [_heading("Validation: recordings that were not used for the fit"), _validation(estimate)]
         for caption, image in pictures.validation:
             parts += [_figure(image, caption=caption, alternative="Measured and simulated signals, and residuals")]
     if estimate.notes:
@@ -165,7 +170,7 @@ def html_fragment(estimate: Estimate, *, figure: bytes | None = None) -> str:
     if estimate.derived:
         parts.append(_table(*derived_rows(estimate), right=(1, 3)))
     if estimate.rmse:
-        parts.append(_table(*signal_rows(estimate), right=(1, 3)))
+        parts.append(_table(*signal_rows(estimate), right=(1, 2, 3, 5)))
     if figure is not None:
         parts.append(_figure(figure, caption="", alternative="Measured and simulated signals, and residuals"))
     return f'<div class="fmu-estimator"><style>{FRAGMENT_STYLE}</style>' + "\n".join(parts) + "</div>"
@@ -175,7 +180,7 @@ def _verdict(estimate: Estimate) -> str:
     reasons = _list(estimate.reasons) if estimate.reasons else ""
     return (
         f'<div class="verdict {estimate.verdict}"><p><strong>{TITLES[estimate.verdict]}.</strong> '
-        f"{MEANINGS[estimate.verdict]}</p>{reasons}</div>"
+        f"{escape(meaning(estimate))}</p>{reasons}</div>"
     )
 
 
@@ -200,9 +205,9 @@ def _validation(estimate: Estimate) -> str:
         fitted, fit = estimate.rmse.get(name, math.nan), estimate.validation.fit_percent.get(name, math.nan)
         shown = [f"{x:.4g}" if math.isfinite(x) else "-" for x in (rmse, fitted)]
         rows.append([name, shown[0], shown[1], units.get(name, ""), f"{fit:.1f} %" if math.isfinite(fit) else ""])
-    text = "Nothing was fitted here: where the model holds, both root mean square errors are alike."
+    text = f"{fitted_here(estimate.validation)} Where the model holds, both root mean square errors are alike."
     header = ["output", "RMSE here", "RMSE of the fit", "unit", "fit here"]
-    return _table(header, rows, right=(1, 2, 4)) + f'<p class="small">{text}</p>'
+    return _table(header, rows, right=(1, 2, 4)) + f'<p class="small">{escape(text)}</p>'
 
 
 def _correlation(estimate: Estimate) -> str:
@@ -216,7 +221,7 @@ def _correlation(estimate: Estimate) -> str:
             known = value is not None and math.isfinite(value)
             shade = min(abs(value), 1.0) ** 2 * 0.45 if known else 0.0
             colour = f"rgba(0,114,178,{shade:.2f})" if known and value >= 0 else f"rgba(213,94,0,{shade:.2f})"
-            text = f"{value:+.3f}".replace("-", "−") if known else "-"
+            text = f"{value:+.3f}" if known else "-"
             cells.append(f'<td class="number" style="background:{colour}">{text}</td>')
         lines.append(f"<tr><th>{escape(name)}</th>{''.join(cells)}</tr>")
     text = "Near ±1: the recording tells only a combination of the two, not each by itself."

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
 Verdict = Literal["ok", "doubtful", "refused"]
 Status = Literal["ok", "doubtful", "not identified"]
 Bound = Literal["lower", "upper"]
@@ -96,6 +97,11 @@ class Comparison:
     measured, simulated : output name → (n,) array, SI
         NaN where a sample is missing. Sample k is taken at time[k], before input[k] acts.
     units : output or input name → SI unit
+    left_out : output name → (n,) array of bool
+        Samples that the fit left out as outliers; an output without such is not there.
+    taken_out : output name → (n,) array, SI
+        What of measured minus simulated was found to be ripple or drift, and no misfit; 0 where nothing was.
+    fine : between the samples of the enlarged part, or None
     """
 
     name: str
@@ -104,6 +110,17 @@ class Comparison:
     measured: Mapping[str, FloatArray]
     simulated: Mapping[str, FloatArray]
     units: Mapping[str, str]
+    left_out: Mapping[str, BoolArray] = field(default_factory=dict)
+    taken_out: Mapping[str, FloatArray] = field(default_factory=dict)
+    fine: FineSignals | None = None
+
+
+@dataclass(frozen=True)
+class FineSignals:
+    """Simulated signals on a finer grid than the recording's, over a part of it: (m,) s, and name → (m,) SI."""
+
+    time: FloatArray
+    simulated: Mapping[str, FloatArray]
 
 
 @dataclass(frozen=True)
@@ -153,13 +170,15 @@ class Validation:
     comparisons : one a recording
     rmse : output name → root mean square error, SI units
     fit_percent : output name → 100 (1 − ‖e‖ / ‖y − mean‖)
-    chain : what was fitted to these recordings all the same: their delays and offsets
+    chain : what was fitted to these recordings all the same: their delays, offsets and own parameters → value
+    units : name of such a value → SI unit
     """
 
     comparisons: tuple[Comparison, ...]
     rmse: Mapping[str, float]
     fit_percent: Mapping[str, float]
     chain: Mapping[str, float] = field(default_factory=dict)
+    units: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -182,7 +201,8 @@ class Estimate:
         parameter name → part in the direction of the least of them
     rmse : output name → root mean square error over all samples used, SI units
     fit_percent : output name → 100 (1 − ‖e‖ / ‖y − mean‖)
-    noise : output name → standard deviation of the measurement noise as estimated, SI units
+    noise : output name → standard deviation of the residuals, without what was taken out of them, SI units
+    sample_noise : output name → that of the noise from sample to sample, as the data alone show it, SI units
     simulations : FMU runs started, cut-short ones, probe and step check included
     simulations_by_phase : phase name → runs; sums to `simulations`
     failed_simulations : runs in which the FMU failed
@@ -215,6 +235,7 @@ class Estimate:
     rmse: Mapping[str, float] = field(default_factory=dict)
     fit_percent: Mapping[str, float] = field(default_factory=dict)
     noise: Mapping[str, float] = field(default_factory=dict)
+    sample_noise: Mapping[str, float] = field(default_factory=dict)
     derived: Mapping[str, DerivedQuantity] = field(default_factory=dict)
     correlation: FloatArray | None = None
     correlated: tuple[str, ...] = ()

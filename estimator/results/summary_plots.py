@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimator.results.plots import INPUT, MARKERS_UP_TO, MEASURED, RESIDUAL, SIMULATED, WIDTH, finish
+from estimator.results.panels import MARKERS_UP_TO
+from estimator.results.plots import INPUT, MEASURED, RESIDUAL, SIMULATED, WIDTH, finish
 from estimator.results.result import CostProfile, Estimate, FloatArray, ParameterEstimate, SearchHistory
 
 if TYPE_CHECKING:
@@ -38,11 +39,11 @@ def parameter_figure(estimate: Estimate) -> Figure | None:
         top = height - HEAD - k * ROW
         ax = fig.add_axes((0.16, (top - 0.38) / height, 0.8, 0.34 / height))
         _draw_parameter(ax, parameter)
-    handles = [
-        _handle(SIMULATED, marker="o", text="estimate, ± 1 and ± 2 standard errors"),
-        _handle(INPUT, marker="D", text="nominal"),
-        _handle(RESIDUAL, marker="|", text="bound"),
-    ]
+    handles = [_handle(SIMULATED, marker="o", text="estimate, ± 1 and ± 2 standard errors")]
+    if any(p.nominal is not None for p in shown):
+        handles.append(_handle(INPUT, marker="D", text="nominal"))
+    if any(_near_bounds(p) for p in shown):
+        handles.append(_handle(RESIDUAL, marker="|", text="bound"))
     fig.legend(
         handles=handles,
         loc="upper left",
@@ -122,9 +123,8 @@ def _draw_parameter(ax: Axes, p: ParameterEstimate) -> None:
     if p.nominal is not None:
         ax.plot([p.nominal], [0], marker="D", color=INPUT, ms=5, ls="", mfc="white")
     ax.plot([p.value], [0], marker="o", color=SIMULATED, ms=5, ls="")
-    for bound in (p.lower, p.upper):
-        if abs(bound - p.value) <= width:
-            ax.plot([bound, bound], [-0.8, 0.8], color=RESIDUAL, lw=2.0)
+    for bound in _near_bounds(p):
+        ax.plot([bound, bound], [-0.8, 0.8], color=RESIDUAL, lw=2.0)
     ax.set_xlim(p.value - width, p.value + width)
     ax.set_ylim(-1, 1)
     ax.locator_params(axis="x", nbins=5)
@@ -170,6 +170,11 @@ def _half_width(p: ParameterEstimate) -> float:
     error = p.standard_error if p.standard_error is not None and math.isfinite(p.standard_error) else 0.0
     away = abs(p.nominal - p.value) if p.nominal is not None else 0.0
     return max(2 * error, away) if p.free and math.isfinite(p.value) else 0.0
+
+
+def _near_bounds(p: ParameterEstimate) -> list[float]:
+    """Return the bounds that are no farther away than what is drawn."""
+    return [bound for bound in (p.lower, p.upper) if abs(bound - p.value) <= ROOM * _half_width(p)]
 
 
 def _handle(colour: str, *, marker: str, text: str) -> object:
