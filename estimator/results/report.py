@@ -22,7 +22,7 @@ VERDICTS = {
 
 def text_report(estimate: Estimate) -> str:
     """Return the result as aligned lines: verdict and reasons first, then values, fit and cost."""
-    lines = [VERDICTS[estimate.verdict], *(f"  - {reason}" for reason in estimate.reasons)]
+    lines = [*read_lines(estimate), VERDICTS[estimate.verdict], *(f"  - {reason}" for reason in estimate.reasons)]
     if estimate.parameters:
         lines += ["", *table(*parameter_rows(estimate), right=(1, 3, 5, 6))]
     if estimate.chain:
@@ -39,6 +39,14 @@ def text_report(estimate: Estimate) -> str:
         lines += ["", "Failed simulations:", *(f"  - {failure}" for failure in estimate.failures)]
     lines += ["", *cost_lines(estimate)]
     return "\n".join(lines) + "\n"
+
+
+def read_lines(estimate: Estimate) -> list[str]:
+    """Return what was read of each recording, those that were read alike in one line."""
+    named: dict[str, list[str]] = {}
+    for read in estimate.read:
+        named.setdefault(str(read["text"]), []).append(str(read["recording"]))
+    return [f"read {', '.join(names)}: {text}" for text, names in named.items()]
 
 
 def parameter_rows(estimate: Estimate) -> tuple[list[str], list[list[str]]]:
@@ -193,6 +201,7 @@ def to_mapping(estimate: Estimate) -> dict[str, Any]:
         "parameters": {name: _parameter_mapping(p) for name, p in estimate.parameters.items()},
         "measurement_chain": {name: _parameter_mapping(p) for name, p in estimate.chain.items()},
         "sensors": estimate.sensors,
+        "read": estimate.read,
         "recordings": estimate.recordings,
         "derived": {
             name: {"value": q.value, "standard_error": q.standard_error, "unit": q.unit}
