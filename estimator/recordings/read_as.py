@@ -63,6 +63,22 @@ class ReadAs:
             told.update(found)
         return headers, frozenset(told)
 
+    def places(self, headers: Sequence[Header], *, where: str) -> dict[str, int]:
+        """Return which header each role of `columns` means.
+
+        Raises
+        ------
+        RecordingError
+            There is no such column.
+        """
+        found = {}
+        for role, name in self.columns.items():
+            there = self._named(role, headers)
+            if not there:
+                raise RecordingError(f"{where} has no column {name!r}{suggestion(name, [h.text for h in headers])}")
+            found[role] = there[0]
+        return found
+
     def _named(self, name: str, headers: Sequence[Header]) -> list[int]:
         """Return which headers a name means: a column's own, or else a role's."""
         if name in self.columns:

@@ -426,7 +426,9 @@ def _build(
         clock=_header_text(headers[clock], clock in given),
         given_units=tuple("time" if j == clock else names[j] for j in sorted(given)),
     )
-    return replace(recording, roles={role: recording.column(name) for role, name in read_as.columns.items()})
+    places = read_as.places([header for header in headers if header is not headers[clock]], where=file)
+    others = [name for j, name in enumerate(names) if j != clock]
+    return replace(recording, roles={role: others[j] for role, j in places.items()})
 
 
 def _header_text(header: Header, given: bool) -> str:
