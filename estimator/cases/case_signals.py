@@ -13,6 +13,7 @@ from typing import Any, Literal
 
 from estimator.cases.strict_toml import Table
 from estimator.recordings.filters import FAMILIES, MAX_ORDER, Chebyshev1, Coefficients, Filter, LowPass
+from estimator.recordings.read_as import AS_WRITTEN, ReadAs
 
 SENSORS = ("auto", "identity", "mean")
 BETWEEN = ("held", "linear")
@@ -24,7 +25,7 @@ INPUT_KEYS = ("column", "fmu", "times", "between")
 OUTPUT_KEYS = (
     "column", "fmu", "integral", "sensor", "counts", "average", "filter", "both", "gain", "offset", "delay", "quantum",
 )  # fmt: skip
-RUN_KEYS = ("file", "window", "scale", "offset", "delay", "temperature", "validate")
+RUN_KEYS = ("file", "window", "scale", "offset", "delay", "temperature", "validate", "columns", "units")
 
 
 @dataclass(frozen=True)
@@ -70,6 +71,7 @@ class RunSpec:
     delay: Value = None  # s, of the outputs behind the inputs
     temperature: float | None = None  # °C, of the winding
     validate: bool = False  # held out of the fit, compared with it
+    read_as: ReadAs = AS_WRITTEN  # columns and units that win over the file's header
 
     def __post_init__(self) -> None:
         """Lock the mappings."""
@@ -139,6 +141,7 @@ def read_run(entry: Table) -> RunSpec:
         delay=_value(entry, "delay"),
         temperature=entry.number("temperature", above=-273.15),
         validate=held_out,
+        read_as=ReadAs(columns=_texts(entry, "columns"), units=_texts(entry, "units")),
     )
 
 
@@ -169,6 +172,7 @@ def run_value(spec: RunSpec) -> dict[str, Any]:
     value |= {} if spec.window is None else {"window": list(spec.window)}
     value |= {k: dict(v) for k in ("scale", "offset") if (v := getattr(spec, k))}
     value |= {k: v for k in ("delay", "temperature") if (v := getattr(spec, k)) is not None}
+    value |= {k: dict(v) for k in ("columns", "units") if (v := getattr(spec.read_as, k))}
     return value | ({"validate": True} if spec.validate else {})
 
 
@@ -237,6 +241,13 @@ def _numbers(table: Table, key: str) -> dict[str, float]:
         return {}
     inner = table.table(key)
     return {name: inner.required_number(name) for name in inner.keys}
+
+
+def _texts(entry: Table, key: str) -> dict[str, str]:
+    if key not in entry.value:
+        return {}
+    inner = entry.table(key)
+    return {name: inner.text(name) for name in inner.keys}
 
 
 def _is_number(value: Any) -> bool:

@@ -107,6 +107,8 @@ def schema() -> dict[str, Any]:
         offset=_map(_number("SI"), "channel = what is added to its samples after the factor"),
         delay=_value("of the outputs behind the inputs, s"),
         temperature=_number("of the winding, degrees Celsius"),
+        columns=_map(TEXT, "v, i, w, angle or load = the column that it is; wins over the file's header"),
+        units=_map(TEXT, "column, or v, i, w, …, time = its unit; wins over the file's header"),
         validate={"type": "boolean", "default": False, "description": "held out of the fit, compared with it"},
     )
     return {

@@ -15,6 +15,14 @@ def assignment(text: str) -> tuple[str, float]:
     return name.strip(), _number(value, of=text)
 
 
+def text_assignment(text: str) -> tuple[str, str]:
+    """Read ``NAME=TEXT``."""
+    name, equals, value = text.partition("=")
+    if not name.strip() or not value.strip():
+        raise argparse.ArgumentTypeError(f"{text!r} is not NAME=TEXT, such as w=rpm")
+    return name.strip(), value.strip()
+
+
 def bounds(text: str) -> tuple[str, tuple[float, float]]:
     """Read ``NAME=LOWER:UPPER``."""
     name, equals, both = text.partition("=")

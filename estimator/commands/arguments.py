@@ -6,7 +6,7 @@ Nothing heavy is imported here: ``--help`` and ``--version`` answer at once.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from difflib import get_close_matches
 from typing import Any, NoReturn
 
@@ -20,6 +20,7 @@ from estimator.commands.argument_values import (
     path,
     positive,
     temperature,
+    text_assignment,
     whole,
     window,
 )
@@ -85,6 +86,7 @@ def command_line() -> argparse.ArgumentParser:
         _add_estimate,
         _add_simulate,
         _add_inspect,
+        _add_check,
         _add_init,
         _add_build,
         _add_new_model,
@@ -181,6 +183,7 @@ Exit status: 0 an estimate, ok or doubtful; 1 refused or failed; 2 bad input."""
             metavar="NAME=VALUE",
             help=f"{what}, in SI units; NAME is i, w, v, … or a column; repeatable",
         )
+    _add_reading(add)
     add("--temperature", type=temperature, metavar="C", help="of the winding; R is then given at 25 degrees too")
     add("--seed", type=whole(0), metavar="N", help="of the random numbers (default: 1); same seed, same result")
     add("--workers", type=whole(1), metavar="N", help="processes that simulate (default: all cores free to use)")
@@ -210,6 +213,49 @@ Exit status: 0 an estimate, ok or doubtful; 1 refused or failed; 2 bad input."""
     add("--save-case", type=case_file, metavar="OUT.case.toml", help="write all that is said here as a case file")
     add("--checkpoint", metavar="FILE", help="journal a long search there; killed and started again, it goes on")
     _add_quiet(estimate)
+
+
+def _add_reading(add: Callable[..., Any]) -> None:
+    """Add the options that say how a file is to be read; they win over its header."""
+    add(
+        "--column",
+        type=text_assignment,
+        action="append",
+        default=[],
+        metavar="SIGNAL=COLUMN",
+        help="which column is v, i, w, angle or load; repeatable",
+    )
+    add(
+        "--unit",
+        type=text_assignment,
+        action="append",
+        default=[],
+        metavar="NAME=UNIT",
+        help="unit of a column, or of v, i, w, …, time: --unit w=rpm --unit time=ms; repeatable",
+    )
+
+
+def _add_check(commands: Any) -> None:
+    check = _command(
+        commands,
+        "check",
+        "what is read of a recording, before any FMU",
+        """\
+Show what is read of recordings: which column is what and in which unit, clock, steps, noise, levels, settled values,
+and what of it is implausible. No FMU is loaded. Exit status: 0 read; 2 not, with one sentence why.""",
+        [
+            f"{PROGRAM} check step.csv",
+            f"{PROGRAM} check step.csv --unit w=rpm --scale i=-1",
+            f"{PROGRAM} check run_1.csv run_2.csv --json",
+            f"{PROGRAM} check step.csv -o preview",
+        ],
+    )
+    add = check.add_argument
+    add("files", nargs="+", type=path, metavar="FILE", help="a recording")
+    _add_reading(add)
+    add("--scale", type=assignment, action="append", default=[], metavar="NAME=VALUE", help="factor, as for estimate")
+    add("--json", action="store_true", help="print one JSON object instead of text")
+    add("-o", dest="output", type=path, metavar="DIR", help="write check.json and a figure of each recording")
 
 
 def _add_simulate(commands: Any) -> None:

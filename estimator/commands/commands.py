@@ -97,6 +97,13 @@ def _estimate(args: argparse.Namespace, case: Case) -> int:
     return _status(result)
 
 
+def check(args: argparse.Namespace) -> int:
+    """Show what is read of recordings, before any FMU."""
+    from estimator.commands.checking import check_files
+
+    return check_files(args)
+
+
 def simulate(args: argparse.Namespace) -> int:
     """Simulate an FMU once and give what comes out as CSV, in SI units."""
     from estimator.cases.mapping import in_si_units
@@ -331,7 +338,13 @@ def _with_arguments(case: Case, args: argparse.Namespace) -> Case:
         loss=args.loss,
     )
     case = with_corrections(
-        case, window=args.window, scale=args.scale, offset=args.offset, temperature=args.temperature
+        case,
+        window=args.window,
+        scale=args.scale,
+        offset=args.offset,
+        temperature=args.temperature,
+        column=args.column,
+        unit=args.unit,
     )
     return with_held_out(case, args.validate, fitted=len(case.recordings))
 

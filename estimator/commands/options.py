@@ -9,11 +9,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 from estimator.errors import FmuError, InputError, suggestion
+from estimator.recordings.read_as import AS_WRITTEN, ReadAs
 
 if TYPE_CHECKING:
     from estimator.cases.case import Case
     from estimator.fmus.fmu import FmuDescription
 
+SIGNALS = ("v", "i", "w", "angle", "load")  # that a column can be
 T = TypeVar("T")
 
 
@@ -64,6 +66,8 @@ def with_corrections(
     scale: Sequence[tuple[str, float]] = (),
     offset: Sequence[tuple[str, float]] = (),
     temperature: float | None = None,
+    column: Sequence[tuple[str, str]] = (),
+    unit: Sequence[tuple[str, str]] = (),
 ) -> Case:
     """Return a case with what the command line says of its recordings; it holds for each of them.
 
@@ -73,14 +77,30 @@ def with_corrections(
         A channel is given twice.
     """
     factors, offsets = unique(scale, option="--scale"), unique(offset, option="--offset")
-    if not factors and not offsets and window is None and temperature is None:
+    said = reading(column=column, unit=unit)
+    if not factors and not offsets and window is None and temperature is None and said == AS_WRITTEN:
         return case
     runs = []
     for run in case.runs_of(max(len(case.recordings), 1)):
         run = dataclasses.replace(run, scale={**run.scale, **factors}, offset={**run.offset, **offsets})
-        run = dataclasses.replace(run, window=run.window if window is None else window)
+        run = dataclasses.replace(run, window=run.window if window is None else window, read_as=run.read_as.with_(said))
         runs.append(dataclasses.replace(run, temperature=run.temperature if temperature is None else temperature))
     return dataclasses.replace(case, runs=tuple(runs))
+
+
+def reading(*, column: Sequence[tuple[str, str]], unit: Sequence[tuple[str, str]]) -> ReadAs:
+    """Return how the command line says that files are to be read.
+
+    Raises
+    ------
+    InputError
+        A name is given twice, or --column's is no signal of a motor.
+    """
+    columns = unique(column, option="--column")
+    for name in columns:
+        if name not in SIGNALS:
+            raise InputError(f"--column {name}=…: {name!r} is no signal{suggestion(name, SIGNALS)}")
+    return ReadAs(columns=columns, units=unique(unit, option="--unit"))
 
 
 def with_held_out(case: Case, files: Sequence[str | os.PathLike[str]], *, fitted: int) -> Case:

@@ -13,6 +13,7 @@ from estimator.estimating.search_and_polish import search_and_polish
 from estimator.fmus.fmu import FmuDescription, describe, with_kind
 from estimator.fmus.probe import driven
 from estimator.fmus.workers import TIME_LIMIT, Workers
+from estimator.judging.reading import with_what_was_read
 from estimator.judging.validation import validated
 from estimator.plans.planning import plan_case
 from estimator.recordings.recording import Recording
@@ -151,6 +152,7 @@ def estimate_by(
     described = driven(with_kind(description or describe(case.fmu), case.kind))
     plan = plan_case(case, described, recordings=recordings)
     found = _estimated(Run(plan, crew, progress=progress, bounded=bounded, tell=tell, profile=profile))
+    found = with_what_was_read(found, plan)
     count = len(case.recordings if recordings is None else recordings)
     apart = [k for k in range(count) if case.run(k).validate]
     if not apart:

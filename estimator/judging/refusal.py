@@ -6,7 +6,7 @@ a settled state that no motor has. What the settled part of a refused step still
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,7 @@ FloatArray = NDArray[np.float64]
 
 MOVES = 12.0  # deviations of the noise from end to end: more is a movement
 IMPOSSIBLE = 1.5  # times the largest acceleration
+WHOLE, FASTEST = 0.8, 6e-4  # of the response in one sample; s, mechanical time constant: no motor is faster than 1 ms
 CONTRADICTED = "an impossible acceleration"
 OVER, STILL = 6, 0.1  # samples after a jump; part of the response: within both the jump was all that happened
 FASTER = 10  # samples in what is one now
@@ -51,6 +52,10 @@ def refusal(plan: Plan) -> list[str]:
         )
     if dead := _dead(plan):
         return [*reasons, *dead]
+    reasons += [finding.sentence for o in plan.observed for finding in o.findings if finding.is_fatal]
+    if reasons:
+        return reasons
+    reasons += cut_transients(plan)
     for o in plan.observed:
         reasons += _damaged(o, plan.description) + _unsigned(o) + _contradicted(o)
     return reasons
@@ -61,6 +66,8 @@ def refused_notes(plan: Plan) -> tuple[str, ...]:
     notes = []
     for o in plan.observed:
         if o.excitation.kind != "step" or not {"i", "w"} <= set(o.outputs) or "v" not in o.inputs:
+            continue
+        if any(finding.is_fatal for finding in o.findings):
             continue
         if not find_settling(o.excitation, o.outputs, interval=o.recording.step).settled:
             continue
@@ -163,19 +170,46 @@ def _damaged(o: Observed, description: FmuDescription) -> list[str]:
     return reasons
 
 
+def cut_transients(plan: Plan) -> list[str]:
+    """Return which recordings lose a transient between two samples, for no motor is so fast: from the data alone."""
+    cut = []
+    for o, k, part in _jumps(plan):
+        constant = o.recording.step / -np.log(max(1 - part, 1e-6))
+        if part > WHOLE and constant < FASTEST and _was_cut(o.outputs["w"], k):
+            cut.append(o.recording.title)
+    return [reason for reason in lost_transients(plan) if reason.split(": ", 1)[0] in cut]
+
+
+def _was_cut(w: FloatArray, k: int) -> bool:
+    """Return whether nothing moves any more after a jump, to sample k, or what is left moves far slower than it.
+
+    A motor that really is so fast overshoots, or goes on as fast as it began.
+    """
+    w = filled(w)
+    final, noise = float(np.mean(w[-max(5, (len(w) - k) // 10) :])), noise_deviation(w)
+    left = w[k : k + 6] - final
+    still = STILL / 3 * float(np.ptp(w)) + MOVES / 2 * noise
+    if len(left) < 6 or np.all(np.abs(left) < still):
+        return True
+    return bool(abs(left[0]) > still and np.sign(left[0]) * np.mean(left[2:5]) > abs(left[0]) / 2)
+
+
+def _jumps(plan: Plan) -> Iterator[tuple[Observed, int, float]]:
+    """Yield recordings of a step with a jump of the speed: sample after it, size as a part of the response."""
+    for o in (o.logged or o for o in plan.observed):
+        if o.excitation.kind == "step" and "w" in o.outputs:
+            lost = lost_transient(o.excitation, o.outputs["w"])
+            if lost is not None:
+                yield o, *lost
+
+
 def lost_transients(plan: Plan, motor: Mapping[str, float] | None = None) -> list[str]:
     """Return which recordings lose the transient between two samples: a speed that jumps where no neighbour does.
 
     With R, K and J of an estimate the jump is held against the largest acceleration that the voltage allows, K v / R J.
     """
     reasons = []
-    for o in (o.logged or o for o in plan.observed):
-        lost = (
-            lost_transient(o.excitation, o.outputs["w"]) if o.excitation.kind == "step" and "w" in o.outputs else None
-        )
-        if lost is None:
-            continue
-        k, part = lost
+    for o, k, part in _jumps(plan):
         evidence = ""
         if motor is not None and {"R", "K", "J"} <= set(motor):
             jump = part * float(np.ptp(o.outputs["w"][~np.isnan(o.outputs["w"])]))
@@ -189,6 +223,16 @@ def lost_transients(plan: Plan, motor: Mapping[str, float] | None = None) -> lis
             f" {_faster(o, k)}, without gaps"
         )
     return reasons
+
+
+def slow_for_the_motor(plan: Plan) -> list[str]:
+    """Return which recordings show most of the response within one sample though an estimate explains it."""
+    return [
+        f"{o.recording.title}: {100 * part:.0f} % of the speed's response lie within one sample, at"
+        f" t = {o.recording.time[k]:.6g} s: the recording is slow for this motor, and R, L and J rest on few samples;"
+        f" {_faster(o, k)}"
+        for o, k, part in _jumps(plan)
+    ]
 
 
 def _faster(o: Observed, k: int) -> str:

@@ -17,7 +17,7 @@ from estimator.fitting.fit import at_given_bound
 from estimator.fitting.polish import Polish
 from estimator.fitting.suspects import hidden_friction
 from estimator.judging.coasting import coasting
-from estimator.judging.refusal import CONTRADICTED, lost_transients, refused_notes
+from estimator.judging.refusal import CONTRADICTED, lost_transients, refused_notes, slow_for_the_motor
 from estimator.judging.scales import scales_at_odds
 from estimator.judging.step_check import StepCheck
 from estimator.plans.noise_level import beside_means
@@ -131,7 +131,7 @@ def judge(
         impossible = any(CONTRADICTED in sentence for sentence in lost)
         if lost and (impossible or told != {"R", "J"} or _misfit(plan, shown, noise, spread)):
             return Judgement("refused", tuple(lost), {}, (*refused_notes(plan), *_put_back(fit)))
-        reasons += lost
+        reasons += slow_for_the_motor(plan)
     else:
         reasons += [*_misfit(plan, rmse, noise, spread), *_fast(plan, values)]
     return Judgement(

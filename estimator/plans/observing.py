@@ -44,7 +44,7 @@ def observe(case: Case, description: FmuDescription, recording: Recording, run: 
     recording = _within(recording, run)
     for named in (*case.inputs.values(), *case.products.values(), *(spec.column for spec in case.outputs.values())):
         recording = recording.in_unit(named)
-    inputs, outputs = _columns(case, description, recording)
+    inputs, outputs = columns_used(case, description, recording)
     if twice := driven_twice(case, inputs):
         raise InputError(
             f"the input {twice!r} is fixed, but {recording.title} has it in the column {inputs[twice]!r};"
@@ -57,7 +57,7 @@ def observe(case: Case, description: FmuDescription, recording: Recording, run: 
     has_phase = "angle" in measured and quantum(measured["angle"]) > 0
     if not driven:  # the FMU moves by itself, as the motor did
         return Observed(recording, driven, measured, Excitation("several", 0, 0.0, 0.0, False), 0, has_phase=has_phase)
-    is_motor = _is_motor(case, description)
+    is_motor = is_motor_case(case, description)
     if is_motor and "angle" in measured:
         measured["angle"], more = _from_zero(recording, measured["angle"])
         told += more
@@ -128,7 +128,7 @@ def _excitation(driven: Mapping[str, FloatArray], measured: Mapping[str, FloatAr
     return excitation
 
 
-def _is_motor(case: Case, description: FmuDescription) -> bool:
+def is_motor_case(case: Case, description: FmuDescription) -> bool:
     """Whether the FMU is a motor, which moves in the same way at any angle, and begins at zero."""
     known = {*case.parameters, *(v.name for v in description.of_causality("parameter"))}
     return set(MOTOR) <= known and not begins_elsewhere(case, description)
@@ -311,7 +311,9 @@ def _without_rest(angle: FloatArray) -> FloatArray:
     return np.where(np.arange(len(angle)) < resting, np.nan, angle)
 
 
-def _columns(case: Case, description: FmuDescription, recording: Recording) -> tuple[dict[str, str], dict[str, str]]:
+def columns_used(
+    case: Case, description: FmuDescription, recording: Recording
+) -> tuple[dict[str, str], dict[str, str]]:
     """Return FMU input → column and FMU output → column, from the case or from the usual names."""
     undriven = all(v.name in case.fixed for v in description.of_causality("input"))
     if case.outputs and (case.inputs or undriven):

@@ -13,8 +13,10 @@ from estimator.fmus.fmu import FmuDescription
 from estimator.plans.parameters import Parameter, SensorPlace
 from estimator.recordings.excitation import Excitation
 from estimator.recordings.filters import Filter, filter_sections
+from estimator.recordings.plausibility import Finding
 from estimator.recordings.recording import Recording
 from estimator.recordings.sensors import Section
+from estimator.recordings.understood import Understood
 
 FloatArray = NDArray[np.float64]
 
@@ -38,6 +40,8 @@ class Observed:
         As it was logged, where rows that its logger lost have been put back.
     has_phase : bool
         Its angle begins anywhere, not where the model's does: encoder counts, or a motor that runs already.
+    read : what was read: FMU input or output → its column, the time last
+    findings : what of it cannot be as it was read
     """
 
     recording: Recording
@@ -49,6 +53,8 @@ class Observed:
     notes: tuple[str, ...] = ()
     logged: Observed | None = None
     has_phase: bool = False
+    read: tuple[Understood, ...] = ()
+    findings: tuple[Finding, ...] = ()
 
     def in_time(self) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
         """Return inputs and outputs, (n − d,) each, as if there were no delay, of d samples."""

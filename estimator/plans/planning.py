@@ -18,6 +18,7 @@ from estimator.plans.free_parameters import first_guess, free_parameters, held_p
 from estimator.plans.observing import observe
 from estimator.plans.parameters import SensorPlace
 from estimator.plans.plan import ChainSpec, Observed, Plan
+from estimator.plans.reading import with_reading
 from estimator.recordings.excitation import quantum
 from estimator.recordings.recording import Recording, read_recording
 from estimator.stepping import layout
@@ -52,8 +53,13 @@ def plan_case(
     taken = [k for k, run in enumerate(runs) if run.validate == held_out]
     if not taken:
         raise CaseError('the case names no recording; add [[recording]] with file = "run.csv"')
-    read = _told_apart([read_recording(case.recordings[k]) if recordings is None else recordings[k] for k in taken])
-    observed = tuple(observe(case, description, r, runs[k]) for r, k in zip(read, taken, strict=True))
+    read = _told_apart(
+        [read_recording(case.recordings[k], runs[k].read_as) if recordings is None else recordings[k] for k in taken]
+    )
+    observed = tuple(
+        with_reading(case, description, observe(case, description, r, runs[k]))
+        for r, k in zip(read, taken, strict=True)
+    )
     for other in observed[1:]:
         if tuple(other.outputs) != tuple(observed[0].outputs):
             raise RecordingError(

@@ -50,6 +50,8 @@ _NAMES = {
     " motor_position theta_m winkel drehwinkel pos",
     "load": "load load_torque torque_load external_torque t_l tl tau_l m_l lastmoment",
 }
+# Names whose usual unit is another than SI: a guess that is worth making, told, and overruled by a unit.
+_USUAL_UNITS = dict.fromkeys(("n", "n_m", "drehzahl"), "rpm")
 USUAL_NAMES = {role: tuple(names.split()) for role, names in _NAMES.items()}
 _ROLE_OF = {name: role for role, names in USUAL_NAMES.items() for name in names}
 # Words that tell the part of a longer name: "shaft speed raw". Setpoints and limits have another part.
@@ -76,6 +78,9 @@ _OTHER_PART = frozenset(
         "estimated",
     )
 )
+# Words of a signal that stands behind another of the same kind: what was commanded, supplied, or made of it.
+_SECONDARY_WORDS = "command cmd commanded supply battery bat vbat filtered filt smoothed smooth lpf avg average raw"
+_SECONDARY = frozenset(_SECONDARY_WORDS.split())
 _NEVER_SUFFIX = frozenset({"min", "s", "m", "K", "N", "H", "W", "1", "-", "g", "inc", "turn", "count", "rev"})
 _BRACKETS = re.compile(r"(?P<name>.*?)\s*(?:\[(?P<square>[^\[\]]*)\]|\((?P<round>[^()]*)\))", re.DOTALL)
 
@@ -88,6 +93,11 @@ def plain(name: str) -> str:
 def role_of(name: str) -> str | None:
     """Return the role whose usual name this is: ``"U_a"`` → ``"v"``."""
     return _ROLE_OF.get(plain(name))
+
+
+def is_secondary(name: str) -> bool:
+    """Return whether a name says that the signal stands behind another of its kind: ``"v_cmd"``, ``"speed_filt"``."""
+    return bool(_SECONDARY & frozenset(plain(name).split("_")))
 
 
 def rank_in_role(name: str, role: str) -> int | None:
@@ -109,9 +119,15 @@ def quantity_of(name: str) -> str | None:
 
 
 def assumed_unit(name: str) -> Unit | None:
-    """Return the SI unit that a usual name without a unit is taken to be in."""
+    """Return the unit that a usual name without a unit is taken to be in: rpm for ``"n"``, else the SI unit."""
     quantity = quantity_of(name)
-    return None if quantity is None else unit_of(quantity)
+    return None if quantity is None else parse_unit(assumed_unit_text(name) or "") or unit_of(quantity)
+
+
+def assumed_unit_text(name: str) -> str | None:
+    """Return how the unit is written that a usual name without a unit is taken to be in: ``"rpm"`` for ``"n"``."""
+    quantity = quantity_of(name)
+    return None if quantity is None else _USUAL_UNITS.get(plain(name), unit_of(quantity).si)
 
 
 def parse_header(text: str) -> Header:

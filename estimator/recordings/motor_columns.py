@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Collection, Sequence
 from difflib import get_close_matches
+
+import numpy as np
 
 from estimator.errors import RecordingError
 from estimator.recordings.headers import (
@@ -11,11 +14,14 @@ from estimator.recordings.headers import (
     ROLE_TITLE,
     USUAL_NAMES,
     assumed_unit,
+    is_secondary,
     parse_header,
     plain,
     rank_in_role,
 )
 from estimator.recordings.recording import Recording
+
+SAME, FEW = 0.02, 0.05  # of the span, of the samples: columns that differ by less are one signal
 
 
 def motor_columns(
@@ -40,26 +46,32 @@ def motor_columns(
     Raises
     ------
     RecordingError
-        A required column is missing, empty or text, or its unit does not fit.
+        A required column is missing, empty or text, its unit does not fit, or two columns that differ have its name.
     """
     found: dict[str, str] = {}
     for role, quantity in ROLE_QUANTITY.items():
         if role == "time":
             continue
+        if role in recording.roles:
+            if fault := recording.fault(recording.roles[role], quantity):
+                raise RecordingError(fault)
+            found[role] = recording.roles[role]
+            continue
         ranked = sorted(
             (rank, column)
             for column in [*recording.signals, *recording.unreadable]
             if (rank := rank_in_role(parse_header(recording.headers[column]).name, role)) is not None
+            and column not in recording.roles.values()
         )
-        wrong = None
-        for _, column in ranked:
-            fault = recording.fault(column, quantity)
-            if fault is None:
-                found[role] = column
-                break
-            wrong = wrong or fault
-        if role not in found and wrong and role in (*required, *either):
-            raise RecordingError(wrong)
+        faults = {column: recording.fault(column, quantity) for _, column in ranked}
+        good = [column for _, column in ranked if faults[column] is None]
+        wanted = role in (*required, *either)
+        if good:
+            found[role] = good[0]
+            if wanted and (other := _rival(recording, good)) is not None:
+                raise RecordingError(_two(recording, role, good[0], other))
+        elif ranked and wanted:
+            raise RecordingError(faults[ranked[0][1]] or "")
     if "w" in either and not {"w", "angle"} & found.keys() and (counts := _counting(recording, found.values())):
         raise RecordingError(
             f"{recording.title}: {counts!r} counts the lines of an encoder; say in a case file how many make a turn:"
@@ -76,6 +88,35 @@ def motor_columns(
         remedy = f"; is it {near[0]!r}?" if near else f"; add one such as {_example(role)!r}, or map it in a case file"
         raise RecordingError(f"{recording.title} has no {ROLE_TITLE[role]} column{remedy} ({columns})")
     return found
+
+
+def _rival(recording: Recording, columns: Sequence[str]) -> str | None:
+    """Return a column that could as well be the signal as the first and is not the same signal once more.
+
+    A command beside a measurement, a filtered signal beside a raw one, one name in two units and a column that does
+    nothing are no rivals.
+    """
+    first, *others = columns
+    one = recording.signals[first]
+    for other in others:
+        two = recording.signals[other]
+        known = ~np.isnan(one) & ~np.isnan(two)
+        span = float(np.ptp(two[known])) if known.any() else 0.0
+        same_name = parse_header(recording.headers[first]).name == parse_header(recording.headers[other]).name
+        if span == 0 or same_name or is_secondary(other) or is_secondary(first):
+            continue
+        if float(np.mean(np.abs(one - two)[known] > SAME * max(span, float(np.ptp(one[known]))))) > FEW:
+            return other
+    return None
+
+
+def _two(recording: Recording, role: str, first: str, other: str) -> str:
+    """Say which two columns could be one signal, and how to choose."""
+    one, two = recording.headers[first], recording.headers[other]
+    return (
+        f"{recording.title} has two columns for the {ROLE_TITLE[role]}, {one!r} and {two!r}; say which, with"
+        f" --column {shlex.quote(f'{role}={one}')}, or in a case file"
+    )
 
 
 def _counting(recording: Recording, taken: Collection[str]) -> str | None:

@@ -29,6 +29,7 @@ from estimator.recordings.headers import (
     rank_in_role,
     role_of,
 )
+from estimator.recordings.read_as import AS_WRITTEN, ReadAs
 from estimator.recordings.time_grid import half_last_digit, sampling_clock
 from estimator.recordings.units import FloatArray, Unit, examples, parse_unit
 
@@ -51,12 +52,15 @@ class Recording:
     unreadable: Mapping[str, str] = field(default_factory=dict)  # columns of text → what is wrong with them
     even: bool = True  # the times are equidistant
     missing_rows: int = 0  # rows that the file lacks, as its times show; their samples are NaN
+    clock: str = "time [s]"  # header of the time, as written
+    given_units: tuple[str, ...] = ()  # columns whose unit the user said, not their header; "time" too
+    roles: Mapping[str, str] = field(default_factory=dict)  # role → column, as the user said
 
     def __post_init__(self) -> None:
         """Lock arrays and mappings."""
         for array in (self.time, *self.signals.values()):
             array.setflags(write=False)
-        for name in ("signals", "units", "headers", "unreadable"):
+        for name in ("signals", "units", "headers", "unreadable", "roles"):
             object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -82,12 +86,15 @@ class Recording:
         if asked.unit is None or not bare or bare[0] not in self.signals:
             return self
         column, unit = bare[0], asked.unit
+        guessed = assumed_unit(column)
+        written = self.signals[column] if guessed is None else guessed.from_si(self.signals[column])
         return replace(
             self,
-            signals={**self.signals, column: unit.to_si(self.signals[column])},
+            signals={**self.signals, column: unit.to_si(written)},
             units={**self.units, column: unit.si},
             headers={**self.headers, column: f"{column} [{asked.unit_text}]"},
             assumed_units=tuple(c for c in self.assumed_units if c != column),
+            given_units=(*self.given_units, column),
         )
 
     def column(self, name: str) -> str:
@@ -164,8 +171,15 @@ class Recording:
         return None
 
 
-def read_recording(path: Path) -> Recording:
+def read_recording(path: Path, read_as: ReadAs = AS_WRITTEN) -> Recording:
     """Read a recording: text with a header, MAT (v4 to v7.3), Parquet, MDF, Excel or TDMS, known by its content.
+
+    Parameters
+    ----------
+    path
+        The file.
+    read_as
+        What wins over its headers.
 
     Raises
     ------
@@ -175,11 +189,13 @@ def read_recording(path: Path) -> Recording:
     path = Path(path)
     columns = _binary(path)
     if columns is None:
-        return _read_text(path)
-    return recording_from_columns(path.stem, columns, path=path)
+        return _read_text(path, read_as)
+    return recording_from_columns(path.stem, columns, path=path, read_as=read_as)
 
 
-def recording_from_columns(name: str, columns: Columns, *, path: Path | None = None) -> Recording:
+def recording_from_columns(
+    name: str, columns: Columns, *, path: Path | None = None, read_as: ReadAs = AS_WRITTEN
+) -> Recording:
     """Make a recording from columns, one of them the time.
 
     Raises
@@ -198,6 +214,7 @@ def recording_from_columns(name: str, columns: Columns, *, path: Path | None = N
         where=where,
         place=lambda k: f"{where} sample {k}",
         texts_in=texts,
+        read_as=read_as,
     )
 
 
@@ -230,7 +247,7 @@ def _binary(path: Path) -> Columns | None:
     return read_mat(path, head) if is_mat(path, head) else None
 
 
-def _read_text(path: Path) -> Recording:
+def _read_text(path: Path, read_as: ReadAs) -> Recording:
     table = read_table(path, HeaderRules(is_header=_has_time, is_units=_are_units, complain=_no_time))
     texts = list(table.header)
     if table.units is not None:
@@ -265,6 +282,7 @@ def _read_text(path: Path) -> Recording:
         place=place,
         bad={new: bad[j] for new, j in enumerate(keep) if j in bad},
         half_digit=half_digit,
+        read_as=read_as,
     )
 
 
@@ -323,7 +341,8 @@ def write_recording(recording: Recording, path: Path) -> None:
         unit = recording.units[column]
         if unit == "?":
             return recording.headers[column]
-        return column if column in recording.assumed_units or not unit else f"{column} [{unit}]"
+        bare = not unit or (column in recording.assumed_units and assumed_unit(column) == parse_unit(unit))
+        return column if bare else f"{column} [{unit}]"
 
     columns = list(recording.signals)
     lines = [",".join(["time [s]", *(quoted(header(column)) for column in columns)])]
@@ -361,11 +380,12 @@ def _build(
     bad: Mapping[int, BadCell] | None = None,
     texts_in: Mapping[int, str] | None = None,
     half_digit: Callable[[int, float], FloatArray] | None = None,
+    read_as: ReadAs = AS_WRITTEN,
 ) -> Recording:
     """Check the columns, convert them to SI, and put them on their clock."""
     bad, held = bad or {}, texts_in or {}
     file = path.name if path else name
-    headers = [parse_header(text) for text in texts]
+    headers, given = read_as.headers(texts, where=where)
     written = [header.text for header in headers]
     for text in written:
         if written.count(text) > 1:
@@ -421,19 +441,31 @@ def _build(
         units[names[j]] = unit.si if unit else ("" if header.unit_text is None else "?")
         if j not in bad and j not in held and j not in huge:
             signals[names[j]] = on_clock(unit.to_si(columns[j]) if unit else columns[j])
-    return Recording(
+    recording = Recording(
         name=name,
         path=path,
         time=ticks.time,
         step=ticks.step,
         signals=signals,
         units=units,
-        headers={names[j]: texts[j] for j in range(len(texts)) if j != clock},
+        headers={
+            n: _header_text(h, j in given) for j, (n, h) in enumerate(zip(names, headers, strict=True)) if j != clock
+        },
         assumed_units=tuple(n for n, h in zip(names, headers, strict=True) if h.unit_text is None and role_of(h.name)),
         unreadable={names[j]: too_large(j) for j in huge} | {names[j]: not_a_number(j) for j in (*bad, *held)},
         even=ticks.even,
         missing_rows=ticks.time.size - time.size,
+        clock=_header_text(headers[clock], clock in given),
+        given_units=tuple("time" if j == clock else names[j] for j in sorted(given)),
     )
+    places = read_as.places([header for header in headers if header is not headers[clock]], where=file)
+    others = [name for j, name in enumerate(names) if j != clock]
+    return replace(recording, roles={role: others[j] for role, j in places.items()})
+
+
+def _header_text(header: Header, given: bool) -> str:
+    """Return a header as written, but with the unit that the user said."""
+    return f"{header.name} [{header.unit_text}]" if given else header.text
 
 
 def _huge(column: FloatArray) -> int | None:

@@ -36,6 +36,10 @@ class Unit:
         """Return the value, or the array of any shape, in SI."""
         return value * self.numerator / self.denominator + self.offset
 
+    def from_si(self, value: FloatArray) -> FloatArray:
+        """Return an array of any shape in this unit, from SI."""
+        return (value - self.offset) * self.denominator / self.numerator
+
 
 SI_UNIT = {
     "time": "s",

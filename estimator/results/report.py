@@ -19,12 +19,13 @@ MEANINGS: Mapping[Verdict, str] = {
     "refused": "No estimate that could be relied on.",
 }
 WITHOUT_ERRORS = "The residuals are as small as the noise; this method gives no standard errors."
+READ = "Read:"
 REST = "in the report that -o DIR writes, and with --json"  # where what a screen leaves out stands
 SIGNAL_WORDS = (
     "RMSE: measured minus simulated, all samples. Residual: its standard deviation without outliers, and without the"
     " ripple and drift that were found. Noise: from sample to sample, by the recording alone."
 )
-FEWEST = 3  # reasons that a screen shows, however many there are
+FEWEST = 3  # reasons, and recordings read, that a screen shows, however many there are
 
 
 def meaning(estimate: Estimate) -> str:
@@ -36,21 +37,22 @@ def meaning(estimate: Estimate) -> str:
 
 
 def text_report(estimate: Estimate, *, width: int | None = None, lines: int | None = None, rest: str = REST) -> str:
-    """Return the result as aligned lines: verdict and reasons first, then values, fit and cost.
+    """Return the result as aligned lines: what was read, verdict and reasons, then values, fit and cost.
 
     Parameters
     ----------
     width : int, optional
         Sentences are broken to so many characters; tables are not.
     lines : int, optional
-        Lines of the screen: notes, then what is derived, then reasons are left out until it fits.
+        Lines of the screen: notes, then what is derived, then what was read of further recordings, then reasons are
+        left out until it fits.
     rest : str
         Where what is left out can be read.
     """
     blocks = _blocks(estimate)
     if lines is None:
         return _joined(blocks, width) + "\n"
-    for kind, least in (("notes", 0), ("failures", 0), ("derived", 0), ("reasons", FEWEST)):
+    for kind, least in (("notes", 0), ("failures", 0), ("derived", 0), ("read", FEWEST), ("reasons", FEWEST)):
         excess = _height(blocks, width) - lines
         if excess <= 0:
             break
@@ -99,6 +101,8 @@ def _blocks(estimate: Estimate) -> list[_Block]:
 
     verdict = f"{TITLES[estimate.verdict].upper()}: {meaning(estimate)}"
     blocks = [_Block("reasons", verdict, estimate.reasons)]
+    if read := read_lines(estimate):
+        blocks.insert(0, _Block("read", read[0], ()) if len(read) == 1 else _Block("read", READ, tuple(read)))
     if estimate.parameters:
         blocks.append(rows("parameters", parameter_rows(estimate), (1, 3, 5, 6)))
     if estimate.chain:
@@ -142,6 +146,14 @@ def _wrapped(text: str, width: int | None, *, first: str = "", other: str | None
             break_on_hyphens=False,
         )
     return found
+
+
+def read_lines(estimate: Estimate) -> list[str]:
+    """Return what was read of each recording, those that were read alike in one line."""
+    named: dict[str, list[str]] = {}
+    for read in estimate.read:
+        named.setdefault(str(read["text"]), []).append(str(read["recording"]))
+    return [f"read {', '.join(names)}: {text}" for text, names in named.items()]
 
 
 def parameter_rows(estimate: Estimate) -> tuple[list[str], list[list[str]]]:
@@ -310,6 +322,7 @@ def to_mapping(estimate: Estimate) -> dict[str, Any]:
         "parameters": {name: _parameter_mapping(p) for name, p in estimate.parameters.items()},
         "measurement_chain": {name: _parameter_mapping(p) for name, p in estimate.chain.items()},
         "sensors": estimate.sensors,
+        "read": estimate.read,
         "recordings": estimate.recordings,
         "derived": {
             name: {"value": q.value, "standard_error": q.standard_error, "unit": q.unit}

@@ -21,6 +21,7 @@ from estimator.results.report import (
     json_ready,
     meaning,
     parameter_rows,
+    read_lines,
     signal_rows,
 )
 from estimator.results.result import Estimate
@@ -110,7 +111,11 @@ def html_report(
     recordings = ", ".join(comparison.name for comparison in estimate.comparisons)
     fmu = str(estimate.fmu.get("name", "")) or "FMU"
     title = f"Parameters of {fmu}" + (f" from {recordings}" if recordings else "")
-    parts = [f"<h1>{escape(title)}</h1>", _verdict(estimate)]
+    parts = [
+        f"<h1>{escape(title)}</h1>",
+        *(f"<p>{escape(line)}</p>" for line in read_lines(estimate)),
+        _verdict(estimate),
+    ]
     if estimate.parameters:
         parts += [_heading("Parameters"), _parameters(estimate)]
     if estimate.chain:

@@ -1,0 +1,158 @@
+"""The command `check`: what is read of recordings, as text, JSON and figures. Loads no FMU."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from estimator.commands.options import reading, unique
+from estimator.commands.terminal import OK, say
+from estimator.errors import InputError
+from estimator.recordings.preview import MOST_LEVELS, Preview, preview, preview_mapping
+from estimator.recordings.recording import read_recording
+from estimator.recordings.understood import how_to_overrule
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+UNITS = {"v": "V", "i": "A", "w": "rad/s", "angle": "rad", "load": "N.m"}
+
+
+def check_files(args: argparse.Namespace) -> int:
+    """Show what is read of each file; return the exit status."""
+    for file in args.files:
+        if file.endswith((".fmu", ".toml")):
+            raise InputError(f"{file} is no recording; check looks at recordings alone, inspect at FMUs")
+    as_said, scale = reading(column=args.column, unit=args.unit), unique(args.scale, option="--scale")
+    previews = [preview(read_recording(Path(file), as_said), scale=scale) for file in args.files]
+    if args.output:
+        _write(args.output, previews)
+    if args.json:
+        say(_json(previews))
+    else:
+        say("\n".join(preview_text(p) for p in previews))
+    return OK
+
+
+def preview_text(p: Preview) -> str:
+    """Return a preview as lines: what was read first, what is implausible last."""
+    recording = p.recording
+    lines = [f"{recording.title}: {' · '.join(r.text() for r in p.read)}"]
+    if p.unused:
+        lines.append(f"  not used: {', '.join(p.unused)}")
+    if guessed := [how_to_overrule(r) for r in p.read if r.unit_from == "name"]:
+        lines.append(f"  another unit is said with {', '.join(guessed)}")
+    clock = "even" if recording.even else "with jitter, each time taken as printed"
+    missing = f", {recording.missing_rows} rows missing" if recording.missing_rows else ""
+    lines += [
+        "",
+        f"  clock    {len(recording.time)} samples from {recording.time[0]:.6g} to {recording.time[-1]:.6g} s, every"
+        f" {recording.step:.6g} s ({1 / recording.step:.6g} Hz), {clock}{missing}",
+        f"  input    {_excitation(p)}",
+    ]
+    if p.settled is not None:
+        lines.append(f"  settled  {'no: ' + p.settled if p.settled else 'yes'}")
+    header = ["", "least", "largest", "noise", "step", "missing"]
+    rows = [
+        [
+            f"{name} [{UNITS[name]}]",
+            f"{np.nanmin(y):.5g}" if not np.isnan(y).all() else "-",
+            f"{np.nanmax(y):.5g}" if not np.isnan(y).all() else "-",
+            f"{p.noise[name]:.2g}",
+            f"{p.quanta[name]:.4g}" if name in p.quanta else "",
+            str(int(np.isnan(y).sum())) if np.isnan(y).any() else "",
+        ]
+        for name, y in p.signals.items()
+    ]
+    lines += ["", *_table(header, rows)]
+    if p.levels:
+        names = [name for name in ("v", "i", "w", "load") if name in p.signals]
+        header = ["level", "from [s]", "to [s]", *(f"{name} [{UNITS[name]}]" for name in names), "w [rpm]"]
+        rows = [
+            [
+                str(k + 1),
+                f"{level.start:.6g}",
+                f"{level.end:.6g}",
+                *(f"{level.means[name]:.4g}" if name in level.means else "" for name in names),
+                f"{level.means['w'] * 30 / np.pi:.4g}" if "w" in level.means else "",
+            ]
+            for k, level in enumerate(p.levels[:MOST_LEVELS])
+        ]
+        lines += ["", *_table(header, rows)]
+        if len(p.levels) > MOST_LEVELS:
+            lines.append(f"  and {len(p.levels) - MOST_LEVELS} more levels")
+    if p.found or p.findings:
+        lines += [
+            "",
+            "Implausible:",
+            *(f"  - {sentence}" for sentence in (*p.found, *(f.sentence for f in p.findings))),
+        ]
+    return "\n".join(lines) + "\n"
+
+
+def _excitation(p: Preview) -> str:
+    e = p.excitation
+    if e is None:
+        return "no voltage"
+    running = "; the motor runs already in the first row" if e.running else ""
+    if e.kind == "none":
+        return f"stays at {e.after:.4g} V{running}"
+    if e.kind == "several":
+        return f"several levels or a signal that moves all the time{running}"
+    late = f"; the response starts {p.delay:.4g} s later" if p.delay else ""
+    return f"a step from {e.before:.4g} to {e.after:.4g} V at t = {p.recording.time[e.index]:.6g} s{late}{running}"
+
+
+def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+    used = [j for j in range(len(header)) if any(row[j] for row in rows)]
+    widths = [max(len(row[j]) for row in (header, *rows)) for j in used]
+    return ["  " + "  ".join(row[j].rjust(w) for j, w in zip(used, widths, strict=True)) for row in (header, *rows)]
+
+
+def _json(previews: Sequence[Preview]) -> str:
+    found: dict[str, Any] = {"recordings": [preview_mapping(p) for p in previews]}
+    return json.dumps(_finite(found), indent=2, allow_nan=False) + "\n"
+
+
+def _finite(thing: Any) -> Any:
+    if isinstance(thing, dict):
+        return {key: _finite(value) for key, value in thing.items()}
+    if isinstance(thing, list):
+        return [_finite(value) for value in thing]
+    return None if isinstance(thing, float) and not np.isfinite(thing) else thing
+
+
+def _write(folder: str, previews: Sequence[Preview]) -> None:
+    """Write check.json, and a figure of each recording."""
+    from estimator.output import OutputFolder
+    from estimator.results.plots import png
+
+    names = [f"{p.recording.name}.png" for p in previews]
+    names = [name if names.count(name) == 1 else f"{k + 1}_{name}" for k, name in enumerate(names)]
+    with OutputFolder(folder, own=("check.json", *names)) as output:
+        figures = {name: png(preview_figure(p)) for name, p in zip(names, previews, strict=True)}
+        output.write({"check.json": _json(previews).encode(), **figures})
+
+
+def preview_figure(p: Preview) -> Figure:
+    """Return a recording's signals below each other, in SI units."""
+    from matplotlib.figure import Figure
+
+    from estimator.results.plots import envelope
+
+    fig = Figure(figsize=(9.0, 0.8 + 1.7 * len(p.signals)), layout="constrained")
+    axes = fig.subplots(len(p.signals), 1, sharex=True, squeeze=False)[:, 0]
+    read = {r.signal: r for r in p.read}
+    for axis, (name, y) in zip(axes, p.signals.items(), strict=True):
+        axis.plot(*envelope(p.recording.time, y), color="#0072b2", linewidth=1)
+        axis.set_ylabel(f"{name} [{UNITS[name]}]")
+        axis.set_title(read[name].text(), loc="left", fontsize="small")
+        axis.grid(alpha=0.3)
+    axes[-1].set_xlabel("time [s]")
+    fig.suptitle(p.recording.title)
+    return fig

@@ -1,0 +1,43 @@
+"""What a result says of how its recordings were read, and how implausible data lower its verdict. Simulates nothing."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from estimator.plans.plan import Plan
+from estimator.results.result import Comparison, Estimate
+
+
+def with_what_was_read(found: Estimate, plan: Plan) -> Estimate:
+    """Return an estimate that tells what was read; implausible data make it doubtful, refused data are shown."""
+    read = tuple(
+        {
+            "recording": o.recording.name,
+            "signals": {u.signal: {k: v for k, v in u.mapping().items() if k != "signal"} for u in o.read},
+            "text": " · ".join(u.text() for u in o.read),
+            "implausible": [finding.sentence for finding in o.findings],
+        }
+        for o in plan.observed
+    )
+    doubts = [s for o in plan.observed for f in o.findings if (s := f.sentence) not in found.reasons]
+    found = dataclasses.replace(found, read=read)
+    if found.verdict == "refused":
+        moved = any(o.excitation.kind != "none" for o in plan.observed)
+        return found if found.comparisons or not moved else dataclasses.replace(found, comparisons=_measured(plan))
+    verdict = "doubtful" if doubts else found.verdict
+    return dataclasses.replace(found, verdict=verdict, reasons=(*doubts, *found.reasons))
+
+
+def _measured(plan: Plan) -> tuple[Comparison, ...]:
+    """Return the measured signals with nothing simulated beside them."""
+    return tuple(
+        Comparison(
+            name=o.recording.name,
+            time=o.recording.time,
+            inputs=dict(o.inputs),
+            measured=dict(o.outputs),
+            simulated={},
+            units={n: plan.description.variable(n).unit for n in (*o.inputs, *o.outputs)},
+        )
+        for o in plan.observed
+    )

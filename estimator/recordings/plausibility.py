@@ -1,0 +1,385 @@
+"""What of a motor's recording cannot be as it was read: columns exchanged, a sign, a unit. Knows no FMU.
+
+Everything here is told from the samples alone, before any search. Nothing is corrected: what it looks like is named,
+with the option that puts it right. Two things no recording can show, because a motor of another size does the same: the
+scale of the speed within the range of real motors, and the scale of the current likewise. So a unit is doubted only
+where the motor that follows does not exist: limits are those of brushed motors on 3 to 100 V, of bare shafts and with
+gears. Where nobody said the unit, the limits are narrower.
+
+How often a detector is wrong on good recordings, and how often it finds what it is for, is in docs/recordings.md.
+"""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.recordings.excitation import noise_deviation, quantum
+from estimator.recordings.samples import filled
+
+FloatArray = NDArray[np.float64]
+
+# Limits: of units that a header or the user said, and of units that nobody said.
+FASTEST = (3000.0, 1600.0)  # rad/s: 28 600 and 15 300 rpm
+FASTEST_PER_VOLT = (600.0, 350.0)  # rad/s/V: the smallest coreless motors have 250
+DEGREES, NO_RPM = 6000.0, 30_000.0  # slower numbers would be slow as deg/s, faster ones too fast as rpm
+LARGEST_CURRENT = (150.0, 30.0)  # A, and
+LEAST_RESISTANCE = (0.004, 0.025)  # Ω, of the largest voltage over the largest current
+LEAST_CURRENT = 1e-3  # A: a motor that turns takes more
+SLOWEST = (30.0, 6.0)  # s, time constant of the speed
+SLOW_CLOCK = (1.0, 0.15)  # s, sampling interval at which the speed's way from level to level is seen
+NO_CLOCK = (10.0, 0.95)  # s, sampling interval
+US_CLOCK, US_CONSTANT = 250.0, 3000.0  # s: beyond, milliseconds would be as odd
+SLOW_CURRENT = 0.5  # s from a step to the peak of the current; an inductance is over in some 20 ms
+DUTY = (1.0, 100.0, 255.0, 1000.0, 1023.0, 4095.0, 65535.0)  # largest values of a duty cycle: part, percent, counts
+NO_VOLTAGE = 50.0  # V: without a unit, more is no voltage of a bench
+
+EXPLAINED, UNEXPLAINED = 0.3, 0.7  # of a signal's deviation, misfit of an order that fits, and of one that does not
+JUMP, LEAD = 0.3, 3  # of the voltage's range, samples before it: a jump
+FOLLOWS = 0.5  # of the speed's differences: a larger misfit tells no time constant
+AGAINST = 0.3  # of ∫|v y| dt: so much of it negative is a sign
+DRIVEN = 0.05  # of the largest voltage: less is none
+THIN = 4000  # samples that are looked at
+DECIMAL = 0.01  # of a digit: a quantum of 1, 2 or 5 × 10ⁿ is the print's
+LINES, WHOLE = (16, 20_000), 0.02  # of an encoder a turn; of a count
+
+_PER_TURN = {"rpm": 60.0, "deg/s": 360.0, "rev/s": 1.0}
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Something that cannot be as it was read.
+
+    Attributes
+    ----------
+    kind : "exchanged", "sign i", "unit w", …
+    sentence : what it looks like, with its evidence, and the option that puts it right
+    is_fatal : nothing could be estimated from it
+    """
+
+    kind: str
+    sentence: str
+    is_fatal: bool = False
+
+
+def implausible(
+    title: str,
+    time: FloatArray,
+    signals: Mapping[str, FloatArray],
+    *,
+    guessed: frozenset[str] = frozenset(),
+    sure: frozenset[str] = frozenset(),
+    columns: Mapping[str, str] | None = None,
+) -> tuple[Finding, ...]:
+    """Find what of a motor's signals cannot be as it was read.
+
+    Parameters
+    ----------
+    title : str
+        What sentences call the recording.
+    time : (n,) array, s
+    signals : "v", "i", "w", "angle" → (n,) array, SI, NaN where a sample is missing
+    guessed : those of them, and "time", whose unit nobody said
+    sure : those whose unit the user said again, so that it is not doubted
+    columns : signal → header of its column, for the options that are named
+    """
+    known = {
+        name: y for name, y in signals.items() if np.count_nonzero(~np.isnan(y)) > 2 and np.nanmax(y) != np.nanmin(y)
+    }
+    if not {"i", "w", "angle"} & known.keys():
+        return ()
+    bench = _Bench(title, time, {**known, **{n: y for n, y in signals.items() if n == "v"}}, guessed, columns or {})
+    signs = bench.signs()
+    exchanged = None if signs else bench.exchanged()
+    if exchanged is not None:
+        return (exchanged,)  # of columns that are others, nothing else is true
+    duty = bench.voltage()
+    found = [*signs, duty, bench.speed(is_duty=duty is not None), bench.current(), bench.clock()]
+    return tuple(f for f in found if f is not None and f.kind not in {f"unit {name}" for name in sure})
+
+
+class _Bench:
+    """The signals of one recording, and what is doubted of them."""
+
+    def __init__(
+        self,
+        title: str,
+        time: FloatArray,
+        signals: Mapping[str, FloatArray],
+        guessed: frozenset[str],
+        columns: Mapping[str, str],
+    ) -> None:
+        self.title, self.time, self.signals, self.guessed, self.columns = title, time, signals, guessed, columns
+
+    def exchanged(self) -> Finding | None:
+        """Find current and speed exchanged: the shaft integrates the torque, J dw/dt = K i − B w, never the reverse.
+
+        Only behind a voltage that jumps: in a ramp both move alike.
+        """
+        if not {"v", "i", "w"} <= self.signals.keys():
+            return None
+        v, i, w = (self.signals[name] for name in ("v", "i", "w"))
+        if not np.any(np.abs(np.diff(v))[LEAD:] > JUMP * np.ptp(v)):
+            return None
+        as_read, turned = _lag_misfit(self.time, i, w), _lag_misfit(self.time, w, i)
+        if as_read > UNEXPLAINED and turned < EXPLAINED:
+            return Finding(
+                "exchanged",
+                f"{self.title}: current and speed look exchanged: what was read as the current follows what was read as"
+                f" the speed as a shaft follows its torque (misfit {100 * turned:.1g} % against {100 * as_read:.2g} %);"
+                f" exchange their headers, or say {self._option('i', 'w', 'A')} {self._option('w', 'i', 'rad/s')}",
+                is_fatal=True,
+            )
+        return None
+
+    def _option(self, signal: str, other: str, unit: str) -> str:
+        """Return the options by which a signal is another's column."""
+        return f"--column {shlex.quote(f'{signal}={self.columns.get(other, other)}')} --unit {signal}={unit}"
+
+    def signs(self) -> list[Finding]:
+        """Find signals that go against the voltage: a motor takes power and turns the way that it is driven."""
+        if "v" not in self.signals:
+            return []
+        names = [name for name in ("i", "w") if name in self.signals]
+        against = [name for name in names if self._is_against(name)]
+        if len(against) == 2:
+            return [
+                Finding(
+                    "sign v",
+                    f"{self.title}: current and speed both go against the voltage, so the motor would brake all the"
+                    " time: check the sign of the voltage; --scale v=-1 turns it",
+                    is_fatal=True,
+                )
+            ]
+        title = {"i": "current", "w": "speed"}
+        meaning = {"i": "the motor would give off power all the time", "w": "the motor would turn against its drive"}
+        return [
+            Finding(
+                f"sign {name}",
+                f"{self.title}: the {title[name]} goes against the voltage, so {meaning[name]}: check the sign of the"
+                f" {title[name]} (or of the voltage); --scale {name}=-1 turns it",
+                is_fatal=True,
+            )
+            for name in against
+        ]
+
+    def _is_against(self, name: str) -> bool:
+        v, y = self.signals["v"], self.signals[name]
+        driven = (np.abs(v) > DRIVEN * np.nanmax(np.abs(v))) & ~np.isnan(y)
+        if not driven.any():
+            return False
+        y = np.where(np.abs(y) > 4 * noise_deviation(y), y, 0.0)
+        power = (v * y)[driven]
+        whole = float(np.sum(np.abs(power)))
+        return whole > 0 and float(np.sum(power)) < -AGAINST * whole
+
+    def voltage(self) -> Finding | None:
+        """Find a duty cycle that was read as volts."""
+        if "v" not in self.signals:
+            return None
+        v = np.abs(self.signals["v"])
+        largest = float(np.nanmax(v))
+        if largest == 0:
+            return None
+        assumed = "v" in self.guessed
+        duty = next((full for full in DUTY if 0.995 * full < largest <= full), None)
+        part = largest <= 1.0 and (assumed or self._speed_per_volt() > FASTEST_PER_VOLT[0])
+        if part or (assumed and (largest > NO_VOLTAGE or (duty is not None and duty >= 100.0))):
+            full = 1.0 if part else next((f for f in DUTY[1:] if largest <= f), DUTY[-1])
+            unit = {1.0: "1 (a part of the supply)", 100.0: "percent"}.get(full, f"counts of {full:g}")
+            return Finding(
+                "unit v",
+                f"{self.title}: the voltage goes up to {largest:.4g} V: it looks like a duty cycle, in {unit}; give"
+                " the supply's volts as a factor, --scale v=VOLTS"
+                + ("" if full == 1 else f"/{full:g}")
+                + ", or --unit v=V if they are volts",
+            )
+        return None
+
+    def speed(self, *, is_duty: bool) -> Finding | None:
+        """Find rpm or degrees that were read as radians; of a duty cycle the speed for a volt says nothing."""
+        if "w" not in self.signals:
+            return None
+        w = self.signals["w"]
+        assumed = "w" in self.guessed
+        top = float(np.nanmax(np.abs(_without_outliers(w))))
+        per_volt = 0.0 if is_duty else self._speed_per_volt()
+        if (unit := self._beside_angle(w)) is not None:
+            return Finding(
+                "unit w",
+                f"{self.title}: held against the angle, the speed is {unit}, not rad/s; say so with --unit w={unit}",
+            )
+        if (unit := self._counted(w)) is not None:
+            return Finding(
+                "unit w",
+                f"{self.title}: the speed moves in steps of {quantum(w):.6g} rad/s, which is no encoder's in rad/s but"
+                f" one's of {_PER_TURN[unit] / quantum(w) / float(np.median(np.diff(self.time))):.6g} counts a turn in"
+                f" {unit}: it looks like {unit}; say so with --unit w={unit}, or --unit w=rad/s if it is not",
+            )
+        per_limit = FASTEST_PER_VOLT[assumed]
+        if top <= FASTEST[assumed] and per_volt <= per_limit:
+            return None
+        reading = f"{top:.4g} rad/s, which is {top * 30 / np.pi:.3g} rpm"
+        reading += f", {per_volt:.3g} rad/s a volt" if per_volt > per_limit else ""
+        units = ["rpm"] if top < DEGREES else ["rpm", "deg/s"] if top < NO_RPM else ["deg/s"]
+        said = " or ".join(f"--unit w={unit}" for unit in units)
+        return Finding(
+            "unit w",
+            f"{self.title}: the speed goes up to {reading}: it looks like {' or '.join(units)}; say so with {said}, or"
+            " --unit w=rad/s if it is not",
+        )
+
+    def current(self) -> Finding | None:
+        """Find milliamperes that were read as amperes, and the reverse."""
+        if "i" not in self.signals:
+            return None
+        i = _without_outliers(self.signals["i"])
+        assumed = "i" in self.guessed
+        largest = float(np.nanmax(np.abs(i)))
+        volts = float(np.nanmax(np.abs(self.signals["v"]))) if "v" in self.signals else 0.0
+        if largest > LARGEST_CURRENT[assumed] and volts < LEAST_RESISTANCE[assumed] * largest:
+            return Finding(
+                "unit i",
+                f"{self.title}: the current goes up to {largest:.4g} A at {volts:.3g} V, a winding of"
+                f" {1000 * volts / largest:.2g} mΩ: it looks like mA; say so with --unit i=mA, or --unit i=A if not",
+            )
+        if 0 < largest < LEAST_CURRENT and "w" in self.signals:
+            return Finding(
+                "unit i",
+                f"{self.title}: the current stays below {1e6 * largest:.3g} µA while the motor turns: it looks like A"
+                " that were read as mA; say so with --unit i=A",
+            )
+        return None
+
+    def clock(self) -> Finding | None:
+        """Find milliseconds or microseconds that were read as seconds."""
+        step = float(np.median(np.diff(self.time)))
+        assumed = "time" in self.guessed
+        constant = self._time_constant()
+        peak = self._time_to_peak()
+        slow = constant > SLOWEST[assumed] or (step > SLOW_CLOCK[assumed] and constant > 2 * step)
+        if not (slow or peak > SLOW_CURRENT or step > NO_CLOCK[assumed]):
+            return None
+        unit = "us" if step > US_CLOCK or constant > US_CONSTANT else "ms"
+        told = [f"the speed follows with a time constant of {constant:.3g} s"] if constant > 0 else []
+        told += [f"the current takes {peak:.3g} s to its peak"] if peak > SLOW_CURRENT else []
+        seen = f" {' and '.join(told)}" if told else ""
+        return Finding(
+            "unit time",
+            f"{self.title}: at a sampling interval of {step:.4g} s{seen}: the time looks like {unit}; say so with"
+            f" --unit time={unit}, or --unit time=s if it is not",
+        )
+
+    def _speed_per_volt(self) -> float:
+        """Return the largest speed over the largest voltage, rad/s/V."""
+        if not {"v", "w"} <= self.signals.keys():
+            return 0.0
+        volts = float(np.nanmax(np.abs(self.signals["v"])))
+        return float(np.nanmax(np.abs(_without_outliers(self.signals["w"])))) / volts if volts > 0 else 0.0
+
+    def _beside_angle(self, w: FloatArray) -> str | None:
+        """Return the unit in which a speed is, as the angle that was logged beside it says; None: as it was read."""
+        if "angle" not in self.signals:
+            return None
+        angle = self.signals["angle"]
+        whole = ~np.isnan(angle) & ~np.isnan(w)
+        turned, t = angle[whole], self.time[whole]
+        if len(turned) < 20 or np.max(np.abs(np.diff(turned))) > np.pi:
+            return None  # it begins again with every turn
+        way = float(np.sum(np.abs(np.diff(turned))))
+        shown = float(np.sum(np.abs(w[whole][1:]) * np.diff(t)))
+        if way < 20 * quantum(turned) or shown == 0:
+            return None
+        ratio = shown / way
+        for unit, per_turn in _PER_TURN.items():
+            if abs(ratio / (per_turn / (2 * np.pi)) - 1) < 0.05:
+                return unit
+        return None
+
+    def _counted(self, w: FloatArray) -> str | None:
+        """Return the unit in which a speed's steps are an encoder's whole lines, where they are none in rad/s."""
+        step = quantum(w) * float(np.median(np.diff(self.time)))
+        if step <= 0 or _is_decimal(quantum(w)) or "w" not in self.guessed or _is_lines(2 * np.pi / step):
+            return None
+        return next((unit for unit, per_turn in _PER_TURN.items() if _is_lines(per_turn / step)), None)
+
+    def _time_constant(self) -> float:
+        """Return the time constant of the speed behind the voltage, s; 0 where none shows."""
+        if not {"v", "w"} <= self.signals.keys() or np.isnan(self.signals["v"]).any() or np.ptp(self.signals["v"]) == 0:
+            return 0.0
+        v, w = self.signals["v"], filled(self.signals["w"])
+        best = 0.0
+        for every in {1, max(1, len(w) // 400)}:  # coarser samples: less noise in their differences
+            now, drive = w[::every], v[::every][:-1]
+            rows = np.column_stack([now[:-1], drive, np.ones(len(now) - 1)])
+            solution, *_ = np.linalg.lstsq(rows, now[1:], rcond=None)
+            pole = float(solution[0])
+            if not 0.2 < pole < 0.9999 or np.std(now[1:] - rows @ solution) > FOLLOWS * np.std(np.diff(now)):
+                continue
+            best = max(best, -every * float(np.median(np.diff(self.time))) / float(np.log(pole)))
+        return best
+
+    def _time_to_peak(self) -> float:
+        """Return the time from the first step of the voltage to the current's peak, s; 0 where none shows."""
+        if not {"v", "i"} <= self.signals.keys():
+            return 0.0
+        v, i = self.signals["v"], filled(self.signals["i"])
+        changes = np.flatnonzero(np.abs(np.diff(v)) > 0.5 * np.ptp(v))
+        if len(changes) != 1 or np.ptp(v) == 0:
+            return 0.0
+        k = int(changes[0]) + 1
+        peak = k + int(np.argmax(np.abs(i[k:])))
+        final = float(np.median(np.abs(i[-max(5, (len(i) - k) // 10) :])))
+        if peak - k < 3 or abs(i[peak]) < 1.5 * final + 6 * noise_deviation(i):
+            return 0.0
+        return float(self.time[peak] - self.time[k])
+
+
+def _lag_misfit(time: FloatArray, drive: FloatArray, y: FloatArray) -> float:
+    """Return how badly y, (n,), is what dy/dt = a drive − b y − c makes of the drive: 1 for not at all.
+
+    The misfit is relative to the deviation of y; a is positive, b is not negative; the equation is fitted integrated.
+    """
+    stride = max(1, len(time) // THIN)
+    h = np.diff(time)
+    drive, y = filled(drive), filled(y)
+    moved = np.concatenate([[0.0], np.cumsum(h * (drive[1:] + drive[:-1]) / 2)])[::stride]
+    fallen = -np.concatenate([[0.0], np.cumsum(h * (y[1:] + y[:-1]) / 2)])[::stride]
+    t, y = (time - time[0])[::stride], y[::stride]
+    spread = float(np.std(y))
+    if spread == 0:
+        return 1.0
+    best = 1.0
+    choices: list[list[FloatArray]] = [[moved, fallen, t], [moved, fallen], [moved, t], [moved]]
+    for columns in choices:
+        rows = np.column_stack([*columns, np.ones(len(t))])
+        scale = np.linalg.norm(rows, axis=0)
+        scale[scale == 0] = 1.0
+        solution, *_ = np.linalg.lstsq(rows / scale, y, rcond=None)
+        if solution[0] <= 0 or (len(columns) > 1 and columns[1] is fallen and solution[1] < 0):
+            continue
+        best = min(best, float(np.std(y - rows / scale @ solution)) / spread)
+    return best
+
+
+def _without_outliers(y: FloatArray) -> FloatArray:
+    """Return the samples that two neighbours share: the smallest of three by size, (n − 2,)."""
+    y = y[~np.isnan(y)]
+    if len(y) < 5:
+        return y
+    return np.asarray(np.median(np.column_stack([y[:-2], y[1:-1], y[2:]]), axis=1))
+
+
+def _is_decimal(step: float) -> bool:
+    """Return whether a quantum is 1, 2 or 5 × 10ⁿ: the print's, no encoder's."""
+    leading = step / 10 ** np.floor(np.log10(step))
+    return bool(np.min(np.abs(np.array([1.0, 2.0, 2.5, 5.0, 10.0]) - leading)) < DECIMAL)
+
+
+def _is_lines(count: float) -> bool:
+    """Return whether a number of counts a turn is an encoder's: whole, and divisible by four."""
+    return LINES[0] <= count <= LINES[1] and abs(count - 4 * round(count / 4)) < WHOLE

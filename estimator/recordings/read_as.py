@@ -1,0 +1,94 @@
+"""How a recording is to be read where its header does not say it, or says it wrong. Knows no file and no samples."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from types import MappingProxyType
+from typing import Any
+
+from estimator.errors import RecordingError, suggestion
+from estimator.recordings.headers import ROLE_QUANTITY, Header, parse_header, plain, rank_in_role
+from estimator.recordings.units import examples, parse_unit
+
+
+@dataclass(frozen=True)
+class ReadAs:
+    """What a user says of a recording's columns; it wins over their headers.
+
+    Attributes
+    ----------
+    columns : role (v, i, w, angle, load) → the column that it is
+    units : column, or role of one → unit, "rpm"
+    """
+
+    columns: Mapping[str, str] = field(default_factory=dict)
+    units: Mapping[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Lock the mappings."""
+        for name in ("columns", "units"):
+            object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle as plain dictionaries."""
+        values = (getattr(self, f.name) for f in fields(self))
+        return ReadAs, tuple(dict(v) if isinstance(v, MappingProxyType) else v for v in values)
+
+    def with_(self, other: ReadAs) -> ReadAs:
+        """Return this with what another says; that wins."""
+        return ReadAs(columns={**self.columns, **other.columns}, units={**self.units, **other.units})
+
+    def headers(self, texts: Sequence[str], *, where: str) -> tuple[list[Header], frozenset[int]]:
+        """Return headers with the units that are said here, and which of them have one from here.
+
+        Raises
+        ------
+        RecordingError
+            A unit is none, or there is no such column.
+        """
+        headers = [parse_header(text) for text in texts]
+        told: set[int] = set()
+        for name, unit_text in self.units.items():
+            unit = parse_unit(unit_text)
+            if unit is None:
+                wanted = f"; use one of {examples(ROLE_QUANTITY[name])}" if name in ROLE_QUANTITY else ""
+                raise RecordingError(f"{where}: {unit_text!r}, given for {name!r}, is not a known unit{wanted}")
+            found = self._named(name, headers)
+            if not found:
+                known = [header.name for header in headers]
+                raise RecordingError(f"{where}: there is no column {name!r} to give a unit{suggestion(name, known)}")
+            for j in found:
+                headers[j] = Header(headers[j].text, headers[j].name, unit, unit_text)
+            told.update(found)
+        return headers, frozenset(told)
+
+    def places(self, headers: Sequence[Header], *, where: str) -> dict[str, int]:
+        """Return which header each role of `columns` means.
+
+        Raises
+        ------
+        RecordingError
+            There is no such column.
+        """
+        found = {}
+        for role, name in self.columns.items():
+            there = self._named(role, headers)
+            if not there:
+                raise RecordingError(f"{where} has no column {name!r}{suggestion(name, [h.text for h in headers])}")
+            found[role] = there[0]
+        return found
+
+    def _named(self, name: str, headers: Sequence[Header]) -> list[int]:
+        """Return which headers a name means: a column's own, or else a role's."""
+        if name in self.columns:
+            name = self.columns[name]
+        exact = [j for j, h in enumerate(headers) if name in (h.text, h.name)]
+        exact = exact or [j for j, h in enumerate(headers) if plain(name) in (plain(h.text), plain(h.name))]
+        if exact or name not in ROLE_QUANTITY:
+            return exact
+        ranks = {j: rank for j, h in enumerate(headers) if (rank := rank_in_role(h.name, name)) is not None}
+        return [j for j, rank in ranks.items() if name != "time" or rank == min(ranks.values())]
+
+
+AS_WRITTEN = ReadAs()

@@ -1,0 +1,69 @@
+"""What was read of a recording: which column is which signal, in which unit, and who said so. Knows no FMU."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
+
+from estimator.recordings.headers import assumed_unit_text, parse_header
+from estimator.recordings.recording import Recording
+from estimator.recordings.units import examples, parse_unit
+
+
+@dataclass(frozen=True)
+class Understood:
+    """One signal as it was read.
+
+    Attributes
+    ----------
+    signal : its name here, "w"
+    column : its header as written, "speed [rpm]"
+    unit : that the samples were taken to be in, "rpm"; "" for none
+    unit_from : "header"; "user", who overruled it; "name", taken as usual for a column of that name; or "nobody"
+    """
+
+    signal: str
+    column: str
+    unit: str
+    unit_from: Literal["header", "user", "name", "nobody"]
+
+    @property
+    def is_guess(self) -> bool:
+        """Whether nobody said the unit."""
+        return self.unit_from in ("name", "nobody")
+
+    def text(self) -> str:
+        """Return it as one reads it: ``w ← n (no unit: taken as rpm)``."""
+        if self.unit_from == "name":
+            return f"{self.signal} ← {self.column} (no unit: taken as {self.unit})"
+        if self.unit_from == "nobody":
+            return f"{self.signal} ← {self.column} (no unit)"
+        return f"{self.signal} ← {self.column}" + (" (unit as you said)" if self.unit_from == "user" else "")
+
+    def mapping(self) -> dict[str, Any]:
+        """Return it for JSON."""
+        return asdict(self)
+
+
+def understood(recording: Recording, columns: Mapping[str, str]) -> tuple[Understood, ...]:
+    """Return how columns of a recording, signal → column, were read, and its time last."""
+    found = [_of(recording, signal, recording.headers[column], column) for signal, column in columns.items()]
+    return (*found, _of(recording, "time", recording.clock, "time"))
+
+
+def how_to_overrule(read: Understood) -> str:
+    """Return the option by which another unit is said: ``--unit w=deg/s``."""
+    unit = parse_unit(read.unit)
+    others = [] if unit is None else [text for text in examples(unit.quantity).split(", ") if text != read.unit]
+    return f"--unit {read.signal}={others[0] if others else '…'}"
+
+
+def _of(recording: Recording, signal: str, text: str, column: str) -> Understood:
+    header = parse_header(text)
+    if header.unit_text is not None:
+        return Understood(signal, text, header.unit_text, "user" if column in recording.given_units else "header")
+    usual = assumed_unit_text(header.name) or ("s" if column == "time" else None)
+    if usual is None:
+        return Understood(signal, text, "", "nobody")
+    return Understood(signal, text, usual, "name")

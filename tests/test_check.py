@@ -1,0 +1,202 @@
+"""The command check, and what an estimate tells of what was read."""
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from motors import CML050, step_recording
+
+from estimator.cli import main
+from estimator.recordings.motor_columns import motor_columns
+from estimator.recordings.read_as import ReadAs
+from estimator.recordings.recording import read_recording, write_recording
+from estimator.recordings.understood import understood
+
+
+@pytest.fixture(scope="module")
+def bench():
+    made = step_recording(CML050, noise=(0.02, 1.0), seed=3, lead=0.2, duration=1.0)
+    return {"t": made.time, **{n: made.signals[c] for n, c in zip("viw", ("voltage", "current", "speed"), strict=True)}}
+
+
+@pytest.fixture
+def file(tmp_path, bench):
+    def write(header, *, name="run.csv", **changed):
+        columns = [np.asarray(c) for c in {**bench, **changed}.values()]
+        rows = "\n".join(",".join(f"{x:.6g}" for x in row) for row in zip(*columns, strict=True))
+        path = tmp_path / name
+        path.write_text(f"{header}\n{rows}\n")
+        return path
+
+    return write
+
+
+def run(capsys, *words):
+    status = main([str(word) for word in words])
+    out, err = capsys.readouterr()
+    return status, out, err
+
+
+def test_check_tells_columns_and_units_first_then_clock_step_levels_and_noise(file, bench, capsys):
+    status, out, err = run(capsys, "check", file("time [s],voltage [V],current [mA],n", i=1e3 * bench["i"]))
+    assert status == 0 and err == ""
+    lines = out.splitlines()
+    assert lines[0] == "run.csv: v ← voltage [V] · i ← current [mA] · w ← n (no unit: taken as rpm) · time ← time [s]"
+    assert lines[1] == "  another unit is said with --unit w=rad/s"
+    assert any("1001 samples from 0 to 1 s, every 0.001 s (1000 Hz), even" in line for line in lines)
+    assert any("a step from 0 to 10.5 V at t = 0.2 s" in line for line in lines)
+
+
+def test_check_json_is_one_object_with_every_part(file, capsys):
+    status, out, _ = run(capsys, "check", "--json", file("t,u,i,w"))
+    (found,) = json.loads(out)["recordings"]
+    assert status == 0
+    assert found["read"]["signals"]["w"] == {"column": "w", "unit": "rad/s", "unit_from": "name"}
+    assert found["clock"] | {"rate": 1000.0, "even": True, "samples": 1001} == found["clock"]
+    assert found["excitation"]["kind"] == "step" and found["excitation"]["at"] == 0.2 and found["settled"] is True
+    assert found["levels"][1]["means"]["w"] == pytest.approx(176, rel=0.01)
+    assert found["signals"]["i"]["noise"] == pytest.approx(0.02, rel=0.2)
+    assert found["implausible"] == []
+
+
+def test_check_names_what_is_implausible_and_still_ends_with_0(file, bench, capsys):
+    status, out, _ = run(capsys, "check", file("t,u,i,w", t=1e3 * bench["t"], i=1e3 * bench["i"]))
+    assert status == 0
+    assert "--unit i=mA" in out.split("Implausible:")[1] and "--unit time=ms" in out.split("Implausible:")[1]
+    _, out, _ = run(capsys, "check", file("t,u,i,w", t=1e3 * bench["t"]), "--unit", "time=ms")
+    assert "Implausible" not in out and "time ← t [ms] (unit as you said)" in out
+
+
+def test_check_writes_a_figure_of_each_file_and_json(file, tmp_path, capsys):
+    files = [file("t,u,i,w"), file("t,u,i,w", name="other.csv")]
+    status, _, _ = run(capsys, "check", *files, "-o", tmp_path / "out")
+    assert status == 0
+    assert {p.name for p in (tmp_path / "out").iterdir()} == {"check.json", "run.png", "other.png"}
+    assert (tmp_path / "out" / "run.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(
+    ("header", "words", "sentence"),
+    [
+        ("t,u,current A,current B", (), "run.csv has two columns for the current, 'current A' and 'current B'; say"),
+        ("t,x,i,w", (), "run.csv has no voltage column"),
+        ("t,u,i,w", ("--unit", "w=furlong"), "'furlong', given for 'w', is not a known unit; use one of rad/s, rpm"),
+        ("t,u,i,w", ("--unit", "speed2=rpm"), "there is no column 'speed2' to give a unit"),
+        ("t,u,i,w", ("--unit", "w=A"), "'A' is no unit of angular speed"),
+        ("t,u,i,w", ("--column", "x=w"), "--column x=…: 'x' is no signal"),
+        ("t,u,i,w", ("--column", "w=omega2"), "run.csv has no column 'omega2'"),
+        ("t,u,i,w", ("--unit", "w=rpm", "--unit", "w=deg/s"), "--unit is given twice for 'w'"),
+        ("t,u,i,w", ("--scale", "q=2"), "scale is given for 'q', which is no signal of run.csv that is used (v, i, w)"),
+    ],
+)
+def test_what_cannot_be_read_is_one_sentence_and_status_2(header, words, sentence, file, bench, capsys):
+    changed = {"w": bench["i"] * 0.3 + 1} if "current B" in header else {}
+    status, out, err = run(capsys, "check", file(header, **changed), *words)
+    assert (status, out) == (2, "") and sentence in err and err.count("\n") == 1
+
+
+def test_check_of_an_fmu_says_that_it_is_no_recording(capsys):
+    status, _, err = run(capsys, "check", "motor.fmu")
+    assert status == 2 and "motor.fmu is no recording; check looks at recordings alone" in err
+
+
+def test_of_two_columns_for_one_signal_the_user_chooses(file, bench):
+    path = file("t,u,current A,current B,w".replace(",w", ""), w=bench["i"] * 0.3 + 1)
+    chosen = read_recording(path, ReadAs(columns={"i": "current B"}))
+    assert motor_columns(chosen, required=("v",), either=("i",))["i"] == "current B"
+
+
+def test_a_signal_in_two_units_a_command_and_a_filtered_signal_are_no_second_column(file, bench, tmp_path):
+    header = "t,u,i,speed [rad/s],omega [rpm],speed_filtered,voltage_command"
+    more = {"rpm": bench["w"] * 30 / np.pi, "f": 0.5 * bench["w"], "c": 2 * bench["v"]}
+    recording = read_recording(file(header, **more))
+    assert motor_columns(recording) == {"v": "u", "i": "i", "w": "speed"}
+
+
+def test_n_without_a_unit_is_rpm_and_any_other_unit_wins(file, bench):
+    path = file("t,u,i,n")
+    recording = read_recording(path)
+    np.testing.assert_allclose(recording.signals["n"], bench["w"] * np.pi / 30, rtol=1e-5, atol=1e-5)
+    assert understood(recording, {"w": "n"})[0].text() == "w ← n (no unit: taken as rpm)"
+    said = read_recording(path, ReadAs(units={"w": "rad/s"}))
+    np.testing.assert_allclose(said.signals["n"], bench["w"], rtol=1e-5, atol=1e-5)
+    assert understood(said, {"w": "n"})[0].text() == "w ← n [rad/s] (unit as you said)"
+    np.testing.assert_allclose(recording.in_unit("n [rad/s]").signals["n"], said.signals["n"], rtol=1e-12)
+
+
+def test_a_guessed_unit_is_written_so_that_it_reads_back(file, tmp_path):
+    recording = read_recording(file("t,u,i,n"))
+    write_recording(recording, tmp_path / "again.csv")
+    np.testing.assert_array_equal(read_recording(tmp_path / "again.csv").signals["n"], recording.signals["n"])
+
+
+def test_check_imports_no_fmu_no_optimiser_and_no_plots(file):
+    script = (
+        "import sys; from estimator.cli import main; main(['check', sys.argv[1]]);"
+        " print(sorted({'fmpy', 'matplotlib', 'scipy'} & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", script, file("t,u,i,w")], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "[]"
+
+
+def estimate(capsys, *words):
+    status, out, _ = run(capsys, "estimate", *words, "--json", "--workers", 1)
+    return status, json.loads(out)
+
+
+def test_an_estimate_tells_what_was_read_first(file, capsys):
+    status, out, _ = run(capsys, "estimate", file("t,u,i,n [1/min]"), "--unit", "w=rad/s", "--workers", 1)
+    assert status == 0
+    assert out.startswith(
+        "read run: v ← u (no unit: taken as V) · i ← i (no unit: taken as A) · w ← n [rad/s] (unit as"
+    )
+    assert out.splitlines()[1].startswith("OK")
+
+
+def test_an_estimate_of_implausible_data_is_doubtful_with_the_sentence(file, bench, capsys):
+    status, found = estimate(capsys, file("t,u,i,w", i=1e3 * bench["i"]))
+    assert (status, found["verdict"]) == (0, "doubtful")
+    assert "it looks like mA; say so with --unit i=mA" in found["reasons"][0]
+    assert found["read"][0]["implausible"] == found["reasons"][:1]
+    assert found["read"][0]["signals"]["i"] == {"column": "i", "unit": "A", "unit_from": "name"}
+    status, found = estimate(capsys, file("t,u,i,w", i=1e3 * bench["i"]), "--unit", "i=mA")
+    assert found["verdict"] == "ok" and abs(found["parameters"]["R"]["value"] - CML050.R) < 0.1
+
+
+def test_exchanged_columns_are_refused_before_the_search_and_the_data_are_shown(file, bench, capsys, tmp_path):
+    path = file("time [s],voltage [V],current [A],speed [rad/s]", i=bench["w"], w=bench["i"])
+    status, found = estimate(capsys, path, "-o", tmp_path / "out")
+    assert (status, found["verdict"], found["simulations"]) == (1, "refused", 0)
+    assert "exchanged" in found["reasons"][0] and (tmp_path / "out" / "figure.png").exists()
+    options = found["reasons"][0].split(" or say ")[1]
+    import shlex
+
+    status, found = estimate(capsys, path, *shlex.split(options))
+    assert found["verdict"] == "ok" and abs(found["parameters"]["R"]["value"] - CML050.R) < 0.1
+
+
+def test_a_sign_is_refused_with_an_option_that_cures_it(file, bench, capsys):
+    path = file("t,u,i,w", i=-bench["i"])
+    status, found = estimate(capsys, path)
+    assert (status, found["simulations"]) == (1, 0) and "--scale i=-1" in found["reasons"][0]
+    status, found = estimate(capsys, path, "--scale", "i=-1")
+    assert (status, found["verdict"]) == (0, "ok")
+
+
+def test_a_transient_that_was_cut_out_is_refused_before_the_search(file, bench, capsys):
+    keep = np.r_[0:201, 260:1001]
+    cut = {name: y[keep] for name, y in bench.items()} | {"t": bench["t"][: len(keep)]}
+    status, found = estimate(capsys, file("t,u,i,w", **cut))
+    assert (status, found["simulations"]) == (1, 0) and "the transient is lost" in found["reasons"][0]
+
+
+def test_a_case_file_keeps_columns_and_units(file, capsys, tmp_path):
+    path = file("t,u,current A,current B", w=np.zeros(1001))
+    case = tmp_path / "saved.case.toml"
+    words = ("--column", "i=current A", "--unit", "w=rpm", "--save-case", case, "--workers", 1)
+    run(capsys, "estimate", file("t,u,current A,n", name="two.csv"), *words)
+    text = case.read_text()
+    assert 'i = "current A"' in text and 'w = "rpm"' in text
+    assert path.exists()

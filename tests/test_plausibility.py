@@ -1,0 +1,127 @@
+"""What of a recording is named as implausible, and that good recordings are not."""
+
+import numpy as np
+import pytest
+from motors import CML050, all_motors, held_response
+
+from estimator.recordings.plausibility import implausible
+
+SI = frozenset()
+NOBODY = frozenset({"v", "i", "w", "time"})
+
+
+def signals(motor, *, interval, samples=1500, seed=0, reverse=False):
+    """Return times and noisy v, i, w of a step to a motor's voltage, and back through zero where it is reversed."""
+    v = np.zeros(samples)
+    v[samples // 6 :] = motor.voltage
+    if reverse:
+        v[samples // 2 :] *= -1
+    shown = exact(motor, v, interval)
+    noise = np.random.default_rng(seed).standard_normal(shown.shape) * 0.005 * np.abs(shown).max(axis=0)
+    i, w = (shown + noise).T
+    return interval * np.arange(samples), {"v": v, "i": i, "w": w}
+
+
+def exact(motor, v, interval):
+    from scipy.linalg import expm
+
+    a = np.array([[-motor.R / motor.L, -motor.K / motor.L], [motor.K / motor.J, -motor.B / motor.J]])
+    block = np.zeros((3, 3))
+    block[:2, :2], block[0, 2] = a, 1 / motor.L
+    step = expm(block * interval)
+    x, rows = np.zeros(2), np.zeros((len(v), 2))
+    for k, u in enumerate(v):
+        rows[k] = x
+        x = step[:2, :2] @ x + step[:2, 2] * u
+    return rows
+
+
+def time_constant(motor):
+    return motor.R * motor.J / (motor.K**2 + motor.R * motor.B)
+
+
+BENCH = [m for m in all_motors() if m.voltage <= 48]
+
+
+def found(time, signals, guessed=SI, **said):
+    return implausible("run.csv", time, signals, guessed=guessed, **said)
+
+
+@pytest.mark.parametrize("guessed", [SI, NOBODY], ids=["units said", "units not said"])
+@pytest.mark.parametrize("reverse", [False, True])
+def test_good_recordings_of_real_motors_are_plausible(guessed, reverse):
+    for seed, motor in enumerate(BENCH):
+        time, good = signals(motor, interval=time_constant(motor) / 20, seed=seed, reverse=reverse)
+        assert found(time, good, guessed) == (), motor.name
+
+
+def test_the_emulated_bench_is_plausible():
+    v = np.where(np.arange(600) < 100, 0.0, 10.5)
+    i, w = held_response(CML050, v, step=1e-3).T
+    assert found(1e-3 * np.arange(600), {"v": v, "i": i, "w": w}) == ()
+
+
+@pytest.mark.parametrize("motor", BENCH, ids=lambda m: m.name)
+def test_current_and_speed_exchanged_are_named_and_nothing_else(motor):
+    time, good = signals(motor, interval=time_constant(motor) / 20)
+    (finding,) = found(
+        time, {**good, "i": good["w"], "w": good["i"]}, columns={"i": "current [A]", "w": "speed [rad/s]"}
+    )
+    assert finding.kind == "exchanged" and finding.is_fatal
+    assert "--column 'i=speed [rad/s]' --unit i=A --column 'w=current [A]' --unit w=rad/s" in finding.sentence
+
+
+@pytest.mark.parametrize(("turned", "option"), [("i", "--scale i=-1"), ("w", "--scale w=-1"), ("iw", "--scale v=-1")])
+@pytest.mark.parametrize("reverse", [False, True])
+def test_a_sign_is_named_with_the_option_that_turns_it(turned, option, reverse):
+    time, good = signals(CML050, interval=1e-3, reverse=reverse)
+    (finding,) = found(time, {n: -y if n in turned else y for n, y in good.items()})
+    assert option in finding.sentence and finding.is_fatal
+
+
+@pytest.mark.parametrize(
+    ("signal", "factor", "option"),
+    [
+        ("i", 1e3, "--unit i=mA"),
+        ("i", 1e-4, "--unit i=A"),
+        ("w", 30 / np.pi, "--unit w=rpm"),
+        ("w", 180 / np.pi, "--unit w=deg/s"),
+        ("v", 1 / 12, "--scale v=VOLTS"),
+        ("v", 255 / 12, "--scale v=VOLTS/255"),
+        ("time", 1e3, "--unit time=ms"),
+        ("time", 1e6, "--unit time=us"),
+    ],
+)
+def test_a_unit_that_nobody_said_is_doubted_where_no_motor_is_like_that(signal, factor, option):
+    time, good = signals(CML050, interval=1e-3)
+    good["time"] = time
+    good[signal] = factor * good[signal]
+    findings = found(good.pop("time"), good, NOBODY)
+    assert [f.kind for f in findings] == [f"unit {signal}"] and option in findings[0].sentence
+    assert not findings[0].is_fatal
+
+
+def test_what_the_user_said_again_is_doubted_no_more():
+    time, good = signals(CML050, interval=1e-3)
+    wrong = {**good, "w": 57.3 * good["w"]}
+    assert [f.kind for f in found(time, wrong)] == ["unit w"]
+    assert found(time, wrong, sure=frozenset({"w"})) == ()
+
+
+@pytest.mark.parametrize(("factor", "unit"), [(30 / np.pi, "rpm"), (180 / np.pi, "deg/s"), (1 / 2 / np.pi, "rev/s")])
+def test_the_angle_beside_it_tells_the_unit_of_the_speed(factor, unit):
+    time, good = signals(CML050, interval=1e-3)
+    angle = np.concatenate([[0.0], np.cumsum((good["w"][1:] + good["w"][:-1]) / 2 * np.diff(time))])
+    (finding,) = found(time, {**good, "w": factor * good["w"], "angle": angle})
+    assert f"held against the angle, the speed is {unit}, not rad/s; say so with --unit w={unit}" in finding.sentence
+    assert found(time, {**good, "angle": angle}) == ()
+
+
+def test_an_encoders_steps_tell_the_unit_of_a_speed_without_one():
+    time, good = signals(CML050, interval=1e-3)
+    lines = 60 / (1e-3 * 192)  # rpm of one count of 192 a turn
+    rpm = np.round(good["w"] * 30 / np.pi / lines) * lines
+    (finding,) = found(time, {**good, "w": rpm}, frozenset({"w"}))
+    assert "192 counts a turn in rpm" in finding.sentence
+    counts = np.round(good["w"] * 1e-3 * 192 / (2 * np.pi)) * (2 * np.pi / 192 / 1e-3)
+    assert found(time, {**good, "w": counts}, frozenset({"w"})) == ()
