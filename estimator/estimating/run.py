@@ -15,7 +15,7 @@ from estimator.estimating.cuckoo import CuckooSearch
 from estimator.estimating.effort import usual_simulations
 from estimator.estimating.progress import Progress
 from estimator.estimating.search import SearchRecord, run_search
-from estimator.fitting.fit import Fit
+from estimator.fitting.explained import Explained
 from estimator.fitting.polish import Polish
 from estimator.fitting.problem import SIGMA_FLOOR, Problem
 from estimator.fitting.winding import cold_resistances
@@ -39,10 +39,11 @@ from estimator.judging.structure import Structure, structure
 from estimator.judging.trial import announcement, unmoved
 from estimator.judging.verdict import Judgement, judge
 from estimator.plans.noise_level import output_deviations
+from estimator.plans.parameters import Box
 from estimator.plans.plan import Plan
 from estimator.plans.space import Space, steady_state
 from estimator.results.linear import MOTOR
-from estimator.results.result import Estimate, ParameterEstimate, SearchHistory
+from estimator.results.result import CostProfile, Estimate, ParameterEstimate, SearchHistory
 
 FloatArray = NDArray[np.float64]
 
@@ -85,6 +86,7 @@ class Run:
         self.best_cost = np.inf
         self.record = SearchRecord()
         self.noise: dict[str, tuple[float, float]] = {}
+        self.explained: Explained | None = None
 
     def begin(self) -> Estimate | None:
         """Load the FMU and see what the data and the FMU allow; return the refusal where that is nothing."""
@@ -175,7 +177,12 @@ class Run:
         self.progress(Progress(self.phase, self.crew.simulations, self.expected, cost, self.best_values))
 
     def finish(
-        self, values: FloatArray, polish: Polish | None, *, noise: FloatArray | None = None, fit: Fit | None = None
+        self,
+        values: FloatArray,
+        polish: Polish | None,
+        *,
+        noise: FloatArray | None = None,
+        explained: Explained | None = None,
     ) -> Estimate:
         """Check the step, judge, and return the estimate.
 
@@ -186,14 +193,17 @@ class Run:
             None for a method that ends with its search.
         noise : (q,) array, optional
             Deviation of each output's noise as the data show it.
-        fit : Fit, optional
-            What was found of the measurement chain.
+        explained : Explained, optional
+            What was found of the bench; then `values` and `polish` are its own.
         """
-        problem = self.problem
+        problem, self.explained = self.problem, explained
         self.enter("step check")
-        step = step_check(problem, values, polish, fit)
+        step = step_check(problem, values, polish, explained)
         self.enter("result")
-        batch = problem.trajectories(values[None, :])
+        if explained is None:
+            shown = problem.shown(problem.trajectories(values[None, :]))
+        else:
+            self.plan, shown = explained.plan, explained.shown()
         judgement = judge(
             self.plan,
             dict(zip(self.plan.names, values.tolist(), strict=True)),
@@ -202,7 +212,7 @@ class Run:
             noise=noise,
             spread=problem.spread,
             step=step,
-            fit=fit,
+            explained=explained,
             structure=self.structure,
         )
         if judgement.verdict == "refused":
@@ -210,21 +220,33 @@ class Run:
         profiles = {}
         if self.profile and polish is not None:
             self.enter("profile")
-            treat = fit.treatment.apply if fit is not None else np.asarray
-            profiles = cost_profiles(
-                lambda candidates: treat(problem.residuals(candidates)),
-                problem.box,
-                polish,
-                names=self.plan.names,
-                output=problem.output_of_residual,
-            )
+            profiles = self._profiles(polish, explained)
         derived = {}
         if polish is not None:
             found = {**self.plan.fixed, **dict(zip(self.plan.names, values.tolist(), strict=True))}
-            derived = derived_quantities(found, self.plan.names, problem.box.log, polish)
+            log = np.array([p.log for p in self.plan.parameters], dtype=bool)
+            derived = derived_quantities(found, self.plan.names, log, polish)
             derived |= cold_resistances(self.plan, values, polish)
-        result = self._result(values, polish, judgement, shown=problem.shown(batch))
+        deviations = None
+        if polish is not None:
+            deviations = problem.noise_shown(polish.deviations) if explained is None else explained.noise
+        result = self._result(values, polish, judgement, shown=shown, noise=deviations)
         return dataclasses.replace(result, profiles=profiles, derived=derived)
+
+    def _profiles(self, polish: Polish, explained: Explained | None) -> dict[str, CostProfile]:
+        """Return the cost profiles of the motor's parameters."""
+        problem = self.problem
+        if explained is None:
+            return cost_profiles(
+                problem.residuals, problem.box, polish, names=self.plan.names, output=problem.output_of_residual
+            )
+        return cost_profiles(
+            explained.residuals,
+            Box.of(self.plan.parameters),
+            polish,
+            names=problem.plan.names,
+            output=np.zeros(len(polish.residuals), dtype=np.int64),
+        )
 
     def _result(
         self,
@@ -233,6 +255,7 @@ class Run:
         judgement: Judgement,
         *,
         shown: list[FloatArray] | None = None,
+        noise: FloatArray | None = None,
     ) -> Estimate:
         self._count()
         plan = self.plan
@@ -259,7 +282,7 @@ class Run:
             reasons=judgement.reasons,
             parameters={n: p for n, p in parameters.items() if n not in chain},
             chain={n: p for n, p in parameters.items() if n in chain},
-            sensors=sensors(plan),
+            sensors=sensors(plan, self.explained),
             recordings=recordings(plan),
             method=self.method,
             seed=plan.case.search.seed,
@@ -283,9 +306,7 @@ class Run:
             versions=versions(),
             rmse=rmse,
             fit_percent=fit,
-            noise={}
-            if polish is None
-            else dict(zip(plan.outputs, self.problem.noise_shown(polish.deviations).tolist(), strict=True)),
+            noise={} if noise is None else dict(zip(plan.outputs, noise.tolist(), strict=True)),
             correlation=correlated,
             correlated=plan.names if correlated is not None else (),
             information={} if polish is None else information(polish, plan.names),

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from estimator.cases.case import Case, RunSpec
 from estimator.errors import SimulationError
-from estimator.fitting.freeing import free_delay, named, with_offset
+from estimator.fitting.simulator import per_recording
 from estimator.fitting.polish import LeastSquares
 from estimator.fitting.problem import Problem
 from estimator.fmus.fmu import describe, with_kind

@@ -1,0 +1,162 @@
+"""What drives, supplies, brushes and bearings do beyond the linear motor: through the bundled FMU dc_motor_drive."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimator.fitting.effects.base import Effect
+from estimator.fitting.simulator import Nuisance
+from estimator.plans.plan import Plan
+
+DRIVE = "dc_motor_friction"
+
+
+def _largest(plan: Plan, name: str) -> float:
+    """Return the largest size of an output or input in the recordings; 0 where there is none."""
+    signals = [{**o.inputs, **o.outputs}.get(name) for o in plan.observed]
+    return max((float(np.nanmax(np.abs(x))) for x in signals if x is not None), default=0.0)
+
+
+def _torque(plan: Plan) -> float:
+    """Return a torque, N.m, that is large for the motor: its constant at first sight times its usual current."""
+    i = [o.outputs["i"] for o in plan.observed if "i" in o.outputs]
+    if i:
+        usual = float(np.nanmedian(np.abs(np.concatenate(i))))
+    else:  # a tenth of the current at standstill
+        usual = 0.1 * _largest(plan, "v") / plan.guess.get("R", np.inf)
+    return plan.guess.get("K", 0.0) * usual
+
+
+@dataclass(frozen=True)
+class Drive(Effect):
+    """One parameter of dc_motor_drive, neutral in the linear motor."""
+
+    fmu: str = DRIVE
+    target: str = ""
+    unit: str = ""
+    sentence: str = "{name} is {value:.3g} {unit}"
+
+    def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
+        """Return the parameter, with sizes from the recordings."""
+        sizes = self.sizes(plan)
+        if not sizes or sizes[0] <= 0:
+            return ()
+        return [
+            Nuisance(
+                self.target, self.unit, 0.0, 20 * max(sizes), 0.0, 0.1 * sizes[0], target=self.target, tries=sizes
+            )
+        ]
+
+    def sizes(self, plan: Plan) -> tuple[float, ...]:
+        """Return sizes to try."""
+        return ()
+
+    def tell(self, name: str, value: float, plan: Plan) -> str:
+        """Say how large."""
+        return self.sentence.format(name=name, value=value, unit=self.unit)
+
+
+@dataclass(frozen=True)
+class DryFriction(Drive):
+    """Coulomb friction."""
+
+    name: str = "dry friction"
+    target: str = "friction"
+    unit: str = "N.m"
+    sentence: str = "the motor has a dry friction of {value:.3g} {unit} beside the viscous one"
+
+    def sizes(self, plan: Plan) -> tuple[float, ...]:
+        """Return parts of the torque of the usual current."""
+        return (0.3 * _torque(plan), 0.8 * _torque(plan))
+
+
+@dataclass(frozen=True)
+class BreakAway(Drive):
+    """Friction that is larger at standstill."""
+
+    name: str = "break-away"
+    prior: float = 0.05
+    target: str = "stiction"
+    unit: str = "N.m"
+    sentence: str = "the motor breaks away at a torque that is {value:.3g} {unit} above its dry friction"
+
+    def sizes(self, plan: Plan) -> tuple[float, ...]:
+        """Return parts of the torque of the usual current."""
+        return (0.5 * _torque(plan), 2.0 * _torque(plan))
+
+
+@dataclass(frozen=True)
+class BrushDrop(Drive):
+    """Voltage that drops over the brushes."""
+
+    name: str = "brush drop"
+    target: str = "brush"
+    unit: str = "V"
+    sentence: str = "the brushes drop {value:.3g} {unit}"
+
+    def sizes(self, plan: Plan) -> tuple[float, ...]:
+        """Return what carbon brushes drop, at most a part of the supply."""
+        return (min(0.5, 0.05 * _largest(plan, "v")),)
+
+
+@dataclass(frozen=True)
+class CurrentLimit(Drive):
+    """A drive that holds the current down."""
+
+    name: str = "current limit"
+    target: str = "current_limit"
+    unit: str = "A"
+    sentence: str = "the drive limits the current to {value:.4g} {unit}"
+
+    def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
+        """Return the limit, at or a little below the largest current."""
+        peak = _largest(plan, "i")
+        if peak <= 0:
+            return ()
+        tries = tuple(part * peak for part in (0.98, 0.9, 0.8))
+        return [Nuisance(self.target, self.unit, 0.2 * peak, 1e9, 1e9, 0.02 * peak, target=self.target, tries=tries,
+                         absolute=True)]  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Coasting(Drive):
+    """A drive that opens the circuit where its command is zero."""
+
+    name: str = "coasting"
+    target: str = "coasts"
+    sentence: str = "the circuit is open where the voltage is zero: the motor coasts"
+
+    def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
+        """Return the switch, where the voltage returns to zero."""
+        back = any(np.any((o.inputs["v"][1:] == 0) & (o.inputs["v"][:-1] != 0)) for o in plan.observed if "v" in o.inputs)
+        switch = Nuisance(self.target, "", 0.0, 1.0, 0.0, 1.0, target=self.target, tries=(1.0,), whole=True)
+        return [switch] if back else []
+
+
+@dataclass(frozen=True)
+class Sag(Drive):
+    """A supply that gives way to the current, at the speed of its capacitor."""
+
+    name: str = "sag"
+    target: str = "supply_resistance"
+    unit: str = "Ohm"
+    prior: float = 0.1
+    sentence: str = "the supply sags: its resistance is {value:.3g} {unit}"
+    time_target: str = "supply_time"
+
+    def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
+        """Return resistance and time constant of the supply."""
+        v, i = _largest(plan, "v"), _largest(plan, "i")
+        if i <= 0:
+            return ()
+        size = 0.1 * v / i
+        duration = max(float(o.recording.time[-1] - o.recording.time[0]) for o in plan.observed)
+        with_time = tuple({self.time_target: tau} for tau in (0.003, 0.02, 0.1) if tau < 0.3 * duration)
+        return [
+            Nuisance(self.target, self.unit, 0.0, 10 * size, 0.0, 0.1 * size, target=self.target,
+                     tries=(size,) * len(with_time), together=with_time),
+            Nuisance(self.time_target, "s", 1e-4, 10.0, 0.01, 0.01, log=True, target=self.time_target),
+        ]  # fmt: skip
