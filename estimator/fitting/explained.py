@@ -14,6 +14,7 @@ from estimator.fitting.averaging import averaged
 from estimator.fitting.effects import EFFECTS
 from estimator.fitting.effects.base import Effect
 from estimator.fitting.fit import Fit
+from estimator.fitting.latency import with_latencies
 from estimator.fitting.polish import Polish
 from estimator.fitting.selection import Addition, Explanation, Selection
 from estimator.fitting.simulator import Nuisance, Simulator, per_recording
@@ -129,6 +130,9 @@ def explain(
     enter : callable
         Told the phase that begins.
     """
+    late: tuple[str, ...] = ()
+    if any(e.name == "latency of each edge" for e in effects):
+        plan, late = with_latencies(plan)
     own = [n for e in effects if not e.fmu for n in e.nuisances(plan)]
     wanted = _wanted(plan)
     own = [n for n in own if n.name not in {w.name for w in wanted}]
@@ -148,7 +152,7 @@ def explain(
     enter("rivals")
     rivals = selection.alternatives(explanation)
     open_additions = selection.additions(explanation, selection.effects)
-    return _explained(plan, explanation, rivals, open_additions, selection.samples)
+    return _explained(plan, explanation, rivals, open_additions, selection.samples, late)
 
 
 class _Rivals:
@@ -222,6 +226,7 @@ def _explained(
     rivals: Sequence[Explanation],
     open_additions: Sequence[Addition],
     samples: int,
+    late: Sequence[str],
 ) -> Explained:
     fit = explanation.fit
     p = len(plan.names)
@@ -264,7 +269,7 @@ def _explained(
         plan=extended,
         polish=polish,
         noise=whitener.noise.deviation(np.ones_like(whitener.level[:1]))[0],
-        found=tuple(_found(explanation, plan)),
+        found=(*(Found("latency of each edge", "", t, "") for t in late), *_found(explanation, plan)),
         rivals=tuple(_rival(r, errors_apart, name, explanation) for r, errors_apart, name in mean.rivals),
         unseen=tuple(dict.fromkeys(a.effect.name for a in mean.unseen)),
         adequacy=checked,

@@ -40,11 +40,14 @@ class Linear:
     ----------
     columns : (rows, q, k) array
     units : of the coefficients
+    most : float
+        A coefficient that is larger is absurd.
     """
 
     name: str
     columns: FloatArray
     units: tuple[str, ...]
+    most: float = np.inf
 
 
 @dataclass(frozen=True)
@@ -195,7 +198,7 @@ def solved(fit: Fit, *, iterations: int = ITERATIONS, tolerance: float = 1e-3) -
     cost = _cost(fit, shown, linear)
     raw = None
     for _ in range(iterations if len(where) and np.isfinite(cost) else 0):
-        raw = _differences(fit, where, x, shown, low, high)
+        raw = _differences(fit, where, x, shown, low, high, central=tolerance < 1e-6)
         r = _triangle(fit, linear, raw, shown)
         m, f = linear.shape[1], len(where)
         a, g = r[m : m + f, m : m + f], r[m : m + f, m + f]
@@ -221,8 +224,8 @@ def solved(fit: Fit, *, iterations: int = ITERATIONS, tolerance: float = 1e-3) -
         raw = None
         if gained < tolerance:
             break
-    if raw is None:
-        raw = _differences(fit, where, x, shown, low, high)
+    if raw is None or tolerance >= 1e-6:
+        raw = _differences(fit, where, x, shown, low, high, central=tolerance < 1e-2)
     return _evaluated(fit, _placed(fit, where, x), shown, raw, columns)
 
 
@@ -306,26 +309,28 @@ def _reach(s: Simulator, where: NDArray[np.int_]) -> FloatArray:
 
 
 def _differences(
-    fit: Fit, where: NDArray[np.int_], x: FloatArray, shown: FloatArray, low: FloatArray, high: FloatArray
+    fit: Fit, where: NDArray[np.int_], x: FloatArray, shown: FloatArray, low: FloatArray, high: FloatArray, *, central: bool
 ) -> FloatArray:
-    """Return derivatives of what is shown by what is free, (rows, q, f), by central differences."""
+    """Return derivatives of what is shown by what is free, (rows, q, f), by one-sided or central differences."""
     s = fit.simulator
-    if not len(where):
+    f = len(where)
+    if not f:
         return np.zeros((*shown.shape, 0))
     h = np.where(s.log[where], STEP, 10 * STEP * s.size[where])
-    ahead, behind = np.minimum(x + h, np.maximum(high, x)), np.maximum(x - h, np.minimum(low, x))
-    points = np.repeat(_placed(fit, where, x)[None, :], 2 * len(where), axis=0)
+    ahead = np.where(x + h <= high, x + h, x - h)
+    behind = np.where((x - h >= low) & (ahead > x), x - h, x) if central else x
+    points = np.repeat(_placed(fit, where, x)[None, :], 2 * f if central else f, axis=0)
     for k, j in enumerate(where):
         points[k, j] = s.unscaled(_spread(s, j, ahead[k]))[j]
-        points[len(where) + k, j] = s.unscaled(_spread(s, j, behind[k]))[j]
+        if central:
+            points[f + k, j] = s.unscaled(_spread(s, j, behind[k]))[j]
     all_shown = s.shown(points)
     columns = []
-    for k in range(len(where)):
-        front, back = all_shown[k], all_shown[len(where) + k]
-        a = front if np.isfinite(front).all() else shown
-        b = back if np.isfinite(back).all() else shown
-        width = (ahead[k] if a is front else x[k]) - (behind[k] if b is back else x[k])
-        columns.append((a - b) / width if width > 0 else np.zeros_like(shown))
+    for k in range(f):
+        there, back, width = all_shown[k], all_shown[f + k] if central else shown, ahead[k] - behind[k]
+        if not np.isfinite(back).all():
+            back, width = shown, ahead[k] - x[k]
+        columns.append((there - back) / width if np.isfinite(there).all() else np.zeros_like(shown))
     return np.stack(columns, axis=2)
 
 

@@ -18,6 +18,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,13 +28,13 @@ from estimator.fitting.kalman import whiten
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
-ROWS = 6000  # of settled rows that tell the noise, at most
+ROWS = 4000  # of settled rows that tell the noise, at most
 ENOUGH = 100  # settled samples of a channel; with fewer all rows speak
 BLOCKS = (2, 8, 32, 128, 512)  # samples whose means tell slow colour
 COLOURED = 5.0  # standard deviations of a block's mean square: by white noise less than once in 1e5
 PAYS = 10.0  # of -2 log L, by which a component must improve it: two numbers, and a guard
 ORDERS = (1, 2, 3, 4, 6, 8, 12, 16, 24)  # of the short autoregression
-STRETCH, MOST_LEVELS = 20, 40  # rows of a stretch that has a level of its own; levels, at most
+STRETCH, MOST_LEVELS = 20, 12  # rows of a stretch that has a level of its own; levels, at most
 LONGEST = 0.25  # of the longest stretch: a slow part that lasts longer is none
 RESTS, STARTS, RUNS = range(3)
 LEAST = 1e-9  # of the residuals' variance: the least white part
@@ -106,7 +107,7 @@ class NoiseModel:
         ----------
         running : (q,) array
             g while the machine runs.
-        phase : STRETCH, MOST_LEVELS = 20, 40  # rows of a stretch that has a level of its own; levels, at most
+        phase : STRETCH, MOST_LEVELS = 20, 12  # rows of a stretch that has a level of its own; levels, at most
 LONGEST = 0.25  # of the longest stretch: a slow part that lasts longer is none
 RESTS, STARTS or RUNS
             A machine at rest feels no torque that wanders.
@@ -140,14 +141,10 @@ RESTS, STARTS or RUNS
         self, dt: float, running: FloatArray, phase: int
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Return the machine and the torque that is held over a step."""
-        from scipy.linalg import expm
-
         assert self.machine is not None
         a, b = self.machine
         f = np.exp(-dt / self.torque[1])
-        whole = np.zeros((3, 3))
-        whole[:2, :2], whole[:2, 2] = a, b
-        transition = expm(whole * dt)
+        transition = held(a.tobytes(), b.tobytes(), dt).copy()
         transition[2, 2] = f
         v = self.torque[0] ** 2
         process = np.diag([0.0, 0.0, {RESTS: 0.0, STARTS: v, RUNS: v * (1 - f * f)}[phase]])
@@ -231,6 +228,16 @@ class Whitener:
         return dataclasses.replace(self, noise=noise)
 
 
+@lru_cache(maxsize=256)
+def held(a: bytes, b: bytes, dt: float) -> FloatArray:
+    """Return exp([[A, b], [0, 0]] dt), (3, 3): state and held input of a machine over a step."""
+    from scipy.linalg import expm
+
+    whole = np.zeros((3, 3))
+    whole[:2, :2], whole[:2, 2] = np.frombuffer(a).reshape(2, 2), np.frombuffer(b)
+    return np.asarray(expm(whole * dt))
+
+
 def _steps(clock: Clock) -> tuple[FloatArray, NDArray[np.int64] | None]:
     """Return the different steps of a clock, s, and which leads to each row; None: all are alike."""
     dt = np.diff(clock.time)
@@ -254,7 +261,13 @@ def _short(columns: FloatArray, present: BoolArray, short: Sequence[tuple[FloatA
 
 
 def fit_noise(
-    whitener: Whitener, residuals: FloatArray, columns: FloatArray, settled: BoolArray, *, slow: bool = True
+    whitener: Whitener,
+    residuals: FloatArray,
+    columns: FloatArray,
+    settled: BoolArray,
+    *,
+    slow: bool = True,
+    again: bool = False,
 ) -> NoiseModel:
     """Return the noise model of the largest restricted likelihood.
 
@@ -269,6 +282,8 @@ def fit_noise(
         Rows that tell the noise.
     slow : bool
         Ask for slow parts, and for a torque that wanders.
+    again : bool
+        Keep the parts that the whitener's noise has, and find their numbers again.
     """
     present = whitener.present & settled[:, None]
     for j in range(present.shape[1]):
@@ -296,7 +311,8 @@ def fit_noise(
     levels = _levels(part)
     stacked = np.concatenate([residuals[rows, :, None], columns[rows], levels], axis=2)
     stacked = np.where(part.present[:, :, None], stacked, 0.0)
-    return _Search(part, stacked, slow=slow).best()
+    search = _Search(part, stacked, slow=slow)
+    return search.again() if again else search.best()
 
 
 def _levels(whitener: Whitener) -> FloatArray:
@@ -341,6 +357,15 @@ class _Search:
             along = (vectors.T @ ((j.T @ r) / scale))[seen]
             value += float(-np.sum(along**2 / eigen[seen]) + np.sum(np.log(eigen[seen])) + 2 * np.sum(np.log(scale)))
         return value if np.isfinite(value) else np.inf
+
+    def again(self) -> NoiseModel:
+        """Find the numbers of the parts that are there again."""
+        noise = self.first
+        active = [("differenced" if noise.differenced[j] > 0 else "white", j) for j in range(self.q)]
+        active += [("growth", j) for j in range(self.q) if noise.growth[j] > 0]
+        active += [("slow", j) for j in range(self.q) if noise.slow[j, 0] > 0]
+        active += [("torque", 0)] if noise.torque[0] > 0 else []
+        return self._with_short(self._optimised(noise, active, iterations=6)[0])
 
     def best(self) -> NoiseModel:
         """Add components as long as they pay, then the short autoregression."""
@@ -404,7 +429,9 @@ class _Search:
                 options.append((dataclasses.replace(noise, torque=torque), ("torque", 0)))
         return options
 
-    def _optimised(self, noise: NoiseModel, active: Sequence[tuple[str, int]]) -> tuple[NoiseModel, float]:
+    def _optimised(
+        self, noise: NoiseModel, active: Sequence[tuple[str, int]], *, iterations: int = 12
+    ) -> tuple[NoiseModel, float]:
         """Return the noise model with its active components' numbers at the largest likelihood, and its misfit."""
         from scipy.optimize import minimize
 
@@ -419,7 +446,7 @@ class _Search:
             return self.misfit(_set(noise, active, x))
 
         found = minimize(
-            value, x0, method="L-BFGS-B", bounds=list(zip(low, high, strict=True)), options={"maxiter": 15, "eps": 1e-3}
+            value, x0, method="L-BFGS-B", bounds=list(zip(low, high, strict=True)), options={"maxiter": iterations, "eps": 1e-3, "ftol": 1e-6}
         )
         return _set(noise, active, found.x), float(found.fun)
 

@@ -29,9 +29,11 @@ from estimator.fitting.windows import find_windows
 
 FloatArray = NDArray[np.float64]
 
-ROUNDS = 14
+MOST = 12  # additions
+ROUNDS = 10
 REFITTED = 3  # additions refitted in a round
-PROMISING = 0.35  # of the best addition's promise: less is not refitted
+PROMISING = 0.6  # of the best addition's promise: less is not refitted
+NEARBY = {"R": 5.0, "K": 4.0, "J": 6.0, "L": 50.0}  # factors: while effects are missing, a fit may go anywhere
 ROUGH = 8  # iterations of a fit that is only compared
 NEAR = 10.0  # of the criterion: explanations no worse than this are rivals
 IDLE = 0.5  # of the penalty: an addition whose square over its variance is below may be idle
@@ -106,6 +108,17 @@ class Selection:
     effects: tuple[Effect, ...]
     enter: Callable[[str], None] = lambda phase: None
 
+    def _held_near(self, starts: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray]:
+        """Keep a motor's parameters near what the data show at first sight; return the bounds that they had."""
+        s = self.base
+        before = s.lower.copy(), s.upper.copy()
+        for k, name in enumerate(s.plan.names):
+            near = s.plan.guess.get(name, 0.0)
+            if name in NEARBY and near > 0 and s.log[k]:
+                s.lower[k] = max(s.lower[k], near / NEARBY[name])
+                s.upper[k] = min(s.upper[k], near * NEARBY[name])
+        return before
+
     def explain(self, starts: Sequence[FloatArray], known: Mapping[str, float]) -> Explanation:
         """Return the best explanation.
 
@@ -117,6 +130,7 @@ class Selection:
         """
         plain = NoiseModel.plain(self.deviations, machine_of_plan(self.base))
         free = (*self.base.plan.names, *self.always)
+        bounds = self._held_near(starts)
         fits = []
         for start in starts:
             values = self.base.values({**dict(zip(self.base.plan.names, start.tolist(), strict=True)), **known})
@@ -125,8 +139,15 @@ class Selection:
         best = self.with_noise(best, slow=False)
         best = self._grown(best, [e for e in self.effects if e.name == "ripple"], rounds=4, slow=False)
         best = self.with_noise(best)
-        best = self._grown(best, self.effects, rounds=ROUNDS)
-        best = self._without_idle(best)
+        for _ in range(2):  # what is found changes the noise, and the noise what is found
+            before = best.names()
+            best = self._without_idle(self._grown(best, self.effects, rounds=ROUNDS))
+            if best.names() == before:
+                break
+            best = self.with_noise(best)
+        for simulator in {id(s): s for s in (self.base, best.fit.simulator)}.values():
+            p = len(self.base.plan.names)
+            simulator.lower[:p], simulator.upper[:p] = bounds[0][:p], bounds[1][:p]
         final = solved(best.fit, tolerance=1e-8)
         return dataclasses.replace(best, fit=final)
 
@@ -135,14 +156,16 @@ class Selection:
         """How many samples are compared."""
         return int(np.sum(~np.isnan(self.base.measured)))
 
-    def with_noise(self, explanation: Explanation, *, slow: bool = True) -> Explanation:
-        """Return the explanation with its noise found again and fitted by it."""
+    def with_noise(self, explanation: Explanation, *, slow: bool = True, again: bool = False) -> Explanation:
+        """Return the explanation with its noise found, or its numbers found again, and fitted by it."""
         fit = with_level(explanation.fit)
         machine, seat = machine_of(fit)
-        noise = dataclasses.replace(fit.whitener.noise, machine=machine, seat=seat, differenced=self.differenced)
+        noise = dataclasses.replace(fit.whitener.noise, machine=machine, seat=seat)
+        if not again:
+            noise = dataclasses.replace(noise, differenced=self.differenced)
         whitener = fit.whitener.of(noise)
         misfit = np.where(whitener.present, fit.residuals(), 0.0)
-        found = fit_noise(whitener, misfit, fit.raw, find_windows(fit).settled, slow=slow)
+        found = fit_noise(whitener, misfit, fit.raw, find_windows(fit).settled, slow=slow, again=again)
         fit = held_down(refreshed(fit, whitener.of(found)))
         return dataclasses.replace(explanation, fit=solved(fit))
 
@@ -151,11 +174,15 @@ class Selection:
     ) -> Explanation:
         """Return the explanation with what is worth its numbers, one after the other."""
         rejected: set[str] = set()
-        for _ in range(rounds):
+        for _ in range(2 * rounds):
             found = self._best_addition(explanation, effects, rejected)
-            if found is None:
+            if found is None or len(explanation.additions) >= MOST:
                 break
-            explanation = self.with_noise(found, slow=slow)
+            judged = self.with_noise(found, slow=slow, again=True)
+            if not all(_is_physical(judged.fit, a) for a in judged.additions):
+                rejected.add(found.additions[-1].name)
+                continue
+            explanation = judged
             rejected.clear()
         return explanation
 
@@ -174,6 +201,7 @@ class Selection:
             worth = [a for a in promise[:REFITTED] if a.gain - a.penalty(n) > PROMISING * most]
             refits = [(self.refitted(explanation, a), a) for a in worth]
             falls = [explanation.fit.cost - f.cost - a.penalty(n) for f, a in refits]
+            falls = [f if _is_physical(fit, a) else -np.inf for f, (fit, a) in zip(falls, refits, strict=True)]
             k = int(np.argmax(falls))
             if falls[k] > 0:
                 fit, addition = refits[k]
@@ -342,6 +370,21 @@ def moved_to(fit: Fit, simulator: Simulator) -> Fit:
 def machine_of_plan(simulator: Simulator) -> tuple[int, ...]:
     """Return no seat for any channel: the machine is found with the noise."""
     return tuple(-1 for _ in simulator.outputs)
+
+
+def _is_physical(fit: Fit, addition: Addition) -> bool:
+    """Whether an addition stays within what its effect may be."""
+    if addition.linear is not None:
+        own = [x for n, x in zip(fit.names, fit.estimates, strict=True) if n.partition("#")[0] == addition.name]
+        return all(abs(x) <= addition.linear.most for x in own)
+    s = fit.simulator
+    for name in addition.free:
+        k = s.index[name]
+        neutral, value = s.neutral[k - len(s.plan.names)], fit.values[k]
+        at_end = min(value - s.lower[k], s.upper[k] - value) <= 1e-6 * (s.upper[k] - s.lower[k])
+        if at_end and abs(value - neutral) > 1e-6 * (s.upper[k] - s.lower[k]):
+            return False
+    return True
 
 
 def _is_excluded(nuisance: Nuisance, taken: set[str]) -> bool:

@@ -21,6 +21,8 @@ from estimator.plans.parameters import Parameter, SensorPlace
 from estimator.plans.plan import Observed, Plan
 
 FloatArray = NDArray[np.float64]
+DISTINCT = 0.5  # of a signal's samples: a value that comes twice in a row is no chance
+
 Act = Callable[[FloatArray, float, float], FloatArray]  # (n,) signal, value, sampling interval in s -> (n,) signal
 
 
@@ -120,7 +122,7 @@ class Simulator:
             Clock(o.recording.time, slice(int(a), int(b)))
             for o, a, b in zip(self.plan.observed, edges[:-1], edges[1:], strict=True)
         )
-        self.measured = np.concatenate([np.column_stack([o.outputs[y] for y in self.outputs]) for o in self.observed])
+        self.measured = np.concatenate([_without_repeats(o, self.outputs) for o in self.observed])
         self.rows = len(self.measured)
 
     @property
@@ -167,3 +169,14 @@ def per_recording(plan: Plan, kind: str) -> Sequence[str]:
         return [kind]
     names = [o.recording.name for o in plan.observed]
     return [f"{kind} {n if names.count(n) == 1 else k + 1}" for k, n in enumerate(names)]
+
+
+def _without_repeats(o: Observed, outputs: Sequence[str]) -> FloatArray:
+    """Return the outputs, (n, q), NaN where a logger shows a row again: all of them as they were, noise and all."""
+    rows = np.column_stack([o.outputs[y] for y in outputs])
+    again = np.zeros(len(rows), dtype=bool)
+    noisy = [j for j in range(rows.shape[1]) if len(np.unique(rows[:, j])) > DISTINCT * len(rows)]
+    if noisy:
+        again[1:] = (rows[1:, noisy] == rows[:-1, noisy]).all(axis=1)
+    rows[again] = np.nan
+    return rows

@@ -11,6 +11,8 @@ from estimator.fitting.effects.base import SELDOM, Effect
 from estimator.fitting.fit import Fit, Linear
 from estimator.plans.plan import Plan
 
+MOST = 0.3  # part by which a scale may be wrong
+
 
 @dataclass(frozen=True)
 class Gain(Effect):
@@ -28,7 +30,7 @@ class Gain(Effect):
                 continue
             columns = np.zeros((fit.simulator.rows, len(fit.simulator.outputs), 1))
             columns[:, j, 0] = fit.shown[:, j]
-            found.append(Linear(f"gain {y}", columns, ("",)))
+            found.append(Linear(f"gain {y}", columns, ("",), most=MOST))
         return found
 
     def tell(self, name: str, value: float, plan: Plan) -> str:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from estimator.fitting.effects.base import USUAL, Effect
 from estimator.fitting.fit import Fit, Linear
+from estimator.fitting.windows import find_windows
 from estimator.plans.plan import Plan
 from estimator.recordings.excitation import quantum
 
@@ -50,7 +51,8 @@ class Ripple(Effect):
         if theta is None or np.ptp(theta) < 2 * np.pi * TURNS:
             return ()
         found = []
-        z = fit.z.reshape(fit.shown.shape)
+        settled = find_windows(fit).settled & fit.whitener.moving
+        z = np.where(settled[:, None], fit.z.reshape(fit.shown.shape), 0.0)  # a transient that is not explained is none
         for j, y in enumerate(fit.simulator.outputs):
             taken = {int(g.name.rpartition(" ")[2]) for g in fit.linear if g.name.startswith(f"ripple {y} ")}
             if y == "angle" or len(taken) >= LINES:
