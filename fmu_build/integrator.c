@@ -136,6 +136,7 @@ static inline bool exponential(const Matrix *a, double scale, int levels, Expone
 typedef struct {
     double step; /* s: the communication step that the rest is for; NaN: none */
     double part; /* s: what one propagation covers of it: all, but where the model has modes */
+    bool lasting; /* all modes last for these inputs, and one propagation covers the step */
     Matrix growth;
     double change[N_STATES]; /* gain b, for the inputs as they are */
     Matrix gain;
@@ -146,6 +147,7 @@ static inline void propagator_hold_inputs(Propagator *p, const Values *values)
 {
     Values at_zero = *values;
     Rates rates;
+    p->lasting = false;
     for (int i = 0; i < N_STATES; i++) at_zero.flat[model_state_places[i]] = 0;
     derivatives(&at_zero.named, &rates.named);
     matrix_apply(&p->gain, rates.flat, p->change);

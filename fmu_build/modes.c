@@ -38,16 +38,16 @@ static inline void model_enter(Values *values)
 #endif
 }
 
-/* Change modes until no margin is below 0; false if there is no end to it. *changed is set where one has changed. */
-static bool modes_settle(Values *values, bool *changed)
+/* Change modes until no margin is below 0; false if there is no end to it. *changed is set where one has changed;
+   margins are those at the end. */
+static bool modes_settle(Values *values, Margins *margins, bool *changed)
 {
     for (int round = 0; round < MAX_ROUNDS; round++) {
-        Margins margins;
         bool settled = true;
-        model_switches(values, &margins);
+        model_switches(values, margins);
         for (int k = 0; k < N_MODES; k++)
-            if (margins.flat[k].margin < 0) {
-                values->flat[model_mode_places[k]] = margins.flat[k].next;
+            if (margins->flat[k].margin < 0) {
+                values->flat[model_mode_places[k]] = margins->flat[k].next;
                 settled = false;
             }
         if (settled) return true;
@@ -64,17 +64,28 @@ static double margin_of(int mode, const Values *values)
     return margins.flat[mode].margin;
 }
 
-/* How fast a margin changes, per s; reach in s. */
+/* How fast the margins change, per s; reach in s. */
+static void margin_slopes(const Values *values, double reach, double *slopes)
+{
+    Values probe = *values;
+    Rates rates;
+    Margins above, below;
+    derivatives(&values->named, &rates.named);
+    for (int i = 0; i < N_STATES; i++) probe.flat[model_state_places[i]] += reach * rates.flat[i];
+    model_switches(&probe, &above);
+    for (int i = 0; i < N_STATES; i++) {
+        const int place = model_state_places[i];
+        probe.flat[place] = values->flat[place] - reach * rates.flat[i];
+    }
+    model_switches(&probe, &below);
+    for (int k = 0; k < N_MODES; k++) slopes[k] = (above.flat[k].margin - below.flat[k].margin) / (2 * reach);
+}
+
 static double margin_slope(int mode, const Values *values, double reach)
 {
-    Values above = *values, below = *values;
-    Rates rates;
-    derivatives(&values->named, &rates.named);
-    for (int i = 0; i < N_STATES; i++) {
-        above.flat[model_state_places[i]] += reach * rates.flat[i];
-        below.flat[model_state_places[i]] -= reach * rates.flat[i];
-    }
-    return (margin_of(mode, &above) - margin_of(mode, &below)) / (2 * reach);
+    double slopes[N_MODES + 1];
+    margin_slopes(values, reach, slopes);
+    return slopes[mode];
 }
 
 /* A step of any length, the modes kept; false if it does not end in a finite state. */
@@ -91,11 +102,10 @@ static bool modes_keep(const Values *from, double step, Values *to)
 }
 
 /* An instant in (0, *end] at which a margin that is not below 0 at from and at *end is below 0: in *end. False: none. */
-static bool margin_dips(int mode, const Values *from, const Values *at_end, double *end)
+static bool margin_dips(int mode, const Values *from, double a_slope, const Values *at_end, double *end)
 {
-    const double reach = SLOPE_REACH * *end;
     double a = 0, b = *end;
-    double a_slope = margin_slope(mode, from, reach), b_slope = margin_slope(mode, at_end, reach);
+    double b_slope = margin_slope(mode, at_end, SLOPE_REACH * *end);
     double a_margin = margin_of(mode, from), b_margin = margin_of(mode, at_end);
     for (int n = 0; n < MAX_PROBES && a_slope < 0 && b_slope > 0; n++) {
         const double meet = (b_slope * (b - a) - (b_margin - a_margin)) / (b_slope - a_slope); /* after a */
@@ -120,14 +130,14 @@ static bool margin_dips(int mode, const Values *from, const Values *at_end, doub
 
 /* The first instant in (0, end] at which a margin is below 0, to the last bits: false position with halved weights
    (Dowell and Jarratt, BIT 11, 1971), halving where that gets nowhere. Infinite: there is none. */
-static double margin_ends(int mode, const Values *from, const Values *at_end, double end)
+static double margin_ends(int mode, const Values *from, double slope, const Values *at_end, double end)
 {
     double low = 0, high = end;
     double low_margin = margin_of(mode, from), high_margin = margin_of(mode, at_end);
     int side = 0;
     if (!(high_margin < 0)) {
         Values there;
-        if (!margin_dips(mode, from, at_end, &high) || !modes_keep(from, high, &there)) return INFINITY;
+        if (!margin_dips(mode, from, slope, at_end, &high) || !modes_keep(from, high, &there)) return INFINITY;
         high_margin = margin_of(mode, &there);
     }
     for (int n = 0; n < MAX_PROBES && high - low > 4 * DBL_EPSILON * high; n++) {
@@ -179,19 +189,48 @@ static bool modes_prepare(Propagator *propagator, const Values *values, double s
     return true;
 }
 
+/* The first instant in (0, h] at which a mode ends; *next, the state at h, becomes that of the instant. Infinite: none
+   ends; NaN: the state would become infinite or NaN. */
+static double modes_end(const Values *now, const Margins *margins, Values *next, double h)
+{
+    double slopes[N_MODES + 1];
+    double first = INFINITY;
+    bool sloped = false;
+    Margins ends;
+    model_switches(next, &ends);
+    for (int k = 0; k < N_MODES; k++) {
+        double end;
+        if (margins->flat[k].lasts != 0) continue;
+        if (!(ends.flat[k].margin < 0)) {
+            if (!sloped) margin_slopes(now, SLOPE_REACH * h, slopes);
+            sloped = true;
+            if (!(slopes[k] < 0)) continue; /* it does not dip */
+        }
+        end = margin_ends(k, now, slopes[k], next, h);
+        if (!(end < first)) continue;
+        h = first = end;
+        if (!modes_keep(now, h, next)) return NAN;
+        model_switches(next, &ends);
+        sloped = false;
+    }
+    return first;
+}
+
 /* One communication step through all changes of mode. False, and none made, where it does not end in a finite state or
    modes change without end. */
 static bool modes_integrate(Values *values, double step, Propagator *propagator)
 {
     Values now = *values;
+    Margins margins;
     double left = step;
     bool changed = false;
-    if (!modes_settle(&now, &changed)) return false;
+    bool last = true;
+    if (!modes_settle(&now, &margins, &changed)) return false;
     if (changed) propagator->step = NAN;
+    for (int k = 0; k < N_MODES; k++) last = last && margins.flat[k].lasts != 0;
     for (int changes = 0; left > 0 && changes < MAX_CHANGES;) {
         Values next = now;
-        double first = INFINITY;
-        double h;
+        double first, h;
         if ((!MODEL_LINEAR || !(propagator->step == step)) && !modes_prepare(propagator, &now, step)) return false;
         h = propagator->part < left * (1 - 1e-12) ? propagator->part : left;
         if (MODEL_LINEAR && fabs(h - propagator->part) <= 1e-12 * step) {
@@ -199,20 +238,21 @@ static bool modes_integrate(Values *values, double step, Propagator *propagator)
         } else if (!modes_keep(&now, h, &next)) {
             return false;
         }
-        for (int k = 0; k < N_MODES; k++) {
-            const double end = margin_ends(k, &now, &next, h);
-            if (!(end < first)) continue;
-            h = first = end;
-            if (!modes_keep(&now, h, &next)) return false;
-        }
+        first = last ? INFINITY : modes_end(&now, &margins, &next, h);
+        if (isnan(first)) return false;
         now = next;
-        left -= h;
-        if (!(first < INFINITY)) continue;
-        if (!modes_settle(&now, &changed)) return false;
+        left -= first < h ? first : h;
+        if (!(first < INFINITY)) {
+            if (!last && left > 0) model_switches(&now, &margins);
+            continue;
+        }
+        last = false;
+        if (!modes_settle(&now, &margins, &changed)) return false;
         propagator->step = NAN;
         changes++;
     }
     if (left > 0) return false;
+    propagator->lasting = last && propagator->part == step;
     *values = now;
     return true;
 }
