@@ -12,11 +12,15 @@
  */
 #include "integrator.c"
 
+#include <string.h>
+
 #define MAX_CHANGES 10000  /* of mode in one communication step */
 #define MAX_ROUNDS 100     /* of changes at one instant */
 #define MAX_PROBES 200     /* in the search for one instant */
 #define LONGEST_SWING 2.0  /* rad in one step; pi from one turning point to the next */
 #define SLOPE_REACH 0.01   /* of a step: how far a margin is followed to see its slope */
+#define SHORT 1.0          /* of a step times the rate: below, a series is as exact as an exponential, and cheaper */
+#define MAX_TERMS 30       /* of that series */
 
 /* For models without modes, these are empty and all below is left out by the compiler. */
 static inline void model_switches(const Values *values, Margins *margins)
@@ -88,13 +92,63 @@ static double margin_slope(int mode, const Values *values, double reach)
     return slopes[mode];
 }
 
+/* The matrix of a linear model, for as long as its modes last, and how fast its states drive each other, 1/s. */
+typedef struct {
+    bool known;
+    Matrix a;
+    double rate;
+} Flow;
+
+static void flow_find(Flow *flow, const Values *values)
+{
+    flow->known = true;
+    linear_matrix(values, &flow->a);
+    flow->rate = 0;
+    for (int i = 0; i < N_STATES; i++) {
+        double sum = 0;
+        for (int j = 0; j < N_STATES; j++) sum += sqrt(fabs(flow->a.at[i][j] * flow->a.at[j][i]));
+        flow->rate = larger_of(flow->rate, sum);
+    }
+}
+
+/* x += h x' + h^2/2 A x' + ..., by as many terms as count; false where they do not fall off. */
+static bool flow_series(const Flow *flow, double step, Values *values)
+{
+    Rates rates;
+    double x[N_STATES], term[N_STATES], next[N_STATES];
+    bool counts = true;
+    derivatives(&values->named, &rates.named);
+    for (int i = 0; i < N_STATES; i++) {
+        x[i] = 0;
+        term[i] = step * rates.flat[i];
+    }
+    for (int n = 2; counts; n++) {
+        if (n > MAX_TERMS) return false;
+        counts = false;
+        matrix_apply(&flow->a, term, next);
+        for (int i = 0; i < N_STATES; i++) {
+            x[i] += term[i];
+            term[i] = next[i] * step / n;
+            if (!(fabs(term[i]) <= 0.125 * DBL_EPSILON * fabs(x[i]))) counts = true;
+        }
+    }
+    for (int i = 0; i < N_STATES; i++) {
+        x[i] += values->flat[model_state_places[i]];
+        if (!isfinite(x[i])) return false;
+    }
+    for (int i = 0; i < N_STATES; i++) values->flat[model_state_places[i]] = x[i];
+    return true;
+}
+
 /* A step of any length, the modes kept; false if it does not end in a finite state. */
-static bool modes_keep(const Values *from, double step, Values *to)
+static bool modes_keep(Flow *flow, const Values *from, double step, Values *to)
 {
     *to = *from;
     if (MODEL_LINEAR) {
         Propagator passing;
-        return propagator_prepare(&passing, from, step) && propagator_step(&passing, to);
+        if (!flow->known) flow_find(flow, from);
+        if (step * flow->rate <= SHORT && flow_series(flow, step, to)) return true;
+        return propagator_prepare_for(&passing, &flow->a, from, step) && propagator_step(&passing, to);
     } else {
         double substep = 0;
         return rosenbrock_integrate(to, step, &substep);
@@ -102,7 +156,7 @@ static bool modes_keep(const Values *from, double step, Values *to)
 }
 
 /* An instant in (0, *end] at which a margin that is not below 0 at from and at *end is below 0: in *end. False: none. */
-static bool margin_dips(int mode, const Values *from, double a_slope, const Values *at_end, double *end)
+static bool margin_dips(int mode, Flow *flow, const Values *from, double a_slope, const Values *at_end, double *end)
 {
     double a = 0, b = *end;
     double b_slope = margin_slope(mode, at_end, SLOPE_REACH * *end);
@@ -112,7 +166,7 @@ static bool margin_dips(int mode, const Values *from, double a_slope, const Valu
         const double t = a + fmin(fmax(meet, 0.1 * (b - a)), 0.9 * (b - a));
         Values there;
         double margin, slope;
-        if (a_margin + a_slope * meet >= 0 || !(t > a && t < b) || !modes_keep(from, t, &there)) return false;
+        if (a_margin + a_slope * meet >= 0 || !(t > a && t < b) || !modes_keep(flow, from, t, &there)) return false;
         margin = margin_of(mode, &there);
         slope = margin_slope(mode, &there, SLOPE_REACH * (b - a));
         if (margin < 0) {
@@ -130,14 +184,14 @@ static bool margin_dips(int mode, const Values *from, double a_slope, const Valu
 
 /* The first instant in (0, end] at which a margin is below 0, to the last bits: false position with halved weights
    (Dowell and Jarratt, BIT 11, 1971), halving where that gets nowhere. Infinite: there is none. */
-static double margin_ends(int mode, const Values *from, double slope, const Values *at_end, double end)
+static double margin_ends(int mode, Flow *flow, const Values *from, double slope, const Values *at_end, double end)
 {
     double low = 0, high = end;
     double low_margin = margin_of(mode, from), high_margin = margin_of(mode, at_end);
     int side = 0;
     if (!(high_margin < 0)) {
         Values there;
-        if (!margin_dips(mode, from, slope, at_end, &high) || !modes_keep(from, high, &there)) return INFINITY;
+        if (!margin_dips(mode, flow, from, slope, at_end, &high) || !modes_keep(flow, from, high, &there)) return INFINITY;
         high_margin = margin_of(mode, &there);
     }
     for (int n = 0; n < MAX_PROBES && high - low > 4 * DBL_EPSILON * high; n++) {
@@ -145,7 +199,7 @@ static double margin_ends(int mode, const Values *from, double slope, const Valu
         double margin;
         Values there;
         if (!(t > low && t < high) || n > MAX_PROBES / 4) t = low + (high - low) / 2;
-        if (!(t > low && t < high) || !modes_keep(from, t, &there)) break;
+        if (!(t > low && t < high) || !modes_keep(flow, from, t, &there)) break;
         margin = margin_of(mode, &there);
         if (margin < 0) {
             high = t, high_margin = margin;
@@ -161,29 +215,51 @@ static double margin_ends(int mode, const Values *from, double slope, const Valu
 }
 
 /* How fast the model swings at most, rad/s: by the states that drive each other to and fro, in pairs. */
-static double swing(const Values *values)
+static double swing(const Matrix *a)
 {
-    Matrix a;
     double fastest = 0;
-    if (MODEL_LINEAR)
-        linear_matrix(values, &a);
-    else
-        jacobian_by_differences(values, &a);
     for (int i = 0; i < N_STATES; i++) {
         double sum = 0;
         for (int j = 0; j < N_STATES; j++)
-            if (j != i) sum += sqrt(larger_of(0, -a.at[i][j] * a.at[j][i]));
+            if (j != i) sum += sqrt(larger_of(0, -a->at[i][j] * a->at[j][i]));
         fastest = larger_of(fastest, sum);
     }
     return fastest;
 }
 
+/* Make ready for a part of the step; what was computed for the modes before last may serve again. */
+static bool modes_prepare_part(Propagator *propagator, const Matrix *a, const Values *values, double part)
+{
+#if MODEL_MODES > 0
+    for (int k = 0; k < 2; k++) {
+        const Kept *kept = &propagator->kept[k];
+        if (kept->part != part || memcmp(&kept->a, a, sizeof *a) != 0) continue;
+        propagator->growth = kept->growth;
+        propagator->gain = kept->gain;
+        propagator_hold_inputs(propagator, values);
+        return true;
+    }
+    if (!propagator_prepare_for(propagator, a, values, part)) return false;
+    propagator->kept[1] = propagator->kept[0];
+    propagator->kept[0] = (Kept){part, *a, propagator->growth, propagator->gain};
+    return true;
+#else
+    return propagator_prepare_for(propagator, a, values, part);
+#endif
+}
+
 /* Make ready for parts of a communication step that are short enough; false if what is needed is not finite. */
 static bool modes_prepare(Propagator *propagator, const Values *values, double step)
 {
-    const double parts = ceil(larger_of(1, step * swing(values) / LONGEST_SWING));
+    Matrix a;
+    double parts;
+    if (MODEL_LINEAR)
+        linear_matrix(values, &a);
+    else
+        jacobian_by_differences(values, &a);
+    parts = ceil(larger_of(1, step * swing(&a) / LONGEST_SWING));
     if (!(parts < MAX_CHANGES)) return false;
-    if (MODEL_LINEAR && !propagator_prepare(propagator, values, step / parts)) return false;
+    if (MODEL_LINEAR && !modes_prepare_part(propagator, &a, values, step / parts)) return false;
     propagator->step = step;
     propagator->part = step / parts;
     return true;
@@ -191,7 +267,7 @@ static bool modes_prepare(Propagator *propagator, const Values *values, double s
 
 /* The first instant in (0, h] at which a mode ends; *next, the state at h, becomes that of the instant. Infinite: none
    ends; NaN: the state would become infinite or NaN. */
-static double modes_end(const Values *now, const Margins *margins, Values *next, double h)
+static double modes_end(Flow *flow, const Values *now, const Margins *margins, Values *next, double h)
 {
     double slopes[N_MODES + 1];
     double first = INFINITY;
@@ -206,10 +282,10 @@ static double modes_end(const Values *now, const Margins *margins, Values *next,
             sloped = true;
             if (!(slopes[k] < 0)) continue; /* it does not dip */
         }
-        end = margin_ends(k, now, slopes[k], next, h);
+        end = margin_ends(k, flow, now, slopes[k], next, h);
         if (!(end < first)) continue;
         h = first = end;
-        if (!modes_keep(now, h, next)) return NAN;
+        if (!modes_keep(flow, now, h, next)) return NAN;
         model_switches(next, &ends);
         sloped = false;
     }
@@ -222,6 +298,7 @@ static bool modes_integrate(Values *values, double step, Propagator *propagator)
 {
     Values now = *values;
     Margins margins;
+    Flow flow = {.known = false};
     double left = step;
     bool changed = false;
     bool last = true;
@@ -235,10 +312,10 @@ static bool modes_integrate(Values *values, double step, Propagator *propagator)
         h = propagator->part < left * (1 - 1e-12) ? propagator->part : left;
         if (MODEL_LINEAR && fabs(h - propagator->part) <= 1e-12 * step) {
             if (!propagator_step(propagator, &next)) return false;
-        } else if (!modes_keep(&now, h, &next)) {
+        } else if (!modes_keep(&flow, &now, h, &next)) {
             return false;
         }
-        first = last ? INFINITY : modes_end(&now, &margins, &next, h);
+        first = last ? INFINITY : modes_end(&flow, &now, &margins, &next, h);
         if (isnan(first)) return false;
         now = next;
         left -= first < h ? first : h;
@@ -249,6 +326,7 @@ static bool modes_integrate(Values *values, double step, Propagator *propagator)
         last = false;
         if (!modes_settle(&now, &margins, &changed)) return false;
         propagator->step = NAN;
+        flow.known = false;
         changes++;
     }
     if (left > 0) return false;
