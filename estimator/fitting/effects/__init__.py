@@ -8,7 +8,7 @@ from estimator.fitting.effects.average import Average, MeanSpeed
 from estimator.fitting.effects.base import Effect
 from estimator.fitting.effects.channel_delay import ChannelDelay
 from estimator.fitting.effects.delay import Delay
-from estimator.fitting.effects.drive import BreakAway, BrushDrop, Coasting, CurrentLimit, DryFriction, Sag
+from estimator.fitting.effects.drive import BreakAway, BrushDrop, Coasting, CurrentLimit, DeadBand, DryFriction, Sag
 from estimator.fitting.effects.edge_latency import EdgeLatency
 from estimator.fitting.effects.gain import Gain
 from estimator.fitting.effects.low_pass import LowPass
@@ -35,6 +35,7 @@ EFFECTS: tuple[Effect, ...] = (
     CurrentLimit(),
     Coasting(),
     Sag(),
+    DeadBand(),
 )
 
 

@@ -11,7 +11,7 @@ from estimator.fitting.effects.base import Effect
 from estimator.fitting.simulator import Nuisance
 from estimator.plans.plan import Plan
 
-DRIVE = "dc_motor_friction"
+DRIVE = "dc_motor_drive"
 
 
 def _largest(plan: Plan, name: str) -> float:
@@ -154,9 +154,27 @@ class Sag(Drive):
             return ()
         size = 0.1 * v / i
         duration = max(float(o.recording.time[-1] - o.recording.time[0]) for o in plan.observed)
-        with_time = tuple({self.time_target: tau} for tau in (0.003, 0.02, 0.1) if tau < 0.3 * duration)
+        taus = [tau for tau in (0.003, 0.02, 0.1) if tau < 0.3 * duration]
         return [
-            Nuisance(self.target, self.unit, 0.0, 10 * size, 0.0, 0.1 * size, target=self.target,
-                     tries=(size,) * len(with_time), together=with_time),
+            Nuisance(self.target, self.unit, -10 * size, 10 * size, 0.0, 0.1 * size, target=self.target,
+                     tries=tuple(sign * size for _ in taus for sign in (1, -1)),
+                     together=tuple({self.time_target: tau} for tau in taus for _ in range(2))),
             Nuisance(self.time_target, "s", 1e-4, 10.0, 0.01, 0.01, log=True, target=self.time_target),
         ]  # fmt: skip
+
+
+@dataclass(frozen=True)
+class DeadBand(Drive):
+    """A drive that gives no voltage for small commands."""
+
+    name: str = "dead band"
+    target: str = "dead_band"
+    prior: float = 0.05
+    sentence: str = "the drive gives no voltage for commands up to {value:.3g} V"
+
+    def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
+        """Return the threshold: which of the smallest voltages it swallows; where it lies between two is not told."""
+        levels = np.unique(np.concatenate([np.abs(o.inputs["v"]) for o in plan.observed if "v" in o.inputs]))
+        levels = levels[levels > 0]
+        tries = tuple(1.001 * float(x) for x in levels[:2]) if 2 < len(levels) <= 20 else ()
+        return [Nuisance(self.target, "V", 0.0, 1e3, 0.0, 1.0, target=self.target, tries=tries, whole=True)] if tries else []
