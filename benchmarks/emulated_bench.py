@@ -296,6 +296,8 @@ class Measured:
     plain_w: NDArray[np.bool_]
     true_i: Array
     true_w: Array
+    moved_i: Array  # root mean square change by a clock's jitter
+    moved_w: Array
 
 
 def measure(bench: Bench, index: int) -> Measured:
@@ -313,7 +315,8 @@ def measure(bench: Bench, index: int) -> Measured:
         e = np.asarray(lfilter([np.sqrt(1.0 - colour**2)], [1.0, -colour], e))
         hit = rng.uniform(size=rows) < noise.outliers
         plain[hit] = False
-        return e + hit * rng.choice([-1.0, 1.0], rows) * np.exp(rng.uniform(np.log(5.0), np.log(50.0), rows))
+        far: Array = rng.choice([-1.0, 1.0], rows) * np.exp(rng.uniform(np.log(5.0), np.log(50.0), rows))
+        return e + np.where(hit, far, 0.0)
 
     i = i + coloured(noise.colour_i, plain_i) * current_noise(bench, noise, true_i)
     if not tell("counts"):
@@ -323,7 +326,8 @@ def measure(bench: Bench, index: int) -> Measured:
         kept = np.arange(rows) // hold * hold
         i = i[kept]
         plain_i &= kept == np.arange(rows)
-    plain_i &= np.abs(i) < noise.saturation
+    sigma_i = current_noise(bench, noise, true_i)
+    plain_i &= np.abs(true_i) + 4.0 * sigma_i < noise.saturation  # not by the noise itself: that would bias the rest
     i = np.clip(i, -noise.saturation, noise.saturation)
     if noise.quantum:
         i = np.round(i / noise.quantum) * noise.quantum
@@ -332,13 +336,16 @@ def measure(bench: Bench, index: int) -> Measured:
         v = terminal + noise.v * rng.standard_normal(rows)
     if rec.last_zero:
         v[-1] = 0.0
-    return Measured(i, w, v, plain_i, plain_w, true_i, true_w)
+    early, late = (shown(bench, bench.story, index, jitter=sign * noise.jitter)[:2] for sign in (-1.0, 1.0))
+    moved_i, moved_w = (np.sqrt(((a - x) ** 2 + (b - x) ** 2) / 2.0)
+                        for a, b, x in zip(early, late, (true_i, true_w), strict=True))  # fmt: skip
+    return Measured(i, w, v, plain_i, plain_w, true_i, true_w, moved_i, moved_w)
 
 
 def current_noise(bench: Bench, noise: Noise, i: Array) -> Array:
     """Return the current's standard deviation in each row, A."""
-    deviation: Array = np.asarray(noise.i * np.sqrt(1.0 + (noise.growth * i / bench.i_run) ** 2))
-    return deviation
+    growth: Array = noise.growth * i / bench.i_run
+    return np.sqrt(1.0 + growth * growth) * noise.i
 
 
 def write(bench: Bench, folder: Path) -> list[Path]:

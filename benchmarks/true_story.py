@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from emulated_bench import MODES, MOTOR, Array, Bench, Story, current_noise, measure, physics, shown
+from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 TELLING = 16.0  # chi-square by which a trouble has to show
@@ -73,13 +74,12 @@ class TrueStory:
         rec, m = self.bench.recordings[k], self.measured[k]
         noise, rows = rec.noise, rec.rows
         di, dw = np.broadcast_to(di, rows), np.broadcast_to(dw, rows)
-        moved = noise.jitter * np.gradient(m.true_i, rec.h)
-        sigma_i = np.sqrt(current_noise(self.bench, noise, m.true_i) ** 2 + noise.quantum**2 / 12.0 + moved**2)
+        sigma_i = np.sqrt(current_noise(self.bench, noise, m.true_i) ** 2 + noise.quantum**2 / 12.0 + m.moved_i**2)
         counts = self.bench.story.get(("counts", -1))
-        zi = _uncoloured(di / sigma_i, noise.colour_i)[m.plain_i]
+        zi = _uncoloured(di / sigma_i, noise.colour_i)[_whole(m.plain_i, noise.colour_i)]
         if not counts:
-            sigma_w = np.sqrt(noise.w**2 + (noise.jitter * np.gradient(m.true_w, rec.h)) ** 2)
-            return np.concatenate([zi, _uncoloured(dw / sigma_w, noise.colour_w)[m.plain_w]])
+            sigma_w = np.sqrt(noise.w**2 + m.moved_w**2)
+            return np.concatenate([zi, _uncoloured(dw / sigma_w, noise.colour_w)[_whole(m.plain_w, noise.colour_w)]])
         quantum = 2.0 * np.pi / counts
         turning = np.abs(m.true_w) * rec.h > 0.3 * quantum  # a count that stands still says nothing
         zw = (np.cumsum(dw) * rec.h / (quantum / np.sqrt(12.0)))[turning]
@@ -175,6 +175,11 @@ def _uncoloured(z: Array, colour: float) -> Array:
         return z
     white: Array = np.r_[z[:1], (z[1:] - colour * z[:-1]) / np.sqrt(1.0 - colour**2)]
     return white
+
+
+def _whole(plain: NDArray[np.bool_], colour: float) -> NDArray[np.bool_]:
+    """Return the rows whose white residual is of plain rows alone."""
+    return plain & np.r_[True, plain[:-1]] if colour else plain
 
 
 def _ends(bench: Bench, truth: dict[str, float]) -> tuple[dict[str, float], dict[str, float]]:
