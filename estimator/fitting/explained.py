@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from estimator.fitting.adequacy import Adequacy, adequacy
 from estimator.fitting.averaging import averaged
-from estimator.fitting.effects import EFFECTS
 from estimator.fitting.effects.base import Effect
 from estimator.fitting.fit import Fit
 from estimator.fitting.latency import with_latencies
@@ -137,18 +136,18 @@ def explain(
     wanted = _wanted(plan)
     own = [n for n in own if n.name not in {w.name for w in wanted}]
     base = Simulator(plan, (*own, *wanted), crew, sigma)
-    known = _delays(plan, own)
     differenced = np.array([_count(plan, y) if plan.sensors[y] == layout.MEAN else 0.0 for y in plan.outputs])
+    rivals_of = _Rivals(plan, base, crew, sigma, effects)
     selection = Selection(
         base,
-        _Rivals(plan, base, crew, sigma, effects),
-        (*known, *(n.name for n in wanted)),
+        rivals_of,
+        tuple(n.name for n in wanted),
         deviations,
         differenced,
         tuple(effects),
         enter,
     )
-    explanation = selection.explain(starts, known)
+    explanation = selection.explain(starts)
     enter("rivals")
     rivals = selection.alternatives(explanation)
     open_additions = selection.additions(explanation, selection.effects)
@@ -207,12 +206,6 @@ def _wanted(plan: Plan) -> list[Nuisance]:
             unit = plan.description.variable(y).unit
             found.append(Nuisance(name, unit, -11 * spread, 11 * spread, 0.0, 0.01 * spread, place=place))
     return found
-
-
-def _delays(plan: Plan, nuisances: Sequence[Nuisance]) -> dict[str, float]:
-    """Return the delays that are seen at first sight: they are free from the start."""
-    places = {n.place.recording: n.name for n in nuisances if n.place is not None and not n.place.output}
-    return {places[e]: o.delay for e, o in enumerate(plan.observed) if o.delay != 0 and e in places}
 
 
 def _count(plan: Plan, output: str) -> float:
@@ -299,11 +292,6 @@ def _found(explanation: Explanation, plan: Plan) -> list[Found]:
     """Return the additions of an explanation in words."""
     fit, found = explanation.fit, []
     estimates = dict(zip(fit.names, fit.estimates.tolist(), strict=True))
-    delays = [e for e in EFFECTS if e.name == "delay"]
-    added = explanation.names()
-    for name in fit.free[len(plan.names) :]:
-        if name.startswith("delay") and name not in added and delays:
-            found.append(Found("delay", name, delays[0].tell(name, estimates[name], plan), ""))
     for a in explanation.additions:
         if a.linear is not None:
             own = [estimates[n] for n in fit.names if n.partition("#")[0] == a.name and n in estimates]

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.fitting.fit import Fit
+from estimator.fitting.noise_model import Clock
 from estimator.results.linear import is_motor, matrices
 
 FloatArray = NDArray[np.float64]
@@ -41,35 +42,62 @@ def response(fit: Fit, *, voltage: FloatArray | None = None, torque: FloatArray 
     voltage, torque : (rows,) arrays
         V; N.m against positive speed.
     """
-    from scipy.linalg import expm
     from scipy.signal import lfilter
 
     s = fit.simulator
+    result = np.zeros((s.rows, len(s.outputs)))
+    for clock in s.clocks:
+        f, g, denominator = _discrete(fit, clock)
+        # x[k+1] = F x[k] + G u[k]  =>  D(z) x = z^-1 (G + z^-1 (F - tr F) G) u,  D = 1 - tr F z^-1 + det F z^-2
+        second = (f - np.trace(f) * np.eye(2)) @ g
+        states = np.zeros((2, clock.rows.stop - clock.rows.start))
+        for j, signal in enumerate((voltage, torque)):
+            if signal is not None:
+                for row in range(2):
+                    states[row] += lfilter([0.0, g[row, j], second[row, j]], denominator, signal[clock.rows])
+        result[clock.rows] = _as_shown(fit, states, clock)
+    return result
+
+
+def free_motion(fit: Fit, clock: Clock) -> FloatArray:
+    """Return what the sensors would show more, (n, q, 2), for 1 rad/s and for 1 A in a recording's first row."""
+    from scipy.signal import lfilter
+
+    f, _, denominator = _discrete(fit, clock)
+    impulse = np.zeros(clock.rows.stop - clock.rows.start)
+    impulse[0] = 1.0
+    second = f - np.trace(f) * np.eye(2)
+    columns = []
+    for first in (1, 0):
+        states = np.array([lfilter([float(row == first), second[row, first]], denominator, impulse) for row in range(2)])
+        columns.append(_as_shown(fit, states, clock))
+    return np.stack(columns, axis=2)
+
+
+def _discrete(fit: Fit, clock: Clock) -> tuple[FloatArray, FloatArray, list[float]]:
+    """Return F (2, 2), G (2, 2) of x[k+1] = F x[k] + G [v, torque], and the coefficients of det(I - F z^-1)."""
+    from scipy.linalg import expm
+
     values = motor_values(fit)
     assert values is not None
     a, b, _, _ = matrices(values)
-    whole = np.zeros((5, 5))
-    whole[:2, :2], whole[2, 1], whole[:2, 3:] = a, 1.0, b
-    result = np.zeros((s.rows, len(s.outputs)))
-    for clock in s.clocks:
-        step = expm(whole * clock.step)
-        f, g = step[:2, :2], step[:2, 3:]
-        u = np.zeros((clock.rows.stop - clock.rows.start, 2))
-        for j, signal in enumerate((voltage, torque)):
-            if signal is not None:
-                u[:, j] = signal[clock.rows]
-        # x[k+1] = F x[k] + G u[k]  =>  D(z) x = z^-1 (G + z^-1 (F - tr F) G) u,  D = 1 - tr F z^-1 + det F z^-2
-        denominator = [1.0, -np.trace(f), np.linalg.det(f)]
-        second = (f - np.trace(f) * np.eye(2)) @ g
-        states = [
-            sum(lfilter([0.0, g[row, j], second[row, j]], denominator, u[:, j]) for j in range(2)) for row in range(2)
-        ]
-        states.append(np.cumsum(states[1]) * clock.step)
-        for j, y in enumerate(s.outputs):
-            shown = np.asarray(states[SEATS[y]])
-            for nuisance in s.nuisances:
-                value = fit.values[s.index[nuisance.name]]
-                if nuisance.output == y and nuisance.act is not None and value != nuisance.neutral:
-                    shown = nuisance.act(shown, float(value), clock.step)
-            result[clock.rows, j] = shown
-    return result
+    whole = np.zeros((4, 4))
+    whole[:2, :2], whole[:2, 2:] = a, b
+    step = expm(whole * clock.step)
+    f = step[:2, :2]
+    return f, step[:2, 2:], [1.0, -float(np.trace(f)), float(np.linalg.det(f))]
+
+
+def _as_shown(fit: Fit, states: FloatArray, clock: Clock) -> FloatArray:
+    """Return current and speed, (2, n), as the outputs' sensors show them, (n, q)."""
+    s = fit.simulator
+    own = [states[0], states[1], np.cumsum(states[1]) * clock.step]
+    columns = []
+    for y in s.outputs:
+        shown = own[SEATS[y]]
+        for nuisance in s.nuisances:
+            value = fit.values[s.index[nuisance.name]]
+            if nuisance.output == y and nuisance.act is not None and value != nuisance.neutral:
+                shown = nuisance.act(shown, float(value), clock.step)
+        columns.append(shown)
+    return np.column_stack(columns)

@@ -119,24 +119,16 @@ class Selection:
                 s.upper[k] = min(s.upper[k], near * NEARBY[name])
         return before
 
-    def explain(self, starts: Sequence[FloatArray], known: Mapping[str, float]) -> Explanation:
+    def explain(self, starts: Sequence[FloatArray]) -> Explanation:
         """Return the best explanation.
 
         Parameters
         ----------
         starts : (p,) arrays
             Of the plan's free parameters.
-        known : nuisance -> value to begin with
         """
-        plain = NoiseModel.plain(self.deviations, machine_of_plan(self.base))
-        free = (*self.base.plan.names, *self.always)
         bounds = self._held_near(starts)
-        fits = []
-        for start in starts:
-            values = self.base.values({**dict(zip(self.base.plan.names, start.tolist(), strict=True)), **known})
-            fits.append(solved(new_fit(self.base, values, free, plain), iterations=ROUGH))
-        best = Explanation(min(fits, key=lambda f: f.cost))
-        best = self.with_noise(best, slow=False)
+        best = self.with_noise(self._first(starts), slow=False)
         best = self._grown(best, [e for e in self.effects if e.name == "ripple"], rounds=4, slow=False)
         best = self.with_noise(best)
         for _ in range(2):  # what is found changes the noise, and the noise what is found
@@ -148,8 +140,38 @@ class Selection:
         for simulator in {id(s): s for s in (self.base, best.fit.simulator)}.values():
             p = len(self.base.plan.names)
             simulator.lower[:p], simulator.upper[:p] = bounds[0][:p], bounds[1][:p]
-        final = solved(best.fit, tolerance=1e-8)
-        return dataclasses.replace(best, fit=final)
+        return dataclasses.replace(best, fit=solved(best.fit, tolerance=1e-8))
+
+    def _first(self, starts: Sequence[FloatArray]) -> Explanation:
+        """Return the best fit to begin with: from every start, with and without what is seen at first sight."""
+        s = self.base
+        plain = NoiseModel.plain(self.deviations, tuple(-1 for _ in s.outputs))
+        seen = [(e, e.at_first_sight(s.plan)) for e in self.effects]
+        own = [(e, {n: v for n, v in known.items() if n in s.index}) for e, known in seen if not e.fmu]
+        far = [(e, known) for e, known in seen if e.fmu and known]
+        tried = []
+        for start in starts:
+            begun = dict(zip(s.plan.names, start.tolist(), strict=True))
+            for held in ([], far) if far else ([],):
+                additions = [self._seen(e, name, s) for e, known in own for name in known]
+                simulator = s
+                for e, known in held:
+                    rival = self.rivals(e.fmu)
+                    if rival is not None and set(known) <= set(rival.index):
+                        simulator = rival
+                        additions += [self._seen(e, name, rival) for name in known]
+                names = {a.name for a in additions}
+                values = {n: v for _, known in (*own, *held) for n, v in known.items() if n in names}
+                free = (*s.plan.names, *self.always, *(n for a in additions for n in a.free))
+                fit = solved(new_fit(simulator, simulator.values({**begun, **values}), free, plain), iterations=ROUGH)
+                tried.append(Explanation(fit, tuple(additions)))
+        return min(tried, key=lambda e: e.fit.cost + sum(a.penalty(self.samples) for a in e.additions))
+
+    def _seen(self, effect: Effect, name: str, simulator: Simulator) -> Addition:
+        """Return an addition that is seen at first sight."""
+        nuisance = next(n for n in simulator.nuisances if n.name == name)
+        free = () if nuisance.whole else (name,)
+        return Addition(effect, name, 1, np.inf, free=free)
 
     @property
     def samples(self) -> int:
@@ -365,11 +387,6 @@ def moved_to(fit: Fit, simulator: Simulator) -> Fit:
         return fit
     values = simulator.values(dict(zip(fit.simulator.names, fit.values.tolist(), strict=True)))
     return dataclasses.replace(fit, simulator=simulator, values=values)
-
-
-def machine_of_plan(simulator: Simulator) -> tuple[int, ...]:
-    """Return no seat for any channel: the machine is found with the noise."""
-    return tuple(-1 for _ in simulator.outputs)
 
 
 def _is_physical(fit: Fit, addition: Addition) -> bool:

@@ -19,9 +19,10 @@ from estimator.fitting.problem import Problem
 from estimator.fmus.workers import Workers
 from estimator.plans.parameters import Parameter, SensorPlace
 from estimator.plans.plan import Observed, Plan
+from estimator.recordings.excitation import quantum
 
 FloatArray = NDArray[np.float64]
-DISTINCT = 0.5  # of a signal's samples: a value that comes twice in a row is no chance
+HELD = 20  # rows for which a logger may show a sample again
 
 Act = Callable[[FloatArray, float, float], FloatArray]  # (n,) signal, value, sampling interval in s -> (n,) signal
 
@@ -172,11 +173,18 @@ def per_recording(plan: Plan, kind: str) -> Sequence[str]:
 
 
 def _without_repeats(o: Observed, outputs: Sequence[str]) -> FloatArray:
-    """Return the outputs, (n, q), NaN where a logger shows a row again: all of them as they were, noise and all."""
+    """Return the outputs, (n, q), NaN where a logger shows a sample again, noise and all.
+
+    A channel that repeats values for a few rows at a time, and lies on no lattice of a converter or an encoder, is held;
+    a value that stays for longer is one that does not change.
+    """
     rows = np.column_stack([o.outputs[y] for y in outputs])
-    again = np.zeros(len(rows), dtype=bool)
-    noisy = [j for j in range(rows.shape[1]) if len(np.unique(rows[:, j])) > DISTINCT * len(rows)]
-    if noisy:
-        again[1:] = (rows[1:, noisy] == rows[:-1, noisy]).all(axis=1)
-    rows[again] = np.nan
+    for j in range(rows.shape[1]):
+        again = np.concatenate([[False], rows[1:, j] == rows[:-1, j]])
+        if not again.any() or quantum(rows[:, j]) > 0:
+            continue
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], again, [False]]).astype(np.int8)))
+        for first, last in zip(edges[::2], edges[1::2], strict=True):
+            if last - first <= HELD:
+                rows[first:last, j] = np.nan
     return rows

@@ -11,10 +11,13 @@ from estimator.fitting.effects.delay import Delay
 from estimator.fitting.effects.drive import BreakAway, BrushDrop, Coasting, CurrentLimit, DeadBand, DryFriction, Sag
 from estimator.fitting.effects.edge_latency import EdgeLatency
 from estimator.fitting.effects.gain import Gain
+from estimator.fitting.effects.lost_rows import LostRows
 from estimator.fitting.effects.low_pass import LowPass
 from estimator.fitting.effects.machine_effects import FrictionDrift, WindingWarms
 from estimator.fitting.effects.offset import Offset
 from estimator.fitting.effects.ripple import Ripple
+from estimator.fitting.effects.starting_motion import StartingMotion
+from estimator.fitting.effects.voltage_noise import VoltageNoise
 
 EFFECTS: tuple[Effect, ...] = (
     Delay(),
@@ -36,6 +39,9 @@ EFFECTS: tuple[Effect, ...] = (
     Coasting(),
     Sag(),
     DeadBand(),
+    StartingMotion(),
+    VoltageNoise(),
+    LostRows(),
 )
 
 

@@ -7,7 +7,7 @@ one.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -52,6 +52,10 @@ class Effect:
     def linear(self, fit: Fit) -> Sequence[Linear]:
         """Return groups of columns that may explain what a fit leaves."""
         return ()
+
+    def at_first_sight(self, plan: Plan) -> Mapping[str, float]:
+        """Return nuisances with the values at which the recordings show them before any fit: where a fit begins."""
+        return {}
 
     def tell(self, name: str, value: float, plan: Plan) -> str:
         """Say that it is there, of this size."""

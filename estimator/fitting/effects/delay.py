@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from estimator.fitting.effects.base import Effect
@@ -33,6 +33,13 @@ class Delay(Effect):
                     place=SensorPlace("delay", e), tries=(0.5 * h, 2 * h, -0.5 * h),
                 )
             )  # fmt: skip
+        return found
+
+    def at_first_sight(self, plan: Plan) -> Mapping[str, float]:
+        """Return the delays at which the outputs leave their rest."""
+        names = per_recording(plan, self.name)
+        found = {name: o.delay for e, (o, name) in enumerate(zip(plan.observed, names, strict=True))
+                 if o.delay != 0 and f"delay of {e}" not in plan.declared and o.inputs and o.excitation.kind != "none"}  # fmt: skip
         return found
 
     def tell(self, name: str, value: float, plan: Plan) -> str:

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from estimator.fitting.effects.base import Effect
 from estimator.fitting.simulator import Nuisance
-from estimator.plans.plan import Plan
+from estimator.plans.plan import Observed, Plan
+from estimator.recordings.excitation import noise_deviation
+from estimator.recordings.samples import filled
 
 DRIVE = "dc_motor_drive"
+PLATEAU, HELD_ROWS, ABOVE = 3.0, 8, 1.2  # deviations; rows; times the usual current: a current that is held at its peak
 
 
 def _largest(plan: Plan, name: str) -> float:
@@ -117,8 +120,32 @@ class CurrentLimit(Drive):
         if peak <= 0:
             return ()
         tries = tuple(part * peak for part in (0.98, 0.9, 0.8))
-        return [Nuisance(self.target, self.unit, 0.2 * peak, 1e9, 1e9, 0.02 * peak, target=self.target, tries=tries,
+        return [Nuisance(self.target, self.unit, 0.2 * peak, 3 * peak, 3 * peak, 0.02 * peak, target=self.target, tries=tries,
                          absolute=True)]  # fmt: skip
+
+
+    def at_first_sight(self, plan: Plan) -> Mapping[str, float]:
+        """Return the level at which the current stays at its largest while the speed goes on rising."""
+        levels = [level for o in plan.observed if (level := _plateau(o)) > 0]
+        return {self.target: max(levels)} if levels else {}
+
+
+def _plateau(o: Observed) -> float:
+    """Return the current at which a recording stays for a while at its peak; 0: it does not."""
+    if not {"i", "w"} <= set(o.outputs):
+        return 0.0
+    i, w = np.abs(filled(o.outputs["i"])), np.abs(filled(o.outputs["w"]))
+    noise = max(noise_deviation(o.outputs["i"]), 1e-3 * float(np.max(i)))
+    smooth = np.convolve(i, np.ones(3) / 3, mode="same")
+    top = float(np.max(smooth))
+    high = np.flatnonzero(smooth > top - max(PLATEAU * noise, 0.02 * top))
+    runs = np.split(high, np.flatnonzero(np.diff(high) > 2) + 1)
+    run = max(runs, key=len)
+    if len(run) < HELD_ROWS or top < ABOVE * float(np.median(i[i > 4 * noise])):
+        return 0.0
+    rises = abs(float(w[run[-1]] - w[run[0]])) > 0.1 * float(np.max(w))
+    flat = abs(float(np.mean(i[run[: len(run) // 3]]) - np.mean(i[run[-(len(run) // 3) :]]))) < 2 * noise / np.sqrt(len(run) / 3) + 0.01 * top
+    return float(np.median(i[run])) if rises and flat else 0.0
 
 
 @dataclass(frozen=True)
@@ -134,6 +161,20 @@ class Coasting(Drive):
         back = any(np.any((o.inputs["v"][1:] == 0) & (o.inputs["v"][:-1] != 0)) for o in plan.observed if "v" in o.inputs)
         switch = Nuisance(self.target, "", 0.0, 1.0, 0.0, 1.0, target=self.target, tries=(1.0,), whole=True)
         return [switch] if back else []
+
+    def at_first_sight(self, plan: Plan) -> Mapping[str, float]:
+        """Return the switch where the current is zero at no voltage while the motor turns."""
+        for o in plan.observed:
+            if not {"i", "w"} <= set(o.outputs) or "v" not in o.inputs:
+                continue
+            w, i = filled(o.outputs["w"]), filled(o.outputs["i"])
+            turning = (o.inputs["v"] == 0) & (np.abs(w) > 0.2 * np.max(np.abs(w)))
+            turning[1:] &= o.inputs["v"][:-1] == 0
+            if np.sum(turning) >= HELD_ROWS:
+                away = np.sort(np.abs(i[turning]))[: int(0.8 * np.sum(turning))]
+                if np.median(away) < 0.02 * np.max(np.abs(i)) + 2 * noise_deviation(o.outputs["i"]):
+                    return {self.target: 1.0}
+        return {}
 
 
 @dataclass(frozen=True)

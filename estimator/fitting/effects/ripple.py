@@ -21,7 +21,8 @@ TURNS = 4.0  # fewer tell no order
 SAME = 0.9  # of the best order's power: a lower order that explains as much is taken
 SLOW, SHARE = 0.2, 0.05  # rad a sample; of the rows: an order that is folded below is not told from a drift
 LEAST = 1.0  # of a speed's quantum
-LINES = 6  # an output, at most
+STANDS_OUT, NEAR = 20.0, 10  # times the median power of the orders nearby; of those on either side
+LINES = 4  # an output, at most
 
 
 def angle_of(fit: Fit) -> FloatArray | None:
@@ -62,6 +63,9 @@ class Ripple(Effect):
             power[[k - 1 for k in taken]] = 0.0
             best = float(np.max(power))
             order = int(np.argmax(power > SAME * best)) + 1
+            near = np.delete(power, [order - 1, *(k - 1 for k in taken)])[max(0, order - 1 - NEAR) : order - 1 + NEAR]
+            if best < STANDS_OUT * float(np.median(near[near > 0])) if np.any(near > 0) else True:
+                continue
             coarse = max(quantum(o.outputs[y]) for o in fit.simulator.observed)
             if coarse > 0 and self._amplitude(power[order - 1], z[:, j], level, fit, j) < LEAST * coarse:
                 continue  # the beat of the encoder's lines with the clock
