@@ -25,8 +25,8 @@ FloatArray = NDArray[np.float64]
 
 ALARM = 1e-3  # chance of a false alarm of one explanation
 SEEN = 1e-3  # of the largest singular value: directions that a window tells
-EXCESS = 0.02  # of the variance: less is no misfit that matters, however sure
-ALIKE = 0.04  # of correlation, likewise
+EXCESS = 0.15  # of the variance: less is allowed for by the bars, however sure
+ALIKE = 0.08  # of correlation, likewise
 
 
 @dataclass(frozen=True)
@@ -85,10 +85,11 @@ def adequacy(fit: Fit, parameters: int) -> Adequacy:
                 continue
             square = float(np.sum(own[known] ** 2)) / n
             limit = float(chdtri(n, ALARM / count)) / n
-            limit = max(limit, 1 + normal * np.sqrt(2 * tails[j] / n), 1 + EXCESS)
+            limit = max(limit, 1 + normal * np.sqrt(2 * tails[j] / n))
             if square > limit:
-                failures.append(Failure("size", window.name, output, float(np.sqrt(square))))
                 inflation = max(inflation, square)
+            if square > max(limit, 1 + EXCESS):
+                failures.append(Failure("size", window.name, output, float(np.sqrt(square))))
             pairs = known[1:] & known[:-1] & (np.diff(window.rows) == 1)
             m = int(pairs.sum())
             if m >= 8:

@@ -40,13 +40,14 @@ class Linear:
     ----------
     columns : (rows, q, k) array
     units : of the coefficients
-    most : float
-        A coefficient that is larger is absurd.
+    least, most : float
+        A coefficient below or above is absurd.
     """
 
     name: str
     columns: FloatArray
     units: tuple[str, ...]
+    least: float = -np.inf
     most: float = np.inf
 
 

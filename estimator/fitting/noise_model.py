@@ -34,6 +34,7 @@ BLOCKS = (2, 8, 32, 128, 512)  # samples whose means tell slow colour
 COLOURED = 5.0  # standard deviations of a block's mean square: by white noise less than once in 1e5
 PAYS = 10.0  # of -2 log L, by which a component must improve it: two numbers, and a guard
 ORDERS = (1, 2, 3, 4, 6, 8, 12, 16, 24)  # of the short autoregression
+LOW, HIGH, FEW = 0.03, 0.06, 25  # of the largest signal: quiet, loud; samples of each
 STRETCH, MOST_LEVELS = 20, 12  # rows of a stretch that has a level of its own; levels, at most
 LONGEST = 0.25  # of the longest stretch: a slow part that lasts longer is none
 RESTS, STARTS, RUNS = range(3)
@@ -107,7 +108,8 @@ class NoiseModel:
         ----------
         running : (q,) array
             g while the machine runs.
-        phase : STRETCH, MOST_LEVELS = 20, 12  # rows of a stretch that has a level of its own; levels, at most
+        phase : LOW, HIGH, FEW = 0.03, 0.06, 25  # of the largest signal: quiet, loud; samples of each
+STRETCH, MOST_LEVELS = 20, 12  # rows of a stretch that has a level of its own; levels, at most
 LONGEST = 0.25  # of the longest stretch: a slow part that lasts longer is none
 RESTS, STARTS or RUNS
             A machine at rest feels no torque that wanders.
@@ -311,8 +313,34 @@ def fit_noise(
     levels = _levels(part)
     stacked = np.concatenate([residuals[rows, :, None], columns[rows], levels], axis=2)
     stacked = np.where(part.present[:, :, None], stacked, 0.0)
-    search = _Search(part, stacked, slow=slow)
+    growth = np.array([_growth(residuals[:, j], whitener, j) for j in range(residuals.shape[1])])
+    search = _Search(part, stacked, slow=slow, growth=growth)
     return search.again() if again else search.best()
+
+
+def _growth(residuals: FloatArray, whitener: Whitener, j: int) -> float:
+    """Return how a channel's noise grows with its signal, from second differences over all rows.
+
+    They see the noise and hardly anything that is explained wrongly, so that transients may speak.
+    """
+    low, high, levels = [], [], []
+    for clock in whitener.clocks:
+        x, p, level = residuals[clock.rows], whitener.present[clock.rows, j], whitener.level[clock.rows, j]
+        if len(x) < 3:
+            continue
+        size = np.abs(x[2:] - 2 * x[1:-1] + x[:-2])
+        told, here = p[2:] & p[1:-1] & p[:-2], level[1:-1]
+        low.append(size[told & (here < LOW)])
+        high.append(size[told & (here > HIGH)])
+        levels.append(here[told & (here > HIGH)])
+    quiet, loud = np.concatenate(low), np.concatenate(high)
+    if min(len(quiet), len(loud)) < FEW:
+        return 0.0
+    at_rest = float(np.median(quiet))
+    ratio = float(np.median(loud)) / at_rest if at_rest > 0 else 1.0
+    if np.log(max(ratio, 1e-12)) < COLOURED * 1.2 * np.sqrt(1 / len(quiet) + 1 / len(loud)):
+        return 0.0
+    return float(np.sqrt(ratio**2 - 1) / np.sqrt(np.mean(np.concatenate(levels) ** 2)))
 
 
 def _levels(whitener: Whitener) -> FloatArray:
@@ -334,11 +362,11 @@ def _levels(whitener: Whitener) -> FloatArray:
 class _Search:
     """The restricted likelihood of noise models, and the components that pay."""
 
-    def __init__(self, whitener: Whitener, stacked: FloatArray, *, slow: bool) -> None:
+    def __init__(self, whitener: Whitener, stacked: FloatArray, *, slow: bool, growth: FloatArray) -> None:
         self.whitener, self.stacked = whitener, stacked
         self.first = dataclasses.replace(whitener.noise, short=())
         self.q = stacked.shape[1]
-        self.slow = slow
+        self.slow, self.growth = slow, growth
         self.machine = self.first.machine is not None and any(s >= 0 for s in self.first.seat)
         norms = np.linalg.norm(stacked[:, :, 1:].reshape(-1, stacked.shape[2] - 1), axis=0)
         self.stacked[:, :, 1:] /= np.where(norms > 0, norms, 1.0)
@@ -360,9 +388,8 @@ class _Search:
 
     def again(self) -> NoiseModel:
         """Find the numbers of the parts that are there again."""
-        noise = self.first
+        noise = dataclasses.replace(self.first, growth=self.growth)
         active = [("differenced" if noise.differenced[j] > 0 else "white", j) for j in range(self.q)]
-        active += [("growth", j) for j in range(self.q) if noise.growth[j] > 0]
         active += [("slow", j) for j in range(self.q) if noise.slow[j, 0] > 0]
         active += [("torque", 0)] if noise.torque[0] > 0 else []
         return self._with_short(self._optimised(noise, active, iterations=6)[0])
@@ -382,12 +409,8 @@ class _Search:
         )
         active = [("differenced" if differenced[j] else "white", j) for j in range(self.q)]
         noise, value = self._optimised(noise, active)
-        whitened, _ = self.whitener.of(noise)(self.stacked[:, :, :1])
-        for component in [("growth", j) for j in range(self.q) if self._grows(whitened[:, j, 0], j)]:
-            start = dataclasses.replace(noise, growth=_with(noise.growth, component[1], 1.0))
-            tried, found = self._optimised(start, [*active, component])
-            if found < value - PAYS / 2:
-                noise, value, active = tried, found, [*active, component]
+        if np.any(self.growth > 0):
+            noise, value = self._optimised(dataclasses.replace(noise, growth=self.growth), active)
         for _ in range(3 if self.slow else 0):
             options = self._slow_options(noise, active)
             results = [(*self._optimised(start, [*active, c]), c) for start, c in options]
@@ -396,15 +419,6 @@ class _Search:
                 break
             noise, value, active = best[0], best[1], [*active, best[2]]
         return self._with_short(noise)
-
-    def _grows(self, z: FloatArray, j: int) -> bool:
-        """Whether a channel's whitened residuals are larger where its signal is."""
-        present, level = self.whitener.present[:, j], self.whitener.level[:, j]
-        low, high = z[present & (level < 0.1)], z[present & (level > 0.3)]
-        if min(len(low), len(high)) < ENOUGH / 4:
-            return False
-        ratio = float(np.log(max(np.mean(high**2), 1e-300) / max(np.mean(low**2), 1e-300)))
-        return ratio > COLOURED * np.sqrt(2 / len(low) + 2 / len(high))
 
     def _slow_options(
         self, noise: NoiseModel, active: Sequence[tuple[str, int]]

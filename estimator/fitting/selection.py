@@ -393,7 +393,7 @@ def _is_physical(fit: Fit, addition: Addition) -> bool:
     """Whether an addition stays within what its effect may be."""
     if addition.linear is not None:
         own = [x for n, x in zip(fit.names, fit.estimates, strict=True) if n.partition("#")[0] == addition.name]
-        return all(abs(x) <= addition.linear.most for x in own)
+        return all(addition.linear.least <= x <= addition.linear.most for x in own)
     s = fit.simulator
     for name in addition.free:
         k = s.index[name]

@@ -22,6 +22,7 @@ from estimator.plans.plan import Observed, Plan
 from estimator.recordings.excitation import quantum
 
 FloatArray = NDArray[np.float64]
+STANDS = 8  # rows at which an encoder that shows no count stands: its error is constant there
 HELD = 20  # rows for which a logger may show a sample again
 
 Act = Callable[[FloatArray, float, float], FloatArray]  # (n,) signal, value, sampling interval in s -> (n,) signal
@@ -181,10 +182,12 @@ def _without_repeats(o: Observed, outputs: Sequence[str]) -> FloatArray:
     rows = np.column_stack([o.outputs[y] for y in outputs])
     for j in range(rows.shape[1]):
         again = np.concatenate([[False], rows[1:, j] == rows[:-1, j]])
-        if not again.any() or quantum(rows[:, j]) > 0:
+        lattice = again.any() and quantum(rows[:, j]) > 0
+        if not again.any() or (lattice and outputs[j] != "w"):
             continue
         edges = np.flatnonzero(np.diff(np.concatenate([[False], again, [False]]).astype(np.int8)))
         for first, last in zip(edges[::2], edges[1::2], strict=True):
-            if last - first <= HELD:
+            stands = lattice and last - first >= STANDS and rows[first, j] == 0
+            if stands or (not lattice and last - first <= HELD):
                 rows[first:last, j] = np.nan
     return rows

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 
-DOUBTFUL_ERROR = 0.1  # relative standard error
+DOUBTFUL_ERROR = 0.25  # relative standard error
 TRADED = 0.98  # correlation of two that stand in for each other
 USELESS_ERROR = 0.5  # relative standard error: the parameter is not identified
 MISFIT = 1.5  # residuals' deviation over the noise that the data show
@@ -106,6 +106,7 @@ def judge(
         reasons += misfit
         reasons += step.reasons
         wrong = [*_doubts(explained), *scales_at_odds(plan), *_fast(plan, values), *coasting(plan)]
+        reasons += wrong
         if held := at_given_bound(plan, polish):
             wrong.append(f"{', '.join(held)} may not go where the recording wants it")
         if wrong:  # numbers that stand on it are not to be relied on

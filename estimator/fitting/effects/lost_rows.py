@@ -12,6 +12,7 @@ from estimator.fitting.fit import Fit, Linear
 from estimator.fitting.windows import find_windows
 from estimator.plans.plan import Plan
 
+LEAST, MOST = 0.7, 30.0  # rows: a logger loses whole ones
 PLACES = 60  # that are looked at, at most
 
 
@@ -50,9 +51,8 @@ class LostRows(Effect):
         best = int(np.argmax(gain))
         clock = next(c for c in s.clocks if c.rows.start <= places[best] < c.rows.stop)
         t = clock.time[places[best] - clock.rows.start]
-        return [Linear(f"{self.name} at t = {t:.4g} s", columns[:, :, best : best + 1], ("rows",))]
+        return [Linear(f"{self.name} at t = {t:.4g} s", columns[:, :, best : best + 1], ("rows",), least=LEAST, most=MOST)]
 
     def tell(self, name: str, value: float, plan: Plan) -> str:
         """Say how many, and where."""
-        what = "missing" if value > 0 else "too many"
-        return f"{name}: some {abs(value):.2g} rows seem to be {what} there"
+        return f"{name}: some {value:.2g} rows seem to be missing there"

@@ -21,7 +21,8 @@ TURNS = 4.0  # fewer tell no order
 SAME = 0.9  # of the best order's power: a lower order that explains as much is taken
 SLOW, SHARE = 0.2, 0.05  # rad a sample; of the rows: an order that is folded below is not told from a drift
 LEAST = 1.0  # of a speed's quantum
-STANDS_OUT, NEAR = 20.0, 10  # times the median power of the orders nearby; of those on either side
+BESIDE = 2  # orders that a few turns do not part
+STANDS_OUT, NEAR = 20.0, 12  # times the median power of the orders nearby; of those on either side
 LINES = 4  # an output, at most
 
 
@@ -63,7 +64,8 @@ class Ripple(Effect):
             power[[k - 1 for k in taken]] = 0.0
             best = float(np.max(power))
             order = int(np.argmax(power > SAME * best)) + 1
-            near = np.delete(power, [order - 1, *(k - 1 for k in taken)])[max(0, order - 1 - NEAR) : order - 1 + NEAR]
+            around = np.arange(max(0, order - 1 - NEAR), min(ORDERS, order + NEAR))
+            near = power[[k for k in around if abs(k - order + 1) > BESIDE and k + 1 not in taken]]
             if best < STANDS_OUT * float(np.median(near[near > 0])) if np.any(near > 0) else True:
                 continue
             coarse = max(quantum(o.outputs[y]) for o in fit.simulator.observed)

@@ -16,7 +16,7 @@ from estimator.plans.plan import Plan
 FloatArray = NDArray[np.float64]
 
 EDGE = 0.05  # of the voltage's range
-LEVELS = 60  # changes, at most: more are a signal
+LEVELS = 3000  # changes, at most: more are a signal
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class VoltageNoise(Effect):
             around[clock.rows] = _around(v[clock.rows])
         if np.max(np.abs(around)) <= 1e-6 * np.max(np.abs(v)):
             return ()
-        return [Linear(self.name, response(fit, voltage=-around)[:, :, None], ("",), most=1.5)]
+        return [Linear(self.name, response(fit, voltage=-around)[:, :, None], ("",), least=0.3, most=1.3)]
 
     def tell(self, name: str, value: float, plan: Plan) -> str:
         """Say so."""
