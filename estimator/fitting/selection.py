@@ -128,10 +128,12 @@ class Selection:
             Of the plan's free parameters.
         """
         bounds = self._held_near(starts)
-        best = self.with_noise(self._first(starts), slow=False)
-        best = self._grown(best, [e for e in self.effects if e.name == "ripple"], rounds=4, slow=False)
-        if not find_windows(best.fit).enough:  # slow noise would be made of what effects do
-            best = self._grown(best, self.effects, rounds=ROUNDS, slow=False)
+        best = self._first(starts)
+        if find_windows(best.fit).enough:
+            best = self.with_noise(best, slow=False)
+            best = self._grown(best, [e for e in self.effects if e.name == "ripple"], rounds=4, slow=False)
+        else:  # noise would be made of what effects do: that of the samples beside each other is taken first
+            best = self._grown(best, self.effects, rounds=ROUNDS, renew=False)
         best = self.with_noise(best)
         for _ in range(2):  # what is found changes the noise, and the noise what is found
             before = best.names()
@@ -194,7 +196,13 @@ class Selection:
         return dataclasses.replace(explanation, fit=solved(fit))
 
     def _grown(
-        self, explanation: Explanation, effects: Sequence[Effect], *, rounds: int, slow: bool = True
+        self,
+        explanation: Explanation,
+        effects: Sequence[Effect],
+        *,
+        rounds: int,
+        slow: bool = True,
+        renew: bool = True,
     ) -> Explanation:
         """Return the explanation with what is worth its numbers, one after the other."""
         rejected: set[str] = set()
@@ -202,7 +210,7 @@ class Selection:
             found = self._best_addition(explanation, effects, rejected)
             if found is None or len(explanation.additions) >= MOST:
                 break
-            judged = self.with_noise(found, slow=slow, again=True)
+            judged = self.with_noise(found, slow=slow, again=True) if renew else found
             if not all(_is_physical(judged.fit, a) for a in judged.additions):
                 rejected.add(found.additions[-1].name)
                 continue
