@@ -1,4 +1,4 @@
-"""The recordings explained: from a first polish to values, errors, what was found and what stays open. Knows no verdict."""
+"""The recordings explained: from a polish to values, errors, what was found and what stays open. Knows no verdict."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ class Explained:
                 coefficients[:, linear[name]] = column
         explained = s.shown(wide) + np.einsum("rqm,cm->crq", columns, coefficients)
         off = np.where(fit.whitener.present, explained - s.measured, 0.0)
-        failed = ~np.isfinite(off).all(axis=(1, 2))
+        failed = np.asarray(~np.isfinite(off).all(axis=(1, 2)))
         whitened = fit.whitener(np.where(failed[:, None, None], 0.0, off).transpose(1, 2, 0))[0]
         result = whitened.reshape(-1, len(candidates)).T.copy()
         result[failed] = np.nan
@@ -210,7 +210,7 @@ def _wanted(plan: Plan) -> list[Nuisance]:
 
 def _count(plan: Plan, output: str) -> float:
     """Return the deviation of a differenced encoder's counts, in the speed's unit."""
-    return max(float(quantum(o.outputs[output])) / np.sqrt(12) for o in plan.observed)
+    return float(max(quantum(o.outputs[output]) / np.sqrt(12) for o in plan.observed))
 
 
 def _explained(

@@ -2,9 +2,9 @@
 
     minimise  |W (m - s(x) - C b)|^2   over x, what is free on its scale, and b, the linear coefficients
 
-by Gauss-Newton steps with Levenberg's damping; s is simulated through the FMU, C are known columns, W whitens (noise_model).
-b is eliminated at every point (variable projection, Golub and Pereyra 1973): the triangular factor of the whitened [C J r]
-holds all that a step, a covariance or a test needs.
+by Gauss-Newton steps with Levenberg's damping; s is simulated through the FMU, C are known columns, W whitens
+(noise_model). b is eliminated at every point (variable projection, Golub and Pereyra 1973): the triangular factor of
+the whitened [C J r] holds all that a step, a covariance or a test needs.
 """
 
 from __future__ import annotations
@@ -90,7 +90,8 @@ class Fit:
     @property
     def names(self) -> tuple[str, ...]:
         """What is estimated: the free values, then the linear coefficients."""
-        return (*self.free, *(f"{g.name}{f'#{k}' if k else ''}" for g in self.linear for k in range(g.columns.shape[2])))
+        linear = (f"{g.name}{f'#{k}' if k else ''}" for g in self.linear for k in range(g.columns.shape[2]))
+        return (*self.free, *linear)
 
     @property
     def at_bound(self) -> NDArray[np.int64]:
@@ -119,7 +120,8 @@ class Fit:
         inside = self.at_bound == 0
         result = np.zeros((len(inside), len(inside)))
         if inside.any():
-            result[np.ix_(inside, inside)] = sum(information_parts(np.linalg.qr(self.jacobian[:, inside], mode="r")))
+            told, untold = information_parts(np.asarray(np.linalg.qr(self.jacobian[:, inside], mode="r")))
+            result[np.ix_(inside, inside)] = told + untold
         return result
 
     def residuals(self) -> FloatArray:
@@ -148,7 +150,7 @@ class ScoreTest:
 
     def gain(self, across: FloatArray) -> tuple[float, FloatArray]:
         """Return the fall of z'z, and the coefficients, of a group of columns, (rows q, k), as `across` gives them."""
-        r = np.linalg.qr(np.column_stack([across, self.left]), mode="r")
+        r = np.asarray(np.linalg.qr(np.column_stack([across, self.left]), mode="r"))
         k = across.shape[1]
         size = np.abs(np.diag(r)[:k])
         norms = np.linalg.norm(across, axis=0)
@@ -236,7 +238,7 @@ def _evaluated(fit: Fit, values: FloatArray, shown: FloatArray, raw: FloatArray,
     whitened = fit.whitener(everything)[0].reshape(shown.size, -1)
     r, jacobian = whitened[:, 0], whitened[:, 1:]
     m = columns.shape[2]
-    b = np.linalg.lstsq(jacobian[:, jacobian.shape[1] - m :], r, rcond=None)[0] if m else np.zeros(0)
+    b = np.asarray(np.linalg.lstsq(jacobian[:, jacobian.shape[1] - m :], r, rcond=None)[0]) if m else np.zeros(0)
     z = r - jacobian[:, jacobian.shape[1] - m :] @ b
     return dataclasses.replace(
         fit, values=values, shown=shown, coefficients=b, z=z, jacobian=jacobian, raw=everything[:, :, 1:],
@@ -277,7 +279,7 @@ def _cost(fit: Fit, shown: FloatArray, linear: FloatArray) -> float:
 def _triangle(fit: Fit, linear: FloatArray, raw: FloatArray, shown: FloatArray) -> FloatArray:
     """Return the triangular factor of the whitened [C J r], padded to square."""
     own = _flat(fit.whitener, np.concatenate([raw, _misfit(fit, shown)[:, :, None]], axis=2))
-    r = np.linalg.qr(np.column_stack([linear, own]), mode="r")
+    r = np.asarray(np.linalg.qr(np.column_stack([linear, own]), mode="r"))
     square = np.zeros((r.shape[1], r.shape[1]))
     square[: len(r)] = r
     return square
@@ -310,7 +312,14 @@ def _reach(s: Simulator, where: NDArray[np.int_]) -> FloatArray:
 
 
 def _differences(
-    fit: Fit, where: NDArray[np.int_], x: FloatArray, shown: FloatArray, low: FloatArray, high: FloatArray, *, central: bool
+    fit: Fit,
+    where: NDArray[np.int_],
+    x: FloatArray,
+    shown: FloatArray,
+    low: FloatArray,
+    high: FloatArray,
+    *,
+    central: bool,
 ) -> FloatArray:
     """Return derivatives of what is shown by what is free, (rows, q, f), by one-sided or central differences."""
     s = fit.simulator
