@@ -21,6 +21,7 @@ FloatArray = NDArray[np.float64]
 
 OPEN = 4.0  # charged for each number of an addition that stays open
 TOLD = 0.003  # of an addition's power: if less is left beside the parameters, no such recording tells it
+LIKELY = 6.0  # of the criterion: a rival that is further behind weighs less than 5 %
 DIFFERS = 1.0  # standard errors by which a rival must differ to be told
 
 
@@ -79,7 +80,7 @@ def averaged(
         parts.append((max(behind, 0.0), there, other))
         with np.errstate(invalid="ignore"):
             apart = np.abs(there - own) / np.where(np.isfinite(deviation), deviation, np.inf)
-        if np.max(apart, initial=0.0) > DIFFERS:
+        if np.max(apart, initial=0.0) > DIFFERS and behind < LIKELY:
             told.append((rival, float(np.max(apart)), names[int(np.argmax(apart))]))
     weights = np.exp(-0.5 * np.array([c for c, _, _ in parts]))
     weights /= weights.sum()

@@ -372,7 +372,7 @@ class Selection:
                 continue
             bare = self.without(explanation, addition)
             lost = bare.fit.cost - explanation.fit.cost
-            tested = [a for a in self.additions(bare, self.effects) if a.name != addition.name]
+            tested = [a for a in self.additions(bare, self.effects) if a.name != addition.name and not a.effect.doubt]
             tested = [a for a in tested if a.gain - a.penalty(n) > PROMISING * (lost - addition.penalty(n))]
             for other in sorted(tested, key=lambda a: a.penalty(n) - a.gain)[:2]:
                 fit = self.refitted(bare, other)

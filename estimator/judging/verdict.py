@@ -105,7 +105,7 @@ def judge(
         misfit = _misfit(plan, polish, explained, noise, spread)
         reasons += misfit
         reasons += step.reasons
-        wrong = [*_doubts(explained), *scales_at_odds(plan), *_fast(plan, values), *coasting(plan)]
+        wrong = [*_doubts(explained), *scales_at_odds(plan), *_fast(plan, values), *_coasting(plan, explained)]
         reasons += wrong
         if held := at_given_bound(plan, polish):
             wrong.append(f"{', '.join(held)} may not go where the recording wants it")
@@ -237,6 +237,12 @@ def _fast(plan: Plan, values: Mapping[str, float]) -> list[str]:
             " other parameters may fit these few samples as well; sample faster"
         ]
     return []
+
+
+def _coasting(plan: Plan, explained: Explained | None) -> list[str]:
+    """Say that the motor turned before its recording, where that is not estimated."""
+    known = explained is not None and any(f.effect == "motion before the voltage" for f in explained.found)
+    return [] if known else coasting(plan)
 
 
 def _doubts(explained: Explained | None) -> list[str]:
