@@ -133,10 +133,10 @@ def explain(
     if any(e.name == "latency of each edge" for e in effects):
         plan, late = with_latencies(plan)
     own = [n for e in effects if not e.fmu for n in e.nuisances(plan)]
-    wanted = _wanted(plan)
+    wanted = freed_by_the_case(plan)
     own = [n for n in own if n.name not in {w.name for w in wanted}]
     base = Simulator(plan, (*own, *wanted), crew, sigma)
-    differenced = np.array([_count(plan, y) if plan.sensors[y] == layout.MEAN else 0.0 for y in plan.outputs])
+    differenced = np.array([count_deviation(plan, y) if plan.sensors[y] == layout.MEAN else 0.0 for y in plan.outputs])
     rivals_of = _Rivals(plan, base, crew, sigma, effects)
     selection = Selection(
         base,
@@ -186,7 +186,7 @@ class _Rivals:
         )
 
 
-def _wanted(plan: Plan) -> list[Nuisance]:
+def freed_by_the_case(plan: Plan) -> list[Nuisance]:
     """Return the values of the measurement chain that the case frees."""
     found = []
     for place in plan.wanted:
@@ -208,7 +208,7 @@ def _wanted(plan: Plan) -> list[Nuisance]:
     return found
 
 
-def _count(plan: Plan, output: str) -> float:
+def count_deviation(plan: Plan, output: str) -> float:
     """Return the deviation of a differenced encoder's counts, in the speed's unit."""
     return float(max(quantum(o.outputs[output]) / np.sqrt(12) for o in plan.observed))
 
