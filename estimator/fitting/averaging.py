@@ -2,9 +2,10 @@
 
 Explanation m weighs exp(-c_m / 2), c_m its criterion above the best's. The values are the weighted means; their
 covariance is  sum w_m (C_m + (x_m - x)(x_m - x)')  (Buckland, Burnham and Augustin 1997; Hoeting et al. 1999). Of an
-addition that was not accepted the score test tells x_m and C_m without a refit. It is charged OPEN a number, not log n:
-a usual effect just below what is accepted must not leave the bars as if it were known to be absent. Additions whose
-effect the parameters take up almost entirely are left out: no recording of the kind tells them (`unseen`).
+addition that was not accepted the score test tells x_m and C_m without a refit. Its number has a usual size as prior
+deviation, so that it is charged log det (I + information), not log n (MacKay 1992): an effect that the recording hardly
+tells, and that would move a parameter far, must not leave the bars as if it were known to be absent. What a usual size
+of it would not show at all is left out: no recording of the kind tells it (`unseen`), and a budget allows for it.
 """
 
 from __future__ import annotations
@@ -19,7 +20,8 @@ from estimator.fitting.selection import Addition, Explanation
 
 FloatArray = NDArray[np.float64]
 
-OPEN = 4.0  # charged for each number of an addition that stays open
+OPEN = 4.0  # charged for each number of an addition whose usual size is not known
+VISIBLE = 1.0  # of z'z, by a usual size: less shows nothing
 TOLD = 0.003  # of an addition's power: if less is left beside the parameters, no such recording tells it
 LIKELY = 6.0  # of the criterion: a rival that is further behind weighs less than 5 %
 DIFFERS = 1.0  # standard errors by which a rival must differ to be told
@@ -58,18 +60,25 @@ def averaged(
     for a in open_additions:
         if a.across is None or a.whitened is None:
             continue
-        power = np.sum(a.across**2)
-        if power <= TOLD * np.sum(a.whitened**2):
+        across, whitened, known = a.across, a.whitened, True
+        if a.linear is not None:
+            known = a.linear.size > 0
+            across, whitened = (x * (a.linear.size or 1.0) for x in (across, whitened))
+        power = float(np.sum(across**2))
+        if power <= TOLD * np.sum(whitened**2) or (known and power < VISIBLE):
             unseen.append(a)
             continue
-        gain, size = test.gain(a.across)
-        if gain == 0.0 or a.numbers != a.across.shape[1]:
-            continue
-        shift = np.zeros((len(inside), a.across.shape[1]))
-        shift[inside] = -pseudo @ a.whitened
-        spread = np.linalg.inv(a.across.T @ a.across)
-        charge = a.numbers * OPEN + 2 * np.log(1 / a.effect.prior) - gain
+        k = across.shape[1]
+        information = across.T @ across + (np.eye(k) if known else 0.0)  # a usual size is a prior deviation of 1
+        spread = np.linalg.pinv(information)
+        along = across.T @ test.left
+        size = spread @ along
+        gain = float(along @ size)
+        charge = float(np.linalg.slogdet(information)[1]) if known else OPEN * k
+        shift = np.zeros((len(inside), k))
+        shift[inside] = -pseudo @ whitened
         moved = shift[:p]
+        charge += 2 * float(np.log(1 / a.effect.prior)) - gain
         parts.append((max(charge, 0.0), own + moved @ size, covariance[:p, :p] + moved @ spread @ moved.T))
     told = []
     deviation = np.sqrt(np.maximum(np.diag(covariance)[:p], 1e-300))

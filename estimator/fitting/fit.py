@@ -42,6 +42,8 @@ class Linear:
     units : of the coefficients
     least, most : float
         A coefficient below or above is absurd.
+    size : float
+        A usual size of a coefficient; 0: none is known.
     """
 
     name: str
@@ -49,6 +51,7 @@ class Linear:
     units: tuple[str, ...]
     least: float = -np.inf
     most: float = np.inf
+    size: float = 0.0
 
 
 @dataclass(frozen=True)

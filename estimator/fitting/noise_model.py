@@ -37,6 +37,7 @@ PAYS = 10.0  # of -2 log L, by which a component must improve it: two numbers, a
 ORDERS = (1, 2, 3, 4, 6, 8, 12, 16, 24)  # of the short autoregression
 LOW, HIGH, FEW = 0.03, 0.06, 25  # of the largest signal: quiet, loud; samples of each
 STRETCH, MOST_LEVELS = 20, 12  # rows of a stretch that has a level of its own; levels, at most
+SHORTEST = 0.02  # s, of a torque that wanders: faster ones are transients that are explained wrongly
 LONGEST = 0.25  # of the longest stretch: a slow part that lasts longer is none
 RESTS, STARTS, RUNS = range(3)
 LEAST = 1e-9  # of the residuals' variance: the least white part
@@ -451,8 +452,11 @@ class _Search:
         low, high = x0 - 7.0, x0 + 7.0
         longest = np.log(LONGEST * max(float(c.time[-1] - c.time[0]) for c in self.whitener.clocks))
         taus = np.concatenate([[False, True] if kind in ("slow", "torque") else [False] for kind, _ in active])
+        wanders = np.concatenate([[False, True] if k == "torque" else [False] * (2 if k == "slow" else 1) for k, _ in active])
+        low[wanders] = np.maximum(low[wanders], np.log(SHORTEST))
         high[taus] = np.maximum(np.minimum(high[taus], longest), low[taus] + 0.1)
-        x0 = np.minimum(x0, high)
+        high = np.maximum(high, low + 0.1)
+        x0 = np.clip(x0, low, high)
 
         def value(x: FloatArray) -> float:
             return self.misfit(_set(noise, active, x))

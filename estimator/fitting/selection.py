@@ -36,7 +36,7 @@ PROMISING = 0.6  # of the best addition's promise: less is not refitted
 NEARBY = {"R": 5.0, "K": 4.0, "J": 6.0, "L": 50.0}  # factors: while effects are missing, a fit may go anywhere
 ROUGH = 8  # iterations of a fit that is only compared
 NEAR = 10.0  # of the criterion: explanations no worse than this are rivals
-IDLE = 0.5  # of the penalty: an addition whose square over its variance is below may be idle
+IDLE = 6.0  # times the penalty: an addition whose square over its variance is below may be idle
 
 
 @dataclass(frozen=True)
@@ -130,6 +130,8 @@ class Selection:
         bounds = self._held_near(starts)
         best = self.with_noise(self._first(starts), slow=False)
         best = self._grown(best, [e for e in self.effects if e.name == "ripple"], rounds=4, slow=False)
+        if not find_windows(best.fit).enough:  # slow noise would be made of what effects do
+            best = self._grown(best, self.effects, rounds=ROUNDS, slow=False)
         best = self.with_noise(best)
         for _ in range(2):  # what is found changes the noise, and the noise what is found
             before = best.names()

@@ -29,10 +29,11 @@ class Window:
 
 @dataclass(frozen=True)
 class Windows:
-    """The windows of all recordings, and the rows that are settled, (rows,)."""
+    """The windows of all recordings; the rows that tell the noise, (rows,), and whether these are settled ones."""
 
     windows: tuple[Window, ...]
     settled: BoolArray
+    enough: bool = True
 
 
 def find_windows(fit: Fit) -> Windows:
@@ -72,9 +73,10 @@ def find_windows(fit: Fit) -> Windows:
         if settled[own].any():
             windows.append(Window(f"the settled part{of}", own[settled[own]]))
         windows.append(Window(f"all{of or ' of the recording'}", own))
-    if settled.sum() < min(ENOUGH, 0.5 * s.rows):
+    enough = bool(settled.sum() >= min(ENOUGH, 0.5 * s.rows))
+    if not enough:
         settled[:] = True
-    return Windows(tuple(w for w in windows if len(w.rows) >= LEAST), settled)
+    return Windows(tuple(w for w in windows if len(w.rows) >= LEAST), settled, enough)
 
 
 def _is_delay(fit: Fit, name: str, e: int) -> bool:

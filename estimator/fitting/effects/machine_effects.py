@@ -16,6 +16,8 @@ from estimator.plans.plan import Plan
 
 FloatArray = NDArray[np.float64]
 
+PART = 0.1  # of the friction
+
 
 @dataclass(frozen=True)
 class FrictionDrift(Effect):
@@ -27,15 +29,17 @@ class FrictionDrift(Effect):
     def linear(self, fit: Fit) -> Sequence[Linear]:
         """Return one a recording of a motor."""
         s = fit.simulator
-        if motor_values(fit) is None or "w" not in s.outputs:
+        values = motor_values(fit)
+        if values is None or "w" not in s.outputs:
             return ()
+        usual = values["B"] * float(np.median(np.abs(fit.shown[:, s.outputs.index("w")])))
         w = fit.shown[:, s.outputs.index("w")]
         found = []
         for clock, name in zip(s.clocks, per_recording(s.plan, self.name), strict=True):
             torque = np.zeros(s.rows)
             t = clock.time
             torque[clock.rows] = np.sign(w[clock.rows]) * ((t - t[0]) / (t[-1] - t[0]) - 0.5)
-            found.append(Linear(name, response(fit, torque=torque)[:, :, None], ("N.m",)))
+            found.append(Linear(name, response(fit, torque=torque)[:, :, None], ("N.m",), size=PART * usual))
         return found
 
     def tell(self, name: str, value: float, plan: Plan) -> str:
@@ -55,14 +59,15 @@ class WindingWarms(Effect):
     def linear(self, fit: Fit) -> Sequence[Linear]:
         """Return one for all recordings of a motor whose current is measured."""
         s = fit.simulator
-        if motor_values(fit) is None or "i" not in s.outputs:
+        values = motor_values(fit)
+        if values is None or "i" not in s.outputs:
             return ()
         i = fit.shown[:, s.outputs.index("i")]
         voltage = np.zeros(s.rows)
         for clock in s.clocks:
             heat = np.cumsum(i[clock.rows] ** 2)
             voltage[clock.rows] = -i[clock.rows] * (heat / max(heat[-1], 1e-300) - 0.5)
-        return [Linear(self.name, response(fit, voltage=voltage)[:, :, None], ("Ohm",))]
+        return [Linear(self.name, response(fit, voltage=voltage)[:, :, None], ("Ohm",), size=0.05 * values["R"])]
 
     def tell(self, name: str, value: float, plan: Plan) -> str:
         """Say by how much."""
