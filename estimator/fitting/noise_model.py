@@ -452,7 +452,7 @@ class _Search:
         low, high = x0 - 7.0, x0 + 7.0
         longest = np.log(LONGEST * max(float(c.time[-1] - c.time[0]) for c in self.whitener.clocks))
         taus = np.concatenate([[False, True] if kind in ("slow", "torque") else [False] for kind, _ in active])
-        wanders = np.concatenate([[False, True] if k == "torque" else [False] * (2 if k == "slow" else 1) for k, _ in active])
+        wanders = taus & np.concatenate([[k == "torque"] * (2 if k in ("slow", "torque") else 1) for k, _ in active])
         low[wanders] = np.maximum(low[wanders], np.log(SHORTEST))
         high[taus] = np.maximum(np.minimum(high[taus], longest), low[taus] + 0.1)
         high = np.maximum(high, low + 0.1)
