@@ -17,7 +17,7 @@ from estimator.estimating.starts import many_starts, needs_many
 from estimator.fitting.effects import known_effects
 from estimator.fitting.explained import Explained, explain
 from estimator.fitting.polish import LeastSquares, Polish, at_given_bound, log_likelihood
-from estimator.fitting.problem import SIGMA_FLOOR, Problem
+from estimator.fitting.problem import SIGMA_FLOOR
 from estimator.plans.space import Space, reduced_space, steady_state
 from estimator.results.linear import MOTOR
 from estimator.results.result import Estimate

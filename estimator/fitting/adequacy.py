@@ -1,11 +1,11 @@
-"""Does an explanation hold where its parameters are made? Whitened residuals, window by window. Knows no effect.
+"""Does an explanation hold where its parameters are made? Whitened residuals by window. Knows no effect.
 
 In every window (windows.py) three things are asked of the whitened residuals z, which are independent and of variance 1
 where the explanation holds:
 
     size        sum of z^2, chi-square with the window's samples (its variance by the tails that settled rows show)
     neighbours  sum of z_k z_k+1, over the root of their number, standard normal
-    own values  would the parameters be others in this window? the score test of the Jacobian's rows there (Hausman 1978)
+    own values  would the parameters be others in this window? the score test of its rows of the Jacobian (Hausman 1978)
 
 The chance that an explanation that holds fails any of them is ALARM, shared equally (Bonferroni).
 """
@@ -98,9 +98,7 @@ def adequacy(fit: Fit, parameters: int) -> Adequacy:
                     failures.append(Failure("neighbours", window.name, output, alike / max(square, 1e-300)))
                     inflation = max(inflation, (1 + abs(alike)) / (1 - min(abs(alike), 0.9)))
     test = fit.test()
-    for name, output, rows in _groups(windows, outputs, z.shape):
-        mask = np.zeros(z.shape, dtype=bool)
-        mask[rows] = True
+    for name, output, mask in _groups(windows, outputs, z.shape):
         ratio = _own_values(fit, test.left, test.basis, mask.ravel(), parameters, chdtri, ALARM / count)
         if ratio > 1:
             failures.append(Failure("own values", name, output, ratio))
@@ -110,17 +108,29 @@ def adequacy(fit: Fit, parameters: int) -> Adequacy:
 
 def _groups(
     windows: Windows, outputs: Sequence[str], shape: tuple[int, ...]
-) -> list[tuple[str, str, tuple[NDArray[np.int64] | slice, object]]]:
-    groups: list[tuple[str, str, tuple[NDArray[np.int64] | slice, object]]] = [
-        (w.name, "", (w.rows, slice(None))) for w in windows.windows if len(w.rows) < shape[0]
-    ]
-    if len(outputs) > 1:
-        groups += [("the recording", y, (slice(None), j)) for j, y in enumerate(outputs)]
+) -> list[tuple[str, str, NDArray[np.bool_]]]:
+    """Return the parts, (rows, q), that are asked for parameters of their own, each with its window and output."""
+    groups = []
+    for w in windows.windows:
+        if len(w.rows) < shape[0]:
+            mask = np.zeros(shape, dtype=bool)
+            mask[w.rows] = True
+            groups.append((w.name, "", mask))
+    for j, y in enumerate(outputs if len(outputs) > 1 else ()):
+        mask = np.zeros(shape, dtype=bool)
+        mask[:, j] = True
+        groups.append(("the recording", y, mask))
     return groups
 
 
 def _own_values(
-    fit: Fit, left: FloatArray, basis: FloatArray, mask: NDArray[np.bool_], parameters: int, chdtri: object, chance: float
+    fit: Fit,
+    left: FloatArray,
+    basis: FloatArray,
+    mask: NDArray[np.bool_],
+    parameters: int,
+    chdtri: object,
+    chance: float,
 ) -> float:
     """Return how much larger the score of own parameters in a part is than its quantile; its root."""
     columns = np.where(mask[:, None], fit.jacobian[:, :parameters], 0.0)

@@ -101,7 +101,10 @@ def averaged(
     total = covariance[:p, :p].copy()
     sub = np.ix_(finite, finite)
     total[sub] = np.sum(
-        [w * (c[sub] + np.outer((x - mean)[finite], (x - mean)[finite])) for w, (_, x, c) in zip(weights, parts, strict=True)],
+        [
+            w * (c[sub] + np.outer((x - mean)[finite], (x - mean)[finite]))
+            for w, (_, x, c) in zip(weights, parts, strict=True)
+        ],
         axis=0,
     )
     held = ~inside[:p]

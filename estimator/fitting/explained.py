@@ -1,4 +1,4 @@
-"""The recordings explained: from a first polish to values, errors, what was found and what stays open. Knows no verdict."""
+"""The recordings explained: from a polish to values, errors, what was found and what stays open. Knows no verdict."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ class Explained:
                 coefficients[:, linear[name]] = column
         explained = s.shown(wide) + np.einsum("rqm,cm->crq", columns, coefficients)
         off = np.where(fit.whitener.present, explained - s.measured, 0.0)
-        failed = ~np.isfinite(off).all(axis=(1, 2))
+        failed = np.asarray(~np.isfinite(off).all(axis=(1, 2)))
         whitened = fit.whitener(np.where(failed[:, None, None], 0.0, off).transpose(1, 2, 0))[0]
         result = whitened.reshape(-1, len(candidates)).T.copy()
         result[failed] = np.nan
@@ -133,10 +133,10 @@ def explain(
     if any(e.name == "latency of each edge" for e in effects):
         plan, late = with_latencies(plan)
     own = [n for e in effects if not e.fmu for n in e.nuisances(plan)]
-    wanted = _wanted(plan)
+    wanted = freed_by_the_case(plan)
     own = [n for n in own if n.name not in {w.name for w in wanted}]
     base = Simulator(plan, (*own, *wanted), crew, sigma)
-    differenced = np.array([_count(plan, y) if plan.sensors[y] == layout.MEAN else 0.0 for y in plan.outputs])
+    differenced = np.array([count_deviation(plan, y) if plan.sensors[y] == layout.MEAN else 0.0 for y in plan.outputs])
     rivals_of = _Rivals(plan, base, crew, sigma, effects)
     selection = Selection(
         base,
@@ -186,7 +186,7 @@ class _Rivals:
         )
 
 
-def _wanted(plan: Plan) -> list[Nuisance]:
+def freed_by_the_case(plan: Plan) -> list[Nuisance]:
     """Return the values of the measurement chain that the case frees."""
     found = []
     for place in plan.wanted:
@@ -208,9 +208,9 @@ def _wanted(plan: Plan) -> list[Nuisance]:
     return found
 
 
-def _count(plan: Plan, output: str) -> float:
+def count_deviation(plan: Plan, output: str) -> float:
     """Return the deviation of a differenced encoder's counts, in the speed's unit."""
-    return max(float(quantum(o.outputs[output])) / np.sqrt(12) for o in plan.observed)
+    return float(max(quantum(o.outputs[output]) / np.sqrt(12) for o in plan.observed))
 
 
 def _explained(

@@ -2,9 +2,9 @@
 
     minimise  |W (m - s(x) - C b)|^2   over x, what is free on its scale, and b, the linear coefficients
 
-by Gauss-Newton steps with Levenberg's damping; s is simulated through the FMU, C are known columns, W whitens (noise_model).
-b is eliminated at every point (variable projection, Golub and Pereyra 1973): the triangular factor of the whitened [C J r]
-holds all that a step, a covariance or a test needs.
+by Gauss-Newton steps with Levenberg's damping; s is simulated through the FMU, C are known columns, W whitens
+(noise_model). b is eliminated at every point (variable projection, Golub and Pereyra 1973): the triangular factor of
+the whitened [C J r] holds all that a step, a covariance or a test needs.
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ DAMPING = (1e-3, 1e8)  # first, last
 FAR_LOG, FAR = 1.0, 5.0  # longest step: of a logarithm; of a nuisance's typical sizes
 OUTLIER, BESIDE = 4.5, 3.0  # standard deviations of an outlier, and of the samples beside it
 FREEDOM = 4.0  # of Student's t, by whose weights outliers are held down
+SECANTS, KINKED = 6, 0.7  # times that errors grow by secants; of a derivative: a smaller secant is taken
 AT_BOUND = 1e-6  # of the width of the bounds
 
 
@@ -93,7 +94,8 @@ class Fit:
     @property
     def names(self) -> tuple[str, ...]:
         """What is estimated: the free values, then the linear coefficients."""
-        return (*self.free, *(f"{g.name}{f'#{k}' if k else ''}" for g in self.linear for k in range(g.columns.shape[2])))
+        linear = (f"{g.name}{f'#{k}' if k else ''}" for g in self.linear for k in range(g.columns.shape[2]))
+        return (*self.free, *linear)
 
     @property
     def at_bound(self) -> NDArray[np.int64]:
@@ -122,7 +124,8 @@ class Fit:
         inside = self.at_bound == 0
         result = np.zeros((len(inside), len(inside)))
         if inside.any():
-            result[np.ix_(inside, inside)] = sum(information_parts(np.linalg.qr(self.jacobian[:, inside], mode="r")))
+            told, untold = information_parts(np.asarray(np.linalg.qr(self.jacobian[:, inside], mode="r")))
+            result[np.ix_(inside, inside)] = told + untold
         return result
 
     def residuals(self) -> FloatArray:
@@ -151,7 +154,7 @@ class ScoreTest:
 
     def gain(self, across: FloatArray) -> tuple[float, FloatArray]:
         """Return the fall of z'z, and the coefficients, of a group of columns, (rows q, k), as `across` gives them."""
-        r = np.linalg.qr(np.column_stack([across, self.left]), mode="r")
+        r = np.asarray(np.linalg.qr(np.column_stack([across, self.left]), mode="r"))
         k = across.shape[1]
         size = np.abs(np.diag(r)[:k])
         norms = np.linalg.norm(across, axis=0)
@@ -239,7 +242,7 @@ def _evaluated(fit: Fit, values: FloatArray, shown: FloatArray, raw: FloatArray,
     whitened = fit.whitener(everything)[0].reshape(shown.size, -1)
     r, jacobian = whitened[:, 0], whitened[:, 1:]
     m = columns.shape[2]
-    b = np.linalg.lstsq(jacobian[:, jacobian.shape[1] - m :], r, rcond=None)[0] if m else np.zeros(0)
+    b = np.asarray(np.linalg.lstsq(jacobian[:, jacobian.shape[1] - m :], r, rcond=None)[0]) if m else np.zeros(0)
     z = r - jacobian[:, jacobian.shape[1] - m :] @ b
     return dataclasses.replace(
         fit, values=values, shown=shown, coefficients=b, z=z, jacobian=jacobian, raw=everything[:, :, 1:],
@@ -263,6 +266,39 @@ def held_down(fit: Fit) -> Fit:
     return dataclasses.replace(fit, whitener=dataclasses.replace(fit.whitener, inflate=inflate))
 
 
+def with_secants(fit: Fit) -> Fit:
+    """Return the fit with derivatives over one standard error where these are much smaller than at the point.
+
+    Where an FMU switches, what is shown has kinks: a derivative at a point may be large that holds nowhere else.
+    """
+    s = fit.simulator
+    where = np.array([s.index[n] for n in fit.free], dtype=int)
+    for _ in range(SECANTS):
+        deviation = np.sqrt(np.maximum(np.diag(fit.covariance())[: len(where)], 0.0))
+        x = s.scaled(fit.values)[where]
+        reach = np.where(np.isfinite(deviation) & (deviation > 0), deviation, 0.0)
+        reach = np.minimum(reach, np.where(s.log[where], 0.5, _reach(s, where)))
+        low, high = s.scaled(s.lower)[where], s.scaled(s.upper)[where]
+        ahead, behind = np.minimum(x + reach, high), np.maximum(x - reach, low)
+        wide = np.repeat(fit.values[None, :], 2 * len(where), axis=0)
+        for k, j in enumerate(where):
+            wide[k, j] = s.unscaled(_spread(s, j, ahead[k]))[j]
+            wide[len(where) + k, j] = s.unscaled(_spread(s, j, behind[k]))[j]
+        shown = s.shown(wide)
+        width = ahead - behind
+        change = (shown[: len(where)] - shown[len(where) :]).transpose(1, 2, 0)
+        usable = (width > 0) & np.isfinite(change).all(axis=(0, 1))
+        secants = np.where(usable, np.nan_to_num(change), 0.0) / np.where(width > 0, width, 1.0)
+        norms = np.linalg.norm(_flat(fit.whitener, secants), axis=0)
+        kinked = usable & (norms < KINKED * np.linalg.norm(fit.jacobian[:, : len(where)], axis=0))
+        if not kinked.any():
+            break
+        raw = fit.raw[:, :, : len(where)].copy()
+        raw[:, :, kinked] = secants[:, :, kinked]
+        fit = _evaluated(fit, fit.values, fit.shown, raw, fit.raw[:, :, len(where) :])
+    return fit
+
+
 def _misfit(fit: Fit, shown: FloatArray) -> FloatArray:
     return np.where(fit.whitener.present, fit.simulator.measured - shown, 0.0)
 
@@ -280,7 +316,7 @@ def _cost(fit: Fit, shown: FloatArray, linear: FloatArray) -> float:
 def _triangle(fit: Fit, linear: FloatArray, raw: FloatArray, shown: FloatArray) -> FloatArray:
     """Return the triangular factor of the whitened [C J r], padded to square."""
     own = _flat(fit.whitener, np.concatenate([raw, _misfit(fit, shown)[:, :, None]], axis=2))
-    r = np.linalg.qr(np.column_stack([linear, own]), mode="r")
+    r = np.asarray(np.linalg.qr(np.column_stack([linear, own]), mode="r"))
     square = np.zeros((r.shape[1], r.shape[1]))
     square[: len(r)] = r
     return square
@@ -313,7 +349,14 @@ def _reach(s: Simulator, where: NDArray[np.int_]) -> FloatArray:
 
 
 def _differences(
-    fit: Fit, where: NDArray[np.int_], x: FloatArray, shown: FloatArray, low: FloatArray, high: FloatArray, *, central: bool
+    fit: Fit,
+    where: NDArray[np.int_],
+    x: FloatArray,
+    shown: FloatArray,
+    low: FloatArray,
+    high: FloatArray,
+    *,
+    central: bool,
 ) -> FloatArray:
     """Return derivatives of what is shown by what is free, (rows, q, f), by one-sided or central differences."""
     s = fit.simulator

@@ -27,7 +27,7 @@ def motor_values(fit: Fit) -> Mapping[str, float] | None:
 
 
 def machine_of(fit: Fit) -> tuple[tuple[FloatArray, FloatArray] | None, tuple[int, ...]]:
-    """Return A (2, 2) and b (2,) of d[i, w]/dt = A x + b torque, torque against the motion, and the channels' states."""
+    """Return A (2, 2), b (2,) of d[i, w]/dt = A x + b torque, torque against the motion, and the channels' states."""
     values = motor_values(fit)
     if values is None:
         return None, tuple(-1 for _ in fit.simulator.outputs)
@@ -70,7 +70,8 @@ def free_motion(fit: Fit, clock: Clock) -> FloatArray:
     second = f - np.trace(f) * np.eye(2)
     columns = []
     for first in (1, 0):
-        states = np.array([lfilter([float(row == first), second[row, first]], denominator, impulse) for row in range(2)])
+        above = [[float(row == first), second[row, first]] for row in range(2)]
+        states = np.array([lfilter(numerator, denominator, impulse) for numerator in above])
         columns.append(_as_shown(fit, states, clock))
     return np.stack(columns, axis=2)
 

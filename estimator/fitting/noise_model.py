@@ -1,6 +1,7 @@
 """The noise of a fit's residuals: its size, its colour, its covariance between channels. Knows arrays, no FMU.
 
-Residuals of channel j at row k are r = g z: g grows with the signal where the data say so (commutation, contact noise), and
+Residuals of channel j at row k are r = g z: g grows with the signal where the data say so (commutation, contact
+noise), and
 
     z = white + slow(tau) + differenced + H torque
 
@@ -109,11 +110,7 @@ class NoiseModel:
         ----------
         running : (q,) array
             g while the machine runs.
-        phase : LOW, HIGH, FEW = 0.03, 0.06, 25  # of the largest signal: quiet, loud; samples of each
-STRETCH, MOST_LEVELS = 20, 12  # rows of a stretch that has a level of its own; levels, at most
-SHORTEST = 0.02  # s, of a torque that wanders: faster ones are transients that are explained wrongly
-LONGEST = 0.25  # of the longest stretch: a slow part that lasts longer is none
-RESTS, STARTS or RUNS
+        phase : RESTS, STARTS or RUNS
             A machine at rest feels no torque that wanders.
         """
         q = len(self.white)
@@ -203,7 +200,7 @@ class Whitener:
         for clock in self.clocks:
             part = clock.rows
             steps, index = _steps(clock)
-            phases = (RUNS,)
+            phases: tuple[int, ...] = (RUNS,)
             if noise.torque[0] > 0 and not self.moving[part].all():
                 moving = self.moving[part]
                 phase = np.where(moving, np.where(np.concatenate([[True], moving[:-1]]), RUNS, STARTS), RESTS)
@@ -310,13 +307,13 @@ def fit_noise(
             clocks.append(Clock(clock.time[part - clock.rows.start], slice(at, at + len(part))))
             at += len(part)
     rows = np.concatenate(cut)
-    part = Whitener(whitener.noise, tuple(clocks), present[rows], whitener.level[rows], whitener.inflate[rows],
-                    whitener.moving[rows])
-    levels = _levels(part)
+    level, inflate, moving = whitener.level[rows], whitener.inflate[rows], whitener.moving[rows]
+    narrowed = Whitener(whitener.noise, tuple(clocks), present[rows], level, inflate, moving)
+    levels = _levels(narrowed)
     stacked = np.concatenate([residuals[rows, :, None], columns[rows], levels], axis=2)
-    stacked = np.where(part.present[:, :, None], stacked, 0.0)
+    stacked = np.where(narrowed.present[:, :, None], stacked, 0.0)
     growth = np.array([_growth(residuals[:, j], whitener, j) for j in range(residuals.shape[1])])
-    search = _Search(part, stacked, slow=slow, growth=growth)
+    search = _Search(narrowed, stacked, slow=slow, growth=growth)
     return search.again() if again else search.best()
 
 
@@ -347,11 +344,11 @@ def _growth(residuals: FloatArray, whitener: Whitener, j: int) -> float:
 
 def _levels(whitener: Whitener) -> FloatArray:
     """Return a constant for each channel and stretch, (rows, q, c): a level that is explained wrongly is no noise."""
-    told = whitener.present.any(axis=1)
+    told = np.asarray(whitener.present.any(axis=1))
     breaks = set((np.flatnonzero(told[1:] != told[:-1]) + 1).tolist())
     starts = sorted({0, *breaks, *(c.rows.start for c in whitener.clocks)})
     q = whitener.present.shape[1]
-    columns = []
+    columns: list[FloatArray] = []
     for first, last in zip(starts, [*starts[1:], len(told)], strict=True):
         for j in range(q):
             if told[first] and last - first >= STRETCH and len(columns) < MOST_LEVELS:
@@ -455,7 +452,7 @@ class _Search:
         low, high = x0 - 7.0, x0 + 7.0
         longest = np.log(LONGEST * max(float(c.time[-1] - c.time[0]) for c in self.whitener.clocks))
         taus = np.concatenate([[False, True] if kind in ("slow", "torque") else [False] for kind, _ in active])
-        wanders = np.concatenate([[False, True] if k == "torque" else [False] * (2 if k == "slow" else 1) for k, _ in active])
+        wanders = taus & np.concatenate([[k == "torque"] * (2 if k in ("slow", "torque") else 1) for k, _ in active])
         low[wanders] = np.maximum(low[wanders], np.log(SHORTEST))
         high[taus] = np.maximum(np.minimum(high[taus], longest), low[taus] + 0.1)
         high = np.maximum(high, low + 0.1)
@@ -465,7 +462,11 @@ class _Search:
             return self.misfit(_set(noise, active, x))
 
         found = minimize(
-            value, x0, method="L-BFGS-B", bounds=list(zip(low, high, strict=True)), options={"maxiter": iterations, "eps": 1e-3, "ftol": 1e-6}
+            value,
+            x0,
+            method="L-BFGS-B",
+            bounds=list(zip(low, high, strict=True)),
+            options={"maxiter": iterations, "eps": 1e-3, "ftol": 1e-6},
         )
         return _set(noise, active, found.x), float(found.fun)
 

@@ -1,8 +1,8 @@
 """Which effects a recording has: all tested at once, the best refitted with their rivals, by one rule. Knows no effect.
 
-The criterion is z'z of whitened residuals (-2 log L at a given noise) plus k log n + 2 log (1 / prior) for an addition of k
-numbers, n the samples: Schwarz's criterion with the odds of the effect. By a chance of 1e-4 or less an effect that is not
-there passes it (k = 1, n = 2 000, prior 0.2: chi-square above 10.8; benchmarks/combined.py measures the rate).
+The criterion is z'z of whitened residuals (-2 log L at a given noise) plus k log n + 2 log (1 / prior) for an addition
+of k numbers, n the samples: Schwarz's criterion with the odds of the effect. By a chance of 1e-4 or less an effect that
+is not there passes it (k = 1, n = 2 000, prior 0.2: chi-square above 10.8; benchmarks/combined.py measures the rate).
 
     fit what is free, find the noise in what is settled
     repeat: test every addition to first order; refit the best few; take the best if the criterion falls
@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.fitting.effects.base import Effect
-from estimator.fitting.fit import Fit, Linear, held_down, new_fit, refreshed, solved, with_level
+from estimator.fitting.fit import Fit, Linear, held_down, new_fit, refreshed, solved, with_level, with_secants
 from estimator.fitting.machine import machine_of
 from estimator.fitting.noise_model import NoiseModel, fit_noise
 from estimator.fitting.simulator import Nuisance, Simulator
@@ -76,7 +76,7 @@ class Explanation:
     additions: tuple[Addition, ...] = ()
 
     def names(self) -> set[str]:
-        """What was added."""
+        """Return what was added."""
         return {a.name for a in self.additions}
 
 
@@ -144,7 +144,8 @@ class Selection:
         for simulator in {id(s): s for s in (self.base, best.fit.simulator)}.values():
             p = len(self.base.plan.names)
             simulator.lower[:p], simulator.upper[:p] = bounds[0][:p], bounds[1][:p]
-        return dataclasses.replace(best, fit=solved(best.fit, tolerance=1e-8))
+        final = solved(best.fit, tolerance=1e-8)
+        return dataclasses.replace(best, fit=final if final.simulator is self.base else with_secants(final))
 
     def _first(self, starts: Sequence[FloatArray]) -> Explanation:
         """Return the best fit to begin with: from every start, with and without what is seen at first sight."""
@@ -304,7 +305,7 @@ class Selection:
                 rows.append(candidate)
                 owners.append((w, t))
         shown = simulator.shown(np.array(rows))
-        usable = np.isfinite(shown).all(axis=(1, 2))
+        usable = np.asarray(np.isfinite(shown).all(axis=(1, 2)))
         change = np.where(usable[:, None, None], shown - moved.shown, 0.0).transpose(1, 2, 0)
         whitened = fit.whitener(change)[0].reshape(fit.z.size, -1)
         across = whitened - test.basis @ (test.basis.T @ whitened)  # type: ignore[attr-defined]
@@ -325,7 +326,8 @@ class Selection:
                     reach = nuisance.tries[t] - nuisance.neutral
                     now = float(moved.values[simulator.index[nuisance.name]])
                     starts = tuple(
-                        {nuisance.name: now + f * reach, **together} for f in dict.fromkeys((float(np.clip(size, 0.1, 8)), 1.0))
+                        {nuisance.name: now + f * reach, **together}
+                        for f in dict.fromkeys((float(np.clip(size, 0.1, 8)), 1.0))
                     )
                 if best is None or gain > best[0]:
                     best = gain, starts, k

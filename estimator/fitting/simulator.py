@@ -176,8 +176,8 @@ def per_recording(plan: Plan, kind: str) -> Sequence[str]:
 def _without_repeats(o: Observed, outputs: Sequence[str]) -> FloatArray:
     """Return the outputs, (n, q), NaN where a logger shows a sample again, noise and all.
 
-    A channel that repeats values for a few rows at a time, and lies on no lattice of a converter or an encoder, is held;
-    a value that stays for longer is one that does not change.
+    A channel that repeats values for a few rows at a time, and lies on no lattice of a converter or an encoder, is
+    held; a value that stays for longer is one that does not change.
     """
     rows = np.column_stack([o.outputs[y] for y in outputs])
     for j in range(rows.shape[1]):

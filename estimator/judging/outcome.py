@@ -82,7 +82,9 @@ def sensors(plan: Plan, explained: Explained | None = None) -> dict[str, dict[st
     for name in plan.outputs:
         chain = plan.chains.get(name, ChainSpec())
         result[name] = {
-            "sensor": "mean" if plan.sensors[name] == layout.MEAN or known.get(f"mean over the interval {name}") else "identity",
+            "sensor": "mean"
+            if plan.sensors[name] == layout.MEAN or known.get(f"mean over the interval {name}")
+            else "identity",
             "average": round(known.get(f"average {name}", 1.0)) * chain.average,
             "filters": [f.family for f in chain.filters],
             "gain": chain.gain,

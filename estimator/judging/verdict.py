@@ -198,8 +198,8 @@ def _misfit(
             if explained.noise[j] > UNEXPLAINED * spread[j]:
                 unit = plan.description.variable(name).unit
                 reasons.append(
-                    f"the model does not explain {name}: residuals of {explained.noise[j]:.3g} {unit} are left of a signal"
-                    f" that spreads by {spread[j]:.3g} {unit}"
+                    f"the model does not explain {name}: residuals of {explained.noise[j]:.3g} {unit} are left of a"
+                    f" signal that spreads by {spread[j]:.3g} {unit}"
                 )
         return reasons
     reasons = []
@@ -274,7 +274,9 @@ def _found(plan: Plan, explained: Explained | None) -> list[str]:
         if held:
             notes.append(f"{name} has {held} outlier{'s' if held > 1 else ''}, weighted by Student's t")
     if noise.torque[0] > 0:
-        notes.append(f"a torque of {noise.torque[0]:.2g} N.m that wanders over {noise.torque[1]:.2g} s moves current and speed")
+        notes.append(
+            f"a torque of {noise.torque[0]:.2g} N.m that wanders over {noise.torque[1]:.2g} s moves current and speed"
+        )
     if set(MOTOR) <= set(plan.names) and "i" in plan.outputs:
         others = [name for name in explained.unseen if name != "gain"]
         notes.append(

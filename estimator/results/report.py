@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from estimator.results.result import Estimate, ParameterEstimate
+from estimator.results.result import Estimate, OtherValues, ParameterEstimate
 
 VALUE_DIGITS = 9  # at most: beyond that a noise-free fit prints its rounding errors
 UNKNOWN_ERROR_DIGITS = 6  # of a value whose standard error is not known
@@ -136,7 +136,17 @@ def validation_lines(estimate: Estimate) -> list[str]:
     if estimate.validation.chain:
         own = ", ".join(f"{name} {value:.4g}" for name, value in estimate.validation.chain.items())
         lines.append(f"  their own delays and offsets were fitted: {own}")
+    if estimate.validation.others is not None:
+        lines.append(f"  {others_text(estimate.validation.others)}")
     return lines
+
+
+def others_text(others: OtherValues) -> str:
+    """Say how the values that these recordings alone want agree with the estimate's."""
+    return (
+        f"their own parameters against the estimate's: chi-square {others.chi_square:.3g} of {others.degrees} degrees"
+        f" of freedom, by chance {others.chance:.2g}"
+    )
 
 
 def cost_lines(estimate: Estimate) -> list[str]:
@@ -210,6 +220,14 @@ def to_mapping(estimate: Estimate) -> dict[str, Any]:
             "rmse": estimate.validation.rmse,
             "fit_percent": estimate.validation.fit_percent,
             "measurement_chain": estimate.validation.chain,
+            "test": None
+            if estimate.validation.others is None
+            else {
+                "chi_square": estimate.validation.others.chi_square,
+                "degrees_of_freedom": estimate.validation.others.degrees,
+                "p_value": estimate.validation.others.chance,
+                "values": estimate.validation.others.values,
+            },
         },
         "simulations": estimate.simulations,
         "simulations_by_phase": estimate.simulations_by_phase,

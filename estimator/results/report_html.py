@@ -11,7 +11,15 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 
-from estimator.results.report import chain_rows, cost_lines, derived_rows, json_ready, parameter_rows, signal_rows
+from estimator.results.report import (
+    chain_rows,
+    cost_lines,
+    derived_rows,
+    json_ready,
+    others_text,
+    parameter_rows,
+    signal_rows,
+)
 from estimator.results.result import Estimate
 
 PROFILE_CAPTION = (
@@ -189,7 +197,9 @@ def _validation(estimate: Estimate) -> str:
         fitted, fit = estimate.rmse.get(name, math.nan), estimate.validation.fit_percent.get(name, math.nan)
         shown = [f"{x:.4g}" if math.isfinite(x) else "-" for x in (rmse, fitted)]
         rows.append([name, shown[0], shown[1], units.get(name, ""), f"{fit:.1f} %" if math.isfinite(fit) else ""])
-    text = "Nothing was fitted here: where the model holds, both root mean square errors are alike."
+    text = "The parameters were not fitted here: where the model holds, both root mean square errors are alike."
+    if estimate.validation.others is not None:
+        text += f" Fitted to these alone, {escape(others_text(estimate.validation.others))}."
     header = ["output", "RMSE here", "RMSE of the fit", "unit", "fit here"]
     return _table(header, rows, right=(1, 2, 4)) + f'<p class="small">{text}</p>'
 

@@ -1,8 +1,8 @@
 """What an effect is: data on how a bench may differ from the model. Knows plans and fits, no selection.
 
-An effect says what may be added to an explanation: nuisance parameters, which are simulated, or columns, which are linear.
-How it is tested, accepted, averaged or dropped is the same for all (selection.py). docs/add-an-effect.md shows how to add
-one.
+An effect says what may be added to an explanation: nuisance parameters, which are simulated, or columns, which are
+linear. How it is tested, accepted, averaged or dropped is the same for all (selection.py). docs/add-an-effect.md shows
+how to add one.
 """
 
 from __future__ import annotations

@@ -38,8 +38,11 @@ class Delay(Effect):
     def at_first_sight(self, plan: Plan) -> Mapping[str, float]:
         """Return the delays at which the outputs leave their rest."""
         names = per_recording(plan, self.name)
-        found = {name: o.delay for e, (o, name) in enumerate(zip(plan.observed, names, strict=True))
-                 if o.delay != 0 and f"delay of {e}" not in plan.declared and o.inputs and o.excitation.kind != "none"}  # fmt: skip
+        found = {}
+        for e, (o, name) in enumerate(zip(plan.observed, names, strict=True)):
+            moves = bool(o.inputs) and o.excitation.kind != "none"
+            if o.delay != 0 and f"delay of {e}" not in plan.declared and moves:
+                found[name] = o.delay
         return found
 
     def tell(self, name: str, value: float, plan: Plan) -> str:

@@ -120,9 +120,12 @@ class CurrentLimit(Drive):
         if peak <= 0:
             return ()
         tries = tuple(part * peak for part in (0.98, 0.9, 0.8))
-        return [Nuisance(self.target, self.unit, 0.2 * peak, 3 * peak, 3 * peak, 0.02 * peak, target=self.target, tries=tries,
-                         absolute=True)]  # fmt: skip
-
+        return [
+            Nuisance(
+                self.target, self.unit, 0.2 * peak, 3 * peak, 3 * peak, 0.02 * peak,
+                target=self.target, tries=tries, absolute=True,
+            )
+        ]  # fmt: skip
 
     def at_first_sight(self, plan: Plan) -> Mapping[str, float]:
         """Return the level at which the current stays at its largest while the speed goes on rising."""
@@ -144,7 +147,9 @@ def _plateau(o: Observed) -> float:
     if len(run) < HELD_ROWS or top < ABOVE * float(np.median(i[i > 4 * noise])):
         return 0.0
     rises = abs(float(w[run[-1]] - w[run[0]])) > 0.1 * float(np.max(w))
-    flat = abs(float(np.mean(i[run[: len(run) // 3]]) - np.mean(i[run[-(len(run) // 3) :]]))) < 2 * noise / np.sqrt(len(run) / 3) + 0.01 * top
+    third = len(run) // 3
+    falls = abs(float(np.mean(i[run[:third]]) - np.mean(i[run[-third:]])))
+    flat = falls < 2 * noise / np.sqrt(len(run) / 3) + 0.01 * top
     return float(np.median(i[run])) if rises and flat else 0.0
 
 
@@ -158,7 +163,8 @@ class Coasting(Drive):
 
     def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
         """Return the switch, where the voltage returns to zero."""
-        back = any(np.any((o.inputs["v"][1:] == 0) & (o.inputs["v"][:-1] != 0)) for o in plan.observed if "v" in o.inputs)
+        voltages = [o.inputs["v"] for o in plan.observed if "v" in o.inputs]
+        back = any(np.any((v[1:] == 0) & (v[:-1] != 0)) for v in voltages)
         switch = Nuisance(self.target, "", 0.0, 1.0, 0.0, 1.0, target=self.target, tries=(1.0,), whole=True)
         return [switch] if back else []
 
@@ -218,4 +224,5 @@ class DeadBand(Drive):
         levels = np.unique(np.concatenate([np.abs(o.inputs["v"]) for o in plan.observed if "v" in o.inputs]))
         levels = levels[levels > 0]
         tries = tuple(1.001 * float(x) for x in levels[:2]) if 2 < len(levels) <= 20 else ()
-        return [Nuisance(self.target, "V", 0.0, 1e3, 0.0, 1.0, target=self.target, tries=tries, whole=True)] if tries else []
+        threshold = Nuisance(self.target, "V", 0.0, 1e3, 0.0, 1.0, target=self.target, tries=tries, whole=True)
+        return [threshold] if tries else []

@@ -42,8 +42,8 @@ class LostRows(Effect):
         if not len(places) or settled.all() or any(g.name.startswith(self.name) for g in fit.linear):
             return ()
         columns = np.zeros((*fit.shown.shape, len(places)))
-        for p, k in enumerate(places):
-            columns[k : max(ends[k], k + 1), :, p] = slope[k : max(ends[k], k + 1)]
+        for p, row in enumerate(places):
+            columns[row : max(ends[row], row + 1), :, p] = slope[row : max(ends[row], row + 1)]
         test = fit.test()
         across = test.across(columns)
         power = np.sum(across**2, axis=0)
@@ -51,7 +51,8 @@ class LostRows(Effect):
         best = int(np.argmax(gain))
         clock = next(c for c in s.clocks if c.rows.start <= places[best] < c.rows.stop)
         t = clock.time[places[best] - clock.rows.start]
-        return [Linear(f"{self.name} at t = {t:.4g} s", columns[:, :, best : best + 1], ("rows",), least=LEAST, most=MOST)]
+        own = columns[:, :, best : best + 1]
+        return [Linear(f"{self.name} at t = {t:.4g} s", own, ("rows",), least=LEAST, most=MOST)]
 
     def tell(self, name: str, value: float, plan: Plan) -> str:
         """Say how many, and where."""

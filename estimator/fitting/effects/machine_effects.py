@@ -45,7 +45,8 @@ class FrictionDrift(Effect):
     def tell(self, name: str, value: float, plan: Plan) -> str:
         """Say which way."""
         way = "rises" if value > 0 else "falls"
-        return f"{name}: the friction {way} by {abs(value):.3g} N.m over the recording; the parameters stand for the mean"
+        size = f"{abs(value):.3g} N.m over the recording"
+        return f"{name}: the friction {way} by {size}; the parameters stand for the mean"
 
 
 @dataclass(frozen=True)

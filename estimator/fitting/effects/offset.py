@@ -33,7 +33,8 @@ class Offset(Effect):
                     continue
                 columns = np.zeros((fit.simulator.rows, len(fit.simulator.outputs), 1))
                 columns[clock.rows, j, 0] = 1.0
-                found.append(Linear(name, columns, (plan.description.variable(y).unit,), size=0.01 * float(np.nanmax(np.abs(o.outputs[y])))))
+                size = 0.01 * float(np.nanmax(np.abs(o.outputs[y])))
+                found.append(Linear(name, columns, (plan.description.variable(y).unit,), size=size))
         return found
 
     def tell(self, name: str, value: float, plan: Plan) -> str:

@@ -1,4 +1,4 @@
-"""Ripple locked to the shaft: commutation in the current, an eccentric encoder in the speed, the same orders in all runs."""
+"""Ripple locked to the shaft: commutation in the current, an eccentric encoder in the speed, the same in all runs."""
 
 from __future__ import annotations
 
