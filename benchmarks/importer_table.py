@@ -114,9 +114,8 @@ def exchanged(fmu: Path) -> str:
         for kind in ("CoSimulation", "ModelExchange")
     ]
     rows_there = np.searchsorted(runs[1]["time"], runs[0]["time"] - 1e-9)
-    worst = max(
-        float(np.abs(runs[1][name][rows_there] - runs[0][name]).max() / np.abs(runs[0][name]).max()) for name in names
-    )
+    peaks = {name: float(np.abs(runs[0][name]).max()) or 1.0 for name in names}  # an output may stay at 0
+    worst = max(float(np.abs(runs[1][name][rows_there] - runs[0][name]).max()) / peaks[name] for name in names)
     return f"agrees to {AGREEMENT:g}" if worst < AGREEMENT else f"differs by {worst:.1g}"
 
 

@@ -6,7 +6,7 @@ import math
 import random
 import re
 from collections.abc import Iterator
-from itertools import islice, product
+from itertools import product
 from pathlib import Path
 
 from .errors import BuildError
@@ -85,9 +85,12 @@ def dependencies(model: Model, equations: Equations, *, text: str, source: Path)
 
 
 def _combinations_of_modes(model: Model) -> Iterator[dict[str, float]]:
+    """Give all combinations, or where there are too many, some."""
     modes = model.of_kind("mode")
     values = [[float(value) for value in range(round(v.min), round(v.max) + 1)] for v in modes]
-    for combination in islice(product(*values), MOST_COMBINATIONS):
+    rng = random.Random(2)
+    every = product(*values) if math.prod(map(len, values)) <= MOST_COMBINATIONS else None
+    for combination in every or ([rng.choice(some) for some in values] for _ in range(MOST_COMBINATIONS)):
         yield dict(zip((v.name for v in modes), combination, strict=True))
 
 

@@ -26,7 +26,12 @@ FLAGS = (
     *("-std=c11", "-O3", "-fno-tree-vectorize", "-falign-functions=32"),
     *("-ffp-contract=off", "-fvisibility=hidden", "-shared"),
 )
-WARNINGS = ("-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror=implicit-function-declaration")
+VECTORISED = ("-ftree-vectorize",)  # for long rows instead
+# What is left out of a structure is 0: a model's Switch may do without its last member.
+WARNINGS = (
+    *("-Wall", "-Wextra", "-Wno-missing-field-initializers", "-Wpedantic", "-Wconversion"),
+    "-Werror=implicit-function-declaration",
+)
 SHOWN_ERRORS = 3  # of a compiler's many, the first few that the user can act on
 
 _DIAGNOSTIC = re.compile(
@@ -83,6 +88,7 @@ def compile_library(
     output: Path,
     *,
     include: Sequence[Path] = (),
+    options: Sequence[str] = (),
     subject: Path | None = None,
     warnings_are_errors: bool = False,
     compiler: Sequence[str] | None = None,
@@ -98,6 +104,8 @@ def compile_library(
         The library to write; its folder exists.
     include : sequence of Path
         Folders of headers and included sources, searched in this order.
+    options : sequence of str
+        Options that come after `FLAGS` and overrule them.
     subject : Path, optional
         The file in whose terms errors are told, when it is not `source` itself.
     warnings_are_errors : bool
@@ -118,6 +126,7 @@ def compile_library(
         arguments = [
             *command,
             *FLAGS,
+            *options,
             *_platform_flags(system),
             *WARNINGS,
             *(["-Werror"] if warnings_are_errors else []),

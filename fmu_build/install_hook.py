@@ -1,4 +1,4 @@
-"""Compiles at install: the stepping loop and the bundled FMUs. Knows hatchling and where the sources lie."""
+"""Compiles at install: the loops in C and the bundled FMUs. Knows hatchling and where the sources lie."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class CustomBuildHook(BuildHookInterface):  # type: ignore[type-arg]
             from fmu_build.errors import BuildError
 
             try:
-                artifacts = [*_compile_stepper(root), *_build_models()]
+                artifacts = [*_compile_loops(root / "estimator" / "stepping"), *_build_models()]
             except BuildError as error:
                 raise SystemExit(f"fmu-estimator cannot be installed: {error}") from None  # one sentence, no traceback
         finally:
@@ -36,15 +36,15 @@ class CustomBuildHook(BuildHookInterface):  # type: ignore[type-arg]
         build_data["tag"] = f"py3-none-{platform}"
 
 
-def _compile_stepper(root: Path) -> list[Path]:
-    from fmu_build.compiler import compile_library, fmi_headers, library_suffix
+def _compile_loops(folder: Path) -> list[Path]:
+    from fmu_build.compiler import VECTORISED, compile_library, fmi_headers, library_suffix
 
-    source = root / "estimator" / "stepping" / "stepper.c"
-    if not source.is_file():
-        return []
-    library = source.with_suffix(library_suffix())
-    compile_library(source, library, include=[fmi_headers()])
-    return [library]
+    libraries = []
+    for name, options in (("stepper.c", ()), ("kalman.c", VECTORISED)):
+        if (source := folder / name).is_file():
+            libraries.append(source.with_suffix(library_suffix()))
+            compile_library(source, libraries[-1], include=[fmi_headers()], options=options)
+    return libraries
 
 
 def _build_models() -> list[Path]:

@@ -197,9 +197,10 @@ static Status instance_enter(Instance *instance, Phase from, Phase to, const cha
 /* Change the modes that have ended. */
 static Status instance_settle(Instance *instance, bool *changed)
 {
+    Margins margins;
     *changed = false;
     if (N_MODES == 0) return INSTANCE_OK;
-    if (!modes_settle(&instance->state.values, changed))
+    if (!modes_settle(&instance->state.values, &margins, changed))
         return instance_report(instance, INSTANCE_ERROR, "the modes of the model change without end");
     if (*changed) instance->propagator.step = NAN;
     if (*changed) instance->outputs_follow = false;
@@ -356,7 +357,7 @@ INSTANCE_RARE static Status instance_step_with_care(Instance *instance, double t
         if (!rosenbrock_integrate(&state->values, step, &state->substep)) return instance_fail(instance, time);
     }
     *instance_time(instance) = end;
-    instance->outputs_follow = false;
+    instance->outputs_follow = N_OUTPUTS == 0; /* the modes do */
     return INSTANCE_OK;
 }
 
@@ -365,8 +366,8 @@ static inline Status instance_step(Instance *instance, double time, double step)
 {
     const double end = time + step;
     /* A step as long as the last one, nothing else changed but inputs: what could be wrong was looked at then. */
-    if (MODEL_LINEAR && N_MODES == 0 && memcmp(&step, &instance->propagator.step, sizeof step) == 0 &&
-        end <= instance->state.stop_time) {
+    if (MODEL_LINEAR && (N_MODES == 0 || instance->propagator.lasting) &&
+        memcmp(&step, &instance->propagator.step, sizeof step) == 0 && end <= instance->state.stop_time) {
         if (!propagator_step(&instance->propagator, &instance->state.values)) return instance_fail(instance, time);
         *instance_time(instance) = end;
         if (N_OUTPUTS > 0) instance->outputs_follow = false;

@@ -133,12 +133,22 @@ static inline bool exponential(const Matrix *a, double scale, int levels, Expone
 
 /* ---- Linear models ---- */
 
+/* What was computed for a matrix. */
+typedef struct {
+    double part; /* s; 0: none yet */
+    Matrix a, growth, gain;
+} Kept;
+
 typedef struct {
     double step; /* s: the communication step that the rest is for; NaN: none */
     double part; /* s: what one propagation covers of it: all, but where the model has modes */
+    bool lasting; /* all modes last for these inputs, and one propagation covers the step */
     Matrix growth;
     double change[N_STATES]; /* gain b, for the inputs as they are */
     Matrix gain;
+#if MODEL_MODES > 0
+    Kept kept[2]; /* of the modes of late */
+#endif
 } Propagator;
 
 /* The derivatives at x = 0: b. */
@@ -146,6 +156,7 @@ static inline void propagator_hold_inputs(Propagator *p, const Values *values)
 {
     Values at_zero = *values;
     Rates rates;
+    p->lasting = false;
     for (int i = 0; i < N_STATES; i++) at_zero.flat[model_state_places[i]] = 0;
     derivatives(&at_zero.named, &rates.named);
     matrix_apply(&p->gain, rates.flat, p->change);
@@ -219,20 +230,25 @@ static void linear_matrix(const Values *values, Matrix *a)
     }
 }
 
-/* Compute all for the parameters and inputs as they are; false if it is not finite. */
-static bool propagator_prepare(Propagator *p, const Values *values, double step)
+/* Compute all for the matrix of values and their inputs as they are; false if it is not finite. */
+static bool propagator_prepare_for(Propagator *p, const Matrix *a, const Values *values, double step)
 {
-    Matrix a;
     Exponential e;
-    linear_matrix(values, &a);
-    if (!exponential(&a, step, 1, &e)) return false;
+    if (!exponential(a, step, 1, &e)) return false;
     p->growth = e.phi[0];
     for (int i = 0; i < N_STATES; i++)
         for (int j = 0; j < N_STATES; j++) p->gain.at[i][j] = step * e.phi[1].at[i][j];
-    propagator_refine(p, &a);
+    propagator_refine(p, a);
     propagator_hold_inputs(p, values);
     p->step = p->part = step;
     return true;
+}
+
+static bool propagator_prepare(Propagator *p, const Values *values, double step)
+{
+    Matrix a;
+    linear_matrix(values, &a);
+    return propagator_prepare_for(p, &a, values, step);
 }
 
 /* One step; false, and none made, if the state would become infinite or NaN. Two sums a row: they do not wait for each

@@ -27,6 +27,8 @@
  * it leaves it for. A mode lasts while its margin is not below 0. Margins are continuous in the states; the instant at
  * which one falls below 0 is found within the step. All modes with a margin below 0 then change together, `enter` may set
  * states that a mode holds, and this is repeated until no margin is below 0. Within modes, MODEL_LINEAR counts.
+ * s->name.lasts is 1 where the margin follows from inputs, parameters and modes alone: then it is looked at between steps
+ * only, and while all modes last, a step costs what it costs without modes.
  *
  * From the table come the structures below, the value references (a variable's place in the table) and
  * modelDescription.xml.
@@ -88,9 +90,9 @@ typedef struct {
 
 static void derivatives(const Variables *m, Derivatives *d);
 
-/* How far a mode is from its end, and the one that follows. */
+/* How far a mode is from its end, the one that follows, and whether (1) or not (0) no state can end it. */
 typedef struct {
-    double margin, next;
+    double margin, next, lasts;
 } Switch;
 
 #if MODEL_MODES > 0
@@ -101,13 +103,17 @@ typedef struct {
 static void switches(const Variables *m, Switches *s);
 static void enter(Variables *m);
 
+#define UNHELD 2 /* a mode: free either way */
+
 /* Dry friction on a rate x: it moves one way, 1, or the other, -1, or is held at 0, mode 0, while what drives it, push,
-   is no more than hold. */
+   is no more than hold. Where hold is 0 it is UNHELD: its zeros are no events. */
 static inline Switch dry_friction(double mode, double x, double push, double hold)
 {
-    if (mode != 0) return (Switch){mode * x, 0};
-    if (x != 0) return (Switch){-fabs(x), x > 0 ? 1 : -1}; /* it was set to move */
-    return (Switch){hold - fabs(push), push > 0 ? 1 : -1};
+    if (hold == 0) return (Switch){mode == UNHELD ? 1 : -1, UNHELD, 1};
+    if (mode == UNHELD) return (Switch){-1, x > 0 ? 1 : x < 0 ? -1 : 0, 1};
+    if (mode != 0) return (Switch){mode * x, 0, 0};
+    if (x != 0) return (Switch){-fabs(x), x > 0 ? 1 : -1, 0}; /* it was set to move */
+    return (Switch){hold - fabs(push), push > 0 ? 1 : -1, 0};
 }
 #endif
 

@@ -132,10 +132,10 @@ def loaded_model(library: Path, *, source: Path) -> Iterator[tuple[Model, Equati
             values = (ctypes.c_double * (len(model.variables) + 1))(*(point[v.name] for v in model.variables))
             results = (ctypes.c_double * len(rates))(*[math.nan] * len(rates))
             info.derivatives(values, results)
-            switches = (ctypes.c_double * (2 * len(modes) + 2))(*[math.nan] * (2 * len(modes) + 2))
-            info.switches(values, switches)  # margin and next of each
+            switches = (ctypes.c_double * (3 * len(modes) + 3))(*[math.nan] * (3 * len(modes) + 3))
+            info.switches(values, switches)  # margin, next and lasts of each
             return dict(zip(rates, results, strict=True)) | dict(
-                zip(modes, switches[: 2 * len(modes) : 2], strict=True)
+                zip(modes, switches[: 3 * len(modes) : 3], strict=True)
             )
 
         yield model, equations

@@ -12,11 +12,15 @@
  */
 #include "integrator.c"
 
+#include <string.h>
+
 #define MAX_CHANGES 10000  /* of mode in one communication step */
 #define MAX_ROUNDS 100     /* of changes at one instant */
 #define MAX_PROBES 200     /* in the search for one instant */
 #define LONGEST_SWING 2.0  /* rad in one step; pi from one turning point to the next */
 #define SLOPE_REACH 0.01   /* of a step: how far a margin is followed to see its slope */
+#define SHORT 1.0          /* of a step times the rate: below, a series is as exact as an exponential, and cheaper */
+#define MAX_TERMS 30       /* of that series */
 
 /* For models without modes, these are empty and all below is left out by the compiler. */
 static inline void model_switches(const Values *values, Margins *margins)
@@ -38,16 +42,16 @@ static inline void model_enter(Values *values)
 #endif
 }
 
-/* Change modes until no margin is below 0; false if there is no end to it. *changed is set where one has changed. */
-static bool modes_settle(Values *values, bool *changed)
+/* Change modes until no margin is below 0; false if there is no end to it. *changed is set where one has changed;
+   margins are those at the end. */
+static bool modes_settle(Values *values, Margins *margins, bool *changed)
 {
     for (int round = 0; round < MAX_ROUNDS; round++) {
-        Margins margins;
         bool settled = true;
-        model_switches(values, &margins);
+        model_switches(values, margins);
         for (int k = 0; k < N_MODES; k++)
-            if (margins.flat[k].margin < 0) {
-                values->flat[model_mode_places[k]] = margins.flat[k].next;
+            if (margins->flat[k].margin < 0) {
+                values->flat[model_mode_places[k]] = margins->flat[k].next;
                 settled = false;
             }
         if (settled) return true;
@@ -64,26 +68,87 @@ static double margin_of(int mode, const Values *values)
     return margins.flat[mode].margin;
 }
 
-/* How fast a margin changes, per s; reach in s. */
+/* How fast the margins change, per s; reach in s. */
+static void margin_slopes(const Values *values, double reach, double *slopes)
+{
+    Values probe = *values;
+    Rates rates;
+    Margins above, below;
+    derivatives(&values->named, &rates.named);
+    for (int i = 0; i < N_STATES; i++) probe.flat[model_state_places[i]] += reach * rates.flat[i];
+    model_switches(&probe, &above);
+    for (int i = 0; i < N_STATES; i++) {
+        const int place = model_state_places[i];
+        probe.flat[place] = values->flat[place] - reach * rates.flat[i];
+    }
+    model_switches(&probe, &below);
+    for (int k = 0; k < N_MODES; k++) slopes[k] = (above.flat[k].margin - below.flat[k].margin) / (2 * reach);
+}
+
 static double margin_slope(int mode, const Values *values, double reach)
 {
-    Values above = *values, below = *values;
+    double slopes[N_MODES + 1];
+    margin_slopes(values, reach, slopes);
+    return slopes[mode];
+}
+
+/* The matrix of a linear model, for as long as its modes last, and how fast its states drive each other, 1/s. */
+typedef struct {
+    bool known;
+    Matrix a;
+    double rate;
+} Flow;
+
+static void flow_find(Flow *flow, const Values *values)
+{
+    flow->known = true;
+    linear_matrix(values, &flow->a);
+    flow->rate = 0;
+    for (int i = 0; i < N_STATES; i++) {
+        double sum = 0;
+        for (int j = 0; j < N_STATES; j++) sum += sqrt(fabs(flow->a.at[i][j] * flow->a.at[j][i]));
+        flow->rate = larger_of(flow->rate, sum);
+    }
+}
+
+/* x += h x' + h^2/2 A x' + ..., by as many terms as count; false where they do not fall off. */
+static bool flow_series(const Flow *flow, double step, Values *values)
+{
     Rates rates;
+    double x[N_STATES], term[N_STATES], next[N_STATES];
+    bool counts = true;
     derivatives(&values->named, &rates.named);
     for (int i = 0; i < N_STATES; i++) {
-        above.flat[model_state_places[i]] += reach * rates.flat[i];
-        below.flat[model_state_places[i]] -= reach * rates.flat[i];
+        x[i] = 0;
+        term[i] = step * rates.flat[i];
     }
-    return (margin_of(mode, &above) - margin_of(mode, &below)) / (2 * reach);
+    for (int n = 2; counts; n++) {
+        if (n > MAX_TERMS) return false;
+        counts = false;
+        matrix_apply(&flow->a, term, next);
+        for (int i = 0; i < N_STATES; i++) {
+            x[i] += term[i];
+            term[i] = next[i] * step / n;
+            if (!(fabs(term[i]) <= 0.125 * DBL_EPSILON * fabs(x[i]))) counts = true;
+        }
+    }
+    for (int i = 0; i < N_STATES; i++) {
+        x[i] += values->flat[model_state_places[i]];
+        if (!isfinite(x[i])) return false;
+    }
+    for (int i = 0; i < N_STATES; i++) values->flat[model_state_places[i]] = x[i];
+    return true;
 }
 
 /* A step of any length, the modes kept; false if it does not end in a finite state. */
-static bool modes_keep(const Values *from, double step, Values *to)
+static bool modes_keep(Flow *flow, const Values *from, double step, Values *to)
 {
     *to = *from;
     if (MODEL_LINEAR) {
         Propagator passing;
-        return propagator_prepare(&passing, from, step) && propagator_step(&passing, to);
+        if (!flow->known) flow_find(flow, from);
+        if (step * flow->rate <= SHORT && flow_series(flow, step, to)) return true;
+        return propagator_prepare_for(&passing, &flow->a, from, step) && propagator_step(&passing, to);
     } else {
         double substep = 0;
         return rosenbrock_integrate(to, step, &substep);
@@ -91,18 +156,17 @@ static bool modes_keep(const Values *from, double step, Values *to)
 }
 
 /* An instant in (0, *end] at which a margin that is not below 0 at from and at *end is below 0: in *end. False: none. */
-static bool margin_dips(int mode, const Values *from, const Values *at_end, double *end)
+static bool margin_dips(int mode, Flow *flow, const Values *from, double a_slope, const Values *at_end, double *end)
 {
-    const double reach = SLOPE_REACH * *end;
     double a = 0, b = *end;
-    double a_slope = margin_slope(mode, from, reach), b_slope = margin_slope(mode, at_end, reach);
+    double b_slope = margin_slope(mode, at_end, SLOPE_REACH * *end);
     double a_margin = margin_of(mode, from), b_margin = margin_of(mode, at_end);
     for (int n = 0; n < MAX_PROBES && a_slope < 0 && b_slope > 0; n++) {
         const double meet = (b_slope * (b - a) - (b_margin - a_margin)) / (b_slope - a_slope); /* after a */
         const double t = a + fmin(fmax(meet, 0.1 * (b - a)), 0.9 * (b - a));
         Values there;
         double margin, slope;
-        if (a_margin + a_slope * meet >= 0 || !(t > a && t < b) || !modes_keep(from, t, &there)) return false;
+        if (a_margin + a_slope * meet >= 0 || !(t > a && t < b) || !modes_keep(flow, from, t, &there)) return false;
         margin = margin_of(mode, &there);
         slope = margin_slope(mode, &there, SLOPE_REACH * (b - a));
         if (margin < 0) {
@@ -120,14 +184,14 @@ static bool margin_dips(int mode, const Values *from, const Values *at_end, doub
 
 /* The first instant in (0, end] at which a margin is below 0, to the last bits: false position with halved weights
    (Dowell and Jarratt, BIT 11, 1971), halving where that gets nowhere. Infinite: there is none. */
-static double margin_ends(int mode, const Values *from, const Values *at_end, double end)
+static double margin_ends(int mode, Flow *flow, const Values *from, double slope, const Values *at_end, double end)
 {
     double low = 0, high = end;
     double low_margin = margin_of(mode, from), high_margin = margin_of(mode, at_end);
     int side = 0;
     if (!(high_margin < 0)) {
         Values there;
-        if (!margin_dips(mode, from, at_end, &high) || !modes_keep(from, high, &there)) return INFINITY;
+        if (!margin_dips(mode, flow, from, slope, at_end, &high) || !modes_keep(flow, from, high, &there)) return INFINITY;
         high_margin = margin_of(mode, &there);
     }
     for (int n = 0; n < MAX_PROBES && high - low > 4 * DBL_EPSILON * high; n++) {
@@ -135,7 +199,7 @@ static double margin_ends(int mode, const Values *from, const Values *at_end, do
         double margin;
         Values there;
         if (!(t > low && t < high) || n > MAX_PROBES / 4) t = low + (high - low) / 2;
-        if (!(t > low && t < high) || !modes_keep(from, t, &there)) break;
+        if (!(t > low && t < high) || !modes_keep(flow, from, t, &there)) break;
         margin = margin_of(mode, &there);
         if (margin < 0) {
             high = t, high_margin = margin;
@@ -151,32 +215,81 @@ static double margin_ends(int mode, const Values *from, const Values *at_end, do
 }
 
 /* How fast the model swings at most, rad/s: by the states that drive each other to and fro, in pairs. */
-static double swing(const Values *values)
+static double swing(const Matrix *a)
 {
-    Matrix a;
     double fastest = 0;
-    if (MODEL_LINEAR)
-        linear_matrix(values, &a);
-    else
-        jacobian_by_differences(values, &a);
     for (int i = 0; i < N_STATES; i++) {
         double sum = 0;
         for (int j = 0; j < N_STATES; j++)
-            if (j != i) sum += sqrt(larger_of(0, -a.at[i][j] * a.at[j][i]));
+            if (j != i) sum += sqrt(larger_of(0, -a->at[i][j] * a->at[j][i]));
         fastest = larger_of(fastest, sum);
     }
     return fastest;
 }
 
+/* Make ready for a part of the step; what was computed for the modes before last may serve again. */
+static bool modes_prepare_part(Propagator *propagator, const Matrix *a, const Values *values, double part)
+{
+#if MODEL_MODES > 0
+    for (int k = 0; k < 2; k++) {
+        const Kept *kept = &propagator->kept[k];
+        if (kept->part != part || memcmp(&kept->a, a, sizeof *a) != 0) continue;
+        propagator->growth = kept->growth;
+        propagator->gain = kept->gain;
+        propagator_hold_inputs(propagator, values);
+        return true;
+    }
+    if (!propagator_prepare_for(propagator, a, values, part)) return false;
+    propagator->kept[1] = propagator->kept[0];
+    propagator->kept[0] = (Kept){part, *a, propagator->growth, propagator->gain};
+    return true;
+#else
+    return propagator_prepare_for(propagator, a, values, part);
+#endif
+}
+
 /* Make ready for parts of a communication step that are short enough; false if what is needed is not finite. */
 static bool modes_prepare(Propagator *propagator, const Values *values, double step)
 {
-    const double parts = ceil(larger_of(1, step * swing(values) / LONGEST_SWING));
+    Matrix a;
+    double parts;
+    if (MODEL_LINEAR)
+        linear_matrix(values, &a);
+    else
+        jacobian_by_differences(values, &a);
+    parts = ceil(larger_of(1, step * swing(&a) / LONGEST_SWING));
     if (!(parts < MAX_CHANGES)) return false;
-    if (MODEL_LINEAR && !propagator_prepare(propagator, values, step / parts)) return false;
+    if (MODEL_LINEAR && !modes_prepare_part(propagator, &a, values, step / parts)) return false;
     propagator->step = step;
     propagator->part = step / parts;
     return true;
+}
+
+/* The first instant in (0, h] at which a mode ends; *next, the state at h, becomes that of the instant. Infinite: none
+   ends; NaN: the state would become infinite or NaN. */
+static double modes_end(Flow *flow, const Values *now, const Margins *margins, Values *next, double h)
+{
+    double slopes[N_MODES + 1];
+    double first = INFINITY;
+    bool sloped = false;
+    Margins ends;
+    model_switches(next, &ends);
+    for (int k = 0; k < N_MODES; k++) {
+        double end;
+        if (margins->flat[k].lasts != 0) continue;
+        if (!(ends.flat[k].margin < 0)) {
+            if (!sloped) margin_slopes(now, SLOPE_REACH * h, slopes);
+            sloped = true;
+            if (!(slopes[k] < 0)) continue; /* it does not dip */
+        }
+        end = margin_ends(k, flow, now, slopes[k], next, h);
+        if (!(end < first)) continue;
+        h = first = end;
+        if (!modes_keep(flow, now, h, next)) return NAN;
+        model_switches(next, &ends);
+        sloped = false;
+    }
+    return first;
 }
 
 /* One communication step through all changes of mode. False, and none made, where it does not end in a finite state or
@@ -184,35 +297,40 @@ static bool modes_prepare(Propagator *propagator, const Values *values, double s
 static bool modes_integrate(Values *values, double step, Propagator *propagator)
 {
     Values now = *values;
+    Margins margins;
+    Flow flow = {.known = false};
     double left = step;
     bool changed = false;
-    if (!modes_settle(&now, &changed)) return false;
+    bool last = true;
+    if (!modes_settle(&now, &margins, &changed)) return false;
     if (changed) propagator->step = NAN;
+    for (int k = 0; k < N_MODES; k++) last = last && margins.flat[k].lasts != 0;
     for (int changes = 0; left > 0 && changes < MAX_CHANGES;) {
         Values next = now;
-        double first = INFINITY;
-        double h;
+        double first, h;
         if ((!MODEL_LINEAR || !(propagator->step == step)) && !modes_prepare(propagator, &now, step)) return false;
         h = propagator->part < left * (1 - 1e-12) ? propagator->part : left;
         if (MODEL_LINEAR && fabs(h - propagator->part) <= 1e-12 * step) {
             if (!propagator_step(propagator, &next)) return false;
-        } else if (!modes_keep(&now, h, &next)) {
+        } else if (!modes_keep(&flow, &now, h, &next)) {
             return false;
         }
-        for (int k = 0; k < N_MODES; k++) {
-            const double end = margin_ends(k, &now, &next, h);
-            if (!(end < first)) continue;
-            h = first = end;
-            if (!modes_keep(&now, h, &next)) return false;
-        }
+        first = last ? INFINITY : modes_end(&flow, &now, &margins, &next, h);
+        if (isnan(first)) return false;
         now = next;
-        left -= h;
-        if (!(first < INFINITY)) continue;
-        if (!modes_settle(&now, &changed)) return false;
+        left -= first < h ? first : h;
+        if (!(first < INFINITY)) {
+            if (!last && left > 0) model_switches(&now, &margins);
+            continue;
+        }
+        last = false;
+        if (!modes_settle(&now, &margins, &changed)) return false;
         propagator->step = NAN;
+        flow.known = false;
         changes++;
     }
     if (left > 0) return false;
+    propagator->lasting = last && propagator->part == step;
     *values = now;
     return true;
 }

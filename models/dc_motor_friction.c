@@ -10,7 +10,7 @@
  * must be, up to friction + stiction, the torque at which the motor breaks away. A motor that is stopped stays at zero to
  * the last bit, until it breaks away at the instant at which the current suffices. brush is the voltage drop over both
  * brushes together, some 0.5 V for copper and 2 V for carbon, 0 where it is small or part of R. motion and conduction
- * are 1 or -1 for the way of speed and current, 0 where they are held at zero.
+ * are 1 or -1 for the way of speed and current, 0 where they are held at zero, 2 where nothing could hold them.
  */
 
 #define MODEL_LINEAR 1
@@ -30,8 +30,8 @@
     X(state,     i,          0,        1,       -1e9,   1e9,   "A",           "Armature current") \
     X(state,     w,          0,        100,     -1e9,   1e9,   "rad/s",       "Speed of the shaft") \
     X(state,     angle,      0,        1,       -1e12,  1e12,  "rad",         "Angle of the shaft") \
-    X(mode,      motion,     0,        1,       -1,     1,     "1",           "Way of the speed, 0 at standstill") \
-    X(mode,      conduction, 0,        1,       -1,     1,     "1",           "Way of the current, 0 where it is blocked")
+    X(mode,      motion,     0,        1,       -1,     2,     "1",           "Way of the speed, 0 at standstill") \
+    X(mode,      conduction, 0,        1,       -1,     2,     "1",           "Way of the current, 0 where it is blocked")
 
 #include "model.h"
 

@@ -20,7 +20,9 @@ GEARED = {"R": 2.1, "K": 0.04, "L": 9e-3, "J": 1.4e-5, "B": 1e-4, "stiffness": 3
 GEARED |= {"B_load": 2e-3}
 PMSM = {"R": 0.43, "Ld": 1.2e-3, "Lq": 1.9e-3, "flux": 0.0121, "J": 6.1e-5, "B": 1.4e-4}
 DRY = {"R": 2.6, "K": 0.041, "L": 6e-3, "J": 1.3e-5, "B": 4e-5, "friction": 0.012}
+DRIVEN = DRY | {"current_limit": 1.2, "supply_resistance": 0.7, "supply_time": 0.015}
 CASES = {
+    "dc_motor_drive": (DRIVEN, {"stiction": 0.0, "brush": 0.0, "dead_band": 0.0, "coasts": 0.0}, ("v",), ("i", "w")),
     "dc_motor_geared": (GEARED, {"gear": 4.0}, ("v",), ("i", "w", "w_load")),
     "pmsm_dq": (PMSM, {"poles": 3.0}, ("vd", "vq"), ("id", "iq", "w")),
     "dc_motor_friction": (DRY, {"stiction": 0.0, "brush": 0.0}, ("v",), ("i", "w")),
@@ -28,7 +30,7 @@ CASES = {
 
 
 @pytest.mark.parametrize(
-    "model", ["dc_motor_geared", "dc_motor_friction", pytest.param("pmsm_dq", marks=pytest.mark.full)]
+    "model", ["dc_motor_drive", "dc_motor_geared", "dc_motor_friction", pytest.param("pmsm_dq", marks=pytest.mark.full)]
 )
 def test_parameters_are_found_again_from_a_recording(tmp_path: Path, model: str) -> None:
     truth, fixed, inputs, outputs = CASES[model]

@@ -63,7 +63,8 @@ def test_installed_in_a_clean_environment_the_demo_runs(built, kind, tmp_path):
 
 def test_the_wheel_holds_the_compiled_parts_and_no_tests(built):
     names = zipfile.ZipFile(built["wheel"]).namelist()
-    assert any(n.startswith("estimator/stepping/stepper.") and not n.endswith(".c") for n in names)
+    for loop in ("stepper", "kalman"):
+        assert any(n.startswith(f"estimator/stepping/{loop}.") and not n.endswith(".c") for n in names)
     modules = {path.relative_to(ROOT).as_posix() for path in (ROOT / "estimator").rglob("*.py")}
     assert modules <= set(names)
     assert "fmu_build/bundled/dc_motor.fmu" in names and "fmu_build/models/dc_motor.c" in names

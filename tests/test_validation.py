@@ -1,6 +1,7 @@
 """An estimate against recordings that it has not seen."""
 
 import dataclasses
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ from estimator.errors import RecordingError
 from estimator.estimating.estimate import estimate
 from estimator.fmus.simulate import simulate
 from estimator.judging.validation import validated
-from estimator.recordings.recording import read_recording
+from estimator.recordings.recording import read_recording, recording_from_arrays
 
 EXAMPLE = Path(__file__).parent.parent / "examples" / "cml050_step.csv"
 
@@ -30,15 +31,30 @@ def made():
 def other(tmp_path_factory):
     """Return another recording of the same motor: two steps, other noise."""
     path = tmp_path_factory.mktemp("other") / "two_steps.csv"
-    times = instants(stop=1.0, step=1e-3)
-    v = np.where(times < 0.2, 0.0, np.where(times < 0.6, 6.0, -4.0))
-    shown = simulate("dc_motor", parameters=NOMINAL, inputs={"v": v}, times=times)
-    rng = np.random.default_rng(8)
+    path.write_bytes(csv_bytes(two_steps(8)))
+    return path
+
+
+def two_steps(seed):
+    times, v, shown = noise_free()
+    rng = np.random.default_rng(seed)
     columns = {"time [s]": times, "voltage [V]": v}
     columns["current [A]"] = shown["i"] + 0.02 * rng.standard_normal(len(times))
     columns["speed [rad/s]"] = shown["w"] + 1.0 * rng.standard_normal(len(times))
-    path.write_bytes(csv_bytes(columns))
-    return path
+    return columns
+
+
+@cache
+def noise_free():
+    times = instants(stop=1.0, step=1e-3)
+    v = np.where(times < 0.2, 0.0, np.where(times < 0.6, 6.0, -4.0))
+    return times, v, simulate("dc_motor", parameters=NOMINAL, inputs={"v": v}, times=times)
+
+
+def second(seed):
+    """Return the same as a recording in memory."""
+    columns = two_steps(100 + seed)
+    return recording_from_arrays(f"two_steps_{seed}", columns.pop("time [s]"), columns)
 
 
 def test_the_motors_own_other_recording_is_explained_to_the_noise(made, other):
@@ -46,7 +62,7 @@ def test_the_motors_own_other_recording_is_explained_to_the_noise(made, other):
     found = validated(result, case, [other])
     # 1001 samples: the deviation of noise 1 is told to 2.2 %; 5 of those
     assert found.validation.rmse == pytest.approx({"i": 0.02, "w": 1.0}, rel=0.11)
-    assert found.simulations == result.simulations + 1 and found.simulations_by_phase["validation"] == 1
+    assert found.simulations - result.simulations == found.simulations_by_phase["validation"] < 100
     assert found.parameters == result.parameters and found.comparisons == result.comparisons
 
 
@@ -56,6 +72,38 @@ def test_a_wrong_parameter_shows(made, other):
     parameters["K"] = dataclasses.replace(parameters["K"], value=1.1 * parameters["K"].value)
     found = validated(dataclasses.replace(result, parameters=parameters), case, recordings=[read_recording(other)])
     assert found.validation.rmse["w"] > 3.0
+    assert found.verdict == "doubtful" and found.validation.others.chance < 1e-12
+    assert any("two_steps.csv would have other parameters, most of all K" in reason for reason in found.reasons)
+    assert found.validation.others.values["K"] == pytest.approx(result.parameters["K"].value, rel=0.01)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_parameter_off_by_six_standard_errors_of_both_is_told(made, seed):
+    case, result = made
+    found = validated(result, case, recordings=[second(seed)])
+    assert found.verdict == result.verdict == "ok" and found.validation.others.chance > 1e-3
+    error = result.parameters["R"].standard_error
+    parameters = dict(result.parameters)
+    parameters["R"] = dataclasses.replace(parameters["R"], value=parameters["R"].value + 8.5 * error)
+    told = validated(dataclasses.replace(result, parameters=parameters), case, recordings=[second(seed)])
+    assert told.verdict == "doubtful" and told.validation.others.chance < 1e-3
+
+
+def test_the_chance_of_recordings_of_the_motor_itself_is_uniform(made):
+    from scipy.stats import kstest
+
+    case, result = made
+    chances = []
+    rng = np.random.default_rng(1)
+    covariance = result.correlation * np.outer(*[[result.parameters[n].standard_error for n in result.correlated]] * 2)
+    for seed in range(24):  # the estimate's own errors are drawn anew, too
+        drawn = rng.multivariate_normal([NOMINAL[n] for n in result.correlated], covariance)
+        parameters = {
+            n: dataclasses.replace(result.parameters[n], value=x) for n, x in zip(result.correlated, drawn, strict=True)
+        }
+        estimated = dataclasses.replace(result, parameters={**result.parameters, **parameters})
+        chances.append(validated(estimated, case, recordings=[second(seed)]).validation.others.chance)
+    assert min(chances) > 1e-3 and kstest(chances, "uniform").pvalue > 0.01
 
 
 def test_the_delay_of_a_channel_is_the_estimates_and_frees_none_of_the_recordings(made, other):

@@ -15,7 +15,7 @@ from estimator.estimating.cuckoo import CuckooSearch
 from estimator.estimating.effort import usual_simulations
 from estimator.estimating.progress import Progress
 from estimator.estimating.search import SearchRecord, run_search
-from estimator.fitting.fit import Fit
+from estimator.fitting.explained import Explained
 from estimator.fitting.polish import Polish
 from estimator.fitting.problem import SIGMA_FLOOR, Problem
 from estimator.fitting.winding import cold_resistances
@@ -40,10 +40,11 @@ from estimator.judging.structure import Structure, structure
 from estimator.judging.trial import announcement, unmoved
 from estimator.judging.verdict import Judgement, judge
 from estimator.plans.noise_level import beside_means, output_deviations
+from estimator.plans.parameters import Box
 from estimator.plans.plan import Plan
 from estimator.plans.space import Space, steady_state
 from estimator.results.linear import MOTOR
-from estimator.results.result import Estimate, ParameterEstimate, SearchHistory
+from estimator.results.result import CostProfile, Estimate, ParameterEstimate, SearchHistory
 
 FloatArray = NDArray[np.float64]
 
@@ -83,6 +84,7 @@ class Run:
         self.loaded = False
         self.record = SearchRecord()
         self.noise: dict[str, tuple[float, float]] = {}
+        self.explained: Explained | None = None
 
     def begin(self) -> Estimate | None:
         """Load the FMU and see what the data and the FMU allow; return the refusal where that is nothing."""
@@ -181,7 +183,12 @@ class Run:
             self.progress(self.standing)
 
     def finish(
-        self, values: FloatArray, polish: Polish | None, *, noise: FloatArray | None = None, fit: Fit | None = None
+        self,
+        values: FloatArray,
+        polish: Polish | None,
+        *,
+        noise: FloatArray | None = None,
+        explained: Explained | None = None,
     ) -> Estimate:
         """Check the step, judge, and return the estimate.
 
@@ -192,15 +199,18 @@ class Run:
             None for a method that ends with its search.
         noise : (q,) array, optional
             Deviation of each output's noise as the data show it.
-        fit : Fit, optional
-            What was found of the measurement chain.
+        explained : Explained, optional
+            What was found of the bench; then `values` and `polish` are its own.
         """
-        problem = self.problem
+        problem, self.explained = self.problem, explained
         self.enter("step check")
-        step = step_check(problem, values, polish, fit)
+        step = step_check(problem, values, polish, explained)
         self.enter("result")
-        batch = problem.trajectories(values[None, :])
-        compared = comparisons(self.plan, problem.shown(batch))
+        if explained is None:
+            shown = problem.shown(problem.trajectories(values[None, :]))
+        else:
+            self.plan, shown = explained.plan, explained.shown()
+        compared = comparisons(self.plan, shown)
         rmse = figures(self.plan, compared)[0]
         if noise is None:
             noise = np.array([self.noise[name][0] for name in self.plan.outputs])
@@ -213,7 +223,7 @@ class Run:
             rmse=np.array([rmse[name] for name in self.plan.outputs]),
             spread=problem.spread,
             step=step,
-            fit=fit,
+            explained=explained,
             structure=self.structure,
         )
         if judgement.verdict == "refused":
@@ -221,27 +231,39 @@ class Run:
         profiles = {}
         if self.profile and polish is not None:
             self.enter("profile")
-            treat = fit.treatment.apply if fit is not None else np.asarray
-            profiles = cost_profiles(
-                lambda candidates: treat(problem.residuals(candidates)),
-                problem.box,
-                polish,
-                names=self.plan.names,
-                output=problem.output_of_residual,
-            )
+            profiles = self._profiles(polish, explained)
         derived = {}
         if polish is not None:
             found = {**self.plan.fixed, **dict(zip(self.plan.names, values.tolist(), strict=True))}
-            derived = derived_quantities(found, self.plan.names, problem.box.log, polish)
+            log = np.array([p.log for p in self.plan.parameters], dtype=bool)
+            derived = derived_quantities(found, self.plan.names, log, polish)
             derived |= cold_resistances(self.plan, values, polish)
-        result = self._result(values, polish, judgement, shown=problem.shown(batch))
-        compared = result.comparisons if fit is None else with_treatment(result.comparisons, fit)
-        if self.profile:
+        deviations = None
+        if polish is not None:
+            deviations = problem.noise_shown(polish.deviations) if explained is None else explained.noise
+        result = self._result(values, polish, judgement, shown=shown, noise=deviations)
+        compared = result.comparisons if explained is None else with_treatment(result.comparisons, explained)
+        if self.profile and (explained is None or not explained.found):  # what was found is not simulated more finely
             self.enter("profile")
             compared = with_fine_signals(compared, self.plan, values, self.crew, sigma=problem.sigma)
             self._count()
             result = dataclasses.replace(result, **self._account())
         return dataclasses.replace(result, comparisons=compared, profiles=profiles, derived=derived)
+
+    def _profiles(self, polish: Polish, explained: Explained | None) -> dict[str, CostProfile]:
+        """Return the cost profiles of the motor's parameters."""
+        problem = self.problem
+        if explained is None:
+            return cost_profiles(
+                problem.residuals, problem.box, polish, names=self.plan.names, output=problem.output_of_residual
+            )
+        return cost_profiles(
+            explained.residuals,
+            Box.of(self.plan.parameters),
+            polish,
+            names=problem.plan.names,
+            output=np.zeros(len(polish.residuals), dtype=np.int64),
+        )
 
     def _result(
         self,
@@ -250,6 +272,7 @@ class Run:
         judgement: Judgement,
         *,
         shown: list[FloatArray] | None = None,
+        noise: FloatArray | None = None,
     ) -> Estimate:
         self._count()
         plan = self.plan
@@ -276,7 +299,7 @@ class Run:
             reasons=judgement.reasons,
             parameters={n: p for n, p in parameters.items() if n not in chain},
             chain={n: p for n, p in parameters.items() if n in chain},
-            sensors=sensors(plan),
+            sensors=sensors(plan, self.explained),
             recordings=recordings(plan),
             method=self.method,
             seed=plan.case.search.seed,
@@ -296,9 +319,7 @@ class Run:
             versions=versions(),
             rmse=rmse,
             fit_percent=fit,
-            noise={}
-            if polish is None
-            else dict(zip(plan.outputs, self.problem.noise_shown(polish.deviations).tolist(), strict=True)),
+            noise={} if noise is None else dict(zip(plan.outputs, noise.tolist(), strict=True)),
             sample_noise={} if values is None else self._sample_noise(),
             correlation=correlated,
             correlated=plan.names if correlated is not None else (),

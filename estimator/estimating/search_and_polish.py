@@ -1,8 +1,8 @@
 """The default method: a short search seeded from the data, a polish, the measurement chain, and again if that is poor.
 
 Few nests on logarithmic scales search first; all free parameters are then polished by weighted least squares, and what
-the measurement chain adds is found (nuisance.py). Where the residuals are still larger than the noise that the data
-show, it starts again elsewhere, then searches wider, before it believes that the model is wrong.
+the bench adds is found (fitting/explained.py). Where that does not hold, it searches wider before it believes that the
+model is wrong.
 """
 
 from __future__ import annotations
@@ -14,12 +14,10 @@ from estimator.estimating.cuckoo import CuckooSearch
 from estimator.estimating.effort import POLISHING, nests_and_generations
 from estimator.estimating.run import Run
 from estimator.estimating.starts import many_starts, needs_many
-from estimator.fitting.fit import Fit, log_likelihood
-from estimator.fitting.nuisance import Refinement
-from estimator.fitting.polish import LeastSquares, Polish
-from estimator.fitting.problem import SIGMA_FLOOR, Problem
-from estimator.plans.noise_level import beside_means
-from estimator.plans.plan import Plan
+from estimator.fitting.effects import known_effects
+from estimator.fitting.explained import Explained, explain
+from estimator.fitting.polish import LeastSquares, Polish, at_given_bound, log_likelihood
+from estimator.fitting.problem import SIGMA_FLOOR
 from estimator.plans.space import Space, reduced_space, steady_state
 from estimator.results.linear import MOTOR
 from estimator.results.result import Estimate
@@ -30,6 +28,7 @@ PA, ALPHA = 0.25, 1.0  # chance of discovery, size of the Lévy flights
 WIDER = ((30, 40), (60, 100))  # nests, generations of the searches that follow a poor polish
 STARTS, POLISHED = 400, 12  # where few samples tell the transient; of these are polished
 POOR_FIT = 1.5  # residuals' deviation over the noise that the data show
+NUMERICAL = 1e-6  # of a signal's deviation: residuals below are the FMU's, not noise
 NOISE_FREE = 1e-6  # of a signal's deviation: residuals below are no misfit
 BETTER = 0.999  # of the cost: less of an improvement is none
 START_L = 5.0  # times h R: start of L that cures the spurious optimum L → 0
@@ -66,22 +65,24 @@ class _Attempts:
         if steady is not None and set(self.plan.names) == set(MOTOR) and needs_many(self.plan, polish):
             starts = many_starts(self.plan, polish, steady, box, count=STARTS, rng=run.rng)
             polish = self._best_of_many(polish, starts)
-        for other in self._other_starts(polish, start):  # before the chain is asked: it would explain a false optimum
-            if self._is_good(self.problem, polish):
+        for other in self._other_starts(polish, start):  # before the bench is asked: it would explain a false optimum
+            if self._is_good(polish):
                 break
             tried = self._polished(other)
             polish = tried if self._is_better(tried, polish) else polish
-        fit = self._refined(polish)
+        explained = self._explained(polish, start)
         for nests, generations in WIDER:
-            if self._is_good(fit.problem, fit.polish):
+            if explained is None or not _is_poor(explained):
                 break
             tried = self._polished(self._searched(Space.full(box), polish.values, nests, generations))
             if not self._is_better(tried, polish):
                 break
-            polish, fit = tried, self._refined(tried)
-        run.problem, run.plan = fit.problem, fit.problem.plan
-        run.found(run.plan.names, fit.polish.values, self._cost_at(fit.polish, fit.problem))
-        return run.finish(fit.polish.values, fit.polish, noise=self.floor, fit=fit)
+            polish, explained = tried, self._explained(tried, start)
+        if explained is None:
+            run.found(self.plan.names, polish.values, self._cost_at(polish))
+            return run.finish(polish.values, polish, noise=self.floor)
+        run.found(explained.plan.names, explained.polish.values, explained.polish.cost)
+        return run.finish(explained.polish.values, explained.polish, noise=self.floor, explained=explained)
 
     def _searched(self, space: Space, start: FloatArray, nests: int, generations: int) -> FloatArray:
         """Search from nests of which a fifth lies around the start; return the best candidate."""
@@ -120,15 +121,23 @@ class _Attempts:
         self.run.found(self.plan.names, better.values, self._cost_at(better))
         return better
 
-    def _refined(self, polish: Polish) -> Fit:
-        """Free the nuisances that the data show."""
-        self.run.enter("nuisances")
-
-        def rebuild(plan: Plan) -> Problem:
-            return Problem(plan, self.run.crew, sigma=self.problem.sigma, keep_counts=True)
-
-        refinement = Refinement(rebuild)
-        return refinement.run(*refinement.delayed(self.problem, polish))
+    def _explained(self, polish: Polish, start: FloatArray) -> Explained | None:
+        """Find what the bench adds; None where the fit is exact, so that there is nothing to explain."""
+        run, problem = self.run, self.problem
+        run.enter("nuisances")
+        exact = np.all(polish.deviations < NUMERICAL * problem.spread)
+        if exact and not any(o.delay for o in self.plan.observed) and not self.plan.wanted:
+            return None
+        held = at_given_bound(self.plan, polish)
+        return explain(
+            self.plan,
+            run.crew,
+            [polish.values, *([] if self._is_good(polish) else self._other_starts(polish, start))],
+            sigma=problem.sigma,
+            deviations=self.sigma,
+            effects=() if held else known_effects(),
+            enter=run.enter,
+        )
 
     def _other_starts(self, polish: Polish, start: FloatArray) -> list[FloatArray]:
         """Return further starts: the data's guess, and for a motor one that leaves the optimum at L → 0."""
@@ -144,12 +153,17 @@ class _Attempts:
     def _is_better(self, new: Polish, old: Polish) -> bool:
         return self._cost_at(new) < BETTER * self._cost_at(old)
 
-    def _cost_at(self, polish: Polish, problem: Problem | None = None) -> float:
+    def _cost_at(self, polish: Polish) -> float:
         """Return a polish's cost at common deviations, so that two can be compared."""
-        weighted = polish.residuals * (polish.deviations / self.sigma)[(problem or self.problem).output_of_residual]
+        weighted = polish.residuals * (polish.deviations / self.sigma)[self.problem.output_of_residual]
         return float(weighted @ weighted)
 
-    def _is_good(self, problem: Problem, polish: Polish) -> bool:
+    def _is_good(self, polish: Polish) -> bool:
         """Whether the residuals are no larger than the noise of the data."""
-        allowed = np.maximum(POOR_FIT * beside_means(problem.plan, self.floor), NOISE_FREE * self.problem.spread)
-        return bool(np.all(problem.noise_shown(polish.deviations) <= allowed))
+        allowed = np.maximum(POOR_FIT * self.floor, NOISE_FREE * self.problem.spread)
+        return bool(np.all(polish.deviations <= allowed))
+
+
+def _is_poor(explained: Explained) -> bool:
+    """Whether residuals are left that are far above their noise."""
+    return any(f.what == "size" and f.excess > POOR_FIT for f in explained.adequacy.failures)

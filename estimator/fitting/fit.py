@@ -1,128 +1,409 @@
-"""A fit with its measurement chain: its likelihood, the colour of its residuals, errors for it. No search."""
+"""One explanation of the recordings: what is free, the noise, and their most likely values. Knows no effect by name.
+
+    minimise  |W (m - s(x) - C b)|^2   over x, what is free on its scale, and b, the linear coefficients
+
+by Gauss-Newton steps with Levenberg's damping; s is simulated through the FMU, C are known columns, W whitens
+(noise_model). b is eliminated at every point (variable projection, Golub and Pereyra 1973): the triangular factor of
+the whitened [C J r] holds all that a step, a covariance or a test needs.
+"""
 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.fitting.noise import Colour, find_colour, quadratic
-from estimator.fitting.polish import LeastSquares, Polish, information_parts
-from estimator.fitting.problem import Problem
-from estimator.fitting.treatment import Treatment
-from estimator.plans.plan import Plan
+from estimator.fitting.noise_model import NoiseModel, Whitener
+from estimator.fitting.polish import information_parts
+from estimator.fitting.simulator import Simulator
 
 FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
 
-REWEIGHED, SAME_WEIGHTS = 3, 0.02  # times at most; relative change of the outputs' weights that does not matter
+STEP = 1e-4  # of a logarithm; of a nuisance's typical size ten times that
+ITERATIONS = 25
+DAMPING = (1e-3, 1e8)  # first, last
+FAR_LOG, FAR = 1.0, 5.0  # longest step: of a logarithm; of a nuisance's typical sizes
+OUTLIER, BESIDE = 4.5, 3.0  # standard deviations of an outlier, and of the samples beside it
+FREEDOM = 4.0  # of Student's t, by whose weights outliers are held down
+SECANTS, KINKED = 6, 0.7  # times that errors grow by secants; of a derivative: a smaller secant is taken
+AT_BOUND = 1e-6  # of the width of the bounds
+
+
+@dataclass(frozen=True)
+class Linear:
+    """Columns that explain residuals with free coefficients: what the sensors show more for a unit of each.
+
+    Attributes
+    ----------
+    columns : (rows, q, k) array
+    units : of the coefficients
+    least, most : float
+        A coefficient below or above is absurd.
+    size : float
+        A usual size of a coefficient; 0: none is known.
+    """
+
+    name: str
+    columns: FloatArray
+    units: tuple[str, ...]
+    least: float = -np.inf
+    most: float = np.inf
+    size: float = 0.0
 
 
 @dataclass(frozen=True)
 class Fit:
-    """A fit with its measurement chain.
+    """An explanation at its most likely values.
 
     Attributes
     ----------
-    colours : of each output's residuals
-    freed : sentences about the nuisances that were freed
-    names : of freed nuisances
-    nearly : sentences about those that were not, by little
+    values : (p,) array
+        Over all names of the simulator.
+    free : names of those that are free
+    linear : what explains the residuals beside
+    shown : (rows, q) array
+        What the simulated sensors show, without the linear part.
+    coefficients : (m,) array
+        Of the linear part.
+    z : (rows q,) array
+        Whitened residuals, measured less explained; zero where a sample is missing.
+    jacobian : (rows q, f + m) array
+        Whitened derivatives of what is explained by what is free, on its scale, then by the coefficients.
+    raw : (rows, q, f + m) array
+        The same before whitening.
+    cost : float
+        z'z.
     """
 
-    problem: Problem
-    polish: Polish
-    treatment: Treatment
-    colours: tuple[Colour, ...] = ()
-    freed: tuple[str, ...] = ()
-    names: tuple[str, ...] = ()
-    nearly: tuple[str, ...] = ()
+    simulator: Simulator
+    values: FloatArray
+    free: tuple[str, ...]
+    linear: tuple[Linear, ...]
+    whitener: Whitener
+    shown: FloatArray
+    coefficients: FloatArray
+    z: FloatArray
+    jacobian: FloatArray
+    raw: FloatArray
+    cost: float
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What is estimated: the free values, then the linear coefficients."""
+        linear = (f"{g.name}{f'#{k}' if k else ''}" for g in self.linear for k in range(g.columns.shape[2]))
+        return (*self.free, *linear)
+
+    @property
+    def at_bound(self) -> NDArray[np.int64]:
+        """-1, 1 or 0 of each name: at its lower or upper bound, or neither."""
+        return np.concatenate([_at_bound(self.simulator, self.values, self.free), np.zeros(len(self.coefficients))]
+                              ).astype(np.int64)  # fmt: skip
+
+    @property
+    def estimates(self) -> FloatArray:
+        """The values of the names, (f + m,)."""
+        return np.concatenate([self.values[[self.simulator.index[n] for n in self.free]], self.coefficients])
+
+    @property
+    def is_log(self) -> BoolArray:
+        """Which of the names are on a logarithmic scale."""
+        log = self.simulator.log[[self.simulator.index[n] for n in self.free]]
+        return np.concatenate([log, np.zeros(len(self.coefficients), dtype=bool)])
+
+    @property
+    def explained(self) -> FloatArray:
+        """What the sensors show, (rows, q), the linear part included."""
+        return self.shown + _linear_columns(self.linear, self.shown.shape) @ self.coefficients
+
+    def covariance(self) -> FloatArray:
+        """Return the covariance of the names on their scales, (f + m, f + m); zero at a bound, inf where not told."""
+        inside = self.at_bound == 0
+        result = np.zeros((len(inside), len(inside)))
+        if inside.any():
+            told, untold = information_parts(np.asarray(np.linalg.qr(self.jacobian[:, inside], mode="r")))
+            result[np.ix_(inside, inside)] = told + untold
+        return result
+
+    def residuals(self) -> FloatArray:
+        """Return measured less explained, (rows, q); NaN where a sample is missing."""
+        return self.simulator.measured - self.explained
+
+    def test(self) -> ScoreTest:
+        """Return the score test of further columns."""
+        inside = self.at_bound == 0
+        basis = np.linalg.qr(self.jacobian[:, inside])[0] if inside.any() else np.zeros((len(self.z), 0))
+        return ScoreTest(self, basis, self.z - basis @ (basis.T @ self.z))
 
 
-def with_coloured_errors(fit: Fit) -> Fit:
-    """Return the fit with the sandwich covariance of its residuals' colour."""
-    found = fit.colours or colours(fit)
-    polish = fit.polish
-    inside = polish.at_bound == 0
-    if all(c.is_white for c in found) or not inside.any():
-        return dataclasses.replace(fit, colours=found)
-    middle = np.zeros((len(polish.values), len(polish.values)))
-    for j, colour in enumerate(found):
-        middle += quadratic(fit.problem.spread_columns(polish.jacobian, j), colour)
-    # Directions that are not seen stay out of the product: their size would drown the others.
-    seen, unseen = information_parts(polish.jacobian[:, inside])
-    covariance = np.zeros_like(polish.covariance)
-    covariance[np.ix_(inside, inside)] = seen @ middle[np.ix_(inside, inside)] @ seen + unseen
-    scale = np.where(fit.problem.box.log, polish.values, 1.0)
-    errors = np.sqrt(np.diag(covariance)) * np.abs(scale)
-    polish = dataclasses.replace(polish, covariance=covariance, standard_errors=errors, scores=middle)
-    return dataclasses.replace(fit, polish=polish, colours=found)
+@dataclass(frozen=True)
+class ScoreTest:
+    """How much columns would explain of what is left, free of what the fit could explain itself (Rao 1948)."""
+
+    fit: Fit
+    basis: FloatArray
+    left: FloatArray
+
+    def across(self, columns: FloatArray) -> FloatArray:
+        """Return (rows, q, c) columns whitened, less what the fit explains of them, (rows q, c)."""
+        whitened = self.fit.whitener(columns)[0].reshape(len(self.left), -1)
+        return np.asarray(whitened - self.basis @ (self.basis.T @ whitened))
+
+    def gain(self, across: FloatArray) -> tuple[float, FloatArray]:
+        """Return the fall of z'z, and the coefficients, of a group of columns, (rows q, k), as `across` gives them."""
+        r = np.asarray(np.linalg.qr(np.column_stack([across, self.left]), mode="r"))
+        k = across.shape[1]
+        size = np.abs(np.diag(r)[:k])
+        norms = np.linalg.norm(across, axis=0)
+        if not np.all(size > 1e-6 * np.maximum(norms, 1e-300)) or not np.all(norms > 1e-9):
+            return 0.0, np.zeros(k)
+        return float(r[:k, k] @ r[:k, k]), np.asarray(np.linalg.solve(r[:k, :k], r[:k, k]))
 
 
-def at_given_bound(plan: Plan, polish: Polish) -> tuple[str, ...]:
-    """Return the parameters that lie at a bound which the case gives them."""
-    held = []
-    for parameter, side in zip(plan.parameters, polish.at_bound.tolist(), strict=True):
-        spec = plan.case.parameters.get(parameter.quantity or parameter.name)
-        if spec is not None and (spec.minimum if side < 0 else spec.maximum if side > 0 else None) is not None:
-            held.append(parameter.name)
-    return tuple(held)
+def new_fit(simulator: Simulator, values: FloatArray, free: Sequence[str], noise: NoiseModel) -> Fit:
+    """Return a fit that has not been solved: a start."""
+    shown = simulator.shown(values[None, :])[0]
+    whitener = Whitener(
+        noise, simulator.clocks, ~np.isnan(simulator.measured), np.zeros_like(shown),
+        np.ones_like(shown), np.ones(len(shown), dtype=bool),
+    )  # fmt: skip
+    none = np.zeros((shown.size, 0))
+    start = Fit(simulator, values, tuple(free), (), whitener, shown, np.zeros(0), np.zeros(shown.size), none,
+                np.zeros((*shown.shape, 0)), np.inf)  # fmt: skip
+    return with_level(start)
 
 
-def squares(problem: Problem, treatment: Treatment) -> LeastSquares:
-    """Return the least-squares problem of what is left after a treatment."""
-    return LeastSquares(
-        lambda candidates: treatment.apply(problem.residuals(candidates)),
-        problem.box,
-        output=problem.output_of_residual,
-        spread=problem.spread,
-        lost=treatment.lost,
-        loss=problem.plan.case.search.loss,
-    )
+def with_level(fit: Fit) -> Fit:
+    """Return the fit whose noise follows the signals as they are simulated now."""
+    shown = np.where(np.isfinite(fit.shown), fit.shown, 0.0)
+    largest = np.max(np.abs(shown), axis=0)
+    level = np.abs(shown) / np.where(largest > 0, largest, 1.0)
+    moving = level.max(axis=1) > 1e-3
+    return dataclasses.replace(fit, whitener=dataclasses.replace(fit.whitener, level=level, moving=moving))
 
 
-def weighed(fit: Fit) -> Fit:
-    """Return the fit whose treatment weighs the outputs as the fit does.
+def solved(fit: Fit, *, iterations: int = ITERATIONS, tolerance: float = 1e-3) -> Fit:
+    """Return the fit at the least cost that is reached from where it stands.
 
-    What moves several outputs at once, a drift or a wrong assumption, is taken out along all of them: by other weights
-    the projection would be oblique, the parameters worse and their standard errors wrong.
+    Parameters
+    ----------
+    tolerance : float
+        Of z'z: a smaller promise of a fall ends the iteration. 1 is one standard error.
     """
-    for _ in range(REWEIGHED):
-        scale = fit.polish.deviations[fit.problem.output_of_residual]
-        ratio = scale / fit.treatment.scale
-        if not fit.treatment.basis.shape[1] or np.ptp(ratio) < SAME_WEIGHTS * np.max(ratio):
+    s = fit.simulator
+    where = np.array([s.index[n] for n in fit.free], dtype=int)
+    low, high = s.scaled(s.lower)[where], s.scaled(s.upper)[where]
+    x = np.clip(s.scaled(fit.values)[where], low, high)
+    columns = _linear_columns(fit.linear, fit.shown.shape)
+    linear = _flat(fit.whitener, columns)
+    damping = DAMPING[0]
+    values = _placed(fit, where, x)
+    shown = s.shown(values[None, :])[0]
+    cost = _cost(fit, shown, linear)
+    raw = None
+    for _ in range(iterations if len(where) and np.isfinite(cost) else 0):
+        raw = _differences(fit, where, x, shown, low, high, central=tolerance < 1e-6)
+        r = _triangle(fit, linear, raw, shown)
+        m, f = linear.shape[1], len(where)
+        a, g = r[m : m + f, m : m + f], r[m : m + f, m + f]
+        better = None
+        while better is None and damping < DAMPING[1]:
+            dx = _step(a, g, damping, x, low, high)
+            dx *= min(1.0, float(np.min(_reach(s, where) / np.maximum(np.abs(dx), 1e-300))))
+            tried = np.clip(x + dx, low, high)
+            promise = float(g @ g - np.sum((g - a @ (tried - x)) ** 2))
+            if promise < tolerance:
+                break
+            there = s.shown(_placed(fit, where, tried)[None, :])[0]
+            new = _cost(fit, there, linear)
+            if new < cost:
+                better = tried, there, new
+                damping = max(damping / 10, 1e-9)
+            else:
+                damping *= 10
+        if better is None:
             break
-        treatment = fit.treatment.rescaled(scale)
-        polish = squares(fit.problem, treatment).polish(fit.polish.values, fit.polish.deviations)
-        fit = dataclasses.replace(fit, polish=polish, treatment=treatment)
+        gained = cost - better[2]
+        x, shown, cost = better
+        raw = None
+        if gained < tolerance:
+            break
+    if raw is None or tolerance >= 1e-6:
+        raw = _differences(fit, where, x, shown, low, high, central=tolerance < 1e-2)
+    return _evaluated(fit, _placed(fit, where, x), shown, raw, columns)
+
+
+def _evaluated(fit: Fit, values: FloatArray, shown: FloatArray, raw: FloatArray, columns: FloatArray) -> Fit:
+    """Return the fit at a point, with its whitened residuals and derivatives."""
+    everything = np.concatenate([_misfit(fit, shown)[:, :, None], raw, columns], axis=2)
+    whitened = fit.whitener(everything)[0].reshape(shown.size, -1)
+    r, jacobian = whitened[:, 0], whitened[:, 1:]
+    m = columns.shape[2]
+    b = np.asarray(np.linalg.lstsq(jacobian[:, jacobian.shape[1] - m :], r, rcond=None)[0]) if m else np.zeros(0)
+    z = r - jacobian[:, jacobian.shape[1] - m :] @ b
+    return dataclasses.replace(
+        fit, values=values, shown=shown, coefficients=b, z=z, jacobian=jacobian, raw=everything[:, :, 1:],
+        cost=float(z @ z) if np.isfinite(z).all() else np.inf,
+    )  # fmt: skip
+
+
+def refreshed(fit: Fit, whitener: Whitener) -> Fit:
+    """Return the fit judged by another whitener, its values as they are."""
+    f = len(fit.free)
+    return _evaluated(dataclasses.replace(fit, whitener=whitener), fit.values, fit.shown, fit.raw[:, :, :f],
+                      fit.raw[:, :, f:])  # fmt: skip
+
+
+def held_down(fit: Fit) -> Fit:
+    """Return the fit with outliers, which stand alone, weighted by Student's t."""
+    z = np.abs(fit.z.reshape(fit.shown.shape))
+    beside = np.maximum(np.vstack([np.zeros(z.shape[1]), z[:-1]]), np.vstack([z[1:], np.zeros(z.shape[1])]))
+    alone = (z > OUTLIER) & ((beside < BESIDE) | (z > 4 * beside))
+    inflate = np.where(alone, (FREEDOM + z * z) / (FREEDOM + 1), fit.whitener.inflate)
+    return dataclasses.replace(fit, whitener=dataclasses.replace(fit.whitener, inflate=inflate))
+
+
+def with_secants(fit: Fit) -> Fit:
+    """Return the fit with derivatives over one standard error where these are much smaller than at the point.
+
+    Where an FMU switches, what is shown has kinks: a derivative at a point may be large that holds nowhere else.
+    """
+    s = fit.simulator
+    where = np.array([s.index[n] for n in fit.free], dtype=int)
+    for _ in range(SECANTS):
+        deviation = np.sqrt(np.maximum(np.diag(fit.covariance())[: len(where)], 0.0))
+        x = s.scaled(fit.values)[where]
+        reach = np.where(np.isfinite(deviation) & (deviation > 0), deviation, 0.0)
+        reach = np.minimum(reach, np.where(s.log[where], 0.5, _reach(s, where)))
+        low, high = s.scaled(s.lower)[where], s.scaled(s.upper)[where]
+        ahead, behind = np.minimum(x + reach, high), np.maximum(x - reach, low)
+        wide = np.repeat(fit.values[None, :], 2 * len(where), axis=0)
+        for k, j in enumerate(where):
+            wide[k, j] = s.unscaled(_spread(s, j, ahead[k]))[j]
+            wide[len(where) + k, j] = s.unscaled(_spread(s, j, behind[k]))[j]
+        shown = s.shown(wide)
+        width = ahead - behind
+        change = (shown[: len(where)] - shown[len(where) :]).transpose(1, 2, 0)
+        usable = (width > 0) & np.isfinite(change).all(axis=(0, 1))
+        secants = np.where(usable, np.nan_to_num(change), 0.0) / np.where(width > 0, width, 1.0)
+        norms = np.linalg.norm(_flat(fit.whitener, secants), axis=0)
+        kinked = usable & (norms < KINKED * np.linalg.norm(fit.jacobian[:, : len(where)], axis=0))
+        if not kinked.any():
+            break
+        raw = fit.raw[:, :, : len(where)].copy()
+        raw[:, :, kinked] = secants[:, :, kinked]
+        fit = _evaluated(fit, fit.values, fit.shown, raw, fit.raw[:, :, len(where) :])
     return fit
 
 
-def colours(fit: Fit) -> tuple[Colour, ...]:
-    """Return the colour of each output's residuals."""
-    residuals = np.where(fit.treatment.keep > 0, fit.polish.residuals, np.nan)
-    return tuple(
-        find_colour([series for series, _ in fit.problem.series(residuals, j)]) for j in range(len(fit.problem.outputs))
-    )
+def _misfit(fit: Fit, shown: FloatArray) -> FloatArray:
+    return np.where(fit.whitener.present, fit.simulator.measured - shown, 0.0)
 
 
-def misfit(fit: Fit) -> float:
-    """Return −2 log likelihood, up to a constant, of independent normal noise of unknown deviations."""
-    return log_likelihood(fit.problem, fit.polish.deviations)
+def _cost(fit: Fit, shown: FloatArray, linear: FloatArray) -> float:
+    """Return z'z at simulated signals, the linear part at its best; infinity where the FMU failed."""
+    if not np.isfinite(shown).all():
+        return float(np.inf)
+    r = _flat(fit.whitener, _misfit(fit, shown)[:, :, None])[:, 0]
+    if linear.shape[1]:
+        r = r - linear @ np.linalg.lstsq(linear, r, rcond=None)[0]
+    return float(r @ r)
 
 
-def log_likelihood(problem: Problem, deviations: FloatArray) -> float:
-    """Return −2 log likelihood, up to a constant, at the outputs' deviations."""
-    counts = np.bincount(problem.output_of_residual, minlength=len(problem.outputs))
-    return float(np.sum(2 * counts * np.log(deviations)))
+def _triangle(fit: Fit, linear: FloatArray, raw: FloatArray, shown: FloatArray) -> FloatArray:
+    """Return the triangular factor of the whitened [C J r], padded to square."""
+    own = _flat(fit.whitener, np.concatenate([raw, _misfit(fit, shown)[:, :, None]], axis=2))
+    r = np.asarray(np.linalg.qr(np.column_stack([linear, own]), mode="r"))
+    square = np.zeros((r.shape[1], r.shape[1]))
+    square[: len(r)] = r
+    return square
 
 
-def chi_square(old: Fit, new: Fit) -> float:
-    """Return by how much −2 log likelihood falls from one fit to the other."""
-    return misfit(old) - misfit(new)
+def _step(
+    a: FloatArray, g: FloatArray, damping: float, x: FloatArray, low: FloatArray, high: FloatArray
+) -> FloatArray:
+    """Return the damped step that minimises |g - a dx|; zero for what would leave its bounds from there."""
+    free = np.ones(len(x), dtype=bool)
+    dx = np.zeros(len(x))
+    for _ in range(len(x)):
+        scale = np.linalg.norm(a[:, free], axis=0)
+        scale = np.where(scale > 0, scale, 1.0)
+        lhs = np.vstack([a[:, free], np.sqrt(damping) * np.diag(scale)])
+        dx = np.zeros(len(x))
+        dx[free] = np.linalg.lstsq(lhs, np.concatenate([g, np.zeros(int(free.sum()))]), rcond=None)[0]
+        out = free & (((x <= low) & (dx < 0)) | ((x >= high) & (dx > 0)))
+        if not out.any():
+            break
+        free &= ~out
+        if not free.any():
+            return np.zeros(len(x))
+    return dx
 
 
-def inflation(fit: Fit) -> float:
-    """Return how much larger low frequencies are in the residuals than white ones would be, at most."""
-    return max((float(np.max(c.spectrum(64)[:8])) / max(c.variance, 1e-300) for c in fit.colours), default=1.0)
+def _reach(s: Simulator, where: NDArray[np.int_]) -> FloatArray:
+    own = where < len(s.plan.names)
+    return np.where(s.log[where], FAR_LOG, np.where(own, 100.0, FAR) * s.size[where])
+
+
+def _differences(
+    fit: Fit,
+    where: NDArray[np.int_],
+    x: FloatArray,
+    shown: FloatArray,
+    low: FloatArray,
+    high: FloatArray,
+    *,
+    central: bool,
+) -> FloatArray:
+    """Return derivatives of what is shown by what is free, (rows, q, f), by one-sided or central differences."""
+    s = fit.simulator
+    f = len(where)
+    if not f:
+        return np.zeros((*shown.shape, 0))
+    h = np.where(s.log[where], STEP, 10 * STEP * s.size[where])
+    ahead = np.where(x + h <= high, x + h, x - h)
+    behind = np.where((x - h >= low) & (ahead > x), x - h, x) if central else x
+    points = np.repeat(_placed(fit, where, x)[None, :], 2 * f if central else f, axis=0)
+    for k, j in enumerate(where):
+        points[k, j] = s.unscaled(_spread(s, j, ahead[k]))[j]
+        if central:
+            points[f + k, j] = s.unscaled(_spread(s, j, behind[k]))[j]
+    all_shown = s.shown(points)
+    columns = []
+    for k in range(f):
+        there, back, width = all_shown[k], all_shown[f + k] if central else shown, ahead[k] - behind[k]
+        if not np.isfinite(back).all():
+            back, width = shown, ahead[k] - x[k]
+        columns.append((there - back) / width if np.isfinite(there).all() else np.zeros_like(shown))
+    return np.stack(columns, axis=2)
+
+
+def _spread(s: Simulator, j: int, x: float) -> FloatArray:
+    whole = np.ones(len(s.names))
+    whole[j] = x
+    return whole
+
+
+def _placed(fit: Fit, where: NDArray[np.int_], x: FloatArray) -> FloatArray:
+    s = fit.simulator
+    values = fit.values.copy()
+    values[where] = np.where(s.log[where], np.exp(np.where(s.log[where], x, 0.0)), x)
+    return np.clip(values, s.lower, s.upper)
+
+
+def _at_bound(s: Simulator, values: FloatArray, free: Sequence[str]) -> FloatArray:
+    where = [s.index[n] for n in free]
+    x, low, high = s.scaled(values)[where], s.scaled(s.lower)[where], s.scaled(s.upper)[where]
+    width = np.where(high > low, high - low, 1.0)
+    return np.where(x - low <= AT_BOUND * width, -1, np.where(high - x <= AT_BOUND * width, 1, 0))
+
+
+def _linear_columns(linear: Sequence[Linear], shape: tuple[int, ...]) -> FloatArray:
+    return np.concatenate([np.zeros((*shape, 0)), *(g.columns for g in linear)], axis=2)
+
+
+def _flat(whitener: Whitener, columns: FloatArray) -> FloatArray:
+    return whitener(columns)[0].reshape(columns.shape[0] * columns.shape[1], -1)

@@ -12,11 +12,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimator.plans.parameters import Box
+
+if TYPE_CHECKING:
+    from estimator.fitting.problem import Problem
+    from estimator.plans.plan import Plan
 
 FloatArray = NDArray[np.float64]
 Residuals = Callable[[FloatArray], FloatArray]
@@ -338,3 +343,19 @@ def scaled_svd(jacobian: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray
     scale = np.where(norms == 0, 1.0, norms)
     _, singular, rows = np.linalg.svd(jacobian / scale, full_matrices=False)
     return scale, singular, rows
+
+
+def at_given_bound(plan: Plan, polish: Polish) -> tuple[str, ...]:
+    """Return the parameters that lie at a bound which the case gives them."""
+    held = []
+    for parameter, side in zip(plan.parameters, polish.at_bound.tolist(), strict=False):
+        spec = plan.case.parameters.get(parameter.quantity or parameter.name)
+        if spec is not None and (spec.minimum if side < 0 else spec.maximum if side > 0 else None) is not None:
+            held.append(parameter.name)
+    return tuple(held)
+
+
+def log_likelihood(problem: Problem, deviations: FloatArray) -> float:
+    """Return −2 log likelihood, up to a constant, of independent normal noise at the outputs' deviations, (q,)."""
+    counts = np.bincount(problem.output_of_residual, minlength=len(problem.outputs))
+    return float(np.sum(2 * counts * np.log(deviations)))

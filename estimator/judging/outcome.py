@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from estimator.cases.case_signals import run_value
 from estimator.cases.mapping import target
+from estimator.fitting.explained import Explained
 from estimator.fitting.polish import Polish
 from estimator.judging.verdict import Judgement
 from estimator.plans.parameters import Parameter
@@ -73,14 +74,18 @@ def _settings(plan: Plan, parameter: Parameter, value: float) -> tuple[Setting, 
     return None if settings == [Setting(parameter.name, value, parameter.unit)] else tuple(settings)
 
 
-def sensors(plan: Plan) -> dict[str, dict[str, Any]]:
-    """Return what each output's sensor was taken for."""
+def sensors(plan: Plan, explained: Explained | None = None) -> dict[str, dict[str, Any]]:
+    """Return what each output's sensor was taken for, as the case says and as the recordings show."""
+    fit = None if explained is None else explained.fit
+    known = {} if fit is None else dict(zip(fit.simulator.names, fit.values.tolist(), strict=True))
     result: dict[str, dict[str, Any]] = {}
     for name in plan.outputs:
         chain = plan.chains.get(name, ChainSpec())
         result[name] = {
-            "sensor": "mean" if plan.sensors[name] == layout.MEAN else "identity",
-            "average": chain.average,
+            "sensor": "mean"
+            if plan.sensors[name] == layout.MEAN or known.get(f"mean over the interval {name}")
+            else "identity",
+            "average": round(known.get(f"average {name}", 1.0)) * chain.average,
             "filters": [f.family for f in chain.filters],
             "gain": chain.gain,
             "offset": chain.offset,

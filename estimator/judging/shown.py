@@ -8,7 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.fitting.fit import Fit
+from estimator.fitting.explained import Explained
 from estimator.fitting.problem import Problem
 from estimator.fmus.workers import Workers
 from estimator.plans.parameters import Parameter
@@ -23,27 +23,19 @@ FINER = 10  # times the recording's grid
 ALIKE = 0.01  # of a signal's range: a finer grid that is farther off at the samples is another simulation
 
 
-def with_treatment(compared: tuple[Comparison, ...], fit: Fit) -> tuple[Comparison, ...]:
-    """Return the comparisons with what the fit left out of the residuals and what it took out of them."""
-    problem, treatment = fit.problem, fit.treatment
-    raw = problem.residuals(fit.polish.values[None, :])[0]
-    treated = treatment.apply(raw[None, :])[0]
+def with_treatment(compared: tuple[Comparison, ...], explained: Explained) -> tuple[Comparison, ...]:
+    """Return the comparisons with the outliers that were weighted down, and the ripple that was estimated."""
+    fit = explained.fit
+    ripple = fit.explained - explained.shown_rows()
     found = []
-    for e, comparison in enumerate(compared):
+    for comparison, clock in zip(compared, fit.simulator.clocks, strict=True):
         left_out, taken_out = {}, {}
-        for j, name in enumerate(problem.outputs):
-            whole, index = problem.series(raw, j)[e]
-            known = index >= 0
-            out = np.zeros(len(whole), dtype=bool)
-            out[known] = treatment.keep[index[known]] == 0
-            taken = np.nan_to_num(problem.series(treated, j)[e][0] - whole)  # of measured minus simulated
-            taken[out] = 0.0
-            if problem.is_counted(j):  # those residuals stand as angles, the figure shows speeds
-                taken = np.diff(taken, prepend=taken[:1]) / problem.plan.observed[e].recording.step
+        for j, name in enumerate(fit.simulator.outputs):
+            out = fit.whitener.inflate[clock.rows, j] > 1
             if out.any():
                 left_out[name] = out
-            if np.abs(taken).max(initial=0.0) > 0:
-                taken_out[name] = taken
+            if np.abs(ripple[clock.rows, j]).max(initial=0.0) > 0:
+                taken_out[name] = ripple[clock.rows, j]
         found.append(dataclasses.replace(comparison, left_out=left_out, taken_out=taken_out))
     return tuple(found)
 

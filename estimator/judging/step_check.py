@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.fitting.fit import Fit
+from estimator.fitting.explained import Explained
 from estimator.fitting.polish import Polish
 from estimator.fitting.problem import Problem
 from estimator.fmus.probe import ignores_step
@@ -28,7 +28,9 @@ class StepCheck:
     notes: tuple[str, ...] = ()
 
 
-def step_check(problem: Problem, values: FloatArray, polish: Polish | None, fit: Fit | None) -> StepCheck:
+def step_check(
+    problem: Problem, values: FloatArray, polish: Polish | None, explained: Explained | None
+) -> StepCheck:
     """Simulate an estimate, (p,), at a finer communication step, and say what that changes.
 
     Parameters
@@ -36,16 +38,20 @@ def step_check(problem: Problem, values: FloatArray, polish: Polish | None, fit:
     polish : Polish or None
         None for methods that end with the search: nothing is compared then.
     """
-    fine = problem.trajectories(values[None, :], refine=REFINEMENT)
-    if polish is None or fine.shown is None:
+    if explained is None:
+        batch = problem.trajectories(values[None, :], refine=REFINEMENT)
+        fine = None if batch.shown is None else batch.shown[0]
+    else:
+        fine = explained.fit.simulator.shown(explained.fit.values[None, :], refine=REFINEMENT)[0]
+    if polish is None or fine is None:
         return StepCheck()
     plan = problem.plan
     h = plan.observed[0].recording.step if plan.case.step is None else plan.case.step
-    if fine.failed[0]:
+    if not np.isfinite(fine).all():
         return StepCheck(
             notes=(f"the step could not be checked: the FMU fails at {h / REFINEMENT:g} s, a tenth of the step",)
         )
-    worst = _worst(plan, polish, shift(problem, polish, fine.shown[0], fit))
+    worst = _worst(plan, polish, shift(problem, polish, fine, explained))
     if worst is None:
         return StepCheck()
     if ignores_step(plan.description):
@@ -65,13 +71,14 @@ def step_check(problem: Problem, values: FloatArray, polish: Polish | None, fit:
     )
 
 
-def shift(problem: Problem, polish: Polish, fine: FloatArray, fit: Fit | None) -> FloatArray:
+def shift(problem: Problem, polish: Polish, fine: FloatArray, explained: Explained | None) -> FloatArray:
     """Return how far the fine trajectories, (rows, q), would move the scaled parameters, (p,), to first order."""
-    weights = 1 / polish.deviations[problem.output_of_residual]
-    change = problem.compared(fine[None])[0]
-    if fit is not None:
-        change = fit.treatment.apply(change[None, :])[0]
-    change = change * weights - polish.residuals
+    if explained is None:
+        weights = 1 / polish.deviations[problem.output_of_residual]
+        change = problem.compared(fine[None])[0] * weights - polish.residuals
+    else:
+        fit = explained.fit
+        change = fit.whitener((fine - fit.shown)[:, :, None])[0].ravel()
     inside = polish.at_bound == 0
     moved = np.zeros(len(polish.values))
     if inside.any():
@@ -83,7 +90,7 @@ def _worst(plan: Plan, polish: Polish, moved: FloatArray) -> tuple[float, str, s
     """Return the largest shift: in standard errors, whose, and how far; None if none matters."""
     deviation = np.sqrt(np.diag(polish.covariance))
     found = []
-    for j, p in enumerate(plan.parameters):
+    for j, p in enumerate(plan.parameters):  # what is estimated beside them follows
         relative = moved[j] if p.log else moved[j] / (p.upper - p.lower)
         if p.place is None and 0 < deviation[j] < np.inf and abs(relative) > NEGLIGIBLE_SHIFT:
             told = f"{100 * abs(relative):.2g} %" + ("" if p.log else " of its range")

@@ -1,13 +1,15 @@
 """An estimate against recordings that it has not seen. Knows no search.
 
 The parameters and the sensors are the estimate's. What belongs to a recording and not to the motor is fitted to the new
-one: its delay and offsets, where the estimate has such, and a parameter that has a value for each recording.
+one: its delay and offsets, where the estimate has such, and a parameter that has a value for each recording. Then it is
+asked which parameters the new recordings would want for themselves, and whether chance explains that these are others
+(other_values.py).
 """
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -15,16 +17,19 @@ from numpy.typing import NDArray
 
 from estimator.cases.case import Case, RunSpec
 from estimator.errors import SimulationError
-from estimator.fitting.freeing import free_delay, named, with_offset
-from estimator.fitting.polish import LeastSquares
-from estimator.fitting.problem import Problem
-from estimator.fmus.fmu import describe, with_kind
+from estimator.fitting.effects import known_effects
+from estimator.fitting.effects.offset import Offset
+from estimator.fitting.explained import freed_by_the_case
+from estimator.fitting.fit import Fit, new_fit, solved
+from estimator.fitting.noise_model import NoiseModel
+from estimator.fitting.simulator import Nuisance, Simulator, per_recording
+from estimator.fmus.fmu import FmuDescription, describe, with_kind
 from estimator.fmus.probe import driven
 from estimator.fmus.workers import Workers
+from estimator.judging.other_values import UNLIKELY, other_values
 from estimator.judging.outcome import comparisons, figures
 from estimator.judging.reading import what_was_read
 from estimator.plans.noise_level import output_deviations
-from estimator.plans.parameters import Box
 from estimator.plans.plan import ChainSpec, Plan
 from estimator.plans.planning import plan_case
 from estimator.recordings.recording import Recording
@@ -38,6 +43,8 @@ def validated(
     estimate: Estimate, case: Case, files: Sequence[Path] = (), *, recordings: Sequence[Recording] | None = None
 ) -> Estimate:
     """Return the estimate with how well its model explains other recordings.
+
+    Where these want other parameters than chance allows, the verdict is doubtful.
 
     Parameters
     ----------
@@ -60,35 +67,49 @@ def validated(
     if not case.recordings and not recordings:
         return estimate
     plan = plan_case(case, driven(with_kind(describe(case.fmu), case.kind)), recordings=recordings, held_out=True)
-    plan, values, free = _as_estimated(plan, estimate)
+    deviations = output_deviations(plan)
     with Workers(1) as crew:
-        problem = Problem(plan, crew, sigma=_sigma(plan))
-        values = _fitted(problem, values, free)
-        batch = problem.trajectories(values[None, :])
-        if batch.failed[0] or batch.shown is None:
+        start = _as_estimated(plan, estimate, crew, {name: spread or 1.0 for name, (_, spread) in deviations.items()})
+        held = solved(start)
+        if not np.isfinite(held.cost):
             reason = crew.failures[0].reason if crew.failures else "no reason given"
             raise SimulationError(
                 f"the FMU fails with the inputs of {plan.observed[0].recording.title}: {reason}; leave it out"
             )
-        compared = comparisons(plan, problem.shown(batch))
+        others = other_values(held, estimate)
         simulations, steps = crew.simulations, crew.steps
+    compared = comparisons(plan, [held.explained[clock.rows] for clock in held.simulator.clocks])
     rmse, fit = figures(plan, compared)
-    own = {plan.names[j]: float(values[j]) for j in free}
+    reasons = estimate.reasons
+    if others is not None and others.chance < UNLIKELY:
+        titles = " and ".join(o.recording.title for o in plan.observed)
+        reasons = (*reasons, others.sentence(titles))
     return dataclasses.replace(
         estimate,
         read=(*estimate.read, *what_was_read(plan)),
         notes=(*estimate.notes, *(f.sentence for o in plan.observed for f in o.findings)),
+        verdict="ok" if not reasons else "doubtful",
+        reasons=reasons,
         validation=Validation(
             comparisons=compared,
             rmse=rmse,
             fit_percent=fit,
-            chain=own,
-            units={plan.names[j]: plan.parameters[j].unit for j in free},
+            chain=dict(zip(held.names, held.estimates.tolist(), strict=True)),
+            units=_units(held),
+            others=others,
         ),
         simulations=estimate.simulations + simulations,
         simulations_by_phase={**estimate.simulations_by_phase, "validation": simulations},
         steps=estimate.steps + steps,
     )
+
+
+def _units(held: Fit) -> dict[str, str]:
+    """Return the unit of each value that was fitted to the new recordings."""
+    s = held.simulator
+    units = {p.name: p.unit for p in s.plan.parameters} | {n.name: n.unit for n in s.nuisances}
+    units |= {f"{g.name}{f'#{k}' if k else ''}": unit for g in held.linear for k, unit in enumerate(g.units)}
+    return {name: units.get(name, "") for name in held.names}
 
 
 def _held_out(case: Case, files: Sequence[Path], *, count: int | None) -> Case:
@@ -101,61 +122,81 @@ def _held_out(case: Case, files: Sequence[Path], *, count: int | None) -> Case:
     return dataclasses.replace(case, recordings=(*(case.recordings[k] for k in own), *files), runs=runs)
 
 
-def _as_estimated(plan: Plan, estimate: Estimate) -> tuple[Plan, FloatArray, list[int]]:
-    """Return the plan with the estimate's sensors, its values, and which of them belong to the recordings."""
+def _as_estimated(plan: Plan, estimate: Estimate, crew: Workers, sigma: Mapping[str, float]) -> Fit:
+    """Return where a fit of the new recordings begins: all as estimated, and free what belongs to a recording."""
     chain = {name: parameter.value for name, parameter in estimate.chain.items()}
-    kinds, chains = dict(plan.sensors), dict(plan.chains)
-    for name in plan.outputs:
-        found = estimate.sensors.get(name)
-        if found is None:
-            continue
-        kinds[name] = layout.MEAN if found["sensor"] == "mean" else layout.IDENTITY
-        spec = chains.get(name, ChainSpec())
-        gain, delay = chain.get(f"gain {name}", spec.gain), chain.get(f"delay {name}", spec.delay)
-        chains[name] = dataclasses.replace(spec, average=int(found["average"]), gain=gain, delay=delay)
-    plan = dataclasses.replace(plan, sensors=kinds, chains=chains)
-    values: list[float] = []
-    free: list[int] = []
-    for j, parameter in enumerate(plan.parameters):
+    plan = dataclasses.replace(plan, sensors={**plan.sensors, **_sensors(plan, estimate)})
+    description, nuisances = _bench(plan, chain)
+    simulator = Simulator(dataclasses.replace(plan, description=description), nuisances, crew, sigma)
+    known = {**chain, **_whole(plan, estimate)}
+    free: list[str] = []
+    for parameter in plan.parameters:
         if parameter.name in estimate.parameters:
-            values.append(estimate.parameters[parameter.name].value)
+            known[parameter.name] = estimate.parameters[parameter.name].value
         else:  # it has a value for each recording: their mean is where this one's begins
             own = parameter.quantity or parameter.name
             same = [p.value for n, p in estimate.parameters.items() if n == own or n.startswith(f"{own} ")]
-            values.append(float(np.mean(same)))
-            free.append(j)
+            known[parameter.name] = float(np.mean(same))
+            free.append(parameter.name)
     channels = {f"delay {name}" for name in plan.outputs}
-    is_late = any(name.startswith("delay") and name not in channels for name in chain)
-    for e, o in enumerate(plan.observed):
-        if (o.delay != 0 or is_late) and f"delay of {e}" not in plan.declared:
-            plan = free_delay(plan, e, o.delay)
-        for name in plan.outputs:
-            has_phase = name == "angle" and o.has_phase and "offset angle" not in plan.declared
-            if has_phase or any(n == f"offset {name}" or n.startswith(f"offset {name} ") for n in chain):
-                plan = with_offset(named(f"offset {name}", plan, e), name, e)(plan, 0.0)
-    free += list(range(len(values), len(plan.parameters)))
-    values += [p.start or 0.0 for p in plan.parameters[len(values) :]]
-    return plan, np.array(values), free
+    late = any(n.split(" ")[0] == "delay" and not n.startswith("delay of ") and n not in channels for n in chain)
+    for o, name in zip(plan.observed, per_recording(plan, "delay"), strict=True):
+        if name in simulator.index and (o.delay != 0 or late):
+            known[name] = o.delay
+            free.append(name)
+    freed = {n.name for n in freed_by_the_case(plan)}
+    offsets = {name: y for y in plan.outputs for name in per_recording(plan, f"offset {y}")}
+    free += [name for name in offsets if name in freed]
+    known.update({name: 0.0 for name in offsets})
+    values = simulator.values(known)
+    simulator.lower = np.minimum(simulator.lower, values)
+    simulator.upper = np.maximum(simulator.upper, values)
+    deviations = np.array([noise or spread or 1.0 for noise, spread in output_deviations(plan).values()])
+    fit = new_fit(simulator, values, free, NoiseModel.plain(deviations, tuple(-1 for _ in plan.outputs)))
+    shown = {y for y in plan.outputs if any(n == f"offset {y}" or n.startswith(f"offset {y} ") for n in chain)}
+    turned = {
+        name
+        for o, name in zip(plan.observed, per_recording(plan, "offset angle"), strict=True)
+        if "angle" in plan.outputs and o.has_phase
+    }
+    linear = [g for g in Offset().linear(fit) if offsets[g.name] in shown or g.name in turned]
+    return dataclasses.replace(fit, linear=tuple(linear))
 
 
-def _fitted(problem: Problem, values: FloatArray, free: Sequence[int]) -> FloatArray:
-    """Return the values with those that belong to the recordings fitted to them."""
-    if not free:
-        return values
-    deviations = np.array([noise or spread or 1.0 for noise, spread in output_deviations(problem.plan).values()])
-
-    def residuals(candidates: FloatArray) -> FloatArray:
-        whole = np.repeat(values[None, :], len(candidates), axis=0)
-        whole[:, free] = candidates
-        return problem.residuals(whole)
-
-    box = Box.of(tuple(problem.parameters[j] for j in free))
-    squares = LeastSquares(residuals, box, output=problem.output_of_residual, spread=problem.spread)
-    best, _ = squares.fit(values[free], deviations)
-    fitted = values.copy()
-    fitted[free] = best
-    return fitted
+def _sensors(plan: Plan, estimate: Estimate) -> dict[str, int]:
+    """Return the outputs that are shown as they are, as the estimate has it; a mean is the plan's or a nuisance."""
+    shown = {y: estimate.sensors[y]["sensor"] for y in plan.outputs if y in estimate.sensors}
+    return {y: layout.IDENTITY for y, kind in shown.items() if kind != "mean"}
 
 
-def _sigma(plan: Plan) -> dict[str, float]:
-    return {name: spread or 1.0 for name, (_, spread) in output_deviations(plan).items()}
+def _bench(plan: Plan, chain: Mapping[str, float]) -> tuple[FmuDescription, tuple[Nuisance, ...]]:
+    """Return the FMU that has all that the estimate found, and the nuisance parameters that it may have."""
+    nuisances = {n.name: n for n in freed_by_the_case(plan)}
+    for y in plan.outputs:
+        if f"gain {y}" in chain and f"gain {y}" not in nuisances:
+            nuisances[f"gain {y}"] = Nuisance(f"gain {y}", "", -0.9, 9.0, 0.0, 0.1, output=y, act=_scaled)
+    description = plan.description
+    for effect in known_effects():
+        own = effect.nuisances(plan)
+        if effect.fmu and not {n.name for n in own} & set(chain):
+            continue
+        if effect.fmu:
+            description = driven(describe(effect.fmu))
+        nuisances = {**{n.name: n for n in own}, **nuisances}
+    return description, tuple(nuisances.values())
+
+
+def _whole(plan: Plan, estimate: Estimate) -> dict[str, float]:
+    """Return the means that the estimate's sensors show."""
+    found = {}
+    for y in plan.outputs:
+        sensor = estimate.sensors.get(y)
+        if sensor is not None:
+            own = plan.chains.get(y, ChainSpec()).average
+            found[f"average {y}"] = max(1.0, int(sensor["average"]) / own)
+            found[f"mean over the interval {y}"] = float(sensor["sensor"] == "mean")
+    return found
+
+
+def _scaled(y: FloatArray, part: float, h: float) -> FloatArray:
+    return y * (1 + part)

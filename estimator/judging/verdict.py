@@ -13,32 +13,29 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.fitting.fit import at_given_bound
-from estimator.fitting.polish import Polish
-from estimator.fitting.suspects import hidden_friction
+from estimator.fitting.polish import Polish, at_given_bound
 from estimator.judging.coasting import coasting
 from estimator.judging.refusal import CONTRADICTED, lost_transients, refused_notes, slow_for_the_motor
 from estimator.judging.scales import scales_at_odds
 from estimator.judging.step_check import StepCheck
-from estimator.plans.noise_level import beside_means
 from estimator.plans.plan import Plan
-from estimator.recordings.excitation import quantum
 from estimator.results.linear import MOTOR, is_motor
 from estimator.results.result import Status, Verdict
-from estimator.stepping import layout
 
 if TYPE_CHECKING:
-    from estimator.fitting.fit import Fit
+    from estimator.fitting.explained import Explained
     from estimator.judging.structure import Structure
     from estimator.plans.space import Steady
 
 FloatArray = NDArray[np.float64]
 
-DOUBTFUL_ERROR = 0.1  # relative standard error
+DOUBTFUL_ERROR = 0.25  # relative standard error
 TRADED = 0.98  # correlation of two that stand in for each other
 USELESS_ERROR = 0.5  # relative standard error: the parameter is not identified
 MISFIT = 1.5  # residuals' deviation over the noise that the data show
-HIDDEN = 0.1  # of the friction: less of it that may be dry is not told
+PLAIN = ("offset", "delay")  # effects whose value says all
+TOLD_FAILURES = 4  # sentences on what does not hold, at most
+UNEXPLAINED = 0.2  # of a signal's deviation: a noise that is larger is a misfit
 NUMERICAL = 1e-6  # of a signal's deviation: smaller residuals are no misfit
 
 
@@ -70,7 +67,7 @@ def judge(
     rmse: FloatArray,
     spread: FloatArray,
     step: StepCheck,
-    fit: Fit | None = None,
+    explained: Explained | None = None,
     structure: Structure | None = None,
 ) -> Judgement:
     """Judge an estimate.
@@ -88,8 +85,8 @@ def judge(
         Of what the sensors show; it is the misfit where there is no polish.
     step : StepCheck
         What a finer communication step changes.
-    fit : Fit or None
-        What was found of the measurement chain.
+    explained : Explained or None
+        What was found of the bench.
     structure : Structure or None
         What the outputs cannot tell, whatever the noise.
     """
@@ -108,37 +105,29 @@ def judge(
         reasons += _by_parameter(statuses)
         statuses.update({n: ParameterStatus("not identified", structure.sentence) for n in untold} if structure else {})
         reasons += _traded(plan, polish, statuses)
-        shown = polish.deviations if fit is None else fit.problem.noise_shown(polish.deviations)
-        reasons += _misfit(plan, shown, noise, spread)
+        misfit = _misfit(plan, polish, explained, noise, spread)
+        reasons += misfit
         reasons += step.reasons
-        reasons += _drifts(fit)
-        wrong = [
-            *_wrong_assumptions(fit),
-            *_gains(plan, values, fit),
-            *scales_at_odds(plan),
-            *_fast(plan, values),
-            *coasting(plan),
-        ]
+        wrong = [*_doubts(explained), *scales_at_odds(plan), *_fast(plan, values), *_coasting(plan, explained)]
         reasons += wrong
         if held := at_given_bound(plan, polish):
             wrong.append(f"{', '.join(held)} may not go where the recording wants it")
         if wrong:  # numbers that stand on it are not to be relied on
             for name in set(plan.names) & set(MOTOR) - set(statuses):
                 statuses[name] = ParameterStatus("doubtful", wrong[0])
-        reasons += _coloured(plan, fit)
         lost = lost_transients(plan, {**values, **plan.fixed})
         told = {n for n in ("R", "J") if n not in statuses or statuses[n].status != "not identified"}
         impossible = any(CONTRADICTED in sentence for sentence in lost)
-        if lost and (impossible or told != {"R", "J"} or _misfit(plan, shown, noise, spread)):
-            return Judgement("refused", tuple(lost), {}, (*refused_notes(plan), *_put_back(fit)))
+        if lost and (impossible or told != {"R", "J"} or misfit):
+            return Judgement("refused", tuple(lost), {}, refused_notes(plan))
         reasons += slow_for_the_motor(plan)
     else:
-        reasons += [*_misfit(plan, rmse, noise, spread), *_fast(plan, values)]
+        reasons += [*_above_noise(plan, rmse, noise, spread), *_fast(plan, values)]
     return Judgement(
         "doubtful" if reasons else "ok",
         tuple(reasons),
         statuses,
-        (*_notes(plan, steady), *_chain_notes(fit), *step.notes),
+        (*_notes(plan, steady), *_found(plan, explained), *step.notes),
     )
 
 
@@ -202,9 +191,26 @@ def _small_inductance(plan: Plan, values: Mapping[str, float]) -> str:
     return f"{about} {h:g} s; sample faster to tell L"
 
 
-def _misfit(plan: Plan, deviations: FloatArray, noise: FloatArray, spread: FloatArray) -> list[str]:
+def _misfit(
+    plan: Plan, polish: Polish, explained: Explained | None, noise: FloatArray, spread: FloatArray
+) -> list[str]:
+    """Say what the model leaves: residuals above the noise that the recording shows, or that are not its noise."""
+    if explained is not None:
+        reasons = [failure.sentence for failure in explained.adequacy.failures[:TOLD_FAILURES]]
+        for j, name in enumerate(plan.outputs):
+            if explained.noise[j] > UNEXPLAINED * spread[j]:
+                unit = plan.description.variable(name).unit
+                reasons.append(
+                    f"the model does not explain {name}: residuals of {explained.noise[j]:.3g} {unit} are left of a"
+                    f" signal that spreads by {spread[j]:.3g} {unit}"
+                )
+        return reasons
+    return _above_noise(plan, polish.deviations, noise, spread)
+
+
+def _above_noise(plan: Plan, deviations: FloatArray, noise: FloatArray, spread: FloatArray) -> list[str]:
+    """Say which residuals are above the noise that the recording shows."""
     reasons = []
-    noise = beside_means(plan, noise)
     for j, name in enumerate(plan.outputs):
         found = deviations[j]
         if found > MISFIT * noise[j] and found > NUMERICAL * spread[j]:
@@ -241,115 +247,53 @@ def _fast(plan: Plan, values: Mapping[str, float]) -> list[str]:
     return []
 
 
-def _coloured(plan: Plan, fit: Fit | None) -> list[str]:
-    """Say which residuals are not white though the measurement chain gives them no colour."""
-    if fit is None:
+def _coasting(plan: Plan, explained: Explained | None) -> list[str]:
+    """Say that the motor turned before its recording, where that is not estimated."""
+    known = explained is not None and any(f.effect == "motion before the voltage" for f in explained.found)
+    return [] if known else coasting(plan)
+
+
+def _doubts(explained: Explained | None) -> list[str]:
+    """Say what was found that makes the numbers doubtful, and what else would explain the recordings."""
+    if explained is None:
         return []
-    reasons = []
-    for name, colour in zip(plan.outputs, fit.colours, strict=False):  # none of a fit without noise
-        chain = fit.problem.plan.chains.get(name)
-        plain = plan.sensors[name] == layout.IDENTITY and (chain is None or chain.is_plain)
-        noise = fit.problem.noise_shown(fit.polish.deviations)[plan.outputs.index(name)]
-        coarse = max(quantum(o.outputs[name]) for o in plan.observed) > noise  # quantisation beats with the speed
-        if plain and not coarse and colour.is_significant:
-            reasons.append(
-                f"the residuals of {name} are not white: neighbours correlate by {colour.neighbours:+.2f}; something"
-                " acts that the model or its sensors leave out; the standard errors allow for its colour only"
-            )
-    return reasons
+    found = [f"{f.sentence}: {f.doubt}" for f in explained.found if f.doubt]
+    return [*found, *explained.rivals]
 
 
-def _drifts(fit: Fit | None) -> list[str]:
-    """Say what drifts over the recording; the trend is taken out, the parameters stand for the mean."""
-    if fit is None:
+def _found(plan: Plan, explained: Explained | None) -> list[str]:
+    """Say what was found of the bench, what the noise is like, and what no such recording tells."""
+    if explained is None:
         return []
-    plan = fit.problem.plan
-    return [
-        f"{name} drifts by {size:.3g} {plan.description.variable(name).unit} over the recording, more than its noise"
-        " can: friction or a winding that warms up; the parameters stand for the mean; let the motor run warm first"
-        for name, size in fit.treatment.drifts
-    ]
-
-
-def _wrong_assumptions(fit: Fit | None) -> list[str]:
-    """Name the wrong assumptions that the residuals show."""
-    return [] if fit is None else [a.sentence for a in fit.treatment.accused]
-
-
-def _put_back(fit: Fit | None) -> list[str]:
-    """Say which samples explain the recording if they are missing, where the jump that they make is refused."""
-    return [] if fit is None else [a.sentence for a in fit.treatment.accused if not len(a.rows)]
-
-
-def _gains(plan: Plan, values: Mapping[str, float], fit: Fit | None) -> list[str]:
-    """Say that a sensor's gain contradicts what is held fixed or another sensor; of which, nobody can tell."""
-    names = [] if fit is None else [n for n in fit.names if n.startswith("gain ")]
-    what = "what is held fixed does not fit" if plan.fixed or not names else "the signals contradict each other in"
-    return [
-        f"{what} the recording unless {name.removeprefix('gain ')} is shown with a gain of"
-        f" {values[name]:.4g}; a gain of another signal may explain it as well; check the sensors' scales"
-        for name in names
-    ]
-
-
-def _hidden(fit: Fit) -> str:
-    """Say how much of the friction may be dry without being noticed."""
-    found = hidden_friction(fit)
-    if found is None or not found[1] > 0 or found[0] < HIDDEN * found[1]:
-        return ""
-    size = "any size" if found[0] == found[1] else f"up to {100 * found[0] / found[1]:.0f} % of all friction"
-    return f"; nor a dry friction of {size} (in B and J): record two voltage levels to separate them"
-
-
-def _chain_notes(fit: Fit | None) -> list[str]:
-    """Say what was found of the measurement chain."""
-    if fit is None:
-        return []
-    plan, _polish = fit.problem.plan, fit.polish
-    tabled = set(plan.names)  # those stand in the table of the measurement chain, with their bars
-    notes = [s for name, s in zip(fit.names, fit.freed, strict=True) if name not in tabled or not _is_plain(name)]
-    notes += fit.nearly
+    tabled = set(plan.names)  # those stand in a table, with their bars
+    notes = [f.sentence for f in explained.found if not (f.effect in PLAIN and f.name in tabled)]
+    noise, whitener = explained.fit.whitener.noise, explained.fit.whitener
+    for j, name in enumerate(plan.outputs):
+        unit = plan.description.variable(name).unit
+        parts = [f"{noise.white[j]:.2g} {unit} from sample to sample"]
+        if noise.differenced[j] > 0:
+            parts = [f"{noise.differenced[j]:.2g} {unit} a count, differenced"]
+        if noise.slow[j, 0] > 0:
+            parts.append(f"{noise.slow[j, 0]:.2g} {unit} over {noise.slow[j, 1]:.2g} s")
+        if noise.growth[j] > 0.1:
+            parts.append(f"{np.hypot(1, noise.growth[j]):.2g} times as much at the largest signal")
+        if len(parts) > 1 or noise.differenced[j] > 0:
+            notes.append(f"the noise of {name}: {', '.join(parts)}")
+        held = int(np.sum(whitener.inflate[:, j] > 1))
+        if held:
+            notes.append(f"{name} has {held} outlier{'s' if held > 1 else ''}, weighted by Student's t")
+    if noise.torque[0] > 0:
+        notes.append(
+            f"a torque of {noise.torque[0]:.2g} N.m that wanders over {noise.torque[1]:.2g} s moves current and speed"
+        )
     if set(MOTOR) <= set(plan.names) and "i" in plan.outputs:
+        others = [name for name in explained.unseen if name != "gain"]
         notes.append(
             "not visible in such a recording: a gain error g of the current (R, L by 1/g, J, B by g), the supply's"
-            f" resistance (in R){_hidden(fit)}"
+            f" resistance (in R){''.join(f', {name}' for name in others)}"
+            + ("; two voltage levels tell more" if others else "")
         )
-    notes += _ripples(fit)
-    for name, count in fit.treatment.outliers:
-        notes.append(f"{name} has {count} outlier{'; it is' if count == 1 else 's; they are'} left out")
-    for name, colour in zip(plan.outputs, fit.colours, strict=False):  # none of a fit without noise
-        if not colour.is_white:
-            notes.append(
-                f"the residuals of {name} are not white (autoregression of order {len(colour.coefficients)});"
-                " the standard errors allow for it"
-            )
     return notes
-
-
-def _is_plain(name: str) -> bool:
-    """Whether a value of the measurement chain says all by its name: a delay or an offset, but not what is odd."""
-    return name.startswith(("offset", "delay")) and name not in ("delay w", "delay i")
-
-
-def _ripples(fit: Fit) -> list[str]:
-    """Say which ripple was taken out of each output, in one sentence, the largest first."""
-    plan = fit.problem.plan
-    sentences = []
-    for name in plan.outputs:
-        largest: dict[int, float] = {}
-        for output, ripple in fit.treatment.ripples:
-            if output == name:
-                largest[ripple.order] = max(ripple.amplitude, largest.get(ripple.order, 0.0))
-        if largest:
-            every = sorted(largest.items(), key=lambda entry: -entry[1])
-            told = ", ".join(f"{order} ({amplitude:.3g})" for order, amplitude in every)
-            orders = "an order" if len(every) == 1 else "orders"
-            unit = plan.description.variable(name).unit
-            sentences.append(
-                f"{name} has a ripple at {orders} of the shaft's angle, taken out of the residuals; order (amplitude,"
-                f" {unit}): {told}"
-            )
-    return sentences
 
 
 def _notes(plan: Plan, steady: Steady | None) -> tuple[str, ...]:

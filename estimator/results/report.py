@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from estimator.results.numbers import ABSENT, deviation_text, magnitude, number_text, relative_text, value_texts
-from estimator.results.result import Estimate, ParameterEstimate, Validation, Verdict
+from estimator.results.result import Estimate, OtherValues, ParameterEstimate, Validation, Verdict
 
 TITLES: Mapping[Verdict, str] = {"ok": "OK", "doubtful": "Doubtful", "refused": "Refused"}
 MEANINGS: Mapping[Verdict, str] = {
@@ -265,7 +265,16 @@ def validation_lines(estimate: Estimate) -> list[str]:
         shown = f"{name}: RMSE {_finite_text(rmse, '.4g')} {unit}".rstrip()
         fitted = _finite_text(estimate.rmse.get(name, math.nan), ".4g")
         lines.append(f"{shown} ({fitted} where it was fitted)")
-    return [*lines, fitted_here(estimate.validation)]
+    others = estimate.validation.others
+    return [*lines, fitted_here(estimate.validation), *([] if others is None else [others_text(others)])]
+
+
+def others_text(others: OtherValues) -> str:
+    """Say how the values that these recordings alone want agree with the estimate's."""
+    return (
+        f"their own parameters against the estimate's: chi-square {others.chi_square:.3g} of {others.degrees} degrees"
+        f" of freedom, by chance {others.chance:.2g}"
+    )
 
 
 def cost_lines(estimate: Estimate) -> list[str]:
@@ -341,6 +350,14 @@ def to_mapping(estimate: Estimate) -> dict[str, Any]:
             "rmse": estimate.validation.rmse,
             "fit_percent": estimate.validation.fit_percent,
             "measurement_chain": estimate.validation.chain,
+            "test": None
+            if estimate.validation.others is None
+            else {
+                "chi_square": estimate.validation.others.chi_square,
+                "degrees_of_freedom": estimate.validation.others.degrees,
+                "p_value": estimate.validation.others.chance,
+                "values": estimate.validation.others.values,
+            },
         },
         "simulations": estimate.simulations,
         "simulations_by_phase": estimate.simulations_by_phase,

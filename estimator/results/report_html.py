@@ -20,6 +20,7 @@ from estimator.results.report import (
     fitted_here,
     json_ready,
     meaning,
+    others_text,
     parameter_rows,
     read_lines,
     signal_rows,
@@ -211,6 +212,8 @@ def _validation(estimate: Estimate) -> str:
         shown = [f"{x:.4g}" if math.isfinite(x) else "-" for x in (rmse, fitted)]
         rows.append([name, shown[0], shown[1], units.get(name, ""), f"{fit:.1f} %" if math.isfinite(fit) else ""])
     text = f"{fitted_here(estimate.validation)} Where the model holds, both root mean square errors are alike."
+    if estimate.validation.others is not None:
+        text += f" Fitted to these alone, {escape(others_text(estimate.validation.others))}."
     header = ["output", "RMSE here", "RMSE of the fit", "unit", "fit here"]
     return _table(header, rows, right=(1, 2, 4)) + f'<p class="small">{escape(text)}</p>'
 

@@ -162,6 +162,36 @@ class CostProfile:
 
 
 @dataclass(frozen=True)
+class OtherValues:
+    """What recordings that an estimate was not fitted to would have instead of its values.
+
+    Attributes
+    ----------
+    chi_square, degrees : how far these are from the estimate's, with the covariances of both; its degrees of freedom
+    chance : of a larger one where the estimate holds
+    values : name → value that these recordings alone want
+    worst, apart, estimated : the one that is farthest, by how many standard errors of both, and its estimate
+    """
+
+    chi_square: float
+    degrees: int
+    chance: float
+    values: Mapping[str, float]
+    worst: str
+    apart: float
+    estimated: float
+
+    def sentence(self, titles: str) -> str:
+        """Say that these recordings want other values."""
+        chance = f"{self.chance:.1g}" if self.chance > 1e-12 else "below 1e-12"
+        return (
+            f"{titles} would have other parameters, most of all {self.worst} = {self.values[self.worst]:.4g} instead of"
+            f" {self.estimated:.4g}, {self.apart:.1f} standard errors apart (chi-square {self.chi_square:.3g} of"
+            f" {self.degrees} degrees of freedom, by chance {chance})"
+        )
+
+
+@dataclass(frozen=True)
 class Validation:
     """An estimate against recordings that it was not fitted to.
 
@@ -172,6 +202,7 @@ class Validation:
     fit_percent : output name → 100 (1 − ‖e‖ / ‖y − mean‖)
     chain : what was fitted to these recordings all the same: their delays, offsets and own parameters → value
     units : name of such a value → SI unit
+    others : whether these recordings want other parameters; None where the estimate has no standard errors
     """
 
     comparisons: tuple[Comparison, ...]
@@ -179,6 +210,7 @@ class Validation:
     fit_percent: Mapping[str, float]
     chain: Mapping[str, float] = field(default_factory=dict)
     units: Mapping[str, str] = field(default_factory=dict)
+    others: OtherValues | None = None
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Where the compiled stepping loop lies, and whether it is there. Loads nothing."""
+"""Where the compiled loops lie, and whether they are there. Loads nothing."""
 
 from __future__ import annotations
 
@@ -8,10 +8,11 @@ from pathlib import Path
 from estimator.errors import InputError
 
 SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")  # of a shared library
-STEPPER = Path(__file__).with_name("stepper" + SUFFIX)  # the compiled stepping loop, which every worker loads
+STEPPER = Path(__file__).with_name("stepper" + SUFFIX)  # the stepping loop, which every worker loads
+KALMAN = Path(__file__).with_name("kalman" + SUFFIX)  # the whitening filter, which holds no FMU: the program loads it
 
 
-def check_installed() -> None:
-    """Raise InputError unless the stepping loop is there."""
-    if not STEPPER.is_file():
-        raise InputError(f"{STEPPER} is missing: an installation compiles it; install fmu-estimator again by pip")
+def check_installed(library: Path = STEPPER) -> None:
+    """Raise InputError unless a compiled loop is there."""
+    if not library.is_file():
+        raise InputError(f"{library} is missing: an installation compiles it; install fmu-estimator again by pip")

@@ -23,8 +23,8 @@
     X(state,     i,          0,        1,       -1e9,   1e9,   "A",           "Armature current") \
     X(state,     w,          0,        100,     -1e9,   1e9,   "rad/s",       "Speed of the shaft") \
     X(state,     angle,      0,        1,       -1e12,  1e12,  "rad",         "Angle of the shaft") \
-    X(mode,      motion,     0,        1,       -1,     1,     "1",           "Way of the speed, 0 at standstill") \
-    X(mode,      conduction, 0,        1,       -1,     1,     "1",           "Way of the current, 0 where it is blocked")
+    X(mode,      motion,     0,        1,       -1,     2,     "1",           "Way of the speed, 0 at standstill") \
+    X(mode,      conduction, 0,        1,       -1,     2,     "1",           "Way of the current, 0 where it is blocked")
 
 #include "model.h"
 

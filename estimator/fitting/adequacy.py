@@ -1,0 +1,157 @@
+"""Does an explanation hold where its parameters are made? Whitened residuals by window. Knows no effect.
+
+In every window (windows.py) three things are asked of the whitened residuals z, which are independent and of variance 1
+where the explanation holds:
+
+    size        sum of z^2, chi-square with the window's samples (its variance by the tails that settled rows show)
+    neighbours  sum of z_k z_k+1, over the root of their number, standard normal
+    own values  would the parameters be others in this window? the score test of its rows of the Jacobian (Hausman 1978)
+
+The chance that an explanation that holds fails any of them is ALARM, shared equally (Bonferroni).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.fitting.fit import Fit
+from estimator.fitting.windows import Windows, find_windows
+
+FloatArray = NDArray[np.float64]
+
+ALARM = 1e-3  # chance of a false alarm of one explanation
+SEEN = 1e-3  # of the largest singular value: directions that a window tells
+EXCESS = 0.15  # of the variance: less is allowed for by the bars, however sure
+ALIKE = 0.08  # of correlation, likewise
+
+
+@dataclass(frozen=True)
+class Failure:
+    """What does not hold, where, and how much larger than it should be."""
+
+    what: str
+    window: str
+    output: str
+    excess: float
+
+    @property
+    def sentence(self) -> str:
+        """Say it."""
+        where = f"{self.output} in {self.window}" if self.output else self.window
+        if self.what == "size":
+            return f"the model does not explain {where}: the residuals are {self.excess:.1f} times their noise"
+        if self.what == "neighbours":
+            return f"the residuals of {where} are not white: neighbours correlate by {self.excess:+.2f}"
+        return f"{where} asks for other parameters than the rest, by {self.excess:.1f} times what chance allows"
+
+
+@dataclass(frozen=True)
+class Adequacy:
+    """What failed, and the factor on the parameters' covariance that allows for it."""
+
+    failures: tuple[Failure, ...]
+    inflation: float
+    tests: int
+
+
+def adequacy(fit: Fit, parameters: int) -> Adequacy:
+    """Return what of an explanation does not hold.
+
+    Parameters
+    ----------
+    parameters : int
+        How many of the fit's names, the first ones, are the motor's.
+    """
+    from scipy.special import chdtri, ndtri
+
+    windows = find_windows(fit)
+    z = fit.z.reshape(fit.shown.shape)
+    present = fit.whitener.present & (fit.whitener.inflate == 1.0)
+    tails = _tails(z, present, windows)
+    outputs = fit.simulator.outputs
+    count = 2 * len(windows.windows) * len(outputs) + len(windows.windows) + len(outputs)
+    normal = float(ndtri(1 - ALARM / count))
+    failures, inflation = [], 1.0
+    for window in windows.windows:
+        for j, output in enumerate(outputs):
+            known = present[window.rows, j]
+            own = z[window.rows, j]
+            n = int(known.sum())
+            if n < 2:
+                continue
+            square = float(np.sum(own[known] ** 2)) / n
+            limit = float(chdtri(n, ALARM / count)) / n
+            limit = max(limit, 1 + normal * np.sqrt(2 * tails[j] / n))
+            if square > limit:
+                inflation = max(inflation, square)
+            if square > max(limit, 1 + EXCESS):
+                failures.append(Failure("size", window.name, output, float(np.sqrt(square))))
+            pairs = known[1:] & known[:-1] & (np.diff(window.rows) == 1)
+            m = int(pairs.sum())
+            if m >= 8:
+                alike = float(np.sum((own[1:] * own[:-1])[pairs])) / m
+                if abs(alike) > max(normal / np.sqrt(m) * square, ALIKE):
+                    failures.append(Failure("neighbours", window.name, output, alike / max(square, 1e-300)))
+                    inflation = max(inflation, (1 + abs(alike)) / (1 - min(abs(alike), 0.9)))
+    test = fit.test()
+    for name, output, mask in _groups(windows, outputs, z.shape):
+        ratio = _own_values(fit, test.left, test.basis, mask.ravel(), parameters, chdtri, ALARM / count)
+        if ratio > 1:
+            failures.append(Failure("own values", name, output, ratio))
+            inflation = max(inflation, ratio**2)
+    return Adequacy(tuple(failures), inflation, count)
+
+
+def _groups(
+    windows: Windows, outputs: Sequence[str], shape: tuple[int, ...]
+) -> list[tuple[str, str, NDArray[np.bool_]]]:
+    """Return the parts, (rows, q), that are asked for parameters of their own, each with its window and output."""
+    groups = []
+    for w in windows.windows:
+        if len(w.rows) < shape[0]:
+            mask = np.zeros(shape, dtype=bool)
+            mask[w.rows] = True
+            groups.append((w.name, "", mask))
+    for j, y in enumerate(outputs if len(outputs) > 1 else ()):
+        mask = np.zeros(shape, dtype=bool)
+        mask[:, j] = True
+        groups.append(("the recording", y, mask))
+    return groups
+
+
+def _own_values(
+    fit: Fit,
+    left: FloatArray,
+    basis: FloatArray,
+    mask: NDArray[np.bool_],
+    parameters: int,
+    chdtri: object,
+    chance: float,
+) -> float:
+    """Return how much larger the score of own parameters in a part is than its quantile; its root."""
+    columns = np.where(mask[:, None], fit.jacobian[:, :parameters], 0.0)
+    columns = columns[:, np.linalg.norm(columns, axis=0) > 0]
+    if not columns.shape[1]:
+        return 0.0
+    columns = columns / np.linalg.norm(columns, axis=0)
+    across = columns - basis @ (basis.T @ columns)
+    u, singular, _ = np.linalg.svd(across, full_matrices=False)
+    u = u[:, singular > SEEN]
+    if not u.shape[1]:
+        return 0.0
+    along = u.T @ left
+    return float(np.sqrt(along @ along / chdtri(u.shape[1], chance)))  # type: ignore[operator]
+
+
+def _tails(z: FloatArray, present: NDArray[np.bool_], windows: Windows) -> FloatArray:
+    """Return, of each channel, var z^2 / 2 in settled rows: 1 for a normal distribution, at least 1."""
+    result = np.ones(z.shape[1])
+    for j in range(z.shape[1]):
+        own = z[windows.settled & present[:, j], j]
+        if len(own) > 50:
+            result[j] = float(np.clip(np.var(own**2) / 2 / max(np.mean(own**2) ** 2, 1e-300), 1.0, 5.0))
+    return result

@@ -1,0 +1,117 @@
+"""What is left open: additions that were not accepted, and rivals, widen the bars by their weights. Knows no effect.
+
+Explanation m weighs exp(-c_m / 2), c_m its criterion above the best's. The values are the weighted means; their
+covariance is  sum w_m (C_m + (x_m - x)(x_m - x)')  (Buckland, Burnham and Augustin 1997; Hoeting et al. 1999). Of an
+addition that was not accepted the score test tells x_m and C_m without a refit. Its number has a usual size as prior
+deviation, so that it is charged log det (I + information), not log n (MacKay 1992): an effect that the recording hardly
+tells, and that would move a parameter far, must not leave the bars as if it were known to be absent. What a usual size
+of it would not show at all is left out: no recording of the kind tells it (`unseen`), and a budget allows for it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.fitting.selection import Addition, Explanation
+
+FloatArray = NDArray[np.float64]
+
+OPEN = 4.0  # charged for each number of an addition whose usual size is not known
+VISIBLE = 1.0  # of z'z, by a usual size: less shows nothing
+TOLD = 0.003  # of an addition's power: if less is left beside the parameters, no such recording tells it
+LIKELY = 6.0  # of the criterion: a rival that is further behind weighs less than 5 %
+DIFFERS = 1.0  # standard errors by which a rival must differ to be told
+
+
+@dataclass(frozen=True)
+class Averaged:
+    """Values and covariance on the parameters' scales, (p,) and (p, p); what no such recording tells; what differs."""
+
+    values: FloatArray
+    covariance: FloatArray
+    unseen: tuple[Addition, ...]
+    rivals: tuple[tuple[Explanation, float, str], ...]
+
+
+def averaged(
+    explanation: Explanation, open_additions: Sequence[Addition], rivals: Sequence[Explanation], samples: int
+) -> Averaged:
+    """Return the parameters with what is left open.
+
+    Parameters
+    ----------
+    open_additions : what may still be added, with what the score test says
+    rivals : other explanations, nearly as likely
+    """
+    fit = explanation.fit
+    names = fit.simulator.plan.names
+    p = len(names)
+    inside = fit.at_bound == 0
+    covariance = fit.covariance()
+    own = fit.simulator.scaled(fit.values)[:p]
+    parts: list[tuple[float, FloatArray, FloatArray]] = [(0.0, own, covariance[:p, :p])]
+    pseudo = np.linalg.pinv(fit.jacobian[:, inside], rcond=1e-9) if inside.any() else np.zeros((0, fit.z.size))
+    test = fit.test()
+    unseen = []
+    for a in open_additions:
+        if a.across is None or a.whitened is None:
+            continue
+        across, whitened, known = a.across, a.whitened, True
+        if a.linear is not None:
+            known = a.linear.size > 0
+            across, whitened = (x * (a.linear.size or 1.0) for x in (across, whitened))
+        power = float(np.sum(across**2))
+        if power < VISIBLE if known else power <= TOLD * np.sum(whitened**2):
+            unseen.append(a)
+            continue
+        k = across.shape[1]
+        information = across.T @ across + (np.eye(k) if known else 0.0)  # a usual size is a prior deviation of 1
+        spread = np.linalg.pinv(information)
+        along = across.T @ test.left
+        size = spread @ along
+        gain = float(along @ size)
+        charge = float(np.linalg.slogdet(information)[1]) if known else OPEN * k
+        shift = np.zeros((len(inside), k))
+        shift[inside] = -pseudo @ whitened
+        moved = shift[:p]
+        charge += 2 * float(np.log(1 / a.effect.prior)) - gain
+        parts.append((max(charge, 0.0), own + moved @ size, covariance[:p, :p] + moved @ spread @ moved.T))
+    told = []
+    deviation = np.sqrt(np.maximum(np.diag(covariance)[:p], 1e-300))
+    for rival in rivals:
+        behind = _criterion(rival, samples) - _criterion(explanation, samples)
+        there = rival.fit.simulator.scaled(rival.fit.values)[:p]
+        other = rival.fit.covariance()[:p, :p]
+        parts.append((max(behind, 0.0), there, other))
+        with np.errstate(invalid="ignore"):
+            apart = np.abs(there - own) / np.where(np.isfinite(deviation), deviation, np.inf)
+        if np.max(apart, initial=0.0) > DIFFERS and behind < LIKELY:
+            told.append((rival, float(np.max(apart)), names[int(np.argmax(apart))]))
+    weights = np.exp(-0.5 * np.array([c for c, _, _ in parts]))
+    weights /= weights.sum()
+    finite = np.isfinite(np.diag(covariance)[:p])
+    mean = own.copy()
+    mean[finite] = np.sum([w * x for w, (_, x, _) in zip(weights, parts, strict=True)], axis=0)[finite]
+    low, high = fit.simulator.scaled(fit.simulator.lower)[:p], fit.simulator.scaled(fit.simulator.upper)[:p]
+    mean = np.clip(mean, low, high)
+    total = covariance[:p, :p].copy()
+    sub = np.ix_(finite, finite)
+    total[sub] = np.sum(
+        [
+            w * (c[sub] + np.outer((x - mean)[finite], (x - mean)[finite]))
+            for w, (_, x, c) in zip(weights, parts, strict=True)
+        ],
+        axis=0,
+    )
+    held = ~inside[:p]
+    total[held] = total[:, held] = 0.0
+    mean[held] = own[held]
+    return Averaged(mean, total, tuple(unseen), tuple(told))
+
+
+def _criterion(explanation: Explanation, samples: int) -> float:
+    return explanation.fit.cost + sum(a.penalty(samples) for a in explanation.additions)

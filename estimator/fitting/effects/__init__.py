@@ -1,0 +1,51 @@
+"""The effects that are known, in one table. FMU_ESTIMATOR_WITHOUT=NAME leaves one out, for tests of what doubts it."""
+
+from __future__ import annotations
+
+import os
+
+from estimator.fitting.effects.average import Average, MeanSpeed
+from estimator.fitting.effects.base import Effect
+from estimator.fitting.effects.channel_delay import ChannelDelay
+from estimator.fitting.effects.delay import Delay
+from estimator.fitting.effects.drive import BreakAway, BrushDrop, Coasting, CurrentLimit, DeadBand, DryFriction, Sag
+from estimator.fitting.effects.edge_latency import EdgeLatency
+from estimator.fitting.effects.gain import Gain
+from estimator.fitting.effects.lost_rows import LostRows
+from estimator.fitting.effects.low_pass import LowPass
+from estimator.fitting.effects.machine_effects import FrictionDrift, WindingWarms
+from estimator.fitting.effects.offset import Offset
+from estimator.fitting.effects.ripple import Ripple
+from estimator.fitting.effects.starting_motion import StartingMotion
+from estimator.fitting.effects.voltage_noise import VoltageNoise
+
+EFFECTS: tuple[Effect, ...] = (
+    Delay(),
+    ChannelDelay(),
+    LowPass(),
+    LowPass(name="second-order lag", order=2),
+    Average(),
+    MeanSpeed(),
+    Offset(),
+    Gain(),
+    Ripple(),
+    FrictionDrift(),
+    WindingWarms(),
+    EdgeLatency(),
+    DryFriction(),
+    BreakAway(),
+    BrushDrop(),
+    CurrentLimit(),
+    Coasting(),
+    Sag(),
+    DeadBand(),
+    StartingMotion(),
+    VoltageNoise(),
+    LostRows(),
+)
+
+
+def known_effects() -> tuple[Effect, ...]:
+    """Return the effects, without those that FMU_ESTIMATOR_WITHOUT names, separated by commas."""
+    without = {name.strip() for name in os.environ.get("FMU_ESTIMATOR_WITHOUT", "").split(",")}
+    return tuple(e for e in EFFECTS if e.name not in without)

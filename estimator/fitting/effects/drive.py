@@ -1,0 +1,228 @@
+"""What drives, supplies, brushes and bearings do beyond the linear motor: through the bundled FMU dc_motor_drive."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimator.fitting.effects.base import Effect
+from estimator.fitting.simulator import Nuisance
+from estimator.plans.plan import Observed, Plan
+from estimator.recordings.excitation import noise_deviation
+from estimator.recordings.samples import filled
+
+DRIVE = "dc_motor_drive"
+PLATEAU, HELD_ROWS, ABOVE = 3.0, 8, 1.2  # deviations; rows; times the usual current: a current that is held at its peak
+
+
+def _largest(plan: Plan, name: str) -> float:
+    """Return the largest size of an output or input in the recordings; 0 where there is none."""
+    signals = [{**o.inputs, **o.outputs}.get(name) for o in plan.observed]
+    return max((float(np.nanmax(np.abs(x))) for x in signals if x is not None), default=0.0)
+
+
+def _torque(plan: Plan) -> float:
+    """Return a torque, N.m, that is large for the motor: its constant at first sight times its usual current."""
+    i = [o.outputs["i"] for o in plan.observed if "i" in o.outputs]
+    if i:
+        usual = float(np.nanmedian(np.abs(np.concatenate(i))))
+    else:  # a tenth of the current at standstill
+        usual = 0.1 * _largest(plan, "v") / plan.guess.get("R", np.inf)
+    return plan.guess.get("K", 0.0) * usual
+
+
+@dataclass(frozen=True)
+class Drive(Effect):
+    """One parameter of dc_motor_drive, neutral in the linear motor."""
+
+    fmu: str = DRIVE
+    target: str = ""
+    unit: str = ""
+    sentence: str = "{name} is {value:.3g} {unit}"
+
+    def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
+        """Return the parameter, with sizes from the recordings."""
+        sizes = self.sizes(plan)
+        if not sizes or sizes[0] <= 0:
+            return ()
+        return [
+            Nuisance(
+                self.target, self.unit, 0.0, 20 * max(sizes), 0.0, 0.1 * sizes[0], target=self.target, tries=sizes
+            )
+        ]
+
+    def sizes(self, plan: Plan) -> tuple[float, ...]:
+        """Return sizes to try."""
+        return ()
+
+    def tell(self, name: str, value: float, plan: Plan) -> str:
+        """Say how large."""
+        return self.sentence.format(name=name, value=value, unit=self.unit)
+
+
+@dataclass(frozen=True)
+class DryFriction(Drive):
+    """Coulomb friction."""
+
+    name: str = "dry friction"
+    target: str = "friction"
+    unit: str = "N.m"
+    sentence: str = "the motor has a dry friction of {value:.3g} {unit} beside the viscous one"
+
+    def sizes(self, plan: Plan) -> tuple[float, ...]:
+        """Return parts of the torque of the usual current."""
+        return (0.3 * _torque(plan), 0.8 * _torque(plan))
+
+
+@dataclass(frozen=True)
+class BreakAway(Drive):
+    """Friction that is larger at standstill."""
+
+    name: str = "break-away"
+    prior: float = 0.05
+    target: str = "stiction"
+    unit: str = "N.m"
+    sentence: str = "the motor breaks away at a torque that is {value:.3g} {unit} above its dry friction"
+
+    def sizes(self, plan: Plan) -> tuple[float, ...]:
+        """Return parts of the torque of the usual current."""
+        return (0.5 * _torque(plan), 2.0 * _torque(plan))
+
+
+@dataclass(frozen=True)
+class BrushDrop(Drive):
+    """Voltage that drops over the brushes."""
+
+    name: str = "brush drop"
+    target: str = "brush"
+    unit: str = "V"
+    sentence: str = "the brushes drop {value:.3g} {unit}"
+
+    def sizes(self, plan: Plan) -> tuple[float, ...]:
+        """Return what carbon brushes drop, at most a part of the supply."""
+        return (min(0.5, 0.05 * _largest(plan, "v")),)
+
+
+@dataclass(frozen=True)
+class CurrentLimit(Drive):
+    """A drive that holds the current down."""
+
+    name: str = "current limit"
+    target: str = "current_limit"
+    unit: str = "A"
+    sentence: str = "the drive limits the current to {value:.4g} {unit}"
+
+    def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
+        """Return the limit, at or a little below the largest current."""
+        peak = _largest(plan, "i")
+        if peak <= 0:
+            return ()
+        tries = tuple(part * peak for part in (0.98, 0.9, 0.8))
+        return [
+            Nuisance(
+                self.target, self.unit, 0.2 * peak, 3 * peak, 3 * peak, 0.02 * peak,
+                target=self.target, tries=tries, absolute=True,
+            )
+        ]  # fmt: skip
+
+    def at_first_sight(self, plan: Plan) -> Mapping[str, float]:
+        """Return the level at which the current stays at its largest while the speed goes on rising."""
+        levels = [level for o in plan.observed if (level := _plateau(o)) > 0]
+        return {self.target: max(levels)} if levels else {}
+
+
+def _plateau(o: Observed) -> float:
+    """Return the current at which a recording stays for a while at its peak; 0: it does not."""
+    if not {"i", "w"} <= set(o.outputs):
+        return 0.0
+    i, w = np.abs(filled(o.outputs["i"])), np.abs(filled(o.outputs["w"]))
+    noise = max(noise_deviation(o.outputs["i"]), 1e-3 * float(np.max(i)))
+    smooth = np.convolve(i, np.ones(3) / 3, mode="same")
+    top = float(np.max(smooth))
+    high = np.flatnonzero(smooth > top - max(PLATEAU * noise, 0.02 * top))
+    runs = np.split(high, np.flatnonzero(np.diff(high) > 2) + 1)
+    run = max(runs, key=len)
+    if len(run) < HELD_ROWS or top < ABOVE * float(np.median(i[i > 4 * noise])):
+        return 0.0
+    rises = abs(float(w[run[-1]] - w[run[0]])) > 0.1 * float(np.max(w))
+    third = len(run) // 3
+    falls = abs(float(np.mean(i[run[:third]]) - np.mean(i[run[-third:]])))
+    flat = falls < 2 * noise / np.sqrt(len(run) / 3) + 0.01 * top
+    return float(np.median(i[run])) if rises and flat else 0.0
+
+
+@dataclass(frozen=True)
+class Coasting(Drive):
+    """A drive that opens the circuit where its command is zero."""
+
+    name: str = "coasting"
+    target: str = "coasts"
+    sentence: str = "the circuit is open where the voltage is zero: the motor coasts"
+
+    def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
+        """Return the switch, where the voltage returns to zero."""
+        voltages = [o.inputs["v"] for o in plan.observed if "v" in o.inputs]
+        back = any(np.any((v[1:] == 0) & (v[:-1] != 0)) for v in voltages)
+        switch = Nuisance(self.target, "", 0.0, 1.0, 0.0, 1.0, target=self.target, tries=(1.0,), whole=True)
+        return [switch] if back else []
+
+    def at_first_sight(self, plan: Plan) -> Mapping[str, float]:
+        """Return the switch where the current is zero at no voltage while the motor turns."""
+        for o in plan.observed:
+            if not {"i", "w"} <= set(o.outputs) or "v" not in o.inputs:
+                continue
+            w, i = filled(o.outputs["w"]), filled(o.outputs["i"])
+            turning = (o.inputs["v"] == 0) & (np.abs(w) > 0.2 * np.max(np.abs(w)))
+            turning[1:] &= o.inputs["v"][:-1] == 0
+            if np.sum(turning) >= HELD_ROWS:
+                away = np.sort(np.abs(i[turning]))[: int(0.8 * np.sum(turning))]
+                if np.median(away) < 0.02 * np.max(np.abs(i)) + 2 * noise_deviation(o.outputs["i"]):
+                    return {self.target: 1.0}
+        return {}
+
+
+@dataclass(frozen=True)
+class Sag(Drive):
+    """A supply that gives way to the current, at the speed of its capacitor."""
+
+    name: str = "sag"
+    target: str = "supply_resistance"
+    unit: str = "Ohm"
+    prior: float = 0.1
+    sentence: str = "the supply sags: its resistance is {value:.3g} {unit}"
+    time_target: str = "supply_time"
+
+    def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
+        """Return resistance and time constant of the supply."""
+        v, i = _largest(plan, "v"), _largest(plan, "i")
+        if i <= 0:
+            return ()
+        size = 0.1 * v / i
+        duration = max(float(o.recording.time[-1] - o.recording.time[0]) for o in plan.observed)
+        taus = [tau for tau in (0.003, 0.02, 0.1) if tau < 0.3 * duration]
+        return [
+            Nuisance(self.target, self.unit, -10 * size, 10 * size, 0.0, 0.1 * size, target=self.target,
+                     tries=tuple(sign * size for _ in taus for sign in (1, -1)),
+                     together=tuple({self.time_target: tau} for tau in taus for _ in range(2))),
+            Nuisance(self.time_target, "s", 1e-4, 10.0, 0.01, 0.01, log=True, target=self.time_target),
+        ]  # fmt: skip
+
+
+@dataclass(frozen=True)
+class DeadBand(Drive):
+    """A drive that gives no voltage for small commands."""
+
+    name: str = "dead band"
+    target: str = "dead_band"
+    prior: float = 0.05
+    sentence: str = "the drive gives no voltage for commands up to {value:.3g} V"
+
+    def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
+        """Return the threshold: which of the smallest voltages it swallows; where it lies between two is not told."""
+        levels = np.unique(np.concatenate([np.abs(o.inputs["v"]) for o in plan.observed if "v" in o.inputs]))
+        levels = levels[levels > 0]
+        tries = tuple(1.001 * float(x) for x in levels[:2]) if 2 < len(levels) <= 20 else ()
+        threshold = Nuisance(self.target, "V", 0.0, 1e3, 0.0, 1.0, target=self.target, tries=tries, whole=True)
+        return [threshold] if tries else []

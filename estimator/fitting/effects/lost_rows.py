@@ -1,0 +1,59 @@
+"""A logger lost rows: what follows was taken later than the clock says, until the next change of the input."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimator.fitting.effects.base import SELDOM, Effect
+from estimator.fitting.fit import Fit, Linear
+from estimator.fitting.windows import find_windows
+from estimator.plans.plan import Plan
+
+LEAST, MOST = 0.7, 30.0  # rows: a logger loses whole ones
+PLACES = 60  # that are looked at, at most
+
+
+@dataclass(frozen=True)
+class LostRows(Effect):
+    """Rows that are missing before one row of a transient, to first order."""
+
+    name: str = "lost rows"
+    prior: float = SELDOM / 10
+    doubt: str = "rows are missing, or the clock is wrong: check the logger"
+
+    def linear(self, fit: Fit) -> Sequence[Linear]:
+        """Return the place whose loss explains most of what is left in the transients."""
+        s = fit.simulator
+        settled = find_windows(fit).settled
+        slope = np.zeros_like(fit.shown)
+        ends = np.zeros(s.rows, dtype=np.int64)
+        for clock in s.clocks:
+            slope[clock.rows] = np.gradient(fit.shown[clock.rows], axis=0)
+            moving = ~settled[clock.rows]
+            last = len(moving)
+            for k in range(len(moving) - 1, -1, -1):  # the transient of a row ends where its rows settle
+                last = k + 1 if not moving[k] else last
+                ends[clock.rows.start + k] = clock.rows.start + last
+        places = np.flatnonzero(~settled)
+        places = places[:: max(1, len(places) // PLACES)]
+        if not len(places) or settled.all() or any(g.name.startswith(self.name) for g in fit.linear):
+            return ()
+        columns = np.zeros((*fit.shown.shape, len(places)))
+        for p, row in enumerate(places):
+            columns[row : max(ends[row], row + 1), :, p] = slope[row : max(ends[row], row + 1)]
+        test = fit.test()
+        across = test.across(columns)
+        power = np.sum(across**2, axis=0)
+        gain = np.where(power > 1e-9, (across.T @ test.left) ** 2 / np.maximum(power, 1e-9), 0.0)
+        best = int(np.argmax(gain))
+        clock = next(c for c in s.clocks if c.rows.start <= places[best] < c.rows.stop)
+        t = clock.time[places[best] - clock.rows.start]
+        own = columns[:, :, best : best + 1]
+        return [Linear(f"{self.name} at t = {t:.4g} s", own, ("rows",), least=LEAST, most=MOST)]
+
+    def tell(self, name: str, value: float, plan: Plan) -> str:
+        """Say how many, and where."""
+        return f"{name}: some {value:.2g} rows seem to be missing there"

@@ -1,0 +1,61 @@
+"""A low-pass of first or second order stands before a channel: an amplifier, an anti-aliasing filter, an observer."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.fitting.effects.base import Effect
+from estimator.fitting.simulator import Nuisance
+from estimator.plans.plan import Plan
+
+FloatArray = NDArray[np.float64]
+
+MOST = 60.0  # samples
+
+
+def lagged(y: FloatArray, tau: float, h: float) -> FloatArray:
+    """Return y behind tau x' + x = y, exact for a signal on lines between its samples, at rest before the first."""
+    from scipy.signal import lfilter
+
+    if tau <= 0:
+        return y
+    a = np.exp(-h / tau)
+    b0, b1 = 1 - (1 - a) * tau / h, (1 - a) * tau / h - a
+    shown, _ = lfilter([b0, b1], [1.0, -a], y, zi=np.array([(1 - b0) * y[0]]))
+    return np.asarray(shown)
+
+
+def lagged_twice(y: FloatArray, tau: float, h: float) -> FloatArray:
+    """Return y behind two equal lags."""
+    return lagged(lagged(y, tau, h), tau, h)
+
+
+@dataclass(frozen=True)
+class LowPass(Effect):
+    """A low-pass of one output, its time constant in s."""
+
+    name: str = "lag"
+    order: int = 1
+
+    def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
+        """Return one an output that has no filter declared."""
+        h = min(o.recording.step for o in plan.observed)
+        return [
+            Nuisance(
+                f"{self.name} of {y}", "s", 0.0, MOST * h, 0.0, h,
+                output=y, act=lagged if self.order == 1 else lagged_twice,
+                tries=(0.3 * h, 1.5 * h, 6 * h), excludes=(f"lag of {y}", f"second-order lag of {y}"),
+            )
+            for y in plan.outputs
+            if f"filter {y}" not in plan.declared and y != "angle"
+        ]  # fmt: skip
+
+    def tell(self, name: str, value: float, plan: Plan) -> str:
+        """Say which."""
+        y = name.rpartition(" ")[2]
+        order = "first" if self.order == 1 else "second"
+        return f"{y} is shown through a low-pass of {order} order with a time constant of {1e3 * value:.3g} ms"

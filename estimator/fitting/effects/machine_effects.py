@@ -1,0 +1,74 @@
+"""What changes in the machine over a recording: friction that falls as it warms, a winding that warms."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.fitting.effects.base import Effect
+from estimator.fitting.fit import Fit, Linear
+from estimator.fitting.machine import motor_values, response
+from estimator.fitting.simulator import per_recording
+from estimator.plans.plan import Plan
+
+FloatArray = NDArray[np.float64]
+
+PART = 0.1  # of the friction
+
+
+@dataclass(frozen=True)
+class FrictionDrift(Effect):
+    """A friction torque that changes along a line over the recording, N.m from its first to its last row."""
+
+    name: str = "friction drift"
+    prior: float = 0.1
+
+    def linear(self, fit: Fit) -> Sequence[Linear]:
+        """Return one a recording of a motor."""
+        s = fit.simulator
+        values = motor_values(fit)
+        if values is None or "w" not in s.outputs:
+            return ()
+        usual = values["B"] * float(np.median(np.abs(fit.shown[:, s.outputs.index("w")])))
+        w = fit.shown[:, s.outputs.index("w")]
+        found = []
+        for clock, name in zip(s.clocks, per_recording(s.plan, self.name), strict=True):
+            torque = np.zeros(s.rows)
+            t = clock.time
+            torque[clock.rows] = np.sign(w[clock.rows]) * ((t - t[0]) / (t[-1] - t[0]) - 0.5)
+            found.append(Linear(name, response(fit, torque=torque)[:, :, None], ("N.m",), size=PART * usual))
+        return found
+
+    def tell(self, name: str, value: float, plan: Plan) -> str:
+        """Say which way."""
+        way = "rises" if value > 0 else "falls"
+        size = f"{abs(value):.3g} N.m over the recording"
+        return f"{name}: the friction {way} by {size}; the parameters stand for the mean"
+
+
+@dataclass(frozen=True)
+class WindingWarms(Effect):
+    """A resistance that grows with the heat that the current has made, Ohm from the first to the last row."""
+
+    name: str = "winding warms"
+    prior: float = 0.1
+
+    def linear(self, fit: Fit) -> Sequence[Linear]:
+        """Return one for all recordings of a motor whose current is measured."""
+        s = fit.simulator
+        values = motor_values(fit)
+        if values is None or "i" not in s.outputs:
+            return ()
+        i = fit.shown[:, s.outputs.index("i")]
+        voltage = np.zeros(s.rows)
+        for clock in s.clocks:
+            heat = np.cumsum(i[clock.rows] ** 2)
+            voltage[clock.rows] = -i[clock.rows] * (heat / max(heat[-1], 1e-300) - 0.5)
+        return [Linear(self.name, response(fit, voltage=voltage)[:, :, None], ("Ohm",), size=0.05 * values["R"])]
+
+    def tell(self, name: str, value: float, plan: Plan) -> str:
+        """Say by how much."""
+        return f"R changes by {value:+.3g} Ohm over a recording: the winding warms; R stands for the mean"

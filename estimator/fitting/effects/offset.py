@@ -1,0 +1,43 @@
+"""A channel's zero is not zero: an amplifier, a Hall sensor; an angle that begins anywhere."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimator.fitting.effects.base import Effect
+from estimator.fitting.fit import Fit, Linear
+from estimator.fitting.simulator import per_recording
+from estimator.plans.plan import Plan
+from estimator.recordings.excitation import quantum
+
+
+@dataclass(frozen=True)
+class Offset(Effect):
+    """An offset of one output in one recording, in its unit."""
+
+    name: str = "offset"
+
+    def linear(self, fit: Fit) -> Sequence[Linear]:
+        """Return one an output and recording; a speed from encoder counts has none."""
+        plan, found = fit.simulator.plan, []
+        for j, y in enumerate(fit.simulator.outputs):
+            if f"offset {y}" in plan.declared:
+                continue
+            for o, clock, name in zip(
+                plan.observed, fit.simulator.clocks, per_recording(plan, f"offset {y}"), strict=True
+            ):
+                if y == "w" and quantum(o.outputs[y]) > 0:
+                    continue
+                columns = np.zeros((fit.simulator.rows, len(fit.simulator.outputs), 1))
+                columns[clock.rows, j, 0] = 1.0
+                size = 0.01 * float(np.nanmax(np.abs(o.outputs[y])))
+                found.append(Linear(name, columns, (plan.description.variable(y).unit,), size=size))
+        return found
+
+    def tell(self, name: str, value: float, plan: Plan) -> str:
+        """Say how large."""
+        y = name.split(" ")[1]
+        return f"{y} has an {name.replace(f'offset {y}', 'offset')} of {value:.3g} {plan.description.variable(y).unit}"

@@ -1,0 +1,119 @@
+"""Ripple locked to the shaft: commutation in the current, an eccentric encoder in the speed, the same in all runs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.fitting.effects.base import USUAL, Effect
+from estimator.fitting.fit import Fit, Linear
+from estimator.fitting.windows import find_windows
+from estimator.plans.plan import Plan
+from estimator.recordings.excitation import quantum
+
+FloatArray = NDArray[np.float64]
+
+ORDERS = 64  # of the angle
+TURNS = 4.0  # fewer tell no order
+SAME = 0.9  # of the best order's power: a lower order that explains as much is taken
+SLOW, SHARE = 0.2, 0.05  # rad a sample; of the rows: an order that is folded below is not told from a drift
+LEAST = 1.0  # of a speed's quantum
+BESIDE = 2  # orders that a few turns do not part
+STANDS_OUT, NEAR = 20.0, 12  # times the median power of the orders nearby; of those on either side
+LINES = 4  # an output, at most
+
+
+def angle_of(fit: Fit) -> FloatArray | None:
+    """Return the shaft's angle, rad, (rows,), integrated from the simulated speed; None where there is none."""
+    s = fit.simulator
+    if "angle" in s.outputs:
+        return fit.shown[:, s.outputs.index("angle")]
+    if "w" not in s.outputs:
+        return None
+    w, result = fit.explained[:, s.outputs.index("w")], np.zeros(s.rows)
+    for clock in s.clocks:
+        part, t = w[clock.rows], clock.time
+        result[clock.rows] = np.concatenate([[0.0], np.cumsum(0.5 * (part[1:] + part[:-1]) * np.diff(t))])
+    return result
+
+
+@dataclass(frozen=True)
+class Ripple(Effect):
+    """Cosine and sine of one order of the angle, in proportion to the signal, their own in each recording."""
+
+    name: str = "ripple"
+    prior: float = USUAL / ORDERS
+
+    def linear(self, fit: Fit) -> Sequence[Linear]:
+        """Return, of each output, the order that explains most of what is left, where one stands out."""
+        theta = angle_of(fit)
+        if theta is None or np.ptp(theta) < 2 * np.pi * TURNS:
+            return ()
+        found = []
+        settled = find_windows(fit).settled & fit.whitener.moving
+        z = np.where(settled[:, None], fit.z.reshape(fit.shown.shape), 0.0)  # a transient that is not explained is none
+        for j, y in enumerate(fit.simulator.outputs):
+            taken = {int(g.name.rpartition(" ")[2]) for g in fit.linear if g.name.startswith(f"ripple {y} ")}
+            if y == "angle" or len(taken) >= LINES:
+                continue
+            level = fit.shown[:, j] / max(float(np.max(np.abs(fit.shown[:, j]))), 1e-300)
+            power = self._power(theta, z[:, j] * level, fit)
+            power[[k - 1 for k in taken]] = 0.0
+            best = float(np.max(power))
+            order = int(np.argmax(power > SAME * best)) + 1
+            around = np.arange(max(0, order - 1 - NEAR), min(ORDERS, order + NEAR))
+            near = power[[k for k in around if abs(k - order + 1) > BESIDE and k + 1 not in taken]]
+            if best < STANDS_OUT * float(np.median(near[near > 0])) if np.any(near > 0) else True:
+                continue
+            coarse = max(quantum(o.outputs[y]) for o in fit.simulator.observed)
+            if coarse > 0 and self._amplitude(power[order - 1], z[:, j], level, fit, j) < LEAST * coarse:
+                continue  # the beat of the encoder's lines with the clock
+            found.append(Linear(f"ripple {y} {order}", self._columns(fit, theta, level, order, j), self._units(fit, y)))
+        return found
+
+    def _power(self, theta: FloatArray, z: FloatArray, fit: Fit) -> FloatArray:
+        """Return how much of a whitened output each order explains, (orders,)."""
+        total = np.zeros(ORDERS)
+        for clock in fit.simulator.clocks:
+            base = np.exp(1j * theta[clock.rows])
+            wave = np.ones_like(base)
+            turn = np.diff(theta[clock.rows], prepend=theta[clock.rows][0])
+            turn = turn[np.abs(turn) > 0.2 * np.max(np.abs(turn))]
+            for k in range(ORDERS):
+                wave = wave * base
+                folded = np.angle(np.exp(1j * (k + 1) * turn))
+                if np.mean(np.abs(folded) < SLOW) > SHARE:
+                    continue  # folded to what any slow change looks like
+                total[k] += abs(np.vdot(wave, z[clock.rows])) ** 2
+        return total
+
+    def _amplitude(self, power: float, z: FloatArray, level: FloatArray, fit: Fit, j: int) -> float:
+        """Return the amplitude of an order, in the output's unit, from its power in the whitened residuals."""
+        present = fit.whitener.present[:, j]
+        unit = float(np.sqrt(np.mean(fit.residuals()[present, j] ** 2) / max(np.mean(z[present] ** 2), 1e-300)))
+        return 2 * unit * float(np.sqrt(power)) / max(float(np.sum(level[present] ** 2)), 1.0)
+
+    def _columns(self, fit: Fit, theta: FloatArray, level: FloatArray, order: int, j: int) -> FloatArray:
+        s = fit.simulator
+        columns = np.zeros((s.rows, len(s.outputs), 2 * len(s.clocks)))
+        for e, clock in enumerate(s.clocks):
+            for part, wave in enumerate((np.cos, np.sin)):
+                shown = wave(order * theta[clock.rows]) * level[clock.rows]
+                for nuisance in s.nuisances:  # the sensor shows the ripple as it shows the signal
+                    value = float(fit.values[s.index[nuisance.name]])
+                    if nuisance.output == s.outputs[j] and nuisance.act is not None and value != nuisance.neutral:
+                        shown = nuisance.act(shown, value, clock.step)
+                columns[clock.rows, j, 2 * e + part] = shown
+        return columns
+
+    def _units(self, fit: Fit, y: str) -> tuple[str, ...]:
+        return (fit.simulator.plan.description.variable(y).unit,) * (2 * len(fit.simulator.clocks))
+
+    def tell(self, name: str, value: float, plan: Plan) -> str:
+        """Say which order, and how large."""
+        _, y, order = name.split(" ")
+        unit = plan.description.variable(y).unit
+        return f"{y} has a ripple of order {order} of the shaft's angle, of amplitude {value:.3g} {unit}"

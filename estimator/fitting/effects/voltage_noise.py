@@ -1,0 +1,55 @@
+"""The logged voltage is noisy, the motor's is not: a sensor's noise, which the model would take for an input."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.fitting.effects.base import Effect
+from estimator.fitting.fit import Fit, Linear
+from estimator.fitting.machine import as_late, motor_values, response
+from estimator.plans.plan import Plan
+
+FloatArray = NDArray[np.float64]
+
+EDGE = 0.05  # of the voltage's range
+LEVELS = 3000  # changes, at most: more are a signal
+
+
+@dataclass(frozen=True)
+class VoltageNoise(Effect):
+    """The part of the voltage's noise that the motor does not see, 0 to 1."""
+
+    name: str = "voltage noise"
+    prior: float = 0.1
+
+    def linear(self, fit: Fit) -> Sequence[Linear]:
+        """Return the response to the logged voltage's way around its levels, taken back."""
+        s = fit.simulator
+        if motor_values(fit) is None:
+            return ()
+        v = s.inputs("v")
+        around = np.zeros(s.rows)
+        for clock in s.clocks:
+            around[clock.rows] = _around(v[clock.rows])
+        if np.max(np.abs(around)) <= 1e-6 * np.max(np.abs(v)):
+            return ()
+        return [Linear(self.name, response(fit, voltage=as_late(fit, -around))[:, :, None], ("",), least=0.3, most=1.3)]
+
+    def tell(self, name: str, value: float, plan: Plan) -> str:
+        """Say so."""
+        return f"the logged voltage's noise does not reach the motor ({100 * value:.0f} % of it is the sensor's)"
+
+
+def _around(u: FloatArray) -> FloatArray:
+    """Return a voltage less the means of its levels, (n,); zero where it has too many."""
+    jumps = np.flatnonzero(np.abs(np.diff(u)) > EDGE * max(float(np.ptp(u)), 1e-300)) + 1
+    if len(jumps) > LEVELS:
+        return np.zeros(len(u))
+    result = np.empty(len(u))
+    for first, last in zip([0, *jumps], [*jumps, len(u)], strict=True):
+        result[first:last] = u[first:last] - np.mean(u[first:last])
+    return result

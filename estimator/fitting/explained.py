@@ -1,0 +1,319 @@
+"""The recordings explained: from a polish to values, errors, what was found and what stays open. Knows no verdict."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.fitting.adequacy import Adequacy, adequacy
+from estimator.fitting.averaging import averaged
+from estimator.fitting.effects.base import Effect
+from estimator.fitting.fit import Fit
+from estimator.fitting.latency import with_latencies
+from estimator.fitting.polish import Polish
+from estimator.fitting.selection import Addition, Explanation, Selection
+from estimator.fitting.simulator import Nuisance, Simulator, per_recording
+from estimator.fmus.fmu import describe
+from estimator.fmus.probe import driven
+from estimator.fmus.workers import Workers
+from estimator.plans.parameters import Parameter, SensorPlace
+from estimator.plans.plan import Plan
+from estimator.recordings.excitation import quantum
+from estimator.results.linear import MOTOR
+from estimator.stepping import layout
+
+FloatArray = NDArray[np.float64]
+
+REPORTED = SensorPlace("nuisance")  # of what is estimated beside the motor
+WIDE = 1e30  # bounds of what has none
+LINEAR_MOTOR = "dc_motor"  # whose place a bundled FMU with more effects may take
+
+
+@dataclass(frozen=True)
+class Found:
+    """An effect that was found: its name, its size, and a sentence; why it makes the estimate doubtful, or ""."""
+
+    effect: str
+    name: str
+    sentence: str
+    doubt: str
+
+
+@dataclass(frozen=True)
+class Explained:
+    """The recordings explained.
+
+    Attributes
+    ----------
+    plan : Plan
+        The case's, its parameters followed by what is estimated beside them.
+    polish : Polish
+        Values, errors and covariance of these, what stays open included; residuals and derivatives whitened.
+    noise : (q,) array
+        Deviation of each output's noise, all parts, at the largest signal.
+    found : what was found of the bench
+    rivals : sentences on explanations that are nearly as likely and give other parameters
+    unseen : names of effects that no such recording tells
+    adequacy : Adequacy
+    explanation : Explanation
+    """
+
+    plan: Plan
+    polish: Polish
+    noise: FloatArray
+    found: tuple[Found, ...]
+    rivals: tuple[str, ...]
+    unseen: tuple[str, ...]
+    adequacy: Adequacy
+    explanation: Explanation
+
+    @property
+    def fit(self) -> Fit:
+        """The best explanation's fit."""
+        return self.explanation.fit
+
+    def shown_rows(self) -> FloatArray:
+        """Return what the sensors show by the best explanation without ripple, (rows, q)."""
+        fit = self.fit
+        plain = [k for k, name in enumerate(fit.names[len(fit.free) :]) if not name.startswith("ripple ")]
+        return np.asarray(fit.shown + fit.raw[:, :, len(fit.free) :][:, :, plain] @ fit.coefficients[plain])
+
+    def shown(self) -> list[FloatArray]:
+        """Return the same, (n, q), one a recording."""
+        rows = self.shown_rows()
+        return [rows[clock.rows] for clock in self.fit.simulator.clocks]
+
+    def residuals(self, candidates: FloatArray) -> FloatArray:
+        """Return whitened residuals, (c, m), of candidates of the plan's parameters, (c, p); ripple as it is."""
+        fit = self.fit
+        s, columns = fit.simulator, fit.raw[:, :, len(fit.free) :]
+        names = [parameter.name for parameter in self.plan.parameters]
+        wide = np.repeat(fit.values[None, :], len(candidates), axis=0)
+        coefficients = np.repeat(fit.coefficients[None, :], len(candidates), axis=0)
+        linear = {name: k for k, name in enumerate(fit.names[len(fit.free) :])}
+        for name, column in zip(names, candidates.T, strict=True):
+            if name in s.index:
+                wide[:, s.index[name]] = column
+            else:
+                coefficients[:, linear[name]] = column
+        explained = s.shown(wide) + np.einsum("rqm,cm->crq", columns, coefficients)
+        off = np.where(fit.whitener.present, explained - s.measured, 0.0)
+        failed = np.asarray(~np.isfinite(off).all(axis=(1, 2)))
+        whitened = fit.whitener(np.where(failed[:, None, None], 0.0, off).transpose(1, 2, 0))[0]
+        result = whitened.reshape(-1, len(candidates)).T.copy()
+        result[failed] = np.nan
+        return result
+
+
+def explain(
+    plan: Plan,
+    crew: Workers,
+    starts: Sequence[FloatArray],
+    *,
+    sigma: Mapping[str, float],
+    deviations: FloatArray,
+    effects: Sequence[Effect],
+    enter: Callable[[str], None] = lambda phase: None,
+) -> Explained:
+    """Explain the recordings of a plan.
+
+    Parameters
+    ----------
+    starts : (p,) arrays
+        Of the plan's free parameters.
+    sigma : output -> float
+        As `Problem`.
+    deviations : (q,) array
+        Of each output's noise, at first sight.
+    effects : the effects that may be found
+    enter : callable
+        Told the phase that begins.
+    """
+    late: tuple[str, ...] = ()
+    if any(e.name == "latency of each edge" for e in effects):
+        plan, late = with_latencies(plan)
+    own = [n for e in effects if not e.fmu for n in e.nuisances(plan)]
+    wanted = freed_by_the_case(plan)
+    own = [n for n in own if n.name not in {w.name for w in wanted}]
+    base = Simulator(plan, (*own, *wanted), crew, sigma)
+    differenced = np.array([count_deviation(plan, y) if plan.sensors[y] == layout.MEAN else 0.0 for y in plan.outputs])
+    rivals_of = _Rivals(plan, base, crew, sigma, effects)
+    selection = Selection(
+        base,
+        rivals_of,
+        tuple(n.name for n in wanted),
+        deviations,
+        differenced,
+        tuple(effects),
+        enter,
+    )
+    explanation = selection.explain(starts)
+    enter("rivals")
+    rivals = selection.alternatives(explanation)
+    open_additions = selection.additions(explanation, selection.effects)
+    return _explained(plan, explanation, rivals, open_additions, selection.samples, late)
+
+
+class _Rivals:
+    """Simulators of bundled FMUs that may stand in for the linear motor."""
+
+    def __init__(
+        self, plan: Plan, base: Simulator, crew: Workers, sigma: Mapping[str, float], effects: Sequence[Effect]
+    ) -> None:
+        self.effects = effects
+        self.plan, self.base, self.crew, self.sigma = plan, base, crew, sigma
+        self.known: dict[str, Simulator | None] = {}
+
+    def __call__(self, name: str) -> Simulator | None:
+        if name not in self.known:
+            self.known[name] = self._simulator(name) if self._can_stand_in() else None
+        return self.known[name]
+
+    def _can_stand_in(self) -> bool:
+        plan = self.plan
+        is_linear_motor = plan.description.is_bundled and plan.description.path.stem == LINEAR_MOTOR
+        return is_linear_motor and {*plan.names, *plan.fixed} <= {*MOTOR, "v", "load"}
+
+    def _simulator(self, name: str) -> Simulator:
+        description = driven(describe(name))
+        has = {v.name for v in description.variables}
+        own = [n for e in self.effects if e.fmu == name for n in e.nuisances(self.plan) if n.target in has]
+        return Simulator(
+            dataclasses.replace(self.plan, description=description),
+            (*self.base.nuisances, *own),
+            self.crew,
+            self.sigma,
+        )
+
+
+def freed_by_the_case(plan: Plan) -> list[Nuisance]:
+    """Return the values of the measurement chain that the case frees."""
+    found = []
+    for place in plan.wanted:
+        kind, e, y = place.kind, place.recording, place.output
+        h = min(o.recording.step for o in plan.observed)
+        if kind == "delay" and not y:
+            assert e is not None
+            name, start = per_recording(plan, "delay")[e], plan.observed[e].delay
+            found.append(Nuisance(name, "s", start - 20 * h, start + 20 * h, start, h, place=place))
+        elif kind == "delay":
+            found.append(Nuisance(f"delay {y}", "s", -20 * h, 20 * h, 0.0, h, place=place))
+        elif kind == "gain":
+            found.append(Nuisance(f"gain {y}", "", 0.1, 10.0, 1.0, 0.1, log=True, place=place))
+        else:
+            spread = max(float(np.nanmax(np.abs(o.outputs[y]))) for o in plan.observed)
+            name = f"offset {y}" if e is None else per_recording(plan, f"offset {y}")[e]
+            unit = plan.description.variable(y).unit
+            found.append(Nuisance(name, unit, -11 * spread, 11 * spread, 0.0, 0.01 * spread, place=place))
+    return found
+
+
+def count_deviation(plan: Plan, output: str) -> float:
+    """Return the deviation of a differenced encoder's counts, in the speed's unit."""
+    return float(max(quantum(o.outputs[output]) / np.sqrt(12) for o in plan.observed))
+
+
+def _explained(
+    plan: Plan,
+    explanation: Explanation,
+    rivals: Sequence[Explanation],
+    open_additions: Sequence[Addition],
+    samples: int,
+    late: Sequence[str],
+) -> Explained:
+    fit = explanation.fit
+    p = len(plan.names)
+    checked = adequacy(fit, p)
+    mean = averaged(explanation, open_additions, rivals, samples)
+    names = fit.names
+    reported = [k for k, n in enumerate(names) if k >= p and not n.startswith("ripple ")]
+    kept = [*range(p), *reported]
+    covariance = fit.covariance()[np.ix_(kept, kept)]
+    covariance[:p, :p] = mean.covariance
+    covariance *= checked.inflation
+    values = np.concatenate([fit.simulator.unscaled(_padded(mean.values, fit))[:p], fit.estimates[reported]])
+    log = fit.is_log[kept]
+    at_bound = fit.at_bound[kept]
+    held = at_bound[:p] != 0
+    values[:p][held] = fit.values[:p][held]
+    rest = [k for k in range(len(names)) if k not in kept]
+    jacobian, residuals = fit.jacobian[:, kept], fit.z
+    if rest:
+        q = np.linalg.qr(fit.jacobian[:, rest])[0]
+        jacobian = jacobian - q @ (q.T @ jacobian)
+    with np.errstate(invalid="ignore"):
+        errors = np.sqrt(np.diag(covariance)) * np.where(log, np.abs(values), 1.0)
+    information = jacobian.T @ jacobian
+    finite = np.where(np.isfinite(covariance), covariance, 0.0)
+    whitener = fit.whitener
+    polish = Polish(
+        values=values,
+        cost=fit.cost,
+        deviations=np.ones(len(plan.outputs)),
+        covariance=covariance,
+        standard_errors=errors,
+        at_bound=at_bound,
+        jacobian=jacobian,
+        residuals=-residuals,
+        scores=information @ finite @ information,
+    )
+    extended = dataclasses.replace(plan, parameters=(*plan.parameters, *(_parameter(fit, names[k]) for k in reported)))
+    return Explained(
+        plan=extended,
+        polish=polish,
+        noise=whitener.noise.deviation(np.ones_like(whitener.level[:1]))[0],
+        found=(*(Found("latency of each edge", "", t, "") for t in late), *_found(explanation, plan)),
+        rivals=tuple(_rival(r, errors_apart, name, explanation) for r, errors_apart, name in mean.rivals),
+        unseen=tuple(dict.fromkeys(a.effect.name for a in mean.unseen)),
+        adequacy=checked,
+        explanation=explanation,
+    )
+
+
+def _padded(scaled: FloatArray, fit: Fit) -> FloatArray:
+    whole = fit.simulator.scaled(fit.values).copy()
+    whole[: len(scaled)] = scaled
+    return whole
+
+
+def _parameter(fit: Fit, name: str) -> Parameter:
+    """Return what is estimated beside the motor as a parameter of the plan."""
+    s = fit.simulator
+    if name in s.index:
+        nuisance = s.nuisances[s.index[name] - len(s.plan.names)]
+        return dataclasses.replace(nuisance.parameter(), targets=(), place=REPORTED)
+    base, _, number = name.partition("#")
+    group = next(g for g in fit.linear if g.name == base)
+    unit = group.units[int(number or 0)]
+    return Parameter(name, unit, -WIDE, WIDE, log=False, targets=(), place=REPORTED)
+
+
+def _found(explanation: Explanation, plan: Plan) -> list[Found]:
+    """Return the additions of an explanation in words."""
+    fit, found = explanation.fit, []
+    estimates = dict(zip(fit.names, fit.estimates.tolist(), strict=True))
+    for a in explanation.additions:
+        if a.linear is not None:
+            own = [estimates[n] for n in fit.names if n.partition("#")[0] == a.name and n in estimates]
+            size = own[0] if len(own) == 1 else float(np.sqrt(2 * np.mean(np.square(own))))
+        else:
+            size = float(fit.values[fit.simulator.index[a.name]])
+        found.append(Found(a.effect.name, a.name, a.effect.tell(a.name, size, plan), a.effect.doubt))
+    return found
+
+
+def _rival(rival: Explanation, apart: float, parameter: str, explanation: Explanation) -> str:
+    """Say what else would explain the recordings, and what it changes."""
+    instead = [a for a in rival.additions if a.name not in explanation.names()]
+    replaced = [a for a in explanation.additions if a.name not in rival.names()]
+    words = " and ".join(a.effect.name if a.linear is None else a.name for a in instead) or "nothing more"
+    over = " and ".join(a.effect.name if a.linear is None else a.name for a in replaced)
+    k = rival.fit.simulator.plan.names.index(parameter)
+    return (
+        f"{words} instead of {over} would explain the recording nearly as well, with {parameter} ="
+        f" {rival.fit.values[k]:.4g}, {apart:.1f} standard errors away; record two voltage levels, or measure it"
+    )

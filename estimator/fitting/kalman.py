@@ -1,0 +1,120 @@
+"""Coloured noise made white, exactly: a Kalman filter over residuals and Jacobian. Knows no motor and no FMU.
+
+The noise of q channels is H x + white noise, x a linear Gaussian state of d numbers. With Σ the covariance of all
+samples that are there, whitening is the lower-triangular W with WᵀW = Σ⁻¹: least squares of whitened residuals is
+generalised least squares, and −2 log L = |W r|² + log det Σ + N log 2π. ``kalman.c`` does it in a time proportional to
+the rows.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.stepping.library import KALMAN, check_installed
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+def whiten(
+    columns: FloatArray,
+    variance: FloatArray,
+    *,
+    transition: FloatArray,
+    process: FloatArray,
+    initial: FloatArray,
+    readout: FloatArray,
+    steps: IntArray | None = None,
+) -> tuple[FloatArray, float]:
+    """Return columns whitened, and the logarithm of the determinant of the noise's covariance.
+
+    Parameters
+    ----------
+    columns : (rows, q, c) array
+        Residuals and Jacobian columns of q channels; anything where a sample is missing.
+    variance : (rows, q) array
+        White measurement variance of each sample, above 0; infinite where it is missing.
+    transition, process : (k, d, d) arrays
+        Transition of the state and the covariance added, for k distinct time steps. d may be 0.
+    initial : (d, d) array
+        Covariance of the state in the first row, its mean 0.
+    readout : (q, d) array
+        What each channel shows of the state.
+    steps : (rows,) array of int, optional
+        Which of the k time steps leads from the row before to each row (row 0: not used); by default always the first.
+
+    Returns
+    -------
+    whitened : (rows, q, c) array
+        Innovations over their standard deviations, channel by channel in each row; 0 where a sample is missing.
+    log_determinant : float
+        Sum of the logarithms of the innovations' variances.
+
+    Raises
+    ------
+    ValueError
+        The shapes do not fit, a variance is not above 0, or a time step's index is not one of the k.
+    InputError
+        The compiled filter is missing.
+    """
+    columns, variance, transition, process, initial, readout = (
+        np.ascontiguousarray(array, dtype=np.float64)
+        for array in (columns, variance, transition, process, initial, readout)
+    )
+    if columns.ndim != 3 or transition.ndim != 3:
+        raise ValueError(f"columns {columns.shape} must be (rows, q, c) and transition {transition.shape} (k, d, d)")
+    (n, q, c), (k, d, _) = columns.shape, transition.shape
+    given = (variance.shape, transition.shape, process.shape, initial.shape, readout.shape)
+    if given != (right := ((n, q), (k, d, d), (k, d, d), (d, d), (q, d))) or k == 0:
+        raise ValueError(f"variance, transition, process, initial, readout are of shapes {given}; expected {right}")
+    if not np.all(variance > 0):
+        raise ValueError("a measurement variance is not above 0")
+    if steps is not None:
+        steps = np.ascontiguousarray(steps, dtype=np.int64)
+        if steps.shape != (n,) or (n > 1 and not 0 <= int(steps[1:].min()) <= int(steps[1:].max()) < k):
+            raise ValueError(f"steps must be {n} indices from 0 to {k - 1}")
+    whitened = np.empty_like(columns)
+    logarithms = ctypes.c_double(0.0)
+    arrays = (transition, process, initial, readout, steps, variance, columns, whitened)
+    pointers = [None if array is None else array.ctypes.data for array in arrays]
+    if _library().kalman_whiten(n, q, c, d, k, *pointers, ctypes.byref(logarithms)) != 0:
+        raise MemoryError("no memory for the Kalman filter")
+    return whitened, logarithms.value
+
+
+def likelihood(
+    residuals: FloatArray,
+    variance: FloatArray,
+    *,
+    transition: FloatArray,
+    process: FloatArray,
+    initial: FloatArray,
+    readout: FloatArray,
+    steps: IntArray | None = None,
+) -> float:
+    """Return −2 log L of residuals, (rows, q); the rest as in `whiten`."""
+    columns = np.asarray(residuals)[:, :, None]
+    white, log_determinant = whiten(
+        columns,
+        variance,
+        transition=transition,
+        process=process,
+        initial=initial,
+        readout=readout,
+        steps=steps,
+    )
+    samples = int(np.isfinite(variance).sum())
+    return float(np.vdot(white, white)) + log_determinant + samples * float(np.log(2 * np.pi))
+
+
+@cache
+def _library() -> ctypes.CDLL:
+    check_installed(KALMAN)
+    library = ctypes.CDLL(str(KALMAN))
+    library.kalman_whiten.restype = ctypes.c_int64
+    library.kalman_whiten.argtypes = [ctypes.c_int64] * 5 + [ctypes.c_void_p] * 9
+    return library

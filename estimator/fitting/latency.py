@@ -1,0 +1,66 @@
+"""Levels of a command that reach the motor at delays of their own, found from the current. Knows plans, no fit.
+
+A controller that looks at its command every so often shifts each change by another time. The current leaves its course
+within a sample of the change that reaches it; the changes are moved there, relative to the first, so that one delay is
+left for all. What is less than a sample stays for the effect `latency of each edge`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.plans.plan import Observed, Plan
+from estimator.recordings.excitation import noise_deviation
+from estimator.recordings.samples import filled
+
+FloatArray = NDArray[np.float64]
+
+EDGE = 0.05  # of the voltage's range
+MOST = 12  # changes; more are a signal, not levels
+LEVEL, SWING = 6.0, 0.1  # deviations of the noise; of the largest jump of the current: more is an onset
+LEAST = 2  # rows by which a change must come later or earlier than the first
+
+
+def with_latencies(plan: Plan) -> tuple[Plan, tuple[str, ...]]:
+    """Return the plan with the changes of its voltages where they reach the motor, and what was found."""
+    observed, told = [], []
+    for o in plan.observed:
+        moved = _moved(o)
+        observed.append(o if moved is None else moved[0])
+        if moved is not None:
+            told.append(moved[1])
+    return dataclasses.replace(plan, observed=tuple(observed)), tuple(told)
+
+
+def _moved(o: Observed) -> tuple[Observed, str] | None:
+    if "v" not in o.inputs or "i" not in o.outputs or o.lead:
+        return None
+    v, i = o.inputs["v"], filled(o.outputs["i"])
+    edges = np.flatnonzero(np.abs(np.diff(v)) > EDGE * max(float(np.ptp(v)), 1e-300)) + 1
+    if not 2 <= len(edges) <= MOST or np.min(np.diff(edges)) < 4 * LEAST:
+        return None
+    bounds = [*edges, len(v)]
+    largest = max(float(np.ptp(i[a:b])) for a, b in zip(bounds[:-1], bounds[1:], strict=True))
+    level = max(LEVEL * noise_deviation(o.outputs["i"]), SWING * largest)
+    late = []
+    for a, b in zip(bounds[:-1], bounds[1:], strict=True):
+        before = i[max(0, a - 5) : a]
+        away = np.sign(v[a] - v[a - 1]) * (i[a:b] - float(np.median(before))) > level
+        lasting = away[:-1] & away[1:]
+        if not lasting.any():
+            return None
+        late.append(max(0, int(np.argmax(lasting)) - 1))
+    shift = np.array(late) - late[0]
+    if np.max(np.abs(shift)) < LEAST:
+        return None
+    command = np.full(len(v), v[0])
+    for a, b, by in zip(bounds[:-1], bounds[1:], shift, strict=True):
+        command[max(0, a + by) :] = v[a]
+        command[max(0, a + by) : max(0, b + by)] = v[a:b][: len(command[max(0, a + by) : max(0, b + by)])]
+    h = o.recording.step
+    delays = ", ".join(f"{1e3 * k * h:.3g}" for k in late)
+    note = f"{o.recording.title}: the changes of the voltage reach the motor {delays} ms late, each by its own"
+    return dataclasses.replace(o, inputs={**o.inputs, "v": command}, delay=late[0] * h if late[0] else 0.0), note

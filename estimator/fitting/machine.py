@@ -1,0 +1,124 @@
+"""What a DC motor does more for a voltage or a torque more, to first order. Knows R, K, L, J, B; no FMU, no noise."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.fitting.fit import Fit
+from estimator.fitting.noise_model import Clock
+from estimator.plans.parameters import SensorPlace
+from estimator.results.linear import is_motor, matrices
+
+FloatArray = NDArray[np.float64]
+
+SEATS = {"i": 0, "w": 1, "angle": 2}
+
+
+def motor_values(fit: Fit) -> Mapping[str, float] | None:
+    """Return R, K, L, J, B where the fit is a DC motor's and its sensors show current or speed; else None."""
+    s = fit.simulator
+    values = {**s.plan.fixed, **dict(zip(s.names, fit.values.tolist(), strict=True))}
+    if not is_motor(values) or "v" not in s.observed[0].inputs or not set(s.outputs) <= set(SEATS):
+        return None
+    return values
+
+
+def machine_of(fit: Fit) -> tuple[tuple[FloatArray, FloatArray] | None, tuple[int, ...]]:
+    """Return A (2, 2), b (2,) of d[i, w]/dt = A x + b torque, torque against the motion, and the channels' states."""
+    values = motor_values(fit)
+    if values is None:
+        return None, tuple(-1 for _ in fit.simulator.outputs)
+    a, b, _, _ = matrices(values)
+    return (a, b[:, 1]), tuple(SEATS[y] if y != "angle" else -1 for y in fit.simulator.outputs)
+
+
+def response(fit: Fit, *, voltage: FloatArray | None = None, torque: FloatArray | None = None) -> FloatArray:
+    """Return what the sensors would show more, (rows, q), for inputs that are held over each row.
+
+    Parameters
+    ----------
+    voltage, torque : (rows,) arrays
+        V; N.m against positive speed.
+    """
+    from scipy.signal import lfilter
+
+    s = fit.simulator
+    result = np.zeros((s.rows, len(s.outputs)))
+    for clock in s.clocks:
+        f, g, denominator = _discrete(fit, clock)
+        # x[k+1] = F x[k] + G u[k]  =>  D(z) x = z^-1 (G + z^-1 (F - tr F) G) u,  D = 1 - tr F z^-1 + det F z^-2
+        second = (f - np.trace(f) * np.eye(2)) @ g
+        states = np.zeros((2, clock.rows.stop - clock.rows.start))
+        for j, signal in enumerate((voltage, torque)):
+            if signal is not None:
+                for row in range(2):
+                    states[row] += lfilter([0.0, g[row, j], second[row, j]], denominator, signal[clock.rows])
+        result[clock.rows] = _as_shown(fit, states, clock)
+    return result
+
+
+def free_motion(fit: Fit, clock: Clock) -> FloatArray:
+    """Return what the sensors would show more, (n, q, 2), for 1 rad/s and for 1 A in a recording's first row."""
+    from scipy.signal import lfilter
+
+    f, _, denominator = _discrete(fit, clock)
+    impulse = np.zeros(clock.rows.stop - clock.rows.start)
+    impulse[0] = 1.0
+    second = f - np.trace(f) * np.eye(2)
+    columns = []
+    for first in (1, 0):
+        above = [[float(row == first), second[row, first]] for row in range(2)]
+        states = np.array([lfilter(numerator, denominator, impulse) for numerator in above])
+        columns.append(_as_shown(fit, states, clock))
+    return np.stack(columns, axis=2)
+
+
+def as_late(fit: Fit, signal: FloatArray) -> FloatArray:
+    """Return an input's signal, (rows,), as late as the inputs of its recording act, shared out between two rows."""
+    s = fit.simulator
+    result = np.zeros(s.rows)
+    for e, (o, clock) in enumerate(zip(s.observed, s.clocks, strict=True)):
+        own = [n.name for n in s.nuisances if n.place == SensorPlace("delay", e)]
+        delay = float(fit.values[s.index[own[0]]]) if own else o.delay
+        whole, part = divmod(delay / clock.step, 1.0)
+        x = signal[clock.rows]
+        for by, share in ((int(whole), 1 - part), (int(whole) + 1, part)):
+            moved = np.zeros(len(x))
+            if by >= 0:
+                moved[by:] = x[: len(x) - by]
+            else:
+                moved[:by] = x[-by:]
+            result[clock.rows] += share * moved
+    return result
+
+
+def _discrete(fit: Fit, clock: Clock) -> tuple[FloatArray, FloatArray, list[float]]:
+    """Return F (2, 2), G (2, 2) of x[k+1] = F x[k] + G [v, torque], and the coefficients of det(I - F z^-1)."""
+    from scipy.linalg import expm
+
+    values = motor_values(fit)
+    assert values is not None
+    a, b, _, _ = matrices(values)
+    whole = np.zeros((4, 4))
+    whole[:2, :2], whole[:2, 2:] = a, b
+    step = expm(whole * clock.step)
+    f = step[:2, :2]
+    return f, step[:2, 2:], [1.0, -float(np.trace(f)), float(np.linalg.det(f))]
+
+
+def _as_shown(fit: Fit, states: FloatArray, clock: Clock) -> FloatArray:
+    """Return current and speed, (2, n), as the outputs' sensors show them, (n, q)."""
+    s = fit.simulator
+    own = [states[0], states[1], np.cumsum(states[1]) * clock.step]
+    columns = []
+    for y in s.outputs:
+        shown = own[SEATS[y]]
+        for nuisance in s.nuisances:
+            value = fit.values[s.index[nuisance.name]]
+            if nuisance.output == y and nuisance.act is not None and value != nuisance.neutral:
+                shown = nuisance.act(shown, float(value), clock.step)
+        columns.append(shown)
+    return np.column_stack(columns)

@@ -1,0 +1,559 @@
+"""The noise of a fit's residuals: its size, its colour, its covariance between channels. Knows arrays, no FMU.
+
+Residuals of channel j at row k are r = g z: g grows with the signal where the data say so (commutation, contact
+noise), and
+
+    z = white + slow(tau) + differenced + H torque
+
+is a sum of a white part, an exponentially correlated one (Ornstein-Uhlenbeck), the difference of white errors (an
+encoder's counts, differenced) and the response of the machine to a torque that wanders, which colours current and speed
+together. Such sums are linear state spaces, so that whitening and likelihood are exact at O(rows), with gaps and any
+clock (kalman.py). What is left of short colour, such as a sensor's filter, is taken out by a short autoregression. The
+few numbers are those of the largest restricted likelihood (Patterson and Thompson 1971) over the settled rows: what the
+parameters took from the residuals does not count as certainty, and a transient that is explained wrongly does not pass
+for noise.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.fitting.kalman import whiten
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+ROWS = 4000  # of settled rows that tell the noise, at most
+ENOUGH = 100  # settled samples of a channel; with fewer all rows speak
+BLOCKS = (2, 8, 32, 128, 512)  # samples whose means tell slow colour
+COLOURED = 5.0  # standard deviations of a block's mean square: by white noise less than once in 1e5
+PAYS = 10.0  # of -2 log L, by which a component must improve it: two numbers, and a guard
+ORDERS = (1, 2, 3, 4, 6, 8, 12, 16, 24)  # of the short autoregression
+LOW, HIGH, FEW = 0.03, 0.06, 25  # of the largest signal: quiet, loud; samples of each
+STRETCH, MOST_LEVELS = 20, 12  # rows of a stretch that has a level of its own; levels, at most
+SHORTEST = 0.02  # s, of a torque that wanders: faster ones are transients that are explained wrongly
+LONGEST = 0.25  # of the longest stretch: a slow part that lasts longer is none
+RESTS, STARTS, RUNS = range(3)
+LEAST = 1e-9  # of the residuals' variance: the least white part
+
+
+@dataclass(frozen=True)
+class Clock:
+    """When the rows of one recording were taken: s; and where it lies among the rows of all."""
+
+    time: FloatArray
+    rows: slice
+
+    @property
+    def step(self) -> float:
+        """The usual sampling interval, s."""
+        return float(np.median(np.diff(self.time))) if len(self.time) > 1 else 1.0
+
+
+@dataclass(frozen=True)
+class NoiseModel:
+    """The noise of q channels.
+
+    Attributes
+    ----------
+    white, differenced : (q,) arrays
+        Deviations at rest, in the channels' units.
+    growth : (q,) array
+        g = sqrt(1 + (growth |y| / max |y|)^2).
+    slow : (q, 2) array
+        Deviation and correlation time, s, of the slow part; 0: none.
+    torque : deviation and correlation time, s, of the torque; in the unit of `machine`'s input; 0: none
+    machine : (2, 2) and (2,) arrays, or None
+        A and b of d[i, w]/dt = A [i, w] + b torque.
+    seat : (q,) array
+        Which state of the machine a channel shows: 0 current, 1 speed, -1 none.
+    short : of each channel, coefficients of the autoregression of what is left, and its innovation's deviation
+    """
+
+    white: FloatArray
+    differenced: FloatArray
+    growth: FloatArray
+    slow: FloatArray
+    torque: tuple[float, float] = (0.0, 1.0)
+    machine: tuple[FloatArray, FloatArray] | None = None
+    seat: tuple[int, ...] = ()
+    short: tuple[tuple[FloatArray, float], ...] = ()
+
+    @classmethod
+    def plain(cls, white: FloatArray, seat: Sequence[int]) -> NoiseModel:
+        """Return white noise of these deviations, (q,)."""
+        q = len(white)
+        return cls(white, np.zeros(q), np.zeros(q), np.column_stack([np.zeros(q), np.ones(q)]), seat=tuple(seat))
+
+    def scale(self, level: FloatArray) -> FloatArray:
+        """Return g, (rows, q), at signals over their largest, (rows, q)."""
+        return np.asarray(np.sqrt(1 + (self.growth * level) ** 2))
+
+    def deviation(self, level: FloatArray) -> FloatArray:
+        """Return the deviation of each sample, (rows, q), all parts together."""
+        power = self.white**2 + 2 * self.differenced**2 + self.slow[:, 0] ** 2
+        if self.torque[0] > 0 and self.machine is not None:
+            gain = np.abs(np.linalg.solve(self.machine[0], self.machine[1]))
+            power = power + np.array([(gain[s] * self.torque[0]) ** 2 if s >= 0 else 0.0 for s in self.seat])
+        return np.asarray(self.scale(level) * np.sqrt(power))
+
+    def states(self, dt: float, running: FloatArray, phase: int = RUNS) -> dict[str, FloatArray]:
+        """Return the state space at a step in s: transition (d, d), process (d, d), start (d, d), readout (q, d).
+
+        Parameters
+        ----------
+        running : (q,) array
+            g while the machine runs.
+        phase : RESTS, STARTS or RUNS
+            A machine at rest feels no torque that wanders.
+        """
+        q = len(self.white)
+        blocks: list[tuple[FloatArray, FloatArray, FloatArray, FloatArray]] = []
+        for j in range(q):
+            unit = np.eye(q)[:, j : j + 1]
+            if self.slow[j, 0] > 0:
+                f = np.exp(-dt / self.slow[j, 1])
+                v = self.slow[j, 0] ** 2
+                blocks.append((np.array([[f]]), np.array([[v * (1 - f * f)]]), np.array([[v]]), unit))
+            if self.differenced[j] > 0:
+                v = self.differenced[j] ** 2
+                shift = np.array([[0.0, 0.0], [1.0, 0.0]])
+                blocks.append((shift, np.diag([v, 0.0]), np.diag([v, v]), np.hstack([unit, -unit])))
+        if self.torque[0] > 0 and self.machine is not None:
+            blocks.append(self._machine_block(dt, running, phase))
+        d = sum(len(b[0]) for b in blocks)
+        result = {name: np.zeros((d, d)) for name in ("transition", "process", "initial")}
+        result["readout"] = np.zeros((q, d))
+        at = 0
+        for f, noise, start, readout in blocks:
+            part = slice(at, at + len(f))
+            result["transition"][part, part], result["process"][part, part] = f, noise
+            result["initial"][part, part], result["readout"][:, part] = start, readout
+            at += len(f)
+        return result
+
+    def _machine_block(
+        self, dt: float, running: FloatArray, phase: int
+    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Return the machine and the torque that is held over a step."""
+        assert self.machine is not None
+        a, b = self.machine
+        f = np.exp(-dt / self.torque[1])
+        transition = held(a.tobytes(), b.tobytes(), dt).copy()
+        transition[2, 2] = f
+        v = self.torque[0] ** 2
+        process = np.diag([0.0, 0.0, {RESTS: 0.0, STARTS: v, RUNS: v * (1 - f * f)}[phase]])
+        start, step = process.copy(), transition.copy()
+        for _ in range(60 if phase == RUNS else 0):  # P = F P F' + Q by doubling
+            more = step @ start @ step.T
+            start = start + more
+            if np.trace(more) <= 1e-12 * np.trace(start):
+                break
+            step = step @ step
+        readout = np.zeros((len(self.white), 3))
+        for j, seat in enumerate(self.seat):
+            if seat >= 0:
+                readout[j, seat] = 1 / running[j]
+        return transition, process, start, readout
+
+
+@dataclass(frozen=True)
+class Whitener:
+    """Whitens columns by a noise model, over all recordings.
+
+    Attributes
+    ----------
+    present : (rows, q) array
+        Which samples are there.
+    level : (rows, q) array
+        The signals over their largest.
+    inflate : (rows, q) array
+        Factor on the white variance of single samples: outliers.
+    moving : (rows,) array
+        Whether the machine runs.
+    """
+
+    noise: NoiseModel
+    clocks: tuple[Clock, ...]
+    present: BoolArray
+    level: FloatArray
+    inflate: FloatArray
+    moving: BoolArray
+
+    def __call__(self, columns: FloatArray) -> tuple[FloatArray, float]:
+        """Return (rows, q, c) columns whitened, zero where a sample is missing, and the sum of log variances."""
+        noise = self.noise
+        g = noise.scale(self.level)
+        running = np.array([np.median(x[p]) if p.any() else 1.0 for x, p in zip(g.T, self.present.T, strict=True)])
+        scaled = columns / g[:, :, None]
+        power = noise.white**2 + noise.differenced**2 + noise.slow[:, 0] ** 2
+        floor = np.maximum(LEAST * power, 1e-300)
+        variance = np.where(self.present, np.maximum(noise.white**2, floor) * self.inflate, np.inf)
+        result = np.empty_like(scaled)
+        total = float(2 * np.sum(np.log(g)[self.present]))
+        for clock in self.clocks:
+            part = clock.rows
+            steps, index = _steps(clock)
+            phases: tuple[int, ...] = (RUNS,)
+            if noise.torque[0] > 0 and not self.moving[part].all():
+                moving = self.moving[part]
+                phase = np.where(moving, np.where(np.concatenate([[True], moving[:-1]]), RUNS, STARTS), RESTS)
+                index = (np.zeros(len(moving), dtype=np.int64) if index is None else index) * 3 + phase
+                phases = (RESTS, STARTS, RUNS)
+            spaces = [noise.states(dt, running, phase) for dt in steps for phase in phases]
+            result[part], log = whiten(
+                scaled[part],
+                variance[part],
+                transition=np.array([s["transition"] for s in spaces]),
+                process=np.array([s["process"] for s in spaces]),
+                initial=spaces[0 if index is None else int(index[0])]["initial"],
+                readout=spaces[0]["readout"],
+                steps=index,
+            )
+            total += log
+            if noise.short:
+                result[part] = _short(result[part], self.present[part], noise.short)
+        if noise.short:
+            counts = self.present.sum(axis=0)
+            total += float(sum(2 * n * np.log(s) for n, (_, s) in zip(counts, noise.short, strict=True)))
+        return result, total
+
+    def of(self, noise: NoiseModel) -> Whitener:
+        """Return the whitener of another noise model."""
+        return dataclasses.replace(self, noise=noise)
+
+
+@lru_cache(maxsize=256)
+def held(a: bytes, b: bytes, dt: float) -> FloatArray:
+    """Return exp([[A, b], [0, 0]] dt), (3, 3): state and held input of a machine over a step."""
+    from scipy.linalg import expm
+
+    whole = np.zeros((3, 3))
+    whole[:2, :2], whole[:2, 2] = np.frombuffer(a).reshape(2, 2), np.frombuffer(b)
+    return np.asarray(expm(whole * dt))
+
+
+def _steps(clock: Clock) -> tuple[FloatArray, NDArray[np.int64] | None]:
+    """Return the different steps of a clock, s, and which leads to each row; None: all are alike."""
+    dt = np.diff(clock.time)
+    if not len(dt) or np.ptp(dt) < 1e-3 * clock.step:
+        return np.array([clock.step]), None
+    ticks = np.round(dt / (0.02 * clock.step)) * (0.02 * clock.step)  # to 2 % of a step
+    steps, index = np.unique(np.maximum(ticks, 0.02 * clock.step), return_inverse=True)
+    return steps, np.concatenate([[0], index]).astype(np.int64)
+
+
+def _short(columns: FloatArray, present: BoolArray, short: Sequence[tuple[FloatArray, float]]) -> FloatArray:
+    """Return (n, q, c) columns with each channel's autoregression taken out, missing rows zero."""
+    result = columns.copy()
+    for j, (a, deviation) in enumerate(short):
+        x = columns[:, j]
+        y = x.copy()
+        for lag, coefficient in enumerate(a, start=1):
+            y[lag:] -= coefficient * x[:-lag]
+        result[:, j] = np.where(present[:, j, None], y / deviation, 0.0)
+    return result
+
+
+def fit_noise(
+    whitener: Whitener,
+    residuals: FloatArray,
+    columns: FloatArray,
+    settled: BoolArray,
+    *,
+    slow: bool = True,
+    again: bool = False,
+) -> NoiseModel:
+    """Return the noise model of the largest restricted likelihood.
+
+    Parameters
+    ----------
+    whitener : Whitener
+        Of a noise model to begin with; its machine is taken.
+    residuals : (rows, q) array
+    columns : (rows, q, c) array
+        Their derivatives by what is free.
+    settled : (rows,) array
+        Rows that tell the noise.
+    slow : bool
+        Ask for slow parts, and for a torque that wanders.
+    again : bool
+        Keep the parts that the whitener's noise has, and find their numbers again.
+    """
+    present = whitener.present & settled[:, None]
+    for j in range(present.shape[1]):
+        if present[:, j].sum() < min(ENOUGH, whitener.present[:, j].sum()):
+            present[:, j] = whitener.present[:, j]
+    told = np.flatnonzero(present.any(axis=1))
+    if len(told) > ROWS:  # of every recording its part
+        keep = np.zeros(len(present), dtype=bool)
+        for clock in whitener.clocks:
+            inside = told[(told >= clock.rows.start) & (told < clock.rows.stop)]
+            keep[inside[-max(1, ROWS * len(inside) // len(told)) :]] = True
+        present &= keep[:, None]
+    used = np.flatnonzero(present.any(axis=1))
+    cut, clocks, at = [], [], 0
+    for clock in whitener.clocks:
+        inside = used[(used >= clock.rows.start) & (used < clock.rows.stop)]
+        if len(inside):
+            part = np.arange(inside[0], inside[-1] + 1)
+            cut.append(part)
+            clocks.append(Clock(clock.time[part - clock.rows.start], slice(at, at + len(part))))
+            at += len(part)
+    rows = np.concatenate(cut)
+    level, inflate, moving = whitener.level[rows], whitener.inflate[rows], whitener.moving[rows]
+    narrowed = Whitener(whitener.noise, tuple(clocks), present[rows], level, inflate, moving)
+    levels = _levels(narrowed)
+    stacked = np.concatenate([residuals[rows, :, None], columns[rows], levels], axis=2)
+    stacked = np.where(narrowed.present[:, :, None], stacked, 0.0)
+    growth = np.array([_growth(residuals[:, j], whitener, j) for j in range(residuals.shape[1])])
+    search = _Search(narrowed, stacked, slow=slow, growth=growth)
+    return search.again() if again else search.best()
+
+
+def _growth(residuals: FloatArray, whitener: Whitener, j: int) -> float:
+    """Return how a channel's noise grows with its signal, from second differences over all rows.
+
+    They see the noise and hardly anything that is explained wrongly, so that transients may speak.
+    """
+    low, high, levels = [], [], []
+    for clock in whitener.clocks:
+        x, p, level = residuals[clock.rows], whitener.present[clock.rows, j], whitener.level[clock.rows, j]
+        if len(x) < 3:
+            continue
+        size = np.abs(x[2:] - 2 * x[1:-1] + x[:-2])
+        told, here = p[2:] & p[1:-1] & p[:-2], level[1:-1]
+        low.append(size[told & (here < LOW)])
+        high.append(size[told & (here > HIGH)])
+        levels.append(here[told & (here > HIGH)])
+    quiet, loud = np.concatenate(low), np.concatenate(high)
+    if min(len(quiet), len(loud)) < FEW:
+        return 0.0
+    at_rest = float(np.median(quiet))
+    ratio = float(np.median(loud)) / at_rest if at_rest > 0 else 1.0
+    if np.log(max(ratio, 1e-12)) < COLOURED * 1.2 * np.sqrt(1 / len(quiet) + 1 / len(loud)):
+        return 0.0
+    return float(np.sqrt(ratio**2 - 1) / np.sqrt(np.mean(np.concatenate(levels) ** 2)))
+
+
+def _levels(whitener: Whitener) -> FloatArray:
+    """Return a constant for each channel and stretch, (rows, q, c): a level that is explained wrongly is no noise."""
+    told = np.asarray(whitener.present.any(axis=1))
+    breaks = set((np.flatnonzero(told[1:] != told[:-1]) + 1).tolist())
+    starts = sorted({0, *breaks, *(c.rows.start for c in whitener.clocks)})
+    q = whitener.present.shape[1]
+    columns: list[FloatArray] = []
+    for first, last in zip(starts, [*starts[1:], len(told)], strict=True):
+        for j in range(q):
+            if told[first] and last - first >= STRETCH and len(columns) < MOST_LEVELS:
+                column = np.zeros((len(told), q))
+                column[first:last, j] = 1.0
+                columns.append(column)
+    return np.stack(columns, axis=2) if columns else np.zeros((len(told), q, 0))
+
+
+class _Search:
+    """The restricted likelihood of noise models, and the components that pay."""
+
+    def __init__(self, whitener: Whitener, stacked: FloatArray, *, slow: bool, growth: FloatArray) -> None:
+        self.whitener, self.stacked = whitener, stacked
+        self.first = dataclasses.replace(whitener.noise, short=())
+        self.q = stacked.shape[1]
+        self.slow, self.growth = slow, growth
+        self.machine = self.first.machine is not None and any(s >= 0 for s in self.first.seat)
+        norms = np.linalg.norm(stacked[:, :, 1:].reshape(-1, stacked.shape[2] - 1), axis=0)
+        self.stacked[:, :, 1:] /= np.where(norms > 0, norms, 1.0)
+
+    def misfit(self, noise: NoiseModel) -> float:
+        """Return -2 log restricted likelihood, up to a constant."""
+        whitened, total = self.whitener.of(noise)(self.stacked)
+        flat = whitened.reshape(-1, whitened.shape[2])
+        r, j = flat[:, 0], flat[:, 1:]
+        value = total + float(r @ r)
+        if j.shape[1]:
+            information = j.T @ j
+            scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
+            eigen, vectors = np.linalg.eigh(information / np.outer(scale, scale))
+            seen = eigen > 1e-9
+            along = (vectors.T @ ((j.T @ r) / scale))[seen]
+            value += float(-np.sum(along**2 / eigen[seen]) + np.sum(np.log(eigen[seen])) + 2 * np.sum(np.log(scale)))
+        return value if np.isfinite(value) else np.inf
+
+    def again(self) -> NoiseModel:
+        """Find the numbers of the parts that are there again."""
+        noise = dataclasses.replace(self.first, growth=self.growth)
+        active = [("differenced" if noise.differenced[j] > 0 else "white", j) for j in range(self.q)]
+        active += [("slow", j) for j in range(self.q) if noise.slow[j, 0] > 0]
+        active += [("torque", 0)] if noise.torque[0] > 0 else []
+        return self._with_short(self._optimised(noise, active, iterations=6)[0])
+
+    def best(self) -> NoiseModel:
+        """Add components as long as they pay, then the short autoregression."""
+        known = [self.stacked[:, j, 0][self.whitener.present[:, j]] for j in range(self.q)]
+        spread = np.array([max(float(np.sqrt(np.mean(x * x))), 1e-300) if len(x) else 1.0 for x in known])
+        differenced = self.first.differenced > 0
+        noise = dataclasses.replace(
+            self.first,
+            white=np.where(differenced, 1e-3, 1.0) * spread,
+            differenced=np.where(differenced, spread / np.sqrt(2), 0.0),
+            growth=np.zeros(self.q),
+            slow=np.column_stack([np.zeros(self.q), np.ones(self.q)]),
+            torque=(0.0, 1.0),
+        )
+        active = [("differenced" if differenced[j] else "white", j) for j in range(self.q)]
+        noise, value = self._optimised(noise, active)
+        if np.any(self.growth > 0):
+            noise, value = self._optimised(dataclasses.replace(noise, growth=self.growth), active)
+        for _ in range(3 if self.slow else 0):
+            options = self._slow_options(noise, active)
+            results = [(*self._optimised(start, [*active, c]), c) for start, c in options]
+            best = min(results, key=lambda r: r[1], default=None)
+            if best is None or best[1] > value - PAYS:
+                break
+            noise, value, active = best[0], best[1], [*active, best[2]]
+        return self._with_short(noise)
+
+    def _slow_options(
+        self, noise: NoiseModel, active: Sequence[tuple[str, int]]
+    ) -> list[tuple[NoiseModel, tuple[str, int]]]:
+        """Return starts with one more slow component, where the whitened residuals are not white."""
+        whitened, _ = self.whitener.of(noise)(self.stacked[:, :, :1])
+        options = []
+        for j in range(self.q):
+            size = _colour_scale(whitened[:, j, 0], self.whitener.present[:, j], self.whitener.clocks)
+            if size is None:
+                continue
+            block, share = size
+            tau = 0.5 * block * self.whitener.clocks[0].step
+            deviation = np.sqrt(noise.white[j] ** 2 + noise.differenced[j] ** 2)
+            if ("slow", j) not in active:
+                slow = noise.slow.copy()
+                slow[j] = np.sqrt(share) * deviation, tau
+                options.append((dataclasses.replace(noise, slow=slow), ("slow", j)))
+            if self.machine and ("torque", 0) not in active and noise.seat[j] >= 0 and noise.machine is not None:
+                gain = abs(float(np.linalg.solve(*noise.machine)[noise.seat[j]]))
+                torque = (np.sqrt(share) * deviation / gain, max(tau, 10 * self.whitener.clocks[0].step))
+                options.append((dataclasses.replace(noise, torque=torque), ("torque", 0)))
+        return options
+
+    def _optimised(
+        self, noise: NoiseModel, active: Sequence[tuple[str, int]], *, iterations: int = 12
+    ) -> tuple[NoiseModel, float]:
+        """Return the noise model with its active components' numbers at the largest likelihood, and its misfit."""
+        from scipy.optimize import minimize
+
+        x0 = np.array([x for c in active for x in _get(noise, c)])
+        low, high = x0 - 7.0, x0 + 7.0
+        longest = np.log(LONGEST * max(float(c.time[-1] - c.time[0]) for c in self.whitener.clocks))
+        taus = np.concatenate([[False, True] if kind in ("slow", "torque") else [False] for kind, _ in active])
+        wanders = taus & np.concatenate([[k == "torque"] * (2 if k in ("slow", "torque") else 1) for k, _ in active])
+        low[wanders] = np.maximum(low[wanders], np.log(SHORTEST))
+        high[taus] = np.maximum(np.minimum(high[taus], longest), low[taus] + 0.1)
+        high = np.maximum(high, low + 0.1)
+        x0 = np.clip(x0, low, high)
+
+        def value(x: FloatArray) -> float:
+            return self.misfit(_set(noise, active, x))
+
+        found = minimize(
+            value,
+            x0,
+            method="L-BFGS-B",
+            bounds=list(zip(low, high, strict=True)),
+            options={"maxiter": iterations, "eps": 1e-3, "ftol": 1e-6},
+        )
+        return _set(noise, active, found.x), float(found.fun)
+
+    def _with_short(self, noise: NoiseModel) -> NoiseModel:
+        """Return the noise with what is left of short colour."""
+        whitened, _ = self.whitener.of(noise)(self.stacked)
+        flat = whitened.reshape(-1, whitened.shape[2])
+        beta = np.linalg.lstsq(flat[:, 1:], flat[:, 0], rcond=1e-9)[0] if flat.shape[1] > 1 else np.zeros(0)
+        left = whitened[:, :, 0] - whitened[:, :, 1:] @ beta
+        short = []
+        for j in range(self.q):
+            series = [np.where(self.whitener.present[c.rows, j], left[c.rows, j], 0.0) for c in self.whitener.clocks]
+            short.append(autoregression(series, int(self.whitener.present[:, j].sum())))
+        return dataclasses.replace(noise, short=tuple(short))
+
+
+def autoregression(series: Sequence[FloatArray], count: int) -> tuple[FloatArray, float]:
+    """Return coefficients and innovation deviation of `count` samples, zeros between, by Yule-Walker and BIC."""
+    most = max(ORDERS)
+    products = np.zeros(most + 1)
+    for x in series:
+        for lag in range(min(most + 1, len(x))):
+            products[lag] += float(x[lag:] @ x[: len(x) - lag])
+    power = products[0] / max(count, 1)
+    if count < 10 * most or power <= 0:
+        return np.zeros(0), float(np.sqrt(power)) if power > 0 else 1.0
+    best: tuple[float, FloatArray, float] = (0.0, np.zeros(0), power)
+    a, error = np.zeros(0), power
+    covariance = products / count
+    for order in range(1, most + 1):  # Levinson
+        reflection = float((covariance[order] - a @ covariance[order - 1 : 0 : -1]) / error)
+        if not abs(reflection) < 1:
+            break
+        a = np.concatenate([a - reflection * a[::-1], [reflection]])
+        error *= 1 - reflection**2
+        score = count * np.log(error / power) + order * np.log(count)
+        if order in ORDERS and score < best[0] - PAYS:
+            best = (float(score), a.copy(), error)
+    return best[1], float(np.sqrt(best[2]))
+
+
+def _colour_scale(z: FloatArray, present: BoolArray, clocks: Sequence[Clock]) -> tuple[int, float] | None:
+    """Return the block, in samples, whose means are most too large, and their share of the variance; None if none."""
+    best, found = COLOURED, None
+    power = float(np.mean(z[present] ** 2)) if present.any() else 0.0
+    for block in BLOCKS:
+        means = []
+        for clock in clocks:
+            x, p = z[clock.rows], present[clock.rows]
+            n = len(x) // block
+            counts = p[: n * block].reshape(n, block).sum(axis=1)
+            sums = np.where(p, x, 0.0)[: n * block].reshape(n, block).sum(axis=1)
+            means.append((sums / np.sqrt(np.maximum(counts, 1)))[counts > block // 2])
+        squares = np.concatenate(means) ** 2
+        if len(squares) < 4 or power == 0:
+            continue
+        ratio = float(np.mean(squares)) / power
+        excess = (ratio - 1) * np.sqrt(len(squares) / 2)
+        if excess > best:
+            best, found = excess, (block, min((ratio - 1) / block, 1.0))
+    return found
+
+
+def _with(values: FloatArray, j: int, value: float) -> FloatArray:
+    changed = values.copy()
+    changed[j] = value
+    return changed
+
+
+def _get(noise: NoiseModel, component: tuple[str, int]) -> list[float]:
+    kind, j = component
+    if kind == "torque":
+        return [float(np.log(noise.torque[0])), float(np.log(noise.torque[1]))]
+    if kind == "slow":
+        return np.log(noise.slow[j]).tolist()  # type: ignore[no-any-return]
+    return [float(np.log(getattr(noise, kind)[j]))]
+
+
+def _set(noise: NoiseModel, active: Sequence[tuple[str, int]], x: FloatArray) -> NoiseModel:
+    values = iter(np.exp(x).tolist())
+    changed = {name: getattr(noise, name).copy() for name in ("white", "differenced", "growth", "slow")}
+    torque = noise.torque
+    for kind, j in active:
+        if kind == "torque":
+            torque = (next(values), next(values))
+        elif kind == "slow":
+            changed["slow"][j] = next(values), next(values)
+        else:
+            changed[kind][j] = next(values)
+    return dataclasses.replace(noise, **changed, torque=torque)

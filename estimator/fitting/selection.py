@@ -1,0 +1,438 @@
+"""Which effects a recording has: all tested at once, the best refitted with their rivals, by one rule. Knows no effect.
+
+The criterion is z'z of whitened residuals (-2 log L at a given noise) plus k log n + 2 log (1 / prior) for an addition
+of k numbers, n the samples: Schwarz's criterion with the odds of the effect. By a chance of 1e-4 or less an effect that
+is not there passes it (k = 1, n = 2 000, prior 0.2: chi-square above 10.8; benchmarks/combined.py measures the rate).
+
+    fit what is free, find the noise in what is settled
+    repeat: test every addition to first order; refit the best few; take the best if the criterion falls
+    drop what became idle
+
+The noise is estimated again after every addition, from settled rows: it must not explain what an effect does.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.fitting.effects.base import Effect
+from estimator.fitting.fit import Fit, Linear, held_down, new_fit, refreshed, solved, with_level, with_secants
+from estimator.fitting.machine import machine_of
+from estimator.fitting.noise_model import NoiseModel, fit_noise
+from estimator.fitting.simulator import Nuisance, Simulator
+from estimator.fitting.windows import find_windows
+
+FloatArray = NDArray[np.float64]
+
+MOST = 12  # additions
+ROUNDS = 10
+REFITTED = 3  # additions refitted in a round
+PROMISING = 0.6  # of the best addition's promise: less is not refitted
+NEARBY = {"R": 5.0, "K": 4.0, "J": 6.0, "L": 50.0}  # factors: while effects are missing, a fit may go anywhere
+ROUGH = 8  # iterations of a fit that is only compared
+NEAR = 10.0  # of the criterion: explanations no worse than this are rivals
+IDLE = 6.0  # times the penalty: an addition whose square over its variance is below may be idle
+
+
+@dataclass(frozen=True)
+class Addition:
+    """What may be added to an explanation.
+
+    Attributes
+    ----------
+    gain : float
+        The fall of z'z to first order.
+    starts : values of nuisances to begin a refit with
+    free : nuisances that it frees
+    linear : Linear or None
+    across, size : (rows q, k) whitened columns beside the fit's, for a unit of each; a usual size of the unit
+    """
+
+    effect: Effect
+    name: str
+    numbers: int
+    gain: float
+    starts: tuple[Mapping[str, float], ...] = ()
+    free: tuple[str, ...] = ()
+    linear: Linear | None = None
+    across: FloatArray | None = None
+    whitened: FloatArray | None = None
+
+    def penalty(self, samples: int) -> float:
+        """Return by how much the criterion charges it."""
+        return self.numbers * float(np.log(max(samples, 2))) + 2 * float(np.log(1 / self.effect.prior))
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """A fit and the additions that it holds."""
+
+    fit: Fit
+    additions: tuple[Addition, ...] = ()
+
+    def names(self) -> set[str]:
+        """Return what was added."""
+        return {a.name for a in self.additions}
+
+
+@dataclass
+class Selection:
+    """The search for an explanation.
+
+    Parameters
+    ----------
+    base : Simulator
+        Of the case's FMU.
+    rivals : callable
+        A bundled FMU's name -> its simulator, or None where it cannot stand in for the case's.
+    always : names of nuisances that are free from the start
+    deviations : (q,) array
+        Of the noise, at first sight.
+    differenced : (q,) array
+        Deviation of the counts whose differences a channel shows; 0: it does not.
+    effects : those that may be found
+    enter : callable
+        Told the name of the phase that begins.
+    """
+
+    base: Simulator
+    rivals: Callable[[str], Simulator | None]
+    always: tuple[str, ...]
+    deviations: FloatArray
+    differenced: FloatArray
+    effects: tuple[Effect, ...]
+    enter: Callable[[str], None] = lambda phase: None
+
+    def _held_near(self, starts: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray]:
+        """Keep a motor's parameters near what the data show at first sight; return the bounds that they had."""
+        s = self.base
+        before = s.lower.copy(), s.upper.copy()
+        for k, name in enumerate(s.plan.names):
+            near = s.plan.guess.get(name, 0.0)
+            if name in NEARBY and near > 0 and s.log[k]:
+                s.lower[k] = max(s.lower[k], near / NEARBY[name])
+                s.upper[k] = min(s.upper[k], near * NEARBY[name])
+        return before
+
+    def explain(self, starts: Sequence[FloatArray]) -> Explanation:
+        """Return the best explanation.
+
+        Parameters
+        ----------
+        starts : (p,) arrays
+            Of the plan's free parameters.
+        """
+        bounds = self._held_near(starts)
+        best = self._first(starts)
+        if find_windows(best.fit).enough:
+            best = self.with_noise(best, slow=False)
+            best = self._grown(best, [e for e in self.effects if e.name == "ripple"], rounds=4, slow=False)
+        else:  # noise would be made of what effects do: that of the samples beside each other is taken first
+            best = self._grown(best, self.effects, rounds=ROUNDS, renew=False)
+        best = self.with_noise(best)
+        for _ in range(2):  # what is found changes the noise, and the noise what is found
+            before = best.names()
+            best = self._without_idle(self._grown(best, self.effects, rounds=ROUNDS))
+            if best.names() == before:
+                break
+            best = self.with_noise(best)
+        for simulator in {id(s): s for s in (self.base, best.fit.simulator)}.values():
+            p = len(self.base.plan.names)
+            simulator.lower[:p], simulator.upper[:p] = bounds[0][:p], bounds[1][:p]
+        final = solved(best.fit, tolerance=1e-8)
+        return dataclasses.replace(best, fit=final if final.simulator is self.base else with_secants(final))
+
+    def _first(self, starts: Sequence[FloatArray]) -> Explanation:
+        """Return the best fit to begin with: from every start, with and without what is seen at first sight."""
+        s = self.base
+        plain = NoiseModel.plain(self.deviations, tuple(-1 for _ in s.outputs))
+        seen = [(e, e.at_first_sight(s.plan)) for e in self.effects]
+        own = [(e, {n: v for n, v in known.items() if n in s.index}) for e, known in seen if not e.fmu]
+        far = [(e, known) for e, known in seen if e.fmu and known]
+        tried = []
+        for start in starts:
+            begun = dict(zip(s.plan.names, start.tolist(), strict=True))
+            for held in ([], far) if far else ([],):
+                additions = [self._seen(e, name, s) for e, known in own for name in known]
+                simulator = s
+                for e, known in held:
+                    rival = self.rivals(e.fmu)
+                    if rival is not None and set(known) <= set(rival.index):
+                        simulator = rival
+                        additions += [self._seen(e, name, rival) for name in known]
+                names = {a.name for a in additions}
+                values = {n: v for _, known in (*own, *held) for n, v in known.items() if n in names}
+                free = (*s.plan.names, *self.always, *(n for a in additions for n in a.free))
+                fit = solved(new_fit(simulator, simulator.values({**begun, **values}), free, plain), iterations=ROUGH)
+                tried.append(Explanation(fit, tuple(additions)))
+        return min(tried, key=lambda e: e.fit.cost + sum(a.penalty(self.samples) for a in e.additions))
+
+    def _seen(self, effect: Effect, name: str, simulator: Simulator) -> Addition:
+        """Return an addition that is seen at first sight."""
+        nuisance = next(n for n in simulator.nuisances if n.name == name)
+        free = () if nuisance.whole else (name,)
+        return Addition(effect, name, 1, np.inf, free=free)
+
+    @property
+    def samples(self) -> int:
+        """How many samples are compared."""
+        return int(np.sum(~np.isnan(self.base.measured)))
+
+    def with_noise(self, explanation: Explanation, *, slow: bool = True, again: bool = False) -> Explanation:
+        """Return the explanation with its noise found, or its numbers found again, and fitted by it."""
+        fit = with_level(explanation.fit)
+        machine, seat = machine_of(fit)
+        noise = dataclasses.replace(fit.whitener.noise, machine=machine, seat=seat)
+        if not again:
+            noise = dataclasses.replace(noise, differenced=self.differenced)
+        whitener = fit.whitener.of(noise)
+        misfit = np.where(whitener.present, fit.residuals(), 0.0)
+        found = fit_noise(whitener, misfit, fit.raw, find_windows(fit).settled, slow=slow, again=again)
+        fit = held_down(refreshed(fit, whitener.of(found)))
+        return dataclasses.replace(explanation, fit=solved(fit))
+
+    def _grown(
+        self,
+        explanation: Explanation,
+        effects: Sequence[Effect],
+        *,
+        rounds: int,
+        slow: bool = True,
+        renew: bool = True,
+    ) -> Explanation:
+        """Return the explanation with what is worth its numbers, one after the other."""
+        rejected: set[str] = set()
+        for _ in range(2 * rounds):
+            found = self._best_addition(explanation, effects, rejected)
+            if found is None or len(explanation.additions) >= MOST:
+                break
+            judged = self.with_noise(found, slow=slow, again=True) if renew else found
+            if not all(_is_physical(judged.fit, a) for a in judged.additions):
+                rejected.add(found.additions[-1].name)
+                continue
+            explanation = judged
+            rejected.clear()
+        return explanation
+
+    def _best_addition(
+        self, explanation: Explanation, effects: Sequence[Effect], rejected: set[str]
+    ) -> Explanation | None:
+        """Return the explanation with the addition that lowers the criterion most; None if none does."""
+        n = self.samples
+        while True:
+            tested = [a for a in self.additions(explanation, effects) if a.name not in rejected]
+            promise = sorted(tested, key=lambda a: a.penalty(n) - a.gain)
+            promise = [a for a in promise if a.gain > a.penalty(n)]
+            if not promise:
+                return None
+            most = promise[0].gain - promise[0].penalty(n)
+            worth = [a for a in promise[:REFITTED] if a.gain - a.penalty(n) > PROMISING * most]
+            refits = [(self.refitted(explanation, a), a) for a in worth]
+            falls = [explanation.fit.cost - f.cost - a.penalty(n) for f, a in refits]
+            falls = [f if _is_physical(fit, a) else -np.inf for f, (fit, a) in zip(falls, refits, strict=True)]
+            k = int(np.argmax(falls))
+            if falls[k] > 0:
+                fit, addition = refits[k]
+                return Explanation(fit, (*explanation.additions, addition))
+            rejected |= {a.name for a in worth}
+
+    def refitted(self, explanation: Explanation, addition: Addition) -> Fit:
+        """Return the fit with an addition, from its most promising start."""
+        fit = explanation.fit
+        if addition.linear is not None:
+            return solved(dataclasses.replace(fit, linear=(*fit.linear, addition.linear)), iterations=ROUGH)
+        simulator = self._simulator(fit, addition.effect)
+        assert simulator is not None
+        moved = moved_to(fit, simulator)
+        begun = []
+        for start in addition.starts:
+            values = moved.values.copy()
+            for name, value in start.items():
+                k = simulator.index[name]
+                values[k] = np.clip(value, simulator.lower[k], simulator.upper[k])
+            begun.append(dataclasses.replace(moved, values=values, free=(*fit.free, *addition.free)))
+        ready = [solved(b, iterations=1) for b in begun] if len(begun) > 1 else begun
+        return solved(min(ready, key=lambda f: f.cost), iterations=ROUGH)
+
+    def additions(self, explanation: Explanation, effects: Sequence[Effect]) -> list[Addition]:
+        """Return everything that may be added, each with what it promises."""
+        fit = explanation.fit
+        test = fit.test()
+        result = []
+        taken = {*fit.free, *(g.name for g in fit.linear), *explanation.names()}
+        by_simulator: dict[int, tuple[Simulator, list[tuple[Effect, Nuisance]]]] = {}
+        for effect in effects:
+            for group in effect.linear(fit):
+                if group.name in taken:
+                    continue
+                whitened = fit.whitener(group.columns)[0].reshape(fit.z.size, -1)
+                across = whitened - test.basis @ (test.basis.T @ whitened)
+                gain, _ = test.gain(across)
+                result.append(
+                    Addition(effect, group.name, across.shape[1], gain, linear=group, across=across, whitened=whitened)
+                )
+            simulator = self._simulator(fit, effect)
+            own = effect.nuisances(self.base.plan) if simulator is not None else ()
+            for nuisance in own:
+                if nuisance.name in taken or not nuisance.tries or _is_excluded(nuisance, taken):
+                    continue
+                assert simulator is not None
+                if nuisance.name not in simulator.index:
+                    continue
+                by_simulator.setdefault(id(simulator), (simulator, []))[1].append((effect, nuisance))
+        for simulator, wanted in by_simulator.values():
+            result += self._tried(fit, simulator, wanted, test)
+        return result
+
+    def _tried(self, fit: Fit, simulator: Simulator, wanted: Sequence[tuple[Effect, Nuisance]], test: object
+               ) -> Iterator[Addition]:  # fmt: skip
+        """Yield the nuisances of one simulator with what they promise at the best of their tries."""
+        moved = moved_to(fit, simulator)
+        rows, owners = [], []
+        for w, (_, nuisance) in enumerate(wanted):
+            for t, value in enumerate(nuisance.tries):
+                candidate = moved.values.copy()
+                for name, x in (nuisance.together[t] if nuisance.together else {}).items():
+                    candidate[simulator.index[name]] = x
+                now = candidate[simulator.index[nuisance.name]]
+                shift = 0.0 if nuisance.absolute or nuisance.whole else now - nuisance.neutral
+                candidate[simulator.index[nuisance.name]] = value + shift
+                rows.append(candidate)
+                owners.append((w, t))
+        shown = simulator.shown(np.array(rows))
+        usable = np.asarray(np.isfinite(shown).all(axis=(1, 2)))
+        change = np.where(usable[:, None, None], shown - moved.shown, 0.0).transpose(1, 2, 0)
+        whitened = fit.whitener(change)[0].reshape(fit.z.size, -1)
+        across = whitened - test.basis @ (test.basis.T @ whitened)  # type: ignore[attr-defined]
+        left = test.left  # type: ignore[attr-defined]
+        for w, (effect, nuisance) in enumerate(wanted):
+            best: tuple[float, tuple[Mapping[str, float], ...], int] | None = None
+            for k, (owner, t) in enumerate(owners):
+                power = float(across[:, k] @ across[:, k])
+                if owner != w or power < 1e-9:
+                    continue
+                size = float(across[:, k] @ left) / power
+                together = nuisance.together[t] if nuisance.together else {}
+                whole = 2 * size * power - power  # of a unit
+                gain = whole if nuisance.whole else max(size**2 * power if size > 0 else 0.0, whole)
+                if nuisance.whole or nuisance.absolute:
+                    starts: tuple[Mapping[str, float], ...] = ({nuisance.name: nuisance.tries[t], **together},)
+                else:
+                    reach = nuisance.tries[t] - nuisance.neutral
+                    now = float(moved.values[simulator.index[nuisance.name]])
+                    starts = tuple(
+                        {nuisance.name: now + f * reach, **together}
+                        for f in dict.fromkeys((float(np.clip(size, 0.1, 8)), 1.0))
+                    )
+                if best is None or gain > best[0]:
+                    best = gain, starts, k
+            if best is not None and best[0] > 0:
+                free = () if nuisance.whole else (nuisance.name, *(nuisance.together[0] if nuisance.together else ()))
+                columns = slice(best[2], best[2] + 1)
+                yield Addition(
+                    effect, nuisance.name, max(1, len(free)), best[0], starts=best[1], free=free,
+                    across=across[:, columns], whitened=whitened[:, columns],
+                )  # fmt: skip
+
+    def _simulator(self, fit: Fit, effect: Effect) -> Simulator | None:
+        """Return the simulator that has an effect: the fit's own, or a rival FMU's."""
+        if not effect.fmu or fit.simulator is not self.base:
+            return fit.simulator
+        return self.rivals(effect.fmu)
+
+    def without(self, explanation: Explanation, addition: Addition) -> Explanation:
+        """Return the explanation, fitted again, without one of its additions."""
+        fit = explanation.fit
+        if addition.linear is not None:
+            linear = tuple(g for g in fit.linear if g.name != addition.name)
+            fit = dataclasses.replace(fit, linear=linear)
+        else:
+            values = fit.values.copy()
+            for name in {addition.name, *addition.free}:
+                k = fit.simulator.index[name]
+                values[k] = fit.simulator.neutral[k - len(fit.simulator.plan.names)]
+            free = tuple(n for n in fit.free if n not in addition.free)
+            fit = dataclasses.replace(fit, values=values, free=free)
+        rest = tuple(a for a in explanation.additions if a is not addition)
+        return Explanation(solved(fit, iterations=ROUGH), rest)
+
+    def _without_idle(self, explanation: Explanation) -> Explanation:
+        """Return the explanation without additions that others have made idle."""
+        n, changed = self.samples, True
+        while changed and explanation.additions:
+            changed = False
+            for addition in explanation.additions:
+                if _wald(explanation.fit, addition) > IDLE * addition.penalty(n):
+                    continue
+                without = self.without(explanation, addition)
+                if without.fit.cost - explanation.fit.cost < addition.penalty(n):
+                    explanation, changed = self.with_noise(without), True
+                    break
+        return explanation
+
+    def alternatives(self, explanation: Explanation) -> list[Explanation]:
+        """Return rivals: explanations in which something else stands for an addition, nearly as likely."""
+        n, found = self.samples, []
+        for addition in explanation.additions:
+            if addition.effect.name in ("offset", "ripple"):
+                continue
+            bare = self.without(explanation, addition)
+            lost = bare.fit.cost - explanation.fit.cost
+            tested = [a for a in self.additions(bare, self.effects) if a.name != addition.name and not a.effect.doubt]
+            tested = [a for a in tested if a.gain - a.penalty(n) > PROMISING * (lost - addition.penalty(n))]
+            for other in sorted(tested, key=lambda a: a.penalty(n) - a.gain)[:2]:
+                fit = self.refitted(bare, other)
+                behind = fit.cost + other.penalty(n) - explanation.fit.cost - addition.penalty(n)
+                if behind < NEAR:
+                    found.append(Explanation(solved(fit), (*bare.additions, other)))
+        return found
+
+
+def moved_to(fit: Fit, simulator: Simulator) -> Fit:
+    """Return a fit on another simulator that knows at least its names."""
+    if simulator is fit.simulator:
+        return fit
+    values = simulator.values(dict(zip(fit.simulator.names, fit.values.tolist(), strict=True)))
+    return dataclasses.replace(fit, simulator=simulator, values=values)
+
+
+def _is_physical(fit: Fit, addition: Addition) -> bool:
+    """Whether an addition stays within what its effect may be."""
+    if addition.linear is not None:
+        own = [x for n, x in zip(fit.names, fit.estimates, strict=True) if n.partition("#")[0] == addition.name]
+        return all(addition.linear.least <= x <= addition.linear.most for x in own)
+    s = fit.simulator
+    for name in addition.free:
+        k = s.index[name]
+        neutral, value = s.neutral[k - len(s.plan.names)], fit.values[k]
+        at_end = min(value - s.lower[k], s.upper[k] - value) <= 1e-6 * (s.upper[k] - s.lower[k])
+        if at_end and abs(value - neutral) > 1e-6 * (s.upper[k] - s.lower[k]):
+            return False
+    return True
+
+
+def _is_excluded(nuisance: Nuisance, taken: set[str]) -> bool:
+    return any(name.startswith(prefix) for prefix in nuisance.excludes for name in taken)
+
+
+def _wald(fit: Fit, addition: Addition) -> float:
+    """Return the square of an addition's numbers over their covariance: how surely they are not neutral."""
+    names = list(fit.names)
+    covariance, at_bound, estimates = fit.covariance(), fit.at_bound, fit.estimates
+    wanted = addition.free if addition.linear is None else tuple(
+        n for n in names if n.partition('#')[0] == addition.name and n not in fit.free
+    )  # fmt: skip
+    total = 0.0
+    for name in wanted:
+        k = names.index(name)
+        s = fit.simulator
+        neutral = s.neutral[s.index[name] - len(s.plan.names)] if name in s.index else 0.0
+        if at_bound[k] == 0 and covariance[k, k] > 0:
+            off = np.log(estimates[k] / neutral) if fit.is_log[k] else estimates[k] - neutral
+            total += float(off**2 / covariance[k, k])
+    return total if wanted else np.inf

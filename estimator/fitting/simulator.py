@@ -1,0 +1,193 @@
+"""Candidates to what the sensors show, with every nuisance parameter in reach. Knows one FMU, no noise and no search.
+
+A nuisance parameter is a number of the bench, not of the motor: a delay, an offset, the time constant of a low-pass. It
+has a neutral value at which it does nothing. All of them stand behind the free parameters of the plan in one vector, so
+that freeing one costs no new load of the FMU.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.fitting.noise_model import Clock
+from estimator.fitting.problem import Problem
+from estimator.fmus.workers import Workers
+from estimator.plans.parameters import Parameter, SensorPlace
+from estimator.plans.plan import Observed, Plan
+from estimator.recordings.excitation import quantum
+
+FloatArray = NDArray[np.float64]
+STANDS = 8  # rows at which an encoder that shows no count stands: its error is constant there
+HELD = 20  # rows for which a logger may show a sample again
+
+Act = Callable[[FloatArray, float, float], FloatArray]  # (n,) signal, value, sampling interval in s -> (n,) signal
+
+
+@dataclass(frozen=True)
+class Nuisance:
+    """A nuisance parameter.
+
+    Attributes
+    ----------
+    neutral : float
+        At which it does nothing.
+    size : float
+        A typical change, for differences and first tries.
+    place : SensorPlace or None
+        Where the stepper takes it.
+    target : str
+        The FMU's parameter that takes it.
+    output, act : what it does with one output's samples
+    whole : bool
+        A number of samples, or a switch: chosen, not fitted by derivatives.
+    tries : values at which a score test looks for it
+    absolute : bool
+        A fit begins at such a value itself, not at what the test makes of it.
+    together : of each try, other nuisances that are set, and freed, with it
+    excludes : names, or their beginnings, beside which it makes no sense
+    """
+
+    name: str
+    unit: str
+    lower: float
+    upper: float
+    neutral: float
+    size: float
+    log: bool = False
+    place: SensorPlace | None = None
+    target: str = ""
+    output: str = ""
+    act: Act | None = None
+    whole: bool = False
+    tries: tuple[float, ...] = ()
+    absolute: bool = False
+    together: tuple[Mapping[str, float], ...] = ()
+    excludes: tuple[str, ...] = ()
+
+    def parameter(self) -> Parameter:
+        """Return it as a parameter of a plan."""
+        targets = (self.target,) if self.target else ()
+        return Parameter(
+            self.name, self.unit, self.lower, self.upper, self.log, targets, start=self.neutral, place=self.place
+        )
+
+
+@dataclass
+class Simulator:
+    """One plan and its nuisance parameters, on workers.
+
+    Parameters
+    ----------
+    plan : Plan
+        Its free parameters come first.
+    nuisances : sequence of Nuisance
+    crew : Workers
+    sigma : output → float, as `Problem`
+    """
+
+    plan: Plan
+    nuisances: tuple[Nuisance, ...]
+    crew: Workers
+    sigma: Mapping[str, float]
+    problem: Problem = field(init=False)
+
+    def __post_init__(self) -> None:
+        stepped = [n for n in self.nuisances if n.place is not None or n.target]
+        fixed = {name: v for name, v in self.plan.fixed.items() if name not in {n.target for n in stepped}}
+        wide = dataclasses.replace(
+            self.plan, parameters=(*self.plan.parameters, *(n.parameter() for n in stepped)), fixed=fixed
+        )
+        self.problem = Problem(wide, self.crew, sigma=self.sigma, keep_counts=True)
+        self.names = (*self.plan.names, *(n.name for n in self.nuisances))
+        self.index = {name: k for k, name in enumerate(self.names)}
+        self._stepped = [*range(len(self.plan.names)), *(self.index[n.name] for n in stepped)]
+        self._acts = [n for n in self.nuisances if n.act is not None]
+        specs = [(p.lower, p.upper, p.log) for p in self.plan.parameters]
+        specs += [(n.lower, n.upper, n.log) for n in self.nuisances]
+        self.lower = np.array([s[0] for s in specs])
+        self.upper = np.array([s[1] for s in specs])
+        self.log = np.array([s[2] for s in specs], dtype=bool)
+        own = [abs(p.upper - p.lower) * 1e-3 for p in self.plan.parameters]
+        self.size = np.array([*own, *(n.size for n in self.nuisances)])
+        self.neutral = np.array([n.neutral for n in self.nuisances])
+        self.outputs = self.plan.outputs
+        self._keep = np.concatenate(
+            [np.arange(o.lead + len(o.recording.time)) >= o.lead for o in self.plan.observed]
+        ).astype(bool)
+        edges = np.cumsum([0, *(len(o.recording.time) for o in self.plan.observed)])
+        self.clocks = tuple(
+            Clock(o.recording.time, slice(int(a), int(b)))
+            for o, a, b in zip(self.plan.observed, edges[:-1], edges[1:], strict=True)
+        )
+        self.measured = np.concatenate([_without_repeats(o, self.outputs) for o in self.observed])
+        self.rows = len(self.measured)
+
+    @property
+    def observed(self) -> tuple[Observed, ...]:
+        """The recordings."""
+        return self.plan.observed
+
+    def values(self, known: Mapping[str, float]) -> FloatArray:
+        """Return a candidate, (p,), of known values; nuisances that are not known are neutral."""
+        return np.array([known[n] if n in known else self.neutral[k - len(self.plan.names)]
+                         for k, n in enumerate(self.names)])  # fmt: skip
+
+    def shown(self, candidates: FloatArray, *, refine: int = 1) -> FloatArray:
+        """Return what the sensors show, (c, rows, q), of (c, p) candidates; NaN where the FMU fails."""
+        stepped = candidates[:, self._stepped]
+        unique, which = np.unique(stepped, axis=0, return_inverse=True)
+        batch = self.problem.trajectories(unique, refine=refine)
+        assert batch.shown is not None
+        shown = batch.shown[:, self._keep][which.ravel()]
+        for nuisance in self._acts:
+            j, column = self.outputs.index(nuisance.output), candidates[:, self.index[nuisance.name]]
+            for c in np.flatnonzero(column != nuisance.neutral):
+                for clock in self.clocks:
+                    assert nuisance.act is not None
+                    shown[c, clock.rows, j] = nuisance.act(shown[c, clock.rows, j], float(column[c]), clock.step)
+        return np.asarray(shown)
+
+    def scaled(self, values: FloatArray) -> FloatArray:
+        """Return values, (..., p), on their scales: logarithms where these are such."""
+        return np.where(self.log, np.log(np.where(self.log, values, 1.0)), values)
+
+    def unscaled(self, x: FloatArray) -> FloatArray:
+        """Return the values, (..., p), of scaled ones."""
+        return np.where(self.log, np.exp(np.where(self.log, x, 0.0)), x)
+
+    def inputs(self, name: str) -> FloatArray:
+        """Return an input over all rows, (rows,); zero where no recording has it."""
+        return np.concatenate([o.inputs.get(name, np.zeros(len(o.recording.time))) for o in self.observed])
+
+
+def per_recording(plan: Plan, kind: str) -> Sequence[str]:
+    """Return the names of a nuisance that each recording has for itself; plain where there is one recording."""
+    if len(plan.observed) == 1:
+        return [kind]
+    names = [o.recording.name for o in plan.observed]
+    return [f"{kind} {n if names.count(n) == 1 else k + 1}" for k, n in enumerate(names)]
+
+
+def _without_repeats(o: Observed, outputs: Sequence[str]) -> FloatArray:
+    """Return the outputs, (n, q), NaN where a logger shows a sample again, noise and all.
+
+    A channel that repeats values for a few rows at a time, and lies on no lattice of a converter or an encoder, is
+    held; a value that stays for longer is one that does not change.
+    """
+    rows = np.column_stack([o.outputs[y] for y in outputs])
+    for j in range(rows.shape[1]):
+        again = np.concatenate([[False], rows[1:, j] == rows[:-1, j]])
+        lattice = again.any() and quantum(rows[:, j]) > 0
+        if not again.any() or (lattice and outputs[j] != "w"):
+            continue
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], again, [False]]).astype(np.int8)))
+        for first, last in zip(edges[::2], edges[1::2], strict=True):
+            stands = lattice and last - first >= STANDS and rows[first, j] == 0
+            if stands or (not lattice and last - first <= HELD):
+                rows[first:last, j] = np.nan
+    return rows

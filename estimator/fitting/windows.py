@@ -1,0 +1,97 @@
+"""Where in the recordings a fit is made: edges of the inputs, transients, settled stretches. Knows rows, no effect."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.fitting.fit import Fit
+
+BoolArray = NDArray[np.bool_]
+
+EDGE = 0.05  # of an input's range: a larger change is an edge
+SETTLED = 0.02  # of a response: nearer to its end is settled
+MARGIN = 1.3  # times the time to settle
+EARLY, LEAST = 0.15, 4  # of a transient; rows: where the electrical part shows
+FEW = 6  # edges of a recording that are looked at one by one
+ENOUGH = 200  # settled rows that tell the noise; with fewer all do
+
+
+@dataclass(frozen=True)
+class Window:
+    """Rows of one recording that belong together."""
+
+    name: str
+    rows: NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Windows:
+    """The windows of all recordings; the rows that tell the noise, (rows,), and whether these are settled ones."""
+
+    windows: tuple[Window, ...]
+    settled: BoolArray
+    enough: bool = True
+
+
+def find_windows(fit: Fit) -> Windows:
+    """Return a fit's windows, from its inputs and what it simulates."""
+    s = fit.simulator
+    settled = np.zeros(s.rows, dtype=bool)
+    windows: list[Window] = []
+    span = np.ptp(fit.shown, axis=0)
+    for e, (o, clock) in enumerate(zip(s.observed, s.clocks, strict=True)):
+        n = len(o.recording.time)
+        late = sum(float(fit.values[k]) for k, name in enumerate(s.names) if _is_delay(fit, name, e))
+        edges = _edges(o.inputs, n, round((late + o.delay) / clock.step))
+        bounds = [0, *edges, n]
+        of = f" of {o.recording.title}" if len(s.observed) > 1 else ""
+        early, rest = [], []
+        for k, (first, last) in enumerate(zip(bounds[:-1], bounds[1:], strict=True)):
+            part = fit.shown[clock.rows][first:last]
+            if not len(part):
+                continue
+            away = np.abs(part - part[-1]) > SETTLED * np.maximum(np.ptp(part, axis=0), 0.02 * span)
+            moving = np.flatnonzero(away.any(axis=1))
+            end = min(len(part), int(MARGIN * (moving[-1] + 1))) if len(moving) else 0
+            reached = end < len(part) or not len(moving)
+            rows = np.arange(clock.rows.start + first, clock.rows.start + last)
+            settled[rows[end:] if reached else rows[:0]] = True
+            cut = max(LEAST, int(EARLY * end)) if end else 0
+            if k and end:
+                early.append(rows[:cut])
+                rest.append(rows[cut:end])
+                if len(edges) <= FEW:
+                    t = o.recording.time[first]
+                    windows.append(Window(f"after the edge at t = {t:.4g} s{of}", rows[:end]))
+        if early:
+            windows.append(Window(f"the first part of the transients{of}", np.concatenate(early)))
+            windows.append(Window(f"the transients{of}", np.concatenate(rest)))
+        own = np.arange(clock.rows.start, clock.rows.stop)
+        if settled[own].any():
+            windows.append(Window(f"the settled part{of}", own[settled[own]]))
+        windows.append(Window(f"all{of or ' of the recording'}", own))
+    enough = bool(settled.sum() >= min(ENOUGH, 0.5 * s.rows))
+    if not enough:
+        settled[:] = True
+    return Windows(tuple(w for w in windows if len(w.rows) >= LEAST), settled, enough)
+
+
+def _is_delay(fit: Fit, name: str, e: int) -> bool:
+    nuisance = next((n for n in fit.simulator.nuisances if n.name == name), None)
+    return nuisance is not None and nuisance.place is not None and nuisance.place.kind == "delay" and (
+        nuisance.place.recording == e and not nuisance.place.output
+    )  # fmt: skip
+
+
+def _edges(inputs: object, n: int, late: int) -> list[int]:
+    """Return the rows at which an input has changed by much, `late` rows later; the first is after row 0."""
+    found: set[int] = set()
+    for u in inputs.values():  # type: ignore[attr-defined]
+        jumps = np.flatnonzero(np.abs(np.diff(u)) > EDGE * max(float(np.ptp(u)), 1e-300)) + 1
+        found |= {int(k) for j, k in enumerate(jumps) if j == 0 or k - jumps[j - 1] > 2}
+        if u[0] != 0 and np.ptp(u) <= EDGE * abs(float(u[0])):
+            found.add(1)  # switched on before the first row
+    return sorted({min(max(k + late, 1), n - 1) for k in found})

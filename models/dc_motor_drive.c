@@ -1,0 +1,118 @@
+/* DC motor with dry friction and brushes, behind a drive with a current limit and a dead band, at a supply that sags.
+ *
+ *     L di/dt     = u - R i - K w - sign(i) brush
+ *     J dw/dt     = K i - B w - load - sign(w) friction
+ *     dangle/dt   = w
+ *     u = v - way sag,   way = sign(v),   where |v| > dead_band;   u = 0, way = 0 elsewhere
+ *     supply_time dsag/dt = supply_resistance way i - sag
+ *     w = 0 holds as long as |K i - load| <= friction + stiction
+ *     i = 0 holds as long as |u - K w| <= brush, and with coasts = 1 as long as |v| <= dead_band
+ *     i = +-current_limit holds as long as u would drive it further
+ *
+ * All but R, K, L, J and B have no effect unless they are set: without them, this is dc_motor; with friction, stiction and
+ * brush alone, dc_motor_friction. The drive takes v as its command. A command of no more than dead_band gives no voltage:
+ * then it shorts the motor, or opens the circuit where coasts is 1: the current is zero at once. It holds the current at
+ * current_limit by whatever voltage that takes. It connects the supply to the motor the one way or the other: the source
+ * v behind supply_resistance, with a capacitor that is charged to v before the motor draws current; supply_time is
+ * resistance times capacitance, 0 without a capacitor. sag is what the current has taken off its voltage. A supply that
+ * is regulated, and dips only until it has recovered, is one of negative resistance, with its size added to R.
+ *
+ * motion and conduction are 1 or -1 for the way of speed and current, 0 where they are held at zero, 2 where nothing could
+ * hold them. limiting is 1 or -1 where the current is held at its limit. command is the way of the supply, 0 where there
+ * is no voltage, 2 where it does not matter.
+ */
+
+#define MODEL_LINEAR 1
+
+/*    kind       name               start     nominal  min     max    unit           description */
+#define MODEL_VARIABLES(X) \
+    X(input,     v,                 0,        10,      -1e6,   1e6,   "V",           "Voltage that the drive is to give") \
+    X(input,     load,              0,        0.1,     -1e9,   1e9,   "N.m",         "Load torque, against positive speed") \
+    X(parameter, R,                 3.1363,   1,       1e-6,   1e6,   "Ohm",         "Armature resistance") \
+    X(parameter, K,                 0.048774, 0.1,     1e-6,   1e6,   "V.s/rad",     "Back-EMF and torque constant") \
+    X(parameter, L,                 0.01307,  0.001,   1e-9,   1e3,   "H",           "Armature inductance") \
+    X(parameter, J,                 9e-6,     1e-5,    1e-12,  1e6,   "kg.m2",       "Moment of inertia of rotor and load") \
+    X(parameter, B,                 1.69e-4,  1e-4,    0,      1e6,   "N.m.s/rad",   "Viscous friction coefficient") \
+    X(parameter, friction,          0,        0.01,    0,      1e6,   "N.m",         "Coulomb friction torque") \
+    X(parameter, stiction,          0,        0.01,    0,      1e6,   "N.m",         "Torque to break away, above friction") \
+    X(parameter, brush,             0,        1,       0,      1e3,   "V",           "Voltage drop over the brushes") \
+    X(parameter, current_limit,     1e9,      10,      1e-6,   1e9,   "A",           "Current that the drive lets pass; 1e9: any") \
+    X(parameter, dead_band,         0,        1,       0,      1e6,   "V",           "Command up to which there is no voltage") \
+    X(parameter, coasts,            0,        1,       0,      1,     "1",           "Whether no voltage means no current, 0 or 1") \
+    X(parameter, supply_resistance, 0,        1,       -1e6,   1e6,   "Ohm",         "Resistance of the supply") \
+    X(parameter, supply_time,       0,        0.01,    0,      1e6,   "s",           "Time constant of the supply") \
+    X(state,     i,                 0,        1,       -1e9,   1e9,   "A",           "Armature current") \
+    X(state,     w,                 0,        100,     -1e9,   1e9,   "rad/s",       "Speed of the shaft") \
+    X(state,     angle,             0,        1,       -1e12,  1e12,  "rad",         "Angle of the shaft") \
+    X(state,     sag,               0,        1,       -1e6,   1e6,   "V",           "Voltage that the supply has lost") \
+    X(mode,      motion,            0,        1,       -1,     2,     "1",           "Way of the speed, 0 at standstill") \
+    X(mode,      conduction,        0,        1,       -1,     2,     "1",           "Way of the current, 0 where it is blocked") \
+    X(mode,      limiting,          0,        1,       -1,     1,     "1",           "Way of the current at its limit") \
+    X(mode,      command,           2,        1,       -1,     2,     "1",           "Way of the supply, 0 where it is off")
+
+#include "model.h"
+
+#define NO_LIMIT 1e9 /* A */
+
+static bool is_open(const Variables *m)
+{
+    return m->command == 0 && m->coasts >= 0.5;
+}
+
+/* The way of the supply, 0 where it is off or does not matter. */
+static double way(const Variables *m)
+{
+    return m->command == UNHELD ? 0 : m->command;
+}
+
+/* What drives the current, but for the brushes. */
+static double driving_voltage(const Variables *m)
+{
+    const double sag = m->supply_time > 0 ? m->sag : m->supply_resistance * way(m) * m->i;
+    const double u = m->command == 0 ? 0 : m->v - way(m) * sag;
+    return u - m->R * m->i - m->K * m->w;
+}
+
+static void derivatives(const Variables *m, Derivatives *d)
+{
+    const double torque = m->K * m->i - m->B * m->w - m->load - m->motion * m->friction;
+    const bool held = m->conduction == 0 || m->limiting != 0 || is_open(m);
+    const double drawn = m->supply_resistance * way(m) * m->i;
+    d->i = held ? 0 : (driving_voltage(m) - m->conduction * m->brush) / m->L;
+    d->w = m->motion == 0 ? 0 : torque / m->J;
+    d->angle = m->w;
+    d->sag = m->supply_time > 0 ? (drawn - m->sag) / m->supply_time : 0;
+}
+
+static Switch commanded(const Variables *m)
+{
+    const bool matters = m->dead_band > 0 || m->coasts >= 0.5 || m->supply_resistance != 0;
+    const double above = fabs(m->v) - m->dead_band;
+    const double next = !matters ? UNHELD : !(above > 0) ? 0 : m->v > 0 ? 1 : -1;
+    return (Switch){next != m->command ? -1 : next == UNHELD ? 1 : fabs(above), next, .lasts = 1};
+}
+
+static Switch limited(const Variables *m)
+{
+    if (m->current_limit >= NO_LIMIT || is_open(m)) return (Switch){m->limiting == 0 ? 1 : -1, 0, .lasts = 1};
+    const double to = m->limiting != 0 ? m->limiting : m->i > 0 ? 1 : -1;
+    const double further = to * driving_voltage(m) - m->brush; /* V */
+    if (m->limiting != 0) return (Switch){further, 0};
+    return (Switch){to * m->i == m->current_limit && further > 0 ? -1 : m->current_limit - to * m->i, to};
+}
+
+static void switches(const Variables *m, Switches *s)
+{
+    s->motion = dry_friction(m->motion, m->w, m->K * m->i - m->load, m->friction + m->stiction);
+    s->conduction = dry_friction(m->conduction, m->i, driving_voltage(m), m->brush);
+    if (is_open(m) && m->brush > 0) s->conduction = (Switch){m->conduction == 0 ? 1 : -1, 0, .lasts = 1};
+    s->limiting = limited(m);
+    s->command = commanded(m);
+}
+
+static void enter(Variables *m)
+{
+    if (m->motion == 0) m->w = 0;
+    if (m->limiting != 0) m->i = m->limiting * m->current_limit;
+    if (m->conduction == 0 || is_open(m)) m->i = 0;
+}

@@ -1,0 +1,93 @@
+"""A motor with dry friction behind a drive and a supply, by scipy's solve_ivp from event to event.
+
+Written from the physics, by cases, as dry_friction.py is. Knows nothing of the project.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from dry_friction import DryMotor, _event, _way
+from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
+
+Vector = NDArray[np.float64]
+NEUTRAL = {"friction": 0.0, "stiction": 0.0, "brush": 0.0, "current_limit": 1e9, "dead_band": 0.0, "coasts": 0.0}
+NEUTRAL |= {"supply_resistance": 0.0, "supply_time": 0.0}
+
+
+class DrivenMotor(DryMotor):
+    """The motor with parameters R, K, L, J, B and those of NEUTRAL."""
+
+    def __init__(self, parameters: dict[str, float]) -> None:
+        super().__init__(NEUTRAL | parameters)
+        self.x = [0.0, 0.0, 0.0, 0.0]  # i, w, angle, sag
+        self.limiting = 0
+
+    def _step(self, v: float, load: float, step: float) -> None:
+        p, time = self.p, 0.0
+        limit = p["current_limit"]
+        way = 0 if abs(v) <= p["dead_band"] else (1 if v > 0 else -1)
+        is_open = way == 0 and p["coasts"] == 1
+
+        def terminal(x: Sequence[float]) -> float:
+            loss = x[3] if p["supply_time"] else p["supply_resistance"] * way * x[0]
+            return way * (abs(v) - loss)
+
+        def push_on_shaft(x: Sequence[float]) -> float:
+            return p["K"] * x[0] - load
+
+        def push_on_current(x: Sequence[float]) -> float:
+            return terminal(x) - p["K"] * x[1]
+
+        def further(x: Sequence[float], sign: int) -> float:
+            """Return the voltage that is left to drive the current further past its limit."""
+            return sign * (push_on_current(x) - p["R"] * x[0]) - p["brush"]
+
+        while time < step:
+            if is_open:
+                self.x[0], self.brushes, self.limiting = 0.0, 0, 0
+            else:
+                self.brushes = self.brushes or _way(self.x[0], push_on_current(self.x), p["brush"])
+                if self.limiting and further(self.x, self.limiting) < 0:
+                    self.limiting = 0
+                sign = 1 if self.x[0] > 0 else -1
+                if not self.limiting and sign * self.x[0] >= limit and further(self.x, sign) > 0:
+                    self.limiting = sign
+            self.shaft = self.shaft or _way(self.x[1], push_on_shaft(self.x), self.breakaway)
+            shaft, brushes, limiting = self.shaft, self.brushes, self.limiting
+
+            def rates(
+                _: float, x: Vector, shaft: int = shaft, brushes: int = brushes, limiting: int = limiting
+            ) -> list[float]:
+                i, w, _angle, sag = x.tolist()
+                voltage = terminal([i, w, 0.0, sag]) - p["R"] * i - p["K"] * w - brushes * p["brush"]
+                torque = p["K"] * i - p["B"] * w - load - shaft * p["friction"]
+                charge = (p["supply_resistance"] * way * i - sag) / p["supply_time"] if p["supply_time"] else 0.0
+                flows = brushes and not limiting and not is_open
+                return [voltage / p["L"] if flows else 0.0, torque / p["J"] if shaft else 0.0, w, charge]
+
+            def at_limit(_: float, x: Vector, limiting: int = limiting) -> float:
+                if limiting:
+                    return further(list(map(float, x)), limiting) + 1e-12
+                return limit * (1 + 1e-13) - abs(float(x[0]))
+
+            at_limit.terminal, at_limit.direction = True, -1  # type: ignore[attr-defined]
+            events = [
+                _event(1, shaft, push_on_shaft, self.breakaway),
+                _event(0, brushes, push_on_current, 0.0 if is_open else p["brush"]),
+                at_limit,
+            ]
+            run = solve_ivp(rates, (time, step), self.x, method="DOP853", rtol=1e-12, atol=1e-14, events=events)
+            self.x, time = [float(value) for value in run.y[:, -1]], float(run.t[-1])
+            if run.status == 0:
+                return
+            if len(run.t_events[0]):
+                self.shaft = self._turn(1, shaft, push_on_shaft(self.x), self.breakaway)
+            if len(run.t_events[1]):
+                self.brushes = self._turn(0, brushes, push_on_current(self.x), p["brush"])
+            if len(run.t_events[2]):
+                self.limiting = 0 if limiting else (1 if self.x[0] > 0 else -1)
+                if self.limiting:
+                    self.x[0] = self.limiting * limit
