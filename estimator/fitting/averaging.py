@@ -65,7 +65,7 @@ def averaged(
             known = a.linear.size > 0
             across, whitened = (x * (a.linear.size or 1.0) for x in (across, whitened))
         power = float(np.sum(across**2))
-        if power <= TOLD * np.sum(whitened**2) or (known and power < VISIBLE):
+        if power < VISIBLE if known else power <= TOLD * np.sum(whitened**2):
             unseen.append(a)
             continue
         k = across.shape[1]

@@ -29,6 +29,7 @@ DAMPING = (1e-3, 1e8)  # first, last
 FAR_LOG, FAR = 1.0, 5.0  # longest step: of a logarithm; of a nuisance's typical sizes
 OUTLIER, BESIDE = 4.5, 3.0  # standard deviations of an outlier, and of the samples beside it
 FREEDOM = 4.0  # of Student's t, by whose weights outliers are held down
+SECANTS, KINKED = 6, 0.7  # times that errors grow by secants; of a derivative: a smaller secant is taken
 AT_BOUND = 1e-6  # of the width of the bounds
 
 
@@ -263,6 +264,39 @@ def held_down(fit: Fit) -> Fit:
     alone = (z > OUTLIER) & ((beside < BESIDE) | (z > 4 * beside))
     inflate = np.where(alone, (FREEDOM + z * z) / (FREEDOM + 1), fit.whitener.inflate)
     return dataclasses.replace(fit, whitener=dataclasses.replace(fit.whitener, inflate=inflate))
+
+
+def with_secants(fit: Fit) -> Fit:
+    """Return the fit with derivatives over one standard error where these are much smaller than at the point.
+
+    Where an FMU switches, what is shown has kinks: a derivative at a point may be large that holds nowhere else.
+    """
+    s = fit.simulator
+    where = np.array([s.index[n] for n in fit.free], dtype=int)
+    for _ in range(SECANTS):
+        deviation = np.sqrt(np.maximum(np.diag(fit.covariance())[: len(where)], 0.0))
+        x = s.scaled(fit.values)[where]
+        reach = np.where(np.isfinite(deviation) & (deviation > 0), deviation, 0.0)
+        reach = np.minimum(reach, np.where(s.log[where], 0.5, _reach(s, where)))
+        low, high = s.scaled(s.lower)[where], s.scaled(s.upper)[where]
+        ahead, behind = np.minimum(x + reach, high), np.maximum(x - reach, low)
+        wide = np.repeat(fit.values[None, :], 2 * len(where), axis=0)
+        for k, j in enumerate(where):
+            wide[k, j] = s.unscaled(_spread(s, j, ahead[k]))[j]
+            wide[len(where) + k, j] = s.unscaled(_spread(s, j, behind[k]))[j]
+        shown = s.shown(wide)
+        width = ahead - behind
+        change = (shown[: len(where)] - shown[len(where) :]).transpose(1, 2, 0)
+        usable = (width > 0) & np.isfinite(change).all(axis=(0, 1))
+        secants = np.where(usable, np.nan_to_num(change), 0.0) / np.where(width > 0, width, 1.0)
+        norms = np.linalg.norm(_flat(fit.whitener, secants), axis=0)
+        kinked = usable & (norms < KINKED * np.linalg.norm(fit.jacobian[:, : len(where)], axis=0))
+        if not kinked.any():
+            break
+        raw = fit.raw[:, :, : len(where)].copy()
+        raw[:, :, kinked] = secants[:, :, kinked]
+        fit = _evaluated(fit, fit.values, fit.shown, raw, fit.raw[:, :, len(where) :])
+    return fit
 
 
 def _misfit(fit: Fit, shown: FloatArray) -> FloatArray:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from estimator.fitting.fit import Fit
 from estimator.fitting.noise_model import Clock
+from estimator.plans.parameters import SensorPlace
 from estimator.results.linear import is_motor, matrices
 
 FloatArray = NDArray[np.float64]
@@ -73,6 +74,25 @@ def free_motion(fit: Fit, clock: Clock) -> FloatArray:
         states = np.array([lfilter(numerator, denominator, impulse) for numerator in above])
         columns.append(_as_shown(fit, states, clock))
     return np.stack(columns, axis=2)
+
+
+def as_late(fit: Fit, signal: FloatArray) -> FloatArray:
+    """Return an input's signal, (rows,), as late as the inputs of its recording act, shared out between two rows."""
+    s = fit.simulator
+    result = np.zeros(s.rows)
+    for e, (o, clock) in enumerate(zip(s.observed, s.clocks, strict=True)):
+        own = [n.name for n in s.nuisances if n.place == SensorPlace("delay", e)]
+        delay = float(fit.values[s.index[own[0]]]) if own else o.delay
+        whole, part = divmod(delay / clock.step, 1.0)
+        x = signal[clock.rows]
+        for by, share in ((int(whole), 1 - part), (int(whole) + 1, part)):
+            moved = np.zeros(len(x))
+            if by >= 0:
+                moved[by:] = x[: len(x) - by]
+            else:
+                moved[:by] = x[-by:]
+            result[clock.rows] += share * moved
+    return result
 
 
 def _discrete(fit: Fit, clock: Clock) -> tuple[FloatArray, FloatArray, list[float]]:

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.fitting.effects.base import Effect
-from estimator.fitting.fit import Fit, Linear, held_down, new_fit, refreshed, solved, with_level
+from estimator.fitting.fit import Fit, Linear, held_down, new_fit, refreshed, solved, with_level, with_secants
 from estimator.fitting.machine import machine_of
 from estimator.fitting.noise_model import NoiseModel, fit_noise
 from estimator.fitting.simulator import Nuisance, Simulator
@@ -128,10 +128,12 @@ class Selection:
             Of the plan's free parameters.
         """
         bounds = self._held_near(starts)
-        best = self.with_noise(self._first(starts), slow=False)
-        best = self._grown(best, [e for e in self.effects if e.name == "ripple"], rounds=4, slow=False)
-        if not find_windows(best.fit).enough:  # slow noise would be made of what effects do
-            best = self._grown(best, self.effects, rounds=ROUNDS, slow=False)
+        best = self._first(starts)
+        if find_windows(best.fit).enough:
+            best = self.with_noise(best, slow=False)
+            best = self._grown(best, [e for e in self.effects if e.name == "ripple"], rounds=4, slow=False)
+        else:  # noise would be made of what effects do: that of the samples beside each other is taken first
+            best = self._grown(best, self.effects, rounds=ROUNDS, renew=False)
         best = self.with_noise(best)
         for _ in range(2):  # what is found changes the noise, and the noise what is found
             before = best.names()
@@ -142,7 +144,8 @@ class Selection:
         for simulator in {id(s): s for s in (self.base, best.fit.simulator)}.values():
             p = len(self.base.plan.names)
             simulator.lower[:p], simulator.upper[:p] = bounds[0][:p], bounds[1][:p]
-        return dataclasses.replace(best, fit=solved(best.fit, tolerance=1e-8))
+        final = solved(best.fit, tolerance=1e-8)
+        return dataclasses.replace(best, fit=final if final.simulator is self.base else with_secants(final))
 
     def _first(self, starts: Sequence[FloatArray]) -> Explanation:
         """Return the best fit to begin with: from every start, with and without what is seen at first sight."""
@@ -194,7 +197,13 @@ class Selection:
         return dataclasses.replace(explanation, fit=solved(fit))
 
     def _grown(
-        self, explanation: Explanation, effects: Sequence[Effect], *, rounds: int, slow: bool = True
+        self,
+        explanation: Explanation,
+        effects: Sequence[Effect],
+        *,
+        rounds: int,
+        slow: bool = True,
+        renew: bool = True,
     ) -> Explanation:
         """Return the explanation with what is worth its numbers, one after the other."""
         rejected: set[str] = set()
@@ -202,7 +211,7 @@ class Selection:
             found = self._best_addition(explanation, effects, rejected)
             if found is None or len(explanation.additions) >= MOST:
                 break
-            judged = self.with_noise(found, slow=slow, again=True)
+            judged = self.with_noise(found, slow=slow, again=True) if renew else found
             if not all(_is_physical(judged.fit, a) for a in judged.additions):
                 rejected.add(found.additions[-1].name)
                 continue

@@ -9,7 +9,7 @@ import numpy as np
 
 from estimator.fitting.effects.base import Effect
 from estimator.fitting.fit import Fit, Linear
-from estimator.fitting.machine import motor_values, response
+from estimator.fitting.machine import as_late, motor_values, response
 from estimator.plans.plan import Plan
 
 MOST = 12  # edges; more are a signal, not levels
@@ -37,10 +37,8 @@ class EdgeLatency(Effect):
             for k in jumps[1:]:
                 pulse = np.zeros(s.rows)
                 pulse[clock.rows.start + k] = -(u[k] - u[k - 1]) / clock.step
-                columns.append(response(fit, voltage=pulse))
-        if not columns:
-            return ()
-        return [Linear(self.name, np.stack(columns, axis=2), ("s",) * len(columns), size=s.clocks[0].step)]
+                columns.append(response(fit, voltage=as_late(fit, pulse)))
+        return [Linear(self.name, np.stack(columns, axis=2), ("s",) * len(columns), size=s.clocks[0].step)] if columns else []
 
     def tell(self, name: str, value: float, plan: Plan) -> str:
         """Say so."""

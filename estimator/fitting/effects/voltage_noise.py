@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from estimator.fitting.effects.base import Effect
 from estimator.fitting.fit import Fit, Linear
-from estimator.fitting.machine import motor_values, response
+from estimator.fitting.machine import as_late, motor_values, response
 from estimator.plans.plan import Plan
 
 FloatArray = NDArray[np.float64]
@@ -37,7 +37,7 @@ class VoltageNoise(Effect):
             around[clock.rows] = _around(v[clock.rows])
         if np.max(np.abs(around)) <= 1e-6 * np.max(np.abs(v)):
             return ()
-        return [Linear(self.name, response(fit, voltage=-around)[:, :, None], ("",), least=0.3, most=1.3)]
+        return [Linear(self.name, response(fit, voltage=as_late(fit, -around))[:, :, None], ("",), least=0.3, most=1.3)]
 
     def tell(self, name: str, value: float, plan: Plan) -> str:
         """Say so."""
