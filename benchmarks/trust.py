@@ -340,7 +340,9 @@ class Kept(Run):
 
     def finish(self, values: FloatArray, polish: Polish | None, **more: Any) -> Estimate:
         """Keep the parameters, and judge them."""
-        self.fitted = {**self.plan.fixed, **dict(zip(self.plan.names, values.tolist(), strict=True))}
+        explained = more.get("explained")
+        names = (self.plan if explained is None else explained.plan).names
+        self.fitted = {**self.plan.fixed, **dict(zip(names, values.tolist(), strict=True))}
         return super().finish(values, polish, **more)
 
 

@@ -109,13 +109,14 @@ class _Attempts:
         """Polish the best of many starts; return the most likely optimum."""
         self.run.enter("polish")
         problem = self.problem
+        output = problem.output_of_residual
         costs = problem.costs(starts)
         found = []
         for start in starts[np.argsort(costs)[:POLISHED]]:
             values, _ = self.squares.fit(start, polish.deviations, tolerance=1e4)
-            found.append((log_likelihood(problem, self.squares.deviations(values, free=len(values))), values))
+            found.append((log_likelihood(output, self.squares.deviations(values, free=len(values))), values))
         lowest, values = min(found, key=lambda f: f[0])
-        if lowest >= log_likelihood(problem, polish.deviations):
+        if lowest >= log_likelihood(output, polish.deviations):
             return polish
         better = self.squares.polish(values, polish.deviations)
         self.run.found(self.plan.names, better.values, self._cost_at(better))

@@ -248,7 +248,8 @@ def _explained(
     with np.errstate(invalid="ignore"):
         errors = np.sqrt(np.diag(covariance)) * np.where(log, np.abs(values), 1.0)
     information = jacobian.T @ jacobian
-    finite = np.where(np.isfinite(covariance), covariance, 0.0)
+    sizes, axes = np.linalg.eigh(np.where(np.isfinite(covariance), covariance, 0.0))
+    scores = information @ axes * np.sqrt(np.maximum(sizes, 0.0))  # its square is never negative, as rounded as it is
     whitener = fit.whitener
     polish = Polish(
         values=values,
@@ -259,7 +260,7 @@ def _explained(
         at_bound=at_bound,
         jacobian=jacobian,
         residuals=-residuals,
-        scores=information @ finite @ information,
+        scores=scores @ scores.T,
     )
     extended = dataclasses.replace(plan, parameters=(*plan.parameters, *(_parameter(fit, names[k]) for k in reported)))
     return Explained(

@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 from estimator.plans.parameters import Box
 
 if TYPE_CHECKING:
-    from estimator.fitting.problem import Problem
     from estimator.plans.plan import Plan
 
 FloatArray = NDArray[np.float64]
@@ -355,7 +354,7 @@ def at_given_bound(plan: Plan, polish: Polish) -> tuple[str, ...]:
     return tuple(held)
 
 
-def log_likelihood(problem: Problem, deviations: FloatArray) -> float:
-    """Return −2 log likelihood, up to a constant, of independent normal noise at the outputs' deviations, (q,)."""
-    counts = np.bincount(problem.output_of_residual, minlength=len(problem.outputs))
+def log_likelihood(output: NDArray[np.int64], deviations: FloatArray) -> float:
+    """Return −2 log likelihood, up to a constant, of normal noise; `output` is that of each residual."""
+    counts = np.bincount(output, minlength=len(deviations))
     return float(np.sum(2 * counts * np.log(deviations)))

@@ -168,7 +168,9 @@ class Selection:
                 names = {a.name for a in additions}
                 values = {n: v for _, known in (*own, *held) for n, v in known.items() if n in names}
                 free = (*s.plan.names, *self.always, *(n for a in additions for n in a.free))
-                fit = solved(new_fit(simulator, simulator.values({**begun, **values}), free, plain), iterations=ROUGH)
+                fit = new_fit(simulator, simulator.values({**begun, **values}), free, plain)
+                open_ones = tuple(group for e in self.effects for group in e.always(fit))
+                fit = solved(dataclasses.replace(fit, linear=open_ones), iterations=ROUGH)
                 tried.append(Explanation(fit, tuple(additions)))
         return min(tried, key=lambda e: e.fit.cost + sum(a.penalty(self.samples) for a in e.additions))
 

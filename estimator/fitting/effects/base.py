@@ -53,6 +53,10 @@ class Effect:
         """Return groups of columns that may explain what a fit leaves."""
         return ()
 
+    def always(self, fit: Fit) -> Sequence[Linear]:
+        """Return the groups of columns that are free from the start: what a sensor leaves open by its nature."""
+        return ()
+
     def at_first_sight(self, plan: Plan) -> Mapping[str, float]:
         """Return nuisances with the values at which the recordings show them before any fit: where a fit begins."""
         return {}

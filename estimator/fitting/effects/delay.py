@@ -10,7 +10,7 @@ from estimator.fitting.simulator import Nuisance, per_recording
 from estimator.plans.parameters import SensorPlace
 from estimator.plans.plan import Plan
 
-EARLY, LATE = 2.0, 0.5  # samples before; of the recording's length after
+EARLY, LATE = 10.0, 0.5  # samples before; of the recording's length after
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Delay(Effect):
             found.append(
                 Nuisance(
                     name, "s", -EARLY * h, max(longest, 20 * h), 0.0, h,
-                    place=SensorPlace("delay", e), tries=(0.5 * h, 2 * h, -0.5 * h),
+                    place=SensorPlace("delay", e), tries=(0.5 * h, 2 * h, -0.5 * h, -2 * h),
                 )
             )  # fmt: skip
         return found

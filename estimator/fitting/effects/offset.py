@@ -37,6 +37,13 @@ class Offset(Effect):
                 found.append(Linear(name, columns, (plan.description.variable(y).unit,), size=size))
         return found
 
+    def always(self, fit: Fit) -> Sequence[Linear]:
+        """Return the phases of angles whose count begins anywhere."""
+        observed = fit.simulator.observed
+        names = per_recording(fit.simulator.plan, "offset angle")
+        phases = {name for o, name in zip(observed, names, strict=True) if o.has_phase and "angle" in o.outputs}
+        return [group for group in self.linear(fit) if group.name in phases]
+
     def tell(self, name: str, value: float, plan: Plan) -> str:
         """Say how large."""
         y = name.split(" ")[1]
