@@ -50,14 +50,14 @@ def drive(rng: np.random.Generator, n: int, volts: float, kind: str) -> FloatArr
     elif kind == "first":
         v[:] = volts
     elif kind == "levels":
-        v = np.repeat(np.array([0, 0.4, 0.8, 1, 0.5, 0]) * volts, k + 1)[:n]
+        v[:] = np.repeat(np.array([0, 0.4, 0.8, 1, 0.5, 0]) * volts, k + 1)[:n]
     elif kind == "reverse":
         v[k : 3 * k], v[3 * k : 5 * k] = volts, -volts
     elif kind == "prbs":
         width = max(2, n // 60)
-        v = np.repeat(rng.integers(0, 2, n // width + 1) * 2 - 1, width)[:n] * volts
+        v[:] = np.repeat(rng.integers(0, 2, n // width + 1) * 2 - 1, width)[:n] * volts
     elif kind == "ramp":
-        v = np.linspace(0, volts, n)
+        v[:] = np.linspace(0, volts, n)
     else:
         v[k : n // 2] = volts
     return v

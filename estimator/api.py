@@ -15,10 +15,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from estimator.cases.case import Case, read_case
-from estimator.commands.options import with_corrections, with_held_out, with_options
+from estimator.commands.options import reading, with_corrections, with_held_out, with_options
 from estimator.commands.sources import CASE_SUFFIX, expanded
 from estimator.errors import InputError, suggestion
 from estimator.estimating.progress import Progress
+from estimator.recordings.read_as import AS_WRITTEN, ReadAs
 from estimator.recordings.recording import Recording, read_recording, recording_from_arrays
 from estimator.results.named import Named
 from estimator.results.result import Estimate, FloatArray
@@ -192,6 +193,7 @@ def estimate_parameters(
     w: ArrayLike | None = None,
     angle: ArrayLike | None = None,
     load: ArrayLike | None = None,
+    columns: Mapping[str, str] | None = None,
     units: Mapping[str, str] | None = None,
     fmu: str | os.PathLike[str] | None = None,
     kind: str | None = None,
@@ -221,8 +223,10 @@ def estimate_parameters(
         ``{"time [s]": t, "voltage [V]": u, "current [mA]": i, "speed [rpm]": n}``.
     time, v, i, w, angle, load : (n,) arrays, optional
         Instead of a source: the signals in SI units (s, V, A, rad/s, rad, N.m); NaN is a missing sample.
-    units : column → unit, optional
-        Of a table's columns whose names say none; by default what pandas' ``attrs["units"]`` says.
+    columns : signal → column, optional
+        Which column of files and tables is "v", "i", "w", "angle" or "load", where their names do not tell.
+    units : column or signal → unit, optional
+        Of columns of files and tables, "time" too; wins over what their names say. ``result.read`` tells what was read.
     fmu : str or path, optional
         An .fmu file or a bundled model's name; by default the case's, else "dc_motor".
     kind : str, optional
@@ -281,7 +285,8 @@ def estimate_parameters(
         source = _from_arrays(time, arrays)
     if source is None:
         raise InputError("nothing to estimate from; give a recording's file, a table, or the arrays time, v, i, w")
-    case, recordings = _case(source, units)
+    said = reading(column=tuple((columns or {}).items()), unit=tuple((units or {}).items()))
+    case, recordings = _case(source, said)
     case = with_options(
         case,
         fmu=None if fmu is None else os.fspath(fmu),
@@ -298,10 +303,12 @@ def estimate_parameters(
         scale=tuple((scale or {}).items()),
         offset=tuple((offset or {}).items()),
         temperature=temperature,
+        column=tuple(said.columns.items()),
+        unit=tuple(said.units.items()),
     )
     case = with_held_out(case, validate, fitted=len(case.recordings if recordings is None else recordings))
     if recordings is not None:
-        recordings = [*recordings, *(read_recording(Path(path)) for path in validate)]
+        recordings = [*recordings, *(read_recording(Path(path), said) for path in validate)]
     with Workers(workers or available_cores()) as crew:
         return Result.of(
             estimate_by(
@@ -370,7 +377,7 @@ def describe_fmu(fmu: str | os.PathLike[str]) -> FmuDescription:
     return describe(fmu if isinstance(fmu, str) else Path(fmu))
 
 
-def _case(source: Source | Sequence[Source], units: Mapping[str, str] | None) -> tuple[Case, list[Recording] | None]:
+def _case(source: Source | Sequence[Source], said: ReadAs) -> tuple[Case, list[Recording] | None]:
     """Return the case that is meant, and its recordings where they are in memory."""
     if isinstance(source, Case):
         return source, None
@@ -379,7 +386,12 @@ def _case(source: Source | Sequence[Source], units: Mapping[str, str] | None) ->
         raise InputError("the list of recordings is empty; give one at least")
     things: list[Path | Recording] = []
     for thing in sources:
-        things += _recordings(thing, units, name="table" if len(sources) == 1 else f"table {len(things) + 1}")
+        things += _recordings(thing, said, name="table" if len(sources) == 1 else f"table {len(things) + 1}")
+    if said != AS_WRITTEN and all(isinstance(thing, Recording) for thing in sources):
+        raise InputError(
+            "columns and units say how files and tables are read, and a Recording is read already; say them where it is"
+            " made (arrays are in SI units)"
+        )
     paths = [thing for thing in things if isinstance(thing, Path)]
     cases = [path for path in paths if path.name.endswith(CASE_SUFFIX)]
     if cases and len(things) > 1:
@@ -389,19 +401,19 @@ def _case(source: Source | Sequence[Source], units: Mapping[str, str] | None) ->
     if len(paths) == len(things):
         expanded([os.fspath(path) for path in paths])  # each once
         return Case(recordings=tuple(Path(os.path.abspath(path)) for path in paths)), None
-    found = [read_recording(thing) if isinstance(thing, Path) else thing for thing in things]
+    found = [read_recording(thing, said) if isinstance(thing, Path) else thing for thing in things]
     named = tuple(recording.path for recording in found if recording.path is not None)
     return Case(recordings=named if len(named) == len(found) else ()), found
 
 
-def _recordings(thing: Any, units: Mapping[str, str] | None, *, name: str) -> list[Path | Recording]:
+def _recordings(thing: Any, said: ReadAs, *, name: str) -> list[Path | Recording]:
     """Return the recordings that one source means: files, or one in memory."""
     from estimator.recordings.in_memory import is_table, recording_from_table
 
     if isinstance(thing, Recording):
         return [thing]
     if is_table(thing):
-        return [recording_from_table(name, thing, units=units)]
+        return [recording_from_table(name, thing, said)]
     if isinstance(thing, Case):
         raise InputError("a Case stands for its own recordings; give it alone, or give recordings")
     if not isinstance(thing, (str, os.PathLike)):

@@ -29,12 +29,15 @@ from estimator.commands.terminal import (
     say,
 )
 
+MOMENT = 0.01  # s
 DEBUG = "FMU_ESTIMATOR_DEBUG"  # environment variable: a traceback besides the sentence
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command; return its exit status."""
     arguments = sys.argv[1:] if argv is None else list(argv)
+    if argv is None:
+        sys.unraisablehook = interrupt_again
     make_printable()
     # The matrices here are small, and the cores simulate: more threads in the linear algebra only get in their way.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -59,6 +62,17 @@ def main(argv: Sequence[str] | None = None) -> int:
             complain(str(error))
             status = BAD_INPUT
         return status
+
+
+def interrupt_again(lost: sys.UnraisableHookArgs) -> None:
+    """Let a Ctrl-C that fell into a callback of the interpreter, where exceptions are ignored, come a moment later."""
+    if not issubclass(lost.exc_type, KeyboardInterrupt):
+        sys.__unraisablehook__(lost)
+        return
+    import _thread
+    import threading
+
+    threading.Timer(MOMENT, _thread.interrupt_main).start()
 
 
 def _run(args: argparse.Namespace) -> int:

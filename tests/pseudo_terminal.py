@@ -22,7 +22,7 @@ READY = "ready\r\n"  # written by the child once it has loaded the command line,
 SCRIPT = (
     "import sys; from estimator.cli import main; sys.stderr.write('ready\\n'); sys.stderr.flush(); sys.exit(main())"
 )
-PATIENCE = 60.0  # s that a command may take
+PATIENCE = 180.0  # s that a command may take
 
 
 @dataclass(frozen=True)

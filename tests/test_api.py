@@ -88,7 +88,8 @@ def test_an_fmu_is_described_and_simulated():
 
 
 def test_a_result_shows_itself_as_text_and_in_a_notebook(result):
-    assert repr(result).startswith("OK: Every free parameter is identified")
+    assert repr(result).startswith("read cml050_step: v ← voltage [V] · i ← current [A] · w ← speed [rad/s]")
+    assert "\n\nOK: Every free parameter is identified" in repr(result)
     made = Result.of(with_parameter(estimate(verdict="doubtful", reasons=("L <weak>",)), "R", nominal=3.0))
     fragment = made._repr_html_()
     text = " ".join(parsed(fragment).text)

@@ -85,7 +85,7 @@ def test_check_writes_a_figure_of_each_file_and_json(file, tmp_path, capsys):
         ("t,u,i,w", ("--unit", "w=furlong"), "'furlong', given for 'w', is not a known unit; use one of rad/s, rpm"),
         ("t,u,i,w", ("--unit", "speed2=rpm"), "there is no column 'speed2' to give a unit"),
         ("t,u,i,w", ("--unit", "w=A"), "'A' is no unit of angular speed"),
-        ("t,u,i,w", ("--column", "x=w"), "--column x=…: 'x' is no signal"),
+        ("t,u,i,w", ("--column", "x=w"), "'x', given for a column, is no signal"),
         ("t,u,i,w", ("--column", "w=omega2"), "run.csv has no column 'omega2'"),
         ("t,u,i,w", ("--unit", "w=rpm", "--unit", "w=deg/s"), "--unit is given twice for 'w'"),
         ("t,u,i,w", ("--scale", "q=2"), "scale is given for 'q', which is no signal of run.csv that is used (v, i, w)"),
@@ -152,7 +152,7 @@ def test_an_estimate_tells_what_was_read_first(file, capsys):
     assert out.startswith(
         "read run: v ← u (no unit: taken as V) · i ← i (no unit: taken as A) · w ← n [rad/s] (unit as"
     )
-    assert out.splitlines()[1].startswith("OK")
+    assert out.splitlines()[1] == "" and out.splitlines()[2].startswith("OK")
 
 
 def test_an_estimate_of_implausible_data_is_doubtful_with_the_sentence(file, bench, capsys):
@@ -200,3 +200,29 @@ def test_a_case_file_keeps_columns_and_units(file, capsys, tmp_path):
     text = case.read_text()
     assert 'i = "current A"' in text and 'w = "rpm"' in text
     assert path.exists()
+
+
+def test_check_takes_patterns_and_tells_recordings_of_one_name_apart(file, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for folder in ("up", "down"):
+        (tmp_path / folder).mkdir()
+        file("t,u,i,w", name=f"{folder}/run.csv")
+    status, out, _ = run(capsys, "check", "*/run.csv", "-o", "out")
+    assert status == 0 and "down/run.csv: v ← u" in out and "up/run.csv: v ← u" in out
+    assert {p.name for p in (tmp_path / "out").iterdir()} == {"check.json", "down_run.csv.png", "up_run.csv.png"}
+    status, _, err = run(capsys, "check", "up")
+    assert status == 2 and "up is a folder; give its recordings with fmu-estimator check 'up/*.csv'" in err
+
+
+def test_check_reads_stdin(file):
+    command = [sys.executable, "-m", "estimator", "check", "-"]
+    done = subprocess.run(command, input=file("t,u,i,n").read_bytes(), capture_output=True, check=True)
+    assert done.stdout.decode().startswith("stdin: v ← u")
+
+
+def test_what_was_read_of_a_held_out_recording_is_told_too(file, bench, capsys):
+    words = (file("t,u,i,w"), "--validate", file("t,u,i,w", name="other.csv", i=1e3 * bench["i"]))
+    _, found = estimate(capsys, *words)
+    assert [r["recording"] for r in found["read"]] == ["run", "other"]
+    assert found["read"][1]["implausible"] and found["read"][1]["implausible"][0] in found["notes"]
+    assert found["verdict"] == "ok"

@@ -34,7 +34,7 @@ def test_the_examples_of_the_python_page_run(tmp_path, monkeypatch, capsys):
     names: dict[str, object] = {}
     for block in blocks:
         exec(compile(block, "docs/api.md", "exec"), names)
-    assert len(blocks) == 5 and "nowhere.csv" in capsys.readouterr().out
+    assert len(blocks) == 6 and "nowhere.csv" in capsys.readouterr().out
     assert {p.name for p in (tmp_path / "out").iterdir()} >= {"report.html", "motor_parameters.m"}
 
 

@@ -13,6 +13,7 @@ import estimator
 from estimator.api import Result
 from estimator.errors import RecordingError
 from estimator.recordings.in_memory import recording_from_table
+from estimator.recordings.read_as import ReadAs
 from estimator.results.report import derived_rows
 
 COLUMNS = {"time [s]": TIME, "voltage [V]": V, "current [A]": CURRENT, "speed [rpm]": RPM}
@@ -43,7 +44,7 @@ TABLES = {
 @pytest.mark.parametrize("kind", TABLES)
 def test_every_usual_table_is_read(kind):
     table, units = TABLES[kind]
-    check(recording_from_table("table", table, units=units))
+    check(recording_from_table("table", table, ReadAs(units=units or {})))
 
 
 def test_none_and_null_are_missing_samples():
@@ -58,13 +59,13 @@ def test_none_and_null_are_missing_samples():
     [
         ({"voltage [V]": V}, None, "table: there is no time column"),
         ({**COLUMNS, "current [A]": CURRENT[:5]}, None, r"table: 'current \[A\]' has shape \(5,\); it should be"),
-        (PLAIN, {"sped": "rpm"}, "table: units names 'sped', which is no column; did you mean 'speed'"),
+        (PLAIN, {"sped": "rpm"}, "table: there is no column 'sped' to give a unit; did you mean 'speed'"),
         ({**COLUMNS, "current [A]": CURRENT * np.inf}, None, r"table sample 0: 'current \[A\]' is infinite; use NaN"),
     ],
 )
 def test_a_table_that_does_not_do_is_told(table, units, sentence):
     with pytest.raises(RecordingError, match=sentence):
-        recording_from_table("table", table, units=units)
+        recording_from_table("table", table, ReadAs(units=units or {}))
 
 
 @pytest.fixture(scope="module")
@@ -116,7 +117,7 @@ def test_several_recordings_of_any_kind_are_fitted_together(bench, tmp_path):
         ({"source": np.eye(4)}, ValueError, "ndarray is no recording; give a file, a DataFrame, a mapping such as"),
         ({"source": 3}, ValueError, "int is no recording"),
         ({"source": ["a.case.toml", "b.csv"]}, ValueError, "a.case.toml is a case file; give it alone"),
-        ({"source": ["a.csv", "a.csv"]}, ValueError, "a.csv is given twice; each recording counts once"),
+        ({"source": ["a.csv", "a.csv"]}, ValueError, "a.csv is given twice; leave one out"),
         ({"source": [estimator.Case, "a.csv"]}, ValueError, "type is no recording"),
         ({"source": [estimator.Case(), "a.csv"]}, ValueError, "a Case stands for its own recordings; give it alone"),
         ({"source": "no_*.csv"}, ValueError, r"no file matches 'no_\*.csv'"),
@@ -162,3 +163,24 @@ def test_a_notebook_shows_the_figure_and_what_follows(bench):
     page = found._repr_html_()
     assert page.count("data:image/png;base64,") == 1 and found.derived
     assert all(escape(row[0]) in page for row in derived_rows(found)[1])
+
+
+def test_columns_and_units_are_those_of_the_command_line_for_files_and_tables(tmp_path):
+    rows = zip(*PLAIN.values(), strict=True)
+    path = tmp_path / "run.csv"
+    path.write_text("t,u,first,n\n" + "\n".join(",".join(repr(float(x)) for x in row) for row in rows) + "\n")
+    said = {"columns": {"i": "first"}, "units": {"w": "rad/s"}, "workers": 1}
+    read = estimator.estimate_parameters(path, **said).read[0]["signals"]
+    assert read["i"]["column"] == "first" and read["w"]["unit_from"] == "user"
+    table = np.genfromtxt(path, delimiter=",", names=True)
+    found = estimator.estimate_parameters({name: table[name] for name in table.dtype.names}, **said)
+    assert found.read[0]["signals"] == read
+
+
+def test_columns_and_units_of_what_is_read_already_are_an_error():
+    with pytest.raises(estimator.InputError, match="a Recording is read already"):
+        estimator.estimate_parameters(
+            time=np.arange(30) * 1e-3, v=np.ones(30), i=np.ones(30), units={"i": "mA"}, workers=1
+        )
+    with pytest.raises(estimator.InputError, match="'q', given for a column, is no signal"):
+        estimator.estimate_parameters("nowhere.csv", columns={"q": "x"})

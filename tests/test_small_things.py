@@ -5,6 +5,7 @@ import io
 import json
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from made_estimates import estimate
 from test_report import check_contract
 
 from estimator.batches.batch_table import csv_of
+from estimator.cli import interrupt_again
 from estimator.errors import InputError, RecordingError
 from estimator.output import OutputFolder
 from estimator.recordings.recording import read_recording
@@ -125,3 +127,14 @@ hook.initialize("standard", {{}})
     )
     assert done.returncode == 1
     assert done.stderr == "fmu-estimator cannot be installed: there is no C compiler; install gcc\n"
+
+
+def test_ctrl_c_in_a_callback_of_the_interpreter_is_not_lost(monkeypatch):
+    class Gone:
+        def __del__(self) -> None:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(sys, "unraisablehook", interrupt_again)
+    with pytest.raises(KeyboardInterrupt):
+        Gone()
+        time.sleep(10)

@@ -33,9 +33,9 @@ def test_recordings_on_both_sides_of_an_option_and_patterns_are_fitted_together(
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        ("up.csv up.csv", "up.csv is given twice; each recording counts once"),
-        ("up.csv u*.csv runs/../up.csv", "up.csv is given twice; each recording counts once"),
-        ("up.csv runs/../up.csv", "runs/../up.csv is given twice and as up.csv; each recording counts once"),
+        ("up.csv up.csv", "up.csv is given twice; leave one out"),
+        ("up.csv u*.csv runs/../up.csv", "up.csv is given twice; leave one out"),
+        ("up.csv runs/../up.csv", "runs/../up.csv is given twice and as up.csv; leave one out"),
         ("no_*.csv", "no file matches 'no_*.csv'; give the names of recordings, or put the pattern right"),
         (
             "runs",

@@ -128,4 +128,5 @@ def test_ctrl_c_at_ten_moments_ends_in_one_sentence_and_leaves_nothing_behind(be
         else:
             assert set(os.listdir(bench / "interrupted")) >= {"result.json", "report.html"}
             shutil.rmtree(bench / "interrupted")
+            whole = min(whole, screen.seconds)  # the machine was busier before
     assert interrupted >= 5

@@ -251,7 +251,9 @@ and what of it is implausible. No FMU is loaded. Exit status: 0 read; 2 not, wit
         ],
     )
     add = check.add_argument
-    add("files", nargs="+", type=path, metavar="FILE", help="a recording")
+    add(
+        "files", nargs="+", type=path, metavar="FILE", help="a recording, a pattern such as 'run_*.csv', or - for stdin"
+    )
     _add_reading(add)
     add("--scale", type=assignment, action="append", default=[], metavar="NAME=VALUE", help="factor, as for estimate")
     add("--json", action="store_true", help="print one JSON object instead of text")

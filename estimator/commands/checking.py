@@ -5,12 +5,14 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Sequence
-from pathlib import Path
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from estimator.cases.expansion import told_apart
 from estimator.commands.options import reading, unique
+from estimator.commands.sources import recordings_of
 from estimator.commands.terminal import OK, say
 from estimator.errors import InputError
 from estimator.recordings.preview import MOST_LEVELS, Preview, preview, preview_mapping
@@ -29,7 +31,11 @@ def check_files(args: argparse.Namespace) -> int:
         if file.endswith((".fmu", ".toml")):
             raise InputError(f"{file} is no recording; check looks at recordings alone, inspect at FMUs")
     as_said, scale = reading(column=args.column, unit=args.unit), unique(args.scale, option="--scale")
-    previews = [preview(read_recording(Path(file), as_said), scale=scale) for file in args.files]
+    with recordings_of(args.files, command="check") as paths:
+        read = [
+            replace(read_recording(path, as_said), name=own) for path, own in zip(paths, told_apart(paths), strict=True)
+        ]
+    previews = [preview(recording, scale=scale) for recording in read]
     if args.output:
         _write(args.output, previews)
     if args.json:
@@ -132,7 +138,7 @@ def _write(folder: str, previews: Sequence[Preview]) -> None:
     from estimator.output import OutputFolder
     from estimator.results.plots import png
 
-    names = [f"{p.recording.name}.png" for p in previews]
+    names = [f"{p.recording.name.replace('/', '_')}.png" for p in previews]
     names = [name if names.count(name) == 1 else f"{k + 1}_{name}" for k, name in enumerate(names)]
     with OutputFolder(folder, own=("check.json", *names)) as output:
         figures = {name: png(preview_figure(p)) for name, p in zip(names, previews, strict=True)}
@@ -143,7 +149,7 @@ def preview_figure(p: Preview) -> Figure:
     """Return a recording's signals below each other, in SI units."""
     from matplotlib.figure import Figure
 
-    from estimator.results.plots import envelope
+    from estimator.results.panels import envelope
 
     fig = Figure(figsize=(9.0, 0.8 + 1.7 * len(p.signals)), layout="constrained")
     axes = fig.subplots(len(p.signals), 1, sharex=True, squeeze=False)[:, 0]

@@ -89,17 +89,17 @@ def with_corrections(
 
 
 def reading(*, column: Sequence[tuple[str, str]], unit: Sequence[tuple[str, str]]) -> ReadAs:
-    """Return how the command line says that files are to be read.
+    """Return how the user says that files and tables are to be read.
 
     Raises
     ------
     InputError
-        A name is given twice, or --column's is no signal of a motor.
+        A name is given twice, or a column is given for what is no signal of a motor.
     """
     columns = unique(column, option="--column")
     for name in columns:
         if name not in SIGNALS:
-            raise InputError(f"--column {name}=…: {name!r} is no signal{suggestion(name, SIGNALS)}")
+            raise InputError(f"{name!r}, given for a column, is no signal{suggestion(name, SIGNALS)}")
     return ReadAs(columns=columns, units=unique(unit, option="--unit"))
 
 

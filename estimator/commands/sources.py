@@ -1,4 +1,4 @@
-"""What `estimate` is given → one case: a case file, recordings, a pattern, stdin. Reads no signal."""
+"""What `estimate` and `check` are given: a case file, recordings, a pattern, stdin. Reads no signal."""
 
 from __future__ import annotations
 
@@ -36,12 +36,24 @@ def case_of(words: Sequence[str]) -> Iterator[Case]:
     if files[0].endswith(CASE_SUFFIX):
         yield read_case(Path(files[0]))
         return
-    with contextlib.ExitStack() as stack:
-        paths = [stack.enter_context(_stdin()) if file == STDIN else Path(os.path.abspath(file)) for file in files]
+    with _paths(files, command="estimate") as paths:
         yield Case(recordings=tuple(paths))
 
 
-def expanded(words: Sequence[str]) -> list[str]:
+@contextlib.contextmanager
+def recordings_of(words: Sequence[str], *, command: str) -> Iterator[list[Path]]:
+    """Give the files that words mean, none of them a case file, to a command; stdin is one as long as this lasts.
+
+    Raises
+    ------
+    InputError
+        A word is no recording.
+    """
+    with _paths(expanded(words, command=command), command=command) as paths:
+        yield paths
+
+
+def expanded(words: Sequence[str], *, command: str = "estimate") -> list[str]:
     """Return the files that words mean, patterns filled in: recordings or "-", each once, or one case file.
 
     Raises
@@ -60,13 +72,13 @@ def expanded(words: Sequence[str]) -> list[str]:
         if file.endswith(".fmu"):
             raise InputError(f"{file} is an FMU; give a recording or a case file, and the FMU with --fmu {file}")
         if os.path.isdir(file):
-            raise InputError(_folder(file))
+            raise InputError(_folder(file, command))
     seen: dict[str, str] = {}
     for file in files:
         place = STDIN if file == STDIN else os.path.realpath(file)
         if place in seen:
             also = f" and as {seen[place]}" if seen[place] != file else ""
-            raise InputError(f"{file} is given twice{also}; each recording counts once")
+            raise InputError(f"{file} is given twice{also}; leave one out")
         seen[place] = file
     return files
 
@@ -80,13 +92,15 @@ def _matches(word: str) -> list[str]:
     return found
 
 
-def _folder(folder: str) -> str:
+def _folder(folder: str, command: str) -> str:
     names = sorted(os.listdir(folder))
-    if any(name.endswith(CASE_SUFFIX) for name in names):
+    if command == "estimate" and any(name.endswith(CASE_SUFFIX) for name in names):
         return f"{folder} is a folder with case files; estimate each of them with {PROGRAM} batch {folder}"
     suffixes = [os.path.splitext(name)[1] for name in names if not name.startswith(".")]
     usual = max(suffixes, key=suffixes.count, default="") or ".csv"
     pattern = os.path.join(folder, f"*{usual}")
+    if command != "estimate":
+        return f"{folder} is a folder; give its recordings with {PROGRAM} {command} '{pattern}'"
     return (
         f"{folder} is a folder; fit its recordings together with {PROGRAM} estimate '{pattern}',"
         f" or each by itself with {PROGRAM} batch {pattern}"
@@ -94,9 +108,15 @@ def _folder(folder: str) -> str:
 
 
 @contextlib.contextmanager
-def _stdin() -> Iterator[Path]:
+def _paths(files: Sequence[str], *, command: str) -> Iterator[list[Path]]:
+    with contextlib.ExitStack() as stack:
+        yield [stack.enter_context(_stdin(command)) if file == STDIN else Path(os.path.abspath(file)) for file in files]
+
+
+@contextlib.contextmanager
+def _stdin(command: str) -> Iterator[Path]:
     if sys.stdin is None or sys.stdin.isatty():
-        raise InputError(f"- stands for stdin, but nothing is piped into it; write {PROGRAM} estimate - < run.csv")
+        raise InputError(f"- stands for stdin, but nothing is piped into it; write {PROGRAM} {command} - < run.csv")
     with tempfile.TemporaryDirectory(prefix="fmu-estimator-") as folder:
         path = Path(folder) / "stdin"
         path.write_bytes(sys.stdin.buffer.read())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 from estimator.plans.plan import Plan
 from estimator.results.result import Comparison, Estimate
@@ -10,7 +11,18 @@ from estimator.results.result import Comparison, Estimate
 
 def with_what_was_read(found: Estimate, plan: Plan) -> Estimate:
     """Return an estimate that tells what was read; implausible data make it doubtful, refused data are shown."""
-    read = tuple(
+    doubts = [s for o in plan.observed for f in o.findings if (s := f.sentence) not in found.reasons]
+    found = dataclasses.replace(found, read=what_was_read(plan))
+    if found.verdict == "refused":
+        moved = any(o.excitation.kind != "none" for o in plan.observed)
+        return found if found.comparisons or not moved else dataclasses.replace(found, comparisons=_measured(plan))
+    verdict = "doubtful" if doubts else found.verdict
+    return dataclasses.replace(found, verdict=verdict, reasons=(*doubts, *found.reasons))
+
+
+def what_was_read(plan: Plan) -> tuple[dict[str, Any], ...]:
+    """Return what was read, one mapping a recording, as `Estimate.read` holds it."""
+    return tuple(
         {
             "recording": o.recording.name,
             "signals": {u.signal: {k: v for k, v in u.mapping().items() if k != "signal"} for u in o.read},
@@ -19,13 +31,6 @@ def with_what_was_read(found: Estimate, plan: Plan) -> Estimate:
         }
         for o in plan.observed
     )
-    doubts = [s for o in plan.observed for f in o.findings if (s := f.sentence) not in found.reasons]
-    found = dataclasses.replace(found, read=read)
-    if found.verdict == "refused":
-        moved = any(o.excitation.kind != "none" for o in plan.observed)
-        return found if found.comparisons or not moved else dataclasses.replace(found, comparisons=_measured(plan))
-    verdict = "doubtful" if doubts else found.verdict
-    return dataclasses.replace(found, verdict=verdict, reasons=(*doubts, *found.reasons))
 
 
 def _measured(plan: Plan) -> tuple[Comparison, ...]:

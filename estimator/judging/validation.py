@@ -22,6 +22,7 @@ from estimator.fmus.fmu import describe, with_kind
 from estimator.fmus.probe import driven
 from estimator.fmus.workers import Workers
 from estimator.judging.outcome import comparisons, figures
+from estimator.judging.reading import what_was_read
 from estimator.plans.noise_level import output_deviations
 from estimator.plans.parameters import Box
 from estimator.plans.plan import ChainSpec, Plan
@@ -75,6 +76,8 @@ def validated(
     own = {plan.names[j]: float(values[j]) for j in free}
     return dataclasses.replace(
         estimate,
+        read=(*estimate.read, *what_was_read(plan)),
+        notes=(*estimate.notes, *(f.sentence for o in plan.observed for f in o.findings)),
         validation=Validation(
             comparisons=compared,
             rmse=rmse,

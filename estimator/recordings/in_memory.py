@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from estimator.errors import RecordingError, suggestion
+from estimator.errors import RecordingError
 from estimator.recordings.columns import Columns
 from estimator.recordings.headers import parse_header, role_of
+from estimator.recordings.read_as import AS_WRITTEN, ReadAs
 from estimator.recordings.recording import Recording, recording_from_columns
 from estimator.recordings.units import FloatArray
 
@@ -19,7 +20,7 @@ def is_table(thing: object) -> bool:
     return isinstance(thing, Mapping) or (hasattr(thing, "columns") and hasattr(thing, "__getitem__"))
 
 
-def recording_from_table(name: str, table: Any, *, units: Mapping[str, str] | None = None) -> Recording:
+def recording_from_table(name: str, table: Any, read_as: ReadAs = AS_WRITTEN) -> Recording:
     """Make a recording from a table.
 
     Parameters
@@ -28,14 +29,15 @@ def recording_from_table(name: str, table: Any, *, units: Mapping[str, str] | No
         What messages call it.
     table
         A mapping of header → (n,) samples, or a DataFrame of pandas or polars. One column is the time; of pandas the
-        index may be. Dates and durations become seconds since the first.
-    units
-        Column → unit, where its name says none; by default what pandas' ``attrs["units"]`` says.
+        index may be. Dates and durations become seconds since the first. What pandas' ``attrs["units"]`` says of a
+        column is its unit where its name says none.
+    read_as
+        What wins over the headers.
 
     Raises
     ------
     RecordingError
-        There is no time, a column has another length, or `units` names no column.
+        There is no time, a column has another length, or `read_as` names no column.
     """
     columns = {str(header): table[header] for header in (table if isinstance(table, Mapping) else table.columns)}
     index = getattr(table, "index", None)
@@ -45,13 +47,10 @@ def recording_from_table(name: str, table: Any, *, units: Mapping[str, str] | No
             header = str(named) if named is not None else "time"
             columns = {header if role_of(parse_header(header).name) == "time" else "time": index, **columns}
     attributes = getattr(table, "attrs", None)
-    given = units if units is not None else attributes.get("units", {}) if isinstance(attributes, Mapping) else {}
-    for column in given:
-        if column not in columns:
-            raise RecordingError(f"{name}: units names {column!r}, which is no column{suggestion(column, columns)}")
+    kept = attributes.get("units", {}) if isinstance(attributes, Mapping) else {}
     headers, arrays, held = [], [], {}
     for header, column in columns.items():
-        unit = given.get(header)
+        unit = kept.get(header)
         if unit is not None and parse_header(header).unit_text is None:
             header = f"{header} [{unit}]"
         values, is_clock = _numbers(column)
@@ -68,7 +67,7 @@ def recording_from_table(name: str, table: Any, *, units: Mapping[str, str] | No
                 f"{name}: {header!r} has shape {array.shape}; it should be one-dimensional and as long as"
                 f" {headers[0]!r}, {arrays[0].shape}"
             )
-    return recording_from_columns(name, Columns(tuple(headers), tuple(arrays), held))
+    return recording_from_columns(name, Columns(tuple(headers), tuple(arrays), held), read_as=read_as)
 
 
 def _numbers(column: Any) -> tuple[FloatArray | None, bool]:
