@@ -226,3 +226,9 @@ def test_what_was_read_of_a_held_out_recording_is_told_too(file, bench, capsys):
     assert [r["recording"] for r in found["read"]] == ["run", "other"]
     assert found["read"][1]["implausible"] and found["read"][1]["implausible"][0] in found["notes"]
     assert found["verdict"] == "ok"
+
+
+def test_a_speed_printed_to_a_tenth_rpm_is_no_encoder(file, bench, capsys):
+    _, found = estimate(capsys, file("t,u,i,n", w=np.round(bench["w"] * 30 / np.pi, 1)))
+    assert found["verdict"] == "ok" and found["sensors"]["w"]["sensor"] == "identity"
+    assert abs(found["parameters"]["J"]["value"] / CML050.J - 1) < 0.02

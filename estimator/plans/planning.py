@@ -19,11 +19,12 @@ from estimator.plans.observing import observe
 from estimator.plans.parameters import SensorPlace
 from estimator.plans.plan import ChainSpec, Observed, Plan
 from estimator.plans.reading import with_reading
-from estimator.recordings.excitation import quantum
+from estimator.recordings.excitation import noise_deviation, quantum
 from estimator.recordings.recording import Recording, read_recording
 from estimator.stepping import layout
 
 COUNTS, WHOLE = (16, 1e6), 0.02  # counts a turn of an encoder whose differences are the speed
+FEW_COUNTS = 10  # noise of such a speed, in its steps: more noise was measured otherwise, and printed to 0.1 rpm
 
 
 def plan_case(
@@ -113,7 +114,10 @@ def _is_differenced(description: FmuDescription, observed: tuple[Observed, ...])
     if not any(v.name == "angle" for v in description.variables):
         return False
     for o in observed:
-        step = quantum(o.outputs["w"]) * o.recording.step
+        smallest = quantum(o.outputs["w"])
+        if noise_deviation(o.outputs["w"]) > FEW_COUNTS * smallest:
+            return False
+        step = smallest * o.recording.step
         counts = 2 * np.pi / step if step > 0 else 0.0
         if not (COUNTS[0] <= counts <= COUNTS[1] and abs(counts - round(counts)) < WHOLE):
             return False
