@@ -18,11 +18,11 @@ from estimator.fmus.process import Process, how_it_ended
 from estimator.fmus.run_folder import RunFolder
 from estimator.stepping.layout import JobLayout, types_of
 
-HORIZON = 1.0  # s simulated
+HORIZON = 1.0  # s simulated where the FMU states no stop time
 PATIENCE = 3.0  # s of a run, then it is cut
 STAGE_LIMIT = 8.0  # s of a stage, then its process is ended
 MAX_VARIABLES = 40
-USUAL_STEP, STEPS = 1e-3, (1e-5, 1e-2)  # s
+USUAL_STEPS, MOST_STEPS = 1000, 100_000  # of a run
 
 
 class Stopped(Exception):
@@ -106,18 +106,29 @@ def order_of(description: FmuDescription, folder: str) -> dict[str, Any]:
         types=types_of([v.type for v in (*parameters, *inputs, *shown)]),
         counts=description.counts,
     )
-    stated = description.default_experiment["step_size"]
+    start, h, horizon = _clock(description)
     return {
         "job": dataclasses.asdict(layout),
         "names": [v.name for v in parameters],
+        "shown": [v.name for v in shown],
         "values": [_start(v) for v in parameters],
         "other": [_other(v) for v in parameters],
         "inputs": _drive(inputs),
-        "start": description.default_experiment["start_time"] or 0.0,
-        "h": stated if stated is not None and STEPS[0] <= stated <= STEPS[1] else USUAL_STEP,
-        "horizon": HORIZON,
+        "start": start,
+        "h": h,
+        "horizon": horizon,
         "patience": PATIENCE,
     }
+
+
+def _clock(description: FmuDescription) -> tuple[float, float, float]:
+    """Return start, step and length of a run, s: as the FMU states them, with no more steps than can be waited for."""
+    stated = description.default_experiment
+    start, stop, h = stated["start_time"] or 0.0, stated["stop_time"], stated["step_size"]
+    length = stop - start if stop is not None and stop > start else HORIZON
+    if h is None or not 0 < h <= length:
+        h = length / USUAL_STEPS
+    return start, h, min(length, MOST_STEPS * h)
 
 
 def _start(variable: Variable) -> float:

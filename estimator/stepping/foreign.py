@@ -13,6 +13,7 @@ from ctypes import CFUNCTYPE, POINTER, c_char_p, c_double, c_int, c_size_t, c_ui
 from typing import Any
 
 from estimator.stepping.exchange import Exchange
+from estimator.stepping.loading import why_not_loaded
 
 CO_SIMULATION, MODEL_EXCHANGE = "co-simulation", "model-exchange"
 FMI1_TYPES = {"Enumeration": "Integer"}
@@ -47,9 +48,11 @@ class ForeignFmu:
     ) -> None:
         self.version, self.is_model, self.variables = version[0], kind == MODEL_EXCHANGE, tuple(variables)
         self.callbacks, self.logger = callbacks, logger
-        self.fmu = fmu_class(version, kind)(
-            guid=guid, modelIdentifier=identifier, unzipDirectory=folder, instanceName=identifier
-        )
+        names = {"guid": guid, "modelIdentifier": identifier, "unzipDirectory": folder, "instanceName": identifier}
+        try:
+            self.fmu = fmu_class(version, kind)(**names)
+        except Exception as error:
+            raise RuntimeError(why_not_loaded(str(error), folder)) from error
         self.fmu.component = None
         self.words = ""
         self.start = 0.0
