@@ -232,9 +232,9 @@ def test_a_missing_stepping_loop_is_told_with_its_remedy(tmp_path, monkeypatch, 
 
 
 CHILD = "static int started; if (!started++ && fork() == 0) for (;;) pause();"
-STAYS = 'FILE *f = fopen("{file}", "w"); fprintf(f, "%d", (int)getpid()); fclose(f); for (;;) pause();'
-LEAVES = "static int started; if (!started++ && fork() == 0) {{ setsid(); %s }}" % STAYS
-ORPHAN = "static int started; if (!started++ && fork() == 0) {{ setsid(); if (fork()) _exit(0); %s }}" % STAYS
+STAYS = 'FILE *f = fopen("NOTE", "w"); fprintf(f, "%d", (int)getpid()); fclose(f); for (;;) pause();'
+LEAVES = f"static int started; if (!started++ && fork() == 0) {{ setsid(); {STAYS} }}"
+ORPHAN = f"static int started; if (!started++ && fork() == 0) {{ setsid(); if (fork()) _exit(0); {STAYS} }}"
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="fork is POSIX")
@@ -267,7 +267,7 @@ def test_what_an_fmu_starts_ends_with_it(tmp_path, death):
 @pytest.mark.parametrize("death", ["return ORIGINAL;", f"{IF_BAD} abort();"], ids=["good", "crash"])
 def test_a_child_that_leaves_its_workers_group_ends_with_the_worker(tmp_path, child, death):
     file = tmp_path / "child"
-    fmu = faulty_fmu(tmp_path, SetReal=MARK, Instantiate=child.format(file=file), DoStep=death)
+    fmu = faulty_fmu(tmp_path, SetReal=MARK, Instantiate=child.replace("NOTE", str(file)), DoStep=death)
     with Workers(1, time_limit=5.0) as crew:
         crew.load(job_of(fmu))
         crew.run(np.array([GOOD, BAD]).reshape(2, 1, 5))

@@ -24,7 +24,8 @@ INPUT_KEYS = ("column", "fmu", "times", "between")
 OUTPUT_KEYS = (
     "column", "fmu", "integral", "sensor", "counts", "average", "filter", "both", "gain", "offset", "delay", "quantum",
 )  # fmt: skip
-RUN_KEYS = ("file", "window", "scale", "offset", "delay", "temperature", "validate")
+RUN_KEYS = ("file", "window", "scale", "offset", "delay", "temperature", "validate", "begin")
+REST, SETTLED, GIVEN = BEGINS = ("rest", "settled", "given")  # how a simulation begins
 
 
 @dataclass(frozen=True)
@@ -70,6 +71,7 @@ class RunSpec:
     delay: Value = None  # s, of the outputs behind the inputs
     temperature: float | None = None  # °C, of the winding
     validate: bool = False  # held out of the fit, compared with it
+    begin: str | None = None  # "rest", "settled" at the first row's inputs, "given" by FMU and case; None: by the data
 
     def __post_init__(self) -> None:
         """Lock the mappings."""
@@ -139,6 +141,7 @@ def read_run(entry: Table) -> RunSpec:
         delay=_value(entry, "delay"),
         temperature=entry.number("temperature", above=-273.15),
         validate=held_out,
+        begin=entry.choice("begin", BEGINS, default="") or None if "begin" in entry.value else None,
     )
 
 
@@ -169,6 +172,7 @@ def run_value(spec: RunSpec) -> dict[str, Any]:
     value |= {} if spec.window is None else {"window": list(spec.window)}
     value |= {k: dict(v) for k in ("scale", "offset") if (v := getattr(spec, k))}
     value |= {k: v for k in ("delay", "temperature") if (v := getattr(spec, k)) is not None}
+    value |= {} if spec.begin is None else {"begin": spec.begin}
     return value | ({"validate": True} if spec.validate else {})
 
 
