@@ -93,6 +93,10 @@ class Prober:
             "words": self.loaded.log.last.decode("utf-8", "replace"),
         }
 
+    def _samples(self) -> dict[str, Any]:
+        rows = self._baseline()
+        return {"rows": [row for row in rows if all(map(math.isfinite, row))]}
+
     def _reset(self) -> dict[str, Any]:
         rows = self._baseline()
         self._disturb()
