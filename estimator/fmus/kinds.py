@@ -18,7 +18,7 @@ from estimator.fmus.run_folder import RunFolder
 
 STEPS = 50  # that are compared
 SHARE = 0.7  # of the inputs that the probe takes
-LIMIT = 6.0  # s, for each kind
+LIMIT = 30.0  # s, for each kind: long, so that a busy machine chooses as an idle one does
 
 
 def better_kind(description: FmuDescription, step: float) -> tuple[FmuDescription, str]:
@@ -32,9 +32,7 @@ def better_kind(description: FmuDescription, step: float) -> tuple[FmuDescriptio
         return description, ""
     equations = with_kind(description, "model-exchange")
     samples = [_samples(d, step) for d in (description, equations)]
-    if not samples[1]:
-        return description, ""
-    apart = _apart(*samples) if samples[0] else 1.0
+    apart = _apart(*samples)
     if apart <= LARGE_DISTANCE:
         return description, ""
     with contextlib.suppress(FmuError):
@@ -51,16 +49,16 @@ def _samples(description: FmuDescription, step: float) -> list[list[float]]:
         with RunFolder() as folder, Stages(description, folder, until=time.monotonic() + LIMIT) as owner:
             owner.order |= {"h": step, "horizon": STEPS * step, "patience": LIMIT}
             owner.order["inputs"] = [SHARE * u for u in owner.order["inputs"]]  # off any balance at the start
-            found: dict[str, Any] = owner.stage("samples")
+            found: dict[str, Any] = owner.stage("samples", limit=LIMIT)
     except (Stopped, OSError):
         return []
     return list(found.get("rows", []))
 
 
 def _apart(rows: list[list[float]], others: list[list[float]]) -> float:
-    """Return the largest distance, of the range that an output goes through in the other rows."""
+    """Return the largest distance, of the range that an output goes through in the other rows; 0 without rows."""
     worst = 0.0
-    for column, other in zip(zip(*rows, strict=True), zip(*others, strict=True), strict=False):
+    for column, other in zip(zip(*rows, strict=True), zip(*others, strict=True), strict=False):  # by outputs
         span = max(other) - min(other)
         if span > 0:
             worst = max(worst, max(abs(x - y) for x, y in zip(column, other, strict=False)) / span)

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import math
 import queue
@@ -21,6 +22,7 @@ from estimator.stepping.layout import JobLayout, types_of
 HORIZON = 1.0  # s simulated where the FMU states no stop time
 PATIENCE = 3.0  # s of a run, then it is cut
 STAGE_LIMIT = 8.0  # s of a stage, then its process is ended
+START_LIMIT = 60.0  # s until a process of ours speaks
 MAX_VARIABLES = 40
 USUAL_STEPS, MOST_STEPS = 1000, 100_000  # of a run
 
@@ -54,15 +56,17 @@ class Stages:
             self.process.end(politely=False)
             self.process = None
 
-    def stage(self, name: str) -> dict[str, Any]:
+    def stage(self, name: str, *, limit: float | None = None) -> dict[str, Any]:
         """Run a stage and return what it found; {"refused": why} if the FMU answered that it cannot."""
-        left = min(STAGE_LIMIT, self.until - time.monotonic())
+        left = min(limit or STAGE_LIMIT, self.until - time.monotonic())
         if left <= 0:
             raise Stopped("there was no time left to try it")
         if self.process is None:
             self.generation += 1
             self.process = Process(0, self.generation, self.folder.path, self.messages)
+            self._wait_until_started(self.process)
             self.process.send({"prepare": self.order})
+        assert self.process is not None
         self.process.send({"probe": name})
         deadline = time.monotonic() + left
         while True:
@@ -82,6 +86,18 @@ class Stages:
                 raise Stopped(str(message["error"]))
             if "stage" in message:
                 return dict(message["stage"])
+
+    def _wait_until_started(self, process: Process) -> None:
+        """Wait for a process's first word: what an interpreter takes to start is not the FMU's time."""
+        began = time.monotonic()
+        with contextlib.suppress(queue.Empty):
+            while time.monotonic() - began < START_LIMIT:
+                sender, message = self.messages.get(timeout=START_LIMIT)
+                if sender is process:
+                    if message is None:
+                        self.messages.put((sender, message))
+                    break
+        self.until += time.monotonic() - began
 
 
 def order_of(description: FmuDescription, folder: str) -> dict[str, Any]:

@@ -46,6 +46,7 @@ def main() -> None:
     orders: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
     folder = Path(sys.argv[1])
     threading.Thread(target=_listen, args=(given, orders, folder), daemon=True).start()
+    answers.write(json.dumps({"started": True, "number": 0}) + "\n")  # from here on it is the FMU's time
     worker: _Worker | None = None
     prober: Any = None
     number = 0  # of the job that was loaded last
