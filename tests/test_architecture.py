@@ -101,7 +101,14 @@ def users(library):
 
 
 def test_only_the_fmu_modules_know_fmpy():
-    allowed = {"fmus.fmu", "stepping.slave", "stepping.foreign", "stepping.exchange"}
+    allowed = {
+        "fmus.fmu",
+        "stepping.slave",
+        "stepping.foreign",
+        "stepping.exchange",
+        "stepping.equations",
+        "stepping.loading",
+    }
     assert users("fmpy") == {f"estimator.{name}" for name in allowed}
 
 

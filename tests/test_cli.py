@@ -557,9 +557,9 @@ def test_inspect_tells_what_would_go_wrong(calls, capsys, monkeypatch):
     assert found["problems"] == [
         "it needs its tool, by hand, to be installed and running",
         "it has no real parameter, so nothing can be estimated",
-        "it has no inputs to drive it by",
-        "it has no outputs to compare",
+        "it has no real output and no other variable to compare a recording with",
     ]
+    assert found["remarks"] == ["it has no inputs: a recording shows how it moves by itself, from where it begins"]
     assert main(["inspect", "motor.fmu", "--static"]) == 0
     out = capsys.readouterr().out
     assert "What would go wrong:\n  - it needs its tool" in out and "line 3: no start value" in out

@@ -232,6 +232,9 @@ def test_a_missing_stepping_loop_is_told_with_its_remedy(tmp_path, monkeypatch, 
 
 
 CHILD = "static int started; if (!started++ && fork() == 0) for (;;) pause();"
+STAYS = 'FILE *f = fopen("NOTE", "w"); fprintf(f, "%d", (int)getpid()); fclose(f); for (;;) pause();'
+LEAVES = f"static int started; if (!started++ && fork() == 0) {{ setsid(); {STAYS} }}"
+ORPHAN = f"static int started; if (!started++ && fork() == 0) {{ setsid(); if (fork()) _exit(0); {STAYS} }}"
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="fork is POSIX")
@@ -257,6 +260,25 @@ def test_what_an_fmu_starts_ends_with_it(tmp_path, death):
     while any(_alive(pid) for pid in children) and time.monotonic() < limit:
         time.sleep(0.05)
     assert not any(_alive(pid) for pid in children)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems have no /proc")
+@pytest.mark.parametrize("child", [LEAVES, ORPHAN], ids=["leaves the group", "leaves its parent too"])
+@pytest.mark.parametrize("death", ["return ORIGINAL;", f"{IF_BAD} abort();"], ids=["good", "crash"])
+def test_a_child_that_leaves_its_workers_group_ends_with_the_worker(tmp_path, child, death):
+    file = tmp_path / "child"
+    fmu = faulty_fmu(tmp_path, SetReal=MARK, Instantiate=child.replace("NOTE", str(file)), DoStep=death)
+    with Workers(1, time_limit=5.0) as crew:
+        crew.load(job_of(fmu))
+        crew.run(np.array([GOOD, BAD]).reshape(2, 1, 5))
+        limit = time.monotonic() + 5
+        while not (file.is_file() and file.read_text()) and time.monotonic() < limit:
+            time.sleep(0.05)
+        pid = int(file.read_text())
+    limit = time.monotonic() + 5
+    while _alive(pid) and time.monotonic() < limit:
+        time.sleep(0.05)
+    assert not _alive(pid)
 
 
 def _children(pid):

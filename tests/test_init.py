@@ -92,3 +92,26 @@ def test_a_name_that_will_not_do_is_told(folder, monkeypatch, capsys, arguments,
     (folder / "there.case.toml").write_text("")
     assert main(["init", "foreign.fmu", "step.csv", *arguments]) == 2
     assert capsys.readouterr().err == f"fmu-estimator: {sentence}\n"
+
+
+NAMESAKES = "time [s],u_in,extra,shaft.w\n" + "".join(f"{k / 1000},{k},{k},{k}\n" for k in range(20))
+
+
+def test_columns_that_are_called_as_the_variables_come_first(folder):
+    namesakes = folder / "namesakes.csv"
+    namesakes.write_text(NAMESAKES)
+    fmu = folder / "foreign.fmu"
+    foreign_fmu(folder)
+    text = case_text(describe(fmu), read_recording(namesakes), fmu=str(fmu), folder=folder)
+    guessed = tomllib.loads(text)
+    assert guessed["inputs"] == {"v": {"column": "u_in", "fmu": "u_in"}}
+    assert guessed["outputs"]["w"] == {"column": "shaft.w", "fmu": "shaft.w"}
+    assert "# Columns of the recording that are not used: extra" in text
+
+
+def test_a_load_that_the_recording_has_is_no_zero_and_every_input_of_its_name_is_driven(folder):
+    loaded = folder / "loaded.csv"
+    rows = "".join(f"{k / 1000},1,2,3,4\n" for k in range(20))
+    loaded.write_text("time [s],voltage [V],load,current [A],speed [rad/s]\n" + rows)
+    guessed = tomllib.loads(case_text(describe("dc_motor"), read_recording(loaded), fmu="dc_motor", folder=folder))
+    assert guessed["inputs"] == {"v": "voltage", "load": "load"} and "fixed" not in guessed

@@ -8,9 +8,11 @@ from faulty import faulty_fmu
 from foreign_fmus import foreign_fmu
 
 from estimator.cli import main
+from estimator.commands.inspection import grouped
 from estimator.fmus import probe as module
 from estimator.fmus import probe_stages
 from estimator.fmus.fmu import describe
+from estimator.fmus.kinds import better_kind
 from estimator.fmus.probe import driven, probe
 from estimator.fmus.simulate import simulate
 
@@ -171,3 +173,34 @@ def test_a_process_of_its_own_for_every_simulation_gives_the_same(tmp_path):
     once = describe(foreign_fmu(tmp_path / "once", "ONCE", "IDLE_RESET"))
     again = simulate(driven(once), parameters={"motor.Ra": 2.0}, inputs=inputs, times=times)
     assert np.array_equal(good["shaft.w"], again["shaft.w"])
+
+
+def test_an_output_that_differs_in_every_run_is_named_and_the_others_are_compared(tmp_path):
+    angle = describe("dc_motor").variable("angle").value_reference
+    clock = "static double t; t += 1e-9 * getpid(); values[k] = t;"
+    body = f"for (size_t k = 0; k < n; k++) if (references[k] == {angle}) {{ {clock} }}"
+    found = probe(describe(faulty_fmu(tmp_path, GetReal=body)))
+    assert found.repeats is True and found.reset is True
+    assert any("differs from run to run; the other outputs repeat" in sentence for sentence in found.findings)
+
+
+def test_an_fmu_that_does_not_run_is_not_said_to_be_fit_for_use(tmp_path, capsys):
+    fmu = faulty_fmu(tmp_path, Instantiate="return NULL;")
+    assert main(["inspect", str(fmu)]) == 0
+    out = capsys.readouterr().out
+    assert "Nothing keeps it from use here." not in out
+    assert "What would go wrong:\n  - it does not run: instantiate gave no instance" in out
+
+
+def test_kinds_that_do_not_agree_are_told_and_the_equations_are_taken(tmp_path, capsys):
+    fmu = foreign_fmu(tmp_path, "EULER", kinds=("co-simulation", "model-exchange"))
+    better, why = better_kind(describe(fmu), 0.02)
+    assert better.kind == "model-exchange" and "% of the outputs' range from its own equations" in why
+    assert (
+        better_kind(describe(foreign_fmu(tmp_path / "good", kinds=("co-simulation", "model-exchange"))), 0.02)[1] == ""
+    )
+
+
+def test_findings_of_a_validator_are_grouped():
+    found = [f"ERROR (line {k}, column 0): attribute 'order' is not allowed." for k in range(9)] + ["another"]
+    assert grouped(found) == [f"{found[0]} (and 8 more such)", "another"]

@@ -25,7 +25,8 @@ INPUT_KEYS = ("column", "fmu", "times", "between")
 OUTPUT_KEYS = (
     "column", "fmu", "integral", "sensor", "counts", "average", "filter", "both", "gain", "offset", "delay", "quantum",
 )  # fmt: skip
-RUN_KEYS = ("file", "window", "scale", "offset", "delay", "temperature", "validate", "columns", "units")
+RUN_KEYS = ("file", "window", "scale", "offset", "delay", "temperature", "validate", "columns", "units", "begin")
+REST, SETTLED, GIVEN = BEGINS = ("rest", "settled", "given")  # how a simulation begins
 
 
 @dataclass(frozen=True)
@@ -72,6 +73,7 @@ class RunSpec:
     temperature: float | None = None  # °C, of the winding
     validate: bool = False  # held out of the fit, compared with it
     read_as: ReadAs = AS_WRITTEN  # columns and units that win over the file's header
+    begin: str | None = None  # "rest", "settled" at the first row's inputs, "given" by FMU and case; None: by the data
 
     def __post_init__(self) -> None:
         """Lock the mappings."""
@@ -142,6 +144,7 @@ def read_run(entry: Table) -> RunSpec:
         temperature=entry.number("temperature", above=-273.15),
         validate=held_out,
         read_as=ReadAs(columns=_texts(entry, "columns"), units=_texts(entry, "units")),
+        begin=entry.choice("begin", BEGINS, default="") or None if "begin" in entry.value else None,
     )
 
 
@@ -173,6 +176,7 @@ def run_value(spec: RunSpec) -> dict[str, Any]:
     value |= {k: dict(v) for k in ("scale", "offset") if (v := getattr(spec, k))}
     value |= {k: v for k in ("delay", "temperature") if (v := getattr(spec, k)) is not None}
     value |= {k: dict(v) for k in ("columns", "units") if (v := getattr(spec.read_as, k))}
+    value |= {} if spec.begin is None else {"begin": spec.begin}
     return value | ({"validate": True} if spec.validate else {})
 
 

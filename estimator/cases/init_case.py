@@ -17,6 +17,8 @@ from estimator.results.linear import MOTOR
 MARK = "# TODO"  # what could not be guessed
 WIDTH = 100.0  # factor either way of the start
 SHOWN = 30  # other variables that are listed
+FEW = 6  # parameters of an FMU that is no motor: no more, and all are estimated
+_MOTOR_NAMES = "  # a name R, K, L, J or B says what it is in a motor; fmu says what the FMU calls it"
 
 
 def case_text(description: FmuDescription, recording: Recording, *, fmu: str, folder: Path) -> str:
@@ -31,8 +33,14 @@ def case_text(description: FmuDescription, recording: Recording, *, fmu: str, fo
     """
     variables = {v.name: in_si(v) for v in description.variables}
     roles = guess_roles(description)
-    columns = _columns(recording)
+    alike = _alike(variables, recording)
+    columns = _columns(roles, alike, recording)
     motion = "angle" if "angle" in columns and "w" not in columns else "w"
+    taken = [n for r in ("v", "load", "i", motion) if r in columns for n in roles.get(r, ())[:1]]
+    given = {name: column for name, column in alike.items() if name not in taken and column not in columns.values()}
+    driven = [_alike_line(variables[n], c) for n, c in given.items() if variables[n].causality == "input"]
+    shown = [_alike_line(variables[n], c) for n, c in given.items() if variables[n].causality != "input"]
+    needed = (("v",), ("i", motion)) if roles else ((), ())
     lines = [
         f"# Guessed from {description.path.name} ({description.generation_tool}, FMI {description.fmi_version}) and"
         f" {recording.title}.",
@@ -48,14 +56,14 @@ def case_text(description: FmuDescription, recording: Recording, *, fmu: str, fo
         ),
         "",
         "[inputs]  # quantity = column of the recording, and what the FMU calls it",
-        *_signals(("v", "load"), roles, columns, variables, causality="input", required=("v",)),
+        *_signals(("v", "load"), roles, columns, variables, causality="input", required=needed[0], more=driven),
         "",
         "[outputs]",
-        *_signals(("i", motion), roles, columns, variables, causality="output", required=("i", motion)),
+        *_signals(("i", motion), roles, columns, variables, causality="output", required=needed[1], more=shown),
         "",
-        "[parameters]  # a name R, K, L, J or B says what it is in a motor; fmu says what the FMU calls it",
+        f"[parameters]{_MOTOR_NAMES if roles else ''}",
         *_parameters(roles, variables),
-        *_fixed(roles, columns, variables),
+        *_fixed(roles, {*columns, *given}, variables),
         "",
         "[[recording]]",
         f"file = {to_toml(_relative(recording.path or Path(f'{recording.name}.csv'), folder))}",
@@ -63,7 +71,7 @@ def case_text(description: FmuDescription, recording: Recording, *, fmu: str, fo
         "[search]",
         "seed = 1",
     ]
-    unused = [c for c in recording.signals if c not in columns.values()]
+    unused = [c for c in recording.signals if c not in (*columns.values(), *alike.values())]
     if unused:
         lines += ["", f"# Columns of the recording that are not used: {', '.join(unused)}"]
     return "\n".join(lines) + "\n"
@@ -77,18 +85,27 @@ def _signals(
     *,
     causality: str,
     required: tuple[str, ...],
+    more: list[str],
 ) -> list[str]:
-    rows = []
+    rows = list(more)
     others = [n for n, v in variables.items() if v.causality == causality and v.is_real][:SHOWN]
-    for role in wanted:
+    for role in wanted if roles else ():
         name, column = roles.get(role, ("",))[0], columns.get(role)
         if column is not None and name:
             rows.append(f"{role} = {_signal(role, column, name)}  # {_told(variables[name])}")
-        elif role in required and (column is not None or name):
+        elif role in required and (column is not None or name) and not more:
             missing = f"no column looks like {ROLE_TITLE[role]}" if column is None else "no variable looks like it"
             text = _signal(role, column or "?", name or "?")
             rows.append(f"# {role} = {text}  {MARK}: {missing}; the FMU has {', '.join(others) or 'none'}")
+    if not rows and not others and causality == "input":
+        return ["# the FMU has none"]
+    if not rows and not others:
+        others = [n for n, v in variables.items() if v.causality == "local" and v.is_real][:SHOWN]
     return rows or [f"{MARK}: nothing could be guessed; the FMU has {', '.join(others) or 'none'}"]
+
+
+def _alike_line(variable: Variable, column: str) -> str:
+    return f"{to_key(variable.name)} = {to_toml(column)}  # {_told(variable)}"
 
 
 def _signal(role: str, column: str, name: str) -> str:
@@ -98,14 +115,20 @@ def _signal(role: str, column: str, name: str) -> str:
 def _parameters(roles: dict[str, tuple[str, ...]], variables: dict[str, Variable]) -> list[str]:
     rows = []
     taken = {name for role in MOTOR for name in roles.get(role, ())}
-    for role in MOTOR:
+    for role in MOTOR if roles else ():
         if names := roles.get(role):
             rows.append(f"{role} = {_parameter(role, names, variables[names[0]])}  # {_told(variables[names[0]])}")
         else:
             rows.append(f'# {role} = {{ min = ?, max = ?, fmu = "?" }}  {MARK}: nothing looks like it')
     rest = [v for n, v in variables.items() if v.causality == "parameter" and v.is_real and n not in taken]
-    if rest:
+    rest = [v for v in rest if not v.name.startswith("_")]  # a tool's own: tolerances, log levels
+    if not roles and len(rest) <= FEW:
+        return [f"{to_key(v.name)} = {_parameter(v.name, (v.name,), v)}  # {_told(v)}" for v in rest]
+    if rest and not roles:
+        rows.append(f"{MARK}: take away the # of those to estimate; the others keep their start values:")
+    elif rest:
         rows.append("# Other parameters keep their start values; take away the # to estimate one:")
+    if rest:
         rows += [f"# {to_key(v.name)} = {_parameter(v.name, (v.name,), v)}  # {_told(v)}" for v in rest[:SHOWN]]
     return rows
 
@@ -116,6 +139,9 @@ def _parameter(name: str, targets: tuple[str, ...], variable: Variable) -> str:
     if start is not None and start > 0:
         low = start / WIDTH if low is None else max(low, start / WIDTH)
         high = start * WIDTH if high is None else min(high, start * WIDTH)
+    elif start is not None and start < 0:
+        low = start * WIDTH if low is None else max(low, start * WIDTH)
+        high = start / WIDTH if high is None else min(high, start / WIDTH)
     value = {
         "min": None if low is None else float(f"{low:.4g}"),
         "max": None if high is None else float(f"{high:.4g}"),
@@ -126,9 +152,9 @@ def _parameter(name: str, targets: tuple[str, ...], variable: Variable) -> str:
     return text if low is not None and high is not None else f"{text}  {MARK}: give min and max"
 
 
-def _fixed(roles: dict[str, tuple[str, ...]], columns: dict[str, str], variables: dict[str, Variable]) -> list[str]:
+def _fixed(roles: dict[str, tuple[str, ...]], driven: set[str], variables: dict[str, Variable]) -> list[str]:
     load = roles.get("load", ("",))[0]
-    if not load or "load" in columns:
+    if not load or {"load", load} & driven:
         return []
     return [
         "",
@@ -142,8 +168,23 @@ def _told(variable: Variable) -> str:
     return " ".join(f"{variable.name}{unit} {variable.description}".split())
 
 
-def _columns(recording: Recording) -> dict[str, str]:
-    return dict(motor_columns(recording, required=[]))
+def _alike(variables: dict[str, Variable], recording: Recording) -> dict[str, str]:
+    """Return the FMU's inputs and what it shows → the column of the same name; case matters only where it must."""
+    shown = [v for v in variables.values() if v.is_real and v.causality in ("input", "output", "local")]
+    found: dict[str, str] = {}
+    for variable in shown:
+        same = [c for c in recording.signals if c == variable.name]
+        same = same or [c for c in recording.signals if c.casefold() == variable.name.casefold()]
+        if len(same) == 1 and same[0] not in found.values():
+            found[variable.name] = same[0]
+    return found
+
+
+def _columns(roles: dict[str, tuple[str, ...]], alike: dict[str, str], recording: Recording) -> dict[str, str]:
+    """Return role → column: of the variable's own name, or what usually names it."""
+    found = dict(motor_columns(recording, required=[])) if roles else {}
+    own = {role: alike[names[0]] for role, names in roles.items() if names[0] in alike}
+    return {**{role: c for role, c in found.items() if c not in own.values()}, **own}
 
 
 def _path(fmu: str, description: FmuDescription, folder: Path) -> str:

@@ -33,13 +33,21 @@ _CLUES: dict[str, tuple[tuple[str, ...], tuple[str, ...], str, str]] = {
 ROLES = tuple(_CLUES)
 UNIT, NAME, WORDS, TOP, OWN = 4, 3, 2, 1, 1  # points for a clue
 ENOUGH = 3
+VAGUE = {"K": "k", "B": "c|d|f|mu"}  # names that say nothing without a unit or a description
+MOTOR, LEAST = ("R", "K", "L", "J", "B"), 3  # parameters that look like a motor's, to be one
 
 
 def guess_roles(description: FmuDescription) -> dict[str, tuple[str, ...]]:
     """Return role → variables that look like it, best first; both constants where a motor has two.
 
-    A variable is given to one role only.
+    A variable is given to one role only. Nothing where the FMU does not look like a motor: a lone `b` is no friction.
     """
+    found = _best(description)
+    electrical = {"R", "K", "L"} & set(found)
+    return found if electrical and len(set(MOTOR) & set(found)) >= LEAST else {}
+
+
+def _best(description: FmuDescription) -> dict[str, tuple[str, ...]]:
     scored: list[tuple[int, int, str, Variable]] = []
     for order, variable in enumerate(description.variables):
         if not variable.is_real:
@@ -70,7 +78,8 @@ def _points(variable: Variable, role: str) -> int:
         return 0
     points = UNIT if variable.unit in units else 0
     last = re.split(r"[.\[\]]", variable.name.lower().rstrip("]"))[-1]
-    points += NAME if re.fullmatch(names, last) else 0
+    vague = not variable.unit and re.fullmatch(VAGUE.get(role, "(?!)"), last)
+    points += NAME if re.fullmatch(names, last) and not vague else 0
     points += WORDS if re.search(words, variable.description.lower()) or re.search(words, last) else 0
     if role in ("K", "B") and variable.unit and variable.unit not in units:
         return 0

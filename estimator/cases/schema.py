@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from estimator.cases.case import BUNDLED_FMU, FMI_KINDS, LOSSES, METHODS
-from estimator.cases.case_signals import BETWEEN, FREE, MAX_AVERAGE, SENSORS
+from estimator.cases.case_signals import BEGINS, BETWEEN, FREE, MAX_AVERAGE, SENSORS
 from estimator.cases.expectation import VERDICTS
 from estimator.cases.nameplate import QUANTITIES
 from estimator.recordings.filters import FAMILIES, MAX_ORDER
@@ -110,6 +110,11 @@ def schema() -> dict[str, Any]:
         columns=_map(TEXT, "v, i, w, angle or load = the column that it is; wins over the file's header"),
         units=_map(TEXT, "column, or v, i, w, …, time = its unit; wins over the file's header"),
         validate={"type": "boolean", "default": False, "description": "held out of the fit, compared with it"},
+        begin={
+            "enum": list(BEGINS),
+            "description": "how the simulation begins: at rest, settled at the first row's inputs, or as FMU and case"
+            " give its states; default: a motor by the data, another FMU as given",
+        },
     )
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Mapping
+import re
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from estimator.cases.roles import guess_roles
 from estimator.errors import FmuError
 from estimator.fmus.fmu import FmuDescription, Variable, check_usable
-from estimator.fmus.probe import Probe
+from estimator.fmus.probe import Probe, disagreement
 from estimator.results.numbers import number_text
 from estimator.results.report import json_ready, table
+
+SHOWN = 5  # names, or findings, in one list
 
 
 def estimable(description: FmuDescription) -> tuple[Variable, ...]:
@@ -19,20 +22,49 @@ def estimable(description: FmuDescription) -> tuple[Variable, ...]:
     return tuple(v for v in description.of_causality("parameter") if v.is_real)
 
 
-def obstacles(description: FmuDescription) -> list[str]:
-    """Return what keeps this FMU from being used here, one sentence each; empty when nothing does."""
+def obstacles(description: FmuDescription, probe: Probe | None = None) -> list[str]:
+    """Return what keeps this FMU from being used here, one sentence each; empty when nothing does.
+
+    Parameters
+    ----------
+    probe : of the kind that is used, if it was probed
+    """
     found = []
     try:
         check_usable(description)
     except FmuError as error:
         found.append(str(error))
-    if description.capabilities.get("needsExecutionTool"):
+    if probe is not None and not probe.runs and probe.problem not in found:
+        found.append(probe.problem)
+    if description.capabilities.get("needsExecutionTool") and not (probe is not None and probe.runs):
         found.append(f"it needs its tool, {description.generation_tool}, to be installed and running")
     if not estimable(description):
         found.append("it has no real parameter, so nothing can be estimated")
-    for causality in ("input", "output"):
-        if not description.of_causality(causality):
-            found.append(f"it has no {causality}s to {'drive it by' if causality == 'input' else 'compare'}")
+    if not comparable(description):
+        found.append("it has no real output and no other variable to compare a recording with")
+    return found
+
+
+def comparable(description: FmuDescription) -> tuple[Variable, ...]:
+    """Return the real variables that a recording may be compared with: outputs, or where there are none all others."""
+    outputs = tuple(v for v in description.of_causality("output") if v.is_real)
+    return outputs or tuple(v for v in description.of_causality("local") if v.is_real)
+
+
+def remarks(description: FmuDescription, probe: Probe | None = None) -> list[str]:
+    """Return what is unusual about an FMU and keeps it from nothing."""
+    found = []
+    if not description.of_causality("input"):
+        found.append("it has no inputs: a recording shows how it moves by itself, from where it begins")
+    if not any(v.is_real for v in description.of_causality("output")) and comparable(description):
+        names = ", ".join(v.name for v in comparable(description)[:SHOWN])
+        more = len(comparable(description)) - SHOWN
+        found.append(
+            f"it has no real outputs; name under [outputs] which of its local variables a column shows: {names}"
+            + (f" and {more} more" if more > 0 else "")
+        )
+    if description.capabilities.get("needsExecutionTool") and probe is not None and probe.runs:
+        found.append(f"it says that it needs its tool, {description.generation_tool}; here it runs without")
     return found
 
 
@@ -42,10 +74,19 @@ def choice_of_kind(description: FmuDescription) -> str:
         return ""
     other = next(kind for kind in description.kinds if kind != description.kind)
     why = {
-        "co-simulation": "the FMU then brings its own solver and is stepped at full speed",
-        "model-exchange": "as it was chosen; a solver of fmpy's then integrates the FMU's equations, which is slower",
+        "co-simulation": "the FMU then brings its own solver",
+        "model-exchange": "as it was chosen; a solver of this program's then integrates the FMU's equations",
     }[description.kind]
     return f"it is used for {description.kind}: {why}; choose {other} with --kind, or with kind under [fmu]"
+
+
+def grouped(sentences: Sequence[str]) -> list[str]:
+    """Return sentences of a validator, those that differ in places or names only as one: the first, and how many."""
+    groups: dict[str, list[str]] = {}
+    for sentence in sentences:
+        groups.setdefault(re.sub(r"\(line [^)]*\)|\"[^\"]*\"|'[^']*'", "", sentence), []).append(sentence)
+    lines = [f"{g[0]}{f' (and {len(g) - 1} more such)' if len(g) > 1 else ''}" for g in groups.values()]
+    return [*lines[:SHOWN], *([f"and {len(lines) - SHOWN} findings of other kinds"] if len(lines) > SHOWN else [])]
 
 
 def inspection_text(description: FmuDescription, probes: Mapping[str, Probe] | None = None) -> str:
@@ -84,10 +125,15 @@ def inspection_text(description: FmuDescription, probes: Mapping[str, Probe] | N
     for kind, probe in (probes or {}).items():
         title = f"What the probe found, for {kind}:" if len(description.kinds) > 1 else "What the probe found:"
         lines += ["", title, *_items(probe_sentences(probe))]
-    problems = obstacles(description)
+    if apart := disagreement(probes or {}):
+        lines += ["", f"{apart[0].upper()}{apart[1:]}."]
+    used = (probes or {}).get(description.kind)
+    problems = obstacles(description, used)
     lines += ["", "What would go wrong:", *_items(problems)] if problems else ["", "Nothing keeps it from use here."]
+    if told := remarks(description, used):
+        lines += ["", "Worth knowing:", *_items(told)]
     if description.warnings:
-        lines += ["", "What the validation found:", *_items(description.warnings)]
+        lines += ["", "What the validation found:", *_items(grouped(description.warnings))]
     return "\n".join(lines) + "\n"
 
 
@@ -105,7 +151,8 @@ def probe_sentences(probe: Probe) -> list[str]:
         "keeps two instances apart": probe.apart,
         "honours the step": probe.honours_step,
     }
-    good = [what for what, yes in kept.items() if yes]
+    moved = any(s is None or s > 0 for s in probe.span)
+    good = [what for what, yes in kept.items() if yes and (moved or what == "repeats itself")]
     if good:
         lines.append(f"it {', '.join(good)}")
     taken = [name for name, answer in probe.parameters.items() if answer == "taken"]
@@ -137,7 +184,9 @@ def inspection_mapping(description: FmuDescription, probes: Mapping[str, Probe] 
         "outputs": [_variable_mapping(v) for v in description.of_causality("output")],
         "capabilities": description.capabilities,
         "default_experiment": description.default_experiment,
-        "problems": obstacles(description),
+        "problems": obstacles(description, (probes or {}).get(description.kind)),
+        "remarks": remarks(description, (probes or {}).get(description.kind)),
+        "disagreement": disagreement(probes or {}),
         "warnings": description.warnings,
         "kind": description.kind,
         "roles": guess_roles(description),

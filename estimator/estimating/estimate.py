@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 from collections.abc import Callable, Mapping, Sequence
 
@@ -11,6 +12,7 @@ from estimator.estimating.progress import Progress
 from estimator.estimating.run import Run
 from estimator.estimating.search_and_polish import search_and_polish
 from estimator.fmus.fmu import FmuDescription, describe, with_kind
+from estimator.fmus.kinds import better_kind
 from estimator.fmus.probe import driven
 from estimator.fmus.workers import TIME_LIMIT, Workers
 from estimator.judging.reading import with_what_was_read
@@ -151,12 +153,19 @@ def estimate_by(
     """
     described = driven(with_kind(description or describe(case.fmu), case.kind))
     plan = plan_case(case, described, recordings=recordings)
+    if case.kind is None:
+        step = case.step or plan.observed[0].recording.step
+        better, why = better_kind(described, step)
+        if why:
+            plan = plan_case(case, better, recordings=recordings)
+            plan = dataclasses.replace(plan, notes=(why, *plan.notes))
     found = _estimated(Run(plan, crew, progress=progress, bounded=bounded, tell=tell, profile=profile))
     found = with_what_was_read(found, plan)
     count = len(case.recordings if recordings is None else recordings)
     apart = [k for k in range(count) if case.run(k).validate]
     if not apart:
         return found
+    case = dataclasses.replace(case, kind=plan.description.kind)
     return validated(found, case, recordings=None if recordings is None else [recordings[k] for k in apart])
 
 

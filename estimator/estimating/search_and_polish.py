@@ -62,6 +62,10 @@ class _Attempts:
         steady = steady_state(self.plan)
         space = reduced_space(self.plan, box, steady) or Space.full(box)
         polish = self._polished(self._searched(space, start, *nests_and_generations(self.plan)))
+        if any(spec.start is not None for spec in self.plan.case.parameters.values()):  # whatever the search says
+            tried = self._polished(start)
+            polish = tried if self._is_better(tried, polish) else polish
+            self.run.best = polish.values
         if steady is not None and set(self.plan.names) == set(MOTOR) and needs_many(self.plan, polish):
             starts = many_starts(self.plan, polish, steady, box, count=STARTS, rng=run.rng)
             polish = self._best_of_many(polish, starts)

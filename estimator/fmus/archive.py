@@ -12,6 +12,8 @@ from estimator.errors import FmuError, one_line
 MAX_MEMBERS = 20_000  # of the archive
 MAX_SIZE = 4 * 2**30  # bytes, extracted
 MAX_DESCRIPTION = 64 * 2**20  # bytes of modelDescription.xml
+MAX_VARIABLES = 200_000  # of the description: some 4 s to read
+MAX_ATTRIBUTE = 20_000  # characters of a name, or of any other attribute but a start value
 MAX_RATIO = 1000  # of extracted to packed bytes: more is a bomb
 SMALL = 2**24  # bytes: too small to be a bomb
 ENCODINGS = ("utf-8", "utf8", "utf-16", "us-ascii", "ascii", "iso-8859", "latin", "windows-125", "cp125")  # of the XML
@@ -54,7 +56,7 @@ def check_archive(path: Path) -> None:
 def check_description(path: Path) -> None:
     """Refuse a description with a document type: entities could expand without end, or reach files.
 
-    Nor may it be in an encoding in which a document type cannot be seen.
+    Nor may it be in an encoding in which a document type cannot be seen, or so large that reading it takes minutes.
     """
     with zipfile.ZipFile(path) as archive:
         text = archive.read("modelDescription.xml")
@@ -66,6 +68,18 @@ def check_description(path: Path) -> None:
     marks = ("<!DOCTYPE", "<!ENTITY")
     if any(mark.encode(code) in text for mark in marks for code in ("ascii", "utf-16-le", "utf-16-be")):
         raise FmuError(f"{path.name}: modelDescription.xml has a document type with entities; it is not opened")
+    if b"\0" in text:  # UTF-16
+        text = text.replace(b"\0", b"")
+    variables = text.count(b"valueReference")
+    if variables > MAX_VARIABLES:
+        raise FmuError(
+            f"{path.name}: modelDescription.xml has {variables} variables, more than {MAX_VARIABLES}; export the FMU"
+            " without its protected and auxiliary variables"
+        )
+    long = re.search(rb"""\b(name|description|unit)\s*=\s*(?:"[^"]{%d}|'[^']{%d})""" % ((MAX_ATTRIBUTE,) * 2), text)
+    if long:
+        what = long[1].decode()
+        raise FmuError(f"{path.name}: modelDescription.xml has a {what} of more than {MAX_ATTRIBUTE} characters")
 
 
 def extract(path: Path, folder: Path) -> None:

@@ -5,9 +5,12 @@ Of this package only this module and those of the worker processes (``slave.py``
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
+import gc
 import math
-from collections.abc import Mapping
+import re
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -16,6 +19,13 @@ from estimator.errors import FmuError, one_line, suggestion
 from estimator.fmus.archive import check_archive, check_description
 
 REAL_TYPES = ("Real", "Float64", "Float32")
+NAMES_SHOWN = 3  # in one sentence
+
+# FMI 2.0.4 and 3.0.2, section 2.2.9 and 2.4.7.5.1: the grammar of names.
+_QUOTED = r"""'(?:[^'\\"\x00-\x1f]|\\['"?\\abfnrtv])+'"""
+_PART = rf"(?:[A-Za-z_][A-Za-z0-9_]*|{_QUOTED})(?:\[\d+(?:,\d+)*\])?"
+STRUCTURED_NAME = re.compile(rf"{_PART}(?:\.{_PART})*|der\({_PART}(?:\.{_PART})*(?:,\d+)?\)")
+FLAT_NAME = re.compile(r"[^\r\n\t]*")
 
 
 @dataclass(frozen=True)
@@ -181,13 +191,12 @@ def describe(fmu: str | Path, *, validate: bool = False) -> FmuDescription:
     """
     path = find_fmu(fmu).resolve()
     check_archive(path)
-    from fmpy.model_description import read_model_description
-
     try:
         check_description(path)
-        description = read_model_description(str(path), validate=False)
-        warnings = (*_validated(path), *_contradictions(description)) if validate else ()
-        return _described(description, path, warnings=warnings, bundled=_is_name(fmu))
+        with _without_collection():
+            description, found = _read(path, validate=validate)
+            warnings = (*found, *_illegal_names(description), *_contradictions(description)) if validate else ()
+            return _described(description, path, warnings=warnings, bundled=_is_name(fmu))
     except FmuError:
         raise
     except Exception as error:  # fmpy raises many kinds; each means that the description cannot be read
@@ -198,13 +207,44 @@ def _is_name(fmu: str | Path) -> bool:
     return not Path(fmu).is_file()
 
 
-def _validated(path: Path) -> tuple[str, ...]:
-    from fmpy.validation import validate_fmu
-
+@contextlib.contextmanager
+def _without_collection() -> Iterator[None]:
+    """Keep the collector of garbage away: among ten thousands of new objects it costs more than the reading."""
+    was_on = gc.isenabled()
+    gc.disable()
     try:
-        return tuple(one_line(problem) for problem in validate_fmu(str(path)))
-    except Exception as error:
-        return (f"the validation itself failed: {one_line(error)}",)
+        yield
+    finally:
+        if was_on:
+            gc.enable()
+
+
+def _read(path: Path, *, validate: bool) -> tuple[Any, tuple[str, ...]]:
+    """Return fmpy's description, and what its validation found; names are left to `_illegal_names`."""
+    from fmpy.model_description import ValidationError, read_model_description
+
+    found: tuple[str, ...] = ()
+    if validate:
+        try:
+            return read_model_description(str(path), validate=True, validate_model_structure=True), ()
+        except ValidationError as error:
+            found = tuple(one_line(problem) for problem in error.problems)
+        except Exception as error:
+            found = (f"the validation itself failed: {one_line(error)}",)
+    return read_model_description(str(path), validate=False), found
+
+
+def _illegal_names(description: Any) -> list[str]:
+    """Return a sentence about the names that their naming convention forbids; fmpy takes 1.7 ms to look at a name."""
+    structured = description.variableNamingConvention == "structured"
+    pattern = STRUCTURED_NAME if structured else FLAT_NAME
+    wrong = [v.name for v in description.modelVariables if not pattern.fullmatch(v.name)]
+    if not wrong:
+        return []
+    shown = ", ".join(repr(name) for name in wrong[:NAMES_SHOWN])
+    more = f" and {len(wrong) - NAMES_SHOWN} more" if len(wrong) > NAMES_SHOWN else ""
+    convention = "structured" if structured else "flat"
+    return [f'{shown}{more}: no legal name for the naming convention "{convention}"']
 
 
 def _contradictions(description: Any) -> list[str]:

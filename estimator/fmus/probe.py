@@ -18,13 +18,16 @@ from typing import Any
 
 from estimator.errors import FmuError
 from estimator.fmus.fmu import FmuDescription, check_usable, with_kind
-from estimator.fmus.probe_stages import HORIZON, Stages, Stopped
+from estimator.fmus.probe_stages import Stages, Stopped
 from estimator.fmus.run_folder import RunFolder
 from estimator.stepping.library import check_installed
 
 RESET, REINSTANTIATE, FRESH_PROCESS = "reset", "re-instantiate", "fresh process"
 LIMIT = 40.0  # s of all stages
 LARGE_CHANGE = 1e-3  # of a signal's span, from step h to h/10
+LARGE_DISTANCE = 1e-2  # of a signal's span, between the two kinds of one FMU
+LONG_RUN, LEAST_STEPS = 0.5, 10  # s
+LONGER, LONGEST = 10, 4  # times longer, and how often, where nothing moves and no stop time is stated
 
 
 @dataclass(frozen=True)
@@ -44,6 +47,7 @@ class Probe:
     step_change : largest change from step h to h/10, of a signal's span; None: not found out
     findings : sentences
     simulations : runs done
+    last, span : what its outputs read at the end of a run, and how far they moved in it; None: not finite
     """
 
     runs: bool
@@ -62,6 +66,27 @@ class Probe:
     step_change: float | None = None
     findings: tuple[str, ...] = ()
     simulations: int = 0
+    last: tuple[float | None, ...] = ()
+    span: tuple[float | None, ...] = ()
+
+
+def disagreement(probes: Mapping[str, Probe]) -> str:
+    """Return a sentence where both kinds of an FMU ran the same time and ended at different outputs; else nothing."""
+    ran = [p for p in probes.values() if p.runs]
+    if len(ran) < 2 or (ran[0].steps, ran[0].step) != (ran[1].steps, ran[1].step):
+        return ""
+    apart = 0.0
+    for x, y, *spans in zip(ran[0].last, ran[1].last, ran[0].span, ran[1].span, strict=False):
+        known = [s for s in spans if s is not None]
+        if x is not None and y is not None and known and max(known) > 0:
+            apart = max(apart, abs(x - y) / max(known))
+    if apart <= LARGE_DISTANCE:
+        return ""
+    return (
+        f"the two kinds do not agree: after {ran[0].steps * (ran[0].step or 0.0):.4g} s their outputs lie"
+        f" {100 * apart:.2g} % of their range apart; the solver inside the co-simulation may be coarse, so try a finer"
+        " step, or model-exchange"
+    )
 
 
 def driven(description: FmuDescription) -> FmuDescription:
@@ -150,18 +175,25 @@ class _Conclusion:
         if "refused" in first:
             none = first["refused"].startswith("instantiate")
             return Probe(False, problem=f"it does not run: {first['refused']}", hopeless=none)
+        first = self._long_enough(first)
         steps, h = int(first["steps"]), self.owner.order["h"]
         self.owner.order["steps"] = steps
+        if first["seconds"] > LONG_RUN:  # the other stages run a part of it only
+            self.owner.order["steps"] = max(1, min(steps, LEAST_STEPS), int(steps * LONG_RUN / first["seconds"]))
+            self.owner.end()
+        self.facts |= {"last": tuple(first["last"]), "span": tuple(first["span"])}
         self.facts |= {"seconds": float(first["seconds"]), "steps": steps, "step": h}
         if first["stopped"]:
             self.findings.append(f"it runs for {steps * h:.4g} s only: {first['stopped']}")
-        elif steps * h < HORIZON * (1 - 1e-9):
+        elif steps * h < self.owner.order["horizon"] - 0.5 * h:
             self.findings.append(f"it is slow: {steps * h:.3g} s took {first['seconds']:.2g} s; the rest was not tried")
         if not first["finite"]:
             self.findings.append("with its start values an output becomes infinite or not a number")
         if not first["moves"]:
-            self.findings.append("with its start values no output moves")
+            self.findings.append(f"with its start values no output moves within {steps * h:.4g} s")
         reset = self._honoured("reset")
+        if reset is not True and self._is_volatile(first):
+            reset = self._honoured("reset")
         self.facts["reset"] = reset
         if reset is not True:
             self.owner.end()
@@ -172,11 +204,37 @@ class _Conclusion:
         if not reset:
             way = {REINSTANTIATE: "a new instance is made", FRESH_PROCESS: "a process of its own is started"}[restart]
             self.findings.append(f"for every simulation {way}, since reset does not lead back to the beginning")
-        if thorough or restart == FRESH_PROCESS:
+        if (thorough or restart == FRESH_PROCESS) and "repeats" not in self.facts:
             self._repeats(first)
         if thorough:
             self._thorough(once)
         return Probe(runs=True, findings=tuple(self.findings), **self.facts)
+
+    def _long_enough(self, first: dict[str, Any]) -> dict[str, Any]:
+        """Run longer, in longer steps, where nothing moves and the FMU does not say how long a run is."""
+        stated = self.description.default_experiment
+        order = self.owner.order
+        for _ in range(LONGEST if stated["stop_time"] is None and stated["step_size"] is None else 0):
+            if first["moves"] or first["stopped"]:
+                break
+            self.owner.end()
+            kept = order["h"], order["horizon"]
+            order["h"], order["horizon"] = LONGER * order["h"], LONGER * order["horizon"]
+            try:
+                longer = self._try("run")
+            except Stopped:
+                longer = {"refused": ""}
+            if "refused" in longer or longer["stopped"] or not longer["finite"]:
+                order["h"], order["horizon"] = kept
+                self.owner.end()
+                break
+            first = longer
+        return first
+
+    def _is_volatile(self, first: Mapping[str, Any]) -> bool:
+        """Find outputs that are different in every run, such as a clock of the computer; the others are compared."""
+        self._repeats(first)
+        return bool(self.owner.order.get("volatile"))
 
     def _repeats(self, first: Mapping[str, Any]) -> None:
         self.owner.end()
@@ -184,9 +242,24 @@ class _Conclusion:
             again = self._try("run")
         except Stopped:
             again = {}
-        self.facts["repeats"] = again.get("digest") == first["digest"] and again.get("steps") == first["steps"]
-        if not self.facts["repeats"]:
+        if self.owner.order["steps"] < first["steps"] and again:
+            first = again
+            self.owner.end()
+            with contextlib.suppress(Stopped):
+                again = self._try("run")
+        digest, other = first["digest"], again.get("digest", ())
+        differ = [j for j, (x, y) in enumerate(zip(digest, other, strict=False)) if x != y]
+        alike = len(other) == len(digest) and again.get("steps") == first["steps"]
+        self.facts["repeats"] = alike and (not differ or len(differ) < len(digest))
+        if alike and differ and self.facts["repeats"]:
+            self.owner.order["volatile"] = differ
+            names = ", ".join(self.owner.order["shown"][j] for j in differ)
+            self.findings.append(
+                f"{names} differ{'s' if len(differ) == 1 else ''} from run to run; the other outputs repeat"
+            )
+        elif not self.facts["repeats"]:
             self.findings.append("it does not repeat itself: two first runs in fresh processes differ")
+        self.owner.end()
 
     def _thorough(self, once: bool) -> None:
         if not once and self.description.is_fast:
@@ -220,6 +293,8 @@ class _Conclusion:
             self.findings.append(f"its parameters could not all be tried: {stop}")
             return
         answers = dict(zip(names, found.get("answers", ()), strict=False))
+        if len(answers) < len(names):
+            self.findings.append(f"only {len(answers)} of its {len(names)} parameters could be tried in the time")
         self.facts["parameters"] = answers
         self.facts["simulations"] += len(answers)
         for answer, sentence in (
@@ -246,14 +321,17 @@ class _Conclusion:
             self.findings.append(
                 f"it ignores the step that it is given: {h / 10:g} s and {h:g} s give the same samples"
             )
-        else:
+        elif found["moves"]:
             self.facts |= {"honours_step": True, "step_change": found["change"]}
             if found["change"] is None or found["change"] > LARGE_CHANGE:
                 size = (
                     "without limit" if found["change"] is None else f"by {100 * found['change']:.2g} % of their range"
                 )
+                other = {"co-simulation": "model-exchange"}.get(self.description.kind, "")
+                choose = f", or choose {other}" if other in self.description.kinds else ""
                 self.findings.append(
                     f"its outputs change {size} from a step of {h:g} s to {h / 10:g} s; set a fine step under [fmu]"
+                    f"{choose}"
                 )
 
     def _honoured(self, stage: str) -> bool | None:

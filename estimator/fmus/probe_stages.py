@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import math
 import queue
@@ -18,11 +19,12 @@ from estimator.fmus.process import Process, how_it_ended
 from estimator.fmus.run_folder import RunFolder
 from estimator.stepping.layout import JobLayout, types_of
 
-HORIZON = 1.0  # s simulated
+HORIZON = 1.0  # s simulated where the FMU states no stop time
 PATIENCE = 3.0  # s of a run, then it is cut
 STAGE_LIMIT = 8.0  # s of a stage, then its process is ended
+START_LIMIT = 60.0  # s until a process of ours speaks
 MAX_VARIABLES = 40
-USUAL_STEP, STEPS = 1e-3, (1e-5, 1e-2)  # s
+USUAL_STEPS, MOST_STEPS = 1000, 100_000  # of a run
 
 
 class Stopped(Exception):
@@ -54,15 +56,17 @@ class Stages:
             self.process.end(politely=False)
             self.process = None
 
-    def stage(self, name: str) -> dict[str, Any]:
+    def stage(self, name: str, *, limit: float | None = None) -> dict[str, Any]:
         """Run a stage and return what it found; {"refused": why} if the FMU answered that it cannot."""
-        left = min(STAGE_LIMIT, self.until - time.monotonic())
+        left = min(limit or STAGE_LIMIT, self.until - time.monotonic())
         if left <= 0:
             raise Stopped("there was no time left to try it")
         if self.process is None:
             self.generation += 1
             self.process = Process(0, self.generation, self.folder.path, self.messages)
+            self._wait_until_started(self.process)
             self.process.send({"prepare": self.order})
+        assert self.process is not None
         self.process.send({"probe": name})
         deadline = time.monotonic() + left
         while True:
@@ -82,6 +86,18 @@ class Stages:
                 raise Stopped(str(message["error"]))
             if "stage" in message:
                 return dict(message["stage"])
+
+    def _wait_until_started(self, process: Process) -> None:
+        """Wait for a process's first word: what an interpreter takes to start is not the FMU's time."""
+        began = time.monotonic()
+        with contextlib.suppress(queue.Empty):
+            while time.monotonic() - began < START_LIMIT:
+                sender, message = self.messages.get(timeout=START_LIMIT)
+                if sender is process:
+                    if message is None:
+                        self.messages.put((sender, message))
+                    break
+        self.until += time.monotonic() - began
 
 
 def order_of(description: FmuDescription, folder: str) -> dict[str, Any]:
@@ -106,18 +122,29 @@ def order_of(description: FmuDescription, folder: str) -> dict[str, Any]:
         types=types_of([v.type for v in (*parameters, *inputs, *shown)]),
         counts=description.counts,
     )
-    stated = description.default_experiment["step_size"]
+    start, h, horizon = _clock(description)
     return {
         "job": dataclasses.asdict(layout),
         "names": [v.name for v in parameters],
+        "shown": [v.name for v in shown],
         "values": [_start(v) for v in parameters],
         "other": [_other(v) for v in parameters],
         "inputs": _drive(inputs),
-        "start": description.default_experiment["start_time"] or 0.0,
-        "h": stated if stated is not None and STEPS[0] <= stated <= STEPS[1] else USUAL_STEP,
-        "horizon": HORIZON,
+        "start": start,
+        "h": h,
+        "horizon": horizon,
         "patience": PATIENCE,
     }
+
+
+def _clock(description: FmuDescription) -> tuple[float, float, float]:
+    """Return start, step and length of a run, s: as the FMU states them, with no more steps than can be waited for."""
+    stated = description.default_experiment
+    start, stop, h = stated["start_time"] or 0.0, stated["stop_time"], stated["step_size"]
+    length = stop - start if stop is not None and stop > start else HORIZON
+    if h is None or not 0 < h <= length:
+        h = length / USUAL_STEPS
+    return start, h, min(length, MOST_STEPS * h)
 
 
 def _start(variable: Variable) -> float:

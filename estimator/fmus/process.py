@@ -16,6 +16,8 @@ import threading
 from pathlib import Path
 from typing import Any
 
+from estimator.stepping.descendants import MARK, descendants, end_all
+
 STARTING, IDLE, RUNNING = range(3)
 
 
@@ -35,12 +37,14 @@ class Process:
         self.ended_because = ""
         root = str(Path(__file__).resolve().parents[2])
         code = f"import sys; sys.path.insert(0, {root!r}); from estimator.stepping.worker import main; main()"
+        self._mark = f"{folder}:{slot}:{generation}"
+        self._started: set[int] = set()  # by the FMU, as far as it was seen
         self.popen = subprocess.Popen(
             [sys.executable, "-c", code, str(folder)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
-            env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"},
+            env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", MARK: self._mark},
             start_new_session=os.name == "posix",  # so that what an FMU starts ends with it
         )
         threading.Thread(target=self._read, args=(messages,), daemon=True).start()
@@ -66,8 +70,18 @@ class Process:
         if os.name != "posix":
             self.popen.kill()
             return
+        if self.popen.returncode is None:
+            self._started |= descendants(self.popen.pid)
         with contextlib.suppress(OSError):
             os.killpg(self.popen.pid, signal.SIGKILL)
+        end_all(self._mark, self._started)
+
+    def has_ended(self) -> bool:
+        """Whether the process itself is gone; what it has started, which holds on to its answers, is ended then."""
+        if self.popen.poll() is None:
+            return False
+        end_all(self._mark, self._started)
+        return True
 
     def reap(self, *, patience: float = 1.0) -> int:
         """Wait for a process that is ending, `patience` seconds at most; return its exit code."""

@@ -331,6 +331,8 @@ class Workers:
 
     def _end_the_overdue(self, watch: dict[int, tuple[int, float]], now: float) -> None:
         for slot, process in self._processes.items():
+            if process.has_ended():
+                continue  # its reader is about to say so
             waiting = process.state == STARTING
             claim = int(self._claims[slot]) if process.state == RUNNING else (-2 - process.generation)
             if process.state == IDLE or (claim == NO_CLAIM and not waiting):

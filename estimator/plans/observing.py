@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.cases.case import Case, OutputSpec, RunSpec
+from estimator.cases.case_signals import GIVEN, REST, SETTLED
 from estimator.cases.mapping import begins_elsewhere, driven_twice, how_to_map, target
 from estimator.errors import CaseError, FmuError, InputError, RecordingError, suggestion
 from estimator.fmus.fmu import FmuDescription
@@ -63,20 +64,44 @@ def observe(case: Case, description: FmuDescription, recording: Recording, run: 
         told += more
     excitation = _excitation(driven, _moving(measured, recording.step))
     notes = tuple(told)
-    if begins_elsewhere(case, description):  # nothing to run in, and the way from there is a response
-        kind = "several" if excitation.kind == "none" else excitation.kind
-        still = dataclasses.replace(excitation, kind=kind, running=False)
-        return Observed(recording, driven, measured, still, 0, notes=notes, has_phase=has_phase)
-    lead = 0
-    if excitation.running and any(u[0] != 0 for u in driven.values()) and excitation.kind != "none":
-        lead = len(recording.time) - (excitation.index if excitation.kind == "step" else 0)
-        has_phase = "angle" in measured and (has_phase or is_motor)
-    late = find_delay(excitation, measured) if lead == 0 else 0
-    delay = late * recording.step if late >= LATE else 0.0
+    begin = run.begin or _usual_begin(case, description, driven, measured)
+    delay = 0.0
+    if begin != GIVEN and excitation.kind != "none":
+        late = 0 if begin == SETTLED else find_delay(excitation, measured)
+        delay = late * recording.step if late >= LATE else 0.0
     if isinstance(run.delay, float | int):
         delay = float(run.delay)
         _check_delay(delay, excitation, recording)
+    if begin in (GIVEN, REST):  # nothing to run in, and the way from there is a response
+        kind = "several" if begin == GIVEN and excitation.kind == "none" else excitation.kind
+        still = dataclasses.replace(excitation, kind=kind, running=False)
+        return Observed(recording, driven, measured, still, 0, delay, notes=notes, has_phase=has_phase)
+    lead = 0
+    runs = begin == SETTLED or excitation.running
+    if runs and any(u[0] != 0 for u in driven.values()) and (begin == SETTLED or excitation.kind != "none"):
+        lead = len(recording.time) - (excitation.index if excitation.kind == "step" else 0)
+        has_phase = "angle" in measured and (has_phase or is_motor)
+        if not isinstance(run.delay, float | int):
+            delay = 0.0
+        if run.begin is None:
+            notes = (*notes, _run_in(recording, is_motor))
     return Observed(recording, driven, measured, excitation, lead, delay, notes=notes, has_phase=has_phase)
+
+
+def _usual_begin(
+    case: Case, description: FmuDescription, driven: Mapping[str, FloatArray], measured: Mapping[str, FloatArray]
+) -> str | None:
+    """Return how a simulation begins where the case does not say: a motor as the data show (None), else as given."""
+    is_motor = "v" in driven and bool({"i", "w", "angle"} & set(measured))
+    return None if is_motor and not begins_elsewhere(case, description) else GIVEN
+
+
+def _run_in(recording: Recording, is_motor: bool) -> str:
+    what = "the motor" if is_motor else "the FMU"
+    return (
+        f"{recording.title}: {what} runs already in the first row; its simulation is run in at the first row's inputs"
+        ' (begin = "settled"; "rest" or "given" under [[recording]] begins otherwise)'
+    )
 
 
 def _driven(

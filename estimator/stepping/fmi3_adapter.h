@@ -119,14 +119,11 @@ static fmi2Status adapted_step(fmi2Component component, fmi2Real time, fmi2Real 
 #define SET_AS(TYPE, FUNCTION, VALUE)                                                                      \
     {                                                                                                      \
         const TYPE value = (TYPE)(VALUE);                                                                  \
-        return (fmi2Status)((FUNCTION *)function)(adapted->instance, &reference, 1, &value, 1);            \
+        return (fmi2Status)((FUNCTION *)function)(instance, &reference, 1, &value, 1);                     \
     }
 
-static fmi2Status adapted_set_other(fmi2Component component, const Setting *setting) {
-    Adapted *adapted = component;
+static fmi2Status set_other_3(Function *function, fmi3Instance instance, const Setting *setting) {
     const fmi3ValueReference reference = (fmi3ValueReference)setting->reference;
-    Function *function = setting->type > WHOLE && setting->type <= UINT64 ? adapted->fmi->set_other[setting->type] : NULL;
-    if (function == NULL) return fmi2Error;
     switch (setting->type) {
     case TRUTH: SET_AS(fmi3Boolean, fmi3SetBooleanTYPE, setting->whole != 0)
     case TEXT: SET_AS(fmi3String, fmi3SetStringTYPE, setting->text)
@@ -140,6 +137,13 @@ static fmi2Status adapted_set_other(fmi2Component component, const Setting *sett
     case INT64: SET_AS(fmi3Int64, fmi3SetInt64TYPE, setting->whole)
     default: SET_AS(fmi3UInt64, fmi3SetUInt64TYPE, setting->whole)
     }
+}
+
+static fmi2Status adapted_set_other(fmi2Component component, const Setting *setting) {
+    Adapted *adapted = component;
+    Function *function = NULL;
+    if (setting->type > WHOLE && setting->type <= UINT64) function = adapted->fmi->set_other[setting->type];
+    return function == NULL ? fmi2Error : set_other_3(function, adapted->instance, setting);
 }
 
 #endif

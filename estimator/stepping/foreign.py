@@ -1,7 +1,7 @@
 """FMUs driven by fmpy's methods alone: any version, co-simulation or model exchange. Slow; knows no candidates.
 
-The reference of the stepping loop, and the way of whatever the loop does not know: FMI 1.0, model exchange, variables
-that are no real numbers. Variables go by their position in `variables`. Lives in a worker process.
+The reference of the stepping loop, and the way of what the loop does not know: variables that are no real numbers of
+double precision. Variables go by their position in `variables`. Lives in a worker process.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from ctypes import CFUNCTYPE, POINTER, c_char_p, c_double, c_int, c_size_t, c_ui
 from typing import Any
 
 from estimator.stepping.exchange import Exchange
+from estimator.stepping.loading import why_not_loaded
 
 CO_SIMULATION, MODEL_EXCHANGE = "co-simulation", "model-exchange"
 FMI1_TYPES = {"Enumeration": "Integer"}
@@ -47,9 +48,11 @@ class ForeignFmu:
     ) -> None:
         self.version, self.is_model, self.variables = version[0], kind == MODEL_EXCHANGE, tuple(variables)
         self.callbacks, self.logger = callbacks, logger
-        self.fmu = fmu_class(version, kind)(
-            guid=guid, modelIdentifier=identifier, unzipDirectory=folder, instanceName=identifier
-        )
+        names = {"guid": guid, "modelIdentifier": identifier, "unzipDirectory": folder, "instanceName": identifier}
+        try:
+            self.fmu = fmu_class(version, kind)(**names)
+        except Exception as error:
+            raise RuntimeError(why_not_loaded(str(error), folder)) from error
         self.fmu.component = None
         self.words = ""
         self.start = 0.0
@@ -63,19 +66,7 @@ class ForeignFmu:
         """Make an instance, in place of the one there is."""
         self.free()
         if self.version == "1":
-            from fmpy import calloc, free
-            from fmpy.fmi1 import (
-                fmi1CallbackAllocateMemoryTYPE,
-                fmi1CallbackFreeMemoryTYPE,
-                fmi1CallbackFunctions,
-                fmi1CallbackLoggerTYPE,
-            )
-
-            functions = fmi1CallbackFunctions()
-            functions.logger = ctypes.cast(self.logger, fmi1CallbackLoggerTYPE)
-            functions.allocateMemory = ctypes.cast(calloc, fmi1CallbackAllocateMemoryTYPE)
-            functions.freeMemory = ctypes.cast(free, fmi1CallbackFreeMemoryTYPE)
-            self.fmu.instantiate(functions=functions)
+            self.fmu.instantiate(functions=fmi1_callbacks(self.logger))
             if not self.fmu.component:
                 raise RuntimeError("it gives no instance")
         elif self.version == "2":
@@ -181,6 +172,23 @@ class ForeignFmu:
             self.words = message.decode("utf-8", "replace")[:400]
 
 
+def fmi1_callbacks(logger: Any) -> Any:
+    """Return FMI 1.0 callbacks that never enter Python: a native logger, the C library's memory functions."""
+    from fmpy import calloc, free
+    from fmpy.fmi1 import (
+        fmi1CallbackAllocateMemoryTYPE,
+        fmi1CallbackFreeMemoryTYPE,
+        fmi1CallbackFunctions,
+        fmi1CallbackLoggerTYPE,
+    )
+
+    functions = fmi1CallbackFunctions()
+    functions.logger = ctypes.cast(logger, fmi1CallbackLoggerTYPE)
+    functions.allocateMemory = ctypes.cast(calloc, fmi1CallbackAllocateMemoryTYPE)
+    functions.freeMemory = ctypes.cast(free, fmi1CallbackFreeMemoryTYPE)
+    return functions
+
+
 def fmu_class(version: str, kind: str) -> Any:
     """Return fmpy's class for a version and a kind."""
     from importlib import import_module
@@ -230,6 +238,10 @@ class _Library:
     def __init__(self, library: ctypes.CDLL, needed: frozenset[str]) -> None:
         self._library, self._needed = library, needed
         self._missing: dict[str, Any] = {}
+
+    def find(self, name: str) -> Any:
+        """Return a function, or None where it is missing."""
+        return getattr(self._library, name, None)
 
     def __getattr__(self, name: str) -> Any:
         try:

@@ -57,9 +57,8 @@ class JobLayout:
 
     @property
     def is_fast(self) -> bool:
-        """Whether the stepping loop calls the FMU's own functions."""
-        cosimulation = self.kind == "co-simulation" and self.version[0] in "23"
-        return cosimulation and all(t in FAST_TYPES for t in self.types)
+        """Whether the stepping loop calls the FMU's own functions; variables go by their value references then."""
+        return all(t in FAST_TYPES for t in self.types)
 
 
 def types_of(types: Sequence[str]) -> tuple[str, ...]:

@@ -65,6 +65,7 @@ class Prober:
         self.first: Rows | None = None
         self.component: int | None = None
         self.stopped = ""  # why the first run ended early
+        self.volatile = frozenset(order.get("volatile", ()))  # columns that are different in every run
 
     def stage(self, name: str) -> dict[str, Any]:
         """Run one stage."""
@@ -79,6 +80,7 @@ class Prober:
         seconds = time.perf_counter() - began
         finite = all(math.isfinite(y) for row in rows for y in row)
         moves = any(row != rows[0] for row in rows)
+        columns = list(zip(*rows, strict=True))
         return {
             "steps": len(rows) - 1,
             "seconds": seconds,
@@ -86,14 +88,20 @@ class Prober:
             "moves": moves,
             "stopped": self.stopped,
             "digest": [y.hex() for y in rows[-1]],
+            "last": [y if math.isfinite(y) else None for y in rows[-1]],
+            "span": [max(c) - min(c) if all(map(math.isfinite, c)) else None for c in columns],
             "words": self.loaded.log.last.decode("utf-8", "replace"),
         }
+
+    def _samples(self) -> dict[str, Any]:
+        rows = self._baseline()
+        return {"rows": [row for row in rows if all(map(math.isfinite, row))]}
 
     def _reset(self) -> dict[str, Any]:
         rows = self._baseline()
         self._disturb()
         self._check("reset", self.call["reset"](self.component))
-        return {"honoured": self._simulate(None) == rows}
+        return {"honoured": self._same(self._simulate(None), rows)}
 
     def _reinstantiate(self) -> dict[str, Any]:
         rows = self._baseline()
@@ -101,7 +109,7 @@ class Prober:
         with contextlib.suppress(Refused):
             self._simulate(self.other)
         self._instantiate()
-        return {"honoured": self._simulate(None) == rows}
+        return {"honoured": self._same(self._simulate(None), rows)}
 
     def _apart(self) -> dict[str, Any]:
         rows = self._baseline()
@@ -121,7 +129,7 @@ class Prober:
             self._step(two, k, self.h)
             self._step(one, k, self.h)
             found.append(self._read(one))
-        return {"second": True, "honoured": found == rows}
+        return {"second": True, "honoured": self._same(found, rows)}
 
     def _parameters(self) -> dict[str, Any]:
         rows = self._baseline()
@@ -138,12 +146,12 @@ class Prober:
                 self._check("setReal", self._set([self.references[0][j]], [value]))
                 self._initialise()
                 kept = self._get(self.component, [self.references[0][j]])[0]
-                changed = self._follow(len(rows) - 1, self.h) != rows
+                changed = not self._same(self._follow(len(rows) - 1, self.h), rows)
             except Refused:
                 answers.append("refused")
                 continue
             same = abs(kept - value) <= 1e-12 * abs(value)
-            answers.append("taken" if same and changed else "no effect" if same else "ignored")
+            answers.append("taken" if changed else "no effect" if same else "ignored")
         return {"answers": answers}
 
     def _step_size(self) -> dict[str, Any]:
@@ -161,7 +169,7 @@ class Prober:
             fine.append(self._read(self.component))
             if time.perf_counter() - began > self.patience:
                 break
-        moves = any(row != rows[0] for row in rows)
+        moves = any(not self._same([row], rows[:1]) for row in rows)
         if moves and fine[: steps + 1] == rows[: len(fine)]:
             return {"ignored": True}
         worst = 0.0
@@ -169,9 +177,9 @@ class Prober:
         for j in range(len(rows[0])):
             column = [rows[k][j] for k in common]
             span = max(column) - min(column)
-            if span > 0:
+            if span > 0 and j not in self.volatile:
                 worst = max(worst, max(abs(rows[k][j] - fine[10 * k][j]) for k in common) / span)
-        return {"change": worst if math.isfinite(worst) else None}
+        return {"change": worst if math.isfinite(worst) else None, "moves": moves}
 
     # How they are made
 
@@ -180,6 +188,13 @@ class Prober:
             self._instantiate()
             self.first = self._simulate(None)
         return self.first
+
+    def _same(self, rows: Rows, others: Rows) -> bool:
+        """Whether two runs read the same, but for what differs in every run."""
+        if not self.volatile:
+            return rows == others
+        kept = [j for j in range(len(others[0])) if j not in self.volatile]
+        return [[r[j] for j in kept] for r in rows] == [[r[j] for j in kept] for r in others]
 
     def _disturb(self) -> None:
         """Run with other parameters, so that there is something to forget."""

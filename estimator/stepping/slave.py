@@ -1,7 +1,7 @@
 """An FMU, loaded: fmpy loads and instantiates, ``stepper.c`` steps. Lives in a worker process; knows no search.
 
-With ``fmu.py`` and ``foreign.py`` the only module that knows FMI and fmpy. Co-simulation of FMI 2.0 and 3.0 runs at
-full speed; everything else runs through ``foreign.py``, in the same loop.
+With ``fmu.py``, ``foreign.py`` and ``equations.py`` the only module that knows FMI and fmpy. Where variables are real
+numbers the loop calls the FMU's own functions; others go through ``foreign.py``, in the same loop.
 """
 
 from __future__ import annotations
@@ -12,7 +12,8 @@ from ctypes import POINTER, c_double, c_int64, c_uint32, c_void_p
 from pathlib import Path
 from typing import Any
 
-from estimator.stepping.foreign import Callbacks, ForeignFmu
+from estimator.stepping.equations import equations_of
+from estimator.stepping.foreign import CO_SIMULATION, Callbacks, ForeignFmu, fmi1_callbacks
 from estimator.stepping.layout import ExperimentLayout, JobLayout, positions
 from estimator.stepping.library import STEPPER
 from estimator.stepping.structures import (
@@ -149,6 +150,15 @@ class LoadedFmu:
         dll = self.foreign.fmu.dll
         if job.version.startswith("3"):
             slave.resources = (str(Path(job.folder).resolve() / "resources") + "/").encode()
+        if job.kind != CO_SIMULATION or job.version.startswith("1"):
+            if job.version.startswith("1"):
+                self.callbacks = fmi1_callbacks(self.stepper.stepper_log1)
+            self._equations = equations_of(
+                self.foreign.fmu, job, callbacks=self.callbacks, log=self.log, stepper=self.stepper
+            )
+            self.stepper.stepper_exchange(ctypes.byref(slave), ctypes.byref(self._equations))
+            return slave
+        if job.version.startswith("3"):
             self._fmi3 = self._fmi3_functions(dll)
             self.stepper.stepper_adapt(ctypes.byref(slave), ctypes.byref(self._fmi3))
             return slave

@@ -1,7 +1,8 @@
 /* stepper: one candidate from reset to cost, over an FMU's own functions.
  *
  * Knows FMI 2.0 co-simulation, nothing of motors, searches or processes. Other versions and kinds come in the same
- * shape: FMI 3.0 through fmi3_adapter.h, the rest through functions that Python gives. Python (slave.py) fills the
+ * shape: FMI 3.0 through fmi3_adapter.h, model exchange and FMI 1.0 through exchange.h, variables that are no reals
+ * through functions that Python gives. Python (slave.py) fills the
  * structures below; their ctypes mirrors stand there, in the same order.
  *
  * A candidate is simulated over all experiments (recordings) in turn:
@@ -26,6 +27,7 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "exchange.h"
 #include "fmi2Functions.h"
 #include "fmi3_adapter.h"
 #include "sensors.h"
@@ -38,7 +40,8 @@
 
 #if defined(__SSE2__)
 #include <xmmintrin.h>
-#define SSE_CONTROL_BITS 0xFFC0u /* rounding, flush-to-zero, denormals-are-zero, exception masks; not the sticky flags */
+/* Rounding, flush-to-zero, denormals-are-zero, exception masks; not the sticky flags. */
+#define SSE_CONTROL_BITS 0xFFC0u
 #endif
 
 /* What became of a candidate. */
@@ -77,6 +80,7 @@ typedef struct {
     fmi2SetStringTYPE *set_string;
     fmi2Status (*set_other)(fmi2Component component, const Setting *setting); /* instead of the three; or NULL */
     fmi2SetRealInputDerivativesTYPE *set_derivatives; /* of an FMU that interpolates its inputs; or NULL */
+    double *horizon; /* s: told until when the inputs stay as they are; or NULL */
 } Slave;
 
 typedef struct {
@@ -202,6 +206,25 @@ EXPORT void stepper_adapt(Slave *slave, const Fmi3 *fmi) {
     slave->callbacks = (const fmi2CallbackFunctions *)(const void *)fmi;
 }
 
+/* In place of a function that an FMU lacks: Error. */
+EXPORT int stepper_missing(void) { return fmi2Error; }
+
+/* Give a slave an FMU for model exchange of any version, or one for co-simulation of FMI 1.0, in the same shape. */
+EXPORT void stepper_exchange(Slave *slave, Equations *equations) {
+    slave->instantiate = exchange_instantiate;
+    slave->free_instance = exchange_free;
+    slave->reset = exchange_reset;
+    slave->setup_experiment = exchange_setup;
+    slave->enter_initialization = exchange_enter;
+    slave->exit_initialization = exchange_exit;
+    slave->set_real = exchange_set;
+    slave->get_real = exchange_get;
+    slave->do_step = exchange_step;
+    slave->set_other = exchange_set_other;
+    slave->callbacks = (const fmi2CallbackFunctions *)(const void *)equations;
+    if (equations->is_model) slave->horizon = &equations->horizon;
+}
+
 static fmi2Status set_setting(const Slave *slave, const Setting *setting) {
     const fmi2ValueReference reference = (fmi2ValueReference)setting->reference;
     const int value = (int)setting->whole;
@@ -279,11 +302,25 @@ typedef struct {
     const double *sensor_values;
 } Run;
 
+/* Say until when the inputs of sample k hold. */
+static void tell_horizon(const Run *run, int64_t k, size_t inputs) {
+    const double *now = run->experiment->inputs + (size_t)k * inputs;
+    int64_t next = k + 1;
+    for (; next < run->experiment->samples; next++) {
+        const double *then = run->experiment->inputs + (size_t)next * inputs;
+        size_t j = 0;
+        while (j < inputs && then[j] == now[j]) j++;
+        if (j < inputs) break;
+    }
+    *run->slave->horizon = run->experiment->start + (double)next * run->experiment->interval;
+}
+
 /* Set the inputs of sample k, where they differ from those of the sample before. */
 static inline fmi2Status set_inputs(const Run *run, int64_t k, size_t inputs) {
     const double *now = run->experiment->inputs + (size_t)k * inputs;
     int changed = k == 0;
     for (size_t j = 0; j < inputs && !changed; j++) changed = now[j] != *(now + j - inputs);
+    if (changed && run->slave->horizon != NULL) tell_horizon(run, k, inputs);
     return changed ? run->slave->set_real(run->slave->component, run->job->input_references, inputs, now) : fmi2OK;
 }
 

@@ -42,6 +42,7 @@ class SlaveStruct(ctypes.Structure):
         ("set_string", c_void_p),
         ("set_other", c_void_p),
         ("set_derivatives", c_void_p),
+        ("horizon", c_void_p),
     ]
 
 
@@ -72,6 +73,73 @@ class Fmi3Struct(ctypes.Structure):
         ("set_other", c_void_p * len(SETTING_TYPES)),
         ("log", c_void_p),
         ("log_message", c_void_p),
+    ]
+
+
+# SUNDIALS' functions that CVode needs, in the order of bdf.h; each beside the library of fmpy's that holds it.
+SUNDIALS = (
+    ("sundials_core", "SUNContext_Create"),
+    ("sundials_core", "SUNContext_ClearErrHandlers"),
+    ("sundials_core", "SUNContext_Free"),
+    ("sundials_nvecserial", "N_VNew_Serial"),
+    ("sundials_core", "N_VGetArrayPointer"),
+    ("sundials_core", "N_VDestroy"),
+    ("sundials_sunmatrixdense", "SUNDenseMatrix"),
+    ("sundials_core", "SUNMatDestroy"),
+    ("sundials_sunlinsoldense", "SUNLinSol_Dense"),
+    ("sundials_core", "SUNLinSolFree"),
+    ("sundials_cvode", "CVodeCreate"),
+    ("sundials_cvode", "CVodeInit"),
+    ("sundials_cvode", "CVodeReInit"),
+    ("sundials_cvode", "CVodeSVtolerances"),
+    ("sundials_cvode", "CVodeSetLinearSolver"),
+    ("sundials_cvode", "CVodeSetUserData"),
+    ("sundials_cvode", "CVodeSetStopTime"),
+    ("sundials_cvode", "CVode"),
+    ("sundials_cvode", "CVodeGetDky"),
+    ("sundials_cvode", "CVodeFree"),
+)
+
+
+class EquationsStruct(ctypes.Structure):
+    """The functions of an FMU for model exchange, or of FMI 1.0, and its solver's."""
+
+    _fields_ = [
+        ("version", c_int64),
+        ("is_model", c_int64),
+        ("states", c_int64),
+        ("indicators", c_int64),
+        ("tolerance", c_double),
+        ("horizon", c_double),
+        ("instantiate", c_void_p),
+        ("free_instance", c_void_p),
+        ("reset", c_void_p),
+        ("setup", c_void_p),
+        ("enter", c_void_p),
+        ("exit", c_void_p),
+        ("initialize", c_void_p),
+        ("set_real", c_void_p),
+        ("get_real", c_void_p),
+        ("do_step", c_void_p),
+        ("set_time", c_void_p),
+        ("set_states", c_void_p),
+        ("get_states", c_void_p),
+        ("get_derivatives", c_void_p),
+        ("get_indicators", c_void_p),
+        ("get_nominals", c_void_p),
+        ("enter_event", c_void_p),
+        ("update", c_void_p),
+        ("enter_continuous", c_void_p),
+        ("completed", c_void_p),
+        ("count_states", c_void_p),
+        ("count_indicators", c_void_p),
+        ("set_other", c_void_p * len(SETTING_TYPES)),
+        ("callbacks", c_void_p),
+        ("log", c_void_p),
+        ("log_message", c_void_p),
+        ("words", c_void_p),
+        ("location", c_char_p),
+        ("sundials", c_void_p * len(SUNDIALS)),
     ]
 
 

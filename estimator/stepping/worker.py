@@ -21,6 +21,7 @@ import time
 from pathlib import Path
 from typing import IO, Any, NoReturn
 
+from estimator.stepping.descendants import MARK, adopt, end_all
 from estimator.stepping.desk import ENTRY, Desk
 from estimator.stepping.foreign import fmu_class
 from estimator.stepping.layout import CRASHED, FINISHED, ExperimentLayout, JobLayout
@@ -36,6 +37,7 @@ MEMORY_CHECK = 0.25  # s between two looks at the own memory
 def main() -> None:
     """Serve until told to quit."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the owner's business
+    adopt()
     answers = os.fdopen(os.dup(1), "w", buffering=1, encoding="utf-8")
     given = os.fdopen(os.dup(0), encoding="utf-8")
     nowhere = os.open(os.devnull, os.O_RDWR)
@@ -44,6 +46,7 @@ def main() -> None:
     orders: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
     folder = Path(sys.argv[1])
     threading.Thread(target=_listen, args=(given, orders, folder), daemon=True).start()
+    answers.write(json.dumps({"started": True, "number": 0}) + "\n")  # from here on it is the FMU's time
     worker: _Worker | None = None
     prober: Any = None
     number = 0  # of the job that was loaded last
@@ -241,6 +244,8 @@ def _listen(given: IO[str], orders: queue.SimpleQueue[dict[str, Any]], folder: P
 
 def _end_group() -> NoReturn:
     """End this process, and those that the FMU has started."""
+    if MARK in os.environ:
+        end_all(os.environ[MARK])
     if os.name == "posix" and os.getpgrp() == os.getpid():
         os.killpg(0, signal.SIGKILL)
     os._exit(0)
