@@ -16,6 +16,8 @@ from estimator.errors import SimulationError
 from estimator.fitting.problem import Problem
 from estimator.fmus.workers import Workers
 from estimator.plans.plan import Plan
+from estimator.results.plots import transient
+from estimator.results.result import Comparison
 
 LIMIT = 20.0  # s that one simulation may take
 KEPT = 24  # pictures
@@ -30,12 +32,14 @@ class Picture:
     recordings : one Series a recording
         Signals are called "input v", "measured i", "simulated i".
     names : of the recordings
+    transients : begin and end of the part of each recording that is worth enlarging, s
     units : signal's plain name → SI unit
     fit_percent : output → 100 (1 − ‖e‖ / ‖y − mean‖), over all recordings
     """
 
     recordings: tuple[Series, ...]
     names: tuple[str, ...]
+    transients: tuple[tuple[float, float], ...]
     units: Mapping[str, str]
     fit_percent: Mapping[str, float | None]
 
@@ -102,16 +106,20 @@ class Previews:
 
 
 def _picture(problem: Problem, shown: list[np.ndarray]) -> Picture:
-    plan, recordings = problem.plan, []
+    plan, recordings, transients = problem.plan, [], []
     squares, total = dict.fromkeys(plan.outputs, 0.0), dict.fromkeys(plan.outputs, 0.0)
     for observed, rows in zip(plan.observed, shown, strict=True):
+        time = observed.recording.time
         signals = {f"input {name}": u for name, u in observed.inputs.items()}
         for j, name in enumerate(plan.outputs):
             measured = observed.outputs[name]
             signals |= {f"measured {name}": measured, f"simulated {name}": rows[:, j].copy()}
             squares[name] += float(np.nansum((measured - rows[:, j]) ** 2))
             total[name] += float(np.nansum((measured - np.nanmean(measured)) ** 2))
-        recordings.append(Series(observed.recording.time, signals))
+        simulated = {name: rows[:, j] for j, name in enumerate(plan.outputs)}
+        recordings.append(Series(time, signals))
+        transients.append(transient(Comparison("", time, {}, observed.outputs, simulated, {})))
     units = {name: plan.description.variable(name).unit for name in (*plan.observed[0].inputs, *plan.outputs)}
     fit = {name: 100 * (1 - (squares[name] / total[name]) ** 0.5) if total[name] > 0 else None for name in plan.outputs}
-    return Picture(tuple(recordings), tuple(o.recording.title for o in plan.observed), units, fit)
+    names = tuple(o.recording.title for o in plan.observed)
+    return Picture(tuple(recordings), names, tuple(transients), units, fit)

@@ -166,8 +166,8 @@ def _picture(session: Session, request: Request, body: Any) -> Any:
     made = session.picture(request.query_params)
     return {
         "recordings": [
-            {"name": name, "begin": s.time[0], "end": s.time[-1], "signals": list(s.signals)}
-            for name, s in zip(made.names, made.recordings, strict=True)
+            {"name": name, "begin": s.time[0], "end": s.time[-1], "signals": list(s.signals), "transient": movement}
+            for name, s, movement in zip(made.names, made.recordings, made.transients, strict=True)
         ],
         "units": made.units,
         "fit_percent": made.fit_percent,
