@@ -49,8 +49,6 @@ class Guard:
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer, or refuse with status 403."""
-        if scope["type"] != "http":
-            return
         if refusal := self._refusal(scope):
             await PlainTextResponse(refusal, status_code=403, headers=HEADERS)(scope, receive, send)
             return

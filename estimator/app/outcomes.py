@@ -78,14 +78,20 @@ class Outcomes:
             "formats": FORMATS,
         }
 
+    def written(self, name: str) -> float:
+        """Return when a result was written, s since the epoch; 0 if it has gone."""
+        try:
+            return (self._folder(name) / RESULT).stat().st_mtime
+        except (InputError, OSError):
+            return 0.0
+
     def summary(self, name: str) -> dict[str, Any]:
         """Return a result's name, verdict and when it was written; its verdict is None if it cannot be read."""
         try:
-            folder = self._folder(name)
-            result = self._result(folder)
-            return {"name": name, "verdict": result.get("verdict"), "written": (folder / RESULT).stat().st_mtime}
-        except (InputError, OSError):
-            return {"name": name, "verdict": None, "written": 0.0}
+            verdict = self._result(self._folder(name))["verdict"]
+        except InputError:
+            verdict = None
+        return {"name": name, "verdict": verdict, "written": self.written(name)}
 
     def series(self, name: str, recording: int) -> Series:
         """Return a recording's signals: "input v", "measured i", "simulated i", "residual i"."""

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import shlex
+import signal
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -13,6 +15,8 @@ from estimator.errors import EstimatorError, InputError
 
 # -P: a file numpy.py in the folder must not be taken for the package.
 INTERPRETER = (sys.executable, "-P", "-c", "import sys; from estimator.cli import main; sys.exit(main())")
+
+_running: set[subprocess.Popen[bytes]] = set()  # whose output is waited for
 
 
 def shown(arguments: Sequence[str]) -> str:
@@ -52,21 +56,40 @@ def output_of(arguments: Sequence[str], *, folder: Path, limit: float) -> str:
     EstimatorError
         It takes longer than `limit` s.
     """
+    process = subprocess.Popen(
+        [*INTERPRETER, *arguments],
+        cwd=folder,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        start_new_session=True,
+        env=_environment(),
+    )
+    _running.add(process)
     try:
-        done = subprocess.run(
-            [*INTERPRETER, *arguments],
-            cwd=folder,
-            stdin=subprocess.DEVNULL,
-            capture_output=True,
-            timeout=limit,
-            start_new_session=True,
-            env=_environment(),
-        )
+        output, errors = process.communicate(timeout=limit)
     except subprocess.TimeoutExpired:
         raise EstimatorError(f"{shown(arguments)}: no answer within {limit:g} s") from None
-    if done.returncode:
-        raise InputError(sentence(done.stderr.decode(errors="replace")) or f"{shown(arguments)} has failed")
-    return done.stdout.decode(errors="replace")
+    finally:
+        _running.discard(process)
+        if process.poll() is None:
+            _kill(process)
+            process.communicate()
+    if process.returncode:
+        raise InputError(sentence(errors.decode(errors="replace")) or f"{shown(arguments)} has failed")
+    return output.decode(errors="replace")
+
+
+def end_all() -> None:
+    """Kill the commands whose output is waited for, as the app ends."""
+    for process in list(_running):
+        _kill(process)
+
+
+def _kill(process: subprocess.Popen[bytes]) -> None:
+    """Kill a command and what it has started."""
+    with contextlib.suppress(ProcessLookupError):
+        os.killpg(process.pid, signal.SIGKILL)
 
 
 def sentence(errors: str) -> str:

@@ -16,6 +16,7 @@ FloatArray = NDArray[np.float64]
 
 MOST_BUCKETS = 20_000
 STANDS_ALONE = 12.0  # robust deviations from the median of five samples
+RARE = 0.02  # of the samples: fewer that leave the median of five are no noise
 MOST_MARKED = 500
 
 
@@ -106,10 +107,9 @@ def outliers(series: Series, name: str) -> list[float]:
     around = np.lib.stride_tricks.sliding_window_view(np.pad(values, 2, mode="edge"), 5)
     off = np.abs(values - np.median(around, axis=1))
     moving = off[off > 0]
-    if not len(moving):
-        return []
-    scale = max(1.4826 * float(np.median(moving)), 1e-3 * float(np.ptp(values)))
-    far = np.flatnonzero(off > STANDS_ALONE * scale)
+    usual = 1.4826 * float(np.median(moving)) if len(moving) > RARE * len(off) else 0.0
+    scale = max(usual, 1e-3 * float(np.ptp(values)))
+    far = np.flatnonzero(off > STANDS_ALONE * scale) if scale > 0 else np.array([], dtype=np.int64)
     return [float(series.time[known[k]]) for k in far[np.argsort(-off[far], kind="stable")][:MOST_MARKED]]
 
 

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import contextlib
 import json
+import os
 import secrets
 import socket
+import sys
+import traceback
 import webbrowser
-from collections.abc import AsyncIterator, Callable
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -38,6 +41,7 @@ PAGE = Path(__file__).parent / "page"
 TYPES = {".html": "text/html", ".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml"}
 LOOPBACK = "127.0.0.1"
 INSPECTION_LIMIT = 90.0  # s
+DEBUG = "FMU_ESTIMATOR_DEBUG"  # as in cli.py
 # A report brings its own style and script. It gets an origin of its own, and can fetch nothing.
 REPORT_POLICY = (
     "sandbox allow-scripts; default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'; img-src data:"
@@ -60,6 +64,7 @@ class Session:
 
     def close(self) -> None:
         """End what is running."""
+        program.end_all()
         self.runs.close()
         self.previews.close()
 
@@ -71,11 +76,17 @@ class Session:
         return {
             **self.bench.state(),
             "folder": str(self.place.path),
+            "stamp": self.stamp(),
             "files": files,
             "models": fmu_build.bundled_names(),
             "runs": self.runs.listed(),
             "results": [self.outcomes.summary(name) for name in files["results"]],
         }
+
+    def stamp(self) -> str:
+        """Return a text that changes when a file or a result comes or goes."""
+        files = self.place.listed()
+        return repr((files, [self.outcomes.written(name) for name in files["results"]]))
 
     def recording_facts(self, name: str) -> Any:
         """Return what was read from a recording's file, or what is wrong with it."""
@@ -129,7 +140,7 @@ def _state(session: Session, request: Request, body: Any) -> Any:
 
 
 def _revision(session: Session, request: Request, body: Any) -> Any:
-    return {"revision": session.bench.revision, "runs": session.runs.listed()}
+    return {"revision": session.bench.revision, "runs": session.runs.listed(), "files": session.stamp()}
 
 
 def _change(session: Session, request: Request, body: Any) -> Any:
@@ -255,26 +266,12 @@ ROUTES: tuple[tuple[str, str, Work], ...] = (
 )
 
 
-def application(folder: str | Path, *, token: str, port: int) -> ASGIApp:
-    """Return the app as an ASGI application, guarded.
-
-    Raises
-    ------
-    InputError
-        There is no such folder.
-    """
-    session = Session(folder)
-    start_case(session.bench)
-
-    @contextlib.asynccontextmanager
-    async def lifespan(app: Starlette) -> AsyncIterator[None]:
-        yield
-        await run_in_threadpool(session.close)
-
+def application(session: Session, *, token: str, port: int) -> ASGIApp:
+    """Return the app as an ASGI application, guarded."""
     routes = [Route(path, _endpoint(session, work), methods=[method]) for method, path, work in ROUTES]
     routes += [Route("/", partial(_asset, "index.html")), Route("/page/{name}", _named_asset)]
-    app = Starlette(routes=routes, exception_handlers={HTTPException: _http_error}, lifespan=lifespan)
-    return _Guarded(app, Guard(app, token=token, port=port))
+    app = Starlette(routes=routes, exception_handlers={HTTPException: _http_error})
+    return Guard(app, token=token, port=port)
 
 
 def serve(folder: str | Path, *, port: int, browser: bool, say: Callable[[str], None]) -> int:
@@ -293,26 +290,33 @@ def serve(folder: str | Path, *, port: int, browser: bool, say: Callable[[str], 
             raise InputError(f"port {port} cannot be had ({error}); give another --port, or none") from None
         port = listener.getsockname()[1]
         token = secrets.token_urlsafe(24)
-        app = application(folder, token=token, port=port)
+        session = Session(folder)
+        start_case(session.bench)
+        app = application(session, token=token, port=port)
         listener.listen()
         address = f"http://{LOOPBACK}:{port}/{token}/"
         with contextlib.suppress(KeyboardInterrupt):  # that is how it is ended
             say(f"{address}\nThe bench of {Path(folder).resolve()}. Ctrl-C ends it.\n")
             if browser:
                 webbrowser.open(address)
-            config = uvicorn.Config(app, log_level="warning", access_log=False, ws="none", timeout_graceful_shutdown=2)
-            uvicorn.Server(config).run(sockets=[listener])
+            # What goes wrong is told to the page, and what is not foreseen to the terminal too.
+            quiet: dict[str, Any] = {"log_level": "critical", "access_log": False, "ws": "none", "lifespan": "off"}
+            config = uvicorn.Config(app, timeout_graceful_shutdown=2, **quiet)
+            _Server(config, session).run(sockets=[listener])
     return 0
 
 
-class _Guarded:
-    """The guard for requests; the application itself for what the server tells of its start and its end."""
+class _Server(uvicorn.Server):
+    """A server that ends what is running before it waits for the answers that need it."""
 
-    def __init__(self, app: ASGIApp, guard: ASGIApp) -> None:
-        self._app, self._guard = app, guard
+    def __init__(self, config: uvicorn.Config, session: Session) -> None:
+        super().__init__(config)
+        self._session = session
 
-    async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
-        await (self._app if scope["type"] == "lifespan" else self._guard)(scope, receive, send)
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        """End the runs, then the server."""
+        await run_in_threadpool(self._session.close)
+        await super().shutdown(sockets=sockets)
 
 
 def _endpoint(session: Session, work: Work) -> Callable[[Request], Any]:
@@ -333,6 +337,11 @@ def _endpoint(session: Session, work: Work) -> Callable[[Request], Any]:
             raise HTTPException(400, f"there is no file {error.filename}") from None
         except OSError as error:
             raise HTTPException(400, f"{error.filename or ''}: {error.strerror or error}") from None
+        except Exception as error:
+            complain(f"internal error, {type(error).__name__}: {error}")
+            if os.environ.get(DEBUG):
+                traceback.print_exc()
+            raise HTTPException(500, f"internal error, {type(error).__name__}: {error}") from None
         return made if isinstance(made, Response) else JSONResponse(json_ready(made))
 
     return answer
@@ -352,6 +361,12 @@ async def _asset(name: str, request: Request) -> Response:
 
 async def _named_asset(request: Request) -> Response:
     return await _asset(request.path_params["name"], request)
+
+
+def complain(sentence: str) -> None:
+    """Write one sentence to stderr."""
+    with contextlib.suppress(OSError, ValueError):
+        print(f"fmu-estimator: {' '.join(sentence.split())}", file=sys.stderr)
 
 
 def _attachment(name: str) -> dict[str, str]:

@@ -57,7 +57,7 @@ def read_signals(path: Path) -> Signals:
         It is damaged, or none.
     """
     try:
-        with np.load(path, allow_pickle=False) as stored:
+        with open(path, "rb") as file, np.load(file, allow_pickle=False) as stored:
             about = json.loads(str(stored["about"]))
             arrays = {key: stored[key] for key in stored.files if key != "about"}
         comparisons = []
@@ -77,5 +77,5 @@ def read_signals(path: Path) -> Signals:
                 Comparison(str(name), time, parts["input"], parts["measured"], parts["simulated"], dict(units))
             )
         return Signals(tuple(comparisons), int(about["held_out"]))
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, zipfile.BadZipFile) as error:
+    except (OSError, EOFError, ValueError, KeyError, TypeError, AttributeError, zipfile.BadZipFile) as error:
         raise InputError(f"{path}: is no file of signals that can be read; estimate again with --signals") from error

@@ -23,13 +23,19 @@ export function replace(parent, ...children) {
   const focused = document.activeElement;
   const held = focused && focused.id && parent.contains(focused) ? focused.id : null;
   const caret = held && focused.selectionStart !== undefined ? [focused.selectionStart, focused.selectionEnd] : null;
-  const typed = held && focused.tagName === "INPUT" && focused.dataset.dirty ? focused.value : null;
+  const typed = [...parent.querySelectorAll("input[data-dirty]")].map((i) => [i.id, i.value, i.getAttribute("aria-invalid")]);
   parent.replaceChildren(...children.flat(Infinity).filter(Boolean));
+  for (const [id, value, invalid] of typed) { // what was typed and not taken yet stays
+    const input = document.getElementById(id);
+    if (!input) continue;
+    input.value = value;
+    input.dataset.dirty = "1";
+    if (invalid) input.setAttribute("aria-invalid", invalid);
+  }
   if (!held) return;
   const again = document.getElementById(held);
   if (!again) return;
   again.focus({ preventScroll: true });
-  if (typed !== null) { again.value = typed; again.dataset.dirty = "1"; }
   if (caret && again.setSelectionRange) { try { again.setSelectionRange(...caret); } catch { /* not a text */ } }
 }
 

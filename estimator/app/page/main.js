@@ -87,9 +87,10 @@ class App {
 
   async watch() {
     try {
-      const { revision, runs } = await get("revision");
+      const { revision, runs, files } = await get("revision");
       const busy = this.state.runs.map((r) => `${r.name} ${r.state}`).join();
-      if (revision !== this.state.revision || runs.map((r) => `${r.name} ${r.state}`).join() !== busy) await this.refresh();
+      const other = revision !== this.state.revision || files !== this.state.stamp;
+      if (other || runs.map((r) => `${r.name} ${r.state}`).join() !== busy) await this.refresh();
       if (this.lost) { this.lost = false; say("The app answers again."); }
     } catch (error) {
       if (!this.lost) say(error.message, "error");

@@ -17,7 +17,7 @@ export function parse(text) {
     if (!grouped(s, ".")) return NaN;
     s = s.replaceAll(".", "");
   } else s = s.replace(",", ".");
-  return /^[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d{1,3})?$/i.test(s) ? Number(s) : NaN;
+  return /^[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d{1,3})?$/i.test(s) && Number.isFinite(Number(s)) ? Number(s) : NaN;
 }
 
 const grouped = (whole, by) => /^[+-]?\d{1,3}$/.test(whole.split(by)[0]) && whole.split(by).slice(1).every((g) => /^\d{3}$/.test(g));

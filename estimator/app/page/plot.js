@@ -384,35 +384,54 @@ export class Plot {
     c.fillText(panel.unit ? `${panel.title} [${panel.unit}]` : panel.title, LEFT, top - 3);
   }
 
-  drawLine(c, color, { line: own, data, signal, from, to }, y) {
+  drawLine(c, color, one, y) {
+    if (one.data.envelope) this.drawBand(c, color, one, y);
+    else this.drawSamples(c, color, one, y);
+  }
+
+  // Of many samples, what lies between the least and the greatest, as an area that is never thinner than the line.
+  drawBand(c, color, { line: own, data, signal, from, to }, y) {
+    const half = (own.width ?? 1.4) / 2;
+    c.fillStyle = color(own.color);
+    c.beginPath();
+    for (let k = from; k < to;) {
+      while (k < to && signal.low[k] !== signal.low[k]) k++;
+      const first = k;
+      while (k < to && signal.low[k] === signal.low[k]) k++;
+      if (k === first) continue;
+      for (let j = first; j < k; j++) {
+        const top = Math.min(y(value(own, signal.low[j])), y(value(own, signal.high[j]))) - half, x = this.x(data.time[j]);
+        if (j === first) c.moveTo(x - half, top);
+        c.lineTo(x, top);
+      }
+      for (let j = k - 1; j >= first; j--) {
+        c.lineTo(this.x(data.time[j]) + (j === first ? half : 0), Math.max(y(value(own, signal.low[j])), y(value(own, signal.high[j]))) + half);
+      }
+      c.closePath();
+    }
+    c.fill();
+  }
+
+  drawSamples(c, color, { line: own, data, signal, from, to }, y) {
     c.strokeStyle = color(own.color);
     c.lineWidth = own.width ?? 1.4;
-    c.lineJoin = "round";
-    c.setLineDash(own.dash ?? []);
+    c.lineJoin = to - from < 2000 ? "round" : "bevel";
     c.beginPath();
-    let open = false, up = true, last = 0;
+    let open = false, last = 0;
     for (let k = from; k < to; k++) {
-      const y0 = value(own, signal.low[k]), y1 = value(own, signal.high[k]), x = this.x(data.time[k]);
-      if (y0 !== y0 || y1 !== y1) { open = false; continue; }
-      if (!open) c.moveTo(x, y(up ? y0 : y1));
-      else if (own.stairs && !data.envelope) c.lineTo(x, last);
-      if (y0 === y1) c.lineTo(x, y(y0));
-      else {
-        c.lineTo(x, y(up ? y0 : y1));
-        c.lineTo(x, y(up ? y1 : y0));
-        up = !up;
-      }
-      last = y(y1);
+      const v = value(own, signal.low[k]), x = this.x(data.time[k]);
+      if (v !== v) { open = false; continue; }
+      if (!open) c.moveTo(x, y(v));
+      else if (own.stairs) c.lineTo(x, last);
+      c.lineTo(x, last = y(v));
       open = true;
     }
     c.stroke();
-    c.setLineDash([]);
-    if (!data.envelope && own.dots !== false && to - from < this.width / 6) {
-      c.fillStyle = color(own.color);
-      for (let k = from; k < to; k++) {
-        const v = value(own, signal.low[k]);
-        if (v === v) c.fillRect(this.x(data.time[k]) - 2, y(v) - 2, 4, 4);
-      }
+    if (own.dots === false || to - from >= this.width / 6) return;
+    c.fillStyle = color(own.color);
+    for (let k = from; k < to; k++) {
+      const v = value(own, signal.low[k]);
+      if (v === v) c.fillRect(this.x(data.time[k]) - 2, y(v) - 2, 4, 4);
     }
   }
 
