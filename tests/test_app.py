@@ -16,6 +16,7 @@ from estimator.app.outcomes import Outcomes  # noqa: E402
 from estimator.app.place import Place  # noqa: E402
 from estimator.app.series import Series, gaps, nearest, outliers, spectrum, view  # noqa: E402
 from estimator.cases.case import read_case  # noqa: E402
+from estimator.commands.arguments import command_line  # noqa: E402
 from estimator.errors import InputError  # noqa: E402
 from estimator.estimating.progress import Progress  # noqa: E402
 from estimator.estimating.progress_stream import ProgressStream, progress_mapping  # noqa: E402
@@ -323,6 +324,21 @@ def test_a_foreign_model_gets_the_mapping_that_init_guesses(bench):
     assert bench.case.fmu == "pmsm_dq" and bench.case.outputs["w"].column == "speed"
     bench.change(3, {"fmu": "dc_motor"})
     assert bench.state()["problem"] is None
+
+
+def test_what_is_implausible_in_a_recording_is_told_by_the_command_check(folder):
+    if "check" not in command_line().get_default("flags"):
+        pytest.skip("this version has no command check")
+    lines = EXAMPLE.read_text().splitlines()
+    rows = [line.split(",") for line in lines if line[:1].isdigit()]
+    turned = [[row[0], row[1], repr(-float(row[2])), row[3]] for row in rows]
+    header = "time [s],voltage [V],current [A],speed [rad/s]"
+    (folder / "turned.csv").write_text("\n".join([header, *(",".join(row) for row in turned)]) + "\n")
+    with serving(folder) as server:
+        told = server.get("check", name="turned.csv")
+    assert told["command"] == "fmu-estimator check turned.csv"
+    (found,) = told["check"]["recordings"]
+    assert any("current" in finding["sentence"] for finding in found["implausible"])
 
 
 # --- runs and results ----------------------------------------------------------------------------------------------

@@ -91,6 +91,7 @@ def test_no_name_leads_out_of_the_folder(server, name):
         ("file", {"name": name, "file": "result.json"}),
         ("export", {"name": name, "format": "csv"}),
         ("inspect", {"fmu": name}),
+        ("check", {"name": name}),
     ):
         told = server.get(path, **query)
         assert told["status"] == 400 and ("leads out of" in told["error"] or "is no name" in told["error"]), told

@@ -40,7 +40,7 @@ from estimator.results.report import json_ready
 PAGE = Path(__file__).parent / "page"
 TYPES = {".html": "text/html", ".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml"}
 LOOPBACK = "127.0.0.1"
-INSPECTION_LIMIT = 90.0  # s
+INSPECTION_LIMIT, CHECK_LIMIT = 90.0, 90.0  # s
 DEBUG = "FMU_ESTIMATOR_DEBUG"  # as in cli.py
 # A report brings its own style and script. It gets an origin of its own, and can fetch nothing.
 REPORT_POLICY = (
@@ -60,6 +60,7 @@ class Session:
         self.outcomes = Outcomes(self.place)
         self.previews = Previews()
         self._facts: dict[tuple[Path, int], Any] = {}
+        self._checked: dict[tuple[str, float], Any] = {}
         self._inspected: dict[tuple[str, float], Any] = {}
 
     def close(self) -> None:
@@ -99,6 +100,17 @@ class Session:
             self._facts = {k: v for k, v in self._facts.items() if k[0] != path}
             self._facts[key] = facts(recording)
         return self._facts[key]
+
+    def checked(self, name: str) -> Any:
+        """Return what the command `check` says of a recording, and the command."""
+        path = self.place.inside(name)
+        stamp = path.stat().st_mtime
+        if (name, stamp) not in self._checked:
+            arguments = ["check", os.path.join(".", name), "--json"]
+            self._checked[name, stamp] = json.loads(
+                program.output_of(arguments, folder=self.place.path, limit=CHECK_LIMIT)
+            )
+        return {"check": self._checked[name, stamp], "command": program.shown(["check", name])}
 
     def inspected(self, fmu: str) -> Any:
         """Return what the command `inspect` says of an FMU, and the command."""
@@ -167,6 +179,10 @@ def _upload(session: Session, request: Request, body: Any) -> Any:
 
 def _recording(session: Session, request: Request, body: Any) -> Any:
     return session.recording_facts(request.query_params.get("name", ""))
+
+
+def _check(session: Session, request: Request, body: Any) -> Any:
+    return session.checked(request.query_params.get("name", ""))
 
 
 def _inspect(session: Session, request: Request, body: Any) -> Any:
@@ -252,6 +268,7 @@ ROUTES: tuple[tuple[str, str, Work], ...] = (
     ("POST", "/api/save", _save),
     ("POST", "/api/upload", _upload),
     ("GET", "/api/recording", _recording),
+    ("GET", "/api/check", _check),
     ("GET", "/api/inspect", _inspect),
     ("GET", "/api/picture", _picture),
     ("GET", "/api/view", _view),
@@ -331,6 +348,8 @@ def _endpoint(session: Session, work: Work) -> Callable[[Request], Any]:
                     raise HTTPException(400, "the request is no JSON") from None
         try:
             made = await run_in_threadpool(work, session, request, body)
+        except HTTPException:
+            raise
         except EstimatorError as error:
             raise HTTPException(400, str(error)) from None
         except FileNotFoundError as error:

@@ -13,6 +13,7 @@ export class DataPage {
   constructor(app) {
     this.app = app;
     this.chosen = null;
+    this.checks = {}; // name → what the command check says
     this.facts = {}; // name → what was read, or the sentence why not
     this.list = el("div");
     this.detail = el("div");
@@ -103,10 +104,29 @@ export class DataPage {
         facts.even ? "even clock" : "the clock jitters", facts.missing_rows ? `${facts.missing_rows} rows lost` : null,
       ].filter(Boolean).join(" · ")),
       problem ? el("p", { class: "say error", id: "problem" }, problem) : null,
+      this.findings(file),
       el("div", { class: "chips", role: "list", "aria-label": "Columns" }, facts.columns.map((c, k) => this.chip(facts, r, c, k))),
       this.windowRow(facts, r),
       this.plot.node);
     this.draw(file, facts, r);
+  }
+
+  // What the command check finds in a recording; nothing while it looks, or where it cannot.
+  findings(file) {
+    if (!(file in this.checks)) {
+      this.checks[file] = null;
+      get("check", { name: file }).catch(() => null).then((told) => {
+        this.checks[file] = told;
+        if (told && this.app.page === this && this.chosen === file) this.show();
+      });
+    }
+    const told = this.checks[file];
+    if (!told) return null;
+    const all = told.check.recordings ?? [];
+    const doubts = all.flatMap((c) => c.implausible ?? []), lost = all.flatMap((c) => c.damage ?? []);
+    if (!doubts.length && !lost.length) return el("p", { class: "muted small" }, "Nothing in it is implausible: ", el("code", {}, told.command));
+    return el("div", { class: `say${doubts.some((d) => d.refused) ? " error" : ""}` }, el("ul", { class: "findings" },
+      doubts.map((d) => el("li", {}, d.sentence)), lost.map((text) => el("li", {}, text))), el("code", {}, told.command));
   }
 
   // What a column is put on: "input v", or nothing.

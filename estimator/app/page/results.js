@@ -43,6 +43,11 @@ export class ResultsPage {
     this.show();
   }
 
+  same(command) {
+    this.said = command;
+    if (this.app.page === this) this.app.same(command);
+  }
+
   async load(name) {
     const written = this.app.state.results.find((r) => r.name === name)?.written, key = `${name} ${written}`;
     if (!this.known[key]) this.known[key] = await get("result", { name });
@@ -51,7 +56,7 @@ export class ResultsPage {
 
   async show() {
     const key = JSON.stringify([this.chosen, [...this.beside], this.recording, this.app.state.results]);
-    if (key === this.shown) return;
+    if (key === this.shown) { this.app.command = this.said; return; }
     this.shown = key;
     try {
       if (this.beside.size > 1) { this.compare(await Promise.all([...this.beside].map((n) => this.load(n)))); return; }
@@ -62,8 +67,7 @@ export class ResultsPage {
 
   one(outcome) {
     const r = outcome.result;
-    const source = outcome.files.includes("result.json") ? `fmu-estimator export ${quoted(outcome.name)}` : null;
-    this.app.same(source);
+    this.same(`fmu-estimator export ${quoted(outcome.name)}`);
     const reasons = r.reasons ?? [];
     replace(this.detail,
       el("section", { class: `verdict ${r.verdict}`, "aria-label": "Verdict" }, el("h2", {}, `${outcome.name}: ${r.verdict}`), el("p", {}, SAYS[r.verdict]),
@@ -180,7 +184,7 @@ export class ResultsPage {
   }
 
   async export(name, format) {
-    this.app.same(`fmu-estimator export ${quoted(name)} --format ${format}`);
+    this.same(`fmu-estimator export ${quoted(name)} --format ${format}`);
     try {
       const response = await fetch(address("export", { name, format }), { credentials: "omit" });
       if (!response.ok) throw new Refused((await response.json()).error, response.status);
@@ -200,22 +204,22 @@ export class ResultsPage {
     const reach = Math.max(...entries.flatMap((ps) => ps.map((p) => Math.abs(change(p, ps[0]) ?? 0) + 2 * error(p, ps[0]))), 1e-9);
     const units = Object.assign({}, ...outcomes.flatMap((o) => o.signals.map((s) => s.units)));
     const outputs = [...new Set(outcomes.flatMap((o) => Object.keys(o.result.rmse ?? {})))];
-    this.app.same(`fmu-estimator compare ${outcomes.map((o) => quoted(o.name)).join(" ")}`);
+    this.same(`fmu-estimator compare ${outcomes.map((o) => quoted(o.name)).join(" ")}`);
     replace(this.detail, el("section", { "aria-label": "Side by side" }, el("h2", {}, "Side by side"),
+      el("p", { class: "muted small" }, `Bars: two standard errors either way, over the estimate of ${first.name}. Percentages: the difference from it, with its standard error.`),
       el("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Table of the runs" }, el("table", {},
-        el("thead", {}, el("tr", {}, el("th", { scope: "col" }, "parameter"), outcomes.map((o, k) => el("th", { scope: "col" }, el("i", { class: "swatch", style: { background: `var(${COLORS[k % COLORS.length]})` } }), ` ${o.name} `, el("span", { class: `tag ${o.result.verdict}` }, o.result.verdict))),
-          el("th", { scope: "col" }, `against ${first.name}, two standard errors, to ± ${show(100 * reach, 2)} %`))),
+        el("thead", {}, el("tr", {}, el("th", { scope: "col" }, "parameter"), el("th", { scope: "col" }, `over ${first.name}, to ± ${show(100 * reach, 2)} %`), outcomes.map((o, k) => el("th", { scope: "col" }, el("i", { class: "swatch", style: { background: `var(${COLORS[k % COLORS.length]})` } }), ` ${o.name} `, el("span", { class: `tag ${o.result.verdict}` }, o.result.verdict))))),
         el("tbody", {}, rows.map((name, j) => el("tr", {}, el("th", { scope: "row" }, name),
+          el("td", {}, entries[j].map((p, k) => (p ? sideBar(change(p, entries[j][0]) ?? 0, error(p, entries[j][0]), reach, COLORS[k % COLORS.length]) : null))),
           entries[j].map((p, k) => {
             if (!p) return el("td", { class: "muted" }, "–");
             const [value, e] = withError(p.value, p.standard_error), c = k ? change(p, entries[j][0]) : null;
             const both = Math.hypot(error(p, entries[j][0]), error(entries[j][0], entries[j][0]));
             return el("td", {}, `${value}${e ? ` ± ${e}` : ""} ${p.unit}`, c === null ? null : el("div", { class: "small muted" }, `${c >= 0 ? "+" : "−"}${show(100 * Math.abs(c), 3)} %${both ? ` ± ${show(100 * both, 2)} %` : ""}`));
-          }),
-          el("td", {}, entries[j].map((p, k) => (p ? sideBar(change(p, entries[j][0]) ?? 0, error(p, entries[j][0]), reach, COLORS[k % COLORS.length]) : null))))),
-        outputs.map((name) => el("tr", {}, el("th", { scope: "row" }, `RMSE ${name}`), outcomes.map((o) => el("td", {}, `${show(o.result.rmse?.[name], 4)} ${units[name] ?? ""}`)), el("td", {}))),
-        el("tr", {}, el("th", { scope: "row" }, "method, seed"), outcomes.map((o) => el("td", {}, `${o.result.method}, ${o.result.seed}`)), el("td", {})),
-        el("tr", {}, el("th", { scope: "row" }, "FMU"), outcomes.map((o) => el("td", {}, o.result.fmu?.name ?? "–")), el("td", {})))))),
+          }))),
+        outputs.map((name) => el("tr", {}, el("th", { scope: "row" }, `RMSE ${name}`), el("td", {}), outcomes.map((o) => el("td", {}, `${show(o.result.rmse?.[name], 4)} ${units[name] ?? ""}`)))),
+        el("tr", {}, el("th", { scope: "row" }, "method, seed"), el("td", {}), outcomes.map((o) => el("td", {}, `${o.result.method}, ${o.result.seed}`))),
+        el("tr", {}, el("th", { scope: "row" }, "FMU"), el("td", {}), outcomes.map((o) => el("td", {}, o.result.fmu?.name ?? "–"))))))),
       this.overlaid(outcomes));
   }
 
