@@ -374,6 +374,19 @@ def test_a_run_is_the_command_that_it_shows(folder, monkeypatch):
     assert one["parameters"] == other["parameters"]
 
 
+def test_what_differs_between_runs_is_told_by_the_command_compare(folder, capsys):
+    from estimator.cli import main
+
+    if "compare" not in command_line().get_default("flags"):
+        pytest.skip("this version has no command compare")
+    for name, more in (("monday", []), ("tuesday", ["--scale", "i=1.05"])):
+        assert main(["estimate", str(EXAMPLE), "-o", str(folder / name), "--quiet", *more]) == 0
+    with serving(folder) as server:
+        told = server.get("compare", names=json.dumps(["monday", "tuesday"]))
+    assert told["command"] == "fmu-estimator compare monday tuesday" and "R" in told["text"]
+    assert "DIFFERENT" in told["text"]
+
+
 def test_a_run_that_cannot_begin_leaves_no_case_file(folder):
     with serving(folder) as server:
         assert "no recording is chosen" in server.post("runs")["error"]

@@ -1,5 +1,6 @@
 """Only this machine, with the token, from the app's own page, and no name that leads out of the folder."""
 
+import json
 import socket
 
 import pytest
@@ -92,6 +93,7 @@ def test_no_name_leads_out_of_the_folder(server, name):
         ("export", {"name": name, "format": "csv"}),
         ("inspect", {"fmu": name}),
         ("check", {"name": name}),
+        ("compare", {"names": json.dumps([name, name])}),
     ):
         told = server.get(path, **query)
         assert told["status"] == 400 and ("leads out of" in told["error"] or "is no name" in told["error"]), told
@@ -144,6 +146,17 @@ def test_a_report_of_another_hand_gets_an_origin_of_its_own_and_no_network(serve
 def test_what_is_no_request_is_told_so(server, body):
     status, _, told = server.request(f"{server.path}api/change", method="POST", body=body)
     assert status in (400, 409) and b"error" in told and b"Traceback" not in told
+
+
+@pytest.mark.parametrize(
+    "query",
+    ["view?of=case&values=x", "view?of=case&values=[]", "view?of=recording&name=step.csv&signals={", "compare?names={",
+     "compare?names=[1]", "view?of=recording&name=step.csv&signals=5", "view?of=recording&name=step.csv&from=nan", "view?of=recording&name=step.csv&buckets=x",
+     "picture?of=run&name=none", "view?of=case&recording=9", "sample?of=recording&name=step.csv&at=inf"],
+)  # fmt: skip
+def test_a_query_that_makes_no_sense_is_told_so(server, query):
+    status, _, told = server.request(f"{server.path}api/{query}")
+    assert status == 400 and "internal" not in json.loads(told)["error"]
 
 
 def test_a_folder_that_is_not_there_and_a_port_that_is_taken_are_said_in_one_sentence(server, tmp_path, capsys):

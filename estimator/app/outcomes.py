@@ -28,7 +28,7 @@ SERVED = {
     "figure.pdf": "application/pdf",
     SIGNALS_FILE: "application/octet-stream",
 }
-EXPORT_LIMIT = 120.0  # s: an FMU is built again
+EXPORT_LIMIT, COMPARE_LIMIT = 120.0, 60.0  # s: for an export an FMU is built again
 KEPT = 8
 LARGEST = 64 << 20  # bytes of a result.json
 
@@ -144,6 +144,23 @@ class Outcomes:
             )
             (written,) = Path(folder).iterdir()
             return written.name, written.read_bytes()
+
+    def compared(self, names: list[str]) -> dict[str, str]:
+        """Return what the command `compare` says of results, the first being the reference, and the command.
+
+        Raises
+        ------
+        InputError
+            One of them is none, or they cannot be compared.
+        """
+        for name in names:
+            self._folder(name)
+        text = program.output_of(
+            ["compare", "--", *names], folder=self._place.path, limit=COMPARE_LIMIT, good=(0, 1)
+        )  # 1: something differs
+        if not text:
+            raise InputError(f"{program.shown(['compare', *names])} has said nothing")
+        return {"text": text, "command": program.shown(["compare", *names])}
 
     def _folder(self, name: str) -> Path:
         folder = self._place.inside(name)

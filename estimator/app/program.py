@@ -46,8 +46,15 @@ def start(arguments: Sequence[str], *, folder: Path, errors: int, keep: Sequence
     )
 
 
-def output_of(arguments: Sequence[str], *, folder: Path, limit: float) -> str:
+def output_of(arguments: Sequence[str], *, folder: Path, limit: float, good: Sequence[int] = (0,)) -> str:
     """Run a command to its end and return what it prints.
+
+    Parameters
+    ----------
+    limit : float
+        s that it may take.
+    good : exit statuses
+        With which it has done its work.
 
     Raises
     ------
@@ -75,7 +82,7 @@ def output_of(arguments: Sequence[str], *, folder: Path, limit: float) -> str:
         if process.poll() is None:
             _kill(process)
             process.communicate()
-    if process.returncode:
+    if process.returncode not in good:
         raise InputError(sentence(errors.decode(errors="replace")) or f"{shown(arguments)} has failed")
     return output.decode(errors="replace")
 

@@ -106,7 +106,7 @@ class Session:
         path = self.place.inside(name)
         stamp = path.stat().st_mtime
         if (name, stamp) not in self._checked:
-            arguments = ["check", os.path.join(".", name), "--json"]
+            arguments = ["check", "--json", "--", name]
             self._checked[name, stamp] = json.loads(
                 program.output_of(arguments, folder=self.place.path, limit=CHECK_LIMIT)
             )
@@ -128,7 +128,8 @@ class Session:
         if query.get("of") == "run":
             run = self.runs.run(query.get("name", ""))
             return self.previews.picture(("run", run.name), partial(self.bench.plan_of, run.case), run.best)
-        values = {name: _number(value) for name, value in json.loads(query.get("values") or "{}").items()}
+        given = _object(json.loads(query.get("values") or "{}"))
+        values = {name: _number(value) for name, value in given.items()}
         return self.previews.picture(("case", self.bench.revision), self.bench.plan, values)
 
     def series(self, query: Any) -> Series:
@@ -206,7 +207,7 @@ def _view(session: Session, request: Request, body: Any) -> Response:
     series = session.series(query)
     wanted = query.get("signals")
     if wanted is not None:
-        names = [name for name in json.loads(wanted) if name in series.signals]
+        names = [name for name in series.signals if name in _names(wanted)]
         series = Series(series.time, {name: series.signals[name] for name in names})
     start = _number(query["from"]) if "from" in query else float(series.time[0])
     end = _number(query["to"]) if "to" in query else float(series.time[-1])
@@ -238,6 +239,10 @@ def _stop(session: Session, request: Request, body: Any) -> Any:
 
 def _outcome(session: Session, request: Request, body: Any) -> Any:
     return session.outcomes.outcome(request.query_params.get("name", ""))
+
+
+def _compare(session: Session, request: Request, body: Any) -> Any:
+    return session.outcomes.compared(_names(request.query_params.get("names", "[]")))
 
 
 def _ripple(session: Session, request: Request, body: Any) -> Any:
@@ -277,6 +282,7 @@ ROUTES: tuple[tuple[str, str, Work], ...] = (
     ("GET", "/api/runs/{name}", _run),
     ("POST", "/api/runs/{name}/stop", _stop),
     ("GET", "/api/result", _outcome),
+    ("GET", "/api/compare", _compare),
     ("GET", "/api/ripple", _ripple),
     ("GET", "/api/file", _file),
     ("GET", "/api/export", _export),
@@ -352,6 +358,8 @@ def _endpoint(session: Session, work: Work) -> Callable[[Request], Any]:
             raise
         except EstimatorError as error:
             raise HTTPException(400, str(error)) from None
+        except json.JSONDecodeError:
+            raise HTTPException(400, "the request is no JSON") from None
         except FileNotFoundError as error:
             raise HTTPException(400, f"there is no file {error.filename}") from None
         except OSError as error:
@@ -403,6 +411,13 @@ def _text(body: Any, key: str) -> str:
     if not isinstance(text, str) or not text:
         raise InputError(f"the request must have a text {key!r}")
     return text
+
+
+def _names(text: str) -> list[str]:
+    names = json.loads(text)
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        raise InputError("names must be a list of texts")
+    return names
 
 
 def _number(value: Any) -> float:

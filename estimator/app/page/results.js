@@ -220,7 +220,17 @@ export class ResultsPage {
         outputs.map((name) => el("tr", {}, el("th", { scope: "row" }, `RMSE ${name}`), el("td", {}), outcomes.map((o) => el("td", {}, `${show(o.result.rmse?.[name], 4)} ${units[name] ?? ""}`)))),
         el("tr", {}, el("th", { scope: "row" }, "method, seed"), el("td", {}), outcomes.map((o) => el("td", {}, `${o.result.method}, ${o.result.seed}`))),
         el("tr", {}, el("th", { scope: "row" }, "FMU"), el("td", {}), outcomes.map((o) => el("td", {}, o.result.fmu?.name ?? "–"))))))),
-      this.overlaid(outcomes));
+      this.told(outcomes.map((o) => o.name)), this.overlaid(outcomes));
+  }
+
+  // What the command compare says of them: which differences are more than noise.
+  told(names) {
+    const section = el("section", { hidden: true, "aria-label": "What differs" });
+    get("compare", { names: JSON.stringify(names) }).then(({ text, command }) => {
+      section.hidden = false;
+      section.append(el("h2", {}, "What differs"), el("pre", { tabindex: "0", "aria-label": `What ${command} says` }, text));
+    }).catch(() => section.remove());
+    return section;
   }
 
   // The first recording of each run in one plot, where they have signals.
