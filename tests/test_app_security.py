@@ -150,9 +150,12 @@ def test_what_is_no_request_is_told_so(server, body):
 
 @pytest.mark.parametrize(
     "query",
-    ["view?of=case&values=x", "view?of=case&values=[]", "view?of=recording&name=step.csv&signals={", "compare?names={",
-     "compare?names=[1]", "view?of=recording&name=step.csv&signals=5", "view?of=recording&name=step.csv&from=nan", "view?of=recording&name=step.csv&buckets=x",
-     "picture?of=run&name=none", "view?of=case&recording=9", "sample?of=recording&name=step.csv&at=inf"],
+    [
+        "view?of=case&values=x", "view?of=case&values=[]", "view?of=case&recording=9", "compare?names={",
+        "view?of=recording&name=step.csv&signals={", "view?of=recording&name=step.csv&signals=5", "compare?names=[1]",
+        "view?of=recording&name=step.csv&from=nan", "view?of=recording&name=step.csv&buckets=x",
+        "picture?of=run&name=none", "sample?of=recording&name=step.csv&at=inf",
+    ],
 )  # fmt: skip
 def test_a_query_that_makes_no_sense_is_told_so(server, query):
     status, _, told = server.request(f"{server.path}api/{query}")
