@@ -92,6 +92,7 @@ def command_line() -> argparse.ArgumentParser:
         _add_new_model,
         _add_batch,
         _add_export,
+        _add_app,
         _add_schema,
         _add_completion,
     ):
@@ -211,7 +212,9 @@ Exit status: 0 an estimate, ok or doubtful; 1 refused or failed; 2 bad input."""
         help="write figure.svg or figure.pdf too, with -o; repeatable",
     )
     add("--save-case", type=case_file, metavar="OUT.case.toml", help="write all that is said here as a case file")
+    add("--signals", action="store_true", help="write signals.npz too, with -o: what was measured and simulated")
     add("--checkpoint", metavar="FILE", help="journal a long search there; killed and started again, it goes on")
+    add("--progress-json", metavar="FILE", help="write progress there, one JSON object a line, for a program")
     _add_quiet(estimate)
 
 
@@ -418,6 +421,23 @@ a MATLAB script, a Modelica modifier, and a motor's state space.""",
     )
     add("--fmu", type=path, metavar="FMU", help="the FMU, if it has moved since")
     add("-o", dest="output", type=path, metavar="DIR", help="folder (default: that of the result)")
+
+
+def _add_app(commands: Any) -> None:
+    app = _command(
+        commands,
+        "app",
+        "the bench in a browser: see, choose, estimate live",
+        """\
+Serve a page to this machine's browser: choose or drop recordings, see them, say what is what, estimate live, look at
+results. Files stay in the folder; what the page does is a case file there and a command, which it shows.
+It listens on 127.0.0.1 only, at an address that nobody can guess, until Ctrl-C (extra: app).""",
+        [f"{PROGRAM} app", f"{PROGRAM} app bench/monday --port 8765 --no-browser"],
+    )
+    add = app.add_argument
+    add("folder", nargs="?", type=path, default=".", metavar="FOLDER", help="to work in (default: this one)")
+    add("--port", type=whole(0), default=0, metavar="N", help="to listen on (default: any that is free)")
+    add("--no-browser", action="store_true", help="print the address, open no browser")
 
 
 def _add_schema(commands: Any) -> None:

@@ -84,16 +84,23 @@ def _estimate(args: argparse.Namespace, case: Case) -> int:
         write_case(case, Path(args.save_case))
     if args.figures and not args.output:
         raise InputError("--figures needs a folder to write to; give one with -o")
+    if args.signals and not args.output:
+        raise InputError("--signals needs a folder to write to; give one with -o")
     with OutputFolder(args.output) if args.output else contextlib.nullcontext() as folder:
         result = _estimated(
-            case, workers=args.workers, quiet=args.quiet, profile=folder is not None, checkpoint=args.checkpoint
+            case,
+            workers=args.workers,
+            quiet=args.quiet,
+            profile=folder is not None,
+            checkpoint=args.checkpoint,
+            progress_json=args.progress_json,
         )
         text = _json(result) if args.json else _text(result, folder=args.output)
         try:
             say(text)  # before the files: a disk that is full, or Ctrl-C while figures are drawn, cannot lose it
         finally:
             if folder is not None:
-                _write_results(folder, result, case, command=args.command_line, figures=args.figures)
+                _write_results(folder, result, case, command=args.command_line, figures=args.figures, signals=args.signals)
     return _status(result)
 
 
@@ -350,7 +357,13 @@ def _with_arguments(case: Case, args: argparse.Namespace) -> Case:
 
 
 def _estimated(
-    case: Case, *, workers: int | None, quiet: bool, profile: bool, checkpoint: str | None = None
+    case: Case,
+    *,
+    workers: int | None,
+    quiet: bool,
+    profile: bool,
+    checkpoint: str | None = None,
+    progress_json: str | None = None,
 ) -> Estimate:
     """Run the estimation with its progress on the terminal, journalled if there is a checkpoint."""
     from estimator.estimating.estimate import estimate as run
@@ -363,7 +376,8 @@ def _estimated(
         complain(sentence)
 
     tell = None if quiet else announce
-    with live or contextlib.nullcontext() as progress:
+    with live or contextlib.nullcontext() as line, _streamed(progress_json) as stream:
+        progress = _both(line, stream)
         if checkpoint is None:
             return run(case, workers=workers, progress=progress, tell=tell, profile=profile)
         from estimator.batches.batch import Digests
@@ -381,15 +395,58 @@ def _estimated(
             return result
 
 
+def _streamed(path: str | None) -> contextlib.AbstractContextManager[Callable[[Progress], None] | None]:
+    """Return what writes progress to a file; None for no file."""
+    if path is None:
+        return contextlib.nullcontext()
+    from estimator.estimating.progress_stream import ProgressStream
+
+    return ProgressStream(path)
+
+
+def _both(
+    one: Callable[[Progress], None] | None, other: Callable[[Progress], None] | None
+) -> Callable[[Progress], None] | None:
+    """Return what tells both, or the one that is there."""
+    if one is None or other is None:
+        return one or other
+
+    def tell(event: Progress) -> None:
+        one(event)
+        other(event)
+
+    return tell
+
+
 def _write_results(
-    folder: OutputFolder, result: Estimate, case: Case, *, command: str, figures: Sequence[str] = ()
+    folder: OutputFolder,
+    result: Estimate,
+    case: Case,
+    *,
+    command: str,
+    figures: Sequence[str] = (),
+    signals: bool = False,
 ) -> None:
     """Write all result files, and remove those of an earlier run that this one does not have."""
     from estimator.results.export import RESULT_FILES, result_files
+    from estimator.results.signals import SIGNALS_FILE, signals_file
 
     sources = [case.path, result.fmu.get("path"), *case.recordings]
     files = result_files(result, command=command, sources=[s for s in sources if s], figures=figures)
-    folder.write(files, stale=RESULT_FILES)
+    if signals:
+        files[SIGNALS_FILE] = signals_file(result)
+    folder.write(files, stale=(*RESULT_FILES, SIGNALS_FILE))
+
+
+def app(args: argparse.Namespace) -> int:
+    """Serve the bench to this machine's browser until Ctrl-C."""
+    try:
+        from estimator.app.server import serve
+    except ModuleNotFoundError as error:
+        if error.name not in ("starlette", "uvicorn"):
+            raise
+        raise InputError("the app needs starlette and uvicorn; pip install 'fmu-estimator[app]'") from None
+    return serve(args.folder, port=args.port, browser=not args.no_browser, say=say)
 
 
 def _json(result: Estimate) -> str:

@@ -1,0 +1,321 @@
+"""The case under way in the app: its recordings, its FMU, its plan, its file. Knows no HTTP; simulates nothing.
+
+Every change is written to the folder as a case file at once, so that a restart, a reload and a second tab go on from
+the same place. A change that was made from an older state than the present one is refused.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import shlex
+import tempfile
+import threading
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from estimator.app.case_json import (
+    kind_of,
+    parameters_shown,
+    recordings_shown,
+    with_mapping,
+    with_parameters,
+    with_recordings,
+    with_search,
+)
+from estimator.app.place import CASE_SUFFIX, DRAFT, Place
+from estimator.cases.case import Case, RunSpec, read_case, write_case
+from estimator.cases.init_case import case_text
+from estimator.cases.mapping import in_si_units
+from estimator.errors import EstimatorError, InputError
+from estimator.fmus.fmu import FmuDescription, describe, with_kind
+from estimator.fmus.probe import driven
+from estimator.plans.plan import Plan
+from estimator.plans.planning import plan_case
+from estimator.recordings.headers import ROLE_TITLE, parse_header
+from estimator.recordings.motor_columns import motor_columns
+from estimator.recordings.recording import Recording, read_recording
+from estimator.results.linear import MOTOR
+
+KEPT_RECORDINGS = 12
+
+
+class Outdated(Exception):
+    """A change was made from a state that another tab has changed since."""
+
+
+class Bench:
+    """The case under way.
+
+    Parameters
+    ----------
+    place : Place
+    """
+
+    def __init__(self, place: Place) -> None:
+        self.place = place
+        self.lock = threading.RLock()
+        self.revision = 0
+        self.case = Case()
+        self.off: dict[Path, RunSpec] = {}
+        self._read: dict[Path, tuple[tuple[int, int], Recording]] = {}
+        self._described: dict[tuple[str, str | None, int], FmuDescription] = {}
+        self._planned: tuple[int, Plan | None, str | None] = (-1, None, None)
+        draft = place.path / DRAFT
+        if draft.is_file():
+            with contextlib.suppress(EstimatorError):  # changed by hand, or its recordings have gone: begin anew
+                self.case = read_case(draft)
+
+    def change(self, revision: Any, changes: Any) -> None:
+        """Change parts of the case: "recordings", "mapping", "parameters", "search", "fmu" and "kind".
+
+        Parameters
+        ----------
+        revision : int
+            The state from which the change was made.
+
+        Raises
+        ------
+        Outdated
+            It is not the present one.
+        InputError
+            A part is not what it should be; nothing is changed then.
+        """
+        if not isinstance(changes, Mapping):
+            raise InputError("a change must be an object")
+        with self.lock:
+            if revision != self.revision:
+                raise Outdated
+            case, off = self.case, self.off
+            if "recordings" in changes:
+                case, off = with_recordings(case, changes["recordings"], self.place)
+            if "fmu" in changes:
+                case = self._with_fmu(case, str(changes["fmu"]), kind_of(changes.get("kind")))
+            if "mapping" in changes:
+                case = with_mapping(case, changes["mapping"])
+            if "parameters" in changes:
+                case = with_parameters(case, changes["parameters"], in_si_units(self.description(case)))
+            if "search" in changes:
+                case = with_search(case, changes["search"])
+            self._keep(case, off)
+
+    def open(self, name: str) -> None:
+        """Take a case file of the folder as the case under way; the file itself stays as it is."""
+        case = read_case(self.place.inside(name))
+        with self.lock:
+            self._keep(case, {})
+
+    def save(self, name: str) -> str:
+        """Write the case under way under a name of its own, which must be new; return the name."""
+        name = name if name.endswith(CASE_SUFFIX) else f"{name}{CASE_SUFFIX}"
+        path = self.place.inside(name)
+        if path.exists():
+            raise InputError(f"{name} is there already; give another name")
+        with self.lock:
+            self._check_recordings()
+            write_case(self.case, path)
+        return name
+
+    def snapshot(self, stem: str) -> tuple[str, Case]:
+        """Write the case for a run of its own; return the run's name and the case as it reads back."""
+        with self.lock:
+            self._check_recordings()
+            name = self.place.free_name(stem)
+            path = self.place.path / f"{name}{CASE_SUFFIX}"
+            write_case(self.case, path)
+            return name, read_case(path)
+
+    def recording(self, path: Path) -> Recording:
+        """Return a recording, from memory if its file has not changed since.
+
+        Raises
+        ------
+        InputError
+            It cannot be read: one sentence.
+        """
+        status = path.stat()
+        stamp = (status.st_mtime_ns, status.st_size)
+        with self.lock:
+            known = self._read.pop(path, None)
+            if known is None or known[0] != stamp:
+                known = (stamp, read_recording(path))
+            self._read[path] = known
+            while len(self._read) > KEPT_RECORDINGS:
+                del self._read[next(iter(self._read))]
+        return known[1]
+
+    def description(self, case: Case) -> FmuDescription:
+        """Return what a case's FMU says of itself, and how it is driven; a worker process probes it once."""
+        path = Path(case.fmu)
+        stamp = path.stat().st_mtime_ns if path.is_absolute() and path.is_file() else 0
+        key = (case.fmu, case.kind, stamp)
+        with self.lock:
+            if key not in self._described:
+                self._described[key] = driven(with_kind(describe(case.fmu), case.kind))
+            return self._described[key]
+
+    def plan(self) -> Plan:
+        """Return the case made concrete.
+
+        Raises
+        ------
+        InputError
+            Something in it is wrong: one sentence.
+        """
+        with self.lock:
+            if self._planned[0] != self.revision:
+                try:
+                    self._planned = (self.revision, self.plan_of(self.case), None)
+                except EstimatorError as error:
+                    self._planned = (self.revision, None, str(error))
+            _, plan, problem = self._planned
+        if plan is None:
+            raise InputError(problem or "")
+        return plan
+
+    def plan_of(self, case: Case) -> Plan:
+        """Return a case made concrete, its recordings from memory."""
+        if not case.recordings:
+            raise InputError("no recording is chosen to fit to; drop one here, or choose one of the folder's")
+        return plan_case(case, self.description(case), recordings=[self.recording(path) for path in case.recordings])
+
+    def state(self) -> dict[str, Any]:
+        """Return all that the page shows of the case."""
+        with self.lock:
+            plan, problem, description = None, None, None
+            try:
+                description = in_si_units(self.description(self.case))
+                plan = self.plan()
+            except EstimatorError as error:
+                problem = str(error)
+            return {
+                "revision": self.revision,
+                "fmu": self.case.fmu if not Path(self.case.fmu).is_absolute() else self.place.name_of(self.case.fmu),
+                "kind": self.case.kind,
+                "recordings": recordings_shown(self.case, self.off, self.place),
+                "mapping": self._mapping(),
+                "mapped": bool(self.case.inputs or self.case.outputs),
+                "targets": self._targets(description),
+                "parameters": [] if description is None else parameters_shown(self.case, description, plan),
+                "explicit": self._is_explicit(description),
+                "search": {
+                    "method": self.case.search.method,
+                    "seed": self.case.search.seed,
+                    "loss": self.case.search.loss,
+                },
+                "problem": problem,
+                "notes": [] if plan is None else list(plan.notes),
+                "observed": [] if plan is None else [o.recording.title for o in plan.observed],
+                "text": self.text(),
+                "command": shlex.join(["fmu-estimator", "estimate", DRAFT]) if self.case.recordings else "",
+            }
+
+    def text(self) -> str:
+        """Return the text of the case file."""
+        path = self.place.path / DRAFT
+        return path.read_text(encoding="utf-8") if self.case.recordings and path.is_file() else ""
+
+    def _keep(self, case: Case, off: dict[Path, RunSpec]) -> None:
+        """Write the case, see that it reads back, and take it."""
+        path = self.place.path / DRAFT
+        before = path.read_bytes() if path.is_file() else None
+        if case.recordings and not all(case.run(k).validate for k in range(len(case.recordings))):
+            write_case(case, path)
+            try:
+                case = read_case(path)
+            except EstimatorError:
+                if before is None:
+                    path.unlink()
+                else:
+                    path.write_bytes(before)
+                raise
+        elif not case.recordings:
+            path.unlink(missing_ok=True)
+        self.case, self.off = case, off
+        self.revision += 1
+
+    def _with_fmu(self, case: Case, fmu: str, kind: str | None) -> Case:
+        """Return the case with another FMU; what names variables of the one before is left behind."""
+        import fmu_build
+
+        bundled = fmu in fmu_build.bundled_names()
+        path = fmu if bundled else str(self.place.inside(fmu))
+        changed = Case(fmu=path, kind=kind, recordings=case.recordings, runs=case.runs, search=case.search)
+        description = self.description(changed)
+        if set(MOTOR) <= {v.name for v in description.of_causality("parameter")} or not case.recordings:
+            return changed
+        with tempfile.TemporaryDirectory() as folder:
+            guess = Path(folder) / f"guess{CASE_SUFFIX}"
+            text = case_text(description, self.recording(case.recordings[0]), fmu=path, folder=Path(folder))
+            guess.write_text(text, encoding="utf-8")
+            try:
+                guessed = read_case(guess)
+            except EstimatorError:
+                return changed
+        parts = ("inputs", "input_variables", "outputs", "parameters", "fixed")
+        return dataclasses.replace(changed, **{part: getattr(guessed, part) for part in parts})
+
+    def _mapping(self) -> dict[str, dict[str, str]]:
+        """Return which column is on which input and output: as the case says, else by the usual names."""
+        if self.case.inputs or self.case.outputs:
+            return {
+                "inputs": dict(self.case.inputs),
+                "outputs": {name: spec.column for name, spec in self.case.outputs.items()},
+            }
+        for path in self.case.recordings:
+            try:
+                recording = self.recording(path)
+                found = motor_columns(recording, required=[])
+            except (EstimatorError, OSError):
+                continue
+            written = {role: parse_header(recording.headers[column]).text for role, column in found.items()}
+            return {
+                "inputs": {role: written[role] for role in ("v", "load") if role in written},
+                "outputs": {role: written[role] for role in ("i", "w", "angle") if role in written},
+            }
+        return {"inputs": {}, "outputs": {}}
+
+    def _targets(self, description: FmuDescription | None) -> list[dict[str, str]]:
+        """Return what a column can be put on: the case's names, then the FMU's inputs and outputs."""
+        if description is None:
+            return []
+        own = {name: ("input", self.case.input_variables.get(name, name)) for name in self.case.inputs}
+        own |= {name: ("output", spec.fmu or name) for name, spec in self.case.outputs.items()}
+        taken = {variable for _, variable in own.values()}
+        for causality in ("input", "output"):
+            own |= {
+                v.name: (causality, v.name)
+                for v in description.of_causality(causality)
+                if v.is_real and v.name not in taken
+            }
+        units = {v.name: v.unit for v in description.variables}
+        return [
+            {
+                "name": name,
+                "causality": causality,
+                "variable": variable,
+                "unit": units.get(variable, ""),
+                "title": ROLE_TITLE.get(name, ""),
+            }
+            for name, (causality, variable) in own.items()
+        ]
+
+    def _is_explicit(self, description: FmuDescription | None) -> bool:
+        """Whether the case says itself which parameters are free."""
+        inputs = set() if description is None else {v.name for v in description.of_causality("input")}
+        return bool(self.case.parameters) or not set(self.case.fixed) <= inputs
+
+    def _check_recordings(self) -> None:
+        if not self.case.recordings:
+            raise InputError("no recording is chosen to fit to; drop one here, or choose one of the folder's")
+
+
+def start_case(bench: Bench) -> None:
+    """Take the only recording of a folder that has one, no case under way and no case file."""
+    files = bench.place.listed()
+    if bench.case.recordings or len(files["recordings"]) != 1:
+        return
+    row = {"file": files["recordings"][0], "role": "fit"}
+    with contextlib.suppress(InputError):
+        bench.change(bench.revision, {"recordings": [row]})

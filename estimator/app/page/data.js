@@ -1,0 +1,252 @@
+// Data: recordings with their roles; columns with their units and what each is; window, sign, scale; gaps, outliers.
+
+import { el, replace, select, say } from "./dom.js";
+import { get, post } from "./api.js";
+import { number } from "./fields.js";
+import { count, show } from "./numbers.js";
+import { Plot, Remote } from "./plot.js";
+
+const COLORS = ["--c1", "--c2", "--c3", "--c4", "--c5", "--c6"];
+const ROLES = [["fit", "fit"], ["validate", "validate"], ["off", "off"]];
+
+export class DataPage {
+  constructor(app) {
+    this.app = app;
+    this.chosen = null;
+    this.checks = {}; // name → what the command check says
+    this.facts = {}; // name → what was read, or the sentence why not
+    this.list = el("div");
+    this.detail = el("div");
+    this.plot = new Plot({ label: "The recording's columns over time" });
+    this.plotted = "";
+    this.node = el("div", { class: "columns" },
+      el("section", { class: "side", "aria-label": "Recordings" }, this.list),
+      el("section", { class: "wide", "aria-label": "The chosen recording" }, this.detail));
+  }
+
+  select(name) { this.chosen = name; this.render(); }
+
+  render() {
+    const { recordings, files } = this.app.state;
+    if (!recordings.some((r) => r.file === this.chosen)) this.chosen = recordings[0]?.file ?? null;
+    const used = new Set(recordings.map((r) => r.file));
+    const others = files.recordings.filter((name) => !used.has(name));
+    replace(this.list,
+      el("h2", {}, "Recordings"),
+      el("label", { class: "drop", for: "files" },
+        el("input", { type: "file", id: "files", multiple: true, class: "visually-hidden", onchange: (e) => this.taken(e) }),
+        "Drop recordings, an FMU or a case file here, or ", el("u", {}, "choose files")),
+      recordings.length ? el("ul", { class: "list" }, recordings.map((r, k) => this.row(r, k))) : null,
+      others.length ? [el("h3", {}, "In this folder"), el("ul", { class: "list plain" }, others.map((name, k) => el("li", { class: "row" },
+        el("span", { class: "name" }, name), el("span", { class: "grow" }),
+        el("button", { type: "button", id: `add-${k}`, "aria-label": `Add ${name}`, onclick: () => this.app.add(name) }, "Add"))))] : null,
+      files.cases.length ? [el("h3", {}, "Case files"), el("ul", { class: "list plain" }, files.cases.map((name, k) => el("li", { class: "row" },
+        el("span", { class: "name" }, name), el("span", { class: "grow" }),
+        el("button", { type: "button", id: `open-${k}`, "aria-label": `Open ${name}`, onclick: () => this.open(name) }, "Open"))))] : null);
+    this.show();
+  }
+
+  taken(event) {
+    const files = [...event.target.files];
+    event.target.value = "";
+    this.app.receive(files);
+  }
+
+  row(r, k) {
+    const chosen = r.file === this.chosen;
+    return el("li", { class: `card${chosen ? " chosen" : ""}` },
+      el("button", { type: "button", class: "link name", id: `choose-${k}`, "aria-pressed": String(chosen), onclick: () => this.select(r.file) }, r.file),
+      el("div", { class: "row" },
+        el("fieldset", { class: "segments" }, el("legend", { class: "visually-hidden" }, `Role of ${r.file}`),
+          ROLES.map(([role, text]) => el("label", {},
+            el("input", { type: "radio", name: `role-${k}`, id: `role-${k}-${role}`, value: role, checked: r.role === role, onchange: () => this.edit(r.file, { role }) }),
+            el("span", {}, text)))),
+        el("span", { class: "grow" }),
+        el("button", { type: "button", id: `remove-${k}`, "aria-label": `Take ${r.file} from the list`, title: "Take it from the list; the file stays", onclick: () => this.remove(r.file) }, "×")));
+  }
+
+  edit(file, part) {
+    this.app.change({ recordings: this.app.state.recordings.map((r) => (r.file === file ? { ...r, ...part } : r)) });
+  }
+
+  remove(file) { this.app.change({ recordings: this.app.state.recordings.filter((r) => r.file !== file) }); }
+
+  async open(name) {
+    try { this.app.take(await post("open", { name })); say(`${name} is open; what you change is kept in app.case.toml.`); } catch (error) { this.app.fail(error); }
+  }
+
+  async show() {
+    const file = this.chosen;
+    if (file === null) {
+      this.plotted = "";
+      replace(this.detail, el("div", { class: "empty" }, el("h2", {}, "No recording yet"),
+        el("p", {}, "A recording is text with a header (CSV), MAT, MDF or Parquet: time, voltage, current, speed or angle."),
+        el("p", {}, "Drop one anywhere on this page. It is copied into the folder; one that lies there already stays where it is.")));
+      return;
+    }
+    if (!(file in this.facts)) {
+      try { this.facts[file] = await get("recording", { name: file }); } catch (error) { this.facts[file] = error.message; }
+      if (file !== this.chosen) return;
+    }
+    const facts = this.facts[file];
+    if (typeof facts === "string") {
+      delete this.facts[file];
+      replace(this.detail, el("h2", {}, file), el("p", { class: "say error" }, facts));
+      return;
+    }
+    const r = this.app.state.recordings.find((x) => x.file === file);
+    if (!r) return;
+    const { problem } = this.app.state;
+    replace(this.detail,
+      el("h2", {}, facts.title),
+      el("p", { class: "muted", id: "facts" }, [
+        `${count(facts.samples)} samples`, `${show(facts.end - facts.begin, 5)} s`, `every ${show(facts.step * 1000, 5)} ms`,
+        facts.even ? "even clock" : "the clock jitters", facts.missing_rows ? `${facts.missing_rows} rows lost` : null,
+      ].filter(Boolean).join(" · ")),
+      problem ? el("p", { class: "say error", id: "problem" }, problem) : null,
+      this.findings(file),
+      el("div", { class: "chips", role: "list", "aria-label": "Columns" }, facts.columns.map((c, k) => this.chip(facts, r, c, k))),
+      this.windowRow(facts, r),
+      this.plot.node);
+    this.draw(file, facts, r);
+  }
+
+  // What the command check finds in a recording; nothing while it looks, or where it cannot.
+  findings(file) {
+    if (!(file in this.checks)) {
+      this.checks[file] = null;
+      get("check", { name: file }).catch(() => null).then((told) => {
+        this.checks[file] = told;
+        if (told && this.app.page === this && this.chosen === file) this.show();
+      });
+    }
+    const told = this.checks[file];
+    if (!told) return null;
+    const all = told.check.recordings ?? [];
+    const doubts = all.flatMap((c) => c.implausible ?? []), lost = all.flatMap((c) => c.damage ?? []);
+    if (!doubts.length && !lost.length) return el("p", { class: "muted small" }, "Nothing in it is implausible: ", el("code", {}, told.command));
+    return el("div", { class: `say${doubts.some((d) => d.refused) ? " error" : ""}` }, el("ul", { class: "findings" },
+      doubts.map((d) => el("li", {}, d.sentence)), lost.map((text) => el("li", {}, text))), el("code", {}, told.command));
+  }
+
+  // What a column is put on: "input v", or nothing.
+  target(column) {
+    const { mapping } = this.app.state;
+    for (const causality of ["inputs", "outputs"]) {
+      for (const [name, text] of Object.entries(mapping[causality])) {
+        if (text === column.header || text === column.name || text.replace(/\s*\[[^\]]*\]$/, "") === column.plain) return `${causality} ${name}`;
+      }
+    }
+    return "";
+  }
+
+  chip(facts, r, c, k) {
+    const { targets } = this.app.state;
+    const target = this.target(c), name = target.split(" ").slice(1).join(" "), channel = c.name;
+    const key = [name, channel].find((x) => x in r.scale) ?? channel, off = [name, channel].find((x) => x in r.offset) ?? channel;
+    const scale = r.scale[key] ?? 1, offset = r.offset[off] ?? 0;
+    const set = (part, at, value, neutral) => this.edit(r.file, { [part]: value === neutral
+      ? Object.fromEntries(Object.entries(r[part]).filter(([n]) => n !== at)) : { ...r[part], [at]: value } });
+    const options = [["", "not used"], ...targets.map((t) => [`${t.causality}s ${t.name}`,
+      `${t.causality === "input" ? "drives" : "measures"} ${t.title || t.variable}${t.title ? ` (${t.variable})` : ""}`])];
+    const si = c.unit && c.unit !== "?" ? c.unit : "";
+    const marks = [
+      c.gaps?.length ? el("button", { type: "button", class: "mark", id: `gap-${k}`, onclick: () => this.look(c.gaps[0][0], c.gaps[0][1], facts) }, `${count(c.missing)} missing in ${c.gaps.length} gap${c.gaps.length > 1 ? "s" : ""}`) : null,
+      c.outliers?.length ? el("button", { type: "button", class: "mark", id: `out-${k}`, onclick: () => this.look(c.outliers[0], c.outliers[0], facts) }, `${c.outliers.length} outlier${c.outliers.length > 1 ? "s" : ""}`) : null,
+    ];
+    return el("div", { class: `chip${target ? "" : " unused"}`, role: "listitem" },
+      el("div", { class: "row" }, el("i", { class: "swatch", style: { background: `var(${COLORS[k % COLORS.length]})` } }),
+        el("b", { class: "name" }, c.header), c.assumed ? el("span", { class: "muted" }, `taken as ${si}`) : null),
+      c.unreadable ? el("p", { class: "muted small" }, c.unreadable) : [
+        select({ id: `target-${k}`, "aria-label": `What ${c.header} is`, onchange: (e) => this.assign(c, e.target.value) }, options, target),
+        target ? el("div", { class: "row small" },
+          el("button", { type: "button", id: `sign-${k}`, "aria-pressed": String(scale < 0), "aria-label": `Turn the sign of ${c.header}`, title: "Turn the sign", onclick: () => set("scale", key, -scale, 1) }, "±"),
+          el("span", { "aria-hidden": "true" }, "×"),
+          number({ id: `scale-${k}`, label: `Factor on ${c.header}`, value: scale, required: true, width: "4.6em", onchange: (v) => (v === 0 ? say("A factor of 0 leaves nothing.", "error") : set("scale", key, v, 1)) }),
+          el("span", { "aria-hidden": "true" }, "+"),
+          number({ id: `offset-${k}`, label: `Offset added to ${c.header}, in ${si}`, value: offset, required: true, width: "4.6em", onchange: (v) => set("offset", off, v, 0) }),
+          el("span", { class: "muted" }, si)) : null,
+        target && c.written === null ? el("label", { class: "row small" }, "unit ",
+          el("input", { id: `unit-${k}`, type: "text", placeholder: si, style: { width: "5em" }, "aria-label": `Unit of ${c.header}`, onchange: (e) => this.assign(c, target, e.target.value.trim()) })) : null,
+      ],
+      el("div", { class: "row small" }, marks));
+  }
+
+  assign(column, target, unit = "") {
+    const mapping = structuredClone(this.app.state.mapping);
+    const before = this.target(column);
+    const without = (text) => { const [causality, ...rest] = text.split(" "); delete mapping[causality]?.[rest.join(" ")]; };
+    if (before) without(before);
+    if (target) {
+      const [causality, ...rest] = target.split(" ");
+      mapping[causality][rest.join(" ")] = unit ? `${column.plain} [${unit}]` : column.header;
+    }
+    this.app.change({ mapping });
+  }
+
+  windowRow(facts, r) {
+    const [from, to] = r.window ?? [null, null];
+    const set = (a, b) => {
+      const window = a === null && b === null ? null : [a ?? facts.begin, b ?? facts.end];
+      if (window && !(window[0] < window[1])) say("The window must begin before it ends.", "error");
+      else this.edit(r.file, { window });
+    };
+    return el("div", { class: "row window" }, el("span", {}, "Window"),
+      number({ id: "from", label: "Begin of the window, in s", value: from, hint: show(facts.begin), onchange: (v) => set(v, to) }), el("span", { "aria-hidden": "true" }, "to"),
+      number({ id: "to", label: "End of the window, in s", value: to, hint: show(facts.end), onchange: (v) => set(from, v) }), el("span", {}, "s"),
+      el("button", { type: "button", id: "window-view", onclick: () => set(...this.inView(facts)) }, "Take what is in view"),
+      r.window ? el("button", { type: "button", id: "window-all", onclick: () => set(null, null) }, "Whole record") : null);
+  }
+
+  inView(facts) {
+    const [a, b] = this.plot.view, digits = Math.ceil(-Math.log10(facts.step)) + 1, round = (t) => Number(t.toFixed(Math.max(0, Math.min(12, digits))));
+    return [round(Math.max(a, facts.begin)), round(Math.min(b, facts.end))];
+  }
+
+  look(from, to, facts) {
+    const span = Math.max(3 * (to - from), 40 * facts.step);
+    this.plot.show((from + to - span) / 2, (from + to + span) / 2);
+    this.plot.canvas.focus();
+  }
+
+  async draw(file, facts, r) {
+    const columns = facts.columns.filter((c) => !c.unreadable && c.least !== null);
+    const used = columns.filter((c) => this.target(c));
+    const shown = used.length ? used : columns.slice(0, 6);
+    let source = this.source;
+    if (this.plotted !== file) {
+      source = new Remote({ of: "recording", name: file });
+      try { await source.load(); } catch (error) { this.app.fail(error); return; }
+      if (file !== this.chosen) return;
+    }
+    const panels = shown.map((c) => {
+      const name = this.target(c).split(" ").slice(1).join(" ");
+      const scale = r.scale[name] ?? r.scale[c.name] ?? 1, offset = r.offset[name] ?? r.offset[c.name] ?? 0;
+      return {
+        key: c.name, title: c.plain, unit: c.unit === "?" ? "" : c.unit,
+        lines: [{ source, name: c.name, color: COLORS[facts.columns.indexOf(c) % COLORS.length], scale, offset, short: c.plain }],
+        rings: (c.outliers ?? []).map((t) => [t, ringed(source, c.name, t) * scale + offset]),
+      };
+    });
+    const shades = shown.flatMap((c) => (c.gaps ?? []).map(([from, to]) => ({ panel: c.name, from: from - facts.step / 2, to: to + facts.step / 2, color: "--gap" })));
+    this.plot.set({ panels, shades, keep: this.plotted === file });
+    this.plot.setWindow(r.window ? [...r.window] : [facts.begin, facts.end], (w) => this.dragged(facts, r.file, w));
+    this.source = source;
+    this.plotted = file;
+  }
+
+  dragged(facts, file, [from, to]) {
+    const step = facts.step, snap = (t) => Number((facts.begin + Math.round((t - facts.begin) / step) * step).toPrecision(12));
+    const whole = from <= facts.begin + step / 2 && to >= facts.end - step / 2;
+    this.edit(file, { window: whole ? null : [snap(from), snap(to)] });
+  }
+}
+
+// The extreme of a signal that the whole record's coarse view holds nearest to a time.
+function ringed(source, name, t) {
+  const data = source.whole, signal = data.signals[name];
+  let k = 0;
+  while (k + 1 < data.time.length && data.time[k + 1] <= t) k++;
+  const middle = (signal.low[Math.max(k - 1, 0)] + signal.high[Math.max(k - 1, 0)]) / 2;
+  return Math.abs(signal.low[k] - middle) > Math.abs(signal.high[k] - middle) ? signal.low[k] : signal.high[k];
+}

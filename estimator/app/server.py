@@ -1,0 +1,430 @@
+"""The app's server: addresses, answers and errors, on 127.0.0.1 only. Knows HTTP; leaves the work to the others."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import secrets
+import socket
+import sys
+import traceback
+import webbrowser
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+import uvicorn
+from starlette.applications import Starlette
+from starlette.concurrency import run_in_threadpool
+from starlette.exceptions import HTTPException
+from starlette.requests import Request
+from starlette.responses import FileResponse, JSONResponse, Response
+from starlette.routing import Route
+from starlette.types import ASGIApp
+
+from estimator.app import program
+from estimator.app.bench import Bench, Outdated, start_case
+from estimator.app.guard import Guard
+from estimator.app.outcomes import Outcomes
+from estimator.app.place import Place
+from estimator.app.preview import Picture, Previews
+from estimator.app.reading import facts, series_of
+from estimator.app.runs import Runs
+from estimator.app.series import Series, nearest, view
+from estimator.errors import EstimatorError, InputError
+from estimator.results.report import json_ready
+
+PAGE = Path(__file__).parent / "page"
+TYPES = {".html": "text/html", ".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml"}
+LOOPBACK = "127.0.0.1"
+INSPECTION_LIMIT, CHECK_LIMIT = 90.0, 90.0  # s
+DEBUG = "FMU_ESTIMATOR_DEBUG"  # as in cli.py
+# A report brings its own style and script. It gets an origin of its own, and can fetch nothing.
+REPORT_POLICY = (
+    "sandbox allow-scripts; default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'; img-src data:"
+)
+
+Work = Callable[["Session", Request, Any], Any]
+
+
+class Session:
+    """What answers are made of: the folder, the case under way, its runs, pictures and results."""
+
+    def __init__(self, folder: str | Path) -> None:
+        self.place = Place(folder)
+        self.bench = Bench(self.place)
+        self.runs = Runs(self.place)
+        self.outcomes = Outcomes(self.place)
+        self.previews = Previews()
+        self._facts: dict[tuple[Path, int], Any] = {}
+        self._checked: dict[tuple[str, float], Any] = {}
+        self._inspected: dict[tuple[str, float], Any] = {}
+
+    def close(self) -> None:
+        """End what is running."""
+        program.end_all()
+        self.runs.close()
+        self.previews.close()
+
+    def state(self) -> dict[str, Any]:
+        """Return all that the page shows but long signals."""
+        import fmu_build
+
+        files = self.place.listed()
+        return {
+            **self.bench.state(),
+            "folder": str(self.place.path),
+            "stamp": self.stamp(),
+            "files": files,
+            "models": fmu_build.bundled_names(),
+            "runs": self.runs.listed(),
+            "results": [self.outcomes.summary(name) for name in files["results"]],
+        }
+
+    def stamp(self) -> str:
+        """Return a text that changes when a file or a result comes or goes."""
+        files = self.place.listed()
+        return repr((files, [self.outcomes.written(name) for name in files["results"]]))
+
+    def recording_facts(self, name: str) -> Any:
+        """Return what was read from a recording's file, or what is wrong with it."""
+        path = self.place.inside(name)
+        if not path.is_file():
+            raise InputError(f"there is no recording {name!r}")
+        recording = self.bench.recording(path)
+        key = (path, id(recording))
+        if key not in self._facts:
+            self._facts = {k: v for k, v in self._facts.items() if k[0] != path}
+            self._facts[key] = facts(recording)
+        return self._facts[key]
+
+    def checked(self, name: str) -> Any:
+        """Return what the command `check` says of a recording, and the command."""
+        path = self.place.inside(name)
+        stamp = path.stat().st_mtime
+        if (name, stamp) not in self._checked:
+            arguments = ["check", "--json", "--", name]
+            self._checked[name, stamp] = json.loads(
+                program.output_of(arguments, folder=self.place.path, limit=CHECK_LIMIT)
+            )
+        return {"check": self._checked[name, stamp], "command": program.shown(["check", name])}
+
+    def inspected(self, fmu: str) -> Any:
+        """Return what the command `inspect` says of an FMU, and the command."""
+        import fmu_build
+
+        bundled = fmu in fmu_build.bundled_names()
+        stamp = 0.0 if bundled else self.place.inside(fmu).stat().st_mtime
+        if (fmu, stamp) not in self._inspected:
+            text = program.output_of(["inspect", fmu, "--json"], folder=self.place.path, limit=INSPECTION_LIMIT)
+            self._inspected[fmu, stamp] = json.loads(text)
+        return {"inspection": self._inspected[fmu, stamp], "command": program.shown(["inspect", fmu])}
+
+    def picture(self, query: Any) -> Picture:
+        """Return the picture that a request means: a start of the case, or the best candidate of a run."""
+        if query.get("of") == "run":
+            run = self.runs.run(query.get("name", ""))
+            return self.previews.picture(("run", run.name), partial(self.bench.plan_of, run.case), run.best)
+        given = _object(json.loads(query.get("values") or "{}"))
+        values = {name: _number(value) for name, value in given.items()}
+        return self.previews.picture(("case", self.bench.revision), self.bench.plan, values)
+
+    def series(self, query: Any) -> Series:
+        """Return the signals that a request means."""
+        number = int(_number(query.get("recording", "0")))
+        if query.get("of") == "recording":
+            path = self.place.inside(query.get("name", ""))
+            if not path.is_file():
+                raise InputError(f"there is no recording {query.get('name')!r}")
+            return series_of(self.bench.recording(path))
+        if query.get("of") == "result":
+            return self.outcomes.series(query.get("name", ""), number)
+        recordings = self.picture(query).recordings
+        if not 0 <= number < len(recordings):
+            raise InputError(f"there is no recording number {number}")
+        return recordings[number]
+
+
+def _state(session: Session, request: Request, body: Any) -> Any:
+    return session.state()
+
+
+def _revision(session: Session, request: Request, body: Any) -> Any:
+    return {"revision": session.bench.revision, "runs": session.runs.listed(), "files": session.stamp()}
+
+
+def _change(session: Session, request: Request, body: Any) -> Any:
+    body = _object(body)
+    try:
+        session.bench.change(body.get("revision"), body.get("changes"))
+    except Outdated:
+        raise HTTPException(409, "the case was changed in another tab; this one now shows it") from None
+    return session.state()
+
+
+def _open(session: Session, request: Request, body: Any) -> Any:
+    session.bench.open(_text(body, "name"))
+    return session.state()
+
+
+def _save(session: Session, request: Request, body: Any) -> Any:
+    return {"name": session.bench.save(_text(body, "name"))}
+
+
+def _upload(session: Session, request: Request, body: Any) -> Any:
+    return {"name": session.place.receive(request.query_params.get("name", ""), body)}
+
+
+def _recording(session: Session, request: Request, body: Any) -> Any:
+    return session.recording_facts(request.query_params.get("name", ""))
+
+
+def _check(session: Session, request: Request, body: Any) -> Any:
+    return session.checked(request.query_params.get("name", ""))
+
+
+def _inspect(session: Session, request: Request, body: Any) -> Any:
+    return session.inspected(request.query_params.get("fmu", ""))
+
+
+def _picture(session: Session, request: Request, body: Any) -> Any:
+    made = session.picture(request.query_params)
+    return {
+        "recordings": [
+            {"name": name, "begin": s.time[0], "end": s.time[-1], "signals": list(s.signals), "transient": movement}
+            for name, s, movement in zip(made.names, made.recordings, made.transients, strict=True)
+        ],
+        "units": made.units,
+        "fit_percent": made.fit_percent,
+    }
+
+
+def _view(session: Session, request: Request, body: Any) -> Response:
+    query = request.query_params
+    series = session.series(query)
+    wanted = query.get("signals")
+    if wanted is not None:
+        names = [name for name in series.signals if name in _names(wanted)]
+        series = Series(series.time, {name: series.signals[name] for name in names})
+    start = _number(query["from"]) if "from" in query else float(series.time[0])
+    end = _number(query["to"]) if "to" in query else float(series.time[-1])
+    content = view(series, start=start, end=end, buckets=int(_number(query.get("buckets", "1500"))))
+    return Response(content, media_type="application/octet-stream")
+
+
+def _sample(session: Session, request: Request, body: Any) -> Any:
+    time, values = nearest(session.series(request.query_params), _number(request.query_params.get("at", "0")))
+    return {"time": time, "values": values}
+
+
+def _start(session: Session, request: Request, body: Any) -> Any:
+    session.runs.check_free()
+    session.bench.plan()  # says what is wrong before a case file is written
+    name, case = session.bench.snapshot("run")
+    return session.runs.start(name, case).state()
+
+
+def _run(session: Session, request: Request, body: Any) -> Any:
+    return session.runs.run(request.path_params["name"]).state()
+
+
+def _stop(session: Session, request: Request, body: Any) -> Any:
+    run = session.runs.run(request.path_params["name"])
+    run.stop()
+    return run.state()
+
+
+def _outcome(session: Session, request: Request, body: Any) -> Any:
+    return session.outcomes.outcome(request.query_params.get("name", ""))
+
+
+def _compare(session: Session, request: Request, body: Any) -> Any:
+    return session.outcomes.compared(_names(request.query_params.get("names", "[]")))
+
+
+def _ripple(session: Session, request: Request, body: Any) -> Any:
+    query = request.query_params
+    return session.outcomes.ripple(query.get("name", ""), int(_number(query.get("recording", "0"))))
+
+
+def _file(session: Session, request: Request, body: Any) -> Response:
+    query = request.query_params
+    path, kind = session.outcomes.file(query.get("name", ""), query.get("file", ""))
+    headers = {} if "download" not in query else _attachment(path.name)
+    if path.suffix in (".html", ".svg"):
+        headers["Content-Security-Policy"] = REPORT_POLICY
+    return FileResponse(path, media_type=kind, headers=headers)
+
+
+def _export(session: Session, request: Request, body: Any) -> Response:
+    query = request.query_params
+    name, content = session.outcomes.export(query.get("name", ""), query.get("format", ""))
+    return Response(content, media_type="application/octet-stream", headers=_attachment(name))
+
+
+ROUTES: tuple[tuple[str, str, Work], ...] = (
+    ("GET", "/api/state", _state),
+    ("GET", "/api/revision", _revision),
+    ("POST", "/api/change", _change),
+    ("POST", "/api/open", _open),
+    ("POST", "/api/save", _save),
+    ("POST", "/api/upload", _upload),
+    ("GET", "/api/recording", _recording),
+    ("GET", "/api/check", _check),
+    ("GET", "/api/inspect", _inspect),
+    ("GET", "/api/picture", _picture),
+    ("GET", "/api/view", _view),
+    ("GET", "/api/sample", _sample),
+    ("POST", "/api/runs", _start),
+    ("GET", "/api/runs/{name}", _run),
+    ("POST", "/api/runs/{name}/stop", _stop),
+    ("GET", "/api/result", _outcome),
+    ("GET", "/api/compare", _compare),
+    ("GET", "/api/ripple", _ripple),
+    ("GET", "/api/file", _file),
+    ("GET", "/api/export", _export),
+)
+
+
+def application(session: Session, *, token: str, port: int) -> ASGIApp:
+    """Return the app as an ASGI application, guarded."""
+    routes = [Route(path, _endpoint(session, work), methods=[method]) for method, path, work in ROUTES]
+    routes += [Route("/", partial(_asset, "index.html")), Route("/page/{name}", _named_asset)]
+    app = Starlette(routes=routes, exception_handlers={HTTPException: _http_error})
+    return Guard(app, token=token, port=port)
+
+
+def serve(folder: str | Path, *, port: int, browser: bool, say: Callable[[str], None]) -> int:
+    """Serve until Ctrl-C; print the address first, and open a browser there if one is wanted.
+
+    Raises
+    ------
+    InputError
+        There is no such folder, or the port is taken.
+    """
+    with socket.socket() as listener:
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            listener.bind((LOOPBACK, port))
+        except (OSError, OverflowError) as error:
+            raise InputError(f"port {port} cannot be had ({error}); give another --port, or none") from None
+        port = listener.getsockname()[1]
+        token = secrets.token_urlsafe(24)
+        session = Session(folder)
+        start_case(session.bench)
+        app = application(session, token=token, port=port)
+        listener.listen()
+        address = f"http://{LOOPBACK}:{port}/{token}/"
+        with contextlib.suppress(KeyboardInterrupt):  # that is how it is ended
+            say(f"{address}\nThe bench of {Path(folder).resolve()}. Ctrl-C ends it.\n")
+            if browser:
+                webbrowser.open(address)
+            # What goes wrong is told to the page, and what is not foreseen to the terminal too.
+            quiet: dict[str, Any] = {"log_level": "critical", "access_log": False, "ws": "none", "lifespan": "off"}
+            config = uvicorn.Config(app, timeout_graceful_shutdown=2, **quiet)
+            _Server(config, session).run(sockets=[listener])
+    return 0
+
+
+class _Server(uvicorn.Server):
+    """A server that ends what is running before it waits for the answers that need it."""
+
+    def __init__(self, config: uvicorn.Config, session: Session) -> None:
+        super().__init__(config)
+        self._session = session
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        """End the runs, then the server."""
+        await run_in_threadpool(self._session.close)
+        await super().shutdown(sockets=sockets)
+
+
+def _endpoint(session: Session, work: Work) -> Callable[[Request], Any]:
+    async def answer(request: Request) -> Response:
+        body: Any = None
+        if request.method == "POST":
+            body = await request.body()
+            if work is not _upload:
+                try:
+                    body = json.loads(body or b"{}")
+                except ValueError:
+                    raise HTTPException(400, "the request is no JSON") from None
+        try:
+            made = await run_in_threadpool(work, session, request, body)
+        except HTTPException:
+            raise
+        except EstimatorError as error:
+            raise HTTPException(400, str(error)) from None
+        except json.JSONDecodeError:
+            raise HTTPException(400, "the request is no JSON") from None
+        except FileNotFoundError as error:
+            raise HTTPException(400, f"there is no file {error.filename}") from None
+        except OSError as error:
+            raise HTTPException(400, f"{error.filename or ''}: {error.strerror or error}") from None
+        except Exception as error:
+            complain(f"internal error, {type(error).__name__}: {error}")
+            if os.environ.get(DEBUG):
+                traceback.print_exc()
+            raise HTTPException(500, f"internal error, {type(error).__name__}: {error}") from None
+        return made if isinstance(made, Response) else JSONResponse(json_ready(made))
+
+    return answer
+
+
+async def _http_error(request: Request, error: Exception) -> Response:
+    assert isinstance(error, HTTPException)
+    return JSONResponse({"error": error.detail}, status_code=error.status_code)
+
+
+async def _asset(name: str, request: Request) -> Response:
+    path = PAGE / name
+    if not path.is_file() or path.suffix not in TYPES or path.parent != PAGE:
+        raise HTTPException(404, "there is no such page")
+    return FileResponse(path, media_type=TYPES[path.suffix])
+
+
+async def _named_asset(request: Request) -> Response:
+    return await _asset(request.path_params["name"], request)
+
+
+def complain(sentence: str) -> None:
+    """Write one sentence to stderr."""
+    with contextlib.suppress(OSError, ValueError):
+        print(f"fmu-estimator: {' '.join(sentence.split())}", file=sys.stderr)
+
+
+def _attachment(name: str) -> dict[str, str]:
+    return {"Content-Disposition": f"attachment; filename*=UTF-8''{quote(name, safe='')}"}
+
+
+def _object(body: Any) -> dict[str, Any]:
+    if not isinstance(body, dict):
+        raise InputError("the request must be an object")
+    return body
+
+
+def _text(body: Any, key: str) -> str:
+    text = _object(body).get(key)
+    if not isinstance(text, str) or not text:
+        raise InputError(f"the request must have a text {key!r}")
+    return text
+
+
+def _names(text: str) -> list[str]:
+    names = json.loads(text)
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        raise InputError("names must be a list of texts")
+    return names
+
+
+def _number(value: Any) -> float:
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        raise InputError(f"{value!r} is no number") from None
+    if number - number != 0:
+        raise InputError(f"{value!r} is no finite number")
+    return number

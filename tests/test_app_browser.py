@@ -1,0 +1,541 @@
+"""The app in a real browser: what a person does with it, with the mouse and without, and what goes wrong."""
+
+import base64
+import json
+import os
+import shutil
+import time
+
+import numpy as np
+import psutil
+import pytest
+from app_server import EXAMPLE, serving
+
+pytest.importorskip("starlette", reason="the extra app is not installed")
+webdriver = pytest.importorskip("selenium.webdriver", reason="selenium is not installed")
+from selenium.webdriver.chrome.service import Service  # noqa: E402
+from selenium.webdriver.common.action_chains import ActionChains  # noqa: E402
+from selenium.webdriver.common.by import By  # noqa: E402
+from selenium.webdriver.common.keys import Keys  # noqa: E402
+
+BROWSER = next((p for name in ("chromium", "chromium-browser", "google-chrome") if (p := shutil.which(name))), None)
+DRIVER = shutil.which("chromedriver")
+pytestmark = [
+    pytest.mark.skipif(not BROWSER or not DRIVER, reason="no browser here: apt-get install chromium chromium-driver"),
+    pytest.mark.xdist_group("browser"),
+]
+SWITCHES = (
+    "--headless=new --no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking"
+    " --disable-component-update --disable-sync"
+)
+LONG = 120  # s: the machine may be busy
+EXPECTED = ("status of 400", "status of 409")  # the browser writes refusals to its console too
+PAGES = ("data", "model", "run", "results")
+
+
+class Page:
+    """A tab of the browser that shows the app."""
+
+    def __init__(self, driver, address):
+        self.driver, self.address = driver, address
+        self.size(1280, 900)
+        self.go("data")
+
+    def go(self, step):
+        self.driver.get(f"{self.address}#{step}")
+        self.until(lambda: self.js("return document.querySelector('nav a[aria-current]')?.id") == f"step-{step}")
+
+    def size(self, width, height, *, dark=False):
+        metrics = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
+        self.driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
+        scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
+        self.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": [scheme]})
+
+    def js(self, script, *arguments):
+        return self.driver.execute_script(script, *arguments)
+
+    def until(self, condition, *, limit=LONG):
+        """Wait until something is so, and return it."""
+        end = time.monotonic() + limit
+        while time.monotonic() < end:
+            try:
+                if found := condition():
+                    return found
+            except Exception as error:
+                if "stale" not in str(error) and "no such element" not in str(error):
+                    raise
+            time.sleep(0.1)
+        raise AssertionError(f"not within {limit} s; the page says: {self.text[:1500]}")
+
+    @property
+    def text(self):
+        return self.js("return document.body.innerText")
+
+    def says(self, text):
+        return self.until(lambda: text in self.text)
+
+    def find(self, name):
+        return self.until(lambda: self.driver.find_element(By.ID, name))
+
+    def press(self, name):
+        self.until(lambda: self.driver.find_element(By.ID, name).is_enabled())
+        self.js("document.getElementById(arguments[0]).scrollIntoView({ block: 'center' })", name)
+        self.until(lambda: [self.driver.find_element(By.ID, name).click()])
+
+    def type(self, name, text):
+        """Type into a field as a person does, and leave it."""
+
+        def typed():
+            self.find(name).send_keys(Keys.CONTROL, "a")
+            self.find(name).send_keys(text, Keys.TAB)
+            return True
+
+        self.until(typed)
+
+    def value(self, name, attribute="value"):
+        """Return an attribute of a field, or None where it has none."""
+        return self.js("return document.getElementById(arguments[0])[arguments[1]]", name, attribute)
+
+    def choose(self, name, value):
+        self.until(lambda: self.find(name).find_element(By.CSS_SELECTOR, f"option[value='{value}']")).click()
+
+    def drop(self, name, content):
+        """Drop a file on the page."""
+        self.js(
+            """const bytes = Uint8Array.from(atob(arguments[1]), (c) => c.charCodeAt(0));
+            const data = new DataTransfer();
+            data.items.add(new File([bytes], arguments[0]));
+            const how = { dataTransfer: data, bubbles: true, cancelable: true };
+            document.body.dispatchEvent(new DragEvent("drop", how));""",
+            name,
+            base64.b64encode(content).decode(),
+        )
+
+    def console(self):
+        """Return what is on the console, but for refusals."""
+        return [e["message"] for e in self.driver.get_log("browser") if not any(x in e["message"] for x in EXPECTED)]
+
+
+@pytest.fixture(scope="module")
+def driver(tmp_path_factory):
+    options = webdriver.ChromeOptions()
+    options.binary_location = BROWSER
+    profile = tmp_path_factory.mktemp("profile")
+    downloads = tmp_path_factory.mktemp("downloads")
+    for switch in [*SWITCHES.split(), f"--user-data-dir={profile}"]:
+        options.add_argument(switch)
+    options.add_experimental_option("prefs", {"download.default_directory": str(downloads)})
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+    driver = webdriver.Chrome(options=options, service=Service(DRIVER))
+    driver.downloads = downloads
+    yield driver
+    driver.quit()
+
+
+@pytest.fixture
+def folder(tmp_path):
+    folder = tmp_path / "bench"
+    folder.mkdir()
+    shutil.copy(EXAMPLE, folder / "step.csv")
+    return folder
+
+
+@pytest.fixture
+def server(folder):
+    with serving(folder) as server:
+        yield server
+
+
+@pytest.fixture
+def page(driver, server):
+    page = Page(driver, server.address)
+    yield page
+    said = page.console()
+    for handle in driver.window_handles[1:]:
+        driver.switch_to.window(handle)
+        driver.close()
+    driver.switch_to.window(driver.window_handles[0])
+    driver.get("about:blank")
+    driver.get_log("browser")
+    assert said == []
+
+
+def renamed(columns, *, comma=False, unit=1.0):
+    """Return the example's recording with other names, and decimal commas if asked for."""
+    lines = EXAMPLE.read_text().splitlines()
+    rows = [line.split(",") for line in lines if line and line[0].isdigit()]
+    for row in rows:
+        row[3] = repr(float(row[3]) * unit)
+    separator = ";" if comma else ","
+    cells = [[cell.replace(".", ",") if comma else cell for cell in row] for row in rows]
+    return "\n".join([separator.join(columns), *(separator.join(row) for row in cells)]).encode() + b"\n"
+
+
+def test_a_dropped_file_is_assigned_estimated_and_reported(page, folder, driver):
+    content = renamed(["t [s]", "channel 1 [V]", "channel 2 [A]", "channel 3 [rpm]"], comma=True, unit=30 / np.pi)
+    page.press("remove-0")
+    page.drop("bench 7.csv", content)
+    page.says("2\u202f801 samples")
+    assert (folder / "bench 7.csv").read_bytes() == content
+    page.choose("target-0", "inputs v")
+    page.choose("target-1", "outputs i")
+    page.choose("target-2", "outputs w")
+    page.until(lambda: '"channel 3 [rpm]"' in (folder / "app.case.toml").read_text())
+    page.until(lambda: not driver.find_elements(By.ID, "problem"))
+    page.go("run")
+    page.press("start")
+    page.until(lambda: driver.find_elements(By.ID, "to-result"))
+    page.press("to-result")
+    page.says("run-1: ok")
+    value = page.js(
+        """return [...document.querySelectorAll("tbody tr")].map((r) => r.innerText.split("\\t").slice(0, 2))"""
+    )
+    estimates = {row[0]: float(row[1]) for row in value[:5]}
+    assert estimates == pytest.approx({"R": 3.14, "K": 0.0488, "L": 0.0132, "J": 9.0e-6, "B": 1.69e-4}, rel=0.02)
+    report = driver.find_element(By.LINK_TEXT, "Open the report").get_attribute("href")
+    driver.get(report)
+    assert "estimate run-1.case.toml -o run-1 --signals" in page.text
+
+
+def test_a_result_can_be_exported_and_the_command_is_shown(page, driver, folder):
+    page.go("run")
+    page.press("start")
+    page.until(lambda: driver.find_elements(By.ID, "to-result"))
+    page.press("to-result")
+    page.press("export-4")
+    page.until(lambda: list(driver.downloads.glob("motor_parameters*.m")))
+    assert "fmu-estimator export run-1 --format matlab" in page.text
+    page.js("document.getElementById('ripple').open = true")
+    page.until(lambda: len(page.js("return document.querySelectorAll('canvas')[1].plot.panels")) == 2)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "sentence"),
+    [
+        ("notes.csv", b"dear diary\nnothing\n", "notes.csv"),
+        ("short.csv", b"time [s],voltage [V]\n0,1\n1,2\n", "short.csv has 2 samples"),
+        ("motor.fmu", b"PK no archive", "motor.fmu"),
+        ("virus.exe", b"MZ", "virus.exe is no recording"),
+        ("bad.case.toml", b"[fmu\n", "bad.case.toml line 1"),
+    ],
+)
+def test_a_wrong_file_is_told_in_a_sentence_and_changes_nothing(page, folder, name, content, sentence):
+    before = (folder / "app.case.toml").read_bytes()
+    page.drop(name, content)
+    page.says(sentence)
+    assert (folder / "app.case.toml").read_bytes() == before and "step.csv" in page.text
+
+
+def test_two_tabs_show_one_case_and_an_outdated_change_is_refused(page, driver, server, folder):
+    first = driver.current_window_handle
+    driver.switch_to.new_window("tab")
+    second = Page(driver, server.address)
+    second.says("step.csv")
+    driver.switch_to.window(first)
+    page.press("sign-1")
+    page.until(lambda: "scale" in (folder / "app.case.toml").read_text())
+    driver.switch_to.window(driver.window_handles[1])
+    second.until(lambda: second.value("sign-1", "ariaPressed") == "true")
+    assert server.post("change", {"revision": 0, "changes": {"mapping": None}})["status"] == 409
+    assert second.console() == []
+    driver.close()
+    driver.switch_to.window(first)
+
+
+def slow(page):
+    """Choose a method that takes its time, and start it."""
+    page.go("run")
+    page.choose("method", "paper")
+    page.until(lambda: page.js("return document.querySelector('#casefile pre').textContent").count('method = "paper"'))
+    page.press("start")
+    page.until(lambda: page.driver.find_elements(By.ID, "best"))
+
+
+def test_a_reload_in_the_middle_of_a_run_goes_on_with_it_and_it_can_be_stopped_and_kept(page, driver, folder):
+    slow(page)
+    driver.refresh()
+    page.until(lambda: driver.find_elements(By.ID, "best"))
+    assert "run-1 is running" in page.text
+    page.press("stop")
+    page.press("keep")
+    page.until(lambda: "start = " in (folder / "app.case.toml").read_text())
+    page.find("start-R")
+    start = page.until(lambda: page.value("start-R"))
+    assert 0.5 < float(start) < 50
+
+
+def children(server):
+    """Return the processes of the estimate that is running: the program, then its workers."""
+    below = psutil.Process(server.process.pid).children(recursive=True)
+    (program,) = [p for p in below if any("--progress-json" in word for word in p.cmdline())]
+    return program, program.children(recursive=True)
+
+
+def test_a_killed_worker_costs_a_candidate_and_a_killed_program_costs_its_run(page, driver, server):
+    slow(page)
+    program, workers = children(server)
+    simulations = page.js("return document.body.innerText").count("simulations")
+    workers[0].kill()
+    before = server.get("runs/run-1")["progress"]["simulations"]
+    page.until(lambda: server.get("runs/run-1")["progress"]["simulations"] > before + 1000)
+    assert simulations and server.get("runs/run-1")["state"] == "running"
+    program.kill()
+    page.says("the process was killed (SIGKILL)")
+    page.choose("method", "cuckoo")
+    page.press("start")
+    page.until(lambda: driver.find_elements(By.ID, "to-result"))
+    page.says("run-2 is done: ok")
+
+
+def million(path):
+    """Write a recording of a million samples with one sample that stands alone, and a gap."""
+    pyarrow = pytest.importorskip("pyarrow")
+    from pyarrow import parquet
+
+    n = 1_000_000
+    rng = np.random.default_rng(1)
+    t = np.arange(n) * 1e-4
+    v = np.where(t % 10 < 5, 10.0, -6.0)
+    i = 0.5 * np.sign(v) + 0.01 * rng.standard_normal(n)
+    i[612_345] = 42.0
+    w = 20 * v + 0.3 * rng.standard_normal(n)
+    w[200_000:205_000] = np.nan
+    columns = {"time [s]": t, "voltage [V]": v, "current [A]": i, "speed [rad/s]": w}
+    parquet.write_table(pyarrow.table(columns), path)
+
+
+def test_a_million_samples_are_dragged_at_the_speed_of_the_screen_and_no_extreme_is_lost(page, driver, folder):
+    million(folder / "long.parquet")
+    driver.refresh()
+    page.press("add-0")
+    page.says("1\u202f000\u202f000 samples")
+    page.says("1 outlier")
+    page.says("5\u202f000 missing in 1 gap")
+    canvas = page.until(lambda: driver.find_element(By.CSS_SELECTOR, "canvas"))
+    highest = """const p = arguments[0].plot, source = p.panels[1].lines[0].source;
+        return Math.max(...source.data(...p.view).signals.current.high)"""
+    page.until(lambda: page.js("return arguments[0].plot.panels.length === 3 && arguments[0].plot.end > 99", canvas))
+    assert page.js(highest, canvas) == 42.0
+    page.js("arguments[0].plot.show(30, 70)", canvas)
+    time.sleep(0.5)
+    page.js("arguments[0].plot.frames.length = 0", canvas)
+    drag = ActionChains(driver, duration=15).move_to_element_with_offset(canvas, 100, 0).click_and_hold()
+    for _ in range(40):
+        drag.move_by_offset(-8, 0)
+    drag.release().perform()
+    frames = page.js("return arguments[0].plot.frames", canvas)
+    took = sorted(ms for _, ms in frames)
+    assert len(took) >= 20, "nearly every move of the mouse is drawn"
+    assert took[len(took) // 4] < 1000 / 60, took  # the quicker ones: the machine may be busy with others
+    assert page.js("return arguments[0].plot.view[0]", canvas) > 40
+    page.press("out-1")  # a jump to the outlier shows its samples one by one
+    page.until(lambda: page.js("return arguments[0].plot.view[1] - arguments[0].plot.view[0] < 0.01", canvas))
+    page.until(lambda: page.js("const p = arguments[0].plot; return !p.sources()[0].data(...p.view).envelope", canvas))
+    assert page.js(highest, canvas) == 42.0
+
+
+def test_everything_can_be_done_by_the_keyboard(page, driver, folder):
+    shutil.copy(EXAMPLE, folder / "again.csv")
+    driver.refresh()
+    page.says("again.csv")
+    keys = ActionChains(driver)
+
+    def tab_to(name):
+        page.js("document.getElementById('main').focus()")
+        for _ in range(120):
+            ActionChains(driver).send_keys(Keys.TAB).perform()
+            if page.js("return document.activeElement.id") == name:
+                return
+        raise AssertionError(f"{name} is not reached by the keyboard")
+
+    tab_to("add-0")
+    keys.send_keys(Keys.ENTER).perform()
+    page.until(lambda: '"again.csv"' in (folder / "app.case.toml").read_text())
+    tab_to("role-1-fit")
+    ActionChains(driver).send_keys(Keys.ARROW_RIGHT).perform()
+    page.until(lambda: "validate = true" in (folder / "app.case.toml").read_text())
+    page.until(lambda: page.js("return document.activeElement.id") == "role-1-validate")
+    tab_to("choose-0")
+    ActionChains(driver).send_keys(Keys.ENTER).perform()
+    edge = page.until(lambda: driver.find_elements(By.CSS_SELECTOR, ".edge:not([hidden])"))[0]
+    page.js("arguments[0].focus()", edge)
+    ActionChains(driver).send_keys(Keys.ARROW_RIGHT, Keys.ARROW_RIGHT).perform()
+    page.until(lambda: "window = [0.056, 2.8]" in (folder / "app.case.toml").read_text())
+    canvas = driver.find_element(By.CSS_SELECTOR, "canvas")
+    page.js("arguments[0].focus()", canvas)
+    ActionChains(driver).send_keys("+").key_down(Keys.SHIFT).send_keys(Keys.ARROW_RIGHT).key_up(Keys.SHIFT).perform()
+    page.until(lambda: "current" in driver.find_element(By.CSS_SELECTOR, "output.readout").text)
+    ActionChains(driver).key_down(Keys.ALT).send_keys("3").key_up(Keys.ALT).perform()
+    tab_to("start")
+    ActionChains(driver).send_keys(Keys.ENTER).perform()
+    page.until(lambda: driver.find_elements(By.ID, "to-result"))
+    tab_to("to-result")
+    ActionChains(driver).send_keys(Keys.ENTER).perform()
+    page.says("run-1: ok")
+    page.says("RMSE on the validation")
+
+
+def test_the_window_is_dragged_and_becomes_part_of_the_case(page, driver, folder):
+    edge = page.until(lambda: driver.find_elements(By.CSS_SELECTOR, ".edge:not([hidden])"))[1]
+    ActionChains(driver).drag_and_drop_by_offset(edge, -300, 0).perform()
+    page.until(lambda: "window = [0.0, 1.7" in (folder / "app.case.toml").read_text())
+    page.until(lambda: page.value("to") not in ("", "2.8"))
+    assert float(page.value("to")) == pytest.approx(1.79, abs=0.1)
+    page.press("window-all")
+    page.until(lambda: "window" not in (folder / "app.case.toml").read_text())
+
+
+@pytest.mark.parametrize(
+    ("typed", "value"),
+    [
+        ("3.14", 3.14), ("3,14", 3.14), ("1.234,5", 1234.5), ("1,234.5", 1234.5), ("1 234,5", 1234.5),
+        ("-0,5e-3", -5e-4), ("1.234.567", 1234567.0), ("−2", -2.0), ("", None), ("1,2,3", "NaN"), ("x", "NaN"),
+        ("0x10", "NaN"), ("1e999", "NaN"), ("Infinity", "NaN"), ("1.2,3.4", "NaN"), ("12.34,5", "NaN"),
+    ],
+)  # fmt: skip
+def test_numbers_are_read_in_german_and_in_english(page, typed, value):
+    script = """const done = arguments[1]; import(new URL("page/numbers.js", document.baseURI).href)
+      .then(({ parse }) => { const v = parse(arguments[0]); done(Number.isNaN(v) ? "NaN" : v); });"""
+    assert page.driver.execute_async_script(script, typed) == value
+
+
+def test_a_german_bound_is_kept_and_nonsense_is_marked_where_it_stands(page, driver, folder):
+    page.go("model")
+    page.type("min-R", "0,5")
+    page.until(lambda: "R = { min = 0.5" in (folder / "app.case.toml").read_text())
+    page.until(lambda: page.value("min-R") == "0.5")
+    page.type("max-R", "viel")
+    page.until(lambda: page.value("max-R", "ariaInvalid") == "true" and page.value("max-R") == "viel")
+    page.type("max-R", "0,1")
+    page.says("min must be the smaller one")
+    page.choose("is-L", "fixed")
+    page.until(lambda: "[fixed]" in (folder / "app.case.toml").read_text())
+    page.type("value-L", "13,1e-3")
+    page.until(lambda: "L = 0.0131" in (folder / "app.case.toml").read_text())
+    page.press("automatic")
+    page.until(lambda: "[parameters]" not in (folder / "app.case.toml").read_text())
+
+
+def test_a_slider_shows_what_another_start_looks_like(page, driver, folder):
+    page.go("model")
+    page.says("The start explains")
+    before = page.js("return document.querySelector('[role=status].muted').textContent")
+    page.find("try-R").send_keys(Keys.ARROW_RIGHT * 30)
+    page.until(lambda: "start = " in (folder / "app.case.toml").read_text())
+    page.until(lambda: "The start explains" in page.text and before not in page.text)
+
+
+def test_a_bundled_model_is_inspected_and_its_parameters_are_offered(page, driver, folder):
+    page.go("model")
+    page.says("repeats itself")
+    page.press("fmu-1")
+    page.until(lambda: 'path = "dc_motor_friction"' in (folder / "app.case.toml").read_text())
+    page.find("start-friction")
+
+
+HOSTILE = "<img src=x onerror=window.hacked=1>"
+
+
+def test_a_script_in_a_name_stays_a_text(page, driver, folder, server):
+    header = ["time [s]", "voltage [V]", "current [A]", "speed [rad/s]"]
+    header[3] = f"{HOSTILE} [rad/s]"
+    (folder / f"{HOSTILE}.csv").write_bytes(renamed(header))
+    (folder / f"{HOSTILE}.case.toml").write_text('[[recording]]\nfile = "step.csv"\n')
+    result = folder / HOSTILE
+    result.mkdir()
+    told = {"verdict": "doubtful", "reasons": [HOSTILE], "notes": [HOSTILE], "rivals": [{"what": HOSTILE}]}
+    told["parameters"] = {HOSTILE: {"value": 1.0, "standard_error": 0.1, "unit": HOSTILE, "status": HOSTILE}}
+    told |= {"fmu": {"name": HOSTILE}, "rmse": {HOSTILE: 1.0}, "correlation": {HOSTILE: {HOSTILE: 1.0}, "b": {}}}
+    (result / "result.json").write_text(json.dumps(told))
+    driver.refresh()
+    page.press("add-0")
+    page.says(HOSTILE)
+    page.until(lambda: driver.find_elements(By.ID, "target-2"))
+    for step in PAGES:
+        page.go(step)
+        page.says(HOSTILE)
+    assert page.js("return window.hacked") is None and not driver.find_elements(By.CSS_SELECTOR, "img[src=x]")
+
+
+def test_a_result_folder_made_elsewhere_is_opened_and_runs_are_seen_side_by_side(page, driver, folder):
+    from estimator.cli import main
+
+    for name, more in (("monday", ["--signals"]), ("tuesday", ["--fix", "L=0.0131", "--signals"])):
+        assert main(["estimate", str(folder / "step.csv"), "-o", str(folder / name), "--quiet", "--json", *more]) == 0
+    (folder / "old").mkdir()
+    for file in ("result.json", "figure.png"):
+        shutil.copy(folder / "monday" / file, folder / "old")
+    (folder / "broken").mkdir()
+    (folder / "broken" / "result.json").write_text("{")
+    page.go("results")
+    page.says("monday")
+    page.driver.get(f"{page.address}#results/old")
+    page.says("estimate again with --signals")
+    page.until(lambda: page.js("return document.querySelector('main img').naturalWidth") > 300)
+    page.driver.get(f"{page.address}#results/broken")
+    page.says("broken/result.json cannot be read")
+    names = [e.text for e in driver.find_elements(By.CSS_SELECTOR, "[id^=result-]")]
+    for name in ("monday", "tuesday"):
+        page.press(f"beside-{names.index(name)}")
+    page.says("Side by side")
+    page.says("over the estimate of monday")
+    page.until(lambda: len(page.js("return document.querySelector('canvas').plot.panels")) == 4)
+    assert "fmu-estimator compare monday tuesday" in page.text
+
+
+def axe_script():
+    axe = pytest.importorskip("axe_core_python", reason="axe-core-python is not installed")
+    return (os.path.dirname(axe.__file__) or "") + "/axe.min.js"
+
+
+@pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
+@pytest.mark.parametrize("width", [1280, 400])
+def test_no_page_has_a_serious_finding_of_axe_or_is_wider_than_the_screen(page, driver, server, folder, width, dark):
+    with open(axe_script(), encoding="utf-8") as file:
+        axe = file.read()
+    page.go("run")
+    page.press("start")
+    page.until(lambda: driver.find_elements(By.ID, "to-result"))
+    for step in PAGES:
+        page.size(width, 900, dark=dark)
+        page.go(step)
+        page.until(lambda: page.js("return document.querySelectorAll('main section').length > 1"))
+        page.until(lambda: page.js("return [...document.querySelectorAll('canvas')].some((c) => c.plot.frames.length)"))
+        time.sleep(0.5)
+        driver.execute_cdp_cmd("Runtime.evaluate", {"expression": axe})
+        found = driver.execute_async_script(
+            """const runOnly = ["wcag2a", "wcag2aa", "wcag21aa", "best-practice"];
+            axe.run(document, { runOnly }).then(arguments[0]);"""
+        )
+        serious = [
+            (v["id"], [n["html"][:200] for n in v["nodes"]][:3])
+            for v in found["violations"]
+            if v["impact"] in ("serious", "critical")
+        ]
+        assert not serious, (step, serious)
+        assert page.js("return document.documentElement.scrollWidth <= document.documentElement.clientWidth"), step
+
+
+def test_the_colours_can_be_chosen_and_stay(page, driver):
+    def back():
+        return page.js("return getComputedStyle(document.body.parentElement).backgroundColor")
+
+    light = back()
+    page.press("theme")
+    page.press("theme")
+    dark = back()
+    assert dark != light
+    driver.refresh()
+    page.says("step.csv")
+    assert back() == dark
+    page.press("theme")
+
+
+def test_ctrl_c_ends_a_run_with_the_app(driver, folder):
+    with serving(folder) as server:
+        page = Page(driver, server.address)
+        slow(page)
+        program, workers = children(server)
+    assert not any(p.is_running() and p.status() != psutil.STATUS_ZOMBIE for p in (program, *workers))
+    driver.get("about:blank")
+    driver.get_log("browser")
