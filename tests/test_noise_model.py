@@ -55,7 +55,7 @@ def test_the_deviation_is_unbiased_whatever_the_parameters_have_taken():
         r = 0.3 * rng.standard_normal(400)
         left = r - basis @ (basis.T @ r)
         squares.append(found(left[:, None], columns=columns).white[0] ** 2)
-    # 339 degrees of freedom (a level, too) of 8 draws: the mean square is told to 2.7 %; without the loss it is 15 % low
+    # 339 degrees of freedom (a level, too) of 8 draws: the mean square is told to 2.7 %; else it is 15 % low
     assert np.mean(squares) == pytest.approx(0.09, rel=0.09)
 
 
