@@ -8,9 +8,6 @@ from motors import CML050, NAMES, held_response, recording_of, step_recording
 
 from estimator.cases.case import Case, Chebyshev1, OutputSpec
 from estimator.estimating.estimate import estimate_recordings
-from estimator.fitting.lost_samples import Loss, with_loss
-from estimator.fmus.fmu import describe
-from estimator.plans.planning import plan_case
 from estimator.recordings.recording import Recording, recording_from_arrays
 
 
@@ -184,20 +181,6 @@ def test_lost_samples_in_the_transient_are_named(case_of, noisy):
     (shown,) = result.comparisons
     assert np.flatnonzero(np.isnan(shown.measured["w"])).tolist() == list(range(515, 520))
     assert shown.time == pytest.approx(noisy.time) and result.recordings[0]["missing_rows"] == 5
-
-
-def test_the_difference_over_lost_counts_is_left_out():
-    angle = np.floor(4000 * 0.3 * np.arange(40.0) ** 1.5) / 4000
-    speed = np.diff(angle[np.r_[0:20, 25:40]], prepend=0.0) / 1e-3
-    columns = {"voltage": np.full(35, 10.5), "current": np.ones(35), "speed": speed}
-    recording = recording_from_arrays("lost", np.arange(35) * 1e-3, columns)
-    case = Case(inputs={"v": "voltage"}, outputs={"w": OutputSpec("speed", sensor="mean")})
-    plan = plan_case(case, describe("dc_motor"), recordings=[recording])
-    (whole,) = with_loss(plan, Loss(20, 5)).observed
-    assert np.flatnonzero(np.isnan(whole.outputs["w"])).tolist() == list(range(20, 26))
-    assert whole.recording.time == pytest.approx(np.arange(40) * 1e-3) and len(whole.inputs["v"]) == 40
-    again = with_loss(with_loss(plan, Loss(20, 5)), Loss(21, 2)).observed[0]
-    assert len(again.recording.time) == 37  # from what was logged, whatever was put back before
 
 
 def test_the_speed_of_an_encoder_is_taken_as_a_mean_over_the_interval(case_of, noisy):

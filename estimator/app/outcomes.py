@@ -14,7 +14,7 @@ from estimator.app import program
 from estimator.app.place import RESULT, Place
 from estimator.app.series import Series, spectrum
 from estimator.errors import InputError
-from estimator.results.plots import transient
+from estimator.results.panels import transient
 from estimator.results.result import Comparison
 from estimator.results.signals import SIGNALS_FILE, Signals, read_signals
 

@@ -16,7 +16,7 @@ from estimator.errors import SimulationError
 from estimator.fitting.problem import Problem
 from estimator.fmus.workers import Workers
 from estimator.plans.plan import Plan
-from estimator.results.plots import transient
+from estimator.results.panels import transient
 from estimator.results.result import Comparison
 
 LIMIT = 20.0  # s that one simulation may take

@@ -12,7 +12,7 @@ import json
 import shutil
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -20,7 +20,7 @@ from estimator.commands.options import unique, with_corrections, with_held_out, 
 from estimator.commands.sources import CASE_SUFFIX, STDIN, case_of
 from estimator.commands.terminal import FAILED, INTERRUPTED, OK, complain, say
 from estimator.errors import FmuError, InputError, SimulationError
-from estimator.estimating.progress import LiveLine, batch_line, is_live, is_terminal
+from estimator.estimating.progress import LiveLine, Progress, batch_line, is_live, is_terminal
 from estimator.output import OutputFolder, write_files
 
 if TYPE_CHECKING:
@@ -100,7 +100,9 @@ def _estimate(args: argparse.Namespace, case: Case) -> int:
             say(text)  # before the files: a disk that is full, or Ctrl-C while figures are drawn, cannot lose it
         finally:
             if folder is not None:
-                _write_results(folder, result, case, command=args.command_line, figures=args.figures, signals=args.signals)
+                _write_results(
+                    folder, result, case, command=args.command_line, figures=args.figures, signals=args.signals
+                )
     return _status(result)
 
 

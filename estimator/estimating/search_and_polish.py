@@ -65,7 +65,6 @@ class _Attempts:
         if any(spec.start is not None for spec in self.plan.case.parameters.values()):  # whatever the search says
             tried = self._polished(start)
             polish = tried if self._is_better(tried, polish) else polish
-            self.run.best = polish.values
         if steady is not None and set(self.plan.names) == set(MOTOR) and needs_many(self.plan, polish):
             starts = many_starts(self.plan, polish, steady, box, count=STARTS, rng=run.rng)
             polish = self._best_of_many(polish, starts)

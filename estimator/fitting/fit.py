@@ -322,9 +322,7 @@ def _triangle(fit: Fit, linear: FloatArray, raw: FloatArray, shown: FloatArray) 
     return square
 
 
-def _step(
-    a: FloatArray, g: FloatArray, damping: float, x: FloatArray, low: FloatArray, high: FloatArray
-) -> FloatArray:
+def _step(a: FloatArray, g: FloatArray, damping: float, x: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
     """Return the damped step that minimises |g - a dx|; zero for what would leave its bounds from there."""
     free = np.ones(len(x), dtype=bool)
     dx = np.zeros(len(x))

@@ -28,9 +28,7 @@ class StepCheck:
     notes: tuple[str, ...] = ()
 
 
-def step_check(
-    problem: Problem, values: FloatArray, polish: Polish | None, explained: Explained | None
-) -> StepCheck:
+def step_check(problem: Problem, values: FloatArray, polish: Polish | None, explained: Explained | None) -> StepCheck:
     """Simulate an estimate, (p,), at a finer communication step, and say what that changes.
 
     Parameters

@@ -48,9 +48,7 @@ class Drive(Effect):
         if not sizes or sizes[0] <= 0:
             return ()
         return [
-            Nuisance(
-                self.target, self.unit, 0.0, 20 * max(sizes), 0.0, 0.1 * sizes[0], target=self.target, tries=sizes
-            )
+            Nuisance(self.target, self.unit, 0.0, 20 * max(sizes), 0.0, 0.1 * sizes[0], target=self.target, tries=sizes)
         ]
 
     def sizes(self, plan: Plan) -> tuple[float, ...]:

@@ -1,0 +1,67 @@
+"""A bench beside the estimator's own: a motor stepped exactly at a tenth of a sample, and what stands around it."""
+
+from functools import cache
+
+import numpy as np
+from scipy.linalg import expm
+from scipy.signal import lfilter
+
+from estimator.recordings.recording import recording_from_arrays
+
+R, K, L, J, B = 3.1363, 0.048774, 0.01307, 9.0e-6, 1.69e-4
+TRUE = {"R": R, "K": K, "L": L, "J": J, "B": B}
+H, FINE = 1e-3, 10
+NOISE = {"i": 0.02, "w": 1.0}
+EXCITATIONS = {
+    "step": lambda t: np.where(t < 0.1, 0.0, 10.5),
+    "two levels": lambda t: np.where(t < 0.1, 0.0, np.where(t < 0.45, 5.0, 10.5)),
+    "reversal": lambda t: np.where(t < 0.1, 0.0, np.where(t < 0.45, 10.5, -10.5)),
+}
+
+
+@cache
+def driven(excitation, friction=0.0, brush=0.0):
+    """Return time, voltage, current and speed at a tenth of a sample; friction in N.m, drop of the brushes in V."""
+    dt = H / FINE
+    time = np.arange(round(0.8 / dt) + 1) * dt
+    v = EXCITATIONS[excitation](time + 1e-9)
+    whole = np.zeros((4, 4))
+    whole[:2] = [[-R / L, -K / L, 1 / L, 0.0], [K / J, -B / J, 0.0, 1 / J]]
+    step = expm(whole * dt)
+    x = np.zeros((len(time), 2))
+    for k in range(len(time) - 1):
+        i, w = x[k]
+        stands = abs(w) < 1e-9 and abs(K * i) <= friction
+        torque = -K * i if stands else -friction * np.sign(w if abs(w) >= 1e-9 else i)
+        volt = v[k] - brush * np.tanh(i / 1e-3)
+        x[k + 1] = step[:2, :2] @ x[k] + step[:2, 2:] @ (volt, torque)
+        if (w != 0 and x[k + 1, 1] * w < 0) or stands:
+            x[k + 1, 1] = 0.0
+    return time, v, x[:, 0], x[:, 1]
+
+
+def lagged(y, tau):
+    """Return y behind tau x' + x = y, held at a tenth of a sample."""
+    a = np.exp(-H / FINE / tau)
+    return lfilter([0.0, 1 - a], [1.0, -a], y)
+
+
+def late(y, by):
+    """Return y later by so many s."""
+    return np.interp(np.arange(len(y)) * H / FINE - by, np.arange(len(y)) * H / FINE, y)
+
+
+def recording(excitation, seed=0, *, i=lambda y: y, w=lambda y: y, name="bench", **machine):
+    """Return a recording; `i` and `w` are what the sensors make of current and speed at a tenth of a sample."""
+    time, v, current, speed = driven(excitation, **machine)
+    rng = np.random.default_rng(seed)
+    shown = {"current [A]": i(current)[::FINE], "speed [rad/s]": w(speed)[::FINE]}
+    noise = dict(zip(shown, NOISE.values(), strict=True))
+    shown = {k: y + noise[k] * rng.standard_normal(len(y)) for k, y in shown.items()}
+    return recording_from_arrays(name, time[::FINE], {"voltage [V]": v[::FINE], **shown})
+
+
+def worst(result):
+    """Return the largest error of a parameter in standard errors."""
+    return max(abs(result.parameters[n].value - x) / (result.parameters[n].standard_error or 1e-300)
+               for n, x in TRUE.items())  # fmt: skip
