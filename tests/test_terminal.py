@@ -54,7 +54,7 @@ def check(screen: Screen, *, status: int = 0, columns: int = 80) -> Screen:
 @pytest.mark.parametrize("columns", [80, 200])
 def test_an_estimate_that_frees_an_offset_runs_on_a_terminal(bench, columns):
     screen = check(Terminal("estimate", str(OFFSETS), cwd=bench, columns=columns).run(), columns=columns)
-    assert "offset w" in screen.text and screen.drawings
+    assert "measurement" in screen.text and screen.drawings
     assert any("K " in drawing for drawing in screen.drawings) or columns == 80
 
 
@@ -70,7 +70,7 @@ def test_a_refused_recording_is_told_on_a_terminal(bench):
 
 def test_a_dumb_terminal_gets_no_live_line(bench):
     screen = check(Terminal("estimate", str(OFFSETS), cwd=bench, term="dumb").run())
-    assert screen.drawings == [] and "offset w" in screen.text
+    assert screen.drawings == [] and "measurement" in screen.text
     assert "\r" not in screen.text.replace("\r\n", "")
 
 

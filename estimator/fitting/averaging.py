@@ -1,7 +1,7 @@
 """What is left open: additions that were not accepted, and rivals, widen the bars by their weights. Knows no effect.
 
-Explanation m weighs exp(-c_m / 2), c_m its criterion above the best's. The values are the weighted means; their
-covariance is  sum w_m (C_m + (x_m - x)(x_m - x)')  (Buckland, Burnham and Augustin 1997; Hoeting et al. 1999). Of an
+Explanation m weighs exp(-c_m / 2), c_m its criterion above the best's. The values stay the best explanation's, so that
+what follows from them is consistent; their covariance is  sum w_m (C_m + (x_m - x)(x_m - x)')  about them (Buckland, Burnham and Augustin 1997; Hoeting et al. 1999). Of an
 addition that was not accepted the score test tells x_m and C_m without a refit. Its number has a usual size as prior
 deviation, so that it is charged log det (I + information), not log n (MacKay 1992): an effect that the recording hardly
 tells, and that would move a parameter far, must not leave the bars as if it were known to be absent. What a usual size
@@ -94,23 +94,18 @@ def averaged(
     weights = np.exp(-0.5 * np.array([c for c, _, _ in parts]))
     weights /= weights.sum()
     finite = np.isfinite(np.diag(covariance)[:p])
-    mean = own.copy()
-    mean[finite] = np.sum([w * x for w, (_, x, _) in zip(weights, parts, strict=True)], axis=0)[finite]
-    low, high = fit.simulator.scaled(fit.simulator.lower)[:p], fit.simulator.scaled(fit.simulator.upper)[:p]
-    mean = np.clip(mean, low, high)
     total = covariance[:p, :p].copy()
     sub = np.ix_(finite, finite)
     total[sub] = np.sum(
         [
-            w * (c[sub] + np.outer((x - mean)[finite], (x - mean)[finite]))
+            w * (c[sub] + np.outer((x - own)[finite], (x - own)[finite]))
             for w, (_, x, c) in zip(weights, parts, strict=True)
         ],
         axis=0,
     )
     held = ~inside[:p]
     total[held] = total[:, held] = 0.0
-    mean[held] = own[held]
-    return Averaged(mean, total, tuple(unseen), tuple(told))
+    return Averaged(own, total, tuple(unseen), tuple(told))
 
 
 def _criterion(explanation: Explanation, samples: int) -> float:

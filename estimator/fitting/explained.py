@@ -29,6 +29,7 @@ from estimator.stepping import layout
 FloatArray = NDArray[np.float64]
 
 REPORTED = SensorPlace("nuisance")  # of what is estimated beside the motor
+UNTOLD = 0.25  # square of a relative error: a parameter that is not told
 WIDE = 1e30  # bounds of what has none
 LINEAR_MOTOR = "dc_motor"  # whose place a bundled FMU with more effects may take
 
@@ -273,6 +274,15 @@ def _explained(
         adequacy=checked,
         explanation=explanation,
     )
+
+
+def _scores(information: FloatArray, covariance: FloatArray, inflation: float) -> FloatArray:
+    """Return what stands between the inverses of the information so that the covariance is theirs, (n, n).
+
+    Where a parameter is not told, the covariance of what is told cannot be taken from it: then the fit's own is taken.
+    """
+    told = np.isfinite(covariance).all() and np.all(np.diag(covariance) < UNTOLD)
+    return np.asarray(information @ covariance @ information if told else inflation * information)
 
 
 def _padded(scaled: FloatArray, fit: Fit) -> FloatArray:
