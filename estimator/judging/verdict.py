@@ -116,7 +116,7 @@ def judge(
         told = {n for n in ("R", "J") if n not in statuses or statuses[n].status != "not identified"}
         impossible = any(CONTRADICTED in sentence for sentence in lost)
         if lost and (impossible or told != {"R", "J"} or misfit):
-            return Judgement("refused", tuple(lost), {}, refused_notes(plan))
+            return Judgement("refused", tuple(lost), {}, (*refused_notes(plan), *_doubts(explained)))
         reasons += lost
     else:
         reasons += _fast(plan, values)

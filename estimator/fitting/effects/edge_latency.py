@@ -38,7 +38,9 @@ class EdgeLatency(Effect):
                 pulse = np.zeros(s.rows)
                 pulse[clock.rows.start + k] = -(u[k] - u[k - 1]) / clock.step
                 columns.append(response(fit, voltage=as_late(fit, pulse)))
-        return [Linear(self.name, np.stack(columns, axis=2), ("s",) * len(columns), size=s.clocks[0].step)] if columns else []
+        if not columns:
+            return ()
+        return [Linear(self.name, np.stack(columns, axis=2), ("s",) * len(columns), size=s.clocks[0].step)]
 
     def tell(self, name: str, value: float, plan: Plan) -> str:
         """Say so."""
