@@ -195,7 +195,8 @@ def _misfit(
     if explained is not None:
         reasons = [failure.sentence for failure in explained.adequacy.failures[:TOLD_FAILURES]]
         for j, name in enumerate(plan.outputs):
-            if explained.noise[j] > UNEXPLAINED * spread[j]:
+            shown = 0.0 if noise is None else MISFIT * noise[j]
+            if explained.noise[j] > max(UNEXPLAINED * spread[j], shown):
                 unit = plan.description.variable(name).unit
                 reasons.append(
                     f"the model does not explain {name}: residuals of {explained.noise[j]:.3g} {unit} are left of a"
