@@ -13,13 +13,14 @@ from estimator.fitting.fit import Fit, Linear
 from estimator.fitting.windows import find_windows
 from estimator.plans.plan import Plan
 from estimator.recordings.excitation import quantum
+from estimator.recordings.samples import filled
 
 FloatArray = NDArray[np.float64]
 
 ORDERS = 64  # of the angle
 TURNS = 4.0  # fewer tell no order
 SAME = 0.9  # of the best order's power: a lower order that explains as much is taken
-SLOW, SHARE = 0.2, 0.05  # rad a sample; of the rows: an order that is folded below is not told from a drift
+CYCLES, SHARE = 10.0, 0.05  # in a recording; of its rows: an order that is folded below is not told from a drift
 LEAST = 1.0  # of a speed's quantum
 BESIDE = 2  # orders that a few turns do not part
 STANDS_OUT, NEAR = 20.0, 12  # times the median power of the orders nearby; of those on either side
@@ -27,15 +28,18 @@ LINES = 4  # an output, at most
 
 
 def angle_of(fit: Fit) -> FloatArray | None:
-    """Return the shaft's angle, rad, (rows,), integrated from the simulated speed; None where there is none."""
+    """Return the shaft's angle, rad, (rows,), integrated from the measured speed; None where there is none.
+
+    Of the measured one: a simulated speed that is wrong by half a percent slips by whole periods of a high order.
+    """
     s = fit.simulator
     if "angle" in s.outputs:
-        return fit.shown[:, s.outputs.index("angle")]
+        return filled(s.measured[:, s.outputs.index("angle")])
     if "w" not in s.outputs:
         return None
-    w, result = fit.explained[:, s.outputs.index("w")], np.zeros(s.rows)
+    w, result = s.measured[:, s.outputs.index("w")], np.zeros(s.rows)
     for clock in s.clocks:
-        part, t = w[clock.rows], clock.time
+        part, t = filled(w[clock.rows]), clock.time
         result[clock.rows] = np.concatenate([[0.0], np.cumsum(0.5 * (part[1:] + part[:-1]) * np.diff(t))])
     return result
 
@@ -85,7 +89,7 @@ class Ripple(Effect):
             for k in range(ORDERS):
                 wave = wave * base
                 folded = np.angle(np.exp(1j * (k + 1) * turn))
-                if np.mean(np.abs(folded) < SLOW) > SHARE:
+                if np.mean(np.abs(folded) < 2 * np.pi * CYCLES / len(folded)) > SHARE:
                     continue  # folded to what any slow change looks like
                 total[k] += abs(np.vdot(wave, z[clock.rows])) ** 2
         return total
