@@ -1,6 +1,7 @@
-"""Tests that the engine of issue 13 does not pass yet: each is run, and told as an expected failure, until it is settled.
+"""Tests that the new engine does not pass yet: each runs, and is told as an expected failure, until it is settled.
 
-Most name what an earlier engine said in other words or by another effect; some are real: the table is settled one by one. A test that passes again is to be taken out of this table.
+Most name what an earlier engine said in other words or by another effect; some are real. A test that passes again is to
+be taken out of this table.
 """
 
 OPEN = (

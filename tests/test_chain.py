@@ -191,8 +191,8 @@ def test_free_values_are_estimated_and_told_apart_from_the_parameters():
 
 def test_a_delay_of_one_channel_is_found_by_itself():
     result = found(Case(), recorded(RUN, w=RUN.at("w", late=2.3e-3)))
-    near(result.chain["delay w"], 2.3e-3)
-    assert any("w comes later than i; its delay is estimated" in note for note in result.notes)
+    near(result.chain["delay of w"], 2.3e-3)
+    assert any(re.match(r"w is shown 2\.\d+ ms after the other signals", note) for note in result.notes)
     close(result)
 
 

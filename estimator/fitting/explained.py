@@ -96,11 +96,12 @@ class Explained:
         wide = np.repeat(fit.values[None, :], len(candidates), axis=0)
         coefficients = np.repeat(fit.coefficients[None, :], len(candidates), axis=0)
         linear = {name: k for k, name in enumerate(fit.names[len(fit.free) :])}
+        told_from = _told_from(fit)
         for name, column in zip(names, candidates.T, strict=True):
             if name in s.index:
                 wide[:, s.index[name]] = column
             else:
-                coefficients[:, linear[name]] = column
+                coefficients[:, linear[name]] = column - told_from[name]
         explained = s.shown(wide) + np.einsum("rqm,cm->crq", columns, coefficients)
         off = np.where(fit.whitener.present, explained - s.measured, 0.0)
         failed = np.asarray(~np.isfinite(off).all(axis=(1, 2)))
@@ -236,7 +237,8 @@ def _explained(
     covariance = fit.covariance()[np.ix_(kept, kept)]
     covariance[:p, :p] = mean.covariance
     covariance *= checked.inflation
-    values = np.concatenate([fit.simulator.unscaled(_padded(mean.values, fit))[:p], fit.estimates[reported]])
+    told = fit.estimates + [_told_from(fit).get(name, 0.0) for name in names]
+    values = np.concatenate([fit.simulator.unscaled(_padded(mean.values, fit))[:p], told[reported]])
     log = fit.is_log[kept]
     at_bound = fit.at_bound[kept]
     held = at_bound[:p] != 0
@@ -283,6 +285,12 @@ def _scores(information: FloatArray, covariance: FloatArray, inflation: float) -
     """
     told = np.isfinite(covariance).all() and np.all(np.diag(covariance) < UNTOLD)
     return np.asarray(information @ covariance @ information if told else inflation * information)
+
+
+def _told_from(fit: Fit) -> dict[str, float]:
+    """Return what is told of a linear coefficient of 0, by its name."""
+    groups = [g.told_from for g in fit.linear for _ in g.units]
+    return dict(zip(fit.names[len(fit.free) :], groups, strict=True))
 
 
 def _padded(scaled: FloatArray, fit: Fit) -> FloatArray:

@@ -45,6 +45,8 @@ class Linear:
         A coefficient below or above is absurd.
     size : float
         A usual size of a coefficient; 0: none is known.
+    told_from : float
+        What is told of a coefficient of 0: a gain is 1 there.
     """
 
     name: str
@@ -53,6 +55,7 @@ class Linear:
     least: float = -np.inf
     most: float = np.inf
     size: float = 0.0
+    told_from: float = 0.0
 
 
 @dataclass(frozen=True)

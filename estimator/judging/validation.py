@@ -174,7 +174,7 @@ def _bench(plan: Plan, chain: Mapping[str, float]) -> tuple[FmuDescription, tupl
     nuisances = {n.name: n for n in freed_by_the_case(plan)}
     for y in plan.outputs:
         if f"gain {y}" in chain and f"gain {y}" not in nuisances:
-            nuisances[f"gain {y}"] = Nuisance(f"gain {y}", "", -0.9, 9.0, 0.0, 0.1, output=y, act=_scaled)
+            nuisances[f"gain {y}"] = Nuisance(f"gain {y}", "", 0.1, 10.0, 1.0, 0.1, output=y, act=_scaled)
     description = plan.description
     for effect in known_effects():
         own = effect.nuisances(plan)
@@ -198,5 +198,5 @@ def _whole(plan: Plan, estimate: Estimate) -> dict[str, float]:
     return found
 
 
-def _scaled(y: FloatArray, part: float, h: float) -> FloatArray:
-    return y * (1 + part)
+def _scaled(y: FloatArray, gain: float, h: float) -> FloatArray:
+    return gain * y

@@ -119,7 +119,7 @@ def judge(
         told = {n for n in ("R", "J") if n not in statuses or statuses[n].status != "not identified"}
         impossible = any(CONTRADICTED in sentence for sentence in lost)
         if lost and (impossible or told != {"R", "J"} or misfit):
-            return Judgement("refused", tuple(lost), {}, refused_notes(plan))
+            return Judgement("refused", tuple(lost), {}, (*refused_notes(plan), *_doubts(explained)))
         reasons += slow_for_the_motor(plan)
     else:
         reasons += [*_above_noise(plan, rmse, noise, spread), *_fast(plan, values)]
@@ -198,7 +198,8 @@ def _misfit(
     if explained is not None:
         reasons = [failure.sentence for failure in explained.adequacy.failures[:TOLD_FAILURES]]
         for j, name in enumerate(plan.outputs):
-            if explained.noise[j] > UNEXPLAINED * spread[j]:
+            shown = 0.0 if noise is None else MISFIT * noise[j]
+            if explained.noise[j] > max(UNEXPLAINED * spread[j], shown):
                 unit = plan.description.variable(name).unit
                 reasons.append(
                     f"the model does not explain {name}: residuals of {explained.noise[j]:.3g} {unit} are left of a"

@@ -30,7 +30,7 @@ class Gain(Effect):
                 continue
             columns = np.zeros((fit.simulator.rows, len(fit.simulator.outputs), 1))
             columns[:, j, 0] = fit.shown[:, j]
-            found.append(Linear(f"gain {y}", columns, ("",), least=-MOST, most=MOST, size=0.02))
+            found.append(Linear(f"gain {y}", columns, ("",), least=-MOST, most=MOST, told_from=1.0, size=0.02))
         return found
 
     def tell(self, name: str, value: float, plan: Plan) -> str:
