@@ -5,8 +5,8 @@ what follows from them is consistent; their covariance is  sum w_m (C_m + (x_m -
 Burnham and Augustin 1997; Hoeting et al. 1999). Of an addition that was not accepted the score test tells x_m and C_m
 without a refit. Its number has a usual size as prior deviation, so that it is charged log det (I + information), not
 log n (MacKay 1992): an effect that the recording hardly tells, and that would move a parameter far, must not leave the
-bars as if it were known to be absent. What a usual size of it would not show at all is left out: no recording of the kind
-tells it (`unseen`), and a budget allows for it.
+bars as if it were known to be absent. What a usual size of it would not show at all is left out: no such recording
+tells it (`unseen`).
 """
 
 from __future__ import annotations
