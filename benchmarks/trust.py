@@ -125,7 +125,7 @@ def named(found: Estimate) -> set[str]:
         "gain": "shown with a gain of",
         "channel delay": "ms late would explain the recording as well",
         "drift": "drifts by",
-        "ripple": "has a ripple of order",
+        "ripple": "has a ripple at ",
         "alias": "the motor oscillates at",
         "alias possible": "may be what is lost (aliasing)",
     }

@@ -140,6 +140,7 @@ def schema() -> dict[str, Any]:
             ),
             expect=expect,
             nameplate=nameplate,
+            about={**_map({"type": "string"}, "motor, operator, date, … → text, for the report")},
         ),
     }
 

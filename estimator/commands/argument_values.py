@@ -15,6 +15,14 @@ def assignment(text: str) -> tuple[str, float]:
     return name.strip(), _number(value, of=text)
 
 
+def said(text: str) -> tuple[str, str]:
+    """Read ``NAME=TEXT``."""
+    name, equals, value = text.partition("=")
+    if not name.strip() or not equals or not value.strip():
+        raise argparse.ArgumentTypeError(f"{text!r} is not NAME=TEXT, such as motor='CML-050 No. 3'")
+    return name.strip(), value.strip()
+
+
 def bounds(text: str) -> tuple[str, tuple[float, float]]:
     """Read ``NAME=LOWER:UPPER``."""
     name, equals, both = text.partition("=")

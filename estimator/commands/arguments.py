@@ -19,6 +19,7 @@ from estimator.commands.argument_values import (
     names,
     path,
     positive,
+    said,
     temperature,
     whole,
     window,
@@ -177,6 +178,14 @@ Exit status: 0 an estimate, ok or doubtful; 1 refused or failed; 2 bad input."""
         default=[],
         metavar="FILE",
         help="a recording to compare with, not fitted to; repeatable",
+    )
+    add(
+        "--about",
+        type=said,
+        action="append",
+        default=[],
+        metavar="NAME=TEXT",
+        help="for the head of the report: motor, operator, date, …; repeatable",
     )
     add("--json", action="store_true", help="print one JSON object instead of text")
     add(

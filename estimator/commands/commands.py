@@ -338,6 +338,7 @@ def _case(args: argparse.Namespace) -> Case:
     case = with_corrections(
         case, window=args.window, scale=args.scale, offset=args.offset, temperature=args.temperature
     )
+    case = dataclasses.replace(case, about={**case.about, **unique(args.about, option="--about")})
     return with_held_out(case, args.validate, fitted=len(case.recordings))
 
 

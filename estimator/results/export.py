@@ -15,15 +15,8 @@ from estimator.results.result import Comparison, Estimate, Setting
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from estimator.results.report_html import Pictures
-
 FIGURE_FORMATS = ("png", "svg", "pdf")
 RESULT_FILES = ("result.json", "report.html", "parameters.ssv", *(f"figure.{kind}" for kind in FIGURE_FORMATS))
-MOST_FIGURES = 12  # in the HTML report, one a recording
-CAPTION = (
-    "{}: measured against simulated; the residual is measured minus simulated, "
-    "the band is two standard deviations of the noise."
-)
 
 SSV = "http://ssp-standard.org/SSP1/SystemStructureParameterValues"
 SSC = "http://ssp-standard.org/SSP1/SystemStructureCommon"
@@ -77,13 +70,7 @@ def result_files(
         from estimator.results.plots import rendered
 
         files |= {f"figure.{kind}": rendered(whole, kind) for kind in dict.fromkeys(("png", *figures))}
-    html = report_html.html_report(
-        estimate,
-        figures=_captioned(estimate, whole=files.get("figure.png")),
-        pictures=_pictures(estimate),
-        command=command,
-        checksums=checksums(sources),
-    )
+    html = report_html.html_report(estimate, command=command, checksums=checksums(sources))
     files["report.html"] = html.encode()
     if estimate.parameters and estimate.verdict != "refused":
         files["parameters.ssv"] = parameter_set(estimate)
@@ -178,38 +165,3 @@ def _whole_figure(estimate: Estimate) -> Figure | None:
 
     comparisons = _shown(estimate)
     return plots.comparison_figure(comparisons, noise=estimate.noise) if comparisons else None
-
-
-def _captioned(estimate: Estimate, *, whole: bytes | None) -> list[tuple[str, bytes]]:
-    """Return (caption, PNG) of each recording; `whole` is that of all of them."""
-    from estimator.results import plots
-
-    comparisons = _shown(estimate)
-    if len(comparisons) == 1 and whole is not None:
-        return [(CAPTION.format(comparisons[0].name), whole)]
-    return [
-        (CAPTION.format(c.name), plots.png(plots.comparison_figure([c], noise=estimate.noise)))
-        for c in comparisons[:MOST_FIGURES]
-    ]
-
-
-def _pictures(estimate: Estimate) -> Pictures:
-    """Return the figures of the report besides those of the recordings."""
-    from estimator.results import plots, summary_plots
-    from estimator.results.report_html import Pictures
-
-    bars = summary_plots.parameter_figure(estimate) if estimate.parameters else None
-    units = {name: p.unit for name, p in {**estimate.parameters, **estimate.chain}.items()}
-    profiles = summary_plots.profile_figure(estimate.profiles, units=units) if estimate.profiles else None
-    history = estimate.history
-    searched = history is not None and len(history.simulations) >= 2
-    convergence = summary_plots.convergence_figure(history) if searched and history is not None else None
-    seen = [] if estimate.validation is None else estimate.validation.comparisons[:MOST_FIGURES]
-    return Pictures(
-        parameters=None if bars is None else plots.png(bars),
-        profiles=None if profiles is None else plots.png(profiles),
-        convergence=None if convergence is None else plots.png(convergence),
-        validation=[
-            (CAPTION.format(c.name), plots.png(plots.comparison_figure([c], noise=estimate.noise))) for c in seen
-        ],
-    )

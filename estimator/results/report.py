@@ -99,6 +99,8 @@ def _blocks(estimate: Estimate) -> list[_Block]:
 
     verdict = f"{TITLES[estimate.verdict].upper()}: {meaning(estimate)}"
     blocks = [_Block("reasons", verdict, estimate.reasons)]
+    if told := [*read_lines(estimate), *([about_line(estimate)] if estimate.about else [])]:
+        blocks.insert(0, _Block("read", "\n".join(told), ()))
     if estimate.parameters:
         blocks.append(rows("parameters", parameter_rows(estimate), (1, 3, 5, 6)))
     if estimate.chain:
@@ -142,6 +144,14 @@ def _wrapped(text: str, width: int | None, *, first: str = "", other: str | None
             break_on_hyphens=False,
         )
     return found
+
+
+def read_lines(estimate: Estimate) -> list[str]:
+    """Return what was read of each recording, those that were read alike in one line."""
+    named: dict[str, list[str]] = {}
+    for read in estimate.read:
+        named.setdefault(str(read["text"]), []).append(str(read["recording"]))
+    return [f"read {', '.join(names)}: {text}" for text, names in named.items()]
 
 
 def parameter_rows(estimate: Estimate) -> tuple[list[str], list[list[str]]]:
@@ -256,6 +266,11 @@ def validation_lines(estimate: Estimate) -> list[str]:
     return [*lines, fitted_here(estimate.validation)]
 
 
+def about_line(estimate: Estimate) -> str:
+    """Return what the user says of the estimate, in a line."""
+    return ", ".join(f"{name} {value}" for name, value in estimate.about.items())
+
+
 def cost_lines(estimate: Estimate) -> list[str]:
     """Return sentences about what the estimate cost and how it was made."""
     phases = ", ".join(f"{count} {phase}" for phase, count in estimate.simulations_by_phase.items() if count)
@@ -305,11 +320,13 @@ def to_mapping(estimate: Estimate) -> dict[str, Any]:
             correlation[name] = dict(zip(estimate.correlated, row, strict=True))
     mapping = {
         "verdict": estimate.verdict,
+        "about": estimate.about,
         "reasons": estimate.reasons,
         "notes": estimate.notes,
         "parameters": {name: _parameter_mapping(p) for name, p in estimate.parameters.items()},
         "measurement_chain": {name: _parameter_mapping(p) for name, p in estimate.chain.items()},
         "sensors": estimate.sensors,
+        "read": estimate.read,
         "recordings": estimate.recordings,
         "derived": {
             name: {"value": q.value, "standard_error": q.standard_error, "unit": q.unit}

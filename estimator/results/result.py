@@ -194,6 +194,7 @@ class Estimate:
     derived : name → DerivedQuantity; gains and time constants, those that the recordings tell
     chain : what was estimated of the measurement chain (delay, offset i, …) → ParameterEstimate
     sensors : output name → what its sensor was taken for: sensor, average, filters, gain, offset, delay
+    read : what was read, one mapping a recording: recording, signals (column, unit, who said it), text, implausible
     recordings : what was done to each recording, one mapping each (window, scale, offset, delay, temperature)
     correlation : (p, p) array over the free parameters in the order of `correlated`, or None
     correlated : names of the rows and columns of `correlation`
@@ -215,6 +216,7 @@ class Estimate:
     history : the search seen from outside, or None
     profiles : parameter name → CostProfile, where they were asked for
     validation : how the model does on recordings that it has not seen, where some were given
+    about : what the user says of it: motor, operator, date, … → text
     """
 
     verdict: Verdict
@@ -231,6 +233,7 @@ class Estimate:
     versions: Mapping[str, str]
     chain: Mapping[str, ParameterEstimate] = field(default_factory=dict)
     sensors: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    read: tuple[Mapping[str, Any], ...] = ()
     recordings: tuple[Mapping[str, Any], ...] = ()
     rmse: Mapping[str, float] = field(default_factory=dict)
     fit_percent: Mapping[str, float] = field(default_factory=dict)
@@ -247,3 +250,4 @@ class Estimate:
     workers: int = 1
     profiles: Mapping[str, CostProfile] = field(default_factory=dict)
     validation: Validation | None = None
+    about: Mapping[str, str] = field(default_factory=dict)
