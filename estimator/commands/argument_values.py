@@ -15,6 +15,22 @@ def assignment(text: str) -> tuple[str, float]:
     return name.strip(), _number(value, of=text)
 
 
+def share(text: str) -> float:
+    """Read a probability between 0 and 1, both left out."""
+    value = _number(text, of=text)
+    if not 0 < value < 1:
+        raise argparse.ArgumentTypeError(f"{text!r} is no probability between 0 and 1, such as 0.01")
+    return value
+
+
+def percentage(text: str) -> float:
+    """Read a percentage of zero or more, with or without its sign."""
+    value = _number(text.strip().removesuffix("%").strip(), of=text)
+    if value < 0:
+        raise argparse.ArgumentTypeError(f"{text!r} is below zero; give a percentage such as 2")
+    return value
+
+
 def said(text: str) -> tuple[str, str]:
     """Read ``NAME=TEXT``."""
     name, equals, value = text.partition("=")

@@ -18,8 +18,10 @@ from estimator.commands.argument_values import (
     level_at,
     names,
     path,
+    percentage,
     positive,
     said,
+    share,
     temperature,
     whole,
     window,
@@ -83,6 +85,7 @@ def command_line() -> argparse.ArgumentParser:
         _add_build,
         _add_new_model,
         _add_batch,
+        _add_compare,
         _add_export,
         _add_schema,
         _add_completion,
@@ -336,6 +339,40 @@ refused or failed, or stopped by a full disk; 2 bad usage.""",
     add("--report", action="store_true", help="write report.html and figure.png of every case too, some 2 s a case")
     add("--parquet", action="store_true", help="write results.parquet too (extra: parquet)")
     _add_quiet(batch)
+
+
+def _add_compare(commands: Any) -> None:
+    compare = _command(
+        commands,
+        "compare",
+        "what changed between results: motors, days, methods",
+        """\
+Compare results of estimate -o with the first of them: differences with their standard errors, a
+threshold with a stated false alarm rate, repeatability of three results and more.
+Exit status: 0 nothing differs; 1 something does; 2 bad usage, or nothing that could be compared.""",
+        [
+            f"{PROGRAM} compare monday friday",
+            f"{PROGRAM} compare reference/result.json motors/*/result.json --within 2 -o changes",
+        ],
+    )
+    add = compare.add_argument
+    add("results", type=path, metavar="RESULT", nargs="+", help="folder or result.json of estimate -o, two or more")
+    add(
+        "--false-alarm",
+        type=share,
+        metavar="RATE",
+        default=0.01,
+        help="probability that anything is said to differ where nothing does (default: %(default)s)",
+    )
+    add(
+        "--within",
+        type=percentage,
+        metavar="PERCENT",
+        default=0.0,
+        help="what differs by no more than so much of the first result's value is alike (default: 0)",
+    )
+    add("--json", action="store_true", help="print one JSON object instead of text")
+    add("-o", dest="output", type=path, metavar="DIR", help="write compare.html, compare.svg, compare.json")
 
 
 def _add_export(commands: Any) -> None:

@@ -217,6 +217,30 @@ def batch(args: argparse.Namespace) -> int:
     return FAILED if result.verdicts.keys() - {"ok", "doubtful"} else OK
 
 
+def compare(args: argparse.Namespace) -> int:
+    """Say what differs between results; write it as files with ``-o``."""
+    if len(args.results) < 2:
+        raise InputError("one result alone cannot be compared; give two or more, the reference first")
+    from estimator.results.changes import changes
+    from estimator.results.changes_shown import changes_mapping, changes_page, changes_svg, changes_text
+    from estimator.results.handover_files import read_result, told_results
+
+    sources = [Path(source) for source in args.results]
+    results = dict(zip(told_results(sources), map(read_result, sources), strict=True))
+    found = changes(results, false_alarm=args.false_alarm, within=args.within)
+    text = json.dumps(changes_mapping(found), indent=2, allow_nan=False) + "\n"
+    if args.output:
+        files = {
+            "compare.html": changes_page(found, command=args.command_line).encode(),
+            "compare.svg": changes_svg(found),
+            "compare.json": text.encode(),
+        }
+        with OutputFolder(args.output) as folder:
+            folder.write(files)
+    say(text if args.json else changes_text(found))
+    return FAILED if found.differing else OK
+
+
 def export(args: argparse.Namespace) -> int:
     """Write an estimate's files for other tools."""
     from estimator.results.handover_files import handover_files, read_result

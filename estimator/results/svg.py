@@ -19,6 +19,7 @@ from estimator.results.numbers import number_text
 FloatArray = NDArray[np.float64]
 
 FINE = 10  # units a pixel
+BAR, BAR_WIDTH = 20.0, 160.0  # pixels, of an error bar
 NEAR = 8.0  # pixels from a tick's label to its axis
 
 
@@ -206,9 +207,14 @@ def bar_limit(bars: Sequence[Bar], *, most: float = 100.0) -> float:
     return min(most, next(m * power for m in (1.0, 1.5, 2.0, 3.0, 5.0, 7.0, 10.0) if m * power >= largest * 0.999))
 
 
-def bar(entry: Bar, *, limit: float, width: float = 160.0, name: str = "") -> str:
+def bar(entry: Bar, *, limit: float, width: float = BAR_WIDTH, name: str = "") -> str:
+    """Return an error bar as a drawing of its own."""
+    return drawing([bar_marks(entry, limit=limit, width=width)], width=width, height=BAR, name=name, style="bar")
+
+
+def bar_marks(entry: Bar, *, limit: float, width: float) -> str:
     """Return an error bar around zero percent: one standard error thick, two thin, an arrow where it goes beyond."""
-    middle, height = width / 2, 20.0
+    middle, height = width / 2, BAR
     scale = (middle - 6) / limit
 
     def x(percent: float) -> float:
@@ -231,10 +237,16 @@ def bar(entry: Bar, *, limit: float, width: float = 160.0, name: str = "") -> st
         parts.append(f'<circle class="point" cx="{x(entry.at):.1f}" cy="{y:g}" r="3.2"/>')
     if entry.mark is not None:
         parts.append(f'<path class="nominal" d="M{x(entry.mark):.1f} {y - 5:g}l5 5-5 5-5-5z"/>')
-    return drawing(parts, width=width, height=height, name=name or "error bar", style="bar")
+    return "".join(parts)
 
 
-def bar_axis(limit: float, *, width: float = 160.0) -> str:
+def bar_axis(limit: float, *, width: float = BAR_WIDTH) -> str:
+    """Return the axis below a column of bars, as a drawing of its own."""
+    name = f"axis from {-limit:g} to {limit:g} percent"
+    return drawing([axis_marks(limit, width=width)], width=width, height=18, name=name, style="bar")
+
+
+def axis_marks(limit: float, *, width: float) -> str:
     """Return the axis below a column of bars."""
     middle = width / 2
     scale = (middle - 6) / limit
@@ -245,7 +257,7 @@ def bar_axis(limit: float, *, width: float = 160.0) -> str:
         anchor = "middle" if value == 0 else "start" if value < 0 else "end"
         parts.append(text(x if value == 0 else x + math.copysign(4, value), 14, said, anchor=anchor))
         parts.append(f'<path class="axis" d="M{x:.1f} 1v4"/>')
-    return drawing(parts, width=width, height=18, name=f"axis from {-limit:g} to {limit:g} percent", style="bar")
+    return "".join(parts)
 
 
 def _rectangle(x: float, y: float, width: float, height: float, style: str) -> str:
