@@ -18,21 +18,24 @@ from estimator.results.handover import estimate_from_json
 from estimator.results.report import to_json
 from estimator.results.result import DerivedQuantity, Estimate
 
+BASE = estimate()
 ERRORS = {name: 1e-3 * value for name, value in MOTOR.items()}
 
 
 def shifted(by: dict[str, float] | np.ndarray, made: Estimate | None = None) -> Estimate:
     """Return an estimate whose parameters are off by so many standard errors."""
-    made = made or estimate()
+    made = made or BASE
     steps = by if isinstance(by, dict) else dict(zip(MOTOR, by.tolist(), strict=True))
-    for name, count in steps.items():
-        made = with_parameter(made, name, value=MOTOR[name] + count * ERRORS[name])
-    return made
+    moved = {
+        name: dataclasses.replace(made.parameters[name], value=MOTOR[name] + count * ERRORS[name])
+        for name, count in steps.items()
+    }
+    return dataclasses.replace(made, parameters={**made.parameters, **moved})
 
 
 def test_results_of_one_motor_differ_no_more_often_than_is_said():
     rng = np.random.default_rng(4)
-    root = np.linalg.cholesky(estimate().correlation)
+    root = np.linalg.cholesky(BASE.correlation)
     rate, count = 0.05, 1500
     alarms = 0
     for draws in rng.standard_normal((count, 3, 5)):

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from estimator.batches.resample import Kind
     from estimator.cases.case import Case
     from estimator.fmus.fmu import FmuDescription
+    from estimator.results.export import Begin
     from estimator.results.result import Estimate, FloatArray
 
 CASE_SUFFIX = ".case.toml"
@@ -76,12 +77,12 @@ def estimate(args: argparse.Namespace) -> int:
         write_case(case, Path(args.save_case))
     if args.figures and not args.output:
         raise InputError("--figures needs a folder to write to; give one with -o")
-    with OutputFolder(args.output) if args.output else contextlib.nullcontext() as folder:
+    with OutputFolder(args.output) if args.output else contextlib.nullcontext() as folder, _drawing(folder) as begin:
         result = _estimated(
             case, workers=args.workers, quiet=args.quiet, profile=folder is not None, checkpoint=args.checkpoint
         )
         if folder is not None:
-            _write_results(folder, result, case, command=args.command_line, figures=args.figures)
+            _write_results(folder, result, case, command=args.command_line, figures=args.figures, begin=begin)
     if args.json:
         from estimator.results.report import to_json
 
@@ -400,14 +401,32 @@ def _progress(*, quiet: bool) -> Iterator[Callable[[Progress], None] | None]:
         yield line
 
 
+@contextlib.contextmanager
+def _drawing(folder: OutputFolder | None) -> Iterator[Begin | None]:
+    """Load what draws while the estimation runs, if there is a folder to draw for."""
+    if folder is None:
+        yield None
+        return
+    from estimator.results.figure_process import FigureProcess
+
+    with FigureProcess() as process:
+        yield process.begin
+
+
 def _write_results(
-    folder: OutputFolder, result: Estimate, case: Case, *, command: str, figures: Sequence[str] = ()
+    folder: OutputFolder,
+    result: Estimate,
+    case: Case,
+    *,
+    command: str,
+    figures: Sequence[str] = (),
+    begin: Begin | None = None,
 ) -> None:
     """Write all result files, and remove those of an earlier run that this one does not have."""
     from estimator.results.export import RESULT_FILES, result_files
 
     sources = [case.path, result.fmu.get("path"), *case.recordings]
-    files = result_files(result, command=command, sources=[s for s in sources if s], figures=figures)
+    files = result_files(result, command=command, sources=[s for s in sources if s], figures=figures, begin=begin)
     folder.write(files, stale=RESULT_FILES)
 
 

@@ -7,13 +7,12 @@ import hashlib
 import os
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
-from estimator.results.result import Comparison, Estimate, Setting
+from estimator.results.figure_process import draw
+from estimator.results.result import Estimate, Setting
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+Begin = Callable[[Estimate, Sequence[str]], Callable[[], dict[str, bytes]]]
 
 FIGURE_FORMATS = ("png", "svg", "pdf")
 RESULT_FILES = ("result.json", "report.html", "parameters.ssv", *(f"figure.{kind}" for kind in FIGURE_FORMATS))
@@ -45,6 +44,7 @@ def result_files(
     command: str = "",
     sources: Iterable[str | os.PathLike[str]] = (),
     figures: Iterable[str] = (),
+    begin: Begin | None = None,
 ) -> dict[str, bytes]:
     """Return the content of all result files that this estimate has, by name.
 
@@ -56,6 +56,8 @@ def result_files(
         FMU, case file and recordings; the report lists their SHA-256.
     figures : "svg", "pdf"
         Formats of the figure besides PNG.
+    begin : callable, optional
+        Begins to draw the figure elsewhere, as `FigureProcess.begin`, while the rest is made here.
 
     Notes
     -----
@@ -64,13 +66,10 @@ def result_files(
     """
     from estimator.results import report, report_html
 
+    drawn = (begin or _here)(estimate, tuple(dict.fromkeys(("png", *figures))))
     files = {"result.json": report.to_json(estimate).encode()}
-    whole = _whole_figure(estimate)
-    if whole is not None:
-        from estimator.results.plots import rendered
-
-        files |= {f"figure.{kind}": rendered(whole, kind) for kind in dict.fromkeys(("png", *figures))}
     html = report_html.html_report(estimate, command=command, checksums=checksums(sources))
+    files |= drawn()
     files["report.html"] = html.encode()
     if estimate.parameters and estimate.verdict != "refused":
         files["parameters.ssv"] = parameter_set(estimate)
@@ -155,13 +154,5 @@ def checksums(paths: Iterable[str | os.PathLike[str]]) -> dict[str, str]:
     return found
 
 
-def _shown(estimate: Estimate) -> list[Comparison]:
-    return [c for c in estimate.comparisons if c.measured and len(c.time) > 1]
-
-
-def _whole_figure(estimate: Estimate) -> Figure | None:
-    """Return the figure of all recordings together; None where there is nothing to draw."""
-    from estimator.results import plots
-
-    comparisons = _shown(estimate)
-    return plots.comparison_figure(comparisons, noise=estimate.noise) if comparisons else None
+def _here(estimate: Estimate, kinds: Sequence[str]) -> Callable[[], dict[str, bytes]]:
+    return lambda: draw(estimate, kinds)

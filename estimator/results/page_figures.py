@@ -184,14 +184,21 @@ def profile_charts(profiles: Mapping[str, CostProfile], *, units: Mapping[str, s
 
 
 def _smooth(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return a curve through the points: a cubic spline, which a parabola goes through as it is."""
-    from scipy.interpolate import CubicSpline
-
+    """Return a curve through the points: the natural cubic spline, y'' = 0 at its ends."""
     known = np.isfinite(y)
     if known.sum() < 4:
         return x, y
-    fine = np.linspace(x[known][0], x[known][-1], 60)
-    return fine, np.asarray(CubicSpline(x[known], y[known])(fine))
+    t, v = x[known], y[known]
+    h = np.diff(t)
+    slopes = np.diff(v) / h
+    inner = np.diag(2 * (h[1:] + h[:-1])) + np.diag(h[1:-1], 1) + np.diag(h[1:-1], -1)
+    curved = np.zeros(len(t))
+    curved[1:-1] = np.linalg.solve(inner / h.mean(), 6 * np.diff(slopes) / h.mean())
+    fine = np.linspace(t[0], t[-1], 60)
+    k = np.clip(np.searchsorted(t, fine, side="right") - 1, 0, len(h) - 1)
+    a, b = (t[k + 1] - fine) / h[k], (fine - t[k]) / h[k]
+    bend = ((a**3 - a) * curved[k] + (b**3 - b) * curved[k + 1]) * h[k] ** 2 / 6
+    return fine, np.asarray(a * v[k] + b * v[k + 1] + bend)
 
 
 def convergence_chart(history: SearchHistory) -> str:
