@@ -336,7 +336,7 @@ refused or failed, or stopped by a full disk; 2 bad usage.""",
         many.add_argument(
             f"--{kind}", type=whole(2), metavar="N", help=f"instead, each case N times: its best fit with {how}"
         )
-    add("--report", action="store_true", help="write report.html and figure.png of every case too, some 2 s a case")
+    add("--report", action="store_true", help="write report.html and figure.png of every case too, some 0.5 s a case")
     add("--parquet", action="store_true", help="write results.parquet too (extra: parquet)")
     _add_quiet(batch)
 
