@@ -44,7 +44,8 @@ def motors() -> list[dict[str, float]]:
 
 def drive(rng: np.random.Generator, n: int, volts: float, kind: str) -> FloatArray:
     """Return a voltage, (n,)."""
-    v, k = np.zeros(n), n // 6
+    k = n // 6
+    v: NDArray[np.floating] = np.zeros(n)
     if kind == "step":
         v[k:] = volts
     elif kind == "first":
@@ -60,7 +61,7 @@ def drive(rng: np.random.Generator, n: int, volts: float, kind: str) -> FloatArr
         v = np.linspace(0, volts, n)
     else:
         v[k : n // 2] = volts
-    return v
+    return np.asarray(v, dtype=np.float64)
 
 
 def recording(rng: np.random.Generator, known: list[dict[str, float]]) -> Signals:

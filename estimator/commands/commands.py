@@ -13,9 +13,9 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from estimator.commands.options import unique, with_corrections, with_held_out, with_options
+from estimator.commands.options import reading, unique, with_corrections, with_held_out, with_options
 from estimator.commands.terminal import FAILED, INTERRUPTED, OK, complain, say
 from estimator.errors import FmuError, InputError, SimulationError
 from estimator.estimating.progress import LiveLine, Progress, batch_line, is_terminal
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from estimator.fmus.fmu import FmuDescription
     from estimator.results.result import Estimate, FloatArray
 
+READING = ("column", "unit", "rate", "test", "motor", "per_turn", "counts", "supply")
 CASE_SUFFIX = ".case.toml"
 DEFAULT_STOP, DEFAULT_STEP = 2.8, 1e-3  # s
 INSPECTION_LIMIT = 45.0  # s of describing and probing
@@ -93,7 +94,7 @@ def check(args: argparse.Namespace) -> int:
     """Show what is read of recordings, before any FMU."""
     from estimator.commands.checking import check_files
 
-    return check_files(args)
+    return check_files(args, reading(**reading_arguments(args)))
 
 
 def simulate(args: argparse.Namespace) -> int:
@@ -317,6 +318,11 @@ def _drive(description: FmuDescription, args: argparse.Namespace) -> tuple[Float
     return times, {voltage_input(description): stepped_voltage(times, level=level, at=at)}
 
 
+def reading_arguments(args: argparse.Namespace) -> dict[str, Any]:
+    """Return the options that say how a file is to be read."""
+    return {name: getattr(args, name) for name in READING}
+
+
 def _case(args: argparse.Namespace) -> Case:
     """Return the case that the arguments of `estimate` mean."""
     from estimator.cases.case import case_for_recording, read_case
@@ -346,8 +352,7 @@ def _case(args: argparse.Namespace) -> Case:
         scale=args.scale,
         offset=args.offset,
         temperature=args.temperature,
-        column=args.column,
-        unit=args.unit,
+        read_as=reading(**reading_arguments(args)),
     )
     return with_held_out(case, args.validate, fitted=len(case.recordings))
 
@@ -400,7 +405,7 @@ def _write_results(
 def _text(result: Estimate) -> str:
     from estimator.results.report import text_report
 
-    return text_report(result)
+    return text_report(result, read_first=True)
 
 
 def _status(result: Estimate) -> int:

@@ -6,7 +6,8 @@ does. Times printed as 0.001, 0.002, … give 0.001 exactly; 0.0003, 0.0007, 0.0
 samples give 1/3000.
 
 Rows that are missing are found by their times, one step and more apart, and kept as places without a sample. A clock
-that jitters is taken as it is printed: its times are real, only nearly equal.
+that jitters is taken as it is printed, whatever its spread: its times are real. One time that is off, or a pause in a
+clock that is even, is an error: nobody can tell what happened there.
 """
 
 from __future__ import annotations
@@ -22,7 +23,8 @@ from estimator.recordings.units import FloatArray
 
 OFF_GRID = 0.01  # of the step: further off is no uniform grid
 JITTER = 0.25  # of the step: an interval further off a whole number of steps is an error
-FEW = 0.05  # of the rows: fewer off the grid than these are mistakes, and not a clock that jitters
+ONCE, EXACT = 1, 1e-3  # row off the grid, of the step the others: one alone is a mistake, else the clock jitters
+OFTEN, PAUSE = 3, 20  # intervals off any grid that are a clock without one; times the usual interval: a pause
 MISSING = 3  # times the rows that are there: more missing ones are an error
 
 
@@ -56,13 +58,14 @@ def sampling_clock(
     Raises
     ------
     RecordingError
-        Time does not increase, or is neither on a uniform grid nor, in many rows, beside one by under a quarter
-        of a step.
+        Time does not increase, is off a uniform grid in one row only, or pauses.
     """
     try:
         start, step = uniform_grid(times, place=place, half_digit=half_digit)
     except RecordingError:
         found = _with_gaps(times, half_digit)
+        if found is None:
+            found = _without_grid(times)
         if found is None:
             raise
         return found
@@ -94,9 +97,27 @@ def _with_gaps(times: FloatArray, half_digit: Callable[[], FloatArray] | None) -
     if not away.any():
         start, step = _plainest(times, step, float(np.abs(off).max()), rows)
         return Clock(start + np.arange(n, dtype=np.float64) * step, step, missing)
-    if away.mean() < FEW:
+    if away.sum() <= ONCE and _is_exact(times[~away], rows[~away], half[~away]):
         return None
     return Clock(np.interp(np.arange(n), rows, times), step, missing, even=False)
+
+
+def _is_exact(times: FloatArray, rows: FloatArray, half: FloatArray) -> bool:
+    """Return whether times, (m,) s, are on their grid as well as they are printed: a clock that does not jitter."""
+    step, start = np.polyfit(rows, times, 1)
+    off = float(np.median(np.abs(times - start - step * rows)))
+    return off <= max(EXACT * float(step), 1.5 * float(np.median(half)))
+
+
+def _without_grid(times: FloatArray) -> Clock | None:
+    """Return the clock of times that lie on no grid at all; None if they do but for a mistake or a pause."""
+    steps = np.diff(times)
+    usual = float(np.median(steps))
+    off = np.abs(steps / usual - np.round(steps / usual)) > JITTER
+    off |= steps < usual / 2
+    if (steps <= 0).any() or np.count_nonzero(off & (steps < PAUSE * usual)) < OFTEN or (steps > PAUSE * usual).any():
+        return None
+    return Clock(times.copy(), usual, even=False)
 
 
 def uniform_grid(

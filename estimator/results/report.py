@@ -20,9 +20,14 @@ VERDICTS = {
 }
 
 
-def text_report(estimate: Estimate) -> str:
-    """Return the result as aligned lines: verdict and reasons first, then values, fit and cost."""
-    lines = [*read_lines(estimate), VERDICTS[estimate.verdict], *(f"  - {reason}" for reason in estimate.reasons)]
+def text_report(estimate: Estimate, *, read_first: bool = False) -> str:
+    """Return the result as aligned lines: verdict and reasons first, then what was read, values, fit and cost.
+
+    `read_first` tells what was read before the verdict, for who has just typed a file's name.
+    """
+    verdict = [VERDICTS[estimate.verdict], *(f"  - {reason}" for reason in estimate.reasons)]
+    read = read_lines(estimate)
+    lines = [*read, *verdict] if read_first else [*verdict, *read]
     if estimate.parameters:
         lines += ["", *table(*parameter_rows(estimate), right=(1, 3, 5, 6))]
     if estimate.chain:
