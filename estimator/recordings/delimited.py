@@ -189,9 +189,11 @@ def _find_header(path: Path, lines: list[str], rules: HeaderRules) -> tuple[int,
 def _numbered(path: Path, lines: list[str]) -> tuple[int, str | None, Cells]:
     """Return the line before the first of numbers, the delimiter, and numbers as names."""
     for k, line in enumerate(lines):
+        if line.lstrip()[:1] in _SKIPPED:
+            continue
         ways = [(d, _split(line, d)) for d in (";", "\t", ",", None)]
         ways = [(d, _trimmed(cells, len(cells) - 1)) for d, cells in ways if _number(_bare(cells[0]), ".") is not None]
-        if ways and line.lstrip()[:1] not in _SKIPPED:
+        if ways:
             delimiter, cells = max(ways, key=lambda way: sum(_number(_bare(c), ".") is not None for c in way[1]))
             return k - 1, delimiter, [f"column {j + 1}" for j in range(len(cells))]
     raise RecordingError(f"{path.name} has no line that begins with a number; it should hold the samples")

@@ -80,7 +80,7 @@ _OTHER_PART = frozenset(
     )
 )
 # Words of a signal that stands behind another of the same kind: what was commanded, supplied, or made of it.
-_SECONDARY_WORDS = "command cmd commanded supply battery bat vbat filtered filt smoothed smooth lpf avg average raw"
+_SECONDARY_WORDS = "command cmd com commanded supply battery bat vbat filtered filt smoothed smooth lpf avg average raw"
 _SECONDARY = frozenset(_SECONDARY_WORDS.split())
 # Words that tell one motor of several; those of one line stand beside each other.
 _SIDES = tuple(

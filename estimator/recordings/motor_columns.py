@@ -64,6 +64,7 @@ def motor_columns(
             for column in [*recording.signals, *recording.unreadable]
             if (rank := rank_in_role(parse_header(recording.headers[column]).name, role)) is not None
             and column not in recording.roles.values()
+            and not _counts_rows(recording, column)
         )
         faults = {column: recording.fault(column, quantity) for _, column in ranked}
         good = [column for _, column in ranked if faults[column] is None]
@@ -99,6 +100,19 @@ def motor_columns(
         says = f"; {options or f'--column {role}=…'} says which it is"
         raise RecordingError(f"{recording.title} has no {ROLE_TITLE[role]} column{remedy} ({columns}){says}")
     return found
+
+
+def _counts_rows(recording: Recording, column: str) -> bool:
+    """Return whether a column without a unit counts the rows: an ``n`` that is no speed."""
+    samples = recording.signals.get(column)
+    return column in recording.assumed_units and samples is not None and _is_counter(recording, column)
+
+
+def _is_counter(recording: Recording, column: str) -> bool:
+    unit = assumed_unit(column)
+    written = recording.signals[column] if unit is None else unit.from_si(recording.signals[column])
+    known = written[~np.isnan(written)]
+    return len(known) > 2 and bool(np.all(np.abs(np.diff(known) - 1) < 1e-6))
 
 
 def _rival(recording: Recording, columns: Sequence[str]) -> str | None:

@@ -42,6 +42,7 @@ EXPLAINED, UNEXPLAINED = 0.3, 0.7  # of a signal's deviation, misfit of an order
 JUMP, LEAD = 0.3, 3  # of the voltage's range, samples before it: a jump
 FOLLOWS = 0.5  # of the speed's differences: a larger misfit tells no time constant
 AGAINST = 0.3  # of ∫|v y| dt: so much of it negative is a sign
+OUTLYING = 0.98  # of the samples: larger ones count as that
 DRIVEN = 0.05  # of the largest voltage: less is none
 THIN = 4000  # samples that are looked at
 DECIMAL = 0.01  # of a digit: a quantum of 1, 2 or 5 × 10ⁿ is the print's
@@ -172,7 +173,8 @@ class _Bench:
         driven = (np.abs(v) > DRIVEN * np.nanmax(np.abs(v))) & ~np.isnan(y)
         if not driven.any():
             return False
-        y = np.where(np.abs(y) > 4 * noise_deviation(y), y, 0.0)
+        most = float(np.nanquantile(np.abs(y), OUTLYING))
+        y = np.where(np.abs(y) > 4 * noise_deviation(y), np.clip(y, -most, most), 0.0)
         power = (v * y)[driven]
         whole = float(np.sum(np.abs(power)))
         return whole > 0 and float(np.sum(power)) < -AGAINST * whole

@@ -334,7 +334,7 @@ def _read_text(path: Path, read_as: ReadAs) -> _Raw:
     def place(k: int) -> str:
         return f"{path.name} line {table.line[k]}"
 
-    where = f"{path.name} line {table.header_line}"
+    where = path.name if read_as.by_number else f"{path.name} line {table.header_line}"
     keep = [j for j, text in enumerate(texts) if text or not np.isnan(table.columns[j]).all() or j in table.bad]
     columns, bad, half_digits = list(table.columns), dict(table.bad), {}
     for j in keep:

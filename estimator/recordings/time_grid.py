@@ -65,7 +65,7 @@ def sampling_clock(
     except RecordingError:
         found = _with_gaps(times, half_digit)
         if found is None:
-            found = _without_grid(times)
+            found = _without_grid(times, half_digit)
         if found is None:
             raise
         return found
@@ -109,13 +109,17 @@ def _is_exact(times: FloatArray, rows: FloatArray, half: FloatArray) -> bool:
     return off <= max(EXACT * float(step), 1.5 * float(np.median(half)))
 
 
-def _without_grid(times: FloatArray) -> Clock | None:
+def _without_grid(times: FloatArray, half_digit: Callable[[], FloatArray] | None) -> Clock | None:
     """Return the clock of times that lie on no grid at all; None if they do but for a mistake or a pause."""
     steps = np.diff(times)
     usual = float(np.median(steps))
     off = np.abs(steps / usual - np.round(steps / usual)) > JITTER
     off |= steps < usual / 2
-    if (steps <= 0).any() or np.count_nonzero(off & (steps < PAUSE * usual)) < OFTEN or (steps > PAUSE * usual).any():
+    if (steps <= 0).any() or (steps > PAUSE * usual).any():
+        return None
+    print_error = 0.0 if half_digit is None else 2 * float(np.median(half_digit()))
+    jitters = float(np.median(np.abs(steps - usual))) > max(EXACT * usual, print_error)
+    if np.count_nonzero(off) < OFTEN and not jitters:
         return None
     return Clock(times.copy(), usual, even=False)
 
