@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from estimator.cases.case import Case, case_for_recording, read_case
-from estimator.commands.options import with_corrections, with_held_out, with_options
+from estimator.commands.options import with_corrections, with_held_out, with_options, with_tolerances
 from estimator.errors import InputError
 from estimator.estimating.progress import Progress
 from estimator.recordings.recording import Recording, read_recording
@@ -52,6 +52,11 @@ class Result(Estimate):
     def standard_errors(self) -> dict[str, float | None]:
         """Parameter → standard error, SI units; None where it is fixed or not known."""
         return {name: parameter.standard_error for name, parameter in self.parameters.items()}
+
+    @property
+    def uncertainties(self) -> dict[str, float | None]:
+        """Parameter → combined standard uncertainty, SI units: the standard error and what the tolerances add."""
+        return {name: parameter.uncertainty for name, parameter in self.parameters.items()}
 
     def to_json(self) -> str:
         """Return the result as the command line's ``--json`` prints it."""
@@ -143,6 +148,7 @@ def estimate_parameters(
     scale: Mapping[str, float] | None = None,
     offset: Mapping[str, float] | None = None,
     temperature: float | None = None,
+    tolerance: Mapping[str, str | float] | str = "",
     loss: str | None = None,
     workers: int | None = None,
     profile: bool = False,
@@ -176,6 +182,8 @@ def estimate_parameters(
         Factor on a channel's samples (-1 turns the sign), and what is added after it, SI units.
     temperature : float, optional
         Of the winding, °C; R is then told at 25 °C too.
+    tolerance : source → size, or "default"
+        What no recording tells: {"i gain": "1 %", "supply resistance": "0.05 Ohm"}; part of every ``uncertainty``.
     loss : str, optional
         "linear" (default), or "huber": outliers pull less.
     workers : int, optional
@@ -220,6 +228,7 @@ def estimate_parameters(
         offset=tuple((offset or {}).items()),
         temperature=temperature,
     )
+    case = with_tolerances(case, tolerance)
     case = with_held_out(case, validate, fitted=len(case.recordings if recordings is None else recordings))
     if recordings is not None:
         recordings = [*recordings, *(read_recording(Path(path)) for path in validate)]

@@ -103,7 +103,10 @@ def test_a_case_file_with_tolerances_is_valid_and_reads_back_the_same(case_from,
 @pytest.mark.parametrize(
     ("text", "part"),
     [
-        ('tolerance = "usual"\n[[recording]]\nfile = "run.csv"', "line 1: tolerance cannot be 'usual'; write \"default\""),
+        (
+            'tolerance = "usual"\n[[recording]]\nfile = "run.csv"',
+            "line 1: tolerance cannot be 'usual'; write \"default\"",
+        ),
         ('[tolerance]\n"i gian" = "1 %"', "line 4: there is no tolerance 'i gian'"),
         ('[tolerance]\n"i gain" = true', "line 4: tolerance.i gain must be a number, not true"),
         ("[tolerance]\ndefault = false", "line 4: tolerance.default must be true, or left out"),

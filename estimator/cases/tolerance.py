@@ -102,7 +102,7 @@ def tolerances(given: Mapping[str, str | float] | Iterable[tuple[str, str | floa
 
 
 def read_tolerances(top: Table) -> tuple[Tolerance, ...]:
-    """Read the key ``tolerance`` of a case file: a table of sources, with ``default = true`` or without, or "default"."""
+    """Read the key ``tolerance`` of a case file: a table of sources, or "default"; a table may hold default = true."""
     given = top.value.get("tolerance")
     if given is None:
         return ()
@@ -145,7 +145,7 @@ def _tolerance(source: str, given: str | float, *, offered: bool = False) -> Tol
     text = given if isinstance(given, str) else repr(float(given))
     match = _TEXT.fullmatch(text)
     example = EXAMPLES[quantities[0]]
-    remedy = f'write {example!r}, or {example + " (k=2)"!r} for an expanded uncertainty'
+    remedy = f"write {example!r}, or {example + ' (k=2)'!r} for an expanded uncertainty"
     if match is None:
         raise CaseError(f"the tolerance {source!r} cannot be {text!r}; {remedy}")
     size, unit = float(match[1]), ""

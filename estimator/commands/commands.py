@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from estimator.commands.options import unique, with_corrections, with_held_out, with_options
+from estimator.commands.options import unique, with_corrections, with_held_out, with_options, with_tolerances
 from estimator.commands.terminal import FAILED, INTERRUPTED, OK, complain, say
 from estimator.errors import FmuError, InputError, SimulationError
 from estimator.estimating.progress import LiveLine, Progress, batch_line, is_terminal
@@ -336,6 +336,7 @@ def _case(args: argparse.Namespace) -> Case:
     case = with_corrections(
         case, window=args.window, scale=args.scale, offset=args.offset, temperature=args.temperature
     )
+    case = with_tolerances(case, args.tolerance)
     return with_held_out(case, args.validate, fitted=len(case.recordings))
 
 

@@ -10,6 +10,7 @@ from estimator.estimating.methods import direct, evolution, paper
 from estimator.estimating.progress import Progress
 from estimator.estimating.run import Run
 from estimator.estimating.search_and_polish import search_and_polish
+from estimator.fitting.budget import applicable
 from estimator.fmus.fmu import FmuDescription, describe, with_kind
 from estimator.fmus.probe import driven
 from estimator.fmus.workers import TIME_LIMIT, Workers
@@ -150,6 +151,7 @@ def estimate_by(
     """
     described = driven(with_kind(description or describe(case.fmu), case.kind))
     plan = plan_case(case, described, recordings=recordings)
+    applicable(plan)  # a tolerance that it has nothing for is an error now, not after the search
     found = _estimated(Run(plan, crew, progress=progress, bounded=bounded, tell=tell, profile=profile))
     count = len(case.recordings if recordings is None else recordings)
     apart = [k for k in range(count) if case.run(k).validate]

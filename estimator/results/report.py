@@ -7,6 +7,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from estimator.results.budget_table import budget_line, budget_mapping
 from estimator.results.result import Estimate, ParameterEstimate
 
 VALUE_DIGITS = 9  # at most: beyond that a noise-free fit prints its rounding errors
@@ -25,6 +26,8 @@ def text_report(estimate: Estimate) -> str:
     lines = [VERDICTS[estimate.verdict], *(f"  - {reason}" for reason in estimate.reasons)]
     if estimate.parameters:
         lines += ["", *table(*parameter_rows(estimate), right=(1, 3, 5, 6))]
+    if told := budget_line(estimate):
+        lines += ["", told]
     if estimate.chain:
         lines += ["", *table(*chain_rows(estimate), right=(1, 3))]
     if estimate.derived:
@@ -195,9 +198,10 @@ def to_mapping(estimate: Estimate) -> dict[str, Any]:
         "sensors": estimate.sensors,
         "recordings": estimate.recordings,
         "derived": {
-            name: {"value": q.value, "standard_error": q.standard_error, "unit": q.unit}
+            name: {"value": q.value, "standard_error": q.standard_error, "uncertainty": q.uncertainty, "unit": q.unit}
             for name, q in estimate.derived.items()
         },
+        **budget_mapping(estimate),
         "correlation": correlation,
         "information": estimate.information,
         "rmse": estimate.rmse,
@@ -316,6 +320,8 @@ def _parameter_mapping(parameter: ParameterEstimate) -> dict[str, Any]:
     return {
         "value": parameter.value,
         "standard_error": parameter.standard_error,
+        "uncertainty": parameter.uncertainty,
+        "repeatability": parameter.repeatability,
         "unit": parameter.unit,
         "at_bound": parameter.at_bound,
         "status": parameter.status,

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from html import escape
 
 from estimator.results.report import chain_rows, cost_lines, derived_rows, json_ready, parameter_rows, signal_rows
+from estimator.results.budget_table import budget_rows
 from estimator.results.result import Estimate
 
 PROFILE_CAPTION = (
@@ -107,6 +108,8 @@ def html_report(
     parts = [f"<h1>{escape(title)}</h1>", _verdict(estimate)]
     if estimate.parameters:
         parts += [_heading("Parameters"), _parameters(estimate)]
+    if estimate.tolerances:
+        parts += [_heading("Uncertainty budget"), _table(*budget_rows(estimate), right=range(2, 99))]
     if estimate.chain:
         parts += [_table(*chain_rows(estimate), right=(1, 3))]
     if estimate.derived:
