@@ -64,7 +64,7 @@ def test_runs_that_agree_are_told_to_differ_no_more_often_than_stated():
 def test_a_parameter_that_varies_is_found_of_the_right_size_and_the_bars_hold():
     """400 seeds, 5 runs, T ten errors of a run: mean T^2 within 18 % (5 of its errors, below 1e-6 by chance).
 
-    Squares of errors over bars have the median of chi-square, 0.455, but for a T that five runs tell to a third: a median
+    Squares of errors over bars have the median of chi-square, 0.455, but for a T known to a third: a median
     of 400 is outside 0.3 to 0.75 by chance below 1e-4.
     """
     squares, ratios, named = [], [], []

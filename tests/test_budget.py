@@ -65,7 +65,7 @@ def test_the_part_of_each_source_is_its_closed_form(made, source, expected):
 
 
 def test_the_part_of_dry_friction_is_what_least_squares_makes_of_the_exact_response(made):
-    """The motor's equations with a constant torque, by the matrix exponential, and a Jacobian of central differences."""
+    """The motor's equations with a constant torque, by the matrix exponential, and a central Jacobian."""
     voltage = np.where(np.arange(2801) >= 500, 10.5, 0.0)
 
     def response(parameters, torque=0.0):

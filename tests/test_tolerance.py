@@ -30,7 +30,7 @@ def case_from(tmp_path):
 
 
 def test_what_only_bounds_an_error_is_rectangular_and_a_certificates_is_divided_by_its_k():
-    """GUM 4.3.7, its example: 100 +- 4 Celsius, u = 2.3; GUM 4.3.3, its example: 240 ug at three standard deviations."""
+    """GUM 4.3.7: 100 +- 4 Celsius, u = 2.3; GUM 4.3.3: 240 ug at three standard deviations."""
     assert one("temperature", "4 K").standard_uncertainty == pytest.approx(2.309, abs=5e-4)
     certificate = one("i gain", "0.024 % (k=3)")
     assert certificate.standard_uncertainty == pytest.approx(8e-5) and certificate.distribution == "normal"

@@ -4,8 +4,9 @@ If the bench has an effect that changes what the sensors show by c, whitened W c
 
     d = (J'J)^-1 J' W c
 
-on the parameters' scales (GUM 5.1.3, with the fit for the function f). c is simulated at the fit, through its FMU, for one
-standard uncertainty either way. What J does not explain of W c the recordings would show: with several levels they tell
+on the parameters' scales (GUM 5.1.3, with the fit for the function f). c is simulated at the fit, through its FMU, for
+one standard uncertainty either way.
+What J does not explain of W c the recordings would show: with several levels they tell
 a brush drop. A source's coefficient b, 1 for one standard uncertainty, is then estimated as well, its standard
 uncertainty being what was known of it before: (1 + A'A)^-1 and b are its variance and its value, A what is left of W c.
 The part is d sqrt(variance + b^2), never more than d: the estimate leaves b out.
@@ -174,7 +175,7 @@ def _column(fit: Fit, tolerance: Tolerance) -> FloatArray:
 
 
 def _driven(fit: Fit, name: str, more: FloatArray) -> FloatArray:
-    """Return half of what the sensors show more with an input that is larger than with one that is smaller by (rows,)."""
+    """Return what the sensors show more with an input that is larger by (rows,); the mean of larger and smaller."""
     s = fit.simulator
 
     def plan(sign: int) -> Plan:

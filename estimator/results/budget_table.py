@@ -11,7 +11,7 @@ STATISTICAL = "noise and runs"
 
 
 def budget_rows(estimate: Estimate) -> tuple[list[str], list[list[str]]]:
-    """Return header and rows: a source, how it was given, its part of each parameter's uncertainty in percent; the whole.
+    """Return header and rows: a source, how it was given, its part of each parameter's uncertainty; last the whole.
 
     No rows where no tolerance is given.
     """

@@ -11,8 +11,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 
-from estimator.results.report import chain_rows, cost_lines, derived_rows, json_ready, parameter_rows, signal_rows
 from estimator.results.budget_table import budget_rows
+from estimator.results.report import chain_rows, cost_lines, derived_rows, json_ready, parameter_rows, signal_rows
 from estimator.results.result import Estimate
 
 PROFILE_CAPTION = (
