@@ -119,18 +119,23 @@ def named(found: Estimate) -> set[str]:
     """Return what an estimate says about its measurement chain and its motor."""
     said = {
         "average": "is a mean over the last",
-        "supply sag": "supply's voltage seems to sag",
-        "lost samples": "check the logger's clock",
-        "dry friction": "dry (Coulomb) friction",
+        "supply sag": "the supply sags",
+        "lost samples": "seem to be missing",
+        "dry friction": "the motor has a dry friction",
         "gain": "shown with a gain of",
-        "channel delay": "ms late would explain the recording as well",
-        "drift": "drifts by",
+        "channel delay": "ms after the other signals",
+        "lag": "is shown through a low-pass",
+        "drift": "over the recording; the parameters stand for the mean",
         "ripple": "has a ripple of order",
         "alias": "the motor oscillates at",
         "alias possible": "may be what is lost (aliasing)",
     }
     text = " ".join((*found.reasons, *found.notes))
     names = {name for name, words in said.items() if words in text}
+    rivals = " ".join(r for r in found.reasons if "nearly as well" in r)
+    names |= {name for name in ("dry friction", "gain", "lag") if name in rivals}
+    if "sag" in rivals.split():
+        names.add("supply sag")
     if "the transient is lost" in text:
         names.add("lost samples")
     if any(n.startswith("delay ") for n in found.chain):  # of one channel: the recording's has no more words

@@ -77,7 +77,8 @@ def _standard_error(gradient: FloatArray, polish: Polish) -> float | None:
     if np.linalg.norm(g_scaled - (rows @ g_scaled) @ rows) > OUTSIDE * np.linalg.norm(g_scaled):
         return None
     a = information_parts(jacobian)[0] @ g
-    return float(np.sqrt(a @ polish.scores[np.ix_(inside, inside)] @ a))
+    variance = float(a @ polish.scores[np.ix_(inside, inside)] @ a)
+    return float(np.sqrt(variance)) if variance > 0 else None  # below: what the arithmetic leaves of nothing told
 
 
 def _gradient(
