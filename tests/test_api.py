@@ -62,8 +62,11 @@ def test_it_finds_what_the_command_line_finds(result):
         text=True,
     )
     told, printed = check_contract(result.to_json()), check_contract(done.stdout)
-    for key in ("parameters", "verdict", "rmse", "simulations", "correlation"):
+    for key in ("parameters", "verdict", "rmse", "simulations"):
         assert told[key] == printed[key]
+    # LAPACK's last bit depends on where in memory a matrix stands
+    for name, row in told["correlation"].items():
+        assert printed["correlation"][name] == pytest.approx(row, rel=1e-12)
 
 
 def test_recordings_and_cases_in_memory_are_taken_and_options_hold(result):
