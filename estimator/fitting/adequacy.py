@@ -51,11 +51,22 @@ class Failure:
 
 @dataclass(frozen=True)
 class Adequacy:
-    """What failed, and the factor on the parameters' covariance that allows for it."""
+    """What failed, and the factor on the variance of each sample, (rows, q), that allows for it."""
 
     failures: tuple[Failure, ...]
-    inflation: float
+    excess: FloatArray
     tests: int
+
+    def widened(self, fit: Fit) -> FloatArray:
+        """Return what the covariance of a fit's names grows by, (f + m, f + m): the errors of samples that fail."""
+        inside = fit.at_bound == 0
+        result = np.zeros((len(inside), len(inside)))
+        if inside.any() and self.failures:
+            jacobian = fit.jacobian[:, inside]
+            information = np.linalg.pinv(jacobian.T @ jacobian, rcond=1e-14, hermitian=True)
+            more = (self.excess.ravel() - 1)[:, None]
+            result[np.ix_(inside, inside)] = information @ (jacobian.T @ (more * jacobian)) @ information
+        return result
 
 
 def adequacy(fit: Fit, parameters: int) -> Adequacy:
@@ -75,7 +86,7 @@ def adequacy(fit: Fit, parameters: int) -> Adequacy:
     outputs = fit.simulator.outputs
     count = 2 * len(windows.windows) * len(outputs) + len(windows.windows) + len(outputs)
     normal = float(ndtri(1 - ALARM / count))
-    failures, inflation = [], 1.0
+    failures, excess = [], np.ones_like(z)
     for window in windows.windows:
         for j, output in enumerate(outputs):
             known = present[window.rows, j]
@@ -87,7 +98,7 @@ def adequacy(fit: Fit, parameters: int) -> Adequacy:
             limit = float(chdtri(n, ALARM / count)) / n
             limit = max(limit, 1 + normal * np.sqrt(2 * tails[j] / n))
             if square > limit:
-                inflation = max(inflation, square)
+                excess[window.rows, j] = np.maximum(excess[window.rows, j], square)
             if square > max(limit, 1 + EXCESS):
                 failures.append(Failure("size", window.name, output, float(np.sqrt(square))))
             pairs = known[1:] & known[:-1] & (np.diff(window.rows) == 1)
@@ -96,14 +107,15 @@ def adequacy(fit: Fit, parameters: int) -> Adequacy:
                 alike = float(np.sum((own[1:] * own[:-1])[pairs])) / m
                 if abs(alike) > max(normal / np.sqrt(m) * square, ALIKE):
                     failures.append(Failure("neighbours", window.name, output, alike / max(square, 1e-300)))
-                    inflation = max(inflation, (1 + abs(alike)) / (1 - min(abs(alike), 0.9)))
+                    longer = (1 + abs(alike)) / (1 - min(abs(alike), 0.9))
+                    excess[window.rows, j] = np.maximum(excess[window.rows, j], longer)
     test = fit.test()
     for name, output, mask in _groups(windows, outputs, z.shape):
         ratio = _own_values(fit, test.left, test.basis, mask.ravel(), parameters, chdtri, ALARM / count)
         if ratio > 1:
             failures.append(Failure("own values", name, output, ratio))
-            inflation = max(inflation, ratio**2)
-    return Adequacy(tuple(failures), inflation, count)
+            excess[mask] = np.maximum(excess[mask], ratio**2)
+    return Adequacy(tuple(failures), excess, count)
 
 
 def _groups(

@@ -29,7 +29,6 @@ from estimator.stepping import layout
 FloatArray = NDArray[np.float64]
 
 REPORTED = SensorPlace("nuisance")  # of what is estimated beside the motor
-UNTOLD = 0.25  # square of a relative error: a parameter that is not told
 WIDE = 1e30  # bounds of what has none
 LINEAR_MOTOR = "dc_motor"  # whose place a bundled FMU with more effects may take
 
@@ -55,7 +54,7 @@ class Explained:
     polish : Polish
         Values, errors and covariance of these, what stays open included; residuals and derivatives whitened.
     noise : (q,) array
-        Deviation of each output's noise, all parts, at the largest signal.
+        Root mean square, over the samples, of the deviation of each output's noise, all parts.
     found : what was found of the bench
     rivals : sentences on explanations that are nearly as likely and give other parameters
     unseen : names of effects that no such recording tells
@@ -236,7 +235,7 @@ def _explained(
     kept = [*range(p), *reported]
     covariance = fit.covariance()[np.ix_(kept, kept)]
     covariance[:p, :p] = mean.covariance
-    covariance *= checked.inflation
+    covariance += checked.widened(fit)[np.ix_(kept, kept)]
     told = fit.estimates + [_told_from(fit).get(name, 0.0) for name in names]
     values = np.concatenate([fit.simulator.unscaled(_padded(mean.values, fit))[:p], told[reported]])
     log = fit.is_log[kept]
@@ -269,7 +268,7 @@ def _explained(
     return Explained(
         plan=extended,
         polish=polish,
-        noise=whitener.noise.deviation(np.ones_like(whitener.level[:1]))[0],
+        noise=_rms(whitener.noise.deviation(whitener.level), whitener.present),
         found=(*(Found("latency of each edge", "", t, "") for t in late), *_found(explanation, plan)),
         rivals=tuple(_rival(r, errors_apart, name, explanation) for r, errors_apart, name in mean.rivals),
         unseen=tuple(dict.fromkeys(a.effect.name for a in mean.unseen)),
@@ -278,13 +277,9 @@ def _explained(
     )
 
 
-def _scores(information: FloatArray, covariance: FloatArray, inflation: float) -> FloatArray:
-    """Return what stands between the inverses of the information so that the covariance is theirs, (n, n).
-
-    Where a parameter is not told, the covariance of what is told cannot be taken from it: then the fit's own is taken.
-    """
-    told = np.isfinite(covariance).all() and np.all(np.diag(covariance) < UNTOLD)
-    return np.asarray(information @ covariance @ information if told else inflation * information)
+def _rms(values: FloatArray, present: NDArray[np.bool_]) -> FloatArray:
+    counts = np.maximum(present.sum(axis=0), 1)
+    return np.asarray(np.sqrt(np.sum(np.where(present, values, 0.0) ** 2, axis=0) / counts))
 
 
 def _told_from(fit: Fit) -> dict[str, float]:

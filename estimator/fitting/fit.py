@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from estimator.fitting.noise_model import NoiseModel, Whitener
 from estimator.fitting.polish import information_parts
 from estimator.fitting.simulator import Simulator
+from estimator.plans.parameters import SensorPlace
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -121,6 +122,12 @@ class Fit:
     def explained(self) -> FloatArray:
         """What the sensors show, (rows, q), the linear part included."""
         return self.shown + _linear_columns(self.linear, self.shown.shape) @ self.coefficients
+
+    def delay(self, recording: int) -> float:
+        """Return by how much a recording's outputs come after its inputs, s."""
+        s = self.simulator
+        own = [n.name for n in s.nuisances if n.place == SensorPlace("delay", recording)]
+        return float(self.values[s.index[own[0]]]) if own else s.observed[recording].delay
 
     def covariance(self) -> FloatArray:
         """Return the covariance of the names on their scales, (f + m, f + m); zero at a bound, inf where not told."""
@@ -261,11 +268,12 @@ def refreshed(fit: Fit, whitener: Whitener) -> Fit:
 
 
 def held_down(fit: Fit) -> Fit:
-    """Return the fit with outliers, which stand alone, weighted by Student's t."""
+    """Return the fit with outliers, which stand alone, weighted by Student's t; what was one before may be none now."""
+    fit = refreshed(fit, dataclasses.replace(fit.whitener, inflate=np.ones_like(fit.whitener.inflate)))
     z = np.abs(fit.z.reshape(fit.shown.shape))
     beside = np.maximum(np.vstack([np.zeros(z.shape[1]), z[:-1]]), np.vstack([z[1:], np.zeros(z.shape[1])]))
     alone = (z > OUTLIER) & ((beside < BESIDE) | (z > 4 * beside))
-    inflate = np.where(alone, (FREEDOM + z * z) / (FREEDOM + 1), fit.whitener.inflate)
+    inflate = np.where(alone, (FREEDOM + z * z) / (FREEDOM + 1), 1.0)
     return dataclasses.replace(fit, whitener=dataclasses.replace(fit.whitener, inflate=inflate))
 
 

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from estimator.fitting.fit import Fit
 from estimator.fitting.noise_model import Clock
-from estimator.plans.parameters import SensorPlace
 from estimator.results.linear import is_motor, matrices
 
 FloatArray = NDArray[np.float64]
@@ -80,10 +79,8 @@ def as_late(fit: Fit, signal: FloatArray) -> FloatArray:
     """Return an input's signal, (rows,), as late as the inputs of its recording act, shared out between two rows."""
     s = fit.simulator
     result = np.zeros(s.rows)
-    for e, (o, clock) in enumerate(zip(s.observed, s.clocks, strict=True)):
-        own = [n.name for n in s.nuisances if n.place == SensorPlace("delay", e)]
-        delay = float(fit.values[s.index[own[0]]]) if own else o.delay
-        whole, part = divmod(delay / clock.step, 1.0)
+    for e, clock in enumerate(s.clocks):
+        whole, part = divmod(fit.delay(e) / clock.step, 1.0)
         x = signal[clock.rows]
         for by, share in ((int(whole), 1 - part), (int(whole) + 1, part)):
             moved = np.zeros(len(x))

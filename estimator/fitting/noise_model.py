@@ -73,7 +73,8 @@ class NoiseModel:
         A and b of d[i, w]/dt = A [i, w] + b torque.
     seat : (q,) array
         Which state of the machine a channel shows: 0 current, 1 speed, -1 none.
-    short : of each channel, coefficients of the autoregression of what is left, and its innovation's deviation
+    short : of the machine at rest and running, of each channel: coefficients of the autoregression of what is left,
+        and its innovation's deviation
     """
 
     white: FloatArray
@@ -83,7 +84,7 @@ class NoiseModel:
     torque: tuple[float, float] = (0.0, 1.0)
     machine: tuple[FloatArray, FloatArray] | None = None
     seat: tuple[int, ...] = ()
-    short: tuple[tuple[FloatArray, float], ...] = ()
+    short: tuple[tuple[tuple[FloatArray, float], ...], ...] = ()
 
     @classmethod
     def plain(cls, white: FloatArray, seat: Sequence[int]) -> NoiseModel:
@@ -218,10 +219,11 @@ class Whitener:
             )
             total += log
             if noise.short:
-                result[part] = _short(result[part], self.present[part], noise.short)
-        if noise.short:
-            counts = self.present.sum(axis=0)
-            total += float(sum(2 * n * np.log(s) for n, (_, s) in zip(counts, noise.short, strict=True)))
+                parts = [_short(result[part], self.present[part], short) for short in noise.short]
+                result[part] = np.where(self.moving[part, None, None], parts[1], parts[0])
+        for short, where in zip(noise.short, (~self.moving, self.moving), strict=False):
+            counts = self.present[where].sum(axis=0)
+            total += float(sum(2 * n * np.log(s) for n, (_, s) in zip(counts, short, strict=True)))
         return result, total
 
     def of(self, noise: NoiseModel) -> Whitener:
@@ -267,7 +269,7 @@ def fit_noise(
     columns: FloatArray,
     settled: BoolArray,
     *,
-    slow: bool = True,
+    colour: bool = True,
     again: bool = False,
 ) -> NoiseModel:
     """Return the noise model of the largest restricted likelihood.
@@ -281,8 +283,8 @@ def fit_noise(
         Their derivatives by what is free.
     settled : (rows,) array
         Rows that tell the noise.
-    slow : bool
-        Ask for slow parts, and for a torque that wanders.
+    colour : bool
+        Ask for slow parts, for a torque that wanders, and for short colour.
     again : bool
         Keep the parts that the whitener's noise has, and find their numbers again.
     """
@@ -313,7 +315,7 @@ def fit_noise(
     stacked = np.concatenate([residuals[rows, :, None], columns[rows], levels], axis=2)
     stacked = np.where(narrowed.present[:, :, None], stacked, 0.0)
     growth = np.array([_growth(residuals[:, j], whitener, j) for j in range(residuals.shape[1])])
-    search = _Search(narrowed, stacked, slow=slow, growth=growth)
+    search = _Search(narrowed, stacked, colour=colour, growth=growth)
     return search.again() if again else search.best()
 
 
@@ -361,11 +363,11 @@ def _levels(whitener: Whitener) -> FloatArray:
 class _Search:
     """The restricted likelihood of noise models, and the components that pay."""
 
-    def __init__(self, whitener: Whitener, stacked: FloatArray, *, slow: bool, growth: FloatArray) -> None:
+    def __init__(self, whitener: Whitener, stacked: FloatArray, *, colour: bool, growth: FloatArray) -> None:
         self.whitener, self.stacked = whitener, stacked
         self.first = dataclasses.replace(whitener.noise, short=())
         self.q = stacked.shape[1]
-        self.slow, self.growth = slow, growth
+        self.colour, self.growth = colour, growth
         self.machine = self.first.machine is not None and any(s >= 0 for s in self.first.seat)
         norms = np.linalg.norm(stacked[:, :, 1:].reshape(-1, stacked.shape[2] - 1), axis=0)
         self.stacked[:, :, 1:] /= np.where(norms > 0, norms, 1.0)
@@ -374,14 +376,14 @@ class _Search:
         """Return -2 log restricted likelihood, up to a constant."""
         whitened, total = self.whitener.of(noise)(self.stacked)
         flat = whitened.reshape(-1, whitened.shape[2])
-        r, j = flat[:, 0], flat[:, 1:]
-        value = total + float(r @ r)
-        if j.shape[1]:
-            information = j.T @ j
+        products = flat.T @ flat
+        value = total + float(products[0, 0])
+        if len(products) > 1:
+            information, along = products[1:, 1:], products[1:, 0]
             scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
             eigen, vectors = np.linalg.eigh(information / np.outer(scale, scale))
             seen = eigen > 1e-9
-            along = (vectors.T @ ((j.T @ r) / scale))[seen]
+            along = (vectors.T @ (along / scale))[seen]
             value += float(-np.sum(along**2 / eigen[seen]) + np.sum(np.log(eigen[seen])) + 2 * np.sum(np.log(scale)))
         return value if np.isfinite(value) else np.inf
 
@@ -410,7 +412,7 @@ class _Search:
         noise, value = self._optimised(noise, active)
         if np.any(self.growth > 0):
             noise, value = self._optimised(dataclasses.replace(noise, growth=self.growth), active)
-        for _ in range(3 if self.slow else 0):
+        for _ in range(3 if self.colour else 0):
             options = self._slow_options(noise, active)
             results = [(*self._optimised(start, [*active, c]), c) for start, c in options]
             best = min(results, key=lambda r: r[1], default=None)
@@ -472,15 +474,27 @@ class _Search:
 
     def _with_short(self, noise: NoiseModel) -> NoiseModel:
         """Return the noise with what is left of short colour."""
+        if not self.colour:
+            return noise
         whitened, _ = self.whitener.of(noise)(self.stacked)
         flat = whitened.reshape(-1, whitened.shape[2])
         beta = np.linalg.lstsq(flat[:, 1:], flat[:, 0], rcond=1e-9)[0] if flat.shape[1] > 1 else np.zeros(0)
         left = whitened[:, :, 0] - whitened[:, :, 1:] @ beta
-        short = []
+        moving = self.whitener.moving
+        running = self._short(left, moving)
+        counts = self.whitener.present[~moving].sum(axis=0)
+        resting = self._short(left, ~moving)
+        at_rest = tuple(a if n >= ENOUGH else b for n, a, b in zip(counts, resting, running, strict=True))
+        return dataclasses.replace(noise, short=(at_rest, running))
+
+    def _short(self, left: FloatArray, where: BoolArray) -> tuple[tuple[FloatArray, float], ...]:
+        """Return the short autoregression of each channel, from these rows."""
+        result = []
         for j in range(self.q):
-            series = [np.where(self.whitener.present[c.rows, j], left[c.rows, j], 0.0) for c in self.whitener.clocks]
-            short.append(autoregression(series, int(self.whitener.present[:, j].sum())))
-        return dataclasses.replace(noise, short=tuple(short))
+            present = self.whitener.present[:, j] & where
+            series = [np.where(present[c.rows], left[c.rows, j], 0.0) for c in self.whitener.clocks]
+            result.append(autoregression(series, int(present.sum())))
+        return tuple(result)
 
 
 def autoregression(series: Sequence[FloatArray], count: int) -> tuple[FloatArray, float]:

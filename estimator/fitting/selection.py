@@ -130,8 +130,8 @@ class Selection:
         bounds = self._held_near(starts)
         best = self._first(starts)
         if find_windows(best.fit).enough:
-            best = self.with_noise(best, slow=False)
-            best = self._grown(best, [e for e in self.effects if e.name == "ripple"], rounds=4, slow=False)
+            best = self.with_noise(best, colour=False)
+            best = self._grown(best, [e for e in self.effects if e.sharp], rounds=ROUNDS, colour=False)
         else:  # noise would be made of what effects do: that of the samples beside each other is taken first
             best = self._grown(best, self.effects, rounds=ROUNDS, renew=False)
         best = self.with_noise(best)
@@ -185,7 +185,7 @@ class Selection:
         """How many samples are compared."""
         return int(np.sum(~np.isnan(self.base.measured)))
 
-    def with_noise(self, explanation: Explanation, *, slow: bool = True, again: bool = False) -> Explanation:
+    def with_noise(self, explanation: Explanation, *, colour: bool = True, again: bool = False) -> Explanation:
         """Return the explanation with its noise found, or its numbers found again, and fitted by it."""
         fit = with_level(explanation.fit)
         machine, seat = machine_of(fit)
@@ -194,7 +194,8 @@ class Selection:
             noise = dataclasses.replace(noise, differenced=self.differenced)
         whitener = fit.whitener.of(noise)
         misfit = np.where(whitener.present, fit.residuals(), 0.0)
-        found = fit_noise(whitener, misfit, fit.raw, find_windows(fit).settled, slow=slow, again=again)
+        wide = [k for k, name in enumerate(fit.names) if not name.startswith("ripple ")]  # lines take no noise
+        found = fit_noise(whitener, misfit, fit.raw[:, :, wide], find_windows(fit).settled, colour=colour, again=again)
         fit = held_down(refreshed(fit, whitener.of(found)))
         return dataclasses.replace(explanation, fit=solved(fit))
 
@@ -204,7 +205,7 @@ class Selection:
         effects: Sequence[Effect],
         *,
         rounds: int,
-        slow: bool = True,
+        colour: bool = True,
         renew: bool = True,
     ) -> Explanation:
         """Return the explanation with what is worth its numbers, one after the other."""
@@ -213,10 +214,13 @@ class Selection:
             found = self._best_addition(explanation, effects, rejected)
             if found is None or len(explanation.additions) >= MOST:
                 break
-            judged = self.with_noise(found, slow=slow, again=True) if renew else found
-            if not all(_is_physical(judged.fit, a) for a in judged.additions):
+            judged = self.with_noise(found, colour=colour, again=True) if renew else found
+            absurd = [a for a in judged.additions if not _is_physical(judged.fit, a)]
+            if judged.additions[-1] in absurd:
                 rejected.add(found.additions[-1].name)
                 continue
+            for a in absurd:  # the new one has taken its place
+                judged = self.without(judged, a)
             explanation = judged
             rejected.clear()
         return explanation
@@ -373,7 +377,7 @@ class Selection:
                     continue
                 without = self.without(explanation, addition)
                 if without.fit.cost - explanation.fit.cost < addition.penalty(n):
-                    explanation, changed = self.with_noise(without), True
+                    explanation, changed = self.with_noise(without, again=True), True
                     break
         return explanation
 

@@ -14,6 +14,7 @@ BoolArray = NDArray[np.bool_]
 EDGE = 0.05  # of an input's range: a larger change is an edge
 SETTLED = 0.02  # of a response: nearer to its end is settled
 MARGIN = 1.3  # times the time to settle
+BEFORE = 3  # rows before an edge, whose time is not known to a row, that may show the next response already
 EARLY, LEAST = 0.15, 4  # of a transient; rows: where the electrical part shows
 FEW = 6  # edges of a recording that are looked at one by one
 ENOUGH = 200  # settled rows that tell the noise; with fewer all do
@@ -44,8 +45,7 @@ def find_windows(fit: Fit) -> Windows:
     span = np.ptp(fit.shown, axis=0)
     for e, (o, clock) in enumerate(zip(s.observed, s.clocks, strict=True)):
         n = len(o.recording.time)
-        late = sum(float(fit.values[k]) for k, name in enumerate(s.names) if _is_delay(fit, name, e))
-        edges = _edges(o.inputs, n, round((late + o.delay) / clock.step))
+        edges = _edges(o.inputs, n, round(fit.delay(e) / clock.step))
         bounds = [0, *edges, n]
         of = f" of {o.recording.title}" if len(s.observed) > 1 else ""
         early, rest = [], []
@@ -53,8 +53,9 @@ def find_windows(fit: Fit) -> Windows:
             part = fit.shown[clock.rows][first:last]
             if not len(part):
                 continue
-            away = np.abs(part - part[-1]) > SETTLED * np.maximum(np.ptp(part, axis=0), 0.02 * span)
-            moving = np.flatnonzero(away.any(axis=1))
+            last_row = part[max(0, len(part) - 1 - (BEFORE if last < n else 0))]
+            away = np.abs(part - last_row) > SETTLED * np.maximum(np.ptp(part, axis=0), 0.02 * span)
+            moving = np.flatnonzero(away[: len(part) - BEFORE if last < n else None].any(axis=1))
             end = min(len(part), int(MARGIN * (moving[-1] + 1))) if len(moving) else 0
             reached = end < len(part) or not len(moving)
             rows = np.arange(clock.rows.start + first, clock.rows.start + last)
@@ -77,13 +78,6 @@ def find_windows(fit: Fit) -> Windows:
     if not enough:
         settled[:] = True
     return Windows(tuple(w for w in windows if len(w.rows) >= LEAST), settled, enough)
-
-
-def _is_delay(fit: Fit, name: str, e: int) -> bool:
-    nuisance = next((n for n in fit.simulator.nuisances if n.name == name), None)
-    return nuisance is not None and nuisance.place is not None and nuisance.place.kind == "delay" and (
-        nuisance.place.recording == e and not nuisance.place.output
-    )  # fmt: skip
 
 
 def _edges(inputs: object, n: int, late: int) -> list[int]:

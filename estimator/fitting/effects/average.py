@@ -37,6 +37,7 @@ class Average(Effect):
 
     name: str = "average"
     prior: float = 0.1
+    sharp: bool = True
 
     def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
         """Return one an output that is shown as it is."""
@@ -59,6 +60,7 @@ class MeanSpeed(Effect):
     """A speed that is the mean over the sampling interval."""
 
     name: str = "mean over the interval"
+    sharp: bool = True
 
     def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
         """Return that of the speed."""

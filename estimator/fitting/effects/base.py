@@ -36,6 +36,8 @@ class Effect:
         Why an estimate that needs it is doubtful; "" where it is harmless once modelled.
     fmu : str
         A bundled FMU that has it; "": the case's own.
+    sharp : bool
+        It shows at edges, or as lines: it is looked for before the noise has a colour, which would hold it already.
     excludes : names of nuisances or columns begin with these where the effect makes no sense beside them
     """
 
@@ -43,6 +45,7 @@ class Effect:
     prior: float = USUAL
     doubt: str = ""
     fmu: str = ""
+    sharp: bool = False
     excludes: tuple[str, ...] = ()
 
     def nuisances(self, plan: Plan) -> Sequence[Nuisance]:

@@ -20,6 +20,7 @@ class ChannelDelay(Effect):
 
     name: str = "delay of"
     prior: float = 0.1
+    sharp: bool = True
 
     def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
         """Return one an output, where there are several."""

@@ -18,6 +18,7 @@ class Delay(Effect):
     """A delay of all outputs of one recording behind its inputs, s."""
 
     name: str = "delay"
+    sharp: bool = True
 
     def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
         """Return one a recording that has an input which moves."""

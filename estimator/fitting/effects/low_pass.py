@@ -39,6 +39,7 @@ class LowPass(Effect):
     """A low-pass of one output, its time constant in s."""
 
     name: str = "lag"
+    sharp: bool = True
     order: int = 1
 
     def nuisances(self, plan: Plan) -> Sequence[Nuisance]:

@@ -50,6 +50,7 @@ class Ripple(Effect):
 
     name: str = "ripple"
     prior: float = USUAL / ORDERS
+    sharp: bool = True
 
     def linear(self, fit: Fit) -> Sequence[Linear]:
         """Return, of each output, the order that explains most of what is left, where one stands out."""
@@ -58,7 +59,9 @@ class Ripple(Effect):
             return ()
         found = []
         settled = find_windows(fit).settled & fit.whitener.moving
-        z = np.where(settled[:, None], fit.z.reshape(fit.shown.shape), 0.0)  # a transient that is not explained is none
+        told = settled[:, None] & fit.whitener.present  # a transient that is not explained is none
+        left = fit.residuals() / fit.whitener.noise.deviation(fit.whitener.level)  # a colour would hold lines already
+        z = np.where(told, left, 0.0) / np.sqrt(fit.whitener.inflate)
         for j, y in enumerate(fit.simulator.outputs):
             taken = {int(g.name.rpartition(" ")[2]) for g in fit.linear if g.name.startswith(f"ripple {y} ")}
             if y == "angle" or len(taken) >= LINES:
