@@ -54,7 +54,7 @@ class Explained:
     polish : Polish
         Values, errors and covariance of these, what stays open included; residuals and derivatives whitened.
     noise : (q,) array
-        Root mean square, over the samples, of the deviation of each output's noise, all parts.
+        Root mean square of what is left of each output.
     found : what was found of the bench
     rivals : sentences on explanations that are nearly as likely and give other parameters
     unseen : names of effects that no such recording tells
@@ -268,7 +268,7 @@ def _explained(
     return Explained(
         plan=extended,
         polish=polish,
-        noise=_rms(whitener.noise.deviation(whitener.level), whitener.present),
+        noise=_rms(np.nan_to_num(fit.residuals()), whitener.present),
         found=(*(Found("latency of each edge", "", t, "") for t in late), *_found(explanation, plan)),
         rivals=tuple(_rival(r, errors_apart, name, explanation) for r, errors_apart, name in mean.rivals),
         unseen=tuple(dict.fromkeys(a.effect.name for a in mean.unseen)),

@@ -493,7 +493,11 @@ class _Search:
         for j in range(self.q):
             present = self.whitener.present[:, j] & where
             series = [np.where(present[c.rows], left[c.rows, j], 0.0) for c in self.whitener.clocks]
-            result.append(autoregression(series, int(present.sum())))
+            n = int(present.sum())
+            coefficients, deviation = autoregression(series, n)
+            if not len(coefficients) and abs(deviation**2 - 1) < COLOURED * np.sqrt(2 / max(n, 1)):
+                deviation = 1.0  # its size is that of the largest likelihood, which counts what the columns took
+            result.append((coefficients, deviation))
         return tuple(result)
 
 

@@ -332,6 +332,10 @@ class _Bench:
         if len(changes) != 1 or np.ptp(v) == 0:
             return 0.0
         k = int(changes[0]) + 1
+        later = k + np.flatnonzero(np.abs(np.diff(v[k:])) > 0.05 * np.ptp(v)) + 1  # another level has its own peak
+        i = i[: int(later[0]) if len(later) else len(i)]
+        if len(i) <= k:
+            return 0.0
         peak = k + int(np.argmax(np.abs(i[k:])))
         final = float(np.median(np.abs(i[-max(5, (len(i) - k) // 10) :])))
         if peak - k < 3 or abs(i[peak]) < 1.5 * final + 6 * noise_deviation(i):
