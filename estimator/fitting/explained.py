@@ -55,6 +55,8 @@ class Explained:
         Values, errors and covariance of these, what stays open included; residuals and derivatives whitened.
     noise : (q,) array
         Root mean square of what is left of each output.
+    at_rest : (q,) array
+        The same without the growth of the noise with the signals.
     found : what was found of the bench
     rivals : sentences on explanations that are nearly as likely and give other parameters
     unseen : names of effects that no such recording tells
@@ -65,6 +67,7 @@ class Explained:
     plan: Plan
     polish: Polish
     noise: FloatArray
+    at_rest: FloatArray
     found: tuple[Found, ...]
     rivals: tuple[str, ...]
     unseen: tuple[str, ...]
@@ -252,7 +255,7 @@ def _explained(
     information = jacobian.T @ jacobian
     sizes, axes = np.linalg.eigh(np.where(np.isfinite(covariance), covariance, 0.0))
     scores = information @ axes * np.sqrt(np.maximum(sizes, 0.0))  # its square is never negative, as rounded as it is
-    whitener = fit.whitener
+    whitener, left = fit.whitener, np.nan_to_num(fit.residuals())
     polish = Polish(
         values=values,
         cost=fit.cost,
@@ -268,7 +271,8 @@ def _explained(
     return Explained(
         plan=extended,
         polish=polish,
-        noise=_rms(np.nan_to_num(fit.residuals()), whitener.present),
+        noise=_rms(left, whitener.present),
+        at_rest=_rms(left / whitener.noise.scale(whitener.level), whitener.present),
         found=(*(Found("latency of each edge", "", t, "") for t in late), *_found(explanation, plan)),
         rivals=tuple(_rival(r, errors_apart, name, explanation) for r, errors_apart, name in mean.rivals),
         unseen=tuple(dict.fromkeys(a.effect.name for a in mean.unseen)),

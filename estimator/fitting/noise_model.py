@@ -35,7 +35,8 @@ BLOCKS = (2, 8, 32, 128, 512)  # samples whose means tell slow colour
 COLOURED = 5.0  # standard deviations of a block's mean square: by white noise less than once in 1e5
 PAYS = 10.0  # of -2 log L, by which a component must improve it: two numbers, and a guard
 ORDERS = (1, 2, 3, 4, 6, 8, 12, 16, 24)  # of the short autoregression
-LOW, HIGH, FEW = 0.03, 0.06, 25  # of the largest signal: quiet, loud; samples of each
+FEW = 25  # samples at either half of a signal
+FREEDOM, T_MEDIAN = 4.0, 0.741  # of Student's t, by which sizes are judged; the median of its absolute value
 STRETCH, MOST_LEVELS = 20, 12  # rows of a stretch that has a level of its own; levels, at most
 SHORTEST = 0.02  # s, of a torque that wanders: faster ones are transients that are explained wrongly
 LONGEST = 0.25  # of the longest stretch: a slow part that lasts longer is none
@@ -64,8 +65,8 @@ class NoiseModel:
     ----------
     white, differenced : (q,) arrays
         Deviations at rest, in the channels' units.
-    growth : (q,) array
-        g = sqrt(1 + (growth |y| / max |y|)^2).
+    growth : (q, 2) array
+        c and p of g = (1 + (c |y| / max |y|)^p)^(1/p): 2 adds powers, 8 hardly grows before c |y| / max |y| = 1.
     slow : (q, 2) array
         Deviation and correlation time, s, of the slow part; 0: none.
     torque : deviation and correlation time, s, of the torque; in the unit of `machine`'s input; 0: none
@@ -90,11 +91,13 @@ class NoiseModel:
     def plain(cls, white: FloatArray, seat: Sequence[int]) -> NoiseModel:
         """Return white noise of these deviations, (q,)."""
         q = len(white)
-        return cls(white, np.zeros(q), np.zeros(q), np.column_stack([np.zeros(q), np.ones(q)]), seat=tuple(seat))
+        none = np.column_stack([np.zeros(q), np.full(q, 2.0)])
+        return cls(white, np.zeros(q), none, np.column_stack([np.zeros(q), np.ones(q)]), seat=tuple(seat))
 
     def scale(self, level: FloatArray) -> FloatArray:
         """Return g, (rows, q), at signals over their largest, (rows, q)."""
-        return np.asarray(np.sqrt(1 + (self.growth * level) ** 2))
+        c, p = self.growth.T
+        return np.asarray((1 + (c * level) ** p) ** (1 / p))
 
     def deviation(self, level: FloatArray) -> FloatArray:
         """Return the deviation of each sample, (rows, q), all parts together."""
@@ -268,6 +271,7 @@ def fit_noise(
     residuals: FloatArray,
     columns: FloatArray,
     settled: BoolArray,
+    sharp: BoolArray,
     *,
     colour: bool = True,
     again: bool = False,
@@ -283,6 +287,8 @@ def fit_noise(
         Their derivatives by what is free.
     settled : (rows,) array
         Rows that tell the noise.
+    sharp : (rows,) array
+        First parts of transients, where an explanation is most easily wrong.
     colour : bool
         Ask for slow parts, for a torque that wanders, and for short colour.
     again : bool
@@ -314,34 +320,51 @@ def fit_noise(
     levels = _levels(narrowed)
     stacked = np.concatenate([residuals[rows, :, None], columns[rows], levels], axis=2)
     stacked = np.where(narrowed.present[:, :, None], stacked, 0.0)
-    growth = np.array([_growth(residuals[:, j], whitener, j) for j in range(residuals.shape[1])])
+    growth = np.array([_growth(residuals[:, j], whitener, j, sharp) for j in range(residuals.shape[1])])
     search = _Search(narrowed, stacked, colour=colour, growth=growth)
     return search.again() if again else search.best()
 
 
-def _growth(residuals: FloatArray, whitener: Whitener, j: int) -> float:
-    """Return how a channel's noise grows with its signal, from second differences over all rows.
+def _growth(residuals: FloatArray, whitener: Whitener, j: int, sharp: BoolArray) -> tuple[float, float]:
+    """Return how a channel's noise grows with its signal, c and p of `NoiseModel.growth`, from second differences.
 
-    They see the noise and hardly anything that is explained wrongly, so that transients may speak.
+    They see the noise and hardly anything that is explained wrongly, so that transients may speak, but for their first
+    part. The size of a difference is that of Student's t, whose tails leave outliers out.
+
+    Parameters
+    ----------
+    sharp : (rows,) array
+        First parts of transients.
     """
-    low, high, levels = [], [], []
+    sizes, levels = [], []
     for clock in whitener.clocks:
-        x, p, level = residuals[clock.rows], whitener.present[clock.rows, j], whitener.level[clock.rows, j]
+        x, known = residuals[clock.rows], whitener.present[clock.rows, j] & ~sharp[clock.rows]
         if len(x) < 3:
             continue
-        size = np.abs(x[2:] - 2 * x[1:-1] + x[:-2])
-        told, here = p[2:] & p[1:-1] & p[:-2], level[1:-1]
-        low.append(size[told & (here < LOW)])
-        high.append(size[told & (here > HIGH)])
-        levels.append(here[told & (here > HIGH)])
-    quiet, loud = np.concatenate(low), np.concatenate(high)
-    if min(len(quiet), len(loud)) < FEW:
-        return 0.0
-    at_rest = float(np.median(quiet))
-    ratio = float(np.median(loud)) / at_rest if at_rest > 0 else 1.0
-    if np.log(max(ratio, 1e-12)) < COLOURED * 1.2 * np.sqrt(1 / len(quiet) + 1 / len(loud)):
-        return 0.0
-    return float(np.sqrt(ratio**2 - 1) / np.sqrt(np.mean(np.concatenate(levels) ** 2)))
+        told = known[2:] & known[1:-1] & known[:-2]
+        sizes.append((x[2:] - 2 * x[1:-1] + x[:-2])[told])
+        levels.append(whitener.level[clock.rows, j][1:-1][told])
+    d, level = np.concatenate([*sizes, np.zeros(0)]), np.concatenate([*levels, np.zeros(0)])
+    if len(d) > 4 * ROWS:
+        d, level = d[:: len(d) // (2 * ROWS)], level[:: len(d) // (2 * ROWS)]
+    loud = float(np.max(level, initial=0.0))
+    if np.count_nonzero(level > loud / 2) < FEW or np.count_nonzero(level < loud / 2) < FEW or not np.any(d):
+        return 0.0, 2.0
+    floor = 1e-3 * float(np.median(np.abs(d[d != 0])))
+
+    def misfit(c: float, p: float) -> float:
+        g = (1 + (c * level) ** p) ** (1 / p)
+        x = np.abs(d) / g
+        scale = max(float(np.median(x)) / T_MEDIAN, floor)
+        return float(2 * np.sum(np.log(g * scale)) + (FREEDOM + 1) * np.sum(np.log1p((x / scale) ** 2 / FREEDOM)))
+
+    found = []
+    for p, charge in ((2.0, 2 * PAYS), (8.0, 4 * PAYS)):  # twice: the squares of neighbours correlate by 0.44
+        c = min(np.geomspace(0.3, 300.0, 16) / loud, key=lambda c: misfit(c, p))  # noqa: B023
+        c = min(c * np.geomspace(0.7, 1.43, 9), key=lambda c: misfit(c, p))  # noqa: B023
+        found.append((misfit(c, p) + charge, float(c), p))
+    best = min(found)
+    return (best[1], best[2]) if best[0] < misfit(0.0, 2.0) else (0.0, 2.0)
 
 
 def _levels(whitener: Whitener) -> FloatArray:
@@ -404,13 +427,13 @@ class _Search:
             self.first,
             white=np.where(differenced, 1e-3, 1.0) * spread,
             differenced=np.where(differenced, spread / np.sqrt(2), 0.0),
-            growth=np.zeros(self.q),
+            growth=np.column_stack([np.zeros(self.q), np.full(self.q, 2.0)]),
             slow=np.column_stack([np.zeros(self.q), np.ones(self.q)]),
             torque=(0.0, 1.0),
         )
         active = [("differenced" if differenced[j] else "white", j) for j in range(self.q)]
         noise, value = self._optimised(noise, active)
-        if np.any(self.growth > 0):
+        if np.any(self.growth[:, 0] > 0):
             noise, value = self._optimised(dataclasses.replace(noise, growth=self.growth), active)
         for _ in range(3 if self.colour else 0):
             options = self._slow_options(noise, active)
@@ -565,7 +588,7 @@ def _get(noise: NoiseModel, component: tuple[str, int]) -> list[float]:
 
 def _set(noise: NoiseModel, active: Sequence[tuple[str, int]], x: FloatArray) -> NoiseModel:
     values = iter(np.exp(x).tolist())
-    changed = {name: getattr(noise, name).copy() for name in ("white", "differenced", "growth", "slow")}
+    changed = {name: getattr(noise, name).copy() for name in ("white", "differenced", "slow")}
     torque = noise.torque
     for kind, j in active:
         if kind == "torque":

@@ -195,7 +195,9 @@ class Selection:
         whitener = fit.whitener.of(noise)
         misfit = np.where(whitener.present, fit.residuals(), 0.0)
         wide = [k for k, name in enumerate(fit.names) if not name.startswith("ripple ")]  # lines take no noise
-        found = fit_noise(whitener, misfit, fit.raw[:, :, wide], find_windows(fit).settled, colour=colour, again=again)
+        windows = find_windows(fit)
+        columns = fit.raw[:, :, wide]
+        found = fit_noise(whitener, misfit, columns, windows.settled, windows.sharp, colour=colour, again=again)
         fit = held_down(refreshed(fit, whitener.of(found)))
         return dataclasses.replace(explanation, fit=solved(fit))
 

@@ -30,17 +30,21 @@ class Window:
 
 @dataclass(frozen=True)
 class Windows:
-    """The windows of all recordings; the rows that tell the noise, (rows,), and whether these are settled ones."""
+    """The windows of all recordings; the rows that tell the noise and those of the first parts of transients, (rows,).
+
+    `enough`: the rows that tell the noise are settled ones.
+    """
 
     windows: tuple[Window, ...]
     settled: BoolArray
+    sharp: BoolArray
     enough: bool = True
 
 
 def find_windows(fit: Fit) -> Windows:
     """Return a fit's windows, from its inputs and what it simulates."""
     s = fit.simulator
-    settled = np.zeros(s.rows, dtype=bool)
+    settled, sharp = np.zeros(s.rows, dtype=bool), np.zeros(s.rows, dtype=bool)
     windows: list[Window] = []
     span = np.ptp(fit.shown, axis=0)
     for e, (o, clock) in enumerate(zip(s.observed, s.clocks, strict=True)):
@@ -69,6 +73,7 @@ def find_windows(fit: Fit) -> Windows:
                     windows.append(Window(f"after the edge at t = {t:.4g} s{of}", rows[:end]))
         if early:
             windows.append(Window(f"the first part of the transients{of}", np.concatenate(early)))
+            sharp[windows[-1].rows] = True
             windows.append(Window(f"the transients{of}", np.concatenate(rest)))
         own = np.arange(clock.rows.start, clock.rows.stop)
         if settled[own].any():
@@ -77,7 +82,7 @@ def find_windows(fit: Fit) -> Windows:
     enough = bool(settled.sum() >= min(ENOUGH, 0.5 * s.rows))
     if not enough:
         settled[:] = True
-    return Windows(tuple(w for w in windows if len(w.rows) >= LEAST), settled, enough)
+    return Windows(tuple(w for w in windows if len(w.rows) >= LEAST), settled, sharp, enough)
 
 
 def _edges(inputs: object, n: int, late: int) -> list[int]:

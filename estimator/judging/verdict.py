@@ -199,7 +199,7 @@ def _misfit(
         reasons = [failure.sentence for failure in explained.adequacy.failures[:TOLD_FAILURES]]
         for j, name in enumerate(plan.outputs):
             shown = 0.0 if noise is None else MISFIT * noise[j]
-            if explained.noise[j] > max(UNEXPLAINED * spread[j], shown):
+            if explained.noise[j] > UNEXPLAINED * spread[j] and explained.at_rest[j] > shown:
                 unit = plan.description.variable(name).unit
                 reasons.append(
                     f"the model does not explain {name}: residuals of {explained.noise[j]:.3g} {unit} are left of a"
@@ -276,8 +276,9 @@ def _found(plan: Plan, explained: Explained | None) -> list[str]:
             parts = [f"{noise.differenced[j]:.2g} {unit} a count, differenced"]
         if noise.slow[j, 0] > 0:
             parts.append(f"{noise.slow[j, 0]:.2g} {unit} over {noise.slow[j, 1]:.2g} s")
-        if noise.growth[j] > 0.1:
-            parts.append(f"{np.hypot(1, noise.growth[j]):.2g} times as much at the largest signal")
+        growth = float(noise.scale(np.ones((1, len(noise.white))))[0, j])
+        if growth > 1.005:
+            parts.append(f"{growth:.2g} times as much at the largest signal")
         if len(parts) > 1 or noise.differenced[j] > 0:
             notes.append(f"the noise of {name}: {', '.join(parts)}")
         held = int(np.sum(whitener.inflate[:, j] > 1))

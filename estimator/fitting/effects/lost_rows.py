@@ -21,7 +21,7 @@ class LostRows(Effect):
     """Rows that are missing before one row of a transient, to first order."""
 
     name: str = "lost rows"
-    prior: float = SELDOM / 10
+    prior: float = SELDOM / 10 / PLACES
     doubt: str = "rows are missing, or the clock is wrong: check the logger"
 
     def linear(self, fit: Fit) -> Sequence[Linear]:
