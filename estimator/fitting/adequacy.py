@@ -51,21 +51,35 @@ class Failure:
 
 @dataclass(frozen=True)
 class Adequacy:
-    """What failed, and the factor on the variance of each sample, (rows, q), that allows for it."""
+    """What failed, and what allows for it.
+
+    Attributes
+    ----------
+    excess : (rows, q) array
+        Factor on the variance of each sample.
+    parts : (rows, q) arrays
+        The samples that failed together: what they pull the parameters to may be wrong as a whole.
+    """
 
     failures: tuple[Failure, ...]
     excess: FloatArray
+    parts: tuple[NDArray[np.bool_], ...]
     tests: int
 
     def widened(self, fit: Fit) -> FloatArray:
-        """Return what the covariance of a fit's names grows by, (f + m, f + m): the errors of samples that fail."""
+        """Return what the covariance of a fit's names grows by, (f + m, f + m).
+
+        The errors of samples that fail, one by one and as a whole (White 1980; Liang and Zeger 1986).
+        """
         inside = fit.at_bound == 0
         result = np.zeros((len(inside), len(inside)))
         if inside.any() and self.failures:
             jacobian = fit.jacobian[:, inside]
             information = np.linalg.pinv(jacobian.T @ jacobian, rcond=1e-14, hermitian=True)
             more = (self.excess.ravel() - 1)[:, None]
-            result[np.ix_(inside, inside)] = information @ (jacobian.T @ (more * jacobian)) @ information
+            pulls = np.array([jacobian[part.ravel()].T @ fit.z[part.ravel()] for part in self.parts])
+            scores = jacobian.T @ (more * jacobian) + pulls.T @ pulls
+            result[np.ix_(inside, inside)] = information @ scores @ information
         return result
 
 
@@ -86,7 +100,7 @@ def adequacy(fit: Fit, parameters: int) -> Adequacy:
     outputs = fit.simulator.outputs
     count = 2 * len(windows.windows) * len(outputs) + len(windows.windows) + len(outputs)
     normal = float(ndtri(1 - ALARM / count))
-    failures, excess = [], np.ones_like(z)
+    failures, excess, parts = [], np.ones_like(z), []
     for window in windows.windows:
         for j, output in enumerate(outputs):
             known = present[window.rows, j]
@@ -101,12 +115,14 @@ def adequacy(fit: Fit, parameters: int) -> Adequacy:
                 excess[window.rows, j] = np.maximum(excess[window.rows, j], square)
             if square > max(limit, 1 + EXCESS):
                 failures.append(Failure("size", window.name, output, float(np.sqrt(square))))
+                parts.append(_samples(z, window.rows, j))
             pairs = known[1:] & known[:-1] & (np.diff(window.rows) == 1)
             m = int(pairs.sum())
             if m >= 8:
                 alike = float(np.sum((own[1:] * own[:-1])[pairs])) / m
                 if abs(alike) > max(normal / np.sqrt(m) * square, ALIKE):
                     failures.append(Failure("neighbours", window.name, output, alike / max(square, 1e-300)))
+                    parts.append(_samples(z, window.rows, j))
                     longer = (1 + abs(alike)) / (1 - min(abs(alike), 0.9))
                     excess[window.rows, j] = np.maximum(excess[window.rows, j], longer)
     test = fit.test()
@@ -115,7 +131,15 @@ def adequacy(fit: Fit, parameters: int) -> Adequacy:
         if ratio > 1:
             failures.append(Failure("own values", name, output, ratio))
             excess[mask] = np.maximum(excess[mask], ratio**2)
-    return Adequacy(tuple(failures), excess, count)
+            parts.append(mask)
+    different = {part.tobytes(): part for part in parts}
+    return Adequacy(tuple(failures), excess, tuple(different.values()), count)
+
+
+def _samples(z: FloatArray, rows: NDArray[np.int64], j: int) -> NDArray[np.bool_]:
+    mask = np.zeros(z.shape, dtype=bool)
+    mask[rows, j] = True
+    return mask
 
 
 def _groups(

@@ -35,7 +35,7 @@ BLOCKS = (2, 8, 32, 128, 512)  # samples whose means tell slow colour
 COLOURED = 5.0  # standard deviations of a block's mean square: by white noise less than once in 1e5
 PAYS = 10.0  # of -2 log L, by which a component must improve it: two numbers, and a guard
 ORDERS = (1, 2, 3, 4, 6, 8, 12, 16, 24)  # of the short autoregression
-FEW = 25  # samples at either half of a signal
+FEW = 25  # samples that are loud, and as many at half of that
 FREEDOM, T_MEDIAN = 4.0, 0.741  # of Student's t, by which sizes are judged; the median of its absolute value
 STRETCH, MOST_LEVELS = 20, 12  # rows of a stretch that has a level of its own; levels, at most
 SHORTEST = 0.02  # s, of a torque that wanders: faster ones are transients that are explained wrongly
@@ -347,8 +347,10 @@ def _growth(residuals: FloatArray, whitener: Whitener, j: int, sharp: BoolArray)
     d, level = np.concatenate([*sizes, np.zeros(0)]), np.concatenate([*levels, np.zeros(0)])
     if len(d) > 4 * ROWS:
         d, level = d[:: len(d) // (2 * ROWS)], level[:: len(d) // (2 * ROWS)]
-    loud = float(np.max(level, initial=0.0))
-    if np.count_nonzero(level > loud / 2) < FEW or np.count_nonzero(level < loud / 2) < FEW or not np.any(d):
+    if len(level) < 2 * FEW or not np.any(d):
+        return 0.0, 2.0
+    loud = float(np.sort(level)[-FEW])
+    if np.count_nonzero(level < loud / 2) < FEW:
         return 0.0, 2.0
     floor = 1e-3 * float(np.median(np.abs(d[d != 0])))
 
