@@ -3,7 +3,8 @@
 In every window (windows.py) three things are asked of the whitened residuals z, which are independent and of variance 1
 where the explanation holds:
 
-    size        sum of z^2, chi-square with the window's samples (its variance by the tails that settled rows show)
+    size        mean of z^2, Fisher's F with the window's samples and those that tell the noise (its variance by the
+                tails that settled rows show)
     neighbours  sum of z_k z_k+1, over the root of their number, standard normal
     own values  would the parameters be others in this window? the score test of its rows of the Jacobian (Hausman 1978)
 
@@ -91,12 +92,13 @@ def adequacy(fit: Fit, parameters: int) -> Adequacy:
     parameters : int
         How many of the fit's names, the first ones, are the motor's.
     """
-    from scipy.special import chdtri, ndtri
+    from scipy.special import chdtri, fdtri, ndtri
 
     windows = find_windows(fit)
     z = fit.z.reshape(fit.shown.shape)
     present = fit.whitener.present & (fit.whitener.inflate == 1.0)
     tails = _tails(z, present, windows)
+    known_by = np.maximum((windows.settled[:, None] & present).sum(axis=0), 2)  # samples that tell the noise
     outputs = fit.simulator.outputs
     count = 2 * len(windows.windows) * len(outputs) + len(windows.windows) + len(outputs)
     normal = float(ndtri(1 - ALARM / count))
@@ -109,8 +111,8 @@ def adequacy(fit: Fit, parameters: int) -> Adequacy:
             if n < 2:
                 continue
             square = float(np.sum(own[known] ** 2)) / n
-            limit = float(chdtri(n, ALARM / count)) / n
-            limit = max(limit, 1 + normal * np.sqrt(2 * tails[j] / n))
+            limit = float(fdtri(n, known_by[j], 1 - ALARM / count))
+            limit = max(limit, 1 + normal * np.sqrt(2 * tails[j] * (1 / n + 1 / known_by[j])))
             if square > limit:
                 excess[window.rows, j] = np.maximum(excess[window.rows, j], square)
             if square > max(limit, 1 + EXCESS):

@@ -331,7 +331,10 @@ def _rival(rival: Explanation, apart: float, parameter: str, explanation: Explan
     words = " and ".join(a.effect.name if a.linear is None else a.name for a in instead) or "nothing more"
     over = " and ".join(a.effect.name if a.linear is None else a.name for a in replaced)
     k = rival.fit.simulator.plan.names.index(parameter)
+    what = f"{words} instead of {over}" if instead or replaced else "the same with other values"
+    sharp = all(a.effect.sharp for a in (*instead, *replaced))
+    remedy = "sample faster, or declare the sensor's filter" if sharp else "record two voltage levels, or measure it"
     return (
-        f"{words} instead of {over} would explain the recording nearly as well, with {parameter} ="
-        f" {rival.fit.values[k]:.4g}, {apart:.1f} standard errors away; record two voltage levels, or measure it"
+        f"{what} would explain the recording nearly as well, with {parameter} ="
+        f" {rival.fit.values[k]:.4g}, {apart:.1f} standard errors away; {remedy}"
     )

@@ -439,11 +439,15 @@ class _Search:
             noise, value = self._optimised(dataclasses.replace(noise, growth=self.growth), active)
         for _ in range(3 if self.colour else 0):
             options = self._slow_options(noise, active)
-            results = [(*self._optimised(start, [*active, c]), c) for start, c in options]
-            best = min(results, key=lambda r: r[1], default=None)
-            if best is None or best[1] > value - PAYS:
+            begun = [(*self._optimised(start, [c], iterations=5), c) for start, c in options]
+            best = min(begun, key=lambda r: r[1], default=None)
+            if best is None or best[1] > value:
                 break
-            noise, value, active = best[0], best[1], [*active, best[2]]
+            more = [*active, best[2]]
+            found, reached = self._optimised(best[0], more)
+            if reached > value - PAYS:
+                break
+            noise, value, active = found, reached, more
         return self._with_short(noise)
 
     def _slow_options(

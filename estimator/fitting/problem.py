@@ -107,10 +107,24 @@ class Problem:
         self._take_over()
         return self.workers.run(self._values(candidates), bounds=bounds).costs
 
-    def trajectories(self, candidates: FloatArray, *, refine: int = 1) -> Batch:
-        """Simulate (n, p) candidates to the end and keep what the sensors show."""
+    def trajectories(self, candidates: FloatArray, *, refine: int = 1, late: FloatArray | None = None) -> Batch:
+        """Simulate (n, p) candidates to the end and keep what the sensors show.
+
+        Parameters
+        ----------
+        late : (recordings,) array, optional
+            By how much the inputs come later, s: what is shown between two rows.
+        """
         self._take_over()
-        return self.workers.run(self._values(candidates), refine=refine, record=True)
+        values = self._values(candidates)
+        if late is not None:
+            values[:, :, -1 - 3 * len(self.outputs)] += late
+        return self.workers.run(values, refine=refine, record=True)
+
+    @property
+    def has_sensors(self) -> bool:
+        """Whether the stepper shows outputs through sensors, delays among them."""
+        return self._has_sensors
 
     def residuals(self, candidates: FloatArray) -> FloatArray:
         """Return simulated minus measured, (n, m), in the outputs' units, missing samples left out; NaN if failed.

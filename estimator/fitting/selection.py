@@ -141,6 +141,7 @@ class Selection:
             if best.names() == before:
                 break
             best = self.with_noise(best)
+        best = min([best, *self._mirrored(best)], key=lambda e: e.fit.cost)
         for simulator in {id(s): s for s in (self.base, best.fit.simulator)}.values():
             p = len(self.base.plan.names)
             simulator.lower[:p], simulator.upper[:p] = bounds[0][:p], bounds[1][:p]
@@ -383,9 +384,23 @@ class Selection:
                     break
         return explanation
 
+    def _mirrored(self, explanation: Explanation) -> list[Explanation]:
+        """Return the same explanation at other values, where an effect knows such."""
+        found, fit = [], explanation.fit
+        for addition in explanation.additions:
+            known = addition.effect.mirrored(fit, addition.name)
+            values = fit.values.copy()
+            for name, value in known.items():
+                k = fit.simulator.index[name]
+                values[k] = np.clip(value, fit.simulator.lower[k], fit.simulator.upper[k])
+            if known:
+                found.append(dataclasses.replace(explanation, fit=solved(dataclasses.replace(fit, values=values))))
+        return found
+
     def alternatives(self, explanation: Explanation) -> list[Explanation]:
         """Return rivals: explanations in which something else stands for an addition, nearly as likely."""
-        n, found = self.samples, []
+        n = self.samples
+        found = [e for e in self._mirrored(explanation) if e.fit.cost - explanation.fit.cost < NEAR]
         for addition in explanation.additions:
             if addition.effect.name in ("offset", "ripple"):
                 continue

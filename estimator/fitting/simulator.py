@@ -23,6 +23,8 @@ from estimator.recordings.excitation import quantum
 
 FloatArray = NDArray[np.float64]
 STANDS = 8  # rows at which an encoder that shows no count stands: its error is constant there
+BETWEEN = 8  # rows that are simulated for one where a filter acts between them
+CELLS = 2_000_000  # rows that are simulated at once, at most
 HELD = 20  # rows for which a logger may show a sample again
 
 Act = Callable[[FloatArray, float, float], FloatArray]  # (n,) signal, value, sampling interval in s -> (n,) signal
@@ -43,6 +45,8 @@ class Nuisance:
     target : str
         The FMU's parameter that takes it.
     output, act : what it does with one output's samples
+    between : bool
+        It acts on the signal between the samples too, as a filter before a converter does.
     whole : bool
         A number of samples, or a switch: chosen, not fitted by derivatives.
     tries : values at which a score test looks for it
@@ -63,6 +67,7 @@ class Nuisance:
     target: str = ""
     output: str = ""
     act: Act | None = None
+    between: bool = False
     whole: bool = False
     tries: tuple[float, ...] = ()
     absolute: bool = False
@@ -139,17 +144,36 @@ class Simulator:
 
     def shown(self, candidates: FloatArray, *, refine: int = 1) -> FloatArray:
         """Return what the sensors show, (c, rows, q), of (c, p) candidates; NaN where the FMU fails."""
-        stepped = candidates[:, self._stepped]
-        unique, which = np.unique(stepped, axis=0, return_inverse=True)
-        batch = self.problem.trajectories(unique, refine=refine)
-        assert batch.shown is not None
-        shown = batch.shown[:, self._keep][which.ravel()]
-        for nuisance in self._acts:
+        result = np.empty((len(candidates), self.rows, len(self.outputs)))
+        filtered = np.zeros(len(candidates), dtype=bool)
+        for n in self._acts if self.problem.has_sensors else ():
+            filtered |= n.between & (candidates[:, self.index[n.name]] != n.neutral)
+        for between in (False, True):
+            where = np.flatnonzero(filtered == between)
+            many = max(1, CELLS // (self.rows * (BETWEEN if between else 1)))
+            for part in (where[k : k + many] for k in range(0, len(where), many)):
+                result[part] = self._shown(candidates[part], refine, BETWEEN if between else 1)
+        return result
+
+    def _shown(self, candidates: FloatArray, refine: int, between: int) -> FloatArray:
+        """Return the same; `between` rows are simulated for one, for what filters show."""
+        unique, which = np.unique(candidates[:, self._stepped], axis=0, return_inverse=True)
+        steps = np.array([clock.step for clock in self.clocks])
+        phases = []
+        for k in range(between):  # the model does not know the time: later inputs show what was before
+            batch = self.problem.trajectories(unique, refine=refine, late=k * steps / between if k else None)
+            assert batch.shown is not None
+            phases.append(batch.shown[:, self._keep][which.ravel()])
+        shown = phases[0]
+        for nuisance in sorted(self._acts, key=lambda n: not n.between):  # filters before what a logger does
             j, column = self.outputs.index(nuisance.output), candidates[:, self.index[nuisance.name]]
+            rows = np.stack(phases[::-1], axis=2) if nuisance.between and between > 1 else shown[:, :, None, :]
             for c in np.flatnonzero(column != nuisance.neutral):
                 for clock in self.clocks:
                     assert nuisance.act is not None
-                    shown[c, clock.rows, j] = nuisance.act(shown[c, clock.rows, j], float(column[c]), clock.step)
+                    signal = rows[c, clock.rows, :, j]
+                    finer = nuisance.act(signal.ravel(), float(column[c]), clock.step / signal.shape[1])
+                    shown[c, clock.rows, j] = finer[signal.shape[1] - 1 :: signal.shape[1]]
         return np.asarray(shown)
 
     def scaled(self, values: FloatArray) -> FloatArray:

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 
-DOUBTFUL_ERROR = 0.25  # relative standard error
+DOUBTFUL_ERROR = 0.25  # relative standard error: told of the parameter; an answer as long as its bar holds
 TRADED = 0.98  # correlation of two that stand in for each other
 USELESS_ERROR = 0.5  # relative standard error: the parameter is not identified
 MISFIT = 1.5  # residuals' deviation over the noise that the data show
@@ -92,6 +92,7 @@ def judge(
     """
     reasons: list[str] = []
     statuses: dict[str, ParameterStatus] = {}
+    wide: dict[str, ParameterStatus] = {}
     if steady is not None and not steady.settling.settled:
         reasons.append(
             f"the step response has not settled: {steady.settling.reason}; record for longer, until speed and"
@@ -102,7 +103,8 @@ def judge(
         reasons += [structure.sentence] if structure is not None and structure.untold else []
         alone = _identified(plan, values, polish)
         statuses.update({n: s for n, s in alone.items() if n not in untold})
-        reasons += _by_parameter(statuses)
+        reasons += _by_parameter({n: s for n, s in statuses.items() if s.status == "not identified"})
+        wide = {n: s for n, s in statuses.items() if s.status == "doubtful"}
         statuses.update({n: ParameterStatus("not identified", structure.sentence) for n in untold} if structure else {})
         reasons += _traded(plan, polish, statuses)
         misfit = _misfit(plan, polish, explained, noise, spread)
@@ -127,7 +129,7 @@ def judge(
         "doubtful" if reasons else "ok",
         tuple(reasons),
         statuses,
-        (*_notes(plan, steady), *_found(plan, explained), *step.notes),
+        (*_notes(plan, steady), *_found(plan, explained), *_by_parameter(wide), *step.notes),
     )
 
 

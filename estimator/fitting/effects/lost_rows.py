@@ -27,7 +27,8 @@ class LostRows(Effect):
     def linear(self, fit: Fit) -> Sequence[Linear]:
         """Return the place whose loss explains most of what is left in the transients."""
         s = fit.simulator
-        settled = find_windows(fit).settled
+        windows = find_windows(fit)
+        settled = windows.settled
         slope = np.zeros_like(fit.shown)
         ends = np.zeros(s.rows, dtype=np.int64)
         for clock in s.clocks:
@@ -37,7 +38,7 @@ class LostRows(Effect):
             for k in range(len(moving) - 1, -1, -1):  # the transient of a row ends where its rows settle
                 last = k + 1 if not moving[k] else last
                 ends[clock.rows.start + k] = clock.rows.start + last
-        places = np.flatnonzero(~settled)
+        places = np.flatnonzero(~settled & ~windows.sharp)  # beside an edge it is the latency of the edge
         places = places[:: max(1, len(places) // PLACES)]
         if not len(places) or settled.all() or any(g.name.startswith(self.name) for g in fit.linear):
             return ()

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimator.fitting.effects.base import Effect
+from estimator.fitting.fit import Fit
 from estimator.fitting.simulator import Nuisance
 from estimator.plans.plan import Plan
 
@@ -48,12 +49,20 @@ class LowPass(Effect):
         return [
             Nuisance(
                 f"{self.name} of {y}", "s", 0.0, MOST * h, 0.0, h,
-                output=y, act=lagged if self.order == 1 else lagged_twice,
+                output=y, act=lagged if self.order == 1 else lagged_twice, between=True,
                 tries=(0.3 * h, 1.5 * h, 6 * h), excludes=(f"lag of {y}", f"second-order lag of {y}"),
             )
             for y in plan.outputs
             if f"filter {y}" not in plan.declared and y != "angle"
         ]  # fmt: skip
+
+    def mirrored(self, fit: Fit, name: str) -> Mapping[str, float]:
+        """Return the sensor's lag as the winding's, and the winding's as the sensor's."""
+        s = fit.simulator
+        if self.order != 1 or not name.endswith(" i") or not {"R", "L"} <= set(fit.free):
+            return {}
+        R, L, tau = (float(fit.values[s.index[n]]) for n in ("R", "L", name))
+        return {"L": R * tau, name: L / R} if tau > 0 else {}
 
     def tell(self, name: str, value: float, plan: Plan) -> str:
         """Say which."""
