@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from estimator.cases.case import Case, read_case
-from estimator.commands.options import reading, with_corrections, with_held_out, with_options
+from estimator.commands.options import reading, with_corrections, with_held_out, with_options, with_tolerances
 from estimator.commands.sources import CASE_SUFFIX, expanded
 from estimator.errors import InputError, suggestion
 from estimator.estimating.progress import Progress
@@ -64,6 +64,11 @@ class Result(Estimate):
     def standard_errors(self) -> dict[str, float | None]:
         """Parameter → standard error, SI units; None where it is fixed or not known."""
         return Named((name, parameter.standard_error) for name, parameter in self.parameters.items())
+
+    @property
+    def uncertainties(self) -> dict[str, float | None]:
+        """Parameter → combined standard uncertainty, SI units: the standard error and what the tolerances add."""
+        return {name: parameter.uncertainty for name, parameter in self.parameters.items()}
 
     def to_json(self) -> str:
         """Return the result as the command line's ``--json`` prints it."""
@@ -206,6 +211,7 @@ def estimate_parameters(
     scale: Mapping[str, float] | None = None,
     offset: Mapping[str, float] | None = None,
     temperature: float | None = None,
+    tolerance: Mapping[str, str | float] | str = "",
     loss: str | None = None,
     workers: int | None = None,
     profile: bool = False,
@@ -248,6 +254,8 @@ def estimate_parameters(
         Factor on a channel's samples (-1 turns the sign), and what is added after it, SI units.
     temperature : float, optional
         Of the winding, °C; R is then told at 25 °C too.
+    tolerance : source → size, or "default"
+        What no recording tells: {"i gain": "1 %", "supply resistance": "0.05 Ohm"}; part of every ``uncertainty``.
     loss : str, optional
         "linear" (default), or "huber": outliers pull less.
     workers : int, optional
@@ -306,6 +314,7 @@ def estimate_parameters(
         column=tuple(said.columns.items()),
         unit=tuple(said.units.items()),
     )
+    case = with_tolerances(case, tolerance)
     case = with_held_out(case, validate, fitted=len(case.recordings if recordings is None else recordings))
     if recordings is not None:
         recordings = [*recordings, *(read_recording(Path(path), said) for path in validate)]

@@ -39,6 +39,7 @@ from estimator.cases.expectation import (
 )
 from estimator.cases.nameplate import Nameplate, nameplate_value, read_nameplate
 from estimator.cases.strict_toml import Cell, Document, Keys, Table, to_key, to_toml
+from estimator.cases.tolerance import Tolerance, read_tolerances, tolerance_value
 from estimator.errors import CaseError
 from estimator.output import write_files
 from estimator.recordings.filters import Chebyshev1
@@ -46,7 +47,10 @@ from estimator.recordings.filters import Chebyshev1
 METHODS = ("cuckoo", "paper", "original", "integral", "steiglitz-mcbride", "differential-evolution")
 FMI_KINDS = ("co-simulation", "model-exchange")
 LOSSES = ("linear", "huber")
-KEYS = ("fmu", "inputs", "outputs", "parameters", "fixed", "recording", "motors", "search", "expect", "nameplate")
+KEYS = (
+    *("fmu", "inputs", "outputs", "parameters", "fixed", "recording", "motors", "search", "expect", "nameplate"),
+    "tolerance",
+)
 BUNDLED_FMU = "dc_motor"
 __all__ = ["Case", "Chebyshev1", "OutputSpec", "ParameterSpec", "RunSpec", "SearchSpec", "read_case", "read_cases"]
 
@@ -103,6 +107,7 @@ class Case:
     expect: Mapping[str, Expectation] = field(default_factory=dict)  # of the parameters
     limits: Limits = Limits()  # what is expected of the estimate as a whole
     nameplate: Nameplate | None = None
+    tolerance: tuple[Tolerance, ...] = ()  # what no recording can tell
     motor: str = ""  # which row of the table of motors
     recording_of: str = ""  # which recording of a pattern's; "" if the file names its recordings
 
@@ -212,6 +217,7 @@ def _case(
         expect={name: _expectation(expect, name, parameters) for name in expect.keys if name not in LIMIT_KEYS},
         limits=read_limits(expect),
         nameplate=read_nameplate(top.table("nameplate")) if "nameplate" in top.value else None,
+        tolerance=read_tolerances(top),
         motor=motor,
         recording_of=recording_of,
     )
@@ -243,7 +249,10 @@ def write_case(case: Case, path: Path) -> None:
         ),
         ("[nameplate]", {} if case.nameplate is None else nameplate_value(case.nameplate)),
     ]
-    blocks = []
+    tolerance = tolerance_value(case.tolerance)
+    blocks = [f"tolerance = {to_toml(tolerance)}\n"] if isinstance(tolerance, str) else []
+    if isinstance(tolerance, dict):
+        sections.append(("[tolerance]", tolerance))
     for title, values in sections:
         rows = [f"{to_key(name)} = {to_toml(value)}" for name, value in values.items() if value is not None]
         if rows:

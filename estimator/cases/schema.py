@@ -13,6 +13,7 @@ from estimator.cases.case import BUNDLED_FMU, FMI_KINDS, LOSSES, METHODS
 from estimator.cases.case_signals import BEGINS, BETWEEN, FREE, MAX_AVERAGE, SENSORS
 from estimator.cases.expectation import VERDICTS
 from estimator.cases.nameplate import QUANTITIES
+from estimator.cases.tolerance import DEFAULT, OFFERED
 from estimator.recordings.filters import FAMILIES, MAX_ORDER
 
 CELL = {"type": "string", "pattern": r"^\{[^{}]*\}$", "description": "a column of the table of motors"}
@@ -147,6 +148,7 @@ def schema() -> dict[str, Any]:
             ),
             expect=expect,
             nameplate=nameplate,
+            tolerance=_tolerances(),
         ),
     }
 
@@ -197,6 +199,19 @@ def _value(description: str, **limits: float) -> dict[str, Any]:
         "anyOf": [{"type": "number", **limits}, {"const": FREE}, CELL],
         "description": f'{description}: a number (held), "free" (estimated); default: by the data',
     }
+
+
+def _tolerances() -> dict[str, Any]:
+    size = {
+        "anyOf": [{"type": "number", "exclusiveMinimum": 0}, TEXT],
+        "description": '"1 %": within, or "1 % (k=2)": an expanded uncertainty; a number is a share, or in SI',
+    }
+    with_default = {"const": True, "description": "the set that is offered, besides"}
+    sizes: dict[str, Any] = {DEFAULT: with_default, **dict.fromkeys(OFFERED, size)}
+    named = _object(**sizes)
+    gains = {"patternProperties": {". gain$": size}}
+    text = {"const": DEFAULT, "description": "the set that is offered"}
+    return {"anyOf": [{**named, **gains}, text], "description": "what no recording tells, part of each uncertainty"}
 
 
 def _tolerance() -> dict[str, Any]:

@@ -23,6 +23,14 @@ def text_assignment(text: str) -> tuple[str, str]:
     return name.strip(), value.strip()
 
 
+def named_text(text: str) -> tuple[str, str]:
+    """Read ``NAME=TEXT``, or a name alone."""
+    name, equals, value = text.partition("=")
+    if not name.strip() or (equals and not value.strip()):
+        raise argparse.ArgumentTypeError(f"{text!r} is not NAME=VALUE, such as 'i gain=1 %'")
+    return name.strip(), value.strip()
+
+
 def bounds(text: str) -> tuple[str, tuple[float, float]]:
     """Read ``NAME=LOWER:UPPER``."""
     name, equals, both = text.partition("=")

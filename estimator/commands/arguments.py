@@ -16,6 +16,7 @@ from estimator.commands.argument_values import (
     case_file,
     fmi,
     level_at,
+    named_text,
     names,
     path,
     positive,
@@ -186,6 +187,15 @@ Exit status: 0 an estimate, ok or doubtful; 1 refused or failed; 2 bad input."""
         )
     _add_reading(add)
     add("--temperature", type=temperature, metavar="C", help="of the winding; R is then given at 25 degrees too")
+    add(
+        "--tolerance",
+        type=named_text,
+        action="append",
+        default=[],
+        metavar="SOURCE=SIZE",
+        help="what no recording tells, such as 'i gain=1 %%', 'v gain=0.5 %% (k=2)', 'supply resistance=0.05 Ohm',"
+        " 'brush drop=0.5 V', 'dry friction=10 %%', 'temperature=5 K', or default; repeatable",
+    )
     add("--seed", type=whole(0), metavar="N", help="of the random numbers (default: 1); same seed, same result")
     add("--workers", type=whole(1), metavar="N", help="processes that simulate (default: all cores free to use)")
     add(

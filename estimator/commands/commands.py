@@ -16,7 +16,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from estimator.commands.options import unique, with_corrections, with_held_out, with_options
+from estimator.commands.options import unique, with_corrections, with_held_out, with_options, with_tolerances
 from estimator.commands.sources import CASE_SUFFIX, STDIN, case_of
 from estimator.commands.terminal import FAILED, INTERRUPTED, OK, complain, say
 from estimator.errors import FmuError, InputError, SimulationError
@@ -355,6 +355,7 @@ def _with_arguments(case: Case, args: argparse.Namespace) -> Case:
         column=args.column,
         unit=args.unit,
     )
+    case = with_tolerances(case, args.tolerance)
     return with_held_out(case, args.validate, fitted=len(case.recordings))
 
 

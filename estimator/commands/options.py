@@ -88,6 +88,25 @@ def with_corrections(
     return dataclasses.replace(case, runs=tuple(runs))
 
 
+def with_tolerances(case: Case, given: Mapping[str, str | float] | Sequence[tuple[str, str | float]] | str) -> Case:
+    """Return a case with further tolerances; one of a source that the case has wins over it.
+
+    Raises
+    ------
+    InputError
+        A source is not known or is given twice, or its size cannot be read.
+    """
+    if not given:
+        return case
+    from estimator.cases.tolerance import tolerances
+
+    known = {t.source: t for t in case.tolerance}
+    for new in tolerances(given):
+        if not (new.offered and new.source in known):
+            known[new.source] = new
+    return dataclasses.replace(case, tolerance=tuple(known.values()))
+
+
 def reading(*, column: Sequence[tuple[str, str]], unit: Sequence[tuple[str, str]]) -> ReadAs:
     """Return how the user says that files and tables are to be read.
 

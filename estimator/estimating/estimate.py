@@ -11,6 +11,7 @@ from estimator.estimating.methods import direct, evolution, paper
 from estimator.estimating.progress import Progress
 from estimator.estimating.run import Run
 from estimator.estimating.search_and_polish import search_and_polish
+from estimator.fitting.budget import applicable
 from estimator.fmus.fmu import FmuDescription, describe, with_kind
 from estimator.fmus.kinds import better_kind
 from estimator.fmus.probe import driven
@@ -159,6 +160,7 @@ def estimate_by(
         if why:
             plan = plan_case(case, better, recordings=recordings)
             plan = dataclasses.replace(plan, notes=(why, *plan.notes))
+    applicable(plan)  # a tolerance that it has nothing for is an error now, not after the search
     found = _estimated(Run(plan, crew, progress=progress, bounded=bounded, tell=tell, profile=profile))
     found = with_what_was_read(found, plan)
     count = len(case.recordings if recordings is None else recordings)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from estimator.fitting.adequacy import Adequacy, adequacy
 from estimator.fitting.averaging import averaged
+from estimator.fitting.between_runs import BetweenRuns, of_fit, sentence
 from estimator.fitting.effects.base import Effect
 from estimator.fitting.fit import Fit
 from estimator.fitting.latency import with_latencies
@@ -30,6 +31,7 @@ FloatArray = NDArray[np.float64]
 
 REPORTED = SensorPlace("nuisance")  # of what is estimated beside the motor
 UNTOLD = 0.25  # square of a relative error: a parameter that is not told
+ENOUGH_RUNS = 4  # of fewer the spread is known to no better than its own size
 WIDE = 1e30  # bounds of what has none
 LINEAR_MOTOR = "dc_motor"  # whose place a bundled FMU with more effects may take
 
@@ -61,6 +63,8 @@ class Explained:
     unseen : names of effects that no such recording tells
     adequacy : Adequacy
     explanation : Explanation
+    between : BetweenRuns
+        What varies from recording to recording; part of the polish's covariance.
     """
 
     plan: Plan
@@ -71,6 +75,7 @@ class Explained:
     unseen: tuple[str, ...]
     adequacy: Adequacy
     explanation: Explanation
+    between: BetweenRuns
 
     @property
     def fit(self) -> Fit:
@@ -237,6 +242,8 @@ def _explained(
     covariance = fit.covariance()[np.ix_(kept, kept)]
     covariance[:p, :p] = mean.covariance
     covariance *= checked.inflation
+    between = of_fit(fit, p)
+    covariance += between.covariance[np.ix_(kept, kept)]
     told = fit.estimates + [_told_from(fit).get(name, 0.0) for name in names]
     values = np.concatenate([fit.simulator.unscaled(_padded(mean.values, fit))[:p], told[reported]])
     log = fit.is_log[kept]
@@ -270,12 +277,29 @@ def _explained(
         plan=extended,
         polish=polish,
         noise=whitener.noise.deviation(np.ones_like(whitener.level[:1]))[0],
-        found=(*(Found("latency of each edge", "", t, "") for t in late), *_found(explanation, plan)),
+        found=(
+            *(Found("latency of each edge", "", t, "") for t in late),
+            *_found(explanation, plan),
+            *_varies(between, plan),
+        ),
         rivals=tuple(_rival(r, errors_apart, name, explanation) for r, errors_apart, name in mean.rivals),
         unseen=tuple(dict.fromkeys(a.effect.name for a in mean.unseen)),
         adequacy=checked,
         explanation=explanation,
+        between=between,
     )
+
+
+def _varies(between: BetweenRuns, plan: Plan) -> list[Found]:
+    """Return the parameters that vary between the recordings in words."""
+    runs = [o.recording.name for o in plan.observed]
+    few = f"{len(runs)} runs hardly tell by how much; record more" if len(runs) < ENOUGH_RUNS else ""
+    found = []
+    for v in (v for v in between.variations if v.told):
+        parameter = plan.parameters[v.parameter]
+        told = sentence(v, name=parameter.name, unit=parameter.unit, is_log=parameter.log, runs=runs)
+        found.append(Found("between runs", parameter.name, told, few))
+    return found
 
 
 def _scores(information: FloatArray, covariance: FloatArray, inflation: float) -> FloatArray:

@@ -16,6 +16,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.fitting.budget import Budget
 from estimator.fitting.polish import OUTSIDE, SEEN, Polish, information_parts, scaled_svd
 from estimator.results.linear import MOTOR, is_motor
 from estimator.results.result import DerivedQuantity
@@ -28,7 +29,7 @@ STEP = 1e-6  # of a parameter, for the gradient
 
 
 def derived_quantities(
-    values: Values, names: Sequence[str], log: NDArray[np.bool_], polish: Polish
+    values: Values, names: Sequence[str], log: NDArray[np.bool_], polish: Polish, budget: Budget | None = None
 ) -> dict[str, DerivedQuantity]:
     """Return what the data tell of a DC motor as a whole; empty for another model.
 
@@ -40,6 +41,8 @@ def derived_quantities(
         The polished parameters, in the order of `polish`.
     log : (p,) array
         Which of them were polished on a logarithmic scale.
+    budget : Budget, optional
+        What no recording tells, of the same names.
     """
     if not is_motor(values) or values["R"] <= 0 or values["K"] == 0:
         return {}
@@ -60,9 +63,10 @@ def derived_quantities(
     result = {}
     for name, unit, quantity in quantities:
         value = quantity(values)
-        error = _standard_error(_gradient(quantity, values, names, log), polish)
+        gradient = _gradient(quantity, values, names, log)
+        error = _standard_error(gradient, polish)
         if error is not None and np.isfinite(value) and error < USEFUL * abs(value):
-            result[name] = DerivedQuantity(float(value), error, unit)
+            result[name] = DerivedQuantity(float(value), error, unit, budget.of(gradient) if budget else {})
     return result
 
 

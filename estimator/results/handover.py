@@ -9,13 +9,14 @@ import csv
 import io
 import json
 import re
+from collections.abc import Mapping
 from typing import Any
 
 from estimator.errors import InputError
 from estimator.results.cells import harmless
 from estimator.results.linear import INPUTS, MOTOR, STATES, is_motor, matrices, transfer_functions
 from estimator.results.report import json_ready, to_mapping
-from estimator.results.result import Estimate, ParameterEstimate, Setting
+from estimator.results.result import Estimate, ParameterEstimate, Setting, StandardUncertainty
 
 MSL = {  # what takes each value in a motor made of the Modelica Standard Library
     "R": "Modelica.Electrical.Analog.Basic.Resistor resistor(R={})",
@@ -36,7 +37,9 @@ def estimate_from_json(text: str, *, source: str = "result.json") -> Estimate:
     """
     try:
         data = json.loads(text)
-        parameters = {name: _parameter(name, entry) for name, entry in data["parameters"].items()}
+        given = data.get("tolerance", {})
+        budget = {n: {s: t["shift"][n] for s, t in given.items() if n in t["shift"]} for n in data["parameters"]}
+        parameters = {name: _parameter(name, entry, budget[name]) for name, entry in data["parameters"].items()}
         return Estimate(
             verdict=data["verdict"],
             reasons=tuple(data["reasons"]),
@@ -50,6 +53,12 @@ def estimate_from_json(text: str, *, source: str = "result.json") -> Estimate:
             seconds=data["seconds"],
             fmu=data["fmu"],
             versions=data["versions"],
+            tolerances={
+                source: StandardUncertainty(
+                    t["given"], t["distribution"], t["standard_uncertainty"], t["unit"], t["left"]
+                )
+                for source, t in given.items()
+            },
         )
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise InputError(
@@ -143,7 +152,7 @@ def state_space_json(estimate: Estimate) -> bytes:
     return (json.dumps(json_ready(content), indent=2, allow_nan=False) + "\n").encode()
 
 
-def _parameter(name: str, entry: dict[str, Any]) -> ParameterEstimate:
+def _parameter(name: str, entry: dict[str, Any], budget: Mapping[str, float] | None = None) -> ParameterEstimate:
     known = entry.get("variables")
     settings = None
     if known is not None:
@@ -166,6 +175,8 @@ def _parameter(name: str, entry: dict[str, Any]) -> ParameterEstimate:
         free=entry["free"],
         nominal=entry["nominal"],
         settings=settings,
+        repeatability=entry.get("repeatability"),
+        budget=budget or {},
     )
 
 

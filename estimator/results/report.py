@@ -9,6 +9,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+from estimator.results.budget_table import budget_line, budget_mapping
 from estimator.results.numbers import ABSENT, deviation_text, magnitude, number_text, relative_text, value_texts
 from estimator.results.result import Estimate, OtherValues, ParameterEstimate, Validation, Verdict
 
@@ -105,6 +106,8 @@ def _blocks(estimate: Estimate) -> list[_Block]:
         blocks.insert(0, _Block("read", read[0], ()) if len(read) == 1 else _Block("read", READ, tuple(read)))
     if estimate.parameters:
         blocks.append(rows("parameters", parameter_rows(estimate), (1, 3, 5, 6)))
+    if told := budget_line(estimate):
+        blocks.append(_Block("budget", told, ()))
     if estimate.chain:
         blocks.append(rows("chain", chain_rows(estimate), (1, 3)))
     if estimate.derived:
@@ -334,9 +337,10 @@ def to_mapping(estimate: Estimate) -> dict[str, Any]:
         "read": estimate.read,
         "recordings": estimate.recordings,
         "derived": {
-            name: {"value": q.value, "standard_error": q.standard_error, "unit": q.unit}
+            name: {"value": q.value, "standard_error": q.standard_error, "uncertainty": q.uncertainty, "unit": q.unit}
             for name, q in estimate.derived.items()
         },
+        **budget_mapping(estimate),
         "correlation": correlation,
         "information": estimate.information,
         "rmse": estimate.rmse,
@@ -408,6 +412,8 @@ def _parameter_mapping(parameter: ParameterEstimate) -> dict[str, Any]:
     return {
         "value": parameter.value,
         "standard_error": parameter.standard_error,
+        "uncertainty": parameter.uncertainty,
+        "repeatability": parameter.repeatability,
         "unit": parameter.unit,
         "at_bound": parameter.at_bound,
         "status": parameter.status,

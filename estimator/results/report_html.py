@@ -11,6 +11,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 
+from estimator.results.budget_table import budget_rows
 from estimator.results.report import (
     SIGNAL_WORDS,
     TITLES,
@@ -119,6 +120,8 @@ def html_report(
     ]
     if estimate.parameters:
         parts += [_heading("Parameters"), _parameters(estimate)]
+    if estimate.tolerances:
+        parts += [_heading("Uncertainty budget"), _table(*budget_rows(estimate), right=range(2, 99))]
     if estimate.chain:
         parts += [_table(*chain_rows(estimate), right=(1, 3))]
     if estimate.derived:
