@@ -113,9 +113,11 @@ class Result(Estimate):
         return frame.rename_axis("name").astype({c: float for c in ("value", "standard_error", "lower", "upper")})
 
     def _figure(self) -> Figure | None:
-        from estimator.results.export import whole_figure
+        from estimator.results.figure_process import drawable
+        from estimator.results.plots import comparison_figure
 
-        return whole_figure(self)
+        shown = drawable(self)
+        return comparison_figure(shown, noise=self.noise) if shown else None
 
     def save(self, folder: str | os.PathLike[str], *, figures: Sequence[str] = ()) -> tuple[Path, ...]:
         """Write result.json, report.html, parameters.ssv and figure.png to a folder; return their paths.

@@ -149,6 +149,7 @@ def schema() -> dict[str, Any]:
             expect=expect,
             nameplate=nameplate,
             tolerance=_tolerances(),
+            about={**_map({"type": "string"}, "motor, operator, date, … → text, for the report")},
         ),
     }
 

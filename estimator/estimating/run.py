@@ -29,6 +29,7 @@ from estimator.judging.outcome import (
     correlation,
     figures,
     information,
+    measured,
     parameter_estimates,
     recordings,
     sensors,
@@ -294,8 +295,8 @@ class Run:
         chain = {p.name for p in plan.parameters if p.place is not None}
         if values is not None:
             parameters = parameter_estimates(plan, values, polish, judgement)
-        compared = comparisons(plan, shown) if shown is not None else ()
-        rmse, fit = figures(plan, compared)
+        compared = comparisons(plan, shown) if shown is not None else measured(plan)
+        rmse, fit = figures(plan, compared) if shown is not None else ({}, {})
         correlated = None if polish is None else correlation(polish)
         history = None
         if self.record.simulations:
@@ -343,6 +344,7 @@ class Run:
             comparisons=compared,
             history=history,
             workers=self.crew.count,
+            about={**({"motor": plan.case.motor} if plan.case.motor else {}), **plan.case.about},
         )
 
     def _account(self) -> dict[str, Any]:

@@ -102,7 +102,7 @@ def _blocks(estimate: Estimate) -> list[_Block]:
 
     verdict = f"{TITLES[estimate.verdict].upper()}: {meaning(estimate)}"
     blocks = [_Block("reasons", verdict, estimate.reasons)]
-    if read := read_lines(estimate):
+    if read := [*read_lines(estimate), *([about_line(estimate)] if estimate.about else [])]:
         blocks.insert(0, _Block("read", read[0], ()) if len(read) == 1 else _Block("read", READ, tuple(read)))
     if estimate.parameters:
         blocks.append(rows("parameters", parameter_rows(estimate), (1, 3, 5, 6)))
@@ -280,6 +280,11 @@ def others_text(others: OtherValues) -> str:
     )
 
 
+def about_line(estimate: Estimate) -> str:
+    """Return what the user says of the estimate, in a line."""
+    return ", ".join(f"{name} {value}" for name, value in estimate.about.items())
+
+
 def cost_lines(estimate: Estimate) -> list[str]:
     """Return sentences about what the estimate cost and how it was made."""
     phases = ", ".join(f"{count} {phase}" for phase, count in estimate.simulations_by_phase.items() if count)
@@ -329,6 +334,7 @@ def to_mapping(estimate: Estimate) -> dict[str, Any]:
             correlation[name] = dict(zip(estimate.correlated, row, strict=True))
     mapping = {
         "verdict": estimate.verdict,
+        "about": estimate.about,
         "reasons": estimate.reasons,
         "notes": estimate.notes,
         "parameters": {name: _parameter_mapping(p) for name, p in estimate.parameters.items()},

@@ -288,6 +288,7 @@ class Estimate:
     profiles : parameter name → CostProfile, where they were asked for
     validation : how the model does on recordings that it has not seen, where some were given
     tolerances : source → StandardUncertainty of what no recording tells, as it was given
+    about : what the user says of it: motor, operator, date, … → text
     """
 
     verdict: Verdict
@@ -322,3 +323,4 @@ class Estimate:
     profiles: Mapping[str, CostProfile] = field(default_factory=dict)
     validation: Validation | None = None
     tolerances: Mapping[str, StandardUncertainty] = field(default_factory=dict)
+    about: Mapping[str, str] = field(default_factory=dict)
