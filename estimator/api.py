@@ -19,6 +19,7 @@ from estimator.commands.options import reading, with_corrections, with_held_out,
 from estimator.commands.sources import CASE_SUFFIX, expanded
 from estimator.errors import InputError, suggestion
 from estimator.estimating.progress import Progress
+from estimator.recordings.files import recordings_in
 from estimator.recordings.read_as import AS_WRITTEN, ReadAs
 from estimator.recordings.recording import Recording, read_recording, recording_from_arrays
 from estimator.results.named import Named
@@ -313,8 +314,7 @@ def estimate_parameters(
         scale=tuple((scale or {}).items()),
         offset=tuple((offset or {}).items()),
         temperature=temperature,
-        column=tuple(said.columns.items()),
-        unit=tuple(said.units.items()),
+        read_as=said,
     )
     case = with_tolerances(case, tolerance)
     case = with_held_out(case, validate, fitted=len(case.recordings if recordings is None else recordings))
@@ -412,7 +412,7 @@ def _case(source: Source | Sequence[Source], said: ReadAs) -> tuple[Case, list[R
     if len(paths) == len(things):
         expanded([os.fspath(path) for path in paths])  # each once
         return Case(recordings=tuple(Path(os.path.abspath(path)) for path in paths)), None
-    found = [read_recording(thing, said) if isinstance(thing, Path) else thing for thing in things]
+    found = [r for thing in things for r in (recordings_in(thing, said) if isinstance(thing, Path) else [thing])]
     named = tuple(recording.path for recording in found if recording.path is not None)
     return Case(recordings=named if len(named) == len(found) else ()), found
 

@@ -110,6 +110,12 @@ def schema() -> dict[str, Any]:
         temperature=_number("of the winding, degrees Celsius"),
         columns=_map(TEXT, "v, i, w, angle or load = the column that it is; wins over the file's header"),
         units=_map(TEXT, "column, or v, i, w, …, time = its unit; wins over the file's header"),
+        rate=_positive("of the samples of a file that has no time, Hz"),
+        test={**TEXT, "description": "which test, of a file that holds several; default: all, each a recording"},
+        motor={**TEXT, "description": "which motor, of a file that holds several: left, right, 1, …"},
+        per_turn=_positive("m that a turn goes, of a speed in m/s or a way in m"),
+        counts=_positive("counts a turn, of a column of encoder counts"),
+        supply={**TEXT, "description": "of a duty cycle: volts, volts a count (12/255), or the column that holds them"},
         validate={"type": "boolean", "default": False, "description": "held out of the fit, compared with it"},
         begin={
             "enum": list(BEGINS),

@@ -121,6 +121,11 @@ def path(text: str) -> str:
     return text
 
 
+def metres(text: str) -> float:
+    """Read a length in m, with its unit or without."""
+    return positive(text.strip().removesuffix("m").strip() or text)
+
+
 def positive(text: str) -> float:
     """Read a number above 0."""
     value = _number(text, of=text)

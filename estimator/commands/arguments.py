@@ -16,6 +16,7 @@ from estimator.commands.argument_values import (
     case_file,
     fmi,
     level_at,
+    metres,
     named_text,
     names,
     path,
@@ -258,6 +259,12 @@ def _add_reading(add: Callable[..., Any]) -> None:
         metavar="NAME=UNIT",
         help="unit of a column, or of v, i, w, …, time: --unit w=rpm --unit time=ms; repeatable",
     )
+    add("--test", metavar="NAME", help="which test, of a file that holds several (default: all, fitted together)")
+    add("--motor", metavar="NAME", help="which motor, of a file that holds several: left, right, 1, …")
+    add("--supply", metavar="VOLTS", help="of a duty cycle: 12, 12/255 (volts a count), or the column of the battery")
+    add("--counts", type=positive, metavar="N", help="of an encoder a turn, of a column of counts")
+    add("--per-turn", type=metres, metavar="M", help="metres that a turn goes, of a column in m/s or m: 0.16 or 0.16m")
+    add("--rate", type=positive, metavar="HZ", help="of the samples of a file that has no time")
 
 
 def _add_check(commands: Any) -> None:

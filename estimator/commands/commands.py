@@ -14,9 +14,9 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from estimator.commands.options import unique, with_corrections, with_held_out, with_options, with_tolerances
+from estimator.commands.options import reading, unique, with_corrections, with_held_out, with_options, with_tolerances
 from estimator.commands.sources import CASE_SUFFIX, STDIN, case_of
 from estimator.commands.terminal import FAILED, INTERRUPTED, OK, complain, say
 from estimator.errors import FmuError, InputError, SimulationError
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from estimator.results.export import Begin
     from estimator.results.result import Estimate, FloatArray
 
+READING = ("column", "unit", "rate", "test", "motor", "per_turn", "counts", "supply")
 DEFAULT_STOP, DEFAULT_STEP = 2.8, 1e-3  # s
 SCREEN = 40  # lines of a terminal that an answer may take
 INSPECTION_LIMIT = 45.0  # s of describing and probing
@@ -117,7 +118,7 @@ def check(args: argparse.Namespace) -> int:
     """Show what is read of recordings, before any FMU."""
     from estimator.commands.checking import check_files
 
-    return check_files(args)
+    return check_files(args, reading(**reading_arguments(args)))
 
 
 def simulate(args: argparse.Namespace) -> int:
@@ -365,6 +366,11 @@ def _drive(description: FmuDescription, args: argparse.Namespace) -> tuple[Float
     return times, {voltage_input(description): stepped_voltage(times, level=level, at=at)}
 
 
+def reading_arguments(args: argparse.Namespace) -> dict[str, Any]:
+    """Return the options that say how a file is to be read."""
+    return {name: getattr(args, name) for name in READING}
+
+
 def _with_arguments(case: Case, args: argparse.Namespace) -> Case:
     """Return the case with what the other arguments of `estimate` say."""
     case = with_options(
@@ -383,8 +389,7 @@ def _with_arguments(case: Case, args: argparse.Namespace) -> Case:
         scale=args.scale,
         offset=args.offset,
         temperature=args.temperature,
-        column=args.column,
-        unit=args.unit,
+        read_as=reading(**reading_arguments(args)),
     )
     case = with_tolerances(case, args.tolerance)
     case = dataclasses.replace(case, about={**case.about, **unique(args.about, option="--about")})

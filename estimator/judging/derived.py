@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from estimator.fitting.budget import Budget
 from estimator.fitting.polish import OUTSIDE, SEEN, Polish, information_parts, scaled_svd
-from estimator.results.linear import MOTOR, is_motor
+from estimator.results.linear import is_motor
 from estimator.results.result import DerivedQuantity
 
 FloatArray = NDArray[np.float64]
@@ -61,6 +61,7 @@ def derived_quantities(
             ("damping_ratio", "", lambda v: _damping(v) / _natural_frequency(v)),
         ]
     result = {}
+    quantities += _feedforward(values, "L" not in names or bool(polish.at_bound[list(names).index("L")] != 0))
     for name, unit, quantity in quantities:
         value = quantity(values)
         gradient = _gradient(quantity, values, names, log)
@@ -68,6 +69,20 @@ def derived_quantities(
         if error is not None and np.isfinite(value) and error < USEFUL * abs(value):
             result[name] = DerivedQuantity(float(value), error, unit, budget.of(gradient) if budget else {})
     return result
+
+
+def _feedforward(values: Values, without_winding: bool) -> list[tuple[str, str, Callable[[Values], float]]]:
+    """Return what a feedforward needs, v = kS sign(w) + kV w + kA dw/dt, as robots are tuned (WPILib's SysId).
+
+    Where the inductance is not told, kA is without its part in it, L B / K of R J / K.
+    """
+    found: list[tuple[str, str, Callable[[Values], float]]] = [
+        ("kV", "V.s/rad", lambda v: (v["R"] * v["B"] + v["K"] ** 2) / v["K"]),
+        ("kA", "V.s2/rad", lambda v: (v["R"] * v["J"] + (0.0 if without_winding else v["L"] * v["B"])) / v["K"]),
+    ]
+    if values.get("friction", 0.0) > 0:
+        found.insert(0, ("kS", "V", lambda v: v["R"] * v["friction"] / v["K"] + v.get("brush", 0.0)))
+    return found
 
 
 def _standard_error(gradient: FloatArray, polish: Polish) -> float | None:
@@ -91,7 +106,7 @@ def _gradient(
     """Return the (p,) derivatives by the scaled parameters (ln θ where log)."""
     gradient = np.zeros(len(names))
     for j, name in enumerate(names):
-        if name in MOTOR and values[name] != 0:
+        if values.get(name, 0.0) != 0:
             step = STEP * abs(values[name])
             above, below = ({**values, name: values[name] + sign * step} for sign in (1, -1))
             gradient[j] = (quantity(above) - quantity(below)) / (2 * step) * (values[name] if log[j] else 1.0)
