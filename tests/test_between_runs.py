@@ -2,7 +2,9 @@
 
 import numpy as np
 import pytest
+from scipy.linalg import expm
 
+from estimator import estimate_parameters, recording_from_arrays
 from estimator.fitting.between_runs import between_runs, sentence
 
 ROWS = 60
@@ -116,3 +118,34 @@ def test_the_variation_is_told_with_its_size_and_the_recording():
     assert told.endswith(("run2 has it 20 % above run1", "run1 has it 17 % below run2"))
     told = sentence(found, name="x", unit="m", is_log=False, runs=["a", "b", "c"])
     assert told.startswith("between runs x varies by 0.13 m (") and told.endswith(" the others")
+
+
+def emulated(resistance, seed):
+    """Return a step of a motor of this resistance, in Ohm, exact and with white noise."""
+    rng, n, h = np.random.default_rng(seed), 1200, 1e-3
+    k, inductance, inertia, friction = 0.05, 3e-3, 2e-5, 2e-5
+    whole = np.zeros((3, 3))
+    whole[:2, :2] = [[-resistance / inductance, -k / inductance], [k / inertia, -friction / inertia]]
+    whole[0, 2] = 1 / inductance
+    step = expm(whole * h)
+    v, x = np.where(np.arange(n) < 200, 0.0, 10.0), np.zeros((n, 2))
+    for j in range(n - 1):
+        x[j + 1] = step[:2, :2] @ x[j] + step[:2, 2] * v[j]
+    noise = rng.standard_normal((n, 2)) * [0.01, 0.3]
+    signals = {"voltage [V]": v, "current [A]": x[:, 0] + noise[:, 0], "speed [rad/s]": x[:, 1] + noise[:, 1]}
+    return recording_from_arrays(f"run_{seed}", np.arange(n) * h, signals)
+
+
+@pytest.mark.parametrize("spread", [0.0, 0.02])
+def test_a_resistance_that_differs_from_run_to_run_is_found_through_the_fmu(spread):
+    ohms = 3.1 * (1 + spread * np.array([-0.83, -1.37, 0.32, 1.19, 0.69]))  # of deviation 1 about
+    found = estimate_parameters([emulated(r, k) for k, r in enumerate(ohms, start=1)], workers=1)
+    told = [note for note in (*found.notes, *found.reasons) if "between runs R varies" in note]
+    r = found.parameters["R"]
+    if spread:
+        assert np.std(ohms, ddof=1) / 2 < r.repeatability < 2 * np.std(ohms, ddof=1)
+        assert r.standard_error > np.std(ohms, ddof=1) / 2 / np.sqrt(5) and told
+    else:
+        assert r.repeatability == 0 and not told
+    assert abs(r.value - np.mean(ohms)) < 3 * r.standard_error
+    assert found.parameters["K"].repeatability == 0

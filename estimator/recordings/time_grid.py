@@ -117,8 +117,8 @@ def _pause(times: FloatArray) -> int | None:
 def _paused(times: FloatArray, k: int, place: Callable[[int], str]) -> str:
     usual = float(np.median(np.diff(times)))
     return (
-        f"{place(k)}: time is {float(times[k] - times[k - 1]):.4g} s after the row before, where {usual:.4g} s is usual;"
-        " save what was logged before and after this pause as two recordings"
+        f"{place(k)}: time is {float(times[k] - times[k - 1]):.4g} s after the row before, where {usual:.4g} s is"
+        " usual; save what was logged before and after this pause as two recordings"
     )
 
 

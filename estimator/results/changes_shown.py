@@ -188,4 +188,6 @@ def _value(quantity: Quantity, result: str) -> str:
 
 
 def _share(probability: float) -> str:
-    return f"{100 * probability:.2g} % of cases" if probability >= 1e-4 else "less than 0.01 % of cases"
+    if probability < 1e-4:
+        return "less than 0.01 % of cases"
+    return f"{100 * probability:.{3 if probability > 0.995 else 2}g} % of cases"
