@@ -145,23 +145,23 @@ def _tolerance(source: str, given: str | float, *, offered: bool = False) -> Tol
     text = given if isinstance(given, str) else repr(float(given))
     match = _TEXT.fullmatch(text)
     example = EXAMPLES[quantities[0]]
-    remedy = f"write {example!r}, or {example + ' (k=2)'!r} for an expanded uncertainty"
+    remedy = f"{example!r}, or {example + ' (k=2)'!r} for an expanded uncertainty"
     if match is None:
-        raise CaseError(f"the tolerance {source!r} cannot be {text!r}; {remedy}")
+        raise CaseError(f"the tolerance {source!r} cannot be {text!r}; write {remedy}")
     size, unit = float(match[1]), ""
     if match[2]:
         from estimator.recordings.units import parse_unit  # imports numpy
 
         parsed = parse_unit(match[2])
         if parsed is None or parsed.quantity not in quantities:
-            raise CaseError(f"the tolerance {source!r} cannot be in {match[2]!r}; {remedy}")
+            raise CaseError(f"the tolerance {source!r} cannot be in {match[2]!r}; write {remedy}")
         size = size * parsed.numerator / parsed.denominator
         quantity = parsed.quantity
     else:
         quantity = quantities[0]
     coverage = float(match[3]) if match[3] else None
     if not 0 < size < math.inf or coverage == 0:
-        raise CaseError(f"the tolerance {source!r} is {text!r}, which must be above 0; {remedy}")
+        raise CaseError(f"the tolerance {source!r} is {text!r}, which must be above 0; write {remedy}")
     if quantity != "ratio":
         from estimator.recordings.units import SI_UNIT
 

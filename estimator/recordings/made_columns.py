@@ -71,7 +71,7 @@ def _turned(recording: Recording, per_turn: float) -> Recording:
     linear = {"m/s": "rad/s", "m": "rad"}
     columns = [c for c in recording.signals if recording.units[c] in linear]
     if not columns:
-        raise RecordingError(f"{recording.title} has no column in m/s or m, which --per-turn is for")
+        raise RecordingError(f"{recording.title} has no column in m/s or m, which --per-turn is for; leave it out")
     for column in columns:
         turned = recording.signals[column] * (2 * math.pi / per_turn)
         unit = linear[recording.units[column]]
@@ -166,7 +166,7 @@ def _supply(recording: Recording, text: str) -> tuple[FloatArray | float, str]:
         volts = recording.signals[recording.column(name)]
         name = recording.headers[recording.column(name)]
     if not full > 0:
-        raise RecordingError(f"--supply {text}: {counts!r} is not above 0")
+        raise RecordingError(f"--supply {text}: {counts!r} is not above 0; write 12, 12/255 or battery/255")
     return volts / full, f"{name}{slash}{counts if slash else ''}" + (" V" if isinstance(volts, float) else "")
 
 

@@ -97,8 +97,10 @@ def motor_columns(
                 " --supply 12/255 (volts a count), or --supply and the battery's column"
             )
         options = " or ".join(f"--column {name}=…" for name in ("i", "w") if name == role or (nothing and role == "i"))
-        says = f"; {options or f'--column {role}=…'} says which it is"
-        raise RecordingError(f"{recording.title} has no {ROLE_TITLE[role]} column{remedy} ({columns}){says}")
+        column = options or f"--column {role}=…"
+        raise RecordingError(
+            f"{recording.title} has no {ROLE_TITLE[role]} column{remedy} ({columns}); say which it is with {column}"
+        )
     return found
 
 

@@ -602,7 +602,7 @@ def _part(raw: _Raw, read_as: ReadAs) -> _Raw:
     chosen = next((part for part in found if part.name == read_as.test), None)
     if chosen is None:
         known = ", ".join(part.name for part in found[:20]) or "one test"
-        raise RecordingError(f"{raw.file} has no test {read_as.test!r}; it holds {known}")
+        raise RecordingError(f"{raw.file} has no test {read_as.test!r}; it holds {known}; take one of these")
     return raw.rows(chosen.first, chosen.last)
 
 

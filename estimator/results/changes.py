@@ -152,8 +152,8 @@ def changes(results: Mapping[str, Estimate], *, false_alarm: float = FALSE_ALARM
     pairs = sum(key in known[name] for key in shared for name in names[1:])
     if not pairs:
         raise InputError(
-            f"{' and '.join(names)} have no quantity in common that both determine with a standard error: nothing to"
-            " compare"
+            f"{' and '.join(names)} have no quantity in common that both determine with a standard error; give"
+            " results of one method and one model"
         )
     joint_of = {name: _joint(results[names[0]], results[name]) for name in names[1:]} if within == 0 else {}
     tests = pairs + sum(found is not None for found in joint_of.values())
