@@ -15,10 +15,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from estimator.cases.case import Case, read_case
-from estimator.commands.options import reading, with_corrections, with_held_out, with_options
+from estimator.commands.options import reading, with_corrections, with_held_out, with_options, with_tolerances
 from estimator.commands.sources import CASE_SUFFIX, expanded
 from estimator.errors import InputError, suggestion
 from estimator.estimating.progress import Progress
+from estimator.recordings.files import recordings_in
 from estimator.recordings.read_as import AS_WRITTEN, ReadAs
 from estimator.recordings.recording import Recording, read_recording, recording_from_arrays
 from estimator.results.named import Named
@@ -65,6 +66,11 @@ class Result(Estimate):
         """Parameter → standard error, SI units; None where it is fixed or not known."""
         return Named((name, parameter.standard_error) for name, parameter in self.parameters.items())
 
+    @property
+    def uncertainties(self) -> dict[str, float | None]:
+        """Parameter → combined standard uncertainty, SI units: the standard error and what the tolerances add."""
+        return {name: parameter.uncertainty for name, parameter in self.parameters.items()}
+
     def to_json(self) -> str:
         """Return the result as the command line's ``--json`` prints it."""
         from estimator.results.report import to_json
@@ -108,9 +114,11 @@ class Result(Estimate):
         return frame.rename_axis("name").astype({c: float for c in ("value", "standard_error", "lower", "upper")})
 
     def _figure(self) -> Figure | None:
-        from estimator.results.export import whole_figure
+        from estimator.results.figure_process import drawable
+        from estimator.results.plots import comparison_figure
 
-        return whole_figure(self)
+        shown = drawable(self)
+        return comparison_figure(shown, noise=self.noise) if shown else None
 
     def save(self, folder: str | os.PathLike[str], *, figures: Sequence[str] = ()) -> tuple[Path, ...]:
         """Write result.json, report.html, parameters.ssv and figure.png to a folder; return their paths.
@@ -206,6 +214,7 @@ def estimate_parameters(
     scale: Mapping[str, float] | None = None,
     offset: Mapping[str, float] | None = None,
     temperature: float | None = None,
+    tolerance: Mapping[str, str | float] | str = "",
     loss: str | None = None,
     workers: int | None = None,
     profile: bool = False,
@@ -248,6 +257,8 @@ def estimate_parameters(
         Factor on a channel's samples (-1 turns the sign), and what is added after it, SI units.
     temperature : float, optional
         Of the winding, °C; R is then told at 25 °C too.
+    tolerance : source → size, or "default"
+        What no recording tells: {"i gain": "1 %", "supply resistance": "0.05 Ohm"}; part of every ``uncertainty``.
     loss : str, optional
         "linear" (default), or "huber": outliers pull less.
     workers : int, optional
@@ -303,9 +314,9 @@ def estimate_parameters(
         scale=tuple((scale or {}).items()),
         offset=tuple((offset or {}).items()),
         temperature=temperature,
-        column=tuple(said.columns.items()),
-        unit=tuple(said.units.items()),
+        read_as=said,
     )
+    case = with_tolerances(case, tolerance)
     case = with_held_out(case, validate, fitted=len(case.recordings if recordings is None else recordings))
     if recordings is not None:
         recordings = [*recordings, *(read_recording(Path(path), said) for path in validate)]
@@ -401,7 +412,7 @@ def _case(source: Source | Sequence[Source], said: ReadAs) -> tuple[Case, list[R
     if len(paths) == len(things):
         expanded([os.fspath(path) for path in paths])  # each once
         return Case(recordings=tuple(Path(os.path.abspath(path)) for path in paths)), None
-    found = [read_recording(thing, said) if isinstance(thing, Path) else thing for thing in things]
+    found = [r for thing in things for r in (recordings_in(thing, said) if isinstance(thing, Path) else [thing])]
     named = tuple(recording.path for recording in found if recording.path is not None)
     return Case(recordings=named if len(named) == len(found) else ()), found
 

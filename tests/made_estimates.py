@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from scipy.linalg import expm
 
-from estimator.results.result import Comparison, Estimate, ParameterEstimate, SearchHistory
+from estimator.results.result import Comparison, CostProfile, Estimate, ParameterEstimate, SearchHistory
 
 MOTOR = {"R": 3.1363, "K": 0.048774, "L": 0.01307, "J": 9e-6, "B": 1.69e-4}
 UNITS = {"R": "Ohm", "K": "V.s/rad", "L": "H", "J": "kg.m2", "B": "N.m.s/rad"}
@@ -89,3 +89,11 @@ def with_parameter(made: Estimate, name: str, **changes: Any) -> Estimate:
     parameters = dict(made.parameters)
     parameters[name] = dataclasses.replace(parameters[name], **changes)
     return dataclasses.replace(made, parameters=parameters)
+
+
+def profiles(names: tuple[str, ...] = tuple(MOTOR)) -> dict[str, CostProfile]:
+    """Return cost profiles of a thousandth as standard error, of parameters that stand in for each other."""
+    offsets = np.linspace(-3, 3, 13)
+    return {
+        name: CostProfile(MOTOR.get(name, 1.0) * (1 + 1e-3 * offsets), 25 * offsets**2, offsets**2) for name in names
+    }

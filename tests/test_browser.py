@@ -1,4 +1,4 @@
-"""The report in a browser: nothing on the console, every picture loaded, nothing fetched."""
+"""The report in a browser: nothing on the console, nothing fetched, the first screen, a phone, print, read-out."""
 
 import dataclasses
 import html
@@ -9,8 +9,7 @@ import subprocess
 
 import numpy as np
 import pytest
-from made_estimates import comparison, estimate, with_parameter
-from test_summary_plots import profiles
+from made_estimates import comparison, estimate, profiles, with_parameter
 
 from estimator.results.export import result_files
 from estimator.results.result import Validation
@@ -18,36 +17,92 @@ from estimator.results.result import Validation
 BROWSER = next(
     (path for name in ("chromium", "chromium-browser", "google-chrome") if (path := shutil.which(name))), None
 )
-PROBE = """<script>addEventListener("load", () => { document.title = JSON.stringify({
-  pictures: [...document.images].map(i => [i.complete, i.naturalWidth, i.naturalHeight]),
-  fetched: performance.getEntriesByType("resource").map(e => e.name).filter(n => !n.startsWith("data:")),
-  wide: document.documentElement.scrollWidth > document.documentElement.clientWidth,
-  clipped: [...document.querySelectorAll("table")].filter(t => t.scrollWidth > t.parentElement.clientWidth).length,
-  first: document.querySelector("body > :nth-child(2)").innerText }) })</script>"""
+PROBE = """<script>addEventListener("load", () => {
+  const chart = document.querySelector("svg.chart"), box = chart.getBoundingClientRect();
+  chart.dispatchEvent(new PointerEvent("pointermove",
+    { clientX: box.left + box.width * 0.6, clientY: box.top + 50, bubbles: true }));
+  document.title = JSON.stringify({
+    charts: [...document.querySelectorAll("main svg")].filter(s => s.checkVisibility())
+      .map(s => s.getBoundingClientRect().width),
+    fetched: performance.getEntriesByType("resource").map(e => e.name).filter(n => !n.startsWith("data:")),
+    wide: document.documentElement.scrollWidth > document.documentElement.clientWidth,
+    clipped: [...document.querySelectorAll("table")]
+      .filter(t => t.checkVisibility() && t.scrollWidth > t.parentElement.clientWidth).length,
+    parameters: document.querySelector(".parameters").getBoundingClientRect().bottom,
+    transient: document.querySelector(".transient svg.chart").getBoundingClientRect().bottom,
+    read: document.querySelector(".transient .readout").textContent,
+    first: document.querySelector("main > :first-child").innerText }) })</script>"""
 
 
-@pytest.mark.skipif(BROWSER is None, reason="no chromium here: apt-get install chromium")
-def test_the_report_opens_without_an_error_with_all_pictures_and_nothing_from_the_network(tmp_path):
+def opened(page, folder, *, width, height=900):
+    """Return what the probe says of a page in a window, and the browser's log."""
+    path = folder / f"report{width}.html"
+    path.write_text(page.replace("</body>", PROBE + "</body>"))
+    if width < 500:  # a window of chromium is no narrower; a frame is
+        outer = folder / "outer.html"
+        outer.write_text(
+            f"<!DOCTYPE html><iframe src='{path.name}' width={width} height={height}></iframe><script>setInterval(() =>"
+            " { document.title = document.querySelector('iframe').contentDocument.title }, 50)</script>"
+        )
+        path = outer
+    command = [BROWSER, "--headless", "--no-sandbox", "--disable-gpu", "--enable-logging=stderr"]
+    command += ["--allow-file-access-from-files", "--virtual-time-budget=5000", "--dump-dom"]
+    command += [f"--window-size={max(width, 500)},{height}", f"--user-data-dir={folder / 'profile'}"]
+    command += ["--host-resolver-rules=MAP * ~NOTFOUND"]
+    done = subprocess.run([*command, path.as_uri()], capture_output=True, text=True, timeout=120)
+    title = re.search("<title>(.*?)</title>", done.stdout, re.S)
+    assert title is not None and title[1].startswith("{"), done.stderr[-2000:]
+    return json.loads(html.unescape(title[1])), done.stderr
+
+
+@pytest.fixture(scope="module")
+def page():
     made = with_parameter(estimate(verdict="doubtful", reasons=("L: it is <weak>",)), "R", nominal=3.2)
     seen = Validation((comparison(np.full(300, 6.0), name="another"),), {"i": 0.02, "w": 1.0}, {"i": 95.0, "w": 99.0})
     made = dataclasses.replace(made, profiles=profiles(), validation=seen)
-    page = result_files(made, command="fmu-estimator estimate step.csv -o out")["report.html"].decode()
+    return result_files(made, command="fmu-estimator estimate step.csv -o out")["report.html"].decode()
+
+
+@pytest.mark.skipif(BROWSER is None, reason="no chromium here: apt-get install chromium")
+def test_the_report_opens_without_an_error_with_all_charts_and_nothing_from_the_network(page, tmp_path):
     assert not re.search("https?:", page)
-    (tmp_path / "report.html").write_text(page.replace("</body>", PROBE + "</body>"))
-    command = [
-        BROWSER,
-        "--headless",
-        "--no-sandbox",
-        "--disable-gpu",
-        "--enable-logging=stderr",
-        "--window-size=1200,900",
-    ]
-    command += [f"--user-data-dir={tmp_path / 'profile'}", "--host-resolver-rules=MAP * ~NOTFOUND", "--dump-dom"]
-    done = subprocess.run([*command, (tmp_path / "report.html").as_uri()], capture_output=True, text=True, timeout=120)
-    assert "CONSOLE" not in done.stderr
-    title = re.search("<title>(.*?)</title>", done.stdout, re.S)
-    assert title is not None, done.stderr[-2000:]
-    told = json.loads(html.unescape(title[1]))
-    assert len(told["pictures"]) == 5 and all(complete and w > 300 and h > 100 for complete, w, h in told["pictures"])
+    told, log = opened(page, tmp_path, width=1400)
+    assert "CONSOLE" not in log
+    charts = [width for width in told["charts"] if width > 300]
+    assert len(charts) == 3 + 4, "transient, whole recording, validation; two of the residuals of each output"
     assert told["fetched"] == [] and not told["wide"] and told["clipped"] == 0
-    assert told["first"].startswith("Doubtful. The best fit is below") and "L: it is <weak>" in told["first"]
+    assert (
+        told["first"].startswith("Doubtful. An estimate with known weaknesses") and "L: it is <weak>" in told["first"]
+    )
+    assert max(told["parameters"], told["transient"]) < 900, "all of it on the first screen"
+
+
+@pytest.mark.skipif(BROWSER is None, reason="no chromium here: apt-get install chromium")
+def test_the_report_fits_a_phone(page, tmp_path):
+    told, log = opened(page, tmp_path, width=400)
+    assert "CONSOLE" not in log and not told["wide"] and told["fetched"] == []
+
+
+@pytest.mark.skipif(BROWSER is None, reason="no chromium here: apt-get install chromium")
+def test_pointing_at_a_chart_reads_the_values_there(page, tmp_path):
+    told, _ = opened(page, tmp_path, width=1400)
+    made = comparison()
+    time = float(re.search(r"t = ([\d.]+) s", told["read"])[1])
+    k = round(time * 1000)
+    for name, what in (("i", "current i"), ("w", "speed w")):
+        measured = float(re.search(rf"{what}, measured: ([-\d.]+)", told["read"])[1])
+        simulated = float(re.search(rf"{what}, simulated: ([-\d.]+)", told["read"])[1])
+        near = slice(k - 1, k + 2)
+        room = 0.002 * np.ptp(made.measured[name])  # the lines are drawn to a tenth of a pixel
+        assert made.measured[name][near].min() - room <= measured <= made.measured[name][near].max() + room
+        assert made.simulated[name][near].min() - room <= simulated <= made.simulated[name][near].max() + room
+
+
+@pytest.mark.skipif(BROWSER is None, reason="no chromium here: apt-get install chromium")
+def test_the_report_prints_on_two_pages(tmp_path):
+    made = estimate(verdict="doubtful", reasons=("a reason " * 20,) * 4, notes=("a note " * 25,) * 8)
+    (tmp_path / "report.html").write_bytes(result_files(made)["report.html"])
+    command = [BROWSER, "--headless", "--no-sandbox", "--disable-gpu", "--no-pdf-header-footer"]
+    command += [f"--user-data-dir={tmp_path / 'profile'}", f"--print-to-pdf={tmp_path / 'report.pdf'}"]
+    subprocess.run([*command, (tmp_path / "report.html").as_uri()], capture_output=True, timeout=120, check=True)
+    assert len(re.findall(rb"/Type\s*/Page\b", (tmp_path / "report.pdf").read_bytes())) == 2

@@ -529,3 +529,16 @@ def test_a_case_is_written_whole_or_not_at_all(folder: Path) -> None:
     with pytest.raises(InputError, match="cannot be written"):
         write_case(Case(), folder / "missing" / "a.case.toml")
     assert sorted(folder.iterdir()) == before
+
+
+def test_what_the_report_is_to_say_is_read_and_written(tmp_path):
+    (tmp_path / "a.csv").write_text("time [s]\n")
+    text = '[[recording]]\nfile = "a.csv"\n[about]\nmotor = "No. 3"\ndate = 2026-11-22\n'
+    (tmp_path / "m.case.toml").write_text(text)
+    case = read_case(tmp_path / "m.case.toml")
+    assert dict(case.about) == {"motor": "No. 3", "date": "2026-11-22"}
+    write_case(case, tmp_path / "again.case.toml")
+    assert read_case(tmp_path / "again.case.toml") == case
+    (tmp_path / "m.case.toml").write_text(text.replace('"No. 3"', "3"))
+    with pytest.raises(CaseError, match="about.motor must be a text in quotes, not 3"):
+        read_case(tmp_path / "m.case.toml")

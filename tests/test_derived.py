@@ -19,10 +19,11 @@ def truth(motor):
     i, w = np.linalg.solve(matrix, [-1 / L, 0])
     poles = np.linalg.eigvals(matrix)
     found = {"speed_per_volt": w, "current_per_volt": i}
+    forward = {"kV": 1 / w, "kA": (R * J + L * B) / K}
     if np.isreal(poles).all():
         slow, fast = sorted(-1 / poles.real, reverse=True)
-        return found | {"slow_time_constant": slow, "fast_time_constant": fast}
-    return found | {"natural_frequency": abs(poles[0]), "damping_ratio": -poles[0].real / abs(poles[0])}
+        return found | {"slow_time_constant": slow, "fast_time_constant": fast} | forward
+    return found | {"natural_frequency": abs(poles[0]), "damping_ratio": -poles[0].real / abs(poles[0])} | forward
 
 
 def noisy(motor, seeds, *, outputs=("current", "speed")):

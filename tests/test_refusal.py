@@ -140,3 +140,16 @@ def test_a_bound_that_is_wrong_is_blamed_and_not_the_bench(case_of):
     assert any(r.startswith("L: the estimate lies at its upper bound 0.01; widen the bound") for r in estimate.reasons)
     assert not any("sag" in reason or "gain" in reason or "drift" in reason for reason in estimate.reasons)
     assert {estimate.parameters[name].status for name in "RKJB"} == {"doubtful"}
+
+
+def test_a_reason_knows_where_in_the_data_it_lies(case_of, good):
+    keep = np.r_[0:301, 400:1500]
+    result = refused(case_of, made(good[0][keep], good[1][keep]), "the transient is lost")
+    ((place,),) = [reason.places for reason in result.reasons]
+    assert place.signal == "w" and place.end - place.start == pytest.approx(1e-3) and 0.29 < place.start < 0.31
+    (shown,) = result.comparisons
+    assert shown.name == place.recording and not shown.simulated and set(shown.measured) == {"i", "w"}
+    clipped = good[1] + np.random.default_rng(2).standard_normal(good[1].shape) * [0.02, 1.0]
+    clipped[:, 0] = np.minimum(clipped[:, 0], 1.2)
+    ((place, *_), *_) = [r.places for r in refused(case_of, made(good[0], clipped, noise=(0, 0)), "saturated").reasons]
+    assert place.signal == "i" and place.end > place.start

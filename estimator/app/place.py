@@ -10,7 +10,9 @@ from estimator.errors import InputError
 CASE_SUFFIX = ".case.toml"
 DRAFT = f"app{CASE_SUFFIX}"  # the case under way
 RESULT = "result.json"
-RECORDING_SUFFIXES = (".csv", ".txt", ".tsv", ".dat", ".asc", ".log", ".mat", ".mf4", ".mdf", ".parquet")
+RECORDING_SUFFIXES = (
+    ".csv", ".txt", ".tsv", ".dat", ".asc", ".log", ".mat", ".mf4", ".mdf", ".parquet", ".xlsx", ".tdms",
+)  # fmt: skip
 DEEPEST = 3  # folders below, in which files are listed
 MOST_LISTED = 2000
 LONGEST_NAME = 120

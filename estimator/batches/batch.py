@@ -169,8 +169,11 @@ def run_batch(
             timings = {name: outcome.timing for name, outcome in outcomes.items()}
             if rows:
                 from estimator.batches.gauge import statistics_files  # imports numpy
+                from estimator.batches.line_page import line_page
 
-                place.write({**table_files(rows, timings, parquet=parquet), **statistics_files(rows)})
+                index = line_page(rows, title=f"Batch of {len(rows)} cases", links=place.links(outcomes)).encode()
+                tables = table_files(rows, timings, parquet=parquet)
+                place.write({**tables, **statistics_files(rows), "index.html": index})
         return BatchResult(rows, from_before)
 
 

@@ -1,6 +1,6 @@
 """The folder of a batch on disk: one folder a case, there whole or not at all. Knows no search and no FMU.
 
-    results.csv results.jsonl timings.csv …    written at the end, from what lies in cases/
+    index.html results.csv timings.csv …       written at the end, from what lies in cases/
     cases/NAME/outcome.json                     the case's row, its timing, and a digest of what went in
     cases/NAME/result.json …                    the case's result files
     journals/NAME.journal                       a long search under way (checkpoint.py)
@@ -18,10 +18,11 @@ import os
 import re
 import secrets
 import shutil
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import IO
+from urllib.parse import quote
 
 from estimator.batches.bench import Outcome
 from estimator.errors import EstimatorError, InputError
@@ -110,6 +111,17 @@ class BatchFolder:
         finally:
             if unfinished.exists():
                 shutil.rmtree(unfinished, ignore_errors=True)
+
+    def links(self, names: Iterable[str]) -> dict[str, str]:
+        """Return, for each case that has one, its report or else its result, relative to the batch's folder."""
+        found = {}
+        for name in names:
+            folder = folder_name(name)
+            for file in ("report.html", "result.json"):
+                if (self.cases / folder / file).exists():
+                    found[name] = f"cases/{quote(folder)}/{file}"
+                    break
+        return found
 
     def journal(self, name: str) -> Path:
         """Return where the search of a case is journalled while it is under way."""

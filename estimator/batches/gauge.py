@@ -118,6 +118,16 @@ def statistics_text(rows: Iterable[Mapping[str, Any]]) -> list[str]:
     found = spreads(rows)
     if not found:
         return []
+    header, cells, right = spread_rows(found)
+    lines = table(header, cells, right=right)
+    for s in found:
+        for motor, value, z in s.outliers:
+            lines.append(f"outlier: {motor}, {s.name} = {value:.6g} {s.unit} (modified z-score {z:.1f})")
+    return lines
+
+
+def spread_rows(found: Sequence[Spread]) -> tuple[list[str], list[list[str]], tuple[int, ...]]:
+    """Return header, rows and the columns that are flush right of the table of spreads."""
     header = ["quantity", "mean", "unit", "between motors", "repeats", "std. error", "gauge R&R", "drift"]
     cells = [
         [
@@ -132,11 +142,7 @@ def statistics_text(rows: Iterable[Mapping[str, Any]]) -> list[str]:
         ]
         for s in found
     ]
-    lines = table(header, cells, right=(1, 3, 4, 5, 6))
-    for s in found:
-        for motor, value, z in s.outliers:
-            lines.append(f"outlier: {motor}, {s.name} = {value:.6g} {s.unit} (modified z-score {z:.1f})")
-    return lines
+    return header, cells, (1, 3, 4, 5, 6)
 
 
 def components(groups: Sequence[FloatArray]) -> tuple[float, float] | None:

@@ -7,6 +7,7 @@ message names the file and the line. One file may mean many cases: one for each 
 
 from __future__ import annotations
 
+import datetime
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
@@ -39,6 +40,7 @@ from estimator.cases.expectation import (
 )
 from estimator.cases.nameplate import Nameplate, nameplate_value, read_nameplate
 from estimator.cases.strict_toml import Cell, Document, Keys, Table, to_key, to_toml
+from estimator.cases.tolerance import Tolerance, read_tolerances, tolerance_value
 from estimator.errors import CaseError
 from estimator.output import write_files
 from estimator.recordings.filters import Chebyshev1
@@ -46,7 +48,8 @@ from estimator.recordings.filters import Chebyshev1
 METHODS = ("cuckoo", "paper", "original", "integral", "steiglitz-mcbride", "differential-evolution")
 FMI_KINDS = ("co-simulation", "model-exchange")
 LOSSES = ("linear", "huber")
-KEYS = ("fmu", "inputs", "outputs", "parameters", "fixed", "recording", "motors", "search", "expect", "nameplate")
+INSIDE = ("fmu", "inputs", "outputs", "parameters", "fixed", "recording", "motors")
+KEYS = (*INSIDE, "search", "expect", "nameplate", "tolerance", "about")
 BUNDLED_FMU = "dc_motor"
 __all__ = ["Case", "Chebyshev1", "OutputSpec", "ParameterSpec", "RunSpec", "SearchSpec", "read_case", "read_cases"]
 
@@ -103,8 +106,10 @@ class Case:
     expect: Mapping[str, Expectation] = field(default_factory=dict)  # of the parameters
     limits: Limits = Limits()  # what is expected of the estimate as a whole
     nameplate: Nameplate | None = None
+    tolerance: tuple[Tolerance, ...] = ()  # what no recording can tell
     motor: str = ""  # which row of the table of motors
     recording_of: str = ""  # which recording of a pattern's; "" if the file names its recordings
+    about: Mapping[str, str] = field(default_factory=dict)  # for the report: motor, operator, date, …
 
     @property
     def name(self) -> str:
@@ -133,6 +138,7 @@ class Case:
             "fixed",
             "fixed_texts",
             "expect",
+            "about",
         ):
             object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
 
@@ -191,7 +197,7 @@ def _case(
     fmu = top.table("fmu")
     fmu.only("path", "step", "kind")
     parameters = {name: _parameter(top.table("parameters").table(name)) for name in top.table("parameters").keys}
-    expect, fixed = top.table("expect"), top.table("fixed")
+    expect, fixed, about = top.table("expect"), top.table("fixed"), top.table("about")
     inputs = {name: read_input(top.table("inputs"), name) for name in top.table("inputs").keys}
     case = Case(
         path=document.path,
@@ -212,8 +218,10 @@ def _case(
         expect={name: _expectation(expect, name, parameters) for name in expect.keys if name not in LIMIT_KEYS},
         limits=read_limits(expect),
         nameplate=read_nameplate(top.table("nameplate")) if "nameplate" in top.value else None,
+        tolerance=read_tolerances(top),
         motor=motor,
         recording_of=recording_of,
+        about={name: _said(about, name) for name in about.keys},
     )
     _check_destinations(case, document)
     return case
@@ -242,8 +250,12 @@ def write_case(case: Case, path: Path) -> None:
             {**{name: expectation_value(e) for name, e in case.expect.items()}, **limits_value(case.limits)},
         ),
         ("[nameplate]", {} if case.nameplate is None else nameplate_value(case.nameplate)),
+        ("[about]", dict(case.about)),
     ]
-    blocks = []
+    tolerance = tolerance_value(case.tolerance)
+    blocks = [f"tolerance = {to_toml(tolerance)}\n"] if isinstance(tolerance, str) else []
+    if isinstance(tolerance, dict):
+        sections.append(("[tolerance]", tolerance))
     for title, values in sections:
         rows = [f"{to_key(name)} = {to_toml(value)}" for name, value in values.items() if value is not None]
         if rows:
@@ -306,6 +318,12 @@ def _is_text(value: Any) -> bool:
     except ValueError:
         return True
     return False
+
+
+def _said(about: Table, name: str) -> str:
+    """Return a text for the report; a date may stand without quotes."""
+    value = about.value[name]
+    return str(value) if isinstance(value, datetime.date) else about.text(name)
 
 
 def _fixed(fixed: Table, name: str) -> float:

@@ -25,7 +25,8 @@ INPUT_KEYS = ("column", "fmu", "times", "between")
 OUTPUT_KEYS = (
     "column", "fmu", "integral", "sensor", "counts", "average", "filter", "both", "gain", "offset", "delay", "quantum",
 )  # fmt: skip
-RUN_KEYS = ("file", "window", "scale", "offset", "delay", "temperature", "validate", "columns", "units", "begin")
+READING_KEYS = ("columns", "units", "rate", "test", "motor", "per_turn", "counts", "supply")
+RUN_KEYS = ("file", "window", "scale", "offset", "delay", "temperature", "validate", "begin", *READING_KEYS)
 REST, SETTLED, GIVEN = BEGINS = ("rest", "settled", "given")  # how a simulation begins
 
 
@@ -143,7 +144,16 @@ def read_run(entry: Table) -> RunSpec:
         delay=_value(entry, "delay"),
         temperature=entry.number("temperature", above=-273.15),
         validate=held_out,
-        read_as=ReadAs(columns=_texts(entry, "columns"), units=_texts(entry, "units")),
+        read_as=ReadAs(
+            columns=_texts(entry, "columns"),
+            units=_texts(entry, "units"),
+            rate=entry.number("rate", above=0),
+            test=entry.text("test") if "test" in entry.value else None,
+            motor=entry.text("motor") if "motor" in entry.value else None,
+            per_turn=entry.number("per_turn", above=0),
+            counts=entry.number("counts", above=0),
+            supply=entry.text("supply") if "supply" in entry.value else None,
+        ),
         begin=entry.choice("begin", BEGINS, default="") or None if "begin" in entry.value else None,
     )
 
@@ -177,6 +187,7 @@ def run_value(spec: RunSpec) -> dict[str, Any]:
     value |= {k: v for k in ("delay", "temperature") if (v := getattr(spec, k)) is not None}
     value |= {k: dict(v) for k in ("columns", "units") if (v := getattr(spec.read_as, k))}
     value |= {} if spec.begin is None else {"begin": spec.begin}
+    value |= {k: v for k in READING_KEYS[2:] if (v := getattr(spec.read_as, k)) is not None}
     return value | ({"validate": True} if spec.validate else {})
 
 

@@ -241,7 +241,7 @@ def _parameter(expectation: Expectation, limits: Limits, estimate: Estimate) -> 
         expectation.name,
         expectation,
         value=found.value,
-        standard_error=found.standard_error if found.free else 0.0,
+        standard_error=found.uncertainty if found.free else 0.0,
         confidence=limits.confidence,
         unit=found.unit,
         nominal=found.nominal,

@@ -156,6 +156,8 @@ def _error(estimate: Estimate, gradient: Mapping[str, float]) -> float | None:
     for a, slope_a in gradient.items():
         for b, slope_b in gradient.items():
             variance += slope_a * slope_b * errors[a] * errors[b] * _correlation(estimate, a, b)
+    for source in estimate.tolerances:  # moves all of them at once
+        variance += sum(slope * estimate.parameters[a].budget.get(source, 0.0) for a, slope in gradient.items()) ** 2
     return float(max(variance, 0.0) ** 0.5)
 
 

@@ -13,6 +13,7 @@ from estimator.cases.case import BUNDLED_FMU, FMI_KINDS, LOSSES, METHODS
 from estimator.cases.case_signals import BEGINS, BETWEEN, FREE, MAX_AVERAGE, SENSORS
 from estimator.cases.expectation import VERDICTS
 from estimator.cases.nameplate import QUANTITIES
+from estimator.cases.tolerance import DEFAULT, OFFERED
 from estimator.recordings.filters import FAMILIES, MAX_ORDER
 
 CELL = {"type": "string", "pattern": r"^\{[^{}]*\}$", "description": "a column of the table of motors"}
@@ -109,6 +110,12 @@ def schema() -> dict[str, Any]:
         temperature=_number("of the winding, degrees Celsius"),
         columns=_map(TEXT, "v, i, w, angle or load = the column that it is; wins over the file's header"),
         units=_map(TEXT, "column, or v, i, w, …, time = its unit; wins over the file's header"),
+        rate=_positive("of the samples of a file that has no time, Hz"),
+        test={**TEXT, "description": "which test, of a file that holds several; default: all, each a recording"},
+        motor={**TEXT, "description": "which motor, of a file that holds several: left, right, 1, …"},
+        per_turn=_positive("m that a turn goes, of a speed in m/s or a way in m"),
+        counts=_positive("counts a turn, of a column of encoder counts"),
+        supply={**TEXT, "description": "of a duty cycle: volts, volts a count (12/255), or the column that holds them"},
         validate={"type": "boolean", "default": False, "description": "held out of the fit, compared with it"},
         begin={
             "enum": list(BEGINS),
@@ -147,6 +154,8 @@ def schema() -> dict[str, Any]:
             ),
             expect=expect,
             nameplate=nameplate,
+            tolerance=_tolerances(),
+            about={**_map({"type": "string"}, "motor, operator, date, … → text, for the report")},
         ),
     }
 
@@ -197,6 +206,19 @@ def _value(description: str, **limits: float) -> dict[str, Any]:
         "anyOf": [{"type": "number", **limits}, {"const": FREE}, CELL],
         "description": f'{description}: a number (held), "free" (estimated); default: by the data',
     }
+
+
+def _tolerances() -> dict[str, Any]:
+    size = {
+        "anyOf": [{"type": "number", "exclusiveMinimum": 0}, TEXT],
+        "description": '"1 %": within, or "1 % (k=2)": an expanded uncertainty; a number is a share, or in SI',
+    }
+    with_default = {"const": True, "description": "the set that is offered, besides"}
+    sizes: dict[str, Any] = {DEFAULT: with_default, **dict.fromkeys(OFFERED, size)}
+    named = _object(**sizes)
+    gains = {"patternProperties": {". gain$": size}}
+    text = {"const": DEFAULT, "description": "the set that is offered"}
+    return {"anyOf": [{**named, **gains}, text], "description": "what no recording tells, part of each uncertainty"}
 
 
 def _tolerance() -> dict[str, Any]:

@@ -23,6 +23,38 @@ def text_assignment(text: str) -> tuple[str, str]:
     return name.strip(), value.strip()
 
 
+def share(text: str) -> float:
+    """Read a probability between 0 and 1, both left out."""
+    value = _number(text, of=text)
+    if not 0 < value < 1:
+        raise argparse.ArgumentTypeError(f"{text!r} is no probability between 0 and 1, such as 0.01")
+    return value
+
+
+def percentage(text: str) -> float:
+    """Read a percentage of zero or more, with or without its sign."""
+    value = _number(text.strip().removesuffix("%").strip(), of=text)
+    if value < 0:
+        raise argparse.ArgumentTypeError(f"{text!r} is below zero; give a percentage such as 2")
+    return value
+
+
+def said(text: str) -> tuple[str, str]:
+    """Read ``NAME=TEXT``."""
+    name, equals, value = text.partition("=")
+    if not name.strip() or not equals or not value.strip():
+        raise argparse.ArgumentTypeError(f"{text!r} is not NAME=TEXT, such as motor='CML-050 No. 3'")
+    return name.strip(), value.strip()
+
+
+def named_text(text: str) -> tuple[str, str]:
+    """Read ``NAME=TEXT``, or a name alone."""
+    name, equals, value = text.partition("=")
+    if not name.strip() or (equals and not value.strip()):
+        raise argparse.ArgumentTypeError(f"{text!r} is not NAME=VALUE, such as 'i gain=1 %'")
+    return name.strip(), value.strip()
+
+
 def bounds(text: str) -> tuple[str, tuple[float, float]]:
     """Read ``NAME=LOWER:UPPER``."""
     name, equals, both = text.partition("=")
@@ -87,6 +119,11 @@ def path(text: str) -> str:
     if not text.strip():
         raise argparse.ArgumentTypeError(f"{text!r} names nothing; give a name")
     return text
+
+
+def metres(text: str) -> float:
+    """Read a length in m, with its unit or without."""
+    return positive(text.strip().removesuffix("m").strip() or text)
 
 
 def positive(text: str) -> float:

@@ -16,9 +16,14 @@ from estimator.commands.argument_values import (
     case_file,
     fmi,
     level_at,
+    metres,
+    named_text,
     names,
     path,
+    percentage,
     positive,
+    said,
+    share,
     temperature,
     text_assignment,
     whole,
@@ -91,6 +96,7 @@ def command_line() -> argparse.ArgumentParser:
         _add_build,
         _add_new_model,
         _add_batch,
+        _add_compare,
         _add_export,
         _add_app,
         _add_schema,
@@ -186,6 +192,15 @@ Exit status: 0 an estimate, ok or doubtful; 1 refused or failed; 2 bad input."""
         )
     _add_reading(add)
     add("--temperature", type=temperature, metavar="C", help="of the winding; R is then given at 25 degrees too")
+    add(
+        "--tolerance",
+        type=named_text,
+        action="append",
+        default=[],
+        metavar="SOURCE=SIZE",
+        help="what no recording tells, such as 'i gain=1 %%', 'v gain=0.5 %% (k=2)', 'supply resistance=0.05 Ohm',"
+        " 'brush drop=0.5 V', 'dry friction=10 %%', 'temperature=5 K', or default; repeatable",
+    )
     add("--seed", type=whole(0), metavar="N", help="of the random numbers (default: 1); same seed, same result")
     add("--workers", type=whole(1), metavar="N", help="processes that simulate (default: all cores free to use)")
     add(
@@ -195,6 +210,14 @@ Exit status: 0 an estimate, ok or doubtful; 1 refused or failed; 2 bad input."""
         default=[],
         metavar="FILE",
         help="a recording to compare with, not fitted to; repeatable",
+    )
+    add(
+        "--about",
+        type=said,
+        action="append",
+        default=[],
+        metavar="NAME=TEXT",
+        help="for the head of the report: motor, operator, date, …; repeatable",
     )
     add("--json", action="store_true", help="print one JSON object instead of text")
     add(
@@ -236,6 +259,12 @@ def _add_reading(add: Callable[..., Any]) -> None:
         metavar="NAME=UNIT",
         help="unit of a column, or of v, i, w, …, time: --unit w=rpm --unit time=ms; repeatable",
     )
+    add("--test", metavar="NAME", help="which test, of a file that holds several (default: all, fitted together)")
+    add("--motor", metavar="NAME", help="which motor, of a file that holds several: left, right, 1, …")
+    add("--supply", metavar="VOLTS", help="of a duty cycle: 12, 12/255 (volts a count), or the column of the battery")
+    add("--counts", type=positive, metavar="N", help="of an encoder a turn, of a column of counts")
+    add("--per-turn", type=metres, metavar="M", help="metres that a turn goes, of a column in m/s or m: 0.16 or 0.16m")
+    add("--rate", type=positive, metavar="HZ", help="of the samples of a file that has no time")
 
 
 def _add_check(commands: Any) -> None:
@@ -389,9 +418,43 @@ refused or failed, or stopped by a full disk; 2 bad usage.""",
         many.add_argument(
             f"--{kind}", type=whole(2), metavar="N", help=f"instead, each case N times: its best fit with {how}"
         )
-    add("--report", action="store_true", help="write report.html and figure.png of every case too, some 2 s a case")
+    add("--report", action="store_true", help="write report.html and figure.png of every case too, some 0.5 s a case")
     add("--parquet", action="store_true", help="write results.parquet too (extra: parquet)")
     _add_quiet(batch)
+
+
+def _add_compare(commands: Any) -> None:
+    compare = _command(
+        commands,
+        "compare",
+        "what changed between results: motors, days, methods",
+        """\
+Compare results of estimate -o with the first of them: differences with their standard errors, a
+threshold with a stated false alarm rate, repeatability of three results and more.
+Exit status: 0 nothing differs; 1 something does; 2 bad usage, or nothing that could be compared.""",
+        [
+            f"{PROGRAM} compare monday friday",
+            f"{PROGRAM} compare reference/result.json motors/*/result.json --within 2 -o changes",
+        ],
+    )
+    add = compare.add_argument
+    add("results", type=path, metavar="RESULT", nargs="+", help="folder or result.json of estimate -o, two or more")
+    add(
+        "--false-alarm",
+        type=share,
+        metavar="RATE",
+        default=0.01,
+        help="probability that anything is said to differ where nothing does (default: %(default)s)",
+    )
+    add(
+        "--within",
+        type=percentage,
+        metavar="PERCENT",
+        default=0.0,
+        help="what differs by no more than so much of the first result's value is alike (default: 0)",
+    )
+    add("--json", action="store_true", help="print one JSON object instead of text")
+    add("-o", dest="output", type=path, metavar="DIR", help="write compare.html, compare.svg, compare.json")
 
 
 def _add_export(commands: Any) -> None:

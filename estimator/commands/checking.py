@@ -11,12 +11,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from estimator.cases.expansion import told_apart
-from estimator.commands.options import reading, unique
+from estimator.commands.options import unique
 from estimator.commands.sources import recordings_of
 from estimator.commands.terminal import OK, say
 from estimator.errors import InputError
+from estimator.recordings.files import recordings_in
 from estimator.recordings.preview import MOST_LEVELS, Preview, preview, preview_mapping
-from estimator.recordings.recording import read_recording
+from estimator.recordings.read_as import ReadAs
 from estimator.recordings.understood import how_to_overrule
 
 if TYPE_CHECKING:
@@ -25,15 +26,17 @@ if TYPE_CHECKING:
 UNITS = {"v": "V", "i": "A", "w": "rad/s", "angle": "rad", "load": "N.m"}
 
 
-def check_files(args: argparse.Namespace) -> int:
+def check_files(args: argparse.Namespace, read_as: ReadAs) -> int:
     """Show what is read of each file; return the exit status."""
     for file in args.files:
         if file.endswith((".fmu", ".toml")):
             raise InputError(f"{file} is no recording; check looks at recordings alone, inspect at FMUs")
-    as_said, scale = reading(column=args.column, unit=args.unit), unique(args.scale, option="--scale")
+    scale = unique(args.scale, option="--scale")
     with recordings_of(args.files, command="check") as paths:
         read = [
-            replace(read_recording(path, as_said), name=own) for path, own in zip(paths, told_apart(paths), strict=True)
+            replace(r, name=own + r.name.removeprefix(path.stem))
+            for path, own in zip(paths, told_apart(paths), strict=True)
+            for r in recordings_in(path, read_as)
         ]
     previews = [preview(recording, scale=scale) for recording in read]
     if args.output:
@@ -53,6 +56,9 @@ def preview_text(p: Preview) -> str:
         lines.append(f"  not used: {', '.join(p.unused)}")
     if guessed := [how_to_overrule(r) for r in p.read if r.unit_from == "name"]:
         lines.append(f"  another unit is said with {', '.join(guessed)}")
+    if recording.left_out:
+        first = "the first row is" if recording.left_out == 1 else f"the first {recording.left_out} rows are"
+        lines.append(f"  {first} left out: the next is stamped no later")
     clock = "even" if recording.even else "with jitter, each time taken as printed"
     missing = f", {recording.missing_rows} rows missing" if recording.missing_rows else ""
     lines += [

@@ -12,11 +12,11 @@ import json
 import shutil
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from estimator.commands.options import unique, with_corrections, with_held_out, with_options
+from estimator.commands.options import reading, unique, with_corrections, with_held_out, with_options, with_tolerances
 from estimator.commands.sources import CASE_SUFFIX, STDIN, case_of
 from estimator.commands.terminal import FAILED, INTERRUPTED, OK, complain, say
 from estimator.errors import FmuError, InputError, SimulationError
@@ -28,8 +28,10 @@ if TYPE_CHECKING:
     from estimator.batches.resample import Kind
     from estimator.cases.case import Case
     from estimator.fmus.fmu import FmuDescription
+    from estimator.results.export import Begin
     from estimator.results.result import Estimate, FloatArray
 
+READING = ("column", "unit", "rate", "test", "motor", "per_turn", "counts", "supply")
 DEFAULT_STOP, DEFAULT_STEP = 2.8, 1e-3  # s
 SCREEN = 40  # lines of a terminal that an answer may take
 INSPECTION_LIMIT = 45.0  # s of describing and probing
@@ -86,7 +88,7 @@ def _estimate(args: argparse.Namespace, case: Case) -> int:
         raise InputError("--figures needs a folder to write to; give one with -o")
     if args.signals and not args.output:
         raise InputError("--signals needs a folder to write to; give one with -o")
-    with OutputFolder(args.output) if args.output else contextlib.nullcontext() as folder:
+    with OutputFolder(args.output) if args.output else contextlib.nullcontext() as folder, _drawing(folder) as begin:
         result = _estimated(
             case,
             workers=args.workers,
@@ -101,7 +103,13 @@ def _estimate(args: argparse.Namespace, case: Case) -> int:
         finally:
             if folder is not None:
                 _write_results(
-                    folder, result, case, command=args.command_line, figures=args.figures, signals=args.signals
+                    folder,
+                    result,
+                    case,
+                    command=args.command_line,
+                    figures=args.figures,
+                    signals=args.signals,
+                    begin=begin,
                 )
     return _status(result)
 
@@ -110,7 +118,7 @@ def check(args: argparse.Namespace) -> int:
     """Show what is read of recordings, before any FMU."""
     from estimator.commands.checking import check_files
 
-    return check_files(args)
+    return check_files(args, reading(**reading_arguments(args)))
 
 
 def simulate(args: argparse.Namespace) -> int:
@@ -239,6 +247,30 @@ def batch(args: argparse.Namespace) -> int:
     return FAILED if result.verdicts.keys() - {"ok", "doubtful"} else OK
 
 
+def compare(args: argparse.Namespace) -> int:
+    """Say what differs between results; write it as files with ``-o``."""
+    if len(args.results) < 2:
+        raise InputError("one result alone cannot be compared; give two or more, the reference first")
+    from estimator.results.changes import changes
+    from estimator.results.changes_shown import changes_mapping, changes_page, changes_svg, changes_text
+    from estimator.results.handover_files import read_result, told_results
+
+    sources = [Path(source) for source in args.results]
+    results = dict(zip(told_results(sources), map(read_result, sources), strict=True))
+    found = changes(results, false_alarm=args.false_alarm, within=args.within)
+    text = json.dumps(changes_mapping(found), indent=2, allow_nan=False) + "\n"
+    if args.output:
+        files = {
+            "compare.html": changes_page(found, command=args.command_line).encode(),
+            "compare.svg": changes_svg(found),
+            "compare.json": text.encode(),
+        }
+        with OutputFolder(args.output) as folder:
+            folder.write(files)
+    say(text if args.json else changes_text(found))
+    return FAILED if found.differing else OK
+
+
 def export(args: argparse.Namespace) -> int:
     """Write an estimate's files for other tools."""
     from estimator.results.handover_files import handover_files, read_result
@@ -334,6 +366,11 @@ def _drive(description: FmuDescription, args: argparse.Namespace) -> tuple[Float
     return times, {voltage_input(description): stepped_voltage(times, level=level, at=at)}
 
 
+def reading_arguments(args: argparse.Namespace) -> dict[str, Any]:
+    """Return the options that say how a file is to be read."""
+    return {name: getattr(args, name) for name in READING}
+
+
 def _with_arguments(case: Case, args: argparse.Namespace) -> Case:
     """Return the case with what the other arguments of `estimate` say."""
     case = with_options(
@@ -352,9 +389,10 @@ def _with_arguments(case: Case, args: argparse.Namespace) -> Case:
         scale=args.scale,
         offset=args.offset,
         temperature=args.temperature,
-        column=args.column,
-        unit=args.unit,
+        read_as=reading(**reading_arguments(args)),
     )
+    case = with_tolerances(case, args.tolerance)
+    case = dataclasses.replace(case, about={**case.about, **unique(args.about, option="--about")})
     return with_held_out(case, args.validate, fitted=len(case.recordings))
 
 
@@ -420,6 +458,18 @@ def _both(
     return tell
 
 
+@contextlib.contextmanager
+def _drawing(folder: OutputFolder | None) -> Iterator[Begin | None]:
+    """Load what draws while the estimation runs, if there is a folder to draw for."""
+    if folder is None:
+        yield None
+        return
+    from estimator.results.figure_process import FigureProcess
+
+    with FigureProcess() as process:
+        yield process.begin
+
+
 def _write_results(
     folder: OutputFolder,
     result: Estimate,
@@ -428,13 +478,14 @@ def _write_results(
     command: str,
     figures: Sequence[str] = (),
     signals: bool = False,
+    begin: Begin | None = None,
 ) -> None:
     """Write all result files, and remove those of an earlier run that this one does not have."""
     from estimator.results.export import RESULT_FILES, result_files
     from estimator.results.signals import SIGNALS_FILE, signals_file
 
     sources = [case.path, result.fmu.get("path"), *case.recordings]
-    files = result_files(result, command=command, sources=[s for s in sources if s], figures=figures)
+    files = result_files(result, command=command, sources=[s for s in sources if s], figures=figures, begin=begin)
     if signals:
         files[SIGNALS_FILE] = signals_file(result)
     folder.write(files, stale=(*RESULT_FILES, SIGNALS_FILE))

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from estimator.cases.case import Case
     from estimator.fmus.fmu import FmuDescription
 
-SIGNALS = ("v", "i", "w", "angle", "load")  # that a column can be
+SIGNALS = ("v", "i", "w", "angle", "load", "time")  # that a column can be
 T = TypeVar("T")
 
 
@@ -66,8 +66,7 @@ def with_corrections(
     scale: Sequence[tuple[str, float]] = (),
     offset: Sequence[tuple[str, float]] = (),
     temperature: float | None = None,
-    column: Sequence[tuple[str, str]] = (),
-    unit: Sequence[tuple[str, str]] = (),
+    read_as: ReadAs = AS_WRITTEN,
 ) -> Case:
     """Return a case with what the command line says of its recordings; it holds for each of them.
 
@@ -77,18 +76,48 @@ def with_corrections(
         A channel is given twice.
     """
     factors, offsets = unique(scale, option="--scale"), unique(offset, option="--offset")
-    said = reading(column=column, unit=unit)
-    if not factors and not offsets and window is None and temperature is None and said == AS_WRITTEN:
+    if not factors and not offsets and window is None and temperature is None and read_as == AS_WRITTEN:
         return case
     runs = []
     for run in case.runs_of(max(len(case.recordings), 1)):
         run = dataclasses.replace(run, scale={**run.scale, **factors}, offset={**run.offset, **offsets})
-        run = dataclasses.replace(run, window=run.window if window is None else window, read_as=run.read_as.with_(said))
+        run = dataclasses.replace(
+            run, window=run.window if window is None else window, read_as=run.read_as.with_(read_as)
+        )
         runs.append(dataclasses.replace(run, temperature=run.temperature if temperature is None else temperature))
     return dataclasses.replace(case, runs=tuple(runs))
 
 
-def reading(*, column: Sequence[tuple[str, str]], unit: Sequence[tuple[str, str]]) -> ReadAs:
+def with_tolerances(case: Case, given: Mapping[str, str | float] | Sequence[tuple[str, str | float]] | str) -> Case:
+    """Return a case with further tolerances; one of a source that the case has wins over it.
+
+    Raises
+    ------
+    InputError
+        A source is not known or is given twice, or its size cannot be read.
+    """
+    if not given:
+        return case
+    from estimator.cases.tolerance import tolerances
+
+    known = {t.source: t for t in case.tolerance}
+    for new in tolerances(given):
+        if not (new.offered and new.source in known):
+            known[new.source] = new
+    return dataclasses.replace(case, tolerance=tuple(known.values()))
+
+
+def reading(
+    *,
+    column: Sequence[tuple[str, str]] = (),
+    unit: Sequence[tuple[str, str]] = (),
+    rate: float | None = None,
+    test: str | None = None,
+    motor: str | None = None,
+    per_turn: float | None = None,
+    counts: float | None = None,
+    supply: str | None = None,
+) -> ReadAs:
     """Return how the user says that files and tables are to be read.
 
     Raises
@@ -100,7 +129,16 @@ def reading(*, column: Sequence[tuple[str, str]], unit: Sequence[tuple[str, str]
     for name in columns:
         if name not in SIGNALS:
             raise InputError(f"{name!r}, given for a column, is no signal{suggestion(name, SIGNALS)}")
-    return ReadAs(columns=columns, units=unique(unit, option="--unit"))
+    return ReadAs(
+        columns=columns,
+        units=unique(unit, option="--unit"),
+        rate=rate,
+        test=test,
+        motor=motor,
+        per_turn=per_turn,
+        counts=counts,
+        supply=supply,
+    )
 
 
 def with_held_out(case: Case, files: Sequence[str | os.PathLike[str]], *, fitted: int) -> Case:

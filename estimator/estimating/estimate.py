@@ -11,13 +11,14 @@ from estimator.estimating.methods import direct, evolution, paper
 from estimator.estimating.progress import Progress
 from estimator.estimating.run import Run
 from estimator.estimating.search_and_polish import search_and_polish
+from estimator.fitting.budget import applicable
 from estimator.fmus.fmu import FmuDescription, describe, with_kind
 from estimator.fmus.kinds import better_kind
 from estimator.fmus.probe import driven
 from estimator.fmus.workers import TIME_LIMIT, Workers
 from estimator.judging.reading import with_what_was_read
 from estimator.judging.validation import validated
-from estimator.plans.planning import plan_case
+from estimator.plans.planning import plan_case, read_case
 from estimator.recordings.recording import Recording
 from estimator.results.result import Estimate
 
@@ -151,6 +152,8 @@ def estimate_by(
     InputError, SimulationError, Interrupted
         As `estimate`.
     """
+    if recordings is None:
+        case, recordings = read_case(case)
     described = driven(with_kind(description or describe(case.fmu), case.kind))
     plan = plan_case(case, described, recordings=recordings)
     if case.kind is None:
@@ -159,14 +162,14 @@ def estimate_by(
         if why:
             plan = plan_case(case, better, recordings=recordings)
             plan = dataclasses.replace(plan, notes=(why, *plan.notes))
+    applicable(plan)  # a tolerance that it has nothing for is an error now, not after the search
     found = _estimated(Run(plan, crew, progress=progress, bounded=bounded, tell=tell, profile=profile))
     found = with_what_was_read(found, plan)
-    count = len(case.recordings if recordings is None else recordings)
-    apart = [k for k in range(count) if case.run(k).validate]
+    apart = [k for k in range(len(recordings)) if case.run(k).validate]
     if not apart:
         return found
     case = dataclasses.replace(case, kind=plan.description.kind)
-    return validated(found, case, recordings=None if recordings is None else [recordings[k] for k in apart])
+    return validated(found, case, recordings=[recordings[k] for k in apart])
 
 
 def available_cores() -> int:

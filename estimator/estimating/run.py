@@ -15,18 +15,21 @@ from estimator.estimating.cuckoo import CuckooSearch
 from estimator.estimating.effort import usual_simulations
 from estimator.estimating.progress import Progress
 from estimator.estimating.search import SearchRecord, run_search
+from estimator.fitting.budget import Budget, applicable, budget, fit_at
 from estimator.fitting.explained import Explained
 from estimator.fitting.polish import Polish
 from estimator.fitting.problem import SIGMA_FLOOR, Problem
 from estimator.fitting.winding import cold_resistances
 from estimator.fmus.failing import with_cause, with_values
 from estimator.fmus.workers import Workers
+from estimator.judging.budgeted import with_budget
 from estimator.judging.derived import derived_quantities
 from estimator.judging.outcome import (
     comparisons,
     correlation,
     figures,
     information,
+    measured,
     parameter_estimates,
     recordings,
     sensors,
@@ -232,12 +235,14 @@ class Run:
         if self.profile and polish is not None:
             self.enter("profile")
             profiles = self._profiles(polish, explained)
+        self.enter("budget")
+        budgeted = self._budget(values, explained)
         derived = {}
         if polish is not None:
             found = {**self.plan.fixed, **dict(zip(self.plan.names, values.tolist(), strict=True))}
             log = np.array([p.log for p in self.plan.parameters], dtype=bool)
-            derived = derived_quantities(found, self.plan.names, log, polish)
-            derived |= cold_resistances(self.plan, values, polish)
+            derived = derived_quantities(found, self.plan.names, log, polish, budgeted)
+            derived |= cold_resistances(self.plan, values, polish, budgeted.of)
         deviations = None
         if polish is not None:
             deviations = problem.noise_shown(polish.deviations) if explained is None else explained.noise
@@ -248,7 +253,17 @@ class Run:
             compared = with_fine_signals(compared, self.plan, values, self.crew, sigma=problem.sigma)
             self._count()
             result = dataclasses.replace(result, **self._account())
-        return dataclasses.replace(result, comparisons=compared, profiles=profiles, derived=derived)
+        result = dataclasses.replace(result, comparisons=compared, profiles=profiles, derived=derived)
+        return with_budget(result, self.plan, budgeted, None if explained is None else explained.between)
+
+    def _budget(self, values: FloatArray, explained: Explained | None) -> Budget:
+        """Return what no recording tells, propagated through the fit."""
+        tolerances = applicable(self.problem.plan)
+        if not tolerances:
+            return Budget((), self.plan.names, np.zeros((len(self.plan.names), 0)), np.zeros(0))
+        if explained is not None:
+            return budget(explained.fit, tolerances, self.plan.names)
+        return budget(fit_at(self.plan, self.crew, values, sigma=self.problem.sigma), tolerances, self.plan.names)
 
     def _profiles(self, polish: Polish, explained: Explained | None) -> dict[str, CostProfile]:
         """Return the cost profiles of the motor's parameters."""
@@ -280,8 +295,8 @@ class Run:
         chain = {p.name for p in plan.parameters if p.place is not None}
         if values is not None:
             parameters = parameter_estimates(plan, values, polish, judgement)
-        compared = comparisons(plan, shown) if shown is not None else ()
-        rmse, fit = figures(plan, compared)
+        compared = comparisons(plan, shown) if shown is not None else measured(plan)
+        rmse, fit = figures(plan, compared) if shown is not None else ({}, {})
         correlated = None if polish is None else correlation(polish)
         history = None
         if self.record.simulations:
@@ -329,6 +344,7 @@ class Run:
             comparisons=compared,
             history=history,
             workers=self.crew.count,
+            about={**({"motor": plan.case.motor} if plan.case.motor else {}), **plan.case.about},
         )
 
     def _account(self) -> dict[str, Any]:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from estimator.fitting.adequacy import Adequacy, adequacy
 from estimator.fitting.averaging import averaged
+from estimator.fitting.between_runs import BetweenRuns, of_fit, sentence
 from estimator.fitting.effects.base import Effect
 from estimator.fitting.fit import Fit
 from estimator.fitting.latency import with_latencies
@@ -29,6 +30,7 @@ from estimator.stepping import layout
 FloatArray = NDArray[np.float64]
 
 REPORTED = SensorPlace("nuisance")  # of what is estimated beside the motor
+ENOUGH_RUNS = 4  # of fewer the spread is known to no better than its own size
 WIDE = 1e30  # bounds of what has none
 LINEAR_MOTOR = "dc_motor"  # whose place a bundled FMU with more effects may take
 
@@ -62,6 +64,8 @@ class Explained:
     unseen : names of effects that no such recording tells
     adequacy : Adequacy
     explanation : Explanation
+    between : BetweenRuns
+        What varies from recording to recording; part of the polish's covariance.
     """
 
     plan: Plan
@@ -73,6 +77,7 @@ class Explained:
     unseen: tuple[str, ...]
     adequacy: Adequacy
     explanation: Explanation
+    between: BetweenRuns
 
     @property
     def fit(self) -> Fit:
@@ -239,6 +244,8 @@ def _explained(
     covariance = fit.covariance()[np.ix_(kept, kept)]
     covariance[:p, :p] = mean.covariance
     covariance += checked.widened(fit)[np.ix_(kept, kept)]
+    between = of_fit(fit, p)
+    covariance += between.covariance[np.ix_(kept, kept)]
     told = fit.estimates + [_told_from(fit).get(name, 0.0) for name in names]
     values = np.concatenate([fit.simulator.unscaled(_padded(mean.values, fit))[:p], told[reported]])
     log = fit.is_log[kept]
@@ -273,17 +280,34 @@ def _explained(
         polish=polish,
         noise=_rms(left, whitener.present),
         at_rest=_rms(left / whitener.noise.scale(whitener.level), whitener.present),
-        found=(*(Found("latency of each edge", "", t, "") for t in late), *_found(explanation, plan)),
+        found=(
+            *(Found("latency of each edge", "", t, "") for t in late),
+            *_found(explanation, plan),
+            *_varies(between, plan),
+        ),
         rivals=tuple(_rival(r, errors_apart, name, explanation) for r, errors_apart, name in mean.rivals),
         unseen=tuple(dict.fromkeys(a.effect.name for a in mean.unseen)),
         adequacy=checked,
         explanation=explanation,
+        between=between,
     )
 
 
 def _rms(values: FloatArray, present: NDArray[np.bool_]) -> FloatArray:
     counts = np.maximum(present.sum(axis=0), 1)
     return np.asarray(np.sqrt(np.sum(np.where(present, values, 0.0) ** 2, axis=0) / counts))
+
+
+def _varies(between: BetweenRuns, plan: Plan) -> list[Found]:
+    """Return the parameters that vary between the recordings in words."""
+    runs = [o.recording.name for o in plan.observed]
+    few = f"{len(runs)} runs hardly tell by how much; record more" if len(runs) < ENOUGH_RUNS else ""
+    found = []
+    for v in (v for v in between.variations if v.told):
+        parameter = plan.parameters[v.parameter]
+        told = sentence(v, name=parameter.name, unit=parameter.unit, is_log=parameter.log, runs=runs)
+        found.append(Found("between runs", parameter.name, told, few))
+    return found
 
 
 def _told_from(fit: Fit) -> dict[str, float]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,8 +27,15 @@ def warmth(temperatures: Sequence[float | None], count: int) -> FloatArray:
     return np.asarray(relative / relative[0])
 
 
-def cold_resistances(plan: Plan, values: FloatArray, polish: Polish) -> dict[str, DerivedQuantity]:
-    """Return the resistance at 25 °C where the winding's temperature is known."""
+def cold_resistances(
+    plan: Plan, values: FloatArray, polish: Polish, budget: Callable[[FloatArray], dict[str, float]]
+) -> dict[str, DerivedQuantity]:
+    """Return the resistance at 25 °C where the winding's temperature is known.
+
+    Parameters
+    ----------
+    budget : of what has this (p,) gradient by the plan's scaled parameters
+    """
     found = {}
     for j, parameter in enumerate(plan.parameters):
         if (parameter.quantity or parameter.name) != "R" or polish.at_bound[j] or not plan.temperatures:
@@ -38,7 +45,9 @@ def cold_resistances(plan: Plan, values: FloatArray, polish: Polish) -> dict[str
         if temperature is not None and np.isfinite(error):
             cold = 1 / _relative(temperature)
             name = f"{parameter.name.replace('R', 'R_at_25_C', 1)}"
-            found[name] = DerivedQuantity(float(values[j]) * cold, error * cold, parameter.unit)
+            gradient = np.zeros(len(plan.parameters))
+            gradient[j] = cold * (float(values[j]) if parameter.log else 1.0)
+            found[name] = DerivedQuantity(float(values[j]) * cold, error * cold, parameter.unit, budget(gradient))
     return found
 
 

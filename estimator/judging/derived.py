@@ -16,8 +16,9 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.fitting.budget import Budget
 from estimator.fitting.polish import OUTSIDE, SEEN, Polish, information_parts, scaled_svd
-from estimator.results.linear import MOTOR, is_motor
+from estimator.results.linear import is_motor
 from estimator.results.result import DerivedQuantity
 
 FloatArray = NDArray[np.float64]
@@ -28,7 +29,7 @@ STEP = 1e-6  # of a parameter, for the gradient
 
 
 def derived_quantities(
-    values: Values, names: Sequence[str], log: NDArray[np.bool_], polish: Polish
+    values: Values, names: Sequence[str], log: NDArray[np.bool_], polish: Polish, budget: Budget | None = None
 ) -> dict[str, DerivedQuantity]:
     """Return what the data tell of a DC motor as a whole; empty for another model.
 
@@ -40,6 +41,8 @@ def derived_quantities(
         The polished parameters, in the order of `polish`.
     log : (p,) array
         Which of them were polished on a logarithmic scale.
+    budget : Budget, optional
+        What no recording tells, of the same names.
     """
     if not is_motor(values) or values["R"] <= 0 or values["K"] == 0:
         return {}
@@ -58,12 +61,28 @@ def derived_quantities(
             ("damping_ratio", "", lambda v: _damping(v) / _natural_frequency(v)),
         ]
     result = {}
+    quantities += _feedforward(values, "L" not in names or bool(polish.at_bound[list(names).index("L")] != 0))
     for name, unit, quantity in quantities:
         value = quantity(values)
-        error = _standard_error(_gradient(quantity, values, names, log), polish)
+        gradient = _gradient(quantity, values, names, log)
+        error = _standard_error(gradient, polish)
         if error is not None and np.isfinite(value) and error < USEFUL * abs(value):
-            result[name] = DerivedQuantity(float(value), error, unit)
+            result[name] = DerivedQuantity(float(value), error, unit, budget.of(gradient) if budget else {})
     return result
+
+
+def _feedforward(values: Values, without_winding: bool) -> list[tuple[str, str, Callable[[Values], float]]]:
+    """Return what a feedforward needs, v = kS sign(w) + kV w + kA dw/dt, as robots are tuned (WPILib's SysId).
+
+    Where the inductance is not told, kA is without its part in it, L B / K of R J / K.
+    """
+    found: list[tuple[str, str, Callable[[Values], float]]] = [
+        ("kV", "V.s/rad", lambda v: (v["R"] * v["B"] + v["K"] ** 2) / v["K"]),
+        ("kA", "V.s2/rad", lambda v: (v["R"] * v["J"] + (0.0 if without_winding else v["L"] * v["B"])) / v["K"]),
+    ]
+    if values.get("friction", 0.0) > 0:
+        found.insert(0, ("kS", "V", lambda v: v["R"] * v["friction"] / v["K"] + v.get("brush", 0.0)))
+    return found
 
 
 def _standard_error(gradient: FloatArray, polish: Polish) -> float | None:
@@ -87,7 +106,7 @@ def _gradient(
     """Return the (p,) derivatives by the scaled parameters (ln θ where log)."""
     gradient = np.zeros(len(names))
     for j, name in enumerate(names):
-        if name in MOTOR and values[name] != 0:
+        if values.get(name, 0.0) != 0:
             step = STEP * abs(values[name])
             above, below = ({**values, name: values[name] + sign * step} for sign in (1, -1))
             gradient[j] = (quantity(above) - quantity(below)) / (2 * step) * (values[name] if log[j] else 1.0)

@@ -126,6 +126,21 @@ def comparisons(plan: Plan, shown: list[FloatArray]) -> tuple[Comparison, ...]:
     )
 
 
+def measured(plan: Plan) -> tuple[Comparison, ...]:
+    """Return the recordings alone, one entry each, where nothing was simulated."""
+    return tuple(
+        Comparison(
+            name=o.recording.name,
+            time=o.recording.time,
+            inputs=dict(o.inputs),
+            measured=dict(o.outputs),
+            simulated={},
+            units={n: plan.description.variable(n).unit for n in (*o.inputs, *o.outputs)},
+        )
+        for o in plan.observed
+    )
+
+
 def figures(plan: Plan, comparisons: tuple[Comparison, ...]) -> tuple[dict[str, float], dict[str, float]]:
     """Return root mean square error (SI) and fit (percent) of each output over all recordings."""
     rmse, fit = {}, {}

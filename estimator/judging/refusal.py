@@ -15,6 +15,7 @@ from estimator.fmus.fmu import FmuDescription
 from estimator.plans.plan import Observed, Plan
 from estimator.recordings.excitation import find_settling, lost_transient, noise_deviation, saturation
 from estimator.recordings.samples import filled, mean_of_known
+from estimator.results.reason import Place, Reason
 
 FloatArray = NDArray[np.float64]
 
@@ -141,7 +142,7 @@ def _contradicted(o: Observed) -> list[str]:
         return []
     tail = max(5, (len(o.recording.time) - o.excitation.index) // 10)
     v = float(np.mean(o.inputs["v"][-tail:]))
-    reasons = []
+    reasons: list[str] = []
     for name, what, unit in (("i", "current", "A"), ("w", "speed", "rad/s")):
         y = o.outputs.get(name)
         if y is None or np.isnan(y[-tail:]).all():
@@ -149,14 +150,17 @@ def _contradicted(o: Observed) -> list[str]:
         final, noise = float(np.nanmean(y[-tail:])), noise_deviation(y)
         if final * v < 0 and abs(final) > 6 * noise and abs(final) > 0.02 * float(np.nanmax(np.abs(y))):
             reasons.append(
-                f"{o.recording.title}: at the end the {what} is {final:.4g} {unit} under {v:.4g} V, which no motor"
-                f" without load does; check the sign of the {what} and of the voltage"
+                Reason(
+                    f"{o.recording.title}: at the end the {what} is {final:.4g} {unit} under {v:.4g} V, which no motor"
+                    f" without load does; check the sign of the {what} and of the voltage",
+                    _place(o, name, -tail, -1),
+                )
             )
     return reasons
 
 
 def _damaged(o: Observed, description: FmuDescription) -> list[str]:
-    reasons = []
+    reasons: list[str] = []
     title = o.recording.title
     for name, y in o.outputs.items():
         clipped = saturation(y) if name != "angle" else None
@@ -164,8 +168,11 @@ def _damaged(o: Observed, description: FmuDescription) -> list[str]:
             first, run, value = clipped
             unit = description.variable(name).unit
             reasons.append(
-                f"{title}: {name} is saturated at {value:.4g} {unit} for {run} samples from"
-                f" t = {o.recording.time[first]:.6g} s; record again with a larger sensor range"
+                Reason(
+                    f"{title}: {name} is saturated at {value:.4g} {unit} for {run} samples from"
+                    f" t = {o.recording.time[first]:.6g} s; record again with a larger sensor range",
+                    _place(o, name, first, first + run - 1),
+                )
             )
     return reasons
 
@@ -208,7 +215,7 @@ def lost_transients(plan: Plan, motor: Mapping[str, float] | None = None) -> lis
 
     With R, K and J of an estimate the jump is held against the largest acceleration that the voltage allows, K v / R J.
     """
-    reasons = []
+    reasons: list[str] = []
     for o, k, part in _jumps(plan):
         evidence = ""
         if motor is not None and {"R", "K", "J"} <= set(motor):
@@ -218,9 +225,12 @@ def lost_transients(plan: Plan, motor: Mapping[str, float] | None = None) -> lis
             if jump > IMPOSSIBLE * most:
                 evidence = f", {CONTRADICTED}: {jump:.3g} rad/s where K v / (R J) allows {most:.3g} rad/s a sample"
         reasons.append(
-            f"{o.recording.title}: the speed jumps by {100 * part:.0f} % of its response within one sample at"
-            f" t = {o.recording.time[k]:.6g} s{evidence}: the transient is lost, and R, L and J with it;"
-            f" {_faster(o, k)}, without gaps"
+            Reason(
+                f"{o.recording.title}: the speed jumps by {100 * part:.0f} % of its response within one sample at"
+                f" t = {o.recording.time[k]:.6g} s{evidence}: the transient is lost, and R, L and J with it;"
+                f" {_faster(o, k)}, without gaps",
+                _place(o, "w", k - 1, k),
+            )
         )
     return reasons
 
@@ -233,6 +243,11 @@ def slow_for_the_motor(plan: Plan) -> list[str]:
         f" {_faster(o, k)}"
         for o, k, part in _jumps(plan)
     ]
+
+
+def _place(o: Observed, signal: str, first: int, last: int) -> Place:
+    """Return where some samples of a signal are, both ends included."""
+    return Place(o.recording.name, signal, float(o.recording.time[first]), float(o.recording.time[last]))
 
 
 def _faster(o: Observed, k: int) -> str:

@@ -13,7 +13,7 @@ from estimator.fmus.fmu import FmuDescription
 from estimator.plans.parameters import Parameter, SensorPlace
 from estimator.recordings.excitation import Excitation
 from estimator.recordings.filters import Filter, filter_sections
-from estimator.recordings.plausibility import Finding
+from estimator.recordings.finding import Finding
 from estimator.recordings.recording import Recording
 from estimator.recordings.sensors import Section
 from estimator.recordings.understood import Understood

@@ -20,7 +20,8 @@ from estimator.plans.parameters import SensorPlace
 from estimator.plans.plan import ChainSpec, Observed, Plan
 from estimator.plans.reading import with_reading
 from estimator.recordings.excitation import noise_deviation, quantum
-from estimator.recordings.recording import Recording, read_recording
+from estimator.recordings.files import recordings_in
+from estimator.recordings.recording import Recording
 from estimator.stepping import layout
 
 COUNTS, WHOLE = (16, 1e6), 0.02  # counts a turn of an encoder whose differences are the speed
@@ -48,15 +49,15 @@ def plan_case(
     InputError
         A recording, a column, an FMU variable or a bound is wrong: one sentence.
     """
+    if recordings is None:
+        case, recordings = read_case(case)
     description = mapped(case, description)
     fixed, texts = fixed_values(case, description)
-    runs = [case.run(k) for k in range(len(case.recordings if recordings is None else recordings))]
+    runs = [case.run(k) for k in range(len(recordings))]
     taken = [k for k, run in enumerate(runs) if run.validate == held_out]
     if not taken:
         raise CaseError('the case names no recording; add [[recording]] with file = "run.csv"')
-    read = _told_apart(
-        [read_recording(case.recordings[k], runs[k].read_as) if recordings is None else recordings[k] for k in taken]
-    )
+    read = _told_apart([recordings[k] for k in taken])
     observed = tuple(
         with_reading(case, description, observe(case, description, r, runs[k]))
         for r, k in zip(read, taken, strict=True)
@@ -107,6 +108,25 @@ def _told_apart(recordings: Sequence[Recording]) -> Sequence[Recording]:
         return recordings
     names = told_apart([r.path or Path(f"{r.name} {k}") for k, r in enumerate(recordings, start=1)])
     return [replace(r, name=name) for r, name in zip(recordings, names, strict=True)]
+
+
+def read_case(case: Case) -> tuple[Case, list[Recording]]:
+    """Return a case with its recordings read; a file of several tests becomes as many recordings of the case.
+
+    Raises
+    ------
+    InputError
+        A file cannot be read: one sentence.
+    """
+    paths, runs, found = [], [], []
+    for path, run in zip(case.recordings, case.runs_of(len(case.recordings)), strict=True):
+        for recording in recordings_in(path, run.read_as):
+            paths.append(path)
+            runs.append(run)
+            found.append(recording)
+    if len(paths) > len(case.recordings):
+        case = replace(case, recordings=tuple(paths), runs=tuple(runs))
+    return case, found
 
 
 def _is_differenced(description: FmuDescription, observed: tuple[Observed, ...]) -> bool:

@@ -30,4 +30,6 @@ def with_reading(case: Case, description: FmuDescription, observed: Observed) ->
     sure = frozenset(r.signal for r in read if r.unit_from == "user")
     columns = {r.signal: r.column for r in read}
     findings = implausible(recording.title, recording.time, signals, guessed=guessed, sure=sure, columns=columns)
+    if any(v.name == "friction" for v in description.of_causality("parameter")):
+        findings = tuple(finding for finding in findings if finding.kind != "dead band")
     return dataclasses.replace(observed, read=read, findings=findings)

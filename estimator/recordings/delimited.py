@@ -43,6 +43,7 @@ class HeaderRules:
     is_header: Callable[[Sequence[str]], bool]
     is_units: Callable[[Sequence[str]], bool]  # the line below the header holds the units
     complain: Callable[[str, Sequence[str]], NoReturn]  # place, cells that come nearest: no line is a header
+    is_bare: bool = False  # there is no header: the columns are called "column 1", "column 2", …
 
 
 @dataclass(frozen=True)
@@ -87,7 +88,7 @@ def read_table(path: Path, rules: HeaderRules) -> Table:
         lines.pop()  # rows of empty cells at the end
     if not lines:
         raise RecordingError(f"{path.name} is empty; it should begin with a header such as {HEADER_EXAMPLE}")
-    at, delimiter, header = _find_header(path, lines, rules)
+    at, delimiter, header = _numbered(path, lines) if rules.is_bare else _find_header(path, lines, rules)
     rows = [k for k in range(at + 1, len(lines)) if lines[k].lstrip()[:1] not in _SKIPPED]
     units = None
     if rows and rules.is_units(unit_cells := _split(lines[rows[0]], delimiter)):
@@ -168,7 +169,7 @@ def _find_header(path: Path, lines: list[str], rules: HeaderRules) -> tuple[int,
                     return k, delimiter, cells
         raise RecordingError(
             f"{path.name} line {first + 1}: there is no header above the numbers;"
-            f" name the columns, as in {HEADER_EXAMPLE}"
+            f" name the columns, as in {HEADER_EXAMPLE}, or by their numbers, as in --column time=1 --column v=2"
         )
     ways = [(k, *way) for k in above for way in _splits(lines[k]) if rules.is_header(way[1])]
     if not ways:
@@ -183,6 +184,19 @@ def _find_header(path: Path, lines: list[str], rules: HeaderRules) -> tuple[int,
         return fits and (_is_numeric(under) or rules.is_units(_split(under, delimiter))), fits, len(cells) > 1
 
     return max(ways, key=likeliness)
+
+
+def _numbered(path: Path, lines: list[str]) -> tuple[int, str | None, Cells]:
+    """Return the line before the first of numbers, the delimiter, and numbers as names."""
+    for k, line in enumerate(lines):
+        if line.lstrip()[:1] in _SKIPPED:
+            continue
+        ways = [(d, _split(line, d)) for d in (";", "\t", ",", None)]
+        ways = [(d, _trimmed(cells, len(cells) - 1)) for d, cells in ways if _number(_bare(cells[0]), ".") is not None]
+        if ways:
+            delimiter, cells = max(ways, key=lambda way: sum(_number(_bare(c), ".") is not None for c in way[1]))
+            return k - 1, delimiter, [f"column {j + 1}" for j in range(len(cells))]
+    raise RecordingError(f"{path.name} has no line that begins with a number; it should hold the samples")
 
 
 def _width(line: str, delimiter: str | None, width: int) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from estimator.recordings.units import Unit, parse_unit, unit_of
@@ -36,7 +37,7 @@ ROLE_TITLE = {
 }
 # Usual names per role, best first, as `plain` gives them. A measured voltage goes before a commanded one.
 _NAMES = {
-    "time": "time t zeit temps tiempo timestamp time_stamp elapsed_time seconds sec s ms us x_axis x_value",
+    "time": "time t zeit temps tiempo tempo t_now timestamp time_stamp elapsed_time seconds sec s ms us x_axis x_value",
     "v": "voltage armature_voltage motor_voltage terminal_voltage measured_voltage v u u_a v_a ua va"
     " u_m v_m um vm v_mot u_mot v_motor u_motor uin vin u_in v_in volts volt spannung ankerspannung"
     " motorspannung tension voltaje applied_voltage input_voltage supply_voltage v_supply v_cmd u_cmd"
@@ -45,7 +46,7 @@ _NAMES = {
     " ampere amperes strom ankerstrom motorstrom courant corriente ma",
     "w": "speed angular_speed angular_velocity motor_speed shaft_speed rotor_speed measured_speed omega ω w"
     " w_m wm omega_m ω_m velocity motor_velocity speed_rpm rpm drehzahl winkelgeschwindigkeit vitesse"
-    " velocidad n n_m",
+    " velocidad n n_m vel ang_vel angvel motor_vel",
     "angle": "angle theta θ phi φ position motor_angle shaft_angle rotor_angle encoder_angle angular_position"
     " motor_position theta_m winkel drehwinkel pos",
     "load": "load load_torque torque_load external_torque t_l tl tau_l m_l lastmoment",
@@ -79,20 +80,56 @@ _OTHER_PART = frozenset(
     )
 )
 # Words of a signal that stands behind another of the same kind: what was commanded, supplied, or made of it.
-_SECONDARY_WORDS = "command cmd commanded supply battery bat vbat filtered filt smoothed smooth lpf avg average raw"
+_SECONDARY_WORDS = "command cmd com commanded supply battery bat vbat filtered filt smoothed smooth lpf avg average raw"
 _SECONDARY = frozenset(_SECONDARY_WORDS.split())
+# Words that tell one motor of several; those of one line stand beside each other.
+_SIDES = tuple(
+    frozenset(words.split())
+    for words in (
+        "left right",
+        "l r",
+        "front rear back",
+        "fl fr rl rr bl br",
+        "1 2 3 4 5 6",
+        "m1 m2 m3 m4 m5 m6",
+        "motor1 motor2 motor3 motor4 motor5 motor6",
+    )
+)
+_SIDE = frozenset(word for side in _SIDES for word in side)
 _NEVER_SUFFIX = frozenset({"min", "s", "m", "K", "N", "H", "W", "1", "-", "g", "inc", "turn", "count", "rev"})
 _BRACKETS = re.compile(r"(?P<name>.*?)\s*(?:\[(?P<square>[^\[\]]*)\]|\((?P<round>[^()]*)\))", re.DOTALL)
 
 
 def plain(name: str) -> str:
     """Return the form in which names are compared: ``"Armature Voltage"`` → ``"armature_voltage"``."""
+    name = re.sub(r"(?<=[a-z]{3})(?=[A-Z][a-z]{2})", "_", name)  # leftSpeed
     return re.sub(r"[\s_.,:;\-]+", "_", name.casefold()).strip("_")
+
+
+def _without_side(key: str) -> str:
+    """Return a plain name without the word that tells one motor of several: ``"v_left"`` → ``"v"``."""
+    words = key.split("_")
+    sides = [word for word in words if word in _SIDE]
+    return "_".join(word for word in words if word not in _SIDE) if len(sides) == 1 and len(words) > 1 else key
+
+
+def motors_named(names: Sequence[str]) -> tuple[str, ...]:
+    """Return which motors have signals of the same name side by side: ``("left", "right")``; empty for one motor."""
+    beside: dict[str, set[str]] = {}
+    for name in names:
+        key = plain(name)
+        if (rest := _without_side(key)) != key and rest:
+            beside.setdefault(rest, set()).update(_SIDE & set(key.split("_")))
+    found = {word for words in beside.values() if len(words) > 1 for word in words}
+    sides = [sorted(found & side) for side in _SIDES]
+    most: list[str] = max(sides, key=len)
+    return tuple(most)
 
 
 def role_of(name: str) -> str | None:
     """Return the role whose usual name this is: ``"U_a"`` → ``"v"``."""
-    return _ROLE_OF.get(plain(name))
+    key = plain(name)
+    return _ROLE_OF.get(key) or _ROLE_OF.get(_without_side(key))
 
 
 def is_secondary(name: str) -> bool:
@@ -104,6 +141,8 @@ def rank_in_role(name: str, role: str) -> int | None:
     """Return how usual a name is for a role (0 is the most usual), or None if it is not."""
     key = plain(name)
     names = USUAL_NAMES[role]
+    if key not in _ROLE_OF:
+        key = _without_side(key)
     if key in names:
         return names.index(key)
     words = frozenset(key.split("_"))
@@ -146,7 +185,7 @@ def parse_header(text: str) -> Header:
         return Header(text, name or inside, parse_unit(inside), inside)
     for place in re.finditer(r"[_/ ]", text):
         name, suffix = text[: place.start()].strip(), text[place.end() :].strip()
-        unit = parse_unit(suffix, symbols_only=True)
+        unit = parse_unit(suffix, symbols_only=True) or _small(name, suffix)
         if name and unit and _is_suffix(name, place[0], suffix, unit):
             return Header(text, name, unit, suffix)
     if len(text) > 1 and (unit := parse_unit(text, symbols_only=True)):
@@ -154,9 +193,18 @@ def parse_header(text: str) -> Header:
     return Header(text, text, None, None)
 
 
+def _small(name: str, suffix: str) -> Unit | None:
+    """Return the unit of ``voltage_v`` and ``current_a``: a small letter behind a word that says the quantity."""
+    if len(suffix) != 1 or len(plain(name)) < 3:
+        return None
+    unit = parse_unit(suffix)
+    quantities = [ROLE_QUANTITY[role] for role in ROLE_QUANTITY if rank_in_role(name, role) is not None]
+    return unit if unit and unit.quantity in quantities else None
+
+
 def _is_suffix(name: str, separator: str, suffix: str, unit: Unit) -> bool:
     quantity = quantity_of(name)
-    if quantity == unit.quantity:
+    if quantity == unit.quantity or (len(suffix) == 1 and _small(name, suffix) is not None):
         return True
     if separator == " " or suffix in _NEVER_SUFFIX:
         return False

@@ -15,10 +15,12 @@ from estimator.recordings.headers import (
     USUAL_NAMES,
     assumed_unit,
     is_secondary,
+    motors_named,
     parse_header,
     plain,
     rank_in_role,
 )
+from estimator.recordings.made_columns import duty_column
 from estimator.recordings.recording import Recording
 
 SAME, FEW = 0.02, 0.05  # of the span, of the samples: columns that differ by less are one signal
@@ -62,6 +64,7 @@ def motor_columns(
             for column in [*recording.signals, *recording.unreadable]
             if (rank := rank_in_role(parse_header(recording.headers[column]).name, role)) is not None
             and column not in recording.roles.values()
+            and not _counts_rows(recording, column)
         )
         faults = {column: recording.fault(column, quantity) for _, column in ranked}
         good = [column for _, column in ranked if faults[column] is None]
@@ -69,13 +72,15 @@ def motor_columns(
         if good:
             found[role] = good[0]
             if wanted and (other := _rival(recording, good)) is not None:
+                if several := motors_named([parse_header(header).name for header in recording.headers.values()]):
+                    raise RecordingError(_several(recording, several))
                 raise RecordingError(_two(recording, role, good[0], other))
         elif ranked and wanted:
             raise RecordingError(faults[ranked[0][1]] or "")
     if "w" in either and not {"w", "angle"} & found.keys() and (counts := _counting(recording, found.values())):
         raise RecordingError(
             f"{recording.title}: {counts!r} counts the lines of an encoder; say in a case file how many make a turn:"
-            f' under [outputs], angle = {{ column = "{counts}", counts = 4000 }}'
+            f' under [outputs], angle = {{ column = "{counts}", counts = 4000 }}, or with --counts 4000'
         )
     lacking = [role for role in (*required, *either) if role not in found and not (role == "w" and "angle" in found)]
     meant = {role: _meant(recording, role, found.values(), by_unit=role in either) for role in lacking}
@@ -86,8 +91,30 @@ def motor_columns(
         near = meant[role]
         columns = ", ".join(recording.headers.values())
         remedy = f"; is it {near[0]!r}?" if near else f"; add one such as {_example(role)!r}, or map it in a case file"
-        raise RecordingError(f"{recording.title} has no {ROLE_TITLE[role]} column{remedy} ({columns})")
+        if role == "v" and (duty := duty_column(recording)) is not None:
+            remedy = (
+                f"; {recording.headers[duty]!r} is a duty cycle: say of which supply, with --supply 12 (volts),"
+                " --supply 12/255 (volts a count), or --supply and the battery's column"
+            )
+        options = " or ".join(f"--column {name}=…" for name in ("i", "w") if name == role or (nothing and role == "i"))
+        column = options or f"--column {role}=…"
+        raise RecordingError(
+            f"{recording.title} has no {ROLE_TITLE[role]} column{remedy} ({columns}); say which it is with {column}"
+        )
     return found
+
+
+def _counts_rows(recording: Recording, column: str) -> bool:
+    """Return whether a column without a unit counts the rows: an ``n`` that is no speed."""
+    samples = recording.signals.get(column)
+    return column in recording.assumed_units and samples is not None and _is_counter(recording, column)
+
+
+def _is_counter(recording: Recording, column: str) -> bool:
+    unit = assumed_unit(column)
+    written = recording.signals[column] if unit is None else unit.from_si(recording.signals[column])
+    known = written[~np.isnan(written)]
+    return len(known) > 2 and bool(np.all(np.abs(np.diff(known) - 1) < 1e-6))
 
 
 def _rival(recording: Recording, columns: Sequence[str]) -> str | None:
@@ -119,6 +146,12 @@ def _two(recording: Recording, role: str, first: str, other: str) -> str:
     )
 
 
+def _several(recording: Recording, several: Sequence[str]) -> str:
+    """Say which motors a recording holds, and how to choose."""
+    choices = ", ".join(f"--motor {motor}" for motor in several)
+    return f"{recording.title} holds several motors, {', '.join(several)}; say which: {choices}"
+
+
 def _counting(recording: Recording, taken: Collection[str]) -> str | None:
     """Return the header of a column that seems to hold an encoder's counts."""
     for column, text in recording.headers.items():
@@ -132,7 +165,8 @@ def _counting(recording: Recording, taken: Collection[str]) -> str | None:
 def _meant(recording: Recording, role: str, taken: Collection[str], *, by_unit: bool) -> list[str]:
     """Return the headers of columns that nearly have a role's name, or else are in its unit."""
     left = {c: parse_header(h) for c, h in recording.headers.items() if c not in taken}
-    near = [h.text for h in left.values() if get_close_matches(plain(h.name), USUAL_NAMES[role], n=1, cutoff=0.75)]
+    fitting = [h for h in left.values() if h.unit is None or h.unit.quantity == ROLE_QUANTITY[role]]
+    near = [h.text for h in fitting if get_close_matches(plain(h.name), USUAL_NAMES[role], n=1, cutoff=0.75)]
     if near or not by_unit:
         return near
     return [h.text for h in left.values() if h.unit is not None and h.unit.quantity == ROLE_QUANTITY[role]]

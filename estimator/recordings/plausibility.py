@@ -13,12 +13,14 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimator.recordings.excitation import noise_deviation, quantum
+from estimator.recordings.finding import Finding
+from estimator.recordings.lag import lag_misfit
+from estimator.recordings.odd_drives import coasts, dead_band, is_held
 from estimator.recordings.samples import filled
 
 FloatArray = NDArray[np.float64]
@@ -42,28 +44,12 @@ EXPLAINED, UNEXPLAINED = 0.3, 0.7  # of a signal's deviation, misfit of an order
 JUMP, LEAD = 0.3, 3  # of the voltage's range, samples before it: a jump
 FOLLOWS = 0.5  # of the speed's differences: a larger misfit tells no time constant
 AGAINST = 0.3  # of ∫|v y| dt: so much of it negative is a sign
+OUTLYING = 0.98  # of the samples: larger ones count as that
 DRIVEN = 0.05  # of the largest voltage: less is none
-THIN = 4000  # samples that are looked at
 DECIMAL = 0.01  # of a digit: a quantum of 1, 2 or 5 × 10ⁿ is the print's
 LINES, WHOLE = (16, 20_000), 0.02  # of an encoder a turn; of a count
 
 _PER_TURN = {"rpm": 60.0, "deg/s": 360.0, "rev/s": 1.0}
-
-
-@dataclass(frozen=True)
-class Finding:
-    """Something that cannot be as it was read.
-
-    Attributes
-    ----------
-    kind : "exchanged", "sign i", "unit w", …
-    sentence : what it looks like, with its evidence, and the option that puts it right
-    is_fatal : nothing could be estimated from it
-    """
-
-    kind: str
-    sentence: str
-    is_fatal: bool = False
 
 
 def implausible(
@@ -99,6 +85,11 @@ def implausible(
         return (exchanged,)  # of columns that are others, nothing else is true
     duty = bench.voltage()
     found = [*signs, duty, bench.speed(is_duty=duty is not None), bench.current(), bench.clock()]
+    found += [
+        is_held(title, time, known),
+        coasts(title, time, known),
+        dead_band(title, time, known),
+    ]
     return tuple(f for f in found if f is not None and f.kind not in {f"unit {name}" for name in sure})
 
 
@@ -125,7 +116,7 @@ class _Bench:
         v, i, w = (self.signals[name] for name in ("v", "i", "w"))
         if not np.any(np.abs(np.diff(v))[LEAD:] > JUMP * np.ptp(v)):
             return None
-        as_read, turned = _lag_misfit(self.time, i, w), _lag_misfit(self.time, w, i)
+        as_read, turned = lag_misfit(self.time, i, w), lag_misfit(self.time, w, i)
         if as_read > UNEXPLAINED and turned < EXPLAINED:
             return Finding(
                 "exchanged",
@@ -172,7 +163,8 @@ class _Bench:
         driven = (np.abs(v) > DRIVEN * np.nanmax(np.abs(v))) & ~np.isnan(y)
         if not driven.any():
             return False
-        y = np.where(np.abs(y) > 4 * noise_deviation(y), y, 0.0)
+        most = float(np.nanquantile(np.abs(y), OUTLYING))
+        y = np.where(np.abs(y) > 4 * noise_deviation(y), np.clip(y, -most, most), 0.0)
         power = (v * y)[driven]
         whole = float(np.sum(np.abs(power)))
         return whole > 0 and float(np.sum(power)) < -AGAINST * whole
@@ -341,33 +333,6 @@ class _Bench:
         if peak - k < 3 or abs(i[peak]) < 1.5 * final + 6 * noise_deviation(i):
             return 0.0
         return float(self.time[peak] - self.time[k])
-
-
-def _lag_misfit(time: FloatArray, drive: FloatArray, y: FloatArray) -> float:
-    """Return how badly y, (n,), is what dy/dt = a drive − b y − c makes of the drive: 1 for not at all.
-
-    The misfit is relative to the deviation of y; a is positive, b is not negative; the equation is fitted integrated.
-    """
-    stride = max(1, len(time) // THIN)
-    h = np.diff(time)
-    drive, y = filled(drive), filled(y)
-    moved = np.concatenate([[0.0], np.cumsum(h * (drive[1:] + drive[:-1]) / 2)])[::stride]
-    fallen = -np.concatenate([[0.0], np.cumsum(h * (y[1:] + y[:-1]) / 2)])[::stride]
-    t, y = (time - time[0])[::stride], y[::stride]
-    spread = float(np.std(y))
-    if spread == 0:
-        return 1.0
-    best = 1.0
-    choices: list[list[FloatArray]] = [[moved, fallen, t], [moved, fallen], [moved, t], [moved]]
-    for columns in choices:
-        rows = np.column_stack([*columns, np.ones(len(t))])
-        scale = np.linalg.norm(rows, axis=0)
-        scale[scale == 0] = 1.0
-        solution, *_ = np.linalg.lstsq(rows / scale, y, rcond=None)
-        if solution[0] <= 0 or (len(columns) > 1 and columns[1] is fallen and solution[1] < 0):
-            continue
-        best = min(best, float(np.std(y - rows / scale @ solution)) / spread)
-    return best
 
 
 def _without_outliers(y: FloatArray) -> FloatArray:

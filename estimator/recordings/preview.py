@@ -20,8 +20,9 @@ from estimator.recordings.excitation import (
     quantum,
     saturation,
 )
+from estimator.recordings.finding import Finding
 from estimator.recordings.motor_columns import motor_columns
-from estimator.recordings.plausibility import Finding, implausible
+from estimator.recordings.plausibility import implausible
 from estimator.recordings.recording import Recording
 from estimator.recordings.samples import filled
 from estimator.recordings.understood import Understood, understood
@@ -194,6 +195,8 @@ def _damage(recording: Recording, measured: Mapping[str, FloatArray], step: Exci
         title, unit = names[name]
         if np.isnan(y).all():
             continue
+        if np.nanmax(y) == np.nanmin(y):
+            told.append(f"the {title} is {float(np.nanmax(y)):.4g} {unit} from the first to the last sample")
         if (clipped := saturation(y)) is not None:
             first, run, value = clipped
             since = f"{recording.time[first]:.6g} s"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from types import MappingProxyType
 from typing import Any
 
@@ -18,12 +18,30 @@ class ReadAs:
 
     Attributes
     ----------
-    columns : role (v, i, w, angle, load) → the column that it is
+    columns : role (v, i, w, angle, load, time) → the column that it is, by its name, or by its number in a file
+        without a header, "2"
     units : column, or role of one → unit, "rpm"
+    rate : Hz, of the samples of a file that has no time
+    test : which test, of a file that holds several
+    motor : which motor, of a file that holds several: the word that its columns have, "left"
+    per_turn : m that a turn goes, of a linear speed or way
+    counts : of an encoder a turn, of a column that holds counts
+    supply : of a duty cycle: volts, volts a count ("12/255"), or the column that holds them
     """
 
     columns: Mapping[str, str] = field(default_factory=dict)
     units: Mapping[str, str] = field(default_factory=dict)
+    rate: float | None = None
+    test: str | None = None
+    motor: str | None = None
+    per_turn: float | None = None
+    counts: float | None = None
+    supply: str | None = None
+
+    @property
+    def by_number(self) -> bool:
+        """Whether a column is named by its number: the file has no header."""
+        return any(name.isdecimal() for name in self.columns.values())
 
     def __post_init__(self) -> None:
         """Lock the mappings."""
@@ -37,7 +55,9 @@ class ReadAs:
 
     def with_(self, other: ReadAs) -> ReadAs:
         """Return this with what another says; that wins."""
-        return ReadAs(columns={**self.columns, **other.columns}, units={**self.units, **other.units})
+        said = {f.name: v for f in fields(self) if (v := getattr(other, f.name)) is not None and v != {}}
+        merged = {"columns": {**self.columns, **other.columns}, "units": {**self.units, **other.units}}
+        return replace(self, **{**said, **merged})
 
     def headers(self, texts: Sequence[str], *, where: str) -> tuple[list[Header], frozenset[int]]:
         """Return headers with the units that are said here, and which of them have one from here.
@@ -83,6 +103,8 @@ class ReadAs:
         """Return which headers a name means: a column's own, or else a role's."""
         if name in self.columns:
             name = self.columns[name]
+        if name.isdecimal():
+            name = f"column {name}"
         exact = [j for j, h in enumerate(headers) if name in (h.text, h.name)]
         exact = exact or [j for j, h in enumerate(headers) if plain(name) in (plain(h.text), plain(h.name))]
         if exact or name not in ROLE_QUANTITY:

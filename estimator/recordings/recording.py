@@ -6,7 +6,8 @@ clock jitters.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import functools
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -29,12 +30,14 @@ from estimator.recordings.headers import (
     rank_in_role,
     role_of,
 )
+from estimator.recordings.parts import Part, names_tests, parts
 from estimator.recordings.read_as import AS_WRITTEN, ReadAs
 from estimator.recordings.time_grid import half_last_digit, sampling_clock
-from estimator.recordings.units import FloatArray, Unit, examples, parse_unit
+from estimator.recordings.units import FloatArray, Unit, examples, parse_unit, unit_of
 
 MIN_SAMPLES = 10
 LARGEST = 1e30  # in any unit: no sensor shows more, and its powers are still numbers
+MOST_LEFT_OUT = 2  # rows at the start, of wrong stamps
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +55,8 @@ class Recording:
     unreadable: Mapping[str, str] = field(default_factory=dict)  # columns of text → what is wrong with them
     even: bool = True  # the times are equidistant
     missing_rows: int = 0  # rows that the file lacks, as its times show; their samples are NaN
+    made: Mapping[str, str] = field(default_factory=dict)  # column that follows from others → from which
+    left_out: int = 0  # rows before the first whose time is before the next
     clock: str = "time [s]"  # header of the time, as written
     given_units: tuple[str, ...] = ()  # columns whose unit the user said, not their header; "time" too
     roles: Mapping[str, str] = field(default_factory=dict)  # role → column, as the user said
@@ -60,7 +65,7 @@ class Recording:
         """Lock arrays and mappings."""
         for array in (self.time, *self.signals.values()):
             array.setflags(write=False)
-        for name in ("signals", "units", "headers", "unreadable", "roles"):
+        for name in ("signals", "units", "headers", "unreadable", "roles", "made"):
             object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -70,8 +75,11 @@ class Recording:
 
     @property
     def title(self) -> str:
-        """The file's name, with its folder where the recording's name has it, or the recording's, for messages."""
-        return self.path.name if self.path and not self.name.endswith(self.path.name) else self.name
+        """The file's name, with its folder or its test where the recording's name has it, or the recording's name."""
+        if self.path is None or self.name.endswith(self.path.name):
+            return self.name
+        test = self.name.removeprefix(f"{self.path.stem} ")
+        return f"{self.path.name} {test}" if test != self.name else self.path.name
 
     def between(self, first: int, last: int) -> Recording:
         """Return the samples from one to before another."""
@@ -186,11 +194,76 @@ def read_recording(path: Path, read_as: ReadAs = AS_WRITTEN) -> Recording:
     RecordingError
         One sentence: what is wrong, in which line, and what would be right.
     """
-    path = Path(path)
+    return _build(_raw(Path(path), read_as), read_as)
+
+
+def read_recordings(path: Path, read_as: ReadAs = AS_WRITTEN) -> list[Recording]:
+    """Read all tests that a file holds, each as a recording: mostly one.
+
+    Parameters
+    ----------
+    path, read_as
+        As `read_recording`; with `read_as.test` that test alone.
+
+    Raises
+    ------
+    RecordingError
+        As `read_recording`.
+    """
+    raw = _raw(Path(path), read_as)
+    if read_as.test is not None:
+        return [_build(raw, read_as)]
+    labels = _labels(raw)
+    try:
+        whole = _build(raw, read_as)
+    except RecordingError:
+        tests = _tests(raw, read_as, labels)
+        if len(tests) < 2:
+            raise
+    else:
+        tests = _tests(raw, read_as, labels) if labels else []
+    if len(tests) < 2:
+        return [whole]
+    return [_build(raw, replace(read_as, test=test.name)) for test in tests]
+
+
+@dataclass(frozen=True, eq=False)
+class _Raw:
+    """What a file holds, before anything is made of it."""
+
+    name: str
+    path: Path | None
+    texts: list[str]  # headers
+    columns: list[FloatArray]
+    where: str  # the header
+    place: Callable[[int], str]
+    bad: Mapping[int, BadCell] = field(default_factory=dict)
+    texts_in: Mapping[int, str] = field(default_factory=dict)
+    half_digit: Callable[[int, float], FloatArray] | None = None
+    text: Callable[[int], Iterator[str]] | None = None  # column → its cells as written
+
+    @property
+    def file(self) -> str:
+        """What messages call it."""
+        return self.path.name if self.path else self.name
+
+    def rows(self, first: int, last: int) -> _Raw:
+        """Return the rows from one to before another."""
+        half, place = self.half_digit, self.place
+        return replace(
+            self,
+            columns=[column[first:last] for column in self.columns],
+            place=lambda k: place(k + first),
+            half_digit=None if half is None else lambda j, factor: half(j, factor)[first:last],
+        )
+
+
+def _raw(path: Path, read_as: ReadAs) -> _Raw:
+    """Read a file, of whatever kind."""
     columns = _binary(path)
     if columns is None:
         return _read_text(path, read_as)
-    return recording_from_columns(path.stem, columns, path=path, read_as=read_as)
+    return _raw_columns(path.stem, columns, path)
 
 
 def recording_from_columns(
@@ -203,10 +276,15 @@ def recording_from_columns(
     RecordingError
         There is no time, or something in a column is no sample.
     """
+    return _build(_raw_columns(name, columns, path), read_as)
+
+
+def _raw_columns(name: str, columns: Columns, path: Path | None) -> _Raw:
+    """Return columns as what a file holds."""
     where = path.name if path else name
     _check_finite(where, columns.headers, columns.columns)
     texts = {j: columns.texts[header] for j, header in enumerate(columns.headers) if header in columns.texts}
-    return _build(
+    return _Raw(
         name,
         path,
         list(columns.headers),
@@ -214,8 +292,30 @@ def recording_from_columns(
         where=where,
         place=lambda k: f"{where} sample {k}",
         texts_in=texts,
-        read_as=read_as,
     )
+
+
+def _labels(raw: _Raw) -> dict[str, list[str]]:
+    """Return the columns that name tests, as texts."""
+    found = {}
+    for j, text in enumerate(raw.texts):
+        if not names_tests(parse_header(text).name):
+            continue
+        if j in raw.bad and raw.text is not None:
+            found[text] = list(raw.text(j))
+        elif j not in raw.texts_in and j not in raw.bad:
+            found[text] = [f"{value:g}" for value in raw.columns[j].tolist()]
+    return {name: texts for name, texts in found.items() if 1 < len(set(texts)) <= len(texts) // MIN_SAMPLES}
+
+
+def _tests(raw: _Raw, read_as: ReadAs, labels: Mapping[str, Sequence[str]]) -> list[Part]:
+    """Return the tests that a file holds; none where even its time cannot be told."""
+    headers, _ = read_as.headers(raw.texts, where=raw.where)
+    clock, unit = _time_column(headers, raw.where, read_as)
+    time = raw.columns[clock]
+    if clock in raw.bad or clock in raw.texts_in or np.isnan(time).any():
+        return []
+    return parts(unit.to_si(time), labels, least=MIN_SAMPLES)
 
 
 def _binary(path: Path) -> Columns | None:
@@ -247,8 +347,14 @@ def _binary(path: Path) -> Columns | None:
     return read_mat(path, head) if is_mat(path, head) else None
 
 
-def _read_text(path: Path, read_as: ReadAs) -> Recording:
-    table = read_table(path, HeaderRules(is_header=_has_time, is_units=_are_units, complain=_no_time))
+def _read_text(path: Path, read_as: ReadAs) -> _Raw:
+    rules = HeaderRules(
+        is_header=functools.partial(_is_header, read_as=read_as),
+        is_units=_are_units,
+        complain=functools.partial(_no_time, read_as=read_as),
+        is_bare=read_as.by_number,
+    )
+    table = read_table(path, rules)
     texts = list(table.header)
     if table.units is not None:
         for j, unit in enumerate(table.units[: len(texts)]):
@@ -258,7 +364,7 @@ def _read_text(path: Path, read_as: ReadAs) -> Recording:
     def place(k: int) -> str:
         return f"{path.name} line {table.line[k]}"
 
-    where = f"{path.name} line {table.header_line}"
+    where = path.name if read_as.by_number else f"{path.name} line {table.header_line}"
     keep = [j for j, text in enumerate(texts) if text or not np.isnan(table.columns[j]).all() or j in table.bad]
     columns, bad, half_digits = list(table.columns), dict(table.bad), {}
     for j in keep:
@@ -273,7 +379,7 @@ def _read_text(path: Path, read_as: ReadAs) -> Recording:
             return np.full(len(table.line), half_digits[keep[new]])
         return factor * half_last_digit(table.text(keep[new]), len(table.line))
 
-    return _build(
+    raw = _Raw(
         path.stem,
         path,
         [texts[j] or f"column {j + 1}" for j in keep],
@@ -282,8 +388,21 @@ def _read_text(path: Path, read_as: ReadAs) -> Recording:
         place=place,
         bad={new: bad[j] for new, j in enumerate(keep) if j in bad},
         half_digit=half_digit,
-        read_as=read_as,
+        text=lambda new: table.text(keep[new]),
     )
+    return _with_times_at_the_end(raw, read_as)
+
+
+def _with_times_at_the_end(raw: _Raw, read_as: ReadAs) -> _Raw:
+    """Return a file without the rows at its end that have no time: of other columns that are longer."""
+    headers, _ = read_as.headers(raw.texts, where=raw.where)
+    if read_as.rate is not None or not _is_header([header.name for header in headers], read_as=read_as):
+        return raw
+    clock, _ = _time_column(headers, raw.where, read_as)
+    known = np.flatnonzero(~np.isnan(raw.columns[clock]))
+    if clock in raw.bad or len(known) < MIN_SAMPLES or int(known[-1]) + 1 != len(known):
+        return raw
+    return raw.rows(0, len(known))
 
 
 def recording_from_arrays(
@@ -321,7 +440,7 @@ def recording_from_arrays(
                 f"{name}: {text!r} has shape {column.shape}; it should be one-dimensional and as long as time"
             )
     _check_finite(name, texts, columns)
-    return _build(name, path, texts, columns, where=name, place=lambda k: f"{name} sample {k}")
+    return _build(_Raw(name, path, texts, columns, where=name, place=lambda k: f"{name} sample {k}"), AS_WRITTEN)
 
 
 def _check_finite(where: str, texts: Sequence[str], columns: Sequence[FloatArray]) -> None:
@@ -352,13 +471,20 @@ def write_recording(recording: Recording, path: Path) -> None:
     write_files({Path(path): ("\n".join(lines) + "\n").encode()})
 
 
-def _has_time(cells: Sequence[str]) -> bool:
-    return any(role_of(parse_header(cell).name) == "time" for cell in cells)
+def _is_header(cells: Sequence[str], *, read_as: ReadAs) -> bool:
+    """Return whether cells are a header: one of them is the time, or any signal where the times are not in the file."""
+    names = [parse_header(cell).name for cell in cells]
+    if "time" in read_as.columns:
+        return plain(read_as.columns["time"]) in {plain(text) for text in (*names, *cells)}
+    roles = {role_of(name) for name in names}
+    return bool(roles - {None}) if read_as.rate is not None else "time" in roles
 
 
-def _no_time(where: str, cells: Sequence[str]) -> NoReturn:
+def _no_time(where: str, cells: Sequence[str], *, read_as: ReadAs = AS_WRITTEN) -> NoReturn:
+    named = read_as.columns.get("time", "time [s]")
     raise RecordingError(
-        f"{where}: there is no time column{suggestion('time [s]', cells)}; one column should be called time [s]"
+        f"{where}: there is no time column{suggestion(named, cells)}; one column should be called time [s];"
+        " --column time=… says which it is, or --rate HZ that there is none"
     )
 
 
@@ -369,28 +495,24 @@ def _are_units(cells: Sequence[str]) -> bool:
     )
 
 
-def _build(
-    name: str,
-    path: Path | None,
-    texts: list[str],
-    columns: list[FloatArray],
-    *,
-    where: str,
-    place: Callable[[int], str],
-    bad: Mapping[int, BadCell] | None = None,
-    texts_in: Mapping[int, str] | None = None,
-    half_digit: Callable[[int, float], FloatArray] | None = None,
-    read_as: ReadAs = AS_WRITTEN,
-) -> Recording:
+def _build(raw: _Raw, read_as: ReadAs) -> Recording:
     """Check the columns, convert them to SI, and put them on their clock."""
-    bad, held = bad or {}, texts_in or {}
-    file = path.name if path else name
+    name = raw.name
+    if read_as.rate is not None:
+        times = np.arange(len(raw.columns[0]), dtype=np.float64) / read_as.rate
+        raw = replace(raw, texts=[*raw.texts, "time [s]"], columns=[*raw.columns, times], half_digit=None)
+    if read_as.test is not None:
+        raw, name = _part(raw, read_as), f"{raw.name} {read_as.test}"
+    left_out = _first_rows(raw, read_as)
+    raw = raw.rows(left_out, len(raw.columns[0])) if left_out else raw
+    texts, columns, where, place = raw.texts, raw.columns, raw.where, raw.place
+    path, bad, held, file, half_digit = raw.path, raw.bad, raw.texts_in, raw.file, raw.half_digit
     headers, given = read_as.headers(texts, where=where)
     written = [header.text for header in headers]
     for text in written:
         if written.count(text) > 1:
             raise RecordingError(f"{where}: two columns are called {text!r}; give each its own name")
-    clock, time_unit = _time_column(headers, where)
+    clock, time_unit = _time_column(headers, where, read_as)
     names = [header.name for header in headers]
     names = [h.text if names.count(h.name) > 1 else h.name for h in headers]
 
@@ -455,12 +577,12 @@ def _build(
         unreadable={names[j]: too_large(j) for j in huge} | {names[j]: not_a_number(j) for j in (*bad, *held)},
         even=ticks.even,
         missing_rows=ticks.time.size - time.size,
+        left_out=left_out,
         clock=_header_text(headers[clock], clock in given),
         given_units=tuple("time" if j == clock else names[j] for j in sorted(given)),
     )
-    places = read_as.places([header for header in headers if header is not headers[clock]], where=file)
-    others = [name for j, name in enumerate(names) if j != clock]
-    return replace(recording, roles={role: others[j] for role, j in places.items()})
+    places = {role: j for role, j in read_as.places(headers, where=file).items() if role != "time"}
+    return replace(recording, roles={role: names[j] for role, j in places.items()})
 
 
 def _header_text(header: Header, given: bool) -> str:
@@ -474,8 +596,32 @@ def _huge(column: FloatArray) -> int | None:
     return int(np.argmax(above)) if above.any() else None
 
 
-def _time_column(headers: list[Header], where: str) -> tuple[int, Unit]:
-    ranked = [(rank, j) for j, h in enumerate(headers) if (rank := rank_in_role(h.name, "time")) is not None]
+def _part(raw: _Raw, read_as: ReadAs) -> _Raw:
+    """Return the rows of the test that is asked for."""
+    found = _tests(raw, read_as, _labels(raw))
+    chosen = next((part for part in found if part.name == read_as.test), None)
+    if chosen is None:
+        known = ", ".join(part.name for part in found[:20]) or "one test"
+        raise RecordingError(f"{raw.file} has no test {read_as.test!r}; it holds {known}; take one of these")
+    return raw.rows(chosen.first, chosen.last)
+
+
+def _first_rows(raw: _Raw, read_as: ReadAs) -> int:
+    """Return how many rows at the start are stamped no earlier than what follows: a logger's first stamps often are."""
+    headers, _ = read_as.headers(raw.texts, where=raw.where)
+    clock, _ = _time_column(headers, raw.where, read_as)
+    time = raw.columns[clock]
+    falls = np.flatnonzero(np.diff(time) <= 0) + 1
+    return int(falls[-1]) if len(falls) and falls[-1] <= MOST_LEFT_OUT and time.size > MIN_SAMPLES + 2 else 0
+
+
+def _time_column(headers: list[Header], where: str, read_as: ReadAs) -> tuple[int, Unit]:
+    if read_as.rate is not None:
+        return len(headers) - 1, unit_of("time")
+    if "time" in read_as.columns:
+        ranked = [(0, read_as.places(headers, where=where)["time"])]
+    else:
+        ranked = [(rank, j) for j, h in enumerate(headers) if (rank := rank_in_role(h.name, "time")) is not None]
     if not ranked:
         _no_time(where, [header.text for header in headers])
     clock = min(ranked)[1]

@@ -6,7 +6,8 @@ does. Times printed as 0.001, 0.002, … give 0.001 exactly; 0.0003, 0.0007, 0.0
 samples give 1/3000.
 
 Rows that are missing are found by their times, one step and more apart, and kept as places without a sample. A clock
-that jitters is taken as it is printed: its times are real, only nearly equal.
+that jitters is taken as it is printed, whatever its spread: its times are real. One time that is off, or a pause in a
+clock that is even, is an error: nobody can tell what happened there.
 """
 
 from __future__ import annotations
@@ -22,7 +23,8 @@ from estimator.recordings.units import FloatArray
 
 OFF_GRID = 0.01  # of the step: further off is no uniform grid
 JITTER = 0.25  # of the step: an interval further off a whole number of steps is an error
-FEW = 0.05  # of the rows: fewer off the grid than these are mistakes, and not a clock that jitters
+ONCE, EXACT = 1, 1e-3  # row off the grid, of the step the others: one alone is a mistake, else the clock jitters
+OFTEN, PAUSE = 3, 20  # intervals off any grid that are a clock without one; times the usual interval: a pause
 MISSING = 3  # times the rows that are there: more missing ones are an error
 
 
@@ -56,16 +58,17 @@ def sampling_clock(
     Raises
     ------
     RecordingError
-        Time does not increase, or is neither on a uniform grid nor, in many rows, beside one by under a quarter
-        of a step.
+        Time does not increase, is off a uniform grid in one row only, or pauses.
     """
     try:
         start, step = uniform_grid(times, place=place, half_digit=half_digit)
     except RecordingError:
         found = _with_gaps(times, half_digit)
         if found is None:
-            if (k := _beyond_jitter(times)) is not None:
-                raise RecordingError(_too_far(times, k, place)) from None
+            found = _without_grid(times, half_digit)
+        if found is None:
+            if (k := _pause(times)) is not None:
+                raise RecordingError(_paused(times, k, place)) from None
             raise
         return found
     return Clock(start + np.arange(times.size, dtype=np.float64) * step, step)
@@ -96,29 +99,49 @@ def _with_gaps(times: FloatArray, half_digit: Callable[[], FloatArray] | None) -
     if not away.any():
         start, step = _plainest(times, step, float(np.abs(off).max()), rows)
         return Clock(start + np.arange(n, dtype=np.float64) * step, step, missing)
-    if away.mean() < FEW:
+    if away.sum() <= ONCE and _is_exact(times[~away], rows[~away], half[~away]):
         return None
     return Clock(np.interp(np.arange(n), rows, times), step, missing, even=False)
 
 
-def _beyond_jitter(times: FloatArray) -> int | None:
-    """Return the first row that comes too early or too late for a clock that jitters; None where few rows are off."""
+def _pause(times: FloatArray) -> int | None:
+    """Return the first row after a pause of a clock that jitters; None where there is none."""
     steps = np.diff(times)
-    if (steps <= 0).any():
-        return None
     usual = float(np.median(steps))
-    off = np.abs(steps / usual - np.maximum(np.round(steps / usual), 1))
-    if (off > OFF_GRID).mean() <= 2 * FEW or not (off > JITTER).any():  # a row that is off spoils two intervals
+    if (steps <= 0).any() or not (steps > PAUSE * usual).any():
         return None
-    return int(np.argmax(off > JITTER)) + 1
+    jitters = np.count_nonzero(np.abs(steps - usual) > OFF_GRID * usual) >= OFTEN
+    return int(np.argmax(steps > PAUSE * usual)) + 1 if jitters else None
 
 
-def _too_far(times: FloatArray, k: int, place: Callable[[int], str]) -> str:
+def _paused(times: FloatArray, k: int, place: Callable[[int], str]) -> str:
     usual = float(np.median(np.diff(times)))
     return (
-        f"{place(k)}: time is {float(times[k] - times[k - 1]):.4g} s after the row before; a clock may jitter by"
-        f" {JITTER:.0%} of its step, {usual:.4g} s, and skip whole steps; correct it, or resample to equal steps"
+        f"{place(k)}: time is {float(times[k] - times[k - 1]):.4g} s after the row before, where {usual:.4g} s is"
+        " usual; save what was logged before and after this pause as two recordings"
     )
+
+
+def _is_exact(times: FloatArray, rows: FloatArray, half: FloatArray) -> bool:
+    """Return whether times, (m,) s, are on their grid as well as they are printed: a clock that does not jitter."""
+    step, start = np.polyfit(rows, times, 1)
+    off = float(np.median(np.abs(times - start - step * rows)))
+    return off <= max(EXACT * float(step), 1.5 * float(np.median(half)))
+
+
+def _without_grid(times: FloatArray, half_digit: Callable[[], FloatArray] | None) -> Clock | None:
+    """Return the clock of times that lie on no grid at all; None if they do but for a mistake or a pause."""
+    steps = np.diff(times)
+    usual = float(np.median(steps))
+    off = np.abs(steps / usual - np.round(steps / usual)) > JITTER
+    off |= steps < usual / 2
+    if (steps <= 0).any() or (steps > PAUSE * usual).any():
+        return None
+    print_error = 0.0 if half_digit is None else 2 * float(np.median(half_digit()))
+    jitters = float(np.median(np.abs(steps - usual))) > max(EXACT * usual, print_error)
+    if np.count_nonzero(off) < OFTEN and not jitters:
+        return None
+    return Clock(times.copy(), usual, even=False)
 
 
 def uniform_grid(

@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
-from estimator.recordings.headers import assumed_unit_text, parse_header
+from estimator.recordings.headers import ROLE_QUANTITY, assumed_unit_text, parse_header
 from estimator.recordings.recording import Recording
-from estimator.recordings.units import examples, parse_unit
+from estimator.recordings.units import examples, parse_unit, unit_of
 
 
 @dataclass(frozen=True)
@@ -20,13 +20,14 @@ class Understood:
     signal : its name here, "w"
     column : its header as written, "speed [rpm]"
     unit : that the samples were taken to be in, "rpm"; "" for none
-    unit_from : "header"; "user", who overruled it; "name", taken as usual for a column of that name; or "nobody"
+    unit_from : "header"; "user", who overruled it; "name", taken as usual for a column of that name; "made", as
+        it follows from other columns; or "nobody"
     """
 
     signal: str
     column: str
     unit: str
-    unit_from: Literal["header", "user", "name", "nobody"]
+    unit_from: Literal["header", "user", "name", "nobody", "made"]
 
     @property
     def is_guess(self) -> bool:
@@ -60,10 +61,12 @@ def how_to_overrule(read: Understood) -> str:
 
 
 def _of(recording: Recording, signal: str, text: str, column: str) -> Understood:
+    if column in recording.made:
+        return Understood(signal, recording.made[column], recording.units[column], "made")
     header = parse_header(text)
     if header.unit_text is not None:
         return Understood(signal, text, header.unit_text, "user" if column in recording.given_units else "header")
-    usual = assumed_unit_text(header.name) or ("s" if column == "time" else None)
+    usual = assumed_unit_text(header.name) or (unit_of(ROLE_QUANTITY[signal]).si if signal in ROLE_QUANTITY else None)
     if usual is None:
         return Understood(signal, text, "", "nobody")
     return Understood(signal, text, usual, "name")

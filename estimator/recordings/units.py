@@ -115,7 +115,7 @@ _WORDS: tuple[tuple[str, float, float, float, str], ...] = (
     ("torque", 1, 1e2, 0, "n.cm ncm n-cm"),
     ("temperature", 1, 1, 273.15, "degc celsius"),
     ("ratio", 1, 1, 0, "1 -"),
-    ("ratio", 1, 100, 0, "% percent"),
+    ("ratio", 1, 100, 0, "% percent pct"),
     ("count", 1, 1, 0, "count counts cnt cnts tick ticks pulse pulses inc incs"),
     ("mass", 1, 1e3, 0, "g"),
 )

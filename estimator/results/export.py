@@ -7,23 +7,15 @@ import hashlib
 import os
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
-from estimator.results.result import Comparison, Estimate, Setting
+from estimator.results.figure_process import draw
+from estimator.results.result import Estimate, Setting
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from estimator.results.report_html import Pictures
+Begin = Callable[[Estimate, Sequence[str]], Callable[[], dict[str, bytes]]]
 
 FIGURE_FORMATS = ("png", "svg", "pdf")
 RESULT_FILES = ("result.json", "report.html", "parameters.ssv", *(f"figure.{kind}" for kind in FIGURE_FORMATS))
-MOST_FIGURES = 12  # in the HTML report, one a recording
-CAPTION = (
-    "{}: measured against simulated; the residual is measured minus simulated, "
-    "the band is two standard deviations of the noise."
-)
 
 SSV = "http://ssp-standard.org/SSP1/SystemStructureParameterValues"
 SSC = "http://ssp-standard.org/SSP1/SystemStructureCommon"
@@ -52,6 +44,7 @@ def result_files(
     command: str = "",
     sources: Iterable[str | os.PathLike[str]] = (),
     figures: Iterable[str] = (),
+    begin: Begin | None = None,
 ) -> dict[str, bytes]:
     """Return the content of all result files that this estimate has, by name.
 
@@ -63,6 +56,8 @@ def result_files(
         FMU, case file and recordings; the report lists their SHA-256.
     figures : "svg", "pdf"
         Formats of the figure besides PNG.
+    begin : callable, optional
+        Begins to draw the figure elsewhere, as `FigureProcess.begin`, while the rest is made here.
 
     Notes
     -----
@@ -71,19 +66,10 @@ def result_files(
     """
     from estimator.results import report, report_html
 
+    drawn = (begin or _here)(estimate, tuple(dict.fromkeys(("png", *figures))))
     files = {"result.json": report.to_json(estimate).encode()}
-    whole = whole_figure(estimate)
-    if whole is not None:
-        from estimator.results.plots import rendered
-
-        files |= {f"figure.{kind}": rendered(whole, kind) for kind in dict.fromkeys(("png", *figures))}
-    html = report_html.html_report(
-        estimate,
-        figures=_captioned(estimate, whole=files.get("figure.png")),
-        pictures=_pictures(estimate),
-        command=command,
-        checksums=checksums(sources),
-    )
+    html = report_html.html_report(estimate, command=command, checksums=checksums(sources))
+    files |= drawn()
     files["report.html"] = html.encode()
     if estimate.parameters and estimate.verdict != "refused":
         files["parameters.ssv"] = parameter_set(estimate)
@@ -168,48 +154,5 @@ def checksums(paths: Iterable[str | os.PathLike[str]]) -> dict[str, str]:
     return found
 
 
-def _shown(estimate: Estimate) -> list[Comparison]:
-    return [c for c in estimate.comparisons if c.measured and len(c.time) > 1]
-
-
-def whole_figure(estimate: Estimate) -> Figure | None:
-    """Return the figure of all recordings together; None where there is nothing to draw."""
-    from estimator.results import plots
-
-    comparisons = _shown(estimate)
-    return plots.comparison_figure(comparisons, noise=estimate.noise) if comparisons else None
-
-
-def _captioned(estimate: Estimate, *, whole: bytes | None) -> list[tuple[str, bytes]]:
-    """Return (caption, PNG) of each recording; `whole` is that of all of them."""
-    from estimator.results import plots
-
-    comparisons = _shown(estimate)
-    if len(comparisons) == 1 and whole is not None:
-        return [(CAPTION.format(comparisons[0].name), whole)]
-    return [
-        (CAPTION.format(c.name), plots.png(plots.comparison_figure([c], noise=estimate.noise)))
-        for c in comparisons[:MOST_FIGURES]
-    ]
-
-
-def _pictures(estimate: Estimate) -> Pictures:
-    """Return the figures of the report besides those of the recordings."""
-    from estimator.results import plots, summary_plots
-    from estimator.results.report_html import Pictures
-
-    bars = summary_plots.parameter_figure(estimate) if estimate.parameters else None
-    units = {name: p.unit for name, p in {**estimate.parameters, **estimate.chain}.items()}
-    profiles = summary_plots.profile_figure(estimate.profiles, units=units) if estimate.profiles else None
-    history = estimate.history
-    searched = history is not None and len(history.simulations) >= 2
-    convergence = summary_plots.convergence_figure(history) if searched and history is not None else None
-    seen = [] if estimate.validation is None else estimate.validation.comparisons[:MOST_FIGURES]
-    return Pictures(
-        parameters=None if bars is None else plots.png(bars),
-        profiles=None if profiles is None else plots.png(profiles),
-        convergence=None if convergence is None else plots.png(convergence),
-        validation=[
-            (CAPTION.format(c.name), plots.png(plots.comparison_figure([c], noise=estimate.noise))) for c in seen
-        ],
-    )
+def _here(estimate: Estimate, kinds: Sequence[str]) -> Callable[[], dict[str, bytes]]:
+    return lambda: draw(estimate, kinds)

@@ -9,13 +9,16 @@ import csv
 import io
 import json
 import re
+from collections.abc import Mapping
 from typing import Any
+
+import numpy as np
 
 from estimator.errors import InputError
 from estimator.results.cells import harmless
 from estimator.results.linear import INPUTS, MOTOR, STATES, is_motor, matrices, transfer_functions
 from estimator.results.report import json_ready, to_mapping
-from estimator.results.result import Estimate, ParameterEstimate, Setting
+from estimator.results.result import DerivedQuantity, Estimate, ParameterEstimate, Setting, StandardUncertainty
 
 MSL = {  # what takes each value in a motor made of the Modelica Standard Library
     "R": "Modelica.Electrical.Analog.Basic.Resistor resistor(R={})",
@@ -36,7 +39,9 @@ def estimate_from_json(text: str, *, source: str = "result.json") -> Estimate:
     """
     try:
         data = json.loads(text)
-        parameters = {name: _parameter(name, entry) for name, entry in data["parameters"].items()}
+        given = data.get("tolerance", {})
+        budget = {n: {s: t["shift"][n] for s, t in given.items() if n in t["shift"]} for n in data["parameters"]}
+        parameters = {name: _parameter(name, entry, budget[name]) for name, entry in data["parameters"].items()}
         return Estimate(
             verdict=data["verdict"],
             reasons=tuple(data["reasons"]),
@@ -50,6 +55,13 @@ def estimate_from_json(text: str, *, source: str = "result.json") -> Estimate:
             seconds=data["seconds"],
             fmu=data["fmu"],
             versions=data["versions"],
+            tolerances={
+                source: StandardUncertainty(
+                    t["given"], t["distribution"], t["standard_uncertainty"], t["unit"], t["left"]
+                )
+                for source, t in given.items()
+            },
+            **_numbers(data),
         )
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise InputError(
@@ -143,7 +155,27 @@ def state_space_json(estimate: Estimate) -> bytes:
     return (json.dumps(json_ready(content), indent=2, allow_nan=False) + "\n").encode()
 
 
-def _parameter(name: str, entry: dict[str, Any]) -> ParameterEstimate:
+def _numbers(data: dict[str, Any]) -> dict[str, Any]:
+    """Return what an estimate says in numbers besides its parameters, as far as its result.json has it."""
+    correlation = data.get("correlation") or {}
+    rows = [[entry.get(name) for name in correlation] for entry in correlation.values()]
+    return {
+        "derived": {
+            name: DerivedQuantity(float(q["value"]), float(q["standard_error"]), q["unit"])
+            for name, q in data.get("derived", {}).items()
+            if q["value"] is not None and q["standard_error"] is not None
+        },
+        "chain": {name: _parameter(name, entry) for name, entry in data.get("measurement_chain", {}).items()},
+        "correlation": np.array(rows, dtype=float) if rows else None,  # None, no number, becomes NaN
+        "correlated": tuple(correlation),
+        "notes": tuple(data.get("notes", ())),
+        "recordings": tuple(data.get("recordings", ())),
+        "about": dict(data.get("about", {})),
+        **{name: dict(data.get(name, {})) for name in ("rmse", "fit_percent", "noise", "sample_noise")},
+    }
+
+
+def _parameter(name: str, entry: dict[str, Any], budget: Mapping[str, float] | None = None) -> ParameterEstimate:
     known = entry.get("variables")
     settings = None
     if known is not None:
@@ -166,6 +198,8 @@ def _parameter(name: str, entry: dict[str, Any]) -> ParameterEstimate:
         free=entry["free"],
         nominal=entry["nominal"],
         settings=settings,
+        repeatability=entry.get("repeatability"),
+        budget=budget or {},
     )
 
 

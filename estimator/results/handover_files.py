@@ -39,6 +39,26 @@ def read_result(path: Path) -> Estimate:
     return estimate_from_json(text, source=str(file))
 
 
+def told_results(paths: Sequence[Path]) -> list[str]:
+    """Return a short name for each result: its folder's, or its file's, with as many folders as tell them apart.
+
+    Raises
+    ------
+    InputError
+        A result is given twice.
+    """
+    whole = [path.absolute().parent if path.name == RESULT else path.absolute() for path in paths]
+    for k, path in enumerate(whole):
+        if path in whole[:k]:
+            raise InputError(f"the result {paths[k]} is given twice; leave one out")
+    parts = [path.with_suffix("") if path.suffix == ".json" else path for path in whole]
+    for count in range(1, max(len(path.parts) for path in parts) + 1):
+        names = ["/".join(path.parts[-count:]) for path in parts]
+        if len(set(names)) == len(names):
+            return names
+    return [str(path) for path in paths]
+
+
 def handover_files(
     estimate: Estimate, *, formats: Sequence[str] = (), fmu: str | None = None
 ) -> tuple[dict[str, bytes], list[str]]:

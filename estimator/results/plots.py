@@ -75,6 +75,15 @@ def comparison_figure(comparisons: Sequence[Comparison], *, noise: Mapping[str, 
     return fig
 
 
+def warm_up() -> None:
+    """Load all that drawing takes, fonts included, so that the first figure takes no longer than the next."""
+    from matplotlib.figure import Figure
+
+    fig = Figure(figsize=(1, 1))
+    fig.add_axes((0.3, 0.3, 0.6, 0.6)).set_xlabel("time [s]", fontsize="small")
+    png(fig)
+
+
 def png(fig: Figure, *, dpi: float = DPI) -> bytes:
     """Return a figure as a PNG file's content; the same figure gives the same bytes."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg

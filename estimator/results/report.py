@@ -9,6 +9,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+from estimator.results.budget_table import budget_line, budget_mapping
 from estimator.results.numbers import ABSENT, deviation_text, magnitude, number_text, relative_text, value_texts
 from estimator.results.result import Estimate, OtherValues, ParameterEstimate, Validation, Verdict
 
@@ -101,10 +102,12 @@ def _blocks(estimate: Estimate) -> list[_Block]:
 
     verdict = f"{TITLES[estimate.verdict].upper()}: {meaning(estimate)}"
     blocks = [_Block("reasons", verdict, estimate.reasons)]
-    if read := read_lines(estimate):
+    if read := [*read_lines(estimate), *([about_line(estimate)] if estimate.about else [])]:
         blocks.insert(0, _Block("read", read[0], ()) if len(read) == 1 else _Block("read", READ, tuple(read)))
     if estimate.parameters:
         blocks.append(rows("parameters", parameter_rows(estimate), (1, 3, 5, 6)))
+    if told := budget_line(estimate):
+        blocks.append(_Block("budget", told, ()))
     if estimate.chain:
         blocks.append(rows("chain", chain_rows(estimate), (1, 3)))
     if estimate.derived:
@@ -277,6 +280,11 @@ def others_text(others: OtherValues) -> str:
     )
 
 
+def about_line(estimate: Estimate) -> str:
+    """Return what the user says of the estimate, in a line."""
+    return ", ".join(f"{name} {value}" for name, value in estimate.about.items())
+
+
 def cost_lines(estimate: Estimate) -> list[str]:
     """Return sentences about what the estimate cost and how it was made."""
     phases = ", ".join(f"{count} {phase}" for phase, count in estimate.simulations_by_phase.items() if count)
@@ -326,6 +334,7 @@ def to_mapping(estimate: Estimate) -> dict[str, Any]:
             correlation[name] = dict(zip(estimate.correlated, row, strict=True))
     mapping = {
         "verdict": estimate.verdict,
+        "about": estimate.about,
         "reasons": estimate.reasons,
         "notes": estimate.notes,
         "parameters": {name: _parameter_mapping(p) for name, p in estimate.parameters.items()},
@@ -334,9 +343,10 @@ def to_mapping(estimate: Estimate) -> dict[str, Any]:
         "read": estimate.read,
         "recordings": estimate.recordings,
         "derived": {
-            name: {"value": q.value, "standard_error": q.standard_error, "unit": q.unit}
+            name: {"value": q.value, "standard_error": q.standard_error, "uncertainty": q.uncertainty, "unit": q.unit}
             for name, q in estimate.derived.items()
         },
+        **budget_mapping(estimate),
         "correlation": correlation,
         "information": estimate.information,
         "rmse": estimate.rmse,
@@ -408,6 +418,8 @@ def _parameter_mapping(parameter: ParameterEstimate) -> dict[str, Any]:
     return {
         "value": parameter.value,
         "standard_error": parameter.standard_error,
+        "uncertainty": parameter.uncertainty,
+        "repeatability": parameter.repeatability,
         "unit": parameter.unit,
         "at_bound": parameter.at_bound,
         "status": parameter.status,

@@ -1,16 +1,29 @@
-"""An estimate as one HTML file that needs nothing else: no network, no script. Knows only the result.
+"""An estimate as one HTML file that needs nothing else: no network. Knows only the result.
 
-The verdict comes first, in words; what is needed to repeat the estimate comes last. Readable in print.
+The first screen holds the verdict, what was read, the parameters on one relative axis and the transient; what is
+needed to repeat the estimate comes last, folded away. Light and dark; two pages in print.
 """
 
 from __future__ import annotations
 
 import base64
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from html import escape
+from typing import Any
 
+from estimator.results.budget_table import budget_rows
+from estimator.results.numbers import ABSENT, number_text, relative_text, value_texts
+from estimator.results.page_figures import (
+    convergence_chart,
+    legend,
+    profile_charts,
+    recording_chart,
+    transient_chart,
+    whiteness_charts,
+)
+from estimator.results.pages import asset, drawn, page
+from estimator.results.reason import Place, places_of
 from estimator.results.report import (
     SIGNAL_WORDS,
     TITLES,
@@ -21,142 +34,101 @@ from estimator.results.report import (
     json_ready,
     meaning,
     others_text,
+    parameter_note,
     parameter_rows,
     read_lines,
     signal_rows,
 )
-from estimator.results.result import Estimate
+from estimator.results.residuals import recording_fits, whiteness
+from estimator.results.result import Comparison, Estimate, ParameterEstimate
+from estimator.results.svg import Bar, bar, bar_axis, bar_limit
 
-PROFILE_CAPTION = (
+MOST_CHARTS = 12  # of whole recordings
+AROUND = 0.04  # of a recording: shown around the place where a reason lies
+CAPTION = "{}: measured and simulated; the band around the residuals is two standard deviations of them."
+PROFILE_WORDS = (
     "A rise of 1 is one standard error. Where the blue line is a parabola, the error bars hold; where it is flat to one"
     " side, the data set a limit on that side only. Far steeper with the others held: see the correlation."
 )
-STYLE = """
-:root { color-scheme: light; }
-body { font: 16px/1.5 system-ui, "Segoe UI", "DejaVu Sans", sans-serif; color: #1a1a1a; background: #fff;
-       max-width: 70rem; margin: 2rem auto; padding: 0 1.5rem; }
-h1 { font-size: 1.6rem; margin: 0 0 1rem; overflow-wrap: anywhere; }
-h2 { font-size: 1.15rem; margin: 2.2rem 0 .6rem; }
-.verdict { border: 1px solid; border-left-width: .6rem; padding: .8rem 1.2rem; }
-.verdict strong { font-size: 1.25rem; }
-.verdict p, .verdict ul { margin: .2rem 0; }
-.ok { border-color: #0072b2; } .doubtful { border-color: #e69f00; } .refused { border-color: #d55e00; }
-.wide { overflow-x: auto; }
-table { border-collapse: collapse; margin-bottom: .8rem; font-variant-numeric: tabular-nums; }
-th, td { text-align: left; vertical-align: top; padding: .25rem .9rem .25rem 0;
-         border-bottom: 1px solid #ddd; }
-th { font-weight: 600; white-space: nowrap; }
-.number { text-align: right; white-space: nowrap; }
-td:last-child:not(.number) { min-width: 8rem; }
-img { max-width: 100%; height: auto; display: block; }
-figure { margin: 0 0 1.2rem; }
-figcaption, .small { color: #555; font-size: .9rem; }
-pre, code { font: .85rem/1.4 ui-monospace, "DejaVu Sans Mono", monospace; overflow-wrap: anywhere;
-            white-space: pre-wrap; }
-pre { background: #f4f4f4; padding: .8rem 1rem; }
-@media print { body { max-width: none; margin: 0; padding: 0; font-size: 9.5pt; } h2 { break-after: avoid; }
-               figure, tr, .verdict { break-inside: avoid; } .wide { overflow: visible; }
-               table, td code { font-size: 7.8pt; } th, td { padding-right: .5rem; } }
-"""
-
-FRAGMENT_STYLE = """
-.fmu-estimator .verdict { border: 1px solid; border-left-width: .6rem; padding: .5rem 1rem; margin-bottom: .6rem; }
-.fmu-estimator .ok { border-color: #0072b2; }
-.fmu-estimator .doubtful { border-color: #e69f00; }
-.fmu-estimator .refused { border-color: #d55e00; }
-.fmu-estimator .number { text-align: right; }
-.fmu-estimator img { max-width: 100%; }
-"""
+BAR_WORDS = "± is one standard error: what noise alone does. A sensor's gain or offset error comes on top."
+RESIDUAL_WORDS = (
+    "Without outliers, and without the ripple and drift that were found. Of white noise 95 % of the correlations lie"
+    " within the band; the blue curve is a normal distribution."
+)
+Table = dict[str, Any]
 
 
 @dataclass(frozen=True)
-class Pictures:
-    """PNG files of the report besides those of the recordings; None where there is nothing to show.
+class _Row:
+    """One line of a table with error bars."""
 
-    Attributes
-    ----------
-    parameters : error bars beside nominal values and bounds
-    profiles : cost around every estimate
-    convergence : cost over the search
-    validation : (caption, PNG) of each recording that was not fitted to
-    """
-
-    parameters: bytes | None = None
-    profiles: bytes | None = None
-    convergence: bytes | None = None
-    validation: Sequence[tuple[str, bytes]] = ()
+    name: str
+    value: str
+    error: str
+    unit: str
+    relative: str
+    bar: str = ""
+    extra: str = ""
 
 
-def html_report(
-    estimate: Estimate,
-    *,
-    figures: Sequence[tuple[str, bytes]] = (),
-    pictures: Pictures | None = None,
-    command: str = "",
-    checksums: Mapping[str, str] | None = None,
-) -> str:
+@dataclass(frozen=True)
+class _Part:
+    """Some lines of such a table, under a title."""
+
+    rows: Sequence[_Row]
+    title: str = ""
+    extra: bool = False
+
+    @property
+    def width(self) -> int:
+        """Columns that the title spans."""
+        return 7
+
+
+def html_report(estimate: Estimate, *, command: str = "", checksums: Mapping[str, str] | None = None) -> str:
     """Return the report as one HTML document.
 
     Parameters
     ----------
-    figures : (caption, PNG) pairs
-        Measured against simulated signals.
-    pictures : Pictures
-        The other figures.
     command : str
         The command line that repeats the estimate.
     checksums : file → SHA-256
         Of the FMU and of the data.
     """
-    pictures = pictures or Pictures()
-    recordings = ", ".join(comparison.name for comparison in estimate.comparisons)
-    fmu = str(estimate.fmu.get("name", "")) or "FMU"
-    title = f"Parameters of {fmu}" + (f" from {recordings}" if recordings else "")
-    parts = [
-        f"<h1>{escape(title)}</h1>",
-        *(f"<p>{escape(line)}</p>" for line in read_lines(estimate)),
-        _verdict(estimate),
-    ]
-    if estimate.parameters:
-        parts += [_heading("Parameters"), _parameters(estimate)]
-    if estimate.chain:
-        parts += [_table(*chain_rows(estimate), right=(1, 3))]
-    if estimate.derived:
-        parts += [_table(*derived_rows(estimate), right=(1, 3))]
-    if pictures.parameters is not None:
-        caption = "Each parameter on a scale of its own; bounds are drawn where they are near."
-        parts += [_figure(pictures.parameters, caption=caption, alternative="Parameters with error bars")]
-    if estimate.rmse:
-        parts += [_heading("How well the model explains the recording")]
-        parts += [_table(*signal_rows(estimate), right=(1, 2, 3, 5)), f'<p class="small">{SIGNAL_WORDS}</p>']
-    if figures and not estimate.rmse:
-        parts += [_heading("Recording")]
-    for caption, image in figures:
-        parts += [_figure(image, caption=caption, alternative="Measured and simulated signals, and residuals")]
-    if estimate.validation is not None:
-        parts += [_heading("Validation: recordings that were not used for the fit"), _validation(estimate)]
-        for caption, image in pictures.validation:
-            parts += [_figure(image, caption=caption, alternative="Measured and simulated signals, and residuals")]
-    if estimate.notes:
-        parts += [_heading("Found in the data and used"), _list(estimate.notes)]
-    if estimate.correlation is not None and len(estimate.correlated) > 1:
-        parts += [_heading("Correlation of the estimates"), _correlation(estimate)]
-    if pictures.profiles is not None:
-        parts += [_heading("How the cost rises around each estimate")]
-        parts += [_figure(pictures.profiles, caption=PROFILE_CAPTION, alternative="Cost profiles")]
-    parts += [_heading("Cost and convergence"), *(f"<p>{escape(line)}</p>" for line in cost_lines(estimate))]
-    if pictures.convergence is not None:
-        caption = "Cost of the nests over the simulations of the search."
-        parts += [_figure(pictures.convergence, caption=caption, alternative="Costs")]
-    if estimate.failures:
-        parts += [_heading("Failed simulations"), _list(estimate.failures)]
-    parts += [_heading("How to repeat it"), *_repeat(estimate, command=command, checksums=checksums or {})]
-    return (
-        f'<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
-        f'<meta name="viewport" content="width=device-width">\n<link rel="icon" href="data:,">\n'
-        f"<title>{escape(title)}</title>\n<style>{STYLE}</style>\n</head>\n<body>\n"
-        + "\n".join(parts)
-        + "\n</body>\n</html>\n"
+    shown = [c for c in estimate.comparisons if c.measured and len(c.time) > 1]
+    places = places_of(estimate.reasons)
+    parts, axis = _parameters(estimate)
+    return page(
+        "report.html",
+        title=_title(estimate),
+        about=estimate.about,
+        read=read_lines(estimate),
+        style=asset("report.css"),
+        script=asset("report.js"),
+        **_verdict(estimate),
+        parts=parts,
+        axis=axis,
+        bar_words=BAR_WORDS if axis else "",
+        transient=_transient(shown, places),
+        budget=_budget(estimate),
+        signals=_signals(estimate),
+        records=[_record(c, estimate, places) for c in shown[:MOST_CHARTS]],
+        records_not_shown=f"{len(shown) - MOST_CHARTS} more recordings have no chart here."
+        if len(shown) > MOST_CHARTS
+        else "",
+        validation=_validation(estimate),
+        across=_across(estimate),
+        residuals=_residuals(estimate),
+        notes=estimate.notes,
+        failures=estimate.failures,
+        correlation=_correlation(estimate),
+        profiles=[drawn(svg) for svg in profile_charts(estimate.profiles, units=_units(estimate))],
+        profile_words=PROFILE_WORDS,
+        full=_full(estimate),
+        cost=cost_lines(estimate),
+        convergence=_convergence(estimate),
+        command=command,
+        repeat=_repeat(estimate, checksums or {}),
     )
 
 
@@ -168,77 +140,261 @@ def html_fragment(estimate: Estimate, *, figure: bytes | None = None) -> str:
     figure : bytes, optional
         A PNG file's content: measured against simulated signals.
     """
-    parts = [_verdict(estimate)]
-    if estimate.parameters:
-        parts.append(_parameters(estimate))
+    tables = []
+    for there, found, right in (
+        (estimate.parameters, parameter_rows, (1, 3, 5, 6)),
+        (estimate.chain, chain_rows, (1, 3)),
+        (estimate.derived, derived_rows, (1, 3)),
+        (estimate.rmse, signal_rows, (1, 2, 3, 5)),
+    ):
+        if there:
+            tables.append((*_without_empty(*found(estimate), right=right),))
+    image = "" if figure is None else base64.b64encode(figure).decode("ascii")
+    return page("fragment.html", **_verdict(estimate), tables=tables, image=image)
+
+
+def _title(estimate: Estimate) -> str:
+    fmu = str(estimate.fmu.get("name", "")) or "FMU"
+    names = [comparison.name for comparison in estimate.comparisons]
+    told = ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
+    return f"Parameters of {fmu}" + (f" from {told}" if told else "")
+
+
+def _verdict(estimate: Estimate) -> dict[str, Any]:
+    return {
+        "verdict_title": TITLES[estimate.verdict],
+        "meaning": meaning(estimate),
+        "mood": estimate.verdict,
+        "reasons": estimate.reasons,
+    }
+
+
+def _units(estimate: Estimate) -> dict[str, str]:
+    return {name: p.unit for name, p in {**estimate.parameters, **estimate.chain}.items()}
+
+
+# --- what is on the first screen ------------------------------------------------------------------------------------
+
+
+def _parameters(estimate: Estimate) -> tuple[list[_Part], str]:
+    """Return parameters, measurement chain and derived quantities with bars on one relative axis, and that axis."""
+    bars = {name: _bar(p) for name, p in estimate.parameters.items()}
+    also = {name: Bar(0.0, _percent(q.standard_error, q.value)) for name, q in estimate.derived.items()}
+    drawn_bars = [b for b in (*bars.values(), *also.values()) if b is not None and b.error is not None]
+    limit = bar_limit(drawn_bars)
+    parts = []
+    if bars:
+        rows = [_estimate_row(p, bars[name], limit, estimate) for name, p in estimate.parameters.items()]
+        parts.append(_Part(rows, extra=any(row.extra for row in rows)))
     if estimate.chain:
-        parts.append(_table(*chain_rows(estimate), right=(1, 3)))
-    if estimate.derived:
-        parts.append(_table(*derived_rows(estimate), right=(1, 3)))
-    if estimate.rmse:
-        parts.append(_table(*signal_rows(estimate), right=(1, 2, 3, 5)))
-    if figure is not None:
-        parts.append(_figure(figure, caption="", alternative="Measured and simulated signals, and residuals"))
-    return f'<div class="fmu-estimator"><style>{FRAGMENT_STYLE}</style>' + "\n".join(parts) + "</div>"
+        rows = [_estimate_row(p, None, limit, estimate) for p in estimate.chain.values()]
+        parts.append(_Part(rows, "measurement chain", extra=any(row.extra for row in rows)))
+    if also:
+        rows = []
+        for name, quantity in estimate.derived.items():
+            value, error = value_texts(quantity.value, quantity.standard_error)
+            relative = relative_text(quantity.standard_error, quantity.value)
+            svg = drawn(bar(also[name], limit=limit, name=f"{name}: ± {relative}"))
+            rows.append(_Row(name.replace("_", " "), value, f"± {error}", quantity.unit, relative, svg))
+        parts.append(_Part(rows, "derived quantities"))
+    return parts, drawn(bar_axis(limit)) if drawn_bars else ""
 
 
-def _verdict(estimate: Estimate) -> str:
-    reasons = _list(estimate.reasons) if estimate.reasons else ""
-    return (
-        f'<div class="verdict {estimate.verdict}"><p><strong>{TITLES[estimate.verdict]}.</strong> '
-        f"{escape(meaning(estimate))}</p>{reasons}</div>"
-    )
+def _estimate_row(p: ParameterEstimate, entry: Bar | None, limit: float, estimate: Estimate) -> _Row:
+    value, error = value_texts(p.value, p.standard_error)
+    relative = relative_text(p.standard_error, p.value)
+    notes = [f"nominal {number_text(p.nominal)}"] if p.nominal is not None else []
+    notes += [note] if (note := parameter_note(p, said=estimate.reasons)) else []
+    told = f"± {error}" if error else (ABSENT if p.free else "")
+    svg = drawn(bar(entry, limit=limit, name=f"{p.name}: ± {relative}")) if entry else ""
+    return _Row(p.name, value, told, p.unit, relative, svg, "; ".join(notes))
 
 
-def _parameters(estimate: Estimate) -> str:
-    header, rows = parameter_rows(estimate)
-    header.insert(-1, "bounds")
-    for row, parameter in zip(rows, estimate.parameters.values(), strict=True):
-        bounds = f"{_bound(parameter.lower)} to {_bound(parameter.upper)}" if parameter.free else ""
-        row.insert(-1, bounds)
-    text = "± is one standard error: what noise alone would do. A sensor's gain or offset error comes on top."
-    return _table(header, rows, right=(1, 2, 3, 5, 6, 7)) + f'<p class="small">{text}</p>'
+def _bar(p: ParameterEstimate) -> Bar | None:
+    """Return a parameter's bar around itself; None for one that has neither an error nor a nominal value."""
+    if not p.free or not math.isfinite(p.value) or p.value == 0:
+        return None
+    error = _percent(p.standard_error, p.value)
+    mark = None if p.nominal is None else 100 * (p.nominal - p.value) / abs(p.value)
+    if error is None and mark is None:
+        return None
+    return Bar(0.0, error, mark, tuple(100 * (b - p.value) / abs(p.value) for b in (p.lower, p.upper)))
 
 
-def _validation(estimate: Estimate) -> str:
+def _percent(error: float | None, value: float) -> float | None:
+    known = error is not None and math.isfinite(error) and math.isfinite(value) and value != 0
+    return 100 * error / abs(value) if known and error is not None else None
+
+
+def _transient(shown: Sequence[Comparison], places: Sequence[Place]) -> Table | None:
+    """Return the drawing of the first screen: the transient, or where the first reason lies."""
+    if not shown:
+        return None
+    where = {c.name: c for c in shown}
+    at = next((place for place in places if place.recording in where), None)
+    c = where[at.recording] if at else shown[0]
+    if at is None:
+        svg, title = transient_chart(c), "Transient"
+    else:
+        whole = float(c.time[-1] - c.time[0])
+        window = max(float(c.time[0]), at.start - AROUND * whole), min(float(c.time[-1]), at.end + AROUND * whole)
+        svg, title = recording_chart(c, window=window, residuals=False, places=_of(places, c)), "Where the reason lies"
+    return {"svg": drawn(svg), "title": title, "caption": c.name, "legend": _legend(c, places, residuals=False)}
+
+
+def _of(places: Sequence[Place], c: Comparison) -> list[Place]:
+    return [place for place in places if place.recording == c.name]
+
+
+def _legend(c: Comparison, places: Sequence[Place], *, residuals: bool = True) -> list[tuple[str, str]]:
+    lines = legend([c], places=bool(_of(places, c)))
+    return [line for line in lines if residuals or line[0] != "taken-out"]
+
+
+# --- what follows ---------------------------------------------------------------------------------------------------
+
+
+def _budget(estimate: Estimate) -> Table | None:
+    """Return what each tolerance adds to each uncertainty."""
+    header, rows = budget_rows(estimate)
+    return {"header": header, "rows": rows, "right": tuple(range(2, len(header)))} if rows else None
+
+
+def _signals(estimate: Estimate) -> Table | None:
+    if not estimate.rmse:
+        return None
+    header, rows, right = _without_empty(*signal_rows(estimate), right=(1, 2, 3, 5))
+    return {"header": header, "rows": rows, "right": right, "words": SIGNAL_WORDS}
+
+
+def _record(c: Comparison, estimate: Estimate, places: Sequence[Place]) -> Table:
+    svg = recording_chart(c, noise=estimate.noise, places=_of(places, c), width=1080)
+    return {
+        "title": c.name,
+        "svg": drawn(svg),
+        "caption": CAPTION.format(c.name) if c.simulated else c.name,
+        "legend": _legend(c, places),
+    }
+
+
+def _validation(estimate: Estimate) -> Table | None:
     """Return RMSE and fit beside those of the recordings that were fitted."""
-    assert estimate.validation is not None
+    found = estimate.validation
+    if found is None:
+        return None
     units: dict[str, str] = {}
-    for comparison in (*estimate.comparisons, *estimate.validation.comparisons):
+    for comparison in (*estimate.comparisons, *found.comparisons):
         units.update(comparison.units)
     rows = []
-    for name, rmse in estimate.validation.rmse.items():
-        fitted, fit = estimate.rmse.get(name, math.nan), estimate.validation.fit_percent.get(name, math.nan)
-        shown = [f"{x:.4g}" if math.isfinite(x) else "-" for x in (rmse, fitted)]
+    for name, rmse in found.rmse.items():
+        fitted, fit = estimate.rmse.get(name, math.nan), found.fit_percent.get(name, math.nan)
+        shown = [f"{x:.4g}" if math.isfinite(x) else ABSENT for x in (rmse, fitted)]
         rows.append([name, shown[0], shown[1], units.get(name, ""), f"{fit:.1f} %" if math.isfinite(fit) else ""])
-    text = f"{fitted_here(estimate.validation)} Where the model holds, both root mean square errors are alike."
-    if estimate.validation.others is not None:
-        text += f" Fitted to these alone, {escape(others_text(estimate.validation.others))}."
-    header = ["output", "RMSE here", "RMSE of the fit", "unit", "fit here"]
-    return _table(header, rows, right=(1, 2, 4)) + f'<p class="small">{escape(text)}</p>'
+    words = f"{fitted_here(found)} Where the model holds, both root mean square errors are alike."
+    if found.others is not None:
+        words += f" Fitted to these alone, {others_text(found.others)}."
+    return {
+        "header": ["output", "RMSE here", "RMSE of the fit", "unit", "fit here"],
+        "rows": rows,
+        "right": (1, 2, 4),
+        "words": words,
+        "records": [_record(c, estimate, ()) for c in found.comparisons[:MOST_CHARTS]],
+    }
 
 
-def _correlation(estimate: Estimate) -> str:
-    """Return the correlation matrix as a table, shaded by size."""
-    names = estimate.correlated
-    lines = ["<tr><th></th>" + "".join(f'<th class="number">{escape(name)}</th>' for name in names) + "</tr>"]
-    assert estimate.correlation is not None
-    for name, row in zip(names, estimate.correlation.tolist(), strict=True):
+def _across(estimate: Estimate) -> Table | None:
+    """Return the parameters that have a value for each recording, against their weighted means."""
+    names = [c.name for c in estimate.comparisons]
+    groups: dict[str, list[ParameterEstimate]] = {}
+    for name, p in estimate.parameters.items():
+        own = next((r for r in names if name.endswith(f" {r}")), None)
+        if own is not None and p.standard_error:
+            groups.setdefault(name.removesuffix(f" {own}"), []).append(p)
+    groups = {name: several for name, several in groups.items() if len(several) > 1}
+    if not groups:
+        return None
+    bars: dict[str, Bar] = {}
+    for several in groups.values():
+        weights = [1 / (p.standard_error or math.inf) ** 2 for p in several]
+        mean = sum(w * p.value for w, p in zip(weights, several, strict=True)) / sum(weights)
+        for p in several:
+            if mean:
+                bars[p.name] = Bar(100 * (p.value - mean) / abs(mean), _percent(p.standard_error, mean))
+    limit = bar_limit(list(bars.values()))
+    parts = [
+        _Part(
+            [
+                _estimate_row(p, None, limit, estimate)
+                if p.name not in bars
+                else _with_bar(_estimate_row(p, None, limit, estimate), bars[p.name], limit)
+                for p in several
+            ],
+            name,
+        )
+        for name, several in groups.items()
+    ]
+    words = "Zero is the weighted mean of a parameter's values; bars that do not overlap differ."
+    return {"parts": parts, "axis": drawn(bar_axis(limit)), "words": words}
+
+
+def _with_bar(row: _Row, entry: Bar, limit: float) -> _Row:
+    svg = drawn(bar(entry, limit=limit, name=f"{row.name}: {entry.at:+.3g} % from the mean"))
+    return _Row(row.name, row.value, row.error, row.unit, row.relative, svg)
+
+
+def _residuals(estimate: Estimate) -> Table | None:
+    charts = [(c.time[-1] - c.time[0]) / (len(c.time) - 1) for c in estimate.comparisons if len(c.time) > 1]
+    found = whiteness(estimate.comparisons)
+    if not found or not charts:
+        return None
+    fits = recording_fits(estimate.comparisons)
+    several = len({f.recording for f in fits}) > 1 or any(f.left_out for f in fits)
+    rows = [
+        [f.recording, f.output, f"{f.rmse:.4g}", f.unit, f"{f.fit_percent:.1f} %", str(f.samples), str(f.left_out)]
+        for f in fits
+    ]
+    return {
+        "header": ["recording", "output", "RMSE", "", "fit", "samples", "outliers"],
+        "rows": rows if several else [],
+        "right": (2, 4, 5, 6),
+        "charts": [(n, drawn(a), drawn(b)) for n, a, b in whiteness_charts(found, interval=float(charts[0]))],
+        "words": RESIDUAL_WORDS,
+    }
+
+
+def _correlation(estimate: Estimate) -> Table | None:
+    """Return the correlation matrix with a shade for each size."""
+    if estimate.correlation is None or len(estimate.correlated) < 2:
+        return None
+    rows = []
+    for name, row in zip(estimate.correlated, estimate.correlation.tolist(), strict=True):
         cells = []
         for value in row:
             known = value is not None and math.isfinite(value)
             shade = min(abs(value), 1.0) ** 2 * 0.45 if known else 0.0
             colour = f"rgba(0,114,178,{shade:.2f})" if known and value >= 0 else f"rgba(213,94,0,{shade:.2f})"
-            text = f"{value:+.3f}" if known else "-"
-            cells.append(f'<td class="number" style="background:{colour}">{text}</td>')
-        lines.append(f"<tr><th>{escape(name)}</th>{''.join(cells)}</tr>")
-    text = "Near ±1: the recording tells only a combination of the two, not each by itself."
-    return f'<div class="wide"><table>{"".join(lines)}</table></div><p class="small">{text}</p>'
+            cells.append((f"{value:+.3f}" if known else ABSENT, colour))
+        rows.append((name, cells))
+    return {"names": estimate.correlated, "rows": rows}
 
 
-def _repeat(estimate: Estimate, *, command: str, checksums: Mapping[str, str]) -> Iterable[str]:
-    if command:
-        yield f"<pre>{escape(command)}</pre>"
+def _full(estimate: Estimate) -> Table:
+    """Return every parameter with its bounds and what it sets in the FMU."""
+    header, rows = parameter_rows(estimate)
+    header += ["bounds", "sets in the FMU"]
+    for row, p in zip(rows, estimate.parameters.values(), strict=True):
+        row.append(f"{_bound(p.lower)} to {_bound(p.upper)}" if p.free else "")
+        row.append(", ".join(f"{s.variable} = {s.value:.6g} {s.unit}".rstrip() for s in p.set_in_fmu))
+    header, rows, right = _without_empty(header, rows, right=(1, 2, 3, 5, 6))
+    return {"header": header, "rows": rows, "right": right}
+
+
+def _convergence(estimate: Estimate) -> str:
+    history = estimate.history
+    return drawn(convergence_chart(history)) if history is not None and len(history.simulations) >= 2 else ""
+
+
+def _repeat(estimate: Estimate, checksums: Mapping[str, str]) -> list[list[str]]:
     rows = [["seed", str(estimate.seed)], ["method", estimate.method]]
     rows += [[f"version of {name}", str(version)] for name, version in estimate.versions.items()]
     for name, value in estimate.fmu.items():
@@ -246,36 +402,19 @@ def _repeat(estimate: Estimate, *, command: str, checksums: Mapping[str, str]) -
         shown = ", ".join(map(str, plain)) if isinstance(plain, list) else str(plain)
         rows.append([f"FMU {name.replace('_', ' ')}", "" if plain is None else shown])
     rows += [[f"SHA-256 of {name}", checksum] for name, checksum in checksums.items()]
-    yield _table(["", ""], [row for row in rows if row[1]])
+    return [row for row in rows if row[1]]
 
 
-def _table(header: Sequence[str], rows: Sequence[Sequence[str]], *, right: Sequence[int] = ()) -> str:
-    """Return a table without its empty columns; the columns in `right` are set flush right."""
+def _without_empty(
+    header: Sequence[str], rows: Sequence[Sequence[str]], *, right: Sequence[int]
+) -> tuple[list[str], list[list[str]], list[int]]:
+    """Return a table without its empty columns, and which of those that are left are flush right."""
     used = [k for k in range(len(header)) if any(row[k] for row in rows)]
-
-    def line(cells: Sequence[str], tag: str) -> str:
-        classes = {k: ' class="number"' if k in right else "" for k in used}
-        return "<tr>" + "".join(f"<{tag}{classes[k]}>{escape(cells[k])}</{tag}>" for k in used) + "</tr>"
-
-    lines = [line(header, "th")] if any(header) else []
-    lines += [line(row, "td") for row in rows]
-    return '<div class="wide"><table>\n' + "\n".join(lines) + "\n</table></div>"
-
-
-def _figure(image: bytes, *, caption: str, alternative: str) -> str:
-    data = base64.b64encode(image).decode()
     return (
-        f'<figure><img alt="{escape(alternative)}" src="data:image/png;base64,{data}">'
-        f"<figcaption>{escape(caption)}</figcaption></figure>"
+        [header[k] for k in used],
+        [[row[k] for k in used] for row in rows],
+        [n for n, k in enumerate(used) if k in right],
     )
-
-
-def _list(items: Iterable[str]) -> str:
-    return "<ul>" + "".join(f"<li>{escape(item)}</li>" for item in items) + "</ul>"
-
-
-def _heading(text: str) -> str:
-    return f"<h2>{escape(text)}</h2>"
 
 
 def _bound(value: float) -> str:

@@ -6,6 +6,7 @@ carries a verdict with its reasons, and what the estimate cost.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
@@ -54,6 +55,9 @@ class ParameterEstimate:
         The user's nominal value, in `unit`, for comparison only.
     settings : tuple of Setting, or None
         What it sets in the FMU; empty for a value of the measurement chain; None: the variable of its own name.
+    repeatability : float or None
+        Standard deviation between runs, in `unit`, part of the standard error; 0 where they agree; None: one recording.
+    budget : source → change, in `unit`, by one standard uncertainty of what no recording tells
     """
 
     name: str
@@ -68,6 +72,13 @@ class ParameterEstimate:
     free: bool = True
     nominal: float | None = None
     settings: tuple[Setting, ...] | None = None
+    repeatability: float | None = None
+    budget: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def uncertainty(self) -> float | None:
+        """The combined standard uncertainty, in `unit`: the standard error and the budget (GUM 5.1.2)."""
+        return None if self.standard_error is None else math.hypot(self.standard_error, *self.budget.values())
 
     @property
     def set_in_fmu(self) -> tuple[Setting, ...]:
@@ -77,11 +88,39 @@ class ParameterEstimate:
 
 @dataclass(frozen=True)
 class DerivedQuantity:
-    """Something that follows from the parameters, such as a time constant: value, standard error, SI unit."""
+    """Something that follows from the parameters, such as a time constant: value, standard error, SI unit, budget."""
 
     value: float
     standard_error: float
     unit: str
+    budget: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def uncertainty(self) -> float:
+        """The combined standard uncertainty, as a parameter's."""
+        return math.hypot(self.standard_error, *self.budget.values())
+
+
+@dataclass(frozen=True)
+class StandardUncertainty:
+    """What was given of a quantity that no recording tells, and what of it the recordings leave.
+
+    Attributes
+    ----------
+    given : str
+        "1 %".
+    distribution : "rectangular" or "normal"
+    value : float
+        Standard uncertainty as given; a share where `unit` is empty.
+    left : float
+        Part of it that the recordings leave open, 0 to 1.
+    """
+
+    given: str
+    distribution: str
+    value: float
+    unit: str
+    left: float
 
 
 @dataclass(frozen=True)
@@ -248,6 +287,8 @@ class Estimate:
     history : the search seen from outside, or None
     profiles : parameter name → CostProfile, where they were asked for
     validation : how the model does on recordings that it has not seen, where some were given
+    tolerances : source → StandardUncertainty of what no recording tells, as it was given
+    about : what the user says of it: motor, operator, date, … → text
     """
 
     verdict: Verdict
@@ -281,3 +322,5 @@ class Estimate:
     workers: int = 1
     profiles: Mapping[str, CostProfile] = field(default_factory=dict)
     validation: Validation | None = None
+    tolerances: Mapping[str, StandardUncertainty] = field(default_factory=dict)
+    about: Mapping[str, str] = field(default_factory=dict)

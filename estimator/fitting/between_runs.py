@@ -1,0 +1,192 @@
+"""What changes from run to run: a random effect of each parameter, from a joint fit's blocks. Knows arrays, no FMU.
+
+Let z be the whitened residuals of the joint fit, J its Jacobian, and let recording r have a value of its own, t + d_r,
+of one parameter, the others shared. With X the parameter's column cut into recordings, and M the projection that takes
+out what the others explain, S = X'MX and u = X'Mz tell all d_r at once; the common value is projected out of both. If
+the d_r are independent of variance T^2, u has the covariance S + T^2 S S, so that
+
+    Q = u' S^+ u,    E Q = rank S + T^2 tr S,    T^2 = max(0, (Q - rank S) / tr S)
+
+(DerSimonian and Laird 1986, with the estimates of the recordings correlated through what they share). Without T, Q is
+chi-square. Parameters enter one after the other, the least likely Q first, each beside the own values of those before:
+one that changes must not pass for a change of all. The joint answer t = sum_r A^-1 H_r t_r, H_r = J_r'J_r and A their
+sum, then gains the variance  T^2 sum_r (A^-1 H_r e)(A^-1 H_r e)'.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.fitting.polish import SEEN, information_parts
+
+if TYPE_CHECKING:
+    from estimator.fitting.fit import Fit
+
+FloatArray = NDArray[np.float64]
+
+ENTERS = 0.05  # chance that a variance enters the bars though nothing changes, all parameters together
+ALARM = 1e-3  # chance that such a change is told
+LEAST = 1e-8  # of the largest: recordings, or contrasts of them, that tell less tell nothing
+
+
+@dataclass(frozen=True)
+class Variation:
+    """How one parameter varies between runs.
+
+    Attributes
+    ----------
+    parameter : index of the parameter
+    deviation : float
+        T, on the parameter's scale.
+    errors : float
+        T over the standard error that one run has beside the others.
+    probability : float
+        Of a larger Q where nothing changes.
+    told : bool
+        It is below ALARM, shared by the parameters.
+    run, apart : which recording is furthest from the rest, in its errors, and by how much on the parameter's scale
+    """
+
+    parameter: int
+    deviation: float
+    errors: float
+    probability: float
+    told: bool
+    run: int
+    apart: float
+
+
+@dataclass(frozen=True)
+class BetweenRuns:
+    """The parameters that vary between runs, and the covariance, (n, n), that this adds to the joint answer."""
+
+    variations: tuple[Variation, ...]
+    covariance: FloatArray
+
+
+def between_runs(
+    jacobian: FloatArray, residuals: FloatArray, runs: Sequence[slice], *, tested: Sequence[int]
+) -> BetweenRuns:
+    """Return what varies between the runs of a joint fit.
+
+    Parameters
+    ----------
+    jacobian : (m, n) array
+        Whitened derivatives of what is explained.
+    residuals : (m,) array
+        Whitened, measured less explained, at the joint optimum.
+    runs : rows of each recording
+    tested : columns of the parameters that may vary
+    """
+    n = jacobian.shape[1]
+    if len(runs) < 2 or not len(tested):
+        return BetweenRuns((), np.zeros((n, n)))
+    blocks = [np.linalg.qr(np.column_stack([jacobian[part], residuals[part]]), mode="r") for part in runs]
+    edges = np.cumsum([0, *(len(b) for b in blocks)])
+    rows = [slice(int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+    whole = np.concatenate(blocks)
+    matrix, z = whole[:, :n], whole[:, n]
+    varying: list[Variation] = []
+    remaining = list(tested)
+    while remaining:
+        found = []
+        for j in remaining:
+            own = [_cut(matrix[:, v.parameter], rows) for v in varying]
+            others = [k for k in range(n) if k != j and k not in [v.parameter for v in varying]]
+            one = _variation(j, _cut(matrix[:, j], rows), np.column_stack([matrix[:, others], *own]), z)
+            found += [one] if one is not None else []
+        best = min(found, key=lambda f: (f[0].probability, -f[1]), default=None)
+        if best is None or best[0].probability * len(tested) > ENTERS or best[0].deviation == 0:
+            break
+        told = best[0].probability * len(tested) < ALARM
+        varying.append(dataclasses.replace(best[0], told=told))
+        remaining.remove(best[0].parameter)
+    covariance = np.zeros((n, n))
+    if varying:
+        inverse = information_parts(matrix)[0]
+        for v in varying:
+            for part in rows:
+                pull = inverse @ (matrix[part].T @ matrix[part, v.parameter])
+                covariance += v.deviation**2 * np.outer(pull, pull)
+    return BetweenRuns(tuple(varying), covariance)
+
+
+def _cut(column: FloatArray, rows: Sequence[slice]) -> FloatArray:
+    """Return a column cut into its recordings, (m, k)."""
+    result = np.zeros((len(column), len(rows)))
+    for r, part in enumerate(rows):
+        result[part, r] = column[part]
+    return result
+
+
+def _variation(j: int, own: FloatArray, others: FloatArray, z: FloatArray) -> tuple[Variation, float] | None:
+    """Return a parameter's variation and Q; None where fewer than two recordings tell it."""
+    from scipy.special import chdtrc
+
+    basis = _basis(others)
+    across = own - basis @ (basis.T @ own)
+    information, score = across.T @ across, across.T @ z
+    total = float(np.sum(information))
+    powers = np.sum(own * own, axis=0)
+    if np.sum(powers > LEAST * np.max(powers)) < 2 or total <= LEAST * float(np.sum(powers)):
+        return None
+    mean = information.sum(axis=1)
+    information = information - np.outer(mean, mean) / total
+    score = score - mean * float(np.sum(score)) / total
+    eigen, vectors = np.linalg.eigh(information)
+    seen = eigen > LEAST * float(np.max(powers))
+    rank = int(np.sum(seen))
+    if not rank:
+        return None
+    q = float(np.sum((vectors[:, seen].T @ score) ** 2 / eigen[seen]))
+    size = float(np.sum(eigen[seen]))
+    variance = max(0.0, (q - rank) / size)
+    known = np.maximum(np.diag(information), 1e-300)
+    tells = np.diag(information) > LEAST * float(np.max(powers))
+    off = np.where(tells, np.abs(score) / np.sqrt(known), 0.0)
+    run = int(np.argmax(off))
+    deviation = float(np.sqrt(variance))
+    errors = deviation * float(np.sqrt(size / rank))
+    probability = float(chdtrc(rank, q))
+    return Variation(j, deviation, errors, probability, False, run, float(score[run] / known[run])), q
+
+
+def _basis(columns: FloatArray) -> FloatArray:
+    """Return an orthonormal basis of what columns explain."""
+    norms = np.linalg.norm(columns, axis=0)
+    columns = columns[:, norms > 0] / norms[norms > 0]
+    if not columns.shape[1]:
+        return np.zeros((len(columns), 0))
+    u, singular, _ = np.linalg.svd(columns, full_matrices=False)
+    return np.asarray(u[:, singular > SEEN * singular[0]])
+
+
+def of_fit(fit: Fit, parameters: int) -> BetweenRuns:
+    """Return what varies between the recordings of a fit, of its first names, the motor's parameters."""
+    inside = np.flatnonzero(fit.at_bound == 0)
+    q = fit.shown.shape[1]
+    runs = [slice(c.rows.start * q, c.rows.stop * q) for c in fit.simulator.clocks]
+    found = between_runs(
+        fit.jacobian[:, inside], fit.z, runs, tested=[k for k, j in enumerate(inside.tolist()) if j < parameters]
+    )
+    covariance = np.zeros((len(fit.at_bound), len(fit.at_bound)))
+    covariance[np.ix_(inside, inside)] = found.covariance
+    variations = tuple(dataclasses.replace(v, parameter=int(inside[v.parameter])) for v in found.variations)
+    return BetweenRuns(variations, covariance)
+
+
+def sentence(v: Variation, *, name: str, unit: str, is_log: bool, runs: Sequence[str]) -> str:
+    """Say how a parameter varies between the recordings `runs`."""
+    size = f"{100 * v.deviation:.2g} %" if is_log else f"{v.deviation:.2g} {unit}".rstrip()
+    away = f"{100 * abs(np.expm1(v.apart)):.2g} %" if is_log else f"{abs(v.apart):.2g} {unit}".rstrip()
+    rest = next(r for k, r in enumerate(runs) if k != v.run) if len(runs) == 2 else "the others"
+    return (
+        f"between runs {name} varies by {size} ({v.errors:.1f} standard errors of one run):"
+        f" {runs[v.run]} has it {away} {'above' if v.apart > 0 else 'below'} {rest}"
+    )

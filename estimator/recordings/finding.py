@@ -1,0 +1,21 @@
+"""Something of a recording that cannot be as it was read, or that a plain motor does not do. Knows no recording."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that was found.
+
+    Attributes
+    ----------
+    kind : "exchanged", "sign i", "unit w", "coasts", …
+    sentence : what it looks like, with its evidence, and what puts it right
+    is_fatal : nothing could be estimated from it
+    """
+
+    kind: str
+    sentence: str
+    is_fatal: bool = False

@@ -1,0 +1,65 @@
+"""One file that holds several tests → which rows are which test. Knows times and columns, no file and no motor.
+
+A test begins where a column that names tests changes, where the time goes back, and where a clock pauses.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimator.recordings.headers import plain
+from estimator.recordings.units import FloatArray
+
+_NAMES = (
+    "test run trial experiment exp test_id run_id trial_id test_name test_no run_no trial_no run_number test_number"
+    " repeat repetition maneuver manoeuvre"
+)
+NAMES = frozenset(_NAMES.split())
+BACK, PAUSE = 5, 20  # usual intervals: a time that falls by more begins anew; a longer interval is a pause
+MOST = 200  # tests
+
+
+@dataclass(frozen=True)
+class Part:
+    """The rows of one test, and what it is called."""
+
+    name: str
+    first: int
+    last: int  # the row after its last
+
+
+def names_tests(header: str) -> bool:
+    """Return whether a column of that name says which test a row belongs to."""
+    return plain(header) in NAMES
+
+
+def parts(time: FloatArray, labels: Mapping[str, Sequence[str]], *, least: int) -> list[Part]:
+    """Return the tests of a file; one that is too short is left out.
+
+    Parameters
+    ----------
+    time : (n,) array, s
+    labels : column that names tests → (n,) texts
+    least : samples of a test
+    """
+    n = len(time)
+    steps = np.diff(time)
+    forward = steps[steps > 0]
+    usual = float(np.median(forward)) if len(forward) else 1.0
+    begins = {0}
+    begins |= {int(k) + 1 for k in np.flatnonzero((steps < -BACK * usual) | (steps > PAUSE * usual))}
+    for texts in labels.values():
+        begins |= {k for k in range(1, n) if texts[k] != texts[k - 1]}
+    edges = [*sorted(begins), n]
+    found = [(first, last) for first, last in zip(edges, edges[1:], strict=False) if last - first >= least]
+    named = [next((texts[first] for texts in labels.values()), "") for first, _ in found]
+    result = []
+    for k, (first, last) in enumerate(found):
+        name = named[k].strip() or str(k + 1)
+        if named.count(named[k]) > 1 and named[k].strip():
+            name = f"{name} {named[: k + 1].count(named[k])}"
+        result.append(Part(name, first, last))
+    return result[:MOST]

@@ -1,0 +1,32 @@
+/* Filters by outcome and name; the motor and its value where the pointer is. */
+"use strict";
+const boxes = [...document.querySelectorAll(".filters input[type=checkbox]")], find = document.getElementById("find");
+const filter = () => {
+  const wanted = new Set(boxes.filter((box) => box.checked).map((box) => box.value));
+  const word = find.value.trim().toLowerCase();
+  const fits = (name, outcome) => wanted.has(outcome) && name.toLowerCase().includes(word);
+  for (const row of document.querySelectorAll(".cases tr[data-case]"))
+    row.classList.toggle("hidden", !fits(`${row.dataset.name} ${row.dataset.case}`, row.dataset.outcome));
+  for (const row of document.querySelectorAll(".grid-of-motors tr")) {
+    let any = false;
+    for (const cell of row.querySelectorAll("td")) {
+      const shown = fits(`${row.dataset.name} ${cell.dataset.case}`, cell.dataset.outcome);
+      cell.classList.toggle("hidden", !shown);
+      any ||= shown;
+    }
+    row.classList.toggle("hidden", !any);
+  }
+};
+for (const box of boxes) box.addEventListener("change", filter);
+find.addEventListener("input", filter);
+const all = JSON.parse(document.getElementById("points").textContent);
+document.querySelectorAll("svg.chart").forEach((chart, k) => {
+  const { points, values, unit } = all[k], { left, width } = chart.dataset;
+  const said = chart.closest("figure").querySelector(".readout");
+  chart.addEventListener("pointermove", (event) => {
+    const point = new DOMPoint(event.clientX, event.clientY).matrixTransform(chart.getScreenCTM().inverse());
+    const at = Math.floor(((point.x - left) / width) * points.length);
+    if (at >= 0 && at < points.length) said.textContent = `${points[at]}: ${values[at]} ${unit}`;
+  });
+  chart.addEventListener("pointerleave", () => { said.textContent = "\u00a0"; });
+});

@@ -1,0 +1,151 @@
+"""The random effect between runs: against closed forms, and over seeds."""
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+from estimator import estimate_parameters, recording_from_arrays
+from estimator.fitting.between_runs import between_runs, sentence
+
+ROWS = 60
+
+
+def slices(count):
+    return [slice(ROWS * r, ROWS * (r + 1)) for r in range(count)]
+
+
+def joint(jacobian, measured):
+    """Return estimate and residuals of the joint least-squares fit."""
+    theta = np.linalg.lstsq(jacobian, measured, rcond=None)[0]
+    return theta, measured - jacobian @ theta
+
+
+def design(rng, count, n=3):
+    """Return a Jacobian whose runs differ: each drives the parameters otherwise."""
+    return (
+        rng.standard_normal((ROWS * count, n))
+        @ (np.eye(n) + 0.3)
+        * np.repeat(rng.uniform(0.5, 2, count), ROWS)[:, None]
+    )
+
+
+def test_one_parameter_alone_is_the_closed_form_of_dersimonian_and_laird():
+    """Their w_i = 1 / s_i^2, Q = sum w (y - mean)^2, tau^2 = (Q - k + 1) / (sum w - sum w^2 / sum w)."""
+    rng = np.random.default_rng(1)
+    own, errors = np.array([1.0, 1.3, 0.7, 1.4]), np.array([0.02, 0.05, 0.03, 0.04])
+    jacobian = np.repeat(1 / errors, ROWS)[:, None] / np.sqrt(ROWS)
+    noise = rng.standard_normal((4, ROWS))
+    noise -= noise.mean(axis=1)[:, None]  # so that the estimate of each run is its own value
+    measured = (jacobian[:, 0].reshape(4, ROWS) * own[:, None] + noise).ravel()
+    _, z = joint(jacobian, measured)
+    found = between_runs(jacobian, z, slices(4), tested=[0])
+    w = errors**-2
+    q = np.sum(w * (own - np.sum(w * own) / w.sum()) ** 2)
+    tau2 = (q - 3) / (w.sum() - np.sum(w**2) / w.sum())
+    (only,) = found.variations
+    assert only.deviation == pytest.approx(np.sqrt(tau2), rel=1e-9) and only.told
+    assert found.covariance[0, 0] == pytest.approx(tau2 * np.sum((w / w.sum()) ** 2), rel=1e-9)
+    rest = np.array([1, 0, 1, 1], bool)  # the second run against the mean of the others, for one
+    apart = own - np.array([np.sum((w * own)[np.arange(4) != r]) / w[np.arange(4) != r].sum() for r in range(4)])
+    assert only.apart == pytest.approx(apart[only.run], rel=1e-9) and rest.sum() == 3
+
+
+def test_runs_that_agree_are_told_to_differ_no_more_often_than_stated():
+    """2 000 fits of 3 parameters in 4 runs: 5 % and 0.1 % of them by chance; above 7.5 % or 0.5 %: below 1e-5."""
+    entered = told = 0
+    for seed in range(2000):
+        rng = np.random.default_rng(seed)
+        jacobian = design(rng, 4)
+        _, z = joint(jacobian, jacobian @ [1.0, -2.0, 0.5] + rng.standard_normal(4 * ROWS))
+        found = between_runs(jacobian, z, slices(4), tested=[0, 1, 2]).variations
+        entered += bool(found)
+        told += any(v.told for v in found)
+    assert 20 < entered < 150 and told < 10
+
+
+def test_a_parameter_that_varies_is_found_of_the_right_size_and_the_bars_hold():
+    """400 seeds, 5 runs, T ten errors of a run: mean T^2 within 18 % (5 of its errors, below 1e-6 by chance).
+
+    Squares of errors over bars have the median of chi-square, 0.455, but for a T known to a third: a median
+    of 400 is outside 0.3 to 0.75 by chance below 1e-4.
+    """
+    squares, ratios, named = [], [], []
+    truth = np.array([1.0, -2.0, 0.5])
+    for seed in range(400):
+        rng = np.random.default_rng(seed)
+        jacobian = design(rng, 5)
+        own = truth + np.outer(rng.standard_normal(5), [1.0, 0.0, 0.0])
+        measured = np.einsum("rkn,rn->rk", jacobian.reshape(5, ROWS, 3), own).ravel() + rng.standard_normal(5 * ROWS)
+        theta, z = joint(jacobian, measured)
+        found = between_runs(jacobian, z, slices(5), tested=[0, 1, 2])
+        named.append([v.parameter for v in found.variations if v.told])
+        squares.append(sum(v.deviation**2 for v in found.variations if v.parameter == 0))
+        covariance = np.linalg.inv(jacobian.T @ jacobian) + found.covariance
+        ratios.append((theta - truth) ** 2 / np.diag(covariance))
+    assert sum(names == [0] for names in named) >= 0.97 * 400
+    assert np.mean(squares) == pytest.approx(1.0, rel=0.18)
+    assert np.all((np.median(ratios, axis=0) > 0.3) & (np.median(ratios, axis=0) < 0.75))
+
+
+def test_a_recording_that_disagrees_is_named():
+    rng = np.random.default_rng(3)
+    jacobian = design(rng, 4)
+    own = np.ones((4, 3))
+    own[2, 1] = 2.0
+    measured = np.einsum("rkn,rn->rk", jacobian.reshape(4, ROWS, 3), own).ravel() + rng.standard_normal(4 * ROWS)
+    (found,) = between_runs(jacobian, joint(jacobian, measured)[1], slices(4), tested=[0, 1, 2]).variations
+    assert (found.parameter, found.run, found.told) == (1, 2, True)
+    assert found.apart == pytest.approx(1.0, abs=0.3)
+
+
+def test_what_only_one_recording_tells_cannot_vary():
+    rng = np.random.default_rng(4)
+    jacobian = design(rng, 3)
+    jacobian[ROWS:, 2] = 0.0
+    _, z = joint(jacobian, 5 * rng.standard_normal(3 * ROWS))
+    found = between_runs(jacobian, z, slices(3), tested=[2])
+    assert found.variations == () and not found.covariance.any()
+    assert between_runs(jacobian, z, slices(1), tested=[0]).variations == ()
+
+
+def test_the_variation_is_told_with_its_size_and_the_recording():
+    rng = np.random.default_rng(5)
+    jacobian = np.repeat([50.0, 50.0], ROWS)[:, None] / np.sqrt(ROWS)
+    measured = jacobian[:, 0] * np.repeat([0.0, np.log(1.2)], ROWS) + 0 * rng.random(2 * ROWS)
+    (found,) = between_runs(jacobian, joint(jacobian, measured)[1], slices(2), tested=[0]).variations
+    told = sentence(found, name="B", unit="N.m.s/rad", is_log=True, runs=["run1", "run2"])
+    assert told.startswith("between runs B varies by 13 % (6.4 standard errors of one run): ")
+    assert told.endswith(("run2 has it 20 % above run1", "run1 has it 17 % below run2"))
+    told = sentence(found, name="x", unit="m", is_log=False, runs=["a", "b", "c"])
+    assert told.startswith("between runs x varies by 0.13 m (") and told.endswith(" the others")
+
+
+def emulated(resistance, seed):
+    """Return a step of a motor of this resistance, in Ohm, exact and with white noise."""
+    rng, n, h = np.random.default_rng(seed), 1200, 1e-3
+    k, inductance, inertia, friction = 0.05, 3e-3, 2e-5, 2e-5
+    whole = np.zeros((3, 3))
+    whole[:2, :2] = [[-resistance / inductance, -k / inductance], [k / inertia, -friction / inertia]]
+    whole[0, 2] = 1 / inductance
+    step = expm(whole * h)
+    v, x = np.where(np.arange(n) < 200, 0.0, 10.0), np.zeros((n, 2))
+    for j in range(n - 1):
+        x[j + 1] = step[:2, :2] @ x[j] + step[:2, 2] * v[j]
+    noise = rng.standard_normal((n, 2)) * [0.01, 0.3]
+    signals = {"voltage [V]": v, "current [A]": x[:, 0] + noise[:, 0], "speed [rad/s]": x[:, 1] + noise[:, 1]}
+    return recording_from_arrays(f"run_{seed}", np.arange(n) * h, signals)
+
+
+@pytest.mark.parametrize("spread", [0.0, 0.02])
+def test_a_resistance_that_differs_from_run_to_run_is_found_through_the_fmu(spread):
+    ohms = 3.1 * (1 + spread * np.array([-0.83, -1.37, 0.32, 1.19, 0.69]))  # of deviation 1 about
+    found = estimate_parameters([emulated(r, k) for k, r in enumerate(ohms, start=1)], workers=1)
+    told = [note for note in (*found.notes, *found.reasons) if "between runs R varies" in note]
+    r = found.parameters["R"]
+    if spread:
+        assert np.std(ohms, ddof=1) / 2 < r.repeatability < 2 * np.std(ohms, ddof=1)
+        assert r.standard_error > np.std(ohms, ddof=1) / 2 / np.sqrt(5) and told
+    else:
+        assert r.repeatability == 0 and not told
+    assert abs(r.value - np.mean(ohms)) < 3 * r.standard_error
+    assert found.parameters["K"].repeatability == 0

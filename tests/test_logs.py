@@ -1,0 +1,313 @@
+"""Logs as they come: clocks, several tests or motors in a file, duty cycles, wheels, counts, files without a header."""
+
+import json
+
+import numpy as np
+import pytest
+
+from estimator.cli import main
+from estimator.errors import RecordingError
+from estimator.recordings.files import recordings_in
+from estimator.recordings.motor_columns import motor_columns
+from estimator.recordings.read_as import ReadAs
+from estimator.recordings.recording import read_recording
+from estimator.recordings.understood import understood
+
+N = 60
+T = np.arange(N) / 100
+V = np.where(np.arange(N) < 10, 0.0, 6.0)
+I = 1.5 * np.exp(-np.clip(np.arange(N) - 10, 0, None) / 8) * (V > 0)  # noqa: E741
+W = 100 * (1 - np.exp(-np.clip(np.arange(N) - 10, 0, None) / 12))
+
+
+@pytest.fixture
+def write(tmp_path):
+    def write(header, *columns, name="log.csv", comma=","):
+        rows = "\n".join(
+            comma.join(x if isinstance(x, str) else f"{x:.9g}" for x in row) for row in zip(*columns, strict=True)
+        )
+        path = tmp_path / name
+        path.write_text(f"{header}\n{rows}\n" if header else f"{rows}\n")
+        return path
+
+    return write
+
+
+def one(path, **said):
+    (recording,) = recordings_in(path, ReadAs(**said))
+    return recording
+
+
+def refused(path, sentence, **said):
+    with pytest.raises(RecordingError) as caught:
+        for recording in recordings_in(path, ReadAs(**said)):
+            motor_columns(recording, required=("v",), either=("i", "w"))
+    assert sentence in str(caught.value)
+
+
+# --- clocks -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("spread", [0.03, 0.3, 0.8])
+def test_a_clock_is_believed_whatever_its_spread(write, spread):
+    rng = np.random.default_rng(1)
+    times = np.cumsum(0.01 * (1 + spread * rng.uniform(-1, 1, N)))
+    recording = one(write("t,u,i,w", times, V, I, W))
+    assert not recording.even and recording.missing_rows == 0
+    np.testing.assert_allclose(recording.time, times, atol=1e-9)
+
+
+def test_of_a_clock_that_jitters_a_single_late_sample_is_believed(write):
+    times = T + 2e-5 * np.sin(7 * np.arange(N))
+    times[20] += 5e-4
+    assert not one(write("t,u,i,w", times, V, I, W)).even
+
+
+@pytest.mark.parametrize(("first", "left_out"), [((0.0, 0.0), 1), ((1.074, 0.0), 1), ((3.0, 1.0, 0.0), 2)])
+def test_first_stamps_that_are_no_earlier_than_the_next_are_left_out(write, capsys, first, left_out):
+    times = np.concatenate([first, T[1 : N + 1 - len(first)]])
+    path = write("t,u,i,w", times, V, I, W)
+    recording = one(path)
+    assert recording.left_out == left_out and len(recording.time) == N - left_out
+    assert main(["check", str(path)]) == 0
+    assert "left out: the next is stamped no later" in capsys.readouterr().out
+
+
+def test_rows_at_the_end_without_a_time_are_no_samples(write):
+    times = [f"{t:.2f}" for t in T[:-5]] + [""] * 5
+    assert len(one(write("t,u,i,w", times, V, I, W)).time) == N - 5
+
+
+# --- several tests in one file ------------------------------------------------------------------------------------
+
+
+def test_a_column_that_names_tests_parts_the_file(write):
+    names = ["first"] * N + ["second"] * N
+    path = write("t,u,i,w,test", [*T, *(T + 0.6)], [*V, *V], [*I, *I], [*W, *W], names)
+    first, second = recordings_in(path)
+    assert (first.name, second.name) == ("log first", "log second") and second.title == "log.csv second"
+    np.testing.assert_allclose(second.signals["w"], W, atol=1e-6)
+    assert one(path, test="second").time[0] == pytest.approx(0.6)
+    refused(path, "log.csv has no test 'third'; it holds first, second", test="third")
+
+
+@pytest.mark.parametrize("begins", [0.0, 30.0])
+def test_a_time_that_begins_anew_and_a_pause_part_the_file(write, begins):
+    path = write("t,u,i,w", [*T, *(T + begins)], [*V, *V], [*I, *I], [*W, *W])
+    assert [len(r.time) for r in recordings_in(path)] == [N, N]
+
+
+def test_a_phase_of_one_test_does_not_part_it(write):
+    assert len(one(write("t,u,i,w,phase", T, V, I, W, ["rest"] * 10 + ["run"] * (N - 10))).time) == N
+
+
+def test_all_tests_of_a_file_are_fitted_together(tmp_path, capsys):
+    from motors import CML050, step_recording
+
+    rows = []
+    for seed, level in enumerate((6.0, 10.5)):
+        made = step_recording(CML050, noise=(0.02, 1.0), seed=seed, lead=0.1, duration=0.6, levels=(0.0, level))
+        signals = (made.time, *(made.signals[c] for c in ("voltage", "current", "speed")))
+        rows += [f"{t:.4f},{v},{i:.5f},{w:.4f},{seed + 1}" for t, v, i, w in zip(*signals, strict=True)]
+    path = tmp_path / "both.csv"
+    path.write_text("time [s],voltage [V],current [A],speed [rad/s],run\n" + "\n".join(rows))
+    assert main(["estimate", str(path), "--json", "--workers", "1"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert [r["recording"] for r in found["read"]] == ["both 1", "both 2"] == [r["name"] for r in found["recordings"]]
+    for name in "RKJB":
+        p = found["parameters"][name]
+        assert abs(p["value"] - CML050.parameters[name]) < 5 * p["standard_error"]
+
+
+# --- several motors in one file -----------------------------------------------------------------------------------
+
+TWO = "t,v_left_V,i_left_A,vel_left_rad_per_s,v_right_V,i_right_A,vel_right_rad_per_s"
+
+
+def test_of_two_motors_the_user_is_asked_which(write):
+    path = write(TWO, T, V, I, W, 2 * V, 2 * I, 2 * W)
+    refused(path, "log.csv holds several motors, left, right; say which: --motor left, --motor right")
+    right = one(path, motor="right")
+    assert motor_columns(right) == {"v": "v_right", "i": "i_right", "w": "vel_right"}
+    np.testing.assert_allclose(right.signals["vel_right"], 2 * W, atol=1e-6)
+    refused(path, "log.csv has no motor 'middle' (left, right)", motor="middle")
+
+
+@pytest.mark.parametrize(
+    "header", ["t,leftVoltage,leftSpeed,rightVoltage,rightSpeed", "t,u_1,w_1,u_2,w_2", "t,u m1,w m1,u m2,w m2"]
+)
+def test_motors_are_told_apart_in_usual_ways(write, header):
+    refused(write(header, T, V, W, 2 * V, 2 * W), "holds several motors")
+
+
+# --- units, wheels, counts, duty cycles ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("column", "factor"),
+    [
+        ("vel_rad_per_s", 1),
+        ("speed_deg_s", 180 / np.pi),
+        ("velocity_deg_per_s", 180 / np.pi),
+        ("speed_rev_per_min", 30 / np.pi),
+        ("Motor_Speed(RPM)", 30 / np.pi),
+        ("omega_rad_s", 1),
+    ],
+)
+def test_units_after_underscores_are_read(write, column, factor):
+    recording = one(write(f"timestamp_ms,voltage_v,current_mA,{column}", 1e3 * T, V, 1e3 * I, factor * W))
+    v, i, w = (recording.signals[c] for c in motor_columns(recording).values())
+    for shown, true in ((v, V), (i, I), (w, W)):
+        np.testing.assert_allclose(shown, true, atol=1e-6)
+    assert not any(r.is_guess for r in understood(recording, motor_columns(recording)))
+
+
+def test_a_wheel_s_speed_needs_the_metres_of_a_turn(write, capsys):
+    path = write("t,u,i,speed [m/s]", T, V, I, W * 0.16 / (2 * np.pi))
+    refused(path, "'m/s' is no unit of angular speed")
+    recording = one(path, per_turn=0.16)
+    np.testing.assert_allclose(recording.signals["speed"], W, atol=1e-6)
+    assert understood(recording, motor_columns(recording))[2].text() == "w ← speed [m/s], 0.16 m a turn"
+    assert main(["check", str(path), "--per-turn", "0.16m"]) == 0
+    refused(write("t,u,i,w", T, V, I, W), "has no column in m/s or m, which --per-turn is for", per_turn=0.16)
+
+
+def test_counts_need_those_of_a_turn(write):
+    angle = np.cumsum(W) * 0.01
+    path = write("t,u,i,encoder", T, V, I, np.round(angle * 4000 / (2 * np.pi)))
+    refused(path, "--counts 4000")
+    recording = one(path, counts=4000)
+    assert motor_columns(recording)["angle"] == "encoder"
+    np.testing.assert_allclose(recording.signals["encoder"], angle, atol=2 * np.pi / 4000)
+    refused(write("t,u,i,w", T, V, I, W), "has no column of counts (u, i, w)", counts=4000)
+
+
+@pytest.mark.parametrize(
+    ("header", "duty", "supply", "told"),
+    [
+        ("t,duty,i,w,battery [V]", V / 12, None, "duty × battery [V]"),
+        ("t,duty_pct,i,w,battery_voltage", 100 * V / 12, None, "duty_pct × battery_voltage"),
+        ("t,pwm,i,w,supply", 255 * V / 12, "supply/255", "pwm × supply/255"),
+        ("t,PWM,i,w,other", 255 * V / 12, "12/255", "PWM × 12/255 V"),
+        ("t,duty,i,w,other", V / 12, "12", "duty × 12 V"),
+    ],
+)
+def test_a_duty_cycle_times_its_supply_is_the_voltage(write, header, duty, supply, told):
+    recording = one(write(header, T, duty, I, W, np.full(N, 12.0)), supply=supply)
+    columns = motor_columns(recording)
+    np.testing.assert_allclose(recording.signals[columns["v"]], V, atol=1e-6)
+    assert understood(recording, columns)[0].text() == f"v ← {told}"
+
+
+@pytest.mark.parametrize(
+    ("header", "supply", "sentence"),
+    [
+        ("t,pwm,i,w", None, "'pwm' is a duty cycle: say of which supply, with --supply 12 (volts), --supply 12/255"),
+        (
+            "t,pwm,i,w",
+            "12",
+            "'pwm' goes up to 153, so it is no part of the supply: say how many of it are all, with --supply 12/255",
+        ),
+        ("t,pwm,i,w", "12/x", "--supply 12/x: 'x' is not a number; write 12, 12/255 or battery/255"),
+        ("t,pwm,i,w", "12/0", "--supply 12/0: '0' is not above 0"),
+        ("t,pwm,i,w", "akku", "log.csv has no column 'akku'"),
+        ("t,x,i,w", "12", "log.csv has no duty cycle (x, i, w); say which column it is, with --column v=…"),
+    ],
+)
+def test_a_duty_cycle_without_its_supply_is_asked_for(write, header, supply, sentence):
+    refused(write(header, T, 255 * V / 10, I, W), sentence, supply=supply)
+
+
+def test_a_measured_voltage_goes_before_a_duty_cycle_and_its_battery(write):
+    recording = one(write("t,duty,battery [V],voltage [V],w", T, V / 12, np.full(N, 12.0), 0.9 * V, W))
+    assert motor_columns(recording, required=("v", "w"))["v"] == "voltage"
+
+
+# --- files without a header or a time -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("comma", [",", ";", "\t", " ", "; "])
+def test_columns_without_a_header_are_named_by_their_number(write, comma):
+    path = write("", V, T, I, W, comma=comma)
+    with pytest.raises(RecordingError, match="there is no header above the numbers.*--column time=1 --column v=2"):
+        read_recording(path)
+    recording = one(path, columns={"time": "2", "v": "1", "i": "3", "w": "4"}, units={"w": "rpm"})
+    np.testing.assert_allclose(recording.signals["column 4"], W * np.pi / 30, atol=1e-6)
+    assert motor_columns(recording) == {"v": "column 1", "i": "column 3", "w": "column 4"}
+    refused(path, "log.csv has no column '9'", columns={"time": "9"})
+
+
+def test_a_file_without_a_time_needs_its_rate(write):
+    path = write("u,i,w", V, I, W)
+    refused(path, "--column time=… says which it is, or --rate HZ that there is none")
+    np.testing.assert_allclose(one(path, rate=100.0).time, np.arange(N) / 100, rtol=1e-12)
+
+
+def test_a_column_that_counts_the_rows_is_no_speed(write):
+    assert "w" not in motor_columns(one(write("t,n,u,theta", T, np.arange(N), V, W)), required=("v",))
+
+
+# --- WPILib's JSON ------------------------------------------------------------------------------------------------
+
+
+def sysid(tmp_path, rows, **more):
+    path = tmp_path / "sysid.json"
+    path.write_text(json.dumps({test: rows for test in ("slow-forward", "fast-backward")} | more))
+    return path
+
+
+def test_sysid_s_tests_are_recordings(tmp_path):
+    rows = np.column_stack([10 + T, V, np.cumsum(W) * 0.01 / (2 * np.pi), W / (2 * np.pi)]).tolist()
+    slow, fast = recordings_in(sysid(tmp_path, rows, sysid=True, test="Simple", units="Rotations"))
+    assert (slow.title, fast.title) == ("sysid.json slow-forward", "sysid.json fast-backward")
+    assert motor_columns(slow, required=("v",), either=("i", "w")) == {
+        "v": "voltage",
+        "w": "speed",
+        "angle": "position",
+    }
+    np.testing.assert_allclose(slow.signals["speed"], W, atol=1e-9)
+    assert slow.time[0] == 0
+
+
+def test_a_drive_train_s_sides_are_two_motors(tmp_path):
+    zero = np.zeros(N)
+    rows = np.column_stack([T, zero, zero, V, 2 * V, W, W, -W / 6, 2 * W, zero]).tolist()
+    path = sysid(tmp_path, rows)
+    refused(path, "holds several motors, left, right; say which")
+    left = recordings_in(path, ReadAs(motor="left"))[0]
+    np.testing.assert_allclose(left.signals["voltage_left"], -V)  # logged without its sign: it takes that of the speed
+    np.testing.assert_allclose(left.signals["speed_left"], -W / 6 * 2 * np.pi)
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ('{"a": 1', "sysid.json begins as JSON and is none"),
+        ('{"a": 1}', "sysid.json is JSON without the tests of WPILib's SysId (slow-forward, slow-backward"),
+        ('{"slow-forward": [[1, 2], [3, 4]]}', "'slow-forward' should hold rows of 4, 9 or 10 numbers"),
+        ('{"slow-forward": [1, "x"]}', "'slow-forward' should hold rows of 4, 9 or 10 numbers"),
+    ],
+)
+def test_other_json_is_refused_in_one_sentence(tmp_path, text, sentence):
+    path = tmp_path / "sysid.json"
+    path.write_text(text)
+    refused(path, sentence)
+    refused(
+        sysid(tmp_path, np.zeros((N, 4)).tolist()),
+        "has no test 'slow'; it holds slow-forward, fast-backward",
+        test="slow",
+    )
+
+
+# --- on the command line ------------------------------------------------------------------------------------------
+
+
+def test_a_case_keeps_how_its_file_is_read(write, tmp_path, capsys):
+    path = write("", V, T, I, W)
+    words = ["--column", "time=2", "--column", "v=1", "--column", "i=3", "--column", "w=4", "--unit", "w=rpm"]
+    case = tmp_path / "saved.case.toml"
+    main(["estimate", str(path), *words, "--save-case", str(case), "--workers", "1"])
+    first = capsys.readouterr().out.splitlines()[0]
+    assert first.startswith("read log: v ← column 1 (no unit: taken as V)")
+    main(["estimate", str(case), "--workers", "1"])
+    assert capsys.readouterr().out.splitlines()[0] == first

@@ -1,0 +1,148 @@
+"""Recordings that begin under way, stand still, coast or lift a load: estimated, or named for what they are."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from dry_friction import DryMotor
+from motors import CML050, held_response, recording_of
+from scipy.linalg import expm
+
+from estimator.estimating.estimate import estimate_recordings
+from estimator.recordings.motor_columns import motor_columns
+from estimator.recordings.plausibility import implausible
+from estimator.recordings.preview import preview
+from estimator.recordings.recording import recording_from_arrays
+
+STEP = 1e-3
+DRY = {
+    "R": 3.1363,
+    "K": 0.048774,
+    "L": 0.01307,
+    "J": 9e-6,
+    "B": 5e-5,
+    "friction": 0.012,
+    "stiction": 0.004,
+    "brush": 0.0,
+}
+
+
+def made(voltage, shown, *, seed=1, load=None):
+    recording = recording_of("bench", STEP * np.arange(len(voltage)), voltage, shown, noise=(0.02, 1.0), seed=seed)
+    if load is None:
+        return recording
+    signals = {f"{c} [{recording.units[c]}]": y for c, y in recording.signals.items()}
+    return recording_from_arrays("bench", recording.time, {**signals, "load torque [N.m]": load})
+
+
+def dry(voltage):
+    return np.vstack([[0.0, 0.0], DryMotor(dict(DRY)).response(voltage, np.zeros(len(voltage)), step=STEP)[:-1, :2]])
+
+
+def kinds(recording):
+    columns = motor_columns(recording)
+    return [f.kind for f in implausible("bench", recording.time, {n: recording.signals[c] for n, c in columns.items()})]
+
+
+def estimated(case_of, recording):
+    (found,) = estimate_recordings([case_of("cuckoo")], [[recording]])
+    return found
+
+
+def right(found, *, within=5.0):
+    for name, p in found.parameters.items():
+        assert abs(p.value - CML050.parameters[name]) < within * p.standard_error, name
+
+
+def test_a_recording_that_begins_at_full_voltage_is_estimated(case_of):
+    voltage = np.full(800, 10.5)
+    recording = made(voltage, held_response(CML050, voltage, step=STEP))
+    found = estimated(case_of, recording)
+    assert kinds(recording) == [] and found.verdict == "ok"
+    right(found)
+
+
+def test_a_motor_that_runs_already_is_estimated(case_of):
+    voltage = np.repeat([5.0, 5.0, 10.5], 500)
+    recording = made(voltage[500:], held_response(CML050, voltage, step=STEP)[500:])
+    found = estimated(case_of, recording)
+    assert kinds(recording) == [] and found.verdict == "ok"
+    right(found)
+
+
+def test_a_dead_band_is_named_with_the_model_that_has_one(case_of):
+    voltage = np.linspace(0, 10, 1500)
+    recording = made(voltage, dry(voltage))
+    assert kinds(recording) == ["dead band"]
+    found = estimated(case_of, recording)
+    assert found.verdict == "doubtful" and "--fmu dc_motor_friction" in found.reasons[0]
+    linear = made(voltage, held_response(CML050, voltage, step=STEP))
+    assert kinds(linear) == []
+
+
+def test_a_coasting_motor_is_named_and_one_that_brakes_is_not(case_of):
+    driven = np.r_[np.zeros(100), np.full(500, 10.5)]
+    shown, w = dry(driven), []
+    speed = float(shown[-1, 1])
+    for _ in range(700):
+        speed = max(0.0, speed - STEP * (DRY["B"] * speed + DRY["friction"]) / DRY["J"])
+        w.append(speed)
+    voltage = np.r_[driven, np.zeros(700)]
+    coasting = made(voltage, np.vstack([shown, np.column_stack([np.zeros(700), w])]))
+    assert kinds(coasting) == ["coasts"]
+    assert kinds(made(voltage, dry(voltage))) == []
+    found = estimated(case_of, coasting)
+    assert found.verdict == "doubtful" and "from t = 0.6 s the motor turns at 18" in found.reasons[0]
+
+
+def locked():
+    voltage = np.r_[np.zeros(200), np.full(600, 3.0)]
+    fading = np.exp(-STEP * np.arange(600) * CML050.R / CML050.L)
+    return voltage, np.column_stack([np.r_[np.zeros(200), 3.0 / CML050.R * (1 - fading)], np.zeros(800)])
+
+
+def test_a_locked_rotor_is_named_and_tells_the_winding(case_of):
+    recording = made(*locked())
+    assert kinds(recording) == ["held"]
+    found = estimated(case_of, recording)
+    assert found.verdict == "doubtful" and "the shaft is held; that tells R and L alone" in found.reasons[0]
+    gain = found.derived["current_per_volt"]
+    assert abs(gain.value - 1 / CML050.R) < 5 * gain.standard_error
+
+
+def test_a_locked_rotor_whose_sensor_shows_nothing_is_refused(case_of):
+    recording = made(*locked())
+    still = dataclasses.replace(recording, signals={**recording.signals, "speed": np.zeros(800)})
+    found = estimated(case_of, still)
+    assert found.verdict == "refused" and "its sensor is dead, or the shaft is held" in found.reasons[0]
+    assert any("from the first to the last sample" in sentence for sentence in preview(still).found)
+
+
+def crane():
+    """Return a load that is held, lifted, held and lowered: voltage, load torque, and current and speed."""
+    load = np.full(2400, 0.02)
+    hold = CML050.R * 0.02 / CML050.K
+    voltage = np.r_[np.full(400, hold), np.full(700, 8.0), np.full(500, hold), np.full(800, -4.0)]
+    block = np.zeros((4, 4))
+    block[:2] = [
+        [-CML050.R / CML050.L, -CML050.K / CML050.L, 1 / CML050.L, 0],
+        [CML050.K / CML050.J, -CML050.B / CML050.J, 0, -1 / CML050.J],
+    ]
+    step = expm(block * STEP)
+    x, rows = np.array([0.02 / CML050.K, 0.0]), np.zeros((2400, 2))
+    for k in range(2400):
+        rows[k] = x
+        x = step[:2, :2] @ x + step[:2, 2] * voltage[k] + step[:2, 3] * load[k]
+    return voltage, load, rows
+
+
+@pytest.mark.parametrize("is_logged", [True, False])
+def test_a_crane_that_lifts_and_lowers_is_no_sign_turned(case_of, is_logged):
+    """Lowering, the current stays positive against the voltage: the load drives."""
+    voltage, load, shown = crane()
+    recording = made(voltage, shown, load=load if is_logged else None)
+    assert kinds(recording) == []
+    if is_logged:
+        found = estimated(case_of, recording)
+        assert found.verdict == "ok"
+        right(found)
