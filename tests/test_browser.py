@@ -50,4 +50,6 @@ def test_the_report_opens_without_an_error_with_all_pictures_and_nothing_from_th
     told = json.loads(html.unescape(title[1]))
     assert len(told["pictures"]) == 5 and all(complete and w > 300 and h > 100 for complete, w, h in told["pictures"])
     assert told["fetched"] == [] and not told["wide"] and told["clipped"] == 0
-    assert told["first"].startswith("Doubtful. An estimate with known weaknesses") and "L: it is <weak>" in told["first"]
+    assert (
+        told["first"].startswith("Doubtful. An estimate with known weaknesses") and "L: it is <weak>" in told["first"]
+    )

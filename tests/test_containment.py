@@ -390,15 +390,18 @@ def test_control_c_ends_at_once_and_reports_the_best_so_far(tmp_path):
         env={**os.environ, "PYTHONPATH": root},
         preexec_fn=takes_interrupts,
     )
-    limit = time.monotonic() + 60
-    while not (progress.exists() and '"best_cost": ' in progress.read_text().replace('"best_cost": null', "")):
-        assert run.poll() is None and time.monotonic() < limit, "no candidate was found"
-        time.sleep(0.05)
-    children = [c.pid for c in psutil.Process(run.pid).children()]
-    assert children
-    started = time.monotonic()
-    run.send_signal(signal.SIGINT)
-    output, errors = run.communicate(timeout=20)
+    try:
+        limit = time.monotonic() + 60
+        while not (progress.exists() and '"best_cost": ' in progress.read_text().replace('"best_cost": null', "")):
+            assert run.poll() is None and time.monotonic() < limit, "no candidate was found"
+            time.sleep(0.05)
+        children = [c.pid for c in psutil.Process(run.pid).children()]
+        assert children
+        started = time.monotonic()
+        run.send_signal(signal.SIGINT)
+        output, errors = run.communicate(timeout=20)
+    finally:
+        run.kill()
     assert time.monotonic() - started < 10  # s, on a busy machine too
     assert run.returncode == 130
     assert "Traceback" not in errors
