@@ -13,7 +13,7 @@ import shlex
 import signal
 import sys
 import traceback
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from estimator.commands.arguments import parse
 from estimator.commands.terminal import (
@@ -33,8 +33,16 @@ MOMENT = 0.01  # s
 DEBUG = "FMU_ESTIMATOR_DEBUG"  # environment variable: a traceback besides the sentence
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run one command; return its exit status."""
+def main(argv: Sequence[str] | None = None, *, begins: Callable[[], None] | None = None) -> int:
+    """Run one command; return its exit status.
+
+    Parameters
+    ----------
+    argv : list of str, optional
+        The command's words; by default those that the program was started with.
+    begins : callable, optional
+        Called once an interrupt is told in one sentence here.
+    """
     arguments = sys.argv[1:] if argv is None else list(argv)
     if argv is None:
         sys.unraisablehook = interrupt_again
@@ -44,6 +52,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         args = parse(arguments)
         args.command_line = shlex.join([PROGRAM, *arguments])
+        if begins is not None:
+            begins()
         status = _run(args)
         if argv is None:  # the program ends here, and Ctrl-C can only spoil its end
             signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -18,10 +18,15 @@ from pathlib import Path
 
 from interrupts import takes_interrupts
 
-READY = "ready\r\n"  # written by the child once it has loaded the command line, before it runs the command
-SCRIPT = (
-    "import sys; from estimator.cli import main; sys.stderr.write('ready\\n'); sys.stderr.flush(); sys.exit(main())"
-)
+READY = "ready\r\n"  # written by the child once Ctrl-C can be pressed, before it loads the command line
+SCRIPT = """
+import signal, sys
+from estimator import door
+signal.signal(signal.SIGINT, door.end_at_once)
+sys.stderr.write("ready\\n")
+sys.stderr.flush()
+sys.exit(door.main())
+"""
 PATIENCE = 180.0  # s that a command may take
 
 

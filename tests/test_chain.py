@@ -332,9 +332,9 @@ def test_recordings_of_one_name_are_told_apart(several):
     alike = [dataclasses.replace(r, name="run") for r in recordings[1:]]
     parameters = {"R": ParameterSpec("R", per_recording=True)}
     result = found(runs_of(parameters=parameters), *alike)
-    assert {"R 1", "R 2"} < set(result.parameters)
-    near(result.chain["delay 1"], late[1])
-    near(result.chain["delay 2"], late[2])
+    assert {"R run 1", "R run 2"} < set(result.parameters)
+    near(result.chain["delay run 1"], late[1])
+    near(result.chain["delay run 2"], late[2])
 
 
 def test_what_is_said_of_recordings_travels_to_other_processes():

@@ -376,29 +376,33 @@ def test_no_folder_stays_behind_after_errors(tmp_path, case_of, monkeypatch):
 
 @pytest.mark.skipif(sys.platform == "win32", reason="SIGINT to another process is POSIX")
 def test_control_c_ends_at_once_and_reports_the_best_so_far(tmp_path):
-    recording = tmp_path / "motor.csv"
+    """The FMU is so slow that the search would take minutes; Ctrl-C comes once there is a best candidate."""
+    recording, progress = tmp_path / "motor.csv", tmp_path / "progress.json"
     write_recording(step_recording(CML050), recording)
-    command = [sys.executable, "-m", "estimator", "estimate", str(recording), "--method", "paper"]
+    slow = faulty_fmu(tmp_path, DoStep="for (volatile int k = 0; k < 1000; k++);")
+    options = ["--fmu", str(slow), "--method", "original", "--progress-json", str(progress)]
     root = str(Path(__file__).resolve().parent.parent)
     run = subprocess.Popen(
-        command,
+        [sys.executable, "-m", "estimator", "estimate", str(recording), *options],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
         env={**os.environ, "PYTHONPATH": root},
         preexec_fn=takes_interrupts,
     )
-    children = []
-    limit = time.monotonic() + 30
-    while not children and time.monotonic() < limit:
+    try:
+        limit = time.monotonic() + 60
+        while not (progress.exists() and '"best_cost": ' in progress.read_text().replace('"best_cost": null', "")):
+            assert run.poll() is None and time.monotonic() < limit, "no candidate was found"
+            time.sleep(0.05)
         children = [c.pid for c in psutil.Process(run.pid).children()]
-        time.sleep(0.05)
-    time.sleep(1.5)
-    children = [c.pid for c in psutil.Process(run.pid).children()]
-    started = time.monotonic()
-    run.send_signal(signal.SIGINT)
-    output, errors = run.communicate(timeout=20)
-    assert time.monotonic() - started < 3
+        assert children
+        started = time.monotonic()
+        run.send_signal(signal.SIGINT)
+        output, errors = run.communicate(timeout=20)
+    finally:
+        run.kill()
+    assert time.monotonic() - started < 10  # s, on a busy machine too
     assert run.returncode == 130
     assert "Traceback" not in errors
     assert "best so far" in errors + output

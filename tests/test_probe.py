@@ -178,7 +178,9 @@ def test_a_process_of_its_own_for_every_simulation_gives_the_same(tmp_path):
 def test_an_output_that_differs_in_every_run_is_named_and_the_others_are_compared(tmp_path):
     angle = describe("dc_motor").variable("angle").value_reference
     clock = "static double t; t += 1e-9 * getpid(); values[k] = t;"
-    body = f"for (size_t k = 0; k < n; k++) if (references[k] == {angle}) {{ {clock} }}"
+    body = (
+        f"fmi2Status s = ORIGINAL; for (size_t k = 0; k < n; k++) if (references[k] == {angle}) {{ {clock} }} return s;"
+    )
     found = probe(describe(faulty_fmu(tmp_path, GetReal=body)))
     assert found.repeats is True and found.reset is True
     assert any("differs from run to run; the other outputs repeat" in sentence for sentence in found.findings)

@@ -84,9 +84,19 @@ def test_stdin_and_two_recordings_give_an_estimate():
     found = check_contract(done.stdout.decode())
     assert done.returncode == 0 and found["verdict"] == "ok"
     both = program("estimate", "-", str(RECORDING), "--json", stdin=RECORDING.read_bytes())
-    error = found["parameters"]["R"]["standard_error"]
-    together = check_contract(both.stdout.decode())["parameters"]["R"]["standard_error"]
-    assert together == pytest.approx(error / 2**0.5, rel=0.1), "the same noise twice counts twice"
+    together = check_contract(both.stdout.decode())
+    assert [r["recording"] for r in together["read"]] == ["stdin", "cml050_step"]
+    for name in ("R", "K", "L", "J", "B"):
+        p = found["parameters"][name]
+        assert together["parameters"][name]["value"] == pytest.approx(p["value"], abs=0.1 * p["standard_error"])
+
+
+def test_the_same_noise_twice_counts_twice():
+    errors = []
+    for more in ([], [str(RECORDING)]):
+        done = program("estimate", "-", *more, "--json", stdin=RECORDING.read_bytes())
+        errors.append(check_contract(done.stdout.decode())["parameters"]["R"]["standard_error"])
+    assert errors[1] == pytest.approx(errors[0] / 2**0.5, rel=0.1)
 
 
 def test_recordings_of_one_name_are_told_apart_by_their_folders(tmp_path):

@@ -54,10 +54,12 @@ def with_recordings(case: Case, rows: Any, place: Place) -> tuple[Case, dict[Pat
     for row in _rows(rows, "recordings"):
         path = place.inside(str(row.get("file", "")))
         if not path.is_file():
-            raise InputError(f"there is no recording {row.get('file')!r} in {place.path}")
+            raise InputError(
+                f"there is no recording {row.get('file')!r} in {place.path}; add it or take it off the list"
+            )
         role = row.get("role")
         if role not in ROLES:
-            raise InputError(f"the role of {row['file']!r} cannot be {role!r}; it is one of {', '.join(ROLES)}")
+            raise InputError(f"the role of {row['file']!r} cannot be {role!r}; choose from {', '.join(ROLES)}")
         if path in off or any(path == other for other, _ in taken):
             raise InputError(f"{row['file']!r} is in the list twice; leave one out")
         run = _run(row, role)
@@ -148,7 +150,7 @@ def with_search(case: Case, search: Any) -> Case:
         raise InputError("search must be an object with method, seed and loss")
     for key, known in (("method", METHODS), ("loss", LOSSES)):
         if search.get(key) not in known:
-            raise InputError(f"search.{key} cannot be {search.get(key)!r}; it is one of {', '.join(known)}")
+            raise InputError(f"search.{key} cannot be {search.get(key)!r}; choose from {', '.join(known)}")
     seed = search.get("seed")
     if isinstance(seed, bool) or not isinstance(seed, int) or seed < 0:
         raise InputError("the seed must be a whole number from 0 on")
@@ -203,7 +205,7 @@ def parameters_shown(case: Case, description: FmuDescription, plan: Plan | None)
 def kind_of(value: Any) -> str | None:
     """Return the kind of FMI that the page chose; None: the default."""
     if value is not None and value not in FMI_KINDS:
-        raise InputError(f"kind cannot be {value!r}; it is one of {', '.join(FMI_KINDS)}")
+        raise InputError(f"kind cannot be {value!r}; choose from {', '.join(FMI_KINDS)}")
     return None if value is None else str(value)
 
 

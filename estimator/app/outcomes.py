@@ -159,7 +159,7 @@ class Outcomes:
             ["compare", "--", *names], folder=self._place.path, limit=COMPARE_LIMIT, good=(0, 1)
         )  # 1: something differs
         if not text:
-            raise InputError(f"{program.shown(['compare', *names])} has said nothing")
+            raise InputError(f"{program.shown(['compare', *names])} has said nothing; run it in a terminal")
         return {"text": text, "command": program.shown(["compare", *names])}
 
     def _folder(self, name: str) -> Path:

@@ -101,7 +101,8 @@ class Previews:
         batch = problem.trajectories(candidate[None, :])
         if batch.failed[0] or batch.shown is None:
             reasons = [failure.reason for failure in self._crew.failures[failures:]]
-            raise SimulationError(f"the FMU fails there: {reasons[0] if reasons else 'no reason is known'}")
+            why = reasons[0] if reasons else "no reason is known"
+            raise SimulationError(f"the FMU fails with these values: {why}; try others")
         return _picture(problem, problem.shown(batch))
 
 

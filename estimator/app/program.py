@@ -14,7 +14,7 @@ from pathlib import Path
 from estimator.errors import EstimatorError, InputError
 
 # -P: a file numpy.py in the folder must not be taken for the package.
-INTERPRETER = (sys.executable, "-P", "-c", "import sys; from estimator.cli import main; sys.exit(main())")
+INTERPRETER = (sys.executable, "-P", "-c", "import sys; from estimator.door import main; sys.exit(main())")
 
 _running: set[subprocess.Popen[bytes]] = set()  # whose output is waited for
 

@@ -144,7 +144,7 @@ class Session:
             return self.outcomes.series(query.get("name", ""), number)
         recordings = self.picture(query).recordings
         if not 0 <= number < len(recordings):
-            raise InputError(f"there is no recording number {number}")
+            raise InputError(f"there is no recording number {number}; there are {len(recordings)}, counted from 0")
         return recordings[number]
 
 
@@ -424,7 +424,7 @@ def _number(value: Any) -> float:
     try:
         number = float(value)
     except (TypeError, ValueError):
-        raise InputError(f"{value!r} is no number") from None
+        raise InputError(f"{value!r} is no number; give one, such as 0.5") from None
     if number - number != 0:
-        raise InputError(f"{value!r} is no finite number")
+        raise InputError(f"{value!r} is no finite number; give one, such as 0.5")
     return number

@@ -248,7 +248,7 @@ class Run:
             deviations = problem.noise_shown(polish.deviations) if explained is None else explained.noise
         result = self._result(values, polish, judgement, shown=shown, noise=deviations)
         compared = result.comparisons if explained is None else with_treatment(result.comparisons, explained)
-        if self.profile and (explained is None or not explained.found):  # what was found is not simulated more finely
+        if self.profile:
             self.enter("profile")
             compared = with_fine_signals(compared, self.plan, values, self.crew, sigma=problem.sigma)
             self._count()

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from estimator.fitting.fit import Fit
 from estimator.fitting.noise_model import Clock
+from estimator.fitting.recursion import recursion
 from estimator.results.linear import is_motor, matrices
 
 FloatArray = NDArray[np.float64]
@@ -42,8 +43,6 @@ def response(fit: Fit, *, voltage: FloatArray | None = None, torque: FloatArray 
     voltage, torque : (rows,) arrays
         V; N.m against positive speed.
     """
-    from scipy.signal import lfilter
-
     s = fit.simulator
     result = np.zeros((s.rows, len(s.outputs)))
     for clock in s.clocks:
@@ -54,15 +53,13 @@ def response(fit: Fit, *, voltage: FloatArray | None = None, torque: FloatArray 
         for j, signal in enumerate((voltage, torque)):
             if signal is not None:
                 for row in range(2):
-                    states[row] += lfilter([0.0, g[row, j], second[row, j]], denominator, signal[clock.rows])
+                    states[row] += recursion([0.0, g[row, j], second[row, j]], denominator, signal[clock.rows])
         result[clock.rows] = _as_shown(fit, states, clock)
     return result
 
 
 def free_motion(fit: Fit, clock: Clock) -> FloatArray:
     """Return what the sensors would show more, (n, q, 2), for 1 rad/s and for 1 A in a recording's first row."""
-    from scipy.signal import lfilter
-
     f, _, denominator = _discrete(fit, clock)
     impulse = np.zeros(clock.rows.stop - clock.rows.start)
     impulse[0] = 1.0
@@ -70,7 +67,7 @@ def free_motion(fit: Fit, clock: Clock) -> FloatArray:
     columns = []
     for first in (1, 0):
         above = [[float(row == first), second[row, first]] for row in range(2)]
-        states = np.array([lfilter(numerator, denominator, impulse) for numerator in above])
+        states = np.array([recursion(numerator, denominator, impulse) for numerator in above])
         columns.append(_as_shown(fit, states, clock))
     return np.stack(columns, axis=2)
 
@@ -93,7 +90,7 @@ def as_late(fit: Fit, signal: FloatArray) -> FloatArray:
 
 
 def _discrete(fit: Fit, clock: Clock) -> tuple[FloatArray, FloatArray, list[float]]:
-    """Return F (2, 2), G (2, 2) of x[k+1] = F x[k] + G [v, torque], and the coefficients of det(I - F z^-1)."""
+    """Return F (2, 2), G (2, 2) of x[k+1] = F x[k] + G [v, torque], and det(I - F z^-1) without its 1."""
     from scipy.linalg import expm
 
     values = motor_values(fit)
@@ -103,7 +100,7 @@ def _discrete(fit: Fit, clock: Clock) -> tuple[FloatArray, FloatArray, list[floa
     whole[:2, :2], whole[:2, 2:] = a, b
     step = expm(whole * clock.step)
     f = step[:2, :2]
-    return f, step[:2, 2:], [1.0, -float(np.trace(f)), float(np.linalg.det(f))]
+    return f, step[:2, 2:], [-float(np.trace(f)), float(np.linalg.det(f))]
 
 
 def _as_shown(fit: Fit, states: FloatArray, clock: Clock) -> FloatArray:

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.fitting.explained import Explained
+from estimator.fitting.explained import REPORTED, Explained
 from estimator.fitting.problem import Problem
 from estimator.fmus.workers import Workers
 from estimator.plans.parameters import Parameter
@@ -46,7 +46,7 @@ def with_fine_signals(
     """Return the comparisons with the simulation between their samples, where the enlarged part has few of them.
 
     One simulation of the estimate, (p,), a recording. Sensors that filter have no finer grid: those are left as they
-    are, and so are recordings whose clock is uneven.
+    are, and so are recordings whose clock is uneven, or in which a large effect was found: the FMU alone is simulated.
     """
     if any(chain.filters for chain in plan.chains.values()):
         return compared
@@ -75,8 +75,10 @@ def _fine(
     shown = {name: _memory(rows[:, j], plan, name) for j, name in enumerate(plan.outputs)}
     for name, signal in shown.items():
         samples = comparison.simulated[name][: len(signal[::FINER])]
-        if np.abs(signal[::FINER] - samples).max() > ALIKE * np.ptp(samples):  # an FMU that ignores its step, say
+        beside = samples - signal[::FINER]  # a small effect that was found beside the FMU
+        if np.abs(beside).max() > ALIKE * np.ptp(samples):  # an FMU that ignores its step, say, or a large effect
             return None
+        shown[name] = signal + np.interp(np.arange(len(signal)), FINER * np.arange(len(beside)), beside)
     fine = FineSignals(one.observed[0].recording.time[seen], {name: signal[seen] for name, signal in shown.items()})
     return dataclasses.replace(comparison, fine=fine)
 
@@ -105,7 +107,7 @@ def _finer(plan: Plan, e: int, *, rows: int) -> Plan:
             else dataclasses.replace(p.place, recording=0),
         )
         for p in plan.parameters
-        if p.recording in (None, e) and (p.place is None or p.place.recording in (None, e))
+        if p.place != REPORTED and p.recording in (None, e) and (p.place is None or p.place.recording in (None, e))
     )
     return dataclasses.replace(
         plan,

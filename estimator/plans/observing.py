@@ -73,7 +73,8 @@ def observe(case: Case, description: FmuDescription, recording: Recording, run: 
         delay = float(run.delay)
         _check_delay(delay, excitation, recording)
     if begin in (GIVEN, REST):  # nothing to run in, and the way from there is a response
-        kind = "several" if begin == GIVEN and excitation.kind == "none" else excitation.kind
+        by_itself = run.begin == GIVEN or not (run.begin or is_motor)  # a motor at zero does not move without its input
+        kind = "several" if by_itself and excitation.kind == "none" else excitation.kind
         still = dataclasses.replace(excitation, kind=kind, running=False)
         return Observed(recording, driven, measured, still, 0, delay, notes=notes, has_phase=has_phase)
     lead = 0

@@ -78,4 +78,6 @@ def read_signals(path: Path) -> Signals:
             )
         return Signals(tuple(comparisons), int(about["held_out"]))
     except (OSError, EOFError, ValueError, KeyError, TypeError, AttributeError, zipfile.BadZipFile) as error:
-        raise InputError(f"{path}: is no file of signals that can be read; estimate again with --signals") from error
+        raise InputError(
+            f"{path}: is no file of signals that can be read; run estimate again with --signals"
+        ) from error

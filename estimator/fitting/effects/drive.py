@@ -142,7 +142,8 @@ def _plateau(o: Observed) -> float:
     high = np.flatnonzero(smooth > top - max(PLATEAU * noise, 0.02 * top))
     runs = np.split(high, np.flatnonzero(np.diff(high) > 2) + 1)
     run = max(runs, key=len)
-    if len(run) < HELD_ROWS or top < ABOVE * float(np.median(i[i > 4 * noise])):
+    flows = i[i > 4 * noise]
+    if len(run) < HELD_ROWS or not len(flows) or top < ABOVE * float(np.median(flows)):
         return 0.0
     rises = abs(float(w[run[-1]] - w[run[0]])) > 0.1 * float(np.max(w))
     third = len(run) // 3
@@ -219,7 +220,7 @@ class DeadBand(Drive):
 
     def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
         """Return the threshold: which of the smallest voltages it swallows; where it lies between two is not told."""
-        levels = np.unique(np.concatenate([np.abs(o.inputs["v"]) for o in plan.observed if "v" in o.inputs]))
+        levels = np.unique(np.abs([v for o in plan.observed for v in o.inputs.get("v", ())]))
         levels = levels[levels > 0]
         tries = tuple(1.001 * float(x) for x in levels[:2]) if 2 < len(levels) <= 20 else ()
         threshold = Nuisance(self.target, "V", 0.0, 1e3, 0.0, 1.0, target=self.target, tries=tries, whole=True)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from estimator.fitting.effects.base import Effect
 from estimator.fitting.fit import Fit
+from estimator.fitting.recursion import recursion
 from estimator.fitting.simulator import Nuisance
 from estimator.plans.plan import Plan
 
@@ -20,14 +21,12 @@ MOST = 60.0  # samples
 
 def lagged(y: FloatArray, tau: float, h: float) -> FloatArray:
     """Return y behind tau x' + x = y, exact for a signal on lines between its samples, at rest before the first."""
-    from scipy.signal import lfilter
-
     if tau <= 0:
         return y
     a = np.exp(-h / tau)
     b0, b1 = 1 - (1 - a) * tau / h, (1 - a) * tau / h - a
-    shown, _ = lfilter([b0, b1], [1.0, -a], y, zi=np.array([(1 - b0) * y[0]]))
-    return np.asarray(shown)
+    level = float(y[0])
+    return level + recursion([b0, b1], [-a], y - level)  # the gain is 1: what was constant before is shown as it is
 
 
 def lagged_twice(y: FloatArray, tau: float, h: float) -> FloatArray:

@@ -1,0 +1,35 @@
+"""Filters of the search's effects: the same numbers as SciPy's, which takes longer to import than a clean start."""
+
+import numpy as np
+import pytest
+from scipy.signal import cont2discrete, dlsim, lfilter
+
+from estimator.fitting.effects.low_pass import lagged
+from estimator.fitting.recursion import recursion
+
+
+@pytest.mark.parametrize("n", [0, 1, 2, 3, 200, 20_000])
+@pytest.mark.parametrize(
+    ("b", "a"), [([0.3, 0.2], [-0.9]), ([0.0, 0.1, 0.2], [-1.98, 0.9802]), ([1.0], [-0.5, -0.2, 0.1])]
+)
+def test_a_recursion_is_that_of_scipy(n, b, a):
+    x = np.random.default_rng(n).standard_normal(n)
+    right = lfilter(b, [1.0, *a], x)
+    assert np.allclose(recursion(b, a, x), right, rtol=0, atol=1e-11 * np.abs(right).max(initial=0))
+
+
+def test_a_recursion_leaves_its_signal_as_it_was():
+    x = np.random.default_rng(1).standard_normal(50)
+    before = x.copy()
+    recursion([1.0], [-0.5], x)
+    assert np.array_equal(x, before)
+
+
+def test_a_low_pass_is_exact_between_the_samples_and_at_rest_before_the_first():
+    tau, h = 3e-3, 1e-3
+    y = 5.0 + np.cumsum(np.random.default_rng(2).standard_normal(300))
+    exact = cont2discrete(([1.0], [tau, 1.0]), h, method="foh")
+    _, right = dlsim(exact, y - y[0])
+    assert np.allclose(lagged(y, tau, h), y[0] + right[:, 0], rtol=0, atol=1e-12 * np.abs(y).max())
+    assert np.array_equal(lagged(np.full(20, 3.7), tau, h), np.full(20, 3.7))
+    assert lagged(y, 0.0, h) is y
