@@ -6,8 +6,6 @@ be taken out of this table. A file without a test's name: its browser tests depe
 
 OPEN = (
     "test_browser.py::test_the_report_opens_without_an_error_with_all_pictures_and_nothing_from_the_network",
-    "test_chain.py::test_a_bare_recording_of_speed_alone_is_estimated_as_far_as_it_tells",
-    "test_chain.py::test_a_delay_of_one_channel_is_found_by_itself",
     "test_chain.py::test_a_delay_that_a_dry_friction_explains_as_well_makes_doubtful_and_is_told",
     "test_chain.py::test_recordings_of_one_name_are_told_apart",
     "test_check.py::test_what_was_read_of_a_held_out_recording_is_told_too",
@@ -17,7 +15,6 @@ OPEN = (
     "test_models.py::test_one_voltage_does_not_and_the_result_says_so",
     "test_odd_recordings.py::test_a_dry_friction_is_named_whichever_way_the_motor_turns",
     "test_odd_recordings.py::test_an_angle_of_a_motor_that_runs_already_may_begin_anywhere",
-    "test_real_recording.py::test_speed_alone_tells_the_speed_per_volt_and_the_slow_time_constant",
     "test_refusal.py::test_a_bound_that_is_wrong_is_blamed_and_not_the_bench",
     "test_refusal.py::test_a_fast_motor_is_doubtful_and_not_refused",
     "test_refusal.py::test_an_impossible_acceleration",

@@ -30,7 +30,10 @@ DIFFERS = 1.0  # standard errors by which a rival must differ to be told
 
 @dataclass(frozen=True)
 class Averaged:
-    """Values and covariance on the parameters' scales, (p,) and (p, p); what no such recording tells; what differs."""
+    """Values and covariance on the parameters' scales, (p,) and (p, p); what no such recording tells; what differs.
+
+    The covariance is of what the recordings tell: where they tell only combinations of parameters, of these.
+    """
 
     values: FloatArray
     covariance: FloatArray
@@ -52,10 +55,10 @@ def averaged(
     names = fit.simulator.plan.names
     p = len(names)
     inside = fit.at_bound == 0
-    covariance = fit.covariance()
+    covariance, untold = fit.covariance_parts()
     own = fit.simulator.scaled(fit.values)[:p]
     parts: list[tuple[float, FloatArray, FloatArray]] = [(0.0, own, covariance[:p, :p])]
-    pseudo = np.linalg.pinv(fit.jacobian[:, inside], rcond=1e-9) if inside.any() else np.zeros((0, fit.z.size))
+    pseudo = covariance[np.ix_(inside, inside)] @ fit.jacobian[:, inside].T
     test = fit.test()
     unseen = []
     for a in open_additions:
@@ -82,11 +85,11 @@ def averaged(
         charge += 2 * float(np.log(1 / a.effect.prior)) - gain
         parts.append((max(charge, 0.0), own + moved @ size, covariance[:p, :p] + moved @ spread @ moved.T))
     told = []
-    deviation = np.sqrt(np.maximum(np.diag(covariance)[:p], 1e-300))
+    deviation = np.sqrt(np.maximum(np.diag(covariance + untold)[:p], 1e-300))
     for rival in rivals:
         behind = _criterion(rival, samples) - _criterion(explanation, samples)
         there = rival.fit.simulator.scaled(rival.fit.values)[:p]
-        other = rival.fit.covariance()[:p, :p]
+        other = rival.fit.covariance_parts()[0][:p, :p]
         parts.append((max(behind, 0.0), there, other))
         with np.errstate(invalid="ignore"):
             apart = np.abs(there - own) / np.where(np.isfinite(deviation), deviation, np.inf)
@@ -94,16 +97,7 @@ def averaged(
             told.append((rival, float(np.max(apart)), names[int(np.argmax(apart))]))
     weights = np.exp(-0.5 * np.array([c for c, _, _ in parts]))
     weights /= weights.sum()
-    finite = np.isfinite(np.diag(covariance)[:p])
-    total = covariance[:p, :p].copy()
-    sub = np.ix_(finite, finite)
-    total[sub] = np.sum(
-        [
-            w * (c[sub] + np.outer((x - own)[finite], (x - own)[finite]))
-            for w, (_, x, c) in zip(weights, parts, strict=True)
-        ],
-        axis=0,
-    )
+    total = np.sum([w * (c + np.outer(x - own, x - own)) for w, (_, x, c) in zip(weights, parts, strict=True)], axis=0)
     held = ~inside[:p]
     total[held] = total[:, held] = 0.0
     return Averaged(own, total, tuple(unseen), tuple(told))

@@ -29,7 +29,6 @@ from estimator.stepping import layout
 FloatArray = NDArray[np.float64]
 
 REPORTED = SensorPlace("nuisance")  # of what is estimated beside the motor
-UNTOLD = 0.25  # square of a relative error: a parameter that is not told
 WIDE = 1e30  # bounds of what has none
 LINEAR_MOTOR = "dc_motor"  # whose place a bundled FMU with more effects may take
 
@@ -234,9 +233,9 @@ def _explained(
     names = fit.names
     reported = [k for k, n in enumerate(names) if k >= p and not n.startswith("ripple ")]
     kept = [*range(p), *reported]
-    covariance = fit.covariance()[np.ix_(kept, kept)]
-    covariance[:p, :p] = mean.covariance
-    covariance *= checked.inflation
+    seen, unseen = (checked.inflation * part[np.ix_(kept, kept)] for part in fit.covariance_parts())
+    seen[:p, :p] = checked.inflation * mean.covariance
+    covariance = seen + unseen
     told = fit.estimates + [_told_from(fit).get(name, 0.0) for name in names]
     values = np.concatenate([fit.simulator.unscaled(_padded(mean.values, fit))[:p], told[reported]])
     log = fit.is_log[kept]
@@ -251,7 +250,7 @@ def _explained(
     with np.errstate(invalid="ignore"):
         errors = np.sqrt(np.diag(covariance)) * np.where(log, np.abs(values), 1.0)
     information = jacobian.T @ jacobian
-    sizes, axes = np.linalg.eigh(np.where(np.isfinite(covariance), covariance, 0.0))
+    sizes, axes = np.linalg.eigh(seen)
     scores = information @ axes * np.sqrt(np.maximum(sizes, 0.0))  # its square is never negative, as rounded as it is
     whitener = fit.whitener
     polish = Polish(
@@ -276,15 +275,6 @@ def _explained(
         adequacy=checked,
         explanation=explanation,
     )
-
-
-def _scores(information: FloatArray, covariance: FloatArray, inflation: float) -> FloatArray:
-    """Return what stands between the inverses of the information so that the covariance is theirs, (n, n).
-
-    Where a parameter is not told, the covariance of what is told cannot be taken from it: then the fit's own is taken.
-    """
-    told = np.isfinite(covariance).all() and np.all(np.diag(covariance) < UNTOLD)
-    return np.asarray(information @ covariance @ information if told else inflation * information)
 
 
 def _told_from(fit: Fit) -> dict[str, float]:

@@ -124,12 +124,17 @@ class Fit:
 
     def covariance(self) -> FloatArray:
         """Return the covariance of the names on their scales, (f + m, f + m); zero at a bound, inf where not told."""
+        told, untold = self.covariance_parts()
+        return told + untold
+
+    def covariance_parts(self) -> tuple[FloatArray, FloatArray]:
+        """Return the covariance's parts, (f + m, f + m) each: of what the recordings tell, and of what they do not."""
         inside = self.at_bound == 0
-        result = np.zeros((len(inside), len(inside)))
+        told, untold = np.zeros((2, len(inside), len(inside)))
         if inside.any():
-            told, untold = information_parts(np.asarray(np.linalg.qr(self.jacobian[:, inside], mode="r")))
-            result[np.ix_(inside, inside)] = told + untold
-        return result
+            parts = information_parts(np.asarray(np.linalg.qr(self.jacobian[:, inside], mode="r")))
+            told[np.ix_(inside, inside)], untold[np.ix_(inside, inside)] = parts
+        return told, untold
 
     def residuals(self) -> FloatArray:
         """Return measured less explained, (rows, q); NaN where a sample is missing."""
