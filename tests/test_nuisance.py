@@ -102,16 +102,19 @@ def test_a_step_down_to_rest_is_estimated(case_of):
     assert worst(result) < 5
 
 
-def test_outliers_are_left_out_and_missing_samples_do_no_harm(case_of, noisy):
+def test_outliers_are_held_down_and_missing_samples_do_no_harm(case_of, noisy):
+    """Two of the 31 outliers stand side by side. Were one of them taken for noise, this would be 1.1 times as large."""
     rng = np.random.default_rng(4)
     current, speed = noisy.signals["current"].copy(), noisy.signals["speed"].copy()
     hit = rng.random(len(current)) < 0.01
+    assert np.any(hit[1:] & hit[:-1])
     current[hit] += 1.0
     speed[rng.random(len(speed)) < 0.05] = np.nan
     result = run(case_of(), with_signals(noisy, current=current, speed=speed))
-    assert f"i has {hit.sum()} outliers; they are left out" in result.notes
-    assert np.array_equal(result.comparisons[0].left_out["i"], hit)
-    assert worst(result) < 5
+    assert result.verdict == "ok", result.reasons
+    assert f"i has {hit.sum()} outliers, weighted by Student's t" in result.notes
+    assert result.noise["i"] == pytest.approx(0.02, rel=0.08)
+    assert worst(result) < 3
 
 
 def test_ripple_locked_to_the_angle_is_taken_out(case_of, noisy):

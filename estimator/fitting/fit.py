@@ -27,7 +27,8 @@ STEP = 1e-4  # of a logarithm; of a nuisance's typical size ten times that
 ITERATIONS = 25
 DAMPING = (1e-3, 1e8)  # first, last
 FAR_LOG, FAR = 1.0, 5.0  # longest step: of a logarithm; of a nuisance's typical sizes
-OUTLIER, BESIDE = 4.5, 3.0  # standard deviations of an outlier, and of the samples beside it
+OUTLIER, BESIDE = 4.5, 3.0  # standard deviations of an outlier, and of the samples beside one or two
+NORMAL = 0.6745  # median size of a standard normal number
 FREEDOM = 4.0  # of Student's t, by whose weights outliers are held down
 SECANTS, KINKED = 6, 0.7  # times that errors grow by secants; of a derivative: a smaller secant is taken
 AT_BOUND = 1e-6  # of the width of the bounds
@@ -266,11 +267,18 @@ def refreshed(fit: Fit, whitener: Whitener) -> Fit:
 
 
 def held_down(fit: Fit) -> Fit:
-    """Return the fit with outliers, which stand alone, weighted by Student's t."""
-    z = np.abs(fit.z.reshape(fit.shown.shape))
-    beside = np.maximum(np.vstack([np.zeros(z.shape[1]), z[:-1]]), np.vstack([z[1:], np.zeros(z.shape[1])]))
+    """Return the fit with outliers, which stand alone or two together, weighted by Student's t."""
+    z = np.abs(fit.z.reshape(fit.shown.shape)) * np.sqrt(fit.whitener.inflate)  # as if none were held down yet
+    present = fit.whitener.present
+    usual = [np.median(own[here]) / NORMAL if here.any() else 1.0 for own, here in zip(z.T, present.T, strict=True)]
+    z = z / np.clip(usual, 1e-3, 1.0)  # a noise that was found with the outliers in it is too large
+    n = len(z)
+    far = np.vstack([np.zeros((2, z.shape[1])), z, np.zeros((2, z.shape[1]))])
+    one, *two = (np.maximum(far[2 + a : 2 + a + n], far[2 + b : 2 + b + n]) for a, b in ((-1, 1), (-2, 1), (-1, 2)))
+    steady = np.abs(np.gradient(fit.shown, axis=0)) < fit.whitener.noise.deviation(fit.whitener.level)
+    beside = np.where(steady, np.minimum(one, np.minimum(*two)), one)  # two in a transient may be one misfit
     alone = (z > OUTLIER) & ((beside < BESIDE) | (z > 4 * beside))
-    inflate = np.where(alone, (FREEDOM + z * z) / (FREEDOM + 1), fit.whitener.inflate)
+    inflate = np.where(alone, (FREEDOM + z * z) / (FREEDOM + 1), 1.0)
     return dataclasses.replace(fit, whitener=dataclasses.replace(fit.whitener, inflate=inflate))
 
 
