@@ -315,12 +315,17 @@ def _found(explanation: Explanation, plan: Plan) -> list[Found]:
     return found
 
 
+def _called(addition: Addition) -> str:
+    """Return an addition's name, or its effect's, where its own is a parameter's of the FMU."""
+    effect = addition.effect.name
+    return addition.name if addition.name.startswith(effect) else effect
+
+
 def _rival(rival: Explanation, apart: float, parameter: str, explanation: Explanation) -> str:
     """Say what else would explain the recordings, and what it changes."""
     instead = [a for a in rival.additions if a.name not in explanation.names()]
     replaced = [a for a in explanation.additions if a.name not in rival.names()]
-    words = " and ".join(a.effect.name if a.linear is None else a.name for a in instead) or "nothing more"
-    over = " and ".join(a.effect.name if a.linear is None else a.name for a in replaced)
+    words, over = (" and ".join(_called(a) for a in part) or "nothing more" for part in (instead, replaced))
     k = rival.fit.simulator.plan.names.index(parameter)
     return (
         f"{words} instead of {over} would explain the recording nearly as well, with {parameter} ="

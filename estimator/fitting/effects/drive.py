@@ -201,9 +201,8 @@ class Sag(Drive):
         duration = max(float(o.recording.time[-1] - o.recording.time[0]) for o in plan.observed)
         taus = [tau for tau in (0.003, 0.02, 0.1) if tau < 0.3 * duration]
         return [
-            Nuisance(self.target, self.unit, -10 * size, 10 * size, 0.0, 0.1 * size, target=self.target,
-                     tries=tuple(sign * size for _ in taus for sign in (1, -1)),
-                     together=tuple({self.time_target: tau} for tau in taus for _ in range(2))),
+            Nuisance(self.target, self.unit, 0.0, 10 * size, 0.0, 0.1 * size, target=self.target,
+                     tries=(size,) * len(taus), together=tuple({self.time_target: tau} for tau in taus)),
             Nuisance(self.time_target, "s", 1e-4, 10.0, 0.01, 0.01, log=True, target=self.time_target),
         ]  # fmt: skip
 
