@@ -6,14 +6,11 @@ be taken out of this table. A file without a test's name: its browser tests depe
 
 OPEN = (
     "test_browser.py::test_the_report_opens_without_an_error_with_all_pictures_and_nothing_from_the_network",
-    "test_chain.py::test_a_delay_that_a_dry_friction_explains_as_well_makes_doubtful_and_is_told",
-    "test_chain.py::test_recordings_of_one_name_are_told_apart",
     "test_check.py::test_what_was_read_of_a_held_out_recording_is_told_too",
     "test_derived.py::test_gains_and_time_constants_are_those_of_the_matrix_and_their_errors_hold",
     "test_derived.py::test_speed_alone_tells_no_parameter_but_the_speed_per_volt",
     "test_docs.py::test_the_example_runs",
     "test_models.py::test_one_voltage_does_not_and_the_result_says_so",
-    "test_odd_recordings.py::test_a_dry_friction_is_named_whichever_way_the_motor_turns",
     "test_odd_recordings.py::test_an_angle_of_a_motor_that_runs_already_may_begin_anywhere",
     "test_refusal.py::test_a_bound_that_is_wrong_is_blamed_and_not_the_bench",
     "test_refusal.py::test_an_impossible_acceleration",

@@ -98,6 +98,7 @@ def test_a_delay_that_leaves_nothing_of_the_response_is_told(measured, case_of, 
 
 
 def test_a_dry_friction_is_named_whichever_way_the_motor_turns(case_of):
+    """One step hardly tells it from a viscous one: it is found, or is a rival, with bars that cover it."""
     torque = 2e-3  # N·m
     rows = DryMotor({**CML050.parameters, "friction": torque, "stiction": 0.0, "brush": 0.0}).response(
         VOLTAGE[:-1], np.zeros(N - 1), step=1e-3
@@ -106,8 +107,10 @@ def test_a_dry_friction_is_named_whichever_way_the_motor_turns(case_of):
     ahead = recording_of("dry", np.arange(N) * 1e-3, VOLTAGE, shown, noise=(0.005, 0.2), seed=1)
     back = changed(ahead, **{name: -signal for name, signal in ahead.signals.items()})
     there, mirrored = run(case_of(), ahead), run(case_of(), back)
-    assert "dry (Coulomb) friction" in " ".join(there.reasons)
-    assert mirrored.reasons == tuple(r.replace("dry:", "changed:") for r in there.reasons)
+    for result in (there, mirrored):
+        assert "friction" in result.chain or "dry friction instead of" in " ".join(result.reasons), result.reasons
+        assert worst(result) < 3
+    assert mirrored.reasons == there.reasons and set(mirrored.chain) == set(there.chain)
     for name in NAMES:
         assert mirrored.parameters[name].value == pytest.approx(there.parameters[name].value, rel=1e-6)
 
