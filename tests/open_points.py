@@ -11,7 +11,6 @@ OPEN = (
     "test_derived.py::test_speed_alone_tells_no_parameter_but_the_speed_per_volt",
     "test_docs.py::test_the_example_runs",
     "test_models.py::test_one_voltage_does_not_and_the_result_says_so",
-    "test_odd_recordings.py::test_an_angle_of_a_motor_that_runs_already_may_begin_anywhere",
     "test_refusal.py::test_a_bound_that_is_wrong_is_blamed_and_not_the_bench",
     "test_refusal.py::test_an_impossible_acceleration",
     "test_resample.py::test_the_spread_is_what_the_standard_errors_say",

@@ -26,6 +26,7 @@ FloatArray = NDArray[np.float64]
 ALARM = 1e-3  # chance of a false alarm of one explanation
 SEEN = 1e-3  # of the largest singular value: directions that a window tells
 EXCESS = 0.15  # of the variance: less is allowed for by the bars, however sure
+HALF = 0.75  # of a sensor's step: what is nearer in all of a window is explained as well as the sensor resolves it
 ALIKE = 0.08  # of correlation, likewise
 
 
@@ -76,6 +77,7 @@ def adequacy(fit: Fit, parameters: int) -> Adequacy:
     count = 2 * len(windows.windows) * len(outputs) + len(windows.windows) + len(outputs)
     normal = float(ndtri(1 - ALARM / count))
     failures, inflation = [], 1.0
+    resolved = np.abs(np.nan_to_num(fit.residuals())) > HALF * fit.simulator.steps
     for window in windows.windows:
         for j, output in enumerate(outputs):
             known = present[window.rows, j]
@@ -86,9 +88,10 @@ def adequacy(fit: Fit, parameters: int) -> Adequacy:
             square = float(np.sum(own[known] ** 2)) / n
             limit = float(chdtri(n, ALARM / count)) / n
             limit = max(limit, 1 + normal * np.sqrt(2 * tails[j] / n))
-            if square > limit:
+            seen = not fit.simulator.steps[j] or bool(np.any(resolved[window.rows, j]))
+            if seen and square > limit:
                 inflation = max(inflation, square)
-            if square > max(limit, 1 + EXCESS):
+            if seen and square > max(limit, 1 + EXCESS):
                 failures.append(Failure("size", window.name, output, float(np.sqrt(square))))
             pairs = known[1:] & known[:-1] & (np.diff(window.rows) == 1)
             m = int(pairs.sum())

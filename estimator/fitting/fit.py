@@ -278,6 +278,7 @@ def held_down(fit: Fit) -> Fit:
     steady = np.abs(np.gradient(fit.shown, axis=0)) < fit.whitener.noise.deviation(fit.whitener.level)
     beside = np.where(steady, np.minimum(one, np.minimum(*two)), one)  # two in a transient may be one misfit
     alone = (z > OUTLIER) & ((beside < BESIDE) | (z > 4 * beside))
+    alone &= np.abs(np.nan_to_num(fit.residuals())) > fit.simulator.steps  # a sensor's resolution is no outlier
     inflate = np.where(alone, (FREEDOM + z * z) / (FREEDOM + 1), 1.0)
     return dataclasses.replace(fit, whitener=dataclasses.replace(fit.whitener, inflate=inflate))
 

@@ -218,7 +218,7 @@ class DeadBand(Drive):
 
     def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
         """Return the threshold: which of the smallest voltages it swallows; where it lies between two is not told."""
-        levels = np.unique(np.concatenate([np.abs(o.inputs["v"]) for o in plan.observed if "v" in o.inputs]))
+        levels = np.unique([abs(x) for o in plan.observed for x in np.unique(o.inputs.get("v", []))])
         levels = levels[levels > 0]
         tries = tuple(1.001 * float(x) for x in levels[:2]) if 2 < len(levels) <= 20 else ()
         threshold = Nuisance(self.target, "V", 0.0, 1e3, 0.0, 1.0, target=self.target, tries=tries, whole=True)
