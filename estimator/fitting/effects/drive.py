@@ -142,7 +142,8 @@ def _plateau(o: Observed) -> float:
     high = np.flatnonzero(smooth > top - max(PLATEAU * noise, 0.02 * top))
     runs = np.split(high, np.flatnonzero(np.diff(high) > 2) + 1)
     run = max(runs, key=len)
-    if len(run) < HELD_ROWS or top < ABOVE * float(np.median(i[i > 4 * noise])):
+    seen = i[i > 4 * noise]
+    if len(run) < HELD_ROWS or not len(seen) or top < ABOVE * float(np.median(seen)):
         return 0.0
     rises = abs(float(w[run[-1]] - w[run[0]])) > 0.1 * float(np.max(w))
     third = len(run) // 3

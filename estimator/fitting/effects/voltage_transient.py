@@ -19,7 +19,7 @@ NAMES = ("voltage dip", "voltage overshoot")
 LEAST = 0.05  # of the voltage's range: a smaller change is none
 EDGES = 12  # more are a signal
 RATIO, SHORTEST, LONGEST = 1.5, 2.0, 0.3  # between time constants; in samples; of the recording
-MOST = 0.5  # of a change
+SMALL, MOST = 0.005, 0.5  # of a change: less is the rounding of something else, more is another voltage
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class VoltageTransient(Effect):
         along, power = across.T @ test.left, np.sum(across**2, axis=0)
         best = int(np.argmax(np.where((power > 1e-9) & (along > 0), along**2 / np.maximum(power, 1e-9), 0.0)))
         name = f"{self.name} of {taus[best]:.3g} s"
-        return [Linear(name, columns[best][:, :, None], ("",), least=0.0, most=MOST, size=max(0.02 * self.sign, 0.0))]
+        return [Linear(name, columns[best][:, :, None], ("",), least=SMALL, most=MOST, size=max(0.02 * self.sign, 0.0))]
 
     def tell(self, name: str, value: float, plan: Plan) -> str:
         """Say which way, by how much, and for how long."""
