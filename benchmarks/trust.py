@@ -134,7 +134,7 @@ def named(found: Estimate) -> set[str]:
     names = {name for name, words in said.items() if words in text}
     rivals = " ".join(r for r in found.reasons if "nearly as well" in r)
     names |= {name for name in ("dry friction", "gain", "lag") if name in rivals}
-    if "sag" in rivals.split():
+    if "sag" in rivals.split() or "the motor's voltage is too low at first" in text:
         names.add("supply sag")
     if "the transient is lost" in text:
         names.add("lost samples")

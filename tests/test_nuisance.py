@@ -1,6 +1,7 @@
 """The measurement chain found in emulated recordings: freed where the data show it, left alone where they do not."""
 
 import dataclasses
+import re
 
 import numpy as np
 import pytest
@@ -65,34 +66,44 @@ def test_offsets_are_found_and_estimated(case_of, noisy):
 
 @pytest.mark.parametrize("samples", [2, 4])
 def test_a_logger_that_averages_is_found_out(case_of, noisy, samples):
+    """A mean of two samples is as well told as half a sample's delay of that channel; one of four is not."""
     padded = np.concatenate([np.zeros(samples - 1), noisy.signals["current"]])
     mean = np.convolve(padded, np.full(samples, 1 / samples), "valid")
     result = run(case_of(), with_signals(noisy, current=mean))
-    assert f"i is a mean over the last {samples} samples" in " ".join(result.notes)
-    assert worst(result) < 5
+    if samples > 2 or "delay of i" not in result.chain:
+        assert f"i is a mean over the last {samples} samples" in " ".join(result.notes)
+    else:
+        assert result.chain["delay of i"].value == pytest.approx(0.5e-3, abs=1e-4)
+    assert worst(result) < 3
 
 
 @pytest.mark.parametrize("late", [1, 3])
 def test_a_current_that_comes_late_is_not_taken_for_lost_samples(case_of, noisy, late):
     current = np.concatenate([noisy.signals["current"][:late], noisy.signals["current"][:-late]])
     result = run(case_of(), with_signals(noisy, current=current))
-    assert result.verdict == "ok"
-    assert result.chain["delay"].value == pytest.approx(late * 1e-3, abs=2e-4)
-    assert result.chain["delay w"].value == pytest.approx(-late * 1e-3, abs=2e-4)
-    assert any(note.startswith("i comes later than w") for note in result.notes)
-    assert worst(result) < 5
+    assert result.verdict == "ok", result.reasons
+    assert set(result.chain) == {"delay of i"}
+    found = result.chain["delay of i"]
+    assert abs(found.value - late * 1e-3) < 3 * found.standard_error < 2e-4
+    assert any(note.startswith("i is shown") and "after the other signals" in note for note in result.notes)
+    assert worst(result) < 3
 
 
 @pytest.mark.parametrize("samples", [2, 3])
 def test_a_mean_whose_noise_is_white_is_not_taken_for_lost_samples(case_of, samples):
+    """The noise does not tell a mean from what else smooths and delays: it is named, or its rival is, with doubt."""
     clean, rng = step_recording(CML050), np.random.default_rng(5)
     padded = np.concatenate([np.zeros(samples - 1), clean.signals["current"]])
     current = np.convolve(padded, np.ones(samples) / samples, mode="valid") + rng.normal(0, 0.02, len(clean.time))
     speed = clean.signals["speed"] + rng.normal(0, 1, len(clean.time))
     result = run(case_of(), with_signals(clean, current=current, speed=speed))
-    assert result.verdict == "ok"
-    assert any(f"i is a mean over the last {samples} samples" in note for note in result.notes)
-    assert worst(result) < 5
+    told = " ".join((*result.notes, *result.reasons))
+    assert "lost rows" not in told
+    if f"i is a mean over the last {samples} samples" not in told:  # half a sample's delay, or a lag, are as likely
+        assert result.verdict == "doubtful" and "would explain the recording nearly as well" in told
+        late = next(q.value for n, q in result.chain.items() if n.endswith("of i"))
+        assert late == pytest.approx((samples - 1) / 2 * 1e-3, rel=0.2)
+    assert worst(result) < 3
 
 
 def test_a_step_down_to_rest_is_estimated(case_of):
@@ -102,16 +113,19 @@ def test_a_step_down_to_rest_is_estimated(case_of):
     assert worst(result) < 5
 
 
-def test_outliers_are_left_out_and_missing_samples_do_no_harm(case_of, noisy):
+def test_outliers_are_held_down_and_missing_samples_do_no_harm(case_of, noisy):
+    """Two of the 31 outliers stand side by side. Were one of them taken for noise, this would be 1.1 times as large."""
     rng = np.random.default_rng(4)
     current, speed = noisy.signals["current"].copy(), noisy.signals["speed"].copy()
     hit = rng.random(len(current)) < 0.01
+    assert np.any(hit[1:] & hit[:-1])
     current[hit] += 1.0
     speed[rng.random(len(speed)) < 0.05] = np.nan
     result = run(case_of(), with_signals(noisy, current=current, speed=speed))
-    assert f"i has {hit.sum()} outliers; they are left out" in result.notes
-    assert np.array_equal(result.comparisons[0].left_out["i"], hit)
-    assert worst(result) < 5
+    assert result.verdict == "ok", result.reasons
+    assert f"i has {hit.sum()} outliers, weighted by Student's t" in result.notes
+    assert result.noise["i"] == pytest.approx(0.02, rel=0.08)
+    assert worst(result) < 3
 
 
 def test_ripple_locked_to_the_angle_is_taken_out(case_of, noisy):
@@ -128,34 +142,42 @@ def test_ripple_locked_to_the_angle_is_taken_out(case_of, noisy):
     assert worst(result) < 5
 
 
-def test_a_drift_is_named_and_makes_the_estimate_doubtful(case_of, noisy):
+def test_a_current_that_drifts_is_slow_noise_and_widens_the_errors(case_of, noisy):
     k = np.arange(len(noisy.time))
     line = np.where(k > 520, (k - 1650) / 2300, 0.0)
     result = run(case_of(), with_signals(noisy, current=noisy.signals["current"] + 0.04 * line))
-    assert result.verdict == "doubtful"
-    told = [float(reason.split()[3]) for reason in result.reasons if reason.startswith("i drifts by")]
-    assert told == pytest.approx([0.04], rel=0.2)  # its deviation is 0.003
+    slow = next(note for note in result.notes if note.startswith("the noise of i: 0.02 A from sample to sample"))
+    size, over = (float(x) for x in re.search(r"([0-9.]+) A over ([0-9.]+) s", slow).groups())
+    assert size == pytest.approx(0.04 / np.sqrt(12), rel=0.6) and over > 0.1  # a line's deviation over the recording
+    clean = run(case_of(), noisy)
+    assert result.parameters["K"].standard_error > 1.5 * clean.parameters["K"].standard_error
+    assert worst(result) < 3
 
 
 def test_a_supply_that_sags_is_named(case_of, noisy):
-    sagging = dataclasses.replace(CML050, voltage=10.5)
-    k = np.arange(2801)
-    voltage = np.where(k >= 500, 10.5 * (1 - 0.05 * np.exp(-(k - 500) / 30)), 0.0)
-    shown = held_response(sagging, voltage, step=1e-3)
-    recording = recording_of("sag", noisy.time, np.where(k >= 500, 10.5, 0.0), shown, noise=(0.02, 1.0), seed=5)
-    result = run(case_of(), recording)
+    """Of one step a resistance of the supply explains it as well, with another K: both are told."""
+    result = run(case_of(), noisy_at(0.05, noisy))
     assert result.verdict == "doubtful"
-    assert any("supply's voltage seems to sag" in reason for reason in result.reasons)
+    assert any("the motor's voltage is too low at first" in reason for reason in result.reasons), result.reasons
+    assert any(reason.startswith("sag instead of voltage dip") for reason in result.reasons), result.reasons
+    assert worst(result) < 3
+
+
+def noisy_at(sag, like):
+    """Return a recording whose voltage is too low at first, comes back within 30 ms, and is logged as a step."""
+    k = np.arange(len(like.time))
+    voltage = np.where(k >= 500, 10.5 * (1 - sag * np.exp(-np.maximum(k - 500, 0) / 30)), 0.0)
+    shown = held_response(CML050, voltage, step=1e-3)
+    return recording_of("sag", like.time, np.where(k >= 500, 10.5, 0.0), shown, noise=(0.02, 1.0), seed=5)
 
 
 def test_a_voltage_that_is_too_high_at_the_step_is_not_said_to_sag(case_of, noisy):
-    k = np.arange(len(noisy.time))
-    voltage = np.where(k >= 500, 10.5 * (1 + 0.1 * np.exp(-np.maximum(k - 500, 0) / 30)), 0.0)
-    shown = held_response(CML050, voltage, step=1e-3)
-    recording = recording_of("high", noisy.time, np.where(k >= 500, 10.5, 0.0), shown, noise=(0.02, 1.0), seed=5)
-    reasons = " ".join(run(case_of(), recording).reasons)
-    assert "the supply's voltage seems to be too high at the step (+" in reasons
-    assert "sag" not in reasons
+    result = run(case_of(), noisy_at(-0.1, noisy))
+    assert result.verdict == "doubtful"
+    (told,) = [reason for reason in result.reasons if reason.startswith("voltage overshoot of")]
+    assert "the motor's voltage is too high at first, by " in told
+    assert "sag" not in " ".join(result.reasons) and "supply_resistance" not in result.chain
+    assert worst(result) < 3
 
 
 def test_a_motor_that_turns_already_without_voltage_is_said_to(case_of, noisy):
@@ -163,11 +185,15 @@ def test_a_motor_that_turns_already_without_voltage_is_said_to(case_of, noisy):
     shown = held_response(CML050, np.concatenate([np.full(500, 5.0), voltage]), step=1e-3)[500:]
     recording = recording_of("coasts", np.arange(len(shown)) * 1e-3, voltage, shown, noise=(0.02, 1.0), seed=4)
     result = run(case_of(), recording)
-    assert result.verdict == "doubtful"
-    assert any("coasts: the motor turns already at" in reason for reason in result.reasons)
+    assert any("the motor moves already in the first row" in note for note in result.notes), result.notes
+    speed, current = (result.chain[f"motion before the voltage{k}"] for k in ("", "#1"))
+    assert abs(speed.value - shown[0, 1]) < 3 * speed.standard_error
+    assert abs(current.value - shown[0, 0]) < 3 * current.standard_error
+    assert worst(result) < 3
 
 
 def test_lost_samples_in_the_transient_are_named(case_of, noisy):
+    """How many is told to first order: of the five that are lost, four."""
     keep = np.r_[0:515, 520:2801]
     s = noisy.signals
     recording = recording_of(
@@ -175,12 +201,11 @@ def test_lost_samples_in_the_transient_are_named(case_of, noisy):
     )
     result = run(case_of(), recording)
     assert result.verdict == "doubtful"
-    assert any(r.startswith("5 samples seem to be missing before t = 0.515 s") for r in result.reasons), result.reasons
-    assert any("check the logger's clock" in reason for reason in result.reasons)
-    assert worst(result) < 5  # what follows is compared at its time
-    (shown,) = result.comparisons
-    assert np.flatnonzero(np.isnan(shown.measured["w"])).tolist() == list(range(515, 520))
-    assert shown.time == pytest.approx(noisy.time) and result.recordings[0]["missing_rows"] == 5
+    (told,) = [r for r in result.reasons if r.startswith("lost rows at t = 0.51")]
+    assert "rows seem to be missing there" in told and "check the logger" in told
+    (size,) = [q.value for n, q in result.chain.items() if n.startswith("lost rows")]
+    assert size == pytest.approx(5, rel=0.25)
+    assert worst(result) < 3
 
 
 def test_the_speed_of_an_encoder_is_taken_as_a_mean_over_the_interval(case_of, noisy):

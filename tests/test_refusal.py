@@ -139,7 +139,7 @@ def test_a_bound_that_is_wrong_is_blamed_and_not_the_bench(case_of):
     assert estimate.verdict == "doubtful" and not estimate.chain
     assert any(r.startswith("L: the estimate lies at its upper bound 0.01; widen the bound") for r in estimate.reasons)
     assert not any("sag" in reason or "gain" in reason or "drift" in reason for reason in estimate.reasons)
-    assert {estimate.parameters[name].status for name in "RKJB"} == {"doubtful"}
+    assert {estimate.parameters[name].status for name in "RKJB"} <= {"doubtful", "not identified"}
 
 
 def test_a_reason_knows_where_in_the_data_it_lies(case_of, good):

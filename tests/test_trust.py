@@ -186,7 +186,8 @@ def test_a_fast_motor_is_estimated_from_few_samples():
     measured = np.column_stack([recording.signals["current"], recording.signals["speed"]])
     result = estimate_recordings([PLAIN], [[recording]], workers=1)[0]
     values = np.array([result.parameters[n].value for n in NAMES])
-    assert likelihood(bench, values, measured) < from_the_truth(bench, measured)[1] + 0.05
+    # the noise is estimated, too, so that the optimum is another by a part of a standard error; other basins are far
+    assert likelihood(bench, values, measured) < from_the_truth(bench, measured)[1] + 0.5
 
 
 @pytest.mark.full
@@ -214,7 +215,7 @@ def test_what_the_outputs_cannot_tell_is_said_before_the_search(outputs, untold,
     assert any("alone cannot tell" in reason and missing in reason for reason in result.reasons), result.reasons
 
 
-def test_coloured_residuals_alone_are_doubtful():
+def test_a_coloured_noise_is_told_and_the_errors_allow_for_it():
     recording = Bench().record(5)
     noise = np.zeros(len(recording.time))
     draws = np.random.default_rng(5).standard_normal(len(noise))
@@ -223,17 +224,16 @@ def test_coloured_residuals_alone_are_doubtful():
     signals = {**recording.signals, "current": recording.signals["current"] + noise}
     coloured = dataclasses.replace(recording, signals=signals)
     result = estimate_recordings([PLAIN], [[coloured]], workers=1)[0]
-    assert result.verdict == "doubtful"
-    assert any("the residuals of i are not white" in reason for reason in result.reasons), result.reasons
+    assert result.verdict == "ok", result.reasons
+    assert result.noise["i"] == pytest.approx(0.02 * np.sqrt(1 + 1 / (1 - 0.4**2)), rel=0.1)
+    for n in NAMES:
+        assert abs(result.parameters[n].value - CML050[n]) < 3 * result.parameters[n].standard_error
 
 
-def test_what_was_nearly_freed_widens_the_errors():
+def test_an_offset_that_is_too_small_to_be_found_is_within_the_errors():
     result = run(Bench(current_offset=0.0025), 3)
-    clean = run(Bench(), 3)
-    assert any("offset i" in note and "the standard errors allow for it" in note for note in result.notes)
-    assert result.parameters["B"].standard_error > 1.5 * clean.parameters["B"].standard_error
-    current = result.derived["current_per_volt"]  # which stands on B and the offset's current
-    assert current.standard_error > 1.5 * clean.derived["current_per_volt"].standard_error
+    for n in NAMES:
+        assert abs(result.parameters[n].value - CML050[n]) < 3 * result.parameters[n].standard_error
 
 
 @pytest.mark.full

@@ -126,7 +126,7 @@ def test_a_recording_that_is_not_there_is_told(made):
 
 def test_profiles_of_the_motor_are_parabolas_of_its_standard_errors(made):
     _, result = made
-    assert set(result.profiles) == set(NOMINAL) and result.simulations_by_phase["profile"] == 62
+    assert set(result.profiles) == set(NOMINAL) and 50 < result.simulations_by_phase["profile"] < 70
     for name, profile in result.profiles.items():
         offsets = (profile.values - result.parameters[name].value) / result.parameters[name].standard_error
         np.testing.assert_allclose(profile.followed, offsets**2, rtol=0.1, atol=0.05)

@@ -27,6 +27,7 @@ FloatArray = NDArray[np.float64]
 ALARM = 1e-3  # chance of a false alarm of one explanation
 SEEN = 1e-3  # of the largest singular value: directions that a window tells
 EXCESS = 0.15  # of the variance: less is allowed for by the bars, however sure
+HALF = 0.75  # of a sensor's step: what is nearer in all of a window is explained as well as the sensor resolves it
 ALIKE = 0.08  # of correlation, likewise
 
 
@@ -75,12 +76,11 @@ class Adequacy:
         inside = fit.at_bound == 0
         result = np.zeros((len(inside), len(inside)))
         if inside.any() and self.failures:
-            jacobian = fit.jacobian[:, inside]
-            information = np.linalg.pinv(jacobian.T @ jacobian, rcond=1e-14, hermitian=True)
+            jacobian, covariance = fit.jacobian[:, inside], fit.covariance_parts()[0][np.ix_(inside, inside)]
             more = (self.excess.ravel() - 1)[:, None]
             pulls = np.array([jacobian[part.ravel()].T @ fit.z[part.ravel()] for part in self.parts])
             scores = jacobian.T @ (more * jacobian) + pulls.T @ pulls
-            result[np.ix_(inside, inside)] = information @ scores @ information
+            result[np.ix_(inside, inside)] = covariance @ scores @ covariance
         return result
 
 
@@ -103,6 +103,7 @@ def adequacy(fit: Fit, parameters: int) -> Adequacy:
     count = 2 * len(windows.windows) * len(outputs) + len(windows.windows) + len(outputs)
     normal = float(ndtri(1 - ALARM / count))
     failures, excess, parts = [], np.ones_like(z), []
+    resolved = np.abs(np.nan_to_num(fit.residuals())) > HALF * fit.simulator.steps
     for window in windows.windows:
         for j, output in enumerate(outputs):
             known = present[window.rows, j]
@@ -113,9 +114,10 @@ def adequacy(fit: Fit, parameters: int) -> Adequacy:
             square = float(np.sum(own[known] ** 2)) / n
             limit = float(fdtri(n, known_by[j], 1 - ALARM / count))
             limit = max(limit, 1 + normal * np.sqrt(2 * tails[j] * (1 / n + 1 / known_by[j])))
-            if square > limit:
+            seen = not fit.simulator.steps[j] or bool(np.any(resolved[window.rows, j]))
+            if seen and square > limit:
                 excess[window.rows, j] = np.maximum(excess[window.rows, j], square)
-            if square > max(limit, 1 + EXCESS):
+            if seen and square > max(limit, 1 + EXCESS):
                 failures.append(Failure("size", window.name, output, float(np.sqrt(square))))
                 parts.append(_samples(z, window.rows, j))
             pairs = known[1:] & known[:-1] & (np.diff(window.rows) == 1)

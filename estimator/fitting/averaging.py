@@ -2,11 +2,11 @@
 
 Explanation m weighs exp(-c_m / 2), c_m its criterion above the best's. The values stay the best explanation's, so that
 what follows from them is consistent; their covariance is  sum w_m (C_m + (x_m - x)(x_m - x)')  about them (Buckland,
-Burnham and Augustin 1997; Hoeting et al. 1999). Of an addition that was not accepted the score test tells x_m and C_m
-without a refit. Its number has a usual size as prior deviation, so that it is charged log det (I + information), not
-log n (MacKay 1992): an effect that the recording hardly tells, and that would move a parameter far, must not leave the
-bars as if it were known to be absent. What a usual size of it would not show at all is left out: no such recording
-tells it (`unseen`).
+Burnham and Augustin 1997; Hoeting et al. 1999), each parameter scaled to hold 95 % of the mixture. Of an addition that
+was not accepted the score test tells x_m and C_m without a refit. Its number has a usual size as prior deviation, so
+that it is charged log det (I + information), not log n (MacKay 1992): an effect that the recording hardly tells, and
+that would move a parameter far, must not leave the bars as if it were known to be absent. What a usual size of it would
+not show at all is left out: no such recording tells it (`unseen`).
 """
 
 from __future__ import annotations
@@ -25,12 +25,16 @@ OPEN = 4.0  # charged for each number of an addition whose usual size is not kno
 VISIBLE = 1.0  # of z'z, by a usual size: less shows nothing
 TOLD = 0.003  # of an addition's power: if less is left beside the parameters, no such recording tells it
 LIKELY = 6.0  # of the criterion: a rival that is further behind weighs less than 5 %
+COVERED = 0.95  # by 1.96 standard errors about the values
 DIFFERS = 1.0  # standard errors by which a rival must differ to be told
 
 
 @dataclass(frozen=True)
 class Averaged:
-    """Values and covariance on the parameters' scales, (p,) and (p, p); what no such recording tells; what differs."""
+    """Values and covariance on the parameters' scales, (p,) and (p, p); what no such recording tells; what differs.
+
+    The covariance is of what the recordings tell: where they tell only combinations of parameters, of these.
+    """
 
     values: FloatArray
     covariance: FloatArray
@@ -52,10 +56,10 @@ def averaged(
     names = fit.simulator.plan.names
     p = len(names)
     inside = fit.at_bound == 0
-    covariance = fit.covariance()
+    covariance, untold = fit.covariance_parts()
     own = fit.simulator.scaled(fit.values)[:p]
     parts: list[tuple[float, FloatArray, FloatArray]] = [(0.0, own, covariance[:p, :p])]
-    pseudo = np.linalg.pinv(fit.jacobian[:, inside], rcond=1e-9) if inside.any() else np.zeros((0, fit.z.size))
+    pseudo = covariance[np.ix_(inside, inside)] @ fit.jacobian[:, inside].T
     test = fit.test()
     unseen = []
     for a in open_additions:
@@ -82,11 +86,11 @@ def averaged(
         charge += 2 * float(np.log(1 / a.effect.prior)) - gain
         parts.append((max(charge, 0.0), own + moved @ size, covariance[:p, :p] + moved @ spread @ moved.T))
     told = []
-    deviation = np.sqrt(np.maximum(np.diag(covariance)[:p], 1e-300))
+    deviation = np.sqrt(np.maximum(np.diag(covariance + untold)[:p], 1e-300))
     for rival in rivals:
         behind = _criterion(rival, samples) - _criterion(explanation, samples)
         there = rival.fit.simulator.scaled(rival.fit.values)[:p]
-        other = rival.fit.covariance()[:p, :p]
+        other = rival.fit.covariance_parts()[0][:p, :p]
         parts.append((max(behind, 0.0), there, other))
         with np.errstate(invalid="ignore"):
             apart = np.abs(there - own) / np.where(np.isfinite(deviation), deviation, np.inf)
@@ -94,19 +98,32 @@ def averaged(
             told.append((rival, float(np.max(apart)), names[int(np.argmax(apart))]))
     weights = np.exp(-0.5 * np.array([c for c, _, _ in parts]))
     weights /= weights.sum()
-    finite = np.isfinite(np.diag(covariance)[:p])
-    total = covariance[:p, :p].copy()
-    sub = np.ix_(finite, finite)
-    total[sub] = np.sum(
-        [
-            w * (c[sub] + np.outer((x - own)[finite], (x - own)[finite]))
-            for w, (_, x, c) in zip(weights, parts, strict=True)
-        ],
-        axis=0,
-    )
+    total = np.sum([w * (c + np.outer(x - own, x - own)) for w, (_, x, c) in zip(weights, parts, strict=True)], axis=0)
+    total = _covering(total, weights, [x - own for _, x, _ in parts], [np.diag(c) for _, _, c in parts])
     held = ~inside[:p]
     total[held] = total[:, held] = 0.0
     return Averaged(own, total, tuple(unseen), tuple(told))
+
+
+def _covering(
+    total: FloatArray, weights: FloatArray, means: Sequence[FloatArray], variances: Sequence[FloatArray]
+) -> FloatArray:
+    """Return a mixture's covariance scaled so that 1.96 standard errors hold 95 % of it, as those of a normal one do.
+
+    An unlikely explanation far away would else widen the bars without bound; a likely one not enough.
+    """
+    from scipy.special import ndtr, ndtri
+
+    mean, deviation = np.array(means), np.sqrt(np.maximum(np.array(variances), 1e-300))
+    low, high = np.zeros(len(total)), np.max(np.abs(mean) + 10 * deviation, axis=0)
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        inside = weights @ (ndtr((middle - mean) / deviation) - ndtr((-middle - mean) / deviation))
+        low, high = np.where(inside < COVERED, middle, low), np.where(inside < COVERED, high, middle)
+    wanted = high / ndtri(0.5 + COVERED / 2)
+    now = np.sqrt(np.maximum(np.diag(total), 1e-300))
+    scale = np.where(np.diag(total) > 0, wanted / now, 1.0)
+    return np.asarray(total * np.outer(scale, scale))
 
 
 def _criterion(explanation: Explanation, samples: int) -> float:

@@ -241,11 +241,11 @@ def _explained(
     names = fit.names
     reported = [k for k, n in enumerate(names) if k >= p and not n.startswith("ripple ")]
     kept = [*range(p), *reported]
-    covariance = fit.covariance()[np.ix_(kept, kept)]
-    covariance[:p, :p] = mean.covariance
-    covariance += checked.widened(fit)[np.ix_(kept, kept)]
+    seen, unseen = (part[np.ix_(kept, kept)] for part in fit.covariance_parts())
+    seen[:p, :p] = mean.covariance
     between = of_fit(fit, p)
-    covariance += between.covariance[np.ix_(kept, kept)]
+    seen += (checked.widened(fit) + between.covariance)[np.ix_(kept, kept)]
+    covariance = seen + unseen
     told = fit.estimates + [_told_from(fit).get(name, 0.0) for name in names]
     values = np.concatenate([fit.simulator.unscaled(_padded(mean.values, fit))[:p], told[reported]])
     log = fit.is_log[kept]
@@ -260,7 +260,7 @@ def _explained(
     with np.errstate(invalid="ignore"):
         errors = np.sqrt(np.diag(covariance)) * np.where(log, np.abs(values), 1.0)
     information = jacobian.T @ jacobian
-    sizes, axes = np.linalg.eigh(np.where(np.isfinite(covariance), covariance, 0.0))
+    sizes, axes = np.linalg.eigh(seen)
     scores = information @ axes * np.sqrt(np.maximum(sizes, 0.0))  # its square is never negative, as rounded as it is
     whitener, left = fit.whitener, np.nan_to_num(fit.residuals())
     polish = Polish(
@@ -348,12 +348,17 @@ def _found(explanation: Explanation, plan: Plan) -> list[Found]:
     return found
 
 
+def _called(addition: Addition) -> str:
+    """Return an addition's name, or its effect's, where its own is a parameter's of the FMU."""
+    effect = addition.effect.name
+    return addition.name if addition.name.startswith(effect) else effect
+
+
 def _rival(rival: Explanation, apart: float, parameter: str, explanation: Explanation) -> str:
     """Say what else would explain the recordings, and what it changes."""
     instead = [a for a in rival.additions if a.name not in explanation.names()]
     replaced = [a for a in explanation.additions if a.name not in rival.names()]
-    words = " and ".join(a.effect.name if a.linear is None else a.name for a in instead) or "nothing more"
-    over = " and ".join(a.effect.name if a.linear is None else a.name for a in replaced)
+    words, over = (" and ".join(_called(a) for a in part) or "nothing more" for part in (instead, replaced))
     k = rival.fit.simulator.plan.names.index(parameter)
     what = f"{words} instead of {over}" if instead or replaced else "the same with other values"
     sharp = all(a.effect.sharp for a in (*instead, *replaced))

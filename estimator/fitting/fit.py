@@ -28,10 +28,11 @@ STEP = 1e-4  # of a logarithm; of a nuisance's typical size ten times that
 ITERATIONS = 25
 DAMPING = (1e-3, 1e8)  # first, last
 FAR_LOG, FAR = 1.0, 5.0  # longest step: of a logarithm; of a nuisance's typical sizes
-OUTLIER, BESIDE = 4.5, 3.0  # standard deviations of an outlier, and of the samples beside it
+OUTLIER, BESIDE = 4.5, 3.0  # standard deviations of an outlier, and of the samples beside one or two
+NORMAL = 0.6745  # median size of a standard normal number
 FREEDOM = 4.0  # of Student's t, by whose weights outliers are held down
 SECANTS, KINKED = 6, 0.7  # times that errors grow by secants; of a derivative: a smaller secant is taken
-AT_BOUND = 1e-6  # of the width of the bounds
+AT_BOUND = 1e-4  # of the width of the bounds
 
 
 @dataclass(frozen=True)
@@ -131,12 +132,17 @@ class Fit:
 
     def covariance(self) -> FloatArray:
         """Return the covariance of the names on their scales, (f + m, f + m); zero at a bound, inf where not told."""
+        told, untold = self.covariance_parts()
+        return told + untold
+
+    def covariance_parts(self) -> tuple[FloatArray, FloatArray]:
+        """Return the covariance's parts, (f + m, f + m) each: of what the recordings tell, and of what they do not."""
         inside = self.at_bound == 0
-        result = np.zeros((len(inside), len(inside)))
+        told, untold = np.zeros((2, len(inside), len(inside)))
         if inside.any():
-            told, untold = information_parts(np.asarray(np.linalg.qr(self.jacobian[:, inside], mode="r")))
-            result[np.ix_(inside, inside)] = told + untold
-        return result
+            parts = information_parts(np.asarray(np.linalg.qr(self.jacobian[:, inside], mode="r")))
+            told[np.ix_(inside, inside)], untold[np.ix_(inside, inside)] = parts
+        return told, untold
 
     def residuals(self) -> FloatArray:
         """Return measured less explained, (rows, q); NaN where a sample is missing."""
@@ -268,11 +274,18 @@ def refreshed(fit: Fit, whitener: Whitener) -> Fit:
 
 
 def held_down(fit: Fit) -> Fit:
-    """Return the fit with outliers, which stand alone, weighted by Student's t; what was one before may be none now."""
-    fit = refreshed(fit, dataclasses.replace(fit.whitener, inflate=np.ones_like(fit.whitener.inflate)))
-    z = np.abs(fit.z.reshape(fit.shown.shape))
-    beside = np.maximum(np.vstack([np.zeros(z.shape[1]), z[:-1]]), np.vstack([z[1:], np.zeros(z.shape[1])]))
+    """Return the fit with outliers, which stand alone or two together, weighted by Student's t."""
+    z = np.abs(fit.z.reshape(fit.shown.shape)) * np.sqrt(fit.whitener.inflate)  # as if none were held down yet
+    present = fit.whitener.present
+    usual = [np.median(own[here]) / NORMAL if here.any() else 1.0 for own, here in zip(z.T, present.T, strict=True)]
+    z = z / np.clip(usual, 1e-3, 1.0)  # a noise that was found with the outliers in it is too large
+    n = len(z)
+    far = np.vstack([np.zeros((2, z.shape[1])), z, np.zeros((2, z.shape[1]))])
+    one, *two = (np.maximum(far[2 + a : 2 + a + n], far[2 + b : 2 + b + n]) for a, b in ((-1, 1), (-2, 1), (-1, 2)))
+    steady = np.abs(np.gradient(fit.shown, axis=0)) < fit.whitener.noise.deviation(fit.whitener.level)
+    beside = np.where(steady, np.minimum(one, np.minimum(*two)), one)  # two in a transient may be one misfit
     alone = (z > OUTLIER) & ((beside < BESIDE) | (z > 4 * beside))
+    alone &= np.abs(np.nan_to_num(fit.residuals())) > fit.simulator.steps  # a sensor's resolution is no outlier
     inflate = np.where(alone, (FREEDOM + z * z) / (FREEDOM + 1), 1.0)
     return dataclasses.replace(fit, whitener=dataclasses.replace(fit.whitener, inflate=inflate))
 

@@ -129,6 +129,8 @@ class Selection:
         """
         bounds = self._held_near(starts)
         best = self._first(starts)
+        ripple = [e for e in self.effects if e.name == "ripple"]
+        best = self._grown(best, ripple, rounds=ROUNDS, renew=False)  # before any noise, which would hold it
         if find_windows(best.fit).enough:
             best = self.with_noise(best, colour=False)
             best = self._grown(best, [e for e in self.effects if e.sharp], rounds=ROUNDS, colour=False)
@@ -188,7 +190,7 @@ class Selection:
 
     def with_noise(self, explanation: Explanation, *, colour: bool = True, again: bool = False) -> Explanation:
         """Return the explanation with its noise found, or its numbers found again, and fitted by it."""
-        fit = with_level(explanation.fit)
+        fit = with_level(_renewed(explanation))
         machine, seat = machine_of(fit)
         noise = dataclasses.replace(fit.whitener.noise, machine=machine, seat=seat)
         if not again:
@@ -414,6 +416,30 @@ class Selection:
                 if behind < NEAR:
                     found.append(Explanation(solved(fit), (*bare.additions, other)))
         return found
+
+
+def _renewed(explanation: Explanation) -> Fit:
+    """Return the fit with the columns of its additions as they are at its values: they were made at others."""
+    fit, groups = explanation.fit, list(explanation.fit.linear)
+    for a in explanation.additions:
+        k = next((k for k, g in enumerate(groups) if g.name == a.name), None)
+        if a.linear is None or k is None or a.effect.name == "ripple":
+            continue
+        at = sum(g.columns.shape[2] for g in groups[:k])
+        own = slice(at, at + groups[k].columns.shape[2])
+        beside = slice(len(fit.free) + own.start, len(fit.free) + own.stop)
+        bare = dataclasses.replace(
+            fit,
+            linear=tuple(g for g in groups if g is not groups[k]),
+            coefficients=np.delete(fit.coefficients, own),
+            jacobian=np.delete(fit.jacobian, beside, axis=1),
+            raw=np.delete(fit.raw, beside, axis=2),
+        )
+        new = next((g for g in a.effect.linear(bare) if g.name == a.name), None)
+        if new is not None and new.columns.shape == groups[k].columns.shape:
+            groups[k] = new
+    raw = np.concatenate([fit.raw[:, :, : len(fit.free)], *(g.columns for g in groups)], axis=2)
+    return dataclasses.replace(fit, linear=tuple(groups), raw=raw)
 
 
 def moved_to(fit: Fit, simulator: Simulator) -> Fit:

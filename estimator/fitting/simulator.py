@@ -93,6 +93,11 @@ class Simulator:
     nuisances : sequence of Nuisance
     crew : Workers
     sigma : output → float, as `Problem`
+
+    Attributes
+    ----------
+    steps : (q,) array
+        By which the sensors resolve the outputs, in their units; 0: they are not quantised.
     """
 
     plan: Plan
@@ -131,6 +136,7 @@ class Simulator:
         )
         self.measured = np.concatenate([_without_repeats(o, self.outputs) for o in self.observed])
         self.rows = len(self.measured)
+        self.steps = np.array([max(quantum(o.outputs[y]) for o in self.observed) for y in self.outputs])
 
     @property
     def observed(self) -> tuple[Observed, ...]:

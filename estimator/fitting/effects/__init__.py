@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 
 from estimator.fitting.effects.average import Average, MeanSpeed
-from estimator.fitting.effects.base import Effect
+from estimator.fitting.effects.base import SELDOM, Effect
 from estimator.fitting.effects.channel_delay import ChannelDelay
 from estimator.fitting.effects.delay import Delay
 from estimator.fitting.effects.drive import BreakAway, BrushDrop, Coasting, CurrentLimit, DeadBand, DryFriction, Sag
@@ -18,6 +18,7 @@ from estimator.fitting.effects.offset import Offset
 from estimator.fitting.effects.ripple import Ripple
 from estimator.fitting.effects.starting_motion import StartingMotion
 from estimator.fitting.effects.voltage_noise import VoltageNoise
+from estimator.fitting.effects.voltage_transient import VoltageTransient
 
 EFFECTS: tuple[Effect, ...] = (
     Delay(),
@@ -41,6 +42,8 @@ EFFECTS: tuple[Effect, ...] = (
     DeadBand(),
     StartingMotion(),
     VoltageNoise(),
+    VoltageTransient(),
+    VoltageTransient(name="voltage overshoot", sign=-1, prior=SELDOM / 1000),  # a supply that sags is as likely
     LostRows(),
 )
 

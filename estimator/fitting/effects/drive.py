@@ -202,9 +202,8 @@ class Sag(Drive):
         duration = max(float(o.recording.time[-1] - o.recording.time[0]) for o in plan.observed)
         taus = [tau for tau in (0.003, 0.02, 0.1) if tau < 0.3 * duration]
         return [
-            Nuisance(self.target, self.unit, -10 * size, 10 * size, 0.0, 0.1 * size, target=self.target,
-                     tries=tuple(sign * size for _ in taus for sign in (1, -1)),
-                     together=tuple({self.time_target: tau} for tau in taus for _ in range(2))),
+            Nuisance(self.target, self.unit, 0.0, 10 * size, 0.0, 0.1 * size, target=self.target,
+                     tries=(size,) * len(taus), together=tuple({self.time_target: tau} for tau in taus)),
             Nuisance(self.time_target, "s", 1e-4, 10.0, 0.01, 0.01, log=True, target=self.time_target),
         ]  # fmt: skip
 
@@ -220,7 +219,7 @@ class DeadBand(Drive):
 
     def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
         """Return the threshold: which of the smallest voltages it swallows; where it lies between two is not told."""
-        levels = np.unique(np.abs([v for o in plan.observed for v in o.inputs.get("v", ())]))
+        levels = np.unique([abs(x) for o in plan.observed for x in np.unique(o.inputs.get("v", []))])
         levels = levels[levels > 0]
         tries = tuple(1.001 * float(x) for x in levels[:2]) if 2 < len(levels) <= 20 else ()
         threshold = Nuisance(self.target, "V", 0.0, 1e3, 0.0, 1.0, target=self.target, tries=tries, whole=True)
