@@ -1,7 +1,7 @@
 """Tests that the new engine does not pass yet: each runs, and is told as an expected failure, until it is settled.
 
 Most name what an earlier engine said in other words or by another effect; some are real. A test that passes again is to
-be taken out of this table. A file without a test's name: its browser tests depend on how busy the machine is.
+be taken out of this table.
 """
 
 OPEN = (
@@ -30,7 +30,6 @@ OPEN = (
     "test_trust.py::test_lost_samples_of_a_logger_that_averages_are_put_back",
     "test_trust.py::test_what_was_nearly_freed_widens_the_errors",
     "test_validation.py::test_profiles_of_the_motor_are_parabolas_of_its_standard_errors",
-    "test_app_browser.py",
     "test_effects.py::test_an_effect_is_found_and_the_parameters_are_right",
     "test_effects.py::test_an_effect_that_is_not_known_is_doubted_or_within_the_errors",
     "test_nuisance.py::test_a_current_that_comes_late_is_not_taken_for_lost_samples",
