@@ -27,10 +27,11 @@ export class ResultsPage {
     this.recording = 0;
   }
 
-  enter(name) { this.chosen = name || this.chosen; }
+  enter(name) { this.asked = name || null; }
 
   render() {
     const { results } = this.app.state, names = results.map((r) => r.name);
+    if (names.includes(this.asked)) { this.chosen = this.asked; this.asked = null; } // a new folder may not be known yet
     if (!names.includes(this.chosen)) this.chosen = [...results].sort((a, b) => b.written - a.written)[0]?.name ?? null;
     this.beside = new Set([...this.beside].filter((n) => names.includes(n)));
     replace(this.list, el("h2", {}, "Results"),
@@ -58,11 +59,17 @@ export class ResultsPage {
     const key = JSON.stringify([this.chosen, [...this.beside], this.recording, this.app.state.results]);
     if (key === this.shown) { this.app.command = this.said; return; }
     this.shown = key;
+    const isLate = () => key !== this.shown;  // another one was chosen while this was loaded
     try {
-      if (this.beside.size > 1) { this.compare(await Promise.all([...this.beside].map((n) => this.load(n)))); return; }
+      if (this.beside.size > 1) {
+        const outcomes = await Promise.all([...this.beside].map((n) => this.load(n)));
+        if (!isLate()) this.compare(outcomes);
+        return;
+      }
       if (this.chosen === null) { replace(this.detail, el("section", {}, el("div", { class: "empty" }, "Nothing has been estimated here yet."))); return; }
-      this.one(await this.load(this.chosen));
-    } catch (error) { replace(this.detail, el("section", {}, el("p", { class: "say error" }, error.message))); }
+      const outcome = await this.load(this.chosen);
+      if (!isLate()) this.one(outcome);
+    } catch (error) { if (!isLate()) replace(this.detail, el("section", {}, el("p", { class: "say error" }, error.message))); }
   }
 
   one(outcome) {
