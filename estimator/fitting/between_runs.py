@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 
+BETWEEN = " between runs"  # ends the names of what a recording has of a parameter for itself
 ENTERS = 0.05  # chance that a variance enters the bars though nothing changes, all parameters together
 ALARM = 1e-3  # chance that such a change is told
 LEAST = 1e-8  # of the largest: recordings, or contrasts of them, that tell less tell nothing
@@ -168,17 +169,27 @@ def _basis(columns: FloatArray) -> FloatArray:
 
 
 def of_fit(fit: Fit, parameters: int) -> BetweenRuns:
-    """Return what varies between the recordings of a fit, of its first names, the motor's parameters."""
-    inside = np.flatnonzero(fit.at_bound == 0)
+    """Return what varies between the recordings of a fit, of its first names, the motor's parameters.
+
+    What an explanation gives its recordings for themselves (effects/runs_differ.py) counts as variation.
+    """
+    own = np.array([is_between_runs(name) for name in fit.names])
+    inside = np.flatnonzero((fit.at_bound == 0) & ~own)
+    z = fit.z + fit.jacobian[:, own] @ fit.estimates[own]  # as if the runs were alike
     q = fit.shown.shape[1]
     runs = [slice(c.rows.start * q, c.rows.stop * q) for c in fit.simulator.clocks]
     found = between_runs(
-        fit.jacobian[:, inside], fit.z, runs, tested=[k for k, j in enumerate(inside.tolist()) if j < parameters]
+        fit.jacobian[:, inside], z, runs, tested=[k for k, j in enumerate(inside.tolist()) if j < parameters]
     )
     covariance = np.zeros((len(fit.at_bound), len(fit.at_bound)))
     covariance[np.ix_(inside, inside)] = found.covariance
     variations = tuple(dataclasses.replace(v, parameter=int(inside[v.parameter])) for v in found.variations)
     return BetweenRuns(variations, covariance)
+
+
+def is_between_runs(name: str) -> bool:
+    """Whether a name of a fit stands for what a recording has of a parameter beyond the mean of all."""
+    return name.partition("#")[0].endswith(BETWEEN)
 
 
 def sentence(v: Variation, *, name: str, unit: str, is_log: bool, runs: Sequence[str]) -> str:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from estimator.fitting.adequacy import Adequacy, adequacy
 from estimator.fitting.averaging import averaged
-from estimator.fitting.between_runs import BetweenRuns, of_fit, sentence
+from estimator.fitting.between_runs import BetweenRuns, is_between_runs, of_fit, sentence
 from estimator.fitting.effects.base import Effect
 from estimator.fitting.fit import Fit
 from estimator.fitting.latency import with_latencies
@@ -239,7 +239,7 @@ def _explained(
     checked = adequacy(fit, p)
     mean = averaged(explanation, open_additions, rivals, samples)
     names = fit.names
-    reported = [k for k, n in enumerate(names) if k >= p and not n.startswith("ripple ")]
+    reported = [k for k, n in enumerate(names) if k >= p and not n.startswith("ripple ") and not is_between_runs(n)]
     kept = [*range(p), *reported]
     seen, unseen = (part[np.ix_(kept, kept)] for part in fit.covariance_parts())
     seen[:p, :p] = mean.covariance
@@ -344,7 +344,8 @@ def _found(explanation: Explanation, plan: Plan) -> list[Found]:
             size = own[0] if len(own) == 1 else float(np.sqrt(2 * np.mean(np.square(own))))
         else:
             size = float(fit.values[fit.simulator.index[a.name]])
-        found.append(Found(a.effect.name, a.name, a.effect.tell(a.name, size, plan), a.effect.doubt))
+        if told := a.effect.tell(a.name, size, plan):
+            found.append(Found(a.effect.name, a.name, told, a.effect.doubt))
     return found
 
 

@@ -16,6 +16,7 @@ from estimator.fitting.effects.low_pass import LowPass
 from estimator.fitting.effects.machine_effects import FrictionDrift, WindingWarms
 from estimator.fitting.effects.offset import Offset
 from estimator.fitting.effects.ripple import Ripple
+from estimator.fitting.effects.runs_differ import RunsDiffer
 from estimator.fitting.effects.starting_motion import StartingMotion
 from estimator.fitting.effects.voltage_noise import VoltageNoise
 from estimator.fitting.effects.voltage_transient import VoltageTransient
@@ -40,6 +41,7 @@ EFFECTS: tuple[Effect, ...] = (
     Coasting(),
     Sag(),
     DeadBand(),
+    RunsDiffer(),
     StartingMotion(),
     VoltageNoise(),
     VoltageTransient(),
