@@ -56,7 +56,7 @@ class Explained:
     polish : Polish
         Values, errors and covariance of these, what stays open included; residuals and derivatives whitened.
     noise : (q,) array
-        Root mean square of what is left of each output.
+        Root mean square of what is left of each output, but for outliers.
     at_rest : (q,) array
         The same without the growth of the noise with the signals.
     found : what was found of the bench
@@ -263,6 +263,7 @@ def _explained(
     sizes, axes = np.linalg.eigh(seen)
     scores = information @ axes * np.sqrt(np.maximum(sizes, 0.0))  # its square is never negative, as rounded as it is
     whitener, left = fit.whitener, np.nan_to_num(fit.residuals())
+    usual = whitener.present & (whitener.inflate == 1.0)
     polish = Polish(
         values=values,
         cost=fit.cost,
@@ -278,8 +279,8 @@ def _explained(
     return Explained(
         plan=extended,
         polish=polish,
-        noise=_rms(left, whitener.present),
-        at_rest=_rms(left / whitener.noise.scale(whitener.level), whitener.present),
+        noise=_rms(left, usual),
+        at_rest=_rms(left / whitener.noise.scale(whitener.level), usual),
         found=(
             *(Found("latency of each edge", "", t, "") for t in late),
             *_found(explanation, plan),

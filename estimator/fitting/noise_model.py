@@ -531,22 +531,24 @@ class _Search:
 
 
 def autoregression(series: Sequence[FloatArray], count: int) -> tuple[FloatArray, float]:
-    """Return coefficients and innovation deviation of `count` samples, zeros between, by Yule-Walker and BIC."""
+    """Return coefficients and innovation deviation of `count` samples, zeros between, by Burg's method (1975) and BIC.
+
+    It tells a spectrum of many decades, as of noise behind a filter, where Yule and Walker's equations leak.
+    """
     most = max(ORDERS)
-    products = np.zeros(most + 1)
-    for x in series:
-        for lag in range(min(most + 1, len(x))):
-            products[lag] += float(x[lag:] @ x[: len(x) - lag])
-    power = products[0] / max(count, 1)
+    power = sum(float(x @ x) for x in series) / max(count, 1)
     if count < 10 * most or power <= 0:
         return np.zeros(0), float(np.sqrt(power)) if power > 0 else 1.0
     best: tuple[float, FloatArray, float] = (0.0, np.zeros(0), power)
     a, error = np.zeros(0), power
-    covariance = products / count
-    for order in range(1, most + 1):  # Levinson
-        reflection = float((covariance[order] - a @ covariance[order - 1 : 0 : -1]) / error)
-        if not abs(reflection) < 1:
+    ahead, behind = list(series), list(series)
+    for order in range(1, most + 1):
+        pairs = [(f[1:], b[:-1]) for f, b in zip(ahead, behind, strict=True) if len(f) > 1]
+        size = sum(float(f @ f + b @ b) for f, b in pairs)
+        reflection = 2 * sum(float(f @ b) for f, b in pairs) / size if size > 0 else 0.0
+        if not 0 < abs(reflection) < 1:
             break
+        ahead, behind = [f - reflection * b for f, b in pairs], [b - reflection * f for f, b in pairs]
         a = np.concatenate([a - reflection * a[::-1], [reflection]])
         error *= 1 - reflection**2
         score = count * np.log(error / power) + order * np.log(count)

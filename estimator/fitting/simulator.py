@@ -23,7 +23,7 @@ from estimator.recordings.excitation import quantum
 
 FloatArray = NDArray[np.float64]
 STANDS = 8  # rows at which an encoder that shows no count stands: its error is constant there
-BETWEEN = 8  # rows that are simulated for one where a filter acts between them
+BETWEEN = 4  # rows that are simulated for one where a filter acts between them
 CELLS = 2_000_000  # rows that are simulated at once, at most
 HELD = 20  # rows for which a logger may show a sample again
 

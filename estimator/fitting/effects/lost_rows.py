@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from estimator.fitting.effects.base import SELDOM, Effect
 from estimator.fitting.fit import Fit, Linear
@@ -13,12 +14,15 @@ from estimator.fitting.windows import find_windows
 from estimator.plans.plan import Plan
 
 LEAST, MOST = 0.7, 30.0  # rows: a logger loses whole ones
+FloatArray = NDArray[np.float64]
+
+COUNTS, NEAR = (1, 2, 4, 6, 9, 14, 20), 0.35  # rows that are tried; how near the answer must be to what was tried
 PLACES = 60  # that are looked at, at most
 
 
 @dataclass(frozen=True)
 class LostRows(Effect):
-    """Rows that are missing before one row of a transient, to first order."""
+    """Rows that are missing before one row of a transient."""
 
     name: str = "lost rows"
     prior: float = SELDOM / 10 / PLACES
@@ -29,10 +33,8 @@ class LostRows(Effect):
         s = fit.simulator
         windows = find_windows(fit)
         settled = windows.settled
-        slope = np.zeros_like(fit.shown)
         ends = np.zeros(s.rows, dtype=np.int64)
         for clock in s.clocks:
-            slope[clock.rows] = np.gradient(fit.shown[clock.rows], axis=0)
             moving = ~settled[clock.rows]
             last = len(moving)
             for k in range(len(moving) - 1, -1, -1):  # the transient of a row ends where its rows settle
@@ -42,17 +44,26 @@ class LostRows(Effect):
         places = places[:: max(1, len(places) // PLACES)]
         if not len(places) or settled.all() or any(g.name.startswith(self.name) for g in fit.linear):
             return ()
-        columns = np.zeros((*fit.shown.shape, len(places)))
-        for p, row in enumerate(places):
-            columns[row : max(ends[row], row + 1), :, p] = slope[row : max(ends[row], row + 1)]
         test = fit.test()
-        across = test.across(columns)
-        power = np.sum(across**2, axis=0)
-        gain = np.where(power > 1e-9, (across.T @ test.left) ** 2 / np.maximum(power, 1e-9), 0.0)
-        best = int(np.argmax(gain))
-        clock = next(c for c in s.clocks if c.rows.start <= places[best] < c.rows.stop)
-        t = clock.time[places[best] - clock.rows.start]
-        own = columns[:, :, best : best + 1]
+        found: list[tuple[float, int, FloatArray]] = []
+        for many in COUNTS:
+            columns = np.zeros((*fit.shown.shape, len(places)))
+            for p, row in enumerate(places.tolist()):
+                end = max(int(ends[row]), row + 1)
+                later = np.minimum(np.arange(row, end) + many, end - 1)
+                columns[row:end, :, p] = (fit.shown[later] - fit.shown[row:end]) / many
+            across = test.across(columns)
+            power = np.sum(across**2, axis=0)
+            along = across.T @ test.left
+            gain = np.where(power > 1e-9, along**2 / np.maximum(power, 1e-9), 0.0)
+            near = np.abs(along / np.maximum(power, 1e-9) / many - 1) < NEAR  # where it says what it was made for
+            best = int(np.argmax(np.where(near, gain, 0.5 * gain)))
+            found.append(
+                (float(np.where(near, gain, 0.5 * gain)[best]), int(places[best]), columns[:, :, best : best + 1])
+            )
+        _, place, own = max(found, key=lambda f: f[0])
+        clock = next(c for c in s.clocks if c.rows.start <= place < c.rows.stop)
+        t = clock.time[place - clock.rows.start]
         return [Linear(f"{self.name} at t = {t:.4g} s", own, ("rows",), least=LEAST, most=MOST)]
 
     def tell(self, name: str, value: float, plan: Plan) -> str:
