@@ -95,7 +95,7 @@ def test_the_same_noise_twice_counts_twice():
     errors = []
     for more in ([], [str(RECORDING)]):
         done = program("estimate", "-", *more, "--json", stdin=RECORDING.read_bytes())
-        errors.append(check_contract(done.stdout.decode())["parameters"]["R"]["standard_error"])
+        errors.append(check_contract(done.stdout.decode())["parameters"]["J"]["standard_error"])
     assert errors[1] == pytest.approx(errors[0] / 2**0.5, rel=0.1)
 
 

@@ -82,7 +82,7 @@ def averaged(
         shift = np.zeros((len(inside), k))
         shift[inside] = -pseudo @ whitened
         moved = shift[:p]
-        charge += 2 * float(np.log(1 / a.effect.prior)) - gain
+        charge += 2 * float(np.log(a.tried / a.effect.prior)) - gain
         parts.append((max(charge, 0.0), own + moved @ size, covariance[:p, :p] + moved @ spread @ moved.T))
     told = []
     deviation = np.sqrt(np.maximum(np.diag(covariance + untold)[:p], 1e-300))

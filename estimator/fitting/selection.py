@@ -50,7 +50,10 @@ class Addition:
     starts : values of nuisances to begin a refit with
     free : nuisances that it frees
     linear : Linear or None
-    across, size : (rows q, k) whitened columns beside the fit's, for a unit of each; a usual size of the unit
+    across, whitened : (rows q, k) arrays
+        Whitened columns beside the fit's, and whole, for a unit of each.
+    tried : int
+        Of how many values it is the best.
     """
 
     effect: Effect
@@ -62,6 +65,7 @@ class Addition:
     linear: Linear | None = None
     across: FloatArray | None = None
     whitened: FloatArray | None = None
+    tried: int = 1
 
     def penalty(self, samples: int) -> float:
         """Return by how much the criterion charges it."""
@@ -347,7 +351,7 @@ class Selection:
                 columns = slice(best[2], best[2] + 1)
                 yield Addition(
                     effect, nuisance.name, max(1, len(free)), best[0], starts=best[1], free=free,
-                    across=across[:, columns], whitened=whitened[:, columns],
+                    across=across[:, columns], whitened=whitened[:, columns], tried=len(nuisance.tries),
                 )  # fmt: skip
 
     def _simulator(self, fit: Fit, effect: Effect) -> Simulator | None:

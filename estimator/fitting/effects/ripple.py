@@ -123,4 +123,5 @@ class Ripple(Effect):
         """Say which order, and how large."""
         _, y, order = name.split(" ")
         unit = plan.description.variable(y).unit
-        return f"{y} has a ripple of order {order} of the shaft's angle, of amplitude {value:.3g} {unit} at the largest {y}"
+        size = f"{value:.3g} {unit} at the largest {y}"
+        return f"{y} has a ripple of order {order} of the shaft's angle, of amplitude {size}"
