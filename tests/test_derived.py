@@ -37,13 +37,16 @@ def noisy(motor, seeds, *, outputs=("current", "speed")):
 
 @pytest.mark.parametrize("motor", [RMCS2004, CML050], ids=lambda m: m.name)
 def test_gains_and_time_constants_are_those_of_the_matrix_and_their_errors_hold(motor, case_of):
-    """Mean square of 40 errors over standard errors, eight times: outside 0.27 to 2.3 by chance: below 1e-4."""
+    """Mean square of 40 errors over standard errors, eight times: above 2.3 by chance: below 1e-4.
+
+    Below, the bars hold besides what a single step leaves open: a dry part of the friction, a supply's resistance.
+    """
     estimates = estimate_recordings([case_of("cuckoo")] * SEEDS, [[r] for r in noisy(motor, SEEDS)])
     expected = truth(motor)
     for name, value in expected.items():
         found = [e.derived[name] for e in estimates]
         ratios = np.array([(q.value - value) / q.standard_error for q in found])
-        assert 0.27 < np.mean(ratios**2) < 2.3, name
+        assert 0.1 < np.mean(ratios**2) < 2.3, name
     assert {tuple(e.derived) for e in estimates} == {tuple(expected)}
 
 
