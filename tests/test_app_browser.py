@@ -98,7 +98,8 @@ class Page:
         return self.js("return document.getElementById(arguments[0])[arguments[1]]", name, attribute)
 
     def choose(self, name, value):
-        self.until(lambda: self.find(name).find_element(By.CSS_SELECTOR, f"option[value='{value}']")).click()
+        """Choose from a list, which may be drawn anew meanwhile."""
+        self.until(lambda: [self.find(name).find_element(By.CSS_SELECTOR, f"option[value='{value}']").click()])
 
     def drop(self, name, content):
         """Drop a file on the page."""

@@ -133,7 +133,7 @@ def run_batch(
         check_parquet()
     with BatchFolder(folder, resume=resume) as place:
         digests = Digests()
-        outcomes: dict[str, Outcome] = {task.name: _told(outcome) for task, outcome in cases.unread}
+        outcomes: dict[str, Outcome] = {task.name: without_files(outcome) for task, outcome in cases.unread}
         waiting, digest_of = [], {}
         for task in cases.tasks:
             digest_of[task.name] = digests.of(task)
@@ -156,7 +156,7 @@ def run_batch(
                     if outcome.final:
                         place.keep(task.name, outcome, digest=digest_of[task.name])
                         place.journal(task.name).unlink(missing_ok=True)
-                    outcomes[task.name] = _told(outcome)
+                    outcomes[task.name] = without_files(outcome)
                     verdicts[outcome.row["verdict"]] += 1
                     tell()
         except BaseException:  # one may have come to the disk just before
@@ -165,16 +165,35 @@ def run_batch(
                     outcomes[task.name] = late
             raise
         finally:
-            rows = tuple(outcomes[name].row for name in sorted(outcomes))
-            timings = {name: outcome.timing for name, outcome in outcomes.items()}
-            if rows:
-                from estimator.batches.gauge import statistics_files  # imports numpy
-                from estimator.batches.line_page import line_page
-
-                index = line_page(rows, title=f"Batch of {len(rows)} cases", links=place.links(outcomes)).encode()
-                tables = table_files(rows, timings, parquet=parquet)
-                place.write({**tables, **statistics_files(rows), "index.html": index})
+            rows = write_tables(place, outcomes, parquet=parquet)
         return BatchResult(rows, from_before)
+
+
+def write_tables(
+    place: BatchFolder, outcomes: Mapping[str, Outcome], *, parquet: bool = False, renew: int = 0
+) -> tuple[dict[str, Any], ...]:
+    """Write page and tables of the outcomes there are, and return their rows, sorted.
+
+    Parameters
+    ----------
+    renew : s, after which the page reads itself again; 0: it does not
+
+    Raises
+    ------
+    DiskError
+        The disk is full.
+    """
+    rows = tuple(outcomes[name].row for name in sorted(outcomes))
+    if rows:
+        from estimator.batches.gauge import statistics_files  # imports numpy
+        from estimator.batches.line_page import line_page
+
+        title = f"Batch of {len(rows)} case{'' if len(rows) == 1 else 's'}"
+        index = line_page(rows, title=title, links=place.links(outcomes), renew=renew).encode()
+        timings = {name: outcome.timing for name, outcome in outcomes.items()}
+        tables = table_files(rows, timings, parquet=parquet)
+        place.write({**tables, **statistics_files(rows), "index.html": index})
+    return rows
 
 
 def last_line(result: BatchResult, *, table: Path) -> str:
@@ -218,7 +237,7 @@ class Digests:
         return self._of_file[path]
 
 
-def _told(outcome: Outcome) -> Outcome:
+def without_files(outcome: Outcome) -> Outcome:
     """Return an outcome without the content of its files: a batch of thousands stays small."""
     return Outcome(outcome.row, timing=outcome.timing, final=outcome.final)
 

@@ -219,6 +219,12 @@ def build(args: argparse.Namespace) -> int:
 
 def batch(args: argparse.Namespace) -> int:
     """Estimate many cases and write their table."""
+    if args.watch is not None:
+        return _watch(args)
+    if args.then is not None or args.settled is not None:
+        raise InputError("--then and --settled are those of --watch; give that too, or leave them out")
+    if not args.sources:
+        raise InputError("no case is given; give case files, folders of them, or recordings")
     from estimator.batches.batch import BatchProgress, gather, last_line, repeated, run_batch
 
     cases = gather([Path(source) for source in args.sources], report=args.report)
@@ -245,6 +251,31 @@ def batch(args: argparse.Namespace) -> int:
     statistics = statistics_text(result.rows)
     say("\n".join([*statistics, *([""] if statistics else []), last_line(result, table=folder / "results.csv")]) + "\n")
     return FAILED if result.verdicts.keys() - {"ok", "doubtful"} else OK
+
+
+def _watch(args: argparse.Namespace) -> int:
+    """Estimate what appears in a folder, until Ctrl-C."""
+    if args.monte_carlo or args.bootstrap:
+        raise InputError("--monte-carlo and --bootstrap repeat cases that are there; leave them out, or --watch")
+    from estimator.batches.incoming import Incoming
+    from estimator.batches.watch import Teller, watch
+
+    settled = {} if args.settled is None else {"settled": args.settled}
+    sources = [Path(source) for source in args.sources]
+    incoming = Incoming(Path(args.watch), sources, Path(args.output), report=args.report, **settled)
+    teller = None if args.then is None else Teller(args.then)
+    if not args.quiet:
+        complain(f"watching {incoming.folder}; the page is {incoming.output / 'index.html'}; Ctrl-C ends it")
+    with contextlib.suppress(KeyboardInterrupt):  # that is how it is ended
+        watch(
+            incoming,
+            _runner(args),
+            teller=teller,
+            parquet=args.parquet,
+            say=lambda line: say(f"{line}\n"),
+            complain=complain,
+        )
+    return OK
 
 
 def compare(args: argparse.Namespace) -> int:
