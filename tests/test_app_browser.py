@@ -500,6 +500,31 @@ def test_a_result_folder_made_elsewhere_is_opened_and_runs_are_seen_side_by_side
     page.says("over the estimate of monday")
     page.until(lambda: len(page.js("return document.querySelector('canvas').plot.panels")) == 4)
     assert "fmu-estimator compare monday tuesday" in page.text
+    page.says("std. errors")  # the table of the command compare
+
+
+def test_a_log_of_two_tests_with_a_duty_cycle_and_counts_is_read_as_the_page_says(page, driver, folder):
+    rows = [line.split(",") for line in EXAMPLE.read_text().splitlines() if line[:1].isdigit()]
+    t, v, i, w = np.array(rows, dtype=float).T
+    counts = np.round(np.cumsum(w) * (t[1] - t[0]) / (2 * np.pi) * 4096).astype(int)
+    lines = [f"{k},{a},{b / 0.12},{c},{d}" for k in (1, 2) for a, b, c, d in zip(t, v, i, counts, strict=True)]
+    content = "\n".join(["test,t [s],duty [%],current [A],encoder [counts]", *lines]).encode()
+    page.press("remove-0")
+    page.drop("log.csv", content)
+    page.until(lambda: driver.find_elements(By.ID, "problem"))
+    page.js("document.getElementById('reading').open = true")
+    page.type("reading-supply", "12")
+    page.until(lambda: 'supply = "12"' in (folder / "app.case.toml").read_text())
+    page.type("reading-counts", "4096")
+    page.until(lambda: "counts = 4096" in (folder / "app.case.toml").read_text())
+    page.until(lambda: not driver.find_elements(By.ID, "problem"))
+    page.choose("part", "1")
+    page.says("log.csv 2")
+    page.choose("test", "2")
+    page.until(lambda: 'test = "2"' in (folder / "app.case.toml").read_text())
+    page.says("fmu-estimator check log.csv --test=2 --supply=12 --counts=4096")
+    page.go("model")
+    page.until(lambda: page.js("return document.querySelector('canvas').plot.panels.length") >= 3)
 
 
 def axe_script():

@@ -179,7 +179,7 @@ def init(args: argparse.Namespace) -> int:
     """Guess a case file and give its text."""
     from estimator.cases.init_case import case_text
     from estimator.fmus.fmu import describe
-    from estimator.recordings.recording import read_recording
+    from estimator.recordings.files import recordings_in
 
     output = Path(args.output) if args.output else None
     if output is not None and not output.name.endswith(CASE_SUFFIX):
@@ -187,7 +187,7 @@ def init(args: argparse.Namespace) -> int:
     if output is not None and output.exists():
         raise InputError(f"{output} is there already; give another name with -o, or remove it")
     folder = Path.cwd() if output is None else output.absolute().parent
-    recording = read_recording(Path(args.recording))
+    recording = recordings_in(Path(args.recording))[0]  # of several tests: their columns are alike
     text = case_text(describe(args.fmu), recording, fmu=args.fmu, folder=folder)
     if output is None:
         say(text)
