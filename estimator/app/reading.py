@@ -24,7 +24,7 @@ def reading_options(read_as: ReadAs) -> list[str]:
     for key in ("test", "motor", "supply"):
         said += [f"--{key}={text}"] if (text := getattr(read_as, key)) is not None else []
     for key in ("counts", "per_turn", "rate"):
-        said += [f"--{key.replace('_', '-')}={value!r}"] if (value := getattr(read_as, key)) is not None else []
+        said += [f"--{key.replace('_', '-')}={value:.12g}"] if (value := getattr(read_as, key)) is not None else []
     return said
 
 

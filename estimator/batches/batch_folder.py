@@ -24,7 +24,7 @@ from types import TracebackType
 from typing import IO
 from urllib.parse import quote
 
-from estimator.batches.bench import Outcome
+from estimator.batches.bench import FAILED, Outcome
 from estimator.errors import EstimatorError, InputError
 from estimator.fmus.run_folder import try_lock
 
@@ -84,6 +84,10 @@ class BatchFolder:
         except (OSError, ValueError, KeyError, TypeError):
             pass
         return None
+
+    def has_report(self, name: str, outcome: Outcome) -> bool:
+        """Return whether a case that is on disk has a report, or can have none."""
+        return outcome.row["verdict"] == FAILED or (self.case(name) / "report.html").exists()
 
     def all_kept(self) -> dict[str, tuple[Outcome, str]]:
         """Return all outcomes that are on disk, case → outcome and digest; what is damaged is left out."""

@@ -438,6 +438,13 @@ where it stood when it is started again.""",
         " FMU_ESTIMATOR_STATUS",
     )
     add("--report", action="store_true", help="write report.html and figure.png of every case too, some 0.5 s a case")
+    add(
+        "--report-of",
+        action="append",
+        default=[],
+        metavar="CASE",
+        help="such a report of this case only; with --resume, later; repeatable",
+    )
     add("--parquet", action="store_true", help="write results.parquet too (extra: parquet)")
     _add_quiet(batch)
 

@@ -141,7 +141,7 @@ export class DataPage {
     return el("details", { id: "reading", open: open || (before ? before.open : said.length > 0) },
       el("summary", {}, `How the file is read${said.length ? `: ${said.map((key) => `${key.replace("_", "-")} ${told[key]}`).join(", ")}` : ""}`),
       el("div", { class: "row" },
-        text("supply", "Supply of a duty cycle", "12, 12/255 or a column"),
+        text("supply", "Supply of a duty cycle", "12 or a column"),
         value("counts", "Counts of an encoder a turn", ""),
         value("per_turn", "Way of a turn", "m"),
         facts.motors.length || told.motor !== null ? el("label", { class: "row small" }, "Motor",

@@ -28,6 +28,10 @@ find.value = said.get("find") ?? "";
 filter();
 for (const box of boxes) box.addEventListener("change", keep);
 find.addEventListener("input", keep);
+const demand = document.getElementById("demand");
+if (demand) for (const thing of document.querySelectorAll("[data-case]")) for (const when of ["pointerenter", "focusin"]) thing.addEventListener(when, () => {
+  demand.textContent = `${demand.dataset.command} --resume --report-of '${thing.dataset.case.replaceAll("'", "'\\''")}'`;
+});
 const renew = Number(document.body.dataset.renew ?? 0);
 if (renew) setTimeout(() => location.reload(), 1000 * renew);
 const all = JSON.parse(document.getElementById("points").textContent);
