@@ -66,11 +66,12 @@ export class DataPage {
         el("button", { type: "button", id: `remove-${k}`, "aria-label": `Take ${r.file} from the list`, title: "Take it from the list; the file stays", onclick: () => this.remove(r.file) }, "×")));
   }
 
+  // part: what changes of a recording, or a function of what it is by then
   edit(file, part) {
-    this.app.change({ recordings: this.app.state.recordings.map((r) => (r.file === file ? { ...r, ...part } : r)) });
+    this.app.change((state) => ({ recordings: state.recordings.map((r) => (r.file === file ? { ...r, ...(typeof part === "function" ? part(r) : part) } : r)) }));
   }
 
-  remove(file) { this.app.change({ recordings: this.app.state.recordings.filter((r) => r.file !== file) }); }
+  remove(file) { this.app.change((state) => ({ recordings: state.recordings.filter((r) => r.file !== file) })); }
 
   async open(name) {
     try { this.app.take(await post("open", { name })); say(`${name} is open; what you change is kept in app.case.toml.`); } catch (error) { this.app.fail(error); }
@@ -148,7 +149,7 @@ export class DataPage {
           select({ id: "reading-motor", onchange: (e) => this.read(r, { motor: e.target.value || null }) }, [["", "not said"], ...facts.motors.map((m) => [m, m])], told.motor ?? "")) : null));
   }
 
-  read(r, part) { this.edit(r.file, { reading: { ...r.reading, ...part } }); }
+  read(r, part) { this.edit(r.file, (now) => ({ reading: { ...now.reading, ...part } })); }
 
   // What the command check finds in a recording; nothing while it looks, or where it cannot.
   findings(file, r) {
@@ -185,8 +186,8 @@ export class DataPage {
     const target = this.target(c), name = target.split(" ").slice(1).join(" "), channel = c.name;
     const key = [name, channel].find((x) => x in r.scale) ?? channel, off = [name, channel].find((x) => x in r.offset) ?? channel;
     const scale = r.scale[key] ?? 1, offset = r.offset[off] ?? 0;
-    const set = (part, at, value, neutral) => this.edit(r.file, { [part]: value === neutral
-      ? Object.fromEntries(Object.entries(r[part]).filter(([n]) => n !== at)) : { ...r[part], [at]: value } });
+    const set = (part, at, value, neutral) => this.edit(r.file, (now) => ({ [part]: value === neutral
+      ? Object.fromEntries(Object.entries(now[part]).filter(([n]) => n !== at)) : { ...now[part], [at]: value } }));
     const options = [["", "not used"], ...targets.map((t) => [`${t.causality}s ${t.name}`,
       `${t.causality === "input" ? "drives" : "measures"} ${t.title || t.variable}${t.title ? ` (${t.variable})` : ""}`])];
     const si = c.unit && c.unit !== "?" ? c.unit : "";
@@ -213,15 +214,17 @@ export class DataPage {
   }
 
   assign(column, target, unit = "") {
-    const mapping = structuredClone(this.app.state.mapping);
-    const before = this.target(column);
-    const without = (text) => { const [causality, ...rest] = text.split(" "); delete mapping[causality]?.[rest.join(" ")]; };
-    if (before) without(before);
-    if (target) {
-      const [causality, ...rest] = target.split(" ");
-      mapping[causality][rest.join(" ")] = unit ? `${column.plain} [${unit}]` : column.header;
-    }
-    this.app.change({ mapping });
+    this.app.change((state) => {
+      const mapping = structuredClone(state.mapping);
+      const before = this.target(column);
+      const without = (text) => { const [causality, ...rest] = text.split(" "); delete mapping[causality]?.[rest.join(" ")]; };
+      if (before) without(before);
+      if (target) {
+        const [causality, ...rest] = target.split(" ");
+        mapping[causality][rest.join(" ")] = unit ? `${column.plain} [${unit}]` : column.header;
+      }
+      return { mapping };
+    });
   }
 
   windowRow(facts, r) {
