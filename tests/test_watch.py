@@ -327,6 +327,8 @@ def test_the_command_line_watches_a_logger_that_writes_slowly_until_ctrl_c(logge
                     stream.flush()
                     time.sleep(0.5)
             heard_of(1, process)
+            while not told(tmp_path / "out" / TOLD):  # killed before that, it would tell it once more
+                time.sleep(0.05)
         finally:
             process.kill()
     with started() as process:
