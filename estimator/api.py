@@ -21,7 +21,7 @@ from estimator.errors import InputError, suggestion
 from estimator.estimating.progress import Progress
 from estimator.recordings.files import recordings_in
 from estimator.recordings.read_as import AS_WRITTEN, ReadAs
-from estimator.recordings.recording import Recording, read_recording, recording_from_arrays
+from estimator.recordings.recording import Recording, recording_from_arrays
 from estimator.results.named import Named
 from estimator.results.result import Estimate, FloatArray
 
@@ -317,9 +317,12 @@ def estimate_parameters(
         read_as=said,
     )
     case = with_tolerances(case, tolerance)
-    case = with_held_out(case, validate, fitted=len(case.recordings if recordings is None else recordings))
-    if recordings is not None:
-        recordings = [*recordings, *(read_recording(Path(path), said) for path in validate)]
+    if recordings is None:
+        case = with_held_out(case, validate, fitted=len(case.recordings))
+    else:  # read here, with as many tests as each file holds
+        found = [(path, r) for path in validate for r in recordings_in(Path(path), said)]
+        case = with_held_out(case, [path for path, _ in found], fitted=len(recordings))
+        recordings = [*recordings, *(r for _, r in found)]
     with Workers(workers or available_cores()) as crew:
         return Result.of(
             estimate_by(

@@ -78,6 +78,16 @@ def test_recordings_and_cases_in_memory_are_taken_and_options_hold(result):
     assert estimator.estimate_parameters(case, workers=1).parameters == result.parameters
 
 
+def test_a_file_of_several_tests_validates_what_was_fitted_in_memory(tmp_path):
+    rows = [line for line in EXAMPLE.read_text().splitlines() if line[:1].isdigit()]
+    path = tmp_path / "both.csv"
+    header = "test,time [s],voltage [V],current [A],speed [rad/s]"
+    path.write_text("\n".join([header, *(f"{k},{row}" for k in (1, 2) for row in rows)]) + "\n")
+    found = estimator.estimate_parameters(estimator.read_recording(EXAMPLE), validate=[path], workers=1)
+    held_out = json.loads(found.to_json())["validation"]["recordings"]
+    assert [r["name"] if isinstance(r, dict) else r for r in held_out] == ["both 1", "both 2"]
+
+
 def test_what_is_no_recording_is_told():
     with pytest.raises(estimator.InputError, match="a case file's name ends in .case.toml, an FMU is given as fmu="):
         estimator.estimate_parameters("motor.fmu")

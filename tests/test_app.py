@@ -15,6 +15,7 @@ from estimator.app.bench import Bench, Outdated  # noqa: E402
 from estimator.app.outcomes import Outcomes  # noqa: E402
 from estimator.app.place import Place  # noqa: E402
 from estimator.app.series import Series, gaps, nearest, outliers, spectrum, view  # noqa: E402
+from estimator.app.server import Session  # noqa: E402
 from estimator.cases.case import read_case  # noqa: E402
 from estimator.commands.arguments import command_line  # noqa: E402
 from estimator.errors import InputError  # noqa: E402
@@ -276,6 +277,12 @@ def test_the_table_of_the_parameters_makes_the_case_that_it_shows(bench):
         ({"recordings": [{"file": "step.csv", "role": "fit", "window": "x"}]}, "two times in s"),
         ({"recordings": [{"file": "step.csv", "role": "fit", "scale": {"i": True}}]}, "scale must be"),
         ({"recordings": "step.csv"}, "recordings must be a list"),
+        (
+            {"recordings": [{"file": "step.csv", "role": "fit", "reading": 3}]},
+            "reading of 'step.csv' must be an object",
+        ),
+        ({"recordings": [{"file": "step.csv", "role": "fit", "reading": {"test": 3}}]}, "test must be a text, not 3"),
+        ({"recordings": [{"file": "step.csv", "role": "fit", "reading": {"counts": -1}}]}, "counts must be above 0"),
         ({"mapping": {"inputs": {"v": 3}, "outputs": {}}}, "mapping.inputs"),
         ({"parameters": [{"name": "R", "free": True, "min": 5, "max": 1}]}, "min must be the smaller"),
         ({"parameters": [{"name": "R", "free": True, "min": "5"}]}, "min must be a number"),
@@ -294,6 +301,90 @@ def test_a_change_that_cannot_be_is_told_and_leaves_the_case_as_it_was(bench, fo
         bench.change(1, changes)
     assert sentence in str(told.value)
     assert bench.case == before and bench.revision == 1 and (folder / "app.case.toml").read_text() == text
+
+
+def example():
+    """Return the example's time, voltage, current and speed."""
+    rows = [line for line in EXAMPLE.read_text().splitlines() if line[:1].isdigit()]
+    return np.array([[float(cell) for cell in row.split(",")] for row in rows]).T
+
+
+def log_of(path, header, *columns):
+    """Write columns as a log."""
+    path.write_text("\n".join([header, *(",".join(map(str, row)) for row in zip(*columns, strict=True))]) + "\n")
+
+
+def test_a_file_of_several_tests_is_fitted_together_or_one_of_them_alone(folder):
+    t, v, i, w = example()
+    test = np.repeat([1, 2], len(t))
+    log_of(folder / "log.csv", "test,t [s],v [V],i [A],w [rad/s]", test, *(np.tile(x, 2) for x in (t, v, i, w)))
+    session = Session(folder)
+    bench = session.bench
+    bench.change(0, {"recordings": [{"file": "log.csv", "role": "fit"}]})
+    facts = session.recording_facts("log.csv", 1)
+    assert facts["tests"] == ["1", "2"] and facts["parts"] == 2 and facts["title"] == "log.csv 2"
+    assert bench.state()["problem"] is None and bench.state()["observed"] == ["log.csv 1", "log.csv 2"]
+    row = bench.state()["recordings"][0]
+    bench.change(1, {"recordings": [{**row, "reading": {**row["reading"], "test": "2"}}]})
+    facts = session.recording_facts("log.csv", 0)
+    assert facts["tests"] == ["1", "2"] and facts["parts"] == 1 and facts["title"] == "log.csv 2"
+    assert bench.state()["observed"] == ["log.csv 2"]
+    assert read_case(folder / "app.case.toml").run(0).read_as.test == "2"
+    assert session.checked("log.csv")["command"] == "fmu-estimator check log.csv --test=2"
+    with pytest.raises(InputError, match="log.csv holds no test number 1"):
+        session.recording_facts("log.csv", 1)
+
+
+def test_a_duty_cycle_and_counts_become_volts_and_an_angle_as_on_the_command_line(folder):
+    t, v, i, w = example()
+    counts = np.round(np.cumsum(w) * (t[1] - t[0]) / (2 * np.pi) * 4096).astype(int)
+    log_of(
+        folder / "log.csv",
+        "t [s],duty [%],battery [V],current [A],encoder [counts]",
+        t,
+        v / 0.12,
+        12 + 0 * t,
+        i,
+        counts,
+    )
+    session = Session(folder)
+    bench = session.bench
+    bench.change(0, {"recordings": [{"file": "log.csv", "role": "fit"}]})
+    assert bench.state()["problem"]
+    row = bench.state()["recordings"][0]
+    bench.change(1, {"recordings": [{**row, "reading": {"supply": "battery", "counts": 4096}}]})
+    state = bench.state()
+    assert state["problem"] is None and state["mapping"]["outputs"].keys() == {"i", "angle"}
+    observed = bench.plan().observed[0]
+    np.testing.assert_allclose(observed.inputs["v"], v, atol=1e-6)
+    np.testing.assert_allclose(observed.outputs["angle"][1:], 2 * np.pi * counts[1:] / 4096, atol=1e-6)
+    case = read_case(folder / "app.case.toml")
+    assert (case.run(0).read_as.supply, case.run(0).read_as.counts) == ("battery", 4096)
+
+
+def test_the_json_of_sysid_is_a_recording_of_the_folder_and_other_json_is_none(folder):
+    t, v, _, w = example()
+    rows = np.column_stack([t, v, np.cumsum(w) * 1e-3 / (2 * np.pi), w / (2 * np.pi)]).tolist()
+    (folder / "sysid.json").write_text(json.dumps({"sysid": True, "test": "Simple", "fast-forward": rows}))
+    (folder / "settings.json").write_text("{}")
+    session = Session(folder)
+    assert session.place.listed()["recordings"] == ["again.csv", "step.csv", "sysid.json"]
+    assert session.place.receive("more.json", b"{}") == "more.json"
+    session.bench.change(0, {"recordings": [{"file": "sysid.json", "role": "fit"}]})
+    assert session.bench.state()["observed"] == ["sysid.json fast-forward"]
+
+
+def test_how_a_file_is_read_and_begins_stays_when_the_page_changes_its_role(folder):
+    (folder / "own.case.toml").write_text(
+        '[[recording]]\nfile = "step.csv"\nbegin = "rest"\nunits = { w = "rpm" }\n[[recording]]\nfile = "again.csv"\n'
+    )
+    bench = Bench(Place(folder))
+    bench.open("own.case.toml")
+    rows = bench.state()["recordings"]
+    for revision, role in enumerate(("off", "fit"), start=1):
+        bench.change(revision, {"recordings": [{**rows[0], "role": role}, rows[1]]})
+    run = bench.case.run(0)
+    assert run.begin == "rest" and dict(run.read_as.units) == {"w": "rpm"}
 
 
 def test_a_change_from_an_older_state_is_refused(bench):

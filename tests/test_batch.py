@@ -1,6 +1,7 @@
 """Batches: nothing lost, nothing twice, the same table however often they are interrupted (batch*.py, bench*.py)."""
 
 import csv
+import dataclasses
 import json
 import os
 import re
@@ -17,7 +18,7 @@ import pytest
 from interrupts import takes_interrupts
 
 from estimator.batches import benches
-from estimator.batches.batch import BatchResult, gather, last_line, run_batch
+from estimator.batches.batch import BatchResult, gather, last_line, run_batch, with_reports
 from estimator.batches.batch_folder import BatchFolder, DiskError, folder_name
 from estimator.batches.batch_table import flat, table_files
 from estimator.batches.bench import Outcome, Task, failed
@@ -118,6 +119,29 @@ def test_times_and_hosts_are_in_a_table_of_their_own(cases, tmp_path):
     assert not re.search("seconds|host", (tmp_path / "a" / "results.jsonl").read_text())
     (first, *_) = [json.loads(line) for line in (tmp_path / "a" / "results.jsonl").read_text().splitlines()]
     assert first["parameters"]["R"]["value"] == 1 / 3
+
+
+def test_a_report_is_made_on_demand_of_one_case_and_stays(cases, tmp_path):
+    ran = []
+
+    def run(tasks):
+        for task, outcome in made_up(tasks):
+            ran.append((task.name, task.report))
+            files = {**outcome.files, **({"report.html": b"x"} if task.report else {})}
+            yield task, dataclasses.replace(outcome, files=files)
+
+    run_batch(cases, tmp_path / "out", run, command="fmu-estimator batch line.case.toml")
+    page = (tmp_path / "out" / "index.html").read_text()
+    assert "fmu-estimator batch line.case.toml --resume --report-of CASE" in page
+    ran.clear()
+    wanted = with_reports(cases, ["line[m3]"])
+    for some in (wanted, wanted, cases):
+        run_batch(some, tmp_path / "out", run, resume=True)
+    assert ran == [("line[m3]", True)]
+    page = (tmp_path / "out" / "index.html").read_text()
+    assert 'href="cases/line%5Bm3%5D/report.html"' in page and 'href="cases/line%5Bm2%5D/result.json"' in page
+    with pytest.raises(InputError, match="there is no case 'line.m9.' to report of"):
+        with_reports(cases, ["line[m9]"])
 
 
 def test_what_has_changed_since_is_run_again(cases, tmp_path):

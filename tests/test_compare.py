@@ -100,6 +100,15 @@ def test_what_is_not_determined_is_not_compared_and_told():
     assert "fixed holds B = 0.000169 fixed: not compared" in found.notes
 
 
+def test_what_holds_a_part_of_the_inductance_is_compared_only_where_all_or_none_determine_it():
+    free = estimate(derived={"kA": DerivedQuantity(6.3e-4, 8e-6, "V.s2/rad")})
+    other = estimate(derived={"kA": DerivedQuantity(5.8e-4, 2e-6, "V.s2/rad")})
+    assert changes({"a": free, "b": other}).differing == {"b": ["kA"]}
+    found = changes({"a": free, "b": with_parameter(other, "L", free=False, standard_error=None)})
+    assert not found.differing and "kA" not in [q.name for q in found.quantities]
+    assert "not all determine L, so kA holds its part in some only: not compared" in found.notes
+
+
 def test_where_the_parameters_are_not_identified_derived_quantities_are_compared():
     def speed_only(gain):
         made = estimate(derived={"speed_per_volt": DerivedQuantity(gain, 0.01, "rad/(s.V)")}, correlation=None)

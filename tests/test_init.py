@@ -115,3 +115,14 @@ def test_a_load_that_the_recording_has_is_no_zero_and_every_input_of_its_name_is
     loaded.write_text("time [s],voltage [V],load,current [A],speed [rad/s]\n" + rows)
     guessed = tomllib.loads(case_text(describe("dc_motor"), read_recording(loaded), fmu="dc_motor", folder=folder))
     assert guessed["inputs"] == {"v": "voltage", "load": "load"} and "fixed" not in guessed
+
+
+def test_a_file_of_several_tests_is_guessed_by_its_columns(folder, tmp_path, capsys):
+    header, *rows = [line for line in (folder / "step.csv").read_text().splitlines() if not line.startswith("#")]
+    path = tmp_path / "both.csv"
+    path.write_text("\n".join([f"test,{header}", *(f"{k},{row}" for k in (1, 2) for row in rows)]) + "\n")
+    assert main(["init", "dc_motor", str(path)]) == 0
+    alone = tomllib.loads(capsys.readouterr().out)
+    assert main(["init", "dc_motor", str(folder / "step.csv")]) == 0
+    usual = tomllib.loads(capsys.readouterr().out)
+    assert alone["outputs"] == usual["outputs"] and alone["inputs"] == usual["inputs"]

@@ -57,6 +57,12 @@ def test_no_excitation_of_what_is_driven_by_no_voltage_names_its_input(case_of, 
     assert result.reasons[0].startswith("the input 'load' ") and told in result.reasons[0]
 
 
+def test_a_speed_of_the_wrong_sign_knows_where_it_goes_against_the_voltage(case_of, good):
+    result = refused(case_of, made(good[0], good[1] * [1, -1]), "the speed goes against the voltage")
+    ((place,),) = [reason.places for reason in result.reasons]
+    assert place.signal == "w" and 0.3 < place.start < 0.32 and place.end == pytest.approx(1.499)
+
+
 def test_a_saturated_current(case_of, good):
     shown = good[1].copy()
     noisy = shown + np.random.default_rng(2).standard_normal(shown.shape) * [0.02, 1.0]

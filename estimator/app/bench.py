@@ -33,9 +33,13 @@ from estimator.fmus.fmu import FmuDescription, describe, with_kind
 from estimator.fmus.probe import driven
 from estimator.plans.plan import Plan
 from estimator.plans.planning import plan_case
+from estimator.plans.planning import read_case as read_recordings_of
+from estimator.recordings.files import recordings_in
 from estimator.recordings.headers import ROLE_TITLE, parse_header
+from estimator.recordings.made_columns import motors
 from estimator.recordings.motor_columns import motor_columns
-from estimator.recordings.recording import Recording, read_recording
+from estimator.recordings.read_as import AS_WRITTEN, ReadAs
+from estimator.recordings.recording import Recording
 from estimator.results.linear import MOTOR
 
 KEPT_RECORDINGS = 12
@@ -59,7 +63,7 @@ class Bench:
         self.revision = 0
         self.case = Case()
         self.off: dict[Path, RunSpec] = {}
-        self._read: dict[Path, tuple[tuple[int, int], Recording]] = {}
+        self._read: dict[tuple[Path, str], tuple[tuple[int, int], list[Recording]]] = {}
         self._described: dict[tuple[str, str | None, int], FmuDescription] = {}
         self._planned: tuple[int, Plan | None, str | None] = (-1, None, None)
         draft = place.path / DRAFT
@@ -89,7 +93,7 @@ class Bench:
                 raise Outdated
             case, off = self.case, self.off
             if "recordings" in changes:
-                case, off = with_recordings(case, changes["recordings"], self.place)
+                case, off = with_recordings(case, changes["recordings"], self.place, off=off)
             if "fmu" in changes:
                 case = self._with_fmu(case, str(changes["fmu"]), kind_of(changes.get("kind")))
             if "mapping" in changes:
@@ -126,24 +130,60 @@ class Bench:
             write_case(self.case, path)
             return name, read_case(path)
 
-    def recording(self, path: Path) -> Recording:
-        """Return a recording, from memory if its file has not changed since.
+    def recordings(self, path: Path, read_as: ReadAs | None = None) -> list[Recording]:
+        """Return the recordings that a file holds, mostly one, from memory if it has not changed since.
+
+        Parameters
+        ----------
+        read_as : how it is read; None: as the case says
 
         Raises
         ------
         InputError
             It cannot be read: one sentence.
         """
+        read_as = self.read_as(path) if read_as is None else read_as
         status = path.stat()
-        stamp = (status.st_mtime_ns, status.st_size)
+        stamp, key = (status.st_mtime_ns, status.st_size), (path, repr(read_as))
         with self.lock:
-            known = self._read.pop(path, None)
+            known = self._read.pop(key, None)
             if known is None or known[0] != stamp:
-                known = (stamp, read_recording(path))
-            self._read[path] = known
+                known = (stamp, recordings_in(path, read_as))
+            self._read[key] = known
             while len(self._read) > KEPT_RECORDINGS:
                 del self._read[next(iter(self._read))]
         return known[1]
+
+    def recording(self, path: Path, part: int = 0) -> Recording:
+        """Return one of the recordings that a file holds, read as the case says.
+
+        Raises
+        ------
+        InputError
+            It cannot be read, or there is no such one.
+        """
+        found = self.recordings(path)
+        if not 0 <= part < len(found):
+            raise InputError(f"{path.name} holds no test number {part}; there are {len(found)}, counted from 0")
+        return found[part]
+
+    def tests(self, path: Path) -> list[str]:
+        """Return the names of the tests that a file holds, whichever the case takes; empty for one."""
+        every = self.recordings(path, dataclasses.replace(self.read_as(path), test=None))
+        return [r.name.removeprefix(f"{path.stem} ") for r in every] if len(every) > 1 else []
+
+    def motors(self, path: Path) -> tuple[str, ...]:
+        """Return the motors whose signals lie side by side in a file, whichever the case takes."""
+        return motors(self.recordings(path, dataclasses.replace(self.read_as(path), motor=None))[0])
+
+    def read_as(self, path: Path) -> ReadAs:
+        """Return how the case says that a file is read."""
+        with self.lock:
+            runs = {
+                **self.off,
+                **dict(zip(self.case.recordings, self.case.runs_of(len(self.case.recordings)), strict=True)),
+            }
+        return runs[path].read_as if path in runs else AS_WRITTEN
 
     def description(self, case: Case) -> FmuDescription:
         """Return what a case's FMU says of itself, and how it is driven; a worker process probes it once."""
@@ -178,7 +218,8 @@ class Bench:
         """Return a case made concrete, its recordings from memory."""
         if not case.recordings:
             raise InputError("no recording is chosen to fit to; drop one here, or choose one of the folder's")
-        return plan_case(case, self.description(case), recordings=[self.recording(path) for path in case.recordings])
+        case, recordings = read_recordings_of(case, read=self.recordings)
+        return plan_case(case, self.description(case), recordings=recordings)
 
     def state(self) -> dict[str, Any]:
         """Return all that the page shows of the case."""

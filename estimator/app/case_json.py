@@ -17,9 +17,11 @@ from estimator.errors import InputError
 from estimator.fmus.fmu import FmuDescription
 from estimator.plans.free_parameters import FREE_TOO
 from estimator.plans.plan import Plan
+from estimator.recordings.read_as import ReadAs
 from estimator.results.linear import MOTOR
 
 ROLES = ("fit", "validate", "off")
+READING: dict[str, type] = {"test": str, "motor": str, "supply": str, "counts": float, "per_turn": float}
 
 
 def recordings_shown(case: Case, off: Mapping[Path, RunSpec], place: Place) -> list[dict[str, Any]]:
@@ -36,21 +38,29 @@ def recordings_shown(case: Case, off: Mapping[Path, RunSpec], place: Place) -> l
             "offset": dict(run.offset),
             "delay": run.delay,
             "temperature": run.temperature,
+            "reading": {key: getattr(run.read_as, key) for key in READING},
         }
         for path, run, role in runs
     ]
 
 
-def with_recordings(case: Case, rows: Any, place: Place) -> tuple[Case, dict[Path, RunSpec]]:
+def with_recordings(
+    case: Case, rows: Any, place: Place, *, off: Mapping[Path, RunSpec]
+) -> tuple[Case, dict[Path, RunSpec]]:
     """Return the case with the recordings that the page names, and those that it leaves out.
+
+    Parameters
+    ----------
+    off : those that were left out before
 
     Raises
     ------
     InputError
         A row is none, or names a file twice or outside the folder.
     """
+    before = {**off, **dict(zip(case.recordings, case.runs_of(len(case.recordings)), strict=True))}
     taken: list[tuple[Path, RunSpec]] = []
-    off: dict[Path, RunSpec] = {}
+    left: dict[Path, RunSpec] = {}
     for row in _rows(rows, "recordings"):
         path = place.inside(str(row.get("file", "")))
         if not path.is_file():
@@ -60,16 +70,16 @@ def with_recordings(case: Case, rows: Any, place: Place) -> tuple[Case, dict[Pat
         role = row.get("role")
         if role not in ROLES:
             raise InputError(f"the role of {row['file']!r} cannot be {role!r}; choose from {', '.join(ROLES)}")
-        if path in off or any(path == other for other, _ in taken):
+        if path in left or any(path == other for other, _ in taken):
             raise InputError(f"{row['file']!r} is in the list twice; leave one out")
-        run = _run(row, role)
+        run = _run(row, role, before.get(path, RunSpec()))
         if role == "off":
-            off[path] = run
+            left[path] = run
         else:
             taken.append((path, run))
     runs = tuple(run for _, run in taken)
     plain = all(run == RunSpec() for run in runs)
-    return dataclasses.replace(case, recordings=tuple(p for p, _ in taken), runs=() if plain else runs), off
+    return dataclasses.replace(case, recordings=tuple(p for p, _ in taken), runs=() if plain else runs), left
 
 
 def with_mapping(case: Case, mapping: Any) -> Case:
@@ -209,7 +219,7 @@ def kind_of(value: Any) -> str | None:
     return None if value is None else str(value)
 
 
-def _run(row: Mapping[str, Any], role: str) -> RunSpec:
+def _run(row: Mapping[str, Any], role: str, before: RunSpec) -> RunSpec:
     window = row.get("window")
     ends: tuple[float, float] | None = None
     if window is not None:
@@ -217,14 +227,37 @@ def _run(row: Mapping[str, Any], role: str) -> RunSpec:
             raise InputError(f"the window of {row['file']!r} must be two times in s")
         ends = (float(window[0]), float(window[1]))
     delay = row.get("delay")
-    return RunSpec(
+    return dataclasses.replace(
+        before,
         window=ends,
         scale={name: v for name, v in _numbers(row, "scale").items() if v != 1},
         offset={name: v for name, v in _numbers(row, "offset").items() if v != 0},
         delay="free" if delay == "free" else _number(row, "delay"),
         temperature=_number(row, "temperature"),
         validate=role == "validate",
+        read_as=_read_as(row, before.read_as),
     )
+
+
+def _read_as(row: Mapping[str, Any], before: ReadAs) -> ReadAs:
+    """Return how a file is read; what the page does not show of it stays."""
+    reading = row.get("reading")
+    if reading is None:
+        return before
+    if not isinstance(reading, Mapping):
+        raise InputError(f"the reading of {row['file']!r} must be an object")
+    said: dict[str, Any] = {}
+    for key, kind in READING.items():
+        if kind is float:
+            said[key] = _number(reading, key)
+            if said[key] is not None and said[key] <= 0:
+                raise InputError(f"{key} must be above 0, not {said[key]:g}")
+        else:
+            text = reading.get(key)
+            if text is not None and not isinstance(text, str):
+                raise InputError(f"{key} must be a text, not {text!r}")
+            said[key] = (text or "").strip() or None
+    return dataclasses.replace(before, **said)
 
 
 def _rows(rows: Any, what: str) -> list[Mapping[str, Any]]:

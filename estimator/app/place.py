@@ -6,13 +6,11 @@ import os
 from pathlib import Path, PurePosixPath
 
 from estimator.errors import InputError
+from estimator.recordings.suffixes import JSON, SUFFIXES, is_recording
 
 CASE_SUFFIX = ".case.toml"
 DRAFT = f"app{CASE_SUFFIX}"  # the case under way
 RESULT = "result.json"
-RECORDING_SUFFIXES = (
-    ".csv", ".txt", ".tsv", ".dat", ".asc", ".log", ".mat", ".mf4", ".mdf", ".parquet", ".xlsx", ".tdms",
-)  # fmt: skip
 DEEPEST = 3  # folders below, in which files are listed
 MOST_LISTED = 2000
 LONGEST_NAME = 120
@@ -67,6 +65,8 @@ class Place:
                 found["results"].append(here.as_posix())
             for file in sorted(f for f in files if not f.startswith(".")):
                 kind = _kind(file)
+                if kind == "recordings" and file.lower().endswith(JSON) and not is_recording(Path(folder, file)):
+                    continue
                 if kind == "recordings" and RESULT in files and file == "parameters.csv":
                     continue  # an export's table
                 if kind is not None:
@@ -89,7 +89,7 @@ class Place:
         if not plain or plain.startswith(".") or "\0" in plain or len(plain.encode()) > LONGEST_NAME:
             raise InputError(f"{name!r} is no name for a recording; rename the file")
         if _kind(plain) is None:
-            known = ", ".join((*RECORDING_SUFFIXES, ".fmu", CASE_SUFFIX))
+            known = ", ".join((*SUFFIXES, JSON, ".fmu", CASE_SUFFIX))
             raise InputError(f"{plain} is no recording, FMU or case file by its name; it should end in one of {known}")
         stem, suffix = plain, ""
         for known in (CASE_SUFFIX, Path(plain).suffix):
@@ -123,7 +123,7 @@ def _kind(file: str) -> str | None:
         return "cases"
     if lower.endswith(".fmu"):
         return "fmus"
-    return "recordings" if lower.endswith(RECORDING_SUFFIXES) else None
+    return "recordings" if lower.endswith((*SUFFIXES, JSON)) else None
 
 
 def _natural(name: str) -> tuple[tuple[int, str], ...]:

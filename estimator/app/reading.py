@@ -8,12 +8,24 @@ import numpy as np
 
 from estimator.app.series import Series, gaps, outliers
 from estimator.recordings.headers import ROLE_TITLE, parse_header, rank_in_role
+from estimator.recordings.read_as import ReadAs
 from estimator.recordings.recording import Recording
 
 
 def series_of(recording: Recording) -> Series:
     """Return a recording's columns, SI."""
     return Series(recording.time, recording.signals)
+
+
+def reading_options(read_as: ReadAs) -> list[str]:
+    """Return how a file is read as options of the command line."""
+    said = [f"--column={role}={column}" for role, column in read_as.columns.items()]
+    said += [f"--unit={name}={unit}" for name, unit in read_as.units.items()]
+    for key in ("test", "motor", "supply"):
+        said += [f"--{key}={text}"] if (text := getattr(read_as, key)) is not None else []
+    for key in ("counts", "per_turn", "rate"):
+        said += [f"--{key.replace('_', '-')}={value:.12g}"] if (value := getattr(read_as, key)) is not None else []
+    return said
 
 
 def facts(recording: Recording) -> dict[str, Any]:

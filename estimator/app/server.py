@@ -6,6 +6,7 @@ import contextlib
 import json
 import os
 import secrets
+import shlex
 import socket
 import sys
 import traceback
@@ -31,7 +32,7 @@ from estimator.app.guard import Guard
 from estimator.app.outcomes import Outcomes
 from estimator.app.place import Place
 from estimator.app.preview import Picture, Previews
-from estimator.app.reading import facts, series_of
+from estimator.app.reading import facts, reading_options, series_of
 from estimator.app.runs import Runs
 from estimator.app.series import Series, nearest, view
 from estimator.errors import EstimatorError, InputError
@@ -89,28 +90,33 @@ class Session:
         files = self.place.listed()
         return repr((files, [self.outcomes.written(name) for name in files["results"]]))
 
-    def recording_facts(self, name: str) -> Any:
+    def recording_facts(self, name: str, part: int) -> Any:
         """Return what was read from a recording's file, or what is wrong with it."""
         path = self.place.inside(name)
         if not path.is_file():
             raise InputError(f"there is no recording {name!r}")
-        recording = self.bench.recording(path)
+        recording = self.bench.recording(path, part)
         key = (path, id(recording))
         if key not in self._facts:
             self._facts = {k: v for k, v in self._facts.items() if k[0] != path}
             self._facts[key] = facts(recording)
-        return self._facts[key]
+        parts = len(self.bench.recordings(path))
+        return {
+            **self._facts[key],
+            "parts": parts,
+            "tests": self.bench.tests(path),
+            "motors": list(self.bench.motors(path)),
+        }
 
     def checked(self, name: str) -> Any:
         """Return what the command `check` says of a recording, and the command."""
         path = self.place.inside(name)
-        stamp = path.stat().st_mtime
-        if (name, stamp) not in self._checked:
-            arguments = ["check", "--json", "--", name]
-            self._checked[name, stamp] = json.loads(
-                program.output_of(arguments, folder=self.place.path, limit=CHECK_LIMIT)
-            )
-        return {"check": self._checked[name, stamp], "command": program.shown(["check", name])}
+        options = reading_options(self.bench.read_as(path))
+        key = (shlex.join([name, *options]), path.stat().st_mtime)
+        if key not in self._checked:
+            arguments = ["check", "--json", *options, "--", name]
+            self._checked[key] = json.loads(program.output_of(arguments, folder=self.place.path, limit=CHECK_LIMIT))
+        return {"check": self._checked[key], "command": program.shown(["check", name, *options])}
 
     def inspected(self, fmu: str) -> Any:
         """Return what the command `inspect` says of an FMU, and the command."""
@@ -139,7 +145,7 @@ class Session:
             path = self.place.inside(query.get("name", ""))
             if not path.is_file():
                 raise InputError(f"there is no recording {query.get('name')!r}")
-            return series_of(self.bench.recording(path))
+            return series_of(self.bench.recording(path, int(_number(query.get("part", "0")))))
         if query.get("of") == "result":
             return self.outcomes.series(query.get("name", ""), number)
         recordings = self.picture(query).recordings
@@ -179,7 +185,8 @@ def _upload(session: Session, request: Request, body: Any) -> Any:
 
 
 def _recording(session: Session, request: Request, body: Any) -> Any:
-    return session.recording_facts(request.query_params.get("name", ""))
+    query = request.query_params
+    return session.recording_facts(query.get("name", ""), int(_number(query.get("part", "0"))))
 
 
 def _check(session: Session, request: Request, body: Any) -> Any:

@@ -18,7 +18,7 @@ from estimator.batches.batch_table import check_parquet, table_files
 from estimator.batches.bench import FAILED, Outcome, Task, failed
 from estimator.cases.case import Case, case_for_recording, read_cases
 from estimator.cases.expansion import told_apart
-from estimator.errors import CaseError, InputError
+from estimator.errors import CaseError, InputError, suggestion
 from estimator.version import version
 
 if TYPE_CHECKING:
@@ -87,6 +87,21 @@ def gather(sources: Sequence[Path], *, report: bool = False) -> Cases:
     return Cases(tuple(tasks), tuple(unread))
 
 
+def with_reports(cases: Cases, names: Sequence[str]) -> Cases:
+    """Return the cases, some of them with a report.
+
+    Raises
+    ------
+    InputError
+        There is no case of such a name.
+    """
+    known = [task.name for task in cases.tasks]
+    for name in names:
+        if name not in known:
+            raise InputError(f"there is no case {name!r} to report of{suggestion(name, known)}")
+    return replace(cases, tasks=tuple(replace(t, report=t.report or t.name in names) for t in cases.tasks))
+
+
 def repeated(cases: Cases, *, kind: Kind, count: int) -> Cases:
     """Return every case `count` times over, with other noise on its best fit (resample.py).
 
@@ -113,12 +128,14 @@ def run_batch(
     resume: bool = False,
     parquet: bool = False,
     progress: Callable[[BatchProgress], None] | None = None,
+    command: str = "",
 ) -> BatchResult:
     """Run a batch, or what is missing of it, and write its tables.
 
     Parameters
     ----------
     run : how to get from tasks to outcomes: `estimator.batches.benches.run_here`, `estimator.batches.cluster.run_there`
+    command : that does the same, for the page: how a report is made later
 
     Raises
     ------
@@ -133,12 +150,12 @@ def run_batch(
         check_parquet()
     with BatchFolder(folder, resume=resume) as place:
         digests = Digests()
-        outcomes: dict[str, Outcome] = {task.name: _told(outcome) for task, outcome in cases.unread}
+        outcomes: dict[str, Outcome] = {task.name: without_files(outcome) for task, outcome in cases.unread}
         waiting, digest_of = [], {}
         for task in cases.tasks:
             digest_of[task.name] = digests.of(task)
             kept = place.kept(task.name, digest=digest_of[task.name]) if resume else None
-            if kept is None:
+            if kept is None or (task.report and not place.has_report(task.name, kept)):
                 waiting.append(replace(task, checkpoint=(place.journal(task.name), digest_of[task.name])))
             else:
                 outcomes[task.name] = kept
@@ -156,7 +173,7 @@ def run_batch(
                     if outcome.final:
                         place.keep(task.name, outcome, digest=digest_of[task.name])
                         place.journal(task.name).unlink(missing_ok=True)
-                    outcomes[task.name] = _told(outcome)
+                    outcomes[task.name] = without_files(outcome)
                     verdicts[outcome.row["verdict"]] += 1
                     tell()
         except BaseException:  # one may have come to the disk just before
@@ -165,16 +182,36 @@ def run_batch(
                     outcomes[task.name] = late
             raise
         finally:
-            rows = tuple(outcomes[name].row for name in sorted(outcomes))
-            timings = {name: outcome.timing for name, outcome in outcomes.items()}
-            if rows:
-                from estimator.batches.gauge import statistics_files  # imports numpy
-                from estimator.batches.line_page import line_page
-
-                index = line_page(rows, title=f"Batch of {len(rows)} cases", links=place.links(outcomes)).encode()
-                tables = table_files(rows, timings, parquet=parquet)
-                place.write({**tables, **statistics_files(rows), "index.html": index})
+            rows = write_tables(place, outcomes, parquet=parquet, command=command)
         return BatchResult(rows, from_before)
+
+
+def write_tables(
+    place: BatchFolder, outcomes: Mapping[str, Outcome], *, parquet: bool = False, renew: int = 0, command: str = ""
+) -> tuple[dict[str, Any], ...]:
+    """Write page and tables of the outcomes there are, and return their rows, sorted.
+
+    Parameters
+    ----------
+    renew : s, after which the page reads itself again; 0: it does not
+    command : as in `run_batch`
+
+    Raises
+    ------
+    DiskError
+        The disk is full.
+    """
+    rows = tuple(outcomes[name].row for name in sorted(outcomes))
+    if rows:
+        from estimator.batches.gauge import statistics_files  # imports numpy
+        from estimator.batches.line_page import line_page
+
+        title = f"Batch of {len(rows)} case{'' if len(rows) == 1 else 's'}"
+        index = line_page(rows, title=title, links=place.links(outcomes), renew=renew, command=command).encode()
+        timings = {name: outcome.timing for name, outcome in outcomes.items()}
+        tables = table_files(rows, timings, parquet=parquet)
+        place.write({**tables, **statistics_files(rows), "index.html": index})
+    return rows
 
 
 def last_line(result: BatchResult, *, table: Path) -> str:
@@ -207,7 +244,7 @@ class Digests:
             arrays = [recording.time, *recording.signals.values()]
             content.append(hashlib.sha256(b"".join(array.tobytes() for array in arrays)).hexdigest())
         names = [file.name for file in case.recordings]
-        return hashlib.sha256(repr((version(), task.report, said, names, content)).encode()).hexdigest()
+        return hashlib.sha256(repr((version(), said, names, content)).encode()).hexdigest()
 
     def _file(self, path: Path) -> str:
         if path not in self._of_file:
@@ -218,7 +255,7 @@ class Digests:
         return self._of_file[path]
 
 
-def _told(outcome: Outcome) -> Outcome:
+def without_files(outcome: Outcome) -> Outcome:
     """Return an outcome without the content of its files: a batch of thousands stays small."""
     return Outcome(outcome.row, timing=outcome.timing, final=outcome.final)
 

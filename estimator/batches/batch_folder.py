@@ -24,7 +24,7 @@ from types import TracebackType
 from typing import IO
 from urllib.parse import quote
 
-from estimator.batches.bench import Outcome
+from estimator.batches.bench import FAILED, Outcome
 from estimator.errors import EstimatorError, InputError
 from estimator.fmus.run_folder import try_lock
 
@@ -85,6 +85,20 @@ class BatchFolder:
             pass
         return None
 
+    def has_report(self, name: str, outcome: Outcome) -> bool:
+        """Return whether a case that is on disk has a report, or can have none."""
+        return outcome.row["verdict"] == FAILED or (self.case(name) / "report.html").exists()
+
+    def all_kept(self) -> dict[str, tuple[Outcome, str]]:
+        """Return all outcomes that are on disk, case → outcome and digest; what is damaged is left out."""
+        found = {}
+        for file in sorted(self.cases.glob(f"*/{OUTCOME}")):
+            with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
+                about = json.loads(file.read_bytes())
+                outcome = Outcome(about["row"], timing=about["timing"])
+                found[str(outcome.row["case"])] = (outcome, str(about["digest"]))
+        return found
+
     def keep(self, name: str, outcome: Outcome, *, digest: str) -> None:
         """Put a case's outcome on disk, whole or not at all.
 
@@ -122,6 +136,10 @@ class BatchFolder:
                     found[name] = f"cases/{quote(folder)}/{file}"
                     break
         return found
+
+    def case(self, name: str) -> Path:
+        """Return the folder of a case."""
+        return self.cases / folder_name(name)
 
     def journal(self, name: str) -> Path:
         """Return where the search of a case is journalled while it is under way."""

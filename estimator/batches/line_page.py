@@ -39,13 +39,17 @@ def outcome_of(row: Mapping[str, Any]) -> str:
     return "undecided" if "undecided" in checks else "pass"
 
 
-def line_page(rows: Sequence[Mapping[str, Any]], *, title: str, links: Mapping[str, str]) -> str:
+def line_page(
+    rows: Sequence[Mapping[str, Any]], *, title: str, links: Mapping[str, str], renew: int = 0, command: str = ""
+) -> str:
     """Return a batch as one HTML document.
 
     Parameters
     ----------
     rows : as `estimator.batches.bench.row_of` makes them
     links : case → file that shows it, relative to the page
+    renew : s, after which the page reads itself again; 0: it does not
+    command : that does the same batch; the page says how it makes a report of a case that has none
     """
     ordered = sorted(rows, key=lambda row: natural(str(row["case"])))
     outcomes = {str(row["case"]): outcome_of(row) for row in ordered}
@@ -66,6 +70,8 @@ def line_page(rows: Sequence[Mapping[str, Any]], *, title: str, links: Mapping[s
             for motor, cases in motors.items()
         ],
         links=links,
+        renew=renew,
+        command=command if any(not link.endswith("report.html") for link in links.values()) else "",
         charts=[_shown(chart) for chart in charts],
         data=drawn(_data(charts)),
         spread=spread_rows(found) if found else None,

@@ -167,13 +167,15 @@ def read_case(path: Path) -> Case:
     return cases[0]
 
 
-def read_cases(path: Path, *, recordings: Path | None = None) -> tuple[Case, ...]:
+def read_cases(path: Path, *, recordings: Path | None = None, there_only: bool = False) -> tuple[Case, ...]:
     """Read a case file: one case, or one for each row of its table of motors and each recording of its pattern.
 
     Parameters
     ----------
     recordings : path, optional
         A folder in which the recordings are, instead of where the file says.
+    there_only : bool
+        Leave out cases whose recordings are not there, or not yet; there may be none then.
 
     Raises
     ------
@@ -185,7 +187,7 @@ def read_cases(path: Path, *, recordings: Path | None = None) -> tuple[Case, ...
     document.table().only(*KEYS)
     cases: list[Case] = []
     for motor, filled in expanded(document):
-        for files, runs, recording_of in _recordings(filled.table(), recordings):
+        for files, runs, recording_of in _recordings(filled.table(), recordings, there_only=there_only):
             cases.append(_case(filled, motor=motor, files=files, runs=runs, recording_of=recording_of))
     return tuple(cases)
 
@@ -273,7 +275,9 @@ def _is_file_name(text: str) -> bool:
     return text.endswith(".fmu") or "/" in text or "\\" in text
 
 
-def _recordings(top: Table, folder: Path | None) -> list[tuple[tuple[Path, ...], tuple[RunSpec, ...], str]]:
+def _recordings(
+    top: Table, folder: Path | None, *, there_only: bool
+) -> list[tuple[tuple[Path, ...], tuple[RunSpec, ...], str]]:
     """Return the recordings of each case: those named, or one that matches the pattern and what to call it."""
     entries = top.value.get("recording")
     if entries is None:
@@ -286,6 +290,8 @@ def _recordings(top: Table, folder: Path | None) -> list[tuple[tuple[Path, ...],
         entry = Table(top.document, ("recording", k), entries[k])
         entry.only(*RUN_KEYS)
         run = read_run(entry)
+        if there_only and not entry.has_files("file", folder=folder):
+            return []
         if entry.is_pattern("file", folder=folder):
             if len(entries) > 1:
                 entry.fail(

@@ -143,21 +143,28 @@ class Table:
 
     def files(self, key: str, *, what: str, folder: Path | None = None) -> tuple[Path, ...]:
         """Return the files that a pattern such as ``motor_*.csv`` means, sorted by name; at least one."""
+        files = self._matching(self.text(key), folder)
+        if not files:
+            self.fail((key,), f"no {what} matches {self.text(key)!r}{_where(folder)}")
+        return files
+
+    def has_files(self, key: str, *, folder: Path | None = None) -> bool:
+        """Whether the file that a text names is there, or one that matches it."""
         text = self.text(key)
         base, inside = self._place(text, folder)
-        found = [base / name for name in glob.glob(inside, root_dir=base, recursive=True)] if "\0" not in text else []
-        files = sorted(
-            {Path(os.path.abspath(path)) for path in found if path.is_file()}, key=lambda path: path.as_posix()
-        )
-        if not files:
-            self.fail((key,), f"no {what} matches {text!r}{_where(folder)}")
-        return tuple(files)
+        return "\0" not in text and ((base / inside).exists() or bool(self._matching(text, folder)))
 
     def is_pattern(self, key: str, *, folder: Path | None = None) -> bool:
         """Whether a text is a pattern of file names and not a file's own name."""
         text = self.text(key)
         base, inside = self._place(text, folder)
         return glob.has_magic(text) and not ("\0" not in text and (base / inside).exists())
+
+    def _matching(self, text: str, folder: Path | None) -> tuple[Path, ...]:
+        base, inside = self._place(text, folder)
+        found = [base / name for name in glob.glob(inside, root_dir=base, recursive=True)] if "\0" not in text else []
+        files = {Path(os.path.abspath(path)) for path in found if path.is_file()}
+        return tuple(sorted(files, key=lambda path: path.as_posix()))
 
     def _place(self, text: str, folder: Path | None) -> tuple[Path, str]:
         if folder is None:

@@ -400,15 +400,17 @@ def _add_batch(commands: Any) -> None:
         """\
 Estimate many cases, one a core, each on disk as soon as it is done; then one table of all.
 A case is a case file, all those in a folder, or a recording. Exit status: 0 all estimated; 1 some
-refused or failed, or stopped by a full disk; 2 bad usage.""",
+refused or failed, or stopped by a full disk; 2 bad usage. With --watch it goes on until Ctrl-C (status 0), and again
+where it stood when it is started again.""",
         [
             f"{PROGRAM} batch line.case.toml -o monday",
+            f"{PROGRAM} batch line.case.toml --watch logger/ -o line --then ./tell-the-plc",
             f"{PROGRAM} batch line.case.toml -o monday --resume",
             f"{PROGRAM} batch cases/ --dask tcp://10.0.0.5:8786 -o study",
         ],
     )
     add = batch.add_argument
-    add("sources", metavar="CASE", nargs="+", help="a case file, a folder with case files, or a recording")
+    add("sources", metavar="CASE", nargs="*", help="a case file, a folder with case files, or a recording")
     add("-o", dest="output", metavar="DIR", default="fmu-estimator-batch", help="folder (default: %(default)s)")
     add("--resume", action="store_true", help="go on with the batch in the folder: run only what is missing")
     add("--dask", metavar="ADDRESS", help="of a Dask scheduler, such as tcp://10.0.0.5:8786 (extra: cluster)")
@@ -418,7 +420,31 @@ refused or failed, or stopped by a full disk; 2 bad usage.""",
         many.add_argument(
             f"--{kind}", type=whole(2), metavar="N", help=f"instead, each case N times: its best fit with {how}"
         )
+    add(
+        "--watch",
+        metavar="FOLDER",
+        help="estimate what appears there, as the case files say, or each recording by itself; nothing is moved",
+    )
+    add(
+        "--settled",
+        type=positive,
+        metavar="S",
+        help="with --watch: a file counts once it has not changed for so long (default: 2)",
+    )
+    add(
+        "--then",
+        metavar="COMMAND",
+        help="with --watch: run it for every verdict, with the case as JSON on its stdin and 0 or 1, passed or not, in"
+        " FMU_ESTIMATOR_STATUS",
+    )
     add("--report", action="store_true", help="write report.html and figure.png of every case too, some 0.5 s a case")
+    add(
+        "--report-of",
+        action="append",
+        default=[],
+        metavar="CASE",
+        help="such a report of this case only; with --resume, later; repeatable",
+    )
     add("--parquet", action="store_true", help="write results.parquet too (extra: parquet)")
     _add_quiet(batch)
 

@@ -9,6 +9,7 @@ import dataclasses
 import functools
 import io
 import json
+import shlex
 import shutil
 import sys
 import time
@@ -18,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 from estimator.commands.options import reading, unique, with_corrections, with_held_out, with_options, with_tolerances
 from estimator.commands.sources import CASE_SUFFIX, STDIN, case_of
-from estimator.commands.terminal import FAILED, INTERRUPTED, OK, complain, say
+from estimator.commands.terminal import FAILED, INTERRUPTED, OK, PROGRAM, complain, say
 from estimator.errors import FmuError, InputError, SimulationError
 from estimator.estimating.progress import LiveLine, Progress, batch_line, is_live, is_terminal
 from estimator.output import OutputFolder, write_files
@@ -179,7 +180,7 @@ def init(args: argparse.Namespace) -> int:
     """Guess a case file and give its text."""
     from estimator.cases.init_case import case_text
     from estimator.fmus.fmu import describe
-    from estimator.recordings.recording import read_recording
+    from estimator.recordings.files import recordings_in
 
     output = Path(args.output) if args.output else None
     if output is not None and not output.name.endswith(CASE_SUFFIX):
@@ -187,7 +188,7 @@ def init(args: argparse.Namespace) -> int:
     if output is not None and output.exists():
         raise InputError(f"{output} is there already; give another name with -o, or remove it")
     folder = Path.cwd() if output is None else output.absolute().parent
-    recording = read_recording(Path(args.recording))
+    recording = recordings_in(Path(args.recording))[0]  # of several tests: their columns are alike
     text = case_text(describe(args.fmu), recording, fmu=args.fmu, folder=folder)
     if output is None:
         say(text)
@@ -219,7 +220,13 @@ def build(args: argparse.Namespace) -> int:
 
 def batch(args: argparse.Namespace) -> int:
     """Estimate many cases and write their table."""
-    from estimator.batches.batch import BatchProgress, gather, last_line, repeated, run_batch
+    if args.watch is not None:
+        return _watch(args)
+    if args.then is not None or args.settled is not None:
+        raise InputError("--then and --settled are those of --watch; give that too, or leave them out")
+    if not args.sources:
+        raise InputError("no case is given; give case files, folders of them, or recordings")
+    from estimator.batches.batch import BatchProgress, gather, last_line, repeated, run_batch, with_reports
 
     cases = gather([Path(source) for source in args.sources], report=args.report)
     for _, outcome in cases.unread:
@@ -227,6 +234,7 @@ def batch(args: argparse.Namespace) -> int:
     kind: Kind | None = "monte-carlo" if args.monte_carlo else "bootstrap" if args.bootstrap else None
     if kind is not None:
         cases = repeated(cases, kind=kind, count=args.monte_carlo or args.bootstrap)
+    cases = with_reports(cases, args.report_of)
     folder = Path(args.output)
     live = LiveLine(sys.stderr) if is_live(sys.stderr) and not args.quiet else None
 
@@ -236,7 +244,8 @@ def batch(args: argparse.Namespace) -> int:
 
     try:
         with live or contextlib.nullcontext():
-            result = run_batch(cases, folder, _runner(args), resume=args.resume, parquet=args.parquet, progress=show)
+            how: dict[str, Any] = {"resume": args.resume, "parquet": args.parquet, "command": _batch_command(args)}
+            result = run_batch(cases, folder, _runner(args), progress=show, **how)
     except KeyboardInterrupt:
         complain(f"interrupted; what is done is in {folder}, go on with --resume")
         return INTERRUPTED
@@ -245,6 +254,38 @@ def batch(args: argparse.Namespace) -> int:
     statistics = statistics_text(result.rows)
     say("\n".join([*statistics, *([""] if statistics else []), last_line(result, table=folder / "results.csv")]) + "\n")
     return FAILED if result.verdicts.keys() - {"ok", "doubtful"} else OK
+
+
+def _batch_command(args: argparse.Namespace) -> str:
+    """Return the command of a batch without what says how it runs."""
+    many = ["--monte-carlo", str(args.monte_carlo)] if args.monte_carlo else []
+    many = ["--bootstrap", str(args.bootstrap)] if args.bootstrap else many
+    return shlex.join([PROGRAM, "batch", *args.sources, *many, "-o", args.output])
+
+
+def _watch(args: argparse.Namespace) -> int:
+    """Estimate what appears in a folder, until Ctrl-C."""
+    if args.monte_carlo or args.bootstrap:
+        raise InputError("--monte-carlo and --bootstrap repeat cases that are there; leave them out, or --watch")
+    from estimator.batches.incoming import Incoming
+    from estimator.batches.watch import Teller, watch
+
+    settled = {} if args.settled is None else {"settled": args.settled}
+    sources = [Path(source) for source in args.sources]
+    incoming = Incoming(Path(args.watch), sources, Path(args.output), report=args.report, **settled)
+    teller = None if args.then is None else Teller(args.then)
+    if not args.quiet:
+        complain(f"watching {incoming.folder}; the page is {incoming.output / 'index.html'}; Ctrl-C ends it")
+    with contextlib.suppress(KeyboardInterrupt):  # that is how it is ended
+        watch(
+            incoming,
+            _runner(args),
+            teller=teller,
+            parquet=args.parquet,
+            say=lambda line: say(f"{line}\n"),
+            complain=complain,
+        )
+    return OK
 
 
 def compare(args: argparse.Namespace) -> int:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from estimator.fmus.fmu import FmuDescription
 from estimator.plans.plan import Observed, Plan
 from estimator.recordings.excitation import find_settling, lost_transient, noise_deviation, saturation
+from estimator.recordings.finding import Finding
 from estimator.recordings.samples import filled, mean_of_known
 from estimator.results.reason import Place, Reason
 
@@ -26,6 +27,7 @@ CONTRADICTED = "an impossible acceleration"
 OVER, STILL = 6, 0.1  # samples after a jump; part of the response: within both the jump was all that happened
 FASTER = 10  # samples in what is one now
 ONE = 10  # samples that are alike by no chance
+AGAINST = 0.2  # of a signal's largest sample: less is noise about zero
 RECTIFIED = 50  # samples at rest that tell a lost sign
 
 
@@ -53,7 +55,7 @@ def refusal(plan: Plan) -> list[str]:
         )
     if dead := _dead(plan):
         return [*reasons, *dead]
-    reasons += [finding.sentence for o in plan.observed for finding in o.findings if finding.is_fatal]
+    reasons += [_found(o, finding) for o in plan.observed for finding in o.findings if finding.is_fatal]
     if reasons:
         return reasons
     reasons += cut_transients(plan)
@@ -243,6 +245,21 @@ def slow_for_the_motor(plan: Plan) -> list[str]:
         f" {_faster(o, k)}"
         for o, k, part in _jumps(plan)
     ]
+
+
+def _found(o: Observed, finding: Finding) -> str:
+    """Return what is implausible; of a sign, with the samples that go against the voltage."""
+    kind, _, name = finding.kind.partition(" ")
+    names = ["i", "w"] if name == "v" else [name]
+    if kind != "sign" or "v" not in o.inputs:
+        return finding.sentence
+    places = []
+    for signal in (n for n in names if n in o.outputs):
+        y = np.nan_to_num(o.outputs[signal])
+        against = np.flatnonzero(np.sign(o.inputs["v"]) * y < -AGAINST * float(np.max(np.abs(y))))
+        if len(against):
+            places.append(_place(o, signal, int(against[0]), int(against[-1])))
+    return Reason(finding.sentence, *places)
 
 
 def _place(o: Observed, signal: str, first: int, last: int) -> Place:

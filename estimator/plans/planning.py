@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -21,6 +21,7 @@ from estimator.plans.plan import ChainSpec, Observed, Plan
 from estimator.plans.reading import with_reading
 from estimator.recordings.excitation import noise_deviation, quantum
 from estimator.recordings.files import recordings_in
+from estimator.recordings.read_as import ReadAs
 from estimator.recordings.recording import Recording
 from estimator.stepping import layout
 
@@ -110,8 +111,14 @@ def _told_apart(recordings: Sequence[Recording]) -> Sequence[Recording]:
     return [replace(r, name=name) for r, name in zip(recordings, names, strict=True)]
 
 
-def read_case(case: Case) -> tuple[Case, list[Recording]]:
+def read_case(
+    case: Case, *, read: Callable[[Path, ReadAs], Sequence[Recording]] = recordings_in
+) -> tuple[Case, list[Recording]]:
     """Return a case with its recordings read; a file of several tests becomes as many recordings of the case.
+
+    Parameters
+    ----------
+    read : what reads a file
 
     Raises
     ------
@@ -120,7 +127,7 @@ def read_case(case: Case) -> tuple[Case, list[Recording]]:
     """
     paths, runs, found = [], [], []
     for path, run in zip(case.recordings, case.runs_of(len(case.recordings)), strict=True):
-        for recording in recordings_in(path, run.read_as):
+        for recording in read(path, run.read_as):
             paths.append(path)
             runs.append(run)
             found.append(recording)

@@ -20,6 +20,7 @@ from estimator.results.result import Estimate, FloatArray, ParameterEstimate
 
 FALSE_ALARM = 0.01  # of one comparison as a whole
 USELESS = 0.5  # relative standard error: such a quantity is not determined
+OF_WINDING = ("kA",)  # derived quantities with a part of the inductance, where it is told
 FEWEST = 3  # results that have a repeatability
 
 
@@ -147,6 +148,8 @@ def changes(results: Mapping[str, Estimate], *, false_alarm: float = FALSE_ALARM
             why = estimate.reasons[0] if estimate.reasons else "it has no parameters"
             raise InputError(f"{name} was refused, so there is nothing to compare: {why}")
     known = {name: _known(estimate) for name, estimate in results.items()}
+    if not _is_one_winding(results):
+        known = {name: {key: v for key, v in told.items() if key[0] not in OF_WINDING} for name, told in known.items()}
     first = known[names[0]]
     shared = [key for key in first if any(key in known[name] for name in names[1:])]
     pairs = sum(key in known[name] for key in shared for name in names[1:])
@@ -189,6 +192,12 @@ def _known(estimate: Estimate) -> dict[tuple[str, str, str], tuple[float, float]
         if 0 < q.standard_error < USELESS * abs(q.value):
             found[name.replace("_", " "), "derived", q.unit] = (q.value, q.standard_error)
     return found
+
+
+def _is_one_winding(results: Mapping[str, Estimate]) -> bool:
+    """Whether all results determine the inductance, or none: what holds a part of it means the same in each."""
+    told = [("L" in e.parameters and _is_told(e.parameters["L"])) for e in results.values()]
+    return all(told) or not any(told)
 
 
 def _is_told(p: ParameterEstimate) -> bool:
@@ -255,6 +264,8 @@ def _notes(results: Mapping[str, Estimate]) -> list[str]:
     """Return what was not compared, and what else is not alike."""
     notes = []
     (reference, first), *others = results.items()
+    if not _is_one_winding(results) and any(name in e.derived for e in results.values() for name in OF_WINDING):
+        notes.append(f"not all determine L, so {', '.join(OF_WINDING)} holds its part in some only: not compared")
     for name, estimate in results.items():
         if estimate.verdict == "doubtful":
             notes.append(f"{name} is doubtful: {estimate.reasons[0] if estimate.reasons else 'no reason is given'}")

@@ -129,7 +129,7 @@ def changes_figure(found: Changes) -> str:
     bars = _bars(found)
     limit = bar_limit([b for b, _ in bars.values()])
     parts, y = [], TOP
-    parts.append(text(NAMES, 16, f"change from {found.results[0]}, ± 1 and ± 2 standard errors of the change"))
+    parts.append(text(NAMES, 16, f"change from {found.results[0]}, ± 1 and ± 2 standard errors"))
     for q in found.quantities:
         for k, c in enumerate(q.changes):
             entry, differs = bars[q.name, c.result]

@@ -14,7 +14,8 @@ export class DataPage {
     this.app = app;
     this.chosen = null;
     this.checks = {}; // name → what the command check says
-    this.facts = {}; // name → what was read, or the sentence why not
+    this.facts = {}; // recording, as it is read → what was read, or the sentence why not
+    this.part = {}; // file → which of its tests is shown
     this.list = el("div");
     this.detail = el("div");
     this.plot = new Plot({ label: "The recording's columns over time" });
@@ -65,11 +66,12 @@ export class DataPage {
         el("button", { type: "button", id: `remove-${k}`, "aria-label": `Take ${r.file} from the list`, title: "Take it from the list; the file stays", onclick: () => this.remove(r.file) }, "×")));
   }
 
+  // part: what changes of a recording, or a function of what it is by then
   edit(file, part) {
-    this.app.change({ recordings: this.app.state.recordings.map((r) => (r.file === file ? { ...r, ...part } : r)) });
+    this.app.change((state) => ({ recordings: state.recordings.map((r) => (r.file === file ? { ...r, ...(typeof part === "function" ? part(r) : part) } : r)) }));
   }
 
-  remove(file) { this.app.change({ recordings: this.app.state.recordings.filter((r) => r.file !== file) }); }
+  remove(file) { this.app.change((state) => ({ recordings: state.recordings.filter((r) => r.file !== file) })); }
 
   async open(name) {
     try { this.app.take(await post("open", { name })); say(`${name} is open; what you change is kept in app.case.toml.`); } catch (error) { this.app.fail(error); }
@@ -84,18 +86,20 @@ export class DataPage {
         el("p", {}, "Drop one anywhere on this page. It is copied into the folder; one that lies there already stays where it is.")));
       return;
     }
-    if (!(file in this.facts)) {
-      try { this.facts[file] = await get("recording", { name: file }); } catch (error) { this.facts[file] = error.message; }
-      if (file !== this.chosen) return;
-    }
-    const facts = this.facts[file];
-    if (typeof facts === "string") {
-      delete this.facts[file];
-      replace(this.detail, el("h2", {}, file), el("p", { class: "say error" }, facts));
-      return;
-    }
     const r = this.app.state.recordings.find((x) => x.file === file);
     if (!r) return;
+    const part = this.part[file] ?? 0, key = this.key(r, part);
+    if (!(key in this.facts)) {
+      try { this.facts[key] = await get("recording", { name: file, part }); } catch (error) { this.facts[key] = error.message; }
+      if (file !== this.chosen || key !== this.key(this.app.state.recordings.find((x) => x.file === file) ?? r, this.part[file] ?? 0)) return;
+    }
+    const facts = this.facts[key];
+    if (typeof facts === "string") {
+      delete this.facts[key];
+      if (part) { this.part[file] = 0; this.show(); return; }
+      replace(this.detail, el("h2", {}, file), el("p", { class: "say error" }, facts), this.reading(r, { tests: [], motors: [] }, true));
+      return;
+    }
     const { problem } = this.app.state;
     replace(this.detail,
       el("h2", {}, facts.title),
@@ -104,23 +108,60 @@ export class DataPage {
         facts.even ? "even clock" : "the clock jitters", facts.missing_rows ? `${facts.missing_rows} rows lost` : null,
       ].filter(Boolean).join(" · ")),
       problem ? el("p", { class: "say error", id: "problem" }, problem) : null,
-      this.findings(file),
+      this.testRow(r, facts, part),
+      this.reading(r, facts),
+      this.findings(file, r),
       el("div", { class: "chips", role: "list", "aria-label": "Columns" }, facts.columns.map((c, k) => this.chip(facts, r, c, k))),
       this.windowRow(facts, r),
       this.plot.node);
-    this.draw(file, facts, r);
+    this.draw(file, facts, r, part);
   }
 
+  // A recording as it is read: its file, how, and which of its tests.
+  key(r, part) { return JSON.stringify([r.file, r.reading, part]); }
+
+  // Which test of a file that holds several is used, and which is shown.
+  testRow(r, facts, part) {
+    if (facts.tests.length < 2) return null;
+    const every = [["", `all ${facts.tests.length} tests, fitted together`], ...facts.tests.map((name) => [name, `${name} alone`])];
+    return el("div", { class: "row", id: "tests" }, el("label", { for: "test" }, "Tests"),
+      select({ id: "test", onchange: (e) => { this.part[r.file] = 0; this.read(r, { test: e.target.value || null }); } }, every, r.reading.test ?? ""),
+      facts.parts > 1 ? [el("label", { for: "part" }, "shown"),
+        select({ id: "part", onchange: (e) => { this.part[r.file] = Number(e.target.value); this.show(); } }, facts.tests.map((name, k) => [String(k), name]), String(part))] : null);
+  }
+
+  // How the file is read where its header does not say it, as the options of estimate do.
+  reading(r, facts, open = false) {
+    const told = r.reading, said = ["supply", "counts", "per_turn", "motor"].filter((key) => told[key] !== null);
+    const before = document.getElementById("reading");
+    const text = (key, label, hint) => el("label", { class: "row small" }, label, el("input", { id: `reading-${key}`, type: "text", value: told[key] ?? "", placeholder: hint,
+      autocomplete: "off", style: { width: "9em" }, onchange: (e) => this.read(r, { [key]: e.target.value.trim() || null }) }));
+    const value = (key, label, unit) => el("span", { class: "row small" }, el("span", { "aria-hidden": "true" }, label),
+      number({ id: `reading-${key}`, label: `${label}${unit ? `, in ${unit}` : ""}`, value: told[key], width: "6em", onchange: (v) => (v !== null && v <= 0 ? say(`${label} must be above 0.`, "error") : this.read(r, { [key]: v })) }),
+      unit ? el("span", { class: "muted" }, unit) : null);
+    return el("details", { id: "reading", open: open || (before ? before.open : said.length > 0) },
+      el("summary", {}, `How the file is read${said.length ? `: ${said.map((key) => `${key.replace("_", "-")} ${told[key]}`).join(", ")}` : ""}`),
+      el("div", { class: "row" },
+        text("supply", "Supply of a duty cycle", "12 or a column"),
+        value("counts", "Counts of an encoder a turn", ""),
+        value("per_turn", "Way of a turn", "m"),
+        facts.motors.length || told.motor !== null ? el("label", { class: "row small" }, "Motor",
+          select({ id: "reading-motor", onchange: (e) => this.read(r, { motor: e.target.value || null }) }, [["", "not said"], ...facts.motors.map((m) => [m, m])], told.motor ?? "")) : null));
+  }
+
+  read(r, part) { this.edit(r.file, (now) => ({ reading: { ...now.reading, ...part } })); }
+
   // What the command check finds in a recording; nothing while it looks, or where it cannot.
-  findings(file) {
-    if (!(file in this.checks)) {
-      this.checks[file] = null;
+  findings(file, r) {
+    const key = this.key(r, 0);
+    if (!(key in this.checks)) {
+      this.checks[key] = null;
       get("check", { name: file }).catch(() => null).then((told) => {
-        this.checks[file] = told;
+        this.checks[key] = told;
         if (told && this.app.page === this && this.chosen === file) this.show();
       });
     }
-    const told = this.checks[file];
+    const told = this.checks[key];
     if (!told) return null;
     const all = told.check.recordings ?? [];
     const doubts = all.flatMap((c) => c.implausible ?? []), lost = all.flatMap((c) => c.damage ?? []);
@@ -145,8 +186,8 @@ export class DataPage {
     const target = this.target(c), name = target.split(" ").slice(1).join(" "), channel = c.name;
     const key = [name, channel].find((x) => x in r.scale) ?? channel, off = [name, channel].find((x) => x in r.offset) ?? channel;
     const scale = r.scale[key] ?? 1, offset = r.offset[off] ?? 0;
-    const set = (part, at, value, neutral) => this.edit(r.file, { [part]: value === neutral
-      ? Object.fromEntries(Object.entries(r[part]).filter(([n]) => n !== at)) : { ...r[part], [at]: value } });
+    const set = (part, at, value, neutral) => this.edit(r.file, (now) => ({ [part]: value === neutral
+      ? Object.fromEntries(Object.entries(now[part]).filter(([n]) => n !== at)) : { ...now[part], [at]: value } }));
     const options = [["", "not used"], ...targets.map((t) => [`${t.causality}s ${t.name}`,
       `${t.causality === "input" ? "drives" : "measures"} ${t.title || t.variable}${t.title ? ` (${t.variable})` : ""}`])];
     const si = c.unit && c.unit !== "?" ? c.unit : "";
@@ -173,15 +214,17 @@ export class DataPage {
   }
 
   assign(column, target, unit = "") {
-    const mapping = structuredClone(this.app.state.mapping);
-    const before = this.target(column);
-    const without = (text) => { const [causality, ...rest] = text.split(" "); delete mapping[causality]?.[rest.join(" ")]; };
-    if (before) without(before);
-    if (target) {
-      const [causality, ...rest] = target.split(" ");
-      mapping[causality][rest.join(" ")] = unit ? `${column.plain} [${unit}]` : column.header;
-    }
-    this.app.change({ mapping });
+    this.app.change((state) => {
+      const mapping = structuredClone(state.mapping);
+      const before = this.target(column);
+      const without = (text) => { const [causality, ...rest] = text.split(" "); delete mapping[causality]?.[rest.join(" ")]; };
+      if (before) without(before);
+      if (target) {
+        const [causality, ...rest] = target.split(" ");
+        mapping[causality][rest.join(" ")] = unit ? `${column.plain} [${unit}]` : column.header;
+      }
+      return { mapping };
+    });
   }
 
   windowRow(facts, r) {
@@ -209,13 +252,14 @@ export class DataPage {
     this.plot.canvas.focus();
   }
 
-  async draw(file, facts, r) {
+  async draw(file, facts, r, part) {
+    const key = this.key(r, part);
     const columns = facts.columns.filter((c) => !c.unreadable && c.least !== null);
     const used = columns.filter((c) => this.target(c));
     const shown = used.length ? used : columns.slice(0, 6);
     let source = this.source;
-    if (this.plotted !== file) {
-      source = new Remote({ of: "recording", name: file });
+    if (this.plotted !== key) {
+      source = new Remote({ of: "recording", name: file, part });
       try { await source.load(); } catch (error) { this.app.fail(error); return; }
       if (file !== this.chosen) return;
     }
@@ -229,10 +273,10 @@ export class DataPage {
       };
     });
     const shades = shown.flatMap((c) => (c.gaps ?? []).map(([from, to]) => ({ panel: c.name, from: from - facts.step / 2, to: to + facts.step / 2, color: "--gap" })));
-    this.plot.set({ panels, shades, keep: this.plotted === file });
+    this.plot.set({ panels, shades, keep: this.plotted === key });
     this.plot.setWindow(r.window ? [...r.window] : [facts.begin, facts.end], (w) => this.dragged(facts, r.file, w));
     this.source = source;
-    this.plotted = file;
+    this.plotted = key;
   }
 
   dragged(facts, file, [from, to]) {

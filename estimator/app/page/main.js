@@ -33,11 +33,13 @@ class App {
     this.watch();
   }
 
-  // Change parts of the case; changes go to the server one after the other.
+  // Change parts of the case; changes go to the server one after the other. One that is a function is told the state
+  // that the changes before it have made: what was drawn when it was asked for may be older.
   change(changes) {
     this.queue = this.queue.then(async () => {
       try {
-        this.take(await post("change", { revision: this.state.revision, changes }));
+        const made = typeof changes === "function" ? changes(this.state) : changes;
+        this.take(await post("change", { revision: this.state.revision, changes: made }));
       } catch (error) {
         await this.refresh().catch(() => {});
         this.fail(error);
@@ -79,7 +81,7 @@ class App {
       this.fail(error);
       return;
     }
-    await this.change({ recordings: [...this.state.recordings, { file: name, role: "fit" }] });
+    await this.change((state) => ({ recordings: [...state.recordings, { file: name, role: "fit" }] }));
     this.select(name);
   }
 

@@ -66,7 +66,7 @@ export class ModelPage {
 
   parameters(s) {
     const rows = s.parameters;
-    const edit = (name, part) => this.app.change({ parameters: rows.map((r) => ({ name: r.name, free: r.free, min: r.min, max: r.max, start: r.start, value: r.value, per_recording: r.per_recording, ...(r.name === name ? part : {}) })) });
+    const edit = (name, part) => this.app.change((state) => ({ parameters: state.parameters.map((r) => ({ name: r.name, free: r.free, min: r.min, max: r.max, start: r.start, value: r.value, per_recording: r.per_recording, ...(r.name === name ? part : {}) })) }));
     const many = s.recordings.filter((r) => r.role === "fit").length > 1;
     replace(this.table,
       el("div", { class: "row" }, el("h2", {}, "Parameters"), el("span", { class: "grow" }),

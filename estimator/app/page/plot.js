@@ -126,6 +126,7 @@ export class Plot {
   // transient: [from, to], which is shown first
   set({ panels, shades = [], keep = false, transient = null }) {
     const before = this.sources();
+    if (!keep && this.holding) { clearTimeout(this.edgeTimer); this.holding = false; this.onwindow(this.window); }
     this.transient = transient;
     this.moving.hidden = transient === null;
     this.panels = panels;
@@ -184,7 +185,7 @@ export class Plot {
   t(x) { return this.view[0] + (x - LEFT) / this.width * (this.view[1] - this.view[0]); }
 
   setWindow(window, onwindow) {
-    this.window = window;
+    if (!this.holding) this.window = window; // what comes in while an edge is being moved is older
     this.onwindow = onwindow;
     this.redraw();
   }
@@ -234,9 +235,10 @@ export class Plot {
     const to = e.key === "Home" ? this.begin : e.key === "End" ? this.end : by === undefined ? null : this.window[k] + by * span;
     if (to === null) return;
     e.preventDefault();
+    this.holding = true;
     this.moveEdge(k, to);
     clearTimeout(this.edgeTimer);
-    this.edgeTimer = setTimeout(() => this.onwindow(this.window), 400);
+    this.edgeTimer = setTimeout(() => { this.holding = false; this.onwindow(this.window); }, 400);
   }
 
   takeEdge(e, k) {
@@ -244,9 +246,11 @@ export class Plot {
     edge.setPointerCapture(e.pointerId);
     edge.focus();
     e.preventDefault();
+    this.holding = true;
     const move = (m) => this.moveEdge(k, this.t(m.clientX - left));
     const done = () => {
       edge.removeEventListener("pointermove", move);
+      this.holding = false;
       this.onwindow(this.window);
     };
     edge.addEventListener("pointermove", move);

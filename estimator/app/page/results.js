@@ -82,7 +82,6 @@ export class ResultsPage {
       Object.keys(r.parameters ?? {}).length ? this.parameters(r) : null,
       this.signals(outcome),
       this.quality(outcome),
-      this.rivals(r),
       this.correlations(r),
       el("section", { "aria-label": "Found in the data" }, el("h2", {}, "Found in the data and used"),
         (r.notes ?? []).length ? el("ul", { class: "small" }, r.notes.map((t) => el("li", {}, String(t)))) : el("p", { class: "muted" }, "Nothing beside the parameters."),
@@ -162,14 +161,6 @@ export class ResultsPage {
         return el("tr", {}, el("th", { scope: "row" }, name), ...[with_(rmse), `${show(r.fit_percent?.[name], 4)} %`, with_(r.noise?.[name]),
           ...(v ? [with_(v.rmse?.[name]), `${show(v.fit_percent?.[name], 4)} %`] : []), ...per.map((s) => with_(s.rmse[name]))].map((t) => el("td", { class: "n" }, t)));
       })))));
-  }
-
-  // Explanations that fit nearly as well, where the estimate has weighed some.
-  rivals(r) {
-    const found = Array.isArray(r.rivals) ? r.rivals : [];
-    if (!found.length) return null;
-    return el("section", { "aria-label": "Rivals" }, el("h2", {}, "Rivals, and what they differ in"), el("ul", { class: "small" }, found.map((x) =>
-      el("li", {}, typeof x === "string" ? x : Object.entries(x).map(([k, v]) => `${k.replaceAll("_", " ")}: ${typeof v === "object" ? JSON.stringify(v) : typeof v === "number" ? show(v) : v}`).join(", ")))));
   }
 
   correlations(r) {

@@ -38,7 +38,7 @@ export class RunPage {
   render() {
     const s = this.app.state, running = s.runs.find((r) => r.state === "running");
     if (!this.name && s.runs.length) { this.name = s.runs[0].name; this.follow(this.name); }
-    const search = (part) => this.app.change({ search: { ...s.search, ...part } });
+    const search = (part) => this.app.change((state) => ({ search: { ...state.search, ...part } }));
     const fitted = s.recordings.filter((r) => r.role === "fit").length, held = s.recordings.filter((r) => r.role === "validate").length;
     replace(this.settings, el("h2", {}, "Estimate"),
       el("p", { class: "muted small" }, `${fitted} recording${fitted === 1 ? "" : "s"} to fit to${held ? `, ${held} to validate on` : ""}; ${s.parameters.filter((p) => p.free).map((p) => p.name).join(", ") || "no parameter"} free.`),

@@ -17,8 +17,23 @@ const filter = () => {
     row.classList.toggle("hidden", !any);
   }
 };
-for (const box of boxes) box.addEventListener("change", filter);
-find.addEventListener("input", filter);
+const keep = () => {
+  const said = new URLSearchParams({ without: boxes.filter((box) => !box.checked).map((box) => box.value).join(), find: find.value });
+  history.replaceState(null, "", `#${said}`);
+  filter();
+};
+const said = new URLSearchParams(location.hash.slice(1)), without = (said.get("without") ?? "").split(",");
+for (const box of boxes) box.checked = !without.includes(box.value);
+find.value = said.get("find") ?? "";
+filter();
+for (const box of boxes) box.addEventListener("change", keep);
+find.addEventListener("input", keep);
+const demand = document.getElementById("demand");
+if (demand) for (const thing of document.querySelectorAll("[data-case]")) for (const when of ["pointerenter", "focusin"]) thing.addEventListener(when, () => {
+  demand.textContent = `${demand.dataset.command} --resume --report-of '${thing.dataset.case.replaceAll("'", "'\\''")}'`;
+});
+const renew = Number(document.body.dataset.renew ?? 0);
+if (renew) setTimeout(() => location.reload(), 1000 * renew);
 const all = JSON.parse(document.getElementById("points").textContent);
 document.querySelectorAll("svg.chart").forEach((chart, k) => {
   const { points, values, unit } = all[k], { left, width } = chart.dataset;
