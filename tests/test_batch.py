@@ -210,6 +210,11 @@ def test_a_case_file_with_a_mistake_does_not_stop_the_others(cases, tmp_path):
     assert last_line(BatchResult(result.rows, 2), table=table).startswith("6 cases (2 of them from before): ")
 
 
+def test_one_case_is_no_plural():
+    row = {"verdict": "ok", "checks": {}}
+    assert last_line(BatchResult((row,)), table=Path("t")) == "1 case: 1 ok; t"
+
+
 def test_the_last_line_counts_expectations_that_are_not_met(cases):
     rows = [outcome.row for _, outcome in made_up(cases.tasks[:2])]
     rows[0]["checks"] = {"R": "pass", "K": "fail"}

@@ -8,7 +8,6 @@ of this file's together are below 1e-4 a run.
 import dataclasses
 import json
 import pickle
-import re
 from pathlib import Path
 
 import numpy as np
@@ -192,7 +191,7 @@ def test_free_values_are_estimated_and_told_apart_from_the_parameters():
 def test_a_delay_of_one_channel_is_found_by_itself():
     result = found(Case(), recorded(RUN, w=RUN.at("w", late=2.3e-3)))
     near(result.chain["delay of w"], 2.3e-3)
-    assert any(re.match(r"w is shown 2\.\d+ ms after the other signals", note) for note in result.notes)
+    assert not any("after the other signals" in note for note in result.notes)  # the table says it
     close(result)
 
 

@@ -9,7 +9,9 @@ import pytest
 from motors import CML050, step_recording
 
 from estimator.cli import main
+from estimator.commands.checking import preview_text
 from estimator.recordings.motor_columns import motor_columns
+from estimator.recordings.preview import preview
 from estimator.recordings.read_as import ReadAs
 from estimator.recordings.recording import read_recording, write_recording
 from estimator.recordings.understood import understood
@@ -67,6 +69,14 @@ def test_check_names_what_is_implausible_and_still_ends_with_0(file, bench, caps
     assert "--unit i=mA" in out.split("Implausible:")[1] and "--unit time=ms" in out.split("Implausible:")[1]
     _, out, _ = run(capsys, "check", file("t,u,i,w", t=1e3 * bench["t"]), "--unit", "time=ms")
     assert "Implausible" not in out and "time ← t [ms] (unit as you said)" in out
+
+
+def test_check_breaks_its_sentences_to_the_terminals_width(file, bench):
+    made = preview(read_recording(file("t,u,i,w", i=-bench["i"])))
+    whole = preview_text(made)
+    assert max(map(len, whole.splitlines())) > 80
+    broken = preview_text(made, width=80)
+    assert max(map(len, broken.splitlines())) <= 80 and broken.split() == whole.split()
 
 
 def test_check_writes_a_figure_of_each_file_and_json(file, tmp_path, capsys):

@@ -95,3 +95,20 @@ def test_a_telling_word_in_a_longer_name_gives_the_role_but_a_setpoint_has_none(
     assert rank_in_role("speed setpoint", "w") is None
     assert rank_in_role("temperature", "w") is None
     assert quantity_of("left wheel speed") is None
+
+
+@pytest.mark.parametrize(
+    ("name", "role"),
+    [
+        ("Imot", "i"),
+        ("U_Motor", "v"),
+        ("umot", "v"),
+        ("motorspeed", "w"),
+        ("enc_vel", "w"),
+        ("vcmd", None),
+        ("nm", None),
+    ],
+)
+def test_usual_names_are_known_when_two_words_are_written_as_one(name, role):
+    assert role_of(name) == role
+    assert role is None or rank_in_role(name, role) is not None

@@ -125,3 +125,27 @@ def test_an_encoders_steps_tell_the_unit_of_a_speed_without_one():
     assert "192 counts a turn in rpm" in finding.sentence
     counts = np.round(good["w"] * 1e-3 * 192 / (2 * np.pi)) * (2 * np.pi / 192 / 1e-3)
     assert found(time, {**good, "w": counts}, frozenset({"w"})) == ()
+
+
+def test_a_full_duty_cycle_that_was_called_volts_is_doubted_and_a_motor_at_one_volt_is_not():
+    motor = next(m for m in BENCH if m.voltage >= 12)
+    time, y = signals(motor, interval=time_constant(motor) / 20)
+    full = y["w"] * 300.0 / np.max(y["w"])
+    one = {**y, "v": y["v"] / np.max(y["v"]), "w": full}
+    (named,) = found(time, one)
+    assert named.kind == "unit v" and "duty cycle" in named.sentence
+    assert found(time, {**one, "w": 0.5 * full}) == ()
+    assert found(time, {**one, "v": 0.9 * one["v"]}) == ()
+
+
+def test_a_few_samples_that_are_far_above_all_others_are_named_as_the_loggers_errors():
+    time, y = signals(CML050, interval=1e-3)
+    lone = y["i"].copy()
+    lone[700] = 1e5
+    (named,) = [f for f in found(time, {**y, "i": lone}) if f.kind == "lone i"]
+    assert "the current is 1e+05 at t = 0.7 s, more than 300 times as large as all others" in named.sentence
+    lone[800:802] = -2e5
+    (named,) = [f for f in found(time, {**y, "i": lone}) if f.kind == "lone i"]
+    assert "one of 3 samples that are more than 300 times" in named.sentence
+    lone[700:706] = 1e5  # longer than an error: something else
+    assert not [f for f in found(time, {**y, "i": lone}) if f.kind == "lone i"]

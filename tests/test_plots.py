@@ -14,7 +14,7 @@ from made_estimates import comparison
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.image import imread
 
-from estimator.results import plots
+from estimator.results import panels, plots
 from estimator.results.numbers import number_text
 from estimator.results.result import Comparison
 
@@ -170,10 +170,27 @@ def legend(figure):
 def test_outliers_and_ripple_are_drawn_and_named_where_there_are_some():
     assert legend(plots.comparison_figure([comparison()])) == ["measured", "simulated with the estimate"]
     figure = plots.comparison_figure(CASES["outliers and ripple"])
-    assert legend(figure)[2:] == ["left out as an outlier", "ripple or drift, taken out"]
+    assert legend(figure)[2:] == ["outlier, weighted down", "ripple or drift, taken out"]
     current = next(ax for ax in figure.axes if ax.get_ylabel() == "current i\n[A]")
     crosses = [line for line in current.lines if line.get_marker() == "x"]
     assert [len(line.get_xdata()) for line in crosses] == [3]
+
+
+def test_outliers_do_not_rule_the_scale_of_the_residuals_and_are_marked_at_its_edge():
+    made = comparison()
+    measured = made.measured["i"].copy()
+    measured[[30, 60]] += [5.0, -7.0]
+    out = np.zeros(len(measured), dtype=bool)
+    out[[30, 60]] = True
+    made = dataclasses.replace(made, measured={**made.measured, "i": measured}, left_out={"i": out})
+    figure = plots.comparison_figure([made])
+    residual = next(ax for ax in figure.axes if ax.get_ylabel() == "residual\n[A]")
+    top = residual.get_ylim()[1]
+    assert top < 1.0
+    (crosses,) = [line for line in residual.lines if line.get_marker() == "x"]
+    assert list(np.sign(crosses.get_ydata())) == [1, -1] and np.all(np.abs(crosses.get_ydata()) < top)
+    rows = [r for r in panels.panels(made) if r.kind == "residual" and r.unit == "A"]
+    assert rows[0].largest(rows[0].lines) < 1.0
 
 
 def test_ticks_are_written_as_the_tables_write_numbers():

@@ -223,7 +223,8 @@ def last_line(result: BatchResult, *, table: Path) -> str:
         met = {"pass": "met", "fail": "not met", "undecided": "undecided"}
         said += "; expectations: " + ", ".join(f"{outcomes[o]} {word}" for o, word in met.items() if outcomes[o])
     before = f" ({result.kept} of them from before)" if result.kept else ""
-    return f"{len(result.rows)} cases{before}: {said}; {table}"
+    cases = "1 case" if len(result.rows) == 1 else f"{len(result.rows)} cases"
+    return f"{cases}{before}: {said}; {table}"
 
 
 class Digests:

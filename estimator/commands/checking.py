@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import argparse
 import json
+import shutil
+import sys
+import textwrap
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -15,6 +18,7 @@ from estimator.commands.options import unique
 from estimator.commands.sources import recordings_of
 from estimator.commands.terminal import OK, say
 from estimator.errors import InputError
+from estimator.estimating.progress import is_terminal
 from estimator.recordings.files import recordings_in
 from estimator.recordings.preview import MOST_LEVELS, Preview, preview, preview_mapping
 from estimator.recordings.read_as import ReadAs
@@ -44,12 +48,13 @@ def check_files(args: argparse.Namespace, read_as: ReadAs) -> int:
     if args.json:
         say(_json(previews))
     else:
-        say("\n".join(preview_text(p) for p in previews))
+        width = shutil.get_terminal_size().columns if is_terminal(sys.stdout) else None
+        say("\n".join(preview_text(p, width=width) for p in previews))
     return OK
 
 
-def preview_text(p: Preview) -> str:
-    """Return a preview as lines: what was read first, what is implausible last."""
+def preview_text(p: Preview, *, width: int | None = None) -> str:
+    """Return a preview as lines: what was read first, what is implausible last; sentences broken to a width."""
     recording = p.recording
     lines = [f"{recording.title}: {' · '.join(r.text() for r in p.read)}"]
     if p.unused:
@@ -104,7 +109,15 @@ def preview_text(p: Preview) -> str:
             "Implausible:",
             *(f"  - {sentence}" for sentence in (*p.found, *(f.sentence for f in p.findings))),
         ]
-    return "\n".join(lines) + "\n"
+    return "\n".join(part for line in lines for part in _broken(line, width)) + "\n"
+
+
+def _broken(line: str, width: int | None) -> list[str]:
+    """Return a line broken to a terminal's width; what follows is indented."""
+    if width is None or len(line) <= width:
+        return [line]
+    indent = "    " if line.startswith("  ") else "  "
+    return textwrap.wrap(line, max(width, 20), subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
 
 
 def _excitation(p: Preview) -> str:

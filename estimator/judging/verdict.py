@@ -33,7 +33,8 @@ DOUBTFUL_ERROR = 0.25  # relative standard error: told of the parameter; an answ
 TRADED = 0.98  # correlation of two that stand in for each other
 USELESS_ERROR = 0.5  # relative standard error: the parameter is not identified
 MISFIT = 1.5  # residuals' deviation over the noise that the data show
-PLAIN = ("offset", "delay")  # effects whose value says all
+PLAIN = ("offset", "delay", "delay of")  # effects whose value says all
+UNSEEN = {"delay of": "a delay of one output", "average": "a mean of the last samples", "lag": "a low-pass"}
 TOLD_FAILURES = 4  # sentences on what does not hold, at most
 UNEXPLAINED = 0.2  # of a signal's deviation: a noise that is larger is a misfit
 NUMERICAL = 1e-6  # of a signal's deviation: smaller residuals are no misfit
@@ -291,7 +292,7 @@ def _found(plan: Plan, explained: Explained | None) -> list[str]:
             f"a torque of {noise.torque[0]:.2g} N.m that wanders over {noise.torque[1]:.2g} s moves current and speed"
         )
     if set(MOTOR) <= set(plan.names) and "i" in plan.outputs:
-        others = [name for name in explained.unseen if name != "gain"]
+        others = [UNSEEN.get(name, name) for name in explained.unseen if name != "gain"]
         notes.append(
             "not visible in such a recording: a gain error g of the current (R, L by 1/g, J, B by g), the supply's"
             f" resistance (in R){''.join(f', {name}' for name in others)}"

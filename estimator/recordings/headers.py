@@ -46,7 +46,7 @@ _NAMES = {
     " ampere amperes strom ankerstrom motorstrom courant corriente ma",
     "w": "speed angular_speed angular_velocity motor_speed shaft_speed rotor_speed measured_speed omega ω w"
     " w_m wm omega_m ω_m velocity motor_velocity speed_rpm rpm drehzahl winkelgeschwindigkeit vitesse"
-    " velocidad n n_m vel ang_vel angvel motor_vel",
+    " velocidad n n_m vel ang_vel angvel motor_vel enc_vel",
     "angle": "angle theta θ phi φ position motor_angle shaft_angle rotor_angle encoder_angle angular_position"
     " motor_position theta_m winkel drehwinkel pos",
     "load": "load load_torque torque_load external_torque t_l tl tau_l m_l lastmoment",
@@ -82,6 +82,12 @@ _OTHER_PART = frozenset(
 # Words of a signal that stands behind another of the same kind: what was commanded, supplied, or made of it.
 _SECONDARY_WORDS = "command cmd com commanded supply battery bat vbat filtered filt smoothed smooth lpf avg average raw"
 _SECONDARY = frozenset(_SECONDARY_WORDS.split())
+# Usual names of two words, written as one: "Imot", "motorspeed". Shorter ones would be anything.
+_GLUED = {
+    name.replace("_", ""): name
+    for name in _ROLE_OF
+    if "_" in name and len(name) > 4 and not _SECONDARY & frozenset(name.split("_"))
+}
 # Words that tell one motor of several; those of one line stand beside each other.
 _SIDES = tuple(
     frozenset(words.split())
@@ -126,9 +132,14 @@ def motors_named(names: Sequence[str]) -> tuple[str, ...]:
     return tuple(most)
 
 
+def _usual(key: str) -> str:
+    """Return a plain name in its usual spelling: ``"imot"`` → ``"i_mot"``."""
+    return key if key in _ROLE_OF else _GLUED.get(key, key)
+
+
 def role_of(name: str) -> str | None:
     """Return the role whose usual name this is: ``"U_a"`` → ``"v"``."""
-    key = plain(name)
+    key = _usual(plain(name))
     return _ROLE_OF.get(key) or _ROLE_OF.get(_without_side(key))
 
 
@@ -139,7 +150,7 @@ def is_secondary(name: str) -> bool:
 
 def rank_in_role(name: str, role: str) -> int | None:
     """Return how usual a name is for a role (0 is the most usual), or None if it is not."""
-    key = plain(name)
+    key = _usual(plain(name))
     names = USUAL_NAMES[role]
     if key not in _ROLE_OF:
         key = _without_side(key)

@@ -49,6 +49,8 @@ def _one_motor(recording: Recording, motor: str | None) -> Recording:
     if motor is None:
         return recording
     known = motors(recording)
+    if not known:
+        raise RecordingError(f"{recording.title} holds one motor, no {motor!r}; leave the motor out")
     if plain(motor) not in known:
         raise RecordingError(f"{recording.title} has no motor {motor!r}{suggestion(motor, known)}")
     others = set(known) - {plain(motor)}

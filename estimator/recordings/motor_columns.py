@@ -20,7 +20,7 @@ from estimator.recordings.headers import (
     plain,
     rank_in_role,
 )
-from estimator.recordings.made_columns import duty_column
+from estimator.recordings.made_columns import SUPPLY, duty_column
 from estimator.recordings.recording import Recording
 
 SAME, FEW = 0.02, 0.05  # of the span, of the samples: columns that differ by less are one signal
@@ -97,7 +97,7 @@ def motor_columns(
                 " --supply 12/255 (volts a count), or --supply and the battery's column"
             )
         options = " or ".join(f"--column {name}=…" for name in ("i", "w") if name == role or (nothing and role == "i"))
-        column = options or f"--column {role}=…"
+        column = f"--column {shlex.quote(f'{role}={near[0]}')}" if near else options or f"--column {role}=…"
         raise RecordingError(
             f"{recording.title} has no {ROLE_TITLE[role]} column{remedy} ({columns}); say which it is with {column}"
         )
@@ -167,6 +167,8 @@ def _meant(recording: Recording, role: str, taken: Collection[str], *, by_unit: 
     left = {c: parse_header(h) for c, h in recording.headers.items() if c not in taken}
     fitting = [h for h in left.values() if h.unit is None or h.unit.quantity == ROLE_QUANTITY[role]]
     near = [h.text for h in fitting if get_close_matches(plain(h.name), USUAL_NAMES[role], n=1, cutoff=0.75)]
+    if not near and role == "v":
+        near = [h.text for h in fitting if plain(h.name) in SUPPLY]
     if near or not by_unit:
         return near
     return [h.text for h in left.values() if h.unit is not None and h.unit.quantity == ROLE_QUANTITY[role]]

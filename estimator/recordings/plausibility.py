@@ -29,6 +29,7 @@ FloatArray = NDArray[np.float64]
 FASTEST = (3000.0, 1600.0)  # rad/s: 28 600 and 15 300 rpm
 FASTEST_PER_VOLT = (600.0, 350.0)  # rad/s/V: the smallest coreless motors have 250
 DEGREES, NO_RPM = 6000.0, 30_000.0  # slower numbers would be slow as deg/s, faster ones too fast as rpm
+FULL_PER_VOLT = 250.0  # rad/s/V, behind a voltage of up to 1.000 V: a full duty cycle ends there
 LARGEST_CURRENT = (150.0, 30.0)  # A, and
 LEAST_RESISTANCE = (0.004, 0.025)  # Ω, of the largest voltage over the largest current
 LEAST_CURRENT = 1e-3  # A: a motor that turns takes more
@@ -47,6 +48,7 @@ AGAINST = 0.3  # of ∫|v y| dt: so much of it negative is a sign
 OUTLYING = 0.98  # of the samples: larger ones count as that
 DRIVEN = 0.05  # of the largest voltage: less is none
 DECIMAL = 0.01  # of a digit: a quantum of 1, 2 or 5 × 10ⁿ is the print's
+LONE, ABOVE = 3, 300.0  # samples, times as large as all others: no motor's
 LINES, WHOLE = (16, 20_000), 0.02  # of an encoder a turn; of a count
 
 _PER_TURN = {"rpm": 60.0, "deg/s": 360.0, "rev/s": 1.0}
@@ -84,7 +86,7 @@ def implausible(
     if exchanged is not None:
         return (exchanged,)  # of columns that are others, nothing else is true
     duty = bench.voltage()
-    found = [*signs, duty, bench.speed(is_duty=duty is not None), bench.current(), bench.clock()]
+    found = [*signs, *bench.lone(), duty, bench.speed(is_duty=duty is not None), bench.current(), bench.clock()]
     found += [
         is_held(title, time, known),
         coasts(title, time, known),
@@ -126,6 +128,26 @@ class _Bench:
                 is_fatal=True,
             )
         return None
+
+    def lone(self) -> list[Finding]:
+        """Find a few samples so large that nothing but a logger's error makes them."""
+        found = []
+        for name, title in (("v", "voltage"), ("i", "current"), ("w", "speed")):
+            sizes = np.abs(self.signals.get(name, np.zeros(0)))
+            largest = np.sort(sizes[~np.isnan(sizes)])[::-1][: LONE + 1]
+            count = int(np.sum(largest > ABOVE * largest[-1])) if len(largest) > LONE else 0
+            if count and largest[-1] > 0:
+                k = int(np.nanargmax(sizes))
+                at = f"{self.signals[name][k]:.4g} at t = {self.time[k]:.6g} s"
+                what = f", one of {count} samples that are" if count > 1 else ","
+                found.append(
+                    Finding(
+                        f"lone {name}",
+                        f"{self.title}: the {title} is {at}{what} more than {ABOVE:g} times as large as all others: an"
+                        " error of the logger; leave such a cell empty",
+                    )
+                )
+        return found
 
     def _option(self, signal: str, other: str, unit: str) -> str:
         """Return the options by which a signal is another's column."""
@@ -179,7 +201,8 @@ class _Bench:
             return None
         assumed = "v" in self.guessed
         duty = next((full for full in DUTY if 0.995 * full < largest <= full), None)
-        part = largest <= 1.0 and (assumed or self._speed_per_volt() > FASTEST_PER_VOLT[0])
+        fastest = FULL_PER_VOLT if duty == 1.0 else FASTEST_PER_VOLT[0]
+        part = largest <= 1.0 and (assumed or self._speed_per_volt() > fastest)
         if part or (assumed and (largest > NO_VOLTAGE or (duty is not None and duty >= 100.0))):
             full = 1.0 if part else next((f for f in DUTY[1:] if largest <= f), DUTY[-1])
             unit = {1.0: "1 (a part of the supply)", 100.0: "percent"}.get(full, f"counts of {full:g}")

@@ -36,7 +36,8 @@ from estimator.recordings.time_grid import half_last_digit, sampling_clock
 from estimator.recordings.units import FloatArray, Unit, examples, parse_unit, unit_of
 
 MIN_SAMPLES = 10
-LARGEST = 1e30  # in any unit: no sensor shows more, and its powers are still numbers
+LARGEST = 1e10  # in any unit: no sensor shows more, nor a counter of 32 bits
+LARGEST_TIME = 1e20  # likewise: a clock shows up to 2e18 ns since 1970
 MOST_LEFT_OUT = 2  # rows at the start, of wrong stamps
 
 
@@ -526,7 +527,11 @@ def _build(raw: _Raw, read_as: ReadAs) -> Recording:
     broken = [j for j in bad if numbers[j] or j == clock]  # a column of nothing but text harms nobody until it is used
     if broken:
         raise RecordingError(not_a_number(min(broken, key=lambda j: bad[j].line)))
-    huge = {j: k for j, column in enumerate(columns) if (k := _huge(column)) is not None}
+    huge = {
+        j: k
+        for j, column in enumerate(columns)
+        if (k := _huge(column, LARGEST_TIME if j == clock else LARGEST)) is not None
+    }
 
     def too_large(j: int) -> str:
         sample = f"{place(huge[j])}: {names[j]} is {float(columns[j][huge[j]]):g}"
@@ -590,9 +595,9 @@ def _header_text(header: Header, given: bool) -> str:
     return f"{header.name} [{header.unit_text}]" if given else header.text
 
 
-def _huge(column: FloatArray) -> int | None:
+def _huge(column: FloatArray, largest: float) -> int | None:
     """Return the first sample that is too large to be one."""
-    above = np.abs(column) > LARGEST
+    above = np.abs(column) > largest
     return int(np.argmax(above)) if above.any() else None
 
 

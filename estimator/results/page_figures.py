@@ -92,6 +92,8 @@ def _row(
     few = len(seen[0].time) <= MARKERS_UP_TO
     for line in seen:
         inside = _clipped(line, start, end)
+        if row.kind == "residual":  # an outlier lies beyond the scale: marked at its edge
+            inside = Line(line.style, inside.time, np.clip(inside.values, low, high))
         if line.style == "left out":
             parts.append(box.crosses(inside.time[:MOST_CROSSES], inside.values[:MOST_CROSSES], "left-out"))
             continue
@@ -126,7 +128,7 @@ def _range(row: Panel, seen: Sequence[Line]) -> tuple[float, float]:
     every = np.concatenate([line.values[np.isfinite(line.values)] for line in seen] or [np.zeros(0)])
     low, high = (float(every.min()), float(every.max())) if every.size else (0.0, 1.0)
     if row.kind == "residual":
-        largest = 1.12 * max(abs(low), abs(high), row.band) or 1.0
+        largest = 1.12 * row.largest(seen)
         return -largest, largest
     if row.kind == "input":
         low, high = min(low, 0.0), max(high, 0.0)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -24,7 +24,7 @@ LABELS: Mapping[Style, str] = {
     "measured": "measured",
     "simulated": "simulated with the estimate",
     "taken out": "ripple or drift, taken out",
-    "left out": "left out as an outlier",
+    "left out": "outlier, weighted down",
 }
 QUANTITIES = {
     "A": "current",
@@ -73,6 +73,16 @@ class Panel:
     unit: str
     lines: tuple[Line, ...]
     band: float = 0.0
+
+    def largest(self, seen: Sequence[Line]) -> float:
+        """Return what the scale of a residual's row has to hold, of the lines seen: the band, and all but outliers."""
+        marked = np.concatenate([np.zeros(0), *(line.time for line in seen if line.style == "left out")])
+        rest = [
+            np.abs(line.values[np.isfinite(line.values) & ~np.isin(line.time, marked)])
+            for line in seen
+            if line.style != "left out"
+        ]
+        return max([self.band, *(float(y.max()) for y in rest if y.size)]) or 1.0
 
     @property
     def title(self) -> str:

@@ -195,6 +195,9 @@ def _draw_panel(ax: Axes, panel: Panel, start: float, end: float) -> None:
         if line.style in ("measured", "residual") and marker:
             look |= {"marker": marker, "ms": 7 if line.style == "measured" else 4}
         drawn = (line.time, line.values) if line.style == "left out" else envelope(line.time, line.values)
+        if panel.kind == "residual" and line.style == "left out":  # beyond the row's scale: marked at its edge
+            edge = 1.08 * panel.largest(seen)
+            drawn = (line.time, np.clip(line.values, -edge, edge))
         label = LABELS.get(line.style)
         ax.plot(*drawn, label=label if panel.kind == "signal" or line.style == "taken out" else None, **look)
     if panel.kind == "input":
@@ -203,9 +206,8 @@ def _draw_panel(ax: Axes, panel: Panel, start: float, end: float) -> None:
         margin = 0.25 * (high - low) or 1.0
         ax.set_ylim(low - margin, high + margin)
     elif panel.kind == "residual":
-        sizes = np.abs(np.concatenate([line.values[np.isfinite(line.values)] for line in seen]))
-        largest = max(float(sizes.max()) if sizes.size else 0.0, panel.band) or 1.0
-        ax.set_ylim(-1.15 * largest, 1.15 * largest)
+        largest = 1.15 * panel.largest(seen)
+        ax.set_ylim(-largest, largest)
     else:
         ax.margins(y=0.08)
     ax.locator_params(axis="y", nbins=TICKS[panel.kind])
