@@ -16,8 +16,8 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     """Leave the long tests out unless they are asked for by -m; what is open is an expected failure."""
     for item in items:
         name = item.nodeid.partition("[")[0].rpartition("/")[2]
-        if name in OPEN or name.partition("::")[0] in OPEN:
-            item.add_marker(pytest.mark.xfail(reason="open: see tests/open_points.py", strict=False))
+        if name in OPEN:
+            item.add_marker(pytest.mark.xfail(reason=f"open: {OPEN[name]}", strict=False))
     if config.option.markexpr:
         return
     kept = [item for item in items if item.get_closest_marker("full") is None]

@@ -1,7 +1,42 @@
-"""Tests that the new engine does not pass yet: each runs, and is told as an expected failure, until it is settled.
+"""What the engine does not do yet: each of these tests runs, and is told as an expected failure with its reason.
 
-Most name what an earlier engine said in other words or by another effect; some are real. A test that passes again is to
-be taken out of this table.
+A test that passes again is to be taken out of this table.
 """
 
-OPEN: tuple[str, ...] = ()
+OPEN = {
+    "test_odd_recordings.py::test_an_angle_of_a_motor_that_runs_already_may_begin_anywhere": (
+        "parameters within one bar, but an edge asks for values of its own by 1.1 times what chance allows: doubtful"
+    ),
+    "test_shown.py::test_beside_a_small_effect_the_finer_grid_passes_through_the_samples_and_beside_a_large_one_is_none": (
+        "an offset of 40 rad/s of the speed is found together with two delays that are not there"
+    ),
+    "test_refusal.py::test_an_impossible_acceleration": "of six samples lost in the steepest part some three are told",
+    "test_nuisance.py::test_lost_samples_in_the_transient_are_named": "of five samples lost the parameters are 3.1 bars off",
+    "test_trust.py::test_lost_samples_of_a_logger_that_averages_are_put_back": "lost rows beside a mean are not found",
+    "test_trust.py::test_a_wrong_assumption_is_named": (
+        "one step, half of the friction dry: a lag is named; a speed shown late: a lag and dry friction are"
+    ),
+    "test_trust.py::test_a_ripple_is_found_where_a_mean_takes_the_noise_at_another_order": (
+        "a lag and a delay stand for the mean of the current"
+    ),
+    "test_trust.py::test_a_drift_beside_a_ripple_and_a_mean_is_taken_out_by_the_weights_of_the_fit": (
+        "B is 4.6 bars off in one of two seeds of the worst row"
+    ),
+    "test_trust.py::test_a_gain_between_speed_and_angle_is_estimated_where_both_are_compared": (
+        "the gain is right, a rival that differs is told besides"
+    ),
+    "test_trust.py::test_a_gain_and_a_dry_friction_that_explain_a_recording_as_well_are_both_told": (
+        "dry friction is told, the gain is not"
+    ),
+    "test_trust.py::test_how_large_a_dry_friction_would_go_unnoticed_is_told": "the size is not told any more",
+    "test_nuisance.py::test_ripple_locked_to_the_angle_is_taken_out": (
+        "the order is found and named; its amplitude is told at the largest current, with the noise too large beside it"
+    ),
+    "test_nuisance.py::test_a_declared_filter_is_applied_to_the_model_too": (
+        "noise behind a declared Chebyshev filter is not whitened: neighbours correlate by 0.4, and the verdict is doubtful"
+    ),
+    "test_nuisance.py::test_a_logger_that_averages_is_found_out": "a mean of two is taken for a delay of half a sample",
+    "test_effects.py::test_an_effect_that_is_not_known_is_doubted_or_within_the_errors": (
+        "a lag that is not in the registry, two levels: L is 5 bars off and ok"
+    ),
+}
