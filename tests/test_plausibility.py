@@ -143,6 +143,7 @@ def test_a_few_samples_that_are_far_above_all_others_are_named_as_the_loggers_er
     lone = y["i"].copy()
     lone[700] = 1e5
     (named,) = [f for f in found(time, {**y, "i": lone}) if f.kind == "lone i"]
+    assert named.is_fatal
     assert "the current is 1e+05 at t = 0.7 s, more than 300 times as large as all others" in named.sentence
     lone[800:802] = -2e5
     (named,) = [f for f in found(time, {**y, "i": lone}) if f.kind == "lone i"]

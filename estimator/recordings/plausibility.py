@@ -145,6 +145,7 @@ class _Bench:
                         f"lone {name}",
                         f"{self.title}: the {title} is {at}{what} more than {ABOVE:g} times as large as all others: an"
                         " error of the logger; leave such a cell empty",
+                        is_fatal=True,  # it would be what the search fits
                     )
                 )
         return found
