@@ -7,11 +7,11 @@ OPEN = {
     "test_odd_recordings.py::test_an_angle_of_a_motor_that_runs_already_may_begin_anywhere": (
         "parameters within one bar, but an edge asks for values of its own by 1.1 times what chance allows: doubtful"
     ),
-    "test_shown.py::test_beside_a_small_effect_the_finer_grid_passes_through_the_samples_and_beside_a_large_one_is_none": (
+    "test_shown.py::test_beside_a_small_effect_the_finer_grid_passes_through_the_samples_and_beside_a_large_one_is_none": (  # noqa: E501
         "an offset of 40 rad/s of the speed is found together with two delays that are not there"
     ),
     "test_refusal.py::test_an_impossible_acceleration": "of six samples lost in the steepest part some three are told",
-    "test_nuisance.py::test_lost_samples_in_the_transient_are_named": "of five samples lost the parameters are 3.1 bars off",
+    "test_nuisance.py::test_lost_samples_in_the_transient_are_named": "of five lost, parameters are 3.1 bars off",
     "test_trust.py::test_lost_samples_of_a_logger_that_averages_are_put_back": "lost rows beside a mean are not found",
     "test_trust.py::test_a_wrong_assumption_is_named": (
         "one step, half of the friction dry: a lag is named; a speed shown late: a lag and dry friction are"
@@ -33,7 +33,7 @@ OPEN = {
         "the order is found and named; its amplitude is told at the largest current, with the noise too large beside it"
     ),
     "test_nuisance.py::test_a_declared_filter_is_applied_to_the_model_too": (
-        "noise behind a declared Chebyshev filter is not whitened: neighbours correlate by 0.4, and the verdict is doubtful"
+        "noise behind a declared Chebyshev filter is not whitened: neighbours correlate by 0.4; doubtful"
     ),
     "test_nuisance.py::test_a_logger_that_averages_is_found_out": "a mean of two is taken for a delay of half a sample",
     "test_effects.py::test_an_effect_that_is_not_known_is_doubted_or_within_the_errors": (

@@ -72,7 +72,7 @@ def test_the_spread_is_what_the_standard_errors_say(tmp_path):
     for s in spreads(result.rows):
         assert s.motors == 1
         # χ² with 23 degrees of freedom: outside with a probability of 1e-4 a parameter. The bar of B holds besides what
-        # a single step leaves open, a dry part of the friction, which no repeated noise shows; so, less, does that of R.
+        # a single step leaves open, a dry part of the friction, which no noise shows; so, less, does R's.
         least = {"B": 0.03, "R": 0.25}.get(s.name, 0.5)
         assert least < s.repeats / s.standard_error < 1.65, s.name
 

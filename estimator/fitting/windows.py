@@ -70,7 +70,7 @@ def find_windows(fit: Fit) -> Windows:
                 rest.append(rows[cut:end])
                 if len(edges) <= FEW:
                     t = o.recording.time[first]
-                    windows.append(Window(f"after the edge at t = {t:.4g} s{of}", rows[:end]))
+                    windows.append(Window(f"the response to the edge at t = {t:.4g} s{of}", rows[:end]))
         if early:
             windows.append(Window(f"the first part of the transients{of}", np.concatenate(early)))
             sharp[windows[-1].rows] = True

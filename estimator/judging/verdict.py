@@ -281,7 +281,7 @@ def _found(plan: Plan, explained: Explained | None) -> list[str]:
             parts.append(f"{noise.slow[j, 0]:.2g} {unit} over {noise.slow[j, 1]:.2g} s")
         growth = float(noise.scale(np.ones((1, len(noise.white))))[0, j])
         if growth > 1.005:
-            parts.append(f"{growth:.2g} times as much at the largest signal")
+            parts.append(f"{growth:.3g} times as much at the largest signal")
         if len(parts) > 1 or noise.differenced[j] > 0:
             notes.append(f"the noise of {name}: {', '.join(parts)}")
         held = int(np.sum(whitener.inflate[:, j] > 1))

@@ -24,6 +24,7 @@ CYCLES, SHARE = 10.0, 0.05  # in a recording; of its rows: an order that is fold
 LEAST = 1.0  # of a speed's quantum
 BESIDE = 2  # orders that a few turns do not part
 STANDS_OUT, NEAR = 20.0, 12  # times the median power of the orders nearby; of those on either side
+STANDS = 1e-3  # of the largest signal: less stands still
 LINES = 4  # an output, at most
 
 
@@ -46,7 +47,7 @@ def angle_of(fit: Fit) -> FloatArray | None:
 
 @dataclass(frozen=True)
 class Ripple(Effect):
-    """Cosine and sine of one order of the angle, in proportion to the signal, their own in each recording."""
+    """Cosine and sine of one order of the angle, as large as the signal or of one amplitude, each recording's own."""
 
     name: str = "ripple"
     prior: float = USUAL / ORDERS
@@ -78,7 +79,10 @@ class Ripple(Effect):
             coarse = max(quantum(o.outputs[y]) for o in fit.simulator.observed)
             if coarse > 0 and self._amplitude(power[order - 1], z[:, j], level, fit, j) < LEAST * coarse:
                 continue  # the beat of the encoder's lines with the clock
-            found.append(Linear(f"ripple {y} {order}", self._columns(fit, theta, level, order, j), self._units(fit, y)))
+            shapes = (level, (np.abs(level) > STANDS).astype(np.float64))  # as commutation, or as a load that turns
+            tried = [self._columns(fit, theta, shape, order, j) for shape in shapes]
+            gains = [fit.test().gain(fit.test().across(columns))[0] for columns in tried]
+            found.append(Linear(f"ripple {y} {order}", tried[int(np.argmax(gains))], self._units(fit, y)))
         return found
 
     def _power(self, theta: FloatArray, z: FloatArray, fit: Fit) -> FloatArray:
@@ -123,5 +127,5 @@ class Ripple(Effect):
         """Say which order, and how large."""
         _, y, order = name.split(" ")
         unit = plan.description.variable(y).unit
-        size = f"{value:.3g} {unit} at the largest {y}"
+        size = f"{value:.3g} {unit} at its largest"
         return f"{y} has a ripple of order {order} of the shaft's angle, of amplitude {size}"
