@@ -23,6 +23,7 @@ FloatArray = NDArray[np.float64]
 
 OPEN = 4.0  # charged for each number of an addition whose usual size is not known
 TOLD = 0.003  # of an addition's power: if less is left beside the parameters, no such recording tells it
+WINDOW = 4.6  # of the criterion: an addition that is ten times less likely than none (Madigan and Raftery 1994)
 LIKELY = 6.0  # of the criterion: a rival that is further behind weighs less than 5 %
 COVERED = 0.95  # by 1.96 standard errors about the values
 DIFFERS = 1.0  # standard errors by which a rival must differ to be told
@@ -83,6 +84,8 @@ def averaged(
         shift[inside] = -pseudo @ whitened
         moved = shift[:p]
         charge += 2 * float(np.log(a.tried / a.effect.prior)) - gain
+        if charge > WINDOW:
+            continue
         parts.append((max(charge, 0.0), own + moved @ size, covariance[:p, :p] + moved @ spread @ moved.T))
     told = []
     deviation = np.sqrt(np.maximum(np.diag(covariance + untold)[:p], 1e-300))

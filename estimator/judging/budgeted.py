@@ -51,7 +51,8 @@ def with_budget(found: Estimate, plan: Plan, budget: Budget, between: BetweenRun
     notes = [
         f"the tolerance {source!r} is not in the bars: the FMU cannot be simulated with it" for source in budget.failed
     ]
-    if not plan.case.tolerance and set(MOTOR) <= set(found.parameters) and "i" in plan.outputs:
+    has_bars = any(p.standard_error is not None for p in found.parameters.values())
+    if has_bars and not plan.case.tolerance and set(MOTOR) <= set(found.parameters) and "i" in plan.outputs:
         notes.append(OFFER.format(", ".join(f"{source} {text}" for source, text in OFFERED.items())))
 
     def own(parameters: Mapping[str, ParameterEstimate]) -> dict[str, ParameterEstimate]:
