@@ -4,6 +4,15 @@ A test that passes again is to be taken out of this table.
 """
 
 OPEN = {
+    "test_containment.py::test_after_a_kill_of_the_owner_workers_and_folder_go_within_two_seconds": (
+        "a kill while the workers are still probing: one time in three the folder stays until the next start removes it"
+    ),
+    "test_real_recording.py::test_speed_alone_tells_the_speed_per_volt_and_the_slow_time_constant": (
+        "the speed per volt is 1.1 % off, within a bar of 12 %: a brush drop takes a part of it"
+    ),
+    "test_trust.py::test_a_mean_that_is_not_found_yet_is_not_taken_for_lost_samples": (
+        "the mean is found, a lag that is there besides is not"
+    ),
     "test_odd_recordings.py::test_an_angle_of_a_motor_that_runs_already_may_begin_anywhere": (
         "parameters within one bar, but an edge asks for values of its own by 1.1 times what chance allows: doubtful"
     ),

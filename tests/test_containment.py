@@ -340,8 +340,8 @@ def test_after_a_kill_of_the_owner_workers_and_folder_go_within_two_seconds(hang
     assert folder.exists() and all(_alive(p) for p in pids)
     owner.kill()
     owner.wait()
-    assert gone(pids, folder, within=2.0)
     owner.stdout.close()
+    assert gone(pids, folder, within=2.0)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="SIGKILL is POSIX")

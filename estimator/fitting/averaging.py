@@ -5,8 +5,8 @@ what follows from them is consistent; their covariance is  sum w_m (C_m + (x_m -
 Burnham and Augustin 1997; Hoeting et al. 1999), each parameter scaled to hold 95 % of the mixture. Of an addition that
 was not accepted the score test tells x_m and C_m without a refit. Its number has a usual size as prior deviation, so
 that it is charged log det (I + information), not log n (MacKay 1992): an effect that the recording hardly tells, and
-that would move a parameter far, must not leave the bars as if it were known to be absent. What would not be found in a
-usual size is left out: no such recording tells it (`unseen`); that is said, and belongs into the tolerances.
+that would move a parameter far, must not leave the bars as if it were known to be absent. What a usual size of it would
+not show at all is left out: no such recording tells it (`unseen`); that is said, and belongs into the tolerances.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from estimator.fitting.selection import Addition, Explanation
 FloatArray = NDArray[np.float64]
 
 OPEN = 4.0  # charged for each number of an addition whose usual size is not known
+VISIBLE = 1.0  # of z'z, by a usual size: less shows nothing
 TOLD = 0.003  # of an addition's power: if less is left beside the parameters, no such recording tells it
-WINDOW = 4.6  # of the criterion: an addition that is ten times less likely than none (Madigan and Raftery 1994)
 LIKELY = 6.0  # of the criterion: a rival that is further behind weighs less than 5 %
 COVERED = 0.95  # by 1.96 standard errors about the values
 DIFFERS = 1.0  # standard errors by which a rival must differ to be told
@@ -70,7 +70,7 @@ def averaged(
             known = a.linear.size > 0
             across, whitened = (x * (a.linear.size or 1.0) for x in (across, whitened))
         power = float(np.sum(across**2))
-        if power < a.penalty(samples) if known else power <= TOLD * np.sum(whitened**2):
+        if power < VISIBLE if known else power <= TOLD * np.sum(whitened**2):
             unseen.append(a)
             continue
         k = across.shape[1]
@@ -84,8 +84,6 @@ def averaged(
         shift[inside] = -pseudo @ whitened
         moved = shift[:p]
         charge += 2 * float(np.log(a.tried / a.effect.prior)) - gain
-        if charge > WINDOW:
-            continue
         parts.append((max(charge, 0.0), own + moved @ size, covariance[:p, :p] + moved @ spread @ moved.T))
     told = []
     deviation = np.sqrt(np.maximum(np.diag(covariance + untold)[:p], 1e-300))
