@@ -85,7 +85,7 @@ def test_the_live_line_fits_a_window_that_is_made_narrower_while_it_is_drawn(ben
 
     screen = check(terminal.run(on_text=narrow), columns=200)
     whole = [part for part in screen.text[seen[0] :].split("\r")[2:] if not part.startswith("\n")]
-    assert len(whole) > 3
+    assert any("simulations" in part for part in whole), "the line was drawn again in the narrow window"
     assert all(len(part) < 60 for part in whole if "simulations" in part or not part.strip(" "))
 
 
