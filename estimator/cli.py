@@ -14,6 +14,7 @@ import signal
 import sys
 import traceback
 from collections.abc import Callable, Sequence
+from types import FrameType
 
 from estimator.commands.arguments import parse
 from estimator.commands.terminal import (
@@ -31,6 +32,7 @@ from estimator.commands.terminal import (
 
 MOMENT = 0.01  # s
 DEBUG = "FMU_ESTIMATOR_DEBUG"  # environment variable: a traceback besides the sentence
+_interrupts: list[int] = []  # signals that have come
 
 
 def main(argv: Sequence[str] | None = None, *, begins: Callable[[], None] | None = None) -> int:
@@ -72,6 +74,12 @@ def main(argv: Sequence[str] | None = None, *, begins: Callable[[], None] | None
             complain(str(error))
             status = BAD_INPUT
         return status
+
+
+def interrupt(number: int, frame: FrameType | None) -> None:
+    """Raise Ctrl-C's exception, and note it: an extension that is being imported makes another exception of it."""
+    _interrupts.append(number)
+    raise KeyboardInterrupt
 
 
 def interrupt_again(lost: sys.UnraisableHookArgs) -> None:
@@ -121,6 +129,9 @@ def _failed(args: argparse.Namespace, sentence: str, *, status: int) -> int:
     """Report a failure on stderr and, if JSON was asked for and the input was good, as an object on stdout."""
     if os.environ.get(DEBUG):
         traceback.print_exc()
+    if _interrupts:  # what failed is what Ctrl-C fell into
+        complain("interrupted")
+        return INTERRUPTED
     complain(sentence)
     if status == FAILED and getattr(args, "json", False) and args.command == "estimate":
         from estimator.results.report import refusal_json

@@ -25,4 +25,6 @@ def end_at_once(number: int, frame: FrameType | None) -> None:
 def listen() -> None:
     """Let Ctrl-C be an exception from here on: a command has begun, and tidies up."""
     if signal.getsignal(signal.SIGINT) is end_at_once:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
+        from estimator import cli
+
+        signal.signal(signal.SIGINT, cli.interrupt)

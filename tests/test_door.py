@@ -44,6 +44,29 @@ def test_ctrl_c_while_the_program_is_loaded_ends_in_one_sentence(tmp_path, modul
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="SIGINT to a process is POSIX")
+def test_ctrl_c_of_which_an_extension_that_is_loaded_makes_another_error_is_told_as_what_it_is(tmp_path):
+    script = SCRIPT.format(module="scipy", recording=str(ROOT / "examples" / "cml050_step.csv")).replace(
+        "            os.kill(os.getpid(), signal.SIGINT)",
+        """            try:
+                os.kill(os.getpid(), signal.SIGINT)
+                os.getpid()
+            except KeyboardInterrupt:
+                raise ImportError("initialization failed") from None""",
+    )
+    run = subprocess.run(
+        [sys.executable, "-c", script],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        timeout=60,
+        preexec_fn=takes_interrupts,
+    )
+    assert (run.returncode, run.stdout, run.stderr) == (130, "", "fmu-estimator: interrupted\n")
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="SIGINT to a process is POSIX")
 def test_where_ctrl_c_is_ignored_as_in_the_background_it_stays_so(tmp_path):
     script = SCRIPT.format(module="numpy", recording="none.csv")
     run = subprocess.run(

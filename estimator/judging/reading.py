@@ -5,8 +5,9 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
+from estimator.judging.outcome import measured
 from estimator.plans.plan import Plan
-from estimator.results.result import Comparison, Estimate
+from estimator.results.result import Estimate
 
 
 def with_what_was_read(found: Estimate, plan: Plan) -> Estimate:
@@ -15,7 +16,7 @@ def with_what_was_read(found: Estimate, plan: Plan) -> Estimate:
     found = dataclasses.replace(found, read=what_was_read(plan))
     if found.verdict == "refused":
         moved = any(o.excitation.kind != "none" for o in plan.observed)
-        return found if found.comparisons or not moved else dataclasses.replace(found, comparisons=_measured(plan))
+        return found if found.comparisons or not moved else dataclasses.replace(found, comparisons=measured(plan))
     verdict = "doubtful" if doubts else found.verdict
     return dataclasses.replace(found, verdict=verdict, reasons=(*doubts, *found.reasons))
 
@@ -29,20 +30,5 @@ def what_was_read(plan: Plan) -> tuple[dict[str, Any], ...]:
             "text": " · ".join(u.text() for u in o.read),
             "implausible": [finding.sentence for finding in o.findings],
         }
-        for o in plan.observed
-    )
-
-
-def _measured(plan: Plan) -> tuple[Comparison, ...]:
-    """Return the measured signals with nothing simulated beside them."""
-    return tuple(
-        Comparison(
-            name=o.recording.name,
-            time=o.recording.time,
-            inputs=dict(o.inputs),
-            measured=dict(o.outputs),
-            simulated={},
-            units={n: plan.description.variable(n).unit for n in (*o.inputs, *o.outputs)},
-        )
         for o in plan.observed
     )

@@ -30,8 +30,8 @@ from estimator.stepping.slave import LoadedFmu, stepper
 from estimator.stepping.structures import BatchStruct
 
 UNFINISHED, NOT_LOADED = 9, 7  # exit codes of a process of one simulation
-QUOTA = 64  # candidates between two looks at the own memory
-MEMORY_CHECK = 0.25  # s between two looks at the own memory
+QUOTA = 32  # candidates between two looks at the own memory
+MEMORY_CHECK = 0.02  # s between two looks at the own memory; a look takes some 30 µs
 
 
 def main() -> None:

@@ -81,7 +81,8 @@ class Ripple(Effect):
                 continue  # the beat of the encoder's lines with the clock
             shapes = (level, (np.abs(level) > STANDS).astype(np.float64))  # as commutation, or as a load that turns
             tried = [self._columns(fit, theta, shape, order, j) for shape in shapes]
-            gains = [fit.test().gain(fit.test().across(columns))[0] for columns in tried]
+            test = fit.test()
+            gains = [test.gain(test.across(columns))[0] for columns in tried]
             found.append(Linear(f"ripple {y} {order}", tried[int(np.argmax(gains))], self._units(fit, y)))
         return found
 
