@@ -315,6 +315,7 @@ class Run:
             parameters={n: p for n, p in parameters.items() if n not in chain},
             chain={n: p for n, p in parameters.items() if n in chain},
             sensors=sensors(plan, self.explained),
+            effects=() if self.explained is None else tuple(dict.fromkeys(f.effect for f in self.explained.found)),
             recordings=recordings(plan),
             method=self.method,
             seed=plan.case.search.seed,

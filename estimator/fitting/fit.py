@@ -32,6 +32,7 @@ OUTLIER, BESIDE = 4.5, 3.0  # standard deviations of an outlier, and of the samp
 NORMAL = 0.6745  # median size of a standard normal number
 FREEDOM = 4.0  # of Student's t, by whose weights outliers are held down
 SECANTS, KINKED = 6, 0.7  # times that errors grow by secants; of a derivative: a smaller secant is taken
+AHEAD = 0.01  # of z'z: a descent that ends this much lower went on
 AT_BOUND = 1e-4  # of the width of the bounds
 
 
@@ -293,33 +294,42 @@ def held_down(fit: Fit) -> Fit:
 def with_secants(fit: Fit) -> Fit:
     """Return the fit with derivatives over one standard error where these are much smaller than at the point.
 
-    Where an FMU switches, what is shown has kinks: a derivative at a point may be large that holds nowhere else.
+    Where an FMU switches, what is shown has kinks: a derivative at a point may be large that holds on one side only, and
+    a descent ends there. It goes on from the flatter side, as long as the cost falls.
     """
     s = fit.simulator
     where = np.array([s.index[n] for n in fit.free], dtype=int)
+    f = len(where)
+    low, high = s.scaled(s.lower)[where], s.scaled(s.upper)[where]
     for _ in range(SECANTS):
-        deviation = np.sqrt(np.maximum(np.diag(fit.covariance())[: len(where)], 0.0))
         x = s.scaled(fit.values)[where]
+        deviation = np.sqrt(np.maximum(np.diag(fit.covariance())[:f], 0.0))
         reach = np.where(np.isfinite(deviation) & (deviation > 0), deviation, 0.0)
         reach = np.minimum(reach, np.where(s.log[where], 0.5, _reach(s, where)))
-        low, high = s.scaled(s.lower)[where], s.scaled(s.upper)[where]
-        ahead, behind = np.minimum(x + reach, high), np.maximum(x - reach, low)
-        wide = np.repeat(fit.values[None, :], 2 * len(where), axis=0)
-        for k, j in enumerate(where):
-            wide[k, j] = s.unscaled(_spread(s, j, ahead[k]))[j]
-            wide[len(where) + k, j] = s.unscaled(_spread(s, j, behind[k]))[j]
+        points = np.concatenate([np.minimum(x + reach, high), np.maximum(x - reach, low)])
+        wide = np.repeat(fit.values[None, :], 2 * f, axis=0)
+        for k, j in enumerate(np.tile(where, 2)):
+            wide[k, j] = s.unscaled(_spread(s, j, points[k]))[j]
         shown = s.shown(wide)
-        width = ahead - behind
-        change = (shown[: len(where)] - shown[len(where) :]).transpose(1, 2, 0)
-        usable = (width > 0) & np.isfinite(change).all(axis=(0, 1))
-        secants = np.where(usable, np.nan_to_num(change), 0.0) / np.where(width > 0, width, 1.0)
-        norms = np.linalg.norm(_flat(fit.whitener, secants), axis=0)
-        kinked = usable & (norms < KINKED * np.linalg.norm(fit.jacobian[:, : len(where)], axis=0))
-        if not kinked.any():
+        width = points - np.tile(x, 2)
+        usable = (width != 0) & np.isfinite(shown).all(axis=(1, 2))
+        change = np.where(usable[:, None, None], np.nan_to_num(shown) - fit.shown, 0.0).transpose(1, 2, 0)
+        secants = change / np.where(width != 0, width, 1.0)
+        norms = np.where(usable, np.linalg.norm(_flat(fit.whitener, secants), axis=0), np.inf).reshape(2, f)
+        side = np.argmin(norms, axis=0)
+        kinked = np.flatnonzero(norms.min(axis=0) < KINKED * np.linalg.norm(fit.jacobian[:, :f], axis=0))
+        if not len(kinked):
             break
-        raw = fit.raw[:, :, : len(where)].copy()
-        raw[:, :, kinked] = secants[:, :, kinked]
-        fit = _evaluated(fit, fit.values, fit.shown, raw, fit.raw[:, :, len(where) :])
+        raw = fit.raw[:, :, :f].copy()
+        raw[:, :, kinked] = secants[:, :, side[kinked] * f + kinked]
+        fit = _evaluated(fit, fit.values, fit.shown, raw, fit.raw[:, :, f:])
+        for k in kinked:
+            moved = x.copy()
+            moved[k] = points[side[k] * f + k]
+            tried = solved(dataclasses.replace(fit, values=_placed(fit, where, moved)), tolerance=1e-6)
+            if tried.cost < fit.cost - AHEAD:
+                fit = tried
+                break
     return fit
 
 

@@ -133,8 +133,8 @@ class Selection:
         """
         bounds = self._held_near(starts)
         best = self._first(starts)
-        ripple = [e for e in self.effects if e.name == "ripple"]
-        best = self._grown(best, ripple, rounds=ROUNDS, renew=False)  # before any noise, which would hold it
+        lines = [e for e in self.effects if e.is_line]
+        best = self._grown(best, lines, rounds=ROUNDS, renew=False)  # before any noise, which would hold them
         if find_windows(best.fit).enough:
             best = self.with_noise(best, colour=False)
             best = self._grown(best, [e for e in self.effects if e.sharp], rounds=ROUNDS, colour=False)
@@ -408,7 +408,7 @@ class Selection:
         n = self.samples
         found = [e for e in self._mirrored(explanation) if e.fit.cost - explanation.fit.cost < NEAR]
         for addition in explanation.additions:
-            if addition.effect.name in ("offset", "ripple"):
+            if addition.effect.name == "offset" or addition.effect.is_line:
                 continue
             bare = self.without(explanation, addition)
             lost = bare.fit.cost - explanation.fit.cost
@@ -427,7 +427,7 @@ def _renewed(explanation: Explanation) -> Fit:
     fit, groups = explanation.fit, list(explanation.fit.linear)
     for a in explanation.additions:
         k = next((k for k, g in enumerate(groups) if g.name == a.name), None)
-        if a.linear is None or k is None or a.effect.name == "ripple":
+        if a.linear is None or k is None or a.effect.is_line:
             continue
         at = sum(g.columns.shape[2] for g in groups[:k])
         own = slice(at, at + groups[k].columns.shape[2])

@@ -340,6 +340,7 @@ def to_mapping(estimate: Estimate) -> dict[str, Any]:
         "parameters": {name: _parameter_mapping(p) for name, p in estimate.parameters.items()},
         "measurement_chain": {name: _parameter_mapping(p) for name, p in estimate.chain.items()},
         "sensors": estimate.sensors,
+        "effects": estimate.effects,
         "read": estimate.read,
         "recordings": estimate.recordings,
         "derived": {
