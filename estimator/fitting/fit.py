@@ -137,12 +137,19 @@ class Fit:
         return told + untold
 
     def covariance_parts(self) -> tuple[FloatArray, FloatArray]:
-        """Return the covariance's parts, (f + m, f + m) each: of what the recordings tell, and of what they do not."""
-        inside = self.at_bound == 0
-        told, untold = np.zeros((2, len(inside), len(inside)))
-        if inside.any():
-            parts = information_parts(np.asarray(np.linalg.qr(self.jacobian[:, inside], mode="r")))
-            told[np.ix_(inside, inside)], untold[np.ix_(inside, inside)] = parts
+        """Return the covariance's parts, (f + m, f + m) each: of what the recordings tell, and of what they do not.
+
+        What vanishes, at the lower bound of a logarithm, may as well be as large as it would go unseen: the others' errors
+        hold that.
+        """
+        at_bound = self.at_bound
+        open_ones = (at_bound == 0) | (at_bound == -1) & self.is_log
+        told, untold = np.zeros((2, len(at_bound), len(at_bound)))
+        if open_ones.any():
+            parts = information_parts(np.asarray(np.linalg.qr(self.jacobian[:, open_ones], mode="r")))
+            told[np.ix_(open_ones, open_ones)], untold[np.ix_(open_ones, open_ones)] = parts
+        for part in (told, untold):
+            part[at_bound != 0] = part[:, at_bound != 0] = 0.0
         return told, untold
 
     def residuals(self) -> FloatArray:

@@ -41,12 +41,15 @@ class SwitchingRipple(Effect):
         if "i" not in s.outputs or "v" not in s.observed[0].inputs:
             return ()
         j = s.outputs.index("i")
-        settled = find_windows(fit).settled
+        windows, stretches = find_windows(fit), _stretches(fit)
+        later = windows.settled.copy()
+        for rows, _ in stretches:
+            if np.sum(later[rows]) < max(SHORTEST, len(rows) // 2):
+                later[rows] = ~windows.sharp[rows]  # what is explained wrongly there is slow, and no line
         left = fit.residuals() / fit.whitener.noise.deviation(fit.whitener.level)
-        z = np.where(settled[:, None] & fit.whitener.present, left, 0.0) / np.sqrt(fit.whitener.inflate)
+        z = np.where(later[:, None] & fit.whitener.present, left, 0.0) / np.sqrt(fit.whitener.inflate)
         taken = [float(g.name.split()[3]) for g in fit.linear if g.name.startswith("ripple i at ")]
-        stretches = _stretches(fit)
-        parts = [(t, z[rows, j]) for rows, t in stretches if np.sum(settled[rows]) >= SHORTEST]
+        parts = [(t, z[rows, j]) for rows, t in stretches if np.sum(later[rows]) >= SHORTEST]
         if len(taken) >= LINES or not parts:
             return ()
         lines = _strongest(parts, s.clocks[0].step, taken)
@@ -57,7 +60,7 @@ class SwitchingRipple(Effect):
             for e, (rows, time) in enumerate(stretches):
                 for part, wave in enumerate((np.cos, np.sin)):
                     columns[rows, j, 2 * e + part] = wave(2 * np.pi * f * time)
-            told = [c for c in range(columns.shape[2]) if np.sum(settled & (columns[:, j, c] != 0)) >= SHORTEST // 2]
+            told = [c for c in range(columns.shape[2]) if np.sum(later & (columns[:, j, c] != 0)) >= SHORTEST // 2]
             found.append(Linear(f"ripple i at {f:.6g} Hz", columns[:, :, told], (unit,) * len(told)))
         return found
 
