@@ -281,8 +281,14 @@ def refreshed(fit: Fit, whitener: Whitener) -> Fit:
                       fit.raw[:, :, f:])  # fmt: skip
 
 
-def held_down(fit: Fit) -> Fit:
-    """Return the fit with outliers, which stand alone or two together, weighted by Student's t."""
+def held_down(fit: Fit, onsets: BoolArray) -> Fit:
+    """Return the fit with outliers, which stand alone or two together, weighted by Student's t.
+
+    Parameters
+    ----------
+    onsets : (rows,) array
+        Rows after edges: a sample that is not explained there is a misfit, of which parameters are made, and no outlier.
+    """
     z = np.abs(fit.z.reshape(fit.shown.shape)) * np.sqrt(fit.whitener.inflate)  # as if none were held down yet
     present = fit.whitener.present
     usual = [np.median(own[here]) / NORMAL if here.any() else 1.0 for own, here in zip(z.T, present.T, strict=True)]
@@ -293,6 +299,7 @@ def held_down(fit: Fit) -> Fit:
     steady = np.abs(np.gradient(fit.shown, axis=0)) < fit.whitener.noise.deviation(fit.whitener.level)
     beside = np.where(steady, np.minimum(one, np.minimum(*two)), one)  # two in a transient may be one misfit
     alone = (z > OUTLIER) & ((beside < BESIDE) | (z > 4 * beside))
+    alone &= ~onsets[:, None]
     alone &= np.abs(np.nan_to_num(fit.residuals())) > fit.simulator.steps  # a sensor's resolution is no outlier
     inflate = np.where(alone, (FREEDOM + z * z) / (FREEDOM + 1), 1.0)
     return dataclasses.replace(fit, whitener=dataclasses.replace(fit.whitener, inflate=inflate))

@@ -20,7 +20,7 @@ FloatArray = NDArray[np.float64]
 
 EDGE = 0.05  # of the voltage's range
 MOST = 12  # changes; more are a signal, not levels
-LEVEL, SWING = 6.0, 0.1  # deviations of the noise; of the largest jump of the current: more is an onset
+LEVEL, SWING = 6.0, 0.1  # deviations of the noise; of the largest jump of the current, a volt: more is an onset
 LEAST = 2  # rows by which a change must come later or earlier than the first
 
 
@@ -43,12 +43,13 @@ def _moved(o: Observed) -> tuple[Observed, str] | None:
     if not 2 <= len(edges) <= MOST or np.min(np.diff(edges)) < 4 * LEAST:
         return None
     bounds = [*edges, len(v)]
-    largest = max(float(np.ptp(i[a:b])) for a, b in zip(bounds[:-1], bounds[1:], strict=True))
-    level = max(LEVEL * noise_deviation(o.outputs["i"]), SWING * largest)
+    changes = np.abs(v[edges] - v[edges - 1])
+    largest = max(float(np.ptp(i[a:b])) / dv for a, b, dv in zip(bounds[:-1], bounds[1:], changes, strict=True))
+    level = max(LEVEL * noise_deviation(o.outputs["i"]) / float(np.min(changes)), SWING * largest)  # A/V
     late = []
     for a, b in zip(bounds[:-1], bounds[1:], strict=True):
         before = i[max(0, a - 5) : a]
-        away = np.sign(v[a] - v[a - 1]) * (i[a:b] - float(np.median(before))) > level
+        away = (i[a:b] - float(np.median(before))) / (v[a] - v[a - 1]) > level
         lasting = away[:-1] & away[1:]
         if not lasting.any():
             return None

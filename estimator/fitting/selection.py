@@ -205,7 +205,7 @@ class Selection:
         windows = find_windows(fit)
         columns = fit.raw[:, :, wide]
         found = fit_noise(whitener, misfit, columns, windows.settled, windows.sharp, colour=colour, again=again)
-        fit = held_down(refreshed(fit, whitener.of(found)))
+        fit = held_down(refreshed(fit, whitener.of(found)), windows.onsets)
         return dataclasses.replace(explanation, fit=solved(fit))
 
     def _grown(
@@ -439,7 +439,7 @@ def _renewed(explanation: Explanation) -> Fit:
             jacobian=np.delete(fit.jacobian, beside, axis=1),
             raw=np.delete(fit.raw, beside, axis=2),
         )
-        new = next((g for g in a.effect.linear(bare) if g.name == a.name), None)
+        new = a.effect.renewed(bare, groups[k], fit.coefficients[own])
         if new is not None and new.columns.shape == groups[k].columns.shape:
             groups[k] = new
     raw = np.concatenate([fit.raw[:, :, : len(fit.free)], *(g.columns for g in groups)], axis=2)

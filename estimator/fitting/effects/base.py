@@ -59,6 +59,10 @@ class Effect:
         """Return groups of columns that may explain what a fit leaves."""
         return ()
 
+    def renewed(self, fit: Fit, group: Linear, coefficients: FloatArray) -> Linear | None:
+        """Return a group as it is at a fit's values and its own coefficients: it was made at others; None to keep it."""
+        return next((g for g in self.linear(fit) if g.name == group.name), None)
+
     def always(self, fit: Fit) -> Sequence[Linear]:
         """Return the groups of columns that are free from the start: what a sensor leaves open by its nature."""
         return ()
