@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.fitting.noise_model import NoiseModel, Whitener
+from estimator.fitting.noise_model import NORMAL, NoiseModel, Whitener
 from estimator.fitting.polish import information_parts
 from estimator.fitting.simulator import Simulator
 from estimator.plans.parameters import SensorPlace
@@ -29,7 +29,6 @@ ITERATIONS = 25
 DAMPING = (1e-3, 1e8)  # first, last
 FAR_LOG, FAR = 1.0, 5.0  # longest step: of a logarithm; of a nuisance's typical sizes
 OUTLIER, BESIDE = 4.5, 3.0  # standard deviations of an outlier, and of the samples beside one or two
-NORMAL = 0.6745  # median size of a standard normal number
 FREEDOM = 4.0  # of Student's t, by whose weights outliers are held down
 SECANTS, KINKED = 6, 0.7  # times that errors grow by secants; of a derivative: a smaller secant is taken
 AHEAD = 0.01  # of z'z: a descent that ends this much lower went on

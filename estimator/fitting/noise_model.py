@@ -37,6 +37,7 @@ PAYS = 10.0  # of -2 log L, by which a component must improve it: two numbers, a
 ORDERS = (1, 2, 3, 4, 6, 8, 12, 16, 24)  # of the short autoregression
 FEW = 25  # samples that are loud, and as many at half of that
 FREEDOM, T_MEDIAN = 4.0, 0.741  # of Student's t, by which sizes are judged; the median of its absolute value
+NORMAL = 0.6745  # that of a standard normal number
 STRETCH, MOST_LEVELS = 20, 12  # rows of a stretch that has a level of its own; levels, at most
 SHORTEST = 0.02  # s, of a torque that wanders: faster ones are transients that are explained wrongly
 LONGEST = 0.25  # of the longest stretch: a slow part that lasts longer is none
@@ -320,13 +321,22 @@ def fit_noise(
     levels = _levels(narrowed)
     stacked = np.concatenate([residuals[rows, :, None], columns[rows], levels], axis=2)
     stacked = np.where(narrowed.present[:, :, None], stacked, 0.0)
-    growth = np.array([_growth(residuals[:, j], whitener, j, sharp) for j in range(residuals.shape[1])])
+    growth = np.array([_growth(residuals[:, j], whitener, j, sharp)[:2] for j in range(residuals.shape[1])])
     search = _Search(narrowed, stacked, colour=colour, growth=growth)
     return search.again() if again else search.best()
 
 
-def _growth(residuals: FloatArray, whitener: Whitener, j: int, sharp: BoolArray) -> tuple[float, float]:
+def noise_of_neighbours(whitener: Whitener, residuals: FloatArray, sharp: BoolArray) -> NoiseModel:
+    """Return the white noise that samples beside each other show, and its growth; arguments as for `fit_noise`."""
+    told = [_growth(residuals[:, j], whitener, j, sharp) for j in range(residuals.shape[1])]
+    white = [w if w > 0 else old for (_, _, w), old in zip(told, whitener.noise.white, strict=True)]
+    return dataclasses.replace(whitener.noise, white=np.array(white), growth=np.array([(c, p) for c, p, _ in told]))
+
+
+def _growth(residuals: FloatArray, whitener: Whitener, j: int, sharp: BoolArray) -> tuple[float, float, float]:
     """Return how a channel's noise grows with its signal, c and p of `NoiseModel.growth`, from second differences.
+
+    The third number is the deviation at rest of white noise of such differences; 0: too few tell.
 
     They see the noise and hardly anything that is explained wrongly, so that transients may speak, but for their first
     part. The size of a difference is that of Student's t, whose tails leave outliers out.
@@ -348,17 +358,21 @@ def _growth(residuals: FloatArray, whitener: Whitener, j: int, sharp: BoolArray)
     if len(d) > 4 * ROWS:
         d, level = d[:: len(d) // (2 * ROWS)], level[:: len(d) // (2 * ROWS)]
     if len(level) < 2 * FEW or not np.any(d):
-        return 0.0, 2.0
-    loud = float(np.sort(level)[-FEW])
-    if np.count_nonzero(level < loud / 2) < FEW:
-        return 0.0, 2.0
+        return 0.0, 2.0, 0.0
     floor = 1e-3 * float(np.median(np.abs(d[d != 0])))
 
-    def misfit(c: float, p: float) -> float:
+    def size(c: float, p: float) -> float:
         g = (1 + (c * level) ** p) ** (1 / p)
-        x = np.abs(d) / g
-        scale = max(float(np.median(x)) / T_MEDIAN, floor)
-        return float(2 * np.sum(np.log(g * scale)) + (FREEDOM + 1) * np.sum(np.log1p((x / scale) ** 2 / FREEDOM)))
+        return max(float(np.median(np.abs(d) / g)) / T_MEDIAN, floor)
+
+    loud = float(np.sort(level)[-FEW])
+    if np.count_nonzero(level < loud / 2) < FEW:
+        return 0.0, 2.0, size(0.0, 2.0) * T_MEDIAN / NORMAL / np.sqrt(6)
+
+    def misfit(c: float, p: float) -> float:
+        g, scale = (1 + (c * level) ** p) ** (1 / p), size(c, p)
+        squares = (d / (g * scale)) ** 2
+        return float(2 * np.sum(np.log(g * scale)) + (FREEDOM + 1) * np.sum(np.log1p(squares / FREEDOM)))
 
     found = []
     for p, charge in ((2.0, 2 * PAYS), (8.0, 4 * PAYS)):  # twice: the squares of neighbours correlate by 0.44
@@ -366,7 +380,8 @@ def _growth(residuals: FloatArray, whitener: Whitener, j: int, sharp: BoolArray)
         c = min(c * np.geomspace(0.7, 1.43, 9), key=lambda c: misfit(c, p))  # noqa: B023
         found.append((misfit(c, p) + charge, float(c), p))
     best = min(found)
-    return (best[1], best[2]) if best[0] < misfit(0.0, 2.0) else (0.0, 2.0)
+    c, p = (best[1], best[2]) if best[0] < misfit(0.0, 2.0) else (0.0, 2.0)
+    return c, p, size(c, p) * T_MEDIAN / NORMAL / np.sqrt(6)
 
 
 def _levels(whitener: Whitener) -> FloatArray:

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from estimator.fitting.effects.base import Effect
 from estimator.fitting.fit import Fit, Linear, held_down, new_fit, refreshed, solved, with_level, with_secants
 from estimator.fitting.machine import machine_of
-from estimator.fitting.noise_model import NoiseModel, fit_noise
+from estimator.fitting.noise_model import NoiseModel, fit_noise, noise_of_neighbours
 from estimator.fitting.simulator import Nuisance, Simulator
 from estimator.fitting.windows import find_windows
 
@@ -139,7 +139,7 @@ class Selection:
             best = self.with_noise(best, colour=False)
             best = self._grown(best, [e for e in self.effects if e.sharp], rounds=ROUNDS, colour=False)
         else:  # noise would be made of what effects do: that of the samples beside each other is taken first
-            best = self._grown(best, self.effects, rounds=ROUNDS, renew=False)
+            best = self._grown(self._with_noise_of_neighbours(best), self.effects, rounds=ROUNDS, renew=False)
         best = self.with_noise(best)
         for _ in range(2):  # what is found changes the noise, and the noise what is found
             before = best.names()
@@ -206,6 +206,15 @@ class Selection:
         columns = fit.raw[:, :, wide]
         found = fit_noise(whitener, misfit, columns, windows.settled, windows.sharp, colour=colour, again=again)
         fit = held_down(refreshed(fit, whitener.of(found)), windows.onsets)
+        return dataclasses.replace(explanation, fit=solved(fit))
+
+    def _with_noise_of_neighbours(self, explanation: Explanation) -> Explanation:
+        """Return the explanation fitted by the noise that samples beside each other show."""
+        fit = with_level(explanation.fit)
+        windows = find_windows(fit)
+        misfit = np.where(fit.whitener.present, fit.residuals(), 0.0)
+        found = noise_of_neighbours(fit.whitener, misfit, windows.sharp)
+        fit = held_down(refreshed(fit, fit.whitener.of(found)), windows.onsets)
         return dataclasses.replace(explanation, fit=solved(fit))
 
     def _grown(
