@@ -50,6 +50,7 @@ def _moved(o: Observed) -> tuple[Observed, str] | None:
     for a, b in zip(bounds[:-1], bounds[1:], strict=True):
         before = i[max(0, a - 5) : a]
         away = (i[a:b] - float(np.median(before))) / (v[a] - v[a - 1]) > level
+        away |= np.isnan(o.outputs["i"][a:b])  # as far as the sensor goes, or lost
         lasting = away[:-1] & away[1:]
         if not lasting.any():
             return None
