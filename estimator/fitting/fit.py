@@ -138,8 +138,8 @@ class Fit:
     def covariance_parts(self) -> tuple[FloatArray, FloatArray]:
         """Return the covariance's parts, (f + m, f + m) each: of what the recordings tell, and of what they do not.
 
-        What vanishes, at the lower bound of a logarithm, may as well be as large as it would go unseen: the others' errors
-        hold that.
+        What vanishes, at the lower bound of a logarithm, may as well be as large as it would go unseen: the others'
+        errors hold that.
         """
         at_bound = self.at_bound
         open_ones = (at_bound == 0) | (at_bound == -1) & self.is_log
@@ -191,7 +191,7 @@ def new_fit(simulator: Simulator, values: FloatArray, free: Sequence[str], noise
     shown = simulator.shown(values[None, :])[0]
     whitener = Whitener(
         noise, simulator.clocks, ~np.isnan(simulator.measured), np.zeros_like(shown),
-        np.ones_like(shown), np.ones(len(shown), dtype=bool),
+        np.ones_like(shown), np.ones(len(shown), dtype=bool), np.zeros_like(shown),
     )  # fmt: skip
     none = np.zeros((shown.size, 0))
     start = Fit(simulator, values, tuple(free), (), whitener, shown, np.zeros(0), np.zeros(shown.size), none,
@@ -205,7 +205,12 @@ def with_level(fit: Fit) -> Fit:
     largest = np.max(np.abs(shown), axis=0)
     level = np.abs(shown) / np.where(largest > 0, largest, 1.0)
     moving = level.max(axis=1) > 1e-3
-    return dataclasses.replace(fit, whitener=dataclasses.replace(fit.whitener, level=level, moving=moving))
+    slope = np.zeros_like(shown)
+    for clock in fit.simulator.clocks:
+        if len(clock.time) > 2:
+            slope[clock.rows] = np.abs(np.gradient(shown[clock.rows], clock.time, axis=0))
+    whitener = dataclasses.replace(fit.whitener, level=level, moving=moving, slope=slope)
+    return dataclasses.replace(fit, whitener=whitener)
 
 
 def solved(fit: Fit, *, iterations: int = ITERATIONS, tolerance: float = 1e-3) -> Fit:
@@ -286,7 +291,7 @@ def held_down(fit: Fit, onsets: BoolArray) -> Fit:
     Parameters
     ----------
     onsets : (rows,) array
-        Rows after edges: a sample that is not explained there is a misfit, of which parameters are made, and no outlier.
+        Rows after edges: what is not explained there is a misfit, of which parameters are made, and no outlier.
     """
     z = np.abs(fit.z.reshape(fit.shown.shape)) * np.sqrt(fit.whitener.inflate)  # as if none were held down yet
     present = fit.whitener.present
@@ -307,8 +312,8 @@ def held_down(fit: Fit, onsets: BoolArray) -> Fit:
 def with_secants(fit: Fit) -> Fit:
     """Return the fit with derivatives over one standard error where these are much smaller than at the point.
 
-    Where an FMU switches, what is shown has kinks: a derivative at a point may be large that holds on one side only, and
-    a descent ends there. It goes on from the flatter side, as long as the cost falls.
+    Where an FMU switches, what is shown has kinks: a derivative at a point may be large that holds on one side only,
+    and a descent ends there. It goes on from the flatter side, as long as the cost falls.
     """
     s = fit.simulator
     where = np.array([s.index[n] for n in fit.free], dtype=int)
@@ -321,7 +326,7 @@ def with_secants(fit: Fit) -> Fit:
         reach = np.minimum(reach, np.where(s.log[where], 0.5, _reach(s, where)))
         points = np.concatenate([np.minimum(x + reach, high), np.maximum(x - reach, low)])
         wide = np.repeat(fit.values[None, :], 2 * f, axis=0)
-        for k, j in enumerate(np.tile(where, 2)):
+        for k, j in enumerate([*where, *where]):
             wide[k, j] = s.unscaled(_spread(s, j, points[k]))[j]
         shown = s.shown(wide)
         width = points - np.tile(x, 2)
@@ -336,7 +341,7 @@ def with_secants(fit: Fit) -> Fit:
         raw = fit.raw[:, :, :f].copy()
         raw[:, :, kinked] = secants[:, :, side[kinked] * f + kinked]
         fit = _evaluated(fit, fit.values, fit.shown, raw, fit.raw[:, :, f:])
-        for k in kinked:
+        for k in kinked.tolist():
             moved = x.copy()
             moved[k] = points[side[k] * f + k]
             tried = solved(dataclasses.replace(fit, values=_placed(fit, where, moved)), tolerance=1e-6)

@@ -40,6 +40,7 @@ def _moved(o: Observed) -> tuple[Observed, str] | None:
         return None
     v, i = o.inputs["v"], filled(o.outputs["i"])
     edges = np.flatnonzero(np.abs(np.diff(v)) > EDGE * max(float(np.ptp(v)), 1e-300)) + 1
+    edges = edges[edges <= len(v) - 4 * LEAST]  # later ones show nothing
     if not 2 <= len(edges) <= MOST or np.min(np.diff(edges)) < 4 * LEAST:
         return None
     bounds = [*edges, len(v)]

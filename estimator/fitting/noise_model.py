@@ -41,6 +41,9 @@ NORMAL = 0.6745  # that of a standard normal number
 STRETCH, MOST_LEVELS = 20, 12  # rows of a stretch that has a level of its own; levels, at most
 SHORTEST = 0.02  # s, of a torque that wanders: faster ones are transients that are explained wrongly
 LONGEST = 0.25  # of the longest stretch: a slow part that lasts longer is none
+STEEP, ALIKE = 12, 3.0  # samples that tell a jitter; standard deviations of the likeness of neighbours among them
+FAR = 25.0  # square of a residual that tells no more
+SIZES = np.geomspace(0.35, 1.2, 16)  # factors on a noise that was found with a jitter in it
 RESTS, STARTS, RUNS = range(3)
 LEAST = 1e-9  # of the residuals' variance: the least white part
 
@@ -75,6 +78,8 @@ class NoiseModel:
         A and b of d[i, w]/dt = A [i, w] + b torque.
     seat : (q,) array
         Which state of the machine a channel shows: 0 current, 1 speed, -1 none.
+    jitter : float
+        Deviation of the instants at which the samples were taken, s: noise in proportion to the slope.
     short : of the machine at rest and running, of each channel: coefficients of the autoregression of what is left,
         and its innovation's deviation
     """
@@ -86,6 +91,7 @@ class NoiseModel:
     torque: tuple[float, float] = (0.0, 1.0)
     machine: tuple[FloatArray, FloatArray] | None = None
     seat: tuple[int, ...] = ()
+    jitter: float = 0.0
     short: tuple[tuple[tuple[FloatArray, float], ...], ...] = ()
 
     @classmethod
@@ -182,6 +188,8 @@ class Whitener:
         Factor on the white variance of single samples: outliers.
     moving : (rows,) array
         Whether the machine runs.
+    slope : (rows, q) array
+        Of the signals, in their units a second.
     """
 
     noise: NoiseModel
@@ -190,6 +198,7 @@ class Whitener:
     level: FloatArray
     inflate: FloatArray
     moving: BoolArray
+    slope: FloatArray
 
     def __call__(self, columns: FloatArray) -> tuple[FloatArray, float]:
         """Return (rows, q, c) columns whitened, zero where a sample is missing, and the sum of log variances."""
@@ -199,7 +208,8 @@ class Whitener:
         scaled = columns / g[:, :, None]
         power = noise.white**2 + noise.differenced**2 + noise.slow[:, 0] ** 2
         floor = np.maximum(LEAST * power, 1e-300)
-        variance = np.where(self.present, np.maximum(noise.white**2, floor) * self.inflate, np.inf)
+        moved = (noise.jitter * self.slope / g) ** 2
+        variance = np.where(self.present, np.maximum(noise.white**2, floor) * self.inflate + moved, np.inf)
         result = np.empty_like(scaled)
         total = float(2 * np.sum(np.log(g)[self.present]))
         for clock in self.clocks:
@@ -316,14 +326,50 @@ def fit_noise(
             clocks.append(Clock(clock.time[part - clock.rows.start], slice(at, at + len(part))))
             at += len(part)
     rows = np.concatenate(cut)
-    level, inflate, moving = whitener.level[rows], whitener.inflate[rows], whitener.moving[rows]
-    narrowed = Whitener(whitener.noise, tuple(clocks), present[rows], level, inflate, moving)
+    narrowed = Whitener(
+        whitener.noise, tuple(clocks), present[rows], whitener.level[rows], whitener.inflate[rows],
+        whitener.moving[rows], whitener.slope[rows],
+    )  # fmt: skip
     levels = _levels(narrowed)
     stacked = np.concatenate([residuals[rows, :, None], columns[rows], levels], axis=2)
     stacked = np.where(narrowed.present[:, :, None], stacked, 0.0)
     growth = np.array([_growth(residuals[:, j], whitener, j, sharp)[:2] for j in range(residuals.shape[1])])
     search = _Search(narrowed, stacked, colour=colour, growth=growth)
     return search.again() if again else search.best()
+
+
+def find_jitter(z: FloatArray, slope: FloatArray, step: float) -> tuple[float, FloatArray, float]:
+    """Return the deviation of the samples' instants, s, factors on the rest of the noise, and the fall of -2 log L.
+
+    Where the signals are steep the residuals are larger, each by itself: neighbours that are alike are a misfit. 0 s
+    where the instants are known.
+
+    Parameters
+    ----------
+    z : (rows, q) array
+        Whitened residuals without any jitter.
+    slope : (rows, q) array
+        Of the signals, in deviations of their noise a second; 0 where a sample is missing.
+    step : float
+        The sampling interval, s.
+    """
+
+    def misfits(jitter: float) -> FloatArray:
+        variance = SIZES[:, None, None] ** 2 + (jitter * slope) ** 2
+        return np.sum(np.log(variance) + np.minimum(z * z / variance, FAR), axis=1)  # (sizes, q)
+
+    tried = step * np.geomspace(3e-3, 0.5, 24)
+    costs = [misfits(t) for t in tried]
+    k = int(np.argmin([c.min(axis=0).sum() for c in costs]))
+    best, sizes = float(tried[k]), SIZES[costs[k].argmin(axis=0)]
+    gain = float(misfits(0.0).min(axis=0).sum() - costs[k].min(axis=0).sum())
+    steep = best * slope > sizes
+    both = steep[1:] & steep[:-1]
+    scaled = np.clip(z / np.sqrt(sizes**2 + (best * slope) ** 2), -3, 3)
+    alike = float(np.sum((scaled[1:] * scaled[:-1])[both])) / np.sqrt(max(np.count_nonzero(both), 1))
+    if np.count_nonzero(steep) < STEEP or gain < 2 * PAYS or abs(alike) > ALIKE:
+        return 0.0, np.ones(z.shape[1]), 0.0
+    return best, sizes, gain
 
 
 def noise_of_neighbours(whitener: Whitener, residuals: FloatArray, sharp: BoolArray) -> NoiseModel:

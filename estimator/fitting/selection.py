@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from estimator.fitting.effects.base import Effect
 from estimator.fitting.fit import Fit, Linear, held_down, new_fit, refreshed, solved, with_level, with_secants
 from estimator.fitting.machine import machine_of
-from estimator.fitting.noise_model import NoiseModel, fit_noise, noise_of_neighbours
+from estimator.fitting.noise_model import NoiseModel, find_jitter, fit_noise, noise_of_neighbours
 from estimator.fitting.simulator import Nuisance, Simulator
 from estimator.fitting.windows import find_windows
 
@@ -147,6 +147,8 @@ class Selection:
             if best.names() == before:
                 break
             best = self.with_noise(best)
+        if (shaken := self._with_jitter(best)) is not None:
+            best = self._without_idle(self._grown(shaken, self.effects, rounds=ROUNDS))
         best = min([best, *self._mirrored(best)], key=lambda e: e.fit.cost)
         for simulator in {id(s): s for s in (self.base, best.fit.simulator)}.values():
             p = len(self.base.plan.names)
@@ -207,6 +209,27 @@ class Selection:
         found = fit_noise(whitener, misfit, columns, windows.settled, windows.sharp, colour=colour, again=again)
         fit = held_down(refreshed(fit, whitener.of(found)), windows.onsets)
         return dataclasses.replace(explanation, fit=solved(fit))
+
+    def _with_jitter(self, explanation: Explanation) -> Explanation | None:
+        """Return the explanation fitted with samples whose instants are not known exactly; None where they are."""
+        fit = with_level(explanation.fit)
+        grows = fit.whitener.noise
+        found = []
+        for noise in (grows, dataclasses.replace(grows, growth=np.zeros_like(grows.growth) + [0.0, 2.0])):
+            whitener = fit.whitener.of(noise)
+            deviation = noise.deviation(whitener.level)
+            slope = np.where(whitener.present, whitener.slope / deviation, 0.0)
+            z = refreshed(fit, whitener).z.reshape(slope.shape)
+            jitter, sizes, gain = find_jitter(z, slope, fit.simulator.clocks[0].step)
+            worse = float(np.sum(np.where(whitener.present, z * z + 2 * np.log(deviation), 0.0)))
+            found.append((worse - gain, jitter, dataclasses.replace(noise, white=noise.white * sizes)))
+            if not np.any(grows.growth[:, 0]):
+                break
+        _, jitter, noise = min(found, key=lambda f: f[0])
+        if jitter == 0.0:
+            return None
+        whitener = fit.whitener.of(dataclasses.replace(noise, jitter=jitter))
+        return dataclasses.replace(explanation, fit=solved(refreshed(fit, whitener)))
 
     def _with_noise_of_neighbours(self, explanation: Explanation) -> Explanation:
         """Return the explanation fitted by the noise that samples beside each other show."""

@@ -9,7 +9,6 @@ from estimator.judging.outcome import measured
 from estimator.plans.plan import Plan
 from estimator.results.result import Estimate
 
-
 # What looks odd in the data alone, and the effects that are its reason: it is no doubt where one of them is estimated.
 EXPLAINS = {"coasts": {"coasting"}, "dead band": {"dry friction", "break-away", "dead band"}}
 

@@ -287,6 +287,8 @@ def _found(plan: Plan, explained: Explained | None) -> list[str]:
         held = int(np.sum(whitener.inflate[:, j] > 1))
         if held:
             notes.append(f"{name} has {held} outlier{'s' if held > 1 else ''}, weighted by Student's t")
+    if noise.jitter > 0:
+        notes.append(f"the instants of the samples jitter by {1e3 * noise.jitter:.2g} ms: steep parts count for less")
     if noise.torque[0] > 0:
         notes.append(
             f"a torque of {noise.torque[0]:.2g} N.m that wanders over {noise.torque[1]:.2g} s moves current and speed"

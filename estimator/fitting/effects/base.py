@@ -60,7 +60,7 @@ class Effect:
         return ()
 
     def renewed(self, fit: Fit, group: Linear, coefficients: FloatArray) -> Linear | None:
-        """Return a group as it is at a fit's values and its own coefficients: it was made at others; None to keep it."""
+        """Return a group as it is at a fit's values and its own coefficients: made at others; None: as it is."""
         return next((g for g in self.linear(fit) if g.name == group.name), None)
 
     def always(self, fit: Fit) -> Sequence[Linear]:

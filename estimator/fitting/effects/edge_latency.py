@@ -16,6 +16,7 @@ from estimator.plans.plan import Plan
 FloatArray = NDArray[np.float64]
 
 MOST = 12  # edges; more are a signal, not levels
+SHOWN = 8  # rows that an edge must be before the end
 LEAST = 0.05  # of the voltage's range
 NEAR = 1e-3  # of a row: the difference of which a derivative is made
 
@@ -65,6 +66,7 @@ def _edges(fit: Fit) -> list[tuple[int, int, float]]:
     for e, clock in enumerate(s.clocks):
         u = v[clock.rows]
         jumps = np.flatnonzero(np.abs(np.diff(u)) > LEAST * max(float(np.ptp(v)), 1e-300)) + 1
+        jumps = jumps[jumps <= len(u) - SHOWN]
         if 2 <= len(jumps) <= MOST:
             found += [(e, int(k), float(u[k] - u[k - 1])) for k in jumps[1:]]
     return found
