@@ -356,7 +356,8 @@ def find_jitter(z: FloatArray, slope: FloatArray, step: float) -> tuple[float, F
 
     def misfits(jitter: float) -> FloatArray:
         variance = SIZES[:, None, None] ** 2 + (jitter * slope) ** 2
-        return np.sum(np.log(variance) + np.minimum(z * z / variance, FAR), axis=1)  # (sizes, q)
+        cost: FloatArray = np.sum(np.log(variance) + np.minimum(z * z / variance, FAR), axis=1)
+        return cost  # (sizes, q)
 
     tried = step * np.geomspace(3e-3, 0.5, 24)
     costs = [misfits(t) for t in tried]
@@ -366,7 +367,7 @@ def find_jitter(z: FloatArray, slope: FloatArray, step: float) -> tuple[float, F
     steep = best * slope > sizes
     both = steep[1:] & steep[:-1]
     scaled = np.clip(z / np.sqrt(sizes**2 + (best * slope) ** 2), -3, 3)
-    alike = float(np.sum((scaled[1:] * scaled[:-1])[both])) / np.sqrt(max(np.count_nonzero(both), 1))
+    alike = float(np.sum((scaled[1:] * scaled[:-1])[both])) / float(np.sqrt(max(1, int(np.sum(both)))))
     if np.count_nonzero(steep) < STEEP or gain < 2 * PAYS or abs(alike) > ALIKE:
         return 0.0, np.ones(z.shape[1]), 0.0
     return best, sizes, gain
