@@ -24,6 +24,13 @@ def pytest_cmdline_main(config: pytest.Config) -> None:
         config.option.dist = "loadgroup"
 
 
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Do not load for the smoke tests what has none: loading all modules takes longer than they do."""
+    if config.option.markexpr != "smoke" or collection_path.suffix != ".py":
+        return None
+    return "mark.smoke" not in collection_path.read_text(encoding="utf-8") or None
+
+
 def pytest_report_header() -> str:
     """Say what is left out though it is wanted."""
     return f"open points (expected failures, pytest -m open): {len(OPEN)}"

@@ -347,6 +347,7 @@ def command(folder, *arguments):
     return [sys.executable, "-m", "estimator", "batch", "line.case.toml", "-o", str(folder), *arguments]
 
 
+@pytest.mark.smoke
 def test_the_command_line_end_to_end(tmp_path, capsys, monkeypatch):
     case = line_of(tmp_path / "line", 2)
     (case.parent / "motor_bad.csv").write_text("time [s],voltage [V]\n0,1\n")

@@ -219,6 +219,7 @@ def test_a_negative_step_is_a_step(case_of):
     check_exact(case_of, step_recording(CML050, levels=(0.0, -10.5), duration=1.5))
 
 
+@pytest.mark.smoke
 def test_a_step_between_two_voltages_is_a_step(case_of):
     check_exact(case_of, step_recording(CML050, levels=(4.0, 10.5), duration=1.5))
 
@@ -330,6 +331,7 @@ def test_a_lost_transient_is_refused(case_of):
 # What the result says
 
 
+@pytest.mark.smoke
 def test_rmse_and_fit_are_what_the_trajectories_say(case_of):
     (e,) = estimates(case_of, noisy(CML050, 1))
     (c,) = e.comparisons

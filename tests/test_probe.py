@@ -157,6 +157,7 @@ def test_inspect_probes_both_kinds_or_the_one_that_is_chosen(tmp_path, capsys):
     assert "choose model-exchange with --kind, or with kind under [fmu]" in text
 
 
+@pytest.mark.smoke
 def test_inspect_tells_what_the_probe_found_and_guesses_roles(tmp_path, capsys):
     assert main(["inspect", str(foreign_fmu(tmp_path, "IDLE_RESET"))]) == 0
     text = " ".join(capsys.readouterr().out.split())

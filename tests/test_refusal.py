@@ -33,6 +33,7 @@ def refused(case_of, recording, *words):
     return result
 
 
+@pytest.mark.smoke
 def test_no_voltage_logged(case_of, good):
     refused(case_of, made(0 * good[0], good[1]), "no voltage was logged")
 
