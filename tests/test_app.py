@@ -204,6 +204,7 @@ def bench(folder):
     return bench
 
 
+@pytest.mark.smoke
 def test_a_folder_lists_what_can_be_used_and_no_results_of_others(folder):
     (folder / "run-2").mkdir()
     (folder / "run-10").mkdir()
@@ -222,6 +223,7 @@ def test_a_folder_lists_what_can_be_used_and_no_results_of_others(folder):
     }
 
 
+@pytest.mark.smoke
 def test_every_change_is_a_case_file_that_reads_back(bench, folder):
     rows = [
         {"file": "step.csv", "role": "fit", "window": [0.1, 2.0], "scale": {"i": -1}, "offset": {"i": 0.01}},

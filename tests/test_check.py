@@ -41,6 +41,7 @@ def run(capsys, *words):
     return status, out, err
 
 
+@pytest.mark.smoke
 def test_check_tells_columns_and_units_first_then_clock_step_levels_and_noise(file, bench, capsys):
     status, out, err = run(capsys, "check", file("time [s],voltage [V],current [mA],n", i=1e3 * bench["i"]))
     assert status == 0 and err == ""

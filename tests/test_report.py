@@ -134,6 +134,7 @@ def test_a_shown_value_is_the_value_to_a_tenth_of_its_standard_error(value, rela
     assert float(ulp) >= 1e-3 * error or ulp == 1  # no digits that mean nothing, after the point
 
 
+@pytest.mark.smoke
 def test_the_text_begins_with_the_verdict_and_its_reasons():
     text = report.text_report(estimate(verdict="doubtful", reasons=("first reason", "second reason")))
     lines = text.splitlines()
@@ -244,6 +245,7 @@ def parsed(page: str) -> Tags:
     return tags
 
 
+@pytest.mark.smoke
 def test_the_html_report_stands_alone_with_the_verdict_first():
     page = html_report(
         estimate(verdict="doubtful", reasons=("L <is> weak",)),
