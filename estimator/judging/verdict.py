@@ -262,7 +262,7 @@ def _doubts(explained: Explained | None) -> list[str]:
     if explained is None:
         return []
     found = [f"{f.sentence}: {f.doubt}" for f in explained.found if f.doubt]
-    return [*found, *explained.rivals]
+    return [*found, *(rival.sentence() for rival in explained.rivals)]
 
 
 def _found(plan: Plan, explained: Explained | None) -> list[str]:
