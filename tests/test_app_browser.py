@@ -505,6 +505,42 @@ def test_a_result_folder_made_elsewhere_is_opened_and_runs_are_seen_side_by_side
     page.says("std. errors")  # the table of the command compare
 
 
+SIDEWAYS = """return [...document.querySelectorAll(".scroll")].filter((e) => e.scrollWidth > e.clientWidth + 1)
+    .map((e) => e.getAttribute("aria-label"))"""
+
+
+def test_on_a_phone_values_bars_and_rivals_are_seen_without_scrolling_sideways(page, driver, folder):
+    told = {"verdict": "doubtful", "reasons": ["it may sag"], "rmse": {"i": 0.1, "w": 1.0}, "noise": {"i": 0.1}}
+    values = {"R": 3.0, "K": 0.05, "J": 9.1e-6}
+    told["parameters"] = {n: {"value": x, "standard_error": 0.01 * x, "unit": "Ohm", "status": "ok", "free": True,
+                              "reason": "it may sag"} for n, x in values.items()}  # fmt: skip
+    other = {n: {"value": 1.06 * x, "standard_error": 0.002 * x, "unit": "Ohm"} for n, x in values.items()}
+    told["rivals"] = [{"what": "sag instead of voltage dip", "parameters": other, "differs_in": "K", "weight": 0.15,
+                       "delta_criterion": 3.0, "decided_by": "record two voltage levels"}]  # fmt: skip
+    for name in ("one", "two"):
+        (folder / name).mkdir()
+        (folder / name / "result.json").write_text(json.dumps(told))
+    page.size(400, 900)
+    page.go("results")
+    page.says("Rivals, and what they differ in")
+    assert (
+        "To decide: record two voltage levels." in page.text and "K" in page.text and "0.05300 ± 0.00010" in page.text
+    )
+    assert page.text.count("it may sag") == 1, "what the verdict says is not said again of each parameter"
+    assert page.js(SIDEWAYS) == []
+    bars = page.js("return [...document.querySelectorAll('#rivals tbody .bar')].map((b) => b.getBoundingClientRect())")
+    assert len(bars) == 6 and all(0 <= b["left"] and b["right"] <= 400 for b in bars)
+    for k in (0, 1):
+        page.press(f"beside-{k}")
+    page.says("Side by side")
+    assert page.js(SIDEWAYS) == []
+    page.go("model")
+    page.until(lambda: driver.find_elements(By.ID, "max-B"))
+    assert page.js(SIDEWAYS) == []
+    page.type("max-R", "50")
+    page.until(lambda: "max = 50" in (folder / "app.case.toml").read_text())
+
+
 def test_a_log_of_two_tests_with_a_duty_cycle_and_counts_is_read_as_the_page_says(page, driver, folder):
     rows = [line.split(",") for line in EXAMPLE.read_text().splitlines() if line[:1].isdigit()]
     t, v, i, w = np.array(rows, dtype=float).T
