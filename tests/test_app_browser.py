@@ -529,7 +529,7 @@ def test_on_a_phone_values_bars_and_rivals_are_seen_without_scrolling_sideways(p
     assert page.text.count("it may sag") == 1, "what the verdict says is not said again of each parameter"
     assert page.js(SIDEWAYS) == []
     bars = page.js("return [...document.querySelectorAll('#rivals tbody .bar')].map((b) => b.getBoundingClientRect())")
-    assert len(bars) == 6 and all(0 <= b["left"] and b["right"] <= 400 for b in bars)
+    assert len(bars) == 6 and all(b["left"] >= 0 and b["right"] <= 400 for b in bars)
     for k in (0, 1):
         page.press(f"beside-{k}")
     page.says("Side by side")
@@ -563,6 +563,75 @@ def test_a_log_of_two_tests_with_a_duty_cycle_and_counts_is_read_as_the_page_say
     page.says("fmu-estimator check log.csv --test=2 --supply=12 --counts=4096")
     page.go("model")
     page.until(lambda: page.js("return document.querySelector('canvas').plot.panels.length") >= 3)
+
+
+def bare(*columns, header=""):
+    """Return columns of the example's recording, 0 being the time, without a header."""
+    rows = [line.split(",") for line in EXAMPLE.read_text().splitlines() if line[:1].isdigit()]
+    return "\n".join([*([header] if header else []), *(",".join(row[k] for k in columns) for row in rows)]).encode()
+
+
+def test_a_file_without_header_and_time_is_read_as_the_page_is_told(page, driver, folder):
+    page.press("remove-0")
+    page.drop("bare.csv", bare(3, 1, 2))
+    page.says("This file has no header: say what its columns are.")
+    page.press("bare-read")
+    page.says("Say of at least one column what it measures.")
+    for k, signal in enumerate(("w", "v", "i")):
+        page.choose(f"bare-{k}", signal)
+    page.press("bare-read")
+    page.says("Give the sampling interval in ms")
+    page.type("bare-interval", "1,0")
+    page.press("bare-read")
+    page.says("2\u202f801 samples")
+    page.says("fmu-estimator check bare.csv --column=w=1 --column=v=2 --column=i=3 --rate=1000")
+    text = (folder / "app.case.toml").read_text()
+    assert "rate = 1000" in text and 'columns = { w = "1", v = "2", i = "3" }' in text
+    page.until(lambda: not driver.find_elements(By.ID, "problem"))
+    page.type("unit-0", "rpm")  # a column without a header has a unit all the same
+    page.says("--unit=w=rpm")
+    page.type("unit-0", "rad/s")
+    page.until(lambda: 'units = { w = "rad/s" }' in (folder / "app.case.toml").read_text())
+    page.go("run")
+    page.press("start")
+    page.until(lambda: driver.find_elements(By.ID, "to-result"))
+    told = json.loads((folder / "run-1" / "result.json").read_text())
+    assert told["parameters"]["R"]["value"] == pytest.approx(3.14, rel=0.02)
+    page.go("data")
+    page.js("document.getElementById('reading').open = true")
+    page.press("bare-again")
+    page.says("This file has no header")
+
+
+def test_a_file_with_a_header_and_no_time_asks_for_its_interval_alone(page, driver, folder):
+    page.press("remove-0")
+    page.drop("notime.csv", bare(1, 2, 3, header="voltage [V],current [A],speed [rad/s]"))
+    page.says("This file has no time: say how far apart its samples are.")
+    assert not driver.find_elements(By.ID, "bare-0")
+    page.type("bare-interval", "1")
+    page.press("bare-read")
+    page.says("2\u202f801 samples")
+    page.until(lambda: "rate = 1000" in (folder / "app.case.toml").read_text())
+    page.until(lambda: not driver.find_elements(By.ID, "problem"))
+
+
+def test_a_unit_of_a_header_is_overruled_with_a_warning_and_taken_back(page, driver, folder):
+    page.type("unit-2", "rpm")
+    page.says("speed [rad/s] is now read as rpm, against its header")
+    page.says("its header says rad/s; it is read as rpm, as you said")
+    page.says("fmu-estimator check step.csv --unit=speed=rpm")
+    page.until(lambda: 'units = { speed = "rpm" }' in (folder / "app.case.toml").read_text())
+    assert not driver.find_elements(By.ID, "problem")
+    page.type("unit-2", "furlong")
+    page.says("'furlong', given for 'speed', is not a known unit")
+    page.until(lambda: page.value("unit-2") == "rpm")
+    page.type("unit-2", Keys.BACKSPACE)
+    page.until(lambda: "units" not in (folder / "app.case.toml").read_text())
+    page.until(lambda: "its header says" not in page.text)
+    page.js("document.getElementById('reading').open = true")
+    page.type("reading-time", "ms")
+    page.says("fmu-estimator check step.csv --unit=time=ms")
+    page.says("0.0028 s")
 
 
 def axe_script():
