@@ -634,6 +634,33 @@ def test_a_unit_of_a_header_is_overruled_with_a_warning_and_taken_back(page, dri
     page.says("0.0028 s")
 
 
+def test_a_refused_result_shows_where_in_the_data_its_reason_lies(page, driver, folder):
+    from estimator.cli import main
+
+    (folder / "swapped.csv").write_bytes(renamed(["time [s]", "voltage [V]", "speed [rad/s]", "current [A]"]))
+    out = ["-o", str(folder / "swapped"), "--quiet", "--json", "--signals"]
+    assert main(["estimate", str(folder / "swapped.csv"), *out]) == 1
+    page.go("results")
+    page.says("swapped: refused")
+    page.says("Where the reason lies")
+    plot = "document.querySelector('canvas').plot"
+    shades = page.until(lambda: page.js(f"return {plot}.shades"))
+    assert [(s["panel"], s["color"]) for s in shades] == [("i", "--place"), ("w", "--place")]
+    assert all(0.49 < s["from"] < 0.5 < s["to"] < 0.6 for s in shades)
+    begin, end = page.js(f"return {plot}.view")
+    assert begin < shades[0]["from"] and shades[0]["to"] < end < 1, "it is enlarged"
+    page.js(f"{plot}.all()")
+    page.press("where-0")
+    page.until(lambda: page.js(f"return {plot}.view") == [begin, end])
+    assert "simulated" not in page.text and "residual" not in page.text
+    page.go("data")
+    page.press("remove-0")
+    page.until(lambda: not driver.find_elements(By.ID, "choose-0"))
+    page.press(f"add-{[e.text for e in driver.find_elements(By.CSS_SELECTOR, '.plain .name')].index('swapped.csv')}")
+    page.says("current and speed look exchanged")
+    page.until(lambda: len([s for s in page.js(f"return {plot}.shades") if s["color"] == "--place"]) == 2)
+
+
 def axe_script():
     axe = pytest.importorskip("axe_core_python", reason="axe-core-python is not installed")
     return (os.path.dirname(axe.__file__) or "") + "/axe.min.js"

@@ -305,6 +305,10 @@ def test_a_refused_recording_is_shown_with_the_place_where_the_reason_lies():
     assert page.count('class="place" x=') == 4, (
         "in the enlarged part and in the whole recording, wide and slim, of the speed only"
     )
+    (told,) = json.loads(report.to_json(made))["places"]
+    assert told == {"reason": 0, "recording": "step_10V5", "signal": "w", "start": 0.52, "end": 0.6}
+    doubted = html_report(dataclasses.replace(estimate(verdict="doubtful", reasons=(reason,))))
+    assert "Transient" in doubted and 'class="place" x=' in doubted, "a transient that was fitted stays, and is marked"
     again = pickle.loads(pickle.dumps(reason))
     assert again == reason and again.places == reason.places and json.dumps(reason) == '"step_10V5: w is saturated"'
 

@@ -6,13 +6,14 @@ import dataclasses
 from typing import Any
 
 from estimator.judging.outcome import measured
+from estimator.judging.refusal import implausible_reason
 from estimator.plans.plan import Plan
 from estimator.results.result import Estimate
 
 
 def with_what_was_read(found: Estimate, plan: Plan) -> Estimate:
     """Return an estimate that tells what was read; implausible data make it doubtful, refused data are shown."""
-    doubts = [s for o in plan.observed for f in o.findings if (s := f.sentence) not in found.reasons]
+    doubts = [implausible_reason(o, f) for o in plan.observed for f in o.findings if f.sentence not in found.reasons]
     found = dataclasses.replace(found, read=what_was_read(plan))
     if found.verdict == "refused":
         moved = any(o.excitation.kind != "none" for o in plan.observed)

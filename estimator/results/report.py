@@ -11,6 +11,7 @@ from typing import Any
 
 from estimator.results.budget_table import budget_line, budget_mapping
 from estimator.results.numbers import ABSENT, deviation_text, magnitude, number_text, relative_text, value_texts
+from estimator.results.reason import places_of
 from estimator.results.result import Estimate, OtherValues, ParameterEstimate, Rival, Validation, Verdict
 
 TITLES: Mapping[Verdict, str] = {"ok": "OK", "doubtful": "Doubtful", "refused": "Refused"}
@@ -336,6 +337,11 @@ def to_mapping(estimate: Estimate) -> dict[str, Any]:
         "verdict": estimate.verdict,
         "about": estimate.about,
         "reasons": estimate.reasons,
+        "places": [
+            {"reason": k, "recording": p.recording, "signal": p.signal, "start": p.start, "end": p.end}
+            for k, reason in enumerate(estimate.reasons)
+            for p in places_of((reason,))
+        ],
         "notes": estimate.notes,
         "parameters": {name: _parameter_mapping(p) for name, p in estimate.parameters.items()},
         "measurement_chain": {name: _parameter_mapping(p) for name, p in estimate.chain.items()},

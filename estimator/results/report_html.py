@@ -116,7 +116,7 @@ def html_report(estimate: Estimate, *, command: str = "", checksums: Mapping[str
         parts=parts,
         axis=axis,
         bar_words=BAR_WORDS if axis else "",
-        transient=_transient(shown, places),
+        transient=_transient(shown, places, fitted=bool(estimate.parameters)),
         budget=_budget(estimate),
         signals=_signals(estimate),
         records=[_record(c, estimate, places) for c in shown[:MOST_CHARTS]],
@@ -234,15 +234,15 @@ def _percent(error: float | None, value: float) -> float | None:
     return 100 * error / abs(value) if known and error is not None else None
 
 
-def _transient(shown: Sequence[Comparison], places: Sequence[Place]) -> Table | None:
-    """Return the drawing of the first screen: the transient, or where the first reason lies."""
+def _transient(shown: Sequence[Comparison], places: Sequence[Place], *, fitted: bool) -> Table | None:
+    """Return the drawing of the first screen: the transient, or, where nothing was fitted, where the reason lies."""
     if not shown:
         return None
     where = {c.name: c for c in shown}
-    at = next((place for place in places if place.recording in where), None)
+    at = None if fitted else next((place for place in places if place.recording in where), None)
     c = where[at.recording] if at else shown[0]
     if at is None:
-        svg, slim = (transient_chart(c, width=width) for width in (WIDTH, SLIM))
+        svg, slim = (transient_chart(c, width=width, places=_of(places, c)) for width in (WIDTH, SLIM))
         title = "Transient"
     else:
         whole = float(c.time[-1] - c.time[0])

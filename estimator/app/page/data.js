@@ -351,6 +351,9 @@ export class DataPage {
       };
     });
     const shades = shown.flatMap((c) => (c.gaps ?? []).map(([from, to]) => ({ panel: c.name, from: from - facts.step / 2, to: to + facts.step / 2, color: "--gap" })));
+    const doubts = (this.checks[this.key(r, 0)]?.check.recordings ?? [])[part]?.implausible ?? [];
+    shades.push(...doubts.flatMap((d) => d.places ?? []).flatMap((p) => shown.filter((c) => this.target(c).split(" ").slice(1).join(" ") === p.signal)
+      .map((c) => ({ panel: c.name, from: p.start, to: p.end, color: "--place" }))));
     this.plot.set({ panels, shades, keep: this.plotted === key });
     this.plot.setWindow(r.window ? [...r.window] : [facts.begin, facts.end], (w) => this.dragged(facts, r.file, w));
     this.source = source;

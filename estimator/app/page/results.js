@@ -78,7 +78,7 @@ export class ResultsPage {
     const reasons = r.reasons ?? [];
     replace(this.detail,
       el("section", { class: `verdict ${r.verdict}`, "aria-label": "Verdict" }, el("h2", {}, `${outcome.name}: ${r.verdict}`), el("p", {}, SAYS[r.verdict]),
-        reasons.length ? el("ul", {}, reasons.map((t) => el("li", {}, String(t)))) : null),
+        reasons.length ? el("ul", {}, reasons.map((t, k) => el("li", {}, String(t), this.shows(outcome, k)))) : null),
       Object.keys(r.parameters ?? {}).length ? this.parameters(r) : null,
       this.rivals(r),
       this.signals(outcome),
@@ -90,6 +90,18 @@ export class ResultsPage {
         el("p", { class: "muted small" }, `${count(r.simulations ?? 0)} simulations, ${count(r.failed_simulations ?? 0)} failed, ${duration(r.seconds)}; method ${r.method}, seed ${r.seed}, FMU ${r.fmu?.name ?? "?"}`)),
       this.downloads(outcome));
     if (outcome.signals.length) this.draw(outcome);
+  }
+
+  // A button that shows where in the data a reason lies.
+  shows(outcome, k) {
+    const place = (outcome.result.places ?? []).find((p) => p.reason === k), at = place ? outcome.signals.findIndex((s) => s.name === place.recording) : -1;
+    if (at < 0) return null;
+    return [" ", el("button", { type: "button", class: "link", id: `where-${k}`, onclick: () => {
+      if (this.recording === at) this.plot.show(...around(place, outcome.signals[at]));
+      else { this.wanted = place; this.recording = at; this.render(); }
+      this.plot.node.scrollIntoView({ block: "center" });
+      this.plot.canvas.focus({ preventScroll: true });
+    } }, "show where")];
   }
 
   parameters(r) {
@@ -147,14 +159,14 @@ export class ResultsPage {
       const figure = outcome.files.includes("figure.png");
       return el("section", { "aria-label": "Measured against simulated" }, el("h2", {}, "Measured against simulated"),
         figure ? el("img", { src: address("file", { name: outcome.name, file: "figure.png" }), alt: "Measured against simulated signals and residuals", style: { maxWidth: "100%", background: "#fff" } }) : null,
-        el("p", { class: "muted" }, outcome.result.verdict === "refused" && !figure ? "A refused estimate has nothing to compare." : "To read values off, estimate again with --signals."));
+        el("p", { class: "muted" }, outcome.result.verdict === "refused" ? (figure ? "Shaded: where the reason lies." : "A refused estimate has nothing to compare.") : "To read values off, estimate again with --signals."));
     }
-    const s = outcome.signals[this.recording] ?? outcome.signals[0];
+    const s = outcome.signals[this.recording] ?? outcome.signals[0], marked = (outcome.result.places ?? []).some((p) => p.recording === s.name);
     return el("section", { "aria-label": "Measured against simulated" },
-      el("div", { class: "row" }, el("h2", {}, "Measured against simulated"), el("span", { class: "grow" }),
+      el("div", { class: "row" }, el("h2", {}, s.fitted ? "Measured against simulated" : marked ? "Where the reason lies" : "What was measured"), marked ? el("span", { class: "key small" }, el("i", { style: { background: "var(--place)" } }), "where the reason lies") : null, el("span", { class: "grow" }),
         outcome.signals.length > 1 ? select({ id: "which-recording", "aria-label": "Recording", onchange: (e) => { this.recording = Number(e.target.value); this.render(); } },
           outcome.signals.map((x, k) => [String(k), x.held_out ? `${x.name} (validation)` : x.name]), String(this.recording)) : el("span", { class: "muted" }, s.name)),
-      this.plot.node, el("details", { id: "ripple", ontoggle: (e) => e.target.open && this.ripple(outcome) }, el("summary", {}, "Ripple: the residuals over frequency"), this.spectrum.node));
+      this.plot.node, !s.fitted ? null : el("details", { id: "ripple", ontoggle: (e) => e.target.open && this.ripple(outcome) }, el("summary", {}, "Ripple: the residuals over frequency"), this.spectrum.node));
   }
 
   async draw(outcome) {
@@ -162,8 +174,13 @@ export class ResultsPage {
     const s = outcome.signals[this.recording], query = { of: "result", name: outcome.name, recording: this.recording };
     try {
       const source = await new Remote(query).load();
-      const names = [...s.inputs.map((n) => `input ${n}`), ...s.outputs.flatMap((n) => [`measured ${n}`, `simulated ${n}`, `residual ${n}`])];
-      this.plot.set({ panels: panelsOf(source, names, s.units, { simulated: "simulated with the estimate", residuals: true }), transient: s.transient });
+      const names = [...s.inputs.map((n) => `input ${n}`), ...s.outputs.flatMap((n) => (s.fitted ? [`measured ${n}`, `simulated ${n}`, `residual ${n}`] : [`measured ${n}`]))];
+      const places = (outcome.result.places ?? []).filter((p) => p.recording === s.name);
+      const shades = places.map((p) => ({ panel: p.signal || undefined, from: p.start, to: p.end, color: "--place" }));
+      this.plot.set({ panels: panelsOf(source, names, s.units, { simulated: "simulated with the estimate", residuals: true }), shades, transient: s.transient });
+      const first = this.wanted?.recording === s.name ? this.wanted : s.fitted ? null : places[0];
+      this.wanted = null;
+      if (first) this.plot.show(...around(first, s));
     } catch (error) { this.app.fail(error); }
   }
 
@@ -272,6 +289,12 @@ export class ResultsPage {
     }).catch((error) => this.app.fail(error));
     return el("section", { "aria-label": "Signals side by side" }, el("h2", {}, "Signals side by side"), this.plot.node);
   }
+}
+
+// A place in a recording with some of what lies about it.
+function around(place, s) {
+  const room = Math.max(0.15 * (place.end - place.start), 0.04 * (s.end - s.begin));
+  return [Math.max(place.start - room, s.begin), Math.min(place.end + room, s.end)];
 }
 
 function bar(relative, reach, p) {
