@@ -27,7 +27,7 @@ export class DataPage {
     this.plotted = "";
     this.node = el("div", { class: "columns" },
       el("section", { class: "side", "aria-label": "Recordings" }, this.list),
-      el("section", { class: "wide", "aria-label": "The chosen recording" }, this.detail));
+      el("section", { class: "wide", "aria-label": "The chosen recording" }, this.detail, this.plot.node)); // which stays: one may be dragging in it
   }
 
   select(name) { this.chosen = name; this.render(); }
@@ -86,6 +86,7 @@ export class DataPage {
     const file = this.chosen;
     if (file === null) {
       this.plotted = "";
+      this.plot.node.hidden = true;
       replace(this.detail, el("div", { class: "empty" }, el("h2", {}, "No recording yet"),
         el("p", {}, "A recording is text with a header (CSV), MAT, MDF or Parquet: time, voltage, current, speed or angle."),
         el("p", {}, "Drop one anywhere on this page. It is copied into the folder; one that lies there already stays where it is.")));
@@ -105,6 +106,7 @@ export class DataPage {
       const bare = this.bares[key] ?? await get("bare", { name: file }).catch(() => null);
       if (file !== this.chosen) return;
       if (bare) this.bares[key] = bare;
+      this.plot.node.hidden = true;
       replace(this.detail, el("h2", {}, file),
         bare?.lacks.length ? this.bareForm(r, bare) : el("p", { class: "say error" }, facts), this.reading(r, { tests: [], motors: [] }, !bare?.lacks.length));
       return;
@@ -121,8 +123,8 @@ export class DataPage {
       this.reading(r, facts),
       this.findings(file, r),
       el("div", { class: "chips", role: "list", "aria-label": "Columns" }, facts.columns.map((c, k) => this.chip(facts, r, c, k))),
-      this.windowRow(facts, r),
-      this.plot.node);
+      this.windowRow(facts, r));
+    this.plot.node.hidden = false;
     this.draw(file, facts, r, part);
   }
 

@@ -112,7 +112,8 @@ class App {
     this.step = known[0];
     this.command = null;
     document.title = `${known[1]} – fmu-estimator`;
-    document.getElementById("main").replaceChildren(this.page.node);
+    const main = document.getElementById("main");
+    if (main.firstChild !== this.page.node) main.replaceChildren(this.page.node);
     this.page.enter?.(rest.join("/"));
     this.render();
   }
