@@ -340,6 +340,7 @@ class Run:
             correlation=correlated,
             correlated=plan.names if correlated is not None else (),
             information={} if polish is None else information(polish, plan.names),
+            rivals=() if values is None or self.explained is None else self.explained.rivals,
             notes=(*self.announced, *judgement.notes),
             failures=tuple(with_values(f, self.problem.variables) for f in failures),
             comparisons=compared,

@@ -48,8 +48,11 @@ class Failure:
         if self.what == "size":
             return f"the model does not explain {where}: the residuals are {self.excess:.1f} times their noise"
         if self.what == "neighbours":
-            return f"the residuals of {where} are not white: neighbours correlate by {self.excess:+.2f}"
-        return f"{where} asks for other parameters than the rest, by {self.excess:.1f} times what chance allows"
+            return f"the residuals of {where} are no plain noise: neighbours are alike (correlation {self.excess:+.2f})"
+        return (
+            f"{where} fits other parameters than the rest of the recording does, {self.excess:.1f} times as far away"
+            " as noise explains"
+        )
 
 
 @dataclass(frozen=True)

@@ -124,6 +124,56 @@ class StandardUncertainty:
 
 
 @dataclass(frozen=True)
+class RivalParameter:
+    """A parameter as another explanation gives it: value and standard error, in `unit`; None where it has none."""
+
+    value: float
+    standard_error: float | None
+    unit: str
+
+
+@dataclass(frozen=True)
+class Rival:
+    """Another explanation of the recordings, nearly as likely, that gives other parameters.
+
+    Attributes
+    ----------
+    what : str
+        "sag instead of voltage dip".
+    parameters : name → RivalParameter
+    differs_in : str
+        The parameter that it moves by most standard errors.
+    estimated : float
+        The estimate's value of that parameter.
+    apart : float
+        By so many standard errors, as they were if the estimate's explanation were known to hold.
+    behind : float
+        Of the criterion, above the estimate's; a difference of 2 is likelier by e.
+    weight : float
+        Its part of the mixture that the standard errors are of, 0 to 1.
+    decided_by : str
+        What would tell which of them holds.
+    """
+
+    what: str
+    parameters: Mapping[str, RivalParameter]
+    differs_in: str
+    estimated: float
+    apart: float
+    behind: float
+    weight: float
+    decided_by: str
+
+    def sentence(self) -> str:
+        """Say what else would explain the recordings, and what it changes."""
+        value = self.parameters[self.differs_in].value
+        return (
+            f"{self.what} would explain the recording nearly as well, with {self.differs_in} = {value:.4g} instead of"
+            f" {self.estimated:.4g}; {self.decided_by}"
+        )
+
+
+@dataclass(frozen=True)
 class Comparison:
     """Measured against simulated signals of one recording.
 
@@ -288,6 +338,7 @@ class Estimate:
     history : the search seen from outside, or None
     profiles : parameter name → CostProfile, where they were asked for
     validation : how the model does on recordings that it has not seen, where some were given
+    rivals : other explanations, nearly as likely, that give other parameters
     tolerances : source → StandardUncertainty of what no recording tells, as it was given
     about : what the user says of it: motor, operator, date, … → text
     """
@@ -324,5 +375,6 @@ class Estimate:
     workers: int = 1
     profiles: Mapping[str, CostProfile] = field(default_factory=dict)
     validation: Validation | None = None
+    rivals: tuple[Rival, ...] = ()
     tolerances: Mapping[str, StandardUncertainty] = field(default_factory=dict)
     about: Mapping[str, str] = field(default_factory=dict)
