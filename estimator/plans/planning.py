@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from estimator.cases.case import Case, RunSpec
-from estimator.cases.case_signals import FREE
 from estimator.cases.expansion import told_apart
+from estimator.cases.keys import FREE
 from estimator.cases.mapping import fixed_values, integral_of, mapped
 from estimator.errors import CaseError, FmuError, RecordingError
 from estimator.fmus.fmu import FmuDescription, Variable

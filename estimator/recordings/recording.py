@@ -8,15 +8,15 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from types import MappingProxyType
-from typing import Any, NoReturn
+from typing import NoReturn
 
 import numpy as np
 import numpy.typing as npt
 
 from estimator.errors import RecordingError, suggestion
+from estimator.locked import Locked
 from estimator.output import write_files
 from estimator.recordings.clock_text import seconds_since_first
 from estimator.recordings.columns import Columns
@@ -42,7 +42,7 @@ MOST_LEFT_OUT = 2  # rows at the start, of wrong stamps
 
 
 @dataclass(frozen=True, eq=False)
-class Recording:
+class Recording(Locked):
     """Measured signals on one clock."""
 
     name: str  # file stem
@@ -66,13 +66,7 @@ class Recording:
         """Lock arrays and mappings."""
         for array in (self.time, *self.signals.values()):
             array.setflags(write=False)
-        for name in ("signals", "units", "headers", "unreadable", "roles", "made"):
-            object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle as plain dictionaries."""
-        values = (getattr(self, f.name) for f in fields(self))
-        return Recording, tuple(dict(v) if isinstance(v, MappingProxyType) else v for v in values)
+        super().__post_init__()
 
     @property
     def title(self) -> str:
