@@ -32,7 +32,7 @@ from estimator.commands.argument_values import (
 from estimator.commands.terminal import BAD_INPUT, OK, PROGRAM, say
 from estimator.version import version
 
-SHELLS = ("bash", "zsh", "fish")  # as in completion.py
+SHELLS = ("bash", "zsh", "fish", "tcsh")  # of shtab
 FORMATS = ("csv", "ssv", "ssp", "fmu", "matlab", "modelica", "state-space")  # as in handover_files.py
 KINDS = ("co-simulation", "model-exchange")  # as in fmu.py
 LOSSES = ("linear", "huber")  # as in case.py
