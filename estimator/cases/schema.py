@@ -10,15 +10,18 @@ import copy
 from typing import Any
 
 from estimator.cases.case import FILE
+from estimator.method_names import added
 
 
 def schema() -> dict[str, Any]:
-    """Return the schema (JSON Schema 2020-12) as plain data."""
+    """Return the schema (JSON Schema 2020-12) as plain data, with the methods that installed packages add."""
+    properties = copy.deepcopy(FILE)
+    properties["search"]["properties"]["method"]["enum"] += added()
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "Case file of fmu-estimator",
         "type": "object",
-        "properties": copy.deepcopy(FILE),
+        "properties": properties,
         "additionalProperties": False,
         "required": ["recording"],
     }
