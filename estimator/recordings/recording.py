@@ -21,6 +21,7 @@ from estimator.output import write_files
 from estimator.recordings.clock_text import seconds_since_first
 from estimator.recordings.columns import Columns
 from estimator.recordings.delimited import BadCell, HeaderRules, read_table
+from estimator.recordings.formats import read_columns
 from estimator.recordings.headers import (
     Header,
     assumed_unit,
@@ -188,6 +189,12 @@ def read_recording(path: Path, read_as: ReadAs = AS_WRITTEN) -> Recording:
     ------
     RecordingError
         One sentence: what is wrong, in which line, and what would be right.
+
+    Examples
+    --------
+    >>> run = read_recording(Path("examples/cml050_step.csv"))
+    >>> sorted(run.signals), run.step
+    (['current', 'speed', 'voltage'], 0.001)
     """
     return _build(_raw(Path(path), read_as), read_as)
 
@@ -255,7 +262,7 @@ class _Raw:
 
 def _raw(path: Path, read_as: ReadAs) -> _Raw:
     """Read a file, of whatever kind."""
-    columns = _binary(path)
+    columns = read_columns(path)
     if columns is None:
         return _read_text(path, read_as)
     return _raw_columns(path.stem, columns, path)
@@ -311,35 +318,6 @@ def _tests(raw: _Raw, read_as: ReadAs, labels: Mapping[str, Sequence[str]]) -> l
     if clock in raw.bad or clock in raw.texts_in or np.isnan(time).any():
         return []
     return parts(unit.to_si(time), labels, least=MIN_SAMPLES)
-
-
-def _binary(path: Path) -> Columns | None:
-    """Return what a file that is no text holds; None if it is one."""
-    try:
-        with path.open("rb") as file:
-            head = file.read(1024)
-    except OSError:
-        return None  # the reader of text says what is wrong
-    if head.startswith(b"PAR1"):
-        from estimator.recordings.recording_parquet import read_parquet
-
-        return read_parquet(path)
-    if head.startswith((b"MDF     ", b"UnFinMF ")):
-        from estimator.recordings.recording_mdf import read_mdf
-
-        return read_mdf(path)
-    if head.startswith(b"TDSm"):
-        from estimator.recordings.recording_tdms import read_tdms
-
-        return read_tdms(path)
-    if head.startswith((b"PK\x03\x04", b"\xd0\xcf\x11\xe0")):
-        from estimator.recordings.recording_xlsx import is_xlsx, read_xlsx
-
-        if is_xlsx(path, head):
-            return read_xlsx(path, head)
-    from estimator.recordings.recording_mat import is_mat, read_mat
-
-    return read_mat(path, head) if is_mat(path, head) else None
 
 
 def _read_text(path: Path, read_as: ReadAs) -> _Raw:
@@ -421,6 +399,13 @@ def recording_from_arrays(
     ------
     RecordingError
         An array has another shape, or something in it is no sample.
+
+    Examples
+    --------
+    >>> time = [0.001 * k for k in range(10)]
+    >>> run = recording_from_arrays("run", time, {"voltage [mV]": [5000.0] * 10, "speed [rpm]": [3000.0] * 10})
+    >>> float(run.signals["voltage"][0]), run.units["speed"], round(float(run.signals["speed"][0]), 3)
+    (5.0, 'rad/s', 314.159)
     """
     texts = ["time [s]", *signals]
     columns: list[FloatArray] = []
