@@ -22,8 +22,9 @@ from numpy.typing import NDArray
 
 import fmu_build
 from estimator.cases.case import Case, OutputSpec, ParameterSpec, SearchSpec
-from estimator.estimating.baselines import evolve
+from estimator.estimating.differential_evolution import DifferentialEvolution
 from estimator.estimating.estimate import estimate_by
+from estimator.estimating.search import SearchRecord, run_search
 from estimator.fitting.polish import LeastSquares
 from estimator.fitting.problem import Problem
 from estimator.fmus.fmu import FmuDescription, describe
@@ -179,11 +180,17 @@ class Contest:
         return best
 
     def differential_evolution(self, budget: int) -> float:
-        """Return what scipy's differential evolution finds."""
+        """Return what differential evolution finds."""
         size = min(15 * self.box.dimension, max(5, budget // 10))
         generations = max(1, budget // size - 1)
         rng = np.random.default_rng([self.seed, 32])
-        return self.cost(evolve(self.problem.costs, self.box, rng=rng, population=size, generations=generations))
+        search = DifferentialEvolution(rng.random((size, self.box.dimension)), rng=rng)
+
+        def costs(points: FloatArray, bounds: FloatArray) -> FloatArray:
+            return self.problem.costs(self.box.from_cube(points), bounds)
+
+        run_search(search, costs, generations=generations, record=SearchRecord())
+        return self.cost(self.box.from_cube(search.best[None, :])[0])
 
     def cma(self, budget: int) -> float:
         """Return what CMA-ES finds, started again where it ends early."""

@@ -33,9 +33,9 @@ from bound import cramer_rao, from_the_truth, likelihood
 from numpy.typing import NDArray
 
 from estimator.cases.case import Case, Chebyshev1, OutputSpec, SearchSpec
+from estimator.estimating.beginning import begin
 from estimator.estimating.estimate import METHODS
 from estimator.estimating.run import Run
-from estimator.fitting.polish import Polish
 from estimator.fmus.fmu import FmuDescription, describe
 from estimator.fmus.probe import driven
 from estimator.fmus.workers import Workers
@@ -338,19 +338,6 @@ TABLES = {
 # Running
 
 
-class Kept(Run):
-    """An estimation that keeps the parameters it ends with, which an estimate that is refused does not show."""
-
-    fitted: dict[str, float] = {}
-
-    def finish(self, values: FloatArray, polish: Polish | None, **more: Any) -> Estimate:
-        """Keep the parameters, and judge them."""
-        explained = more.get("explained")
-        names = (self.plan if explained is None else explained.plan).names
-        self.fitted = {**self.plan.fixed, **dict(zip(names, values.tolist(), strict=True))}
-        return super().finish(values, polish, **more)
-
-
 class Hand:
     """One process that estimates, with its worker."""
 
@@ -367,8 +354,8 @@ class Hand:
         case = replace(row.case, search=SearchSpec(method=row.method, seed=seed + 1))
         try:
             plan = plan_case(case, self.description, recordings=[recording])
-            run = Kept(plan, self.crew, progress=None, bounded=True)
-            found = run.begin() or METHODS[run.method](run)
+            run = Run(plan, self.crew, progress=None, bounded=True)
+            found = begin(run) or METHODS[run.method](run)
         except BaseException:
             self.crew.close()
             raise

@@ -368,6 +368,14 @@ def simulate_fmu(
         No such FMU, parameter or input, or times that are not equidistant.
     SimulationError
         The FMU failed.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> times = np.linspace(0.0, 0.5, 501)
+    >>> shown = simulate_fmu("dc_motor", times=times, inputs={"v": np.full(501, 10.5)})
+    >>> round(float(shown["w"][-1]), 1)
+    176.1
     """
     from estimator.fmus.simulate import simulate
 
@@ -386,6 +394,12 @@ def describe_fmu(fmu: str | os.PathLike[str]) -> FmuDescription:
     ------
     InputError
         It is no FMU, or a damaged one.
+
+    Examples
+    --------
+    >>> motor = describe_fmu("dc_motor")
+    >>> [f"{v.name} [{v.unit}]" for v in motor.variables if v.causality == "parameter"]
+    ['R [Ohm]', 'K [V.s/rad]', 'L [H]', 'J [kg.m2]', 'B [N.m.s/rad]']
     """
     from estimator.fmus.fmu import describe
 

@@ -118,4 +118,5 @@ def test_only_a_worker_process_loads_a_library_but_for_the_whitening_filter():
 
 def test_the_search_knows_neither_motor_nor_fmu():
     search, cuckoo = "estimator.estimating.search", "estimator.estimating.cuckoo"
-    assert arrows()[cuckoo] == set() and arrows()[search] == {cuckoo}
+    optimiser = "estimator.estimating.optimiser"
+    assert arrows()[optimiser] == set() and arrows()[cuckoo] == arrows()[search] == {optimiser}

@@ -6,6 +6,7 @@ import subprocess
 from pathlib import Path
 
 import pytest
+import shtab
 
 from estimator.cli import main
 from estimator.commands import arguments, completion
@@ -19,7 +20,8 @@ def bash_completes(line: str, *, cwd: Path) -> set[str]:
     """Return what bash would offer behind a line."""
     words = line.split(" ")
     listed = " ".join(f"'{word}'" for word in words)
-    ask = f"COMP_WORDS=({listed}); COMP_CWORD={len(words) - 1}; _fmu_estimator; printf '%s\\n' \"${{COMPREPLY[@]}}\""
+    place = f"COMP_WORDS=({listed}); COMP_CWORD={len(words) - 1}"
+    ask = f"{place}; _shtab_fmu_estimator; printf '%s\\n' \"${{COMPREPLY[@]}}\""
     bash = shutil.which("bash")
     if bash is None:
         pytest.skip("bash is not installed")
@@ -31,15 +33,17 @@ def bash_completes(line: str, *, cwd: Path) -> set[str]:
 def test_bash_completes_commands_options_their_words_and_files(tmp_path):
     (tmp_path / "step.csv").touch()
     assert bash_completes("fmu-estimator est", cwd=tmp_path) == {"estimate"}
-    assert {"demo", "estimate", "export", "--help"} <= bash_completes("fmu-estimator ", cwd=tmp_path)
+    assert {"demo", "estimate", "export"} <= bash_completes("fmu-estimator ", cwd=tmp_path)
+    assert bash_completes("fmu-estimator --v", cwd=tmp_path) == {"--version"}
     assert bash_completes("fmu-estimator estimate --me", cwd=tmp_path) == {"--method"}
     assert bash_completes("fmu-estimator estimate --method ", cwd=tmp_path) == set(arguments.METHODS)
     assert bash_completes("fmu-estimator export out --format m", cwd=tmp_path) == {"matlab", "modelica"}
     assert bash_completes("fmu-estimator estimate st", cwd=tmp_path) == {"step.csv"}
+    assert bash_completes("fmu-estimator estimate a --validate st", cwd=tmp_path) == {"step.csv"}
     assert bash_completes("fmu-estimator completion b", cwd=tmp_path) == {"bash"}
 
 
-@pytest.mark.parametrize("shell", ["zsh", "fish"])
+@pytest.mark.parametrize("shell", ["zsh", "fish", "tcsh"])
 def test_other_shells_read_the_script(shell, tmp_path):
     path = shutil.which(shell)
     text = script(shell)
@@ -55,6 +59,6 @@ def test_other_shells_read_the_script(shell, tmp_path):
 
 
 def test_the_command_prints_the_script(capsys):
-    assert arguments.SHELLS == completion.SHELLS
+    assert set(arguments.SHELLS) <= set(shtab.SUPPORTED_SHELLS)
     assert main(["completion", "bash"]) == 0
     assert capsys.readouterr().out == script("bash")

@@ -3,10 +3,12 @@
 import html
 import importlib.util
 import json
+import posixpath
 import re
 import shutil
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -44,7 +46,7 @@ def test_every_page_is_in_the_navigation_and_every_link_leads_to_one():
     assert pages | {"case-file.md"} == listed
     for page in pages:
         for target in re.findall(r"\]\(([^)#:]+\.md)", (ROOT / "docs" / page).read_text()):
-            assert target in listed, (page, target)
+            assert posixpath.normpath(f"{posixpath.dirname(page)}/{target}").lstrip("/") in listed, (page, target)
 
 
 def test_the_case_file_reference_has_every_key_of_the_schema():
@@ -161,3 +163,29 @@ def test_the_example_runs(example, capsys):
     assert lines[0].startswith("verdict ok; R 3.1") and len(lines) == 6
     tutorial = (ROOT / "docs" / "tutorial.md").read_text()
     assert lines[1] in tutorial and lines[4] in tutorial
+
+
+def test_the_glossary_has_twenty_words_each_where_it_is_said_to_be():
+    page = (ROOT / "docs" / "glossary.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| ([a-z][^|]*) \|[^|]*\| [^|]+ \| ([^|]+) \|$", page, re.M)[1:]
+    assert len(rows) == 20
+    for word, where in rows:
+        files = re.findall(r"`([\w/.]+)`", where)
+        assert files or "](" in where, word
+        assert all((ROOT / "estimator" / name).exists() for name in files), word
+
+
+def test_the_version_has_its_release_notes():
+    version = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
+    notes = (ROOT / "docs" / "releases.md").read_text(encoding="utf-8")
+    assert re.findall(r"^## (\S+)$", notes, re.M)[0] == version
+
+
+def test_contributing_sets_up_by_one_command_that_runs_what_there_is():
+    page = (ROOT / "docs" / "contributing.md").read_text(encoding="utf-8")
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())
+    (command,) = [line for line in page.splitlines() if line.startswith("python3 -m venv")]
+    extras = re.search(r"\.\[([\w,]+)\]", command)[1].split(",")
+    assert set(extras) <= set(project["project"]["optional-dependencies"])
+    hooks = (ROOT / ".pre-commit-config.yaml").read_text()
+    assert all(f"- id: {name}" in hooks for name in ("ruff", "ruff-format", "mypy"))

@@ -2,13 +2,17 @@
 
 import re
 import tomllib
+from dataclasses import fields
 
 import jsonschema
 import pytest
 
-from estimator.cases.case import read_cases
+from estimator.cases.case import FMU, PARAMETER, SEARCH, Case, ParameterSpec, SearchSpec, read_cases
+from estimator.cases.case_signals import INPUT, OUTPUT, READING, RUN, InputSpec, OutputSpec, RunSpec
+from estimator.cases.expectation import ENTRY, LIMITS, Expectation, Limits
 from estimator.cases.schema import schema
 from estimator.errors import CaseError
+from estimator.recordings.read_as import ReadAs
 
 FULL = """\
 [fmu]
@@ -130,6 +134,18 @@ def test_the_reader_and_the_schema_know_the_same_keys(title, folder):
     assert set(re.search(r"\(([^()]*)\)$", str(error.value))[1].split(", ")) == known
 
 
+HOLDERS = [(INPUT, InputSpec), (OUTPUT, OutputSpec), (RUN, RunSpec), (READING, ReadAs), (PARAMETER, ParameterSpec)]
+HOLDERS += [(SEARCH, SearchSpec), (FMU, Case), (ENTRY, Expectation), (LIMITS, Limits)]
+
+
+@pytest.mark.parametrize(("keys", "holder"), HOLDERS, ids=lambda x: getattr(x, "__name__", ""))
+def test_every_key_has_its_place_in_what_holds_it_and_nothing_there_lacks_a_key(keys, holder):
+    made = {key.field or name for name, key in keys.items()}
+    assert all(name in {f.name for f in fields(holder)} or hasattr(holder, name) for name in made)
+    elsewhere = {"name", "gains", "fmu", "fraction", "absolute", "read_as"}  # of the way to the key, or of another key
+    assert holder is Case or {f.name for f in fields(holder)} <= made | elsewhere
+
+
 WRONG = [
     ("step = 1e-3", "step = 0"),
     ('sensor = "mean"', 'sensor = "men"'),
@@ -148,6 +164,7 @@ WRONG = [
     ("i = 0.05", "i = -1"),
     ('R = "1 %"', 'R = "1"'),
     ("voltage = 12", "voltage = 0"),
+    ("temperature = 60", "temperature = -300"),
 ]
 
 

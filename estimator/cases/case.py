@@ -10,13 +10,15 @@ from __future__ import annotations
 import datetime
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
+from estimator.cases import keys
 from estimator.cases.case_signals import (
-    RUN_KEYS,
+    INPUT,
+    OUTPUT,
+    RECORDING,
     InputSpec,
     OutputSpec,
     RunSpec,
@@ -27,36 +29,35 @@ from estimator.cases.case_signals import (
     read_run,
     run_value,
 )
-from estimator.cases.expansion import expanded, told_apart
+from estimator.cases.expansion import MOTORS, expanded, told_apart
 from estimator.cases.expectation import (
-    ENTRY_KEYS,
-    LIMIT_KEYS,
+    ENTRY,
+    EXPECT,
+    LIMITS,
     Expectation,
     Limits,
-    expectation_value,
-    limits_value,
     read_expectation,
     read_limits,
 )
-from estimator.cases.nameplate import Nameplate, nameplate_value, read_nameplate
-from estimator.cases.strict_toml import Cell, Document, Keys, Table, to_key, to_toml
-from estimator.cases.tolerance import Tolerance, read_tolerances, tolerance_value
+from estimator.cases.keys import Key, Keys
+from estimator.cases.nameplate import NAMEPLATE, Nameplate, nameplate_value, read_nameplate
+from estimator.cases.strict_toml import Cell, Document, Table, Way, to_key, to_toml
+from estimator.cases.tolerance import TOLERANCE, Tolerance, read_tolerances, tolerance_value
 from estimator.errors import CaseError
+from estimator.locked import Locked
+from estimator.method_names import CUCKOO, METHODS
 from estimator.output import write_files
 from estimator.recordings.filters import Chebyshev1
 
-METHODS = ("cuckoo", "paper", "original", "integral", "steiglitz-mcbride", "differential-evolution")
 FMI_KINDS = ("co-simulation", "model-exchange")
 LOSSES = ("linear", "huber")
-INSIDE = ("fmu", "inputs", "outputs", "parameters", "fixed", "recording", "motors")
-KEYS = (*INSIDE, "search", "expect", "nameplate", "tolerance", "about")
 BUNDLED_FMU = "dc_motor"
-__all__ = ["Case", "Chebyshev1", "OutputSpec", "ParameterSpec", "RunSpec", "SearchSpec", "read_case", "read_cases"]
+__all__ = ["METHODS", "Chebyshev1", "Expectation", "OutputSpec", "RunSpec"]  # of others, for who takes a case
 
 
 @dataclass(frozen=True)
 class ParameterSpec:
-    """One parameter to estimate; None where the case says nothing."""
+    """One parameter to estimate; None where the case says nothing. ``PARAMETER`` says what each is."""
 
     name: str
     minimum: float | None = None
@@ -72,12 +73,19 @@ class ParameterSpec:
         if not self.fmu:
             object.__setattr__(self, "fmu", (self.name,))
 
+    @property
+    def targets(self) -> tuple[str, ...] | dict[str, float] | None:
+        """The variables that take the value, with their factors if it has any; None: the one of its name."""
+        if self.gains:
+            return dict(zip(self.fmu, self.gains, strict=True))
+        return None if self.fmu == (self.name,) else self.fmu
+
 
 @dataclass(frozen=True)
 class SearchSpec:
     """How to search."""
 
-    method: str = "cuckoo"
+    method: str = CUCKOO
     seed: int = 1
     nests: int | None = None  # None: the method's own
     iterations: int | None = None
@@ -85,7 +93,7 @@ class SearchSpec:
 
 
 @dataclass(frozen=True)
-class Case:
+class Case(Locked):
     """What to estimate, from what, through which FMU."""
 
     path: Path | None = field(default=None, compare=False)
@@ -127,26 +135,6 @@ class Case:
         """Return what is said of each of so many recordings."""
         return tuple(self.run(k) for k in range(count))
 
-    def __post_init__(self) -> None:
-        """Lock the mappings."""
-        for name in (
-            "inputs",
-            "input_variables",
-            "products",
-            "outputs",
-            "parameters",
-            "fixed",
-            "fixed_texts",
-            "expect",
-            "about",
-        ):
-            object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle as plain dictionaries."""
-        values = (getattr(self, f.name) for f in fields(self))
-        return Case, tuple(dict(v) if isinstance(v, MappingProxyType) else v for v in values)
-
 
 def case_for_recording(recording_path: Path, *, fmu: str = BUNDLED_FMU) -> Case:
     """Return the case of a bare recording: columns by their usual names, everything else by default."""
@@ -184,7 +172,7 @@ def read_cases(path: Path, *, recordings: Path | None = None, there_only: bool =
     """
     path = Path(path)
     document = Document(path)
-    document.table().only(*KEYS)
+    document.table().only(*FILE)
     cases: list[Case] = []
     for motor, filled in expanded(document):
         for files, runs, recording_of in _recordings(filled.table(), recordings, there_only=there_only):
@@ -197,27 +185,25 @@ def _case(
 ) -> Case:
     top = document.table()
     fmu = top.table("fmu")
-    fmu.only("path", "step", "kind")
+    fmu.only(*FMU)
     parameters = {name: _parameter(top.table("parameters").table(name)) for name in top.table("parameters").keys}
     expect, fixed, about = top.table("expect"), top.table("fixed"), top.table("about")
     inputs = {name: read_input(top.table("inputs"), name) for name in top.table("inputs").keys}
     case = Case(
         path=document.path,
-        fmu=_fmu_path(fmu),
-        step=fmu.number("step", above=0),
-        kind=fmu.choice("kind", FMI_KINDS, default="co-simulation") if "kind" in fmu.value else None,
+        **{"fmu": BUNDLED_FMU, **FMU.read(fmu)},
         inputs={name: spec.column for name, spec in inputs.items()},
         input_variables={name: spec.fmu for name, spec in inputs.items() if spec.fmu},
         products={name: spec.times for name, spec in inputs.items() if spec.times},
         linear=tuple(name for name, spec in inputs.items() if spec.between == "linear"),
         outputs={name: read_output(top.table("outputs"), name) for name in top.table("outputs").keys},
         parameters=parameters,
-        fixed={name: _fixed(fixed, name) for name in fixed.keys if not _is_text(fixed.value[name])},
+        fixed={name: _held(fixed, name) for name in fixed.keys if not _is_text(fixed.value[name])},
         fixed_texts={name: fixed.text(name) for name in fixed.keys if _is_text(fixed.value[name])},
         recordings=files,
         runs=runs if any(run != RunSpec() for run in runs) else (),
-        search=_search(top.table("search")),
-        expect={name: _expectation(expect, name, parameters) for name in expect.keys if name not in LIMIT_KEYS},
+        search=SearchSpec(**SEARCH.checked(top.table("search"))),
+        expect={name: _expectation(expect, name, parameters) for name in expect.keys if name not in LIMITS},
         limits=read_limits(expect),
         nameplate=read_nameplate(top.table("nameplate")) if "nameplate" in top.value else None,
         tolerance=read_tolerances(top),
@@ -240,16 +226,16 @@ def write_case(case: Case, path: Path) -> None:
         ("[fmu]", {"path": _fmu_value(case.fmu, folder), "step": case.step, "kind": case.kind}),
         ("[inputs]", {name: input_value(_input(case, name)) for name in case.inputs}),
         ("[outputs]", {name: output_value(output) for name, output in case.outputs.items()}),
-        ("[parameters]", {name: _parameter_value(spec) for name, spec in case.parameters.items()}),
+        ("[parameters]", {name: PARAMETER.write(spec) for name, spec in case.parameters.items()}),
         ("[fixed]", {**case.fixed, **case.fixed_texts}),
         *(
             ("[[recording]]", {"file": _relative(str(file), folder), **run_value(case.run(k))})
             for k, file in enumerate(case.recordings)
         ),
-        ("[search]", _search_value(case.search)),
+        ("[search]", SEARCH.write(case.search, always=("method", "seed"))),
         (
             "[expect]",
-            {**{name: expectation_value(e) for name, e in case.expect.items()}, **limits_value(case.limits)},
+            {**{name: ENTRY.write(e) for name, e in case.expect.items()}, **LIMITS.write(case.limits)},
         ),
         ("[nameplate]", {} if case.nameplate is None else nameplate_value(case.nameplate)),
         ("[about]", dict(case.about)),
@@ -265,9 +251,9 @@ def write_case(case: Case, path: Path) -> None:
     write_files({path: "\n".join(blocks).encode()})
 
 
-def _fmu_path(fmu: Table) -> str:
-    text = fmu.text("path", default=BUNDLED_FMU)
-    return str(fmu.file("path", what="FMU")) if _is_file_name(text) else text
+def _fmu_path(fmu: Table, key: str) -> str:
+    text = fmu.text(key)
+    return str(fmu.file(key, what="FMU")) if _is_file_name(text) else text
 
 
 def _is_file_name(text: str) -> bool:
@@ -288,7 +274,6 @@ def _recordings(
     runs: list[RunSpec] = []
     for k in range(len(entries)):
         entry = Table(top.document, ("recording", k), entries[k])
-        entry.only(*RUN_KEYS)
         run = read_run(entry)
         if there_only and not entry.has_files("file", folder=folder):
             return []
@@ -326,13 +311,7 @@ def _is_text(value: Any) -> bool:
     return False
 
 
-def _said(about: Table, name: str) -> str:
-    """Return a text for the report; a date may stand without quotes."""
-    value = about.value[name]
-    return str(value) if isinstance(value, datetime.date) else about.text(name)
-
-
-def _fixed(fixed: Table, name: str) -> float:
+def _held(fixed: Table, name: str) -> float:
     value = fixed.value[name]
     return float(value) if isinstance(value, bool) else fixed.required_number(name)
 
@@ -347,67 +326,38 @@ def _input(case: Case, name: str) -> InputSpec:
 
 
 def _parameter(table: Table) -> ParameterSpec:
-    table.only("min", "max", "nominal", "start", "fmu", "per_recording")
-    own = table.value.get("per_recording", False)
-    if not isinstance(own, bool):
-        table.fail(("per_recording",), f"{table.full('per_recording')} must be true or false")
-    name = str(table.way[-1])
-    low, high = table.number("min"), table.number("max")
+    said = PARAMETER.checked(table)
+    low, high, start = (said.get(name) for name in ("minimum", "maximum", "start"))
     if low is not None and high is not None and low >= high:
         table.fail(("min",), f"{table.title} has min {low:g} and max {high:g}; min must be the smaller one")
-    start = table.number("start")
     if start is not None and not (low is None or start >= low):
         table.fail(("start",), f"{table.title} starts at {start:g}, below its min {low:g}; start within the bounds")
     if start is not None and not (high is None or start <= high):
         table.fail(("start",), f"{table.title} starts at {start:g}, above its max {high:g}; start within the bounds")
-    variables, gains = _targets(table)
-    return ParameterSpec(
-        name=name,
-        minimum=low,
-        maximum=high,
-        nominal=table.number("nominal"),
-        start=start,
-        fmu=variables or (table.texts("fmu") if "fmu" in table.value else (name,)),
-        gains=gains,
-        per_recording=own,
-    )
+    targets = said.pop("targets", ())
+    gains = tuple(targets.values()) if isinstance(targets, dict) else ()
+    return ParameterSpec(str(table.way[-1]), fmu=tuple(targets), gains=gains, **said)
 
 
-def _targets(table: Table) -> tuple[tuple[str, ...], tuple[float, ...]]:
-    """Return the variables and their factors of ``fmu = { Ke = 1, Km = 1.05 }``; nothing if it is not written so."""
-    if not isinstance(table.value.get("fmu"), dict):
-        return (), ()
-    factors = table.table("fmu")
+def _targets(table: Table, key: str) -> tuple[str, ...] | dict[str, float]:
+    """Return the variables of the FMU; with their factors where they are written ``fmu = { Ke = 1, Km = 1.05 }``."""
+    if not isinstance(table.value[key], dict):
+        return table.texts(key)
+    factors = table.table(key)
     if not factors.keys:
-        table.fail(("fmu",), f"{factors.title} is empty; write {{ Ke = 1, Km = 1 }}: variables and their factors")
+        table.fail((key,), f"{factors.title} is empty; write {{ Ke = 1, Km = 1 }}: variables and their factors")
     gains = {name: factors.required_number(name) for name in factors.keys}
     for name, gain in gains.items():
         if gain == 0:
             factors.fail(
                 (name,), f"{factors.full(name)} is 0, so {name!r} would not follow the parameter; leave it out"
             )
-    return tuple(gains), tuple(gains.values())
-
-
-def _search(table: Table) -> SearchSpec:
-    table.only("method", "seed", "nests", "iterations", "loss")
-    return SearchSpec(
-        method=table.choice("method", METHODS, default="cuckoo"),
-        seed=table.integer("seed", minimum=0, default=1) or 0,
-        nests=table.integer("nests", minimum=2),
-        iterations=table.integer("iterations", minimum=1),
-        loss=table.choice("loss", LOSSES, default="linear"),
-    )
-
-
-def _search_value(search: SearchSpec) -> dict[str, Any]:
-    values = {f.name: getattr(search, f.name) for f in fields(search)}
-    return {name: value for name, value in values.items() if name != "loss" or value != "linear"}
+    return gains
 
 
 def _expectation(expect: Table, name: str, parameters: Mapping[str, ParameterSpec]) -> Expectation:
     table = expect.table(name)
-    table.only(*ENTRY_KEYS)
+    table.only(*ENTRY)
     spec = parameters.get(name)
     nominal = None if spec is None else spec.nominal
     return read_expectation(table, nominal=nominal, remedy=f", or a nominal to parameters.{name}")
@@ -417,7 +367,7 @@ def _check_destinations(case: Case, document: Document) -> None:
     """Refuse a variable of the FMU that would be given twice."""
     given: dict[str, str] = {}
 
-    def give(variable: str, by: str, at: Keys) -> None:
+    def give(variable: str, by: str, at: Way) -> None:
         if variable in given:
             document.fail(at, f"{variable!r} is given by {given[variable]} and by {by}; leave one out")
         given[variable] = by
@@ -440,25 +390,70 @@ def _fmu_value(fmu: str, folder: Path) -> str:
     return relative if _is_file_name(relative) else f"./{relative}"
 
 
-def _parameter_value(spec: ParameterSpec) -> dict[str, Any]:
-    return {
-        "min": spec.minimum,
-        "max": spec.maximum,
-        "nominal": spec.nominal,
-        "start": spec.start,
-        "fmu": _targets_value(spec),
-        "per_recording": True if spec.per_recording else None,
-    }
-
-
-def _targets_value(spec: ParameterSpec) -> Any:
-    if spec.gains:
-        return dict(zip(spec.fmu, spec.gains, strict=True))
-    return None if spec.fmu == (spec.name,) else list(spec.fmu)
-
-
 def _relative(path: str, folder: Path) -> str:
     try:
         return Path(os.path.relpath(path, folder)).as_posix()
     except ValueError:  # another drive
         return path
+
+
+def _said(about: Table, name: str) -> str:
+    """Return a text for the report; a date may stand without quotes."""
+    value = about.value[name]
+    return str(value) if isinstance(value, datetime.date) else about.text(name)
+
+
+FMU = Keys(
+    Case,
+    path=Key(_fmu_path, keys.text("a bundled model's name, or a file").schema, field="fmu"),
+    step=keys.number("communication step, s; default: the recording's sampling interval", above=0),
+    kind=keys.choice(FMI_KINDS, "default: co-simulation where the FMU offers it"),
+)
+PARAMETER = Keys(
+    ParameterSpec,
+    min=keys.number("smallest value of the search").in_field("minimum"),
+    max=keys.number("greatest value of the search").in_field("maximum"),
+    nominal=keys.number("what the data sheet says, for comparison"),
+    start=keys.number("where the search begins"),
+    fmu=Key(
+        _targets,
+        {
+            "anyOf": [
+                keys.TEXT,
+                {"type": "array", "items": keys.TEXT, "minItems": 1},
+                {**keys.named(keys.number("factor"), "variable = factor").schema, "minProperties": 1},
+            ],
+            "description": "variables of the FMU that take the value; default: the parameter's own name",
+        },
+        lambda targets: targets if isinstance(targets, dict) else list(targets) if len(targets) > 1 else targets[0],
+        field="targets",
+    ),
+    per_recording=keys.flag("a value of its own for each recording"),
+)
+SEARCH = Keys(
+    SearchSpec,
+    method=keys.choice(METHODS),
+    seed=keys.whole("of the random numbers", minimum=0),
+    nests=keys.whole("candidates a generation", minimum=2),
+    iterations=keys.whole("generations", minimum=1),
+    loss=keys.choice(LOSSES, "huber: outliers pull less"),
+)
+FILE: dict[str, Any] = {  # every key of the file → what a JSON Schema says of it
+    "fmu": FMU.schema(),
+    "inputs": keys.map_of(
+        {"anyOf": [keys.text("column of the recording").schema, INPUT.schema()]}, "FMU input = column"
+    ),
+    "outputs": keys.map_of({"anyOf": [keys.TEXT, OUTPUT.schema()]}, "FMU output = column"),
+    "parameters": keys.map_of(PARAMETER.schema(), "parameters to estimate"),
+    "fixed": keys.map_of(
+        {"anyOf": [keys.number("value").schema, {"type": "boolean"}, keys.TEXT]},
+        "FMU parameters and inputs that are held",
+    ),
+    "recording": {"type": "array", "items": RECORDING.schema(), "minItems": 1},
+    "motors": MOTORS.schema(),
+    "search": SEARCH.schema(),
+    "expect": EXPECT,
+    "nameplate": NAMEPLATE.schema(),
+    "tolerance": TOLERANCE,
+    "about": keys.map_of({"type": "string"}, "motor, operator, date, … → text, for the report"),
+}

@@ -7,37 +7,30 @@ data where it shows, else it stays at its default).
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
-from types import MappingProxyType
-from typing import Any, Literal
+from dataclasses import dataclass, field, replace
+from typing import Any
 
+from estimator.cases import keys
+from estimator.cases.keys import Key, Keys, Value
 from estimator.cases.strict_toml import Table
+from estimator.locked import Locked
 from estimator.recordings.filters import FAMILIES, MAX_ORDER, Chebyshev1, Coefficients, Filter, LowPass
 from estimator.recordings.read_as import AS_WRITTEN, ReadAs
 
 SENSORS = ("auto", "identity", "mean")
 BETWEEN = ("held", "linear")
-FREE: Literal["free"] = "free"
-Value = float | Literal["free"] | None
 MAX_AVERAGE = 64  # as in sensors.h
-
-INPUT_KEYS = ("column", "fmu", "times", "between")
-OUTPUT_KEYS = (
-    "column", "fmu", "integral", "sensor", "counts", "average", "filter", "both", "gain", "offset", "delay", "quantum",
-)  # fmt: skip
-READING_KEYS = ("columns", "units", "rate", "test", "motor", "per_turn", "counts", "supply")
-RUN_KEYS = ("file", "window", "scale", "offset", "delay", "temperature", "validate", "begin", *READING_KEYS)
 REST, SETTLED, GIVEN = BEGINS = ("rest", "settled", "given")  # how a simulation begins
 
 
 @dataclass(frozen=True)
 class InputSpec:
-    """One FMU input and the column that drives it."""
+    """One FMU input and the column that drives it; ``INPUT`` says what each is."""
 
     column: str
-    fmu: str = ""  # variable of the FMU; by default the one of the same name
-    times: str = ""  # column that it is multiplied with: the supply of a duty cycle
-    between: str = "held"  # from row to row; "linear": on a line
+    fmu: str = ""
+    times: str = ""
+    between: str = "held"
 
     @property
     def is_plain(self) -> bool:
@@ -47,152 +40,70 @@ class InputSpec:
 
 @dataclass(frozen=True)
 class OutputSpec:
-    """One FMU output, the column that measures it, and the sensor between them."""
+    """One FMU output, the column that measures it, and the sensor between them; ``OUTPUT`` says what each is."""
 
     column: str
-    sensor: str = "auto"  # "mean": over the last sampling interval, as differenced encoder counts; "auto": by the data
-    filter: Filter | None = None  # that the measurement went through
-    fmu: str = ""  # variable of the FMU; by default the one of the same name
-    integral: str = ""  # variable of the FMU that integrates it, for the sensor "mean"; by default angle for w
-    counts: int | None = None  # of an encoder a turn: the column holds counts
-    average: int | None = None  # samples of a running mean; None: by the data
-    both: Filter | None = None  # that is applied here, to measurement and model
+    sensor: str = "auto"
+    filter: Filter | None = None
+    fmu: str = ""
+    integral: str = ""
+    counts: int | None = None
+    average: int | None = None
+    both: Filter | None = None
     gain: Value = None
     offset: Value = None
-    delay: Value = None  # s, beyond that of the recording
-    quantum: float | None = None  # step of the quantisation; None: by the data
+    delay: Value = None
+    quantum: float | None = None
 
 
 @dataclass(frozen=True)
-class RunSpec:
-    """What a case says of one recording."""
+class RunSpec(Locked):
+    """What a case says of one recording beside its file; ``RUN`` says what each is."""
 
-    window: tuple[float, float] | None = None  # s, of the recording's own time; only samples within are used
-    scale: Mapping[str, float] = field(default_factory=dict)  # channel → factor on its samples
-    offset: Mapping[str, float] = field(default_factory=dict)  # channel → what is added after, SI
-    delay: Value = None  # s, of the outputs behind the inputs
-    temperature: float | None = None  # °C, of the winding
-    validate: bool = False  # held out of the fit, compared with it
-    read_as: ReadAs = AS_WRITTEN  # columns and units that win over the file's header
-    begin: str | None = None  # "rest", "settled" at the first row's inputs, "given" by FMU and case; None: by the data
-
-    def __post_init__(self) -> None:
-        """Lock the mappings."""
-        for name in ("scale", "offset"):
-            object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle as plain dictionaries."""
-        values = (getattr(self, f.name) for f in fields(self))
-        return RunSpec, tuple(dict(v) if isinstance(v, MappingProxyType) else v for v in values)
+    window: tuple[float, float] | None = None
+    scale: Mapping[str, float] = field(default_factory=dict)
+    offset: Mapping[str, float] = field(default_factory=dict)
+    delay: Value = None
+    temperature: float | None = None
+    validate: bool = False
+    read_as: ReadAs = AS_WRITTEN
+    begin: str | None = None
 
 
-def read_input(inputs: Table, name: str) -> InputSpec:
-    """Read one entry of [inputs]: the text "column", or a table."""
-    if not isinstance(inputs.value[name], dict):
-        return InputSpec(inputs.text(name))
-    table = inputs.table(name)
-    table.only(*INPUT_KEYS)
-    variable = table.text("fmu") if "fmu" in table.value else ""
-    return InputSpec(
-        column=table.text("column"),
-        fmu="" if variable == name else variable,
-        times=table.text("times") if "times" in table.value else "",
-        between=table.choice("between", BETWEEN, default="held"),
+def _window(entry: Table, key: str) -> tuple[float, float]:
+    ends = entry.value[key]
+    if not isinstance(ends, list) or len(ends) != 2 or not all(_is_number(end) for end in ends):
+        entry.fail((key,), f"{entry.full(key)} must be two times in s, such as [0.4, 2.0]")
+    low, high = float(ends[0]), float(ends[1])
+    if low >= high:
+        entry.fail((key,), f"{entry.full(key)} ends before it begins; write [from, to] in s")
+    return low, high
+
+
+def _average(about: str) -> Key:
+    samples = keys.whole("", minimum=1, maximum=MAX_AVERAGE)
+    return Key(
+        lambda table, key: None if table.value[key] == "auto" else samples.read(table, key),
+        {"anyOf": [samples.schema["anyOf"][0], {"const": "auto"}], "description": about},
     )
 
 
-def read_output(outputs: Table, name: str) -> OutputSpec:
-    """Read one entry of [outputs]: the text "column", or a table."""
-    if not isinstance(outputs.value[name], dict):
-        return OutputSpec(outputs.text(name, expected='the text "column" or { column = "…" }'))
-    table = outputs.table(name)
-    table.only(*OUTPUT_KEYS)
-    return OutputSpec(
-        column=table.text("column"),
-        sensor=table.choice("sensor", SENSORS, default="auto"),
-        filter=_filter(table.table("filter")) if "filter" in table.value else None,
-        fmu=table.text("fmu") if "fmu" in table.value else "",
-        integral=table.text("integral") if "integral" in table.value else "",
-        counts=table.integer("counts", minimum=1),
-        average=None if table.value.get("average") == "auto" else _average(table),
-        both=_filter(table.table("both")) if "both" in table.value else None,
-        gain=_value(table, "gain", above=0),
-        offset=_value(table, "offset"),
-        delay=_value(table, "delay"),
-        quantum=table.number("quantum", above=0),
-    )
+_FILTER = {
+    "order": keys.whole("order", minimum=1, maximum=MAX_ORDER),
+    "ripple": keys.number("in the pass band, dB", above=0),
+    "attenuation": keys.number("in the stop band, dB", above=0),
+    "cutoff": keys.number("Hz", above=0),
+}
+_USUAL = {"order": 3, "ripple": 0.5, "attenuation": 40, "cutoff": 50}
+_FILTERS = {
+    family: Keys(None, **{name: replace(_FILTER[name], required=True) for name in ("order", *needed, "cutoff")})
+    for family, needed in FAMILIES.items()
+}
 
 
-def read_run(entry: Table) -> RunSpec:
-    """Read what one [[recording]] says beside its file."""
-    window = None
-    if "window" in entry.value:
-        ends = entry.value["window"]
-        if not isinstance(ends, list) or len(ends) != 2 or not all(_is_number(end) for end in ends):
-            entry.fail(("window",), f"{entry.full('window')} must be two times in s, such as [0.4, 2.0]")
-        window = (float(ends[0]), float(ends[1]))
-        if window[0] >= window[1]:
-            entry.fail(("window",), f"{entry.full('window')} ends before it begins; write [from, to] in s")
-    held_out = entry.value.get("validate", False)
-    if not isinstance(held_out, bool):
-        entry.fail(("validate",), f"{entry.full('validate')} must be true or false")
-    return RunSpec(
-        window=window,
-        scale=_numbers(entry, "scale"),
-        offset=_numbers(entry, "offset"),
-        delay=_value(entry, "delay"),
-        temperature=entry.number("temperature", above=-273.15),
-        validate=held_out,
-        read_as=ReadAs(
-            columns=_texts(entry, "columns"),
-            units=_texts(entry, "units"),
-            rate=entry.number("rate", above=0),
-            test=entry.text("test") if "test" in entry.value else None,
-            motor=entry.text("motor") if "motor" in entry.value else None,
-            per_turn=entry.number("per_turn", above=0),
-            counts=entry.number("counts", above=0),
-            supply=entry.text("supply") if "supply" in entry.value else None,
-        ),
-        begin=entry.choice("begin", BEGINS, default="") or None if "begin" in entry.value else None,
-    )
-
-
-def input_value(spec: InputSpec) -> Any:
-    """Return an input as a case file says it."""
-    if spec.is_plain:
-        return spec.column
-    value = {"column": spec.column, "fmu": spec.fmu, "times": spec.times}
-    return {k: v for k, v in value.items() if v} | ({} if spec.between == "held" else {"between": spec.between})
-
-
-def output_value(spec: OutputSpec) -> Any:
-    """Return an output as a case file says it."""
-    if spec == OutputSpec(spec.column):
-        return spec.column
-    value: dict[str, Any] = {"column": spec.column}
-    value |= {} if spec.sensor == "auto" else {"sensor": spec.sensor}
-    value |= {k: v for k in ("fmu", "integral") if (v := getattr(spec, k))}
-    numbers = ("counts", "average", "gain", "offset", "delay", "quantum")
-    value |= {k: v for k in numbers if (v := getattr(spec, k)) is not None}
-    value |= {k: _filter_value(v) for k in ("filter", "both") if (v := getattr(spec, k)) is not None}
-    return value
-
-
-def run_value(spec: RunSpec) -> dict[str, Any]:
-    """Return what a case file says of a recording beside its file."""
-    value: dict[str, Any] = {}
-    value |= {} if spec.window is None else {"window": list(spec.window)}
-    value |= {k: dict(v) for k in ("scale", "offset") if (v := getattr(spec, k))}
-    value |= {k: v for k in ("delay", "temperature") if (v := getattr(spec, k)) is not None}
-    value |= {k: dict(v) for k in ("columns", "units") if (v := getattr(spec.read_as, k))}
-    value |= {} if spec.begin is None else {"begin": spec.begin}
-    value |= {k: v for k in READING_KEYS[2:] if (v := getattr(spec.read_as, k)) is not None}
-    return value | ({"validate": True} if spec.validate else {})
-
-
-def _filter(table: Table) -> Filter:
-    table.only(*FAMILIES, "coefficients")
+def _read_filter(table: Table, key: str) -> Filter:
+    table = table.table(key)
+    table.only(*_FILTERS, "coefficients")
     if len(table.keys) != 1:
         table.fail((), f"{table.title} needs one filter, such as {{ butterworth = {{ order = 2, cutoff = 50 }} }}")
     family = table.keys[0]
@@ -200,26 +111,27 @@ def _filter(table: Table) -> Filter:
     if family == "coefficients":
         inner.only("b", "a")
         return Coefficients(b=_coefficients(inner, "b"), a=_coefficients(inner, "a"))
-    needed = ("order", *FAMILIES[family], "cutoff")
-    inner.only(*needed)
-    usual = {"order": 3, "ripple": 0.5, "attenuation": 40, "cutoff": 50}
-    for name in needed:
+    inner.only(*_FILTERS[family])
+    for name in _FILTERS[family]:
         if name not in inner.value:
-            example = ", ".join(f"{key} = {usual[key]}" for key in needed)
+            example = ", ".join(f"{key} = {_USUAL[key]}" for key in _FILTERS[family])
             inner.fail((), f"{inner.title} has no {name}; write {{ {example} }}")
-    order = inner.integer("order", minimum=1, maximum=MAX_ORDER) or 0
-    cutoff = inner.number("cutoff", above=0) or 0.0
-    ripple, attenuation = (inner.number(k, above=0) for k in ("ripple", "attenuation"))
-    if family == "chebyshev1":
-        return Chebyshev1(order=order, ripple=ripple or 0.0, cutoff=cutoff)
-    return LowPass(family, order=order, cutoff=cutoff, ripple=ripple, attenuation=attenuation)
+    values = _FILTERS[family].read(inner)
+    return Chebyshev1(**values) if family == "chebyshev1" else LowPass(family, **values)
 
 
 def _filter_value(spec: Filter) -> dict[str, Any]:
     if isinstance(spec, Coefficients):
         return {"coefficients": {"b": list(spec.b), "a": list(spec.a)}}
-    names = ("order", *FAMILIES[spec.family], "cutoff")
-    return {spec.family: {name: getattr(spec, name) for name in names}}
+    return {spec.family: {name: getattr(spec, name) for name in _FILTERS[spec.family]}}
+
+
+def _filter(about: str) -> Key:
+    numbers = {"type": "array", "items": {"type": "number"}, "minItems": 1}
+    coefficients = Keys(None, **{name: Key(_coefficients, numbers, required=True) for name in ("b", "a")})
+    families = {family: inner.schema() for family, inner in {**_FILTERS, "coefficients": coefficients}.items()}
+    schema = {"type": "object", "properties": families, "additionalProperties": False}
+    return Key(_read_filter, {**schema, "minProperties": 1, "maxProperties": 1, "description": about}, _filter_value)
 
 
 def _coefficients(table: Table, key: str) -> tuple[float, ...]:
@@ -239,32 +151,6 @@ def _coefficients(table: Table, key: str) -> tuple[float, ...]:
     return coefficients
 
 
-def _average(table: Table) -> int | None:
-    return table.integer("average", minimum=1, maximum=MAX_AVERAGE)
-
-
-def _value(table: Table, key: str, *, above: float | None = None) -> Value:
-    if table.value.get(key) == FREE:
-        return FREE
-    if isinstance(table.value.get(key), str) and not _is_number(table.value[key]):
-        table.fail((key,), f'{table.full(key)} must be a number, or "free" to estimate it')
-    return table.number(key, above=above)
-
-
-def _numbers(table: Table, key: str) -> dict[str, float]:
-    if key not in table.value:
-        return {}
-    inner = table.table(key)
-    return {name: inner.required_number(name) for name in inner.keys}
-
-
-def _texts(entry: Table, key: str) -> dict[str, str]:
-    if key not in entry.value:
-        return {}
-    inner = entry.table(key)
-    return {name: inner.text(name) for name in inner.keys}
-
-
 def _is_number(value: Any) -> bool:
     if isinstance(value, bool):
         return False
@@ -272,3 +158,106 @@ def _is_number(value: Any) -> bool:
         return abs(float(value)) < float("inf")
     except (TypeError, ValueError):
         return False
+
+
+INPUT = Keys(
+    InputSpec,
+    column=keys.text("column of the recording", required=True),
+    fmu=keys.text("variable of the FMU; default: the input's own name"),
+    times=keys.text("column that it is multiplied with: the supply of a duty cycle"),
+    between=keys.choice(BETWEEN, "from row to row"),
+)
+OUTPUT = Keys(
+    OutputSpec,
+    column=keys.text("column of the recording", required=True),
+    fmu=keys.text("variable of the FMU; default: the output's own name"),
+    integral=keys.text("variable of the FMU that integrates it, for the sensor mean; default: angle for w"),
+    sensor=keys.choice(
+        SENSORS, "mean: over the last sampling interval, as differenced encoder counts; auto: by the data"
+    ),
+    counts=keys.whole("of an encoder a turn: the column holds counts", minimum=1),
+    average=_average("samples of a running mean that the logger took; default: by the data"),
+    filter=_filter("that the measurement went through; the model goes through it too"),
+    both=_filter("that is applied here, to measurement and model"),
+    gain=keys.value("of the sensor", above=0),
+    offset=keys.value("of the sensor, SI"),
+    delay=keys.value("of this channel beyond the recording's, s"),
+    quantum=keys.number("step of the quantisation, SI; default: by the data", above=0),
+)
+RUN = Keys(
+    RunSpec,
+    window=Key(
+        _window,
+        {
+            "type": "array",
+            "items": keys.number("s").schema,
+            "minItems": 2,
+            "maxItems": 2,
+            "description": "only samples from one time to the other are used, s of the recording's own time",
+        },
+        list,
+    ),
+    scale=keys.named(keys.number("factor"), "channel = factor on its samples; -1 turns its sign"),
+    offset=keys.named(keys.number("SI"), "channel = what is added to its samples after the factor"),
+    delay=keys.value("of the outputs behind the inputs, s"),
+    temperature=keys.number("of the winding, degrees Celsius", above=-273.15),
+    validate=keys.flag("held out of the fit, compared with it"),
+    begin=keys.choice(
+        BEGINS,
+        "how the simulation begins: at rest, settled at the first row's inputs, or as FMU and case give its states;"
+        " default: a motor by the data, another FMU as given",
+    ),
+)
+READING = Keys(
+    ReadAs,
+    columns=keys.named(keys.text(), "v, i, w, angle or load = the column that it is; wins over the file's header"),
+    units=keys.named(keys.text(), "column, or v, i, w, …, time = its unit; wins over the file's header"),
+    rate=keys.number("of the samples of a file that has no time, Hz", above=0),
+    test=keys.text("which test, of a file that holds several; default: all, each a recording"),
+    motor=keys.text("which motor, of a file that holds several: left, right, 1, …"),
+    per_turn=keys.number("m that a turn goes, of a speed in m/s or a way in m", above=0),
+    counts=keys.number("counts a turn, of a column of encoder counts", above=0),
+    supply=keys.text("of a duty cycle: volts, volts a count (12/255), or the column that holds them"),
+)
+RECORDING = Keys(
+    RunSpec,
+    file=keys.text("path, relative to this file; a pattern (motor_*.csv) is a case for each match", required=True),
+    **RUN,
+    **READING,
+)
+
+
+def read_input(inputs: Table, name: str) -> InputSpec:
+    """Read one entry of [inputs]: the text "column", or a table."""
+    if not isinstance(inputs.value[name], dict):
+        return InputSpec(inputs.text(name))
+    spec = InputSpec(**INPUT.checked(inputs.table(name)))
+    return replace(spec, fmu="") if spec.fmu == name else spec
+
+
+def read_output(outputs: Table, name: str) -> OutputSpec:
+    """Read one entry of [outputs]: the text "column", or a table."""
+    if not isinstance(outputs.value[name], dict):
+        return OutputSpec(outputs.text(name, expected='the text "column" or { column = "…" }'))
+    return OutputSpec(**OUTPUT.checked(outputs.table(name)))
+
+
+def read_run(entry: Table) -> RunSpec:
+    """Read what one [[recording]] says beside its file."""
+    entry.only(*RECORDING)
+    return RunSpec(**RUN.read(entry), read_as=ReadAs(**READING.read(entry)))
+
+
+def input_value(spec: InputSpec) -> Any:
+    """Return an input as a case file says it."""
+    return spec.column if spec.is_plain else INPUT.write(spec)
+
+
+def output_value(spec: OutputSpec) -> Any:
+    """Return an output as a case file says it."""
+    return spec.column if spec == OutputSpec(spec.column) else OUTPUT.write(spec)
+
+
+def run_value(spec: RunSpec) -> dict[str, Any]:
+    """Return what a case file says of a recording beside its file."""
+    return {**RUN.write(spec), **READING.write(spec.read_as)}

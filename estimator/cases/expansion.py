@@ -9,9 +9,15 @@ import csv
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from estimator.cases import keys
+from estimator.cases.keys import Keys
 from estimator.cases.strict_toml import Document, Table
 
-MOTORS_KEYS = ("file", "name")
+MOTORS = Keys(
+    None,
+    file=keys.text("CSV; {column} in this file's texts then stands for each row's cell", required=True),
+    name=keys.text("column with the motors' names; default: the first"),
+)
 
 
 def expanded(document: Document) -> Iterator[tuple[str, Document]]:
@@ -26,7 +32,7 @@ def expanded(document: Document) -> Iterator[tuple[str, Document]]:
         yield "", document
         return
     motors = document.table().table("motors")
-    motors.only(*MOTORS_KEYS)
+    motors.only(*MOTORS)
     file = motors.file("file", what="table of motors")
     columns, rows = _table(motors, file)
     name = motors.text("name", default=columns[0])

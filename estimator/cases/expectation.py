@@ -10,22 +10,22 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from decimal import Decimal
 from statistics import NormalDist
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal
 
+from estimator.cases import keys
+from estimator.cases.keys import Key, Keys
 from estimator.cases.strict_toml import Cell, Table
 from estimator.errors import suggestion
+from estimator.locked import Locked
 
 if TYPE_CHECKING:
     from estimator.results.result import Estimate
 
 Outcome = Literal["pass", "fail", "undecided"]
 VERDICTS = ("ok", "doubtful", "refused")
-LIMIT_KEYS = ("verdict", "confidence", "rmse", "standard_error")  # of [expect]; every other key is a parameter
-ENTRY_KEYS = ("value", "within", "min", "max")
 AGREEMENT = 0.95  # confidence of the interval that a value without a tolerance must lie in
 
 
@@ -39,6 +39,11 @@ class Expectation:
     absolute: float | None = None  # within = 0.05, in the quantity's unit
     minimum: float | None = None
     maximum: float | None = None
+
+    @property
+    def within(self) -> str | float | None:
+        """The tolerance as it is written: a number, or a percentage that reads back as exactly this fraction."""
+        return self.absolute if self.fraction is None else f"{Decimal(repr(self.fraction)).scaleb(2):f} %"
 
     def tolerance(self, value: float) -> float | None:
         """Return how far an estimate may be from an expected value, in its unit; None: not said."""
@@ -56,7 +61,7 @@ class Expectation:
 
 
 @dataclass(frozen=True)
-class Limits:
+class Limits(Locked):
     """What is expected of the estimate as a whole.
 
     Attributes
@@ -72,16 +77,6 @@ class Limits:
     rmse: Mapping[str, float] = field(default_factory=dict)
     standard_error: Mapping[str, Expectation] = field(default_factory=dict)
 
-    def __post_init__(self) -> None:
-        """Lock the mappings."""
-        for name in ("rmse", "standard_error"):
-            object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle as plain dictionaries."""
-        values = (getattr(self, f.name) for f in fields(self))
-        return Limits, tuple(dict(v) if isinstance(v, MappingProxyType) else v for v in values)
-
 
 @dataclass(frozen=True)
 class Check:
@@ -94,45 +89,32 @@ class Check:
 
 def read_limits(expect: Table) -> Limits:
     """Read what [expect] says of the estimate as a whole."""
-    verdicts = expect.texts("verdict") if "verdict" in expect.value else ()
-    for verdict in verdicts:
-        if verdict not in VERDICTS:
-            expect.fail(("verdict",), f"expect.verdict cannot be {verdict!r}{suggestion(verdict, VERDICTS)}")
-    confidence = expect.number("confidence", above=0)
-    if confidence is not None and confidence >= 1:
-        expect.fail(("confidence",), f"expect.confidence must be below 1, such as 0.95, not {confidence:g}")
-    rmse = expect.table("rmse")
-    errors = expect.table("standard_error")
-    limits = Limits(
-        verdicts=verdicts,
-        confidence=confidence,
-        rmse={name: rmse.required_number(name, above=0) for name in rmse.keys},
-        standard_error={name: Expectation(name, None, *read_tolerance(errors, name)) for name in errors.keys},
-    )
+    limits = Limits(**LIMITS.read(expect))
+    if limits.confidence is not None and limits.confidence >= 1:
+        expect.fail(("confidence",), f"expect.confidence must be below 1, such as 0.95, not {limits.confidence:g}")
     others = [key for key in expect.keys if key not in ("verdict", "confidence")]
-    if verdicts == ("refused",) and others:
+    if limits.verdicts == ("refused",) and others:
         expect.fail((others[0],), f"an estimate that must be refused has no {others[0]}; leave one out")
     return limits
 
 
 def read_expectation(entry: Table, *, nominal: float | None, remedy: str = "") -> Expectation:
     """Read one expected quantity: { value = …, within = … } or { min = …, max = … }."""
-    value, low, high = entry.number("value"), entry.number("min"), entry.number("max")
+    said = ENTRY.read(entry)
+    value, low, high = (said.get(name) for name in ("value", "minimum", "maximum"))
     if value is None and nominal is None and low is None and high is None:
         entry.fail((), f"{entry.title} has no value; add value = …{remedy}")
     if value is None and nominal is None and "within" in entry.value:
         entry.fail(("within",), f"{entry.title} has within but no value; add value = …{remedy}")
     if low is not None and high is not None and low >= high:
         entry.fail(("min",), f"{entry.title} has min {low:g} and max {high:g}; min must be the smaller one")
-    fraction, absolute = read_tolerance(entry, "within")
+    fraction, absolute = said.get("within", (None, None))
     return Expectation(str(entry.way[-1]), value, fraction, absolute, low, high)
 
 
-def read_tolerance(table: Table, key: str) -> tuple[float | None, float | None]:
-    """Return a tolerance as (fraction, None) or (None, absolute); (None, None) if it is not given."""
-    given = table.value.get(key)
-    if given is None:
-        return None, None
+def _read_tolerance(table: Table, key: str) -> tuple[float | None, float | None]:
+    """Return a tolerance as (fraction, None) or (None, absolute)."""
+    given = table.value[key]
     if isinstance(given, str) and not (isinstance(given, Cell) and "%" not in given):
         percent = re.fullmatch(r"\s*(\d+(?:\.\d*)?)(?:[eE]([-+]?\d{1,4}))?\s*%\s*", given, re.ASCII)
         fraction = float(f"{percent[1]}e{int(percent[2] or 0) - 2}") if percent else 0.0
@@ -140,33 +122,6 @@ def read_tolerance(table: Table, key: str) -> tuple[float | None, float | None]:
             table.fail((key,), f'{table.title}: {key} is {str(given)!r}; write {key} = "1 %" or a number')
         return fraction, None
     return None, table.number(key, above=0)
-
-
-def expectation_value(expectation: Expectation) -> dict[str, Any]:
-    """Return an expectation as the table that reads back the same."""
-    return {
-        "value": expectation.value,
-        "within": tolerance_value(expectation),
-        "min": expectation.minimum,
-        "max": expectation.maximum,
-    }
-
-
-def limits_value(limits: Limits) -> dict[str, Any]:
-    """Return limits as the keys of [expect] that read back the same; None for what is not said."""
-    return {
-        "verdict": list(limits.verdicts) or None,
-        "confidence": limits.confidence,
-        "rmse": dict(limits.rmse) or None,
-        "standard_error": {n: tolerance_value(e) for n, e in limits.standard_error.items()} or None,
-    }
-
-
-def tolerance_value(expectation: Expectation) -> str | float | None:
-    """Return a tolerance as it is written: a number, or a percentage that reads back as exactly this fraction."""
-    if expectation.fraction is None:
-        return expectation.absolute
-    return f"{Decimal(repr(expectation.fraction)).scaleb(2):f} %"
 
 
 def check_names(expect: Iterable[str], limits: Limits) -> tuple[str, ...]:
@@ -256,7 +211,7 @@ def _standard_error(expectation: Expectation, estimate: Estimate) -> Check:
     limit = expectation.tolerance(found.value) or 0.0
     said = f"expected at most {_number(limit, found.unit)}"
     if expectation.fraction is not None:
-        said += f" ({tolerance_value(expectation)} of {_number(found.value, found.unit)})"
+        said += f" ({expectation.within} of {_number(found.value, found.unit)})"
     error = found.standard_error
     if error is None:
         return Check(name, "fail", f"{expectation.name} has no standard error, {said}")
@@ -280,7 +235,7 @@ def _absent(what: str, name: str, known: Mapping[str, Any], estimate: Estimate) 
 def _span(expectation: Expectation, nominal: float | None, low: float, high: float, unit: str) -> str:
     value = expectation.value if expectation.value is not None else nominal
     if value is not None and expectation.minimum is None and expectation.maximum is None:
-        tolerance = tolerance_value(expectation)
+        tolerance = expectation.within
         shown = tolerance if isinstance(tolerance, str) else _number(tolerance or 0.0, unit)
         return f"{_number(value, unit)} within {shown}"
     if math.isinf(low):
@@ -302,3 +257,51 @@ def _number(value: float, unit: str = "") -> str:
 def _quantile(confidence: float) -> float:
     """Return half the width of a two-sided interval, in standard errors."""
     return NormalDist().inv_cdf((1 + confidence) / 2)
+
+
+def _read_verdicts(expect: Table, key: str) -> tuple[str, ...]:
+    verdicts = expect.texts(key)
+    for verdict in verdicts:
+        if verdict not in VERDICTS:
+            expect.fail((key,), f"{expect.full(key)} cannot be {verdict!r}{suggestion(verdict, VERDICTS)}")
+    return verdicts
+
+
+_VERDICT = {"enum": list(VERDICTS)}
+_TOLERANCE = {
+    "anyOf": [
+        {"type": "number", "exclusiveMinimum": 0},
+        {"type": "string", "pattern": r"^\s*\d+(\.\d*)?([eE][-+]?\d{1,4})?\s*%\s*$"},
+        keys.CELL,
+    ],
+    "description": 'a share, "1 %", or a number in the unit of the value',
+}
+ENTRY = Keys(
+    Expectation,
+    value=keys.number("expected value"),
+    within=Key(_read_tolerance, _TOLERANCE),
+    min=keys.number("smallest that is accepted").in_field("minimum"),
+    max=keys.number("greatest that is accepted").in_field("maximum"),
+)
+LIMITS = Keys(  # of [expect]; every other key is a parameter
+    Limits,
+    verdict=Key(
+        _read_verdicts,
+        {"anyOf": [_VERDICT, {"type": "array", "items": _VERDICT, "minItems": 1}]},
+        list,
+        field="verdicts",
+    ),
+    confidence=keys.number(
+        "an estimate passes only if this interval lies within its limits (ISO 14253-1)", above=0, below=1
+    ),
+    rmse=keys.named(keys.number("greatest root mean square error, SI", above=0), "output = limit"),
+    standard_error=keys.named(
+        Key(
+            lambda table, name: Expectation(name, None, *_read_tolerance(table, name)),
+            _TOLERANCE,
+            lambda expectation: expectation.within,
+        ),
+        "parameter = greatest standard error",
+    ),
+)
+EXPECT = {**LIMITS.schema(), "additionalProperties": ENTRY.schema()}

@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+from estimator.cases.case import PARAMETER, ParameterSpec
+from estimator.cases.case_signals import InputSpec, input_value
 from estimator.cases.mapping import in_si
 from estimator.cases.roles import guess_roles
 from estimator.cases.strict_toml import to_key, to_toml
@@ -109,7 +111,7 @@ def _alike_line(variable: Variable, column: str) -> str:
 
 
 def _signal(role: str, column: str, name: str) -> str:
-    return to_toml(column) if name == role else to_toml({"column": column, "fmu": name})
+    return to_toml(input_value(InputSpec(column, fmu="" if name == role else name)))
 
 
 def _parameters(roles: dict[str, tuple[str, ...]], variables: dict[str, Variable]) -> list[str]:
@@ -142,13 +144,14 @@ def _parameter(name: str, targets: tuple[str, ...], variable: Variable) -> str:
     elif start is not None and start < 0:
         low = start * WIDTH if low is None else max(low, start * WIDTH)
         high = start / WIDTH if high is None else min(high, start / WIDTH)
-    value = {
-        "min": None if low is None else float(f"{low:.4g}"),
-        "max": None if high is None else float(f"{high:.4g}"),
-        "start": start,
-        "fmu": None if targets == (name,) else targets[0] if len(targets) == 1 else list(targets),
-    }
-    text = to_toml(value)
+    spec = ParameterSpec(
+        name,
+        minimum=None if low is None else float(f"{low:.4g}"),
+        maximum=None if high is None else float(f"{high:.4g}"),
+        start=start,
+        fmu=targets,
+    )
+    text = to_toml(PARAMETER.write(spec))
     return text if low is not None and high is not None else f"{text}  {MARK}: give min and max"
 
 

@@ -9,13 +9,15 @@ At the voltage V, with R, K (= Kt = Ke) and the viscous friction B:
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
-from types import MappingProxyType
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from estimator.cases.expectation import ENTRY_KEYS, Check, Expectation, compare, expectation_value, read_expectation
+from estimator.cases import keys
+from estimator.cases.expectation import ENTRY, Check, Expectation, compare, read_expectation
+from estimator.cases.keys import Key, Keys
 from estimator.cases.strict_toml import Table
 from estimator.errors import suggestion
+from estimator.locked import Locked
 
 if TYPE_CHECKING:
     from estimator.results.result import Estimate
@@ -33,21 +35,11 @@ NEED_VOLTAGE = tuple(name for name in QUANTITIES if name not in ("Kt", "R"))
 
 
 @dataclass(frozen=True)
-class Nameplate:
+class Nameplate(Locked):
     """The rated voltage [V], and what the plate says, SI units."""
 
     voltage: float | None = None
     values: Mapping[str, Expectation] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        """Lock the mapping."""
-        object.__setattr__(self, "values", MappingProxyType(dict(self.values)))
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle as a plain dictionary."""
-        return Nameplate, tuple(
-            dict(v) if f.name == "values" else v for f in fields(self) for v in [getattr(self, f.name)]
-        )
 
 
 @dataclass(frozen=True)
@@ -60,7 +52,7 @@ class PlateValue:
 
 def read_nameplate(table: Table) -> Nameplate:
     """Read [nameplate]."""
-    table.only("voltage", *QUANTITIES)
+    table.only(*NAMEPLATE)
     voltage = table.number("voltage", above=0)
     values = {}
     for name in table.keys:
@@ -68,18 +60,13 @@ def read_nameplate(table: Table) -> Nameplate:
             continue
         if voltage is None and name in NEED_VOLTAGE:
             table.fail((name,), f"{table.full(name)} depends on the voltage; add voltage = …, in V")
-        if not isinstance(table.value[name], dict):
-            values[name] = Expectation(name, table.required_number(name))
-            continue
-        entry = table.table(name)
-        entry.only(*ENTRY_KEYS, "unit")
-        values[name] = _in_si(read_expectation(entry, nominal=None), _factor(entry, name))
+        values[name] = NAMEPLATE[name].read(table, name)
     return Nameplate(voltage, values)
 
 
 def nameplate_value(nameplate: Nameplate) -> dict[str, Any]:
     """Return a nameplate as the table that reads back the same."""
-    return {"voltage": nameplate.voltage, **{n: expectation_value(e) for n, e in nameplate.values.items()}}
+    return {"voltage": nameplate.voltage, **{n: ENTRY.write(e) for n, e in nameplate.values.items()}}
 
 
 def plate_values(estimate: Estimate, *, voltage: float | None) -> dict[str, PlateValue]:
@@ -196,3 +183,22 @@ def _in_si(e: Expectation, factor: float) -> Expectation:
         return None if value is None else value * factor
 
     return Expectation(e.name, scaled(e.value), e.fraction, scaled(e.absolute), scaled(e.minimum), scaled(e.maximum))
+
+
+def _read_quantity(table: Table, name: str) -> Expectation:
+    if not isinstance(table.value[name], dict):
+        return Expectation(name, table.required_number(name))
+    entry = table.table(name)
+    entry.only(*PLATE)
+    return _in_si(read_expectation(entry, nominal=None), _factor(entry, name))
+
+
+PLATE = Keys(None, **ENTRY, unit=keys.text("such as rpm; default: SI"))
+NAMEPLATE = Keys(
+    None,
+    voltage=keys.number("rated voltage, V", above=0),
+    **{
+        name: Key(_read_quantity, {"anyOf": [keys.number(f"{unit}, shown only").schema, PLATE.schema()]})
+        for name, (unit, _) in QUANTITIES.items()
+    },
+)

@@ -18,7 +18,7 @@ from typing import Any, NoReturn
 
 from estimator.errors import CaseError, suggestion
 
-Keys = tuple[str | int, ...]  # the way to a value: ("parameters", "R", "min"), ("recording", 0, "file")
+Way = tuple[str | int, ...]  # the way to a value: ("parameters", "R", "min"), ("recording", 0, "file")
 
 
 class Cell(str):
@@ -30,7 +30,7 @@ class Table:
     """One table of the document, with its checks."""
 
     document: Document
-    way: Keys
+    way: Way
     value: dict[str, Any]
 
     @property
@@ -43,7 +43,7 @@ class Table:
         """What messages call the table: ``parameters.R``."""
         return ".".join(str(key) for key in self.way if isinstance(key, str)) or "the file"
 
-    def fail(self, keys: Keys, sentence: str) -> NoReturn:
+    def fail(self, keys: Way, sentence: str) -> NoReturn:
         """Raise a CaseError that names file and line of a key below this table."""
         self.document.fail((*self.way, *keys), sentence)
 
@@ -99,6 +99,13 @@ class Table:
         if value < minimum or (maximum is not None and value > maximum):
             span = f"at least {minimum}" if maximum is None else f"{minimum} to {maximum}"
             self.fail((key,), f"{self.full(key)} must be {span}, not {value}")
+        return value
+
+    def flag(self, key: str) -> bool:
+        """Return true or false."""
+        value = self.value[key]
+        if not isinstance(value, bool):
+            self.fail((key,), f"{self.full(key)} must be true or false")
         return value
 
     def text(self, key: str, *, default: str | None = None, expected: str = "a text in quotes") -> str:
@@ -202,7 +209,7 @@ class Document:
         """Return the top table."""
         return Table(self, (), self.content)
 
-    def fail(self, keys: Keys, sentence: str) -> NoReturn:
+    def fail(self, keys: Way, sentence: str) -> NoReturn:
         """Raise a CaseError that names the file, and the line of a key."""
         line = self.line(keys) if keys else None
         row = f" ({self.row})" if self.row else ""
@@ -226,7 +233,7 @@ class Document:
                 filled.content[key] = new
         return filled
 
-    def _filled(self, value: Any, cells: Mapping[str, str], way: Keys) -> Any:
+    def _filled(self, value: Any, cells: Mapping[str, str], way: Way) -> Any:
         if isinstance(value, dict):
             items = {key: self._filled(item, cells, (*way, key)) for key, item in value.items()}
             return {key: item for key, item in items.items() if item is not None}
@@ -255,11 +262,11 @@ class Document:
             words = f"{words}: is it given twice?"
         return f"{self.path.name} line {line} is not valid TOML: {words[:1].lower()}{words[1:]}"
 
-    def line(self, keys: Keys) -> int | None:
+    def line(self, keys: Way) -> int | None:
         """Return the line that says most of the way to a key: the key, else its inline table, else [its table]."""
         best, best_depth = None, 0
-        head: Keys = ()
-        counts: dict[Keys, int] = {}
+        head: Way = ()
+        counts: dict[Way, int] = {}
         for number, line in enumerate(self.text.split("\n"), start=1):
             if table := re.match(r"\s*(\[\[?)([^\[\]=]+)\]", line):
                 head = _dotted(table[2])
@@ -277,7 +284,7 @@ class Document:
         return best
 
 
-def _dotted(text: str) -> Keys:
+def _dotted(text: str) -> Way:
     parts = re.findall(r"\"((?:[^\"\\]|\\.)*)\"|'([^']*)'|([\w\-]+)", text)
     return tuple(_unescaped(basic) or literal or bare for basic, literal, bare in parts)
 

@@ -36,6 +36,25 @@ OFFERED = {  # the default set: usual shunts, encoders and supplies, carbon brus
     "temperature": "5 K",
 }
 DEFAULT = "default"
+_SIZE = {
+    "anyOf": [{"type": "number", "exclusiveMinimum": 0}, {"type": "string", "pattern": r"\S"}],
+    "description": '"1 %": within, or "1 % (k=2)": an expanded uncertainty; a number is a share, or in SI',
+}
+TOLERANCE: Mapping[str, Any] = {  # what a JSON Schema says of the key
+    "anyOf": [
+        {
+            "type": "object",
+            "properties": {
+                DEFAULT: {"const": True, "description": "the set that is offered, besides"},
+                **dict.fromkeys(OFFERED, _SIZE),
+            },
+            "patternProperties": {f".{GAIN}$": _SIZE},
+            "additionalProperties": False,
+        },
+        {"const": DEFAULT, "description": "the set that is offered"},
+    ],
+    "description": "what no recording tells, part of each uncertainty",
+}
 _TEXT = re.compile(
     r"\s*(?:±|\+-|\+/-)?\s*(\d+\.?\d*(?:[eE][-+]?\d+)?)\s*([^\s(0-9][^(]*?)?\s*(?:\(\s*k\s*=\s*(\d+\.?\d*)\s*\))?\s*",
     re.ASCII,

@@ -30,14 +30,14 @@ from estimator.commands.argument_values import (
     window,
 )
 from estimator.commands.terminal import BAD_INPUT, OK, PROGRAM, say
+from estimator.method_names import METHODS
 from estimator.version import version
 
-SHELLS = ("bash", "zsh", "fish")  # as in completion.py
+SHELLS = ("bash", "zsh", "fish", "tcsh")  # of shtab
 FORMATS = ("csv", "ssv", "ssp", "fmu", "matlab", "modelica", "state-space")  # as in handover_files.py
 KINDS = ("co-simulation", "model-exchange")  # as in fmu.py
 LOSSES = ("linear", "huber")  # as in case.py
 RECORDINGS = (".csv", ".txt", ".tsv", ".dat", ".mat", ".parquet", ".mf4", ".xlsx", ".tdms", ".case.toml")
-METHODS = ("cuckoo", "paper", "original", "integral", "steiglitz-mcbride", "differential-evolution")  # as in case.py
 
 
 def parse(arguments: Sequence[str]) -> argparse.Namespace:

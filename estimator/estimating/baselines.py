@@ -1,13 +1,12 @@
-"""The other methods, by name: integral least squares, Steiglitz-McBride, differential evolution. Knows plans, no FMU.
+"""The methods without a search: integral least squares, Steiglitz-McBride. Knows plans, no FMU.
 
-The first two go straight from the recording to the five parameters of a motor, without any simulation, so they apply
-to one recording of voltage, current and speed, from rest, with nothing but the load fixed. Differential evolution
-(scipy) minimises the same cost as the default search, through the same FMU, over all free parameters.
+They go straight from the recording to the five parameters of a motor, without any simulation, so they apply to one
+recording of voltage, current and speed, from rest, with nothing but the load fixed.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,14 +14,12 @@ from numpy.typing import NDArray
 from estimator.errors import InputError
 from estimator.estimating.steiglitz_mcbride import NoMotorError, steiglitz_mcbride
 from estimator.plans.integral import integral_estimate
-from estimator.plans.parameters import Box
 from estimator.plans.plan import Plan
 from estimator.results.linear import MOTOR
 
 FloatArray = NDArray[np.float64]
 
 DIRECT = ("integral", "steiglitz-mcbride")
-POPULATION, GENERATIONS, TOLERANCE = 15, 1000, 1e-8  # a parameter; at most; of the costs' deviation over their mean
 
 
 def direct_values(plan: Plan, noise: Mapping[str, float]) -> FloatArray | str:
@@ -81,53 +78,3 @@ def _check_applies(plan: Plan, method: str) -> None:
     if np.ptp(load) > 0 or (method == "steiglitz-mcbride" and np.any(load != 0)):
         what = "a changing load" if np.ptp(load) > 0 else "load"
         raise InputError(f"method {method!r} does not apply under {what}; use method 'cuckoo'")
-
-
-def evolve(
-    costs: Callable[[FloatArray], FloatArray],
-    box: Box,
-    *,
-    rng: np.random.Generator,
-    population: int | None = None,
-    generations: int | None = None,
-    on_generation: Callable[[FloatArray, float], None] | None = None,
-) -> FloatArray:
-    """Minimise by scipy's differential evolution, without polish; return the best candidate, (p,).
-
-    Parameters
-    ----------
-    costs : (n, p) candidates → (n,) costs
-    population : candidates in all; by default 15 a parameter
-    generations : at most
-    on_generation : told the best candidate and its cost
-    """
-    from scipy.optimize import Bounds, differential_evolution
-
-    p = box.dimension
-
-    def vectorised(points: FloatArray) -> FloatArray:
-        single = points.ndim == 1
-        values = costs(box.from_cube(points.T if not single else points[None, :]))
-        values = np.where(np.isfinite(values), values, 1e300)  # scipy's convergence test knows no infinity
-        return values[0] if single else values
-
-    def callback(intermediate_result: object) -> None:
-        if on_generation is not None:
-            best = box.from_cube(np.asarray(getattr(intermediate_result, "x")))  # noqa: B009
-            on_generation(best, float(getattr(intermediate_result, "fun")))  # noqa: B009
-
-    first = rng.random((population or POPULATION * p, p))
-    with np.errstate(over="ignore", invalid="ignore"):
-        result = differential_evolution(
-            vectorised,  # type: ignore[arg-type]  # vectorized=True: (p, n) points in, (n,) costs out
-            Bounds(np.zeros(p), np.ones(p)),
-            init=first if len(first) >= 5 else rng.random((5, p)),
-            maxiter=generations or GENERATIONS,
-            tol=TOLERANCE,
-            polish=False,
-            vectorized=True,
-            updating="deferred",
-            callback=callback,
-            rng=rng,
-        )
-    return np.asarray(box.from_cube(np.asarray(result.x)))

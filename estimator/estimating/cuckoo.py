@@ -21,6 +21,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.estimating.optimiser import Optimiser
+
 FloatArray = NDArray[np.float64]
 Redraw = Callable[[FloatArray, np.random.Generator], FloatArray]
 
@@ -32,12 +34,12 @@ def levy_scale(beta: float) -> float:
     return float((numerator / denominator) ** (1 / beta))
 
 
-class CuckooSearch:
-    """The nests and their next eggs.
+class CuckooSearch(Optimiser):
+    """The nests and their next eggs; see `Optimiser`. A generation asks twice: flight and discovery.
 
     Parameters
     ----------
-    nests : (n, d) array
+    first : (n, d) array
         First nests, in the unit cube.
     rng : numpy Generator
         The only source of randomness.
@@ -49,9 +51,11 @@ class CuckooSearch:
         Replaces eggs that are not allowed: (n, d) eggs, rng → (n, d) eggs.
     """
 
+    asks = 2
+
     def __init__(
         self,
-        nests: FloatArray,
+        first: FloatArray,
         *,
         rng: np.random.Generator,
         pa: float = 0.25,
@@ -59,22 +63,16 @@ class CuckooSearch:
         beta: float = 1.5,
         redraw: Redraw | None = None,
     ) -> None:
-        self.nests = np.array(nests, dtype=float)
-        self.costs = np.full(len(self.nests), np.inf)
-        self._rng, self._pa, self._alpha, self._beta = rng, pa, alpha, beta
+        super().__init__(first, rng=rng)
+        self._pa, self._alpha, self._beta = pa, alpha, beta
         self._sigma = levy_scale(beta)
         self._redraw = redraw
         self._phase = -1  # -1: the first nests; 0: flight; 1: discovery
 
     @property
-    def best(self) -> FloatArray:
-        """The best nest, (d,)."""
-        return np.asarray(self.nests[int(np.argmin(self.costs))])
-
-    @property
-    def best_cost(self) -> float:
-        """Cost of the best nest."""
-        return float(np.min(self.costs))
+    def nests(self) -> FloatArray:
+        """The points, by the name that they have here."""
+        return self.points
 
     def ask(self) -> tuple[FloatArray, FloatArray]:
         """Return the next eggs, (n, d) in the unit cube, and the bound of each, (n,)."""
@@ -82,25 +80,25 @@ class CuckooSearch:
             return self.nests.copy(), self.costs.copy()
         eggs = np.clip(self._flight() if self._phase == 0 else self._discovery(), 0.0, 1.0)
         if self._redraw is not None:
-            eggs = self._redraw(eggs, self._rng)
+            eggs = self._redraw(eggs, self.rng)
         return eggs, self.costs.copy()
 
     def tell(self, eggs: FloatArray, costs: FloatArray) -> None:
         """Take the eggs of the last `ask` with their costs, (n,); infinity where cut short or failed."""
         better = costs <= self.costs
-        self.nests[better] = eggs[better]
+        self.points[better] = eggs[better]
         self.costs[better] = costs[better]
         self._phase = 0 if self._phase < 0 else 1 - self._phase
 
     def _flight(self) -> FloatArray:
         shape = self.nests.shape
-        u = self._rng.standard_normal(shape) * self._sigma
-        v = self._rng.standard_normal(shape)
+        u = self.rng.standard_normal(shape) * self._sigma
+        v = self.rng.standard_normal(shape)
         step = u / np.abs(v) ** (1 / self._beta)
-        return self.nests + self._alpha * step * (self.nests - self.best) * self._rng.standard_normal(shape)
+        return self.nests + self._alpha * step * (self.nests - self.best) * self.rng.standard_normal(shape)
 
     def _discovery(self) -> FloatArray:
         n = len(self.nests)
-        moved = self._rng.random(self.nests.shape) > self._pa
-        difference = self.nests[self._rng.permutation(n)] - self.nests[self._rng.permutation(n)]
-        return np.asarray(self.nests + self._rng.random() * difference * moved)
+        moved = self.rng.random(self.nests.shape) > self._pa
+        difference = self.nests[self.rng.permutation(n)] - self.nests[self.rng.permutation(n)]
+        return np.asarray(self.nests + self.rng.random() * difference * moved)

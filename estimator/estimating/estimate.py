@@ -7,6 +7,7 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 
 from estimator.cases.case import Case
+from estimator.estimating.beginning import begin
 from estimator.estimating.methods import direct, evolution, paper
 from estimator.estimating.one_thread import one_thread
 from estimator.estimating.progress import Progress
@@ -19,12 +20,13 @@ from estimator.fmus.probe import driven
 from estimator.fmus.workers import TIME_LIMIT, Workers
 from estimator.judging.reading import with_what_was_read
 from estimator.judging.validation import validated
+from estimator.method_names import CUCKOO
 from estimator.plans.planning import plan_case, read_case
 from estimator.recordings.recording import Recording
 from estimator.results.result import Estimate
 
 METHODS: Mapping[str, Callable[[Run], Estimate]] = {
-    "cuckoo": search_and_polish,
+    CUCKOO: search_and_polish,
     "paper": paper,
     "original": paper,
     "integral": direct,
@@ -184,6 +186,6 @@ def available_cores() -> int:
 def _estimated(run: Run) -> Estimate:
     """Run the method of a plan."""
     try:
-        return run.begin() or METHODS[run.method](run)
+        return begin(run) or METHODS.get(run.method, search_and_polish)(run)  # a search that a package adds
     except KeyboardInterrupt:
-        raise Interrupted(run.standing.parameters) from None
+        raise Interrupted(run.account.standing.parameters) from None

@@ -1,4 +1,4 @@
-"""One search: nests to eggs to costs, generation by generation. Knows the cuckoo and costs, no motor and no FMU."""
+"""One search: points to costs, generation by generation. Knows an optimiser and costs, no motor and no FMU."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.estimating.cuckoo import CuckooSearch
+from estimator.estimating.optimiser import Optimiser
 
 FloatArray = NDArray[np.float64]
 Costs = Callable[[FloatArray, FloatArray], FloatArray]
@@ -26,23 +26,23 @@ class SearchRecord:
 
 
 def run_search(
-    search: CuckooSearch,
+    search: Optimiser,
     costs: Costs,
     *,
     generations: int,
     record: SearchRecord,
-    stop: Callable[[CuckooSearch, int], bool] | None = None,
+    stop: Callable[[Optimiser, int], bool] | None = None,
     bounded: bool = True,
-    on_generation: Callable[[CuckooSearch, int], None] | None = None,
+    on_generation: Callable[[Optimiser, int], None] | None = None,
 ) -> None:
     """Run a search to its end.
 
     Parameters
     ----------
     costs : callable
-        ((n, d) eggs in the unit cube, (n,) bounds) → (n,) costs; infinity where cut short or failed.
+        ((n, d) points in the unit cube, (n,) bounds) → (n,) costs; infinity where cut short or failed.
     generations : int
-        Of both phases each.
+        At most: an optimiser may be done before.
     stop : callable, optional
         Asked after every generation whether to stop.
     bounded : bool
@@ -50,10 +50,10 @@ def run_search(
     """
     simulations = record.simulations[-1] if record.simulations else 0.0
     for generation in range(generations + 1):
-        for _ in range(1 if generation == 0 else 2):
-            eggs, bounds = search.ask()
-            search.tell(eggs, costs(eggs, bounds if bounded else np.full(len(eggs), np.inf)))
-            simulations += len(eggs)
+        for _ in range(1 if generation == 0 else search.asks):
+            points, bounds = search.ask()
+            search.tell(points, costs(points, bounds if bounded else np.full(len(points), np.inf)))
+            simulations += len(points)
         record.simulations.append(simulations)
         record.best.append(search.best_cost)
         record.median.append(float(np.median(search.costs)))
@@ -62,5 +62,5 @@ def run_search(
         record.upper.append(float(ordered[min(3 * len(ordered) // 4, len(ordered) - 1)]))
         if on_generation is not None:
             on_generation(search, generation)
-        if stop is not None and stop(search, generation):
+        if search.done or (stop is not None and stop(search, generation)):
             break

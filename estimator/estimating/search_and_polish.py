@@ -7,17 +7,23 @@ model is wrong.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
+
 import numpy as np
 from numpy.typing import NDArray
 
 from estimator.estimating.cuckoo import CuckooSearch
 from estimator.estimating.effort import POLISHING, nests_and_generations
+from estimator.estimating.ending import finish
+from estimator.estimating.optimiser import Optimiser
 from estimator.estimating.run import Run
 from estimator.estimating.starts import many_starts, needs_many
 from estimator.fitting.effects import known_effects
 from estimator.fitting.explained import Explained, explain
 from estimator.fitting.polish import LeastSquares, Polish, at_given_bound, log_likelihood
 from estimator.fitting.problem import SIGMA_FLOOR
+from estimator.method_names import CUCKOO, loaded
 from estimator.plans.space import Space, reduced_space, steady_state
 from estimator.results.linear import MOTOR
 from estimator.results.result import Estimate
@@ -36,8 +42,9 @@ START_L = 5.0  # times h R: start of L that cures the spurious optimum L → 0
 
 def search_and_polish(run: Run) -> Estimate:
     """Search, polish, refine, and judge."""
+    attempts = _Attempts(run)
     run.probe(run.start)
-    return _Attempts(run).best()
+    return attempts.best()
 
 
 class _Attempts:
@@ -45,6 +52,9 @@ class _Attempts:
 
     def __init__(self, run: Run) -> None:
         self.run, self.problem, self.plan = run, run.problem, run.plan
+        self._search: Callable[..., Optimiser] = partial(CuckooSearch, pa=PA, alpha=ALPHA)
+        if run.method != CUCKOO:
+            self._search = loaded(run.method)
         self.squares = LeastSquares(
             run.problem.residuals,
             run.problem.box,
@@ -82,35 +92,33 @@ class _Attempts:
                 break
             polish, explained = tried, self._explained(tried, start)
         if explained is None:
-            run.found(self.plan.names, polish.values, self._cost_at(polish))
-            return run.finish(polish.values, polish, noise=self.floor)
-        run.found(explained.plan.names, explained.polish.values, explained.polish.cost)
-        return run.finish(explained.polish.values, explained.polish, noise=self.floor, explained=explained)
+            run.account.found(self.plan.names, polish.values, self._cost_at(polish))
+            return finish(run, polish.values, polish, noise=self.floor)
+        run.account.found(explained.plan.names, explained.polish.values, explained.polish.cost)
+        return finish(run, explained.polish.values, explained.polish, noise=self.floor, explained=explained)
 
     def _searched(self, space: Space, start: FloatArray, nests: int, generations: int) -> FloatArray:
         """Search from nests of which a fifth lies around the start; return the best candidate."""
-        self.run.enter("search")
-        self.run.expect(nests * (1 + 2 * generations) + POLISHING)
+        self.run.account.enter("search")
         rng, d = self.run.rng, space.box.dimension
         first = rng.random((nests, d))
         home = space.cube(start)
         first[0] = home
         near = max(1, nests // 5)
         first[1 : 1 + near] = np.clip(home + 0.05 * rng.standard_normal((near, d)), 0.0, 1.0)
-        if space.redraw is not None:
-            first = space.redraw(first, rng)
-        cuckoo = CuckooSearch(first, rng=rng, pa=PA, alpha=ALPHA, redraw=space.redraw)
-        return self.run.search(cuckoo, space, generations)
+        optimiser = self._search(first, rng=rng)
+        self.run.account.expect(nests * (1 + optimiser.asks * generations) + POLISHING)
+        return self.run.search(optimiser, space, generations)
 
     def _polished(self, start: FloatArray) -> Polish:
-        self.run.enter("polish")
+        self.run.account.enter("polish")
         polish = self.squares.polish(start, self.sigma)
-        self.run.found(self.plan.names, polish.values, self._cost_at(polish))
+        self.run.account.found(self.plan.names, polish.values, self._cost_at(polish))
         return polish
 
     def _best_of_many(self, polish: Polish, starts: FloatArray) -> Polish:
         """Polish the best of many starts; return the most likely optimum."""
-        self.run.enter("polish")
+        self.run.account.enter("polish")
         problem = self.problem
         output = problem.output_of_residual
         costs = problem.costs(starts)
@@ -122,13 +130,13 @@ class _Attempts:
         if lowest >= log_likelihood(output, polish.deviations):
             return polish
         better = self.squares.polish(values, polish.deviations)
-        self.run.found(self.plan.names, better.values, self._cost_at(better))
+        self.run.account.found(self.plan.names, better.values, self._cost_at(better))
         return better
 
     def _explained(self, polish: Polish, start: FloatArray) -> Explained | None:
         """Find what the bench adds; None where the fit is exact, so that there is nothing to explain."""
         run, problem = self.run, self.problem
-        run.enter("nuisances")
+        run.account.enter("nuisances")
         exact = np.all(polish.deviations < NUMERICAL * problem.spread)
         if exact and not any(o.delay for o in self.plan.observed) and not self.plan.wanted:
             return None
@@ -140,7 +148,7 @@ class _Attempts:
             sigma=problem.sigma,
             deviations=self.sigma,
             effects=() if held else known_effects(),
-            enter=run.enter,
+            enter=run.account.enter,
         )
 
     def _other_starts(self, polish: Polish, start: FloatArray) -> list[FloatArray]:

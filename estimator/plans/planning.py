@@ -9,11 +9,12 @@ from pathlib import Path
 import numpy as np
 
 from estimator.cases.case import Case, RunSpec
-from estimator.cases.case_signals import FREE
 from estimator.cases.expansion import told_apart
+from estimator.cases.keys import FREE
 from estimator.cases.mapping import fixed_values, integral_of, mapped
 from estimator.errors import CaseError, FmuError, RecordingError
 from estimator.fmus.fmu import FmuDescription, Variable
+from estimator.method_names import WITHOUT_POLISH
 from estimator.plans.free_parameters import first_guess, free_parameters, held_parameters
 from estimator.plans.observing import observe
 from estimator.plans.parameters import SensorPlace
@@ -205,7 +206,7 @@ def _wanted(case: Case, outputs: Collection[str], runs: Sequence[RunSpec]) -> tu
         if name in outputs:
             wanted += [SensorPlace(key, None, name) for key in ("gain", "delay") if getattr(spec, key) == FREE]
             wanted += [SensorPlace("offset", e, name) for e in range(len(runs)) if spec.offset == FREE]
-    if wanted and case.search.method != "cuckoo":
+    if wanted and case.search.method in WITHOUT_POLISH:
         raise CaseError(
             f'"free" sensor values are estimated by the method cuckoo only, not by {case.search.method}; give numbers'
         )

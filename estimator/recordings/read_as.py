@@ -4,16 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from types import MappingProxyType
-from typing import Any
 
 from estimator.errors import RecordingError, suggestion
+from estimator.locked import Locked
 from estimator.recordings.headers import ROLE_QUANTITY, Header, parse_header, plain, rank_in_role
 from estimator.recordings.units import examples, parse_unit
 
 
 @dataclass(frozen=True)
-class ReadAs:
+class ReadAs(Locked):
     """What a user says of a recording's columns; it wins over their headers.
 
     Attributes
@@ -42,16 +41,6 @@ class ReadAs:
     def by_number(self) -> bool:
         """Whether a column is named by its number: the file has no header."""
         return any(name.isdecimal() for name in self.columns.values())
-
-    def __post_init__(self) -> None:
-        """Lock the mappings."""
-        for name in ("columns", "units"):
-            object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle as plain dictionaries."""
-        values = (getattr(self, f.name) for f in fields(self))
-        return ReadAs, tuple(dict(v) if isinstance(v, MappingProxyType) else v for v in values)
 
     def with_(self, other: ReadAs) -> ReadAs:
         """Return this with what another says; that wins."""

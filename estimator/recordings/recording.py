@@ -8,19 +8,20 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from types import MappingProxyType
-from typing import Any, NoReturn
+from typing import NoReturn
 
 import numpy as np
 import numpy.typing as npt
 
 from estimator.errors import RecordingError, suggestion
+from estimator.locked import Locked
 from estimator.output import write_files
 from estimator.recordings.clock_text import seconds_since_first
 from estimator.recordings.columns import Columns
 from estimator.recordings.delimited import BadCell, HeaderRules, read_table
+from estimator.recordings.formats import read_columns
 from estimator.recordings.headers import (
     Header,
     assumed_unit,
@@ -43,7 +44,7 @@ MOST_LEFT_OUT = 2  # rows at the start, of wrong stamps
 
 
 @dataclass(frozen=True, eq=False)
-class Recording:
+class Recording(Locked):
     """Measured signals on one clock."""
 
     name: str  # file stem
@@ -68,13 +69,7 @@ class Recording:
         """Lock arrays and mappings."""
         for array in (self.time, *self.signals.values()):
             array.setflags(write=False)
-        for name in ("signals", "units", "headers", "unreadable", "roles", "made"):
-            object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle as plain dictionaries."""
-        values = (getattr(self, f.name) for f in fields(self))
-        return Recording, tuple(dict(v) if isinstance(v, MappingProxyType) else v for v in values)
+        super().__post_init__()
 
     @property
     def title(self) -> str:
@@ -196,6 +191,12 @@ def read_recording(path: Path, read_as: ReadAs = AS_WRITTEN) -> Recording:
     ------
     RecordingError
         One sentence: what is wrong, in which line, and what would be right.
+
+    Examples
+    --------
+    >>> run = read_recording(Path("examples/cml050_step.csv"))
+    >>> sorted(run.signals), run.step
+    (['current', 'speed', 'voltage'], 0.001)
     """
     return _build(_raw(Path(path), read_as), read_as)
 
@@ -263,7 +264,7 @@ class _Raw:
 
 def _raw(path: Path, read_as: ReadAs) -> _Raw:
     """Read a file, of whatever kind."""
-    columns = _binary(path)
+    columns = read_columns(path)
     if columns is None:
         return _read_text(path, read_as)
     return _raw_columns(path.stem, columns, path)
@@ -319,35 +320,6 @@ def _tests(raw: _Raw, read_as: ReadAs, labels: Mapping[str, Sequence[str]]) -> l
     if clock in raw.bad or clock in raw.texts_in or np.isnan(time).any():
         return []
     return parts(unit.to_si(time), labels, least=MIN_SAMPLES)
-
-
-def _binary(path: Path) -> Columns | None:
-    """Return what a file that is no text holds; None if it is one."""
-    try:
-        with path.open("rb") as file:
-            head = file.read(1024)
-    except OSError:
-        return None  # the reader of text says what is wrong
-    if head.startswith(b"PAR1"):
-        from estimator.recordings.recording_parquet import read_parquet
-
-        return read_parquet(path)
-    if head.startswith((b"MDF     ", b"UnFinMF ")):
-        from estimator.recordings.recording_mdf import read_mdf
-
-        return read_mdf(path)
-    if head.startswith(b"TDSm"):
-        from estimator.recordings.recording_tdms import read_tdms
-
-        return read_tdms(path)
-    if head.startswith((b"PK\x03\x04", b"\xd0\xcf\x11\xe0")):
-        from estimator.recordings.recording_xlsx import is_xlsx, read_xlsx
-
-        if is_xlsx(path, head):
-            return read_xlsx(path, head)
-    from estimator.recordings.recording_mat import is_mat, read_mat
-
-    return read_mat(path, head) if is_mat(path, head) else None
 
 
 def _read_text(path: Path, read_as: ReadAs) -> _Raw:
@@ -429,6 +401,13 @@ def recording_from_arrays(
     ------
     RecordingError
         An array has another shape, or something in it is no sample.
+
+    Examples
+    --------
+    >>> time = [0.001 * k for k in range(10)]
+    >>> run = recording_from_arrays("run", time, {"voltage [mV]": [5000.0] * 10, "speed [rpm]": [3000.0] * 10})
+    >>> float(run.signals["voltage"][0]), run.units["speed"], round(float(run.signals["speed"][0]), 3)
+    (5.0, 'rad/s', 314.159)
     """
     texts = ["time [s]", *signals]
     columns: list[FloatArray] = []

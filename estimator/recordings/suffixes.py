@@ -7,9 +7,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-SUFFIXES = (
-    ".csv", ".txt", ".tsv", ".dat", ".asc", ".log", ".mat", ".mf4", ".mdf", ".parquet", ".xlsx", ".tdms",
-)  # fmt: skip
+from estimator.recordings.formats import FORMATS
+
+TEXT = (".csv", ".txt", ".tsv", ".dat", ".asc", ".log")
+SUFFIXES = (*TEXT, *(s for kind in FORMATS for s in kind.suffixes if s not in TEXT))
 JSON = ".json"
 TESTS = (b'"slow-forward"', b'"slow-backward"', b'"fast-forward"', b'"fast-backward"')  # as in sysid_json.py
 BEGINNING = 1 << 16  # bytes; the first test's name stands before the first test

@@ -1,0 +1,217 @@
+"""From where a method ended to an estimate: the step check, the verdict, budget, profiles. Knows no search."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.estimating.run import Run
+from estimator.fitting.budget import Budget, applicable, budget, fit_at
+from estimator.fitting.explained import Explained
+from estimator.fitting.polish import Polish
+from estimator.fitting.problem import Problem
+from estimator.fitting.winding import cold_resistances
+from estimator.fmus.failing import with_values
+from estimator.judging.budgeted import with_budget
+from estimator.judging.derived import derived_quantities
+from estimator.judging.outcome import (
+    comparisons,
+    correlation,
+    figures,
+    information,
+    measured,
+    parameter_estimates,
+    recordings,
+    sensors,
+    versions,
+)
+from estimator.judging.profile import cost_profiles
+from estimator.judging.shown import with_fine_signals, with_treatment
+from estimator.judging.step_check import step_check
+from estimator.judging.verdict import Judgement, judge
+from estimator.plans.noise_level import beside_means
+from estimator.plans.parameters import Box
+from estimator.plans.plan import Plan
+from estimator.plans.space import steady_state
+from estimator.results.result import CostProfile, Estimate, ParameterEstimate, SearchHistory
+
+FloatArray = NDArray[np.float64]
+
+
+def refused(run: Run, reasons: Sequence[str], *, notes: Sequence[str] = ()) -> Estimate:
+    """Return the estimate that is none."""
+    return _estimate(run, run.plan, None, None, Judgement("refused", tuple(reasons), {}, tuple(notes)))
+
+
+def finish(
+    run: Run,
+    values: FloatArray,
+    polish: Polish | None,
+    *,
+    noise: FloatArray | None = None,
+    explained: Explained | None = None,
+) -> Estimate:
+    """Check the step, judge, and return the estimate.
+
+    Parameters
+    ----------
+    values : (p,) array
+    polish : Polish or None
+        None for a method that ends with its search.
+    noise : (q,) array, optional
+        Deviation of each output's noise as the data show it.
+    explained : Explained, optional
+        What was found of the bench; then `values` and `polish` are its own.
+    """
+    plan, problem, account = run.plan, run.problem, run.account
+    account.enter("step check")
+    step = step_check(problem, values, polish, explained)
+    account.enter("result")
+    if explained is None:
+        shown = problem.shown(problem.trajectories(values[None, :]))
+    else:
+        plan, shown = explained.plan, explained.shown()
+    run.fitted = {**plan.fixed, **dict(zip(plan.names, values.tolist(), strict=True))}
+    compared = comparisons(plan, shown)
+    rmse = figures(plan, compared)[0]
+    if noise is None:
+        noise = np.array([run.noise[name][0] for name in plan.outputs])
+    judgement = judge(
+        plan,
+        dict(zip(plan.names, values.tolist(), strict=True)),
+        polish,
+        steady=steady_state(plan),
+        noise=noise,
+        rmse=np.array([rmse[name] for name in plan.outputs]),
+        spread=problem.spread,
+        step=step,
+        explained=explained,
+        structure=run.structure,
+    )
+    if judgement.verdict == "refused":
+        return _estimate(run, plan, None, None, judgement)
+    profiles = {}
+    if run.profile and polish is not None:
+        account.enter("profile")
+        profiles = _profiles(problem, plan, polish, explained)
+    account.enter("budget")
+    budgeted = _budget(run, plan, values, explained)
+    derived = {}
+    if polish is not None:
+        log = np.array([p.log for p in plan.parameters], dtype=bool)
+        derived = derived_quantities(run.fitted, plan.names, log, polish, budgeted)
+        derived |= cold_resistances(plan, values, polish, budgeted.of)
+    deviations = None
+    if polish is not None:
+        deviations = problem.noise_shown(polish.deviations) if explained is None else explained.noise
+    result = _estimate(run, plan, values, polish, judgement, shown=shown, noise=deviations, explained=explained)
+    compared = result.comparisons if explained is None else with_treatment(result.comparisons, explained)
+    if run.profile:
+        account.enter("profile")
+        compared = with_fine_signals(compared, plan, values, run.crew, sigma=problem.sigma)
+        result = dataclasses.replace(result, **account.costs(plan.description.probe_simulations))
+    result = dataclasses.replace(result, comparisons=compared, profiles=profiles, derived=derived)
+    return with_budget(result, plan, budgeted, None if explained is None else explained.between)
+
+
+def _budget(run: Run, plan: Plan, values: FloatArray, explained: Explained | None) -> Budget:
+    """Return what no recording tells, propagated through the fit."""
+    tolerances = applicable(run.problem.plan)
+    if not tolerances:
+        return Budget((), plan.names, np.zeros((len(plan.names), 0)), np.zeros(0))
+    if explained is not None:
+        return budget(explained.fit, tolerances, plan.names)
+    return budget(fit_at(plan, run.crew, values, sigma=run.problem.sigma), tolerances, plan.names)
+
+
+def _profiles(problem: Problem, plan: Plan, polish: Polish, explained: Explained | None) -> dict[str, CostProfile]:
+    """Return the cost profiles of the motor's parameters."""
+    if explained is None:
+        return cost_profiles(
+            problem.residuals, problem.box, polish, names=plan.names, output=problem.output_of_residual
+        )
+    return cost_profiles(
+        explained.residuals,
+        Box.of(plan.parameters),
+        polish,
+        names=problem.plan.names,
+        output=np.zeros(len(polish.residuals), dtype=np.int64),
+    )
+
+
+def _estimate(
+    run: Run,
+    plan: Plan,
+    values: FloatArray | None,
+    polish: Polish | None,
+    judgement: Judgement,
+    *,
+    shown: list[FloatArray] | None = None,
+    noise: FloatArray | None = None,
+    explained: Explained | None = None,
+) -> Estimate:
+    parameters: dict[str, ParameterEstimate] = {}
+    chain = {p.name for p in plan.parameters if p.place is not None}
+    if values is not None:
+        parameters = parameter_estimates(plan, values, polish, judgement)
+    compared = comparisons(plan, shown) if shown is not None else measured(plan)
+    rmse, fit = figures(plan, compared) if shown is not None else ({}, {})
+    correlated = None if polish is None else correlation(polish)
+    history = None
+    if run.record.simulations:
+        history = SearchHistory(
+            simulations=np.array(run.record.simulations),
+            best=np.array(run.record.best),
+            median=np.array(run.record.median),
+            lower=np.array(run.record.lower),
+            upper=np.array(run.record.upper),
+        )
+    description = plan.description
+    return Estimate(
+        verdict=judgement.verdict,
+        reasons=judgement.reasons,
+        parameters={n: p for n, p in parameters.items() if n not in chain},
+        chain={n: p for n, p in parameters.items() if n in chain},
+        rivals=() if values is None or explained is None else explained.rivals,
+        sensors=sensors(plan, explained),
+        effects=() if explained is None else tuple(dict.fromkeys(f.effect for f in explained.found)),
+        recordings=recordings(plan),
+        method=run.method,
+        seed=plan.case.search.seed,
+        **run.account.costs(description.probe_simulations),
+        fmu={
+            "name": description.name,
+            "path": str(description.path),
+            "fmi_version": description.fmi_version,
+            "kind": description.kind,
+            "guid": description.guid,
+            "generation_tool": description.generation_tool,
+            "restart": description.restart,
+            "communication_step": [
+                o.recording.step if plan.case.step is None else plan.case.step for o in plan.observed
+            ][0],
+        },
+        versions=versions(),
+        rmse=rmse,
+        fit_percent=fit,
+        noise={} if noise is None else dict(zip(plan.outputs, noise.tolist(), strict=True)),
+        sample_noise={} if values is None else _sample_noise(run, plan),
+        correlation=correlated,
+        correlated=plan.names if correlated is not None else (),
+        information={} if polish is None else information(polish, plan.names),
+        notes=(*run.announced, *judgement.notes),
+        failures=tuple(with_values(f, run.problem.variables) for f in run.account.failures),
+        comparisons=compared,
+        history=history,
+        workers=run.crew.count,
+        about={**({"motor": plan.case.motor} if plan.case.motor else {}), **plan.case.about},
+    )
+
+
+def _sample_noise(run: Run, plan: Plan) -> dict[str, float]:
+    """Return the deviation of each output's noise as the data alone show it."""
+    shown = beside_means(plan, np.array([run.noise[name][0] for name in plan.outputs]))
+    return dict(zip(plan.outputs, shown.tolist(), strict=True))
