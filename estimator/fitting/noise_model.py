@@ -370,7 +370,7 @@ def find_jitter(z: FloatArray, slope: FloatArray, step: float) -> tuple[float, F
     alike = float(np.sum((scaled[1:] * scaled[:-1])[both])) / float(np.sqrt(max(1, int(np.sum(both)))))
     if np.count_nonzero(steep) < STEEP or gain < 2 * PAYS or abs(alike) > ALIKE:
         return 0.0, np.ones(z.shape[1]), 0.0
-    return best, sizes, gain
+    return best, np.where(steep.any(axis=0), sizes, 1.0), gain
 
 
 def noise_of_neighbours(whitener: Whitener, residuals: FloatArray, sharp: BoolArray) -> NoiseModel:

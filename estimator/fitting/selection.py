@@ -34,6 +34,7 @@ ROUNDS = 10
 REFITTED = 3  # additions refitted in a round
 PROMISING = 0.6  # of the best addition's promise: less is not refitted
 NEARBY = {"R": 5.0, "K": 4.0, "J": 6.0, "L": 50.0}  # factors: while effects are missing, a fit may go anywhere
+QUIET = 0.1  # of the deviation at first sight: noise is not taken to be less
 ROUGH = 8  # iterations of a fit that is only compared
 NEAR = 10.0  # of the criterion: explanations no worse than this are rivals
 IDLE = 6.0  # times the penalty: an addition whose square over its variance is below may be idle
@@ -218,7 +219,8 @@ class Selection:
         for noise in (grows, dataclasses.replace(grows, growth=np.zeros_like(grows.growth) + [0.0, 2.0])):
             whitener = fit.whitener.of(noise)
             deviation = noise.deviation(whitener.level)
-            slope = np.where(whitener.present, whitener.slope / deviation, 0.0)
+            fine = (fit.simulator.steps == 0) & (self.differenced == 0)  # what is counted has errors of its own
+            slope = np.where(whitener.present & fine, whitener.slope / deviation, 0.0)
             z = refreshed(fit, whitener).z.reshape(slope.shape)
             jitter, sizes, gain = find_jitter(z, slope, fit.simulator.clocks[0].step)
             worse = float(np.sum(np.where(whitener.present, z * z + 2 * np.log(deviation), 0.0)))
@@ -236,7 +238,10 @@ class Selection:
         fit = with_level(explanation.fit)
         windows = find_windows(fit)
         misfit = np.where(fit.whitener.present, fit.residuals(), 0.0)
-        found = noise_of_neighbours(fit.whitener, misfit, windows.sharp)
+        old, found = fit.whitener.noise, noise_of_neighbours(fit.whitener, misfit, windows.sharp)
+        coarse = (fit.simulator.steps > 0) | (self.differenced > 0)  # their noise is of steps, and no growth
+        white = np.where(coarse, old.white, np.maximum(found.white, QUIET * old.white))
+        found = dataclasses.replace(found, white=white, growth=np.where(coarse[:, None], old.growth, found.growth))
         fit = held_down(refreshed(fit, fit.whitener.of(found)), windows.onsets)
         return dataclasses.replace(explanation, fit=solved(fit))
 
