@@ -24,6 +24,7 @@
 #define INSTANCE_RARE
 #endif
 
+#define KEPT 3         /* communication steps besides the last: an output that is late makes two in turn */
 #define TIME_LIMIT 1e9 /* s: beyond, microseconds drown in rounding */
 
 typedef enum { INSTANCE_OK = 0, INSTANCE_DISCARD = 2, INSTANCE_ERROR = 3 } Status; /* FMI's numbers */
@@ -53,6 +54,7 @@ typedef struct {
 typedef struct Instance {
     State state;
     Propagator propagator;   /* follows from the state; its step is NaN when it does not */
+    Propagator others[KEPT]; /* of other communication steps, for the same parameters; their inputs may have changed */
     bool outputs_follow;     /* modes and calculated outputs follow from the other values */
     bool model_exchange;     /* the importer integrates */
     bool log_discard;
@@ -116,6 +118,31 @@ static inline double *instance_time(Instance *instance)
     return &instance->state.values.flat[N_VARIABLES];
 }
 
+/* What was computed does not follow from the state any more. */
+static void instance_forget(Instance *instance)
+{
+    instance->propagator.step = NAN;
+    for (int k = 0; k < KEPT; k++) instance->others[k].step = NAN;
+}
+
+/* Make ready for another communication step than the last; false if what is needed is not finite. */
+static bool instance_prepare(Instance *instance, double step)
+{
+    Propagator *now = &instance->propagator;
+    const Propagator last = *now;
+    int k = 0;
+    while (k < KEPT - 1 && !(instance->others[k].step == step)) k++;
+    if (instance->others[k].step == step) {
+        *now = instance->others[k];
+        propagator_hold_inputs(now, &instance->state.values);
+    } else if (!propagator_prepare(now, &instance->state.values, step)) {
+        return false;
+    }
+    for (; k > 0; k--) instance->others[k] = instance->others[k - 1];
+    instance->others[0] = last;
+    return true;
+}
+
 /* Modes follow from the start values; so they begin anew when these are set. */
 static void instance_reset_modes(Instance *instance)
 {
@@ -135,7 +162,7 @@ static void instance_reset(Instance *instance)
     instance->state.substep = 0;
     instance->state.stop_time = TIME_LIMIT;
     instance->state.phase = PHASE_INSTANTIATED;
-    instance->propagator.step = NAN;
+    instance_forget(instance);
     instance->outputs_follow = false;
 }
 
@@ -158,7 +185,7 @@ static bool instance_is_sane(const Instance *instance, const State *state)
 static void instance_restore(Instance *instance, const State *state)
 {
     instance->state = *state;
-    instance->propagator.step = NAN;
+    instance_forget(instance);
     instance->outputs_follow = false;
 }
 
@@ -190,7 +217,7 @@ static Status instance_enter(Instance *instance, Phase from, Phase to, const cha
 {
     if (instance->state.phase != (int64_t)from) return instance_refuse(instance, call);
     instance->state.phase = to;
-    instance->propagator.step = NAN;
+    instance_forget(instance);
     return INSTANCE_OK;
 }
 
@@ -202,7 +229,7 @@ static Status instance_settle(Instance *instance, bool *changed)
     if (N_MODES == 0) return INSTANCE_OK;
     if (!modes_settle(&instance->state.values, &margins, changed))
         return instance_report(instance, INSTANCE_ERROR, "the modes of the model change without end");
-    if (*changed) instance->propagator.step = NAN;
+    if (*changed) instance_forget(instance);
     if (*changed) instance->outputs_follow = false;
     return INSTANCE_OK;
 }
@@ -320,7 +347,7 @@ static Status instance_set(Instance *instance, const unsigned int *references, s
     instance->outputs_follow = false;
     if (N_MODES > 0 && phase <= PHASE_INITIALIZATION) instance_reset_modes(instance);
     if (!only_inputs)
-        instance->propagator.step = NAN;
+        instance_forget(instance);
     else if (MODEL_LINEAR && !isnan(instance->propagator.step))
         propagator_hold_inputs(&instance->propagator, &instance->state.values);
     return INSTANCE_OK;
@@ -329,7 +356,7 @@ static Status instance_set(Instance *instance, const unsigned int *references, s
 INSTANCE_RARE static Status instance_fail(Instance *instance, double time)
 {
     instance->state.phase = PHASE_FAILED;
-    instance->propagator.step = NAN;
+    instance_forget(instance);
     return instance_report(instance, INSTANCE_ERROR, "the step from %g s did not end in a finite state", time);
 }
 
@@ -350,7 +377,7 @@ INSTANCE_RARE static Status instance_step_with_care(Instance *instance, double t
     if (N_MODES > 0) {
         if (!modes_integrate(&state->values, step, &instance->propagator)) return instance_fail(instance, time);
     } else if (MODEL_LINEAR) {
-        if (!(step == instance->propagator.step) && !propagator_prepare(&instance->propagator, &state->values, step))
+        if (!(step == instance->propagator.step) && !instance_prepare(instance, step))
             return instance_fail(instance, time);
         if (!propagator_step(&instance->propagator, &state->values)) return instance_fail(instance, time);
     } else {

@@ -12,7 +12,10 @@
 #ifndef TIMED_H
 #define TIMED_H
 
+#include <float.h>
 #include <stdlib.h>
+
+#define USUAL 4 /* communication steps that come again: outputs that are late part each interval alike */
 
 typedef struct {
     Run *run;
@@ -29,6 +32,8 @@ typedef struct {
     double held[MAX_INPUTS];
     int has_held;
     int tells_slopes;             /* the FMU is told the slopes of its inputs */
+    double steps[USUAL];          /* s, communication steps of this run; 0: none yet */
+    int oldest;                   /* of these */
 } Timed;
 
 static inline double instant(const Experiment *experiment, int64_t k) {
@@ -163,6 +168,17 @@ static void keep(Timed *t, const double *read, double now, double a_step_ago) {
     }
 }
 
+/* A communication step that differs from an earlier one by the rounding of the times is that one: an FMU has computed
+   for it already. */
+static double usual_step(Timed *t, double step, double time) {
+    const double rounding = 4 * DBL_EPSILON * (fabs(time) + step);
+    for (int k = 0; k < USUAL; k++)
+        if (fabs(step - t->steps[k]) <= rounding) return t->steps[k];
+    t->steps[t->oldest] = step;
+    t->oldest = (t->oldest + 1) % USUAL;
+    return step;
+}
+
 /* Step from one sample to the next, and read on the way what is due. */
 static int64_t step_over(Timed *t, int64_t k, int64_t *count) {
     const Run *run = t->run;
@@ -174,7 +190,7 @@ static int64_t step_over(Timed *t, int64_t k, int64_t *count) {
     while (now < end) {
         const double stop = run->job->even_steps ? end : next_event(t, now, end);
         const int64_t steps = stop == end && now == begin ? run->substeps : (int64_t)ceil((stop - now) / run->h - 1e-9);
-        const double h = (stop - now) / (double)(steps > 0 ? steps : 1);
+        const double h = usual_step(t, (stop - now) / (double)(steps > 0 ? steps : 1), now);
         fmi2Status status;
         for (int64_t s = 0; s < (steps > 0 ? steps : 1); s++) {
             status = hold_means(t, now + (double)s * h, now + (double)(s + 1) * h);
