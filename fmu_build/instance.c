@@ -24,7 +24,7 @@
 #define INSTANCE_RARE
 #endif
 
-#define KEPT 3         /* communication steps besides the last: an output that is late makes two in turn */
+#define KNOWN 4        /* communication steps: an output that is late makes two in turn */
 #define TIME_LIMIT 1e9 /* s: beyond, microseconds drown in rounding */
 
 typedef enum { INSTANCE_OK = 0, INSTANCE_DISCARD = 2, INSTANCE_ERROR = 3 } Status; /* FMI's numbers */
@@ -53,8 +53,8 @@ typedef struct {
 
 typedef struct Instance {
     State state;
-    Propagator propagator;   /* follows from the state; its step is NaN when it does not */
-    Propagator others[KEPT]; /* of other communication steps, for the same parameters; their inputs may have changed */
+    Propagator *propagator;  /* of the last communication step; its step is NaN where it does not follow from the state */
+    Propagator known[KNOWN]; /* for the same parameters; but for that one, inputs may have changed since */
     bool outputs_follow;     /* modes and calculated outputs follow from the other values */
     bool model_exchange;     /* the importer integrates */
     bool log_discard;
@@ -121,26 +121,21 @@ static inline double *instance_time(Instance *instance)
 /* What was computed does not follow from the state any more. */
 static void instance_forget(Instance *instance)
 {
-    instance->propagator.step = NAN;
-    for (int k = 0; k < KEPT; k++) instance->others[k].step = NAN;
+    instance->propagator = instance->known;
+    for (int k = 0; k < KNOWN; k++) instance->known[k].step = NAN;
 }
 
 /* Make ready for another communication step than the last; false if what is needed is not finite. */
 static bool instance_prepare(Instance *instance, double step)
 {
-    Propagator *now = &instance->propagator;
-    const Propagator last = *now;
-    int k = 0;
-    while (k < KEPT - 1 && !(instance->others[k].step == step)) k++;
-    if (instance->others[k].step == step) {
-        *now = instance->others[k];
-        propagator_hold_inputs(now, &instance->state.values);
-    } else if (!propagator_prepare(now, &instance->state.values, step)) {
-        return false;
+    for (int k = 0; k < KNOWN; k++) {
+        if (!(instance->known[k].step == step)) continue;
+        instance->propagator = &instance->known[k];
+        propagator_hold_inputs(instance->propagator, &instance->state.values);
+        return true;
     }
-    for (; k > 0; k--) instance->others[k] = instance->others[k - 1];
-    instance->others[0] = last;
-    return true;
+    instance->propagator = &instance->known[(instance->propagator - instance->known + 1) % KNOWN];
+    return propagator_prepare(instance->propagator, &instance->state.values, step);
 }
 
 /* Modes follow from the start values; so they begin anew when these are set. */
@@ -348,8 +343,8 @@ static Status instance_set(Instance *instance, const unsigned int *references, s
     if (N_MODES > 0 && phase <= PHASE_INITIALIZATION) instance_reset_modes(instance);
     if (!only_inputs)
         instance_forget(instance);
-    else if (MODEL_LINEAR && !isnan(instance->propagator.step))
-        propagator_hold_inputs(&instance->propagator, &instance->state.values);
+    else if (MODEL_LINEAR && !isnan(instance->propagator->step))
+        propagator_hold_inputs(instance->propagator, &instance->state.values);
     return INSTANCE_OK;
 }
 
@@ -375,11 +370,11 @@ INSTANCE_RARE static Status instance_step_with_care(Instance *instance, double t
     if (fabs(step - state->step) <= 2 * DBL_EPSILON * larger_of(fabs(time), fabs(end))) step = state->step;
     state->step = step;
     if (N_MODES > 0) {
-        if (!modes_integrate(&state->values, step, &instance->propagator)) return instance_fail(instance, time);
+        if (!modes_integrate(&state->values, step, instance->propagator)) return instance_fail(instance, time);
     } else if (MODEL_LINEAR) {
-        if (!(step == instance->propagator.step) && !instance_prepare(instance, step))
+        if (!(step == instance->propagator->step) && !instance_prepare(instance, step))
             return instance_fail(instance, time);
-        if (!propagator_step(&instance->propagator, &state->values)) return instance_fail(instance, time);
+        if (!propagator_step(instance->propagator, &state->values)) return instance_fail(instance, time);
     } else {
         if (!rosenbrock_integrate(&state->values, step, &state->substep)) return instance_fail(instance, time);
     }
@@ -393,9 +388,9 @@ static inline Status instance_step(Instance *instance, double time, double step)
 {
     const double end = time + step;
     /* A step as long as the last one, nothing else changed but inputs: what could be wrong was looked at then. */
-    if (MODEL_LINEAR && (N_MODES == 0 || instance->propagator.lasting) &&
-        memcmp(&step, &instance->propagator.step, sizeof step) == 0 && end <= instance->state.stop_time) {
-        if (!propagator_step(&instance->propagator, &instance->state.values)) return instance_fail(instance, time);
+    if (MODEL_LINEAR && (N_MODES == 0 || instance->propagator->lasting) &&
+        memcmp(&step, &instance->propagator->step, sizeof step) == 0 && end <= instance->state.stop_time) {
+        if (!propagator_step(instance->propagator, &instance->state.values)) return instance_fail(instance, time);
         *instance_time(instance) = end;
         if (N_OUTPUTS > 0) instance->outputs_follow = false;
         return INSTANCE_OK;
