@@ -104,6 +104,24 @@ def test_time_is_the_communication_point_plus_the_step(motor: Slave) -> None:
     assert time.value == 5.0 + 999 * 1e-3 + 1e-3
 
 
+def test_steps_that_come_again_in_turn_give_the_bits_of_steps_that_are_computed_anew(opened: Opened) -> None:
+    """Five lengths, more than are kept; inputs change meanwhile; a parameter that is set again makes all forgotten."""
+    steps = [1e-3, 4e-4, 6e-4, 1e-3, 4e-4, 2e-4, 1e-4, 6e-4, 1e-3, 4e-4, 6e-4, 4e-4, 6e-4]
+    rows = []
+    for anew in (False, True):
+        motor, time = opened.slave(), 0.0
+        motor.start()
+        rows.append([])
+        for v, step in zip(voltages(len(steps)), steps, strict=True):
+            motor.set(v=v)
+            if anew:
+                motor.set(R=motor.get("R")[0])
+            motor.step(time, step)
+            time += step
+            rows[-1].append(motor.get(*OUTPUTS))
+    assert rows[0] == rows[1]
+
+
 def test_start_time_and_stop_time_are_checked(motor: Slave) -> None:
     assert status(motor.fmi.setupExperiment, startTime=float("nan")) == ERROR
     assert status(motor.fmi.setupExperiment, startTime=1e10) == ERROR

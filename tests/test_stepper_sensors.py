@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from faulty import faulty_fmu
 from foreign_fmus import foreign_fmu
 from motors import CML050, held_response
 from test_stepper import NOMINAL, experiment, job_of, noisy_voltage
@@ -68,6 +69,16 @@ def test_an_input_that_comes_early_is_allowed(crew):
     crew.load(with_sensors(experiment(voltage, np.zeros((n, 2)))))
     early = held_response(CML050, np.where(np.arange(n) >= 17, 10.0, 0.0), step=1e-3)
     np.testing.assert_allclose(shown(crew, [*NOMINAL, -0.003, *PLAIN]).shown[0], early, rtol=1e-9, atol=1e-9)
+
+
+def test_an_output_that_is_late_parts_every_interval_alike(crew, tmp_path):
+    """Two lengths of step, to the bit, wherever in time: the FMU computes for each once. A third is an error here."""
+    count = "static double seen[3]; static int n; int k = 0; while (k < n && seen[k] != h) k++;"
+    fmu = faulty_fmu(tmp_path, DoStep=f"{count} if (k == n) seen[n++] = h; return n > 2 ? fmi2Error : ORIGINAL;")
+    job = with_sensors(experiment(noisy_voltage(), np.zeros((300, 2))))
+    crew.load(dataclasses.replace(job, description=describe(fmu)))
+    batch = shown(crew, [*NOMINAL, 0.0, 1.0, 0.0, 0.0, 1.0, 0.0, 0.37e-3])
+    assert not batch.failed.any() and batch.steps[0] == 2 * 299
 
 
 def test_neutral_sensor_values_change_no_bit(crew):

@@ -12,7 +12,10 @@
 #ifndef TIMED_H
 #define TIMED_H
 
+#include <float.h>
 #include <stdlib.h>
+
+#define USUAL 4 /* communication steps that come again: outputs that are late part each interval alike */
 
 typedef struct {
     Run *run;
@@ -23,12 +26,18 @@ typedef struct {
     double late[MAX_OUTPUTS];     /* s, by which outputs are shown late, not negative */
     double same;                  /* s, instants that are nearer than this are one */
     int64_t row;                  /* of the inputs, that acts now; -1: before the first */
+    int64_t changing;             /* row of the inputs at which something changes next; `samples`: none */
+    double change;                /* s, when it begins to act */
+    double lasts;                 /* s, until when the inputs that the FMU holds are right */
     int64_t next[MAX_OUTPUTS];    /* sample of each output to be read next */
     double *kept;                 /* [samples][outputs] as read, each at its own instant */
     double before[MAX_OUTPUTS];   /* even steps: as read a step ago */
     double held[MAX_INPUTS];
     int has_held;
+    int goes_linearly;            /* an input does, between its rows */
     int tells_slopes;             /* the FMU is told the slopes of its inputs */
+    double steps[USUAL];          /* s, communication steps of this run; 0: none yet */
+    int oldest;                   /* of these */
 } Timed;
 
 static inline double instant(const Experiment *experiment, int64_t k) {
@@ -55,17 +64,23 @@ static int is_change(const Timed *t, int64_t row) {
     return 0;
 }
 
-/* The next event after `now`, at most `end`. */
-static double next_event(const Timed *t, double now, double end) {
-    double event = end;
-    for (int64_t row = t->row + 1; row < t->samples; row++) {
-        const double from = acts_from(t, row);
-        if (from >= event - t->same) break;
-        if (from > now + t->same && is_change(t, row)) {
-            event = from;
-            break;
-        }
+/* When inputs change next after `now`; times do not go back. */
+static double next_change(Timed *t, double now) {
+    while (t->change <= now + t->same) {
+        t->changing++;
+        if (t->changing >= t->samples)
+            t->change = INFINITY;
+        else if (is_change(t, t->changing))
+            t->change = acts_from(t, t->changing);
     }
+    return t->change;
+}
+
+/* The next event after `now`, at most `end`. */
+static double next_event(Timed *t, double now, double end) {
+    double event = end;
+    const double change = next_change(t, now);
+    if (change < event - t->same) event = change;
     for (size_t j = 0; j < t->outputs; j++) {
         if (t->next[j] < t->samples) {
             const double due = instant(t->run->experiment, t->next[j]) - t->late[j];
@@ -137,8 +152,12 @@ static fmi2Status hold_means(Timed *t, double from, double to) {
     const Slave *slave = t->run->slave;
     double means[MAX_INPUTS];
     int changed = !t->has_held;
-    if (t->inputs == 0) return fmi2OK;
+    if (t->inputs == 0 || to <= t->lasts) return fmi2OK;
     input_means(t, from, to, means);
+    if (!t->goes_linearly) {
+        const double change = next_change(t, from);
+        t->lasts = to <= change + t->same ? change + t->same : -INFINITY;
+    }
     if (t->tells_slopes) return tell_slopes(t, from, to, means);
     for (size_t j = 0; j < t->inputs && !changed; j++) changed = means[j] != t->held[j];
     if (!changed) return fmi2OK;
@@ -163,6 +182,17 @@ static void keep(Timed *t, const double *read, double now, double a_step_ago) {
     }
 }
 
+/* A communication step that differs from an earlier one by the rounding of the times is that one: an FMU has computed
+   for it already. */
+static double usual_step(Timed *t, double step, double time) {
+    const double rounding = 4 * DBL_EPSILON * (fabs(time) + step);
+    for (int k = 0; k < USUAL; k++)
+        if (fabs(step - t->steps[k]) <= rounding) return t->steps[k];
+    t->steps[t->oldest] = step;
+    t->oldest = (t->oldest + 1) % USUAL;
+    return step;
+}
+
 /* Step from one sample to the next, and read on the way what is due. */
 static int64_t step_over(Timed *t, int64_t k, int64_t *count) {
     const Run *run = t->run;
@@ -174,7 +204,7 @@ static int64_t step_over(Timed *t, int64_t k, int64_t *count) {
     while (now < end) {
         const double stop = run->job->even_steps ? end : next_event(t, now, end);
         const int64_t steps = stop == end && now == begin ? run->substeps : (int64_t)ceil((stop - now) / run->h - 1e-9);
-        const double h = (stop - now) / (double)(steps > 0 ? steps : 1);
+        const double h = usual_step(t, (stop - now) / (double)(steps > 0 ? steps : 1), now);
         fmi2Status status;
         for (int64_t s = 0; s < (steps > 0 ? steps : 1); s++) {
             status = hold_means(t, now + (double)s * h, now + (double)(s + 1) * h);
@@ -238,7 +268,10 @@ static int64_t follow_events(Run *run) {
                .outputs = (size_t)run->job->outputs,
                .samples = run->experiment->samples,
                .same = 1e-9 * run->experiment->interval,
-               .row = -1};
+               .row = -1,
+               .changing = -1,
+               .change = -INFINITY,
+               .lasts = -INFINITY};
     const double start = instant(run->experiment, 0);
     double read[MAX_OUTPUTS];
     double before = start;
@@ -248,8 +281,8 @@ static int64_t follow_events(Run *run) {
         t.delay = run->sensor_values[0];
         for (size_t j = 0; j < t.outputs; j++) t.late[j] = run->sensor_values[3 + 3 * j];
     }
-    for (size_t j = 0; j < t.inputs; j++)
-        t.tells_slopes = t.tells_slopes || (goes_linearly(&t, j) && slave->set_derivatives != NULL);
+    for (size_t j = 0; j < t.inputs; j++) t.goes_linearly = t.goes_linearly || goes_linearly(&t, j);
+    t.tells_slopes = t.goes_linearly && slave->set_derivatives != NULL;
     if (run->job->even_steps) t.tells_slopes = 0; /* an input may bend within a step */
     t.kept = malloc((size_t)t.samples * t.outputs * sizeof *t.kept);
     if (t.kept == NULL) return failed(IN_READ, fmi2Error);
