@@ -23,6 +23,7 @@ from estimator.recordings.files import recordings_in
 from estimator.recordings.read_as import AS_WRITTEN, ReadAs
 from estimator.recordings.recording import Recording, recording_from_arrays
 from estimator.results.named import Named
+from estimator.results.reason import places_of
 from estimator.results.result import Estimate, FloatArray
 
 if TYPE_CHECKING:
@@ -118,7 +119,7 @@ class Result(Estimate):
         from estimator.results.plots import comparison_figure
 
         shown = drawable(self)
-        return comparison_figure(shown, noise=self.noise) if shown else None
+        return comparison_figure(shown, noise=self.noise, places=places_of(self.reasons)) if shown else None
 
     def save(self, folder: str | os.PathLike[str], *, figures: Sequence[str] = ()) -> tuple[Path, ...]:
         """Write result.json, report.html, parameters.ssv and figure.png to a folder; return their paths.

@@ -1,28 +1,56 @@
-"""What the tests share."""
+"""What the tests share, which of them run by default, and in which order."""
 
 from __future__ import annotations
 
 import dataclasses
+import os
 from collections.abc import Callable
 from pathlib import Path
 
-import pytest
-from open_points import OPEN
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as on the command line; one worker of pytest-xdist a core
 
-from estimator.cases.case import Case, case_for_recording
+import pytest  # noqa: E402
+from open_points import OPEN  # noqa: E402
+
+from estimator.cases.case import Case, case_for_recording  # noqa: E402
+
+LONG = ("test_app_browser.py", "test_trust.py", "test_estimate.py", "test_effects.py", "test_terminal.py")
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_cmdline_main(config: pytest.Config) -> None:
+    """Let pytest-xdist keep together the tests that share something costly: one browser, one search."""
+    if getattr(config.option, "numprocesses", None) and config.option.dist == "no":
+        config.option.dist = "loadgroup"
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Do not load for the smoke tests what has none: loading all modules takes longer than they do."""
+    if config.option.markexpr != "smoke" or collection_path.suffix != ".py":
+        return None
+    return "mark.smoke" not in collection_path.read_text(encoding="utf-8") or None
+
+
+def pytest_report_header() -> str:
+    """Say what is left out though it is wanted."""
+    return f"open points (expected failures, pytest -m open): {len(OPEN)}"
+
+
+@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Leave the long tests out unless they are asked for by -m; what is open is an expected failure."""
+    """Leave out long tests and open points unless -m asks for them; begin with what takes long, to end together."""
     for item in items:
-        name = item.nodeid.partition("[")[0].rpartition("/")[2]
-        if name in OPEN:
-            item.add_marker(pytest.mark.xfail(reason=f"open: {OPEN[name]}", strict=False))
+        name = f"{item.path.name}::{item.name}"
+        reason = OPEN.get(name) or OPEN.get(name.partition("[")[0])
+        if reason is not None:
+            item.add_marker(pytest.mark.open)
+            item.add_marker(pytest.mark.xfail(reason=f"open: {reason}", strict=False))
+    items.sort(key=lambda item: LONG.index(item.path.name) if item.path.name in LONG else len(LONG))
     if config.option.markexpr:
         return
-    kept = [item for item in items if item.get_closest_marker("full") is None]
-    config.hook.pytest_deselected(items=[item for item in items if item not in kept])
-    items[:] = kept
+    left = [item for item in items if item.get_closest_marker("full") or item.get_closest_marker("open")]
+    config.hook.pytest_deselected(items=left)
+    items[:] = [item for item in items if item not in left]
 
 
 @pytest.fixture(scope="session")

@@ -15,6 +15,7 @@ NOISE = {"i": 0.02, "w": 1.0}
 EXCITATIONS = {
     "step": lambda t: np.where(t < 0.1, 0.0, 10.5),
     "two levels": lambda t: np.where(t < 0.1, 0.0, np.where(t < 0.45, 5.0, 10.5)),
+    "late second level": lambda t: np.where(t < 0.1, 0.0, np.where(t < 0.4537, 5.0, 10.5)),
     "reversal": lambda t: np.where(t < 0.1, 0.0, np.where(t < 0.45, 10.5, -10.5)),
 }
 
@@ -51,14 +52,24 @@ def late(y, by):
     return np.interp(np.arange(len(y)) * H / FINE - by, np.arange(len(y)) * H / FINE, y)
 
 
-def recording(excitation, seed=0, *, i=lambda y: y, w=lambda y: y, name="bench", **machine):
-    """Return a recording; `i` and `w` are what the sensors make of current and speed at a tenth of a sample."""
+def recording(
+    excitation, seed=0, *, i=lambda y: y, w=lambda y: y, name="bench", logged=None, rows=slice(None), range_i=np.inf,
+    **machine,
+):  # fmt: skip
+    """Return a recording; `i` and `w` are what the sensors make of current and speed at a tenth of a sample.
+
+    `logged` is the excitation that the file says, `rows` are those that it has, `range_i` the current sensor's, A.
+    """
     time, v, current, speed = driven(excitation, **machine)
+    v = EXCITATIONS[logged or excitation](time + 1e-9)
     rng = np.random.default_rng(seed)
     shown = {"current [A]": i(current)[::FINE], "speed [rad/s]": w(speed)[::FINE]}
     noise = dict(zip(shown, NOISE.values(), strict=True))
     shown = {k: y + noise[k] * rng.standard_normal(len(y)) for k, y in shown.items()}
-    return recording_from_arrays(name, time[::FINE], {"voltage [V]": v[::FINE], **shown})
+    shown["current [A]"] = np.clip(shown["current [A]"], -range_i, range_i)
+    columns = {"voltage [V]": v[::FINE], **shown}
+    time = time[::FINE][rows]
+    return recording_from_arrays(name, time - time[0], {k: y[rows] for k, y in columns.items()})
 
 
 def worst(result):

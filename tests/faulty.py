@@ -39,6 +39,8 @@ SIGNATURES = {
     ),
 }
 
+QUICKLY = ("-O1",)  # compiled in a third of the time, and the same bits
+
 PRELUDE = """#define _GNU_SOURCE
 #include <fenv.h>
 #include <locale.h>
@@ -78,7 +80,7 @@ def faulty_fmu(folder: Path, *, besides: str = "", **faults: str) -> Path:
     source = work / "faulty.c"
     source.write_text(text)
     library = work / "binaries" / fmpy.platform / ("dc_motor" + fmpy.sharedLibraryExtension)
-    compile_library(source, library, include=[work / "sources", fmi_headers()])
+    compile_library(source, library, include=[work / "sources", fmi_headers()], options=QUICKLY)
     target = folder / "faulty.fmu"
     with zipfile.ZipFile(target, "w") as archive:
         for path in sorted(work.rglob("*")):

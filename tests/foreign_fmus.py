@@ -69,7 +69,7 @@ def foreign_fmu(
     glue = "fmi1_model.c" if version == 1 and "model-exchange" in kinds else f"fmi{version}.c"
     source.write_text("".join(f"#define {d}\n" for d in defines) + f'#include "{glue}"\n')
     library = folder / f"{name}{fmpy.sharedLibraryExtension}"
-    compile_library(source, library, include=[SOURCES, fmi_headers()])
+    compile_library(source, library, include=[SOURCES, fmi_headers()], options=("-O1",))
     units = WORKSHOP if "WORKSHOP_UNITS" in defines else {}
     text = {1: _description1, 2: _description2, 3: _description3}[version](kinds, units, "SELF_DRIVEN" in defines)
     for pattern, replacement in change:

@@ -204,6 +204,7 @@ def bench(folder):
     return bench
 
 
+@pytest.mark.smoke
 def test_a_folder_lists_what_can_be_used_and_no_results_of_others(folder):
     (folder / "run-2").mkdir()
     (folder / "run-10").mkdir()
@@ -222,6 +223,7 @@ def test_a_folder_lists_what_can_be_used_and_no_results_of_others(folder):
     }
 
 
+@pytest.mark.smoke
 def test_every_change_is_a_case_file_that_reads_back(bench, folder):
     rows = [
         {"file": "step.csv", "role": "fit", "window": [0.1, 2.0], "scale": {"i": -1}, "offset": {"i": 0.01}},
@@ -283,7 +285,13 @@ def test_the_table_of_the_parameters_makes_the_case_that_it_shows(bench):
         ),
         ({"recordings": [{"file": "step.csv", "role": "fit", "reading": {"test": 3}}]}, "test must be a text, not 3"),
         ({"recordings": [{"file": "step.csv", "role": "fit", "reading": {"counts": -1}}]}, "counts must be above 0"),
-        ({"mapping": {"inputs": {"v": 3}, "outputs": {}}}, "mapping.inputs"),
+        ({"recordings": [{"file": "step.csv", "role": "fit", "reading": {"rate": 0}}]}, "rate must be above 0"),
+        (
+            {"recordings": [{"file": "step.csv", "role": "fit", "reading": {"units": {"w": "furlong"}}}]},
+            "'furlong', given for 'w', is not a known unit",
+        ),
+        ({"recordings": [{"file": "step.csv", "role": "fit", "reading": {"columns": 3}}]}, "an object of texts"),
+        ({"mapping": {"inputs": {"v": 3}, "outputs": {}}}, "inputs must be an object"),
         ({"parameters": [{"name": "R", "free": True, "min": 5, "max": 1}]}, "min must be the smaller"),
         ({"parameters": [{"name": "R", "free": True, "min": "5"}]}, "min must be a number"),
         ({"parameters": [{"name": "Rs", "free": False}]}, "Rs is fixed, but at no value"),

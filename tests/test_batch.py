@@ -347,6 +347,7 @@ def command(folder, *arguments):
     return [sys.executable, "-m", "estimator", "batch", "line.case.toml", "-o", str(folder), *arguments]
 
 
+@pytest.mark.smoke
 def test_the_command_line_end_to_end(tmp_path, capsys, monkeypatch):
     case = line_of(tmp_path / "line", 2)
     (case.parent / "motor_bad.csv").write_text("time [s],voltage [V]\n0,1\n")
@@ -402,7 +403,7 @@ def finished(folder, out):
 
 
 @pytest.mark.parametrize(
-    ("motors", "kills", "longest"), [(6, 3, 4.0), pytest.param(300, 20, 8.0, marks=pytest.mark.full)]
+    ("motors", "kills", "longest"), [(4, 2, 3.0), pytest.param(300, 20, 8.0, marks=pytest.mark.full)]
 )
 def test_a_batch_killed_at_random_moments_ends_in_the_same_table(motors, kills, longest, tmp_path):
     line_of(tmp_path / "line", motors)

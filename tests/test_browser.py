@@ -12,7 +12,7 @@ import pytest
 from made_estimates import comparison, estimate, profiles, with_parameter
 
 from estimator.results.export import result_files
-from estimator.results.result import Validation
+from estimator.results.result import Rival, RivalParameter, Validation
 
 BROWSER = next(
     (path for name in ("chromium", "chromium-browser", "google-chrome") if (path := shutil.which(name))), None
@@ -26,6 +26,8 @@ PROBE = """<script>addEventListener("load", () => {
       .map(s => s.getBoundingClientRect().width),
     fetched: performance.getEntriesByType("resource").map(e => e.name).filter(n => !n.startsWith("data:")),
     wide: document.documentElement.scrollWidth > document.documentElement.clientWidth,
+    cut: [...document.querySelectorAll(".wide")]
+      .filter(e => e.checkVisibility() && e.scrollWidth > e.clientWidth + 1).map(e => e.innerText),
     clipped: [...document.querySelectorAll("table")]
       .filter(t => t.checkVisibility() && t.scrollWidth > t.parentElement.clientWidth).length,
     parameters: document.querySelector(".parameters").getBoundingClientRect().bottom,
@@ -59,7 +61,9 @@ def opened(page, folder, *, width, height=900):
 def page():
     made = with_parameter(estimate(verdict="doubtful", reasons=("L: it is <weak>",)), "R", nominal=3.2)
     seen = Validation((comparison(np.full(300, 6.0), name="another"),), {"i": 0.02, "w": 1.0}, {"i": 95.0, "w": 99.0})
-    made = dataclasses.replace(made, profiles=profiles(), validation=seen)
+    other = {name: RivalParameter(1.06 * p.value, 0.01 * p.value, p.unit) for name, p in made.parameters.items()}
+    rival = Rival("sag instead of a voltage dip", other, "R", 3.1363, 4.2, 3.5, 0.15, "record two voltage levels")
+    made = dataclasses.replace(made, profiles=profiles(), validation=seen, rivals=(rival,))
     return result_files(made, command="fmu-estimator estimate step.csv -o out")["report.html"].decode()
 
 
@@ -81,6 +85,8 @@ def test_the_report_opens_without_an_error_with_all_charts_and_nothing_from_the_
 def test_the_report_fits_a_phone(page, tmp_path):
     told, log = opened(page, tmp_path, width=400)
     assert "CONSOLE" not in log and not told["wide"] and told["fetched"] == []
+    assert told["cut"] == [], "nothing that is open is to be scrolled sideways, neither tables nor charts"
+    assert len([width for width in told["charts"] if width > 300]) == 3 + 4
 
 
 @pytest.mark.skipif(BROWSER is None, reason="no chromium here: apt-get install chromium")

@@ -10,6 +10,7 @@ from motors import CML050, step_recording
 
 from estimator.cli import main
 from estimator.commands.checking import preview_text
+from estimator.commands.terminal import broken
 from estimator.recordings.motor_columns import motor_columns
 from estimator.recordings.preview import preview
 from estimator.recordings.read_as import ReadAs
@@ -41,6 +42,7 @@ def run(capsys, *words):
     return status, out, err
 
 
+@pytest.mark.smoke
 def test_check_tells_columns_and_units_first_then_clock_step_levels_and_noise(file, bench, capsys):
     status, out, err = run(capsys, "check", file("time [s],voltage [V],current [mA],n", i=1e3 * bench["i"]))
     assert status == 0 and err == ""
@@ -75,8 +77,27 @@ def test_check_breaks_its_sentences_to_the_terminals_width(file, bench):
     made = preview(read_recording(file("t,u,i,w", i=-bench["i"])))
     whole = preview_text(made)
     assert max(map(len, whole.splitlines())) > 80
-    broken = preview_text(made, width=80)
-    assert max(map(len, broken.splitlines())) <= 80 and broken.split() == whole.split()
+    parts = [part for line in whole.splitlines() for part in broken(line, 80)]
+    assert max(map(len, parts)) <= 80 and " ".join(parts).split() == whole.split()
+    assert broken("GUID        " + "x " * 50, 60)[1].startswith(" " * 12 + "x"), "under what it belongs to"
+
+
+def test_a_clock_that_counts_from_a_date_is_told_from_its_first_row_on(file, bench, capsys):
+    plain = file("t,u,i,w")
+    rows = [line.split(",", 1) for line in plain.read_text().splitlines()[1:]]
+    dated = plain.with_name("dated.csv")
+    dated.write_text("t,u,i,w\n" + "\n".join(f"{1.7e9 + float(t):.3f},{rest}" for t, rest in rows) + "\n")
+    status, out, _ = run(capsys, "check", dated)
+    assert status == 0 and "1.7e+09" not in out
+    assert "from the first row on, at 2023-11-14 22:13:20 UTC" in out
+    read = read_recording(dated)
+    assert read.time[0] == 0 and read.origin == 1.7e9
+    np.testing.assert_allclose(read.time, bench["t"] - bench["t"][0], atol=1e-9)
+    half = float(read.time[-1]) / 2
+    for begin in (0.0, 1.7e9):  # a window may be said in either
+        status, out, _ = run(capsys, "estimate", dated, "--window", f"{begin:.1f}:{begin + half:.4f}", "--json")
+        samples = json.loads(out)["recordings"][0]["samples"]
+        assert status == 0 and samples == pytest.approx(len(read.time) / 2, abs=2)
 
 
 def test_check_writes_a_figure_of_each_file_and_json(file, tmp_path, capsys):

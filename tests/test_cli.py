@@ -316,6 +316,7 @@ def test_what_is_neither_a_recording_nor_a_case_file_is_told(calls, capsys, sour
     assert fails(capsys, "estimate", source) == sentence
 
 
+@pytest.mark.smoke
 def test_o_writes_the_four_files_and_removes_stale_ones(calls, capsys, tmp_path):
     assert main(["estimate", "step.csv", "-o", "out", "--json"]) == 0
     printed = capsys.readouterr().out

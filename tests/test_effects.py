@@ -1,10 +1,13 @@
 """Each effect on recordings of a bench beside the estimator's: found, named, and the parameters right; or doubted."""
 
+import dataclasses
+import re
+
 import numpy as np
 import pytest
 from effect_bench import H, lagged, late, recording, worst
 
-from estimator.cases.case import Case, OutputSpec
+from estimator.cases.case import Case, OutputSpec, ParameterSpec
 from estimator.estimating.estimate import estimate_recordings
 
 CASE = Case(inputs={"v": "voltage"}, outputs={"i": OutputSpec("current"), "w": OutputSpec("speed")})
@@ -50,7 +53,15 @@ def mean(y, n):
     return sum(np.concatenate([np.full(k * whole, y[0]), y[: len(y) - k * whole]]) for k in range(n)) / n
 
 
-@pytest.mark.parametrize(("effect", "excitation"), [c for c in CASES if c != UNTOLD])
+USUAL = {"delay": "step", "lag": "reversal", "offset": "two levels", "delay of": "step", "dry friction": "reversal"}
+UNKNOWN = [
+    pytest.param(*c, marks=() if USUAL.get(c[0], "two levels") == c[1] else pytest.mark.full)
+    for c in CASES
+    if c != UNTOLD
+]
+
+
+@pytest.mark.parametrize(("effect", "excitation"), UNKNOWN)
 def test_an_effect_that_is_not_known_is_doubted_or_within_the_errors(effect, excitation, monkeypatch):
     bench, _, _, unknown = CHAIN[effect]
     monkeypatch.setenv("FMU_ESTIMATOR_WITHOUT", unknown)
@@ -64,3 +75,65 @@ def test_a_good_recording_has_no_effect_and_is_not_doubted(excitation, seed):
     result = run(recording(excitation, seed=100 + seed))
     assert result.verdict == "ok", result.reasons
     assert not result.chain and worst(result) < 4.5
+
+
+def ripple(y, frequency=467.39, size=0.25):
+    """Return a current with the saw-tooth of a driver's switching while it flows."""
+    t = np.arange(len(y)) * H / 10
+    return y + size * (np.abs(y) > 0) * (2 * np.abs(2 * ((frequency * t) % 1) - 1) - 1)
+
+
+@pytest.mark.parametrize("excitation", ["step", "two levels"])
+def test_the_switching_of_the_driver_is_found_in_the_current_as_the_sampling_folds_it(excitation):
+    result = run(recording(excitation, i=ripple))
+    assert "switching ripple" in result.effects and worst(result) < 4.5, result.reasons
+    lines = [float(line) for n in result.notes for line in re.findall(r"a ripple at (\S+) Hz", n)]
+    assert min(abs(line - 467.39) for line in lines) < 0.1, result.notes
+    assert result.verdict == "ok", result.reasons
+
+
+def shaken(seed=5, size=2.0):
+    """Return what takes each sample at an instant of its own, deviation in tenths of a sample; alike for all signals."""
+    offsets = np.clip(np.round(size * np.random.default_rng(seed).standard_normal(10_000)), -4, 4).astype(int)
+
+    def shift(y):
+        result = y.copy()
+        at = np.arange(10, len(y) - 10, 10)
+        result[at] = y[at + offsets[: len(at)]]
+        return result
+
+    return shift
+
+
+def test_samples_whose_instants_jitter_count_for_less_where_the_signals_are_steep():
+    result = run(recording("reversal", i=shaken(), w=shaken()))
+    assert any("jitter by 0.2" in n or "jitter by 0.1" in n for n in result.notes), result.notes
+    assert worst(result) < 4.5, result.reasons
+
+
+def test_what_a_sensor_cannot_show_is_left_out_and_told():
+    result = run(recording("step", range_i=1.6))
+    assert result.verdict == "doubtful" and "saturated at 1.6 A" in result.reasons[0], result.reasons
+    assert worst(result) < 4.5
+
+
+def test_a_voltage_that_is_on_from_the_first_row_begins_there():
+    result = run(recording("reversal", rows=slice(100, None)))
+    assert worst(result) < 4.5 and result.verdict == "ok", result.reasons
+    assert not any("delay" in name for name in result.chain)
+
+
+def test_a_change_that_comes_late_by_a_part_of_a_sample_is_estimated_where_it_is():
+    result = run(recording("late second level", logged="two levels"))
+    assert "latency of each edge" in result.effects and worst(result) < 4.5, (result.reasons, result.notes)
+    assert any("0, 4 ms late" in note for note in result.notes), result.notes  # by whole samples, and what is left:
+    assert result.chain["latency of each edge"].value == pytest.approx(-0.3e-3, abs=0.1e-3)
+
+
+def test_an_inductance_that_vanishes_leaves_the_others_errors_open():
+    slow = recording("step", rows=slice(None, None, 8))  # L/R of half a sample
+    case = dataclasses.replace(CASE, parameters={"L": ParameterSpec("L", 1e-9, 1e-8)})
+    held = dataclasses.replace(CASE, fixed={"L": 1e-8})
+    loose, firm = (estimate_recordings([c], [[slow]], workers=1)[0] for c in (case, held))
+    assert loose.parameters["L"].standard_error is None
+    assert loose.parameters["R"].standard_error > 1.05 * firm.parameters["R"].standard_error

@@ -65,9 +65,9 @@ def test_the_result_does_not_depend_on_the_number_of_workers(bench):
 
 
 def test_a_fixed_parameter_stays_and_bounds_hold(bench):
-    done = run("estimate", "step.csv", "--json", "--fix", "L=0.014", "--bounds", "R=3.2:5", cwd=bench)
+    done = run("estimate", "step.csv", "--json", "--fix", "L=0.01307", "--bounds", "R=3.2:5", cwd=bench)
     found = check_contract(done.stdout)["parameters"]
-    assert found["L"]["value"] == 0.014 and not found["L"]["free"]
+    assert found["L"]["value"] == 0.01307 and not found["L"]["free"]
     assert (found["R"]["lower"], found["R"]["upper"]) == (3.2, 5.0) and 3.2 <= found["R"]["value"] <= 5.0
 
 

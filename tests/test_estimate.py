@@ -98,16 +98,16 @@ def test_a_response_that_has_not_settled_is_doubted_with_its_reason(case_of):
 def check_within_three_standard_errors(case_of, motor, seeds):
     # Five normal errors all lie within 3 deviations in at least 98.65 % of the cases (Bonferroni), so that fewer than
     # 93 of 100 do has a chance below 5e-4 with independence at the limit, and 1e-4 with the real correlations; the
-    # seeds are fixed, so this is no lottery.
+    # seeds are fixed, so this is no lottery. Of 12 (the default suite) one outside is allowed: two by chance in 1 %.
     found = estimates(case_of, noisy(motor, seeds))
     inside = [max(abs(z) for z in in_standard_errors(e, motor)) < 3 for e in found]
-    assert np.mean(inside) >= 0.93
+    assert np.mean(inside) >= (0.93 if seeds >= 100 else 0.9)
     assert {e.verdict for e in found} == {"ok"}
 
 
 @BOTH
 def test_with_noise_the_parameters_lie_within_three_standard_errors(case_of, motor):
-    check_within_three_standard_errors(case_of, motor, 40)
+    check_within_three_standard_errors(case_of, motor, 12)
 
 
 @pytest.mark.full
@@ -127,14 +127,18 @@ def test_standard_errors_are_right_to_twenty_percent(case_of, motor):
 # The paper's methods
 
 
-@pytest.fixture(scope="module")
-def paper_runs(case_of):
+PAPER = pytest.mark.xdist_group("the paper's searches")  # of 80 000 simulations each: made once
+
+
+@pytest.fixture(scope="module", params=[3, pytest.param(10, marks=pytest.mark.full)], ids="{} seeds".format)
+def paper_runs(case_of, request):
     runs = {}
     for motor, method in ((RMCS2004, "paper"), (CML050, "paper"), (CML050, "original")):
-        runs[motor.name, method] = estimates(case_of, [step_recording(motor)] * 10, method=method)
+        runs[motor.name, method] = estimates(case_of, [step_recording(motor)] * request.param, method=method)
     return runs
 
 
+@PAPER
 @pytest.mark.parametrize("key", list(RMSE_PRINTED), ids=lambda k: k[0])
 def test_the_papers_method_reproduces_the_papers_rmse(paper_runs, key):
     for output, printed in RMSE_PRINTED[key].items():
@@ -142,12 +146,14 @@ def test_the_papers_method_reproduces_the_papers_rmse(paper_runs, key):
         assert min(ours) / 4 <= printed <= 4 * max(ours)
 
 
+@PAPER
 def test_the_original_search_is_much_worse_than_the_papers(paper_runs):
     for output in ("w", "i"):
         median = {m: np.median([e.rmse[output] for e in paper_runs["CML-050", m]]) for m in ("paper", "original")}
         assert median["original"] >= 5 * median["paper"]
 
 
+@PAPER
 def test_the_papers_budget_is_the_papers(paper_runs):
     for runs in paper_runs.values():
         for e in runs:
@@ -155,6 +161,7 @@ def test_the_papers_budget_is_the_papers(paper_runs):
             assert all(p.standard_error is None for p in e.parameters.values())
 
 
+@PAPER
 def test_the_papers_method_keeps_the_steady_state_relations(paper_runs):
     for e in paper_runs["CML-050", "paper"]:
         p = {n: e.parameters[n].value for n in NAMES}
@@ -212,6 +219,7 @@ def test_a_negative_step_is_a_step(case_of):
     check_exact(case_of, step_recording(CML050, levels=(0.0, -10.5), duration=1.5))
 
 
+@pytest.mark.smoke
 def test_a_step_between_two_voltages_is_a_step(case_of):
     check_exact(case_of, step_recording(CML050, levels=(4.0, 10.5), duration=1.5))
 
@@ -323,6 +331,7 @@ def test_a_lost_transient_is_refused(case_of):
 # What the result says
 
 
+@pytest.mark.smoke
 def test_rmse_and_fit_are_what_the_trajectories_say(case_of):
     (e,) = estimates(case_of, noisy(CML050, 1))
     (c,) = e.comparisons

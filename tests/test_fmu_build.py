@@ -51,6 +51,7 @@ def description(fmu: Path) -> ModelDescription:
     return fmpy.read_model_description(str(fmu))
 
 
+@pytest.mark.smoke
 def test_validation_finds_nothing(fmu: Path) -> None:
     assert validate_fmu(str(fmu)) == []
 

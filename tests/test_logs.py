@@ -305,9 +305,10 @@ def test_other_json_is_refused_in_one_sentence(tmp_path, text, sentence):
 def test_a_case_keeps_how_its_file_is_read(write, tmp_path, capsys):
     path = write("", V, T, I, W)
     words = ["--column", "time=2", "--column", "v=1", "--column", "i=3", "--column", "w=4", "--unit", "w=rpm"]
+    quick = ["--method", "integral", "--workers", "1"]
     case = tmp_path / "saved.case.toml"
-    main(["estimate", str(path), *words, "--save-case", str(case), "--workers", "1"])
+    main(["estimate", str(path), *words, "--save-case", str(case), *quick])
     first = capsys.readouterr().out.splitlines()[0]
     assert first.startswith("read log: v ← column 1 (no unit: taken as V)")
-    main(["estimate", str(case), "--workers", "1"])
+    main(["estimate", str(case), *quick])
     assert capsys.readouterr().out.splitlines()[0] == first

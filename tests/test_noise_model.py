@@ -20,7 +20,9 @@ def whitener_of(noise, n, q=1, *, time=None, level=None, missing=()):
     present = np.ones((n, q), dtype=bool)
     present[list(missing)] = False
     level = np.zeros((n, q)) if level is None else level
-    return Whitener(noise, (Clock(time, slice(0, n)),), present, level, np.ones((n, q)), np.ones(n, dtype=bool))
+    return Whitener(
+        noise, (Clock(time, slice(0, n)),), present, level, np.ones((n, q)), np.ones(n, dtype=bool), np.zeros((n, q))
+    )
 
 
 def plain(*white):

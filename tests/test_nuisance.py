@@ -159,7 +159,13 @@ def test_a_supply_that_sags_is_named(case_of, noisy):
     result = run(case_of(), noisy_at(0.05, noisy))
     assert result.verdict == "doubtful"
     assert any("the motor's voltage is too low at first" in reason for reason in result.reasons), result.reasons
-    assert any(reason.startswith("sag instead of voltage dip") for reason in result.reasons), result.reasons
+    (told,) = [rival for rival in result.rivals if rival.what.startswith("sag instead of voltage dip")]
+    assert told.sentence() in result.reasons
+    assert set(told.parameters) == set(NAMES) and told.differs_in == "K"
+    moved = told.parameters["K"].value - result.parameters["K"].value
+    assert abs(moved) > 5 * told.parameters["K"].standard_error > 0
+    assert abs(moved) < 3 * result.parameters["K"].standard_error, "the bar allows for it"
+    assert 0.01 < told.weight < 0.5
     assert worst(result) < 3
 
 

@@ -81,18 +81,18 @@ def test_a_dead_band_is_named_with_the_model_that_has_one(case_of):
 
 
 def test_a_coasting_motor_is_named_and_one_that_brakes_is_not(case_of):
-    driven = np.r_[np.zeros(100), np.full(500, 10.5)]
+    driven = np.r_[np.zeros(50), np.full(150, 10.5)]
     shown, w = dry(driven), []
     speed = float(shown[-1, 1])
-    for _ in range(700):
+    for _ in range(100):
         speed = max(0.0, speed - STEP * (DRY["B"] * speed + DRY["friction"]) / DRY["J"])
         w.append(speed)
-    voltage = np.r_[driven, np.zeros(700)]
-    coasting = made(voltage, np.vstack([shown, np.column_stack([np.zeros(700), w])]))
+    voltage = np.r_[driven, np.zeros(100)]
+    coasting = made(voltage, np.vstack([shown, np.column_stack([np.zeros(100), w])]))
     assert kinds(coasting) == ["coasts"]
     assert kinds(made(voltage, dry(voltage))) == []
     found = estimated(case_of, coasting)
-    assert found.verdict == "doubtful" and "from t = 0.6 s the motor turns at 18" in found.reasons[0]
+    assert found.verdict == "doubtful" and "from t = 0.2 s the motor turns at 18" in found.reasons[0]
 
 
 def locked():

@@ -227,14 +227,11 @@ SHOWN = {
 
 
 UP, DOWN = (5.0, 10.5), (10.5, 5.0)
-BEATS = pytest.mark.xfail(
-    reason="112.08 counts a sample: their rounding repeats, and the first rows ask for other parameters"
-)
 
 
 @pytest.mark.parametrize(
     ("levels", "sensor"),
-    [(UP, "counts"), (UP, "a resolver"), pytest.param(DOWN, "counts", marks=BEATS), (DOWN, "a resolver")],
+    [(UP, "counts"), (UP, "a resolver"), (DOWN, "counts"), (DOWN, "a resolver")],
 )
 def test_an_angle_of_a_motor_that_runs_already_may_begin_anywhere(case_of, levels, sensor):
     recording = step_recording(CML050, levels=levels, duration=1.2, lead=0.3, noise=(0.02, 0.0))

@@ -68,6 +68,9 @@ def test_current_and_speed_exchanged_are_named_and_nothing_else(motor):
         time, {**good, "i": good["w"], "w": good["i"]}, columns={"i": "current [A]", "w": "speed [rad/s]"}
     )
     assert finding.kind == "exchanged" and finding.is_fatal
+    edge = time[np.flatnonzero(good["v"])[0] - 1]
+    assert [e.signal for e in finding.evidence] == ["i", "w"]
+    assert all(e.start == edge and edge < e.end < 0.75 * time[-1] for e in finding.evidence), "the response, no more"
     assert "--column 'i=speed [rad/s]' --unit i=A --column 'w=current [A]' --unit w=rad/s" in finding.sentence
 
 
@@ -77,6 +80,8 @@ def test_a_sign_is_named_with_the_option_that_turns_it(turned, option, reverse):
     time, good = signals(CML050, interval=1e-3, reverse=reverse)
     (finding,) = found(time, {n: -y if n in turned else y for n, y in good.items()})
     assert option in finding.sentence and finding.is_fatal
+    assert {e.signal for e in finding.evidence} == set(turned)
+    assert all(e.start >= 0.25 - 1e-3 for e in finding.evidence), "before the step nothing goes against anything"
 
 
 @pytest.mark.parametrize(
@@ -99,6 +104,8 @@ def test_a_unit_that_nobody_said_is_doubted_where_no_motor_is_like_that(signal, 
     findings = found(good.pop("time"), good, NOBODY)
     assert [f.kind for f in findings] == [f"unit {signal}"] and option in findings[0].sentence
     assert not findings[0].is_fatal
+    assert {e.signal for e in findings[0].evidence} == ({"i", "w"} if signal == "time" else {signal})
+    assert all(e.end > e.start >= 0.8 * np.argmax(good["v"] > 0) * 1e-3 for e in findings[0].evidence)
 
 
 def test_what_the_user_said_again_is_doubted_no_more():

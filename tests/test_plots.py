@@ -16,6 +16,7 @@ from matplotlib.image import imread
 
 from estimator.results import panels, plots
 from estimator.results.numbers import number_text
+from estimator.results.reason import Place
 from estimator.results.result import Comparison
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -201,3 +202,12 @@ def test_ticks_are_written_as_the_tables_write_numbers():
     texts = [label.get_text() for label in residual.get_yticklabels()]
     assert "0" in texts and all(text == number_text(float(text)) for text in texts)
     assert any("e-05" in text for text in texts)
+
+
+def test_where_a_reason_lies_is_shaded_in_the_signal_that_shows_it():
+    shown = comparison()
+    figure = plots.comparison_figure([shown], places=[Place(shown.name, "w", 2.0, 2.4), Place("another", "", 0.0, 9.0)])
+    shaded = [(ax, patch) for ax in figure.axes for patch in ax.patches if patch.get_label() == "where the reason lies"]
+    ((ax, patch),) = shaded
+    assert "speed" in ax.get_ylabel() and patch.get_x() == 2.0 and patch.get_width() == pytest.approx(0.4)
+    assert "where the reason lies" in legend(figure)

@@ -90,18 +90,19 @@ TROUBLES = {
     "crashes in a step": ({"DoStep": "abort();"}, "it does not run: it crashed (SIGABRT)"),
     "ends its process": ({"Instantiate": "exit(3);"}, "it does not run: it ended its process (exit status 3)"),
     "gives no instance": ({"Instantiate": "return NULL;"}, "it does not run: instantiate gave no instance"),
-    "hangs in a step": ({"DoStep": "pause();"}, "it does not run: it does not come back within 2 s"),
-    "hangs in instantiate": ({"Instantiate": "pause();"}, "it does not run: it does not come back within 2 s"),
+    "hangs in a step": ({"DoStep": "pause();"}, "it does not run: it does not come back within 1 s"),
+    "hangs in instantiate": ({"Instantiate": "pause();"}, "it does not run: it does not come back within 1 s"),
     "hangs when loaded": (
         {"besides": "__attribute__((constructor)) static void load(void) { pause(); }"},
-        "it does not run: it does not come back within 2 s",
+        "it does not run: it does not come back within 1 s",
     ),
 }
 
 
 @pytest.mark.parametrize(("faults", "sentence"), TROUBLES.values(), ids=TROUBLES)
 def test_inspect_answers_whatever_the_fmu_does(tmp_path, capsys, monkeypatch, faults, sentence):
-    monkeypatch.setattr(probe_stages, "STAGE_LIMIT", 2.0)
+    if "come back" in sentence:
+        monkeypatch.setattr(probe_stages, "STAGE_LIMIT", 1.0)
     fmu = faulty_fmu(tmp_path, **faults)
     assert main(["inspect", str(fmu), "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
@@ -156,6 +157,7 @@ def test_inspect_probes_both_kinds_or_the_one_that_is_chosen(tmp_path, capsys):
     assert "choose model-exchange with --kind, or with kind under [fmu]" in text
 
 
+@pytest.mark.smoke
 def test_inspect_tells_what_the_probe_found_and_guesses_roles(tmp_path, capsys):
     assert main(["inspect", str(foreign_fmu(tmp_path, "IDLE_RESET"))]) == 0
     text = " ".join(capsys.readouterr().out.split())

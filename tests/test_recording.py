@@ -126,6 +126,7 @@ DIALECTS: dict[str, str | bytes] = {
 }
 
 
+@pytest.mark.smoke
 @pytest.mark.parametrize("name", DIALECTS)
 def test_every_dialect_gives_the_same_signals(name: str, tmp_path: Path) -> None:
     check(read(tmp_path, DIALECTS[name]))

@@ -33,6 +33,7 @@ def refused(case_of, recording, *words):
     return result
 
 
+@pytest.mark.smoke
 def test_no_voltage_logged(case_of, good):
     refused(case_of, made(0 * good[0], good[1]), "no voltage was logged")
 
@@ -133,7 +134,7 @@ def test_a_response_that_has_not_settled_is_doubtful(case_of):
 def test_a_model_that_does_not_explain_the_data_is_doubtful(case_of, good):
     shown = good[1].copy()
     shown[:, 1] *= 1 - 0.1 * np.clip(shown[:, 1] / shown[:, 1].max(), 0, 1) ** 3  # no linear motor
-    result = run(case_of(), made(good[0], shown, noise=(0.002, 0.1)))
+    result = run(case_of(), made(good[0], shown, noise=(0.01, 0.5)))
     assert result.verdict == "doubtful"
     assert result.parameters
 

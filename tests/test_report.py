@@ -18,7 +18,7 @@ from estimator.results import numbers, report
 from estimator.results.reason import Place, Reason
 from estimator.results.report_html import html_report
 from estimator.results.residuals import recording_fits, whiteness
-from estimator.results.result import Validation
+from estimator.results.result import Rival, RivalParameter, Validation
 
 CONTRACT = {
     "verdict": str,
@@ -134,6 +134,7 @@ def test_a_shown_value_is_the_value_to_a_tenth_of_its_standard_error(value, rela
     assert float(ulp) >= 1e-3 * error or ulp == 1  # no digits that mean nothing, after the point
 
 
+@pytest.mark.smoke
 def test_the_text_begins_with_the_verdict_and_its_reasons():
     text = report.text_report(estimate(verdict="doubtful", reasons=("first reason", "second reason")))
     lines = text.splitlines()
@@ -244,6 +245,7 @@ def parsed(page: str) -> Tags:
     return tags
 
 
+@pytest.mark.smoke
 def test_the_html_report_stands_alone_with_the_verdict_first():
     page = html_report(
         estimate(verdict="doubtful", reasons=("L <is> weak",)),
@@ -302,9 +304,37 @@ def test_a_refused_recording_is_shown_with_the_place_where_the_reason_lies():
     page = html_report(made)
     text = " ".join(parsed(page).text)
     assert "Where the reason lies" in text and "Transient" not in text and "simulated" not in text
-    assert page.count('class="place" x=') == 2, "in the enlarged part and in the whole recording, of the speed only"
+    assert page.count('class="place" x=') == 4, (
+        "in the enlarged part and in the whole recording, wide and slim, of the speed only"
+    )
+    (told,) = json.loads(report.to_json(made))["places"]
+    assert told == {"reason": 0, "recording": "step_10V5", "signal": "w", "start": 0.52, "end": 0.6}
+    doubted = html_report(dataclasses.replace(estimate(verdict="doubtful", reasons=(reason,))))
+    assert "Transient" in doubted and 'class="place" x=' in doubted, "a transient that was fitted stays, and is marked"
     again = pickle.loads(pickle.dumps(reason))
     assert again == reason and again.places == reason.places and json.dumps(reason) == '"step_10V5: w is saturated"'
+
+
+def rival(**changes):
+    """Return another explanation, in which R is 6 % higher and L is at a bound."""
+    found = {"R": RivalParameter(1.06 * MOTOR["R"], 0.01, "Ohm"), "L": RivalParameter(MOTOR["L"], None, "H")}
+    made = Rival("sag instead of a <dip>", found, "R", MOTOR["R"], 4.2, 3.5, 0.15, "record two voltage levels")
+    return dataclasses.replace(made, **changes)
+
+
+def test_rivals_stand_in_the_report_on_one_axis_over_the_estimate_and_in_json():
+    made = estimate(verdict="doubtful", rivals=(rival(),))
+    page = html_report(made)
+    text = " ".join(" ".join(parsed(page).text).split())
+    assert "Rivals, and what they differ in the estimate R 3.1363 ± 0.0031 Ohm" in text
+    assert "sag instead of a <dip> (weight 15 %): record two voltage levels R 3.324 ± 0.010 Ohm +6 %" in text
+    assert 'aria-label="R: +6 % from the estimate"' in page and "+7 %" in text, "the axis holds its bar"
+    (told,) = json.loads(report.to_json(made))["rivals"]
+    assert told["what"] == "sag instead of a <dip>" and told["decided_by"] == "record two voltage levels"
+    assert told["parameters"]["L"] == {"value": MOTOR["L"], "standard_error": None, "unit": "H"}
+    assert (told["differs_in"], told["delta_criterion"], told["weight"]) == ("R", 3.5, 0.15)
+    assert "with R = 3.324 instead of 3.136; record two voltage levels" in rival().sentence()
+    assert "Rivals" not in html_report(estimate()) and json.loads(report.to_json(estimate()))["rivals"] == []
 
 
 def test_parameters_of_each_recording_are_compared():

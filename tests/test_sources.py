@@ -79,23 +79,30 @@ def test_stdin_is_a_file_as_long_as_it_is_needed(monkeypatch):
     assert expanded(["-", str(RECORDING)]) == ["-", str(RECORDING)]
 
 
-def test_stdin_and_two_recordings_give_an_estimate():
-    done = program("estimate", "-", "--json", stdin=RECORDING.read_bytes())
-    found = check_contract(done.stdout.decode())
-    assert done.returncode == 0 and found["verdict"] == "ok"
-    both = program("estimate", "-", str(RECORDING), "--json", stdin=RECORDING.read_bytes())
-    together = check_contract(both.stdout.decode())
+TWICE = pytest.mark.xdist_group("one recording twice")
+
+
+@pytest.fixture(scope="module")
+def once_and_twice():
+    """Return what is found from stdin, and from stdin and the same recording again."""
+    both = [program("estimate", "-", *more, "--json", stdin=RECORDING.read_bytes()) for more in ([], [str(RECORDING)])]
+    assert [done.returncode for done in both] == [0, 0]
+    return [check_contract(done.stdout.decode()) for done in both]
+
+
+@TWICE
+def test_stdin_and_two_recordings_give_an_estimate(once_and_twice):
+    found, together = once_and_twice
+    assert found["verdict"] == "ok"
     assert [r["recording"] for r in together["read"]] == ["stdin", "cml050_step"]
     for name in ("R", "K", "L", "J", "B"):
         p = found["parameters"][name]
         assert together["parameters"][name]["value"] == pytest.approx(p["value"], abs=0.1 * p["standard_error"])
 
 
-def test_the_same_noise_twice_counts_twice():
-    errors = []
-    for more in ([], [str(RECORDING)]):
-        done = program("estimate", "-", *more, "--json", stdin=RECORDING.read_bytes())
-        errors.append(check_contract(done.stdout.decode())["parameters"]["J"]["standard_error"])
+@TWICE
+def test_the_same_noise_twice_counts_twice(once_and_twice):
+    errors = [found["parameters"]["J"]["standard_error"] for found in once_and_twice]
     assert errors[1] == pytest.approx(errors[0] / 2**0.5, rel=0.1)
 
 

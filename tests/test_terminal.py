@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
+import json
 import os
 import re
 import shutil
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -113,16 +116,21 @@ def test_a_batch_runs_on_a_terminal(bench):
     ids=lambda value: value[0] if isinstance(value, list) else "",
 )
 def test_every_other_command_runs_on_a_terminal(bench, arguments, said):
-    assert said in check(Terminal(*arguments, cwd=bench).run()).text
+    screen = check(Terminal(*arguments, cwd=bench).run())
+    assert said in screen.text
+    if arguments[0] in ("inspect", "demo"):
+        lines = [line.rpartition("\r")[2] for line in screen.text.replace("\r\n", "\n").split("\n")]
+        assert max(map(len, lines)) <= 80, max(lines, key=len)
 
 
-def test_ctrl_c_at_ten_moments_ends_in_one_sentence_and_leaves_nothing_behind(bench):
+@pytest.mark.parametrize("moments", [4, pytest.param(10, marks=pytest.mark.full)])
+def test_ctrl_c_at_any_moment_ends_in_one_sentence_and_leaves_nothing_behind(bench, moments):
     command = ["estimate", str(OFFSETS), "-o", "interrupted"]
     whole = check(Terminal(*command, cwd=bench).run()).seconds
     shutil.rmtree(bench / "interrupted")
     before, interrupted = set(os.listdir(bench)), 0
-    for moment in range(10):
-        screen = Terminal(*command, cwd=bench).run(after=whole * moment / 10)
+    for moment in range(moments):
+        screen = Terminal(*command, cwd=bench).run(after=whole * moment / moments)
         check(screen, status=130 if screen.status == 130 else 0)
         if screen.status == 130:
             interrupted += 1
@@ -132,4 +140,31 @@ def test_ctrl_c_at_ten_moments_ends_in_one_sentence_and_leaves_nothing_behind(be
             assert set(os.listdir(bench / "interrupted")) >= {"result.json", "report.html"}
             shutil.rmtree(bench / "interrupted")
             whole = min(whole, screen.seconds)  # the machine was busier before
-    assert interrupted >= 5
+    assert interrupted >= moments / 2
+
+
+@pytest.mark.skipif(getattr(os, "geteuid", lambda: 1)() != 0, reason="mounting a tmpfs needs root")
+def test_on_a_full_disk_the_numbers_are_kept_and_the_whole_answer_is_on_the_terminal(bench, tmp_path):
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    if subprocess.run(["mount", "-t", "tmpfs", "-o", "size=64k", "tmpfs", disk], capture_output=True).returncode:
+        pytest.skip("a tmpfs cannot be mounted here")
+    try:
+        told = said(Terminal("estimate", "step.csv", "-o", str(disk / "out"), cwd=bench))
+        assert [p.name for p in (disk / "out").iterdir()] == ["result.json"]
+        assert json.loads((disk / "out" / "result.json").read_text())["verdict"] == "ok"
+        assert "No space left on device" in told and told.endswith("result.json alone is there")
+        with contextlib.suppress(OSError), open(disk / "full", "wb", buffering=0) as stream:
+            while stream.write(bytes(512)):
+                pass
+        told = said(Terminal("estimate", str(OFFSETS), "-o", str(disk / "two"), cwd=bench))
+        assert not (disk / "two").exists() and "alone is there" not in told
+        whole = told.split("here is the whole answer:")[1]
+        assert "damping ratio" in whole and "simulations (" in whole and "No space left on device" in whole
+    finally:
+        subprocess.run(["umount", disk], check=True)
+
+
+def said(terminal: Terminal) -> str:
+    """Return what a command that could not write its files said, in one line."""
+    return " ".join(check(terminal.run(), status=2).text.split())

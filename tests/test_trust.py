@@ -15,7 +15,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "benchmarks"))
 import bound
 from bench import CML050, MOTORS, NAMES, PAPER_BENCH, Bench, random_motor
 from bound import cramer_rao, from_the_truth, likelihood
-from trust import TABLES, Hand, aliases
+from trust import TABLES, Hand, aliases, five_lost, named
 
 from estimator.cases.case import Case, OutputSpec
 from estimator.estimating.estimate import estimate_recordings
@@ -74,16 +74,18 @@ def test_a_false_optimum_is_left_before_the_chain_could_explain_it(hand, motor, 
     assert np.max(np.abs(deviations(found))) < 4
 
 
-def test_a_ripple_is_found_where_a_mean_takes_the_noise_at_another_order(hand):
+@pytest.mark.parametrize("seed", [194, pytest.param(238, marks=pytest.mark.full)])
+def test_a_ripple_is_found_where_a_mean_takes_the_noise_at_another_order(hand, seed):
     """A mean over n samples leaves no noise at 1/n of the rate: an order there stands out however small it is."""
-    found = entries(hand, "real", "RMCS2004, real bench", [194, 238])
-    assert [set(e["named"]) for e in found] == [{"average", "delay", "drift", "ripple"}] * 2
+    found = entries(hand, "real", "RMCS2004, real bench", [seed])
+    assert [set(e["named"]) for e in found] == [{"average", "delay", "drift", "ripple"}]
     assert np.max(np.abs(deviations(found))) < 4
 
 
-def test_a_drift_beside_a_ripple_and_a_mean_is_taken_out_by_the_weights_of_the_fit(hand):
+@pytest.mark.parametrize("seed", [247, pytest.param(156, marks=pytest.mark.full)])
+def test_a_drift_beside_a_ripple_and_a_mean_is_taken_out_by_the_weights_of_the_fit(hand, seed):
     """By the weights from before the ripple was taken out R is 8 and 7 standard errors off."""
-    found = entries(hand, "real", "RMCS2004, real bench", [247, 156])
+    found = entries(hand, "real", "RMCS2004, real bench", [seed])
     assert np.max(np.abs(deviations(found))) < 4
 
 
@@ -113,11 +115,19 @@ def test_a_mean_that_is_not_found_yet_is_not_taken_for_lost_samples(hand):
     assert np.max(np.abs(deviations(found))) < 5
 
 
-@pytest.mark.parametrize("row", [row for row in TABLES["named"].rows if row.asked], ids=lambda row: row.title)
+LONG = "five samples lost"  # half a minute at its full length; below, shorter
+ASKED = [pytest.param(r, marks=pytest.mark.full if r.title == LONG else ()) for r in TABLES["named"].rows if r.asked]
+
+
+@pytest.mark.parametrize("row", ASKED, ids=lambda row: row.title)
 def test_a_wrong_assumption_is_named(hand, row):
     found = entries(hand, "named", row.title, [3])[0]
     visible = row.title != "gain of the current 0.9 or 1.1"  # no recording tells it where nothing is known
     assert (row.asked in found["named"]) == visible
+
+
+def test_five_lost_samples_are_named():
+    assert "lost samples" in named(run(dataclasses.replace(five_lost(3), duration=0.9), 3))
 
 
 def test_a_speed_that_agrees_with_the_angle_beside_it_is_not_accused(hand):

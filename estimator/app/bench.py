@@ -43,6 +43,10 @@ from estimator.recordings.recording import Recording
 from estimator.results.linear import MOTOR
 
 KEPT_RECORDINGS = 12
+BARE = (  # ways to read a file that lacks something, with any clock
+    (ReadAs(rate=1.0), ("time",)),
+    (ReadAs(rate=1.0, columns={"v": "1"}), ("header", "time")),
+)
 
 
 class Outdated(Exception):
@@ -166,6 +170,34 @@ class Bench:
         if not 0 <= part < len(found):
             raise InputError(f"{path.name} holds no test number {part}; there are {len(found)}, counted from 0")
         return found[part]
+
+    def written(self, path: Path, part: int) -> Mapping[str, str]:
+        """Return each column's header as it stands in the file, where the case says other units."""
+        read_as = self.read_as(path)
+        if not read_as.units:
+            return {}
+        try:
+            found = self.recordings(path, dataclasses.replace(read_as, units={}))
+        except EstimatorError:  # it cannot be read as it is written
+            return {}
+        return found[part].headers if part < len(found) else {}
+
+    def bare(self, path: Path) -> tuple[Recording, tuple[str, ...]]:
+        """Return a file read whatever it lacks, and what that is: "time", or "header" and "time".
+
+        Raises
+        ------
+        InputError
+            It holds no columns of numbers.
+        """
+        try:
+            return self.recordings(path, AS_WRITTEN)[0], ()
+        except EstimatorError as error:
+            reason = error
+        for read_as, lacks in BARE:
+            with contextlib.suppress(EstimatorError):
+                return self.recordings(path, read_as)[0], lacks
+        raise reason
 
     def tests(self, path: Path) -> list[str]:
         """Return the names of the tests that a file holds, whichever the case takes; empty for one."""

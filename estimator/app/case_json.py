@@ -18,10 +18,12 @@ from estimator.fmus.fmu import FmuDescription
 from estimator.plans.free_parameters import FREE_TOO
 from estimator.plans.plan import Plan
 from estimator.recordings.read_as import ReadAs
+from estimator.recordings.units import parse_unit
 from estimator.results.linear import MOTOR
 
 ROLES = ("fit", "validate", "off")
-READING: dict[str, type] = {"test": str, "motor": str, "supply": str, "counts": float, "per_turn": float}
+READING: dict[str, type] = {"test": str, "motor": str, "supply": str, "counts": float, "per_turn": float, "rate": float}
+READING_MAPS = ("columns", "units")
 
 
 def recordings_shown(case: Case, off: Mapping[Path, RunSpec], place: Place) -> list[dict[str, Any]]:
@@ -38,7 +40,10 @@ def recordings_shown(case: Case, off: Mapping[Path, RunSpec], place: Place) -> l
             "offset": dict(run.offset),
             "delay": run.delay,
             "temperature": run.temperature,
-            "reading": {key: getattr(run.read_as, key) for key in READING},
+            "reading": {
+                **{key: getattr(run.read_as, key) for key in READING},
+                **{key: dict(getattr(run.read_as, key)) for key in READING_MAPS},
+            },
         }
         for path, run, role in runs
     ]
@@ -257,6 +262,13 @@ def _read_as(row: Mapping[str, Any], before: ReadAs) -> ReadAs:
             if text is not None and not isinstance(text, str):
                 raise InputError(f"{key} must be a text, not {text!r}")
             said[key] = (text or "").strip() or None
+    for key in READING_MAPS:
+        if key in reading:
+            named = _texts(reading, key)
+            said[key] = {name: text.strip() for name, text in named.items() if text.strip()}
+    for name, unit in said.get("units", {}).items():
+        if parse_unit(unit) is None:
+            raise InputError(f"{unit!r}, given for {name!r}, is not a known unit; write one such as rpm, mA or ms")
     return dataclasses.replace(before, **said)
 
 
@@ -269,7 +281,7 @@ def _rows(rows: Any, what: str) -> list[Mapping[str, Any]]:
 def _texts(mapping: Any, key: str) -> dict[str, str]:
     found = mapping.get(key) if isinstance(mapping, Mapping) else None
     if not isinstance(found, Mapping) or not all(isinstance(text, str) and text for text in found.values()):
-        raise InputError(f"mapping.{key} must be an object of columns")
+        raise InputError(f"{key} must be an object of texts, such as names of columns")
     return {str(name): str(text) for name, text in found.items()}
 
 

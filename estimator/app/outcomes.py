@@ -67,6 +67,9 @@ class Outcomes:
                     "inputs": list(c.inputs),
                     "outputs": list(c.measured),
                     "transient": [first, last],
+                    "begin": float(c.time[0]),
+                    "end": float(c.time[-1]),
+                    "fitted": bool(c.simulated),
                     "rmse": {n: _rms(c.measured[n] - c.simulated[n]) for n in c.measured if n in c.simulated},
                 }
             )

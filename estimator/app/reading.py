@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,8 @@ from estimator.app.series import Series, gaps, outliers
 from estimator.recordings.headers import ROLE_TITLE, parse_header, rank_in_role
 from estimator.recordings.read_as import ReadAs
 from estimator.recordings.recording import Recording
+
+FIRST = 4  # samples that are shown of a column without a name
 
 
 def series_of(recording: Recording) -> Series:
@@ -28,8 +31,33 @@ def reading_options(read_as: ReadAs) -> list[str]:
     return said
 
 
-def facts(recording: Recording) -> dict[str, Any]:
-    """Return what was read, as plain data."""
+def bare_facts(recording: Recording, lacks: Sequence[str]) -> dict[str, Any]:
+    """Return what a file without a header or a time holds, so that a person can say what is what.
+
+    Parameters
+    ----------
+    recording : Recording
+        As read with its columns numbered, if need be, and a row a second.
+    lacks : "header", "time"
+    """
+    first = {name: recording.signals[name][:FIRST].tolist() for name in recording.headers if name in recording.signals}
+    return {
+        "lacks": list(lacks),
+        "samples": len(recording.time),
+        "columns": [
+            {"header": header, "first": [v if np.isfinite(v) else None for v in first.get(name, [])]}
+            for name, header in recording.headers.items()
+        ],
+    }
+
+
+def facts(recording: Recording, *, written: Mapping[str, str]) -> dict[str, Any]:
+    """Return what was read, as plain data.
+
+    Parameters
+    ----------
+    written : column → its header in the file, where a unit was said that may be another
+    """
     series = series_of(recording)
     return {
         "title": recording.title,
@@ -39,11 +67,13 @@ def facts(recording: Recording) -> dict[str, Any]:
         "step": recording.step,
         "even": recording.even,
         "missing_rows": recording.missing_rows,
-        "columns": [_column(recording, series, name) for name in recording.headers],
+        "columns": [_column(recording, series, name, written.get(name)) for name in recording.headers],
     }
 
 
-def _column(recording: Recording, series: Series, name: str) -> dict[str, Any]:
+def _column(recording: Recording, series: Series, name: str, written: str | None) -> dict[str, Any]:
+    own = None if written is None else parse_header(written).unit_text
+    given = name in recording.given_units
     header = parse_header(recording.headers[name])
     told: dict[str, Any] = {
         "name": name,
@@ -51,6 +81,8 @@ def _column(recording: Recording, series: Series, name: str) -> dict[str, Any]:
         "plain": header.name,
         "unit": recording.units[name],
         "written": header.unit_text,
+        "given": given,
+        "overruled": own if given and own != header.unit_text else None,
         "assumed": name in recording.assumed_units,
         "usual": next((role for role in ROLE_TITLE if rank_in_role(header.name, role) is not None), None),
         "unreadable": recording.unreadable.get(name),

@@ -32,7 +32,7 @@ from estimator.app.guard import Guard
 from estimator.app.outcomes import Outcomes
 from estimator.app.place import Place
 from estimator.app.preview import Picture, Previews
-from estimator.app.reading import facts, reading_options, series_of
+from estimator.app.reading import bare_facts, facts, reading_options, series_of
 from estimator.app.runs import Runs
 from estimator.app.series import Series, nearest, view
 from estimator.errors import EstimatorError, InputError
@@ -99,7 +99,7 @@ class Session:
         key = (path, id(recording))
         if key not in self._facts:
             self._facts = {k: v for k, v in self._facts.items() if k[0] != path}
-            self._facts[key] = facts(recording)
+            self._facts[key] = facts(recording, written=self.bench.written(path, part))
         parts = len(self.bench.recordings(path))
         return {
             **self._facts[key],
@@ -107,6 +107,13 @@ class Session:
             "tests": self.bench.tests(path),
             "motors": list(self.bench.motors(path)),
         }
+
+    def bare(self, name: str) -> Any:
+        """Return what a file holds that cannot be read as it is, and what it lacks."""
+        path = self.place.inside(name)
+        if not path.is_file():
+            raise InputError(f"there is no recording {name!r}")
+        return bare_facts(*self.bench.bare(path))
 
     def checked(self, name: str) -> Any:
         """Return what the command `check` says of a recording, and the command."""
@@ -182,6 +189,10 @@ def _save(session: Session, request: Request, body: Any) -> Any:
 
 def _upload(session: Session, request: Request, body: Any) -> Any:
     return {"name": session.place.receive(request.query_params.get("name", ""), body)}
+
+
+def _bare(session: Session, request: Request, body: Any) -> Any:
+    return session.bare(request.query_params.get("name", ""))
 
 
 def _recording(session: Session, request: Request, body: Any) -> Any:
@@ -280,6 +291,7 @@ ROUTES: tuple[tuple[str, str, Work], ...] = (
     ("POST", "/api/save", _save),
     ("POST", "/api/upload", _upload),
     ("GET", "/api/recording", _recording),
+    ("GET", "/api/bare", _bare),
     ("GET", "/api/check", _check),
     ("GET", "/api/inspect", _inspect),
     ("GET", "/api/picture", _picture),

@@ -4,9 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import shutil
-import sys
-import textwrap
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -16,9 +13,8 @@ import numpy as np
 from estimator.cases.expansion import told_apart
 from estimator.commands.options import unique
 from estimator.commands.sources import recordings_of
-from estimator.commands.terminal import OK, say
+from estimator.commands.terminal import OK, say, say_lines
 from estimator.errors import InputError
-from estimator.estimating.progress import is_terminal
 from estimator.recordings.files import recordings_in
 from estimator.recordings.preview import MOST_LEVELS, Preview, preview, preview_mapping
 from estimator.recordings.read_as import ReadAs
@@ -48,13 +44,12 @@ def check_files(args: argparse.Namespace, read_as: ReadAs) -> int:
     if args.json:
         say(_json(previews))
     else:
-        width = shutil.get_terminal_size().columns if is_terminal(sys.stdout) else None
-        say("\n".join(preview_text(p, width=width) for p in previews))
+        say_lines("\n".join(map(preview_text, previews)))
     return OK
 
 
-def preview_text(p: Preview, *, width: int | None = None) -> str:
-    """Return a preview as lines: what was read first, what is implausible last; sentences broken to a width."""
+def preview_text(p: Preview) -> str:
+    """Return a preview as lines: what was read first, what is implausible last."""
     recording = p.recording
     lines = [f"{recording.title}: {' · '.join(r.text() for r in p.read)}"]
     if p.unused:
@@ -109,15 +104,7 @@ def preview_text(p: Preview, *, width: int | None = None) -> str:
             "Implausible:",
             *(f"  - {sentence}" for sentence in (*p.found, *(f.sentence for f in p.findings))),
         ]
-    return "\n".join(part for line in lines for part in _broken(line, width)) + "\n"
-
-
-def _broken(line: str, width: int | None) -> list[str]:
-    """Return a line broken to a terminal's width; what follows is indented."""
-    if width is None or len(line) <= width:
-        return [line]
-    indent = "    " if line.startswith("  ") else "  "
-    return textwrap.wrap(line, max(width, 20), subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
+    return "\n".join(lines) + "\n"
 
 
 def _excitation(p: Preview) -> str:
@@ -169,6 +156,7 @@ def preview_figure(p: Preview) -> Figure:
     from matplotlib.figure import Figure
 
     from estimator.results.panels import envelope
+    from estimator.results.plots import finish
 
     fig = Figure(figsize=(9.0, 0.8 + 1.7 * len(p.signals)), layout="constrained")
     axes = fig.subplots(len(p.signals), 1, sharex=True, squeeze=False)[:, 0]
@@ -177,7 +165,7 @@ def preview_figure(p: Preview) -> Figure:
         axis.plot(*envelope(p.recording.time, y), color="#0072b2", linewidth=1)
         axis.set_ylabel(f"{name} [{UNITS[name]}]")
         axis.set_title(read[name].text(), loc="left", fontsize="small")
-        axis.grid(alpha=0.3)
+        finish(axis)
     axes[-1].set_xlabel("time [s]")
     fig.suptitle(p.recording.title)
     return fig

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 from estimator.commands.options import reading, unique, with_corrections, with_held_out, with_options, with_tolerances
 from estimator.commands.sources import CASE_SUFFIX, STDIN, case_of
-from estimator.commands.terminal import FAILED, INTERRUPTED, OK, PROGRAM, complain, say
+from estimator.commands.terminal import FAILED, INTERRUPTED, OK, PROGRAM, complain, say, say_lines
 from estimator.errors import FmuError, InputError, SimulationError
 from estimator.estimating.progress import LiveLine, Progress, batch_line, is_live, is_terminal
 from estimator.output import OutputFolder, write_files
@@ -53,7 +53,7 @@ def demo(args: argparse.Namespace) -> int:
         recording = folder.path / "recording.csv"
         columns = bench.emulated_recording()
         folder.write({recording.name: csv_bytes(columns)})
-        say(
+        say_lines(
             f"The paper's bench, emulated: {bench.MOTOR}, {bench.VOLTAGE} V at {bench.STEP_AT} s, "
             f"{bench.STOP} s at {1 / bench.STEP:.0f} Hz, with noise.\n\n"
         )
@@ -65,7 +65,7 @@ def demo(args: argparse.Namespace) -> int:
             say(_text(result, folder=args.output))
         finally:
             _write_results(folder, result, case, command=f"fmu-estimator estimate {recording}")
-        say(f"\nWritten to {folder.path}: {', '.join(sorted(p.name for p in folder.path.iterdir()))}\n")
+        say_lines(f"\nWritten to {folder.path}: {', '.join(sorted(p.name for p in folder.path.iterdir()))}\n")
     return _status(result)
 
 
@@ -103,15 +103,19 @@ def _estimate(args: argparse.Namespace, case: Case) -> int:
             say(text)  # before the files: a disk that is full, or Ctrl-C while figures are drawn, cannot lose it
         finally:
             if folder is not None:
-                _write_results(
-                    folder,
-                    result,
-                    case,
-                    command=args.command_line,
-                    figures=args.figures,
-                    signals=args.signals,
-                    begin=begin,
-                )
+                try:
+                    _write_results(
+                        folder,
+                        result,
+                        case,
+                        command=args.command_line,
+                        figures=args.figures,
+                        signals=args.signals,
+                        begin=begin,
+                    )
+                except InputError:
+                    _say_whole(result, unless=text)  # the report, which has the rest of it, is not there
+                    raise
     return _status(result)
 
 
@@ -172,7 +176,7 @@ def inspect(args: argparse.Namespace) -> int:
     if args.json:
         say(json.dumps(inspection_mapping(description, found), indent=2, allow_nan=False) + "\n")
     else:
-        say(inspection_text(description, found))
+        say_lines(inspection_text(description, found))
     return OK
 
 
@@ -529,7 +533,15 @@ def _write_results(
     files = result_files(result, command=command, sources=[s for s in sources if s], figures=figures, begin=begin)
     if signals:
         files[SIGNALS_FILE] = signals_file(result)
-    folder.write(files, stale=(*RESULT_FILES, SIGNALS_FILE))
+    every = (*RESULT_FILES, SIGNALS_FILE)
+    try:
+        folder.write(files, stale=every)
+    except InputError as error:  # a full disk may have room for the numbers
+        try:
+            folder.write({"result.json": files["result.json"]}, stale=every)
+        except InputError:
+            raise error from None
+        raise InputError(f"{error}; result.json alone is there") from error
 
 
 def app(args: argparse.Namespace) -> int:
@@ -558,6 +570,17 @@ def _text(result: Estimate, *, folder: str | None = None) -> str:
     columns = shutil.get_terminal_size().columns
     rest = REST if folder is None else f"in {Path(folder) / 'report.html'}"
     return text_report(result, width=columns, lines=SCREEN, rest=rest)
+
+
+def _say_whole(result: Estimate, *, unless: str) -> None:
+    """Give a person all of a result whose files could not be written, where a screen of it was given before."""
+    from estimator.results.report import text_report
+
+    if not is_terminal(sys.stdout):
+        return
+    whole = text_report(result, width=shutil.get_terminal_size().columns)
+    if whole != unless:
+        say(f"\nNot all could be written, so here is the whole answer:\n\n{whole}")
 
 
 def _status(result: Estimate) -> int:

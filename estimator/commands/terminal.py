@@ -4,7 +4,12 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
+import shutil
 import sys
+import textwrap
+
+from estimator.estimating.progress import is_terminal
 
 PROGRAM = "fmu-estimator"
 OK, FAILED, BAD_INPUT, INTERRUPTED, CLOSED = 0, 1, 2, 130, 141  # exit statuses
@@ -27,6 +32,26 @@ def say(text: str) -> None:
         raise StdoutClosed from error
     except OSError as error:
         raise StdoutFull(f"stdout cannot be written ({error.strerror or error}); send it elsewhere") from error
+
+
+def say_lines(text: str) -> None:
+    """Write text to stdout; on a terminal, lines that are too long for it are broken, and what follows is indented."""
+    width = shutil.get_terminal_size().columns if is_terminal(sys.stdout) else None
+    say("\n".join(part for line in text.split("\n") for part in broken(line, width)))
+
+
+def broken(line: str, width: int | None) -> list[str]:
+    """Return a line broken to a terminal's width; what follows is indented under what it belongs to."""
+    if width is None or len(line) <= width:
+        return [line]
+    start = len(line) - len(line.lstrip())
+    fact = re.match(r"(?: *- |[^ ]+(?: [^ ]+)*  +(?=[^ ]))", line)  # an item of a list, or what follows a fact's name
+    indent = min(fact.end() if fact else start + 2, width // 2)
+    found = textwrap.wrap(
+        line[start:], max(width, 20), initial_indent=" " * start, subsequent_indent=" " * indent,
+        break_long_words=False, break_on_hyphens=False, drop_whitespace=True, replace_whitespace=False,
+    )  # fmt: skip
+    return found
 
 
 def complain(sentence: str) -> None:

@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from estimator.cases.case import Case
 from estimator.estimating.beginning import begin
 from estimator.estimating.methods import direct, evolution, paper
+from estimator.estimating.one_thread import one_thread
 from estimator.estimating.progress import Progress
 from estimator.estimating.run import Run
 from estimator.estimating.search_and_polish import search_and_polish
@@ -125,6 +126,7 @@ def estimate_recordings(
         ]
 
 
+@one_thread()
 def estimate_by(
     crew: Workers,
     case: Case,

@@ -27,6 +27,7 @@ FloatArray = NDArray[np.float64]
 ALARM = 1e-3  # chance of a false alarm of one explanation
 SEEN = 1e-3  # of the largest singular value: directions that a window tells
 EXCESS = 0.15  # of the variance: less is allowed for by the bars, however sure
+LEFT = 0.05  # of what all samples tell: with less the rest tells nothing of its own
 HALF = 0.75  # of a sensor's step: what is nearer in all of a window is explained as well as the sensor resolves it
 ALIKE = 0.08  # of correlation, likewise
 
@@ -47,8 +48,11 @@ class Failure:
         if self.what == "size":
             return f"the model does not explain {where}: the residuals are {self.excess:.1f} times their noise"
         if self.what == "neighbours":
-            return f"the residuals of {where} are not white: neighbours correlate by {self.excess:+.2f}"
-        return f"{where} asks for other parameters than the rest, by {self.excess:.1f} times what chance allows"
+            return f"the residuals of {where} are no plain noise: neighbours are alike (correlation {self.excess:+.2f})"
+        return (
+            f"{where} fits other parameters than the rest of the recording does, {self.excess:.1f} times as far away"
+            " as noise explains"
+        )
 
 
 @dataclass(frozen=True)
@@ -78,10 +82,29 @@ class Adequacy:
         if inside.any() and self.failures:
             jacobian, covariance = fit.jacobian[:, inside], fit.covariance_parts()[0][np.ix_(inside, inside)]
             more = (self.excess.ravel() - 1)[:, None]
-            pulls = np.array([jacobian[part.ravel()].T @ fit.z[part.ravel()] for part in self.parts])
-            scores = jacobian.T @ (more * jacobian) + pulls.T @ pulls
-            result[np.ix_(inside, inside)] = covariance @ scores @ covariance
+            scores = jacobian.T @ (more * jacobian)
+            grown = covariance @ scores @ covariance
+            for part in self.parts:
+                shift = _shift_without(jacobian, fit.z, part.ravel())
+                grown += np.outer(shift, shift)
+            result[np.ix_(inside, inside)] = grown
         return result
+
+
+def _shift_without(jacobian: FloatArray, z: FloatArray, part: NDArray[np.bool_]) -> FloatArray:
+    """Return by how much the estimates move, (f,), when the samples of a part are left out.
+
+    Of what the other samples hardly tell, by less: these directions stay where the part has them.
+    """
+    whole = jacobian.T @ jacobian
+    scale = 1 / np.sqrt(np.maximum(np.diag(whole), 1e-300))
+    own = jacobian[part] * scale
+    rest = (whole * scale).T * scale - own.T @ own
+    told, axes = np.linalg.eigh(rest)
+    pull = axes.T @ (own.T @ z[part])
+    total = np.einsum("ji,jk,ki->i", axes, (whole * scale).T * scale, axes)
+    gain = np.where(told > LEFT * total, 1 / np.maximum(told, 1e-300), 1 / np.maximum(total, 1e-300))
+    return np.asarray(-scale * (axes @ (gain * pull)))
 
 
 def adequacy(fit: Fit, parameters: int) -> Adequacy:

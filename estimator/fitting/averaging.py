@@ -30,6 +30,25 @@ DIFFERS = 1.0  # standard errors by which a rival must differ to be told
 
 
 @dataclass(frozen=True)
+class Told:
+    """A rival that gives other parameters, nearly as likely.
+
+    Attributes
+    ----------
+    apart : standard errors that it lies away, in the parameter that it moves most
+    parameter : that parameter's name
+    behind : of the criterion, above the best explanation's; below 0 where it is the more likely one
+    weight : its part of the mixture, of all that is left open
+    """
+
+    explanation: Explanation
+    apart: float
+    parameter: str
+    behind: float
+    weight: float
+
+
+@dataclass(frozen=True)
 class Averaged:
     """Values and covariance on the parameters' scales, (p,) and (p, p); what no such recording tells; what differs.
 
@@ -39,7 +58,7 @@ class Averaged:
     values: FloatArray
     covariance: FloatArray
     unseen: tuple[Addition, ...]
-    rivals: tuple[tuple[Explanation, float, str], ...]
+    rivals: tuple[Told, ...]
 
 
 def averaged(
@@ -95,14 +114,15 @@ def averaged(
         with np.errstate(invalid="ignore"):
             apart = np.abs(there - own) / np.where(np.isfinite(deviation), deviation, np.inf)
         if np.max(apart, initial=0.0) > DIFFERS and behind < LIKELY:
-            told.append((rival, float(np.max(apart)), names[int(np.argmax(apart))]))
+            told.append((rival, len(parts) - 1, float(np.max(apart)), names[int(np.argmax(apart))], float(behind)))
     weights = np.exp(-0.5 * np.array([c for c, _, _ in parts]))
     weights /= weights.sum()
     total = np.sum([w * (c + np.outer(x - own, x - own)) for w, (_, x, c) in zip(weights, parts, strict=True)], axis=0)
     total = _covering(total, weights, [x - own for _, x, _ in parts], [np.diag(c) for _, _, c in parts])
     held = ~inside[:p]
     total[held] = total[:, held] = 0.0
-    return Averaged(own, total, tuple(unseen), tuple(told))
+    rivals_told = tuple(Told(r, apart, name, behind, float(weights[k])) for r, k, apart, name, behind in told)
+    return Averaged(own, total, tuple(unseen), rivals_told)
 
 
 def _covering(

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.fitting.adequacy import Adequacy, adequacy
-from estimator.fitting.averaging import averaged
+from estimator.fitting.averaging import Told, averaged
 from estimator.fitting.between_runs import BetweenRuns, is_between_runs, of_fit, sentence
 from estimator.fitting.effects.base import Effect
 from estimator.fitting.fit import Fit
@@ -25,6 +25,7 @@ from estimator.plans.parameters import Parameter, SensorPlace
 from estimator.plans.plan import Plan
 from estimator.recordings.excitation import quantum
 from estimator.results.linear import MOTOR
+from estimator.results.result import Rival, RivalParameter
 from estimator.stepping import layout
 
 FloatArray = NDArray[np.float64]
@@ -60,7 +61,7 @@ class Explained:
     at_rest : (q,) array
         The same without the growth of the noise with the signals.
     found : what was found of the bench
-    rivals : sentences on explanations that are nearly as likely and give other parameters
+    rivals : explanations that are nearly as likely and give other parameters
     unseen : names of effects that no such recording tells
     adequacy : Adequacy
     explanation : Explanation
@@ -73,7 +74,7 @@ class Explained:
     noise: FloatArray
     at_rest: FloatArray
     found: tuple[Found, ...]
-    rivals: tuple[str, ...]
+    rivals: tuple[Rival, ...]
     unseen: tuple[str, ...]
     adequacy: Adequacy
     explanation: Explanation
@@ -286,7 +287,7 @@ def _explained(
             *_found(explanation, plan),
             *_varies(between, plan),
         ),
-        rivals=tuple(_rival(r, errors_apart, name, explanation) for r, errors_apart, name in mean.rivals),
+        rivals=tuple(_rival(told, explanation) for told in mean.rivals),
         unseen=tuple(dict.fromkeys(a.effect.name for a in mean.unseen)),
         adequacy=checked,
         explanation=explanation,
@@ -356,16 +357,34 @@ def _called(addition: Addition) -> str:
     return addition.name if addition.name.startswith(effect) else effect
 
 
-def _rival(rival: Explanation, apart: float, parameter: str, explanation: Explanation) -> str:
-    """Say what else would explain the recordings, and what it changes."""
+def _rival(told: Told, explanation: Explanation) -> Rival:
+    """Return what else would explain the recordings, with the parameters that it gives, and what would decide."""
+    rival = told.explanation
     instead = [a for a in rival.additions if a.name not in explanation.names()]
     replaced = [a for a in explanation.additions if a.name not in rival.names()]
     words, over = (" and ".join(_called(a) for a in part) or "nothing more" for part in (instead, replaced))
-    k = rival.fit.simulator.plan.names.index(parameter)
-    what = f"{words} instead of {over}" if instead or replaced else "the same with other values"
     sharp = all(a.effect.sharp for a in (*instead, *replaced))
     remedy = "sample faster, or declare the sensor's filter" if sharp else "record two voltage levels, or measure it"
-    return (
-        f"{what} would explain the recording nearly as well, with {parameter} ="
-        f" {rival.fit.values[k]:.4g}, {apart:.1f} standard errors away; {remedy}"
+    return Rival(
+        what=f"{words} instead of {over}" if instead or replaced else "the same with other values",
+        parameters=_rival_parameters(rival.fit),
+        differs_in=told.parameter,
+        estimated=float(explanation.fit.values[rival.fit.simulator.plan.names.index(told.parameter)]),
+        apart=told.apart,
+        behind=told.behind,
+        weight=told.weight,
+        decided_by=remedy,
     )
+
+
+def _rival_parameters(fit: Fit) -> dict[str, RivalParameter]:
+    """Return the parameters of a plan as another explanation's fit gives them."""
+    plan = fit.simulator.plan
+    told, untold = fit.covariance_parts()
+    errors = np.sqrt(np.maximum(np.diag(told + untold), 0.0)) * np.where(fit.is_log, np.abs(fit.estimates), 1.0)
+    found = {}
+    for k, parameter in enumerate(plan.parameters):
+        known = fit.at_bound[k] == 0 and np.isfinite(errors[k])
+        value, error = float(fit.values[k]), float(errors[k]) if known else None
+        found[parameter.name] = RivalParameter(value, error, parameter.unit)
+    return found

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.fitting.noise_model import NoiseModel, Whitener
+from estimator.fitting.noise_model import NORMAL, NoiseModel, Whitener
 from estimator.fitting.polish import information_parts
 from estimator.fitting.simulator import Simulator
 from estimator.plans.parameters import SensorPlace
@@ -29,9 +29,9 @@ ITERATIONS = 25
 DAMPING = (1e-3, 1e8)  # first, last
 FAR_LOG, FAR = 1.0, 5.0  # longest step: of a logarithm; of a nuisance's typical sizes
 OUTLIER, BESIDE = 4.5, 3.0  # standard deviations of an outlier, and of the samples beside one or two
-NORMAL = 0.6745  # median size of a standard normal number
 FREEDOM = 4.0  # of Student's t, by whose weights outliers are held down
 SECANTS, KINKED = 6, 0.7  # times that errors grow by secants; of a derivative: a smaller secant is taken
+AHEAD = 0.01  # of z'z: a descent that ends this much lower went on
 AT_BOUND = 1e-4  # of the width of the bounds
 
 
@@ -136,12 +136,19 @@ class Fit:
         return told + untold
 
     def covariance_parts(self) -> tuple[FloatArray, FloatArray]:
-        """Return the covariance's parts, (f + m, f + m) each: of what the recordings tell, and of what they do not."""
-        inside = self.at_bound == 0
-        told, untold = np.zeros((2, len(inside), len(inside)))
-        if inside.any():
-            parts = information_parts(np.asarray(np.linalg.qr(self.jacobian[:, inside], mode="r")))
-            told[np.ix_(inside, inside)], untold[np.ix_(inside, inside)] = parts
+        """Return the covariance's parts, (f + m, f + m) each: of what the recordings tell, and of what they do not.
+
+        What vanishes, at the lower bound of a logarithm, may as well be as large as it would go unseen: the others'
+        errors hold that.
+        """
+        at_bound = self.at_bound
+        open_ones = (at_bound == 0) | (at_bound == -1) & self.is_log
+        told, untold = np.zeros((2, len(at_bound), len(at_bound)))
+        if open_ones.any():
+            parts = information_parts(np.asarray(np.linalg.qr(self.jacobian[:, open_ones], mode="r")))
+            told[np.ix_(open_ones, open_ones)], untold[np.ix_(open_ones, open_ones)] = parts
+        for part in (told, untold):
+            part[at_bound != 0] = part[:, at_bound != 0] = 0.0
         return told, untold
 
     def residuals(self) -> FloatArray:
@@ -184,7 +191,7 @@ def new_fit(simulator: Simulator, values: FloatArray, free: Sequence[str], noise
     shown = simulator.shown(values[None, :])[0]
     whitener = Whitener(
         noise, simulator.clocks, ~np.isnan(simulator.measured), np.zeros_like(shown),
-        np.ones_like(shown), np.ones(len(shown), dtype=bool),
+        np.ones_like(shown), np.ones(len(shown), dtype=bool), np.zeros_like(shown),
     )  # fmt: skip
     none = np.zeros((shown.size, 0))
     start = Fit(simulator, values, tuple(free), (), whitener, shown, np.zeros(0), np.zeros(shown.size), none,
@@ -198,7 +205,12 @@ def with_level(fit: Fit) -> Fit:
     largest = np.max(np.abs(shown), axis=0)
     level = np.abs(shown) / np.where(largest > 0, largest, 1.0)
     moving = level.max(axis=1) > 1e-3
-    return dataclasses.replace(fit, whitener=dataclasses.replace(fit.whitener, level=level, moving=moving))
+    slope = np.zeros_like(shown)
+    for clock in fit.simulator.clocks:
+        if len(clock.time) > 2:
+            slope[clock.rows] = np.abs(np.gradient(shown[clock.rows], clock.time, axis=0))
+    whitener = dataclasses.replace(fit.whitener, level=level, moving=moving, slope=slope)
+    return dataclasses.replace(fit, whitener=whitener)
 
 
 def solved(fit: Fit, *, iterations: int = ITERATIONS, tolerance: float = 1e-3) -> Fit:
@@ -273,8 +285,14 @@ def refreshed(fit: Fit, whitener: Whitener) -> Fit:
                       fit.raw[:, :, f:])  # fmt: skip
 
 
-def held_down(fit: Fit) -> Fit:
-    """Return the fit with outliers, which stand alone or two together, weighted by Student's t."""
+def held_down(fit: Fit, onsets: BoolArray) -> Fit:
+    """Return the fit with outliers, which stand alone or two together, weighted by Student's t.
+
+    Parameters
+    ----------
+    onsets : (rows,) array
+        Rows after edges: what is not explained there is a misfit, of which parameters are made, and no outlier.
+    """
     z = np.abs(fit.z.reshape(fit.shown.shape)) * np.sqrt(fit.whitener.inflate)  # as if none were held down yet
     present = fit.whitener.present
     usual = [np.median(own[here]) / NORMAL if here.any() else 1.0 for own, here in zip(z.T, present.T, strict=True)]
@@ -285,6 +303,7 @@ def held_down(fit: Fit) -> Fit:
     steady = np.abs(np.gradient(fit.shown, axis=0)) < fit.whitener.noise.deviation(fit.whitener.level)
     beside = np.where(steady, np.minimum(one, np.minimum(*two)), one)  # two in a transient may be one misfit
     alone = (z > OUTLIER) & ((beside < BESIDE) | (z > 4 * beside))
+    alone &= ~onsets[:, None]
     alone &= np.abs(np.nan_to_num(fit.residuals())) > fit.simulator.steps  # a sensor's resolution is no outlier
     inflate = np.where(alone, (FREEDOM + z * z) / (FREEDOM + 1), 1.0)
     return dataclasses.replace(fit, whitener=dataclasses.replace(fit.whitener, inflate=inflate))
@@ -293,33 +312,42 @@ def held_down(fit: Fit) -> Fit:
 def with_secants(fit: Fit) -> Fit:
     """Return the fit with derivatives over one standard error where these are much smaller than at the point.
 
-    Where an FMU switches, what is shown has kinks: a derivative at a point may be large that holds nowhere else.
+    Where an FMU switches, what is shown has kinks: a derivative at a point may be large that holds on one side only,
+    and a descent ends there. It goes on from the flatter side, as long as the cost falls.
     """
     s = fit.simulator
     where = np.array([s.index[n] for n in fit.free], dtype=int)
+    f = len(where)
+    low, high = s.scaled(s.lower)[where], s.scaled(s.upper)[where]
     for _ in range(SECANTS):
-        deviation = np.sqrt(np.maximum(np.diag(fit.covariance())[: len(where)], 0.0))
         x = s.scaled(fit.values)[where]
+        deviation = np.sqrt(np.maximum(np.diag(fit.covariance())[:f], 0.0))
         reach = np.where(np.isfinite(deviation) & (deviation > 0), deviation, 0.0)
         reach = np.minimum(reach, np.where(s.log[where], 0.5, _reach(s, where)))
-        low, high = s.scaled(s.lower)[where], s.scaled(s.upper)[where]
-        ahead, behind = np.minimum(x + reach, high), np.maximum(x - reach, low)
-        wide = np.repeat(fit.values[None, :], 2 * len(where), axis=0)
-        for k, j in enumerate(where):
-            wide[k, j] = s.unscaled(_spread(s, j, ahead[k]))[j]
-            wide[len(where) + k, j] = s.unscaled(_spread(s, j, behind[k]))[j]
+        points = np.concatenate([np.minimum(x + reach, high), np.maximum(x - reach, low)])
+        wide = np.repeat(fit.values[None, :], 2 * f, axis=0)
+        for k, j in enumerate([*where, *where]):
+            wide[k, j] = s.unscaled(_spread(s, j, points[k]))[j]
         shown = s.shown(wide)
-        width = ahead - behind
-        change = (shown[: len(where)] - shown[len(where) :]).transpose(1, 2, 0)
-        usable = (width > 0) & np.isfinite(change).all(axis=(0, 1))
-        secants = np.where(usable, np.nan_to_num(change), 0.0) / np.where(width > 0, width, 1.0)
-        norms = np.linalg.norm(_flat(fit.whitener, secants), axis=0)
-        kinked = usable & (norms < KINKED * np.linalg.norm(fit.jacobian[:, : len(where)], axis=0))
-        if not kinked.any():
+        width = points - np.tile(x, 2)
+        usable = (width != 0) & np.isfinite(shown).all(axis=(1, 2))
+        change = np.where(usable[:, None, None], np.nan_to_num(shown) - fit.shown, 0.0).transpose(1, 2, 0)
+        secants = change / np.where(width != 0, width, 1.0)
+        norms = np.where(usable, np.linalg.norm(_flat(fit.whitener, secants), axis=0), np.inf).reshape(2, f)
+        side = np.argmin(norms, axis=0)
+        kinked = np.flatnonzero(norms.min(axis=0) < KINKED * np.linalg.norm(fit.jacobian[:, :f], axis=0))
+        if not len(kinked):
             break
-        raw = fit.raw[:, :, : len(where)].copy()
-        raw[:, :, kinked] = secants[:, :, kinked]
-        fit = _evaluated(fit, fit.values, fit.shown, raw, fit.raw[:, :, len(where) :])
+        raw = fit.raw[:, :, :f].copy()
+        raw[:, :, kinked] = secants[:, :, side[kinked] * f + kinked]
+        fit = _evaluated(fit, fit.values, fit.shown, raw, fit.raw[:, :, f:])
+        for k in kinked.tolist():
+            moved = x.copy()
+            moved[k] = points[side[k] * f + k]
+            tried = solved(dataclasses.replace(fit, values=_placed(fit, where, moved)), tolerance=1e-6)
+            if tried.cost < fit.cost - AHEAD:
+                fit = tried
+                break
     return fit
 
 

@@ -20,7 +20,7 @@ FloatArray = NDArray[np.float64]
 
 EDGE = 0.05  # of the voltage's range
 MOST = 12  # changes; more are a signal, not levels
-LEVEL, SWING = 6.0, 0.1  # deviations of the noise; of the largest jump of the current: more is an onset
+LEVEL, SWING = 6.0, 0.1  # deviations of the noise; of the largest jump of the current, a volt: more is an onset
 LEAST = 2  # rows by which a change must come later or earlier than the first
 
 
@@ -40,15 +40,18 @@ def _moved(o: Observed) -> tuple[Observed, str] | None:
         return None
     v, i = o.inputs["v"], filled(o.outputs["i"])
     edges = np.flatnonzero(np.abs(np.diff(v)) > EDGE * max(float(np.ptp(v)), 1e-300)) + 1
+    edges = edges[edges <= len(v) - 4 * LEAST]  # later ones show nothing
     if not 2 <= len(edges) <= MOST or np.min(np.diff(edges)) < 4 * LEAST:
         return None
     bounds = [*edges, len(v)]
-    largest = max(float(np.ptp(i[a:b])) for a, b in zip(bounds[:-1], bounds[1:], strict=True))
-    level = max(LEVEL * noise_deviation(o.outputs["i"]), SWING * largest)
+    changes = np.abs(v[edges] - v[edges - 1])
+    largest = max(float(np.ptp(i[a:b])) / dv for a, b, dv in zip(bounds[:-1], bounds[1:], changes, strict=True))
+    level = max(LEVEL * noise_deviation(o.outputs["i"]) / float(np.min(changes)), SWING * largest)  # A/V
     late = []
     for a, b in zip(bounds[:-1], bounds[1:], strict=True):
         before = i[max(0, a - 5) : a]
-        away = np.sign(v[a] - v[a - 1]) * (i[a:b] - float(np.median(before))) > level
+        away = (i[a:b] - float(np.median(before))) / (v[a] - v[a - 1]) > level
+        away |= np.isnan(o.outputs["i"][a:b])  # as far as the sensor goes, or lost
         lasting = away[:-1] & away[1:]
         if not lasting.any():
             return None

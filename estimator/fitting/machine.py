@@ -58,6 +58,36 @@ def response(fit: Fit, *, voltage: FloatArray | None = None, torque: FloatArray 
     return result
 
 
+def pulse_response(fit: Fit, clock: Clock, begin: float, end: float) -> FloatArray:
+    """Return what the sensors would show more, (n, q), for 1 V from `begin` to `end`, s of a recording's own time.
+
+    Exact for any instants, also between the rows; the sign is turned where `end` comes first.
+    """
+    from scipy.linalg import expm
+
+    values = motor_values(fit)
+    assert values is not None
+    a, b, _, _ = matrices(values)
+    whole = np.zeros((3, 3))
+    whole[:2, :2], whole[:2, 2] = a, b[:, 0]
+    f, _, denominator = _discrete(fit, clock)
+    sign, first, last = (1.0, begin, end) if begin <= end else (-1.0, end, begin)
+    added = np.zeros((clock.rows.stop - clock.rows.start, 2))
+    for k in range(1, len(added)):
+        now = clock.time[0] + k * clock.step
+        since, until = min(now - first, clock.step), max(now - last, 0.0)
+        if since > until:
+            added[k] = sign * (expm(whole * since) - expm(whole * until))[:2, 2]
+        if now - clock.step > last:
+            break
+    second = f - np.trace(f) * np.eye(2)
+    states = np.zeros((2, len(added)))
+    for row in range(2):
+        for j in range(2):
+            states[row] += recursion([float(row == j), second[row, j]], denominator, added[:, j])
+    return _as_shown(fit, states, clock)
+
+
 def free_motion(fit: Fit, clock: Clock) -> FloatArray:
     """Return what the sensors would show more, (n, q, 2), for 1 rad/s and for 1 A in a recording's first row."""
     f, _, denominator = _discrete(fit, clock)

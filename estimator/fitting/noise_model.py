@@ -37,9 +37,13 @@ PAYS = 10.0  # of -2 log L, by which a component must improve it: two numbers, a
 ORDERS = (1, 2, 3, 4, 6, 8, 12, 16, 24)  # of the short autoregression
 FEW = 25  # samples that are loud, and as many at half of that
 FREEDOM, T_MEDIAN = 4.0, 0.741  # of Student's t, by which sizes are judged; the median of its absolute value
+NORMAL = 0.6745  # that of a standard normal number
 STRETCH, MOST_LEVELS = 20, 12  # rows of a stretch that has a level of its own; levels, at most
 SHORTEST = 0.02  # s, of a torque that wanders: faster ones are transients that are explained wrongly
 LONGEST = 0.25  # of the longest stretch: a slow part that lasts longer is none
+STEEP, ALIKE = 12, 3.0  # samples that tell a jitter; standard deviations of the likeness of neighbours among them
+FAR = 25.0  # square of a residual that tells no more
+SIZES = np.geomspace(0.35, 1.2, 16)  # factors on a noise that was found with a jitter in it
 RESTS, STARTS, RUNS = range(3)
 LEAST = 1e-9  # of the residuals' variance: the least white part
 
@@ -74,6 +78,8 @@ class NoiseModel:
         A and b of d[i, w]/dt = A [i, w] + b torque.
     seat : (q,) array
         Which state of the machine a channel shows: 0 current, 1 speed, -1 none.
+    jitter : float
+        Deviation of the instants at which the samples were taken, s: noise in proportion to the slope.
     short : of the machine at rest and running, of each channel: coefficients of the autoregression of what is left,
         and its innovation's deviation
     """
@@ -85,6 +91,7 @@ class NoiseModel:
     torque: tuple[float, float] = (0.0, 1.0)
     machine: tuple[FloatArray, FloatArray] | None = None
     seat: tuple[int, ...] = ()
+    jitter: float = 0.0
     short: tuple[tuple[tuple[FloatArray, float], ...], ...] = ()
 
     @classmethod
@@ -181,6 +188,8 @@ class Whitener:
         Factor on the white variance of single samples: outliers.
     moving : (rows,) array
         Whether the machine runs.
+    slope : (rows, q) array
+        Of the signals, in their units a second.
     """
 
     noise: NoiseModel
@@ -189,6 +198,7 @@ class Whitener:
     level: FloatArray
     inflate: FloatArray
     moving: BoolArray
+    slope: FloatArray
 
     def __call__(self, columns: FloatArray) -> tuple[FloatArray, float]:
         """Return (rows, q, c) columns whitened, zero where a sample is missing, and the sum of log variances."""
@@ -198,7 +208,8 @@ class Whitener:
         scaled = columns / g[:, :, None]
         power = noise.white**2 + noise.differenced**2 + noise.slow[:, 0] ** 2
         floor = np.maximum(LEAST * power, 1e-300)
-        variance = np.where(self.present, np.maximum(noise.white**2, floor) * self.inflate, np.inf)
+        moved = (noise.jitter * self.slope / g) ** 2
+        variance = np.where(self.present, np.maximum(noise.white**2, floor) * self.inflate + moved, np.inf)
         result = np.empty_like(scaled)
         total = float(2 * np.sum(np.log(g)[self.present]))
         for clock in self.clocks:
@@ -315,18 +326,64 @@ def fit_noise(
             clocks.append(Clock(clock.time[part - clock.rows.start], slice(at, at + len(part))))
             at += len(part)
     rows = np.concatenate(cut)
-    level, inflate, moving = whitener.level[rows], whitener.inflate[rows], whitener.moving[rows]
-    narrowed = Whitener(whitener.noise, tuple(clocks), present[rows], level, inflate, moving)
+    narrowed = Whitener(
+        whitener.noise, tuple(clocks), present[rows], whitener.level[rows], whitener.inflate[rows],
+        whitener.moving[rows], whitener.slope[rows],
+    )  # fmt: skip
     levels = _levels(narrowed)
     stacked = np.concatenate([residuals[rows, :, None], columns[rows], levels], axis=2)
     stacked = np.where(narrowed.present[:, :, None], stacked, 0.0)
-    growth = np.array([_growth(residuals[:, j], whitener, j, sharp) for j in range(residuals.shape[1])])
+    growth = np.array([_growth(residuals[:, j], whitener, j, sharp)[:2] for j in range(residuals.shape[1])])
     search = _Search(narrowed, stacked, colour=colour, growth=growth)
     return search.again() if again else search.best()
 
 
-def _growth(residuals: FloatArray, whitener: Whitener, j: int, sharp: BoolArray) -> tuple[float, float]:
+def find_jitter(z: FloatArray, slope: FloatArray, step: float) -> tuple[float, FloatArray, float]:
+    """Return the deviation of the samples' instants, s, factors on the rest of the noise, and the fall of -2 log L.
+
+    Where the signals are steep the residuals are larger, each by itself: neighbours that are alike are a misfit. 0 s
+    where the instants are known.
+
+    Parameters
+    ----------
+    z : (rows, q) array
+        Whitened residuals without any jitter.
+    slope : (rows, q) array
+        Of the signals, in deviations of their noise a second; 0 where a sample is missing.
+    step : float
+        The sampling interval, s.
+    """
+
+    def misfits(jitter: float) -> FloatArray:
+        variance = SIZES[:, None, None] ** 2 + (jitter * slope) ** 2
+        cost: FloatArray = np.sum(np.log(variance) + np.minimum(z * z / variance, FAR), axis=1)
+        return cost  # (sizes, q)
+
+    tried = step * np.geomspace(3e-3, 0.5, 24)
+    costs = [misfits(t) for t in tried]
+    k = int(np.argmin([c.min(axis=0).sum() for c in costs]))
+    best, sizes = float(tried[k]), SIZES[costs[k].argmin(axis=0)]
+    gain = float(misfits(0.0).min(axis=0).sum() - costs[k].min(axis=0).sum())
+    steep = best * slope > sizes
+    both = steep[1:] & steep[:-1]
+    scaled = np.clip(z / np.sqrt(sizes**2 + (best * slope) ** 2), -3, 3)
+    alike = float(np.sum((scaled[1:] * scaled[:-1])[both])) / float(np.sqrt(max(1, int(np.sum(both)))))
+    if np.count_nonzero(steep) < STEEP or gain < 2 * PAYS or abs(alike) > ALIKE:
+        return 0.0, np.ones(z.shape[1]), 0.0
+    return best, sizes, gain
+
+
+def noise_of_neighbours(whitener: Whitener, residuals: FloatArray, sharp: BoolArray) -> NoiseModel:
+    """Return the white noise that samples beside each other show, and its growth; arguments as for `fit_noise`."""
+    told = [_growth(residuals[:, j], whitener, j, sharp) for j in range(residuals.shape[1])]
+    white = [w if w > 0 else old for (_, _, w), old in zip(told, whitener.noise.white, strict=True)]
+    return dataclasses.replace(whitener.noise, white=np.array(white), growth=np.array([(c, p) for c, p, _ in told]))
+
+
+def _growth(residuals: FloatArray, whitener: Whitener, j: int, sharp: BoolArray) -> tuple[float, float, float]:
     """Return how a channel's noise grows with its signal, c and p of `NoiseModel.growth`, from second differences.
+
+    The third number is the deviation at rest of white noise of such differences; 0: too few tell.
 
     They see the noise and hardly anything that is explained wrongly, so that transients may speak, but for their first
     part. The size of a difference is that of Student's t, whose tails leave outliers out.
@@ -348,17 +405,21 @@ def _growth(residuals: FloatArray, whitener: Whitener, j: int, sharp: BoolArray)
     if len(d) > 4 * ROWS:
         d, level = d[:: len(d) // (2 * ROWS)], level[:: len(d) // (2 * ROWS)]
     if len(level) < 2 * FEW or not np.any(d):
-        return 0.0, 2.0
-    loud = float(np.sort(level)[-FEW])
-    if np.count_nonzero(level < loud / 2) < FEW:
-        return 0.0, 2.0
+        return 0.0, 2.0, 0.0
     floor = 1e-3 * float(np.median(np.abs(d[d != 0])))
 
-    def misfit(c: float, p: float) -> float:
+    def size(c: float, p: float) -> float:
         g = (1 + (c * level) ** p) ** (1 / p)
-        x = np.abs(d) / g
-        scale = max(float(np.median(x)) / T_MEDIAN, floor)
-        return float(2 * np.sum(np.log(g * scale)) + (FREEDOM + 1) * np.sum(np.log1p((x / scale) ** 2 / FREEDOM)))
+        return max(float(np.median(np.abs(d) / g)) / T_MEDIAN, floor)
+
+    loud = float(np.sort(level)[-FEW])
+    if np.count_nonzero(level < loud / 2) < FEW:
+        return 0.0, 2.0, size(0.0, 2.0) * T_MEDIAN / NORMAL / np.sqrt(6)
+
+    def misfit(c: float, p: float) -> float:
+        g, scale = (1 + (c * level) ** p) ** (1 / p), size(c, p)
+        squares = (d / (g * scale)) ** 2
+        return float(2 * np.sum(np.log(g * scale)) + (FREEDOM + 1) * np.sum(np.log1p(squares / FREEDOM)))
 
     found = []
     for p, charge in ((2.0, 2 * PAYS), (8.0, 4 * PAYS)):  # twice: the squares of neighbours correlate by 0.44
@@ -366,7 +427,8 @@ def _growth(residuals: FloatArray, whitener: Whitener, j: int, sharp: BoolArray)
         c = min(c * np.geomspace(0.7, 1.43, 9), key=lambda c: misfit(c, p))  # noqa: B023
         found.append((misfit(c, p) + charge, float(c), p))
     best = min(found)
-    return (best[1], best[2]) if best[0] < misfit(0.0, 2.0) else (0.0, 2.0)
+    c, p = (best[1], best[2]) if best[0] < misfit(0.0, 2.0) else (0.0, 2.0)
+    return c, p, size(c, p) * T_MEDIAN / NORMAL / np.sqrt(6)
 
 
 def _levels(whitener: Whitener) -> FloatArray:

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from estimator.fitting.effects.base import Effect
 from estimator.fitting.fit import Fit, Linear, held_down, new_fit, refreshed, solved, with_level, with_secants
 from estimator.fitting.machine import machine_of
-from estimator.fitting.noise_model import NoiseModel, fit_noise
+from estimator.fitting.noise_model import NoiseModel, find_jitter, fit_noise, noise_of_neighbours
 from estimator.fitting.simulator import Nuisance, Simulator
 from estimator.fitting.windows import find_windows
 
@@ -133,13 +133,13 @@ class Selection:
         """
         bounds = self._held_near(starts)
         best = self._first(starts)
-        ripple = [e for e in self.effects if e.name == "ripple"]
-        best = self._grown(best, ripple, rounds=ROUNDS, renew=False)  # before any noise, which would hold it
+        lines = [e for e in self.effects if e.is_line]
+        best = self._grown(best, lines, rounds=ROUNDS, renew=False)  # before any noise, which would hold them
         if find_windows(best.fit).enough:
             best = self.with_noise(best, colour=False)
             best = self._grown(best, [e for e in self.effects if e.sharp], rounds=ROUNDS, colour=False)
         else:  # noise would be made of what effects do: that of the samples beside each other is taken first
-            best = self._grown(best, self.effects, rounds=ROUNDS, renew=False)
+            best = self._grown(self._with_noise_of_neighbours(best), self.effects, rounds=ROUNDS, renew=False)
         best = self.with_noise(best)
         for _ in range(2):  # what is found changes the noise, and the noise what is found
             before = best.names()
@@ -147,6 +147,8 @@ class Selection:
             if best.names() == before:
                 break
             best = self.with_noise(best)
+        if (shaken := self._with_jitter(best)) is not None:
+            best = self._without_idle(self._grown(shaken, self.effects, rounds=ROUNDS))
         best = min([best, *self._mirrored(best)], key=lambda e: e.fit.cost)
         for simulator in {id(s): s for s in (self.base, best.fit.simulator)}.values():
             p = len(self.base.plan.names)
@@ -205,7 +207,37 @@ class Selection:
         windows = find_windows(fit)
         columns = fit.raw[:, :, wide]
         found = fit_noise(whitener, misfit, columns, windows.settled, windows.sharp, colour=colour, again=again)
-        fit = held_down(refreshed(fit, whitener.of(found)))
+        fit = held_down(refreshed(fit, whitener.of(found)), windows.onsets)
+        return dataclasses.replace(explanation, fit=solved(fit))
+
+    def _with_jitter(self, explanation: Explanation) -> Explanation | None:
+        """Return the explanation fitted with samples whose instants are not known exactly; None where they are."""
+        fit = with_level(explanation.fit)
+        grows = fit.whitener.noise
+        found = []
+        for noise in (grows, dataclasses.replace(grows, growth=np.zeros_like(grows.growth) + [0.0, 2.0])):
+            whitener = fit.whitener.of(noise)
+            deviation = noise.deviation(whitener.level)
+            slope = np.where(whitener.present, whitener.slope / deviation, 0.0)
+            z = refreshed(fit, whitener).z.reshape(slope.shape)
+            jitter, sizes, gain = find_jitter(z, slope, fit.simulator.clocks[0].step)
+            worse = float(np.sum(np.where(whitener.present, z * z + 2 * np.log(deviation), 0.0)))
+            found.append((worse - gain, jitter, dataclasses.replace(noise, white=noise.white * sizes)))
+            if not np.any(grows.growth[:, 0]):
+                break
+        _, jitter, noise = min(found, key=lambda f: f[0])
+        if jitter == 0.0:
+            return None
+        whitener = fit.whitener.of(dataclasses.replace(noise, jitter=jitter))
+        return dataclasses.replace(explanation, fit=solved(refreshed(fit, whitener)))
+
+    def _with_noise_of_neighbours(self, explanation: Explanation) -> Explanation:
+        """Return the explanation fitted by the noise that samples beside each other show."""
+        fit = with_level(explanation.fit)
+        windows = find_windows(fit)
+        misfit = np.where(fit.whitener.present, fit.residuals(), 0.0)
+        found = noise_of_neighbours(fit.whitener, misfit, windows.sharp)
+        fit = held_down(refreshed(fit, fit.whitener.of(found)), windows.onsets)
         return dataclasses.replace(explanation, fit=solved(fit))
 
     def _grown(
@@ -408,7 +440,7 @@ class Selection:
         n = self.samples
         found = [e for e in self._mirrored(explanation) if e.fit.cost - explanation.fit.cost < NEAR]
         for addition in explanation.additions:
-            if addition.effect.name in ("offset", "ripple"):
+            if addition.effect.name == "offset" or addition.effect.is_line:
                 continue
             bare = self.without(explanation, addition)
             lost = bare.fit.cost - explanation.fit.cost
@@ -427,7 +459,7 @@ def _renewed(explanation: Explanation) -> Fit:
     fit, groups = explanation.fit, list(explanation.fit.linear)
     for a in explanation.additions:
         k = next((k for k, g in enumerate(groups) if g.name == a.name), None)
-        if a.linear is None or k is None or a.effect.name == "ripple":
+        if a.linear is None or k is None or a.effect.is_line:
             continue
         at = sum(g.columns.shape[2] for g in groups[:k])
         own = slice(at, at + groups[k].columns.shape[2])
@@ -439,7 +471,7 @@ def _renewed(explanation: Explanation) -> Fit:
             jacobian=np.delete(fit.jacobian, beside, axis=1),
             raw=np.delete(fit.raw, beside, axis=2),
         )
-        new = next((g for g in a.effect.linear(bare) if g.name == a.name), None)
+        new = a.effect.renewed(bare, groups[k], fit.coefficients[own])
         if new is not None and new.columns.shape == groups[k].columns.shape:
             groups[k] = new
     raw = np.concatenate([fit.raw[:, :, : len(fit.free)], *(g.columns for g in groups)], axis=2)

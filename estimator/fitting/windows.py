@@ -30,21 +30,27 @@ class Window:
 
 @dataclass(frozen=True)
 class Windows:
-    """The windows of all recordings; the rows that tell the noise and those of the first parts of transients, (rows,).
+    """The windows of all recordings, and kinds of rows, (rows,).
 
-    `enough`: the rows that tell the noise are settled ones.
+    Attributes
+    ----------
+    settled : those that tell the noise
+    sharp : the first parts of transients
+    onsets : the first few rows after each edge
+    enough : the rows that tell the noise are settled ones
     """
 
     windows: tuple[Window, ...]
     settled: BoolArray
     sharp: BoolArray
+    onsets: BoolArray
     enough: bool = True
 
 
 def find_windows(fit: Fit) -> Windows:
     """Return a fit's windows, from its inputs and what it simulates."""
     s = fit.simulator
-    settled, sharp = np.zeros(s.rows, dtype=bool), np.zeros(s.rows, dtype=bool)
+    settled, sharp, onsets = np.zeros((3, s.rows), dtype=bool)
     windows: list[Window] = []
     span = np.ptp(fit.shown, axis=0)
     for e, (o, clock) in enumerate(zip(s.observed, s.clocks, strict=True)):
@@ -65,6 +71,8 @@ def find_windows(fit: Fit) -> Windows:
             rows = np.arange(clock.rows.start + first, clock.rows.start + last)
             settled[rows[end:] if reached else rows[:0]] = True
             cut = max(LEAST, int(EARLY * end)) if end else 0
+            if k:
+                onsets[rows[0] - 1 : rows[0] + LEAST] = True
             if k and end:
                 early.append(rows[:cut])
                 rest.append(rows[cut:end])
@@ -82,7 +90,7 @@ def find_windows(fit: Fit) -> Windows:
     enough = bool(settled.sum() >= min(ENOUGH, 0.5 * s.rows))
     if not enough:
         settled[:] = True
-    return Windows(tuple(w for w in windows if len(w.rows) >= LEAST), settled, sharp, enough)
+    return Windows(tuple(w for w in windows if len(w.rows) >= LEAST), settled, sharp, onsets, enough)
 
 
 def _edges(inputs: object, n: int, late: int) -> list[int]:

@@ -6,13 +6,20 @@ import dataclasses
 from typing import Any
 
 from estimator.judging.outcome import measured
+from estimator.judging.refusal import implausible_reason
 from estimator.plans.plan import Plan
 from estimator.results.result import Estimate
+
+# What looks odd in the data alone, and the effects that are its reason: it is no doubt where one of them is estimated.
+EXPLAINS = {"coasts": {"coasting"}, "dead band": {"dry friction", "break-away", "dead band"}}
 
 
 def with_what_was_read(found: Estimate, plan: Plan) -> Estimate:
     """Return an estimate that tells what was read; implausible data make it doubtful, refused data are shown."""
-    doubts = [s for o in plan.observed for f in o.findings if (s := f.sentence) not in found.reasons]
+    open_ones = (
+        (o, f) for o in plan.observed for f in o.findings if not EXPLAINS.get(f.kind, set()) & {*found.effects}
+    )
+    doubts = [implausible_reason(o, f) for o, f in open_ones if f.sentence not in found.reasons]
     found = dataclasses.replace(found, read=what_was_read(plan))
     if found.verdict == "refused":
         moved = any(o.excitation.kind != "none" for o in plan.observed)

@@ -27,35 +27,35 @@ CONTRADICTED = "an impossible acceleration"
 OVER, STILL = 6, 0.1  # samples after a jump; part of the response: within both the jump was all that happened
 FASTER = 10  # samples in what is one now
 ONE = 10  # samples that are alike by no chance
-AGAINST = 0.2  # of a signal's largest sample: less is noise about zero
 RECTIFIED = 50  # samples at rest that tell a lost sign
 
 
 def refusal(plan: Plan) -> list[str]:
     """Return why nothing can be estimated from the recordings; empty if something can."""
-    reasons = []
+    reasons: list[str] = []
     if all(o.excitation.kind == "none" for o in plan.observed):
         first = plan.observed[0]
         is_motor = "v" in first.inputs
         drive = "voltage" if is_motor else f"input {next(iter(first.inputs))!r}"
         level = first.excitation.after
+        throughout = _place(first, "v" if is_motor else next(iter(first.inputs)), 0, -1)
         moving = [n for n, y in first.outputs.items() if _moves(y)]
         if level == 0 and moving:
             remedy = "no voltage was logged; record the motor's voltage, too"
-            return [
-                f"the {drive} is zero throughout while {' and '.join(moving)} move{'s' if len(moving) == 1 else ''}:"
-                f" {remedy if is_motor else 'it was not logged; record it, too'}"
-            ]
+            said = remedy if is_motor else "it was not logged; record it, too"
+            move = f"{' and '.join(moving)} move{'s' if len(moving) == 1 else ''}"
+            return [Reason(f"the {drive} is zero throughout while {move}: {said}", throughout)]
         what = "is zero" if level == 0 else f"stays at {level:.4g}{' V' if is_motor else ''}"
-        reasons.append(
+        sentence = (
             f"the {drive} {what} from the first to the last sample while the motor does not start, so nothing is"
             f" excited; record a {drive} step from standstill"
             if is_motor
             else f"the {drive} {what} from the first to the last sample, so nothing is excited; record a step of it"
         )
+        reasons.append(Reason(sentence, throughout))
     if dead := _dead(plan):
         return [*reasons, *dead]
-    reasons += [_found(o, finding) for o in plan.observed for finding in o.findings if finding.is_fatal]
+    reasons += [implausible_reason(o, finding) for o in plan.observed for finding in o.findings if finding.is_fatal]
     if reasons:
         return reasons
     reasons += cut_transients(plan)
@@ -96,9 +96,12 @@ def _dead(plan: Plan) -> list[str]:
         return []
     title = plan.observed[0].recording.title
     return [
-        f"{title}: {name} is {float(np.nanmax(plan.observed[0].outputs[name])):.4g}"
-        f" {plan.description.variable(name).unit} from the first to the last sample while the voltage moves: its sensor"
-        " is dead, or the shaft is held; leave the column out, or record it again"
+        Reason(
+            f"{title}: {name} is {float(np.nanmax(plan.observed[0].outputs[name])):.4g}"
+            f" {plan.description.variable(name).unit} from the first to the last sample while the voltage moves: its"
+            " sensor is dead, or the shaft is held; leave the column out, or record it again",
+            *(_place(o, name, 0, -1) for o in plan.observed),
+        )
         for name in ("i", "w")
         if name in plan.outputs and all(_stays(o.outputs[name]) for o in plan.observed)
     ]
@@ -119,9 +122,13 @@ def _unsigned(o: Observed) -> list[str]:
     lowest, highest = float(np.min(known)), float(np.max(known))
     if np.min(v) < 0 < np.max(v) and min(-np.min(v), np.max(v)) > 0.2 * np.max(np.abs(v)):
         if lowest > -max(4 * noise, 0.02 * highest) and highest > 10 * noise:
+            backwards = np.flatnonzero(v < 0)
             return [
-                f"{o.recording.title}: the voltage goes from {np.min(v):.4g} to {np.max(v):.4g} V, but the current"
-                f" never below {lowest:.3g} A: its sign was lost; record it with a sensor that tells the direction"
+                Reason(
+                    f"{o.recording.title}: the voltage goes from {np.min(v):.4g} to {np.max(v):.4g} V, but the current"
+                    f" never below {lowest:.3g} A: its sign was lost; record it with a sensor that tells the direction",
+                    _place(o, "i", int(backwards[0]), int(backwards[-1])),
+                )
             ]
         return []
     rest = i[: o.excitation.index] if o.excitation.kind == "step" and o.excitation.before == 0 else known[:0]
@@ -130,8 +137,11 @@ def _unsigned(o: Observed) -> list[str]:
         above = rest[rest > 0]
         if np.min(rest) >= 0 and len(above) > 0.9 * len(rest) and np.mean(above) < 2 * np.std(above):
             return [
-                f"{o.recording.title}: the current at rest is never negative in {len(rest)} samples, with a mean of"
-                f" {np.mean(rest):.3g} A: its sign was lost; record it with a sensor that tells the direction"
+                Reason(
+                    f"{o.recording.title}: the current at rest is never negative in {len(rest)} samples, with a mean of"
+                    f" {np.mean(rest):.3g} A: its sign was lost; record it with a sensor that tells the direction",
+                    _place(o, "i", 0, o.excitation.index - 1),
+                )
             ]
     return []
 
@@ -247,18 +257,10 @@ def slow_for_the_motor(plan: Plan) -> list[str]:
     ]
 
 
-def _found(o: Observed, finding: Finding) -> str:
-    """Return what is implausible; of a sign, with the samples that go against the voltage."""
-    kind, _, name = finding.kind.partition(" ")
-    names = ["i", "w"] if name == "v" else [name]
-    if kind != "sign" or "v" not in o.inputs:
-        return finding.sentence
-    places = []
-    for signal in (n for n in names if n in o.outputs):
-        y = np.nan_to_num(o.outputs[signal])
-        against = np.flatnonzero(np.sign(o.inputs["v"]) * y < -AGAINST * float(np.max(np.abs(y))))
-        if len(against):
-            places.append(_place(o, signal, int(against[0]), int(against[-1])))
+def implausible_reason(o: Observed, finding: Finding) -> Reason:
+    """Return what is implausible, with its place in the recording."""
+    shown = {*o.inputs, *o.outputs}
+    places = [Place(o.recording.name, e.signal, e.start, e.end) for e in finding.evidence if e.signal in shown]
     return Reason(finding.sentence, *places)
 
 

@@ -262,7 +262,7 @@ def _doubts(explained: Explained | None) -> list[str]:
     if explained is None:
         return []
     found = [f"{f.sentence}: {f.doubt}" for f in explained.found if f.doubt]
-    return [*found, *explained.rivals]
+    return [*found, *(rival.sentence() for rival in explained.rivals)]
 
 
 def _found(plan: Plan, explained: Explained | None) -> list[str]:
@@ -287,6 +287,8 @@ def _found(plan: Plan, explained: Explained | None) -> list[str]:
         held = int(np.sum(whitener.inflate[:, j] > 1))
         if held:
             notes.append(f"{name} has {held} outlier{'s' if held > 1 else ''}, weighted by Student's t")
+    if noise.jitter > 0:
+        notes.append(f"the instants of the samples jitter by {1e3 * noise.jitter:.2g} ms: steep parts count for less")
     if noise.torque[0] > 0:
         notes.append(
             f"a torque of {noise.torque[0]:.2g} N.m that wanders over {noise.torque[1]:.2g} s moves current and speed"
@@ -294,8 +296,8 @@ def _found(plan: Plan, explained: Explained | None) -> list[str]:
     if set(MOTOR) <= set(plan.names) and "i" in plan.outputs:
         others = [UNSEEN.get(name, name) for name in explained.unseen if name != "gain"]
         notes.append(
-            "not visible in such a recording: a gain error g of the current (R, L by 1/g, J, B by g), the supply's"
-            f" resistance (in R){''.join(f', {name}' for name in others)}"
+            "not visible in such a recording: a current that is shown 1 % too large (R and L are then 1 % too small, J"
+            f" and B 1 % too large), the resistance of the supply (a part of R){''.join(f', {n}' for n in others)}"
             + ("; two voltage levels tell more" if others else "")
         )
     return notes

@@ -191,6 +191,8 @@ def _within(recording: Recording, run: RunSpec) -> Recording:
     if run.window is None:
         return recording
     low, high = run.window
+    if recording.origin and high > recording.origin / 2:  # of the file's own clock, which counts from a date
+        low, high = low - recording.origin, high - recording.origin
     tiny = 1e-6 * recording.step
     inside = np.flatnonzero((recording.time >= low - tiny) & (recording.time <= high + tiny))
     if len(inside) < MIN_SAMPLES:

@@ -4,15 +4,20 @@ from __future__ import annotations
 
 import dataclasses
 
+import numpy as np
+
 from estimator.cases.case import Case
 from estimator.fmus.fmu import FmuDescription
 from estimator.plans.observing import columns_used, is_motor_case
 from estimator.plans.plan import Observed
+from estimator.recordings.clipping import clipped
+from estimator.recordings.finding import Finding
 from estimator.recordings.motor_columns import motor_columns
 from estimator.recordings.plausibility import implausible
 from estimator.recordings.understood import understood
 
 MOTOR_SIGNALS = ("v", "i", "w", "angle")
+UNITS = {"i": "A", "w": "rad/s"}
 
 
 def with_reading(case: Case, description: FmuDescription, observed: Observed) -> Observed:
@@ -32,4 +37,23 @@ def with_reading(case: Case, description: FmuDescription, observed: Observed) ->
     findings = implausible(recording.title, recording.time, signals, guessed=guessed, sure=sure, columns=columns)
     if any(v.name == "friction" for v in description.of_causality("parameter")):
         findings = tuple(finding for finding in findings if finding.kind != "dead band")
-    return dataclasses.replace(observed, read=read, findings=findings)
+    return _without_clipped(dataclasses.replace(observed, read=read, findings=findings))
+
+
+def _without_clipped(observed: Observed) -> Observed:
+    """Return a motor's recording without the samples at which a sensor is saturated, and with a word on them."""
+    outputs, findings = dict(observed.outputs), [*observed.findings]
+    for name in {"i", "w"} & outputs.keys():
+        rows = clipped(outputs[name])
+        if rows.any():
+            t = observed.recording.time[int(np.argmax(rows))]
+            largest = float(np.nanmax(np.abs(outputs[name][rows])))
+            outputs[name] = np.where(rows, np.nan, outputs[name])
+            findings.append(
+                Finding(
+                    "saturated",
+                    f"{observed.recording.title}: {name} is saturated at {largest:.4g} {UNITS[name]}, first at"
+                    f" t = {t:.6g} s: {int(rows.sum())} samples are left out; record again with a larger sensor range",
+                )
+            )
+    return dataclasses.replace(observed, outputs=outputs, findings=tuple(findings))

@@ -15,6 +15,7 @@ from typing import NoReturn
 import numpy as np
 
 from estimator.errors import RecordingError
+from estimator.recordings.plain_text import plain_columns
 from estimator.recordings.units import FloatArray
 
 HEADER_EXAMPLE = "time [s],voltage [V],current [A],speed [rad/s]"
@@ -83,7 +84,10 @@ def read_table(path: Path, rules: HeaderRules) -> Table:
     RecordingError
         The file is missing, no text, empty, without a header, or a row has too few or too many cells.
     """
-    lines = _read_lines(path)
+    written, encoding = _read_text(path)
+    if (plain := _plain_table(path, written, encoding, rules)) is not None:
+        return plain
+    lines = written.split("\n")
     while lines and not lines[-1].strip(_EMPTY):
         lines.pop()  # rows of empty cells at the end
     if not lines:
@@ -129,7 +133,41 @@ def read_table(path: Path, rules: HeaderRules) -> Table:
     )
 
 
-def _read_lines(path: Path) -> list[str]:
+def _plain_table(path: Path, written: str, encoding: str, rules: HeaderRules) -> Table | None:
+    """Read a long file of nothing but numbers below its header at once; None where it is another."""
+    head = written.split("\n", HEADER_LINES)[:HEADER_LINES]
+    if len(head) < HEADER_LINES or rules.is_bare:
+        return None
+    at, delimiter, header = _find_header(path, head, rules)
+    first = at + 1
+    if delimiter is None or first + 1 >= len(head):
+        return None
+    units = None
+    if rules.is_units(unit_cells := _split(head[first], delimiter)):
+        units = tuple(unit_cells)
+        first += 1
+    values = plain_columns(
+        path,
+        written,
+        encoding=encoding,
+        skipped=first,
+        offset=sum(len(line) + 1 for line in head[:first]),
+        delimiter=delimiter,
+        width=len(header),
+    )
+    if values is None:
+        return None
+    n = values.shape[1]
+
+    def text(column: int) -> Iterator[str]:
+        for line in itertools.islice(written.split("\n"), first, first + n):
+            yield _split(line, delimiter)[column]
+
+    return Table(tuple(header), at + 1, units, tuple(values), {}, range(first + 1, first + n + 1), text)
+
+
+def _read_text(path: Path) -> tuple[str, str]:
+    """Return a file's text, its lines ended by line feeds, and how it is written."""
     try:
         data = path.read_bytes()
     except FileNotFoundError:
@@ -149,7 +187,7 @@ def _read_lines(path: Path) -> list[str]:
             text = data.decode(encoding)
         except UnicodeDecodeError:
             continue
-        return text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+        return (text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text), encoding
     raise RecordingError(f"{path.name} begins as UTF-16 text and is none; export the recording as CSV in UTF-8")
 
 

@@ -3,6 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
+
+
+class Evidence(NamedTuple):
+    """What of a signal shows something: from one time to another, s."""
+
+    signal: str
+    start: float
+    end: float
 
 
 @dataclass(frozen=True)
@@ -14,8 +23,10 @@ class Finding:
     kind : "exchanged", "sign i", "unit w", "coasts", …
     sentence : what it looks like, with its evidence, and what puts it right
     is_fatal : nothing could be estimated from it
+    evidence : where in the recording it shows
     """
 
     kind: str
     sentence: str
     is_fatal: bool = False
+    evidence: tuple[Evidence, ...] = ()

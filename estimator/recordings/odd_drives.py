@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.recordings.excitation import noise_deviation
-from estimator.recordings.finding import Finding
+from estimator.recordings.finding import Evidence, Finding
 from estimator.recordings.lag import lag_misfit
 from estimator.recordings.samples import filled
 
@@ -41,6 +41,7 @@ def is_held(title: str, time: FloatArray, signals: Mapping[str, FloatArray]) -> 
         "held",
         f"{title}: the speed never leaves its noise while the current goes to {float(np.max(np.abs(i))):.3g} A: the"
         " shaft is held; that tells R and L alone: hold K, J and B with --fix, or let it turn",
+        evidence=(Evidence("w", float(time[0]), float(time[-1])),),
     )
 
 
@@ -63,6 +64,7 @@ def coasts(title: str, time: FloatArray, signals: Mapping[str, FloatArray]) -> F
         f"{title}: from t = {time[first]:.6g} s the motor turns at {abs(float(w[first])):.3g} rad/s without a current"
         " while 0 V are logged: its driver is open, and the voltage is the motor's own; leave the coasting out with"
         f" --window, or put {time[first]:.6g} s as its end",
+        evidence=(Evidence("i", float(time[first]), float(time[np.flatnonzero(free)[-1]])),),
     )
 
 
@@ -101,6 +103,7 @@ def dead_band(title: str, time: FloatArray, signals: Mapping[str, FloatArray]) -
         "dead band",
         f"{title}: the motor stands until the voltage has risen to {slope * stood:.2g} V: a dead band, of dry friction"
         " or of the driver, which the plain motor has not; estimate it with --fmu dc_motor_friction",
+        evidence=(Evidence("w", float(t[0]), float(begins)),),
     )
 
 

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.recordings.excitation import noise_deviation, quantum
-from estimator.recordings.finding import Finding
+from estimator.recordings.finding import Evidence, Finding
 from estimator.recordings.lag import lag_misfit
 from estimator.recordings.odd_drives import coasts, dead_band, is_held
 from estimator.recordings.samples import filled
@@ -44,6 +44,9 @@ NO_VOLTAGE = 50.0  # V: without a unit, more is no voltage of a bench
 EXPLAINED, UNEXPLAINED = 0.3, 0.7  # of a signal's deviation, misfit of an order that fits, and of one that does not
 JUMP, LEAD = 0.3, 3  # of the voltage's range, samples before it: a jump
 FOLLOWS = 0.5  # of the speed's differences: a larger misfit tells no time constant
+PLAINLY = 0.2  # of a signal's largest sample: less is noise about zero
+NEARLY = 0.9  # of the largest sample: what is called the largest
+SETTLED = 0.1  # of a response: less is its end
 AGAINST = 0.3  # of ∫|v y| dt: so much of it negative is a sign
 OUTLYING = 0.98  # of the samples: larger ones count as that
 DRIVEN = 0.05  # of the largest voltage: less is none
@@ -126,6 +129,7 @@ class _Bench:
                 f" the speed as a shaft follows its torque (misfit {100 * turned:.1g} % against {100 * as_read:.2g} %);"
                 f" exchange their headers, or say {self._option('i', 'w', 'A')} {self._option('w', 'i', 'rad/s')}",
                 is_fatal=True,
+                evidence=self._response("i", "w"),
             )
         return None
 
@@ -146,6 +150,7 @@ class _Bench:
                         f"{self.title}: the {title} is {at}{what} more than {ABOVE:g} times as large as all others: an"
                         " error of the logger; leave such a cell empty",
                         is_fatal=True,  # it would be what the search fits
+                        evidence=(self._beyond(name, sizes, ABOVE * float(largest[-1])),),
                     )
                 )
         return found
@@ -167,6 +172,7 @@ class _Bench:
                     f"{self.title}: current and speed both go against the voltage, so the motor would brake all the"
                     " time: check the sign of the voltage; --scale v=-1 turns it",
                     is_fatal=True,
+                    evidence=tuple(self._against(name) for name in against),
                 )
             ]
         title = {"i": "current", "w": "speed"}
@@ -177,6 +183,7 @@ class _Bench:
                 f"{self.title}: the {title[name]} goes against the voltage, so {meaning[name]}: check the sign of the"
                 f" {title[name]} (or of the voltage); --scale {name}=-1 turns it",
                 is_fatal=True,
+                evidence=(self._against(name),),
             )
             for name in against
         ]
@@ -191,6 +198,34 @@ class _Bench:
         power = (v * y)[driven]
         whole = float(np.sum(np.abs(power)))
         return whole > 0 and float(np.sum(power)) < -AGAINST * whole
+
+    def _beyond(self, signal: str, y: FloatArray, limit: float) -> Evidence:
+        """Return the samples from the first to the last that are no less than a limit."""
+        there = np.flatnonzero(np.nan_to_num(y, nan=-np.inf) >= limit)
+        return self._evidence(signal, int(there[0]), int(there[-1])) if len(there) else self._evidence(signal)
+
+    def _evidence(self, signal: str, first: int = 0, last: int = -1) -> Evidence:
+        return Evidence(signal, float(self.time[first]), float(self.time[last]))
+
+    def _against(self, name: str) -> Evidence:
+        """Return the samples of a signal that go against the voltage."""
+        y = np.nan_to_num(self.signals[name])
+        return self._beyond(name, -np.sign(self.signals["v"]) * y, PLAINLY * float(np.max(np.abs(y))))
+
+    def _response(self, *names: str) -> tuple[Evidence, ...]:
+        """Return the samples between the first jump of the voltage and where the last of the signals stays."""
+        v = filled(self.signals["v"])
+        jumps = np.flatnonzero(np.abs(np.diff(v)) > JUMP * np.ptp(v)) + 1
+        if not len(jumps):
+            return tuple(self._evidence(name) for name in names)
+        first = int(jumps[0])
+        beyond = int(next((k for k in jumps if k > first + LEAD), len(v)))
+        last = first + LEAD
+        for name in names:
+            y = filled(self.signals[name])[first:beyond]
+            off = np.abs(y - np.median(y[-max(3, len(y) // 10) :]))
+            last = max(last, first + int(np.max(np.flatnonzero(off > SETTLED * np.max(off)), initial=0)))
+        return tuple(self._evidence(name, first - 1, min(last, len(v) - 1)) for name in names)
 
     def voltage(self) -> Finding | None:
         """Find a duty cycle that was read as volts."""
@@ -213,6 +248,7 @@ class _Bench:
                 " the supply's volts as a factor, --scale v=VOLTS"
                 + ("" if full == 1 else f"/{full:g}")
                 + ", or --unit v=V if they are volts",
+                evidence=(self._beyond("v", v, NEARLY * largest),),
             )
         return None
 
@@ -224,10 +260,12 @@ class _Bench:
         assumed = "w" in self.guessed
         top = float(np.nanmax(np.abs(_without_outliers(w))))
         per_volt = 0.0 if is_duty else self._speed_per_volt()
+        turning = (self._beyond("w", np.abs(w), NEARLY * top),)
         if (unit := self._beside_angle(w)) is not None:
             return Finding(
                 "unit w",
                 f"{self.title}: held against the angle, the speed is {unit}, not rad/s; say so with --unit w={unit}",
+                evidence=turning,
             )
         if (unit := self._counted(w)) is not None:
             return Finding(
@@ -235,6 +273,7 @@ class _Bench:
                 f"{self.title}: the speed moves in steps of {quantum(w):.6g} rad/s, which is no encoder's in rad/s but"
                 f" one's of {_PER_TURN[unit] / quantum(w) / float(np.median(np.diff(self.time))):.6g} counts a turn in"
                 f" {unit}: it looks like {unit}; say so with --unit w={unit}, or --unit w=rad/s if it is not",
+                evidence=turning,
             )
         per_limit = FASTEST_PER_VOLT[assumed]
         if top <= FASTEST[assumed] and per_volt <= per_limit:
@@ -247,6 +286,7 @@ class _Bench:
             "unit w",
             f"{self.title}: the speed goes up to {reading}: it looks like {' or '.join(units)}; say so with {said}, or"
             " --unit w=rad/s if it is not",
+            evidence=turning,
         )
 
     def current(self) -> Finding | None:
@@ -256,18 +296,21 @@ class _Bench:
         i = _without_outliers(self.signals["i"])
         assumed = "i" in self.guessed
         largest = float(np.nanmax(np.abs(i)))
+        largest_at = (self._beyond("i", np.abs(self.signals["i"]), NEARLY * largest),)
         volts = float(np.nanmax(np.abs(self.signals["v"]))) if "v" in self.signals else 0.0
         if largest > LARGEST_CURRENT[assumed] and volts < LEAST_RESISTANCE[assumed] * largest:
             return Finding(
                 "unit i",
                 f"{self.title}: the current goes up to {largest:.4g} A at {volts:.3g} V, a winding of"
                 f" {1000 * volts / largest:.2g} mΩ: it looks like mA; say so with --unit i=mA, or --unit i=A if not",
+                evidence=largest_at,
             )
         if 0 < largest < LEAST_CURRENT and "w" in self.signals:
             return Finding(
                 "unit i",
                 f"{self.title}: the current stays below {1e6 * largest:.3g} µA while the motor turns: it looks like A"
                 " that were read as mA; say so with --unit i=A",
+                evidence=largest_at,
             )
         return None
 
@@ -280,6 +323,7 @@ class _Bench:
         slow = constant > SLOWEST[assumed] or (step > SLOW_CLOCK[assumed] and constant > 2 * step)
         if not (slow or peak > SLOW_CURRENT or step > NO_CLOCK[assumed]):
             return None
+        moves = tuple(name for name in ("i", "w") if name in self.signals) if "v" in self.signals else ()
         unit = "us" if step > US_CLOCK or constant > US_CONSTANT else "ms"
         lags = [f"the speed follows with a time constant of {constant:.3g} s"] if constant > 0 else []
         lags += [f"the current takes {peak:.3g} s to its peak"] if peak > SLOW_CURRENT else []
@@ -288,6 +332,7 @@ class _Bench:
             "unit time",
             f"{self.title}: at a sampling interval of {step:.4g} s{seen}: the time looks like {unit}; say so with"
             f" --unit time={unit}, or --unit time=s if it is not",
+            evidence=self._response(*moves),
         )
 
     def _speed_per_volt(self) -> float:

@@ -166,7 +166,15 @@ def preview_mapping(p: Preview) -> dict[str, Any]:
             for name, y in p.signals.items()
         },
         "damage": list(p.found),
-        "implausible": [{"kind": f.kind, "sentence": f.sentence, "refused": f.is_fatal} for f in p.findings],
+        "implausible": [
+            {
+                "kind": f.kind,
+                "sentence": f.sentence,
+                "refused": f.is_fatal,
+                "places": [e._asdict() for e in f.evidence],
+            }
+            for f in p.findings
+        ],
     }
 
 

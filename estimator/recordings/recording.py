@@ -38,6 +38,7 @@ from estimator.recordings.units import FloatArray, Unit, examples, parse_unit, u
 
 MIN_SAMPLES = 10
 LARGEST = 1e10  # in any unit: no sensor shows more, nor a counter of 32 bits
+DATED = 1e8  # s: a clock that begins later, some three years, counts from a date; it is told from its first row on
 LARGEST_TIME = 1e20  # likewise: a clock shows up to 2e18 ns since 1970
 MOST_LEFT_OUT = 2  # rows at the start, of wrong stamps
 
@@ -62,6 +63,7 @@ class Recording(Locked):
     clock: str = "time [s]"  # header of the time, as written
     given_units: tuple[str, ...] = ()  # columns whose unit the user said, not their header; "time" too
     roles: Mapping[str, str] = field(default_factory=dict)  # role → column, as the user said
+    origin: float = 0.0  # s, what the file's clock shows where `time` is 0; not 0 where it counts from a date
 
     def __post_init__(self) -> None:
         """Lock arrays and mappings."""
@@ -547,10 +549,16 @@ def _build(raw: _Raw, read_as: ReadAs) -> Recording:
         units[names[j]] = unit.si if unit else ("" if header.unit_text is None else "?")
         if j not in bad and j not in held and j not in huge:
             signals[names[j]] = on_clock(unit.to_si(columns[j]) if unit else columns[j])
+    rows = time.size
+    origin = float(ticks.time[0]) if abs(ticks.time[0]) > DATED else 0.0
+    time = ticks.time
+    if origin:
+        time = np.asarray(np.arange(time.size) * ticks.step if ticks.even else time - origin, dtype=np.float64)
     recording = Recording(
         name=name,
         path=path,
-        time=ticks.time,
+        time=time,
+        origin=origin,
         step=ticks.step,
         signals=signals,
         units=units,
@@ -560,7 +568,7 @@ def _build(raw: _Raw, read_as: ReadAs) -> Recording:
         assumed_units=tuple(n for n, h in zip(names, headers, strict=True) if h.unit_text is None and role_of(h.name)),
         unreadable={names[j]: too_large(j) for j in huge} | {names[j]: not_a_number(j) for j in (*bad, *held)},
         even=ticks.even,
-        missing_rows=ticks.time.size - time.size,
+        missing_rows=ticks.time.size - rows,
         left_out=left_out,
         clock=_header_text(headers[clock], clock in given),
         given_units=tuple("time" if j == clock else names[j] for j in sorted(given)),

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
+from datetime import UTC, datetime
 from typing import Any, Literal
 
 from estimator.recordings.headers import ROLE_QUANTITY, assumed_unit_text, parse_header
@@ -22,12 +23,14 @@ class Understood:
     unit : that the samples were taken to be in, "rpm"; "" for none
     unit_from : "header"; "user", who overruled it; "name", taken as usual for a column of that name; "made", as
         it follows from other columns; or "nobody"
+    since : of a clock that counts from a date: when the first row was, "2026-11-21 12:03:07 UTC"
     """
 
     signal: str
     column: str
     unit: str
     unit_from: Literal["header", "user", "name", "nobody", "made"]
+    since: str = ""
 
     @property
     def is_guess(self) -> bool:
@@ -36,6 +39,8 @@ class Understood:
 
     def text(self) -> str:
         """Return it as one reads it: ``w ← n (no unit: taken as rpm)``."""
+        if self.since:
+            return f"{replace(self, since='').text()}, from the first row on, at {self.since}"
         if self.unit_from == "name":
             return f"{self.signal} ← {self.column} (no unit: taken as {self.unit})"
         if self.unit_from == "nobody":
@@ -50,7 +55,16 @@ class Understood:
 def understood(recording: Recording, columns: Mapping[str, str]) -> tuple[Understood, ...]:
     """Return how columns of a recording, signal → column, were read, and its time last."""
     found = [_of(recording, signal, recording.headers[column], column) for signal, column in columns.items()]
-    return (*found, _of(recording, "time", recording.clock, "time"))
+    clock = _of(recording, "time", recording.clock, "time")
+    return (*found, replace(clock, since=_since(recording.origin)) if recording.origin else clock)
+
+
+def _since(origin: float) -> str:
+    """Return a clock's time as a date, counted from 1970; as seconds where that is none."""
+    try:
+        return f"{datetime.fromtimestamp(origin, tz=UTC):%Y-%m-%d %H:%M:%S} UTC"
+    except (ValueError, OverflowError, OSError):
+        return f"{origin:.6g} s"
 
 
 def how_to_overrule(read: Understood) -> str:

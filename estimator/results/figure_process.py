@@ -11,6 +11,7 @@ import threading
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from estimator.results.reason import Place, places_of
 from estimator.results.result import Comparison, Estimate
 
 Files = dict[str, bytes]
@@ -52,7 +53,9 @@ class FigureProcess:
         process = self._process
         if process is None or not shown:
             return lambda: draw(estimate, kinds)
-        order = pickle.dumps((shown, dict(estimate.noise), tuple(kinds)), protocol=pickle.HIGHEST_PROTOCOL)
+        order = pickle.dumps(
+            (shown, dict(estimate.noise), places_of(estimate.reasons), tuple(kinds)), protocol=pickle.HIGHEST_PROTOCOL
+        )
         answers: list[bytes] = []
 
         def talk() -> None:
@@ -80,7 +83,7 @@ def drawable(estimate: Estimate) -> list[Comparison]:
 def draw(estimate: Estimate, kinds: Sequence[str]) -> Files:
     """Draw an estimate's figure here, by file name; nothing where there is nothing to draw."""
     shown = drawable(estimate)
-    return _drawn(shown, dict(estimate.noise), kinds) if shown else {}
+    return _drawn(shown, dict(estimate.noise), places_of(estimate.reasons), kinds) if shown else {}
 
 
 def main() -> None:
@@ -90,13 +93,15 @@ def main() -> None:
     plots.warm_up()
     order = sys.stdin.buffer.read()
     if order:
-        comparisons, noise, kinds = pickle.loads(order)
-        sys.stdout.buffer.write(pickle.dumps(_drawn(comparisons, noise, kinds)))
+        comparisons, noise, places, kinds = pickle.loads(order)
+        sys.stdout.buffer.write(pickle.dumps(_drawn(comparisons, noise, places, kinds)))
         sys.stdout.buffer.flush()
 
 
-def _drawn(comparisons: Sequence[Comparison], noise: dict[str, float], kinds: Sequence[str]) -> Files:
+def _drawn(
+    comparisons: Sequence[Comparison], noise: dict[str, float], places: Sequence[Place], kinds: Sequence[str]
+) -> Files:
     from estimator.results.plots import comparison_figure, rendered
 
-    figure = comparison_figure(comparisons, noise=noise)
+    figure = comparison_figure(comparisons, noise=noise, places=places)
     return {f"figure.{kind}": rendered(figure, kind) for kind in kinds}

@@ -13,12 +13,14 @@ from estimator.results.residuals import Whiteness
 from estimator.results.result import Comparison, CostProfile, FloatArray, SearchHistory
 from estimator.results.svg import Box, drawing, text
 
-PIXEL_BINS = 260  # of an envelope: two pixels each
+PIXEL_BINS = 260  # of an envelope, at most: two pixels each
 LEFT, RIGHT, BOTTOM, HEAD = 58.0, 10.0, 40.0, 20.0  # pixels around and above each plot
 HEIGHTS: Mapping[Kind, float] = {"input": 34.0, "signal": 118.0, "residual": 58.0}
 UPWARDS: Mapping[Kind, int] = {"input": 2, "signal": 4, "residual": 3}
 MOST_CROSSES = 400  # of outliers in a drawing: more hide what they mark
 WIDTH = 640.0
+WIDE = 1080.0  # of a whole recording
+SLIM = 380.0  # of the same for a phone
 SHOWN_RISE = 10.0  # of a cost profile: a little over three standard errors
 
 
@@ -88,7 +90,11 @@ def _row(
             parts.append(box.stripe(place.start, place.end, "place", least=6.0))
     if row.band > 0:
         parts.append(box.band(-row.band, row.band, "band"))
-    parts.append(box.grid(across=6, up=UPWARDS[row.kind], labels=labels, unit="time [s]" if labels else ""))
+    parts.append(
+        box.grid(
+            across=6 if width > SLIM else 4, up=UPWARDS[row.kind], labels=labels, unit="time [s]" if labels else ""
+        )
+    )
     few = len(seen[0].time) <= MARKERS_UP_TO
     for line in seen:
         inside = _clipped(line, start, end)
@@ -97,7 +103,7 @@ def _row(
         if line.style == "left out":
             parts.append(box.crosses(inside.time[:MOST_CROSSES], inside.values[:MOST_CROSSES], "left-out"))
             continue
-        drawn = envelope(inside.time, inside.values, bins=PIXEL_BINS)
+        drawn = envelope(inside.time, inside.values, bins=min(PIXEL_BINS, round(box.width / 2)))
         told = f"{row.title}, {line.style}" if row.kind == "signal" else row.title
         told = f"{told} [{row.unit or '-'}]" if line.style != "taken out" else ""
         parts.append(box.line(*drawn, _style(line.style), held=line.style == "input", told=told))

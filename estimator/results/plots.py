@@ -15,6 +15,7 @@ import numpy as np
 
 from estimator.results.numbers import number_text
 from estimator.results.panels import LABELS, MARKERS_UP_TO, Kind, Panel, Style, envelope, panels, transient
+from estimator.results.reason import Place
 from estimator.results.result import Comparison
 
 if TYPE_CHECKING:
@@ -46,10 +47,13 @@ GAP, TOP, BOTTOM = 0.14, 0.4, 0.62  # between rows; above and below a recording
 LABEL = 0.77  # from the axes to their label
 
 DPI = 130
+PLACE, LEAST_SHADE = "#e69f00", 0.01  # colour; width, of what is shown
 MOST_RECORDINGS = 4  # in one figure
 
 
-def comparison_figure(comparisons: Sequence[Comparison], *, noise: Mapping[str, float] | None = None) -> Figure:
+def comparison_figure(
+    comparisons: Sequence[Comparison], *, noise: Mapping[str, float] | None = None, places: Sequence[Place] = ()
+) -> Figure:
     """Return measured against simulated signals and residuals: the whole record left, the transient right.
 
     Parameters
@@ -58,6 +62,7 @@ def comparison_figure(comparisons: Sequence[Comparison], *, noise: Mapping[str, 
         Drawn below each other; those beyond the first `MOST_RECORDINGS` are only counted.
     noise : output name → standard deviation, SI units
         Drawn as a band of two standard deviations behind the residuals.
+    places : where reasons lie, which is shaded
     """
     from matplotlib.figure import Figure
 
@@ -67,7 +72,8 @@ def comparison_figure(comparisons: Sequence[Comparison], *, noise: Mapping[str, 
     fig = Figure(figsize=(WIDTH, height))
     top = height
     for comparison in shown:
-        _draw(fig, comparison, top=top, noise=noise or {})
+        own = [place for place in places if place.recording == comparison.name]
+        _draw(fig, comparison, top=top, noise=noise or {}, places=own)
         top -= _height(comparison)
     if rest:
         text = "one more recording is" if rest == 1 else f"{rest} more recordings are"
@@ -116,14 +122,18 @@ def _height(comparison: Comparison) -> float:
     return sum(_height_of(panel) for panel in rows) + (len(rows) - 1) * GAP + TOP + BOTTOM
 
 
-def _draw(fig: Figure, comparison: Comparison, *, top: float, noise: Mapping[str, float]) -> None:
+def _draw(
+    fig: Figure, comparison: Comparison, *, top: float, noise: Mapping[str, float], places: Sequence[Place]
+) -> None:
     """Draw one recording; `top` is its upper edge, in inch from the lower edge of the figure."""
+    left: list[Axes] = []
     windows = [(float(comparison.time[0]), float(comparison.time[-1])), transient(comparison)]
     for column, (start, end) in enumerate(windows):
         rows = panels(comparison, noise=noise, enlarged=column == 1)
         axes = _column(fig, rows, column=column, top=top)
         for ax, panel in zip(axes, rows, strict=True):
             _draw_panel(ax, panel, start, end)
+            _shade(ax, panel, places, start, end)
         if end > start:
             axes[0].set_xlim(start, end)
         axes[-1].set_xlabel("time [s]")
@@ -132,9 +142,10 @@ def _draw(fig: Figure, comparison: Comparison, *, top: float, noise: Mapping[str
             finish(ax)
         if column == 0:
             _name_rows(axes, rows, title=comparison.name)
+            left = axes
         else:
             axes[0].set_title("enlarged", fontsize="medium", loc="left")
-            _legend(axes)
+            _legend(axes, beside=left)
 
 
 def _column(fig: Figure, rows: Sequence[Panel], *, column: int, top: float) -> list[Axes]:
@@ -161,10 +172,10 @@ def _name_rows(axes: Sequence[Axes], rows: Sequence[Panel], *, title: str) -> No
         ax.yaxis.set_label_coords(-LABEL / COLUMN, 0.5)
 
 
-def _legend(axes: Sequence[Axes]) -> None:
-    """Name the lines above the right column, where nothing can be covered, each once."""
+def _legend(axes: Sequence[Axes], *, beside: Sequence[Axes]) -> None:
+    """Name the lines of both columns above the right one, where nothing can be covered, each once."""
     named: dict[str, Any] = {}
-    for ax in axes:
+    for ax in (*axes, *beside):
         for handle, text in zip(*ax.get_legend_handles_labels(), strict=True):
             named.setdefault(text, handle)
     if named:
@@ -211,6 +222,15 @@ def _draw_panel(ax: Axes, panel: Panel, start: float, end: float) -> None:
     else:
         ax.margins(y=0.08)
     ax.locator_params(axis="y", nbins=TICKS[panel.kind])
+
+
+def _shade(ax: Axes, panel: Panel, places: Sequence[Place], start: float, end: float) -> None:
+    """Shade where reasons lie, no narrower than can be seen."""
+    for place in places:
+        if panel.kind == "residual" or place.signal not in ("", panel.name) or place.end < start or place.start > end:
+            continue
+        spare = max(0.0, LEAST_SHADE * (end - start) - (place.end - place.start)) / 2
+        ax.axvspan(place.start - spare, place.end + spare, color=PLACE, alpha=0.33, lw=0, label="where the reason lies")
 
 
 def finish(ax: Axes) -> None:

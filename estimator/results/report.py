@@ -11,7 +11,8 @@ from typing import Any
 
 from estimator.results.budget_table import budget_line, budget_mapping
 from estimator.results.numbers import ABSENT, deviation_text, magnitude, number_text, relative_text, value_texts
-from estimator.results.result import Estimate, OtherValues, ParameterEstimate, Validation, Verdict
+from estimator.results.reason import places_of
+from estimator.results.result import Estimate, OtherValues, ParameterEstimate, Rival, Validation, Verdict
 
 TITLES: Mapping[Verdict, str] = {"ok": "OK", "doubtful": "Doubtful", "refused": "Refused"}
 MEANINGS: Mapping[Verdict, str] = {
@@ -336,10 +337,16 @@ def to_mapping(estimate: Estimate) -> dict[str, Any]:
         "verdict": estimate.verdict,
         "about": estimate.about,
         "reasons": estimate.reasons,
+        "places": [
+            {"reason": k, "recording": p.recording, "signal": p.signal, "start": p.start, "end": p.end}
+            for k, reason in enumerate(estimate.reasons)
+            for p in places_of((reason,))
+        ],
         "notes": estimate.notes,
         "parameters": {name: _parameter_mapping(p) for name, p in estimate.parameters.items()},
         "measurement_chain": {name: _parameter_mapping(p) for name, p in estimate.chain.items()},
         "sensors": estimate.sensors,
+        "effects": estimate.effects,
         "read": estimate.read,
         "recordings": estimate.recordings,
         "derived": {
@@ -349,6 +356,7 @@ def to_mapping(estimate: Estimate) -> dict[str, Any]:
         **budget_mapping(estimate),
         "correlation": correlation,
         "information": estimate.information,
+        "rivals": [_rival_mapping(rival) for rival in estimate.rivals],
         "rmse": estimate.rmse,
         "fit_percent": estimate.fit_percent,
         "noise": estimate.noise,
@@ -429,6 +437,21 @@ def _parameter_mapping(parameter: ParameterEstimate) -> dict[str, Any]:
         "free": parameter.free,
         "nominal": parameter.nominal,
         "variables": {s.variable: {"value": s.value, "unit": s.unit, "type": s.type} for s in parameter.set_in_fmu},
+    }
+
+
+def _rival_mapping(rival: Rival) -> dict[str, Any]:
+    return {
+        "what": rival.what,
+        "parameters": {
+            name: {"value": p.value, "standard_error": p.standard_error, "unit": p.unit}
+            for name, p in rival.parameters.items()
+        },
+        "differs_in": rival.differs_in,
+        "standard_errors_apart": rival.apart,
+        "delta_criterion": rival.behind,
+        "weight": rival.weight,
+        "decided_by": rival.decided_by,
     }
 
 

@@ -15,6 +15,9 @@ from typing import Any
 from estimator.results.budget_table import budget_rows
 from estimator.results.numbers import ABSENT, number_text, relative_text, value_texts
 from estimator.results.page_figures import (
+    SLIM,
+    WIDE,
+    WIDTH,
     convergence_chart,
     legend,
     profile_charts,
@@ -54,6 +57,10 @@ BAR_WORDS = "± is one standard error: what noise alone does. A sensor's gain or
 RESIDUAL_WORDS = (
     "Without outliers, and without the ripple and drift that were found. Of white noise 95 % of the correlations lie"
     " within the band; the blue curve is a normal distribution."
+)
+RIVAL_WORDS = (
+    "Explanations that are nearly as likely as the estimate's, over its values: zero is the estimate. The weight is a"
+    " rival's part of what the standard errors allow for. What would decide between them stands beside each."
 )
 Table = dict[str, Any]
 
@@ -109,7 +116,7 @@ def html_report(estimate: Estimate, *, command: str = "", checksums: Mapping[str
         parts=parts,
         axis=axis,
         bar_words=BAR_WORDS if axis else "",
-        transient=_transient(shown, places),
+        transient=_transient(shown, places, fitted=bool(estimate.parameters)),
         budget=_budget(estimate),
         signals=_signals(estimate),
         records=[_record(c, estimate, places) for c in shown[:MOST_CHARTS]],
@@ -118,6 +125,7 @@ def html_report(estimate: Estimate, *, command: str = "", checksums: Mapping[str
         else "",
         validation=_validation(estimate),
         across=_across(estimate),
+        rivals=_rivals(estimate),
         residuals=_residuals(estimate),
         notes=estimate.notes,
         failures=estimate.failures,
@@ -226,20 +234,31 @@ def _percent(error: float | None, value: float) -> float | None:
     return 100 * error / abs(value) if known and error is not None else None
 
 
-def _transient(shown: Sequence[Comparison], places: Sequence[Place]) -> Table | None:
-    """Return the drawing of the first screen: the transient, or where the first reason lies."""
+def _transient(shown: Sequence[Comparison], places: Sequence[Place], *, fitted: bool) -> Table | None:
+    """Return the drawing of the first screen: the transient, or, where nothing was fitted, where the reason lies."""
     if not shown:
         return None
     where = {c.name: c for c in shown}
-    at = next((place for place in places if place.recording in where), None)
+    at = None if fitted else next((place for place in places if place.recording in where), None)
     c = where[at.recording] if at else shown[0]
     if at is None:
-        svg, title = transient_chart(c), "Transient"
+        svg, slim = (transient_chart(c, width=width, places=_of(places, c)) for width in (WIDTH, SLIM))
+        title = "Transient"
     else:
         whole = float(c.time[-1] - c.time[0])
         window = max(float(c.time[0]), at.start - AROUND * whole), min(float(c.time[-1]), at.end + AROUND * whole)
-        svg, title = recording_chart(c, window=window, residuals=False, places=_of(places, c)), "Where the reason lies"
-    return {"svg": drawn(svg), "title": title, "caption": c.name, "legend": _legend(c, places, residuals=False)}
+        svg, slim = (
+            recording_chart(c, window=window, residuals=False, places=_of(places, c), width=width)
+            for width in (WIDTH, SLIM)
+        )
+        title = "Where the reason lies"
+    return {
+        "svg": drawn(svg),
+        "slim": drawn(slim),
+        "title": title,
+        "caption": c.name,
+        "legend": _legend(c, places, residuals=False),
+    }
 
 
 def _of(places: Sequence[Place], c: Comparison) -> list[Place]:
@@ -268,10 +287,11 @@ def _signals(estimate: Estimate) -> Table | None:
 
 
 def _record(c: Comparison, estimate: Estimate, places: Sequence[Place]) -> Table:
-    svg = recording_chart(c, noise=estimate.noise, places=_of(places, c), width=1080)
+    svg, slim = (recording_chart(c, noise=estimate.noise, places=_of(places, c), width=width) for width in (WIDE, SLIM))
     return {
         "title": c.name,
         "svg": drawn(svg),
+        "slim": drawn(slim),
         "caption": CAPTION.format(c.name) if c.simulated else c.name,
         "legend": _legend(c, places),
     }
@@ -335,6 +355,36 @@ def _across(estimate: Estimate) -> Table | None:
     ]
     words = "Zero is the weighted mean of a parameter's values; bars that do not overlap differ."
     return {"parts": parts, "axis": drawn(bar_axis(limit)), "words": words}
+
+
+def _rivals(estimate: Estimate) -> Table | None:
+    """Return the estimate and each rival's parameters, on one axis relative to the estimate's values."""
+    if not estimate.rivals:
+        return None
+    own = {name: p for name, p in estimate.parameters.items() if p.free and math.isfinite(p.value) and p.value != 0}
+    titled = [("the estimate", {name: (p.value, p.standard_error, p.unit) for name, p in own.items()})]
+    for rival in estimate.rivals:
+        values = {n: (p.value, p.standard_error, p.unit) for n, p in rival.parameters.items() if n in own}
+        titled.append((f"{rival.what} (weight {100 * rival.weight:.2g} %): {rival.decided_by}", values))
+    groups = []
+    for title, values in titled:
+        bars = {
+            name: Bar(100 * (value - own[name].value) / abs(own[name].value), _percent(error, own[name].value))
+            for name, (value, error, _) in values.items()
+        }
+        groups.append((title, values, bars))
+    limit = bar_limit([entry for *_, bars in groups for entry in bars.values()])
+    parts = []
+    for title, values, bars in groups:
+        rows = []
+        for name, (value, error, unit) in values.items():
+            shown, spread = value_texts(value, error)
+            off = bars[name].at
+            svg = drawn(bar(bars[name], limit=limit, name=f"{name}: {off:+.3g} % from the estimate"))
+            change = f"{off:+.2g} %" if off else relative_text(error, value)
+            rows.append(_Row(name, shown, f"± {spread}" if spread else ABSENT, unit, change, svg))
+        parts.append(_Part(rows, title))
+    return {"parts": parts, "axis": drawn(bar_axis(limit)), "words": RIVAL_WORDS}
 
 
 def _with_bar(row: _Row, entry: Bar, limit: float) -> _Row:

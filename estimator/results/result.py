@@ -124,6 +124,56 @@ class StandardUncertainty:
 
 
 @dataclass(frozen=True)
+class RivalParameter:
+    """A parameter as another explanation gives it: value and standard error, in `unit`; None where it has none."""
+
+    value: float
+    standard_error: float | None
+    unit: str
+
+
+@dataclass(frozen=True)
+class Rival:
+    """Another explanation of the recordings, nearly as likely, that gives other parameters.
+
+    Attributes
+    ----------
+    what : str
+        "sag instead of voltage dip".
+    parameters : name → RivalParameter
+    differs_in : str
+        The parameter that it moves by most standard errors.
+    estimated : float
+        The estimate's value of that parameter.
+    apart : float
+        By so many standard errors, as they were if the estimate's explanation were known to hold.
+    behind : float
+        Of the criterion, above the estimate's; a difference of 2 is likelier by e.
+    weight : float
+        Its part of the mixture that the standard errors are of, 0 to 1.
+    decided_by : str
+        What would tell which of them holds.
+    """
+
+    what: str
+    parameters: Mapping[str, RivalParameter]
+    differs_in: str
+    estimated: float
+    apart: float
+    behind: float
+    weight: float
+    decided_by: str
+
+    def sentence(self) -> str:
+        """Say what else would explain the recordings, and what it changes."""
+        value = self.parameters[self.differs_in].value
+        return (
+            f"{self.what} would explain the recording nearly as well, with {self.differs_in} = {value:.4g} instead of"
+            f" {self.estimated:.4g}; {self.decided_by}"
+        )
+
+
+@dataclass(frozen=True)
 class Comparison:
     """Measured against simulated signals of one recording.
 
@@ -265,6 +315,7 @@ class Estimate:
     derived : name → DerivedQuantity; gains and time constants, those that the recordings tell
     chain : what was estimated of the measurement chain (delay, offset i, …) → ParameterEstimate
     sensors : output name → what its sensor was taken for: sensor, average, filters, gain, offset, delay
+    effects : names of the effects that were found of the bench, as fitting/effects names them
     read : what was read, one mapping a recording: recording, signals (column, unit, who said it), text, implausible
     recordings : what was done to each recording, one mapping each (window, scale, offset, delay, temperature)
     correlation : (p, p) array over the free parameters in the order of `correlated`, or None
@@ -287,6 +338,7 @@ class Estimate:
     history : the search seen from outside, or None
     profiles : parameter name → CostProfile, where they were asked for
     validation : how the model does on recordings that it has not seen, where some were given
+    rivals : other explanations, nearly as likely, that give other parameters
     tolerances : source → StandardUncertainty of what no recording tells, as it was given
     about : what the user says of it: motor, operator, date, … → text
     """
@@ -305,6 +357,7 @@ class Estimate:
     versions: Mapping[str, str]
     chain: Mapping[str, ParameterEstimate] = field(default_factory=dict)
     sensors: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    effects: tuple[str, ...] = ()
     read: tuple[Mapping[str, Any], ...] = ()
     recordings: tuple[Mapping[str, Any], ...] = ()
     rmse: Mapping[str, float] = field(default_factory=dict)
@@ -322,5 +375,6 @@ class Estimate:
     workers: int = 1
     profiles: Mapping[str, CostProfile] = field(default_factory=dict)
     validation: Validation | None = None
+    rivals: tuple[Rival, ...] = ()
     tolerances: Mapping[str, StandardUncertainty] = field(default_factory=dict)
     about: Mapping[str, str] = field(default_factory=dict)

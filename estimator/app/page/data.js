@@ -9,9 +9,14 @@ import { Plot, Remote } from "./plot.js";
 const COLORS = ["--c1", "--c2", "--c3", "--c4", "--c5", "--c6"];
 const ROLES = [["fit", "fit"], ["validate", "validate"], ["off", "off"]];
 
+const SIGNALS = [["", "not used"], ["time", "time"], ["v", "voltage (v)"], ["i", "current (i)"], ["w", "speed (w)"], ["angle", "angle"], ["load", "load torque"]];
+const UNITS = { time: "s", v: "V", i: "A", w: "rad/s", angle: "rad", load: "N.m" };
+
 export class DataPage {
   constructor(app) {
     this.app = app;
+    this.bares = {}; // recording, as it is read → what a file holds that cannot be read as it is
+    this.said = {}; // file → what is said of it meanwhile: signals and units of columns, interval
     this.chosen = null;
     this.checks = {}; // name → what the command check says
     this.facts = {}; // recording, as it is read → what was read, or the sentence why not
@@ -22,7 +27,7 @@ export class DataPage {
     this.plotted = "";
     this.node = el("div", { class: "columns" },
       el("section", { class: "side", "aria-label": "Recordings" }, this.list),
-      el("section", { class: "wide", "aria-label": "The chosen recording" }, this.detail));
+      el("section", { class: "wide", "aria-label": "The chosen recording" }, this.detail, this.plot.node)); // which stays: one may be dragging in it
   }
 
   select(name) { this.chosen = name; this.render(); }
@@ -81,6 +86,7 @@ export class DataPage {
     const file = this.chosen;
     if (file === null) {
       this.plotted = "";
+      this.plot.node.hidden = true;
       replace(this.detail, el("div", { class: "empty" }, el("h2", {}, "No recording yet"),
         el("p", {}, "A recording is text with a header (CSV), MAT, MDF or Parquet: time, voltage, current, speed or angle."),
         el("p", {}, "Drop one anywhere on this page. It is copied into the folder; one that lies there already stays where it is.")));
@@ -97,7 +103,12 @@ export class DataPage {
     if (typeof facts === "string") {
       delete this.facts[key];
       if (part) { this.part[file] = 0; this.show(); return; }
-      replace(this.detail, el("h2", {}, file), el("p", { class: "say error" }, facts), this.reading(r, { tests: [], motors: [] }, true));
+      const bare = this.bares[key] ?? await get("bare", { name: file }).catch(() => null);
+      if (file !== this.chosen) return;
+      if (bare) this.bares[key] = bare;
+      this.plot.node.hidden = true;
+      replace(this.detail, el("h2", {}, file),
+        bare?.lacks.length ? this.bareForm(r, bare) : el("p", { class: "say error" }, facts), this.reading(r, { tests: [], motors: [] }, !bare?.lacks.length));
       return;
     }
     const { problem } = this.app.state;
@@ -112,8 +123,8 @@ export class DataPage {
       this.reading(r, facts),
       this.findings(file, r),
       el("div", { class: "chips", role: "list", "aria-label": "Columns" }, facts.columns.map((c, k) => this.chip(facts, r, c, k))),
-      this.windowRow(facts, r),
-      this.plot.node);
+      this.windowRow(facts, r));
+    this.plot.node.hidden = false;
     this.draw(file, facts, r, part);
   }
 
@@ -130,9 +141,44 @@ export class DataPage {
         select({ id: "part", onchange: (e) => { this.part[r.file] = Number(e.target.value); this.show(); } }, facts.tests.map((name, k) => [String(k), name]), String(part))] : null);
   }
 
+  // A file without a header, or without a time: what its columns are, and how far apart its samples, is asked for.
+  bareForm(r, bare) {
+    const headless = bare.lacks.includes("header");
+    const said = this.said[r.file] ??= { signals: {}, units: {}, interval: r.reading.rate ? 1000 / r.reading.rate : null };
+    const chosen = (k) => said.signals[k] ?? "";
+    return el("form", { class: "panel", "aria-label": "What the file does not say", onsubmit: (e) => { e.preventDefault(); this.readBare(r, bare); } },
+      el("p", { class: "say" }, headless ? "This file has no header: say what its columns are." : "This file has no time: say how far apart its samples are."),
+      headless ? el("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "The file's columns" }, el("table", { class: "stacked" },
+        el("thead", {}, el("tr", {}, ["column", "begins with", "is", "in"].map((t) => el("th", { scope: "col" }, t)))),
+        el("tbody", {}, bare.columns.map((c, k) => el("tr", {}, el("th", { scope: "row" }, c.header),
+          el("td", { class: "muted" }, c.first.map((v) => (v === null ? "–" : show(v, 5))).join("; ")),
+          el("td", {}, select({ id: `bare-${k}`, "aria-label": `What ${c.header} is`, onchange: (e) => { said.signals[k] = e.target.value; this.show(); } }, SIGNALS, chosen(k))),
+          el("td", {}, chosen(k) ? el("input", { id: `bare-unit-${k}`, type: "text", autocomplete: "off", "aria-label": `Unit of ${c.header}`, value: said.units[k] ?? "", placeholder: UNITS[chosen(k)],
+            style: { width: "6em" }, oninput: (e) => { said.units[k] = e.target.value; } }) : null)))))) : null,
+      el("div", { class: "row" }, el("span", { "aria-hidden": "true" }, "Sampling interval"),
+        number({ id: "bare-interval", label: "Sampling interval, in ms", value: said.interval, hint: headless ? "" : "1", onchange: (v) => { said.interval = v; } }), el("span", { class: "muted" }, "ms"),
+        el("button", { id: "bare-read", class: "main" }, "Read it so")));
+  }
+
+  readBare(r, bare) {
+    const said = this.said[r.file], columns = {}, units = {};
+    for (const [k, signal] of Object.entries(said.signals)) {
+      if (!signal) continue;
+      if (signal in columns) { say(`Two columns cannot both be the ${SIGNALS.find(([name]) => name === signal)[1]}.`, "error"); return; }
+      columns[signal] = String(Number(k) + 1);
+      if (said.units[k]?.trim()) units[signal] = said.units[k].trim();
+    }
+    if (bare.lacks.includes("header") && !Object.keys(columns).some((name) => name !== "time")) { say("Say of at least one column what it measures.", "error"); return; }
+    if (!("time" in columns) && !(said.interval > 0)) { say("Give the sampling interval in ms, or say which column is the time.", "error"); return; }
+    const rate = "time" in columns ? null : Number((1000 / said.interval).toPrecision(12));
+    this.edit(r.file, (now) => ({ role: now.role === "off" ? "fit" : now.role, reading: { ...now.reading, columns, units, rate } }));
+  }
+
   // How the file is read where its header does not say it, as the options of estimate do.
   reading(r, facts, open = false) {
-    const told = r.reading, said = ["supply", "counts", "per_turn", "motor"].filter((key) => told[key] !== null);
+    const told = r.reading, words = ["supply", "counts", "per_turn", "motor"].filter((key) => told[key] !== null).map((key) => `${key.replace("_", "-")} ${told[key]}`);
+    const columns = Object.entries(told.columns).map(([signal, column]) => `${signal} is column ${column}`);
+    const said = [...columns, ...(told.rate ? [`a sample every ${show(1000 / told.rate, 6)} ms`] : []), ...Object.entries(told.units).map(([name, unit]) => `${name} in ${unit}`), ...words];
     const before = document.getElementById("reading");
     const text = (key, label, hint) => el("label", { class: "row small" }, label, el("input", { id: `reading-${key}`, type: "text", value: told[key] ?? "", placeholder: hint,
       autocomplete: "off", style: { width: "9em" }, onchange: (e) => this.read(r, { [key]: e.target.value.trim() || null }) }));
@@ -140,13 +186,28 @@ export class DataPage {
       number({ id: `reading-${key}`, label: `${label}${unit ? `, in ${unit}` : ""}`, value: told[key], width: "6em", onchange: (v) => (v !== null && v <= 0 ? say(`${label} must be above 0.`, "error") : this.read(r, { [key]: v })) }),
       unit ? el("span", { class: "muted" }, unit) : null);
     return el("details", { id: "reading", open: open || (before ? before.open : said.length > 0) },
-      el("summary", {}, `How the file is read${said.length ? `: ${said.map((key) => `${key.replace("_", "-")} ${told[key]}`).join(", ")}` : ""}`),
+      el("summary", {}, `How the file is read${said.length ? `: ${said.join(", ")}` : ""}`),
       el("div", { class: "row" },
         text("supply", "Supply of a duty cycle", "12 or a column"),
         value("counts", "Counts of an encoder a turn", ""),
         value("per_turn", "Way of a turn", "m"),
+        open ? null : el("label", { class: "row small" }, "Unit of the time", el("input", { id: "reading-time", type: "text", value: told.units.time ?? "", placeholder: "as written", autocomplete: "off",
+          style: { width: "6em" }, onchange: (e) => this.unit(r, "time", e.target.value.trim()) })),
+        columns.length || told.rate || Object.keys(told.units).length ? el("button", { type: "button", id: "bare-again", onclick: () => this.read(r, { columns: {}, units: {}, rate: null }) }, "Forget what was said of its columns") : null,
         facts.motors.length || told.motor !== null ? el("label", { class: "row small" }, "Motor",
           select({ id: "reading-motor", onchange: (e) => this.read(r, { motor: e.target.value || null }) }, [["", "not said"], ...facts.motors.map((m) => [m, m])], told.motor ?? "")) : null));
+  }
+
+  // Read a column in another unit than its header says, or again as it says.
+  unit(r, name, text) {
+    this.edit(r.file, (now) => ({ reading: { ...now.reading, units: text
+      ? { ...now.reading.units, [name]: text } : Object.fromEntries(Object.entries(now.reading.units).filter(([n]) => n !== name)) } }));
+  }
+
+  // What a column's unit is called in the case: as it was said, by the column's name or by its signal's.
+  unitKey(c, r) {
+    const signal = Object.entries(r.reading.columns).find(([, column]) => [c.name, c.plain, c.header].includes(column) || `column ${column}` === c.plain)?.[0];
+    return [c.name, c.plain, signal].find((name) => name in r.reading.units) ?? signal ?? c.name;
   }
 
   read(r, part) { this.edit(r.file, (now) => ({ reading: { ...now.reading, ...part } })); }
@@ -207,10 +268,29 @@ export class DataPage {
           el("span", { "aria-hidden": "true" }, "+"),
           number({ id: `offset-${k}`, label: `Offset added to ${c.header}, in ${si}`, value: offset, required: true, width: "4.6em", onchange: (v) => set("offset", off, v, 0) }),
           el("span", { class: "muted" }, si)) : null,
-        target && c.written === null ? el("label", { class: "row small" }, "unit ",
-          el("input", { id: `unit-${k}`, type: "text", placeholder: si, style: { width: "5em" }, "aria-label": `Unit of ${c.header}`, onchange: (e) => this.assign(c, target, e.target.value.trim()) })) : null,
+        target ? el("label", { class: "row small" }, "unit ",
+          el("input", { id: `unit-${k}`, type: "text", placeholder: c.given ? "as written" : c.written ?? (si || targets.find((t) => `${t.causality}s ${t.name}` === target)?.unit || ""), value: c.given ? c.written : "", autocomplete: "off", style: { width: "5em" }, "aria-label": `Unit of ${c.header}`,
+            onchange: (e) => this.setUnit(c, r, target, e.target.value.trim()) })) : null,
+        c.overruled ? el("p", { class: "mark small" }, `its header says ${c.overruled}; it is read as ${c.written}, as you said`) : null,
       ],
       el("div", { class: "row small" }, marks));
+  }
+
+  // A unit that the header lacks becomes part of the mapping; one that it states is overruled, and that is told.
+  setUnit(c, r, target, text) {
+    if (c.written === null && !c.given && !Object.keys(r.reading.columns).length) { this.assign(c, target, text); return; }
+    const mapped = this.app.state.mapped, header = c.header;
+    this.app.change((state) => {
+      const key = this.unitKey(c, r), now = state.recordings.find((x) => x.file === r.file);
+      const units = { ...now.reading.units };
+      if (text) units[key] = text; else delete units[key];
+      const recordings = state.recordings.map((x) => (x.file === r.file ? { ...x, reading: { ...x.reading, units } } : x));
+      if (!mapped) return { recordings };
+      const mapping = structuredClone(state.mapping), [causality, ...rest] = target.split(" ");
+      mapping[causality][rest.join(" ")] = c.plain;
+      return { recordings, mapping };
+    });
+    if (text && c.written !== null && !c.given) say(`${header} is now read as ${text}, against its header. Make sure that the header is the one that is wrong.`);
   }
 
   assign(column, target, unit = "") {
@@ -273,6 +353,9 @@ export class DataPage {
       };
     });
     const shades = shown.flatMap((c) => (c.gaps ?? []).map(([from, to]) => ({ panel: c.name, from: from - facts.step / 2, to: to + facts.step / 2, color: "--gap" })));
+    const doubts = (this.checks[this.key(r, 0)]?.check.recordings ?? [])[part]?.implausible ?? [];
+    shades.push(...doubts.flatMap((d) => d.places ?? []).flatMap((p) => shown.filter((c) => this.target(c).split(" ").slice(1).join(" ") === p.signal)
+      .map((c) => ({ panel: c.name, from: p.start, to: p.end, color: "--place" }))));
     this.plot.set({ panels, shades, keep: this.plotted === key });
     this.plot.setWindow(r.window ? [...r.window] : [facts.begin, facts.end], (w) => this.dragged(facts, r.file, w));
     this.source = source;

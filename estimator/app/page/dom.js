@@ -18,10 +18,11 @@ export function select(attributes, options, chosen) {
     el("option", { value, selected: value === chosen }, text)));
 }
 
-// Put other content into an element; the element of the same id keeps the keyboard's focus, and its caret.
+// Put other content into an element; an element that stays, or the one of the same id, keeps the keyboard's focus, and
+// its caret.
 export function replace(parent, ...children) {
   const focused = document.activeElement;
-  const held = focused && focused.id && parent.contains(focused) ? focused.id : null;
+  const inside = focused && focused !== document.body && parent.contains(focused), held = inside && focused.id ? focused.id : null;
   const caret = held && focused.selectionStart !== undefined ? [focused.selectionStart, focused.selectionEnd] : null;
   const typed = [...parent.querySelectorAll("input[data-dirty]")].map((i) => [i.id, i.value, i.getAttribute("aria-invalid")]);
   parent.replaceChildren(...children.flat(Infinity).filter(Boolean));
@@ -32,6 +33,7 @@ export function replace(parent, ...children) {
     input.dataset.dirty = "1";
     if (invalid) input.setAttribute("aria-invalid", invalid);
   }
+  if (inside && focused.isConnected) { focused.focus({ preventScroll: true }); return; } // it was taken out and put back
   if (!held) return;
   const again = document.getElementById(held);
   if (!again) return;

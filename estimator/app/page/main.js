@@ -75,13 +75,15 @@ class App {
   // Take a recording into the list, after a look at it: one that cannot be read is told, and left out.
   async add(name) {
     if (this.state.recordings.some((r) => r.file === name)) { this.select(name); return; }
+    let role = "fit";
     try {
       await get("recording", { name });
     } catch (error) {
-      this.fail(error);
-      return;
+      const { lacks } = await get("bare", { name }).catch(() => ({ lacks: [] }));
+      if (!lacks.length) { this.fail(error); return; }
+      role = "off"; // until the user has said what the file does not
     }
-    await this.change((state) => ({ recordings: [...state.recordings, { file: name, role: "fit" }] }));
+    await this.change((state) => ({ recordings: [...state.recordings, { file: name, role }] }));
     this.select(name);
   }
 
@@ -110,7 +112,8 @@ class App {
     this.step = known[0];
     this.command = null;
     document.title = `${known[1]} – fmu-estimator`;
-    document.getElementById("main").replaceChildren(this.page.node);
+    const main = document.getElementById("main");
+    if (main.firstChild !== this.page.node) main.replaceChildren(this.page.node);
     this.page.enter?.(rest.join("/"));
     this.render();
   }

@@ -9,6 +9,8 @@ import { panelsOf } from "./signals.js";
 
 const DECADE = 1; // of a slider, either way
 
+const narrow = (text) => el("span", { class: "narrow muted", "aria-hidden": "true" }, text); // of a stacked table's cell
+
 export class ModelPage {
   constructor(app) {
     this.app = app;
@@ -72,19 +74,19 @@ export class ModelPage {
       el("div", { class: "row" }, el("h2", {}, "Parameters"), el("span", { class: "grow" }),
         s.explicit ? el("button", { type: "button", id: "automatic", onclick: () => this.app.change({ parameters: null }) }, "Back to what the data say") : el("span", { class: "muted small" }, "bounds and starts by the data")),
       s.problem ? el("p", { class: "say error", id: "problem" }, s.problem) : null,
-      el("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Table of the parameters" }, el("table", {},
+      el("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Table of the parameters" }, el("table", { class: "stacked" },
         el("thead", {}, el("tr", {}, ["", "unit", "is", "start", "try", "min", "max", many ? "per recording" : null].filter((t) => t !== null).map((t) => el("th", { scope: "col" }, t || el("span", { class: "visually-hidden" }, "parameter"))))),
         el("tbody", {}, rows.map((r) => el("tr", {},
           el("th", { scope: "row", title: r.description }, r.name),
           el("td", { class: "muted" }, r.unit),
           el("td", {}, select({ id: `is-${r.name}`, "aria-label": `${r.name} is free or fixed`, onchange: (e) => edit(r.name, e.target.value === "free" ? { free: true, value: null } : { free: false, value: this.tried[r.name] ?? r.start ?? r.begin }) }, [["free", "free"], ["fixed", "fixed"]], r.free ? "free" : "fixed")),
           el("td", {}, r.free
-            ? number({ id: `start-${r.name}`, label: `Start of ${r.name}, in ${r.unit}`, value: r.start, hint: show(r.begin), onchange: (v) => edit(r.name, { start: v }) })
+            ? [narrow("start "), number({ id: `start-${r.name}`, label: `Start of ${r.name}, in ${r.unit}`, value: r.start, hint: show(r.begin), onchange: (v) => edit(r.name, { start: v }) })]
             : number({ id: `value-${r.name}`, label: `Value of ${r.name}, in ${r.unit}`, value: r.value, hint: show(r.begin), onchange: (v) => edit(r.name, { value: v }) })),
           el("td", {}, r.free && r.begin > 0 ? this.slider(r, edit) : null),
-          el("td", {}, r.free ? number({ id: `min-${r.name}`, label: `Least ${r.name}, in ${r.unit}`, value: r.min, hint: show(r.lower, 3), onchange: (v) => edit(r.name, { min: v }) }) : null),
-          el("td", {}, r.free ? number({ id: `max-${r.name}`, label: `Greatest ${r.name}, in ${r.unit}`, value: r.max, hint: show(r.upper, 3), onchange: (v) => edit(r.name, { max: v }) }) : null),
-          many ? el("td", {}, r.free ? el("input", { type: "checkbox", id: `per-${r.name}`, "aria-label": `${r.name} has a value of its own for each recording`, checked: r.per_recording, onchange: (e) => edit(r.name, { per_recording: e.target.checked }) }) : null) : null))))),
+          el("td", {}, r.free ? [narrow("min "), number({ id: `min-${r.name}`, label: `Least ${r.name}, in ${r.unit}`, value: r.min, hint: show(r.lower, 3), onchange: (v) => edit(r.name, { min: v }) })] : null),
+          el("td", {}, r.free ? [narrow("max "), number({ id: `max-${r.name}`, label: `Greatest ${r.name}, in ${r.unit}`, value: r.max, hint: show(r.upper, 3), onchange: (v) => edit(r.name, { max: v }) })] : null),
+          many ? el("td", {}, r.free ? [narrow("per recording "), el("input", { type: "checkbox", id: `per-${r.name}`, "aria-label": `${r.name} has a value of its own for each recording`, checked: r.per_recording, onchange: (e) => edit(r.name, { per_recording: e.target.checked }) })] : null) : null))))),
       s.notes.length ? el("ul", { class: "small muted" }, s.notes.map((text) => el("li", {}, text))) : null);
   }
 

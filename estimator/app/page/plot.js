@@ -361,7 +361,7 @@ export class Plot {
     for (const shade of this.shades) {
       if (shade.panel !== undefined && shade.panel !== panel.key) continue;
       c.fillStyle = color(shade.color);
-      c.fillRect(this.x(shade.from), top, Math.max(this.x(shade.to) - this.x(shade.from), 2), h);
+      c.fillRect(this.x(shade.from), top, Math.max(this.x(shade.to) - this.x(shade.from), 4), h);
     }
     c.strokeStyle = color("--grid");
     c.lineWidth = 1;

@@ -78,8 +78,9 @@ export class ResultsPage {
     const reasons = r.reasons ?? [];
     replace(this.detail,
       el("section", { class: `verdict ${r.verdict}`, "aria-label": "Verdict" }, el("h2", {}, `${outcome.name}: ${r.verdict}`), el("p", {}, SAYS[r.verdict]),
-        reasons.length ? el("ul", {}, reasons.map((t) => el("li", {}, String(t)))) : null),
+        reasons.length ? el("ul", {}, reasons.map((t, k) => el("li", {}, String(t), this.shows(outcome, k)))) : null),
       Object.keys(r.parameters ?? {}).length ? this.parameters(r) : null,
+      this.rivals(r),
       this.signals(outcome),
       this.quality(outcome),
       this.correlations(r),
@@ -91,21 +92,57 @@ export class ResultsPage {
     if (outcome.signals.length) this.draw(outcome);
   }
 
+  // A button that shows where in the data a reason lies.
+  shows(outcome, k) {
+    const place = (outcome.result.places ?? []).find((p) => p.reason === k), at = place ? outcome.signals.findIndex((s) => s.name === place.recording) : -1;
+    if (at < 0) return null;
+    return [" ", el("button", { type: "button", class: "link", id: `where-${k}`, onclick: () => {
+      if (this.recording === at) this.plot.show(...around(place, outcome.signals[at]));
+      else { this.wanted = place; this.recording = at; this.render(); }
+      this.plot.node.scrollIntoView({ block: "center" });
+      this.plot.canvas.focus({ preventScroll: true });
+    } }, "show where")];
+  }
+
   parameters(r) {
-    const rows = Object.entries(r.parameters);
+    const rows = Object.entries(r.parameters), said = r.reasons ?? [];
     const relative = ([, p]) => (p.standard_error > 0 && p.value ? Math.abs(p.standard_error / p.value) : 0);
     const off = ([, p]) => (p.nominal ? Math.abs(p.nominal / p.value - 1) : 0);
     const reach = Math.min(Math.max(...rows.map((x) => Math.max(2 * relative(x), off(x) * 1.1)), 1e-9), 1);
     return el("section", { "aria-label": "Parameters" }, el("h2", {}, "Parameters"),
-      el("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Table of the estimates" }, el("table", {},
-        el("thead", {}, el("tr", {}, [["parameter"], ["estimate", "n"], ["± standard error", "n"], ["", "n"], ["unit"], [`two standard errors either way, to ± ${show(100 * reach, 2)} %`], ["note"]].map(([t, c]) => el("th", { class: c, scope: "col" }, t)))),
+      el("p", { class: "muted small" }, `Bars: two standard errors either way, on one axis to ± ${show(100 * reach, 2)} %.`),
+      el("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Table of the estimates" }, el("table", { class: "stacked" },
+        el("thead", {}, el("tr", {}, [["parameter"], ["estimate", "n"], ["± standard error", "n"], ["", "n"], ["unit"], [`to ± ${show(100 * reach, 2)} %`], ["note"]].map(([t, c]) => el("th", { class: c, scope: "col" }, t)))),
         el("tbody", {}, rows.map(([name, p]) => {
           const [value, error] = withError(p.value, p.standard_error);
           return el("tr", {}, el("th", { scope: "row" }, name), el("td", { class: "n" }, value), el("td", { class: "n" }, error ? `± ${error}` : p.free === false ? "fixed" : "not known"),
-            el("td", { class: "n" }, percent(p.standard_error, p.value)), el("td", {}, p.unit), el("td", {}, bar(relative([name, p]), reach, p)),
-            el("td", { class: "text" }, [p.at_bound ? `at its ${p.at_bound} bound` : null, p.status !== "ok" ? p.status : null, p.reason, p.nominal ? `nominal ${show(p.nominal)}` : null].filter(Boolean).join("; ")));
+            el("td", { class: "n" }, percent(p.standard_error, p.value)), el("td", {}, p.unit), el("td", { class: "bars" }, bar(relative([name, p]), reach, p)),
+            el("td", { class: "text" }, [p.at_bound ? `at its ${p.at_bound} bound` : null, p.status !== "ok" ? p.status : null, said.some((t) => String(t).includes(p.reason)) ? null : p.reason, p.nominal ? `nominal ${show(p.nominal)}` : null].filter(Boolean).join("; ")));
         })))),
       this.more("Measurement chain", r.measurement_chain), this.more("It follows", r.derived));
+  }
+
+  // What else would explain the recordings: the estimate and each rival on one axis, over the estimate's values.
+  rivals(r) {
+    const rivals = r.rivals ?? [];
+    if (!rivals.length) return null;
+    const rows = Object.entries(r.parameters ?? {}).filter(([, p]) => p.free !== false && p.value);
+    const change = (p, q) => (p ? p.value / q.value - 1 : 0), error = (p, q) => (p?.standard_error > 0 ? Math.abs(p.standard_error / q.value) : 0);
+    const entries = rows.map(([name, p]) => [p, ...rivals.map((x) => x.parameters?.[name] ?? null)]);
+    const reach = Math.min(Math.max(...entries.flatMap((ps) => ps.map((p) => Math.abs(change(p, ps[0])) + 2 * error(p, ps[0]))), 1e-9), 1);
+    return el("section", { "aria-label": "Rivals", id: "rivals" }, el("h2", {}, "Rivals, and what they differ in"),
+      el("p", { class: "muted small" }, "Explanations that are nearly as likely as the estimate's. Bars: two standard errors either way, over the estimate's values. The weight is a rival's part of what the standard errors allow for."),
+      el("ul", { class: "findings" }, rivals.map((x, k) => el("li", {}, swatch(k + 1), ` ${x.what}: differs most in ${x.differs_in}; weight ${show(100 * x.weight, 2)} %. To decide: ${x.decided_by}.`))),
+      el("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Table of the rivals" }, el("table", { class: "stacked" },
+        el("thead", {}, el("tr", {}, el("th", { scope: "col" }, "parameter"), el("th", { scope: "col" }, swatch(0), " estimate"),
+          rivals.map((x, k) => el("th", { scope: "col" }, swatch(k + 1), ` ${x.what}`)), el("th", { scope: "col" }, `to ± ${show(100 * reach, 2)} %`))),
+        el("tbody", {}, rows.map(([name], j) => el("tr", {}, el("th", { scope: "row" }, name),
+          entries[j].map((p, k) => {
+            if (!p) return el("td", { class: "muted" }, "–");
+            const [value, e] = withError(p.value, p.standard_error), c = change(p, entries[j][0]);
+            return el("td", {}, swatch(k), ` ${value}${e ? ` ± ${e}` : ""} ${p.unit ?? ""}`, k ? el("span", { class: "small muted" }, ` (${c >= 0 ? "+" : "−"}${show(100 * Math.abs(c), 2)} %)`) : null);
+          }),
+          el("td", { class: "bars" }, entries[j].map((p, k) => (p ? sideBar(change(p, entries[j][0]), error(p, entries[j][0]), reach, COLORS[k % COLORS.length]) : null)))))))));
   }
 
   more(title, values) {
@@ -122,14 +159,14 @@ export class ResultsPage {
       const figure = outcome.files.includes("figure.png");
       return el("section", { "aria-label": "Measured against simulated" }, el("h2", {}, "Measured against simulated"),
         figure ? el("img", { src: address("file", { name: outcome.name, file: "figure.png" }), alt: "Measured against simulated signals and residuals", style: { maxWidth: "100%", background: "#fff" } }) : null,
-        el("p", { class: "muted" }, outcome.result.verdict === "refused" && !figure ? "A refused estimate has nothing to compare." : "To read values off, estimate again with --signals."));
+        el("p", { class: "muted" }, outcome.result.verdict === "refused" ? (figure ? "Shaded: where the reason lies." : "A refused estimate has nothing to compare.") : "To read values off, estimate again with --signals."));
     }
-    const s = outcome.signals[this.recording] ?? outcome.signals[0];
+    const s = outcome.signals[this.recording] ?? outcome.signals[0], marked = (outcome.result.places ?? []).some((p) => p.recording === s.name);
     return el("section", { "aria-label": "Measured against simulated" },
-      el("div", { class: "row" }, el("h2", {}, "Measured against simulated"), el("span", { class: "grow" }),
+      el("div", { class: "row" }, el("h2", {}, s.fitted ? "Measured against simulated" : marked ? "Where the reason lies" : "What was measured"), marked ? el("span", { class: "key small" }, el("i", { style: { background: "var(--place)" } }), "where the reason lies") : null, el("span", { class: "grow" }),
         outcome.signals.length > 1 ? select({ id: "which-recording", "aria-label": "Recording", onchange: (e) => { this.recording = Number(e.target.value); this.render(); } },
           outcome.signals.map((x, k) => [String(k), x.held_out ? `${x.name} (validation)` : x.name]), String(this.recording)) : el("span", { class: "muted" }, s.name)),
-      this.plot.node, el("details", { id: "ripple", ontoggle: (e) => e.target.open && this.ripple(outcome) }, el("summary", {}, "Ripple: the residuals over frequency"), this.spectrum.node));
+      this.plot.node, !s.fitted ? null : el("details", { id: "ripple", ontoggle: (e) => e.target.open && this.ripple(outcome) }, el("summary", {}, "Ripple: the residuals over frequency"), this.spectrum.node));
   }
 
   async draw(outcome) {
@@ -137,8 +174,13 @@ export class ResultsPage {
     const s = outcome.signals[this.recording], query = { of: "result", name: outcome.name, recording: this.recording };
     try {
       const source = await new Remote(query).load();
-      const names = [...s.inputs.map((n) => `input ${n}`), ...s.outputs.flatMap((n) => [`measured ${n}`, `simulated ${n}`, `residual ${n}`])];
-      this.plot.set({ panels: panelsOf(source, names, s.units, { simulated: "simulated with the estimate", residuals: true }), transient: s.transient });
+      const names = [...s.inputs.map((n) => `input ${n}`), ...s.outputs.flatMap((n) => (s.fitted ? [`measured ${n}`, `simulated ${n}`, `residual ${n}`] : [`measured ${n}`]))];
+      const places = (outcome.result.places ?? []).filter((p) => p.recording === s.name);
+      const shades = places.map((p) => ({ panel: p.signal || undefined, from: p.start, to: p.end, color: "--place" }));
+      this.plot.set({ panels: panelsOf(source, names, s.units, { simulated: "simulated with the estimate", residuals: true }), shades, transient: s.transient });
+      const first = this.wanted?.recording === s.name ? this.wanted : s.fitted ? null : places[0];
+      this.wanted = null;
+      if (first) this.plot.show(...around(first, s));
     } catch (error) { this.app.fail(error); }
   }
 
@@ -154,12 +196,13 @@ export class ResultsPage {
     if (!rows.length) return null;
     const v = r.validation, units = Object.assign({}, ...outcome.signals.map((s) => s.units));
     const per = outcome.signals.length > 1 ? outcome.signals : [];
-    return el("section", { "aria-label": "Fit" }, el("h2", {}, v ? "Fit and validation" : "Fit"), el("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Table of the fit" }, el("table", {},
-      el("thead", {}, el("tr", {}, ["output", "RMSE", "fit", "noise", ...(v ? ["RMSE on the validation", "its fit"] : []), ...per.map((s) => `RMSE of ${s.name}`)].map((t, k) => el("th", { class: k ? "n" : null, scope: "col" }, t)))),
+    const heads = ["RMSE", "fit", "noise", ...(v ? ["RMSE on the validation", "its fit"] : []), ...per.map((s) => `RMSE of ${s.name}`)];
+    return el("section", { "aria-label": "Fit" }, el("h2", {}, v ? "Fit and validation" : "Fit"), el("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Table of the fit" }, el("table", { class: "stacked" },
+      el("thead", {}, el("tr", {}, ["output", ...heads].map((t, k) => el("th", { class: k ? "n" : null, scope: "col" }, t)))),
       el("tbody", {}, rows.map(([name, rmse]) => {
         const unit = units[name] ?? "", with_ = (x) => (x === undefined || x === null ? "–" : `${show(x, 4)} ${unit}`);
         return el("tr", {}, el("th", { scope: "row" }, name), ...[with_(rmse), `${show(r.fit_percent?.[name], 4)} %`, with_(r.noise?.[name]),
-          ...(v ? [with_(v.rmse?.[name]), `${show(v.fit_percent?.[name], 4)} %`] : []), ...per.map((s) => with_(s.rmse[name]))].map((t) => el("td", { class: "n" }, t)));
+          ...(v ? [with_(v.rmse?.[name]), `${show(v.fit_percent?.[name], 4)} %`] : []), ...per.map((s) => with_(s.rmse[name]))].map((t, k) => el("td", { class: "n" }, el("span", { class: "narrow muted" }, `${heads[k]} `), t)));
       })))));
   }
 
@@ -204,20 +247,21 @@ export class ResultsPage {
     const outputs = [...new Set(outcomes.flatMap((o) => Object.keys(o.result.rmse ?? {})))];
     this.same(`fmu-estimator compare ${outcomes.map((o) => quoted(o.name)).join(" ")}`);
     replace(this.detail, el("section", { "aria-label": "Side by side" }, el("h2", {}, "Side by side"),
+      el("p", { class: "row" }, outcomes.map((o, k) => el("span", {}, swatch(k), ` ${o.name} `, el("span", { class: `tag ${o.result.verdict}` }, o.result.verdict)))),
       el("p", { class: "muted small" }, `Bars: two standard errors either way, over the estimate of ${first.name}. Percentages: the difference from it, with its standard error.`),
-      el("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Table of the runs" }, el("table", {},
-        el("thead", {}, el("tr", {}, el("th", { scope: "col" }, "parameter"), el("th", { scope: "col" }, `over ${first.name}, to ± ${show(100 * reach, 2)} %`), outcomes.map((o, k) => el("th", { scope: "col" }, el("i", { class: "swatch", style: { background: `var(${COLORS[k % COLORS.length]})` } }), ` ${o.name} `, el("span", { class: `tag ${o.result.verdict}` }, o.result.verdict))))),
+      el("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Table of the runs" }, el("table", { class: "stacked" },
+        el("thead", {}, el("tr", {}, el("th", { scope: "col" }, "parameter"), el("th", { scope: "col" }, `over ${first.name}, to ± ${show(100 * reach, 2)} %`), outcomes.map((o, k) => el("th", { scope: "col" }, swatch(k), ` ${o.name}`)))),
         el("tbody", {}, rows.map((name, j) => el("tr", {}, el("th", { scope: "row" }, name),
-          el("td", {}, entries[j].map((p, k) => (p ? sideBar(change(p, entries[j][0]) ?? 0, error(p, entries[j][0]), reach, COLORS[k % COLORS.length]) : null))),
+          el("td", { class: "bars" }, entries[j].map((p, k) => (p ? sideBar(change(p, entries[j][0]) ?? 0, error(p, entries[j][0]), reach, COLORS[k % COLORS.length]) : null))),
           entries[j].map((p, k) => {
             if (!p) return el("td", { class: "muted" }, "–");
             const [value, e] = withError(p.value, p.standard_error), c = k ? change(p, entries[j][0]) : null;
             const both = Math.hypot(error(p, entries[j][0]), error(entries[j][0], entries[j][0]));
-            return el("td", {}, `${value}${e ? ` ± ${e}` : ""} ${p.unit}`, c === null ? null : el("div", { class: "small muted" }, `${c >= 0 ? "+" : "−"}${show(100 * Math.abs(c), 3)} %${both ? ` ± ${show(100 * both, 2)} %` : ""}`));
+            return el("td", {}, mark(k), `${value}${e ? ` ± ${e}` : ""} ${p.unit}`, c === null ? null : el("div", { class: "small muted" }, `${c >= 0 ? "+" : "−"}${show(100 * Math.abs(c), 3)} %${both ? ` ± ${show(100 * both, 2)} %` : ""}`));
           }))),
-        outputs.map((name) => el("tr", {}, el("th", { scope: "row" }, `RMSE ${name}`), el("td", {}), outcomes.map((o) => el("td", {}, `${show(o.result.rmse?.[name], 4)} ${units[name] ?? ""}`)))),
-        el("tr", {}, el("th", { scope: "row" }, "method, seed"), el("td", {}), outcomes.map((o) => el("td", {}, `${o.result.method}, ${o.result.seed}`))),
-        el("tr", {}, el("th", { scope: "row" }, "FMU"), el("td", {}), outcomes.map((o) => el("td", {}, o.result.fmu?.name ?? "–"))))))),
+        outputs.map((name) => el("tr", {}, el("th", { scope: "row" }, `RMSE ${name}`), el("td", {}), outcomes.map((o, k) => el("td", {}, mark(k), `${show(o.result.rmse?.[name], 4)} ${units[name] ?? ""}`)))),
+        el("tr", {}, el("th", { scope: "row" }, "method, seed"), el("td", {}), outcomes.map((o, k) => el("td", {}, mark(k), `${o.result.method}, ${o.result.seed}`))),
+        el("tr", {}, el("th", { scope: "row" }, "FMU"), el("td", {}), outcomes.map((o, k) => el("td", {}, mark(k), o.result.fmu?.name ?? "–"))))))),
       this.told(outcomes.map((o) => o.name)), this.overlaid(outcomes));
   }
 
@@ -247,6 +291,12 @@ export class ResultsPage {
   }
 }
 
+// A place in a recording with some of what lies about it.
+function around(place, s) {
+  const room = Math.max(0.15 * (place.end - place.start), 0.04 * (s.end - s.begin));
+  return [Math.max(place.start - room, s.begin), Math.min(place.end + room, s.end)];
+}
+
 function bar(relative, reach, p) {
   const half = Math.min(2 * relative / reach, 1) * 50, nominal = p.nominal ? (p.nominal / p.value - 1) / reach * 50 + 50 : null;
   const text = relative ? `two standard errors are ${show(200 * relative, 2)} %` : "no standard error";
@@ -254,8 +304,11 @@ function bar(relative, reach, p) {
     nominal !== null && nominal >= 0 && nominal <= 100 ? el("b", { style: { left: `${nominal}%` }, title: `nominal ${show(p.nominal)}` }) : null, 2 * relative > reach ? el("em", {}, "wider") : null);
 }
 
+const swatch = (k) => el("i", { class: "swatch", style: { background: `var(${COLORS[k % COLORS.length]})` } });
+const mark = (k) => el("span", { class: "narrow" }, swatch(k), " "); // where the table is stacked, which column it was
+
 function sideBar(change, error, reach, color) {
-  const at = 50 + 50 * change / reach, half = 50 * 2 * error / reach;
+  const at = 50 + 50 * Math.min(Math.max(change / reach, -1), 1), half = 50 * 2 * error / reach;
   return el("span", { class: "bar", "aria-hidden": "true" }, el("i", { style: { left: `${at - half}%`, width: `${2 * half}%`, background: `var(${color})` } }));
 }
 

@@ -18,6 +18,7 @@ from estimator.fitting.effects.offset import Offset
 from estimator.fitting.effects.ripple import Ripple
 from estimator.fitting.effects.runs_differ import RunsDiffer
 from estimator.fitting.effects.starting_motion import StartingMotion
+from estimator.fitting.effects.switching_ripple import SwitchingRipple
 from estimator.fitting.effects.voltage_noise import VoltageNoise
 from estimator.fitting.effects.voltage_transient import VoltageTransient
 
@@ -31,6 +32,7 @@ EFFECTS: tuple[Effect, ...] = (
     Offset(),
     Gain(),
     Ripple(),
+    SwitchingRipple(),
     FrictionDrift(),
     WindingWarms(),
     EdgeLatency(),

@@ -38,6 +38,8 @@ class Effect:
         A bundled FMU that has it; "": the case's own.
     sharp : bool
         It shows at edges, or as lines: it is looked for before the noise has a colour, which would hold it already.
+    is_line : bool
+        It shows as lines of a spectrum: they are no part of the noise, and nothing else stands in for them.
     excludes : names of nuisances or columns begin with these where the effect makes no sense beside them
     """
 
@@ -46,6 +48,7 @@ class Effect:
     doubt: str = ""
     fmu: str = ""
     sharp: bool = False
+    is_line: bool = False
     excludes: tuple[str, ...] = ()
 
     def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
@@ -55,6 +58,10 @@ class Effect:
     def linear(self, fit: Fit) -> Sequence[Linear]:
         """Return groups of columns that may explain what a fit leaves."""
         return ()
+
+    def renewed(self, fit: Fit, group: Linear, coefficients: FloatArray) -> Linear | None:
+        """Return a group as it is at a fit's values and its own coefficients: made at others; None: as it is."""
+        return next((g for g in self.linear(fit) if g.name == group.name), None)
 
     def always(self, fit: Fit) -> Sequence[Linear]:
         """Return the groups of columns that are free from the start: what a sensor leaves open by its nature."""

@@ -6,42 +6,67 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from estimator.fitting.effects.base import Effect
 from estimator.fitting.fit import Fit, Linear
-from estimator.fitting.machine import as_late, motor_values, response
+from estimator.fitting.machine import motor_values, pulse_response
 from estimator.plans.plan import Plan
 
+FloatArray = NDArray[np.float64]
+
 MOST = 12  # edges; more are a signal, not levels
+SHOWN = 8  # rows that an edge must be before the end
 LEAST = 0.05  # of the voltage's range
+NEAR = 1e-3  # of a row: the difference of which a derivative is made
 
 
 @dataclass(frozen=True)
 class EdgeLatency(Effect):
-    """Further delays, s, of the changes of the voltage after the first."""
+    """Further delays, s, of the changes of the voltage after the first.
+
+    A column is what the sensors show more where the change comes later, over the time by which it does: exact for a
+    linear motor at the latency that it was made at, so that it is made again as the latency becomes known.
+    """
 
     name: str = "latency of each edge"
     prior: float = 0.05
 
     def linear(self, fit: Fit) -> Sequence[Linear]:
         """Return one group a motor whose voltage has a few levels."""
-        s = fit.simulator
         if motor_values(fit) is None:
             return ()
-        v, columns = s.inputs("v"), []
-        for clock in s.clocks:
-            u = v[clock.rows]
-            jumps = np.flatnonzero(np.abs(np.diff(u)) > LEAST * max(float(np.ptp(v)), 1e-300)) + 1
-            if not 2 <= len(jumps) <= MOST:
-                continue
-            for k in jumps[1:]:
-                pulse = np.zeros(s.rows)
-                pulse[clock.rows.start + k] = -(u[k] - u[k - 1]) / clock.step
-                columns.append(response(fit, voltage=as_late(fit, pulse)))
-        if not columns:
-            return ()
-        return [Linear(self.name, np.stack(columns, axis=2), ("s",) * len(columns), size=s.clocks[0].step)]
+        edges = _edges(fit)
+        return [self._group(fit, edges, np.zeros(len(edges)))] if edges else []
+
+    def renewed(self, fit: Fit, group: Linear, coefficients: FloatArray) -> Linear | None:
+        """Return the group at the latencies that are known by now."""
+        edges = _edges(fit)
+        return self._group(fit, edges, coefficients) if len(edges) == len(coefficients) else None
+
+    def _group(self, fit: Fit, edges: Sequence[tuple[int, int, float]], late: FloatArray) -> Linear:
+        s = fit.simulator
+        columns = np.zeros((s.rows, len(s.outputs), len(edges)))
+        for k, (e, row, change) in enumerate(edges):
+            clock = s.clocks[e]
+            by = late[k] if abs(late[k]) > NEAR * clock.step else NEAR * clock.step
+            at = clock.time[0] + row * clock.step + fit.delay(e)
+            columns[clock.rows, :, k] = -change / by * pulse_response(fit, clock, at, at + by)
+        return Linear(self.name, columns, ("s",) * len(edges), size=s.clocks[0].step)
 
     def tell(self, name: str, value: float, plan: Plan) -> str:
         """Say so."""
         return "the changes of the voltage reach the motor at delays of their own"
+
+
+def _edges(fit: Fit) -> list[tuple[int, int, float]]:
+    """Return recording, row and size in V of each change after the first of a recording."""
+    s = fit.simulator
+    v, found = s.inputs("v"), []
+    for e, clock in enumerate(s.clocks):
+        u = v[clock.rows]
+        jumps = np.flatnonzero(np.abs(np.diff(u)) > LEAST * max(float(np.ptp(v)), 1e-300)) + 1
+        jumps = jumps[jumps <= len(u) - SHOWN]
+        if 2 <= len(jumps) <= MOST:
+            found += [(e, int(k), float(u[k] - u[k - 1])) for k in jumps[1:]]
+    return found

@@ -52,6 +52,7 @@ class Ripple(Effect):
     name: str = "ripple"
     prior: float = USUAL / ORDERS
     sharp: bool = True
+    is_line: bool = True
 
     def linear(self, fit: Fit) -> Sequence[Linear]:
         """Return, of each output, the order that explains most of what is left, where one stands out."""
@@ -64,7 +65,8 @@ class Ripple(Effect):
         left = fit.residuals() / fit.whitener.noise.deviation(fit.whitener.level)  # a colour would hold lines already
         z = np.where(told, left, 0.0) / np.sqrt(fit.whitener.inflate)
         for j, y in enumerate(fit.simulator.outputs):
-            taken = {int(g.name.rpartition(" ")[2]) for g in fit.linear if g.name.startswith(f"ripple {y} ")}
+            own = (g.name.split(" ") for g in fit.linear if g.name.startswith(f"ripple {y} "))
+            taken = {int(words[2]) for words in own if len(words) == 3}
             if y == "angle" or len(taken) >= LINES:
                 continue
             level = fit.shown[:, j] / max(float(np.max(np.abs(fit.shown[:, j]))), 1e-300)
@@ -126,7 +128,7 @@ class Ripple(Effect):
 
     def tell(self, name: str, value: float, plan: Plan) -> str:
         """Say which order, and how large."""
-        _, y, order = name.split(" ")
+        _, y, order = name.split(" ")  # as `linear` names it
         unit = plan.description.variable(y).unit
         size = f"{value:.3g} {unit} at its largest"
         return f"{y} has a ripple of order {order} of the shaft's angle, of amplitude {size}"

@@ -1,0 +1,129 @@
+"""Ripple of the driver's switching (PWM) in the current: lines of a fixed frequency, as the sampling folds them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.fitting.effects.base import USUAL, Effect
+from estimator.fitting.fit import Fit, Linear
+from estimator.fitting.windows import find_windows
+from estimator.plans.plan import Plan
+from estimator.recordings.samples import filled
+
+FloatArray = NDArray[np.float64]
+
+FINER = 4  # times the number of rows: frequencies that are tried
+CYCLES = 8.0  # of the shortest stretch: a slower line is not told from what is explained wrongly
+SHORTEST = 32  # rows of a stretch that has an amplitude of its own
+STRETCHES = 6  # at most
+STANDS_OUT, NEAR, BESIDE = 20.0, 60, 6  # times the median power nearby; of frequencies on either side; left out
+LINES, HARMONICS = 6, 12  # at most; of the first line, each folded to its own place
+ZOOMS = 7  # by 4 each
+EVEN = 0.02  # of a step: a clock that wanders by more folds no line
+
+
+@dataclass(frozen=True)
+class SwitchingRipple(Effect):
+    """Cosine and sine of one frequency, of an amplitude and phase of their own at each voltage."""
+
+    name: str = "switching ripple"
+    prior: float = USUAL / 1000  # of a thousand frequencies one
+    sharp: bool = True
+    is_line: bool = True
+
+    def linear(self, fit: Fit) -> Sequence[Linear]:
+        """Return the current's strongest line, where one stands out; then the strongest of its harmonics too."""
+        s = fit.simulator
+        if "i" not in s.outputs or "v" not in s.observed[0].inputs:
+            return ()
+        j = s.outputs.index("i")
+        windows, stretches = find_windows(fit), _stretches(fit)
+        later = windows.settled.copy()
+        for rows, _ in stretches:
+            if np.sum(later[rows]) < max(SHORTEST, len(rows) // 2):
+                later[rows] = ~windows.sharp[rows]  # what is explained wrongly there is slow, and no line
+        left = fit.residuals() / fit.whitener.noise.deviation(fit.whitener.level)
+        z = np.where(later[:, None] & fit.whitener.present, left, 0.0) / np.sqrt(fit.whitener.inflate)
+        taken = [float(g.name.split()[3]) for g in fit.linear if g.name.startswith("ripple i at ")]
+        parts = [(t, z[rows, j]) for rows, t in stretches if np.sum(later[rows]) >= SHORTEST]
+        if len(taken) >= LINES or not parts:
+            return ()
+        lines = _strongest(parts, s.clocks[0].step, taken)
+        unit = s.plan.description.variable("i").unit
+        found = []
+        for f in lines:
+            columns = np.zeros((s.rows, len(s.outputs), 2 * len(stretches)))
+            for e, (rows, time) in enumerate(stretches):
+                for part, wave in enumerate((np.cos, np.sin)):
+                    columns[rows, j, 2 * e + part] = wave(2 * np.pi * f * time)
+            told = [c for c in range(columns.shape[2]) if np.sum(later & (columns[:, j, c] != 0)) >= SHORTEST // 2]
+            found.append(Linear(f"ripple i at {f:.6g} Hz", columns[:, :, told], (unit,) * len(told)))
+        return found
+
+    def tell(self, name: str, value: float, plan: Plan) -> str:
+        """Say where the line lies, and how large it is."""
+        return f"i has a ripple at {name.split()[3]} Hz, as sampled, of amplitude {value:.3g} A: the driver's switching"
+
+
+def _strongest(parts: Sequence[tuple[FloatArray, FloatArray]], step: float, taken: Sequence[float]) -> list[float]:
+    """Return the frequency, Hz, of the line that stands out most, and that of the strongest harmonic of the first.
+
+    Parameters
+    ----------
+    parts : times, s, and whitened residuals, (n,) arrays
+    taken : frequencies of lines that are known
+    """
+    size = FINER * int(2 ** np.ceil(np.log2(max(len(own) for _, own in parts))))
+    power = np.sum([2 * np.abs(np.fft.rfft(own, size)) ** 2 / len(own) for _, own in parts], axis=0)
+    frequency = np.fft.rfftfreq(size, step)
+    cycle = 1 / (step * min(len(own) for _, own in parts))  # Hz
+    power[frequency < CYCLES * cycle] = 0.0
+    for known in taken:
+        power[np.abs(frequency - known) < 2 * cycle] = 0.0
+    found = []
+    k = int(np.argmax(power))
+    near = np.r_[power[max(0, k - NEAR) : max(0, k - BESIDE)], power[k + BESIDE + 1 : k + NEAR]]
+    if np.any(near > 0) and power[k] > STANDS_OUT * float(np.median(near[near > 0])):
+        found.append(_sharpened(float(frequency[k]), float(frequency[1]), parts))
+    if taken:
+        folded = np.arange(2, HARMONICS + 1) * taken[0] * step
+        folded = np.abs(folded - np.round(folded)) / step
+        usable = [f for f in folded if f > 2 * cycle and all(abs(f - known) > cycle for known in (*taken, *found))]
+        found += [max(usable, key=lambda f: float(_powers(np.array([f]), parts)[0]))] if usable else []
+    return found
+
+
+def _powers(frequencies: FloatArray, parts: Sequence[tuple[FloatArray, FloatArray]]) -> FloatArray:
+    """Return the power of lines, each of an amplitude of its own in every part."""
+    turns = [np.exp(2j * np.pi * np.outer(frequencies, t)) @ own / np.sqrt(len(own)) for t, own in parts]
+    return np.asarray(np.sum(np.abs(turns) ** 2, axis=0))
+
+
+def _sharpened(f: float, width: float, parts: Sequence[tuple[FloatArray, FloatArray]]) -> float:
+    """Return the frequency, Hz, within a width of `f` at which a line explains most."""
+    for _ in range(ZOOMS):
+        near = f + width * np.linspace(-1, 1, 9)
+        f, width = float(near[np.argmax(_powers(near, parts))]), width / 4
+    return f
+
+
+def _stretches(fit: Fit) -> list[tuple[NDArray[np.int64], FloatArray]]:
+    """Return rows at which a voltage is held, and their times, s, the longest ones; none where a clock wanders."""
+    s = fit.simulator
+    found = []
+    for e, (o, clock) in enumerate(zip(s.observed, s.clocks, strict=True)):
+        if np.ptp(np.diff(clock.time)) > 2 * EVEN * clock.step or abs(clock.step / s.clocks[0].step - 1) > 1e-6:
+            return []
+        v = filled(o.inputs["v"])
+        late = max(0, round(fit.delay(e) / clock.step))
+        edges = np.flatnonzero(np.abs(np.diff(v)) > 1e-9 * max(float(np.max(np.abs(v))), 1e-300)) + 1 + late
+        bounds = [0, *edges[edges < len(v)].tolist(), len(v)]
+        for first, last in zip(bounds[:-1], bounds[1:], strict=True):
+            if last - first >= SHORTEST and v[max(first - late, 0)] != 0:
+                rows = np.arange(clock.rows.start + first, clock.rows.start + last)
+                found.append((rows, clock.time[first:last]))
+    return sorted(found, key=lambda f: -len(f[0]))[:STRETCHES]

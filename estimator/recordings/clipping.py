@@ -1,0 +1,52 @@
+"""Where a sensor or its converter shows no more than its range. Knows one signal, no motor."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.recordings.excitation import noise_deviation, quantum, saturation
+
+FloatArray = NDArray[np.float64]
+
+LEAST = 3  # samples at the extreme value: two may be a logger's repeat
+REPEATS = 0.02  # of a signal's samples: a logger that repeats more than these says nothing at an extreme
+COARSE = 3.0  # times the converter's step: noise below that repeats values anyhow
+NEAR, SMOOTH = 3.0, 2  # deviations of the noise; samples on either side of a running median
+NORMAL = 0.6745  # median size of a standard normal number
+MOST = 0.3  # of the samples: with more there is nothing to estimate from
+
+
+def clipped(y: FloatArray) -> NDArray[np.bool_]:
+    """Return which samples, (n,), of a signal are clipped, and those beside them, whose noise was cut.
+
+    A clipped signal repeats its extreme value exactly where its noise would not, or enters and leaves it with slopes
+    that would have carried it on.
+    """
+    result = np.zeros(len(y), dtype=bool)
+    top = saturation(y)
+    again = np.count_nonzero(np.diff(y) == 0)
+    for value in (float(np.nanmax(y)), float(np.nanmin(y))):
+        at = y == value
+        noisy = noise_deviation(y[~at]) > COARSE * quantum(y[~at]) and again - np.count_nonzero(at) < REPEATS * len(y)
+        if np.count_nonzero(at) >= LEAST and value != 0 and (noisy or (top is not None and top[2] == value)):
+            result |= at
+    if result.any():
+        result = _with_neighbours(y, result)
+    return result if result.any() and np.mean(result) < MOST else np.zeros(len(y), dtype=bool)
+
+
+def _with_neighbours(y: FloatArray, at: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return clipped samples with those around them that the noise may have brought below the limit."""
+    size, limit = np.abs(y), float(np.nanmax(np.abs(y[at])))
+    d = np.diff(np.where(at, np.nan, size), 2)[size[1:-1] > limit / 2]
+    d = d[~np.isnan(d)]
+    noise = float(np.median(np.abs(d))) / NORMAL / np.sqrt(6) if len(d) else 0.0
+    smooth = np.array([np.nanmedian(size[max(0, k - SMOOTH) : k + SMOOTH + 1]) for k in range(len(y))])
+    near = at | (smooth > limit - NEAR * noise)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], near, [False]]).astype(np.int8)))
+    result = np.zeros(len(y), dtype=bool)
+    for first, last in zip(edges[::2], edges[1::2], strict=True):
+        if at[first:last].any():
+            result[max(0, first - 1) : last + 1] = True
+    return result
