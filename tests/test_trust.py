@@ -182,7 +182,7 @@ def test_the_scaled_information_is_that_of_the_closed_form():
 
 
 def test_an_invisible_gain_is_said_to_be_invisible():
-    assert any("a gain error g of the current" in note for note in run(Bench()).notes)
+    assert any("J and B 1 % too large" in note for note in run(Bench()).notes)
 
 
 def test_good_recordings_are_not_accused(hand):

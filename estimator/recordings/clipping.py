@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from estimator.conventions import MEDIAN_SIZE, SECOND_DIFFERENCE
 from estimator.recordings.excitation import noise_deviation, quantum, saturation
+from estimator.recordings.samples import filled
 
 FloatArray = NDArray[np.float64]
 
@@ -25,10 +26,12 @@ def clipped(y: FloatArray) -> NDArray[np.bool_]:
     """
     result = np.zeros(len(y), dtype=bool)
     top = saturation(y)
-    again = np.count_nonzero(np.diff(y) == 0)
-    for value in (float(np.nanmax(y)), float(np.nanmin(y))):
+    extremes = float(np.nanmax(y)), float(np.nanmin(y))
+    between = y[(y != extremes[0]) & (y != extremes[1])]
+    repeats = np.count_nonzero(np.diff(between) == 0) > REPEATS * len(y)
+    noisy = not repeats and noise_deviation(between) > COARSE * quantum(between)
+    for value in extremes:
         at = y == value
-        noisy = noise_deviation(y[~at]) > COARSE * quantum(y[~at]) and again - np.count_nonzero(at) < REPEATS * len(y)
         if np.count_nonzero(at) >= LEAST and value != 0 and (noisy or (top is not None and top[2] == value)):
             result |= at
     if result.any():
@@ -42,7 +45,8 @@ def _with_neighbours(y: FloatArray, at: NDArray[np.bool_]) -> NDArray[np.bool_]:
     d = np.diff(np.where(at, np.nan, size), 2)[size[1:-1] > limit / 2]
     d = d[~np.isnan(d)]
     noise = float(np.median(np.abs(d))) / MEDIAN_SIZE / SECOND_DIFFERENCE if len(d) else 0.0
-    smooth = np.array([np.nanmedian(size[max(0, k - SMOOTH) : k + SMOOTH + 1]) for k in range(len(y))])
+    padded = np.pad(filled(size), SMOOTH, mode="edge")
+    smooth = np.median(np.lib.stride_tricks.sliding_window_view(padded, 2 * SMOOTH + 1), axis=1)
     near = at | (smooth > limit - NEAR * noise)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], near, [False]]).astype(np.int8)))
     result = np.zeros(len(y), dtype=bool)
