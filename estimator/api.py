@@ -257,7 +257,7 @@ def estimate_parameters(
     scale, offset : channel → value, optional
         Factor on a channel's samples (-1 turns the sign), and what is added after it, SI units.
     temperature : float, optional
-        Of the winding, °C; R is then told at 25 °C too.
+        Of the winding, °C; R is then given at 25 °C too.
     tolerance : source → size, or "default"
         What no recording tells: {"i gain": "1 %", "supply resistance": "0.05 Ohm"}; part of every ``uncertainty``.
     loss : str, optional
@@ -466,5 +466,5 @@ def _from_arrays(time: ArrayLike | None, arrays: Mapping[str, ArrayLike]) -> Rec
 
 def _no_argument(name: str) -> NoReturn:
     known = list(inspect.signature(estimate_parameters).parameters)[:-1]
-    told = f"; did you mean {MEANT[name]!r}? ({', '.join(known)})" if name in MEANT else suggestion(name, known)
-    raise TypeError(f"estimate_parameters has no argument {name!r}{told}")
+    remedy = f"; did you mean {MEANT[name]!r}? ({', '.join(known)})" if name in MEANT else suggestion(name, known)
+    raise TypeError(f"estimate_parameters has no argument {name!r}{remedy}")

@@ -43,7 +43,7 @@ def main(argv: Sequence[str] | None = None, *, begins: Callable[[], None] | None
     argv : list of str, optional
         The command's words; by default those that the program was started with.
     begins : callable, optional
-        Called once an interrupt is told in one sentence here.
+        Called once an interrupt is reported in one sentence here.
     """
     arguments = sys.argv[1:] if argv is None else list(argv)
     if argv is None:
@@ -121,8 +121,8 @@ def _run(args: argparse.Namespace) -> int:
     except Exception as error:
         if _is_build_error(error):
             return _failed(args, str(error), status=BAD_INPUT)
-        told = "" if os.environ.get(DEBUG) else f"; set {DEBUG}=1 to see where"
-        return _failed(args, f"internal error, {type(error).__name__}: {error}{told}", status=FAILED)
+        remedy = "" if os.environ.get(DEBUG) else f"; set {DEBUG}=1 to see where"
+        return _failed(args, f"internal error, {type(error).__name__}: {error}{remedy}", status=FAILED)
 
 
 def _failed(args: argparse.Namespace, sentence: str, *, status: int) -> int:

@@ -107,7 +107,7 @@ def compile_library(
     options : sequence of str
         Options that come after `FLAGS` and overrule them.
     subject : Path, optional
-        The file in whose terms errors are told, when it is not `source` itself.
+        The file in whose terms errors are reported, when it is not `source` itself.
     warnings_are_errors : bool
         Refuse what `WARNINGS` find.
     compiler : sequence of str, optional
@@ -168,8 +168,8 @@ def _explain(stderr: str, *, subject: Path) -> str:
     own = [m for m in found if Path(m["file"]).name == subject.name]
     errors = [m for m in found if m["severity"] == "error"]
     if errors and errors[0] in own:
-        told = dict.fromkeys(f"line {m['line']}: {m['text']}" for m in errors if m in own)
-        return f"{subject}: " + "; ".join(list(told)[:SHOWN_ERRORS])
+        faults = dict.fromkeys(f"line {m['line']}: {m['text']}" for m in errors if m in own)
+        return f"{subject}: " + "; ".join(list(faults)[:SHOWN_ERRORS])
     if errors:
         place = f"{subject}: line {own[0]['line']}" if own else f"{subject}: it does not compile"
         return f"{place}: {errors[0]['text']}"

@@ -1,15 +1,20 @@
 """Wheel and sdist, installed into a clean environment and run from outside the checkout."""
 
+import importlib.util
+import io
 import json
 import os
+import re
 import shutil
 import subprocess
+import sys
 import venv
 import zipfile
 from pathlib import Path
 
 import pytest
 
+VARIABLE = "FMU_ESTIMATOR_WHEEL"
 ROOT = Path(__file__).resolve().parent.parent
 LEFT_OUT = shutil.ignore_patterns(
     ".git", ".venv*", "*.so", "*.fmu", "__pycache__", ".pytest_cache", ".mypy_cache", ".ruff_cache", "dist", "build"
@@ -69,3 +74,34 @@ def test_the_wheel_holds_the_compiled_parts_and_no_tests(built):
     assert modules <= set(names)
     assert "fmu_build/bundled/dc_motor.fmu" in names and "fmu_build/models/dc_motor.c" in names
     assert not any(n.startswith(("tests/", "docs/", "examples/")) for n in names)
+
+
+def test_a_wheel_for_an_index_needs_no_newer_glibc_than_its_tag_says(tmp_path):
+    if importlib.util.find_spec("ziglang") is None:
+        pytest.skip("ziglang is not installed")
+    shutil.copytree(ROOT, tmp_path / "source", ignore=LEFT_OUT)
+    environment = {**os.environ, VARIABLE: "linux64"}
+    command = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(tmp_path / "dist")]
+    done = subprocess.run(command, cwd=tmp_path / "source", capture_output=True, text=True, env=environment)
+    assert done.returncode == 0, done.stderr[-2000:]
+    (wheel,) = (tmp_path / "dist").glob("*.whl")
+    assert wheel.name.endswith("-py3-none-manylinux_2_17_x86_64.whl")
+    needed = newest_glibc(zipfile.ZipFile(wheel))
+    assert len(needed) >= 7 and max(needed.values()) <= 17, needed
+    wrong = subprocess.run(
+        command, cwd=tmp_path / "source", capture_output=True, text=True, env={**environment, VARIABLE: "linux"}
+    )
+    assert "FMU_ESTIMATOR_WHEEL cannot be 'linux'; it is one of linux64, linux-aarch64, or not set" in wrong.stderr
+
+
+def newest_glibc(archive):
+    """Return the newest glibc 2.x that each library in a wheel asks for, those in FMUs too."""
+    found = {}
+    for name in archive.namelist():
+        data = archive.read(name)
+        if name.endswith(".fmu"):
+            with zipfile.ZipFile(io.BytesIO(data)) as inner:
+                found |= {f"{name}/{k}": v for k, v in newest_glibc(inner).items()}
+        elif name.endswith(".so"):
+            found[name] = max(int(v) for v in re.findall(rb"GLIBC_2\.(\d+)", data))
+    return found

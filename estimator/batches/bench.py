@@ -76,7 +76,7 @@ class Outcome:
 
 
 class Bench:
-    """Estimates cases one after the other by the same FMU processes, one unless told. Use as a context manager."""
+    """Estimates cases one after the other by the same FMU processes, one by default. Use as a context manager."""
 
     def __init__(self, *, processes: int = 1) -> None:
         self._processes = processes

@@ -183,8 +183,8 @@ def _ship(client: Any, task: Task, files: dict[str, Any]) -> tuple[Task, list[tu
     recordings = case.recordings
     if task.recordings is None:
         recordings = tuple(shipped(path, keep=False) for path in case.recordings)
-    told = case.fmu if os.path.isabs(case.fmu) else None
-    return replace(task, case=replace(case, fmu=fmu, recordings=recordings), checkpoint=None, fmu_path=told), contents
+    there = case.fmu if os.path.isabs(case.fmu) else None
+    return replace(task, case=replace(case, fmu=fmu, recordings=recordings), checkpoint=None, fmu_path=there), contents
 
 
 # On the worker

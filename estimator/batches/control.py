@@ -57,9 +57,9 @@ def control_charts(rows: Iterable[Mapping[str, Any]]) -> list[ControlChart]:
     for row in sorted(rows, key=lambda row: natural(str(row["case"]))):
         if row["verdict"] not in ("ok", "doubtful"):
             continue
-        told = {n: p for n, p in row["parameters"].items() if p["status"] != "not identified"}
-        told |= {f"nameplate {n}": p for n, p in row["nameplate"].items()}
-        for name, p in told.items():
+        known = {n: p for n, p in row["parameters"].items() if p["status"] != "not identified"}
+        known |= {f"nameplate {n}": p for n, p in row["nameplate"].items()}
+        for name, p in known.items():
             if p["standard_error"] is not None:
                 runs = found.setdefault((name, p["unit"]), {}).setdefault(str(row["motor"] or row["case"]), [])
                 runs.append((p["value"], p["standard_error"]))

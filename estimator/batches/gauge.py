@@ -17,11 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.batches.batch_table import csv_of
+from estimator.conventions import FALSE_TREND, MEDIAN_SIZE, OUTLIER
 
 FloatArray = NDArray[np.float64]
-OUTLIER = 3.5  # modified z-score (Iglewicz and Hoaglin 1993)
 FEWEST = 5  # values below which nothing is called an outlier or a drift
-DRIFT = 0.01  # probability of such a trend where there is none
 SPREAD_COLUMNS = (
     "quantity",
     "unit",
@@ -166,7 +165,7 @@ def outliers(values: FloatArray) -> FloatArray:
     """Return the modified z-scores, (n,): 0.6745 (x − median) / MAD; zero where the MAD is."""
     distance = values - np.median(values)
     mad = float(np.median(np.abs(distance)))
-    return np.asarray(0.6745 * distance / mad) if mad > 0 else np.zeros(len(values))
+    return np.asarray(MEDIAN_SIZE * distance / mad) if mad > 0 else np.zeros(len(values))
 
 
 def trend(values: FloatArray) -> tuple[float, float] | None:
@@ -242,6 +241,6 @@ def _share(deviation: float | None, mean: float) -> str:
 
 
 def _drift_text(s: Spread) -> str:
-    if s.drift is None or s.drift_probability is None or s.drift_probability >= DRIFT:
+    if s.drift is None or s.drift_probability is None or s.drift_probability >= FALSE_TREND:
         return ""
     return f"{s.drift:+.2g} a case (p = {s.drift_probability:.1g})"

@@ -1,7 +1,7 @@
-"""A batch without an end: what appears in a folder is estimated, shown and told. Knows no FMU; moves no file.
+"""A batch without an end: what appears in a folder is estimated, shown and reported. Knows no FMU; moves no file.
 
-All that it knows is on disk: outcomes as in any batch, and in `told.jsonl` which verdicts the command was told. Killed
-and started again it goes on; a verdict is told once, or once more if it was killed while the command ran.
+All that it knows is on disk: outcomes as in any batch, and in `told.jsonl` which verdicts the command was given. Killed
+and started again it goes on; a verdict is given once, or once more if it was killed while the command ran.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ Known = tuple[Case, tuple[tuple[Path, tuple[int, int]], ...]]
 
 
 class Teller:
-    """The command that is told every verdict, and the journal of what it was told.
+    """The command that is given every verdict, and the journal of what it was given.
 
     Parameters
     ----------
@@ -56,11 +56,11 @@ class Teller:
             raise InputError(f"the command {command!r} cannot be read ({error}); close its quotes") from None
         program = shutil.which(self._command[0]) if self._command else None
         if program is None:
-            raise InputError(f"there is no program {command!r} to be told the verdicts; give its path")
+            raise InputError(f"there is no program {command!r} to be given the verdicts; give its path")
         self._command[0] = os.path.abspath(program)
 
     def tell(self, place: BatchFolder, outcome: Outcome, *, digest: str) -> str:
-        """Tell a verdict unless it was told; return what went wrong, "" if nothing did."""
+        """Give a verdict unless it was given; return what went wrong, "" if nothing did."""
         row = outcome.row
         entry = {"case": row["case"], "digest": digest, "verdict": row["verdict"]}
         if any(entry.items() <= known.items() for known in _lines(place.path / TOLD)):
@@ -105,13 +105,13 @@ def watch(
     complain: Callable[[str], None] = lambda line: None,
     until: Callable[[], bool] = lambda: False,
 ) -> BatchResult:
-    """Estimate what appears, until told to stop or interrupted.
+    """Estimate what appears, until asked to stop or interrupted.
 
     Parameters
     ----------
     run : as in `run_batch`
-    say : told a line for each case
-    complain : told what is wrong with a case file or the command
+    say : given a line for each case
+    complain : given what is wrong with a case file or the command
     until : asked before each look at the folder
 
     Raises

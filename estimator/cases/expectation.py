@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from estimator.cases import keys
 from estimator.cases.keys import Key, Keys
 from estimator.cases.strict_toml import Cell, Table
+from estimator.conventions import CONFIDENCE
 from estimator.errors import suggestion
 from estimator.locked import Locked
 
@@ -26,7 +27,6 @@ if TYPE_CHECKING:
 
 Outcome = Literal["pass", "fail", "undecided"]
 VERDICTS = ("ok", "doubtful", "refused")
-AGREEMENT = 0.95  # confidence of the interval that a value without a tolerance must lie in
 
 
 @dataclass(frozen=True)
@@ -156,14 +156,14 @@ def compare(
 ) -> Check:
     """Hold one quantity against its limits."""
     limits = expectation.limits(nominal)
-    level = confidence if limits is not None else confidence or AGREEMENT
+    level = confidence if limits is not None else confidence or CONFIDENCE
     measured = f"measured {_with_error(value, standard_error, unit)}"
     if limits is None:
         expected = expectation.value if expectation.value is not None else nominal or 0.0
         said = f"expected {_number(expected, unit)}, within the {level:.6g} interval of the estimate"
         if standard_error is None:
             return Check(name, "undecided", f"{measured}, {said}; no standard error is known")
-        half = _quantile(level or AGREEMENT) * standard_error
+        half = _quantile(level or CONFIDENCE) * standard_error
         return Check(name, "pass" if abs(value - expected) <= half else "fail", f"{measured}, {said}")
     low, high = limits
     said = f"expected {_span(expectation, nominal, low, high, unit)}"

@@ -130,8 +130,8 @@ def inspection_text(description: FmuDescription, probes: Mapping[str, Probe] | N
     used = (probes or {}).get(description.kind)
     problems = obstacles(description, used)
     lines += ["", "What would go wrong:", *_items(problems)] if problems else ["", "Nothing keeps it from use here."]
-    if told := remarks(description, used):
-        lines += ["", "Worth knowing:", *_items(told)]
+    if noted := remarks(description, used):
+        lines += ["", "Worth knowing:", *_items(noted)]
     if description.warnings:
         lines += ["", "What the validation found:", *_items(grouped(description.warnings))]
     return "\n".join(lines) + "\n"

@@ -87,9 +87,9 @@ class Journal:
 
     def append(self, key: bytes, batch: Batch, failures: list[Failure]) -> None:
         """Write what a batch came to."""
-        told = json.dumps([[failure.reason, failure.values] for failure in failures]).encode()
+        failed = json.dumps([[failure.reason, failure.values] for failure in failures]).encode()
         record = key + struct.pack("<q", len(batch.costs)) + batch.costs.astype("<f8").tobytes()
-        record += batch.steps.astype("<i8").tobytes() + batch.failed.astype(np.uint8).tobytes() + told
+        record += batch.steps.astype("<i8").tobytes() + batch.failed.astype(np.uint8).tobytes() + failed
         self._pending.append(FRAME.pack(len(record), zlib.crc32(record)) + record)
         now = time.monotonic()
         if self._file is None and now - self._began < self._after:

@@ -16,7 +16,7 @@ from estimator.estimating.run import Run
 from estimator.plans.space import Space, paper_space
 from estimator.results.result import Estimate
 
-PA, ALPHA = 0.25, 0.01  # Rodríguez-Abreo et al. 2021: chance of discovery, size of the Lévy flights
+ALPHA = 0.01  # Rodríguez-Abreo et al. 2021: size of the Lévy flights
 
 
 def paper(run: Run) -> Estimate:
@@ -29,7 +29,7 @@ def paper(run: Run) -> Estimate:
     first = run.rng.random((nests, space.box.dimension))
     if space.redraw is not None:
         first = space.redraw(first, run.rng)
-    cuckoo = CuckooSearch(first, rng=run.rng, pa=PA, alpha=ALPHA, redraw=space.redraw)
+    cuckoo = CuckooSearch(first, rng=run.rng, alpha=ALPHA, redraw=space.redraw)
     return finish(run, run.search(cuckoo, space, generations), None)
 
 

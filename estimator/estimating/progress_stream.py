@@ -78,11 +78,11 @@ def progress_mapping(event: Progress, *, seconds: float) -> dict[str, Any]:
     >>> progress_mapping(Progress("polish", 300, 400), seconds=3.0)["seconds_left"]
     1.0
     """
-    told = {f.name: getattr(event, f.name) for f in dataclasses.fields(event)}
+    plain = {f.name: getattr(event, f.name) for f in dataclasses.fields(event)}
     left = None
     if event.expected is not None and event.expected > event.simulations > 0:
         left = seconds * (event.expected - event.simulations) / event.simulations
     cost = event.best_cost
-    told["best_cost"] = cost if cost is not None and math.isfinite(cost) else None
-    told["parameters"] = None if event.parameters is None else dict(event.parameters)
-    return {**told, "seconds": round(seconds, 3), "seconds_left": left}
+    plain["best_cost"] = cost if cost is not None and math.isfinite(cost) else None
+    plain["parameters"] = None if event.parameters is None else dict(event.parameters)
+    return {**plain, "seconds": round(seconds, 3), "seconds_left": left}

@@ -30,9 +30,9 @@ from estimator.results.result import Estimate
 
 FloatArray = NDArray[np.float64]
 
-PA, ALPHA = 0.25, 1.0  # chance of discovery, size of the Lévy flights
+ALPHA = 1.0  # size of the Lévy flights
 WIDER = ((30, 40), (60, 100))  # nests, generations of the searches that follow a poor polish
-STARTS, POLISHED = 400, 12  # where few samples tell the transient; of these are polished
+STARTS, POLISHED = 400, 12  # where few samples show the transient; of these are polished
 POOR_FIT = 1.5  # residuals' deviation over the noise that the data show
 NUMERICAL = 1e-6  # of a signal's deviation: residuals below are the FMU's, not noise
 NOISE_FREE = 1e-6  # of a signal's deviation: residuals below are no misfit
@@ -52,7 +52,7 @@ class _Attempts:
 
     def __init__(self, run: Run) -> None:
         self.run, self.problem, self.plan = run, run.problem, run.plan
-        self._search: Callable[..., Optimiser] = partial(CuckooSearch, pa=PA, alpha=ALPHA)
+        self._search: Callable[..., Optimiser] = partial(CuckooSearch, alpha=ALPHA)
         if run.method != CUCKOO:
             self._search = loaded(run.method)
         self.squares = LeastSquares(

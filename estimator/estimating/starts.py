@@ -1,4 +1,4 @@
-"""Many starts for a motor whose transient few samples tell, where one search may miss the best optimum. No FMU.
+"""Many starts for a motor whose transient few samples show, where one search may miss the best optimum. No FMU.
 
 Between few samples of a fast transient several sets of parameters fit nearly as well, and the misfit of the wrong ones
 drowns in the noise of the settled part. The steady state still holds: starts are drawn along its line between R and
@@ -23,7 +23,7 @@ from estimator.results.linear import MOTOR, is_motor
 
 FloatArray = NDArray[np.float64]
 
-FAST = 0.5  # of 1 / sampling interval: a faster pole is told by few samples
+FAST = 0.5  # of 1 / sampling interval: a faster pole shows in few samples
 UNSURE = 0.1  # relative standard error
 LEAST_R = 1e-4  # of the largest R that the steady state allows
 LEAST, MOST = 0.005, 100.0  # sampling intervals of the time constants
@@ -31,7 +31,7 @@ OTHERS = 8  # inductances
 
 
 def needs_many(plan: Plan, polish: Polish) -> bool:
-    """Whether few samples tell the transient, or a parameter is hardly told at all."""
+    """Whether few samples show the transient, or a parameter is hardly identifiable."""
     values: Mapping[str, float] = dict(zip(plan.names, polish.values.tolist(), strict=True))
     if not is_motor(values):
         return False

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.conventions import MEDIAN_SIZE, SECOND_DIFFERENCE, STEP_DEVIATION
 from estimator.plans.plan import ChainSpec, Observed, Plan
 from estimator.recordings.excitation import noise_deviation
 from estimator.recordings.sensors import Sensor
@@ -19,7 +20,7 @@ def output_deviations(plan: Plan) -> dict[str, tuple[float, float]]:
     result = {}
     for name in plan.outputs:
         chain = plan.chains.get(name, ChainSpec())
-        least = chain.quantum / np.sqrt(12)
+        least = chain.quantum / STEP_DEVIATION
         shown = [max(_noise(o, name), least) * _smoothing(chain, o.recording.step) for o in plan.observed]
         noise = np.sqrt(np.mean(np.square(shown)))
         spread = float(np.nanstd(np.concatenate([o.outputs[name] for o in plan.observed])))
@@ -43,7 +44,7 @@ def _smoothing(chain: ChainSpec, step: float) -> float:
     sensor = Sensor(sections=chain.sections(step))
     impulse = np.array([sensor.show(float(k == 2)) for k in range(2000)])
     second = impulse[2:] - 2 * impulse[1:-1] + impulse[:-2]
-    return float(np.linalg.norm(impulse) / np.linalg.norm(second) * np.sqrt(6))
+    return float(np.linalg.norm(impulse) / np.linalg.norm(second) * SECOND_DIFFERENCE)
 
 
 def _noise(o: Observed, name: str) -> float:
@@ -53,5 +54,5 @@ def _noise(o: Observed, name: str) -> float:
     if rest is None or np.sum(~np.isnan(rest)) < REST_SAMPLES:
         return fast
     known = rest[~np.isnan(rest)]
-    slow = float(np.median(np.abs(known - np.median(known)))) / 0.6745
+    slow = float(np.median(np.abs(known - np.median(known)))) / MEDIAN_SIZE
     return slow if fast < slow < REST_LIMIT * fast else fast

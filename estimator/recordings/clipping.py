@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.conventions import MEDIAN_SIZE, SECOND_DIFFERENCE
 from estimator.recordings.excitation import noise_deviation, quantum, saturation
 from estimator.recordings.samples import filled
 
@@ -14,7 +15,6 @@ LEAST = 3  # samples at the extreme value: two may be a logger's repeat
 REPEATS = 0.02  # of a signal's samples: a logger that repeats more than these says nothing at an extreme
 COARSE = 3.0  # times the converter's step: noise below that repeats values anyhow
 NEAR, SMOOTH = 3.0, 2  # deviations of the noise; samples on either side of a running median
-NORMAL = 0.6745  # median size of a standard normal number
 MOST = 0.3  # of the samples: with more there is nothing to estimate from
 
 
@@ -44,7 +44,7 @@ def _with_neighbours(y: FloatArray, at: NDArray[np.bool_]) -> NDArray[np.bool_]:
     size, limit = np.abs(y), float(np.nanmax(np.abs(y[at])))
     d = np.diff(np.where(at, np.nan, size), 2)[size[1:-1] > limit / 2]
     d = d[~np.isnan(d)]
-    noise = float(np.median(np.abs(d))) / NORMAL / np.sqrt(6) if len(d) else 0.0
+    noise = float(np.median(np.abs(d))) / MEDIAN_SIZE / SECOND_DIFFERENCE if len(d) else 0.0
     padded = np.pad(filled(size), SMOOTH, mode="edge")
     smooth = np.median(np.lib.stride_tricks.sliding_window_view(padded, 2 * SMOOTH + 1), axis=1)
     near = at | (smooth > limit - NEAR * noise)

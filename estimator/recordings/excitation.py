@@ -12,6 +12,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.conventions import MEDIAN_SIZE, SECOND_DIFFERENCE, STEP_DEVIATION
 from estimator.recordings.samples import filled, mean_of_known
 
 FloatArray = NDArray[np.float64]
@@ -103,14 +104,14 @@ def noise_deviation(y: FloatArray) -> float:
     moving = second[~resting]
     if len(moving) < max(10, 0.05 * len(second)):
         moving = second
-    deviation = float(np.median(np.abs(moving))) / 0.6745 / np.sqrt(6)
-    return max(float(deviation), quantum(y) / float(np.sqrt(12)))
+    deviation = float(np.median(np.abs(moving))) / MEDIAN_SIZE / SECOND_DIFFERENCE
+    return max(float(deviation), quantum(y) / STEP_DEVIATION)
 
 
 def _input_noise(v: FloatArray) -> float:
     """Return the deviation of an input's noise; 0 for levels that repeat exactly."""
     second = v[2:] - 2 * v[1:-1] + v[:-2]
-    return float(np.median(np.abs(second))) / 0.6745 / float(np.sqrt(6)) if len(second) else 0.0
+    return float(np.median(np.abs(second))) / MEDIAN_SIZE / SECOND_DIFFERENCE if len(second) else 0.0
 
 
 def quantum(y: FloatArray) -> float:
@@ -150,7 +151,7 @@ def find_delay(excitation: Excitation, outputs: Mapping[str, FloatArray]) -> int
             continue
         centre = float(np.median(base))
         swing = float(np.nanmax(np.abs(y - centre)))
-        robust = float(np.median(np.abs(base - centre))) / 0.6745
+        robust = float(np.median(np.abs(base - centre))) / MEDIAN_SIZE
         level = max(ONSET * max(robust, noise_deviation(y)), ONSET_SWING * swing)
         beyond = np.abs(y[k:] - centre) > level
         lasting = beyond[:-1] & beyond[1:]

@@ -51,7 +51,7 @@ _NAMES = {
     " motor_position theta_m winkel drehwinkel pos",
     "load": "load load_torque torque_load external_torque t_l tl tau_l m_l lastmoment",
 }
-# Names whose usual unit is another than SI: a guess that is worth making, told, and overruled by a unit.
+# Names whose usual unit is another than SI: a guess that is worth making, reported, and overruled by a unit.
 _USUAL_UNITS = dict.fromkeys(("n", "n_m", "drehzahl"), "rpm")
 USUAL_NAMES = {role: tuple(names.split()) for role, names in _NAMES.items()}
 _ROLE_OF = {name: role for role, names in USUAL_NAMES.items() for name in names}

@@ -1,7 +1,7 @@
 """Columns that follow from others: one motor of several, duty × supply, a wheel's way, encoder counts. Knows no file.
 
 What a file logs is often not what a motor's model has: a duty cycle beside the battery's voltage, the speed of a wheel
-in m/s, counts of an encoder. Nothing is made without being told.
+in m/s, counts of an encoder. What is made is always reported.
 """
 
 from __future__ import annotations
@@ -132,7 +132,7 @@ def _driven(recording: Recording, supply: str | None) -> Recording:
     ]
     if supply is None and (_voltages(recording, supplies) or len(supplies) != 1):
         return recording  # what is missing is said where the voltage is looked for
-    volts, told = _supply(recording, supply or supplies[0])
+    volts, source = _supply(recording, supply or supplies[0])
     part = recording.signals[duty]
     bare = recording.units[duty] != "1" and "/" not in (supply or "")
     if bare and float(np.nanmax(np.abs(part), initial=0.0)) > FULL:
@@ -143,8 +143,8 @@ def _driven(recording: Recording, supply: str | None) -> Recording:
             f"{recording.title}: {recording.headers[duty]!r} goes up to {full:g}, so it is no part of the supply: say"
             f" how many of it are all, with --supply {supply}/{_full_scale(full):g}"
         )
-    name = f"{duty} × {told}"
-    made = _with(recording, name, part * volts, "V", f"{recording.headers[duty]} × {told}")
+    name = f"{duty} × {source}"
+    made = _with(recording, name, part * volts, "V", f"{recording.headers[duty]} × {source}")
     return replace(made, roles={**made.roles, "v": name})
 
 
@@ -153,7 +153,7 @@ def _full_scale(largest: float) -> float:
 
 
 def _supply(recording: Recording, text: str) -> tuple[FloatArray | float, str]:
-    """Return the volts of a whole duty cycle, or of a count, and how they are told."""
+    """Return the volts of a whole duty cycle, or of a count, and what they are called."""
     name, slash, counts = text.rpartition("/") if "/" in text else (text, "", "1")
     try:
         full = float(counts)
@@ -192,13 +192,13 @@ def _words(recording: Recording, column: str) -> frozenset[str]:
     return frozenset(plain(parse_header(recording.headers[column]).name).split("_"))
 
 
-def _with(recording: Recording, column: str, samples: FloatArray, unit: str, told: str) -> Recording:
+def _with(recording: Recording, column: str, samples: FloatArray, unit: str, source: str) -> Recording:
     """Return a recording with a column that was made."""
     return replace(
         recording,
         signals={**recording.signals, column: samples},
         units={**recording.units, column: unit},
         headers={**recording.headers, column: recording.headers.get(column, column)},
-        made={**recording.made, column: told},
+        made={**recording.made, column: source},
         assumed_units=tuple(c for c in recording.assumed_units if c != column),
     )

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimator.recordings.headers import plain
+from estimator.recordings.time_grid import PAUSE
 from estimator.recordings.units import FloatArray
 
 _NAMES = (
@@ -18,7 +19,7 @@ _NAMES = (
     " repeat repetition maneuver manoeuvre"
 )
 NAMES = frozenset(_NAMES.split())
-BACK, PAUSE = 5, 20  # usual intervals: a time that falls by more begins anew; a longer interval is a pause
+BACK = 5  # usual intervals: a time that falls by more begins anew
 MOST = 200  # tests
 
 

@@ -1,6 +1,6 @@
 """What of a motor's recording cannot be as it was read: columns exchanged, a sign, a unit. Knows no FMU.
 
-Everything here is told from the samples alone, before any search. Nothing is corrected: what it looks like is named,
+Everything here is found from the samples alone, before any search. Nothing is corrected: what it looks like is named,
 with the option that puts it right. Two things no recording can show, because a motor of another size does the same: the
 scale of the speed within the range of real motors, and the scale of the current likewise. So a unit is doubted only
 where the motor that follows does not exist: limits are those of brushed motors on 3 to 100 V, of bare shafts and with
@@ -325,9 +325,9 @@ class _Bench:
             return None
         moves = tuple(name for name in ("i", "w") if name in self.signals) if "v" in self.signals else ()
         unit = "us" if step > US_CLOCK or constant > US_CONSTANT else "ms"
-        told = [f"the speed follows with a time constant of {constant:.3g} s"] if constant > 0 else []
-        told += [f"the current takes {peak:.3g} s to its peak"] if peak > SLOW_CURRENT else []
-        seen = f" {' and '.join(told)}" if told else ""
+        lags = [f"the speed follows with a time constant of {constant:.3g} s"] if constant > 0 else []
+        lags += [f"the current takes {peak:.3g} s to its peak"] if peak > SLOW_CURRENT else []
+        seen = f" {' and '.join(lags)}" if lags else ""
         return Finding(
             "unit time",
             f"{self.title}: at a sampling interval of {step:.4g} s{seen}: the time looks like {unit}; say so with"

@@ -197,21 +197,21 @@ def _levels(recording: Recording, signals: Mapping[str, FloatArray]) -> tuple[Le
 
 def _damage(recording: Recording, measured: Mapping[str, FloatArray], step: Excitation | None) -> tuple[str, ...]:
     """Say what of the samples is lost."""
-    told = []
+    still = []
     names = {"i": ("current", "A"), "w": ("speed", "rad/s")}
     for name, y in measured.items():
         title, unit = names[name]
         if np.isnan(y).all():
             continue
         if np.nanmax(y) == np.nanmin(y):
-            told.append(f"the {title} is {float(np.nanmax(y)):.4g} {unit} from the first to the last sample")
+            still.append(f"the {title} is {float(np.nanmax(y)):.4g} {unit} from the first to the last sample")
         if (clipped := saturation(y)) is not None:
             first, run, value = clipped
             since = f"{recording.time[first]:.6g} s"
-            told.append(f"the {title} is saturated at {value:.4g} {unit} for {run} samples from t = {since}")
+            still.append(f"the {title} is saturated at {value:.4g} {unit} for {run} samples from t = {since}")
     if step is not None and "w" in measured and (lost := lost_transient(step, measured["w"])) is not None:
         k, part = lost
-        told.append(
+        still.append(
             f"the speed jumps by {100 * part:.0f} % of its response within one sample at t = {recording.time[k]:.6g} s"
         )
-    return tuple(told)
+    return tuple(still)

@@ -57,7 +57,7 @@ class ReadAs(Locked):
             A unit is none, or there is no such column.
         """
         headers = [parse_header(text) for text in texts]
-        told: set[int] = set()
+        given: set[int] = set()
         for name, unit_text in self.units.items():
             unit = parse_unit(unit_text)
             if unit is None:
@@ -69,8 +69,8 @@ class ReadAs(Locked):
                 raise RecordingError(f"{where}: there is no column {name!r} to give a unit{suggestion(name, known)}")
             for j in found:
                 headers[j] = Header(headers[j].text, headers[j].name, unit, unit_text)
-            told.update(found)
-        return headers, frozenset(told)
+            given.update(found)
+        return headers, frozenset(given)
 
     def places(self, headers: Sequence[Header], *, where: str) -> dict[str, int]:
         """Return which header each role of `columns` means.

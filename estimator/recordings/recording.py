@@ -313,7 +313,7 @@ def _labels(raw: _Raw) -> dict[str, list[str]]:
 
 
 def _tests(raw: _Raw, read_as: ReadAs, labels: Mapping[str, Sequence[str]]) -> list[Part]:
-    """Return the tests that a file holds; none where even its time cannot be told."""
+    """Return the tests that a file holds; none where even its time is not known."""
     headers, _ = read_as.headers(raw.texts, where=raw.where)
     clock, unit = _time_column(headers, raw.where, read_as)
     time = raw.columns[clock]
@@ -344,8 +344,8 @@ def _read_text(path: Path, read_as: ReadAs) -> _Raw:
     columns, bad, half_digits = list(table.columns), dict(table.bad), {}
     for j in keep:
         header = parse_header(texts[j])
-        if j in bad and role_of(header.name) == "time" and (told := seconds_since_first(table.text(j))) is not None:
-            columns[j], half_digits[j] = told
+        if j in bad and role_of(header.name) == "time" and (seconds := seconds_since_first(table.text(j))) is not None:
+            columns[j], half_digits[j] = seconds
             texts[j] = f"{header.name} [s]"
             del bad[j]
 

@@ -132,8 +132,8 @@ def _structure_with_time(content: Any) -> list[Signal]:
             block = _array(entry.get("values"))
             if block is None or block.shape[:1] != time.shape:
                 continue
-            told = [_text(entry.get(key)) for key in ("label", "blockName", "title")]
-            label = next(filter(None, told), "")
+            names = [_text(entry.get(key)) for key in ("label", "blockName", "title")]
+            label = next(filter(None, names), "")
             label = label.split("/")[-1] or f"signal {k + 1}"
             labels = [part.strip() for part in label.split(",")]
             block = block.reshape(len(time), -1)

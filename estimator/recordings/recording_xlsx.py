@@ -19,7 +19,6 @@ from estimator.recordings.units import FloatArray, parse_unit
 MAGIC = b"PK\x03\x04"  # of any ZIP archive
 OLD_MAGIC = b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"  # of .xls
 HEADER_ROWS = 200  # the header is looked for in so many rows
-DAY = 86_400.0  # s
 EPOCH = datetime.datetime(1970, 1, 1)
 
 Row = tuple[Any, ...]
