@@ -228,6 +228,7 @@ class Run:
             step=step,
             explained=explained,
             structure=self.structure,
+            compared=compared,
         )
         if judgement.verdict == "refused":
             return self._result(None, None, judgement)
