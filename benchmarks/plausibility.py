@@ -142,11 +142,11 @@ def exchanged(good: Signals) -> Signals | None:
     return {"time": good["time"], "v": good["v"], "i": good["w"], "w": good["i"]}
 
 
-def duty(full: float) -> Callable[[Signals], Signals | None]:
-    """Return what gives the voltage as a duty cycle of up to 0.6 of a full scale."""
+def duty(full: float, *, reach: float = 0.6) -> Callable[[Signals], Signals | None]:
+    """Return what gives the voltage as a duty cycle of up to a part of a full scale."""
 
     def wrong(good: Signals) -> Signals | None:
-        v = good["v"] / np.max(np.abs(good["v"])) * full * 0.6
+        v = good["v"] / np.max(np.abs(good["v"])) * full * reach
         return {**{n: y for n, y in good.items() if n != "angle"}, "v": v}
 
     return wrong
@@ -167,6 +167,9 @@ TROUBLES: dict[str, tuple[str, Callable[[Signals], Signals | None]]] = {
     "duty 0 … 1 as V": ("unit v", duty(1.0)),
     "duty in percent as V": ("unit v", duty(100.0)),
     "duty of 0 … 255 as V": ("unit v", duty(255.0)),
+    "duty to exactly 1 as V": ("unit v", duty(1.0, reach=1.0)),
+    "duty to exactly 100 as V": ("unit v", duty(100.0, reach=1.0)),
+    "duty to exactly 255 as V": ("unit v", duty(255.0, reach=1.0)),
 }
 
 

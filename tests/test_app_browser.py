@@ -445,10 +445,10 @@ def test_the_window_is_dragged_and_becomes_part_of_the_case(page, driver, folder
 def test_a_drag_of_an_edge_goes_on_while_the_page_is_drawn_anew(page, driver, folder):
     page.shown("step.csv")
     edge = page.until(lambda: driver.find_elements(By.CSS_SELECTOR, ".edge:not([hidden])"))[1]
-    ActionChains(driver).move_to_element(edge).click_and_hold().move_by_offset(-100, 0).perform()
-    page.js("dispatchEvent(new Event('hashchange'))")
-    page.quiet()
-    ActionChains(driver).move_by_offset(-200, 0).release().perform()
+    again = "addEventListener('pointermove', () => dispatchEvent(new Event('hashchange')), { capture: true })"
+    page.js(again)  # anew at every move
+    drag = ActionChains(driver).move_to_element(edge).click_and_hold()
+    drag.move_by_offset(-100, 0).pause(0.3).move_by_offset(-200, 0).release().perform()
     page.until(lambda: "window = [0.0, 1.7" in (folder / "app.case.toml").read_text())
 
 

@@ -145,6 +145,25 @@ def test_a_full_duty_cycle_that_was_called_volts_is_doubted_and_a_motor_at_one_v
     assert found(time, {**one, "v": 0.9 * one["v"]}) == ()
 
 
+@pytest.mark.parametrize("full", [100.0, 255.0, 1000.0, 1023.0, 4095.0])
+def test_a_scale_that_ends_exactly_where_a_duty_cycle_does_is_doubted_though_it_was_called_volts(full):
+    time, y = signals(CML050, interval=1e-3)
+    (named,) = found(time, {**y, "v": y["v"] * full / np.max(y["v"])})
+    assert named.kind == "unit v" and f"--scale v=VOLTS/{full:g}" in named.sentence
+    assert found(time, {**y, "v": y["v"] * 0.97 * full / np.max(y["v"])}) == () or full > 100.0
+    assert found(time, {**y, "v": y["v"] * full / np.max(y["v"])}, sure=frozenset({"v"})) == ()
+
+
+def test_several_levels_up_to_exactly_one_volt_are_doubted_sooner_than_a_step_of_one_volt():
+    time, y = signals(CML050, interval=1e-3)
+    fast = {**y, "w": y["w"] * 150.0 / np.max(y["w"]), "v": y["v"] / np.max(y["v"])}
+    assert found(time, fast) == (), "a step of a volt"
+    v = fast["v"] * np.repeat([0.25, 0.5, 0.75, 1.0, 0.5], len(time) // 5)[: len(time)]
+    (named,) = [f for f in found(time, {**fast, "v": v}) if f.kind == "unit v"]
+    assert "in 1 (a part of the supply)" in named.sentence
+    assert not [f for f in found(time, {**fast, "v": v, "w": 0.5 * fast["w"]}) if f.kind == "unit v"]
+
+
 def test_a_few_samples_that_are_far_above_all_others_are_named_as_the_loggers_errors():
     time, y = signals(CML050, interval=1e-3)
     lone = y["i"].copy()

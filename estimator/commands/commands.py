@@ -541,7 +541,7 @@ def _write_results(
             folder.write({"result.json": files["result.json"]}, stale=every)
         except InputError:
             raise error from None
-        raise InputError(f"{error}; result.json alone is there") from error
+        raise InputError(f"{error}; result.json alone is there, so make room for the rest") from error
 
 
 def app(args: argparse.Namespace) -> int:

@@ -88,6 +88,7 @@ def finish(
         rmse=np.array([rmse[name] for name in plan.outputs]),
         spread=problem.spread,
         step=step,
+        compared=compared,
         explained=explained,
         structure=run.structure,
     )

@@ -6,7 +6,7 @@ doubt it, or without. What no recording can tell at all is refused before (`refu
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -15,12 +15,13 @@ from numpy.typing import NDArray
 
 from estimator.fitting.polish import Polish, at_given_bound
 from estimator.judging.coasting import coasting
+from estimator.judging.plain_noise import structured
 from estimator.judging.refusal import CONTRADICTED, lost_transients, refused_notes, slow_for_the_motor
 from estimator.judging.scales import scales_at_odds
 from estimator.judging.step_check import StepCheck
 from estimator.plans.plan import Plan
 from estimator.results.linear import MOTOR, is_motor
-from estimator.results.result import Status, Verdict
+from estimator.results.result import Comparison, Status, Verdict
 
 if TYPE_CHECKING:
     from estimator.fitting.explained import Explained
@@ -70,6 +71,7 @@ def judge(
     step: StepCheck,
     explained: Explained | None = None,
     structure: Structure | None = None,
+    compared: Sequence[Comparison] = (),
 ) -> Judgement:
     """Judge an estimate.
 
@@ -90,6 +92,8 @@ def judge(
         What was found of the bench.
     structure : Structure or None
         What the outputs cannot tell, whatever the noise.
+    compared : Sequence of Comparison
+        The recordings against the estimate, for methods whose fit tests no residuals.
     """
     reasons: list[str] = []
     statuses: dict[str, ParameterStatus] = {}
@@ -125,7 +129,8 @@ def judge(
             return Judgement("refused", tuple(lost), {}, (*refused_notes(plan), *_doubts(explained)))
         reasons += slow_for_the_motor(plan)
     else:
-        reasons += [*_above_noise(plan, rmse, noise, spread), *_fast(plan, values)]
+        reasons += _above_noise(plan, rmse, noise, spread) or structured(compared)
+        reasons += _fast(plan, values)
     return Judgement(
         "doubtful" if reasons else "ok",
         tuple(reasons),

@@ -30,6 +30,10 @@ FASTEST = (3000.0, 1600.0)  # rad/s: 28 600 and 15 300 rpm
 FASTEST_PER_VOLT = (600.0, 350.0)  # rad/s/V: the smallest coreless motors have 250
 DEGREES, NO_RPM = 6000.0, 30_000.0  # slower numbers would be slow as deg/s, faster ones too fast as rpm
 FULL_PER_VOLT = 250.0  # rad/s/V, behind a voltage of up to 1.000 V: a full duty cycle ends there
+STEPPED_PER_VOLT = (
+    100.0  # likewise, behind several levels below 1.000 V: one is a usual step of a volt, several are not
+)
+LEVELS, HELD = 3, 5  # sizes of a voltage that has several; samples of one
 LARGEST_CURRENT = (150.0, 30.0)  # A, and
 LEAST_RESISTANCE = (0.004, 0.025)  # Ω, of the largest voltage over the largest current
 LEAST_CURRENT = 1e-3  # A: a motor that turns takes more
@@ -238,8 +242,13 @@ class _Bench:
         assumed = "v" in self.guessed
         duty = next((full for full in DUTY if 0.995 * full < largest <= full), None)
         fastest = FULL_PER_VOLT if duty == 1.0 else FASTEST_PER_VOLT[0]
+        sizes, counts = np.unique(v[v > DRIVEN * largest], return_counts=True)
+        is_full = largest in DUTY and int(counts[-1]) >= HELD  # exactly so, and held: the end of a scale
+        if is_full and largest == 1.0 and np.count_nonzero(counts >= HELD) >= LEVELS:
+            fastest = STEPPED_PER_VOLT
         part = largest <= 1.0 and (assumed or self._speed_per_volt() > fastest)
-        if part or (assumed and (largest > NO_VOLTAGE or (duty is not None and duty >= 100.0))):
+        counted = is_full and largest >= 100.0  # whoever calls it volts: a bench's end nowhere else so exactly
+        if part or counted or (assumed and (largest > NO_VOLTAGE or (duty is not None and duty >= 100.0))):
             full = 1.0 if part else next((f for f in DUTY[1:] if largest <= f), DUTY[-1])
             unit = {1.0: "1 (a part of the supply)", 100.0: "percent"}.get(full, f"counts of {full:g}")
             return Finding(

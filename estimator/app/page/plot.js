@@ -8,6 +8,7 @@ import { show } from "./numbers.js";
 const LEFT = 62, RIGHT = 12, TOP = 20, GAP = 20, BOTTOM = 30; // CSS pixels
 const SETTLED = 70, WHILE_MOVING = 160; // ms, until finer data is asked for
 const NEAR = 9; // pixels, to take hold of a window's edge
+const ENDS = ["pointerup", "pointercancel", "lostpointercapture"];
 const STEP = 0.1, FACTOR = 1.25; // of the view: a key's move, a key's zoom
 
 // Signals on the server. Holds the whole record coarsely and, finely, what is seen and as much on both sides.
@@ -249,13 +250,13 @@ export class Plot {
     this.holding = true;
     const move = (m) => this.moveEdge(k, this.t(m.clientX - left));
     const done = () => {
+      for (const end of ENDS) edge.removeEventListener(end, done);
       edge.removeEventListener("pointermove", move);
       this.holding = false;
       this.onwindow(this.window);
     };
     edge.addEventListener("pointermove", move);
-    edge.addEventListener("pointerup", done, { once: true });
-    edge.addEventListener("pointercancel", done, { once: true });
+    for (const end of ENDS) edge.addEventListener(end, done); // where it ends without being let go, too
   }
 
   moveEdge(k, to) {

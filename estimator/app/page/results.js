@@ -267,7 +267,7 @@ export class ResultsPage {
 
   // What the command compare says of them: which differences are more than noise.
   told(names) {
-    const section = el("section", { hidden: true, "aria-label": "What differs" });
+    const section = el("section", { hidden: true, class: "told", "aria-label": "What differs" });
     get("compare", { names: JSON.stringify(names) }).then(({ text, command }) => {
       section.hidden = false;
       section.append(el("h2", {}, "What differs"), el("pre", { tabindex: "0", "aria-label": `What ${command} says` }, text));
