@@ -93,7 +93,7 @@ def test_the_switching_of_the_driver_is_found_in_the_current_as_the_sampling_fol
 
 
 def shaken(seed=5, size=2.0):
-    """Return what takes each sample at an instant of its own, deviation in tenths of a sample; alike for all signals."""
+    """Return what takes each sample at an instant of its own, deviation in tenths of a sample; for all signals."""
     offsets = np.clip(np.round(size * np.random.default_rng(seed).standard_normal(10_000)), -4, 4).astype(int)
 
     def shift(y):

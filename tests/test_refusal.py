@@ -64,11 +64,11 @@ def test_a_speed_of_the_wrong_sign_knows_where_it_goes_against_the_voltage(case_
     assert place.signal == "w" and 0.3 < place.start < 0.32 and place.end == pytest.approx(1.499)
 
 
-def test_a_saturated_current(case_of, good):
+def test_a_current_that_is_saturated_nearly_everywhere(case_of, good):
     shown = good[1].copy()
     noisy = shown + np.random.default_rng(2).standard_normal(shown.shape) * [0.02, 1.0]
-    noisy[:, 0] = np.minimum(noisy[:, 0], 1.2)
-    refused(case_of, made(good[0], noisy, noise=(0, 0)), "saturated at 1.2")
+    noisy[:, 0] = np.minimum(noisy[:, 0], 0.55)
+    refused(case_of, made(good[0], noisy, noise=(0, 0)), "saturated at 0.55")
 
 
 def test_a_current_without_its_sign_where_the_voltage_reverses(case_of):
@@ -157,6 +157,6 @@ def test_a_reason_knows_where_in_the_data_it_lies(case_of, good):
     (shown,) = result.comparisons
     assert shown.name == place.recording and not shown.simulated and set(shown.measured) == {"i", "w"}
     clipped = good[1] + np.random.default_rng(2).standard_normal(good[1].shape) * [0.02, 1.0]
-    clipped[:, 0] = np.minimum(clipped[:, 0], 1.2)
+    clipped[:, 0] = np.minimum(clipped[:, 0], 0.55)
     ((place, *_), *_) = [r.places for r in refused(case_of, made(good[0], clipped, noise=(0, 0)), "saturated").reasons]
     assert place.signal == "i" and place.end > place.start

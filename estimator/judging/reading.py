@@ -11,7 +11,7 @@ from estimator.plans.plan import Plan
 from estimator.results.result import Estimate
 
 # What looks odd in the data alone, and the effects that are its reason: it is no doubt where one of them is estimated.
-EXPLAINS = {"coasts": {"coasting"}, "dead band": {"dry friction", "break-away", "dead band"}}
+EXPLAINS = {"coasts": {"coasting"}, "dead band": {"dry friction", "dead band"}}
 
 
 def with_what_was_read(found: Estimate, plan: Plan) -> Estimate:

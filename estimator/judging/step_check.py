@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.fitting.explained import Explained
-from estimator.fitting.polish import Polish
+from estimator.fitting.polish import Polish, information_parts
 from estimator.fitting.problem import Problem
 from estimator.fmus.probe import ignores_step
 from estimator.plans.plan import Plan
@@ -86,7 +86,11 @@ def shift(problem: Problem, polish: Polish, fine: FloatArray, explained: Explain
 
 def _worst(plan: Plan, polish: Polish, moved: FloatArray) -> tuple[float, str, str] | None:
     """Return the largest shift: in standard errors, whose, and how far; None if none matters."""
+    inside = polish.at_bound == 0
     deviation = np.sqrt(np.diag(polish.covariance))
+    if inside.any():  # by the noise alone: a step that is too coarse may be why the errors are larger
+        alone = np.sqrt(np.diag(information_parts(np.linalg.qr(polish.jacobian[:, inside], mode="r"))[0]))
+        deviation[inside] = np.minimum(deviation[inside], np.where(alone > 0, alone, np.inf))
     found = []
     for j, p in enumerate(plan.parameters):  # what is estimated beside them follows
         relative = moved[j] if p.log else moved[j] / (p.upper - p.lower)

@@ -11,12 +11,13 @@ from estimator.fmus.fmu import FmuDescription
 from estimator.plans.observing import columns_used, is_motor_case
 from estimator.plans.plan import Observed
 from estimator.recordings.clipping import clipped
-from estimator.recordings.finding import Finding
+from estimator.recordings.finding import Evidence, Finding
 from estimator.recordings.motor_columns import motor_columns
 from estimator.recordings.plausibility import implausible
 from estimator.recordings.understood import understood
 
 MOTOR_SIGNALS = ("v", "i", "w", "angle")
+MOST_SATURATED = 0.3  # of a recording's samples: with more there is nothing to estimate from
 UNITS = {"i": "A", "w": "rad/s"}
 
 
@@ -45,15 +46,20 @@ def _without_clipped(observed: Observed) -> Observed:
     outputs, findings = dict(observed.outputs), [*observed.findings]
     for name in {"i", "w"} & outputs.keys():
         rows = clipped(outputs[name])
-        if rows.any():
-            t = observed.recording.time[int(np.argmax(rows))]
-            largest = float(np.nanmax(np.abs(outputs[name][rows])))
-            outputs[name] = np.where(rows, np.nan, outputs[name])
-            findings.append(
-                Finding(
-                    "saturated",
-                    f"{observed.recording.title}: {name} is saturated at {largest:.4g} {UNITS[name]}, first at"
-                    f" t = {t:.6g} s: {int(rows.sum())} samples are left out; record again with a larger sensor range",
-                )
+        if not rows.any():
+            continue
+        first, last = (float(t) for t in observed.recording.time[np.flatnonzero(rows)[[0, -1]]])
+        largest = float(np.nanmax(np.abs(outputs[name][rows])))
+        most = float(np.mean(rows)) > MOST_SATURATED
+        what = f"{int(rows.sum())} samples" + (", too many to estimate from" if most else " are left out")
+        outputs[name] = outputs[name] if most else np.where(rows, np.nan, outputs[name])
+        findings.append(
+            Finding(
+                "saturated",
+                f"{observed.recording.title}: {name} is saturated at {largest:.4g} {UNITS[name]}, first at"
+                f" t = {first:.6g} s: {what}; record again with a larger sensor range",
+                is_fatal=most,
+                evidence=(Evidence(name, first, last),),
             )
+        )
     return dataclasses.replace(observed, outputs=outputs, findings=tuple(findings))

@@ -15,7 +15,6 @@ LEAST = 3  # samples at the extreme value: two may be a logger's repeat
 REPEATS = 0.02  # of a signal's samples: a logger that repeats more than these says nothing at an extreme
 COARSE = 3.0  # times the converter's step: noise below that repeats values anyhow
 NEAR, SMOOTH = 3.0, 2  # deviations of the noise; samples on either side of a running median
-MOST = 0.3  # of the samples: with more there is nothing to estimate from
 
 
 def clipped(y: FloatArray) -> NDArray[np.bool_]:
@@ -34,9 +33,7 @@ def clipped(y: FloatArray) -> NDArray[np.bool_]:
         at = y == value
         if np.count_nonzero(at) >= LEAST and value != 0 and (noisy or (top is not None and top[2] == value)):
             result |= at
-    if result.any():
-        result = _with_neighbours(y, result)
-    return result if result.any() and np.mean(result) < MOST else np.zeros(len(y), dtype=bool)
+    return _with_neighbours(y, result) if result.any() else result
 
 
 def _with_neighbours(y: FloatArray, at: NDArray[np.bool_]) -> NDArray[np.bool_]:
