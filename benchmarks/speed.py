@@ -1,6 +1,9 @@
 """What one FMU simulation costs, and the paper's whole job, against fmpy's own loops and against no FMI at all.
 
-    python benchmarks/speed.py [--quick]
+    python benchmarks/speed.py [--quick] [--program]
+
+With --program: commands cold, against what importing fmpy and scipy.optimize costs; estimates in Python with imports
+done; reading 200 000 rows, against numpy.loadtxt. Otherwise what a simulation costs.
 
 Prints Markdown tables: the median of several rounds, all contenders in turn within each round, so that the ratios hold
 where the machine's speed drifts. Contenders on dc_motor.fmu at 1 ms over the paper's 2 801 samples:
@@ -21,6 +24,7 @@ import io
 import os
 import platform
 import statistics
+import subprocess
 import sys
 import tempfile
 import time
@@ -332,11 +336,77 @@ def memory(total: int) -> None:
         )
 
 
+def seconds(run: Callable[[], object]) -> tuple[float, float]:
+    """Return how long a call takes, and its processor time with that of the processes that it waited for, s."""
+    clock, used = time.perf_counter(), sum(os.times()[:4])
+    run()
+    return time.perf_counter() - clock, sum(os.times()[:4]) - used
+
+
+def in_turn(rounds: int, runs: dict[str, Callable[[], object]], *, rival: str) -> None:
+    """Run all in turn, round by round, and print medians and ratios to the rival's."""
+    found = np.array([[seconds(run) for run in runs.values()] for _ in range(rounds)])
+    against = found / found[:, [list(runs).index(rival)]]
+    print(f"\n| work | s | s of processor | × {rival} | × its processor time |\n|---|---|---|---|---|")
+    for name, (clock, used), (ratio, share) in zip(
+        runs, np.median(found, axis=0), np.median(against, axis=0), strict=True
+    ):
+        print(f"| {name} | {clock:.3g} | {used:.3g} | {ratio:.3g} | {share:.3g} |")
+
+
+def program(rounds: int, folder: Path) -> None:
+    """Print what the whole program costs, cold and warm."""
+    from estimator.api import estimate_parameters
+    from estimator.recordings.recording import read_recording
+
+    examples = Path(__file__).resolve().parent.parent / "examples"
+    step, real = str(examples / "cml050_step.csv"), str(examples / "esp32_step.csv")
+
+    def command(*words: str) -> Callable[[], object]:
+        line = [sys.executable, "-m", "estimator", *words]
+        environment = {**os.environ, "PYTHONPATH": str(examples.parent)}
+        return lambda: subprocess.run(line, env=environment, capture_output=True, check=False)
+
+    bare = "import fmpy, scipy.optimize"
+    cold: dict[str, Callable[[], object]] = {
+        bare: lambda: subprocess.run([sys.executable, "-c", bare], check=True),
+        "--help": command("--help"),
+        "check": command("check", step),
+        "a misspelt command": command("estimat", step),
+        "estimate, clean step": command("estimate", step),
+        "the same with -o": command("estimate", step, "-o", str(folder / "out")),
+        "estimate, real step": command("estimate", real),
+    }
+    in_turn(rounds, cold, rival=bare)
+    warm = "estimate_parameters, clean step"
+    in_turn(
+        rounds, {warm: lambda: estimate_parameters(step), "real step": lambda: estimate_parameters(real)}, rival=warm
+    )
+    times = np.arange(200_000) * 1e-4
+    shown = np.random.default_rng(1).standard_normal((len(times), 2))
+    table = np.column_stack([times, np.where(times > 1, 10.0, 0.0), shown])
+    long = folder / "long.csv"
+    header = "time [s],voltage [V],current [A],speed [rad/s]"
+    np.savetxt(long, table, fmt=["%.4f", *["%.6g"] * 3], delimiter=",", header=header, comments="")
+    load = "numpy.loadtxt"
+    reading: dict[str, Callable[[], object]] = {
+        load: lambda: np.loadtxt(long, delimiter=",", skiprows=1),
+        "read_recording": lambda: read_recording(long),
+    }
+    in_turn(rounds, reading, rival=load)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="a tenth of the work, for a look")
-    quick = parser.parse_args().quick
+    parser.add_argument("--program", action="store_true", help="the whole program instead of its stepper")
+    args = parser.parse_args()
+    quick = args.quick
     print(machine())
+    if args.program:
+        with tempfile.TemporaryDirectory() as name:
+            program(3 if quick else 9, Path(name))
+        return
     per_step(rounds=5 if quick else 21, batch=500 if quick else 2000)
     papers_job(rounds=1 if quick else 2, nests=40 if quick else 400, iterations=10 if quick else 100)
     two_workers(10 if quick else 100)

@@ -6,6 +6,7 @@ import dataclasses
 import os
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as on the command line; one worker of pytest-xdist a core
 
@@ -15,13 +16,25 @@ from open_points import OPEN  # noqa: E402
 from estimator.cases.case import Case, case_for_recording  # noqa: E402
 
 LONG = ("test_app_browser.py", "test_trust.py", "test_estimate.py", "test_effects.py", "test_terminal.py")
+TOGETHER = (  # parts of names: a browser; searches of 80 000 simulations; one recording, and the same twice
+    "test_app_browser.py",
+    "test_estimate.py::test_the_paper_",
+    "test_sources.py::test_of_one_recording_twice_",
+)
 
 
-@pytest.hookimpl(tryfirst=True)
-def pytest_cmdline_main(config: pytest.Config) -> None:
-    """Let pytest-xdist keep together the tests that share something costly: one browser, one search."""
-    if getattr(config.option, "numprocesses", None) and config.option.dist == "no":
-        config.option.dist = "loadgroup"
+@pytest.hookimpl(tryfirst=True, optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    """Deal out to one worker of pytest-xdist the tests that share something costly, all others one by one."""
+    if config.getvalue("dist") != "load":
+        return None
+    from xdist.scheduler import LoadScopeScheduling
+
+    class Together(LoadScopeScheduling):
+        def _split_scope(self, nodeid: str) -> str:
+            return next((part for part in TOGETHER if part in nodeid), nodeid)
+
+    return Together(config, log)
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:

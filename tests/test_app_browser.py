@@ -22,10 +22,9 @@ from selenium.webdriver.common.keys import Keys  # noqa: E402
 
 BROWSER = next((p for name in ("chromium", "chromium-browser", "google-chrome") if (p := shutil.which(name))), None)
 DRIVER = shutil.which("chromedriver")
-pytestmark = [
-    pytest.mark.skipif(not BROWSER or not DRIVER, reason="no browser here: apt-get install chromium chromium-driver"),
-    pytest.mark.xdist_group("browser"),
-]
+pytestmark = pytest.mark.skipif(
+    not BROWSER or not DRIVER, reason="no browser here: apt-get install chromium chromium-driver"
+)
 SWITCHES = (
     "--headless=new --no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking"
     " --disable-component-update --disable-sync"

@@ -35,7 +35,7 @@ def started(*arguments, folder):
 
 
 class Cluster:
-    """A scheduler and three workers, each a process without a nanny, so that a killed one stays dead."""
+    """A scheduler and its workers, each a process without a nanny, so that a killed one stays dead."""
 
     def __init__(self, folder, workers, *, threads=1):
         self.scheduler = started("scheduler", "--port", "0", "--no-dashboard", "--host", "127.0.0.1", folder=folder)
@@ -67,7 +67,7 @@ class Cluster:
 
 @pytest.fixture
 def cluster(tmp_path):
-    made = Cluster(tmp_path, 3)
+    made = Cluster(tmp_path, 2)
     yield made
     made.close()
 

@@ -79,9 +79,6 @@ def test_stdin_is_a_file_as_long_as_it_is_needed(monkeypatch):
     assert expanded(["-", str(RECORDING)]) == ["-", str(RECORDING)]
 
 
-TWICE = pytest.mark.xdist_group("one recording twice")
-
-
 @pytest.fixture(scope="module")
 def once_and_twice():
     """Return what is found from stdin, and from stdin and the same recording again."""
@@ -90,8 +87,7 @@ def once_and_twice():
     return [check_contract(done.stdout.decode()) for done in both]
 
 
-@TWICE
-def test_stdin_and_two_recordings_give_an_estimate(once_and_twice):
+def test_of_one_recording_twice_and_stdin_there_is_an_estimate(once_and_twice):
     found, together = once_and_twice
     assert found["verdict"] == "ok"
     assert [r["recording"] for r in together["read"]] == ["stdin", "cml050_step"]
@@ -100,8 +96,7 @@ def test_stdin_and_two_recordings_give_an_estimate(once_and_twice):
         assert together["parameters"][name]["value"] == pytest.approx(p["value"], abs=0.1 * p["standard_error"])
 
 
-@TWICE
-def test_the_same_noise_twice_counts_twice(once_and_twice):
+def test_of_one_recording_twice_the_noise_counts_twice(once_and_twice):
     errors = [found["parameters"]["J"]["standard_error"] for found in once_and_twice]
     assert errors[1] == pytest.approx(errors[0] / 2**0.5, rel=0.1)
 
