@@ -87,7 +87,7 @@ def test_the_paper_motor_demo_gives_all_files_and_shows_nominal_values(tmp_path)
     written = {p.name: (float(p.value), p.unit) for p in read_ssv(str(folder / "parameters.ssv")).parameters}
     assert written == {n: (p["value"], p["unit"]) for n, p in found["parameters"].items()}
     page = (folder / "report.html").read_text()
-    assert page.count('<svg class="chart"') == 2 and page.count("nominal") >= 5 and not re.search("https?:", page)
+    assert page.count('<svg class="chart"') == 4 and page.count("nominal") >= 5 and not re.search("https?:", page)
     assert len(read_recording(folder / "recording.csv").time) == 2801
 
 

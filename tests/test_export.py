@@ -95,7 +95,7 @@ def test_an_estimate_has_all_four_files_and_the_figure_is_in_the_report(tmp_path
     assert json.loads(files["result.json"])["verdict"] == "ok"
     assert files["figure.png"].startswith(b"\x89PNG")
     page = files["report.html"].decode()
-    assert page.count('<svg class="chart"') == 2 and "<img" not in page  # transient, whole recording
+    assert page.count('<svg class="chart"') == 4 and "<img" not in page  # transient, whole; wide and slim
     assert len(page) < 150_000
     assert hashlib.sha256(b"time\n").hexdigest() in page
     assert "fmu-estimator estimate data.csv" in page
@@ -113,7 +113,7 @@ def test_the_figure_may_be_had_for_print_too():
 def test_each_recording_has_its_own_figure_in_the_report():
     made = estimate(comparisons=tuple(comparison(np.full(30, 10.5), name=f"r{k}") for k in range(2)), history=None)
     page = export.result_files(made)["report.html"].decode()
-    assert page.count('<svg class="chart"') == 3
+    assert page.count('<svg class="chart"') == 6
     assert all(f"r{k}: measured and simulated" in page for k in range(2))
 
 
