@@ -89,7 +89,7 @@ def _worst(plan: Plan, polish: Polish, moved: FloatArray) -> tuple[float, str, s
     inside = polish.at_bound == 0
     deviation = np.sqrt(np.diag(polish.covariance))
     if inside.any():  # by the noise alone: a step that is too coarse may be why the errors are larger
-        alone = np.sqrt(np.diag(information_parts(np.linalg.qr(polish.jacobian[:, inside], mode="r"))[0]))
+        alone = np.sqrt(np.diag(information_parts(np.asarray(np.linalg.qr(polish.jacobian[:, inside], mode="r")))[0]))
         deviation[inside] = np.minimum(deviation[inside], np.where(alone > 0, alone, np.inf))
     found = []
     for j, p in enumerate(plan.parameters):  # what is estimated beside them follows

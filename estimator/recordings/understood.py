@@ -48,8 +48,8 @@ class Understood:
         return f"{self.signal} ← {self.column}" + (" (unit as you said)" if self.unit_from == "user" else "")
 
     def mapping(self) -> dict[str, Any]:
-        """Return it for JSON."""
-        return asdict(self)
+        """Return it for JSON, `since` where there is such a date."""
+        return {name: value for name, value in asdict(self).items() if name != "since" or value}
 
 
 def understood(recording: Recording, columns: Mapping[str, str]) -> tuple[Understood, ...]:
