@@ -13,6 +13,7 @@ FloatArray = NDArray[np.float64]
 
 LEAST = 3  # samples at the extreme value: two may be a logger's repeat
 REPEATS = 0.02  # of a signal's samples: a logger that repeats more than these says nothing at an extreme
+JUMP = 1e-3  # of the span: a signal that comes nearer than that, as one that settles does, is not cut
 COARSE = 3.0  # times the converter's step: noise below that repeats values anyhow
 NEAR, SMOOTH = 3.0, 2  # deviations of the noise; samples on either side of a running median
 
@@ -31,7 +32,13 @@ def clipped(y: FloatArray) -> NDArray[np.bool_]:
     noisy = not repeats and noise_deviation(between) > COARSE * quantum(between)
     for value in extremes:
         at = y == value
-        if np.count_nonzero(at) >= LEAST and value != 0 and (noisy or (top is not None and top[2] == value)):
+        beside = (np.append(at[1:], False) | np.insert(at[:-1], 0, False)) & ~at & ~np.isnan(y)
+        leaves = beside.any() and float(np.median(np.abs(y[beside] - value))) > JUMP * (extremes[0] - extremes[1])
+        if (
+            np.count_nonzero(at) >= LEAST
+            and value != 0
+            and ((noisy and leaves) or (top is not None and top[2] == value))
+        ):
             result |= at
     return _with_neighbours(y, result) if result.any() else result
 

@@ -80,9 +80,7 @@ def find_excitation(v: FloatArray, outputs: Mapping[str, FloatArray]) -> Excitat
     # Changes of level: where the input leaves the level it had, by more than its noise.
     changes = np.flatnonzero(np.abs(np.diff(v)) > threshold) + 1
     merged = [int(k) for j, k in enumerate(changes) if j == 0 or k - changes[j - 1] > 3]
-    if (
-        merged and abs(float(np.mean(v[: merged[0]]))) > threshold and not running
-    ):  # on from row 0
+    if merged and abs(float(np.mean(v[: merged[0]]))) > threshold and not running:  # on from row 0
         return Excitation("several", 0, 0.0, float(v[-1]), running)
     if len(merged) == 1 and len(changes) <= 3:
         k, last = merged[0], int(changes[-1])
