@@ -19,7 +19,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,7 +55,7 @@ class Clock:
     time: FloatArray
     rows: slice
 
-    @property
+    @cached_property
     def step(self) -> float:
         """The usual sampling interval, s."""
         return float(np.median(np.diff(self.time))) if len(self.time) > 1 else 1.0
