@@ -15,6 +15,7 @@ from faulty import faulty_fmu
 
 pytest.importorskip("starlette", reason="the extra app is not installed")
 webdriver = pytest.importorskip("selenium.webdriver", reason="selenium is not installed")
+from selenium.common.exceptions import WebDriverException
 from selenium.webdriver.chrome.service import Service  # noqa: E402
 from selenium.webdriver.common.action_chains import ActionChains  # noqa: E402
 from selenium.webdriver.common.by import By  # noqa: E402
@@ -78,17 +79,16 @@ class Page:
         return self.driver.execute_script(script, *arguments)
 
     def until(self, condition, *, limit=LONG):
-        """Wait until something is so, and return it."""
-        end = time.monotonic() + limit
+        """Wait until something is so, and return it; what is not there yet, or covered or drawn anew, is tried again."""
+        end, last = time.monotonic() + limit, ""
         while time.monotonic() < end:
             try:
                 if found := condition():
                     return found
-            except Exception as error:
-                if "stale" not in str(error) and "no such element" not in str(error):
-                    raise
+            except WebDriverException as error:
+                last = f", the driver {error.msg}"
             time.sleep(0.1)
-        raise AssertionError(f"not within {limit} s; the page says: {self.text[:1500]}")
+        raise AssertionError(f"not within {limit} s{last}; the page says: {self.text[:1500]}")
 
     @property
     def text(self):

@@ -26,6 +26,7 @@ def test_a_peak_that_is_cut_is_found_with_the_samples_beside_it():
         RISE,  # settles at one value to the last digit
         np.where(T < 0.1, 0.0, 3.0),
         noisy(RISE),
+        np.minimum(RISE, 1.2),  # a drive's limit, simulated without noise
         np.round(noisy(RISE, 0.01) / 0.05) * 0.05,  # a converter's steps
         np.repeat(noisy(RISE)[::4], 4),  # a logger that holds
         np.floor(RISE * 20) / 20,  # an encoder

@@ -97,13 +97,17 @@ def _shift_without(jacobian: FloatArray, z: FloatArray, part: NDArray[np.bool_])
     Of what the other samples hardly tell, by less: these directions stay where the part has them.
     """
     whole = jacobian.T @ jacobian
-    scale = 1 / np.sqrt(np.maximum(np.diag(whole), 1e-300))
+    norms = np.sqrt(np.diag(whole))
+    scale = np.where(norms > 0, 1 / np.where(norms > 0, norms, 1.0), 0.0)
     own = jacobian[part] * scale
     rest = (whole * scale).T * scale - own.T @ own
     told, axes = np.linalg.eigh(rest)
     pull = axes.T @ (own.T @ z[part])
     total = np.einsum("ji,jk,ki->i", axes, (whole * scale).T * scale, axes)
-    gain = np.where(told > LEFT * total, 1 / np.maximum(told, 1e-300), 1 / np.maximum(total, 1e-300))
+    seen = total > SEEN**2
+    gain = np.where(
+        told > LEFT * total, 1 / np.maximum(told, SEEN**2), np.where(seen, 1 / np.maximum(total, SEEN**2), 0.0)
+    )
     return np.asarray(-scale * (axes @ (gain * pull)))
 
 
