@@ -15,7 +15,7 @@ from faulty import faulty_fmu
 
 pytest.importorskip("starlette", reason="the extra app is not installed")
 webdriver = pytest.importorskip("selenium.webdriver", reason="selenium is not installed")
-from selenium.common.exceptions import WebDriverException
+from selenium.common.exceptions import WebDriverException  # noqa: E402
 from selenium.webdriver.chrome.service import Service  # noqa: E402
 from selenium.webdriver.common.action_chains import ActionChains  # noqa: E402
 from selenium.webdriver.common.by import By  # noqa: E402
@@ -79,7 +79,7 @@ class Page:
         return self.driver.execute_script(script, *arguments)
 
     def until(self, condition, *, limit=LONG):
-        """Wait until something is so, and return it; what is not there yet, or covered or drawn anew, is tried again."""
+        """Wait until something is so, and return it; what is not there yet, or drawn anew, is tried again."""
         end, last = time.monotonic() + limit, ""
         while time.monotonic() < end:
             try:
