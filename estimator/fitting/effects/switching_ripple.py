@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.fitting.effects.base import USUAL, Effect
+from estimator.fitting.effects.ripple import angle_of
 from estimator.fitting.fit import Fit, Linear
 from estimator.fitting.windows import find_windows
 from estimator.plans.plan import Plan
@@ -23,6 +24,7 @@ STRETCHES = 6  # at most
 STANDS_OUT, NEAR, BESIDE = 20.0, 60, 6  # times the median power nearby; of frequencies on either side; left out
 LINES, HARMONICS = 6, 12  # at most; of the first line, each folded to its own place
 ZOOMS = 7  # by 4 each
+LOW, WANDERS = 3, 0.08  # orders of a shaft that turns unevenly; part by which its frequency wanders
 EVEN = 0.02  # of a step: a clock that wanders by more folds no line
 
 
@@ -53,6 +55,8 @@ class SwitchingRipple(Effect):
         if len(taken) >= LINES or not parts:
             return ()
         lines = _strongest(parts, s.clocks[0].step, taken)
+        if not taken and lines and _is_the_shafts(lines[0], fit, stretches):
+            return ()
         unit = s.plan.description.variable("i").unit
         found = []
         for f in lines:
@@ -67,6 +71,17 @@ class SwitchingRipple(Effect):
     def tell(self, name: str, value: float, plan: Plan) -> str:
         """Say where the line lies, and how large it is."""
         return f"i has a ripple at {name.split()[3]} Hz, as sampled, of amplitude {value:.3g} A: the driver's switching"
+
+
+def _is_the_shafts(f: float, fit: Fit, stretches: Sequence[tuple[NDArray[np.int64], FloatArray]]) -> bool:
+    """Whether a line, Hz, lies near a low order of the shaft, or near one that is known: its speed wanders a little."""
+    theta = angle_of(fit)
+    if theta is None:
+        return False
+    known = (g.name.split(" ") for g in fit.linear if g.name.startswith("ripple i "))
+    orders = {*range(1, LOW + 1), *(int(words[2]) for words in known if len(words) == 3)}
+    turning = [abs(theta[rows[-1]] - theta[rows[0]]) / (2 * np.pi * (t[-1] - t[0])) for rows, t in stretches]
+    return any(abs(f - k * x) < WANDERS * k * x for x in turning for k in orders)
 
 
 def _strongest(parts: Sequence[tuple[FloatArray, FloatArray]], step: float, taken: Sequence[float]) -> list[float]:
