@@ -102,8 +102,13 @@ class Page:
 
     def press(self, name):
         self.until(lambda: self.driver.find_element(By.ID, name).is_enabled())
-        self.js("document.getElementById(arguments[0]).scrollIntoView({ block: 'center' })", name)
-        self.until(lambda: [self.driver.find_element(By.ID, name).click()])
+        self.until(lambda: self._pressed(name))
+
+    def _pressed(self, name):
+        """Scroll to a button and press it: what is drawn above it meanwhile moves it, even below the bar at the foot."""
+        self.js("document.getElementById(arguments[0])?.scrollIntoView({ block: 'center' })", name)
+        self.driver.find_element(By.ID, name).click()
+        return True
 
     def type(self, name, text):
         """Type into a field as a person does, and leave it."""
