@@ -105,7 +105,7 @@ class Page:
         self.until(lambda: self._pressed(name))
 
     def _pressed(self, name):
-        """Scroll to a button and press it: what is drawn above it meanwhile moves it, even below the bar at the foot."""
+        """Scroll to a button and press it: what is drawn above it meanwhile moves it, even below the bar."""
         self.js("document.getElementById(arguments[0])?.scrollIntoView({ block: 'center' })", name)
         self.driver.find_element(By.ID, name).click()
         return True
