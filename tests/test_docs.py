@@ -178,7 +178,7 @@ def test_the_glossary_has_twenty_words_each_where_it_is_said_to_be():
 def test_the_version_has_its_release_notes():
     version = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
     notes = (ROOT / "docs" / "releases.md").read_text(encoding="utf-8")
-    assert re.findall(r"^## (\S+)$", notes, re.M)[0] == version
+    assert re.findall(r"^## Release (\S+)$", notes, re.M)[0] == version
 
 
 def test_contributing_sets_up_by_one_command_that_runs_what_there_is():
@@ -189,3 +189,9 @@ def test_contributing_sets_up_by_one_command_that_runs_what_there_is():
     assert set(extras) <= set(project["project"]["optional-dependencies"])
     hooks = (ROOT / ".pre-commit-config.yaml").read_text()
     assert all(f"- id: {name}" in hooks for name in ("ruff", "ruff-format", "mypy"))
+
+
+def test_no_heading_begins_with_a_digit_whose_anchor_the_sites_script_could_not_find():
+    for path in (ROOT / "docs").rglob("*.md"):
+        text = re.sub(r"```.*?```", "", path.read_text(), flags=re.S)
+        assert not re.findall(r"^#+ [^A-Za-z`<]+.*$", text, re.M), path

@@ -26,19 +26,24 @@ sys.exit(main())
 """
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="SIGINT to a process is POSIX")
-@pytest.mark.parametrize("module", ["estimator.cli", "argparse", "estimator.commands.commands", "numpy", "scipy"])
-def test_ctrl_c_while_the_program_is_loaded_ends_in_one_sentence(tmp_path, module):
-    script = SCRIPT.format(module=module, recording=str(ROOT / "examples" / "cml050_step.csv"))
-    run = subprocess.run(
+def ran(script, folder, *, before):
+    """Run a script of Python's in a process of its own, in which `before` was called."""
+    return subprocess.run(
         [sys.executable, "-c", script],
-        cwd=tmp_path,
+        cwd=folder,
         env={**os.environ, "PYTHONPATH": str(ROOT)},
         capture_output=True,
         text=True,
         timeout=60,
-        preexec_fn=takes_interrupts,
+        preexec_fn=before,
     )
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="SIGINT to a process is POSIX")
+@pytest.mark.parametrize("module", ["estimator.cli", "argparse", "estimator.commands.commands", "numpy", "scipy"])
+def test_ctrl_c_while_the_program_is_loaded_ends_in_one_sentence(tmp_path, module):
+    script = SCRIPT.format(module=module, recording=str(ROOT / "examples" / "cml050_step.csv"))
+    run = ran(script, tmp_path, before=takes_interrupts)
     assert (run.returncode, run.stdout, run.stderr) == (130, "", "fmu-estimator: interrupted\n")
     assert not list(tmp_path.iterdir())
 
@@ -53,15 +58,7 @@ def test_ctrl_c_of_which_an_extension_that_is_loaded_makes_another_error_is_told
             except KeyboardInterrupt:
                 raise ImportError("initialization failed") from None""",
     )
-    run = subprocess.run(
-        [sys.executable, "-c", script],
-        cwd=tmp_path,
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-        capture_output=True,
-        text=True,
-        timeout=60,
-        preexec_fn=takes_interrupts,
-    )
+    run = ran(script, tmp_path, before=takes_interrupts)
     assert (run.returncode, run.stdout, run.stderr) == (130, "", "fmu-estimator: interrupted\n")
     assert not list(tmp_path.iterdir())
 
@@ -69,15 +66,7 @@ def test_ctrl_c_of_which_an_extension_that_is_loaded_makes_another_error_is_told
 @pytest.mark.skipif(sys.platform == "win32", reason="SIGINT to a process is POSIX")
 def test_where_ctrl_c_is_ignored_as_in_the_background_it_stays_so(tmp_path):
     script = SCRIPT.format(module="numpy", recording="none.csv")
-    run = subprocess.run(
-        [sys.executable, "-c", script],
-        cwd=tmp_path,
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-        capture_output=True,
-        text=True,
-        timeout=60,
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_IGN),
-    )
+    run = ran(script, tmp_path, before=lambda: signal.signal(signal.SIGINT, signal.SIG_IGN))
     assert run.returncode == 2 and "none.csv" in run.stderr
 
 
