@@ -16,7 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.fitting.noise_model import NORMAL, NoiseModel, Whitener
+from estimator.conventions import MEDIAN_SIZE
+from estimator.fitting.noise_model import NoiseModel, Whitener
 from estimator.fitting.polish import information_parts
 from estimator.fitting.simulator import Simulator
 from estimator.plans.parameters import SensorPlace
@@ -295,7 +296,9 @@ def held_down(fit: Fit, onsets: BoolArray) -> Fit:
     """
     z = np.abs(fit.z.reshape(fit.shown.shape)) * np.sqrt(fit.whitener.inflate)  # as if none were held down yet
     present = fit.whitener.present
-    usual = [np.median(own[here]) / NORMAL if here.any() else 1.0 for own, here in zip(z.T, present.T, strict=True)]
+    usual = [
+        np.median(own[here]) / MEDIAN_SIZE if here.any() else 1.0 for own, here in zip(z.T, present.T, strict=True)
+    ]
     z = z / np.clip(usual, 1e-3, 1.0)  # a noise that was found with the outliers in it is too large
     n = len(z)
     far = np.vstack([np.zeros((2, z.shape[1])), z, np.zeros((2, z.shape[1]))])

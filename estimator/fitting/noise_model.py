@@ -24,6 +24,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.conventions import MEDIAN_SIZE, SECOND_DIFFERENCE
 from estimator.fitting.kalman import whiten
 
 FloatArray = NDArray[np.float64]
@@ -37,7 +38,6 @@ PAYS = 10.0  # of -2 log L, by which a component must improve it: two numbers, a
 ORDERS = (1, 2, 3, 4, 6, 8, 12, 16, 24)  # of the short autoregression
 FEW = 25  # samples that are loud, and as many at half of that
 FREEDOM, T_MEDIAN = 4.0, 0.741  # of Student's t, by which sizes are judged; the median of its absolute value
-NORMAL = 0.6745  # that of a standard normal number
 STRETCH, MOST_LEVELS = 20, 12  # rows of a stretch that has a level of its own; levels, at most
 SHORTEST = 0.02  # s, of a torque that wanders: faster ones are transients that are explained wrongly
 LONGEST = 0.25  # of the longest stretch: a slow part that lasts longer is none
@@ -414,7 +414,7 @@ def _growth(residuals: FloatArray, whitener: Whitener, j: int, sharp: BoolArray)
 
     loud = float(np.sort(level)[-FEW])
     if np.count_nonzero(level < loud / 2) < FEW:
-        return 0.0, 2.0, size(0.0, 2.0) * T_MEDIAN / NORMAL / np.sqrt(6)
+        return 0.0, 2.0, size(0.0, 2.0) * T_MEDIAN / MEDIAN_SIZE / SECOND_DIFFERENCE
 
     def misfit(c: float, p: float) -> float:
         g, scale = (1 + (c * level) ** p) ** (1 / p), size(c, p)
@@ -428,7 +428,7 @@ def _growth(residuals: FloatArray, whitener: Whitener, j: int, sharp: BoolArray)
         found.append((misfit(c, p) + charge, float(c), p))
     best = min(found)
     c, p = (best[1], best[2]) if best[0] < misfit(0.0, 2.0) else (0.0, 2.0)
-    return c, p, size(c, p) * T_MEDIAN / NORMAL / np.sqrt(6)
+    return c, p, size(c, p) * T_MEDIAN / MEDIAN_SIZE / SECOND_DIFFERENCE
 
 
 def _levels(whitener: Whitener) -> FloatArray:
