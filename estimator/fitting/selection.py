@@ -464,7 +464,7 @@ def _renewed(explanation: Explanation) -> Fit:
     fit, groups = explanation.fit, list(explanation.fit.linear)
     for a in explanation.additions:
         k = next((k for k, g in enumerate(groups) if g.name == a.name), None)
-        if a.linear is None or k is None or a.effect.is_line:
+        if a.linear is None or k is None:
             continue
         at = sum(g.columns.shape[2] for g in groups[:k])
         own = slice(at, at + groups[k].columns.shape[2])
