@@ -98,6 +98,8 @@ class Simulator:
     ----------
     steps : (q,) array
         By which the sensors resolve the outputs, in their units; 0: they are not quantised.
+    between : int
+        Rows that are simulated for one where a filter acts between them.
     """
 
     plan: Plan
@@ -105,6 +107,7 @@ class Simulator:
     crew: Workers
     sigma: Mapping[str, float]
     problem: Problem = field(init=False)
+    between: int = field(init=False, default=BETWEEN)
 
     def __post_init__(self) -> None:
         stepped = [n for n in self.nuisances if n.place is not None or n.target]
@@ -156,9 +159,10 @@ class Simulator:
             filtered |= n.between & (candidates[:, self.index[n.name]] != n.neutral)
         for between in (False, True):
             where = np.flatnonzero(filtered == between)
-            many = max(1, CELLS // (self.rows * (BETWEEN if between else 1)))
+            rows = self.between if between else 1
+            many = max(1, CELLS // (self.rows * rows))
             for part in (where[k : k + many] for k in range(0, len(where), many)):
-                result[part] = self._shown(candidates[part], refine, BETWEEN if between else 1)
+                result[part] = self._shown(candidates[part], refine, rows)
         return result
 
     def _shown(self, candidates: FloatArray, refine: int, between: int) -> FloatArray:
