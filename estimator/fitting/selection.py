@@ -157,6 +157,9 @@ class Selection:
             p = len(self.base.plan.names)
             simulator.lower[:p], simulator.upper[:p] = bounds[0][:p], bounds[1][:p]
         final = solved(_with_fine_filters(best.fit), tolerance=1e-8)
+        while absurd := [a for a in best.additions if not _is_physical(final, a)]:
+            best = self.without(dataclasses.replace(best, fit=final), absurd[-1])
+            final = solved(best.fit, tolerance=1e-8)
         return dataclasses.replace(best, fit=final if final.simulator is self.base else with_secants(final))
 
     def _first(self, starts: Sequence[FloatArray]) -> Explanation:
@@ -209,7 +212,11 @@ class Selection:
         wide = [k for k, name in enumerate(fit.names) if not name.startswith("ripple ")]  # lines take no noise
         windows = find_windows(fit)
         columns = fit.raw[:, :, wide]
-        found = fit_noise(whitener, misfit, columns, windows.settled, windows.sharp, colour=colour, again=again)
+        s = fit.simulator
+        found = fit_noise(
+            whitener, misfit, columns, windows.settled, windows.sharp, colour=colour, again=again,
+            resolution=np.where(s.coarse & (self.differenced == 0), s.steps, 0.0),
+        )  # fmt: skip
         fit = held_down(refreshed(fit, whitener.of(found)), windows.onsets)
         return dataclasses.replace(explanation, fit=solved(fit))
 
