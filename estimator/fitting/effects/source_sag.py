@@ -65,7 +65,7 @@ class SourceSag(Effect):
     def tell(self, name: str, value: float, plan: Plan) -> str:
         """Say how large, and how fast."""
         return (
-            f"the source sags by the current: its resistance is {value:.3g} Ohm, its time constant{name.split(',')[1]}"
+            f"the source sags by the current: its resistance is {value:.3g} Ohm, time constant{name.split(',')[1]}"
         )
 
 
