@@ -159,7 +159,7 @@ def test_a_supply_that_sags_is_named(case_of, noisy):
     result = run(case_of(), noisy_at(0.05, noisy))
     assert result.verdict == "doubtful"
     assert any("the motor's voltage is too low at first" in reason for reason in result.reasons), result.reasons
-    (told,) = [rival for rival in result.rivals if rival.what.startswith("sag instead of voltage dip")]
+    (told,) = [rival for rival in result.rivals if rival.what.startswith("sag of the source")]
     assert told.sentence() in result.reasons
     assert set(told.parameters) == set(NAMES) and told.differs_in == "K"
     moved = told.parameters["K"].value - result.parameters["K"].value

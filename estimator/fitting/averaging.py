@@ -23,8 +23,10 @@ FloatArray = NDArray[np.float64]
 
 OPEN = 4.0  # charged for each number of an addition whose usual size is not known
 VISIBLE = 1.0  # of z'z, by a usual size: less shows nothing
+ROUNDED = 1e-4  # of its power: what is left there is how a response is computed
 TOLD = 0.003  # of an addition's power: if less is left beside the parameters, no such recording tells it
 LIKELY = 6.0  # of the criterion: a rival that is further behind weighs less than 5 %
+TAIL = 0.01  # of the mixture: what weighs less together is left out
 COVERED = 0.95  # by 1.96 standard errors about the values
 DIFFERS = 1.0  # standard errors by which a rival must differ to be told
 
@@ -81,15 +83,15 @@ def averaged(
     pseudo = covariance[np.ix_(inside, inside)] @ fit.jacobian[:, inside].T
     test = fit.test()
     unseen = []
-    for a in open_additions:
+    for a in _one_of_each(open_additions):
         if a.across is None or a.whitened is None:
             continue
         across, whitened, known = a.across, a.whitened, True
         if a.linear is not None:
             known = a.linear.size > 0
             across, whitened = (x * (a.linear.size or 1.0) for x in (across, whitened))
-        power = float(np.sum(across**2))
-        if power < VISIBLE if known else power <= TOLD * np.sum(whitened**2):
+        power, whole = float(np.sum(across**2)), float(np.sum(whitened**2))
+        if power <= (max(VISIBLE, ROUNDED * whole) if known else TOLD * whole):
             unseen.append(a)
             continue
         k = across.shape[1]
@@ -118,12 +120,26 @@ def averaged(
             told.append((rival, len(parts) - 1, float(np.max(apart)), names[int(np.argmax(apart))], float(behind)))
     weights = np.exp(-0.5 * np.array([c for c, _, _ in parts]))
     weights /= weights.sum()
+    order = np.argsort(weights)
+    weights[order[np.cumsum(weights[order]) < TAIL]] = 0.0  # else they would turn all correlations
+    weights /= weights.sum()
     total = np.sum([w * (c + np.outer(x - own, x - own)) for w, (_, x, c) in zip(weights, parts, strict=True)], axis=0)
     total = _covering(total, weights, [x - own for _, x, _ in parts], [np.diag(c) for _, _, c in parts])
     held = ~inside[:p]
     total[held] = total[:, held] = 0.0
+    told = [t for t in told if t[4] <= min(u[4] for u in told if _effects(u[0]) == _effects(t[0]))]  # of alike ones one
     rivals_told = tuple(Told(r, apart, name, behind, float(weights[k])) for r, k, apart, name, behind in told)
     return Averaged(own, total, tuple(unseen), rivals_told)
+
+
+def _one_of_each(additions: Sequence[Addition]) -> list[Addition]:
+    """Return additions, of an effect that is one thing at different numbers the likeliest."""
+    best: dict[str, Addition] = {}
+    for a in additions:
+        key = a.effect.name if a.effect.is_one else a.name
+        if key not in best or a.gain > best[key].gain:
+            best[key] = a
+    return list(best.values())
 
 
 def _effects(explanation: Explanation) -> list[str]:

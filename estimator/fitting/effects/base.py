@@ -40,6 +40,8 @@ class Effect:
         It shows at edges, or as lines: it is looked for before the noise has a colour, which would hold it already.
     is_line : bool
         It shows as lines of a spectrum: they are no part of the noise, and nothing else stands in for them.
+    is_one : bool
+        Its groups are one thing at different numbers: of those that are left open the likeliest stands for all.
     excludes : names of nuisances or columns begin with these where the effect makes no sense beside them
     """
 
@@ -49,6 +51,7 @@ class Effect:
     fmu: str = ""
     sharp: bool = False
     is_line: bool = False
+    is_one: bool = False
     excludes: tuple[str, ...] = ()
 
     def nuisances(self, plan: Plan) -> Sequence[Nuisance]:

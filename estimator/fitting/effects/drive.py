@@ -189,7 +189,7 @@ class Sag(Drive):
     name: str = "sag"
     target: str = "supply_resistance"
     unit: str = "Ohm"
-    prior: float = 0.1
+    prior: float = 0.05
     sentence: str = "the supply sags: its resistance is {value:.3g} {unit}"
     time_target: str = "supply_time"
 

@@ -31,7 +31,8 @@ class SourceSag(Effect):
     """
 
     name: str = "sag of the source"
-    prior: float = SELDOM
+    prior: float = SELDOM / 2
+    is_one: bool = True
 
     def linear(self, fit: Fit) -> Sequence[Linear]:
         """Return the time constant whose sag explains most of what is left, and those beside it, its rivals."""
