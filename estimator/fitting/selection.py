@@ -35,7 +35,7 @@ REFITTED = 3  # additions refitted in a round
 PROMISING = 0.6  # of the best addition's promise: less is not refitted
 NEARBY = {"R": 5.0, "K": 4.0, "J": 6.0, "L": 50.0}  # factors: while effects are missing, a fit may go anywhere
 QUIET = 0.1  # of the deviation at first sight: noise is not taken to be less
-UNSEEN, FINER = 0.01, 3  # of z'z: a change that no estimate shows; doublings of the rows between samples, at most
+UNSEEN, FINER = 0.1, 2  # of z'z: a change that hardly an estimate shows; doublings of the rows between, at most
 WHOLE = 3  # numbers of samples that are refitted
 ROUGH = 8  # iterations of a fit that is only compared
 NEAR = 10.0  # of the criterion: explanations no worse than this are rivals
@@ -156,7 +156,8 @@ class Selection:
         for simulator in {id(s): s for s in (self.base, best.fit.simulator)}.values():
             p = len(self.base.plan.names)
             simulator.lower[:p], simulator.upper[:p] = bounds[0][:p], bounds[1][:p]
-        final = solved(_with_fine_filters(best.fit), tolerance=1e-8)
+        fine = _with_fine_filters(best.fit) if best.fit.simulator is self.base else best.fit
+        final = solved(fine, tolerance=1e-8)
         while absurd := [a for a in best.additions if not _is_physical(final, a)]:
             best = self.without(dataclasses.replace(best, fit=final), absurd[-1])
             final = solved(best.fit, tolerance=1e-8)
