@@ -7,7 +7,7 @@ import pytest
 
 from estimator.cases.case import Case, OutputSpec, ParameterSpec
 from estimator.estimating.estimate import estimate_recordings
-from estimator.plans.integral import speed_estimate
+from estimator.motor.integral_least_squares import speed_estimate
 from estimator.recordings.recording import read_recording
 
 EXAMPLE = Path(__file__).parent.parent / "examples" / "esp32_step.csv"

@@ -15,11 +15,11 @@ from estimator.app.place import Place
 from estimator.cases.case import FMI_KINDS, LOSSES, METHODS, Case, OutputSpec, ParameterSpec, RunSpec
 from estimator.errors import InputError
 from estimator.fmus.fmu import FmuDescription
+from estimator.motor.names import MOTOR, has_motor
 from estimator.plans.free_parameters import FREE_TOO
 from estimator.plans.plan import Plan
 from estimator.recordings.read_as import ReadAs
 from estimator.recordings.units import parse_unit
-from estimator.results.linear import MOTOR
 
 ROLES = ("fit", "validate", "off")
 READING: dict[str, type] = {"test": str, "motor": str, "supply": str, "counts": float, "per_turn": float, "rate": float}
@@ -186,7 +186,7 @@ def parameters_shown(case: Case, description: FmuDescription, plan: Plan | None)
     """
     variables = {v.name: v for v in description.of_causality("parameter") if v.is_real}
     named = list(case.parameters) or [name for name in automatic(description) if name not in case.fixed]
-    if case.parameters and all(name in MOTOR for name in case.parameters) and set(MOTOR) <= set(variables):
+    if case.parameters and all(name in MOTOR for name in case.parameters) and has_motor(variables):
         named += [name for name in MOTOR if name not in named and name not in case.fixed]
     planned = {} if plan is None else {p.quantity or p.name: p for p in plan.parameters if p.place is None}
     driven = {target for spec in case.parameters.values() for target in spec.fmu}

@@ -212,7 +212,7 @@ def _bounded(case: Case, limits: Mapping[str, tuple[float, float]], description:
 
 def _motor_parameters(description: FmuDescription) -> list[str]:
     """Return those parameters of the FMU that are estimated when nobody names any."""
-    from estimator.results.linear import MOTOR
+    from estimator.motor.names import MOTOR
 
     have = {variable.name for variable in description.of_causality("parameter")}
     return [name for name in MOTOR if name in have]

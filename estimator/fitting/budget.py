@@ -27,8 +27,8 @@ from estimator.fitting.fit import Fit, new_fit, solved
 from estimator.fitting.noise_model import NoiseModel
 from estimator.fitting.polish import information_parts
 from estimator.fitting.simulator import Simulator
-from estimator.fitting.winding import COPPER, REFERENCE
 from estimator.fmus.workers import Workers
+from estimator.motor.winding import COPPER, REFERENCE, relative_resistance
 from estimator.plans.plan import Plan
 
 FloatArray = NDArray[np.float64]
@@ -160,7 +160,7 @@ def _column(fit: Fit, tolerance: Tolerance) -> FloatArray:
             if source != "temperature":
                 return u
             known = plan.temperatures[recording or 0] if plan.temperatures else None
-            return u * resistance * COPPER / (1 + COPPER * ((REFERENCE if known is None else known) - REFERENCE))
+            return u * resistance * COPPER / relative_resistance(REFERENCE if known is None else known)
 
         return _more_resistance(fit, more)
     inputs = tuple(plan.observed[0].inputs)

@@ -21,10 +21,10 @@ from estimator.fitting.simulator import Nuisance, Simulator, per_recording
 from estimator.fmus.fmu import describe
 from estimator.fmus.probe import driven
 from estimator.fmus.workers import Workers
+from estimator.motor.names import MOTOR
 from estimator.plans.parameters import Parameter, SensorPlace
 from estimator.plans.plan import Plan
 from estimator.recordings.excitation import quantum
-from estimator.results.linear import MOTOR
 from estimator.results.result import Rival, RivalParameter
 from estimator.stepping import layout
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.fmus.fmu import FmuDescription
+from estimator.motor.derived_quantities import largest_acceleration
 from estimator.plans.plan import Observed, Plan
 from estimator.recordings.excitation import find_settling, lost_transient, noise_deviation, saturation
 from estimator.recordings.finding import Finding
@@ -233,7 +234,7 @@ def lost_transients(plan: Plan, motor: Mapping[str, float] | None = None) -> lis
         if motor is not None and {"R", "K", "J"} <= set(motor):
             jump = part * float(np.ptp(o.outputs["w"][~np.isnan(o.outputs["w"])]))
             step = abs(o.excitation.after - o.excitation.before)
-            most = motor["K"] * step / motor["R"] / motor["J"] * o.recording.step
+            most = largest_acceleration(motor, step) * o.recording.step
             if jump > IMPOSSIBLE * most:
                 evidence = f", {CONTRADICTED}: {jump:.3g} rad/s where K v / (R J) allows {most:.3g} rad/s a sample"
         reasons.append(

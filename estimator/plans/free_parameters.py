@@ -12,10 +12,10 @@ from estimator.cases.case import Case, ParameterSpec
 from estimator.cases.mapping import how_to_map, target
 from estimator.errors import FmuError, InputError
 from estimator.fmus.fmu import FmuDescription, Variable
-from estimator.plans.integral import integral_estimate, speed_estimate
+from estimator.motor.integral_least_squares import integral_estimate, sane, speed_estimate
+from estimator.motor.names import MOTOR
 from estimator.plans.parameters import Parameter
 from estimator.plans.plan import Observed
-from estimator.results.linear import MOTOR
 
 FloatArray = NDArray[np.float64]
 
@@ -36,7 +36,7 @@ def first_guess(case: Case, observed: tuple[Observed, ...], description: FmuDesc
                 return {}  # a signal that shows nothing
             load = case.fixed.get("load", 0.0)
             guess = integral_estimate(v, i, w, step=o.recording.step, load=load)
-            return _sane(guess, v, i, w, step=o.recording.step)
+            return sane(guess, v, i, w, step=o.recording.step)
     for o in observed:
         if "v" in o.inputs and {"w", "angle"} & set(o.outputs) and o.excitation.kind != "none":
             return _guess_without_current(case, o, description)
@@ -56,24 +56,7 @@ def _guess_without_current(case: Case, observed: Observed, description: FmuDescr
         return {}
     inputs, outputs = observed.in_time()
     w = outputs["w"] if "w" in outputs else np.gradient(outputs["angle"], step)
-    guess = speed_estimate(inputs["v"], w, step=step, R=R)
-    if guess and L is not None:
-        slow = R * guess["J"] / guess["K"] ** 2
-        guess["L"] = min(L, R * slow / 10)
-    return guess and {"R": R, **guess}
-
-
-def _sane(guess: Mapping[str, float], v: FloatArray, i: FloatArray, w: FloatArray, *, step: float) -> dict[str, float]:
-    """Replace what noise has driven out of reason by orders of magnitude that the signals allow."""
-    peak_v, peak_i, peak_w = (max(float(np.nanmax(np.abs(x))), 1e-12) for x in (v, i, w))
-    R = guess["R"] if 0 < guess["R"] < 1e3 * peak_v / peak_i else 0.5 * peak_v / peak_i
-    K = guess["K"] if 0 < guess["K"] < 1e2 * peak_v / peak_w else 0.9 * peak_v / peak_w
-    least_L = 0.05 * step * R
-    L = guess["L"] if guess["L"] > least_L else 5 * step * R if guess["L"] <= 0 else least_L
-    usual_J = K * K / R * 10 * step
-    J = guess["J"] if guess["J"] > 1e-3 * usual_J else usual_J
-    B = guess["B"] if guess["B"] > 1e-6 * K * K / R else 1e-2 * K * K / R
-    return {"R": R, "K": K, "L": L, "J": J, "B": B}
+    return speed_estimate(inputs["v"], w, step=step, R=R, L=L)
 
 
 def free_parameters(

@@ -13,6 +13,7 @@ from estimator.cases.case_signals import GIVEN, REST, SETTLED
 from estimator.cases.mapping import begins_elsewhere, driven_twice, how_to_map, target
 from estimator.errors import CaseError, FmuError, InputError, RecordingError, suggestion
 from estimator.fmus.fmu import FmuDescription
+from estimator.motor.names import has_motor
 from estimator.plans.plan import Observed
 from estimator.recordings.excitation import Excitation, find_delay, find_excitation, noise_deviation, quantum
 from estimator.recordings.filters import filter_sections
@@ -21,7 +22,6 @@ from estimator.recordings.recording import MIN_SAMPLES, Recording
 from estimator.recordings.samples import filled
 from estimator.recordings.sensors import Section, Sensor
 from estimator.recordings.turns import is_countable, starts_again, with_turns
-from estimator.results.linear import MOTOR
 
 FloatArray = NDArray[np.float64]
 
@@ -157,7 +157,7 @@ def _excitation(driven: Mapping[str, FloatArray], measured: Mapping[str, FloatAr
 def is_motor_case(case: Case, description: FmuDescription) -> bool:
     """Whether the FMU is a motor, which moves in the same way at any angle, and begins at zero."""
     known = {*case.parameters, *(v.name for v in description.of_causality("parameter"))}
-    return set(MOTOR) <= known and not begins_elsewhere(case, description)
+    return has_motor(known) and not begins_elsewhere(case, description)
 
 
 def _from_zero(recording: Recording, angle: FloatArray) -> tuple[FloatArray, list[str]]:
