@@ -156,22 +156,11 @@ class Problem:
             batch.shown[index, self._edges[e] + o.lead : self._edges[e + 1]] for e, o in enumerate(self.plan.observed)
         ]
 
-    def spread_out(self, rows: list[FloatArray]) -> FloatArray:
-        """Return (n, outputs) arrays, one a recording, as a residual vector, (m,)."""
-        parts = []
-        for o, part in zip(self.plan.observed, rows, strict=True):
-            parts += [np.zeros((o.lead, len(self.outputs))), part]
-        return np.asarray(self._picked(np.concatenate(parts)[None])[0])
-
     def noise_shown(self, deviations: FloatArray) -> FloatArray:
         """Return deviations of the residuals, (q,), as those of what the sensors show: of counts, differenced."""
         result = deviations.copy()
         result[self._counted] *= np.sqrt(2) / self.plan.observed[0].recording.step
         return result
-
-    def is_counted(self, output: int) -> bool:
-        """Return whether an output's residuals stand as an encoder's angle."""
-        return output in self._counted
 
     def _compared(self, measured: FloatArray) -> NDArray[np.bool_]:
         """Return which samples are compared; of an encoder at rest none: its error is constant there."""
@@ -215,13 +204,6 @@ class Problem:
             own = index[self._edges[e] + o.lead : self._edges[e + 1], output]
             result.append((np.where(own >= 0, residuals[own], np.nan), own))
         return result
-
-    def spread_columns(self, jacobian: FloatArray, output: int) -> list[FloatArray]:
-        """Split an (m, p) array of one output by recording: (n, p) each, zero where a sample is missing."""
-        blocks = []
-        for _, own in self.series(np.zeros(len(jacobian)), output):
-            blocks.append(np.where((own >= 0)[:, None], jacobian[own], 0.0))
-        return blocks
 
     def used(self, rows: FloatArray) -> FloatArray:
         """Pick from (rows, outputs) trajectories the samples that are compared, (m,)."""
