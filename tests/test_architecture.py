@@ -121,6 +121,21 @@ def test_only_the_motors_folder_knows_its_equations():
     assert {room_of(name) for name in formulas} == {"estimator.motor"} and len(formulas) >= 4
 
 
+def lookups(path):
+    """Return the lines of a module that look a name up in an FMU's table of variables."""
+    found = [n for n in ast.walk(ast.parse(path.read_text(encoding="utf-8"))) if isinstance(n, ast.Attribute)]
+    called = [n for n in found if isinstance(n.value, ast.Name | ast.Attribute)]
+    tables = [n for n in called if getattr(n.value, "id", getattr(n.value, "attr", "")) == "description"]
+    return [n.lineno for n in tables if n.attr in ("variable", "variables", "of_causality")]
+
+
+def test_the_names_of_a_case_are_resolved_in_one_place():
+    rooms = [f"estimator.{room}" for room in ("plans", "fitting", "judging", "estimating")]
+    assert {m for m, p in modules("estimator").items() if room_of(m) in rooms and lookups(p)} == {
+        "estimator.plans.binding"
+    }
+
+
 def users(library):
     return {
         name for name, path in modules("estimator").items() if any(i.split(".")[0] == library for i in imports(path))

@@ -27,7 +27,7 @@ from estimator.app.case_json import (
 from estimator.app.place import CASE_SUFFIX, DRAFT, Place
 from estimator.cases.case import Case, RunSpec, read_case, write_case
 from estimator.cases.init_case import case_text
-from estimator.cases.mapping import in_si_units
+from estimator.cases.si_units import in_si_units
 from estimator.errors import EstimatorError, InputError
 from estimator.fmus.fmu import FmuDescription, describe, with_kind
 from estimator.fmus.probe import driven

@@ -16,7 +16,7 @@ from estimator.cases.case import FMI_KINDS, LOSSES, METHODS, Case, OutputSpec, P
 from estimator.errors import InputError
 from estimator.fmus.fmu import FmuDescription
 from estimator.motor.names import MOTOR, has_motor
-from estimator.plans.free_parameters import FREE_TOO
+from estimator.plans.binding import FREE_TOO
 from estimator.plans.plan import Plan
 from estimator.recordings.read_as import ReadAs
 from estimator.recordings.units import parse_unit

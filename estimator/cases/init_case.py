@@ -7,8 +7,8 @@ from pathlib import Path
 
 from estimator.cases.case import PARAMETER, ParameterSpec
 from estimator.cases.case_signals import InputSpec, input_value
-from estimator.cases.mapping import in_si
 from estimator.cases.roles import guess_roles
+from estimator.cases.si_units import in_si
 from estimator.cases.strict_toml import to_key, to_toml
 from estimator.fmus.fmu import FmuDescription, Variable
 from estimator.motor.names import MOTOR

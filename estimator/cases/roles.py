@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from estimator.cases.mapping import in_si
+from estimator.cases.si_units import in_si
 from estimator.fmus.fmu import FmuDescription, Variable
 from estimator.motor.names import MOTOR
 

@@ -52,7 +52,7 @@ def with_options(
         raise InputError(f"{name!r} is given to --fix and to --bounds; leave one out")
     if not held and not limits:
         return case
-    from estimator.cases.mapping import in_si_units
+    from estimator.cases.si_units import in_si_units
     from estimator.fmus.fmu import describe
 
     description = in_si_units(describe(case.fmu))

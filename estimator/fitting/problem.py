@@ -11,14 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.cases.case import Case
-from estimator.cases.mapping import settings, settings_names, target
 from estimator.errors import CaseError
 from estimator.fitting.winding import warmth
 from estimator.fmus.job import Batch, Experiment, Job
 from estimator.fmus.workers import Workers
 from estimator.plans.parameters import Box
 from estimator.plans.plan import ChainSpec, Observed, Plan
-from estimator.plans.planning import read_variable
 from estimator.recordings.recording import Recording
 from estimator.recordings.sensors import Section
 from estimator.stepping import layout
@@ -47,10 +45,10 @@ class Problem:
         self.parameters = plan.parameters
         self.box = Box.of(plan.parameters)
         self.outputs = plan.outputs
-        description = plan.description
+        description, binding, settings = plan.description, plan.binding, plan.binding.settings
         targets = list(dict.fromkeys(t for p in self.parameters for t in p.targets))
-        taken = [target(description, name) for name in targets]
-        held = {name: target(description, name) for name in plan.fixed if name not in targets}
+        taken = [binding.target(name) for name in targets]
+        held = {name: binding.target(name) for name in plan.fixed if name not in targets}
         held = {name: v for name, v in held.items() if v.is_real and v.causality != "input"}
         self.variables = tuple(v.name for v in (*taken, *held.values()))  # as a candidate's values follow in the FMU
         self._column, self._gain = self._destinations(targets)
@@ -64,8 +62,8 @@ class Problem:
         self.sigma = dict(sigma)
         self._constant = np.array([(plan.fixed[n] - v.offset) / v.factor for n, v in held.items()])
         inputs = tuple(plan.observed[0].inputs)
-        driven = [description.variable(n) for n in inputs]
-        read = [read_variable(description, plan.sensors[y], y) for y in self.outputs]
+        driven = [binding.signal(n) for n in inputs]
+        read = [binding.read(y, plan.sensors[y]) for y in self.outputs]
         self._job = Job(
             description=description,
             parameter_references=tuple(v.value_reference for v in (*taken, *held.values())),
@@ -79,8 +77,8 @@ class Problem:
             reinstantiate=description.restart == "re-instantiate",
             fresh_process=description.restart == "fresh process",
             types=types_of([v.type for v in (*taken, *held.values(), *driven, *read)]),
-            settings=settings(description, plan.fixed, plan.texts),
-            names=(*self.variables, *settings_names(description, plan.fixed, plan.texts), *inputs),
+            settings=tuple((v.type, v.value_reference, value) for v, value in settings),
+            names=(*self.variables, *(v.name for v, _ in settings), *inputs),
             scale=tuple((v.factor, v.offset) for v in read) if any(not v.is_as_it_is for v in read) else (),
         )
         workers.load(self._job, keep_counts=keep_counts)
@@ -280,7 +278,7 @@ class Problem:
 
     def _own_unit(self, name: str, signal: FloatArray) -> FloatArray:
         """Return an input in the FMU's unit."""
-        variable = self.plan.description.variable(name)
+        variable = self.plan.binding.signal(name)
         return signal if variable.is_as_it_is else (signal - variable.offset) / variable.factor
 
     def _measured(self, observed: Observed) -> FloatArray:

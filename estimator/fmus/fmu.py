@@ -55,9 +55,9 @@ class Variable:
     initial: str = ""
     items: tuple[tuple[str, int], ...] = ()  # of an enumeration
     base: Base | None = None
-    factor: float = 1.0  # SI = factor × the FMU's own number + offset, where mapping.py has made it SI
+    factor: float = 1.0  # SI = factor × the FMU's own number + offset, where cases/si_units.py has made it SI
     offset: float = 0.0
-    own_unit: str = ""  # the FMU's own, where mapping.py has made `unit` SI by a factor
+    own_unit: str = ""  # the FMU's own, where cases/si_units.py has made `unit` SI by a factor
 
     @property
     def is_real(self) -> bool:
@@ -116,7 +116,6 @@ class FmuDescription:
     restart: str = "reset"  # how it begins again: "reset", "re-instantiate" or "fresh process" (probe.py)
     probe_simulations: int = 0  # that it took to find out
     is_bundled: bool = False  # found by a bundled model's name
-    originals: tuple[Variable, ...] = ()  # the FMU's own variables, where `variables` holds others (mapping.py)
     capabilities_of: Mapping[str, Mapping[str, bool]] = field(default_factory=dict)  # of each kind
 
     @property
@@ -137,7 +136,7 @@ class FmuDescription:
         FmuError
             There is none; the sentence suggests the nearest.
         """
-        for variable in (*self.variables, *self.originals):
+        for variable in self.variables:
             if variable.name == name:
                 return variable
         known = [v.name for v in self.variables if role == "variable" or v.causality == role]

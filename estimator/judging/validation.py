@@ -127,7 +127,7 @@ def _as_estimated(plan: Plan, estimate: Estimate, crew: Workers, sigma: Mapping[
     chain = {name: parameter.value for name, parameter in estimate.chain.items()}
     plan = dataclasses.replace(plan, sensors={**plan.sensors, **_sensors(plan, estimate)})
     description, nuisances = _bench(plan, chain)
-    simulator = Simulator(dataclasses.replace(plan, description=description), nuisances, crew, sigma)
+    simulator = Simulator(plan.on(description), nuisances, crew, sigma)
     known = {**chain, **_whole(plan, estimate)}
     free: list[str] = []
     for parameter in plan.parameters:

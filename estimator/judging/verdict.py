@@ -214,7 +214,7 @@ def _misfit(
         for j, name in enumerate(plan.outputs):
             shown = 0.0 if noise is None else MISFIT * noise[j]
             if explained.noise[j] > UNEXPLAINED * spread[j] and explained.at_rest[j] > shown:
-                unit = plan.description.variable(name).unit
+                unit = plan.unit(name)
                 reasons.append(
                     f"the model does not explain {name}: residuals of {explained.noise[j]:.3g} {unit} are left of a"
                     f" signal that spreads by {spread[j]:.3g} {unit}"
@@ -229,7 +229,7 @@ def _above_noise(plan: Plan, deviations: FloatArray, noise: FloatArray, spread: 
     for j, name in enumerate(plan.outputs):
         found = deviations[j]
         if found > MISFIT * noise[j] and found > NUMERICAL * spread[j]:
-            unit = plan.description.variable(name).unit
+            unit = plan.unit(name)
             times = found / max(noise[j], 1e-300)
             size = f"{times:.1f} times" if times < 1000 else "far above"
             reasons.append(
@@ -283,7 +283,7 @@ def _found(plan: Plan, explained: Explained | None) -> list[str]:
     notes = [f.sentence for f in explained.found if not (f.effect in PLAIN and f.name in tabled)]
     noise, whitener = explained.fit.whitener.noise, explained.fit.whitener
     for j, name in enumerate(plan.outputs):
-        unit = plan.description.variable(name).unit
+        unit = plan.unit(name)
         parts = [f"{noise.white[j]:.2g} {unit} from sample to sample"]
         if noise.differenced[j] > 0:
             parts = [f"{noise.differenced[j]:.2g} {unit} a count, differenced"]
