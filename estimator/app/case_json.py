@@ -16,7 +16,7 @@ from estimator.cases.case import FMI_KINDS, LOSSES, METHODS, Case, OutputSpec, P
 from estimator.errors import InputError
 from estimator.fmus.fmu import FmuDescription
 from estimator.motor.names import MOTOR, has_motor
-from estimator.plans.binding import FREE_TOO
+from estimator.plans.binding import usual_parameters
 from estimator.plans.plan import Plan
 from estimator.recordings.read_as import ReadAs
 from estimator.recordings.units import parse_unit
@@ -148,7 +148,7 @@ def with_parameters(case: Case, rows: Any, description: FmuDescription) -> Case:
             own = starts.get(variable) if value is None else gain * value
             if own is None or isinstance(own, str):
                 raise InputError(f"{name} is fixed, but at no value; give one")
-            if value is not None or name in automatic(description):
+            if value is not None or name in usual_parameters(starts):
                 held[variable] = own
     return dataclasses.replace(case, parameters=free, fixed=held)
 
@@ -173,19 +173,13 @@ def with_search(case: Case, search: Any) -> Case:
     return dataclasses.replace(case, search=changed)
 
 
-def automatic(description: FmuDescription) -> tuple[str, ...]:
-    """Return the parameters that are estimated where a case names none."""
-    have = {v.name for v in description.of_causality("parameter")}
-    return tuple(name for name in (*MOTOR, *FREE_TOO) if name in have)
-
-
 def parameters_shown(case: Case, description: FmuDescription, plan: Plan | None) -> list[dict[str, Any]]:
     """Return the rows of the page's table: all real parameters of the FMU, by the case's names, in SI units.
 
     "min", "max", "start" and "value" are what the case says; "lower", "upper" and "begin" what is taken.
     """
     variables = {v.name: v for v in description.of_causality("parameter") if v.is_real}
-    named = list(case.parameters) or [name for name in automatic(description) if name not in case.fixed]
+    named = list(case.parameters) or [name for name in usual_parameters(variables) if name not in case.fixed]
     if case.parameters and all(name in MOTOR for name in case.parameters) and has_motor(variables):
         named += [name for name in MOTOR if name not in named and name not in case.fixed]
     planned = {} if plan is None else {p.quantity or p.name: p for p in plan.parameters if p.place is None}

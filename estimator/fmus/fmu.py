@@ -69,6 +69,13 @@ class Variable:
         """Whether the FMU's own number is the value, with no unit between."""
         return self.factor == 1 and self.offset == 0
 
+    def reach_without(self, value: float) -> str:
+        """Return the range of the variable, "0.001 to any", if a value is outside it; else ""."""
+        low, high = self.minimum, self.maximum
+        if (low is None or value >= low) and (high is None or value <= high):
+            return ""
+        return f"{'any' if low is None else f'{low:g}'} to {'any' if high is None else f'{high:g}'}"
+
     @property
     def is_settable(self) -> bool:
         """Whether it takes a value before initialisation: a parameter, an input, or what has a start value."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -77,10 +77,10 @@ class Binding:
     @cached_property
     def unshown(self) -> tuple[str, ...]:
         """The FMU's outputs that no column is compared with, nor with what integrates or is integrated by one."""
-        compared = self.channels[0].outputs if self.channels else {}
+        compared = self.channels[0].outputs
         shown = {v.name for name in compared for v in (self.signal(name), self.integral(name)) if v is not None}
-        shown |= {own for own in self.own if (v := self.integral(own)) is not None and v.name in shown}
-        return tuple(v.name for v in self.description.of_causality("output") if v.name not in shown)
+        outputs = [v.name for v in self.description.of_causality("output")]
+        return tuple(name for name in outputs if not {name, INTEGRALS.get(name)} & shown)
 
     @cached_property
     def is_motor(self) -> bool:
@@ -164,6 +164,11 @@ class Binding:
         return self.own[own] if own in self.own else self.description.variable(own, role=role)
 
 
+def usual_parameters(available: Collection[str]) -> tuple[str, ...]:
+    """Return which of an FMU's parameters are estimated where a case names none."""
+    return tuple(name for name in (*MOTOR, *FREE_TOO) if name in available)
+
+
 def bind(case: Case, description: FmuDescription, recordings: Sequence[Recording]) -> Binding:
     """Resolve the names of a case.
 
@@ -242,7 +247,7 @@ def _free(names: Binding) -> tuple[ParameterSpec, ...]:
     case, available, path = names.case, names.parameters, names.description.path.name
     free = [n for n in case.parameters if n not in case.fixed]
     if not case.parameters:
-        free = [n for n in (*MOTOR, *FREE_TOO) if n in available and n not in case.fixed]
+        free = [n for n in usual_parameters(available) if n not in case.fixed]
         if not free and not any(n in available for n in MOTOR):
             listed = ", ".join(list(available)[:20]) or "none"
             raise FmuError(
@@ -277,7 +282,8 @@ def _fixed_values(names: Binding) -> tuple[dict[str, float], dict[str, str]]:
             raise CaseError(f"[fixed] {name} is a text in {path}; write it in quotes")
         if not variable.is_real and value != round(value):
             raise CaseError(f"[fixed] {name} is {variable.type} in {path}; {value:g} is no whole number")
-        _check_range(variable, value, path)
+        if reach := variable.reach_without(value):
+            raise CaseError(f"[fixed] {name} = {value:g} is outside the range {reach} that {path} allows")
         if variable.items and value not in dict(variable.items).values():
             known = ", ".join(f"{item} = {number}" for item, number in variable.items)
             raise CaseError(f"[fixed] {name} of {path} has no item of the value {value:g} ({known})")
@@ -294,13 +300,6 @@ def _fixed_values(names: Binding) -> tuple[dict[str, float], dict[str, str]]:
         else:
             raise CaseError(f"[fixed] {name} is {variable.type} in {path}; give a number, not {text!r}")
     return numbers, texts
-
-
-def _check_range(variable: Variable, value: float, path: str) -> None:
-    low, high = variable.minimum, variable.maximum
-    if (low is not None and value < low) or (high is not None and value > high):
-        reach = f"{'any' if low is None else f'{low:g}'} to {'any' if high is None else f'{high:g}'}"
-        raise CaseError(f"[fixed] {variable.name} = {value:g} is outside the range {reach} that {path} allows")
 
 
 def _how_to_map(names: Binding, key: str, what: str) -> str:
