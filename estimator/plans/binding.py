@@ -205,7 +205,7 @@ def _channels(names: Binding, recording: Recording) -> Channels:
             known = ", ".join(names.inputs) or "none"
             raise FmuError(
                 f"{path} has no input 'v' (its inputs: {known});"
-                f" {_how_to_map(names, 'inputs', 'which input takes which column')}"
+                f" {how_to_map(names, 'inputs', 'which input takes which column')}"
             )
     if not outputs:
         measured = [r for r in ("i", "w", "angle") if r in roles and not (r == "angle" and "w" in roles)]
@@ -215,7 +215,7 @@ def _channels(names: Binding, recording: Recording) -> Channels:
         if missing:
             raise FmuError(
                 f"{path} has no output {missing[0]!r}{suggestion(missing[0], shown)};"
-                f" {_how_to_map(names, 'outputs', 'which output shows which column')}"
+                f" {how_to_map(names, 'outputs', 'which output shows which column')}"
             )
     return Channels(inputs, outputs)
 
@@ -252,7 +252,7 @@ def _free(names: Binding) -> tuple[ParameterSpec, ...]:
             listed = ", ".join(list(available)[:20]) or "none"
             raise FmuError(
                 f"{path} has none of the parameters R, K, L, J, B (its parameters: {listed});"
-                f" {_how_to_map(names, 'parameters', 'which parameters to estimate')}"
+                f" {how_to_map(names, 'parameters', 'which parameters to estimate')}"
             )
     elif all(n in MOTOR for n in case.parameters) and has_motor(available):
         free = [n for n in MOTOR if n not in case.fixed]  # bounds for some do not fix the others
@@ -302,7 +302,7 @@ def _fixed_values(names: Binding) -> tuple[dict[str, float], dict[str, str]]:
     return numbers, texts
 
 
-def _how_to_map(names: Binding, key: str, what: str) -> str:
+def how_to_map(names: Binding, key: str, what: str) -> str:
     """Return the remedy where the FMU has other names: the key of the case file, or the command that guesses one."""
     case, description = names.case, names.description
     if case.path is not None or not case.recordings:
