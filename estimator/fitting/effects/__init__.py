@@ -16,6 +16,7 @@ from estimator.fitting.effects.low_pass import LowPass
 from estimator.fitting.effects.machine_effects import FrictionDrift, WindingWarms
 from estimator.fitting.effects.offset import Offset
 from estimator.fitting.effects.ripple import Ripple
+from estimator.fitting.effects.ripple_of_few_turns import Commutation, Eccentricity
 from estimator.fitting.effects.runs_differ import RunsDiffer
 from estimator.fitting.effects.starting_motion import StartingMotion
 from estimator.fitting.effects.switching_ripple import SwitchingRipple
@@ -33,6 +34,8 @@ EFFECTS: tuple[Effect, ...] = (
     Gain(),
     Ripple(),
     SwitchingRipple(),
+    Eccentricity(),
+    Commutation(),
     FrictionDrift(),
     WindingWarms(),
     EdgeLatency(),
