@@ -107,7 +107,7 @@ def finish(
         derived |= cold_resistances(plan, values, polish, budgeted.of)
     deviations = None
     if polish is not None:
-        deviations = problem.noise_shown(polish.deviations) if explained is None else explained.noise
+        deviations = polish.deviations if explained is None else explained.noise
     result = _estimate(run, plan, values, polish, judgement, shown=shown, noise=deviations, explained=explained)
     compared = result.comparisons if explained is None else with_treatment(result.comparisons, explained)
     if run.profile:

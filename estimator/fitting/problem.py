@@ -19,7 +19,6 @@ from estimator.plans.parameters import Box
 from estimator.plans.plan import ChainSpec, Observed, Plan
 from estimator.recordings.recording import Recording
 from estimator.recordings.sensors import Section
-from estimator.stepping import layout
 from estimator.stepping.layout import types_of
 
 FloatArray = NDArray[np.float64]
@@ -86,9 +85,8 @@ class Problem:
         self._edges = np.cumsum([0, *lengths])
         measured = np.concatenate([self._measured(o) for o in plan.observed])
         self._measured_rows = np.nan_to_num(measured)
-        self._counted = [j for j, y in enumerate(self.outputs) if plan.counted and plan.sensors[y] == layout.MEAN]
         self._phased = self._without_phase()
-        self._used = self._compared(measured)
+        self._used = ~np.isnan(measured)
         self.output_of_residual = np.broadcast_to(np.arange(len(self.outputs)), measured.shape)[self._used].astype(
             np.int64
         )
@@ -97,7 +95,7 @@ class Problem:
             column = measured[:, j]
             spread = float(np.nanstd(column))
             spread = spread if spread > 0 else max(abs(float(np.nanmean(column))), 1e-12)
-            spreads.append(spread * plan.observed[0].recording.step if j in self._counted else spread)
+            spreads.append(spread)
         self.spread = np.array(spreads)
 
     def costs(self, candidates: FloatArray, bounds: FloatArray | None = None) -> FloatArray:
@@ -125,10 +123,7 @@ class Problem:
         return self._has_sensors
 
     def residuals(self, candidates: FloatArray) -> FloatArray:
-        """Return simulated minus measured, (n, m), in the outputs' units, missing samples left out; NaN if failed.
-
-        Of a plan that is `counted`, the speed of a differenced encoder stands there as its angle.
-        """
+        """Return simulated minus measured, (n, m), in the outputs' units, missing samples left out; NaN if failed."""
         shown = self.trajectories(candidates).shown
         assert shown is not None
         return self.compared(shown)
@@ -154,21 +149,6 @@ class Problem:
             batch.shown[index, self._edges[e] + o.lead : self._edges[e + 1]] for e, o in enumerate(self.plan.observed)
         ]
 
-    def noise_shown(self, deviations: FloatArray) -> FloatArray:
-        """Return deviations of the residuals, (q,), as those of what the sensors show: of counts, differenced."""
-        result = deviations.copy()
-        result[self._counted] *= np.sqrt(2) / self.plan.observed[0].recording.step
-        return result
-
-    def _compared(self, measured: FloatArray) -> NDArray[np.bool_]:
-        """Return which samples are compared; of an encoder at rest none: its error is constant there."""
-        used = ~np.isnan(measured)
-        for j in self._counted:
-            for first, last in zip(self._edges[:-1], self._edges[1:], strict=True):
-                turning = np.flatnonzero(np.nan_to_num(measured[first:last, j]) != 0)
-                used[first : first + (int(turning[0]) if len(turning) else last - first), j] = False
-        return used
-
     def _without_phase(self) -> list[int]:
         """Return the outputs whose phase is not known while nobody has freed it, or declared it."""
         plan = self.plan
@@ -178,30 +158,13 @@ class Problem:
         return [self.outputs.index("angle")] if any(o.has_phase for o in plan.observed) and not freed else []
 
     def _picked(self, rows: FloatArray) -> FloatArray:
-        """Pick from (c, rows, outputs) what is compared, (c, m); an encoder's speeds added up, counts without mean.
-
-        The mean is the encoder's phase, which is never known.
-        """
-        for j in (*self._counted, *self._phased):
+        """Pick from (c, rows, outputs) what is compared, (c, m); an angle whose phase is not known without its mean."""
+        for j in self._phased:
             rows = rows.copy()
-            for e, o in enumerate(self.plan.observed):
-                part = slice(self._edges[e], self._edges[e + 1])
-                turned = rows[:, part, j]
-                if j in self._counted:
-                    turned = np.cumsum(turned, axis=1) * o.recording.step
-                turning = self._used[part, j]
-                rows[:, part, j] = turned - np.mean(turned[:, turning], axis=1, keepdims=True)
+            for first, last in zip(self._edges[:-1], self._edges[1:], strict=True):
+                turned, turning = rows[:, first:last, j], self._used[first:last, j]
+                rows[:, first:last, j] = turned - np.mean(turned[:, turning], axis=1, keepdims=True)
         return np.asarray(rows[:, self._used])
-
-    def series(self, residuals: FloatArray, output: int) -> list[tuple[FloatArray, IntArray]]:
-        """Split (m,) residuals of one output by recording: (n,) each, NaN where missing, and their indices (-1)."""
-        index = np.full(self._used.shape, -1, dtype=np.int64)
-        index[self._used] = np.arange(len(residuals))
-        result = []
-        for e, o in enumerate(self.plan.observed):
-            own = index[self._edges[e] + o.lead : self._edges[e + 1], output]
-            result.append((np.where(own >= 0, residuals[own], np.nan), own))
-        return result
 
     def used(self, rows: FloatArray) -> FloatArray:
         """Pick from (rows, outputs) trajectories the samples that are compared, (m,)."""

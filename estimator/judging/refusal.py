@@ -215,7 +215,7 @@ def _was_cut(w: FloatArray, k: int) -> bool:
 
 def _jumps(plan: Plan) -> Iterator[tuple[Observed, int, float]]:
     """Yield recordings of a step with a jump of the speed: sample after it, size as a part of the response."""
-    for o in (o.logged or o for o in plan.observed):
+    for o in plan.observed:
         if o.excitation.kind == "step" and "w" in o.outputs:
             lost = lost_transient(o.excitation, o.outputs["w"])
             if lost is not None:

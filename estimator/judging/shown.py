@@ -113,7 +113,6 @@ def _finer(plan: Plan, e: int, *, rows: int) -> Plan:
         observed=(observed,),
         parameters=tuple(own),
         chains={name: dataclasses.replace(chain, average=1) for name, chain in plan.chains.items()},
-        counted=False,
         temperatures=plan.temperatures[e : e + 1],
         case=dataclasses.replace(plan.case, step=None if plan.case.step is None else min(plan.case.step, step)),
     )

@@ -37,8 +37,6 @@ class Observed:
         s, of the outputs behind the inputs as the case says it, or as the data show it at first sight; 0 where the
         parameters have a delay.
     notes : sentences about what was done to its samples
-    logged : Observed or None
-        As it was logged, where rows that its logger lost have been put back.
     has_phase : bool
         Its angle begins anywhere, not where the model's does: encoder counts, or a motor that runs already.
     read : what was read: FMU input or output → its column, the time last
@@ -52,7 +50,6 @@ class Observed:
     lead: int
     delay: float = 0.0
     notes: tuple[str, ...] = ()
-    logged: Observed | None = None
     has_phase: bool = False
     read: tuple[Understood, ...] = ()
     findings: tuple[Finding, ...] = ()
@@ -105,7 +102,6 @@ class Plan:
     guess: Mapping[str, float]
     notes: tuple[str, ...]
     chains: Mapping[str, ChainSpec] = field(default_factory=dict)
-    counted: bool = False  # residuals of a differenced encoder's speed are added up again, to its counts
     declared: frozenset[str] = frozenset()  # what of the measurement chain the case says: "offset i", "delay of 0"
     wanted: tuple[SensorPlace, ...] = ()  # what of it the case frees
     temperatures: tuple[float | None, ...] = ()  # °C, of the winding, one a recording
