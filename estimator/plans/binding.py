@@ -13,7 +13,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-from estimator.cases.case import Case, ParameterSpec
+from estimator.cases.case import Case, OutputSpec, ParameterSpec
 from estimator.cases.si_units import in_si_units
 from estimator.errors import CaseError, FmuError, InputError, RecordingError, suggestion
 from estimator.fmus.fmu import FmuDescription, Variable, with_kind
@@ -74,11 +74,15 @@ class Binding:
         renamed = {variable: name for name, variable in self.case.input_variables.items()}
         return {renamed.get(v.name, v.name): v for v in self.description.of_causality("input")}
 
+    @property
+    def outputs(self) -> dict[str, OutputSpec]:
+        """What is compared, with the sensor that shows it."""
+        return {n: self.case.outputs.get(n) or OutputSpec(column) for n, column in self.channels[0].outputs.items()}
+
     @cached_property
     def unshown(self) -> tuple[str, ...]:
         """The FMU's outputs that no column is compared with, nor with what integrates or is integrated by one."""
-        compared = self.channels[0].outputs
-        shown = {v.name for name in compared for v in (self.signal(name), self.integral(name)) if v is not None}
+        shown = {v.name for name in self.outputs for v in (self.signal(name), self.integral(name)) if v is not None}
         outputs = [v.name for v in self.description.of_causality("output")]
         return tuple(name for name in outputs if not {name, INTEGRALS.get(name)} & shown)
 

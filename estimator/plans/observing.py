@@ -117,7 +117,7 @@ def _compared(
     """Return what each output is compared with, (n,) each, and what to tell."""
     measured, told = {}, []
     for name, column in outputs.items():
-        spec = binding.case.outputs.get(name) or OutputSpec(column)
+        spec = binding.outputs[name]
         unit = binding.signal(name).unit or None
         measured[name] = _measured(recording, column, spec, unit=unit, name=name, run=run)
         if recording.units[recording.column(column)] == "rad" and starts_again(recording.signal(column)):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -83,9 +83,9 @@ def plan_case(
         sensors=_sensors(binding, observed),
         guess=guess,
         notes=(*held_parameters(binding), *(note for o in observed for note in o.notes)),
-        chains=_chains(case, observed),
-        declared=_declared(case, observed[0].outputs, runs),
-        wanted=_wanted(case, observed[0].outputs, runs),
+        chains=_chains(binding, observed),
+        declared=_declared(binding, runs),
+        wanted=_wanted(binding, runs),
         temperatures=tuple(run.temperature for run in runs),
     )
 
@@ -140,22 +140,17 @@ def _is_differenced(binding: Binding, observed: tuple[Observed, ...]) -> bool:
 
 def _sensors(binding: Binding, observed: tuple[Observed, ...]) -> dict[str, int]:
     sensors = {}
-    for name in observed[0].outputs:
-        spec = binding.case.outputs.get(name)
-        mean = spec is not None and spec.sensor == "mean"
-        found = spec is None or (spec.sensor == "auto" and spec.filter is None and spec.both is None)
-        mean = mean or (found and name == "w" and _is_differenced(binding, observed))
-        sensors[name] = layout.MEAN if mean else layout.IDENTITY
-        if mean:
-            binding.read(name, layout.MEAN)
+    for name, spec in binding.outputs.items():
+        is_open = spec.sensor == "auto" and spec.filter is None and spec.both is None
+        is_mean = spec.sensor == "mean" or (is_open and name == "w" and _is_differenced(binding, observed))
+        sensors[name] = layout.MEAN if is_mean else layout.IDENTITY
+        binding.read(name, sensors[name])
     return sensors
 
 
-def _chains(case: Case, observed: tuple[Observed, ...]) -> dict[str, ChainSpec]:
+def _chains(binding: Binding, observed: tuple[Observed, ...]) -> dict[str, ChainSpec]:
     chains = {}
-    for name, spec in case.outputs.items():
-        if name not in observed[0].outputs:
-            continue
+    for name, spec in binding.outputs.items():
         filters = tuple(f for f in (spec.filter, spec.both) if f is not None)
         for used in filters:
             for o in observed:
@@ -173,27 +168,22 @@ def _chains(case: Case, observed: tuple[Observed, ...]) -> dict[str, ChainSpec]:
     return {name: chain for name, chain in chains.items() if chain != ChainSpec()}
 
 
-def _declared(case: Case, outputs: Collection[str], runs: Sequence[RunSpec]) -> frozenset[str]:
+def _declared(binding: Binding, runs: Sequence[RunSpec]) -> frozenset[str]:
     """Return what the case says of the measurement chain, so that it is not looked for in the data."""
     found = {f"delay of {e}" for e, run in enumerate(runs) if run.delay is not None}
-    for name, spec in case.outputs.items():
-        if name in outputs:
-            found |= {
-                f"{key} {name}" for key in ("average", "gain", "offset", "delay") if getattr(spec, key) is not None
-            }
-            found |= {f"mean {name}"} if spec.sensor != "auto" else set()
+    for name, spec in binding.outputs.items():
+        found |= {f"{key} {name}" for key in ("average", "gain", "offset", "delay") if getattr(spec, key) is not None}
+        found |= {f"mean {name}"} if spec.sensor != "auto" else set()
     return frozenset(found)
 
 
-def _wanted(case: Case, outputs: Collection[str], runs: Sequence[RunSpec]) -> tuple[SensorPlace, ...]:
+def _wanted(binding: Binding, runs: Sequence[RunSpec]) -> tuple[SensorPlace, ...]:
     """Return what the case frees in the measurement chain."""
     wanted = [SensorPlace("delay", e) for e, run in enumerate(runs) if run.delay == FREE]
-    for name, spec in case.outputs.items():
-        if name in outputs:
-            wanted += [SensorPlace(key, None, name) for key in ("gain", "delay") if getattr(spec, key) == FREE]
-            wanted += [SensorPlace("offset", e, name) for e in range(len(runs)) if spec.offset == FREE]
-    if wanted and case.search.method in WITHOUT_POLISH:
-        raise CaseError(
-            f'"free" sensor values are estimated by the method cuckoo only, not by {case.search.method}; give numbers'
-        )
+    for name, spec in binding.outputs.items():
+        wanted += [SensorPlace(key, None, name) for key in ("gain", "delay") if getattr(spec, key) == FREE]
+        wanted += [SensorPlace("offset", e, name) for e in range(len(runs)) if spec.offset == FREE]
+    method = binding.case.search.method
+    if wanted and method in WITHOUT_POLISH:
+        raise CaseError(f'"free" sensor values are estimated by the method cuckoo only, not by {method}; give numbers')
     return tuple(wanted)
