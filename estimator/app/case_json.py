@@ -14,9 +14,10 @@ from typing import Any
 from estimator.app.place import Place
 from estimator.cases.case import FMI_KINDS, LOSSES, METHODS, Case, OutputSpec, ParameterSpec, RunSpec
 from estimator.errors import InputError
-from estimator.fmus.fmu import FmuDescription
+from estimator.fmus.fmu import FmuDescription, Variable
 from estimator.motor.names import MOTOR, has_motor
 from estimator.plans.binding import usual_parameters
+from estimator.plans.parameters import Parameter
 from estimator.plans.plan import Plan
 from estimator.recordings.read_as import ReadAs
 from estimator.recordings.units import parse_unit
@@ -187,28 +188,30 @@ def parameters_shown(case: Case, description: FmuDescription, plan: Plan | None)
     rows = []
     for name in dict.fromkeys([*named, *(n for n in variables if n not in driven)]):
         spec = case.parameters.get(name) or ParameterSpec(name)
-        variable = variables.get(spec.fmu[0])
-        known = planned.get(name)
-        start = variable.start if variable is not None and isinstance(variable.start, float) else None
-        rows.append(
-            {
-                "name": name,
-                "unit": known.unit if known else variable.unit if variable else "",
-                "description": variable.description if variable else "",
-                "free": name in named,
-                "min": spec.minimum,
-                "max": spec.maximum,
-                "start": spec.start,
-                "value": case.fixed.get(name),
-                "lower": known.lower if known else None,
-                "upper": known.upper if known else None,
-                "begin": (known.start if known else None) or start,
-                "nominal": spec.nominal,
-                "per_recording": spec.per_recording,
-            }
-        )
+        row = _row(spec, variables.get(spec.fmu[0]), planned.get(name))
+        rows.append({**row, "free": name in named, "value": case.fixed.get(name)})
     order = {name: k for k, name in enumerate(MOTOR)}
     return sorted(rows, key=lambda row: (not row["free"] and row["value"] is None, order.get(row["name"], len(order))))
+
+
+def _row(spec: ParameterSpec, variable: Variable | None, planned: Parameter | None) -> dict[str, Any]:
+    """Return what the case, the FMU and the plan say of one parameter."""
+    row: dict[str, Any] = {
+        "name": spec.name,
+        "unit": "",
+        "description": "",
+        "lower": None,
+        "upper": None,
+        "begin": None,
+    }
+    if variable is not None:
+        start = variable.start if isinstance(variable.start, float) else None
+        row |= {"unit": variable.unit, "description": variable.description, "begin": start}
+    if planned is not None:
+        row |= {"unit": planned.unit, "lower": planned.lower, "upper": planned.upper}
+        row["begin"] = planned.start or row["begin"]
+    said = {"min": spec.minimum, "max": spec.maximum, "start": spec.start, "nominal": spec.nominal}
+    return {**row, **said, "per_recording": spec.per_recording}
 
 
 def kind_of(value: Any) -> str | None:

@@ -51,44 +51,52 @@ def observe(binding: Binding, channels: Channels, recording: Recording, run: Run
         measured["angle"], more = _from_zero(recording, measured["angle"])
         told += more
     excitation = _excitation(driven, _moving(measured, recording.step))
-    notes = tuple(told)
     begin = run.begin or _usual_begin(binding, driven, measured)
-    delay = 0.0
-    if begin != GIVEN and excitation.kind != "none":
-        late = 0 if begin == SETTLED else find_delay(excitation, measured)
-        delay = late * recording.step if late >= LATE else 0.0
-    if isinstance(run.delay, float | int):
-        delay = float(run.delay)
-        _check_delay(delay, excitation, recording)
+    delay = _delay(begin, run, excitation, measured, recording)
+    found = Observed(recording, driven, measured, excitation, 0, delay, notes=tuple(told), has_phase=has_phase)
     if begin in (GIVEN, REST):  # nothing to run in, and the way from there is a response
         by_itself = run.begin == GIVEN or not (run.begin or is_motor)  # a motor at zero does not move without its input
         kind = "several" if by_itself and excitation.kind == "none" else excitation.kind
-        still = dataclasses.replace(excitation, kind=kind, running=False)
-        return Observed(recording, driven, measured, still, 0, delay, notes=notes, has_phase=has_phase)
-    lead = 0
-    runs = begin == SETTLED or excitation.running
-    if runs and any(u[0] != 0 for u in driven.values()) and (begin == SETTLED or excitation.kind != "none"):
-        lead = len(recording.time) - (excitation.index if excitation.kind == "step" else 0)
-        has_phase = "angle" in measured and (has_phase or is_motor)
-        if not isinstance(run.delay, float | int):
-            delay = 0.0
-        if run.begin is None:
-            notes = (*notes, _run_in(recording, is_motor))
-    return Observed(recording, driven, measured, excitation, lead, delay, notes=notes, has_phase=has_phase)
+        return dataclasses.replace(found, excitation=dataclasses.replace(excitation, kind=kind, running=False))
+    return _run_in(found, run, settled=begin == SETTLED, is_motor=is_motor)
+
+
+def _delay(
+    begin: str | None, run: RunSpec, excitation: Excitation, measured: Mapping[str, FloatArray], recording: Recording
+) -> float:
+    """Return the delay of the outputs, s: as the case says it, else as the data show it at first sight."""
+    if isinstance(run.delay, float | int):
+        _check_delay(float(run.delay), excitation, recording)
+        return float(run.delay)
+    if begin in (GIVEN, SETTLED) or excitation.kind == "none":
+        return 0.0
+    late = find_delay(excitation, measured)
+    return late * recording.step if late >= LATE else 0.0
+
+
+def _run_in(o: Observed, run: RunSpec, *, settled: bool, is_motor: bool) -> Observed:
+    """Return a recording with what is simulated before it, where its first row shows something that runs already."""
+    moves = settled or (o.excitation.running and o.excitation.kind != "none")
+    if not moves or all(u[0] == 0 for u in o.inputs.values()):
+        return o
+    what = "the motor" if is_motor else "the FMU"
+    note = (
+        f"{o.recording.title}: {what} runs already in the first row; its simulation is run in at the first row's inputs"
+        ' (begin = "settled"; "rest" or "given" under [[recording]] begins otherwise)'
+    )
+    return dataclasses.replace(
+        o,
+        lead=len(o.recording.time) - (o.excitation.index if o.excitation.kind == "step" else 0),
+        has_phase="angle" in o.outputs and (o.has_phase or is_motor),
+        delay=o.delay if isinstance(run.delay, float | int) else 0.0,
+        notes=o.notes if run.begin else (*o.notes, note),
+    )
 
 
 def _usual_begin(binding: Binding, driven: Mapping[str, FloatArray], measured: Mapping[str, FloatArray]) -> str | None:
     """Return how a simulation begins where the case does not say: a motor as the data show (None), else as given."""
     is_motor = "v" in driven and bool({"i", "w", "angle"} & set(measured))
     return None if is_motor and not binding.begins_elsewhere else GIVEN
-
-
-def _run_in(recording: Recording, is_motor: bool) -> str:
-    what = "the motor" if is_motor else "the FMU"
-    return (
-        f"{recording.title}: {what} runs already in the first row; its simulation is run in at the first row's inputs"
-        ' (begin = "settled"; "rest" or "given" under [[recording]] begins otherwise)'
-    )
 
 
 def _driven(
