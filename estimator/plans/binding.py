@@ -196,32 +196,33 @@ def bind(case: Case, description: FmuDescription, recordings: Sequence[Recording
 
 def _channels(names: Binding, recording: Recording) -> Channels:
     """Return the columns of a recording, from the case or by the usual names."""
-    case, path = names.case, names.description.path.name
+    case = names.case
     inputs = {name: recording.column(column) for name, column in case.inputs.items()}
     outputs = {name: recording.column(spec.column) for name, spec in case.outputs.items()}
     if outputs and (inputs or all(name in case.fixed for name in names.inputs)):
         return Channels(inputs, outputs)
     needs_voltage = not inputs and "v" not in case.fixed
     roles = motor_columns(recording, required=["v"] if needs_voltage else [], either=[] if outputs else ["i", "w"])
-    if not inputs:
-        inputs = {role: roles[role] for role in ("v", "load") if role in roles and role in names.inputs}
-        if needs_voltage and "v" not in inputs:
-            known = ", ".join(names.inputs) or "none"
-            raise FmuError(
-                f"{path} has no input 'v' (its inputs: {known});"
-                f" {how_to_map(names, 'inputs', 'which input takes which column')}"
-            )
-    if not outputs:
-        measured = [r for r in ("i", "w", "angle") if r in roles and not (r == "angle" and "w" in roles)]
-        shown = [v.name for v in names.description.of_causality("output")]
-        outputs = {role: roles[role] for role in measured if role in shown}
-        missing = [role for role in measured if role not in shown]
-        if missing:
-            raise FmuError(
-                f"{path} has no output {missing[0]!r}{suggestion(missing[0], shown)};"
-                f" {how_to_map(names, 'outputs', 'which output shows which column')}"
-            )
-    return Channels(inputs, outputs)
+    usual: dict[str, str] = {r: roles[r] for r in ("v", "load") if r in roles and r in names.inputs}
+    if needs_voltage and "v" not in usual:
+        known = ", ".join(names.inputs) or "none"
+        raise FmuError(
+            f"{names.description.path.name} has no input 'v' (its inputs: {known});"
+            f" {how_to_map(names, 'inputs', 'which input takes which column')}"
+        )
+    return Channels(inputs or usual, outputs or _usual_outputs(names, roles))
+
+
+def _usual_outputs(names: Binding, roles: Mapping[str, str]) -> dict[str, str]:
+    """Return which output is compared with which column, by the usual names of both."""
+    measured = [r for r in ("i", "w", "angle") if r in roles and not (r == "angle" and "w" in roles)]
+    shown = [v.name for v in names.description.of_causality("output")]
+    if missing := [role for role in measured if role not in shown]:
+        raise FmuError(
+            f"{names.description.path.name} has no output {missing[0]!r}{suggestion(missing[0], shown)};"
+            f" {how_to_map(names, 'outputs', 'which output shows which column')}"
+        )
+    return {role: roles[role] for role in measured}
 
 
 def _check_channels(names: Binding, channels: Sequence[Channels], recordings: Sequence[Recording]) -> None:
