@@ -276,6 +276,7 @@ def fit_noise(
     settled: BoolArray,
     sharp: BoolArray,
     *,
+    resolution: FloatArray | None = None,
     colour: bool = True,
     again: bool = False,
 ) -> NoiseModel:
@@ -292,6 +293,8 @@ def fit_noise(
         Rows that tell the noise.
     sharp : (rows,) array
         First parts of transients, where an explanation is most easily wrong.
+    resolution : (q,) array, optional
+        Step of a sensor that is so coarse that its errors are no noise; 0: it is fine. They are up to half of it.
     colour : bool
         Ask for slow parts, for a torque that wanders, and for short colour.
     again : bool
@@ -326,8 +329,11 @@ def fit_noise(
     stacked = np.concatenate([residuals[rows, :, None], columns[rows], levels], axis=2)
     stacked = np.where(narrowed.present[:, :, None], stacked, 0.0)
     growth = np.array([_growth(residuals[:, j], whitener, j, sharp)[:2] for j in range(residuals.shape[1])])
+    resolution = np.zeros(len(growth)) if resolution is None else resolution
+    growth[resolution > 0] = 0.0, 2.0
     search = _Search(narrowed, stacked, colour=colour, growth=growth)
-    return search.again() if again else search.best()
+    found = search.again() if again else search.best()
+    return dataclasses.replace(found, white=np.maximum(found.white, resolution / np.sqrt(12)))
 
 
 def find_jitter(z: FloatArray, slope: FloatArray, step: float) -> tuple[float, FloatArray, float]:

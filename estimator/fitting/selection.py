@@ -35,6 +35,7 @@ REFITTED = 3  # additions refitted in a round
 PROMISING = 0.6  # of the best addition's promise: less is not refitted
 NEARBY = {"R": 5.0, "K": 4.0, "J": 6.0, "L": 50.0}  # factors: while effects are missing, a fit may go anywhere
 QUIET = 0.1  # of the deviation at first sight: noise is not taken to be less
+UNSEEN, FINER = 0.01, 3  # of z'z: a change that no estimate shows; doublings of the rows between samples, at most
 WHOLE = 3  # numbers of samples that are refitted
 ROUGH = 8  # iterations of a fit that is only compared
 NEAR = 10.0  # of the criterion: explanations no worse than this are rivals
@@ -155,7 +156,10 @@ class Selection:
         for simulator in {id(s): s for s in (self.base, best.fit.simulator)}.values():
             p = len(self.base.plan.names)
             simulator.lower[:p], simulator.upper[:p] = bounds[0][:p], bounds[1][:p]
-        final = solved(best.fit, tolerance=1e-8)
+        final = solved(_with_fine_filters(best.fit), tolerance=1e-8)
+        while absurd := [a for a in best.additions if not _is_physical(final, a)]:
+            best = self.without(dataclasses.replace(best, fit=final), absurd[-1])
+            final = solved(best.fit, tolerance=1e-8)
         return dataclasses.replace(best, fit=final if final.simulator is self.base else with_secants(final))
 
     def _first(self, starts: Sequence[FloatArray]) -> Explanation:
@@ -208,7 +212,11 @@ class Selection:
         wide = [k for k, name in enumerate(fit.names) if not name.startswith("ripple ")]  # lines take no noise
         windows = find_windows(fit)
         columns = fit.raw[:, :, wide]
-        found = fit_noise(whitener, misfit, columns, windows.settled, windows.sharp, colour=colour, again=again)
+        s = fit.simulator
+        found = fit_noise(
+            whitener, misfit, columns, windows.settled, windows.sharp, colour=colour, again=again,
+            resolution=np.where(s.coarse & (self.differenced == 0), s.steps, 0.0),
+        )  # fmt: skip
         fit = held_down(refreshed(fit, whitener.of(found)), windows.onsets)
         return dataclasses.replace(explanation, fit=solved(fit))
 
@@ -485,6 +493,23 @@ def _renewed(explanation: Explanation) -> Fit:
             groups[k] = new
     raw = np.concatenate([fit.raw[:, :, : len(fit.free)], *(g.columns for g in groups)], axis=2)
     return dataclasses.replace(fit, linear=tuple(groups), raw=raw)
+
+
+def _with_fine_filters(fit: Fit) -> Fit:
+    """Return the fit on a simulator that simulates more rows between the samples if a filter there asks for it.
+
+    A signal may bend between the rows that a filter is given, as the current of a winding that is faster than they.
+    """
+    s = fit.simulator
+    for _ in range(FINER):
+        s.between *= 2
+        finer = s.shown(fit.values[None, :])[0]
+        change = fit.whitener(np.nan_to_num(finer - fit.shown)[:, :, None])[0]
+        if float(np.vdot(change, change)) < UNSEEN:
+            s.between //= 2
+            break
+        fit = dataclasses.replace(fit, shown=finer)
+    return fit
 
 
 def moved_to(fit: Fit, simulator: Simulator) -> Fit:
