@@ -13,6 +13,7 @@ from estimator.fitting.effects.base import Effect
 from estimator.fitting.fit import Fit, Linear
 from estimator.fitting.machine import motor_values, response
 from estimator.fitting.recursion import recursion
+from estimator.motor.winding import time_constant
 from estimator.plans.plan import Plan
 
 FloatArray = NDArray[np.float64]
@@ -43,7 +44,7 @@ class SourceSag(Effect):
         shortest = SHORTEST * s.clocks[0].step
         count = 1 + int(max(0.0, np.log(LONGEST * duration / shortest) / np.log(RATIO)))
         taus = shortest * RATIO ** np.arange(count)
-        alike = values["L"] / values["R"]  # a source about as fast as the winding is not told from it
+        alike = time_constant(values["R"], values["L"])  # a source about as fast as the winding is not told from it
         taus = taus[(taus < alike / APART) | (taus > APART * alike)]
         if not len(taus):
             return ()
@@ -64,9 +65,7 @@ class SourceSag(Effect):
 
     def tell(self, name: str, value: float, plan: Plan) -> str:
         """Say how large, and how fast."""
-        return (
-            f"the source sags by the current: its resistance is {value:.3g} Ohm, time constant{name.split(',')[1]}"
-        )
+        return f"the source sags by the current: its resistance is {value:.3g} Ohm, time constant{name.split(',')[1]}"
 
 
 def _columns(fit: Fit, current: FloatArray, name: str) -> FloatArray:
