@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -113,15 +114,8 @@ def recordings(plan: Plan) -> tuple[dict[str, Any], ...]:
 def comparisons(plan: Plan, shown: list[FloatArray]) -> tuple[Comparison, ...]:
     """Return measured against simulated signals, one entry a recording; `shown` is (n, outputs) each."""
     return tuple(
-        Comparison(
-            name=o.recording.name,
-            time=o.recording.time,
-            inputs=dict(o.inputs),
-            measured=dict(o.outputs),
-            simulated={name: rows[:, j].copy() for j, name in enumerate(plan.outputs)},
-            units={n: plan.unit(n) for n in (*o.inputs, *o.outputs)},
-        )
-        for o, rows in zip(plan.observed, shown, strict=True)
+        dataclasses.replace(alone, simulated={name: rows[:, j].copy() for j, name in enumerate(plan.outputs)})
+        for alone, rows in zip(measured(plan), shown, strict=True)
     )
 
 
