@@ -211,8 +211,8 @@ def per_recording(plan: Plan, kind: str) -> Sequence[str]:
 
 
 def _repeats(signals: Iterable[FloatArray]) -> bool:
-    """Return whether most samples of signals, (n,) each, are as the one before."""
-    return float(np.nanmedian(np.abs(np.concatenate([np.diff(y) for y in signals])))) == 0.0
+    """Return whether most samples of signals, (n,) each, are as the one before, missing ones left out."""
+    return float(np.median(np.abs(np.concatenate([np.diff(y[~np.isnan(y)]) for y in signals])))) == 0.0
 
 
 def _without_repeats(o: Observed, outputs: Sequence[str]) -> FloatArray:
