@@ -175,7 +175,7 @@ class Result(Estimate):
         InputError
             R, K, L, J and B are not all among the parameters.
         """
-        from estimator.results.linear import state_space
+        from estimator.motor.state_space import state_space
 
         return state_space(self.values)
 

@@ -15,23 +15,22 @@ typedef struct {
     fmi2ComponentEnvironment environment;
 } Slave;
 
-/* A state with the name of the FMU that it is for. */
-typedef struct {
-    char guid[sizeof MODEL_GUID];
-    State state;
-} SerializedState;
+typedef fmi2Status FmiStatus;
+typedef fmi2Component FmiInstance;
+typedef fmi2String FmiString;
+typedef fmi2Boolean FmiBoolean;
+typedef fmi2Byte FmiByte;
+#define FMI_NAME(name) fmi2##name
+#define FMI_STATE(before, after) fmi2##before##FMUstate##after
+#define FMI_READ_STATE fmi2DeSerializeFMUstate
+#define FMI_GET_DERIVATIVES fmi2GetDerivatives
+#include "fmi.c"
 
 static void fmi2_log(const Instance *instance, Status status, const char *message)
 {
     const Slave *slave = (const Slave *)instance;
     slave->logger(slave->environment, slave->name, (fmi2Status)status,
                   log_categories[status == INSTANCE_DISCARD ? LOG_DISCARD : LOG_ERROR].name, message);
-}
-
-static fmi2Status fmi2_not_offered(fmi2Component c, const char *function)
-{
-    if (c == NULL) return fmi2Error;
-    return (fmi2Status)instance_report(c, INSTANCE_ERROR, "%s is not offered by this FMU", function);
 }
 
 /* ---- Inquiry, creation, logging ---- */
@@ -87,25 +86,6 @@ void fmi2FreeInstance(fmi2Component c)
     free(slave);
 }
 
-fmi2Status fmi2SetDebugLogging(fmi2Component c, fmi2Boolean loggingOn, size_t nCategories,
-                               const fmi2String categories[])
-{
-    Instance *instance = c;
-    bool asked[N_LOG_CATEGORIES] = {nCategories == 0};
-    if (instance == NULL || (nCategories > 0 && categories == NULL)) return fmi2Error;
-    for (size_t k = 0; k < nCategories; k++) {
-        const char *category = categories[k] != NULL ? categories[k] : "";
-        int n = 0;
-        while (n < N_LOG_CATEGORIES && strcmp(category, log_categories[n].name) != 0) n++;
-        if (n == N_LOG_CATEGORIES)
-            return (fmi2Status)instance_report(instance, INSTANCE_ERROR, "there is no such log category");
-        asked[n] = true;
-    }
-    instance->log_discard = loggingOn != fmi2False && (asked[LOG_ALL] || asked[LOG_DISCARD]);
-    instance->log_error = loggingOn != fmi2False && (asked[LOG_ALL] || asked[LOG_ERROR]);
-    return fmi2OK;
-}
-
 /* ---- Phases ---- */
 
 fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean toleranceDefined, fmi2Real tolerance, fmi2Real startTime,
@@ -121,25 +101,6 @@ fmi2Status fmi2EnterInitializationMode(fmi2Component c)
 {
     if (c == NULL) return fmi2Error;
     return (fmi2Status)instance_enter(c, PHASE_INSTANTIATED, PHASE_INITIALIZATION, "entering initialisation");
-}
-
-fmi2Status fmi2ExitInitializationMode(fmi2Component c)
-{
-    if (c == NULL) return fmi2Error;
-    return (fmi2Status)instance_exit_initialization(c);
-}
-
-fmi2Status fmi2Terminate(fmi2Component c)
-{
-    if (c == NULL) return fmi2Error;
-    return (fmi2Status)instance_terminate(c);
-}
-
-fmi2Status fmi2Reset(fmi2Component c)
-{
-    if (c == NULL) return fmi2Error;
-    instance_reset(c);
-    return fmi2OK;
 }
 
 /* ---- Values ---- */
@@ -162,7 +123,7 @@ fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference vr[], size_t nv
     {                                                                                               \
         (void)vr;                                                                                   \
         (void)value;                                                                                \
-        return c != NULL && nvr == 0 ? fmi2OK : fmi2_not_offered(c, #function);                     \
+        return c != NULL && nvr == 0 ? fmi2OK : fmi_not_offered(c, #function);                     \
     }
 NO_SUCH_VARIABLES(fmi2GetInteger, fmi2Integer)
 NO_SUCH_VARIABLES(fmi2GetBoolean, fmi2Boolean)
@@ -170,68 +131,6 @@ NO_SUCH_VARIABLES(fmi2GetString, fmi2String)
 NO_SUCH_VARIABLES(fmi2SetInteger, const fmi2Integer)
 NO_SUCH_VARIABLES(fmi2SetBoolean, const fmi2Boolean)
 NO_SUCH_VARIABLES(fmi2SetString, const fmi2String)
-
-/* ---- State ---- */
-
-fmi2Status fmi2GetFMUstate(fmi2Component c, fmi2FMUstate *FMUstate)
-{
-    if (c == NULL || FMUstate == NULL) return fmi2Error;
-    if (*FMUstate == NULL) *FMUstate = malloc(sizeof(State));
-    if (*FMUstate == NULL) return (fmi2Status)instance_report(c, INSTANCE_ERROR, "no memory for the FMU state");
-    memcpy(*FMUstate, &((Instance *)c)->state, sizeof(State));
-    return fmi2OK;
-}
-
-fmi2Status fmi2SetFMUstate(fmi2Component c, fmi2FMUstate FMUstate)
-{
-    if (c == NULL || FMUstate == NULL) return fmi2Error;
-    instance_restore(c, FMUstate);
-    return fmi2OK;
-}
-
-fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate *FMUstate)
-{
-    if (c == NULL || FMUstate == NULL) return fmi2Error;
-    free(*FMUstate);
-    *FMUstate = NULL;
-    return fmi2OK;
-}
-
-fmi2Status fmi2SerializedFMUstateSize(fmi2Component c, fmi2FMUstate FMUstate, size_t *size)
-{
-    if (c == NULL || FMUstate == NULL || size == NULL) return fmi2Error;
-    *size = sizeof(SerializedState);
-    return fmi2OK;
-}
-
-fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate FMUstate, fmi2Byte serializedState[], size_t size)
-{
-    SerializedState serialized;
-    if (c == NULL || FMUstate == NULL || serializedState == NULL) return fmi2Error;
-    if (size < sizeof serialized)
-        return (fmi2Status)instance_report(c, INSTANCE_ERROR, "a serialised state takes %lu bytes",
-                                           (unsigned long)sizeof serialized);
-    memset(&serialized, 0, sizeof serialized); /* the same bytes for the same state, padding too */
-    memcpy(serialized.guid, MODEL_GUID, sizeof serialized.guid);
-    memcpy(&serialized.state, FMUstate, sizeof(State));
-    memcpy(serializedState, &serialized, sizeof serialized);
-    return fmi2OK;
-}
-
-fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte serializedState[], size_t size,
-                                   fmi2FMUstate *FMUstate)
-{
-    SerializedState serialized;
-    if (c == NULL || serializedState == NULL || FMUstate == NULL) return fmi2Error;
-    if (size >= sizeof serialized) memcpy(&serialized, serializedState, sizeof serialized);
-    if (size < sizeof serialized || memcmp(serialized.guid, MODEL_GUID, sizeof serialized.guid) != 0 ||
-        !instance_is_sane(c, &serialized.state))
-        return (fmi2Status)instance_report(c, INSTANCE_ERROR, "the serialised state is not of this FMU");
-    if (*FMUstate == NULL) *FMUstate = malloc(sizeof(State));
-    if (*FMUstate == NULL) return (fmi2Status)instance_report(c, INSTANCE_ERROR, "no memory for the FMU state");
-    memcpy(*FMUstate, &serialized.state, sizeof(State));
-    return fmi2OK;
-}
 
 /* ---- Co-simulation ---- */
 
@@ -245,14 +144,14 @@ fmi2Status fmi2DoStep(fmi2Component c, fmi2Real currentCommunicationPoint, fmi2R
 
 fmi2Status fmi2GetRealStatus(fmi2Component c, const fmi2StatusKind s, fmi2Real *value)
 {
-    if (c == NULL || value == NULL || s != fmi2LastSuccessfulTime) return fmi2_not_offered(c, "this real status");
+    if (c == NULL || value == NULL || s != fmi2LastSuccessfulTime) return fmi_not_offered(c, "this real status");
     *value = *instance_time(c);
     return fmi2OK;
 }
 
 fmi2Status fmi2GetBooleanStatus(fmi2Component c, const fmi2StatusKind s, fmi2Boolean *value)
 {
-    if (c == NULL || value == NULL || s != fmi2Terminated) return fmi2_not_offered(c, "this boolean status");
+    if (c == NULL || value == NULL || s != fmi2Terminated) return fmi_not_offered(c, "this boolean status");
     *value = fmi2False; /* never asks for the end of the simulation */
     return fmi2OK;
 }
@@ -263,7 +162,7 @@ fmi2Status fmi2SetRealInputDerivatives(fmi2Component c, const fmi2ValueReference
     (void)vr;
     (void)order;
     (void)value;
-    return c != NULL && nvr == 0 ? fmi2OK : fmi2_not_offered(c, "fmi2SetRealInputDerivatives");
+    return c != NULL && nvr == 0 ? fmi2OK : fmi_not_offered(c, "fmi2SetRealInputDerivatives");
 }
 
 fmi2Status fmi2GetRealOutputDerivatives(fmi2Component c, const fmi2ValueReference vr[], size_t nvr,
@@ -272,7 +171,7 @@ fmi2Status fmi2GetRealOutputDerivatives(fmi2Component c, const fmi2ValueReferenc
     (void)vr;
     (void)order;
     (void)value;
-    return c != NULL && nvr == 0 ? fmi2OK : fmi2_not_offered(c, "fmi2GetRealOutputDerivatives");
+    return c != NULL && nvr == 0 ? fmi2OK : fmi_not_offered(c, "fmi2GetRealOutputDerivatives");
 }
 
 /* ---- Directional derivatives ---- */
@@ -286,12 +185,6 @@ fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReferenc
 }
 
 /* ---- Model exchange: events are changes of mode, and those in which the importer changes a parameter ---- */
-
-fmi2Status fmi2EnterEventMode(fmi2Component c)
-{
-    if (c == NULL) return fmi2Error;
-    return (fmi2Status)instance_enter(c, PHASE_CONTINUOUS, PHASE_EVENT, "entering event mode");
-}
 
 fmi2Status fmi2NewDiscreteStates(fmi2Component c, fmi2EventInfo *fmi2eventInfo)
 {
@@ -307,12 +200,6 @@ fmi2Status fmi2NewDiscreteStates(fmi2Component c, fmi2EventInfo *fmi2eventInfo)
     return (fmi2Status)status;
 }
 
-fmi2Status fmi2EnterContinuousTimeMode(fmi2Component c)
-{
-    if (c == NULL) return fmi2Error;
-    return (fmi2Status)instance_enter(c, PHASE_EVENT, PHASE_CONTINUOUS, "entering continuous-time mode");
-}
-
 fmi2Status fmi2CompletedIntegratorStep(fmi2Component c, fmi2Boolean noSetFMUStatePriorToCurrentPoint,
                                        fmi2Boolean *enterEventMode, fmi2Boolean *terminateSimulation)
 {
@@ -325,55 +212,19 @@ fmi2Status fmi2CompletedIntegratorStep(fmi2Component c, fmi2Boolean noSetFMUStat
     return fmi2OK;
 }
 
-fmi2Status fmi2SetTime(fmi2Component c, fmi2Real time)
-{
-    if (c == NULL) return fmi2Error;
-    return (fmi2Status)instance_set_time(c, time);
-}
-
-fmi2Status fmi2SetContinuousStates(fmi2Component c, const fmi2Real x[], size_t nx)
-{
-    if (c == NULL) return fmi2Error;
-    return (fmi2Status)instance_set_states(c, x, nx);
-}
-
-fmi2Status fmi2GetContinuousStates(fmi2Component c, fmi2Real x[], size_t nx)
-{
-    if (c == NULL) return fmi2Error;
-    return (fmi2Status)instance_get_states(c, OF_STATES, x, nx);
-}
-
-fmi2Status fmi2GetDerivatives(fmi2Component c, fmi2Real derivatives[], size_t nx)
-{
-    if (c == NULL) return fmi2Error;
-    return (fmi2Status)instance_get_states(c, OF_DERIVATIVES, derivatives, nx);
-}
-
-fmi2Status fmi2GetNominalsOfContinuousStates(fmi2Component c, fmi2Real x_nominal[], size_t nx)
-{
-    if (c == NULL) return fmi2Error;
-    return (fmi2Status)instance_get_states(c, OF_NOMINALS, x_nominal, nx);
-}
-
-fmi2Status fmi2GetEventIndicators(fmi2Component c, fmi2Real eventIndicators[], size_t ni)
-{
-    if (c == NULL) return fmi2Error;
-    return (fmi2Status)instance_get_indicators(c, eventIndicators, ni);
-}
-
 /* ---- Not offered: steps are never pending ---- */
 
 #define NOT_OFFERED(function)               \
     fmi2Status function(fmi2Component c)    \
     {                                       \
-        return fmi2_not_offered(c, #function); \
+        return fmi_not_offered(c, #function); \
     }
 #define NOT_OFFERED_2(function, type_a, type_b)              \
     fmi2Status function(fmi2Component c, type_a a, type_b b) \
     {                                                        \
         (void)a;                                             \
         (void)b;                                             \
-        return fmi2_not_offered(c, #function);               \
+        return fmi_not_offered(c, #function);               \
     }
 
 NOT_OFFERED(fmi2CancelStep)

@@ -14,28 +14,22 @@ typedef struct {
     fmi3InstanceEnvironment environment;
 } Slave;
 
-/* A state with the token of the FMU that it is for. */
-typedef struct {
-    char token[sizeof MODEL_GUID];
-    State state;
-} SerializedState;
+typedef fmi3Status FmiStatus;
+typedef fmi3Instance FmiInstance;
+typedef fmi3String FmiString;
+typedef fmi3Boolean FmiBoolean;
+typedef fmi3Byte FmiByte;
+#define FMI_NAME(name) fmi3##name
+#define FMI_STATE(before, after) fmi3##before##FMUState##after
+#define FMI_READ_STATE fmi3DeserializeFMUState
+#define FMI_GET_DERIVATIVES fmi3GetContinuousStateDerivatives
+#include "fmi.c"
 
 static void fmi3_log(const Instance *instance, Status status, const char *message)
 {
     const Slave *slave = (const Slave *)instance;
     slave->logger(slave->environment, (fmi3Status)status,
                   log_categories[status == INSTANCE_DISCARD ? LOG_DISCARD : LOG_ERROR].name, message);
-}
-
-static fmi3Status fmi3_not_offered(fmi3Instance c, const char *function)
-{
-    if (c == NULL) return fmi3Error;
-    return (fmi3Status)instance_report(c, INSTANCE_ERROR, "%s is not offered by this FMU", function);
-}
-
-static fmi3Status fmi3_error(fmi3Instance c, const char *message)
-{
-    return (fmi3Status)instance_report(c, INSTANCE_ERROR, "%s", message);
 }
 
 /* ---- Inquiry, creation, logging ---- */
@@ -62,7 +56,7 @@ static fmi3Instance fmi3_instantiate(bool model_exchange, const char *refusal, f
     if (refusal == NULL && (token == NULL || strcmp(token, MODEL_GUID) != 0))
         refusal = "wrong instantiation token: this binary and that modelDescription.xml do not belong together";
     if (refusal == NULL) return slave;
-    (void)fmi3_error(slave, refusal);
+    (void)fmi_error(slave, refusal);
     free(slave);
     return NULL;
 }
@@ -120,24 +114,6 @@ void fmi3FreeInstance(fmi3Instance instance)
     free(instance);
 }
 
-fmi3Status fmi3SetDebugLogging(fmi3Instance instance, fmi3Boolean loggingOn, size_t nCategories,
-                               const fmi3String categories[])
-{
-    Instance *motor = instance;
-    bool asked[N_LOG_CATEGORIES] = {nCategories == 0};
-    if (motor == NULL || (nCategories > 0 && categories == NULL)) return fmi3Error;
-    for (size_t k = 0; k < nCategories; k++) {
-        const char *category = categories[k] != NULL ? categories[k] : "";
-        int n = 0;
-        while (n < N_LOG_CATEGORIES && strcmp(category, log_categories[n].name) != 0) n++;
-        if (n == N_LOG_CATEGORIES) return fmi3_error(motor, "there is no such log category");
-        asked[n] = true;
-    }
-    motor->log_discard = loggingOn && (asked[LOG_ALL] || asked[LOG_DISCARD]);
-    motor->log_error = loggingOn && (asked[LOG_ALL] || asked[LOG_ERROR]);
-    return fmi3OK;
-}
-
 /* ---- Phases ---- */
 
 fmi3Status fmi3EnterInitializationMode(fmi3Instance instance, fmi3Boolean toleranceDefined, fmi3Float64 tolerance,
@@ -152,32 +128,13 @@ fmi3Status fmi3EnterInitializationMode(fmi3Instance instance, fmi3Boolean tolera
     return (fmi3Status)instance_enter(instance, PHASE_INSTANTIATED, PHASE_INITIALIZATION, "entering initialisation");
 }
 
-fmi3Status fmi3ExitInitializationMode(fmi3Instance instance)
-{
-    if (instance == NULL) return fmi3Error;
-    return (fmi3Status)instance_exit_initialization(instance);
-}
-
-fmi3Status fmi3Terminate(fmi3Instance instance)
-{
-    if (instance == NULL) return fmi3Error;
-    return (fmi3Status)instance_terminate(instance);
-}
-
-fmi3Status fmi3Reset(fmi3Instance instance)
-{
-    if (instance == NULL) return fmi3Error;
-    instance_reset(instance);
-    return fmi3OK;
-}
-
 /* ---- Values ---- */
 
 fmi3Status fmi3GetFloat64(fmi3Instance instance, const fmi3ValueReference valueReferences[], size_t nValueReferences,
                           fmi3Float64 values[], size_t nValues)
 {
     if (instance == NULL) return fmi3Error;
-    if (nValues != nValueReferences) return fmi3_error(instance, "as many values as references are needed");
+    if (nValues != nValueReferences) return fmi_error(instance, "as many values as references are needed");
     return (fmi3Status)instance_get(instance, N_VARIABLES + 1, valueReferences, nValueReferences, values);
 }
 
@@ -185,7 +142,7 @@ fmi3Status fmi3SetFloat64(fmi3Instance instance, const fmi3ValueReference valueR
                           const fmi3Float64 values[], size_t nValues)
 {
     if (instance == NULL) return fmi3Error;
-    if (nValues != nValueReferences) return fmi3_error(instance, "as many values as references are needed");
+    if (nValues != nValueReferences) return fmi_error(instance, "as many values as references are needed");
     return (fmi3Status)instance_set(instance, valueReferences, nValueReferences, values);
 }
 
@@ -197,7 +154,7 @@ fmi3Status fmi3SetFloat64(fmi3Instance instance, const fmi3ValueReference valueR
         (void)valueReferences;                                                                               \
         (void)values;                                                                                        \
         return instance != NULL && nValueReferences == 0 && nValues == 0 ? fmi3OK                            \
-                                                                         : fmi3_not_offered(instance, #function); \
+                                                                         : fmi_not_offered(instance, #function); \
     }
 NO_SUCH_VARIABLES(fmi3GetFloat32, fmi3Float32)
 NO_SUCH_VARIABLES(fmi3GetInt8, fmi3Int8)
@@ -221,70 +178,6 @@ NO_SUCH_VARIABLES(fmi3SetInt64, const fmi3Int64)
 NO_SUCH_VARIABLES(fmi3SetUInt64, const fmi3UInt64)
 NO_SUCH_VARIABLES(fmi3SetBoolean, const fmi3Boolean)
 NO_SUCH_VARIABLES(fmi3SetString, const fmi3String)
-
-/* ---- State ---- */
-
-static fmi3Status fmi3_keep_state(fmi3Instance instance, const State *state, fmi3FMUState *FMUState)
-{
-    if (*FMUState == NULL) *FMUState = malloc(sizeof(State));
-    if (*FMUState == NULL) return fmi3_error(instance, "no memory for the FMU state");
-    memcpy(*FMUState, state, sizeof(State));
-    return fmi3OK;
-}
-
-fmi3Status fmi3GetFMUState(fmi3Instance instance, fmi3FMUState *FMUState)
-{
-    if (instance == NULL || FMUState == NULL) return fmi3Error;
-    return fmi3_keep_state(instance, &((Instance *)instance)->state, FMUState);
-}
-
-fmi3Status fmi3SetFMUState(fmi3Instance instance, fmi3FMUState FMUState)
-{
-    if (instance == NULL || FMUState == NULL) return fmi3Error;
-    instance_restore(instance, FMUState);
-    return fmi3OK;
-}
-
-fmi3Status fmi3FreeFMUState(fmi3Instance instance, fmi3FMUState *FMUState)
-{
-    if (instance == NULL || FMUState == NULL) return fmi3Error;
-    free(*FMUState);
-    *FMUState = NULL;
-    return fmi3OK;
-}
-
-fmi3Status fmi3SerializedFMUStateSize(fmi3Instance instance, fmi3FMUState FMUState, size_t *size)
-{
-    if (instance == NULL || FMUState == NULL || size == NULL) return fmi3Error;
-    *size = sizeof(SerializedState);
-    return fmi3OK;
-}
-
-fmi3Status fmi3SerializeFMUState(fmi3Instance instance, fmi3FMUState FMUState, fmi3Byte serializedState[], size_t size)
-{
-    SerializedState serialized;
-    if (instance == NULL || FMUState == NULL || serializedState == NULL) return fmi3Error;
-    if (size < sizeof serialized)
-        return (fmi3Status)instance_report(instance, INSTANCE_ERROR, "a serialised state takes %lu bytes",
-                                           (unsigned long)sizeof serialized);
-    memset(&serialized, 0, sizeof serialized); /* the same bytes for the same state, padding too */
-    memcpy(serialized.token, MODEL_GUID, sizeof serialized.token);
-    memcpy(&serialized.state, FMUState, sizeof(State));
-    memcpy(serializedState, &serialized, sizeof serialized);
-    return fmi3OK;
-}
-
-fmi3Status fmi3DeserializeFMUState(fmi3Instance instance, const fmi3Byte serializedState[], size_t size,
-                                   fmi3FMUState *FMUState)
-{
-    SerializedState serialized;
-    if (instance == NULL || serializedState == NULL || FMUState == NULL) return fmi3Error;
-    if (size >= sizeof serialized) memcpy(&serialized, serializedState, sizeof serialized);
-    if (size < sizeof serialized || memcmp(serialized.token, MODEL_GUID, sizeof serialized.token) != 0 ||
-        !instance_is_sane(instance, &serialized.state))
-        return fmi3_error(instance, "the serialised state is not of this FMU");
-    return fmi3_keep_state(instance, &serialized.state, FMUState);
-}
 
 /* ---- Co-simulation ---- */
 
@@ -311,7 +204,7 @@ fmi3Status fmi3GetDirectionalDerivative(fmi3Instance instance, const fmi3ValueRe
 {
     if (instance == NULL) return fmi3Error;
     if (nSeed != nKnowns || nSensitivity != nUnknowns)
-        return fmi3_error(instance, "as many seeds as knowns and sensitivities as unknowns are needed");
+        return fmi_error(instance, "as many seeds as knowns and sensitivities as unknowns are needed");
     return (fmi3Status)instance_differentiate(instance, unknowns, nUnknowns, knowns, nKnowns, seed, sensitivity);
 }
 
@@ -321,7 +214,7 @@ fmi3Status fmi3GetAdjointDerivative(fmi3Instance instance, const fmi3ValueRefere
 {
     if (instance == NULL) return fmi3Error;
     if (nSeed != nUnknowns || nSensitivity != nKnowns)
-        return fmi3_error(instance, "as many seeds as unknowns and sensitivities as knowns are needed");
+        return fmi_error(instance, "as many seeds as unknowns and sensitivities as knowns are needed");
     if (!is_given(unknowns, nUnknowns) || !is_given(knowns, nKnowns) || !is_given(seed, nSeed) ||
         !is_given(sensitivity, nSensitivity))
         return (fmi3Status)instance_miss(instance);
@@ -340,12 +233,6 @@ fmi3Status fmi3GetAdjointDerivative(fmi3Instance instance, const fmi3ValueRefere
 }
 
 /* ---- Model exchange: events are changes of mode, and those in which the importer changes a parameter ---- */
-
-fmi3Status fmi3EnterEventMode(fmi3Instance instance)
-{
-    if (instance == NULL) return fmi3Error;
-    return (fmi3Status)instance_enter(instance, PHASE_CONTINUOUS, PHASE_EVENT, "entering event mode");
-}
 
 fmi3Status fmi3EvaluateDiscreteStates(fmi3Instance instance)
 {
@@ -375,12 +262,6 @@ fmi3Status fmi3UpdateDiscreteStates(fmi3Instance instance, fmi3Boolean *discrete
     return (fmi3Status)status;
 }
 
-fmi3Status fmi3EnterContinuousTimeMode(fmi3Instance instance)
-{
-    if (instance == NULL) return fmi3Error;
-    return (fmi3Status)instance_enter(instance, PHASE_EVENT, PHASE_CONTINUOUS, "entering continuous-time mode");
-}
-
 fmi3Status fmi3CompletedIntegratorStep(fmi3Instance instance, fmi3Boolean noSetFMUStatePriorToCurrentPoint,
                                        fmi3Boolean *enterEventMode, fmi3Boolean *terminateSimulation)
 {
@@ -391,38 +272,6 @@ fmi3Status fmi3CompletedIntegratorStep(fmi3Instance instance, fmi3Boolean noSetF
     if (enterEventMode != NULL) *enterEventMode = fmi3False;
     if (terminateSimulation != NULL) *terminateSimulation = fmi3False;
     return fmi3OK;
-}
-
-fmi3Status fmi3SetTime(fmi3Instance instance, fmi3Float64 time)
-{
-    if (instance == NULL) return fmi3Error;
-    return (fmi3Status)instance_set_time(instance, time);
-}
-
-fmi3Status fmi3SetContinuousStates(fmi3Instance instance, const fmi3Float64 continuousStates[],
-                                   size_t nContinuousStates)
-{
-    if (instance == NULL) return fmi3Error;
-    return (fmi3Status)instance_set_states(instance, continuousStates, nContinuousStates);
-}
-
-fmi3Status fmi3GetContinuousStates(fmi3Instance instance, fmi3Float64 continuousStates[], size_t nContinuousStates)
-{
-    if (instance == NULL) return fmi3Error;
-    return (fmi3Status)instance_get_states(instance, OF_STATES, continuousStates, nContinuousStates);
-}
-
-fmi3Status fmi3GetContinuousStateDerivatives(fmi3Instance instance, fmi3Float64 derivatives[],
-                                             size_t nContinuousStates)
-{
-    if (instance == NULL) return fmi3Error;
-    return (fmi3Status)instance_get_states(instance, OF_DERIVATIVES, derivatives, nContinuousStates);
-}
-
-fmi3Status fmi3GetNominalsOfContinuousStates(fmi3Instance instance, fmi3Float64 nominals[], size_t nContinuousStates)
-{
-    if (instance == NULL) return fmi3Error;
-    return (fmi3Status)instance_get_states(instance, OF_NOMINALS, nominals, nContinuousStates);
 }
 
 static fmi3Status fmi3_count(fmi3Instance instance, size_t count, size_t *asked)
@@ -444,18 +293,12 @@ fmi3Status fmi3GetNumberOfEventIndicators(fmi3Instance instance, size_t *nEventI
     return fmi3_count(instance, N_MODES, nEventIndicators);
 }
 
-fmi3Status fmi3GetEventIndicators(fmi3Instance instance, fmi3Float64 eventIndicators[], size_t nEventIndicators)
-{
-    if (instance == NULL) return fmi3Error;
-    return (fmi3Status)instance_get_indicators(instance, eventIndicators, nEventIndicators);
-}
-
 /* ---- Not offered ---- */
 
 #define NOT_OFFERED(function, ...)                        \
     fmi3Status function(fmi3Instance instance __VA_ARGS__) \
     {                                                     \
-        return fmi3_not_offered(instance, #function);     \
+        return fmi_not_offered(instance, #function);     \
     }
 #define REFERENCES , const fmi3ValueReference valueReferences[], size_t nValueReferences
 

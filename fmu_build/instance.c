@@ -1,8 +1,8 @@
 /* One simulated motor: its values, its phase, its steps. Knows the model's table, nothing of an FMI version.
  *
- * fmi2.c and fmi3.c turn their functions into calls of these. No function here keeps anything outside its instance. All
- * that a saved state must hold is in State, which is plain data. Value references: the table's rows, the time, the
- * derivatives of the states, the margins of the modes.
+ * fmi.c, fmi2.c and fmi3.c turn their functions into calls of these. No function here keeps anything outside its
+ * instance. All that a saved state must hold is in State, which is plain data. Value references: the table's rows, the
+ * time, the derivatives of the states, the margins of the modes.
  */
 #include "modes.c"
 

@@ -5,7 +5,7 @@ Written from the physics, by cases, as dry_friction.py is. Knows nothing of the 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from dry_friction import DryMotor, _event, _way
@@ -27,7 +27,6 @@ class DrivenMotor(DryMotor):
 
     def _step(self, v: float, load: float, step: float) -> None:
         p, time = self.p, 0.0
-        limit = p["current_limit"]
         way = 0 if abs(v) <= p["dead_band"] else (1 if v > 0 else -1)
         is_open = way == 0 and p["coasts"] == 1
 
@@ -46,15 +45,7 @@ class DrivenMotor(DryMotor):
             return sign * (push_on_current(x) - p["R"] * x[0]) - p["brush"]
 
         while time < step:
-            if is_open:
-                self.x[0], self.brushes, self.limiting = 0.0, 0, 0
-            else:
-                self.brushes = self.brushes or _way(self.x[0], push_on_current(self.x), p["brush"])
-                if self.limiting and further(self.x, self.limiting) < 0:
-                    self.limiting = 0
-                sign = 1 if self.x[0] > 0 else -1
-                if not self.limiting and sign * self.x[0] >= limit and further(self.x, sign) > 0:
-                    self.limiting = sign
+            self._choose(push_on_current(self.x), further, is_open)
             self.shaft = self.shaft or _way(self.x[1], push_on_shaft(self.x), self.breakaway)
             shaft, brushes, limiting = self.shaft, self.brushes, self.limiting
 
@@ -71,7 +62,7 @@ class DrivenMotor(DryMotor):
             def at_limit(_: float, x: Vector, limiting: int = limiting) -> float:
                 if limiting:
                     return further(list(map(float, x)), limiting) + 1e-12
-                return limit * (1 + 1e-13) - abs(float(x[0]))
+                return p["current_limit"] * (1 + 1e-13) - abs(float(x[0]))
 
             at_limit.terminal, at_limit.direction = True, -1  # type: ignore[attr-defined]
             events = [
@@ -90,4 +81,16 @@ class DrivenMotor(DryMotor):
             if len(run.t_events[2]):
                 self.limiting = 0 if limiting else (1 if self.x[0] > 0 else -1)
                 if self.limiting:
-                    self.x[0] = self.limiting * limit
+                    self.x[0] = self.limiting * p["current_limit"]
+
+    def _choose(self, push: float, further: Callable[[Sequence[float], int], float], is_open: bool) -> None:
+        """Choose what the circuit does from here on: open, stuck at the brushes, at the limit of the current."""
+        if is_open:
+            self.x[0], self.brushes, self.limiting = 0.0, 0, 0
+            return
+        self.brushes = self.brushes or _way(self.x[0], push, self.p["brush"])
+        if self.limiting and further(self.x, self.limiting) < 0:
+            self.limiting = 0
+        sign = 1 if self.x[0] > 0 else -1
+        if not self.limiting and sign * self.x[0] >= self.p["current_limit"] and further(self.x, sign) > 0:
+            self.limiting = sign

@@ -14,7 +14,9 @@ import mpmath
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.recordings.headers import assumed_unit
 from estimator.recordings.recording import Recording, recording_from_arrays
+from estimator.recordings.units import parse_unit
 
 FloatArray = NDArray[np.float64]
 NAMES = ("R", "K", "L", "J", "B")
@@ -133,3 +135,24 @@ def recording_of(
     return recording_from_arrays(
         name, time, {"voltage [V]": voltage, "current [A]": noisy[:, 0], "speed [rad/s]": noisy[:, 1]}
     )
+
+
+def write_recording(recording: Recording, path: Path) -> None:
+    """Write a recording as CSV in SI units, exact to the bit."""
+
+    def quoted(cell: str) -> str:
+        return '"' + cell.replace('"', '""') + '"' if set(cell) & set('",;\t') else cell
+
+    def header(column: str) -> str:
+        unit = recording.units[column]
+        if unit == "?":
+            return recording.headers[column]
+        bare = not unit or (column in recording.assumed_units and assumed_unit(column) == parse_unit(unit))
+        return column if bare else f"{column} [{unit}]"
+
+    columns = list(recording.signals)
+    lines = [",".join(["time [s]", *(quoted(header(column)) for column in columns)])]
+    samples = [recording.time.tolist(), *(recording.signals[column].tolist() for column in columns)]
+    for row in zip(*samples, strict=True):
+        lines.append(",".join("" if value != value else repr(value) for value in row))
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")

@@ -94,6 +94,48 @@ def test_fmu_build_never_imports_estimator():
         assert not [i for i in imports(path) if i.startswith("estimator")], path
 
 
+def named(node):
+    """Return the name that an expression reads: x, or "x" of values["x"]."""
+    if isinstance(node, ast.Subscript) and isinstance(node.slice, ast.Constant):
+        return node.slice.value
+    return node.id if isinstance(node, ast.Name) else None
+
+
+def motor_formulas(path):
+    """Return the lines of a module that list the motor's five parameters, or multiply or divide two of them."""
+    found = []
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Tuple | ast.List | ast.Set):
+            values = [e.value for e in node.elts if isinstance(e, ast.Constant)]
+            found += [node.lineno] * (set("RKLJB") <= {v for v in values if isinstance(v, str)})
+        elif isinstance(node, ast.BinOp) and isinstance(node.op, ast.Mult | ast.Div):
+            inner = node.left.right if isinstance(node.left, ast.BinOp) else node.left
+            found += [node.lineno] * ({named(inner), named(node.right)} <= set("RKLJB"))
+        elif isinstance(node, ast.BinOp) and isinstance(node.op, ast.Pow):
+            found += [node.lineno] * (named(node.left) in set("RKLJB"))
+    return found
+
+
+def test_only_the_motors_folder_knows_its_equations():
+    formulas = {name: lines for name, path in modules("estimator").items() if (lines := motor_formulas(path))}
+    assert {room_of(name) for name in formulas} == {"estimator.motor"} and len(formulas) >= 4
+
+
+def lookups(path):
+    """Return the lines of a module that look a name up in an FMU's table of variables."""
+    found = [n for n in ast.walk(ast.parse(path.read_text(encoding="utf-8"))) if isinstance(n, ast.Attribute)]
+    called = [n for n in found if isinstance(n.value, ast.Name | ast.Attribute)]
+    tables = [n for n in called if getattr(n.value, "id", getattr(n.value, "attr", "")) == "description"]
+    return [n.lineno for n in tables if n.attr in ("variable", "variables", "of_causality")]
+
+
+def test_the_names_of_a_case_are_resolved_in_one_place():
+    rooms = [f"estimator.{room}" for room in ("plans", "fitting", "judging", "estimating")]
+    assert {m for m, p in modules("estimator").items() if room_of(m) in rooms and lookups(p)} == {
+        "estimator.plans.binding"
+    }
+
+
 def users(library):
     return {
         name for name, path in modules("estimator").items() if any(i.split(".")[0] == library for i in imports(path))

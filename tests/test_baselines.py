@@ -9,8 +9,8 @@ from motors import CML050, RMCS2004, held_response, recording_of, step_recording
 from estimator.cases.case import ParameterSpec
 from estimator.errors import InputError
 from estimator.estimating.estimate import estimate_recordings
-from estimator.estimating.steiglitz_mcbride import NoMotorError, steiglitz_mcbride
-from estimator.plans.integral import integral_estimate
+from estimator.motor.integral_least_squares import integral_estimate
+from estimator.motor.steiglitz_mcbride import NoMotorError, steiglitz_mcbride
 from estimator.recordings.recording import recording_from_arrays
 
 

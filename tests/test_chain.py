@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from motors import CML050, NAMES
+from motors import CML050, NAMES, write_recording
 from scipy import linalg, signal
 
 import estimator
@@ -26,7 +26,7 @@ from estimator.fmus.fmu import describe
 from estimator.plans.noise_level import output_deviations
 from estimator.plans.planning import plan_case
 from estimator.recordings.filters import Chebyshev1, Coefficients, LowPass, filter_sections
-from estimator.recordings.recording import Recording, recording_from_arrays, write_recording
+from estimator.recordings.recording import Recording, recording_from_arrays
 from estimator.recordings.sensors import Sensor
 from estimator.results.result import Estimate
 

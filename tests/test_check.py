@@ -6,7 +6,7 @@ import sys
 
 import numpy as np
 import pytest
-from motors import CML050, step_recording
+from motors import CML050, step_recording, write_recording
 
 from estimator.cli import main
 from estimator.commands.checking import preview_text
@@ -14,7 +14,7 @@ from estimator.commands.terminal import broken
 from estimator.recordings.motor_columns import motor_columns
 from estimator.recordings.preview import preview
 from estimator.recordings.read_as import ReadAs
-from estimator.recordings.recording import read_recording, write_recording
+from estimator.recordings.recording import read_recording
 from estimator.recordings.understood import understood
 
 

@@ -14,7 +14,7 @@ import psutil
 import pytest
 from faulty import faulty_fmu
 from interrupts import takes_interrupts
-from motors import CML050, NAMES, step_recording
+from motors import CML050, NAMES, step_recording, write_recording
 from test_stepper import NOMINAL, experiment, noisy_voltage
 
 from estimator.cli import main
@@ -25,7 +25,6 @@ from estimator.fmus.job import Job
 from estimator.fmus.probe import probe
 from estimator.fmus.run_folder import LOCK, PREFIX, RunFolder, remove_leftovers
 from estimator.fmus.workers import Workers
-from estimator.recordings.recording import write_recording
 from estimator.stepping import layout
 
 # In the middle of a simulation, only for candidates with a large L (value reference 4).

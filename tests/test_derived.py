@@ -61,6 +61,6 @@ def test_speed_alone_tells_no_parameter_but_the_speed_per_volt():
 
 
 def test_another_model_has_none():
-    from estimator.judging.derived import derived_quantities
+    from estimator.judging.derived import told_quantities
 
-    assert derived_quantities({"R": 1.0, "Kt": 0.1}, ["R", "Kt"], np.array([True, True]), None) == {}
+    assert told_quantities({"R": 1.0, "Kt": 0.1}, ["R", "Kt"], np.array([True, True]), None) == {}

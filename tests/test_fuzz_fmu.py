@@ -15,10 +15,9 @@ import zipfile
 
 import pytest
 from foreign_fmus import foreign_case, foreign_fmu
-from motors import CML050, step_recording
+from motors import CML050, step_recording, write_recording
 
 from estimator.cli import main
-from estimator.recordings.recording import write_recording
 
 SAMPLE, CASES, PARTS = 24, 2000, 20
 EVERY = {SAMPLE: 8, CASES: 25}  # so many cases between two that are executed; those that lack a function always are

@@ -21,7 +21,8 @@ from made_estimates import MOTOR, UNITS, estimate, with_parameter
 from estimator.cli import main
 from estimator.errors import FmuError, InputError
 from estimator.fmus.fmu import describe
-from estimator.results import handover, handover_files, linear, rebuild, system
+from estimator.motor import state_space
+from estimator.results import handover, handover_files, rebuild, system
 from estimator.results.report import to_json
 from estimator.results.result import Setting
 
@@ -176,7 +177,7 @@ def test_the_table_reads_back_to_the_bit():
 def test_the_state_space_moves_as_the_fmu_does(description):
     from scipy.signal import cont2discrete
 
-    transition, push, *_ = cont2discrete(linear.matrices(FOUND), STEP)
+    transition, push, *_ = cont2discrete(state_space.matrices(FOUND), STEP)
     state, rows = np.zeros(2), []
     for _ in range(STEPS):
         state = transition @ state + push @ [12.0, 0.0]
@@ -197,20 +198,15 @@ def test_the_transfer_functions_are_those_of_the_matrices():
             assert ours == pytest.approx(np.polyval(numerator, s) / np.polyval(denominator, s), rel=1e-9)
 
 
-def test_scipy_and_python_control_take_the_motor(monkeypatch):
-    np.testing.assert_array_equal(linear.state_space(FOUND).A, linear.matrices(FOUND)[0])
-    if importlib.util.find_spec("control") is not None:
-        assert linear.control_system(FOUND).input_labels == ["v", "load"]
-    monkeypatch.setitem(sys.modules, "control", None)
-    with pytest.raises(InputError, match="python-control is not installed; pip install control"):
-        linear.control_system(FOUND)
+def test_scipy_takes_the_motor():
+    np.testing.assert_array_equal(state_space.state_space(FOUND).A, state_space.matrices(FOUND)[0])
 
 
 def test_what_is_no_motor_has_no_linear_model():
     with pytest.raises(InputError, match="a linear motor model needs R, K, L, J and B"):
-        linear.matrices({"R": 1.0})
+        state_space.matrices({"R": 1.0})
     with pytest.raises(InputError, match="with L and J positive"):
-        linear.matrices({**FOUND, "L": 0.0})
+        state_space.matrices({**FOUND, "L": 0.0})
 
 
 # --- the command ---------------------------------------------------------------------------------------------------

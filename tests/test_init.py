@@ -4,14 +4,14 @@ import tomllib
 
 import pytest
 from foreign_fmus import foreign_fmu
-from motors import CML050, NAMES, step_recording
+from motors import CML050, NAMES, step_recording, write_recording
 
 from estimator.cases.case import read_case
 from estimator.cases.init_case import case_text
 from estimator.cli import main
 from estimator.estimating.estimate import estimate
 from estimator.fmus.fmu import describe
-from estimator.recordings.recording import read_recording, write_recording
+from estimator.recordings.recording import read_recording
 
 
 @pytest.fixture(scope="module")

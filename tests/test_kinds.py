@@ -7,7 +7,7 @@ import fmpy
 import numpy as np
 import pytest
 from foreign_fmus import CASE, foreign_case, foreign_fmu
-from motors import CML050, NAMES, step_recording
+from motors import CML050, NAMES, step_recording, write_recording
 
 import fmu_build
 from estimator.cases.case import SearchSpec, case_for_recording, read_case
@@ -19,7 +19,6 @@ from estimator.fmus.fmu import describe
 from estimator.fmus.simulate import simulate
 from estimator.fmus.workers import Workers
 from estimator.plans.planning import plan_case
-from estimator.recordings.recording import write_recording
 
 
 @pytest.fixture(scope="module")

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 from foreign_fmus import CASE, foreign_case, foreign_fmu
-from motors import CML050, NAMES, held_response, step_recording
+from motors import CML050, NAMES, held_response, step_recording, write_recording
 
 from estimator.cases.case import case_for_recording, read_case, write_case
 from estimator.cli import main
@@ -16,7 +16,6 @@ from estimator.fmus.fmu import describe
 from estimator.plans.parameters import Box
 from estimator.plans.planning import plan_case
 from estimator.plans.space import reduced_space, steady_state
-from estimator.recordings.recording import write_recording
 
 
 @pytest.fixture(scope="module")

@@ -67,7 +67,11 @@ def tells_what_to_do(message: str) -> bool:
     if any(re.fullmatch(reason, message) for reason in REASON_IS_ENOUGH):
         return True
     passed_on = not re.sub(r"\{.*?\}", "", message).strip(" :;,.'\"")
-    choices = "suggestion(" in message or re.search(r"\(\{[^()]*(\([^()]*\))?[^()]*\}\)$", message)
+    choices = (
+        "suggestion(" in message
+        or "how_to_map(" in message
+        or re.search(r"\(\{[^()]*(\([^()]*\))?[^()]*\}\)$", message)
+    )
     return passed_on or bool(NEXT.search(message)) or bool(choices)
 
 

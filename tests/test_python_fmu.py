@@ -4,13 +4,12 @@ import re
 from pathlib import Path
 
 import pytest
-from motors import CML050, NAMES, step_recording
+from motors import CML050, NAMES, step_recording, write_recording
 
 from estimator.api import estimate_parameters
 from estimator.cases.case import read_case
 from estimator.cli import main
 from estimator.estimating.estimate import estimate
-from estimator.recordings.recording import write_recording
 
 builder = pytest.importorskip("pythonfmu.builder")
 

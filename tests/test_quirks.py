@@ -18,7 +18,7 @@ import psutil
 import pytest
 from faulty import faulty_fmu
 from foreign_fmus import CASE, foreign_case, foreign_fmu
-from motors import CML050, NAMES, step_recording
+from motors import CML050, NAMES, step_recording, write_recording
 from test_containment import IF_BAD, MARK
 
 import fmu_build
@@ -30,7 +30,6 @@ from estimator.fitting.problem import Problem
 from estimator.fmus.fmu import describe
 from estimator.fmus.workers import Workers
 from estimator.plans.planning import plan_case
-from estimator.recordings.recording import write_recording
 
 TABLE = Path(__file__).resolve().parent.parent / "docs" / "any-fmu.md"
 NOISE = (2e-3, 0.2)

@@ -7,7 +7,7 @@ import pytest
 
 from estimator.cases.case import Case, OutputSpec, ParameterSpec
 from estimator.estimating.estimate import estimate_recordings
-from estimator.plans.integral import speed_estimate
+from estimator.motor.integral_least_squares import speed_estimate
 from estimator.recordings.recording import read_recording
 
 EXAMPLE = Path(__file__).parent.parent / "examples" / "esp32_step.csv"
@@ -66,5 +66,5 @@ def test_the_guess_from_speed_is_that_of_a_first_order_response():
     w = np.where(time >= 0.1, gain * 10 * (1 - np.exp(-(time - 0.1) / tau)), 0.0)
     w[50] = np.nan
     guess = speed_estimate(v, w, step=step, R=R)
-    assert guess == pytest.approx({"K": K, "J": J, "B": B}, rel=1e-3)
+    assert guess == pytest.approx({"R": R, "K": K, "J": J, "B": B}, rel=1e-3)
     assert speed_estimate(v, -w, step=step, R=R) == {}

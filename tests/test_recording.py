@@ -12,8 +12,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
+from motors import write_recording
 
-from estimator.errors import InputError, RecordingError
+from estimator.errors import RecordingError
 from estimator.recordings.delimited import CHUNK
 from estimator.recordings.headers import assumed_unit
 from estimator.recordings.motor_columns import motor_columns
@@ -22,7 +23,6 @@ from estimator.recordings.recording import (
     Recording,
     read_recording,
     recording_from_arrays,
-    write_recording,
 )
 from estimator.recordings.units import parse_unit
 
@@ -660,12 +660,3 @@ def test_a_written_recording_reads_back_to_the_bit(
         missing = np.isnan(signal)
         np.testing.assert_array_equal(np.isnan(twin.signals[name]), missing)
         assert twin.signals[name][~missing].tobytes() == signal[~missing].tobytes()
-
-
-def test_a_recording_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
-    recording = read(tmp_path, PLAIN)
-    with pytest.raises(InputError, match="cannot be written"):
-        write_recording(recording, tmp_path / "missing" / "x.csv")
-    write_recording(recording, tmp_path / "y.csv")
-    assert sorted(file.name for file in tmp_path.iterdir()) == ["run3.csv", "y.csv"]
-    assert (tmp_path / "y.csv").read_text().splitlines()[:2] == [HEADER, "0.0,0.0,3.25,0.0"]

@@ -4,13 +4,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from motors import CML050, held_response, recording_of
+from motors import CML050, held_response, recording_of, write_recording
 
 from estimator.cases.case import read_case
 from estimator.estimating.estimate import estimate
 from estimator.fmus.simulate import simulate
 from estimator.judging.shown import FINER
-from estimator.recordings.recording import write_recording
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from motors import CML050, RMCS2004, step_recording
 
-from estimator.plans.steady_state import SteadyState, last_samples
+from estimator.motor.steady_state import SteadyState, last_samples
 
 
 @pytest.mark.parametrize("motor", [RMCS2004, CML050], ids=lambda m: m.name)

@@ -27,10 +27,11 @@ from estimator.app.case_json import (
 from estimator.app.place import CASE_SUFFIX, DRAFT, Place
 from estimator.cases.case import Case, RunSpec, read_case, write_case
 from estimator.cases.init_case import case_text
-from estimator.cases.mapping import in_si_units
+from estimator.cases.si_units import in_si_units
 from estimator.errors import EstimatorError, InputError
 from estimator.fmus.fmu import FmuDescription, describe, with_kind
 from estimator.fmus.probe import driven
+from estimator.motor.names import has_motor
 from estimator.plans.plan import Plan
 from estimator.plans.planning import plan_case
 from estimator.plans.planning import read_case as read_recordings_of
@@ -40,7 +41,6 @@ from estimator.recordings.made_columns import motors
 from estimator.recordings.motor_columns import motor_columns
 from estimator.recordings.read_as import AS_WRITTEN, ReadAs
 from estimator.recordings.recording import Recording
-from estimator.results.linear import MOTOR
 
 KEPT_RECORDINGS = 12
 BARE = (  # ways to read a file that lacks something, with any clock
@@ -316,7 +316,7 @@ class Bench:
         path = fmu if bundled else str(self.place.inside(fmu))
         changed = Case(fmu=path, kind=kind, recordings=case.recordings, runs=case.runs, search=case.search)
         description = self.description(changed)
-        if set(MOTOR) <= {v.name for v in description.of_causality("parameter")} or not case.recordings:
+        if has_motor({v.name for v in description.of_causality("parameter")}) or not case.recordings:
             return changed
         with tempfile.TemporaryDirectory() as folder:
             guess = Path(folder) / f"guess{CASE_SUFFIX}"

@@ -14,12 +14,13 @@ from typing import Any
 from estimator.app.place import Place
 from estimator.cases.case import FMI_KINDS, LOSSES, METHODS, Case, OutputSpec, ParameterSpec, RunSpec
 from estimator.errors import InputError
-from estimator.fmus.fmu import FmuDescription
-from estimator.plans.free_parameters import FREE_TOO
+from estimator.fmus.fmu import FmuDescription, Variable
+from estimator.motor.names import MOTOR, has_motor
+from estimator.plans.binding import usual_parameters
+from estimator.plans.parameters import Parameter
 from estimator.plans.plan import Plan
 from estimator.recordings.read_as import ReadAs
 from estimator.recordings.units import parse_unit
-from estimator.results.linear import MOTOR
 
 ROLES = ("fit", "validate", "off")
 READING: dict[str, type] = {"test": str, "motor": str, "supply": str, "counts": float, "per_turn": float, "rate": float}
@@ -148,7 +149,7 @@ def with_parameters(case: Case, rows: Any, description: FmuDescription) -> Case:
             own = starts.get(variable) if value is None else gain * value
             if own is None or isinstance(own, str):
                 raise InputError(f"{name} is fixed, but at no value; give one")
-            if value is not None or name in automatic(description):
+            if value is not None or name in usual_parameters(starts):
                 held[variable] = own
     return dataclasses.replace(case, parameters=free, fixed=held)
 
@@ -173,48 +174,44 @@ def with_search(case: Case, search: Any) -> Case:
     return dataclasses.replace(case, search=changed)
 
 
-def automatic(description: FmuDescription) -> tuple[str, ...]:
-    """Return the parameters that are estimated where a case names none."""
-    have = {v.name for v in description.of_causality("parameter")}
-    return tuple(name for name in (*MOTOR, *FREE_TOO) if name in have)
-
-
 def parameters_shown(case: Case, description: FmuDescription, plan: Plan | None) -> list[dict[str, Any]]:
     """Return the rows of the page's table: all real parameters of the FMU, by the case's names, in SI units.
 
     "min", "max", "start" and "value" are what the case says; "lower", "upper" and "begin" what is taken.
     """
     variables = {v.name: v for v in description.of_causality("parameter") if v.is_real}
-    named = list(case.parameters) or [name for name in automatic(description) if name not in case.fixed]
-    if case.parameters and all(name in MOTOR for name in case.parameters) and set(MOTOR) <= set(variables):
+    named = list(case.parameters) or [name for name in usual_parameters(variables) if name not in case.fixed]
+    if case.parameters and all(name in MOTOR for name in case.parameters) and has_motor(variables):
         named += [name for name in MOTOR if name not in named and name not in case.fixed]
     planned = {} if plan is None else {p.quantity or p.name: p for p in plan.parameters if p.place is None}
     driven = {target for spec in case.parameters.values() for target in spec.fmu}
     rows = []
     for name in dict.fromkeys([*named, *(n for n in variables if n not in driven)]):
         spec = case.parameters.get(name) or ParameterSpec(name)
-        variable = variables.get(spec.fmu[0])
-        known = planned.get(name)
-        start = variable.start if variable is not None and isinstance(variable.start, float) else None
-        rows.append(
-            {
-                "name": name,
-                "unit": known.unit if known else variable.unit if variable else "",
-                "description": variable.description if variable else "",
-                "free": name in named,
-                "min": spec.minimum,
-                "max": spec.maximum,
-                "start": spec.start,
-                "value": case.fixed.get(name),
-                "lower": known.lower if known else None,
-                "upper": known.upper if known else None,
-                "begin": (known.start if known else None) or start,
-                "nominal": spec.nominal,
-                "per_recording": spec.per_recording,
-            }
-        )
+        row = _row(spec, variables.get(spec.fmu[0]), planned.get(name))
+        rows.append({**row, "free": name in named, "value": case.fixed.get(name)})
     order = {name: k for k, name in enumerate(MOTOR)}
     return sorted(rows, key=lambda row: (not row["free"] and row["value"] is None, order.get(row["name"], len(order))))
+
+
+def _row(spec: ParameterSpec, variable: Variable | None, planned: Parameter | None) -> dict[str, Any]:
+    """Return what the case, the FMU and the plan say of one parameter."""
+    row: dict[str, Any] = {
+        "name": spec.name,
+        "unit": "",
+        "description": "",
+        "lower": None,
+        "upper": None,
+        "begin": None,
+    }
+    if variable is not None:
+        start = variable.start if isinstance(variable.start, float) else None
+        row |= {"unit": variable.unit, "description": variable.description, "begin": start}
+    if planned is not None:
+        row |= {"unit": planned.unit, "lower": planned.lower, "upper": planned.upper}
+        row["begin"] = planned.start or row["begin"]
+    said = {"min": spec.minimum, "max": spec.maximum, "start": spec.start, "nominal": spec.nominal}
+    return {**row, **said, "per_recording": spec.per_recording}
 
 
 def kind_of(value: Any) -> str | None:

@@ -120,7 +120,7 @@ def _picture(problem: Problem, shown: list[np.ndarray]) -> Picture:
         simulated = {name: rows[:, j] for j, name in enumerate(plan.outputs)}
         recordings.append(Series(time, signals))
         transients.append(transient(Comparison("", time, {}, observed.outputs, simulated, {})))
-    units = {name: plan.description.variable(name).unit for name in (*plan.observed[0].inputs, *plan.outputs)}
+    units = {name: plan.unit(name) for name in (*plan.observed[0].inputs, *plan.outputs)}
     fit = {name: 100 * (1 - (squares[name] / total[name]) ** 0.5) if total[name] > 0 else None for name in plan.outputs}
     names = tuple(o.recording.title for o in plan.observed)
     return Picture(tuple(recordings), names, tuple(transients), units, fit)

@@ -7,14 +7,14 @@ from pathlib import Path
 
 from estimator.cases.case import PARAMETER, ParameterSpec
 from estimator.cases.case_signals import InputSpec, input_value
-from estimator.cases.mapping import in_si
 from estimator.cases.roles import guess_roles
+from estimator.cases.si_units import in_si
 from estimator.cases.strict_toml import to_key, to_toml
 from estimator.fmus.fmu import FmuDescription, Variable
+from estimator.motor.names import MOTOR
 from estimator.recordings.headers import ROLE_TITLE
 from estimator.recordings.motor_columns import motor_columns
 from estimator.recordings.recording import Recording
-from estimator.results.linear import MOTOR
 
 MARK = "# TODO"  # what could not be guessed
 WIDTH = 100.0  # factor either way of the start

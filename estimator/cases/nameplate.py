@@ -1,10 +1,4 @@
-"""What a motor's nameplate says, computed from an estimate and checked. Knows the motor's steady state, no FMU.
-
-At the voltage V, with R, K (= Kt = Ke) and the viscous friction B:
-
-    no-load speed     K V / (R B + K²)        no-load current    B V / (R B + K²)
-    stall torque      K V / R                 stall current      V / R
-"""
+"""What a motor's nameplate says, computed from an estimate and checked. Knows units and limits, no FMU."""
 
 from __future__ import annotations
 
@@ -18,6 +12,7 @@ from estimator.cases.keys import Key, Keys
 from estimator.cases.strict_toml import Table
 from estimator.errors import suggestion
 from estimator.locked import Locked
+from estimator.motor.plate_quantities import plate_quantities
 
 if TYPE_CHECKING:
     from estimator.results.result import Estimate
@@ -77,23 +72,8 @@ def plate_values(estimate: Estimate, *, voltage: float | None) -> dict[str, Plat
     have = estimate.parameters
     if "K" not in have or "R" not in have:
         return {}
-    R, K = have["R"].value, have["K"].value
     B = have["B"].value if "B" in have else None
-    found: dict[str, tuple[float, dict[str, float]]] = {"Kt": (K, {"K": 1.0}), "R": (R, {"R": 1.0})}
-    if voltage is not None and R > 0:
-        V = voltage
-        if B is not None:
-            d = R * B + K * K
-            found["no_load_speed"] = (
-                K * V / d,
-                {"R": -K * V * B / d**2, "K": V * (R * B - K * K) / d**2, "B": -K * V * R / d**2},
-            )
-            found["no_load_current"] = (
-                B * V / d,
-                {"R": -B * V * B / d**2, "K": -2 * B * V * K / d**2, "B": V * K * K / d**2},
-            )
-        found["stall_current"] = (V / R, {"R": -V / R**2})
-        found["stall_torque"] = (K * V / R, {"R": -K * V / R**2, "K": V / R})
+    found = plate_quantities(have["R"].value, have["K"].value, B, voltage)
     order = [name for name in QUANTITIES if name in found]
     return {name: PlateValue(found[name][0], _error(estimate, found[name][1])) for name in order}
 

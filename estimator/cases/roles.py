@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import re
 
-from estimator.cases.mapping import in_si
+from estimator.cases.si_units import in_si
 from estimator.fmus.fmu import FmuDescription, Variable
+from estimator.motor.names import MOTOR
 
 # Of each role: causalities, SI units, words of the name, words of the description.
 _CLUES: dict[str, tuple[tuple[str, ...], tuple[str, ...], str, str]] = {
@@ -34,7 +35,7 @@ ROLES = tuple(_CLUES)
 UNIT, NAME, WORDS, TOP, OWN = 4, 3, 2, 1, 1  # points for a clue
 ENOUGH = 3
 VAGUE = {"K": "k", "B": "c|d|f|mu"}  # names that say nothing without a unit or a description
-MOTOR, LEAST = ("R", "K", "L", "J", "B"), 3  # parameters that look like a motor's, to be one
+LEAST = 3  # parameters that look like a motor's, to be one
 
 
 def guess_roles(description: FmuDescription) -> dict[str, tuple[str, ...]]:

@@ -128,7 +128,7 @@ def check(args: argparse.Namespace) -> int:
 
 def simulate(args: argparse.Namespace) -> int:
     """Simulate an FMU once and give what comes out as CSV, in SI units."""
-    from estimator.cases.mapping import in_si_units
+    from estimator.cases.si_units import in_si_units
     from estimator.commands.drive import settable
     from estimator.fmus.fmu import describe, with_kind
     from estimator.fmus.probe import driven

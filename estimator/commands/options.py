@@ -52,7 +52,7 @@ def with_options(
         raise InputError(f"{name!r} is given to --fix and to --bounds; leave one out")
     if not held and not limits:
         return case
-    from estimator.cases.mapping import in_si_units
+    from estimator.cases.si_units import in_si_units
     from estimator.fmus.fmu import describe
 
     description = in_si_units(describe(case.fmu))
@@ -179,16 +179,13 @@ def _held(case: Case, held: Mapping[str, float], description: FmuDescription) ->
         for target, gain in zip(targets, gains, strict=True):
             _in_range(target, gain * value, description, by=f"--fix {name}={value:g}")
             fixed[target] = gain * value
-    if case.parameters and not parameters and not _motor_parameters(description):
+    if case.parameters and not parameters and not _usual_parameters(description):
         raise InputError("every parameter is fixed; leave at least one free")
     return dataclasses.replace(case, parameters=parameters, fixed=fixed)
 
 
 def _in_range(name: str, value: float, description: FmuDescription, *, by: str) -> None:
-    variable = description.variable(name)
-    low, high = variable.minimum, variable.maximum
-    if (low is not None and value < low) or (high is not None and value > high):
-        reach = f"{'any' if low is None else f'{low:g}'} to {'any' if high is None else f'{high:g}'}"
+    if reach := description.variable(name).reach_without(value):
         given = by if by == f"--fix {name}={value:g}" else f"{by}, which sets {name} to {value:g},"
         raise InputError(f"{given} is outside the range {reach} that {description.path.name} allows")
 
@@ -199,7 +196,7 @@ def _bounded(case: Case, limits: Mapping[str, tuple[float, float]], description:
 
     parameters, fixed = dict(case.parameters), dict(case.fixed)
     if limits and not parameters:
-        parameters = {n: ParameterSpec(n) for n in _motor_parameters(description) if n not in fixed}
+        parameters = {n: ParameterSpec(n) for n in _usual_parameters(description) if n not in fixed}
     for name, (lower, upper) in limits.items():
         if name not in parameters:
             _known_parameter(name, case, description)
@@ -210,12 +207,11 @@ def _bounded(case: Case, limits: Mapping[str, tuple[float, float]], description:
     return dataclasses.replace(case, parameters=parameters, fixed=fixed)
 
 
-def _motor_parameters(description: FmuDescription) -> list[str]:
+def _usual_parameters(description: FmuDescription) -> tuple[str, ...]:
     """Return those parameters of the FMU that are estimated when nobody names any."""
-    from estimator.results.linear import MOTOR
+    from estimator.plans.binding import usual_parameters
 
-    have = {variable.name for variable in description.of_causality("parameter")}
-    return [name for name in MOTOR if name in have]
+    return usual_parameters([variable.name for variable in description.of_causality("parameter")])
 
 
 def _known_parameter(name: str, case: Case, description: FmuDescription) -> None:

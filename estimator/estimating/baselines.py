@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.errors import InputError
-from estimator.estimating.steiglitz_mcbride import NoMotorError, steiglitz_mcbride
-from estimator.plans.integral import integral_estimate
+from estimator.motor.integral_least_squares import integral_estimate
+from estimator.motor.names import MOTOR
+from estimator.motor.steiglitz_mcbride import NoMotorError, steiglitz_mcbride
 from estimator.plans.plan import Plan
-from estimator.results.linear import MOTOR
 
 FloatArray = NDArray[np.float64]
 

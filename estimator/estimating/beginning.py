@@ -10,8 +10,8 @@ from estimator.judging.refusal import lost_transients, refusal, refused_notes
 from estimator.judging.structure import structure
 from estimator.judging.trial import announcement, unmoved
 from estimator.method_names import WITHOUT_POLISH
+from estimator.motor.names import MOTOR
 from estimator.plans.noise_level import output_deviations
-from estimator.results.linear import MOTOR
 from estimator.results.result import Estimate
 
 

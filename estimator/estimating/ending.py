@@ -16,7 +16,7 @@ from estimator.fitting.problem import Problem
 from estimator.fitting.winding import cold_resistances
 from estimator.fmus.failing import with_values
 from estimator.judging.budgeted import with_budget
-from estimator.judging.derived import derived_quantities
+from estimator.judging.derived import told_quantities
 from estimator.judging.outcome import (
     comparisons,
     correlation,
@@ -103,11 +103,11 @@ def finish(
     derived = {}
     if polish is not None:
         log = np.array([p.log for p in plan.parameters], dtype=bool)
-        derived = derived_quantities(run.fitted, plan.names, log, polish, budgeted)
+        derived = told_quantities(run.fitted, plan.names, log, polish, budgeted)
         derived |= cold_resistances(plan, values, polish, budgeted.of)
     deviations = None
     if polish is not None:
-        deviations = problem.noise_shown(polish.deviations) if explained is None else explained.noise
+        deviations = polish.deviations if explained is None else explained.noise
     result = _estimate(run, plan, values, polish, judgement, shown=shown, noise=deviations, explained=explained)
     compared = result.comparisons if explained is None else with_treatment(result.comparisons, explained)
     if run.profile:

@@ -24,8 +24,8 @@ from estimator.fitting.explained import Explained, explain
 from estimator.fitting.polish import LeastSquares, Polish, at_given_bound, log_likelihood
 from estimator.fitting.problem import SIGMA_FLOOR
 from estimator.method_names import CUCKOO, loaded
+from estimator.motor.names import MOTOR
 from estimator.plans.space import Space, reduced_space, steady_state
-from estimator.results.linear import MOTOR
 from estimator.results.result import Estimate
 
 FloatArray = NDArray[np.float64]

@@ -13,19 +13,19 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.estimating.steiglitz_mcbride import NoMotorError, steiglitz_mcbride
 from estimator.fitting.polish import Polish
+from estimator.motor.names import is_motor
+from estimator.motor.state_space import poles
+from estimator.motor.steiglitz_mcbride import NoMotorError, steiglitz_mcbride
 from estimator.plans.parameters import Box
 from estimator.plans.plan import Plan
 from estimator.plans.space import Steady
 from estimator.recordings.excitation import noise_deviation
-from estimator.results.linear import MOTOR, is_motor
 
 FloatArray = NDArray[np.float64]
 
 FAST = 0.5  # of 1 / sampling interval: a faster pole shows in few samples
 UNSURE = 0.1  # relative standard error
-LEAST_R = 1e-4  # of the largest R that the steady state allows
 LEAST, MOST = 0.005, 100.0  # sampling intervals of the time constants
 OTHERS = 8  # inductances
 
@@ -35,11 +35,10 @@ def needs_many(plan: Plan, polish: Polish) -> bool:
     values: Mapping[str, float] = dict(zip(plan.names, polish.values.tolist(), strict=True))
     if not is_motor(values):
         return False
-    R, K, L, J, B = (values[n] for n in MOTOR)
-    poles = np.linalg.eigvals(np.array([[-R / L, -K / L], [K / J, -B / J]]))
+    rates = poles(values)
     h = plan.observed[0].recording.step
     unsure = np.any(polish.at_bound != 0) or not np.all(polish.standard_errors < UNSURE * np.abs(polish.values))
-    return bool(np.max(np.abs(poles)) * h > FAST or unsure)
+    return bool(np.max(np.abs(rates)) * h > FAST or unsure)
 
 
 def many_starts(
@@ -48,7 +47,8 @@ def many_starts(
     """Return starts, (n, p): around a first optimum, by Steiglitz-McBride, and `count` that keep the steady state."""
     starts = [*_inductances(plan, polish), *_direct(plan)]
     if steady.settling.settled and steady.state.is_usable:  # not so after a step down to rest
-        starts += list(_along_the_line(plan, steady, count=count, rng=rng))
+        drawn = steady.state.drawn(count, rng, step=plan.observed[0].recording.step, intervals=(LEAST, MOST))
+        starts += list(np.column_stack([drawn[n] for n in plan.names]))
     return np.asarray(np.clip(np.array(starts), box.lower, box.upper))
 
 
@@ -76,17 +76,3 @@ def _direct(plan: Plan) -> list[FloatArray]:
     except (NoMotorError, np.linalg.LinAlgError):
         return []
     return [np.array([found[name] for name in plan.names])]
-
-
-def _along_the_line(plan: Plan, steady: Steady, *, count: int, rng: np.random.Generator) -> FloatArray:
-    v, i, w = abs(steady.state.v), max(abs(steady.state.i), 1e-9), abs(steady.state.w)
-    h = plan.observed[0].recording.step
-
-    def spread(low: float, high: float) -> FloatArray:
-        return np.exp(rng.uniform(np.log(low), np.log(high), count))
-
-    R = spread(LEAST_R, 0.999) * min(v / i, 1e6)
-    K = (v - np.minimum(R * i, 0.999 * v)) / max(w, 1e-9)
-    drawn = {"R": R, "K": K, "L": R * h * spread(LEAST, MOST), "B": K * i / max(w, 1e-9)}
-    drawn["J"] = K * K / R * h * spread(LEAST, MOST)
-    return np.column_stack([drawn[n] for n in plan.names])

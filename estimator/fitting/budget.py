@@ -27,8 +27,8 @@ from estimator.fitting.fit import Fit, new_fit, solved
 from estimator.fitting.noise_model import NoiseModel
 from estimator.fitting.polish import information_parts
 from estimator.fitting.simulator import Simulator
-from estimator.fitting.winding import COPPER, REFERENCE
 from estimator.fmus.workers import Workers
+from estimator.motor.winding import COPPER, REFERENCE, relative_resistance
 from estimator.plans.plan import Plan
 
 FloatArray = NDArray[np.float64]
@@ -160,7 +160,7 @@ def _column(fit: Fit, tolerance: Tolerance) -> FloatArray:
             if source != "temperature":
                 return u
             known = plan.temperatures[recording or 0] if plan.temperatures else None
-            return u * resistance * COPPER / (1 + COPPER * ((REFERENCE if known is None else known) - REFERENCE))
+            return u * resistance * COPPER / relative_resistance(REFERENCE if known is None else known)
 
         return _more_resistance(fit, more)
     inputs = tuple(plan.observed[0].inputs)
@@ -181,7 +181,7 @@ def _driven(fit: Fit, name: str, more: FloatArray) -> FloatArray:
     def plan(sign: int) -> Plan:
         observed = []
         for o, clock in zip(s.plan.observed, s.clocks, strict=True):
-            variable = s.plan.description.variable(name)
+            variable = s.plan.binding.signal(name)
             usual = float(variable.start or 0.0) if isinstance(variable.start, int | float) else 0.0
             was = o.inputs.get(name, np.full(len(o.recording.time), usual))
             observed.append(dataclasses.replace(o, inputs={**o.inputs, name: was + sign * more[clock.rows]}))
@@ -225,13 +225,13 @@ def _over_step(fit: Fit, signal: FloatArray) -> FloatArray:
 
 def _one(plan: Plan, names: Sequence[str], quantity: str) -> str:
     """Return the one signal of a quantity; "" where there is none, or more than one."""
-    found = [n for n in names if plan.description.variable(n).unit == UNITS[quantity]]
+    found = [n for n in names if plan.unit(n) == UNITS[quantity]]
     return found[0] if len(found) == 1 else ""
 
 
 def _load(plan: Plan) -> str:
     """Return the FMU's one input that is a torque; ""."""
-    found = [v.name for v in plan.description.variables if v.causality == "input" and v.unit == "N.m"]
+    found = [name for name, v in plan.binding.inputs.items() if v.unit == "N.m"]
     return found[0] if len(found) == 1 else ""
 
 

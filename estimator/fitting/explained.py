@@ -21,10 +21,10 @@ from estimator.fitting.simulator import Nuisance, Simulator, per_recording
 from estimator.fmus.fmu import describe
 from estimator.fmus.probe import driven
 from estimator.fmus.workers import Workers
+from estimator.motor.names import MOTOR
 from estimator.plans.parameters import Parameter, SensorPlace
 from estimator.plans.plan import Plan
 from estimator.recordings.excitation import quantum
-from estimator.results.linear import MOTOR
 from estimator.results.result import Rival, RivalParameter
 from estimator.stepping import layout
 
@@ -189,15 +189,10 @@ class _Rivals:
         return is_linear_motor and {*plan.names, *plan.fixed} <= {*MOTOR, "v", "load"}
 
     def _simulator(self, name: str) -> Simulator:
-        description = driven(describe(name))
-        has = {v.name for v in description.variables}
+        plan = self.plan.on(driven(describe(name)))
+        has = plan.binding.own
         own = [n for e in self.effects if e.fmu == name for n in e.nuisances(self.plan) if n.target in has]
-        return Simulator(
-            dataclasses.replace(self.plan, description=description),
-            (*self.base.nuisances, *own),
-            self.crew,
-            self.sigma,
-        )
+        return Simulator(plan, (*self.base.nuisances, *own), self.crew, self.sigma)
 
 
 def freed_by_the_case(plan: Plan) -> list[Nuisance]:
@@ -217,7 +212,7 @@ def freed_by_the_case(plan: Plan) -> list[Nuisance]:
         else:
             spread = max(float(np.nanmax(np.abs(o.outputs[y]))) for o in plan.observed)
             name = f"offset {y}" if e is None else per_recording(plan, f"offset {y}")[e]
-            unit = plan.description.variable(y).unit
+            unit = plan.unit(y)
             found.append(Nuisance(name, unit, -11 * spread, 11 * spread, 0.0, 0.01 * spread, place=place))
     return found
 

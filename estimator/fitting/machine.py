@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from estimator.fitting.fit import Fit
 from estimator.fitting.noise_model import Clock
 from estimator.fitting.recursion import recursion
-from estimator.results.linear import is_motor, matrices
+from estimator.motor.names import is_motor
+from estimator.motor.state_space import matrices, sampled
 
 FloatArray = NDArray[np.float64]
 
@@ -121,16 +122,10 @@ def as_late(fit: Fit, signal: FloatArray) -> FloatArray:
 
 def _discrete(fit: Fit, clock: Clock) -> tuple[FloatArray, FloatArray, list[float]]:
     """Return F (2, 2), G (2, 2) of x[k+1] = F x[k] + G [v, torque], and det(I - F z^-1) without its 1."""
-    from scipy.linalg import expm
-
     values = motor_values(fit)
     assert values is not None
-    a, b, _, _ = matrices(values)
-    whole = np.zeros((4, 4))
-    whole[:2, :2], whole[:2, 2:] = a, b
-    step = expm(whole * clock.step)
-    f = step[:2, :2]
-    return f, step[:2, 2:], [-float(np.trace(f)), float(np.linalg.det(f))]
+    f, g = sampled(values, clock.step)
+    return f, g, [-float(np.trace(f)), float(np.linalg.det(f))]
 
 
 def _as_shown(fit: Fit, states: FloatArray, clock: Clock) -> FloatArray:

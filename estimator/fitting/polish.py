@@ -92,8 +92,6 @@ class LeastSquares:
         Standard deviation of each measured output: its scale.
     loss : "linear" or "huber"
         Beyond HUBER deviations a residual counts in proportion, no longer by its square (Huber 1964).
-    lost : (q,) array, optional
-        Degrees of freedom that each output has lost already, to outliers and ripple.
     """
 
     def __init__(
@@ -103,12 +101,10 @@ class LeastSquares:
         *,
         output: NDArray[np.int64],
         spread: FloatArray,
-        lost: FloatArray | None = None,
         loss: str = "linear",
     ) -> None:
         self._robust = loss == "huber"
         self._residuals, self.box, self._output, self._spread = residuals, box, output, spread
-        self._lost = np.zeros(len(spread)) if lost is None else lost
         self.low = _scale(box.lower, box.log)
         self.high = _scale(box.upper, box.log)
 
@@ -175,7 +171,7 @@ class LeastSquares:
             if self._robust and own.any():
                 result[j] = float(np.median(np.abs(own[own != 0]))) / 0.6745
                 continue
-            freedom = max(1.0, len(own) - self._lost[j] - free / outputs)
+            freedom = max(1.0, len(own) - free / outputs)
             result[j] = np.sqrt(own @ own / freedom) if len(own) else self._spread[j]
         return np.maximum(result, NUMERICAL * self._spread)
 

@@ -11,17 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.cases.case import Case
-from estimator.cases.mapping import settings, settings_names, target
 from estimator.errors import CaseError
 from estimator.fitting.winding import warmth
 from estimator.fmus.job import Batch, Experiment, Job
 from estimator.fmus.workers import Workers
 from estimator.plans.parameters import Box
 from estimator.plans.plan import ChainSpec, Observed, Plan
-from estimator.plans.planning import read_variable
 from estimator.recordings.recording import Recording
 from estimator.recordings.sensors import Section
-from estimator.stepping import layout
 from estimator.stepping.layout import types_of
 
 FloatArray = NDArray[np.float64]
@@ -47,10 +44,10 @@ class Problem:
         self.parameters = plan.parameters
         self.box = Box.of(plan.parameters)
         self.outputs = plan.outputs
-        description = plan.description
+        description, binding, settings = plan.description, plan.binding, plan.binding.settings
         targets = list(dict.fromkeys(t for p in self.parameters for t in p.targets))
-        taken = [target(description, name) for name in targets]
-        held = {name: target(description, name) for name in plan.fixed if name not in targets}
+        taken = [binding.target(name) for name in targets]
+        held = {name: binding.target(name) for name in plan.fixed if name not in targets}
         held = {name: v for name, v in held.items() if v.is_real and v.causality != "input"}
         self.variables = tuple(v.name for v in (*taken, *held.values()))  # as a candidate's values follow in the FMU
         self._column, self._gain = self._destinations(targets)
@@ -64,8 +61,8 @@ class Problem:
         self.sigma = dict(sigma)
         self._constant = np.array([(plan.fixed[n] - v.offset) / v.factor for n, v in held.items()])
         inputs = tuple(plan.observed[0].inputs)
-        driven = [description.variable(n) for n in inputs]
-        read = [read_variable(description, plan.sensors[y], y) for y in self.outputs]
+        driven = [binding.signal(n) for n in inputs]
+        read = [binding.read(y, plan.sensors[y]) for y in self.outputs]
         self._job = Job(
             description=description,
             parameter_references=tuple(v.value_reference for v in (*taken, *held.values())),
@@ -79,8 +76,8 @@ class Problem:
             reinstantiate=description.restart == "re-instantiate",
             fresh_process=description.restart == "fresh process",
             types=types_of([v.type for v in (*taken, *held.values(), *driven, *read)]),
-            settings=settings(description, plan.fixed, plan.texts),
-            names=(*self.variables, *settings_names(description, plan.fixed, plan.texts), *inputs),
+            settings=tuple((v.type, v.value_reference, value) for v, value in settings),
+            names=(*self.variables, *(v.name for v, _ in settings), *inputs),
             scale=tuple((v.factor, v.offset) for v in read) if any(not v.is_as_it_is for v in read) else (),
         )
         workers.load(self._job, keep_counts=keep_counts)
@@ -88,9 +85,8 @@ class Problem:
         self._edges = np.cumsum([0, *lengths])
         measured = np.concatenate([self._measured(o) for o in plan.observed])
         self._measured_rows = np.nan_to_num(measured)
-        self._counted = [j for j, y in enumerate(self.outputs) if plan.counted and plan.sensors[y] == layout.MEAN]
         self._phased = self._without_phase()
-        self._used = self._compared(measured)
+        self._used = ~np.isnan(measured)
         self.output_of_residual = np.broadcast_to(np.arange(len(self.outputs)), measured.shape)[self._used].astype(
             np.int64
         )
@@ -99,7 +95,7 @@ class Problem:
             column = measured[:, j]
             spread = float(np.nanstd(column))
             spread = spread if spread > 0 else max(abs(float(np.nanmean(column))), 1e-12)
-            spreads.append(spread * plan.observed[0].recording.step if j in self._counted else spread)
+            spreads.append(spread)
         self.spread = np.array(spreads)
 
     def costs(self, candidates: FloatArray, bounds: FloatArray | None = None) -> FloatArray:
@@ -127,10 +123,7 @@ class Problem:
         return self._has_sensors
 
     def residuals(self, candidates: FloatArray) -> FloatArray:
-        """Return simulated minus measured, (n, m), in the outputs' units, missing samples left out; NaN if failed.
-
-        Of a plan that is `counted`, the speed of a differenced encoder stands there as its angle.
-        """
+        """Return simulated minus measured, (n, m), in the outputs' units, missing samples left out; NaN if failed."""
         shown = self.trajectories(candidates).shown
         assert shown is not None
         return self.compared(shown)
@@ -156,32 +149,6 @@ class Problem:
             batch.shown[index, self._edges[e] + o.lead : self._edges[e + 1]] for e, o in enumerate(self.plan.observed)
         ]
 
-    def spread_out(self, rows: list[FloatArray]) -> FloatArray:
-        """Return (n, outputs) arrays, one a recording, as a residual vector, (m,)."""
-        parts = []
-        for o, part in zip(self.plan.observed, rows, strict=True):
-            parts += [np.zeros((o.lead, len(self.outputs))), part]
-        return np.asarray(self._picked(np.concatenate(parts)[None])[0])
-
-    def noise_shown(self, deviations: FloatArray) -> FloatArray:
-        """Return deviations of the residuals, (q,), as those of what the sensors show: of counts, differenced."""
-        result = deviations.copy()
-        result[self._counted] *= np.sqrt(2) / self.plan.observed[0].recording.step
-        return result
-
-    def is_counted(self, output: int) -> bool:
-        """Return whether an output's residuals stand as an encoder's angle."""
-        return output in self._counted
-
-    def _compared(self, measured: FloatArray) -> NDArray[np.bool_]:
-        """Return which samples are compared; of an encoder at rest none: its error is constant there."""
-        used = ~np.isnan(measured)
-        for j in self._counted:
-            for first, last in zip(self._edges[:-1], self._edges[1:], strict=True):
-                turning = np.flatnonzero(np.nan_to_num(measured[first:last, j]) != 0)
-                used[first : first + (int(turning[0]) if len(turning) else last - first), j] = False
-        return used
-
     def _without_phase(self) -> list[int]:
         """Return the outputs whose phase is not known while nobody has freed it, or declared it."""
         plan = self.plan
@@ -191,37 +158,13 @@ class Problem:
         return [self.outputs.index("angle")] if any(o.has_phase for o in plan.observed) and not freed else []
 
     def _picked(self, rows: FloatArray) -> FloatArray:
-        """Pick from (c, rows, outputs) what is compared, (c, m); an encoder's speeds added up, counts without mean.
-
-        The mean is the encoder's phase, which is never known.
-        """
-        for j in (*self._counted, *self._phased):
+        """Pick from (c, rows, outputs) what is compared, (c, m); an angle whose phase is not known without its mean."""
+        for j in self._phased:
             rows = rows.copy()
-            for e, o in enumerate(self.plan.observed):
-                part = slice(self._edges[e], self._edges[e + 1])
-                turned = rows[:, part, j]
-                if j in self._counted:
-                    turned = np.cumsum(turned, axis=1) * o.recording.step
-                turning = self._used[part, j]
-                rows[:, part, j] = turned - np.mean(turned[:, turning], axis=1, keepdims=True)
+            for first, last in zip(self._edges[:-1], self._edges[1:], strict=True):
+                turned, turning = rows[:, first:last, j], self._used[first:last, j]
+                rows[:, first:last, j] = turned - np.mean(turned[:, turning], axis=1, keepdims=True)
         return np.asarray(rows[:, self._used])
-
-    def series(self, residuals: FloatArray, output: int) -> list[tuple[FloatArray, IntArray]]:
-        """Split (m,) residuals of one output by recording: (n,) each, NaN where missing, and their indices (-1)."""
-        index = np.full(self._used.shape, -1, dtype=np.int64)
-        index[self._used] = np.arange(len(residuals))
-        result = []
-        for e, o in enumerate(self.plan.observed):
-            own = index[self._edges[e] + o.lead : self._edges[e + 1], output]
-            result.append((np.where(own >= 0, residuals[own], np.nan), own))
-        return result
-
-    def spread_columns(self, jacobian: FloatArray, output: int) -> list[FloatArray]:
-        """Split an (m, p) array of one output by recording: (n, p) each, zero where a sample is missing."""
-        blocks = []
-        for _, own in self.series(np.zeros(len(jacobian)), output):
-            blocks.append(np.where((own >= 0)[:, None], jacobian[own], 0.0))
-        return blocks
 
     def used(self, rows: FloatArray) -> FloatArray:
         """Pick from (rows, outputs) trajectories the samples that are compared, (m,)."""
@@ -298,7 +241,7 @@ class Problem:
 
     def _own_unit(self, name: str, signal: FloatArray) -> FloatArray:
         """Return an input in the FMU's unit."""
-        variable = self.plan.description.variable(name)
+        variable = self.plan.binding.signal(name)
         return signal if variable.is_as_it_is else (signal - variable.offset) / variable.factor
 
     def _measured(self, observed: Observed) -> FloatArray:

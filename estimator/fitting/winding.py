@@ -8,12 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.fitting.polish import Polish
+from estimator.motor.winding import relative_resistance
 from estimator.plans.plan import Plan
 from estimator.results.result import DerivedQuantity
 
 FloatArray = NDArray[np.float64]
-
-COPPER, REFERENCE = 0.00393, 25.0  # 1/K, °C: as data sheets state a winding's resistance
 
 
 def warmth(temperatures: Sequence[float | None], count: int) -> FloatArray:
@@ -23,7 +22,7 @@ def warmth(temperatures: Sequence[float | None], count: int) -> FloatArray:
     """
     if len(temperatures) != count or any(t is None for t in temperatures):
         return np.ones(count)
-    relative = np.array([_relative(t or 0.0) for t in temperatures])
+    relative = np.array([relative_resistance(t or 0.0) for t in temperatures])
     return np.asarray(relative / relative[0])
 
 
@@ -43,13 +42,9 @@ def cold_resistances(
         temperature = plan.temperatures[parameter.recording or 0]
         error = float(polish.standard_errors[j])
         if temperature is not None and np.isfinite(error):
-            cold = 1 / _relative(temperature)
+            cold = 1 / relative_resistance(temperature)
             name = f"{parameter.name.replace('R', 'R_at_25_C', 1)}"
             gradient = np.zeros(len(plan.parameters))
             gradient[j] = cold * (float(values[j]) if parameter.log else 1.0)
             found[name] = DerivedQuantity(float(values[j]) * cold, error * cold, parameter.unit, budget(gradient))
     return found
-
-
-def _relative(temperature: float) -> float:
-    return 1 + COPPER * (temperature - REFERENCE)

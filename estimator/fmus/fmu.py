@@ -55,9 +55,9 @@ class Variable:
     initial: str = ""
     items: tuple[tuple[str, int], ...] = ()  # of an enumeration
     base: Base | None = None
-    factor: float = 1.0  # SI = factor × the FMU's own number + offset, where mapping.py has made it SI
+    factor: float = 1.0  # SI = factor × the FMU's own number + offset, where cases/si_units.py has made it SI
     offset: float = 0.0
-    own_unit: str = ""  # the FMU's own, where mapping.py has made `unit` SI by a factor
+    own_unit: str = ""  # the FMU's own, where cases/si_units.py has made `unit` SI by a factor
 
     @property
     def is_real(self) -> bool:
@@ -68,6 +68,13 @@ class Variable:
     def is_as_it_is(self) -> bool:
         """Whether the FMU's own number is the value, with no unit between."""
         return self.factor == 1 and self.offset == 0
+
+    def reach_without(self, value: float) -> str:
+        """Return the range of the variable, "0.001 to any", if a value is outside it; else ""."""
+        low, high = self.minimum, self.maximum
+        if (low is None or value >= low) and (high is None or value <= high):
+            return ""
+        return f"{'any' if low is None else f'{low:g}'} to {'any' if high is None else f'{high:g}'}"
 
     @property
     def is_settable(self) -> bool:
@@ -116,7 +123,6 @@ class FmuDescription:
     restart: str = "reset"  # how it begins again: "reset", "re-instantiate" or "fresh process" (probe.py)
     probe_simulations: int = 0  # that it took to find out
     is_bundled: bool = False  # found by a bundled model's name
-    originals: tuple[Variable, ...] = ()  # the FMU's own variables, where `variables` holds others (mapping.py)
     capabilities_of: Mapping[str, Mapping[str, bool]] = field(default_factory=dict)  # of each kind
 
     @property
@@ -137,7 +143,7 @@ class FmuDescription:
         FmuError
             There is none; the sentence suggests the nearest.
         """
-        for variable in (*self.variables, *self.originals):
+        for variable in self.variables:
             if variable.name == name:
                 return variable
         known = [v.name for v in self.variables if role == "variable" or v.causality == role]

@@ -10,8 +10,8 @@ import numpy as np
 from estimator.cases.tolerance import OFFERED
 from estimator.fitting.between_runs import BetweenRuns
 from estimator.fitting.budget import Budget
+from estimator.motor.names import has_motor
 from estimator.plans.plan import Plan
-from estimator.results.linear import MOTOR
 from estimator.results.result import Estimate, ParameterEstimate, StandardUncertainty
 
 OFFER = (
@@ -52,7 +52,7 @@ def with_budget(found: Estimate, plan: Plan, budget: Budget, between: BetweenRun
         f"the tolerance {source!r} is not in the bars: the FMU cannot be simulated with it" for source in budget.failed
     ]
     has_bars = any(p.standard_error is not None for p in found.parameters.values())
-    if has_bars and not plan.case.tolerance and set(MOTOR) <= set(found.parameters) and "i" in plan.outputs:
+    if has_bars and not plan.case.tolerance and has_motor(found.parameters) and "i" in plan.outputs:
         notes.append(OFFER.format(", ".join(f"{source} {text}" for source, text in OFFERED.items())))
 
     def own(parameters: Mapping[str, ParameterEstimate]) -> dict[str, ParameterEstimate]:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from estimator.motor.names import has_motor
 from estimator.plans.plan import Plan
 from estimator.recordings.excitation import noise_deviation
-from estimator.results.linear import MOTOR
 
 ENDS = 5  # samples whose means are compared
 AT_ODDS = 8.0  # standard deviations of their difference: by white noise never
@@ -14,7 +14,7 @@ AT_ODDS = 8.0  # standard deviations of their difference: by white noise never
 
 def coasting(plan: Plan) -> list[str]:
     """Return where a speed falls while there is no voltage yet: an offset of its sensor would stay."""
-    if not set(MOTOR) <= {*plan.names, *plan.fixed}:
+    if not has_motor({*plan.names, *plan.fixed}):
         return []
     reasons = []
     for o in plan.observed:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimator.cases.case_signals import run_value
-from estimator.cases.mapping import target
 from estimator.fitting.explained import Explained
 from estimator.fitting.polish import Polish
 from estimator.judging.verdict import Judgement
@@ -53,7 +53,7 @@ def parameter_estimates(
             settings=_settings(plan, parameter, float(values[j])),
         )
     for name, value in plan.fixed.items():
-        variable = plan.description.variable(name)
+        variable = plan.binding.target(name)
         if variable.causality != "input":
             held = Parameter(name, variable.unit, value, value, log=False, targets=(name,))
             settings = _settings(plan, held, value)
@@ -67,7 +67,7 @@ def _settings(plan: Plan, parameter: Parameter, value: float) -> tuple[Setting, 
         return ()
     settings = []
     for name, gain in zip(parameter.targets, parameter.gains or (1.0,) * len(parameter.targets), strict=True):
-        variable = target(plan.description, name)
+        variable = plan.binding.target(name)
         own = (gain * value - variable.offset) / variable.factor
         kind = "Real" if variable.is_real else variable.type
         settings.append(Setting(name, own, variable.own_unit or variable.unit, kind))
@@ -114,15 +114,8 @@ def recordings(plan: Plan) -> tuple[dict[str, Any], ...]:
 def comparisons(plan: Plan, shown: list[FloatArray]) -> tuple[Comparison, ...]:
     """Return measured against simulated signals, one entry a recording; `shown` is (n, outputs) each."""
     return tuple(
-        Comparison(
-            name=o.recording.name,
-            time=o.recording.time,
-            inputs=dict(o.inputs),
-            measured=dict(o.outputs),
-            simulated={name: rows[:, j].copy() for j, name in enumerate(plan.outputs)},
-            units={n: plan.description.variable(n).unit for n in (*o.inputs, *o.outputs)},
-        )
-        for o, rows in zip(plan.observed, shown, strict=True)
+        dataclasses.replace(alone, simulated={name: rows[:, j].copy() for j, name in enumerate(plan.outputs)})
+        for alone, rows in zip(measured(plan), shown, strict=True)
     )
 
 
@@ -135,7 +128,7 @@ def measured(plan: Plan) -> tuple[Comparison, ...]:
             inputs=dict(o.inputs),
             measured=dict(o.outputs),
             simulated={},
-            units={n: plan.description.variable(n).unit for n in (*o.inputs, *o.outputs)},
+            units={n: plan.unit(n) for n in (*o.inputs, *o.outputs)},
         )
         for o in plan.observed
     )

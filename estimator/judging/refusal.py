@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.fmus.fmu import FmuDescription
+from estimator.motor.derived_quantities import largest_acceleration
 from estimator.plans.plan import Observed, Plan
 from estimator.recordings.excitation import find_settling, lost_transient, noise_deviation, saturation
 from estimator.recordings.finding import Finding
@@ -60,7 +60,7 @@ def refusal(plan: Plan) -> list[str]:
         return reasons
     reasons += cut_transients(plan)
     for o in plan.observed:
-        reasons += _damaged(o, plan.description) + _unsigned(o) + _contradicted(o)
+        reasons += _damaged(o, plan) + _unsigned(o) + _contradicted(o)
     return reasons
 
 
@@ -98,7 +98,7 @@ def _dead(plan: Plan) -> list[str]:
     return [
         Reason(
             f"{title}: {name} is {float(np.nanmax(plan.observed[0].outputs[name])):.4g}"
-            f" {plan.description.variable(name).unit} from the first to the last sample while the voltage moves: its"
+            f" {plan.unit(name)} from the first to the last sample while the voltage moves: its"
             " sensor is dead, or the shaft is held; leave the column out, or record it again",
             *(_place(o, name, 0, -1) for o in plan.observed),
         )
@@ -171,14 +171,14 @@ def _contradicted(o: Observed) -> list[str]:
     return reasons
 
 
-def _damaged(o: Observed, description: FmuDescription) -> list[str]:
+def _damaged(o: Observed, plan: Plan) -> list[str]:
     reasons: list[str] = []
     title = o.recording.title
     for name, y in o.outputs.items():
         clipped = saturation(y) if name != "angle" else None
         if clipped is not None:
             first, run, value = clipped
-            unit = description.variable(name).unit
+            unit = plan.unit(name)
             reasons.append(
                 Reason(
                     f"{title}: {name} is saturated at {value:.4g} {unit} for {run} samples from"
@@ -215,7 +215,7 @@ def _was_cut(w: FloatArray, k: int) -> bool:
 
 def _jumps(plan: Plan) -> Iterator[tuple[Observed, int, float]]:
     """Yield recordings of a step with a jump of the speed: sample after it, size as a part of the response."""
-    for o in (o.logged or o for o in plan.observed):
+    for o in plan.observed:
         if o.excitation.kind == "step" and "w" in o.outputs:
             lost = lost_transient(o.excitation, o.outputs["w"])
             if lost is not None:
@@ -233,7 +233,7 @@ def lost_transients(plan: Plan, motor: Mapping[str, float] | None = None) -> lis
         if motor is not None and {"R", "K", "J"} <= set(motor):
             jump = part * float(np.ptp(o.outputs["w"][~np.isnan(o.outputs["w"])]))
             step = abs(o.excitation.after - o.excitation.before)
-            most = motor["K"] * step / motor["R"] / motor["J"] * o.recording.step
+            most = largest_acceleration(motor, step) * o.recording.step
             if jump > IMPOSSIBLE * most:
                 evidence = f", {CONTRADICTED}: {jump:.3g} rad/s where K v / (R J) allows {most:.3g} rad/s a sample"
         reasons.append(

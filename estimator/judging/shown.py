@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from estimator.fitting.explained import REPORTED, Explained
 from estimator.fitting.problem import Problem
 from estimator.fmus.workers import Workers
-from estimator.plans.parameters import Parameter
 from estimator.plans.plan import ChainSpec, Observed, Plan
 from estimator.results.panels import MARKERS_UP_TO, transient
 from estimator.results.result import Comparison, FineSignals
@@ -114,18 +113,9 @@ def _finer(plan: Plan, e: int, *, rows: int) -> Plan:
         observed=(observed,),
         parameters=tuple(own),
         chains={name: dataclasses.replace(chain, average=1) for name, chain in plan.chains.items()},
-        counted=False,
         temperatures=plan.temperatures[e : e + 1],
         case=dataclasses.replace(plan.case, step=None if plan.case.step is None else min(plan.case.step, step)),
     )
-
-
-def _alone(parameter: Parameter) -> Parameter:
-    """Return a parameter as that of the only recording."""
-    place = parameter.place
-    if place is not None and place.recording is not None:
-        place = dataclasses.replace(place, recording=0)
-    return dataclasses.replace(parameter, recording=None if parameter.recording is None else 0, place=place)
 
 
 def _memory(signal: FloatArray, plan: Plan, name: str) -> FloatArray:

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.cases.mapping import integral_of
 from estimator.fitting.polish import LeastSquares
 from estimator.fitting.problem import Problem
 
@@ -59,9 +58,7 @@ def structure(problem: Problem, start: FloatArray) -> Structure:
     part = np.sqrt(np.sum(null**2, axis=0))
     untold = tuple(n for n, x, p in zip(names, part, problem.parameters, strict=True) if x > PART and p.place is None)
     missing = len(names) - rank
-    outputs = [v.name for v in problem.plan.description.of_causality("output")]
-    known = {*problem.outputs, *(integral_of(y) for y in problem.outputs)}
-    others = [y for y in outputs if y not in known and integral_of(y) not in known]
+    others = problem.plan.binding.unshown
     remedy = f", or record {' or '.join(others)}, too" if others else ", or record another experiment"
     sentence = (
         f"{' and '.join(problem.outputs)} alone cannot tell {', '.join(untold)} apart:"

@@ -127,25 +127,10 @@ def _as_estimated(plan: Plan, estimate: Estimate, crew: Workers, sigma: Mapping[
     chain = {name: parameter.value for name, parameter in estimate.chain.items()}
     plan = dataclasses.replace(plan, sensors={**plan.sensors, **_sensors(plan, estimate)})
     description, nuisances = _bench(plan, chain)
-    simulator = Simulator(dataclasses.replace(plan, description=description), nuisances, crew, sigma)
-    known = {**chain, **_whole(plan, estimate)}
-    free: list[str] = []
-    for parameter in plan.parameters:
-        if parameter.name in estimate.parameters:
-            known[parameter.name] = estimate.parameters[parameter.name].value
-        else:  # it has a value for each recording: their mean is where this one's begins
-            own = parameter.quantity or parameter.name
-            same = [p.value for n, p in estimate.parameters.items() if n == own or n.startswith(f"{own} ")]
-            known[parameter.name] = float(np.mean(same))
-            free.append(parameter.name)
-    channels = {f"delay {name}" for name in plan.outputs}
-    late = any(n.split(" ")[0] == "delay" and not n.startswith("delay of ") and n not in channels for n in chain)
-    for o, name in zip(plan.observed, per_recording(plan, "delay"), strict=True):
-        if name in simulator.index and (o.delay != 0 or late):
-            known[name] = o.delay
-            free.append(name)
-    freed = {n.name for n in freed_by_the_case(plan)}
+    simulator = Simulator(plan.on(description), nuisances, crew, sigma)
+    known, free = _known(simulator, estimate, chain)
     offsets = {name: y for y in plan.outputs for name in per_recording(plan, f"offset {y}")}
+    freed = {n.name for n in freed_by_the_case(plan)}
     free += [name for name in offsets if name in freed]
     known.update({name: 0.0 for name in offsets})
     values = simulator.values(known)
@@ -161,6 +146,27 @@ def _as_estimated(plan: Plan, estimate: Estimate, crew: Workers, sigma: Mapping[
     }
     linear = [g for g in Offset().linear(fit) if offsets[g.name] in shown or g.name in turned]
     return dataclasses.replace(fit, linear=tuple(linear))
+
+
+def _known(simulator: Simulator, estimate: Estimate, chain: Mapping[str, float]) -> tuple[dict[str, float], list[str]]:
+    """Return what the estimate says of a simulator's parameters, and those of them that are each recording's own."""
+    plan = simulator.plan
+    known, free = {**chain, **_whole(plan, estimate)}, []
+    for parameter in plan.parameters:
+        if parameter.name in estimate.parameters:
+            known[parameter.name] = estimate.parameters[parameter.name].value
+        else:  # it has a value for each recording: their mean is where this one's begins
+            own = parameter.quantity or parameter.name
+            same = [p.value for n, p in estimate.parameters.items() if n == own or n.startswith(f"{own} ")]
+            known[parameter.name] = float(np.mean(same))
+            free.append(parameter.name)
+    channels = {f"delay {name}" for name in plan.outputs}
+    late = any(n.split(" ")[0] == "delay" and not n.startswith("delay of ") and n not in channels for n in chain)
+    for o, name in zip(plan.observed, per_recording(plan, "delay"), strict=True):
+        if name in simulator.index and (o.delay != 0 or late):
+            known[name] = o.delay
+            free.append(name)
+    return known, free
 
 
 def _sensors(plan: Plan, estimate: Estimate) -> dict[str, int]:

@@ -19,8 +19,10 @@ from estimator.judging.plain_noise import structured
 from estimator.judging.refusal import CONTRADICTED, lost_transients, refused_notes, slow_for_the_motor
 from estimator.judging.scales import scales_at_odds
 from estimator.judging.step_check import StepCheck
+from estimator.motor.names import MOTOR, has_motor, is_motor
+from estimator.motor.state_space import poles
+from estimator.motor.winding import time_constant
 from estimator.plans.plan import Plan
-from estimator.results.linear import MOTOR, is_motor
 from estimator.results.result import Comparison, Status, Verdict
 
 if TYPE_CHECKING:
@@ -141,7 +143,7 @@ def judge(
 
 def _identified(plan: Plan, values: Mapping[str, float], polish: Polish) -> dict[str, ParameterStatus]:
     statuses = {}
-    has_winding = set(MOTOR) <= {*(p.quantity or p.name for p in plan.parameters), *plan.fixed}
+    has_winding = has_motor({*(p.quantity or p.name for p in plan.parameters), *plan.fixed})
     for j, parameter in enumerate(plan.parameters):
         if parameter.place is not None:
             continue
@@ -195,7 +197,11 @@ def _traded(plan: Plan, polish: Polish, statuses: Mapping[str, ParameterStatus])
 def _small_inductance(plan: Plan, values: Mapping[str, float]) -> str:
     h = plan.observed[0].recording.step
     R = next((x for n, x in {**plan.fixed, **values}.items() if n == "R" or n.startswith("R ")), None)
-    about = f"L/R is about {values['L'] / R:.2g} s against a sampling interval of" if R else "it is sampled every"
+    about = (
+        f"L/R is about {time_constant(R, values['L']):.2g} s against a sampling interval of"
+        if R
+        else "it is sampled every"
+    )
     return f"{about} {h:g} s; sample faster to tell L"
 
 
@@ -208,7 +214,7 @@ def _misfit(
         for j, name in enumerate(plan.outputs):
             shown = 0.0 if noise is None else MISFIT * noise[j]
             if explained.noise[j] > UNEXPLAINED * spread[j] and explained.at_rest[j] > shown:
-                unit = plan.description.variable(name).unit
+                unit = plan.unit(name)
                 reasons.append(
                     f"the model does not explain {name}: residuals of {explained.noise[j]:.3g} {unit} are left of a"
                     f" signal that spreads by {spread[j]:.3g} {unit}"
@@ -223,7 +229,7 @@ def _above_noise(plan: Plan, deviations: FloatArray, noise: FloatArray, spread: 
     for j, name in enumerate(plan.outputs):
         found = deviations[j]
         if found > MISFIT * noise[j] and found > NUMERICAL * spread[j]:
-            unit = plan.description.variable(name).unit
+            unit = plan.unit(name)
             times = found / max(noise[j], 1e-300)
             size = f"{times:.1f} times" if times < 1000 else "far above"
             reasons.append(
@@ -238,16 +244,15 @@ def _fast(plan: Plan, values: Mapping[str, float]) -> list[str]:
     known = {**values, **plan.fixed}
     if not is_motor(known):
         return []
-    R, K, L, J, B = (known[n] for n in MOTOR)
-    poles = np.linalg.eigvals(np.array([[-R / L, -K / L], [K / J, -B / J]]))
+    rates = poles(known)
     h = max(o.recording.step for o in plan.observed)
-    frequency = float(np.max(np.abs(poles.imag)))
+    frequency = float(np.max(np.abs(rates.imag)))
     if frequency * h > np.pi:
         return [
             f"the motor oscillates at {frequency / 2 / np.pi:.4g} Hz, above half the sampling rate of {1 / h:g} Hz:"
             " other parameters fit these samples as well; sample faster"
         ]
-    slowest = float(np.min(np.abs(poles.real)))
+    slowest = float(np.min(np.abs(rates.real)))
     if slowest * h > 1:
         return [
             f"the motor follows the voltage within {1 / slowest:.2g} s, less than the sampling interval of {h:g} s:"
@@ -278,7 +283,7 @@ def _found(plan: Plan, explained: Explained | None) -> list[str]:
     notes = [f.sentence for f in explained.found if not (f.effect in PLAIN and f.name in tabled)]
     noise, whitener = explained.fit.whitener.noise, explained.fit.whitener
     for j, name in enumerate(plan.outputs):
-        unit = plan.description.variable(name).unit
+        unit = plan.unit(name)
         parts = [f"{noise.white[j]:.2g} {unit} from sample to sample"]
         if noise.differenced[j] > 0:
             parts = [f"{noise.differenced[j]:.2g} {unit} a count, differenced"]
@@ -298,7 +303,7 @@ def _found(plan: Plan, explained: Explained | None) -> list[str]:
         notes.append(
             f"a torque of {noise.torque[0]:.2g} N.m that wanders over {noise.torque[1]:.2g} s moves current and speed"
         )
-    if set(MOTOR) <= set(plan.names) and "i" in plan.outputs:
+    if has_motor(plan.names) and "i" in plan.outputs:
         others = [UNSEEN.get(name, name) for name in explained.unseen if name != "gain"]
         notes.append(
             "not visible in such a recording: a current that is shown 1 % too large (R and L are then 1 % too small, J"

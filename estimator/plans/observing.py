@@ -10,18 +10,15 @@ from numpy.typing import NDArray
 
 from estimator.cases.case import Case, OutputSpec, RunSpec
 from estimator.cases.case_signals import GIVEN, REST, SETTLED
-from estimator.cases.mapping import begins_elsewhere, driven_twice, how_to_map, target
-from estimator.errors import CaseError, FmuError, InputError, RecordingError, suggestion
-from estimator.fmus.fmu import FmuDescription
+from estimator.errors import CaseError, RecordingError, suggestion
+from estimator.plans.binding import Binding, Channels
 from estimator.plans.plan import Observed
 from estimator.recordings.excitation import Excitation, find_delay, find_excitation, noise_deviation, quantum
 from estimator.recordings.filters import filter_sections
-from estimator.recordings.motor_columns import motor_columns
 from estimator.recordings.recording import MIN_SAMPLES, Recording
 from estimator.recordings.samples import filled
 from estimator.recordings.sensors import Section, Sensor
 from estimator.recordings.turns import is_countable, starts_again, with_turns
-from estimator.results.linear import MOTOR
 
 FloatArray = NDArray[np.float64]
 
@@ -34,107 +31,102 @@ SLOWER_CLOCK = 0.9  # of the gaps of an input that are equal: it was sampled at 
 RINGING = 1e-3  # of a filter's response: samples after a gap are left out until it has fallen below
 
 
-def observe(case: Case, description: FmuDescription, recording: Recording, run: RunSpec) -> Observed:
-    """Map a recording on the FMU.
+def observe(binding: Binding, channels: Channels, recording: Recording, run: RunSpec) -> Observed:
+    """Map a recording, `within` its window, on the FMU.
 
     Raises
     ------
     InputError
-        A column, a window or a correction does not fit: one sentence.
+        A correction does not fit, or samples are missing: one sentence.
     """
-    recording = _within(recording, run)
-    for named in (*case.inputs.values(), *case.products.values(), *(spec.column for spec in case.outputs.values())):
-        recording = recording.in_unit(named)
-    inputs, outputs = columns_used(case, description, recording)
-    if twice := driven_twice(case, inputs):
-        raise InputError(
-            f"the input {twice!r} is fixed, but {recording.title} has it in the column {inputs[twice]!r};"
-            " leave the fixed value out, or name the columns to use in a case file"
-        )
-    _check_channels(run, inputs, outputs, recording)
-    recording, driven, told = _driven(case, description, recording, inputs, run)
-    measured, more = _compared(case, description, recording, outputs, run)
+    _check_channels(run, channels, recording)
+    recording, driven, told = _driven(binding, recording, channels.inputs, run)
+    measured, more = _compared(binding, recording, channels.outputs, run)
     told += more
     has_phase = "angle" in measured and quantum(measured["angle"]) > 0
     if not driven:  # the FMU moves by itself, as the motor did
         return Observed(recording, driven, measured, Excitation("several", 0, 0.0, 0.0, False), 0, has_phase=has_phase)
-    is_motor = is_motor_case(case, description)
+    is_motor = binding.is_motor
     if is_motor and "angle" in measured:
         measured["angle"], more = _from_zero(recording, measured["angle"])
         told += more
     excitation = _excitation(driven, _moving(measured, recording.step))
-    notes = tuple(told)
-    begin = run.begin or _usual_begin(case, description, driven, measured)
-    delay = 0.0
-    if begin != GIVEN and excitation.kind != "none":
-        late = 0 if begin == SETTLED else find_delay(excitation, measured)
-        delay = late * recording.step if late >= LATE else 0.0
-    if isinstance(run.delay, float | int):
-        delay = float(run.delay)
-        _check_delay(delay, excitation, recording)
+    begin = run.begin or _usual_begin(binding, driven, measured)
+    delay = _delay(begin, run, excitation, measured, recording)
+    found = Observed(recording, driven, measured, excitation, 0, delay, notes=tuple(told), has_phase=has_phase)
     if begin in (GIVEN, REST):  # nothing to run in, and the way from there is a response
         by_itself = run.begin == GIVEN or not (run.begin or is_motor)  # a motor at zero does not move without its input
         kind = "several" if by_itself and excitation.kind == "none" else excitation.kind
-        still = dataclasses.replace(excitation, kind=kind, running=False)
-        return Observed(recording, driven, measured, still, 0, delay, notes=notes, has_phase=has_phase)
-    lead = 0
-    runs = begin == SETTLED or excitation.running
-    if runs and any(u[0] != 0 for u in driven.values()) and (begin == SETTLED or excitation.kind != "none"):
-        lead = len(recording.time) - (excitation.index if excitation.kind == "step" else 0)
-        has_phase = "angle" in measured and (has_phase or is_motor)
-        if not isinstance(run.delay, float | int):
-            delay = 0.0
-        if run.begin is None:
-            notes = (*notes, _run_in(recording, is_motor))
-    return Observed(recording, driven, measured, excitation, lead, delay, notes=notes, has_phase=has_phase)
+        return dataclasses.replace(found, excitation=dataclasses.replace(excitation, kind=kind, running=False))
+    return _run_in(found, run, settled=begin == SETTLED, is_motor=is_motor)
 
 
-def _usual_begin(
-    case: Case, description: FmuDescription, driven: Mapping[str, FloatArray], measured: Mapping[str, FloatArray]
-) -> str | None:
-    """Return how a simulation begins where the case does not say: a motor as the data show (None), else as given."""
-    is_motor = "v" in driven and bool({"i", "w", "angle"} & set(measured))
-    return None if is_motor and not begins_elsewhere(case, description) else GIVEN
+def _delay(
+    begin: str | None, run: RunSpec, excitation: Excitation, measured: Mapping[str, FloatArray], recording: Recording
+) -> float:
+    """Return the delay of the outputs, s: as the case says it, else as the data show it at first sight."""
+    if isinstance(run.delay, float | int):
+        _check_delay(float(run.delay), excitation, recording)
+        return float(run.delay)
+    if begin in (GIVEN, SETTLED) or excitation.kind == "none":
+        return 0.0
+    late = find_delay(excitation, measured)
+    return late * recording.step if late >= LATE else 0.0
 
 
-def _run_in(recording: Recording, is_motor: bool) -> str:
+def _run_in(o: Observed, run: RunSpec, *, settled: bool, is_motor: bool) -> Observed:
+    """Return a recording with what is simulated before it, where its first row shows something that runs already."""
+    moves = settled or (o.excitation.running and o.excitation.kind != "none")
+    if not moves or all(u[0] == 0 for u in o.inputs.values()):
+        return o
     what = "the motor" if is_motor else "the FMU"
-    return (
-        f"{recording.title}: {what} runs already in the first row; its simulation is run in at the first row's inputs"
+    note = (
+        f"{o.recording.title}: {what} runs already in the first row; its simulation is run in at the first row's inputs"
         ' (begin = "settled"; "rest" or "given" under [[recording]] begins otherwise)'
+    )
+    return dataclasses.replace(
+        o,
+        lead=len(o.recording.time) - (o.excitation.index if o.excitation.kind == "step" else 0),
+        has_phase="angle" in o.outputs and (o.has_phase or is_motor),
+        delay=o.delay if isinstance(run.delay, float | int) else 0.0,
+        notes=o.notes if run.begin else (*o.notes, note),
     )
 
 
+def _usual_begin(binding: Binding, driven: Mapping[str, FloatArray], measured: Mapping[str, FloatArray]) -> str | None:
+    """Return how a simulation begins where the case does not say: a motor as the data show (None), else as given."""
+    is_motor = "v" in driven and bool({"i", "w", "angle"} & set(measured))
+    return None if is_motor and not binding.begins_elsewhere else GIVEN
+
+
 def _driven(
-    case: Case, description: FmuDescription, recording: Recording, inputs: Mapping[str, str], run: RunSpec
+    binding: Binding, recording: Recording, inputs: Mapping[str, str], run: RunSpec
 ) -> tuple[Recording, dict[str, FloatArray], list[str]]:
     """Return the part of a recording in which every input is known, the inputs, (n,) each, and what to tell."""
     driven, notes = {}, []
     for name, column in inputs.items():
-        unit = description.variable(name, role="input").unit or None
-        driven[name] = _corrected(_driving(case, recording, name, column, unit), name, column, run)
+        unit = binding.signal(name).unit or None
+        driven[name] = _corrected(_driving(binding.case, recording, name, column, unit), name, column, run)
     first, last = _known_range(recording, driven)
     if last - first < len(recording.time):
         recording = recording.between(first, last)
         driven = {name: signal[first:last] for name, signal in driven.items()}
     for name in driven:
-        driven[name], told = _complete(recording, driven[name], name, inputs[name], linear=name in case.linear)
+        driven[name], told = _complete(recording, driven[name], name, inputs[name], linear=name in binding.case.linear)
         notes += told
-    for name, value in case.fixed.items():
-        variable = target(description, name)
-        if variable.causality == "input" and variable.is_real:
-            driven[name] = np.full(len(recording.time), value)
+    for name, value in binding.held_inputs.items():
+        driven[name] = np.full(len(recording.time), value)
     return recording, driven, notes
 
 
 def _compared(
-    case: Case, description: FmuDescription, recording: Recording, outputs: Mapping[str, str], run: RunSpec
+    binding: Binding, recording: Recording, outputs: Mapping[str, str], run: RunSpec
 ) -> tuple[dict[str, FloatArray], list[str]]:
     """Return what each output is compared with, (n,) each, and what to tell."""
     measured, told = {}, []
     for name, column in outputs.items():
-        spec = case.outputs.get(name) or OutputSpec(column)
-        unit = description.variable(name, role="output").unit or None
+        spec = binding.outputs[name]
+        unit = binding.signal(name).unit or None
         measured[name] = _measured(recording, column, spec, unit=unit, name=name, run=run)
         if recording.units[recording.column(column)] == "rad" and starts_again(recording.signal(column)):
             told.append(f"{recording.title}: {column} starts again with every turn; its turns are added up")
@@ -152,12 +144,6 @@ def _excitation(driven: Mapping[str, FloatArray], measured: Mapping[str, FloatAr
         if found.kind != "none" and np.ptp(driven[name]) > 0:
             return dataclasses.replace(found, kind="several") if first == "v" else found  # a step is the voltage's
     return excitation
-
-
-def is_motor_case(case: Case, description: FmuDescription) -> bool:
-    """Whether the FMU is a motor, which moves in the same way at any angle, and begins at zero."""
-    known = {*case.parameters, *(v.name for v in description.of_causality("parameter"))}
-    return set(MOTOR) <= known and not begins_elsewhere(case, description)
 
 
 def _from_zero(recording: Recording, angle: FloatArray) -> tuple[FloatArray, list[str]]:
@@ -187,7 +173,16 @@ def _check_delay(delay: float, excitation: Excitation, recording: Recording) -> 
         )
 
 
-def _within(recording: Recording, run: RunSpec) -> Recording:
+def within(case: Case, recording: Recording, run: RunSpec) -> Recording:
+    """Return the window of a recording, its columns in the units that the case gives them.
+
+    Raises
+    ------
+    RecordingError
+        The window is too short.
+    """
+    for named in (*case.inputs.values(), *case.products.values(), *(spec.column for spec in case.outputs.values())):
+        recording = recording.in_unit(named)
     if run.window is None:
         return recording
     low, high = run.window
@@ -203,8 +198,8 @@ def _within(recording: Recording, run: RunSpec) -> Recording:
     return recording.between(int(inside[0]), int(inside[-1]) + 1)
 
 
-def _check_channels(run: RunSpec, inputs: Mapping[str, str], outputs: Mapping[str, str], recording: Recording) -> None:
-    known = {**inputs, **outputs}
+def _check_channels(run: RunSpec, channels: Channels, recording: Recording) -> None:
+    known = {**channels.inputs, **channels.outputs}
     for key in ("scale", "offset"):
         for name in getattr(run, key):
             if name not in known and name not in known.values():
@@ -337,40 +332,3 @@ def _without_rest(angle: FloatArray) -> FloatArray:
     resting = int(np.argmax(angle != known[0])) if quantum(angle) > 0 else 0
     resting = int(np.argmax(~np.isnan(angle) & (angle != known[0]))) if resting else 0
     return np.where(np.arange(len(angle)) < resting, np.nan, angle)
-
-
-def columns_used(
-    case: Case, description: FmuDescription, recording: Recording
-) -> tuple[dict[str, str], dict[str, str]]:
-    """Return FMU input → column and FMU output → column, from the case or from the usual names."""
-    undriven = all(v.name in case.fixed for v in description.of_causality("input"))
-    if case.outputs and (case.inputs or undriven):
-        return (
-            {name: recording.column(column) for name, column in case.inputs.items()},
-            {name: recording.column(spec.column) for name, spec in case.outputs.items()},
-        )
-    inputs = {name: recording.column(column) for name, column in case.inputs.items()}
-    outputs = {name: recording.column(spec.column) for name, spec in case.outputs.items()}
-    needs_voltage = not inputs and "v" not in case.fixed
-    roles = motor_columns(recording, required=["v"] if needs_voltage else [], either=[] if outputs else ["i", "w"])
-    if not inputs:
-        for role in ("v", "load"):
-            if role in roles and any(v.name == role for v in description.of_causality("input")):
-                inputs[role] = roles[role]
-        if needs_voltage and "v" not in inputs:
-            known = ", ".join(v.name for v in description.of_causality("input")) or "none"
-            raise FmuError(
-                f"{description.path.name} has no input 'v' (its inputs: {known});"
-                f" {how_to_map(case, description, 'inputs', 'which input takes which column')}"
-            )
-    if not outputs:
-        measured = [r for r in ("i", "w", "angle") if r in roles and not (r == "angle" and "w" in roles)]
-        names = [v.name for v in description.variables if v.causality == "output"]
-        outputs = {role: roles[role] for role in measured if role in names}
-        missing = [role for role in measured if role not in names]
-        if missing:
-            raise FmuError(
-                f"{description.path.name} has no output {missing[0]!r}{suggestion(missing[0], names)};"
-                f" {how_to_map(case, description, 'outputs', 'which output shows which column')}"
-            )
-    return inputs, outputs

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimator.cases.case import Case
 from estimator.fmus.fmu import FmuDescription
+from estimator.plans.binding import Binding
 from estimator.plans.parameters import Parameter, SensorPlace
 from estimator.recordings.excitation import Excitation
 from estimator.recordings.filters import Filter, filter_sections
@@ -36,8 +37,6 @@ class Observed:
         s, of the outputs behind the inputs as the case says it, or as the data show it at first sight; 0 where the
         parameters have a delay.
     notes : sentences about what was done to its samples
-    logged : Observed or None
-        As it was logged, where rows that its logger lost have been put back.
     has_phase : bool
         Its angle begins anywhere, not where the model's does: encoder counts, or a motor that runs already.
     read : what was read: FMU input or output → its column, the time last
@@ -51,7 +50,6 @@ class Observed:
     lead: int
     delay: float = 0.0
     notes: tuple[str, ...] = ()
-    logged: Observed | None = None
     has_phase: bool = False
     read: tuple[Understood, ...] = ()
     findings: tuple[Finding, ...] = ()
@@ -96,7 +94,7 @@ class Plan:
     """A case made concrete against its FMU and recordings; nothing has been simulated yet."""
 
     case: Case
-    description: FmuDescription
+    binding: Binding
     observed: tuple[Observed, ...]
     parameters: tuple[Parameter, ...]
     fixed: Mapping[str, float]
@@ -104,11 +102,22 @@ class Plan:
     guess: Mapping[str, float]
     notes: tuple[str, ...]
     chains: Mapping[str, ChainSpec] = field(default_factory=dict)
-    counted: bool = False  # residuals of a differenced encoder's speed are added up again, to its counts
-    texts: Mapping[str, str] = field(default_factory=dict)  # FMU variable → text that it is set to
     declared: frozenset[str] = frozenset()  # what of the measurement chain the case says: "offset i", "delay of 0"
     wanted: tuple[SensorPlace, ...] = ()  # what of it the case frees
     temperatures: tuple[float | None, ...] = ()  # °C, of the winding, one a recording
+
+    @property
+    def description(self) -> FmuDescription:
+        """The FMU, in SI units."""
+        return self.binding.description
+
+    def unit(self, signal: str) -> str:
+        """Return the SI unit of an input or an output."""
+        return self.binding.signal(signal).unit
+
+    def on(self, description: FmuDescription) -> Plan:
+        """Return the same plan with another FMU that has all its names."""
+        return replace(self, binding=self.binding.on(description))
 
     @property
     def outputs(self) -> tuple[str, ...]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,12 +11,12 @@ import numpy as np
 from estimator.cases.case import Case, RunSpec
 from estimator.cases.expansion import told_apart
 from estimator.cases.keys import FREE
-from estimator.cases.mapping import fixed_values, integral_of, mapped
-from estimator.errors import CaseError, FmuError, RecordingError
-from estimator.fmus.fmu import FmuDescription, Variable
+from estimator.errors import CaseError, RecordingError
+from estimator.fmus.fmu import FmuDescription
 from estimator.method_names import WITHOUT_POLISH
+from estimator.plans.binding import Binding, bind
 from estimator.plans.free_parameters import first_guess, free_parameters, held_parameters
-from estimator.plans.observing import observe
+from estimator.plans.observing import observe, within
 from estimator.plans.parameters import SensorPlace
 from estimator.plans.plan import ChainSpec, Observed, Plan
 from estimator.plans.reading import with_reading
@@ -53,29 +53,18 @@ def plan_case(
     """
     if recordings is None:
         case, recordings = read_case(case)
-    description = mapped(case, description)
-    fixed, texts = fixed_values(case, description)
     runs = [case.run(k) for k in range(len(recordings))]
     taken = [k for k, run in enumerate(runs) if run.validate == held_out]
     if not taken:
         raise CaseError('the case names no recording; add [[recording]] with file = "run.csv"')
-    read = _told_apart([recordings[k] for k in taken])
+    runs = [runs[k] for k in taken]
+    named = _told_apart([recordings[k] for k in taken])
+    read = [within(case, recording, run) for recording, run in zip(named, runs, strict=True)]
+    binding = bind(case, description, read)
     observed = tuple(
-        with_reading(case, description, observe(case, description, r, runs[k]))
-        for r, k in zip(read, taken, strict=True)
+        with_reading(binding, channels, observe(binding, channels, recording, run))
+        for channels, recording, run in zip(binding.channels, read, runs, strict=True)
     )
-    for other in observed[1:]:
-        if tuple(other.outputs) != tuple(observed[0].outputs):
-            raise RecordingError(
-                f"{other.recording.title} measures {', '.join(other.outputs)}, but {observed[0].recording.title}"
-                f" measures {', '.join(observed[0].outputs)}; all recordings need the same columns"
-            )
-        if tuple(other.inputs) != tuple(observed[0].inputs):
-            raise RecordingError(
-                f"{other.recording.title} drives {', '.join(other.inputs)}, but {observed[0].recording.title} drives"
-                f" {', '.join(observed[0].inputs)}; all recordings need the same columns, or name under [inputs] those"
-                " to use"
-            )
     if not description.capabilities.get("canHandleVariableCommunicationStepSize", True):
         uneven = next((o.recording.title for o in observed if not o.recording.even), None)
         if uneven is not None:
@@ -83,24 +72,21 @@ def plan_case(
                 f"the clock of {uneven} jitters, and {description.path.name} takes steps of one size only;"
                 " resample the recording to equal steps"
             )
-    guess = first_guess(case, observed, description)
-    parameters = free_parameters(case, description, guess, [o.recording.name for o in observed])
-    if not parameters:
-        raise CaseError("every parameter is fixed; leave at least one free")
+    guess = first_guess(binding, observed)
+    parameters = free_parameters(binding, guess, [o.recording.name for o in observed])
     return Plan(
         case=case,
-        description=description,
+        binding=binding,
         observed=observed,
         parameters=parameters,
-        fixed=fixed,
-        sensors=_sensors(case, description, observed),
+        fixed=binding.fixed,
+        sensors=_sensors(binding, observed),
         guess=guess,
-        notes=(*held_parameters(case, description, parameters), *(note for o in observed for note in o.notes)),
-        chains=_chains(case, observed),
-        texts=texts,
-        declared=_declared(case, observed[0].outputs, [runs[k] for k in taken]),
-        wanted=_wanted(case, observed[0].outputs, [runs[k] for k in taken]),
-        temperatures=tuple(runs[k].temperature for k in taken),
+        notes=(*held_parameters(binding), *(note for o in observed for note in o.notes)),
+        chains=_chains(binding, observed),
+        declared=_declared(binding, runs),
+        wanted=_wanted(binding, runs),
+        temperatures=tuple(run.temperature for run in runs),
     )
 
 
@@ -137,9 +123,9 @@ def read_case(
     return case, found
 
 
-def _is_differenced(description: FmuDescription, observed: tuple[Observed, ...]) -> bool:
+def _is_differenced(binding: Binding, observed: tuple[Observed, ...]) -> bool:
     """Whether the speed is that of encoder counts, differenced: its steps are 2π / (whole counts a turn) / interval."""
-    if not any(v.name == "angle" for v in description.variables):
+    if binding.integral("w") is None:
         return False
     for o in observed:
         smallest = quantum(o.outputs["w"])
@@ -152,24 +138,19 @@ def _is_differenced(description: FmuDescription, observed: tuple[Observed, ...])
     return True
 
 
-def _sensors(case: Case, description: FmuDescription, observed: tuple[Observed, ...]) -> dict[str, int]:
+def _sensors(binding: Binding, observed: tuple[Observed, ...]) -> dict[str, int]:
     sensors = {}
-    for name in observed[0].outputs:
-        spec = case.outputs.get(name)
-        mean = spec is not None and spec.sensor == "mean"
-        found = spec is None or (spec.sensor == "auto" and spec.filter is None and spec.both is None)
-        mean = mean or (found and name == "w" and _is_differenced(description, observed))
-        sensors[name] = layout.MEAN if mean else layout.IDENTITY
-        if mean:
-            read_variable(description, layout.MEAN, name)
+    for name, spec in binding.outputs.items():
+        is_open = spec.sensor == "auto" and spec.filter is None and spec.both is None
+        is_mean = spec.sensor == "mean" or (is_open and name == "w" and _is_differenced(binding, observed))
+        sensors[name] = layout.MEAN if is_mean else layout.IDENTITY
+        binding.read(name, sensors[name])
     return sensors
 
 
-def _chains(case: Case, observed: tuple[Observed, ...]) -> dict[str, ChainSpec]:
+def _chains(binding: Binding, observed: tuple[Observed, ...]) -> dict[str, ChainSpec]:
     chains = {}
-    for name, spec in case.outputs.items():
-        if name not in observed[0].outputs:
-            continue
+    for name, spec in binding.outputs.items():
         filters = tuple(f for f in (spec.filter, spec.both) if f is not None)
         for used in filters:
             for o in observed:
@@ -187,41 +168,22 @@ def _chains(case: Case, observed: tuple[Observed, ...]) -> dict[str, ChainSpec]:
     return {name: chain for name, chain in chains.items() if chain != ChainSpec()}
 
 
-def _declared(case: Case, outputs: Collection[str], runs: Sequence[RunSpec]) -> frozenset[str]:
+def _declared(binding: Binding, runs: Sequence[RunSpec]) -> frozenset[str]:
     """Return what the case says of the measurement chain, so that it is not looked for in the data."""
     found = {f"delay of {e}" for e, run in enumerate(runs) if run.delay is not None}
-    for name, spec in case.outputs.items():
-        if name in outputs:
-            found |= {
-                f"{key} {name}" for key in ("average", "gain", "offset", "delay") if getattr(spec, key) is not None
-            }
-            found |= {f"mean {name}"} if spec.sensor != "auto" else set()
+    for name, spec in binding.outputs.items():
+        found |= {f"{key} {name}" for key in ("average", "gain", "offset", "delay") if getattr(spec, key) is not None}
+        found |= {f"mean {name}"} if spec.sensor != "auto" else set()
     return frozenset(found)
 
 
-def _wanted(case: Case, outputs: Collection[str], runs: Sequence[RunSpec]) -> tuple[SensorPlace, ...]:
+def _wanted(binding: Binding, runs: Sequence[RunSpec]) -> tuple[SensorPlace, ...]:
     """Return what the case frees in the measurement chain."""
     wanted = [SensorPlace("delay", e) for e, run in enumerate(runs) if run.delay == FREE]
-    for name, spec in case.outputs.items():
-        if name in outputs:
-            wanted += [SensorPlace(key, None, name) for key in ("gain", "delay") if getattr(spec, key) == FREE]
-            wanted += [SensorPlace("offset", e, name) for e in range(len(runs)) if spec.offset == FREE]
-    if wanted and case.search.method in WITHOUT_POLISH:
-        raise CaseError(
-            f'"free" sensor values are estimated by the method cuckoo only, not by {case.search.method}; give numbers'
-        )
+    for name, spec in binding.outputs.items():
+        wanted += [SensorPlace(key, None, name) for key in ("gain", "delay") if getattr(spec, key) == FREE]
+        wanted += [SensorPlace("offset", e, name) for e in range(len(runs)) if spec.offset == FREE]
+    method = binding.case.search.method
+    if wanted and method in WITHOUT_POLISH:
+        raise CaseError(f'"free" sensor values are estimated by the method cuckoo only, not by {method}; give numbers')
     return tuple(wanted)
-
-
-def read_variable(description: FmuDescription, sensor: int, name: str) -> Variable:
-    """Return the variable to read for an output: a mean is read from the output's integral."""
-    if sensor != layout.MEAN:
-        return description.variable(name, role="output")
-    integral = integral_of(name)
-    for variable in description.variables:
-        if variable.name == integral:
-            return variable
-    raise FmuError(
-        f"{description.path.name} has no output that integrates {name!r} (such as 'angle' for 'w');"
-        ' sensor = "mean" needs it; use sensor = "identity"'
-    )

@@ -6,9 +6,7 @@ import dataclasses
 
 import numpy as np
 
-from estimator.cases.case import Case
-from estimator.fmus.fmu import FmuDescription
-from estimator.plans.observing import columns_used, is_motor_case
+from estimator.plans.binding import Binding, Channels
 from estimator.plans.plan import Observed
 from estimator.recordings.clipping import clipped
 from estimator.recordings.finding import Evidence, Finding
@@ -21,12 +19,11 @@ MOST_SATURATED = 0.3  # of a recording's samples: with more there is nothing to 
 UNITS = {"i": "A", "w": "rad/s"}
 
 
-def with_reading(case: Case, description: FmuDescription, observed: Observed) -> Observed:
+def with_reading(binding: Binding, channels: Channels, observed: Observed) -> Observed:
     """Return what was observed with what was read of it, and of a motor with what is implausible."""
     recording = observed.recording
-    inputs, outputs = columns_used(case, description, recording)
-    read = understood(recording, {**inputs, **outputs})
-    if not is_motor_case(case, description):
+    read = understood(recording, {**channels.inputs, **channels.outputs})
+    if not binding.is_motor:
         return dataclasses.replace(observed, read=read)
     signals = {n: y for n, y in {**observed.inputs, **observed.outputs}.items() if n in MOTOR_SIGNALS}
     beside = motor_columns(recording, required=()).get("angle")
@@ -36,7 +33,7 @@ def with_reading(case: Case, description: FmuDescription, observed: Observed) ->
     sure = frozenset(r.signal for r in read if r.unit_from == "user")
     columns = {r.signal: r.column for r in read}
     findings = implausible(recording.title, recording.time, signals, guessed=guessed, sure=sure, columns=columns)
-    if any(v.name == "friction" for v in description.of_causality("parameter")):
+    if "friction" in binding.parameters:
         findings = tuple(finding for finding in findings if finding.kind != "dead band")
     return _without_clipped(dataclasses.replace(observed, read=read, findings=findings))
 

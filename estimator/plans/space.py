@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.errors import InputError
+from estimator.motor.names import MOTOR
+from estimator.motor.steady_state import SteadyState, last_samples
 from estimator.plans.parameters import Box
 from estimator.plans.plan import Plan
-from estimator.plans.steady_state import SteadyState, last_samples
 from estimator.recordings.excitation import Settling, find_settling
 from estimator.recordings.samples import mean_of_known
-from estimator.results.linear import MOTOR
 
 FloatArray = NDArray[np.float64]
 

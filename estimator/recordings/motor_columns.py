@@ -51,32 +51,10 @@ def motor_columns(
         A required column is missing, empty or text, its unit does not fit, or two columns that differ have its name.
     """
     found: dict[str, str] = {}
-    for role, quantity in ROLE_QUANTITY.items():
-        if role == "time":
-            continue
-        if role in recording.roles:
-            if fault := recording.fault(recording.roles[role], quantity):
-                raise RecordingError(fault)
-            found[role] = recording.roles[role]
-            continue
-        ranked = sorted(
-            (rank, column)
-            for column in [*recording.signals, *recording.unreadable]
-            if (rank := rank_in_role(parse_header(recording.headers[column]).name, role)) is not None
-            and column not in recording.roles.values()
-            and not _counts_rows(recording, column)
-        )
-        faults = {column: recording.fault(column, quantity) for _, column in ranked}
-        good = [column for _, column in ranked if faults[column] is None]
-        wanted = role in (*required, *either)
-        if good:
-            found[role] = good[0]
-            if wanted and (other := _rival(recording, good)) is not None:
-                if several := motors_named([parse_header(header).name for header in recording.headers.values()]):
-                    raise RecordingError(_several(recording, several))
-                raise RecordingError(_two(recording, role, good[0], other))
-        elif ranked and wanted:
-            raise RecordingError(faults[ranked[0][1]] or "")
+    for role in ROLE_QUANTITY:
+        column = None if role == "time" else _of_role(recording, role, wanted=role in (*required, *either))
+        if column is not None:
+            found[role] = column
     if "w" in either and not {"w", "angle"} & found.keys() and (counts := _counting(recording, found.values())):
         raise RecordingError(
             f"{recording.title}: {counts!r} counts the lines of an encoder; say in a case file how many make a turn:"
@@ -87,21 +65,47 @@ def motor_columns(
     nothing = bool(either) and not {*either, "angle"} & found.keys()
     missing = [role for role in lacking if role in required or meant[role] or nothing]
     if missing:
-        role = missing[0]
-        near = meant[role]
-        columns = ", ".join(recording.headers.values())
-        remedy = f"; is it {near[0]!r}?" if near else f"; add one such as {_example(role)!r}, or map it in a case file"
-        if role == "v" and (duty := duty_column(recording)) is not None:
-            remedy = (
-                f"; {recording.headers[duty]!r} is a duty cycle: say of which supply, with --supply 12 (volts),"
-                " --supply 12/255 (volts a count), or --supply and the battery's column"
-            )
-        options = " or ".join(f"--column {name}=…" for name in ("i", "w") if name == role or (nothing and role == "i"))
-        column = f"--column {shlex.quote(f'{role}={near[0]}')}" if near else options or f"--column {role}=…"
-        raise RecordingError(
-            f"{recording.title} has no {ROLE_TITLE[role]} column{remedy} ({columns}); say which it is with {column}"
-        )
+        raise RecordingError(_missing(recording, missing[0], meant[missing[0]], nothing=nothing))
     return found
+
+
+def _of_role(recording: Recording, role: str, *, wanted: bool) -> str | None:
+    """Return the column of a role, as the user said or by its usual names; refuse a bad one where it is wanted."""
+    quantity = ROLE_QUANTITY[role]
+    if role in recording.roles:
+        if fault := recording.fault(recording.roles[role], quantity):
+            raise RecordingError(fault)
+        return recording.roles[role]
+    ranked = sorted(
+        (rank, column)
+        for column in [*recording.signals, *recording.unreadable]
+        if (rank := rank_in_role(parse_header(recording.headers[column]).name, role)) is not None
+        and column not in recording.roles.values()
+        and not _counts_rows(recording, column)
+    )
+    faults = {column: recording.fault(column, quantity) for _, column in ranked}
+    good = [column for _, column in ranked if faults[column] is None]
+    if good and wanted and (other := _rival(recording, good)) is not None:
+        if several := motors_named([parse_header(header).name for header in recording.headers.values()]):
+            raise RecordingError(_several(recording, several))
+        raise RecordingError(_two(recording, role, good[0], other))
+    if ranked and not good and wanted:
+        raise RecordingError(faults[ranked[0][1]] or "")
+    return good[0] if good else None
+
+
+def _missing(recording: Recording, role: str, near: Sequence[str], *, nothing: bool) -> str:
+    """Say that a role has no column, and which may be meant; `nothing`: neither has any other that would do."""
+    columns = ", ".join(recording.headers.values())
+    remedy = f"; is it {near[0]!r}?" if near else f"; add one such as {_example(role)!r}, or map it in a case file"
+    if role == "v" and (duty := duty_column(recording)) is not None:
+        remedy = (
+            f"; {recording.headers[duty]!r} is a duty cycle: say of which supply, with --supply 12 (volts),"
+            " --supply 12/255 (volts a count), or --supply and the battery's column"
+        )
+    options = " or ".join(f"--column {name}=…" for name in ("i", "w") if name == role or (nothing and role == "i"))
+    column = f"--column {shlex.quote(f'{role}={near[0]}')}" if near else options or f"--column {role}=…"
+    return f"{recording.title} has no {ROLE_TITLE[role]} column{remedy} ({columns}); say which it is with {column}"
 
 
 def _counts_rows(recording: Recording, column: str) -> bool:

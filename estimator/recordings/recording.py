@@ -17,7 +17,6 @@ import numpy.typing as npt
 
 from estimator.errors import RecordingError, suggestion
 from estimator.locked import Locked
-from estimator.output import write_files
 from estimator.recordings.clock_text import seconds_since_first
 from estimator.recordings.columns import Columns
 from estimator.recordings.delimited import BadCell, HeaderRules, read_table
@@ -33,7 +32,7 @@ from estimator.recordings.headers import (
 )
 from estimator.recordings.parts import Part, names_tests, parts
 from estimator.recordings.read_as import AS_WRITTEN, ReadAs
-from estimator.recordings.time_grid import half_last_digit, sampling_clock
+from estimator.recordings.time_grid import Clock, half_last_digit, sampling_clock
 from estimator.recordings.units import FloatArray, Unit, examples, parse_unit, unit_of
 
 MIN_SAMPLES = 10
@@ -432,27 +431,6 @@ def _check_finite(where: str, texts: Sequence[str], columns: Sequence[FloatArray
             raise RecordingError(f"{where} sample {k}: {text!r} is infinite; use NaN for a missing sample")
 
 
-def write_recording(recording: Recording, path: Path) -> None:
-    """Write a recording as CSV in SI units, exact to the bit; the file appears whole or not at all."""
-
-    def quoted(cell: str) -> str:
-        return '"' + cell.replace('"', '""') + '"' if set(cell) & set('",;\t') else cell
-
-    def header(column: str) -> str:
-        unit = recording.units[column]
-        if unit == "?":
-            return recording.headers[column]
-        bare = not unit or (column in recording.assumed_units and assumed_unit(column) == parse_unit(unit))
-        return column if bare else f"{column} [{unit}]"
-
-    columns = list(recording.signals)
-    lines = [",".join(["time [s]", *(quoted(header(column)) for column in columns)])]
-    samples = [recording.time.tolist(), *(recording.signals[column].tolist() for column in columns)]
-    for row in zip(*samples, strict=True):
-        lines.append(",".join("" if value != value else repr(value) for value in row))
-    write_files({Path(path): ("\n".join(lines) + "\n").encode()})
-
-
 def _is_header(cells: Sequence[str], *, read_as: ReadAs) -> bool:
     """Return whether cells are a header: one of them is the time, or any signal where the times are not in the file."""
     names = [parse_header(cell).name for cell in cells]
@@ -487,9 +465,8 @@ def _build(raw: _Raw, read_as: ReadAs) -> Recording:
         raw, name = _part(raw, read_as), f"{raw.name} {read_as.test}"
     left_out = _first_rows(raw, read_as)
     raw = raw.rows(left_out, len(raw.columns[0])) if left_out else raw
-    texts, columns, where, place = raw.texts, raw.columns, raw.where, raw.place
-    path, bad, held, file, half_digit = raw.path, raw.bad, raw.texts_in, raw.file, raw.half_digit
-    headers, given = read_as.headers(texts, where=where)
+    columns, where, place = raw.columns, raw.where, raw.place
+    headers, given = read_as.headers(raw.texts, where=where)
     written = [header.text for header in headers]
     for text in written:
         if written.count(text) > 1:
@@ -497,67 +474,35 @@ def _build(raw: _Raw, read_as: ReadAs) -> Recording:
     clock, time_unit = _time_column(headers, where, read_as)
     names = [header.name for header in headers]
     names = [h.text if names.count(h.name) > 1 else h.name for h in headers]
-
-    def not_a_number(j: int) -> str:
-        if j in held:
-            return f"{file}: column {names[j]!r} holds {held[j]}, not numbers; export it as numbers"
-        remedy = "every row needs its time" if j == clock else "leave the cell of a missing sample empty"
-        return f"{file} line {bad[j].line}: {names[j]} is not a number ({bad[j].text!r}); {remedy}"
-
-    numbers = [not np.isnan(column).all() for column in columns]
-    broken = [j for j in bad if numbers[j] or j == clock]  # a column of nothing but text harms nobody until it is used
-    if broken:
-        raise RecordingError(not_a_number(min(broken, key=lambda j: bad[j].line)))
-    huge = {
-        j: k
-        for j, column in enumerate(columns)
-        if (k := _huge(column, LARGEST_TIME if j == clock else LARGEST)) is not None
-    }
-
-    def too_large(j: int) -> str:
-        sample = f"{place(huge[j])}: {names[j]} is {float(columns[j][huge[j]]):g}"
-        return f"{sample}, which nothing measures; leave the cell of a missing sample empty"
-
-    if clock in huge:
-        raise RecordingError(too_large(clock))
+    unreadable = _unreadable(raw, names, clock)
     time = time_unit.to_si(columns[clock])
-    if clock in held:
-        raise RecordingError(not_a_number(clock))
     if np.isnan(time).any():
         raise RecordingError(f"{place(int(np.argmax(np.isnan(time))))}: time is empty; every row needs its time")
     if time.size < MIN_SAMPLES:
-        raise RecordingError(f"{file} has {time.size} samples; at least {MIN_SAMPLES} are needed")
-    seconds_per_unit = time_unit.numerator / time_unit.denominator
+        raise RecordingError(f"{raw.file} has {time.size} samples; at least {MIN_SAMPLES} are needed")
+    seconds_per_unit, half_digit = time_unit.numerator / time_unit.denominator, raw.half_digit
     ticks = sampling_clock(
         time,
         place=place,
         half_digit=None if half_digit is None else lambda: half_digit(clock, seconds_per_unit),
     )
-
-    def on_clock(column: FloatArray) -> FloatArray:
-        if ticks.rows is None:
-            return column
-        spread = np.full(ticks.time.size, np.nan)
-        spread[ticks.rows] = column
-        return spread
-
     signals, units = {}, {}
-    for j, header in enumerate(headers):
+    for j, (column, header) in enumerate(zip(names, headers, strict=True)):
         if j == clock:
             continue
         unit = header.unit or (assumed_unit(header.name) if header.unit_text is None else None)
-        units[names[j]] = unit.si if unit else ("" if header.unit_text is None else "?")
-        if j not in bad and j not in held and j not in huge:
-            signals[names[j]] = on_clock(unit.to_si(columns[j]) if unit else columns[j])
-    rows = time.size
+        units[column] = unit.si if unit else ("" if header.unit_text is None else "?")
+        if j not in unreadable:
+            signals[column] = _on_clock(unit.to_si(columns[j]) if unit else columns[j], ticks)
     origin = float(ticks.time[0]) if abs(ticks.time[0]) > DATED else 0.0
-    time = ticks.time
+    shown = ticks.time
     if origin:
-        time = np.asarray(np.arange(time.size) * ticks.step if ticks.even else time - origin, dtype=np.float64)
-    recording = Recording(
+        shown = np.asarray(np.arange(shown.size) * ticks.step if ticks.even else shown - origin, dtype=np.float64)
+    places = {role: j for role, j in read_as.places(headers, where=raw.file).items() if role != "time"}
+    return Recording(
         name=name,
-        path=path,
-        time=time,
+        path=raw.path,
+        time=shown,
         origin=origin,
         step=ticks.step,
         signals=signals,
@@ -566,15 +511,55 @@ def _build(raw: _Raw, read_as: ReadAs) -> Recording:
             n: _header_text(h, j in given) for j, (n, h) in enumerate(zip(names, headers, strict=True)) if j != clock
         },
         assumed_units=tuple(n for n, h in zip(names, headers, strict=True) if h.unit_text is None and role_of(h.name)),
-        unreadable={names[j]: too_large(j) for j in huge} | {names[j]: not_a_number(j) for j in (*bad, *held)},
+        unreadable={names[j]: told for j, told in unreadable.items()},
         even=ticks.even,
-        missing_rows=ticks.time.size - rows,
+        missing_rows=ticks.time.size - time.size,
         left_out=left_out,
         clock=_header_text(headers[clock], clock in given),
         given_units=tuple("time" if j == clock else names[j] for j in sorted(given)),
+        roles={role: names[j] for role, j in places.items()},
     )
-    places = {role: j for role, j in read_as.places(headers, where=file).items() if role != "time"}
-    return replace(recording, roles={role: names[j] for role, j in places.items()})
+
+
+def _unreadable(raw: _Raw, names: Sequence[str], clock: int) -> dict[int, str]:
+    """Return columns that cannot be used, and what is wrong with them.
+
+    Raises
+    ------
+    RecordingError
+        It is the time, or a column of numbers with a cell that is none.
+    """
+    bad, held, columns = raw.bad, raw.texts_in, raw.columns
+
+    def not_a_number(j: int) -> str:
+        if j in held:
+            return f"{raw.file}: column {names[j]!r} holds {held[j]}, not numbers; export it as numbers"
+        remedy = "every row needs its time" if j == clock else "leave the cell of a missing sample empty"
+        return f"{raw.file} line {bad[j].line}: {names[j]} is not a number ({bad[j].text!r}); {remedy}"
+
+    numbers = [not np.isnan(column).all() for column in columns]
+    broken = [j for j in bad if numbers[j] or j == clock]  # a column of nothing but text harms nobody until it is used
+    if broken:
+        raise RecordingError(not_a_number(min(broken, key=lambda j: bad[j].line)))
+    found = {}
+    for j, column in enumerate(columns):
+        if (k := _huge(column, LARGEST_TIME if j == clock else LARGEST)) is not None:
+            sample = f"{raw.place(k)}: {names[j]} is {float(column[k]):g}"
+            found[j] = f"{sample}, which nothing measures; leave the cell of a missing sample empty"
+    if clock not in found and clock in held:
+        found[clock] = not_a_number(clock)
+    if clock in found:
+        raise RecordingError(found[clock])
+    return found | {j: not_a_number(j) for j in (*bad, *held)}
+
+
+def _on_clock(column: FloatArray, clock: Clock) -> FloatArray:
+    """Return samples, (n,), on their clock's grid, NaN where it has a row that the file lacks."""
+    if clock.rows is None:
+        return column
+    spread = np.full(clock.time.size, np.nan)
+    spread[clock.rows] = column
+    return spread
 
 
 def _header_text(header: Header, given: bool) -> str:

@@ -13,8 +13,6 @@ from estimator.errors import RecordingError
 from estimator.recordings.columns import Columns, Signal, distinct, on_one_clock
 from estimator.recordings.headers import parse_header
 
-MAGICS = (b"MDF     ", b"UnFinMF ")
-
 
 def read_mdf(path: Path) -> Columns:
     """Read all channels of numbers, each group on its own clock.

@@ -99,18 +99,22 @@ def _columns(where: str, at: int, rows: list[Row]) -> Columns:
         header = text or f"column {j + 1}"
         if is_clock and parse_header(header).unit_text is None:
             header = f"{header} [s]"
-        wrong = [k for k, (cell, value) in enumerate(zip(cells, values, strict=True)) if _text(cell) and value != value]
-        if wrong and len(wrong) < sum(1 for cell in cells if _text(cell)):
-            place = f"{where} row {body[wrong[0]][0] + 1}"
+        wrong = _text_among(cells, values)
+        if wrong is not None and any(value == value for value in values):
             raise RecordingError(
-                f"{place}: {parse_header(header).name} is not a number ({_text(cells[wrong[0]])!r});"
-                " leave the cell of a missing sample empty"
+                f"{where} row {body[wrong][0] + 1}: {parse_header(header).name} is not a number"
+                f" ({_text(cells[wrong])!r}); leave the cell of a missing sample empty"
             )
-        if wrong:
+        if wrong is not None:
             held[header] = "text"
         headers.append(header)
         columns.append(values)
     return Columns(tuple(headers), tuple(columns), held)
+
+
+def _text_among(cells: Sequence[Any], values: FloatArray) -> int | None:
+    """Return the first cell that is written and no number."""
+    return next((k for k, cell in enumerate(cells) if _text(cell) and np.isnan(values[k])), None)
 
 
 def _numbers(cells: Sequence[Any]) -> tuple[FloatArray, bool]:

@@ -15,8 +15,9 @@ from typing import Any
 import numpy as np
 
 from estimator.errors import InputError
+from estimator.motor.names import INPUTS, MOTOR, STATES, is_motor
+from estimator.motor.state_space import matrices, transfer_functions
 from estimator.results.cells import harmless
-from estimator.results.linear import INPUTS, MOTOR, STATES, is_motor, matrices, transfer_functions
 from estimator.results.report import json_ready, to_mapping
 from estimator.results.result import DerivedQuantity, Estimate, ParameterEstimate, Setting, StandardUncertainty
 

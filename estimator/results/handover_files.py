@@ -7,6 +7,7 @@ from pathlib import Path
 
 from estimator.errors import InputError
 from estimator.fmus.fmu import describe
+from estimator.motor.names import is_motor
 from estimator.results.handover import (
     csv_table,
     estimate_from_json,
@@ -14,7 +15,6 @@ from estimator.results.handover import (
     modelica_modifier,
     state_space_json,
 )
-from estimator.results.linear import is_motor
 from estimator.results.result import Estimate
 
 FORMATS = ("csv", "ssv", "ssp", "fmu", "matlab", "modelica", "state-space")  # as in arguments.py

@@ -65,10 +65,7 @@ def reference_trajectories(
 
     read(times[0])
     for k, (begin, end) in enumerate(pairwise(times)):
-        inside: list[float] = []
-        for t in sorted(t for t in breaks if begin < t < end - 1e-9 * h):
-            if t > (inside[-1] if inside else begin) + 1e-9 * h:
-                inside.append(t)
+        inside = _apart([t for t in breaks if begin < t < end - 1e-9 * h], begin, 1e-9 * h)
         for left, right in pairwise([begin, *inside, end]):
             steps = max(1, math.ceil((right - left) / h - 1e-6))
             for s in range(steps):
@@ -85,6 +82,15 @@ def reference_trajectories(
         interval = recording.interval if k == 0 or equidistant else time - times[k - 1]
         rows.append([sensor.show(_at(kept, time - late[j], j), interval) for j, sensor in enumerate(shown)])
     return rows
+
+
+def _apart(instants: list[float], begin: float, least: float) -> list[float]:
+    """Return instants in their order, without those that follow the one before, or the beginning, at once."""
+    kept: list[float] = []
+    for t in sorted(instants):
+        if t > (kept[-1] if kept else begin) + least:
+            kept.append(t)
+    return kept
 
 
 def _means(

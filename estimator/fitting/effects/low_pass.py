@@ -12,6 +12,7 @@ from estimator.fitting.effects.base import Effect
 from estimator.fitting.fit import Fit
 from estimator.fitting.recursion import recursion
 from estimator.fitting.simulator import Nuisance
+from estimator.motor.winding import time_constant
 from estimator.plans.plan import Plan
 
 FloatArray = NDArray[np.float64]
@@ -61,7 +62,7 @@ class LowPass(Effect):
         if self.order != 1 or not name.endswith(" i") or not {"R", "L"} <= set(fit.free):
             return ()
         R, L, tau = (float(fit.values[s.index[n]]) for n in ("R", "L", name))
-        return ({"L": R * tau, name: L / R},) if tau > 0 else ()
+        return ({"L": R * tau, name: time_constant(R, L)},) if tau > 0 else ()
 
     def tell(self, name: str, value: float, plan: Plan) -> str:
         """Say which."""

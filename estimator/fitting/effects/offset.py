@@ -34,7 +34,7 @@ class Offset(Effect):
                 columns = np.zeros((fit.simulator.rows, len(fit.simulator.outputs), 1))
                 columns[clock.rows, j, 0] = 1.0
                 size = 0.01 * float(np.nanmax(np.abs(o.outputs[y])))
-                found.append(Linear(name, columns, (plan.description.variable(y).unit,), size=size))
+                found.append(Linear(name, columns, (plan.unit(y),), size=size))
         return found
 
     def always(self, fit: Fit) -> Sequence[Linear]:
@@ -47,4 +47,4 @@ class Offset(Effect):
     def tell(self, name: str, value: float, plan: Plan) -> str:
         """Say how large."""
         y = name.split(" ")[1]
-        return f"{y} has an {name.replace(f'offset {y}', 'offset')} of {value:.3g} {plan.description.variable(y).unit}"
+        return f"{y} has an {name.replace(f'offset {y}', 'offset')} of {value:.3g} {plan.unit(y)}"

@@ -133,11 +133,11 @@ class Ripple(Effect):
         return columns
 
     def _units(self, fit: Fit, y: str) -> tuple[str, ...]:
-        return (fit.simulator.plan.description.variable(y).unit,) * (2 * len(fit.simulator.clocks))
+        return (fit.simulator.plan.unit(y),) * (2 * len(fit.simulator.clocks))
 
     def tell(self, name: str, value: float, plan: Plan) -> str:
         """Say which order, and how large."""
         _, y, order = name.split(" ")  # as `linear` names it
-        unit = plan.description.variable(y).unit
+        unit = plan.unit(y)
         size = f"{value:.3g} {unit} at its largest"
         return f"{y} has a ripple of order {order} of the shaft's angle, of amplitude {size}"

@@ -57,7 +57,7 @@ class SwitchingRipple(Effect):
         lines = _strongest(parts, s.clocks[0].step, taken)
         if not taken and lines and _is_the_shafts(lines[0], fit, stretches):
             return ()
-        unit = s.plan.description.variable("i").unit
+        unit = s.plan.unit("i")
         found = []
         for f in lines:
             columns = np.zeros((s.rows, len(s.outputs), 2 * len(stretches)))

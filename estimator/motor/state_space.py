@@ -1,4 +1,4 @@
-"""The DC motor with these parameters as a linear system, for control design. Knows numbers only, no FMU.
+"""The DC motor with these parameters as a linear system, continuous and sampled. Knows numbers only, no FMU.
 
 x = [i, w], u = [v, load], y = [i, w]
 L di/dt = v − R i − K w
@@ -10,25 +10,18 @@ i/v = (J s + B)/D    w/v = K/D    w/load = −(L s + R)/D    i/load = K/D    D =
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimator.errors import InputError
+from estimator.motor.names import MOTOR, is_motor
 
 if TYPE_CHECKING:
     from scipy.signal import StateSpace
 
 FloatArray = NDArray[np.float64]
-
-MOTOR = ("R", "K", "L", "J", "B")
-INPUTS, STATES = ("v", "load"), ("i", "w")
-
-
-def is_motor(values: Mapping[str, float]) -> bool:
-    """Return whether these are a DC motor's parameters: R, K, L, J and B by name, with a winding and an inertia."""
-    return set(MOTOR) <= set(values) and values["L"] > 0 and values["J"] > 0
 
 
 def matrices(values: Mapping[str, float]) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
@@ -55,6 +48,34 @@ def matrices(values: Mapping[str, float]) -> tuple[FloatArray, FloatArray, Float
         np.eye(2),
         np.zeros((2, 2)),
     )
+
+
+def poles(values: Mapping[str, float]) -> NDArray[np.complex128]:
+    """Return the eigenvalues, (2,), of A [1/s].
+
+    Raises
+    ------
+    InputError
+        As `matrices`.
+    """
+    return np.asarray(np.linalg.eigvals(matrices(values)[0]), dtype=np.complex128)
+
+
+def sampled(values: Mapping[str, float], step: float) -> tuple[FloatArray, FloatArray]:
+    """Return F (2, 2) and G (2, 2) of x[k+1] = F x[k] + G u[k], for inputs that are held over each step of `step` s.
+
+    Raises
+    ------
+    InputError
+        As `matrices`.
+    """
+    from scipy.linalg import expm
+
+    a, b, _, _ = matrices(values)
+    whole = np.zeros((4, 4))
+    whole[:2, :2], whole[:2, 2:] = a, b
+    exponential = expm(whole * step)
+    return exponential[:2, :2], exponential[:2, 2:]
 
 
 def transfer_functions(values: Mapping[str, float]) -> dict[str, tuple[list[float], list[float]]]:
@@ -87,18 +108,3 @@ def state_space(values: Mapping[str, float]) -> StateSpace:
     from scipy.signal import StateSpace
 
     return StateSpace(*matrices(values))
-
-
-def control_system(values: Mapping[str, float]) -> Any:
-    """Return the motor as python-control's StateSpace, with named inputs, states and outputs.
-
-    Raises
-    ------
-    InputError
-        As `matrices`, or python-control is not installed.
-    """
-    try:
-        import control
-    except ImportError as error:
-        raise InputError("python-control is not installed; pip install control, or take state_space()") from error
-    return control.ss(*matrices(values), inputs=list(INPUTS), states=list(STATES), outputs=list(STATES))

@@ -13,6 +13,8 @@ settled: with R known elsewhere and most of the braking electrical, they give K 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -53,8 +55,21 @@ def integral_estimate(
     return {"R": R, "K": K, "L": L, "J": J, "B": B}
 
 
-def speed_estimate(v: FloatArray, w: FloatArray, *, step: float, R: float) -> dict[str, float]:
-    """Return K, J, B [SI] from voltage and speed, for a resistance that is known or assumed.
+def sane(guess: Mapping[str, float], v: FloatArray, i: FloatArray, w: FloatArray, *, step: float) -> dict[str, float]:
+    """Replace what noise has driven out of reason by orders of magnitude that the signals allow."""
+    peak_v, peak_i, peak_w = (max(float(np.nanmax(np.abs(x))), 1e-12) for x in (v, i, w))
+    R = guess["R"] if 0 < guess["R"] < 1e3 * peak_v / peak_i else 0.5 * peak_v / peak_i
+    K = guess["K"] if 0 < guess["K"] < 1e2 * peak_v / peak_w else 0.9 * peak_v / peak_w
+    least_L = 0.05 * step * R
+    L = guess["L"] if guess["L"] > least_L else 5 * step * R if guess["L"] <= 0 else least_L
+    usual_J = K * K / R * 10 * step
+    J = guess["J"] if guess["J"] > 1e-3 * usual_J else usual_J
+    B = guess["B"] if guess["B"] > 1e-6 * K * K / R else 1e-2 * K * K / R
+    return {"R": R, "K": K, "L": L, "J": J, "B": B}
+
+
+def speed_estimate(v: FloatArray, w: FloatArray, *, step: float, R: float, L: float | None = None) -> dict[str, float]:
+    """Return R, K, J, B [SI], and L where it is given, from voltage and speed, with a known or assumed resistance.
 
     Parameters
     ----------
@@ -62,8 +77,8 @@ def speed_estimate(v: FloatArray, w: FloatArray, *, step: float, R: float) -> di
         V, rad/s; NaN where a sample is missing.
     step : float
         s, sampling interval.
-    R : float
-        Ohm.
+    R, L : float
+        Ohm, H; an inductance is made small enough for the speed to be settled electrically.
 
     Returns
     -------
@@ -79,7 +94,11 @@ def speed_estimate(v: FloatArray, w: FloatArray, *, step: float, R: float) -> di
     if not (a > 0 and b > 0):
         return {}
     K = b / a / (1 + MECHANICAL)
-    return {"K": K, "J": K / (R * a), "B": MECHANICAL * K * K / R}
+    found = {"R": R, "K": K, "J": K / (R * a), "B": MECHANICAL * K * K / R}
+    if L is not None:
+        slow = R * found["J"] / found["K"] ** 2
+        found["L"] = min(L, R * slow / 10)
+    return found
 
 
 def _solve(columns: FloatArray, right: FloatArray) -> list[float]:

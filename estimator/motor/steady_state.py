@@ -20,6 +20,8 @@ from estimator.recordings.samples import mean_of_known
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
+LEAST_R = 1e-4  # of the largest R that the steady state allows
+
 
 @dataclass(frozen=True)
 class SteadyState:
@@ -55,6 +57,29 @@ class SteadyState:
         from_B = sorted(b * self.w / self.i for b in B)
         low, high = max(K[0], from_R[0], from_B[0]), min(K[1], from_R[1], from_B[1])
         return (low, high) if low < high else None
+
+    def drawn(
+        self, count: int, rng: np.random.Generator, *, step: float, intervals: tuple[float, float]
+    ) -> dict[str, FloatArray]:
+        """Return R, K, L, J, B, (count,) each, that keep this state, up to its signs.
+
+        Parameters
+        ----------
+        step : float
+            s, sampling interval.
+        intervals : (float, float)
+            Smallest and largest of the time constants L / R and R J / K², in sampling intervals.
+        """
+
+        def spread(low: float, high: float) -> FloatArray:
+            return np.exp(rng.uniform(np.log(low), np.log(high), count))
+
+        v, i, w = abs(self.v), max(abs(self.i), 1e-9), abs(self.w)
+        R = spread(LEAST_R, 0.999) * min(v / i, 1e6)
+        K = (v - np.minimum(R * i, 0.999 * v)) / max(w, 1e-9)
+        drawn = {"R": R, "K": K, "L": R * step * spread(*intervals), "B": K * i / max(w, 1e-9)}
+        drawn["J"] = K * K / R * step * spread(*intervals)
+        return drawn
 
 
 def last_samples(v: FloatArray, i: FloatArray, w: FloatArray, *, count: int = 5) -> SteadyState:

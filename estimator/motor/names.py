@@ -1,0 +1,18 @@
+"""What the DC motor's parameters, inputs and states are called, everywhere. Knows no equation."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+
+MOTOR = ("R", "K", "L", "J", "B")
+INPUTS, STATES = ("v", "load"), ("i", "w")
+
+
+def has_motor(names: Collection[str]) -> bool:
+    """Return whether all five parameters of a DC motor are among these names."""
+    return set(MOTOR) <= set(names)
+
+
+def is_motor(values: Mapping[str, float]) -> bool:
+    """Return whether these are a DC motor's parameters: R, K, L, J and B by name, with a winding and an inertia."""
+    return has_motor(values) and values["L"] > 0 and values["J"] > 0
