@@ -125,6 +125,14 @@ def test_a_fast_motor_is_doubtful_and_not_refused(case_of):
         assert abs(p.value - fast.parameters[name]) < 5 * p.standard_error
 
 
+def test_a_recording_that_holds_no_sample_of_its_transient_is_refused_before_the_search(case_of, good):
+    slow = recording_of("slow", 0.05 * np.arange(30), good[0][::50], good[1][::50], noise=(0.02, 1.0), seed=1)
+    result = run(case_of(), slow)
+    assert (result.verdict, result.simulations) == ("refused", 0) and "the transient is lost" in result.reasons[0]
+    known = dataclasses.replace(case_of(), fixed={"J": CML050.J})
+    assert run(known, slow).simulations > 0  # what J would need is not asked of the data
+
+
 def test_a_response_that_has_not_settled_is_doubtful(case_of):
     result = run(case_of(), step_recording(RMCS2004, noise=(0.02, 1.0), seed=1, duration=0.56))
     assert result.verdict == "doubtful"

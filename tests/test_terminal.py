@@ -59,6 +59,7 @@ def test_an_estimate_that_frees_an_offset_runs_on_a_terminal(bench, columns):
     screen = check(Terminal("estimate", str(OFFSETS), cwd=bench, columns=columns).run(), columns=columns)
     assert "measurement" in screen.text and screen.drawings
     assert any("K " in drawing for drawing in screen.drawings) or columns == 80
+    assert screen.text[screen.text.index("read esp32") :].count("\n") < 40, "below it the prompt has room"
 
 
 def test_an_estimate_that_frees_a_delay_runs_on_a_terminal_and_writes_its_files(bench):

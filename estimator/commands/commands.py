@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 READING = ("column", "unit", "rate", "test", "motor", "per_turn", "counts", "supply")
 DEFAULT_STOP, DEFAULT_STEP = 2.8, 1e-3  # s
-SCREEN = 40  # lines of a terminal that an answer may take
+SCREEN = 39  # lines that an answer may take of a terminal of 40: below it stands the prompt
 INSPECTION_LIMIT = 45.0  # s of describing and probing
 
 
