@@ -141,7 +141,7 @@ def html_report(estimate: Estimate, *, command: str = "", checksums: Mapping[str
 
 
 def html_fragment(estimate: Estimate, *, figure: bytes | None = None) -> str:
-    """Return verdict and tables as a piece of HTML for a notebook, with its own look and nobody else's changed.
+    """Return what was read, verdict and tables as HTML for a notebook, with its own look and nobody else's changed.
 
     Parameters
     ----------
@@ -158,7 +158,7 @@ def html_fragment(estimate: Estimate, *, figure: bytes | None = None) -> str:
         if there:
             tables.append((*_without_empty(*found(estimate), right=right),))
     image = "" if figure is None else base64.b64encode(figure).decode("ascii")
-    return page("fragment.html", **_verdict(estimate), tables=tables, image=image)
+    return page("fragment.html", **_verdict(estimate), read=read_lines(estimate), tables=tables, image=image)
 
 
 def _title(estimate: Estimate) -> str:
