@@ -100,6 +100,17 @@ def test_a_clock_that_counts_from_a_date_is_told_from_its_first_row_on(file, ben
         assert status == 0 and samples == pytest.approx(len(read.time) / 2, abs=2)
 
 
+def test_check_does_not_call_unused_what_the_voltage_was_made_of(file, bench, capsys):
+    duty = bench["v"] / 12
+    for number, (supply, words) in enumerate(
+        {"battery [V]": (), "battery": ("--supply", "battery/1"), "spare": ("--supply", "12")}.items()
+    ):
+        path = file(f"t,duty,i,w,{supply}", name=f"{number}.csv", v=duty, supply=np.full(len(duty), 12.0))
+        status, out, _ = run(capsys, "check", path, *words)
+        assert status == 0 and "v ← duty × " in out
+        assert ("not used: spare\n" in out) == (supply == "spare") and "duty," not in out
+
+
 def test_check_writes_a_figure_of_each_file_and_json(file, tmp_path, capsys):
     files = [file("t,u,i,w"), file("t,u,i,w", name="other.csv")]
     status, _, _ = run(capsys, "check", *files, "-o", tmp_path / "out")

@@ -553,7 +553,9 @@ def test_a_motor_column_that_is_missing_or_misfits_is_said(header: str, sentence
 @pytest.mark.parametrize("column", ["x [counts]", "encoder", "motor encoder [ticks]"])
 def test_encoder_counts_alone_ask_for_the_counts_a_turn(column: str, tmp_path: Path) -> None:
     recording = read(tmp_path, with_header(f"time,voltage,current,{column}"))
-    with pytest.raises(RecordingError, match="counts the lines of an encoder; say in a case file how many make a turn"):
+    with pytest.raises(
+        RecordingError, match="counts the lines of an encoder; say how many make a turn with --counts 4000"
+    ):
         motor_columns(recording, required=["v"], either=["i", "w"])
     beside = read(tmp_path, with_header(f"time,voltage,speed,{column}"))
     assert motor_columns(beside, required=["v"], either=["i", "w"]) == {"v": "voltage", "w": "speed"}

@@ -79,8 +79,8 @@ def motor_columns(
             raise RecordingError(faults[ranked[0][1]] or "")
     if "w" in either and not {"w", "angle"} & found.keys() and (counts := _counting(recording, found.values())):
         raise RecordingError(
-            f"{recording.title}: {counts!r} counts the lines of an encoder; say in a case file how many make a turn:"
-            f' under [outputs], angle = {{ column = "{counts}", counts = 4000 }}, or with --counts 4000'
+            f"{recording.title}: {counts!r} counts the lines of an encoder; say how many make a turn with --counts 4000"
+            f' (of quadrature, four a line), or in a case file: angle = {{ column = "{counts}", counts = 4000 }}'
         )
     lacking = [role for role in (*required, *either) if role not in found and not (role == "w" and "angle" in found)]
     meant = {role: _meant(recording, role, found.values(), by_unit=role in either) for role in lacking}
