@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shlex
 from collections.abc import Collection, Sequence
 from difflib import get_close_matches
@@ -24,6 +25,9 @@ from estimator.recordings.made_columns import SUPPLY, duty_column
 from estimator.recordings.recording import Recording
 
 SAME, FEW = 0.02, 0.05  # of the span, of the samples: columns that differ by less are one signal
+CHANNEL = re.compile(
+    r"(ch|chan|channel|kanal|ain|analog|probe)_?[0-9a-d]+$"
+)  # a scope's: its unit alone tells the signal
 
 
 def motor_columns(
@@ -83,7 +87,7 @@ def motor_columns(
             f' (of quadrature, four a line), or in a case file: angle = {{ column = "{counts}", counts = 4000 }}'
         )
     lacking = [role for role in (*required, *either) if role not in found and not (role == "w" and "angle" in found)]
-    meant = {role: _meant(recording, role, found.values(), by_unit=role in either) for role in lacking}
+    meant = {role: _meant(recording, role, found.values(), by_unit=role in either or role == "v") for role in lacking}
     nothing = bool(either) and not {*either, "angle"} & found.keys()
     missing = [role for role in lacking if role in required or meant[role] or nothing]
     if missing:
@@ -91,16 +95,17 @@ def motor_columns(
         near = meant[role]
         columns = ", ".join(recording.headers.values())
         remedy = f"; is it {near[0]!r}?" if near else f"; add one such as {_example(role)!r}, or map it in a case file"
+        options = " or ".join(f"--column {name}=…" for name in ("i", "w") if name == role or (nothing and role == "i"))
+        named = [f"--column {shlex.quote(f'{other}={meant[other][0]}')}" for other in missing if meant[other]]
+        column = " ".join(named) if near else options or f"--column {role}=…"
+        choice = f"; say which it is with {column}"
         if role == "v" and (duty := duty_column(recording)) is not None:
             remedy = (
                 f"; {recording.headers[duty]!r} is a duty cycle: say of which supply, with --supply 12 (volts),"
                 " --supply 12/255 (volts a count), or --supply and the battery's column"
             )
-        options = " or ".join(f"--column {name}=…" for name in ("i", "w") if name == role or (nothing and role == "i"))
-        column = f"--column {shlex.quote(f'{role}={near[0]}')}" if near else options or f"--column {role}=…"
-        raise RecordingError(
-            f"{recording.title} has no {ROLE_TITLE[role]} column{remedy} ({columns}); say which it is with {column}"
-        )
+            choice = ""
+        raise RecordingError(f"{recording.title} has no {ROLE_TITLE[role]} column{remedy} ({columns}){choice}")
     return found
 
 
@@ -171,7 +176,8 @@ def _meant(recording: Recording, role: str, taken: Collection[str], *, by_unit: 
         near = [h.text for h in fitting if plain(h.name) in SUPPLY]
     if near or not by_unit:
         return near
-    return [h.text for h in left.values() if h.unit is not None and h.unit.quantity == ROLE_QUANTITY[role]]
+    in_unit = [h.text for h in left.values() if h.unit is not None and h.unit.quantity == ROLE_QUANTITY[role]]
+    return in_unit if role != "v" else [text for text in in_unit if CHANNEL.match(plain(parse_header(text).name))]
 
 
 def _example(role: str) -> str:
