@@ -1,6 +1,7 @@
 """The command check, and what an estimate tells of what was read."""
 
 import json
+import shlex
 import subprocess
 import sys
 
@@ -98,6 +99,14 @@ def test_a_clock_that_counts_from_a_date_is_told_from_its_first_row_on(file, ben
         status, out, _ = run(capsys, "estimate", dated, "--window", f"{begin:.1f}:{begin + half:.4f}", "--json")
         samples = json.loads(out)["recordings"][0]["samples"]
         assert status == 0 and samples == pytest.approx(len(read.time) / 2, abs=2)
+
+
+def test_a_scopes_channels_are_named_in_one_sentence_with_all_options(file, capsys):
+    path = file("Time (s),CH1 (V),CH2 (A),Speed (RPM)")
+    status, out, err = run(capsys, "check", path)
+    options = shlex.split(err[err.index("--column") :])
+    assert (status, out) == (2, "") and options == ["--column", "v=CH1 (V)", "--column", "i=CH2 (A)"]
+    assert run(capsys, "check", path, *options)[0] == 0
 
 
 def test_check_does_not_call_unused_what_the_voltage_was_made_of(file, bench, capsys):

@@ -532,7 +532,6 @@ def test_what_is_required_can_be_less(tmp_path: Path) -> None:
             "run3.csv has no voltage column; add one such as 'voltage [V]', or map it in a case file (hall [V], cur",
         ),
         ("time,CH1 (V),CH2 (A),x", "is it 'CH1 (V)'? (CH1 (V), CH2 (A), x); say which it is with --column 'v=CH1 (V)'"),
-        ("time,CH1 (V),CH2 (A),x", "with --column 'v=CH1 (V)' --column 'i=CH2 (A)'"),
         (
             "time,Vbus,current,speed",
             "run3.csv has no voltage column; is it 'Vbus'? (Vbus, current, speed); say which it",
