@@ -50,8 +50,8 @@ class Failure:
         if self.what == "neighbours":
             return f"the residuals of {where} are no plain noise: neighbours are alike (correlation {self.excess:+.2f})"
         return (
-            f"{where} fits other parameters than the rest of the recording does, {self.excess:.1f} times as far away"
-            " as noise explains"
+            f"{where} would fit other parameters than the rest of the recording does, {self.excess:.1f} times as far"
+            " away as noise explains"
         )
 
 

@@ -82,7 +82,7 @@ def find_windows(fit: Fit) -> Windows:
         if early:
             windows.append(Window(f"the first part of the transients{of}", np.concatenate(early)))
             sharp[windows[-1].rows] = True
-            windows.append(Window(f"the transients{of}", np.concatenate(rest)))
+            windows.append(Window(f"the rest of the transients{of}", np.concatenate(rest)))
         own = np.arange(clock.rows.start, clock.rows.stop)
         if settled[own].any():
             windows.append(Window(f"the settled part{of}", own[settled[own]]))

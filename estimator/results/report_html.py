@@ -33,6 +33,7 @@ from estimator.results.report import (
     chain_rows,
     cost_lines,
     derived_rows,
+    estimate_texts,
     fitted_here,
     json_ready,
     meaning,
@@ -209,8 +210,7 @@ def _parameters(estimate: Estimate) -> tuple[list[_Part], str]:
 
 
 def _estimate_row(p: ParameterEstimate, entry: Bar | None, limit: float, estimate: Estimate) -> _Row:
-    value, error = value_texts(p.value, p.standard_error)
-    relative = relative_text(p.standard_error, p.value)
+    value, error, relative = estimate_texts(p)
     notes = [f"nominal {number_text(p.nominal)}"] if p.nominal is not None else []
     notes += [note] if (note := parameter_note(p, said=estimate.reasons)) else []
     told = f"± {error}" if error else (ABSENT if p.free else "")
