@@ -25,7 +25,8 @@ READ = "Read:"
 REST = "in the report that -o DIR writes, and with --json"  # where what a screen leaves out stands
 SIGNAL_WORDS = (
     "RMSE: measured minus simulated, all samples. Residual: its standard deviation without outliers, and without the"
-    " ripple and drift that were found. Noise: from sample to sample, by the recording alone."
+    " ripple and drift that were found. Noise: from sample to sample, by the recording alone;"
+    " of noise that wanders it is less than the residual, of rounded samples it may be more."
 )
 UNIDENTIFIED_DIGITS = 3
 FEWEST = 3  # reasons, and recordings read, that a screen shows, however many there are
