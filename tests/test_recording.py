@@ -381,6 +381,13 @@ def test_a_file_that_is_not_there_is_said(tmp_path: Path) -> None:
         read_recording(tmp_path / "run9.csv")
 
 
+@pytest.mark.parametrize("name", ["run3", "run_3.csv"])
+def test_of_a_file_that_is_not_there_the_nearest_beside_it_is_named(tmp_path: Path, name: str) -> None:
+    (tmp_path / "run3.csv").write_text("")
+    with pytest.raises(RecordingError, match=rf"^there is no recording .*{name}; did you mean run3\.csv\?$"):
+        read_recording(tmp_path / name)
+
+
 def test_a_folder_is_said(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match=r" is a folder; give one of its files$"):
         read_recording(tmp_path)
