@@ -9,6 +9,8 @@ from motors import CML050, RMCS2004, Motor, held_response, recording_of, step_re
 
 from estimator.cases.case import OutputSpec, ParameterSpec
 from estimator.estimating.estimate import estimate_recordings
+from estimator.fitting.adequacy import Failure
+from estimator.judging.verdict import unexplained
 
 
 def run(case, recording):
@@ -145,6 +147,17 @@ def test_a_model_that_does_not_explain_the_data_is_doubtful(case_of, good):
     result = run(case_of(), made(good[0], shown, noise=(0.01, 0.5)))
     assert result.verdict == "doubtful"
     assert result.parameters
+
+
+def test_the_windows_in_which_an_output_is_not_explained_are_one_sentence():
+    size = [Failure("size", window, "w", excess) for window, excess in (("the start", 7.24), ("the rest", 3.1))]
+    alone, other = Failure("size", "the start", "i", 2.0), Failure("neighbours", "the rest", "w", 0.3)
+    assert unexplained([size[0], alone, size[1], other]) == [
+        "the model does not explain w: the residuals, whitened, are 7.2 times the noise in the start, 3.1 times in the"
+        " rest",
+        alone.sentence,
+        other.sentence,
+    ]
 
 
 def test_a_bound_that_is_wrong_is_blamed_and_not_the_bench(case_of):
