@@ -59,6 +59,7 @@ def test_an_estimate_that_frees_an_offset_runs_on_a_terminal(bench, columns):
     screen = check(Terminal("estimate", str(OFFSETS), cwd=bench, columns=columns).run(), columns=columns)
     assert "measurement" in screen.text and screen.drawings
     assert any("K " in drawing for drawing in screen.drawings) or columns == 80
+    assert "edge at t = 3 s" in " ".join(screen.text.split()), "where the voltage steps, not where the delay puts it"
     assert screen.text[screen.text.index("read esp32") :].count("\n") < 40, "below it the prompt has room"
 
 
