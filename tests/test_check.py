@@ -101,6 +101,15 @@ def test_a_clock_that_counts_from_a_date_is_told_from_its_first_row_on(file, ben
         assert status == 0 and samples == pytest.approx(len(read.time) / 2, abs=2)
 
 
+@pytest.mark.parametrize(("clock", "per_second"), [("millis", 1e3), ("micros", 1e6)])
+def test_a_microcontrollers_clock_is_read_in_its_own_unit(file, bench, capsys, clock, per_second):
+    status, out, _ = run(capsys, "check", file(f"{clock},u,i,w", t=per_second * bench["t"]))
+    assert status == 0 and f"time ← {clock} (no unit: taken as {'ms' if per_second == 1e3 else 'us'})" in out
+    assert "1001 samples from 0 to 1 s, every 0.001 s" in out and "Implausible" not in out
+    _, out, _ = run(capsys, "check", file("x,u,i,w"), "--column", "time=x")
+    assert "time ← x (no unit: taken as s)" in out and "every 0.001 s" in out
+
+
 def test_a_scopes_channels_are_named_in_one_sentence_with_all_options(file, capsys):
     path = file("Time (s),CH1 (V),CH2 (A),Speed (RPM)")
     status, out, err = run(capsys, "check", path)
