@@ -4,6 +4,7 @@ import json
 import shlex
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -292,3 +293,40 @@ def test_a_speed_printed_to_a_tenth_rpm_is_no_encoder(file, bench, capsys):
     _, found = estimate(capsys, file("t,u,i,n", w=np.round(bench["w"] * 30 / np.pi, 1)))
     assert found["verdict"] == "ok" and found["sensors"]["w"]["sensor"] == "identity"
     assert abs(found["parameters"]["J"]["value"] / CML050.J - 1) < 0.02
+
+
+EXAMPLE = Path(__file__).parent.parent / "examples" / "cml050_step.csv"
+TRUTH = {"R": 3.1363, "K": 0.048774, "L": 0.01307, "J": 9.0e-6, "B": 1.69e-4}  # in the example's own comment
+
+
+def german(t, v, i, w):
+    """Return a file with decimal commas, semicolons and rpm."""
+    rows = zip(t, v, i, 30 / np.pi * w, strict=True)
+    return "Zeit;Spannung;Strom;n\n" + "\n".join(";".join(f"{x:.6g}".replace(".", ",") for x in r) for r in rows)
+
+
+def microcontroller(t, v, i, w):
+    """Return a file of a duty cycle, its battery, mA and an encoder's counts."""
+    turned = np.concatenate([[0.0], np.cumsum((w[1:] + w[:-1]) / 2 * np.diff(t))])
+    counts = np.floor(np.where(t > 0.5, turned, 0.0) * 2048 / (2 * np.pi))
+    rows = zip(1e3 * t, v / 12, np.full(len(t), 12.0), 1e3 * i, counts, strict=True)
+    header = "time_ms,duty,Battery (V),I_mA,enc_counts\n"
+    return header + "\n".join(",".join(f"{x:.8g}" for x in row) for row in rows)
+
+
+@pytest.mark.parametrize(("written", "hint"), [(german, ""), (microcontroller, "--counts 4000")])
+def test_a_bare_file_with_a_benchs_own_headers_goes_from_check_to_report(written, hint, tmp_path, capsys):
+    path = tmp_path / "run.csv"
+    path.write_text(written(*np.loadtxt(EXAMPLE, delimiter=",", skiprows=4).T) + "\n", encoding="utf-8")
+    status, _, err = run(capsys, "check", path)
+    assert (status, hint in err) == ((2, True) if hint else (0, True))
+    said = ("--counts", 2048) if hint else ()
+    status, out, _ = run(capsys, "check", path, *said)
+    assert status == 0 and "a step from 0 to 10.5 V at t = 0.5 s" in out and "Implausible" not in out
+    status, out, _ = run(capsys, "estimate", path, *said, "-o", tmp_path / "out", "--workers", 1)
+    found = json.loads((tmp_path / "out" / "result.json").read_text())
+    assert (status, found["verdict"]) == (0, "ok") and out.startswith("read run: v ← ")
+    assert out.splitlines()[0] in (tmp_path / "out" / "report.html").read_text()
+    for name, true in TRUTH.items():
+        estimate = found["parameters"][name]
+        assert abs(estimate["value"] - true) < 4 * estimate["standard_error"], name
