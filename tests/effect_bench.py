@@ -21,20 +21,24 @@ EXCITATIONS = {
 
 
 @cache
-def driven(excitation, friction=0.0, brush=0.0):
-    """Return time, voltage, current and speed at a tenth of a sample; friction in N.m, drop of the brushes in V."""
+def driven(excitation, friction=0.0, brush=0.0, source=0.0, slow=0.02):
+    """Return time, voltage, current and speed at a tenth of a sample.
+
+    friction in N.m, drop of the brushes in V; resistance of the source in Ohm, and time constant of what it loses in s.
+    """
     dt = H / FINE
     time = np.arange(round(0.8 / dt) + 1) * dt
     v = EXCITATIONS[excitation](time + 1e-9)
     whole = np.zeros((4, 4))
     whole[:2] = [[-R / L, -K / L, 1 / L, 0.0], [K / J, -B / J, 0.0, 1 / J]]
     step = expm(whole * dt)
-    x = np.zeros((len(time), 2))
+    x, lost = np.zeros((len(time), 2)), 0.0
     for k in range(len(time) - 1):
         i, w = x[k]
         stands = abs(w) < 1e-9 and abs(K * i) <= friction
         torque = -K * i if stands else -friction * np.sign(w if abs(w) >= 1e-9 else i)
-        volt = v[k] - brush * np.tanh(i / 1e-3)
+        volt = v[k] - brush * np.tanh(i / 1e-3) - lost
+        lost += (source * i - lost) * dt / slow
         x[k + 1] = step[:2, :2] @ x[k] + step[:2, 2:] @ (volt, torque)
         if (w != 0 and x[k + 1, 1] * w < 0) or stands:
             x[k + 1, 1] = 0.0
@@ -54,11 +58,12 @@ def late(y, by):
 
 def recording(
     excitation, seed=0, *, i=lambda y: y, w=lambda y: y, name="bench", logged=None, rows=slice(None), range_i=np.inf,
-    **machine,
+    step_i=0.0, **machine,
 ):  # fmt: skip
     """Return a recording; `i` and `w` are what the sensors make of current and speed at a tenth of a sample.
 
-    `logged` is the excitation that the file says, `rows` are those that it has, `range_i` the current sensor's, A.
+    `logged` is the excitation that the file says, `rows` are those that it has, `range_i` the current sensor's, A;
+    `step_i` is its converter's, A.
     """
     time, v, current, speed = driven(excitation, **machine)
     v = EXCITATIONS[logged or excitation](time + 1e-9)
@@ -66,6 +71,9 @@ def recording(
     shown = {"current [A]": i(current)[::FINE], "speed [rad/s]": w(speed)[::FINE]}
     noise = dict(zip(shown, NOISE.values(), strict=True))
     shown = {k: y + noise[k] * rng.standard_normal(len(y)) for k, y in shown.items()}
+    if step_i:  # a converter's, above the noise
+        steps = i(current)[::FINE] / step_i + 0.1 * rng.standard_normal(len(shown["current [A]"]))
+        shown["current [A]"] = step_i * np.round(steps)
     shown["current [A]"] = np.clip(shown["current [A]"], -range_i, range_i)
     columns = {"voltage [V]": v[::FINE], **shown}
     time = time[::FINE][rows]

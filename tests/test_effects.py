@@ -5,10 +5,12 @@ import re
 
 import numpy as np
 import pytest
-from effect_bench import H, lagged, late, recording, worst
+from effect_bench import B, H, J, K, L, R, driven, lagged, late, recording, worst
+from scipy.linalg import expm
 
 from estimator.cases.case import Case, OutputSpec, ParameterSpec
 from estimator.estimating.estimate import estimate_recordings
+from estimator.recordings.recording import recording_from_arrays
 
 CASE = Case(inputs={"v": "voltage"}, outputs={"i": OutputSpec("current"), "w": OutputSpec("speed")})
 CHAIN = {  # what stands in the bench, what is estimated of it, its true value; what leaves it unknown
@@ -41,10 +43,10 @@ def test_an_effect_is_found_and_the_parameters_are_right(effect, excitation):
     assert abs(found.value - size) < 5 * found.standard_error + 0.02 * size
 
 
-@pytest.mark.parametrize("excitation", ["step", "two levels", "reversal"])
-def test_a_mean_of_the_last_samples_is_found(excitation):
-    result = run(recording(excitation, i=lambda y: mean(y, 4)))
-    assert result.sensors["i"]["average"] == 4 and worst(result) < 4.5
+@pytest.mark.parametrize(("excitation", "n"), [("step", 4), ("two levels", 6), ("reversal", 3)])
+def test_a_mean_of_the_last_samples_is_found(excitation, n):
+    result = run(recording(excitation, i=lambda y: mean(y, n)))
+    assert result.sensors["i"]["average"] == n and worst(result) < 4.5
 
 
 def mean(y, n):
@@ -137,3 +139,66 @@ def test_an_inductance_that_vanishes_leaves_the_others_errors_open():
     loose, firm = (estimate_recordings([c], [[slow]], workers=1)[0] for c in (case, held))
     assert loose.parameters["L"].standard_error is None
     assert loose.parameters["R"].standard_error > 1.05 * firm.parameters["R"].standard_error
+
+
+def turned(w):
+    """Return the angle, rad, of a speed at a tenth of a sample."""
+    return np.cumsum(w) * H / 10
+
+
+def test_an_eccentric_encoder_is_found_although_the_shaft_turns_three_times_only():
+    result = run(recording("step", rows=slice(50, 250), w=lambda y: y * (1 + 0.02 * np.cos(turned(y) + 1.0))))
+    assert "eccentricity" in result.effects and worst(result) < 4.5, (result.effects, result.reasons)
+
+
+def test_commutation_is_found_where_the_current_is_large_at_edges_only():
+    angle = turned(driven("reversal")[3])
+    result = run(recording("reversal", i=lambda y: y * (1 + 0.04 * np.cos(7 * angle + 1.0))))
+    assert any("ripple of order 7 " in note for note in result.notes), result.notes
+    assert worst(result) < 4.5 and result.verdict == "ok", result.reasons
+
+
+@pytest.mark.parametrize("excitation", ["two levels", "reversal"])
+def test_a_source_that_sags_by_the_current_is_told_from_the_winding(excitation):
+    result = run(recording(excitation, source=0.3))
+    assert "sag of the source" in result.effects or "sag" in result.effects, (result.effects, result.reasons)
+    assert worst(result) < 4.5, result.reasons
+
+
+def test_a_current_in_steps_far_above_its_noise_keeps_its_errors():
+    result = run(recording("two levels", step_i=0.25))
+    assert worst(result) < 4.5, (result.reasons, result.notes)
+    assert not any("times as much at the largest signal" in note for note in result.notes), result.notes
+
+
+def test_a_motor_that_turns_before_its_voltage_is_not_taken_for_slow_sensors():
+    dt, rest = H / 10, np.array([[-R / L, -K / L], [K / J, -B / J]])
+    n = len(driven("step")[0])
+    step, motion = expm(rest * dt), np.zeros((n, 2))
+    motion[0] = 0.0, 60.0
+    for k in range(n - 1):
+        motion[k + 1] = step @ motion[k]
+    result = run(recording("step", i=lambda y: y + motion[:, 0], w=lambda y: y + motion[:, 1]))
+    assert result.effects == ("motion before the voltage",), (result.effects, result.reasons)
+    assert worst(result) < 4.5 and result.verdict == "ok", result.reasons
+
+
+def test_a_filter_acts_on_a_current_that_is_faster_than_the_rows_between_samples():
+    values = {"R": 0.9, "K": 0.036, "L": 1.3e-4, "J": 2.8e-4, "B": 5.6e-5}
+    R, K, L, J, B = values.values()
+    rng, h, fine, tau = np.random.default_rng(7), 1e-3, 100, 1.1e-3
+    v = np.repeat(np.concatenate([np.zeros(4), 12.0 * rng.integers(0, 2, 40)]), 40)
+    whole = np.zeros((4, 4))  # current, speed, what the filter shows, voltage
+    whole[0], whole[1, :2] = [-R / L, -K / L, 0, 1 / L], [K / J, -B / J]
+    whole[2, [0, 2]] = 1 / tau, -1 / tau
+    step = np.linalg.matrix_power(expm(whole * h / fine), fine)
+    x = np.zeros((len(v), 4))
+    for k in range(len(v) - 1):
+        x[k, 3] = v[k]
+        x[k + 1] = step @ x[k]
+    shown = {"current [A]": x[:, 2] + 0.02 * rng.standard_normal(len(v)), "voltage [V]": v,
+             "speed [rad/s]": x[:, 1] + 0.5 * rng.standard_normal(len(v))}  # fmt: skip
+    result = run(recording_from_arrays("fast", np.arange(len(v)) * h, shown))
+    assert "lag" in result.effects, (result.effects, result.reasons)
+    off = {n: (result.parameters[n].value - x) / result.parameters[n].standard_error for n, x in values.items()}
+    assert max(map(abs, off.values())) < 4.5, off

@@ -9,6 +9,7 @@ the rows.
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Sequence
 from functools import cache
 
 import numpy as np
@@ -86,6 +87,35 @@ def whiten(
     return whitened, logarithms.value
 
 
+def shorten(
+    whitened: FloatArray,
+    present: NDArray[np.bool_],
+    second: NDArray[np.bool_],
+    models: Sequence[Sequence[tuple[FloatArray, float]]],
+) -> None:
+    """Take the short autoregressions of two states of the machine out of whitened columns, in place.
+
+    Parameters
+    ----------
+    whitened : (rows, q, c) array, contiguous
+    present : (rows, q) array
+        Samples that are there; the others become 0.
+    second : (rows,) array
+        Rows of which the second model holds, not the first.
+    models : two, of each channel: coefficients, and the innovation's deviation
+    """
+    n, q, c = whitened.shape
+    order = np.array([[len(a) for a, _ in model] for model in models], dtype=np.int64)
+    coefficients = np.zeros((2, q, max(1, int(order.max()))))
+    for k, model in enumerate(models):
+        for j, (a, _) in enumerate(model):
+            coefficients[k, j, : len(a)] = a
+    deviation = np.array([[s for _, s in model] for model in models])
+    kind, there = np.ascontiguousarray(second, dtype=np.uint8), np.ascontiguousarray(present, dtype=np.uint8)
+    arrays = (order, coefficients, deviation, kind, there, whitened)
+    _library().kalman_shorten(n, q, c, coefficients.shape[2], *(a.ctypes.data for a in arrays))
+
+
 def likelihood(
     residuals: FloatArray,
     variance: FloatArray,
@@ -117,4 +147,6 @@ def _library() -> ctypes.CDLL:
     library = ctypes.CDLL(str(KALMAN))
     library.kalman_whiten.restype = ctypes.c_int64
     library.kalman_whiten.argtypes = [ctypes.c_int64] * 5 + [ctypes.c_void_p] * 9
+    library.kalman_shorten.restype = None
+    library.kalman_shorten.argtypes = [ctypes.c_int64] * 4 + [ctypes.c_void_p] * 6
     return library

@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.conventions import MEDIAN_SIZE, SECOND_DIFFERENCE
-from estimator.fitting.kalman import whiten
+from estimator.fitting.kalman import shorten, whiten
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -59,6 +59,16 @@ class Clock:
     def step(self) -> float:
         """The usual sampling interval, s."""
         return float(np.median(np.diff(self.time))) if len(self.time) > 1 else 1.0
+
+    @cached_property
+    def steps(self) -> tuple[FloatArray, NDArray[np.int64] | None]:
+        """The different steps, s, and which leads to each row; None: all are alike."""
+        dt = np.diff(self.time)
+        if not len(dt) or np.ptp(dt) < 1e-3 * self.step:
+            return np.array([self.step]), None
+        ticks = np.round(dt / (0.02 * self.step)) * (0.02 * self.step)  # to 2 % of a step
+        steps, index = np.unique(np.maximum(ticks, 0.02 * self.step), return_inverse=True)
+        return steps, np.concatenate([[0], index]).astype(np.int64)
 
 
 @dataclass(frozen=True)
@@ -104,7 +114,7 @@ class NoiseModel:
     def scale(self, level: FloatArray) -> FloatArray:
         """Return g, (rows, q), at signals over their largest, (rows, q)."""
         c, p = self.growth.T
-        return np.asarray((1 + (c * level) ** p) ** (1 / p))
+        return np.asarray((1 + (c * level) ** p) ** (1 / p)) if c.any() else np.ones_like(level)
 
     def deviation(self, level: FloatArray) -> FloatArray:
         """Return the deviation of each sample, (rows, q), all parts together."""
@@ -202,43 +212,47 @@ class Whitener:
 
     def __call__(self, columns: FloatArray) -> tuple[FloatArray, float]:
         """Return (rows, q, c) columns whitened, zero where a sample is missing, and the sum of log variances."""
+        g, variance, spaces = self._state_spaces
+        scaled = columns / g[:, :, None]
+        result = np.empty(scaled.shape)
+        total = float(2 * np.sum(np.log(g)[self.present]))
+        for clock, (steps, arrays) in zip(self.clocks, spaces, strict=True):
+            part = clock.rows
+            result[part], log = whiten(scaled[part], variance[part], steps=steps, **arrays)
+            total += log
+            if self.noise.short:
+                shorten(result[part], self.present[part], self.moving[part], self.noise.short)
+        for short, where in zip(self.noise.short, (~self.moving, self.moving), strict=False):
+            counts = self.present[where].sum(axis=0)
+            total += float(sum(2 * n * np.log(s) for n, (_, s) in zip(counts, short, strict=True)))
+        return result, total
+
+    @cached_property
+    def _state_spaces(
+        self,
+    ) -> tuple[FloatArray, FloatArray, list[tuple[NDArray[np.int64] | None, dict[str, FloatArray]]]]:
+        """The scale and white variance of each sample, (rows, q); of each clock the step to each row, and `states`."""
         noise = self.noise
         g = noise.scale(self.level)
         running = np.array([np.median(x[p]) if p.any() else 1.0 for x, p in zip(g.T, self.present.T, strict=True)])
-        scaled = columns / g[:, :, None]
         power = noise.white**2 + noise.differenced**2 + noise.slow[:, 0] ** 2
         floor = np.maximum(LEAST * power, 1e-300)
         moved = (noise.jitter * self.slope / g) ** 2
         variance = np.where(self.present, np.maximum(noise.white**2, floor) * self.inflate + moved, np.inf)
-        result = np.empty_like(scaled)
-        total = float(2 * np.sum(np.log(g)[self.present]))
+        found = []
         for clock in self.clocks:
-            part = clock.rows
-            steps, index = _steps(clock)
+            steps, index = clock.steps
             phases: tuple[int, ...] = (RUNS,)
-            if noise.torque[0] > 0 and not self.moving[part].all():
-                moving = self.moving[part]
+            moving = self.moving[clock.rows]
+            if noise.torque[0] > 0 and not moving.all():
                 phase = np.where(moving, np.where(np.concatenate([[True], moving[:-1]]), RUNS, STARTS), RESTS)
                 index = (np.zeros(len(moving), dtype=np.int64) if index is None else index) * 3 + phase
                 phases = (RESTS, STARTS, RUNS)
             spaces = [noise.states(dt, running, phase) for dt in steps for phase in phases]
-            result[part], log = whiten(
-                scaled[part],
-                variance[part],
-                transition=np.array([s["transition"] for s in spaces]),
-                process=np.array([s["process"] for s in spaces]),
-                initial=spaces[0 if index is None else int(index[0])]["initial"],
-                readout=spaces[0]["readout"],
-                steps=index,
-            )
-            total += log
-            if noise.short:
-                parts = [_short(result[part], self.present[part], short) for short in noise.short]
-                result[part] = np.where(self.moving[part, None, None], parts[1], parts[0])
-        for short, where in zip(noise.short, (~self.moving, self.moving), strict=False):
-            counts = self.present[where].sum(axis=0)
-            total += float(sum(2 * n * np.log(s) for n, (_, s) in zip(counts, short, strict=True)))
-        return result, total
+            arrays = {name: np.array([s[name] for s in spaces]) for name in ("transition", "process")}
+            arrays["initial"] = spaces[0 if index is None else int(index[0])]["initial"]
+            found.append((index, {**arrays, "readout": spaces[0]["readout"]}))
+        return g, variance, found
 
     def of(self, noise: NoiseModel) -> Whitener:
         """Return the whitener of another noise model."""
@@ -255,28 +269,6 @@ def held(a: bytes, b: bytes, dt: float) -> FloatArray:
     return np.asarray(expm(whole * dt))
 
 
-def _steps(clock: Clock) -> tuple[FloatArray, NDArray[np.int64] | None]:
-    """Return the different steps of a clock, s, and which leads to each row; None: all are alike."""
-    dt = np.diff(clock.time)
-    if not len(dt) or np.ptp(dt) < 1e-3 * clock.step:
-        return np.array([clock.step]), None
-    ticks = np.round(dt / (0.02 * clock.step)) * (0.02 * clock.step)  # to 2 % of a step
-    steps, index = np.unique(np.maximum(ticks, 0.02 * clock.step), return_inverse=True)
-    return steps, np.concatenate([[0], index]).astype(np.int64)
-
-
-def _short(columns: FloatArray, present: BoolArray, short: Sequence[tuple[FloatArray, float]]) -> FloatArray:
-    """Return (n, q, c) columns with each channel's autoregression taken out, missing rows zero."""
-    result = columns.copy()
-    for j, (a, deviation) in enumerate(short):
-        x = columns[:, j]
-        y = x.copy()
-        for lag, coefficient in enumerate(a, start=1):
-            y[lag:] -= coefficient * x[:-lag]
-        result[:, j] = np.where(present[:, j, None], y / deviation, 0.0)
-    return result
-
-
 def fit_noise(
     whitener: Whitener,
     residuals: FloatArray,
@@ -284,6 +276,7 @@ def fit_noise(
     settled: BoolArray,
     sharp: BoolArray,
     *,
+    resolution: FloatArray | None = None,
     colour: bool = True,
     again: bool = False,
 ) -> NoiseModel:
@@ -300,6 +293,8 @@ def fit_noise(
         Rows that tell the noise.
     sharp : (rows,) array
         First parts of transients, where an explanation is most easily wrong.
+    resolution : (q,) array, optional
+        Step of a sensor that is so coarse that its errors are no noise; 0: it is fine. They are up to half of it.
     colour : bool
         Ask for slow parts, for a torque that wanders, and for short colour.
     again : bool
@@ -334,8 +329,11 @@ def fit_noise(
     stacked = np.concatenate([residuals[rows, :, None], columns[rows], levels], axis=2)
     stacked = np.where(narrowed.present[:, :, None], stacked, 0.0)
     growth = np.array([_growth(residuals[:, j], whitener, j, sharp)[:2] for j in range(residuals.shape[1])])
+    resolution = np.zeros(len(growth)) if resolution is None else resolution
+    growth[resolution > 0] = 0.0, 2.0
     search = _Search(narrowed, stacked, colour=colour, growth=growth)
-    return search.again() if again else search.best()
+    found = search.again() if again else search.best()
+    return dataclasses.replace(found, white=np.maximum(found.white, resolution / np.sqrt(12)))
 
 
 def find_jitter(z: FloatArray, slope: FloatArray, step: float) -> tuple[float, FloatArray, float]:

@@ -35,6 +35,8 @@ REFITTED = 3  # additions refitted in a round
 PROMISING = 0.6  # of the best addition's promise: less is not refitted
 NEARBY = {"R": 5.0, "K": 4.0, "J": 6.0, "L": 50.0}  # factors: while effects are missing, a fit may go anywhere
 QUIET = 0.1  # of the deviation at first sight: noise is not taken to be less
+UNSEEN, FINER = 0.01, 3  # of z'z: a change that no estimate shows; doublings of the rows between samples, at most
+WHOLE = 3  # numbers of samples that are refitted
 ROUGH = 8  # iterations of a fit that is only compared
 NEAR = 10.0  # of the criterion: explanations no worse than this are rivals
 IDLE = 6.0  # times the penalty: an addition whose square over its variance is below may be idle
@@ -154,7 +156,10 @@ class Selection:
         for simulator in {id(s): s for s in (self.base, best.fit.simulator)}.values():
             p = len(self.base.plan.names)
             simulator.lower[:p], simulator.upper[:p] = bounds[0][:p], bounds[1][:p]
-        final = solved(best.fit, tolerance=1e-8)
+        final = solved(_with_fine_filters(best.fit), tolerance=1e-8)
+        while absurd := [a for a in best.additions if not _is_physical(final, a)]:
+            best = self.without(dataclasses.replace(best, fit=final), absurd[-1])
+            final = solved(best.fit, tolerance=1e-8)
         return dataclasses.replace(best, fit=final if final.simulator is self.base else with_secants(final))
 
     def _first(self, starts: Sequence[FloatArray]) -> Explanation:
@@ -207,7 +212,11 @@ class Selection:
         wide = [k for k, name in enumerate(fit.names) if not name.startswith("ripple ")]  # lines take no noise
         windows = find_windows(fit)
         columns = fit.raw[:, :, wide]
-        found = fit_noise(whitener, misfit, columns, windows.settled, windows.sharp, colour=colour, again=again)
+        s = fit.simulator
+        found = fit_noise(
+            whitener, misfit, columns, windows.settled, windows.sharp, colour=colour, again=again,
+            resolution=np.where(s.coarse & (self.differenced == 0), s.steps, 0.0),
+        )  # fmt: skip
         fit = held_down(refreshed(fit, whitener.of(found)), windows.onsets)
         return dataclasses.replace(explanation, fit=solved(fit))
 
@@ -308,7 +317,8 @@ class Selection:
                 k = simulator.index[name]
                 values[k] = np.clip(value, simulator.lower[k], simulator.upper[k])
             begun.append(dataclasses.replace(moved, values=values, free=(*fit.free, *addition.free)))
-        ready = [solved(b, iterations=1) for b in begun] if len(begun) > 1 else begun
+        settling = ROUGH if not addition.free else 1
+        ready = [solved(b, iterations=settling) for b in begun] if len(begun) > 1 else begun
         return solved(min(ready, key=lambda f: f.cost), iterations=ROUGH)
 
     def additions(self, explanation: Explanation, effects: Sequence[Effect]) -> list[Addition]:
@@ -363,7 +373,7 @@ class Selection:
         across = whitened - test.basis @ (test.basis.T @ whitened)  # type: ignore[attr-defined]
         left = test.left  # type: ignore[attr-defined]
         for w, (effect, nuisance) in enumerate(wanted):
-            best: tuple[float, tuple[Mapping[str, float], ...], int] | None = None
+            found: list[tuple[float, int, tuple[Mapping[str, float], ...]]] = []
             for k, (owner, t) in enumerate(owners):
                 power = float(across[:, k] @ across[:, k])
                 if owner != w or power < 1e-9:
@@ -381,14 +391,16 @@ class Selection:
                         {nuisance.name: now + f * reach, **together}
                         for f in dict.fromkeys((float(np.clip(size, 0.1, 8)), 1.0))
                     )
-                if best is None or gain > best[0]:
-                    best = gain, starts, k
-            if best is not None and best[0] > 0:
+                found.append((gain, k, starts))
+            found.sort(key=lambda f: -f[0])
+            if found and found[0][0] > 0:
+                gain, k, starts = found[0]
+                if nuisance.whole:  # no derivative leads from one to the next
+                    starts = tuple(start for _, _, own in found[:WHOLE] for start in own)
                 free = () if nuisance.whole else (nuisance.name, *(nuisance.together[0] if nuisance.together else ()))
-                columns = slice(best[2], best[2] + 1)
                 yield Addition(
-                    effect, nuisance.name, max(1, len(free)), best[0], starts=best[1], free=free,
-                    across=across[:, columns], whitened=whitened[:, columns], tried=len(nuisance.tries),
+                    effect, nuisance.name, max(1, len(free)), gain, starts=starts, free=free,
+                    across=across[:, k : k + 1], whitened=whitened[:, k : k + 1], tried=len(nuisance.tries),
                 )  # fmt: skip
 
     def _simulator(self, fit: Fit, effect: Effect) -> Simulator | None:
@@ -464,7 +476,7 @@ def _renewed(explanation: Explanation) -> Fit:
     fit, groups = explanation.fit, list(explanation.fit.linear)
     for a in explanation.additions:
         k = next((k for k, g in enumerate(groups) if g.name == a.name), None)
-        if a.linear is None or k is None or a.effect.is_line:
+        if a.linear is None or k is None:
             continue
         at = sum(g.columns.shape[2] for g in groups[:k])
         own = slice(at, at + groups[k].columns.shape[2])
@@ -481,6 +493,23 @@ def _renewed(explanation: Explanation) -> Fit:
             groups[k] = new
     raw = np.concatenate([fit.raw[:, :, : len(fit.free)], *(g.columns for g in groups)], axis=2)
     return dataclasses.replace(fit, linear=tuple(groups), raw=raw)
+
+
+def _with_fine_filters(fit: Fit) -> Fit:
+    """Return the fit on a simulator that simulates more rows between the samples if a filter there asks for it.
+
+    A signal may bend between the rows that a filter is given, as the current of a winding that is faster than they.
+    """
+    s = fit.simulator
+    for _ in range(FINER):
+        s.between *= 2
+        finer = s.shown(fit.values[None, :])[0]
+        change = fit.whitener(np.nan_to_num(finer - fit.shown)[:, :, None])[0]
+        if float(np.vdot(change, change)) < UNSEEN:
+            s.between //= 2
+            break
+        fit = dataclasses.replace(fit, shown=finer)
+    return fit
 
 
 def moved_to(fit: Fit, simulator: Simulator) -> Fit:

@@ -8,7 +8,7 @@ that freeing one costs no new load of the FMU.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -98,6 +98,10 @@ class Simulator:
     ----------
     steps : (q,) array
         By which the sensors resolve the outputs, in their units; 0: they are not quantised.
+    coarse : (q,) array
+        Whether an output's resolution is what its neighbours differ by, if they do: there its errors are no noise.
+    between : int
+        Rows that are simulated for one where a filter acts between them.
     """
 
     plan: Plan
@@ -105,6 +109,7 @@ class Simulator:
     crew: Workers
     sigma: Mapping[str, float]
     problem: Problem = field(init=False)
+    between: int = field(init=False, default=BETWEEN)
 
     def __post_init__(self) -> None:
         stepped = [n for n in self.nuisances if n.place is not None or n.target]
@@ -137,6 +142,7 @@ class Simulator:
         self.measured = np.concatenate([_without_repeats(o, self.outputs) for o in self.observed])
         self.rows = len(self.measured)
         self.steps = np.array([max(quantum(o.outputs[y]) for o in self.observed) for y in self.outputs])
+        self.coarse = (self.steps > 0) & np.array([_repeats(o.outputs[y] for o in self.observed) for y in self.outputs])
 
     @property
     def observed(self) -> tuple[Observed, ...]:
@@ -156,9 +162,10 @@ class Simulator:
             filtered |= n.between & (candidates[:, self.index[n.name]] != n.neutral)
         for between in (False, True):
             where = np.flatnonzero(filtered == between)
-            many = max(1, CELLS // (self.rows * (BETWEEN if between else 1)))
+            rows = self.between if between else 1
+            many = max(1, CELLS // (self.rows * rows))
             for part in (where[k : k + many] for k in range(0, len(where), many)):
-                result[part] = self._shown(candidates[part], refine, BETWEEN if between else 1)
+                result[part] = self._shown(candidates[part], refine, rows)
         return result
 
     def _shown(self, candidates: FloatArray, refine: int, between: int) -> FloatArray:
@@ -201,6 +208,11 @@ def per_recording(plan: Plan, kind: str) -> Sequence[str]:
         return [kind]
     names = [o.recording.name for o in plan.observed]
     return [f"{kind} {n if names.count(n) == 1 else k + 1}" for k, n in enumerate(names)]
+
+
+def _repeats(signals: Iterable[FloatArray]) -> bool:
+    """Return whether most samples of signals, (n,) each, are as the one before."""
+    return float(np.nanmedian(np.abs(np.concatenate([np.diff(y) for y in signals])))) == 0.0
 
 
 def _without_repeats(o: Observed, outputs: Sequence[str]) -> FloatArray:

@@ -16,7 +16,9 @@ from estimator.fitting.effects.low_pass import LowPass
 from estimator.fitting.effects.machine_effects import FrictionDrift, WindingWarms
 from estimator.fitting.effects.offset import Offset
 from estimator.fitting.effects.ripple import Ripple
+from estimator.fitting.effects.ripple_of_few_turns import Commutation, Eccentricity
 from estimator.fitting.effects.runs_differ import RunsDiffer
+from estimator.fitting.effects.source_sag import SourceSag
 from estimator.fitting.effects.starting_motion import StartingMotion
 from estimator.fitting.effects.switching_ripple import SwitchingRipple
 from estimator.fitting.effects.voltage_noise import VoltageNoise
@@ -33,6 +35,8 @@ EFFECTS: tuple[Effect, ...] = (
     Gain(),
     Ripple(),
     SwitchingRipple(),
+    Eccentricity(),
+    Commutation(),
     FrictionDrift(),
     WindingWarms(),
     EdgeLatency(),
@@ -42,6 +46,7 @@ EFFECTS: tuple[Effect, ...] = (
     CurrentLimit(),
     Coasting(),
     Sag(),
+    SourceSag(),
     DeadBand(),
     RunsDiffer(),
     StartingMotion(),

@@ -201,9 +201,10 @@ class Sag(Drive):
         size = 0.1 * v / i
         duration = max(float(o.recording.time[-1] - o.recording.time[0]) for o in plan.observed)
         taus = [tau for tau in (0.003, 0.02, 0.1) if tau < 0.3 * duration]
+        tries = [(part * size, tau) for part in (0.2, 1.0) for tau in taus]
         return [
             Nuisance(self.target, self.unit, 0.0, 10 * size, 0.0, 0.1 * size, target=self.target,
-                     tries=(size,) * len(taus), together=tuple({self.time_target: tau} for tau in taus)),
+                     tries=tuple(x for x, _ in tries), together=tuple({self.time_target: tau} for _, tau in tries)),
             Nuisance(self.time_target, "s", 1e-4, 10.0, 0.01, 0.01, log=True, target=self.time_target),
         ]  # fmt: skip
 

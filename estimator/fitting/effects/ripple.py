@@ -45,6 +45,12 @@ def angle_of(fit: Fit) -> FloatArray | None:
     return result
 
 
+def standing_out(fit: Fit) -> FloatArray:
+    """Return what is left over its deviation, (rows, q), outliers held down; zero where a sample is missing."""
+    left = fit.residuals() / fit.whitener.noise.deviation(fit.whitener.level)  # a colour would hold lines already
+    return np.where(fit.whitener.present, left, 0.0) / np.sqrt(fit.whitener.inflate)
+
+
 @dataclass(frozen=True)
 class Ripple(Effect):
     """Cosine and sine of one order of the angle, as large as the signal or of one amplitude, each recording's own."""
@@ -61,16 +67,14 @@ class Ripple(Effect):
             return ()
         found = []
         settled = find_windows(fit).settled & fit.whitener.moving
-        told = settled[:, None] & fit.whitener.present  # a transient that is not explained is none
-        left = fit.residuals() / fit.whitener.noise.deviation(fit.whitener.level)  # a colour would hold lines already
-        z = np.where(told, left, 0.0) / np.sqrt(fit.whitener.inflate)
+        z = np.where(settled[:, None], standing_out(fit), 0.0)  # a transient that is not explained is none
         for j, y in enumerate(fit.simulator.outputs):
             own = (g.name.split(" ") for g in fit.linear if g.name.startswith(f"ripple {y} "))
             taken = {int(words[2]) for words in own if len(words) == 3}
             if y == "angle" or len(taken) >= LINES:
                 continue
             level = fit.shown[:, j] / max(float(np.max(np.abs(fit.shown[:, j]))), 1e-300)
-            power = self._power(theta, z[:, j] * level, fit)
+            power = self.power(theta, z[:, j] * level, fit)
             power[[k - 1 for k in taken]] = 0.0
             best = float(np.max(power))
             order = int(np.argmax(power > SAME * best)) + 1
@@ -82,13 +86,17 @@ class Ripple(Effect):
             if coarse > 0 and self._amplitude(power[order - 1], z[:, j], level, fit, j) < LEAST * coarse:
                 continue  # the beat of the encoder's lines with the clock
             shapes = (level, (np.abs(level) > STANDS).astype(np.float64))  # as commutation, or as a load that turns
-            tried = [self._columns(fit, theta, shape, order, j) for shape in shapes]
+            tried = [self.columns(fit, theta, shape, order, j) for shape in shapes]
             test = fit.test()
             gains = [test.gain(test.across(columns))[0] for columns in tried]
             found.append(Linear(f"ripple {y} {order}", tried[int(np.argmax(gains))], self._units(fit, y)))
         return found
 
-    def _power(self, theta: FloatArray, z: FloatArray, fit: Fit) -> FloatArray:
+    def renewed(self, fit: Fit, group: Linear, coefficients: FloatArray) -> Linear | None:
+        """Return None: a line stays as it is."""
+        return None
+
+    def power(self, theta: FloatArray, z: FloatArray, fit: Fit) -> FloatArray:
         """Return how much of a whitened output each order explains, (orders,)."""
         total = np.zeros(ORDERS)
         for clock in fit.simulator.clocks:
@@ -110,7 +118,8 @@ class Ripple(Effect):
         unit = float(np.sqrt(np.mean(fit.residuals()[present, j] ** 2) / max(np.mean(z[present] ** 2), 1e-300)))
         return 2 * unit * float(np.sqrt(power)) / max(float(np.sum(level[present] ** 2)), 1.0)
 
-    def _columns(self, fit: Fit, theta: FloatArray, level: FloatArray, order: int, j: int) -> FloatArray:
+    def columns(self, fit: Fit, theta: FloatArray, level: FloatArray, order: int, j: int) -> FloatArray:
+        """Return cosine and sine of an order of the angle, rad, of each recording, as the output shows them."""
         s = fit.simulator
         columns = np.zeros((s.rows, len(s.outputs), 2 * len(s.clocks)))
         for e, clock in enumerate(s.clocks):

@@ -19,6 +19,7 @@ class StartingMotion(Effect):
     """Speed and current in the first row beyond the model's, rad/s and A."""
 
     name: str = "motion before the voltage"
+    sharp: bool = True
     prior: float = 0.05
 
     def linear(self, fit: Fit) -> Sequence[Linear]:

@@ -68,6 +68,10 @@ class SwitchingRipple(Effect):
             found.append(Linear(f"ripple i at {f:.6g} Hz", columns[:, :, told], (unit,) * len(told)))
         return found
 
+    def renewed(self, fit: Fit, group: Linear, coefficients: FloatArray) -> Linear | None:
+        """Return None: a line stays where it is."""
+        return None
+
     def tell(self, name: str, value: float, plan: Plan) -> str:
         """Say where the line lies, and how large it is."""
         return f"i has a ripple at {name.split()[3]} Hz, as sampled, of amplitude {value:.3g} A: the driver's switching"

@@ -1,0 +1,124 @@
+"""Ripple locked to the shaft that no line shows: there are too few turns, or the signal is large at edges only."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.fitting.effects.base import USUAL
+from estimator.fitting.effects.ripple import CYCLES, LINES, Ripple, angle_of, standing_out
+from estimator.fitting.fit import Fit, Linear
+from estimator.fitting.noise_model import Clock
+
+FloatArray = NDArray[np.float64]
+
+LOW = (1, 2)  # orders of the speed: the centre beside the axis, and a disc that is tilted
+MOST = 0.05  # of the speed: the disc of an encoder is centred better
+TURNS, FEW = 1.0, 4.0  # fewer show no order; times what makes a line
+LATE, TRIES, FINE = 8.0, 24, 0.05  # rows by which an angle may be early or late; tries on either side; how finely
+ENOUGH = 6000  # rows that tell it
+PERIODS = 4.0  # of an order while the current is large: with fewer it is no more than a transient's shape
+
+
+@dataclass(frozen=True)
+class Eccentricity(Ripple):
+    """Cosine and sine of a low order of the angle, in proportion to the speed, each recording's own."""
+
+    name: str = "eccentricity"
+    prior: float = USUAL / 2
+    sharp: bool = False
+    is_line: bool = False
+
+    def linear(self, fit: Fit) -> Sequence[Linear]:
+        """Return the low orders that have too few periods for a line: by all rows, the transients among them."""
+        theta, outputs = angle_of(fit), fit.simulator.outputs
+        if theta is None or "w" not in outputs or not np.any(fit.shown[:, (j := outputs.index("w"))]):
+            return ()
+        turns, largest = _turns(theta, fit), float(np.max(np.abs(fit.shown[:, j])))
+        if turns < TURNS:
+            return ()
+        return [
+            Linear(f"ripple w {k}", self.columns(fit, theta, fit.shown[:, j] / largest, k, j), self._units(fit, "w"),
+                   least=-MOST * largest, most=MOST * largest)
+            for k in LOW if k * turns < FEW * CYCLES
+        ]  # fmt: skip
+
+    def renewed(self, fit: Fit, group: Linear, coefficients: FloatArray) -> Linear | None:
+        """Return the order at the speed that is shown now: it is the speed's own, and never late."""
+        return next((g for g in self.linear(fit) if g.name == group.name), None)
+
+
+@dataclass(frozen=True)
+class Commutation(Ripple):
+    """Cosine and sine of an order of the angle, in proportion to the current, which is large at edges only."""
+
+    name: str = "commutation"
+    sharp: bool = False
+    is_line: bool = False
+
+    def linear(self, fit: Fit) -> Sequence[Linear]:
+        """Return the order that explains most of what is left of the current, the transients among it."""
+        theta, outputs = angle_of(fit), fit.simulator.outputs
+        if theta is None or "i" not in outputs or _turns(theta, fit) < TURNS:
+            return ()
+        j = outputs.index("i")
+        taken = {int(w[2]) for g in fit.linear if (w := g.name.split(" "))[:2] == ["ripple", "i"] and len(w) == 3}
+        level, z = _level(fit, j), standing_out(fit)[:, j]
+        power = self.power(theta, level * z, fit)
+        power[[k - 1 for k in (*LOW, *taken)]] = 0.0
+        power[: max(0, int(PERIODS / max(_turns_at_edges(theta, level, fit), 1e-9)))] = 0.0
+        if len(taken) >= LINES or not np.any(power):
+            return ()
+        order = int(np.argmax(power)) + 1
+        return [Linear(f"ripple i {order}", self._in_time(fit, theta, level, order, j, z), self._units(fit, "i"))]
+
+    def renewed(self, fit: Fit, group: Linear, coefficients: FloatArray) -> Linear | None:
+        """Return the order's columns, their angle as late as what is explained now shows it."""
+        theta, j = angle_of(fit), fit.simulator.outputs.index("i")
+        if theta is None:
+            return None
+        order = int(group.name.split(" ")[2])
+        columns = self._in_time(fit, theta, _level(fit, j), order, j, standing_out(fit)[:, j])
+        return dataclasses.replace(group, columns=columns)
+
+    def _in_time(self, fit: Fit, theta: FloatArray, level: FloatArray, order: int, j: int, z: FloatArray) -> FloatArray:
+        """Return an order's columns, its angle as early or late as explains most of z: a sensor may be slow."""
+        clocks = fit.simulator.clocks
+        every = 1 + len(theta) // ENOUGH
+        parts = [(c, slice(c.rows.start, c.rows.stop, every)) for c in clocks]
+        weighted = level * z
+        step, late, reach = min(c.step for c in clocks), 0.0, LATE
+        while reach > FINE:
+            tried = late + step * np.linspace(-reach, reach, 2 * TRIES + 1)
+            angles = [[order * _shifted(theta, c, t)[::every] for c, _ in parts] for t in tried]
+            powers = [sum(abs(np.vdot(np.exp(1j * a), weighted[rows])) ** 2
+                          for a, (_, rows) in zip(own, parts, strict=True)) for own in angles]  # fmt: skip
+            late, reach = float(tried[int(np.argmax(powers))]), 1.5 * reach / TRIES
+        shifted = np.concatenate([_shifted(theta, c, late) for c in clocks])
+        return self.columns(fit, shifted, level, order, j)
+
+
+def _level(fit: Fit, j: int) -> FloatArray:
+    """Return what an output shows over its largest."""
+    return np.asarray(fit.shown[:, j] / max(float(np.max(np.abs(fit.shown[:, j]))), 1e-300))
+
+
+def _turns_at_edges(theta: FloatArray, level: FloatArray, fit: Fit) -> float:
+    """Return the turns of a recording while its current is large, the most of all: where its size tells an order."""
+    turn = np.abs(np.diff(theta, prepend=theta[:1])) * level**2
+    return max(float(np.sum(turn[c.rows][1:])) / (2 * np.pi) for c in fit.simulator.clocks)
+
+
+def _turns(theta: FloatArray, fit: Fit) -> float:
+    """Return by how many turns the shaft has moved on at the end of a recording, the most of all."""
+    return max(float(np.ptp(theta[c.rows])) / (2 * np.pi) for c in fit.simulator.clocks)
+
+
+def _shifted(theta: FloatArray, clock: Clock, late: float) -> FloatArray:
+    """Return the angle, rad, some seconds later than it was integrated, over a clock's rows."""
+    own = theta[clock.rows]
+    return np.asarray(np.interp(clock.time + late, clock.time, own)) if late else own
