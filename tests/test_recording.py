@@ -384,7 +384,7 @@ def test_a_file_that_is_not_there_is_said(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ["run3", "run_3.csv"])
 def test_of_a_file_that_is_not_there_the_nearest_beside_it_is_named(tmp_path: Path, name: str) -> None:
     (tmp_path / "run3.csv").write_text("")
-    with pytest.raises(RecordingError, match=rf"^there is no recording .*{name}; did you mean run3\.csv\?$"):
+    with pytest.raises(RecordingError, match=rf"^there is no recording .*{name}; give .*; did you mean run3\.csv\?$"):
         read_recording(tmp_path / name)
 
 

@@ -169,13 +169,13 @@ def _plain_table(path: Path, written: str, encoding: str, rules: HeaderRules) ->
 
 
 def _meant(path: Path) -> str:
-    """Return what is said of a file that does not exist: a recording beside it of nearly its name."""
+    """Return a question for who names a file that does not exist, where a recording beside it has nearly its name."""
     with suppress(OSError):
         beside = sorted(p.name for p in path.parent.iterdir() if p.suffix.lower() in SUFFIXES)
         same = [name for name in beside if Path(name).stem == path.name]
         for near in same or get_close_matches(path.name, beside, n=1):
-            return f"did you mean {near}?"
-    return "give the path of a text file (CSV)"
+            return f"; did you mean {near}?"
+    return ""
 
 
 def _read_text(path: Path) -> tuple[str, str]:
@@ -183,7 +183,9 @@ def _read_text(path: Path) -> tuple[str, str]:
     try:
         data = path.read_bytes()
     except FileNotFoundError:
-        raise RecordingError(f"there is no recording {path}; {_meant(path)}") from None
+        raise RecordingError(
+            f"there is no recording {path}; give the path of a text file (CSV){_meant(path)}"
+        ) from None
     except IsADirectoryError:
         raise RecordingError(f"{path} is a folder; give one of its files") from None
     except OSError as error:

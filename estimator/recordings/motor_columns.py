@@ -98,14 +98,15 @@ def motor_columns(
         options = " or ".join(f"--column {name}=…" for name in ("i", "w") if name == role or (nothing and role == "i"))
         named = [f"--column {shlex.quote(f'{other}={meant[other][0]}')}" for other in missing if meant[other]]
         column = " ".join(named) if near else options or f"--column {role}=…"
-        choice = f"; say which it is with {column}"
         if role == "v" and (duty := duty_column(recording)) is not None:
-            remedy = (
-                f"; {recording.headers[duty]!r} is a duty cycle: say of which supply, with --supply 12 (volts),"
-                " --supply 12/255 (volts a count), or --supply and the battery's column"
+            raise RecordingError(
+                f"{recording.title} has no voltage column ({columns}), but {recording.headers[duty]!r} is a duty cycle:"
+                " say of which supply, with --supply 12 (volts), --supply 12/255 (volts a count), or --supply and the"
+                " battery's column"
             )
-            choice = ""
-        raise RecordingError(f"{recording.title} has no {ROLE_TITLE[role]} column{remedy} ({columns}){choice}")
+        raise RecordingError(
+            f"{recording.title} has no {ROLE_TITLE[role]} column{remedy} ({columns}); say which it is with {column}"
+        )
     return found
 
 
