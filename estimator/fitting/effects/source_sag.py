@@ -64,7 +64,9 @@ class SourceSag(Effect):
 
     def tell(self, name: str, value: float, plan: Plan) -> str:
         """Say how large, and how fast."""
-        return f"the source sags by the current: its resistance is {value:.3g} Ohm, time constant{name.split(',')[1]}"
+        return (
+            f"the source sags by the current: its resistance is {value:.3g} Ohm, time constant{name.split(',')[1]}"
+        )
 
 
 def _columns(fit: Fit, current: FloatArray, name: str) -> FloatArray:
