@@ -127,6 +127,15 @@ def test_a_fast_motor_is_doubtful_and_not_refused(case_of):
         assert abs(p.value - fast.parameters[name]) < 5 * p.standard_error
 
 
+def test_a_slow_recording_that_is_estimated_does_not_say_that_its_transient_is_lost(case_of, good):
+    slow = recording_of("slow", 0.02 * np.arange(75), good[0][::20], good[1][::20], noise=(0.02, 1.0), seed=1)
+    result = run(case_of(), slow)
+    assert result.verdict == "doubtful" and abs(result.parameters["R"].value / CML050.R - 1) < 0.5
+    told = " ".join(result.reasons)
+    assert "lie within one sample" in told and "the recording is slow for this motor" in told
+    assert "lost" not in told.replace("may be what is lost (aliasing)", "")
+
+
 def test_a_recording_that_holds_no_sample_of_its_transient_is_refused_before_the_search(case_of, good):
     slow = recording_of("slow", 0.05 * np.arange(30), good[0][::50], good[1][::50], noise=(0.02, 1.0), seed=1)
     result = run(case_of(), slow)
