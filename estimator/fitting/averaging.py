@@ -113,7 +113,8 @@ def averaged(
         parts.append((max(behind, 0.0), there, other))
         with np.errstate(invalid="ignore"):
             apart = np.abs(there - own) / np.where(np.isfinite(deviation), deviation, np.inf)
-        if np.max(apart, initial=0.0) > DIFFERS and behind < LIKELY:
+        other_number = _numbers(rival) != _numbers(explanation) and _effects(rival) == _effects(explanation)
+        if np.max(apart, initial=0.0) > DIFFERS and behind < LIKELY and not other_number:  # the bars hold it
             told.append((rival, len(parts) - 1, float(np.max(apart)), names[int(np.argmax(apart))], float(behind)))
     weights = np.exp(-0.5 * np.array([c for c, _, _ in parts]))
     weights /= weights.sum()
@@ -123,6 +124,17 @@ def averaged(
     total[held] = total[:, held] = 0.0
     rivals_told = tuple(Told(r, apart, name, behind, float(weights[k])) for r, k, apart, name, behind in told)
     return Averaged(own, total, tuple(unseen), rivals_told)
+
+
+def _effects(explanation: Explanation) -> list[str]:
+    return sorted(a.effect.name for a in explanation.additions)
+
+
+def _numbers(explanation: Explanation) -> dict[str, float]:
+    """Return what was added, and of what is chosen, not fitted by derivatives, its number."""
+    s, values = explanation.fit.simulator, explanation.fit.values
+    whole = {n.name for n in s.nuisances if n.whole}
+    return {a.name: float(values[s.index[a.name]]) if a.name in whole else 0.0 for a in explanation.additions}
 
 
 def _covering(

@@ -443,12 +443,11 @@ class Selection:
         """Return the same explanation at other values, where an effect knows such."""
         found, fit = [], explanation.fit
         for addition in explanation.additions:
-            known = addition.effect.mirrored(fit, addition.name)
-            values = fit.values.copy()
-            for name, value in known.items():
-                k = fit.simulator.index[name]
-                values[k] = np.clip(value, fit.simulator.lower[k], fit.simulator.upper[k])
-            if known:
+            for known in addition.effect.mirrored(fit, addition.name):
+                values = fit.values.copy()
+                for name, value in known.items():
+                    k = fit.simulator.index[name]
+                    values[k] = np.clip(value, fit.simulator.lower[k], fit.simulator.upper[k])
                 found.append(dataclasses.replace(explanation, fit=solved(dataclasses.replace(fit, values=values))))
         return found
 

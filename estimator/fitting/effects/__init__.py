@@ -9,6 +9,7 @@ from estimator.fitting.effects.base import SELDOM, Effect
 from estimator.fitting.effects.channel_delay import ChannelDelay
 from estimator.fitting.effects.delay import Delay
 from estimator.fitting.effects.drive import BreakAway, BrushDrop, Coasting, CurrentLimit, DeadBand, DryFriction, Sag
+from estimator.fitting.effects.drive_drop import DriveDrop
 from estimator.fitting.effects.edge_latency import EdgeLatency
 from estimator.fitting.effects.gain import Gain
 from estimator.fitting.effects.lost_rows import LostRows
@@ -48,6 +49,7 @@ EFFECTS: tuple[Effect, ...] = (
     Sag(),
     SourceSag(),
     DeadBand(),
+    DriveDrop(),
     RunsDiffer(),
     StartingMotion(),
     VoltageNoise(),

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimator.fitting.effects.base import Effect
+from estimator.fitting.fit import Fit
 from estimator.fitting.simulator import Nuisance
 from estimator.plans.plan import ChainSpec, Plan
 from estimator.stepping import layout
@@ -49,6 +50,11 @@ class Average(Effect):
             for y in plan.outputs
             if y != "angle" and f"average {y}" not in plan.declared and plan.chains.get(y, ChainSpec()).is_plain
         ]  # fmt: skip
+
+    def mirrored(self, fit: Fit, name: str) -> Sequence[Mapping[str, float]]:
+        """Return one sample less, and one more."""
+        n = round(float(fit.values[fit.simulator.index[name]]))
+        return [{name: float(k)} for k in (n - 1, n + 1) if 1 < k <= SAMPLES[-1]]
 
     def tell(self, name: str, value: float, plan: Plan) -> str:
         """Say of how many."""

@@ -71,9 +71,9 @@ class Effect:
         """Return nuisances with the values at which the recordings show them before any fit: where a fit begins."""
         return {}
 
-    def mirrored(self, fit: Fit, name: str) -> Mapping[str, float]:
+    def mirrored(self, fit: Fit, name: str) -> Sequence[Mapping[str, float]]:
         """Return values at which the recordings may be explained as well: of two lags in series, each the other's."""
-        return {}
+        return ()
 
     def tell(self, name: str, value: float, plan: Plan) -> str:
         """Say that it is there, of this size."""

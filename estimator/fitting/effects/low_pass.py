@@ -55,13 +55,13 @@ class LowPass(Effect):
             if f"filter {y}" not in plan.declared and y != "angle"
         ]  # fmt: skip
 
-    def mirrored(self, fit: Fit, name: str) -> Mapping[str, float]:
+    def mirrored(self, fit: Fit, name: str) -> Sequence[Mapping[str, float]]:
         """Return the sensor's lag as the winding's, and the winding's as the sensor's."""
         s = fit.simulator
         if self.order != 1 or not name.endswith(" i") or not {"R", "L"} <= set(fit.free):
-            return {}
+            return ()
         R, L, tau = (float(fit.values[s.index[n]]) for n in ("R", "L", name))
-        return {"L": R * tau, name: L / R} if tau > 0 else {}
+        return ({"L": R * tau, name: L / R},) if tau > 0 else ()
 
     def tell(self, name: str, value: float, plan: Plan) -> str:
         """Say which."""

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.fitting.effects.base import Effect
+from estimator.fitting.effects.base import SELDOM, Effect
 from estimator.fitting.fit import Fit, Linear
 from estimator.fitting.machine import motor_values, response
 from estimator.fitting.recursion import recursion
@@ -17,8 +17,9 @@ from estimator.plans.plan import Plan
 
 FloatArray = NDArray[np.float64]
 
-RATIO, SHORTEST, LONGEST = 1.5, 2.0, 0.3  # between time constants; in samples; of the recording
-APART = 3.0  # times the winding's time constant
+RATIO, SHORTEST, LONGEST = 1.5, 2.0, 0.1  # between time constants; in samples; s, of a supply's capacitors
+BESIDE = 1  # steps of time constants between rivals
+SMALL = 0.01  # of the winding's: less is the rounding of something else
 PART = 0.05  # of the winding's resistance: a usual source's
 
 
@@ -30,48 +31,48 @@ class SourceSag(Effect):
     """
 
     name: str = "sag of the source"
-    prior: float = 0.1
+    prior: float = SELDOM
 
     def linear(self, fit: Fit) -> Sequence[Linear]:
-        """Return the time constant whose sag explains most of what is left."""
+        """Return the time constant whose sag explains most of what is left, and those beside it, its rivals."""
         s, values = fit.simulator, motor_values(fit)
         if values is None or "i" not in s.outputs or any(g.name.startswith(self.name) for g in fit.linear):
             return ()
         if any(n in fit.free for n in ("supply_resistance",)):
             return ()
-        duration = max(float(c.time[-1] - c.time[0]) for c in s.clocks)
         shortest = SHORTEST * s.clocks[0].step
-        count = 1 + int(max(0.0, np.log(LONGEST * duration / shortest) / np.log(RATIO)))
+        count = 1 + int(max(0.0, np.log(LONGEST / shortest) / np.log(RATIO)))
         taus = shortest * RATIO ** np.arange(count)
-        alike = values["L"] / values["R"]  # a source about as fast as the winding is not told from it
-        taus = taus[(taus < alike / APART) | (taus > APART * alike)]
-        if not len(taus):
-            return ()
         current = fit.explained[:, s.outputs.index("i")]
-        test = fit.test()
-        across = test.across(np.stack([_response(fit, current, float(tau)) for tau in taus], axis=2))
+        test, columns = fit.test(), [_response(fit, current, float(tau)) for tau in taus]
+        across = test.across(np.stack(columns, axis=2))
         along, power = across.T @ test.left, np.sum(across**2, axis=0)
         best = int(np.argmax(np.where((power > 1e-9) & (along > 0), along**2 / np.maximum(power, 1e-9), 0.0)))
-        name = f"{self.name}, {taus[best]:.3g} s"
-        columns = _columns(fit, current, name)
-        return [Linear(name, columns, ("Ohm",), least=0.0, most=values["R"], size=PART * values["R"])]
+        found = []
+        for k in sorted({max(0, best - BESIDE), best, min(count - 1, best + BESIDE)}, key=lambda k: abs(k - best)):
+            name = f"{self.name}, {taus[k]:.3g} s"
+            found.append(
+                Linear(
+                    name,
+                    columns[k][:, :, None],
+                    ("Ohm",),
+                    least=SMALL * values["R"],
+                    most=values["R"],
+                    size=PART * values["R"],
+                )  # fmt: skip
+            )
+        return found
 
     def renewed(self, fit: Fit, group: Linear, coefficients: FloatArray) -> Linear | None:
         """Return the sag by the current as it is explained now."""
         explained = fit.explained + group.columns @ coefficients
         current = explained[:, fit.simulator.outputs.index("i")]
-        return dataclasses.replace(group, columns=_columns(fit, current, group.name))
+        tau = float(group.name.split(", ")[1].removesuffix(" s"))
+        return dataclasses.replace(group, columns=_response(fit, current, tau)[:, :, None])
 
     def tell(self, name: str, value: float, plan: Plan) -> str:
         """Say how large, and how fast."""
-        return (
-            f"the source sags by the current: its resistance is {value:.3g} Ohm, time constant{name.split(',')[1]}"
-        )
-
-
-def _columns(fit: Fit, current: FloatArray, name: str) -> FloatArray:
-    """Return what 1 Ohm changes, (rows, q, 1)."""
-    return _response(fit, current, float(name.split(", ")[1].removesuffix(" s")))[:, :, None]
+        return f"the source sags by the current: its resistance is {value:.3g} Ohm, time constant{name.split(',')[1]}"
 
 
 def _response(fit: Fit, current: FloatArray, tau: float) -> FloatArray:

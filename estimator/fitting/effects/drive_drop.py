@@ -1,0 +1,37 @@
+"""The drive takes a voltage off its command: transistors and diodes, or a dead time of the bridge."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimator.fitting.effects.base import Effect
+from estimator.fitting.fit import Fit, Linear
+from estimator.fitting.machine import as_late, motor_values, response
+from estimator.plans.plan import Plan
+
+MOST = 0.5  # of the largest voltage
+USUAL_DROP = 0.05  # of it
+
+
+@dataclass(frozen=True)
+class DriveDrop(Effect):
+    """A voltage, V, that is missing of every command that is not zero; of brushes it has the sign of the current."""
+
+    name: str = "drop of the drive"
+    prior: float = 0.1
+
+    def linear(self, fit: Fit) -> Sequence[Linear]:
+        """Return one for all recordings."""
+        if motor_values(fit) is None:
+            return ()
+        v = fit.simulator.inputs("v")
+        largest = float(np.max(np.abs(v)))
+        columns = response(fit, voltage=as_late(fit, -np.sign(v)))[:, :, None]
+        return [Linear(self.name, columns, ("V",), least=0.0, most=MOST * largest, size=USUAL_DROP * largest)]
+
+    def tell(self, name: str, value: float, plan: Plan) -> str:
+        """Say how large."""
+        return f"the drive gives {value:.3g} V less than its command"
