@@ -38,7 +38,17 @@ Table = Any  # a mapping of header → (n,) samples, or a DataFrame of pandas or
 Source = str | os.PathLike[str] | Case | Recording | Table
 SIGNALS = ("v", "i", "w", "angle", "load")
 ARRAYS = ("voltage [V]", "current [A]", "speed [rad/s]", "angle [rad]", "load torque [N.m]")  # headers of SIGNALS
-MEANT = {"voltage": "v", "u": "v", "current": "i", "speed": "w", "omega": "w", "t": "time", "theta": "angle"}
+MEANT = {
+    "voltage": "v",
+    "u": "v",
+    "current": "i",
+    "speed": "w",
+    "omega": "w",
+    "t": "time",
+    "theta": "angle",
+} | dict.fromkeys(
+    ("path", "file", "files", "filename", "csv", "data", "df", "frame", "table", "recording", "recordings"), "source"
+)
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
@@ -204,6 +214,12 @@ def estimate_parameters(
     load: ArrayLike | None = None,
     columns: Mapping[str, str] | None = None,
     units: Mapping[str, str] | None = None,
+    supply: float | str | None = None,
+    counts: float | None = None,
+    per_turn: float | None = None,
+    rate: float | None = None,
+    test: str | None = None,
+    motor: str | None = None,
     fmu: str | os.PathLike[str] | None = None,
     kind: str | None = None,
     method: str | None = None,
@@ -237,6 +253,16 @@ def estimate_parameters(
         Which column of files and tables is "v", "i", "w", "angle" or "load", where their names do not tell.
     units : column or signal → unit, optional
         Of columns of files and tables, "time" too; wins over what their names say. ``result.read`` tells what was read.
+    supply : float or str, optional
+        Of a duty cycle: volts, volts a count ("12/255"), or the column that holds them.
+    counts : float, optional
+        Of an encoder a turn, of a column of counts.
+    per_turn : float, optional
+        m that a turn goes, of a column in m/s or m.
+    rate : float, optional
+        Hz, of the samples of a file that has no time.
+    test, motor : str, optional
+        Which, of a file that holds several.
     fmu : str or path, optional
         An .fmu file or a bundled model's name; by default the case's, else "dc_motor".
     kind : str, optional
@@ -297,7 +323,16 @@ def estimate_parameters(
         source = _from_arrays(time, arrays)
     if source is None:
         raise InputError("nothing to estimate from; give a recording's file, a table, or the arrays time, v, i, w")
-    said = reading(column=tuple((columns or {}).items()), unit=tuple((units or {}).items()))
+    said = reading(
+        column=_pairs("columns", columns, "{'i': 'current A'}"),
+        unit=_pairs("units", units, "{'speed': 'rpm'}"),
+        rate=rate,
+        test=test,
+        motor=motor,
+        per_turn=per_turn,
+        counts=counts,
+        supply=None if supply is None else str(supply),
+    )
     case, recordings = _case(source, said)
     case = with_options(
         case,
@@ -418,8 +453,8 @@ def _case(source: Source | Sequence[Source], said: ReadAs) -> tuple[Case, list[R
         things += _recordings(thing, said, name="table" if len(sources) == 1 else f"table {len(things) + 1}")
     if said != AS_WRITTEN and all(isinstance(thing, Recording) for thing in sources):
         raise InputError(
-            "columns and units say how files and tables are read, and a Recording is read already; say them where it is"
-            " made (arrays are in SI units)"
+            "columns, units and the like say how files and tables are read, and a Recording is read already; say them"
+            " where it is made (arrays are in SI units)"
         )
     paths = [thing for thing in things if isinstance(thing, Path)]
     cases = [path for path in paths if path.name.endswith(CASE_SUFFIX)]
@@ -462,6 +497,14 @@ def _from_arrays(time: ArrayLike | None, arrays: Mapping[str, ArrayLike]) -> Rec
         raise InputError(f"{missing} missing; give time=, v= and i= or w=, each (n,) in SI units")
     headers = dict(zip(SIGNALS, ARRAYS, strict=True))
     return recording_from_arrays("arrays", time, {headers[name]: array for name, array in arrays.items()})
+
+
+def _pairs(name: str, said: Mapping[str, str] | None, example: str) -> tuple[tuple[str, str], ...]:
+    if said is None:
+        return ()
+    if not isinstance(said, Mapping) or not all(isinstance(text, str) for pair in said.items() for text in pair):
+        raise InputError(f"{name}={said!r} is no mapping of names; give such as {name}={example}")
+    return tuple(said.items())
 
 
 def _no_argument(name: str) -> NoReturn:

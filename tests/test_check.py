@@ -1,8 +1,10 @@
 """The command check, and what an estimate tells of what was read."""
 
 import json
+import shlex
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -98,6 +100,34 @@ def test_a_clock_that_counts_from_a_date_is_told_from_its_first_row_on(file, ben
         status, out, _ = run(capsys, "estimate", dated, "--window", f"{begin:.1f}:{begin + half:.4f}", "--json")
         samples = json.loads(out)["recordings"][0]["samples"]
         assert status == 0 and samples == pytest.approx(len(read.time) / 2, abs=2)
+
+
+@pytest.mark.parametrize(("clock", "per_second"), [("millis", 1e3), ("micros", 1e6)])
+def test_a_microcontrollers_clock_is_read_in_its_own_unit(file, bench, capsys, clock, per_second):
+    status, out, _ = run(capsys, "check", file(f"{clock},u,i,w", t=per_second * bench["t"]))
+    assert status == 0 and f"time ← {clock} (no unit: taken as {'ms' if per_second == 1e3 else 'us'})" in out
+    assert "1001 samples from 0 to 1 s, every 0.001 s" in out and "Implausible" not in out
+    _, out, _ = run(capsys, "check", file("x,u,i,w"), "--column", "time=x")
+    assert "time ← x (no unit: taken as s)" in out and "every 0.001 s" in out
+
+
+def test_a_scopes_channels_are_named_in_one_sentence_with_all_options(file, capsys):
+    path = file("Time (s),CH1 (V),CH2 (A),Speed (RPM)")
+    status, out, err = run(capsys, "check", path)
+    options = shlex.split(err[err.index("--column") :])
+    assert (status, out) == (2, "") and options == ["--column", "v=CH1 (V)", "--column", "i=CH2 (A)"]
+    assert run(capsys, "check", path, *options)[0] == 0
+
+
+def test_check_does_not_call_unused_what_the_voltage_was_made_of(file, bench, capsys):
+    duty = bench["v"] / 12
+    for number, (supply, words) in enumerate(
+        {"battery [V]": (), "battery": ("--supply", "battery/1"), "spare": ("--supply", "12")}.items()
+    ):
+        path = file(f"t,duty,i,w,{supply}", name=f"{number}.csv", v=duty, supply=np.full(len(duty), 12.0))
+        status, out, _ = run(capsys, "check", path, *words)
+        assert status == 0 and "v ← duty × " in out
+        assert ("not used: spare\n" in out) == (supply == "spare") and "duty," not in out
 
 
 def test_check_writes_a_figure_of_each_file_and_json(file, tmp_path, capsys):
@@ -263,3 +293,40 @@ def test_a_speed_printed_to_a_tenth_rpm_is_no_encoder(file, bench, capsys):
     _, found = estimate(capsys, file("t,u,i,n", w=np.round(bench["w"] * 30 / np.pi, 1)))
     assert found["verdict"] == "ok" and found["sensors"]["w"]["sensor"] == "identity"
     assert abs(found["parameters"]["J"]["value"] / CML050.J - 1) < 0.02
+
+
+EXAMPLE = Path(__file__).parent.parent / "examples" / "cml050_step.csv"
+TRUTH = {"R": 3.1363, "K": 0.048774, "L": 0.01307, "J": 9.0e-6, "B": 1.69e-4}  # in the example's own comment
+
+
+def german(t, v, i, w):
+    """Return a file with decimal commas, semicolons and rpm."""
+    rows = zip(t, v, i, 30 / np.pi * w, strict=True)
+    return "Zeit;Spannung;Strom;n\n" + "\n".join(";".join(f"{x:.6g}".replace(".", ",") for x in r) for r in rows)
+
+
+def microcontroller(t, v, i, w):
+    """Return a file of a duty cycle, its battery, mA and an encoder's counts."""
+    turned = np.concatenate([[0.0], np.cumsum((w[1:] + w[:-1]) / 2 * np.diff(t))])
+    counts = np.floor(np.where(t > 0.5, turned, 0.0) * 2048 / (2 * np.pi))
+    rows = zip(1e3 * t, v / 12, np.full(len(t), 12.0), 1e3 * i, counts, strict=True)
+    header = "time_ms,duty,Battery (V),I_mA,enc_counts\n"
+    return header + "\n".join(",".join(f"{x:.8g}" for x in row) for row in rows)
+
+
+@pytest.mark.parametrize(("written", "hint"), [(german, ""), (microcontroller, "--counts 4000")])
+def test_a_bare_file_with_a_benchs_own_headers_goes_from_check_to_report(written, hint, tmp_path, capsys):
+    path = tmp_path / "run.csv"
+    path.write_text(written(*np.loadtxt(EXAMPLE, delimiter=",", skiprows=4).T) + "\n", encoding="utf-8")
+    status, _, err = run(capsys, "check", path)
+    assert (status, hint in err) == ((2, True) if hint else (0, True))
+    said = ("--counts", 2048) if hint else ()
+    status, out, _ = run(capsys, "check", path, *said)
+    assert status == 0 and "a step from 0 to 10.5 V at t = 0.5 s" in out and "Implausible" not in out
+    status, out, _ = run(capsys, "estimate", path, *said, "-o", tmp_path / "out", "--workers", 1)
+    found = json.loads((tmp_path / "out" / "result.json").read_text())
+    assert (status, found["verdict"]) == (0, "ok") and out.startswith("read run: v ← ")
+    assert out.splitlines()[0] in (tmp_path / "out" / "report.html").read_text()
+    for name, true in TRUTH.items():
+        estimate = found["parameters"][name]
+        assert abs(estimate["value"] - true) < 4 * estimate["standard_error"], name

@@ -2,7 +2,14 @@
 
 import pytest
 
-from estimator.recordings.headers import parse_header, quantity_of, rank_in_role, role_of
+from estimator.recordings.headers import (
+    ROLE_QUANTITY,
+    assumed_unit_text,
+    parse_header,
+    quantity_of,
+    rank_in_role,
+    role_of,
+)
 
 
 @pytest.mark.parametrize(
@@ -112,3 +119,36 @@ def test_a_telling_word_in_a_longer_name_gives_the_role_but_a_setpoint_has_none(
 def test_usual_names_are_known_when_two_words_are_written_as_one(name, role):
     assert role_of(name) == role
     assert role is None or rank_in_role(name, role) is not None
+
+
+@pytest.mark.parametrize(
+    ("text", "role", "unit"),
+    [
+        ("motor_rpm", "w", "rpm"),
+        ("Motor RPM", "w", "RPM"),
+        ("Encoder RPM", "w", "RPM"),
+        ("left_rpm", "w", "rpm"),
+        ("motor_mA", "i", "mA"),
+        ("motor_V", "v", "V"),
+        ("elapsed (s)", "time", "s"),
+    ],
+)
+def test_of_a_part_of_the_motor_the_unit_tells_the_signal(text, role, unit):
+    header = parse_header(text)
+    assert role_of(header.name) == role and header.unit_text == unit
+    assert header.unit is not None and header.unit.quantity == ROLE_QUANTITY[role]
+
+
+@pytest.mark.parametrize("text", ["target_rpm", "Motor A", "bus_V"])
+def test_what_another_word_tells_is_no_signal(text):
+    assert role_of(parse_header(text).name) is None
+
+
+@pytest.mark.parametrize(("text", "unit"), [("millis", "ms"), ("micros", "us"), ("t", "s")])
+def test_a_microcontrollers_clock_counts_in_its_own_unit(text, unit):
+    assert role_of(text) == "time" and assumed_unit_text(text) == unit
+
+
+@pytest.mark.parametrize(("text", "role"), [("tensión", "v"), ("Tensão", "v"), ("velocità", "w"), ("Ω", "w")])
+def test_accents_are_no_other_names(text, role):
+    assert role_of(text) == role

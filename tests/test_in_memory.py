@@ -108,6 +108,10 @@ def test_several_recordings_of_any_kind_are_fitted_together(bench, tmp_path):
     [
         ({"fixed": {"L": 1}}, TypeError, "no argument 'fixed'; did you mean 'fix'?"),
         ({"voltage": V}, TypeError, "no argument 'voltage'; did you mean 'v'?"),
+        ({"file": "run.csv"}, TypeError, "no argument 'file'; did you mean 'source'?"),
+        ({"source": "a.csv", "units": {"w": 60}}, ValueError, "units={'w': 60} is no mapping of names; give such as"),
+        ({"source": "a.csv", "columns": "i"}, ValueError, "columns='i' is no mapping of names; give such as columns="),
+        ({"source": COLUMNS, "test": "2"}, ValueError, "table is read as one test; give its rows of test '2' alone"),
         ({"bound": {}}, TypeError, "no argument 'bound'; did you mean 'bounds'?"),
         ({}, ValueError, "nothing to estimate from; give a recording's file"),
         ({"v": V}, ValueError, "time is missing; give time=, v= and i= or w="),
@@ -161,6 +165,7 @@ def test_a_notebook_shows_the_figure_and_what_follows(bench):
     t, v, i, w = bench
     found = estimator.estimate_parameters(time=t, v=v, i=i, w=w, workers=1)
     page = found._repr_html_()
+    assert page.index(escape(found.read[0]["text"])) < page.index("Every free parameter"), "what was read stands first"
     assert page.count("data:image/png;base64,") == 1 and found.derived
     assert all(escape(row[0]) in page for row in derived_rows(found)[1])
 
@@ -175,6 +180,20 @@ def test_columns_and_units_are_those_of_the_command_line_for_files_and_tables(tm
     table = np.genfromtxt(path, delimiter=",", names=True)
     found = estimator.estimate_parameters({name: table[name] for name in table.dtype.names}, **said)
     assert found.read[0]["signals"] == read
+
+
+def test_a_duty_cycle_and_counts_are_read_of_a_table_as_of_a_file(bench, tmp_path):
+    t, v, _, w = bench
+    counts = np.floor(np.cumsum(w) * np.diff(t, prepend=t[0]) * 2048 / (2 * np.pi))
+    table = {"time_ms": 1e3 * t, "duty": v / 12.0, "Battery (V)": np.full(len(t), 12.0), "enc_counts": counts}
+    rows = zip(*table.values(), strict=True)
+    path = tmp_path / "odd.csv"
+    path.write_text(",".join(table) + "\n" + "\n".join(",".join(repr(float(x)) for x in row) for row in rows) + "\n")
+    said = {"supply": "Battery (V)", "counts": 2048, "fix": {"R": 3.1, "L": 0.013}, "workers": 1}
+    of_table, of_file = (estimator.estimate_parameters(source, **said) for source in (table, path))
+    assert of_table.values == pytest.approx(of_file.values, rel=1e-6)
+    assert of_table.read[0]["signals"] == of_file.read[0]["signals"]
+    assert "supply" in of_table.read[0]["text"] or "Battery" in of_table.read[0]["text"]
 
 
 def test_columns_and_units_of_what_is_read_already_are_an_error():

@@ -86,6 +86,12 @@ def test_the_rows_are_inputs_then_each_signal_with_its_residual():
     assert np.array_equal(residual, made.measured["i"] - made.simulated["i"])
 
 
+def test_a_signal_that_is_called_by_its_quantity_is_named_once():
+    (row, *_) = panels(comparison())
+    titles = [dataclasses.replace(row, name=name, unit=unit).title for name, unit in (("angle", "rad"), ("w", "rad/s"))]
+    assert titles == ["angle", "speed w"]
+
+
 def test_what_was_not_simulated_has_no_residual():
     rows = panels(dataclasses.replace(comparison(), simulated={}))
     assert [row.kind for row in rows] == ["input", "signal", "signal"]

@@ -108,6 +108,12 @@ def test_a_unit_that_nobody_said_is_doubted_where_no_motor_is_like_that(signal, 
     assert all(e.end > e.start >= 0.8 * np.argmax(good["v"] > 0) * 1e-3 for e in findings[0].evidence)
 
 
+def test_milliamperes_under_a_header_in_amperes_are_doubted_and_a_large_motor_is_not():
+    time, good = signals(CML050, interval=1e-3)
+    ((finding,), none) = (found(time, {**good, "i": factor * good["i"]}) for factor in (1e3, 100.0))
+    assert finding.kind == "unit i" and "--unit i=mA" in finding.sentence and none == ()
+
+
 def test_what_the_user_said_again_is_doubted_no_more():
     time, good = signals(CML050, interval=1e-3)
     wrong = {**good, "w": 57.3 * good["w"]}

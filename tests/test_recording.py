@@ -381,6 +381,13 @@ def test_a_file_that_is_not_there_is_said(tmp_path: Path) -> None:
         read_recording(tmp_path / "run9.csv")
 
 
+@pytest.mark.parametrize("name", ["run3", "run_3.csv"])
+def test_of_a_file_that_is_not_there_the_nearest_beside_it_is_named(tmp_path: Path, name: str) -> None:
+    (tmp_path / "run3.csv").write_text("")
+    with pytest.raises(RecordingError, match=rf"^there is no recording .*{name}; give .*; did you mean run3\.csv\?$"):
+        read_recording(tmp_path / name)
+
+
 def test_a_folder_is_said(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match=r" is a folder; give one of its files$"):
         read_recording(tmp_path)
@@ -531,6 +538,7 @@ def test_what_is_required_can_be_less(tmp_path: Path) -> None:
             "time,hall [V],current,speed",
             "run3.csv has no voltage column; add one such as 'voltage [V]', or map it in a case file (hall [V], cur",
         ),
+        ("time,CH1 (V),CH2 (A),x", "is it 'CH1 (V)'? (CH1 (V), CH2 (A), x); say which it is with --column 'v=CH1 (V)'"),
         (
             "time,Vbus,current,speed",
             "run3.csv has no voltage column; is it 'Vbus'? (Vbus, current, speed); say which it",
@@ -553,7 +561,9 @@ def test_a_motor_column_that_is_missing_or_misfits_is_said(header: str, sentence
 @pytest.mark.parametrize("column", ["x [counts]", "encoder", "motor encoder [ticks]"])
 def test_encoder_counts_alone_ask_for_the_counts_a_turn(column: str, tmp_path: Path) -> None:
     recording = read(tmp_path, with_header(f"time,voltage,current,{column}"))
-    with pytest.raises(RecordingError, match="counts the lines of an encoder; say in a case file how many make a turn"):
+    with pytest.raises(
+        RecordingError, match="counts the lines of an encoder; say how many make a turn with --counts 4000"
+    ):
         motor_columns(recording, required=["v"], either=["i", "w"])
     beside = read(tmp_path, with_header(f"time,voltage,speed,{column}"))
     assert motor_columns(beside, required=["v"], either=["i", "w"]) == {"v": "voltage", "w": "speed"}

@@ -9,6 +9,8 @@ from motors import CML050, RMCS2004, Motor, held_response, recording_of, step_re
 
 from estimator.cases.case import OutputSpec, ParameterSpec
 from estimator.estimating.estimate import estimate_recordings
+from estimator.fitting.adequacy import Failure
+from estimator.judging.verdict import unexplained
 
 
 def run(case, recording):
@@ -125,6 +127,23 @@ def test_a_fast_motor_is_doubtful_and_not_refused(case_of):
         assert abs(p.value - fast.parameters[name]) < 5 * p.standard_error
 
 
+def test_a_slow_recording_that_is_estimated_does_not_say_that_its_transient_is_lost(case_of, good):
+    slow = recording_of("slow", 0.02 * np.arange(75), good[0][::20], good[1][::20], noise=(0.02, 1.0), seed=1)
+    result = run(case_of(), slow)
+    assert result.verdict == "doubtful" and abs(result.parameters["R"].value / CML050.R - 1) < 0.5
+    told = " ".join(result.reasons)
+    assert "lie within one sample" in told and "the recording is slow for this motor" in told
+    assert "lost" not in told.replace("may be what is lost (aliasing)", "")
+
+
+def test_a_recording_that_holds_no_sample_of_its_transient_is_refused_before_the_search(case_of, good):
+    slow = recording_of("slow", 0.05 * np.arange(30), good[0][::50], good[1][::50], noise=(0.02, 1.0), seed=1)
+    result = run(case_of(), slow)
+    assert (result.verdict, result.simulations) == ("refused", 0) and "the transient is lost" in result.reasons[0]
+    known = dataclasses.replace(case_of(), fixed={"J": CML050.J})
+    assert run(known, slow).simulations > 0  # what J would need is not asked of the data
+
+
 def test_a_response_that_has_not_settled_is_doubtful(case_of):
     result = run(case_of(), step_recording(RMCS2004, noise=(0.02, 1.0), seed=1, duration=0.56))
     assert result.verdict == "doubtful"
@@ -137,6 +156,17 @@ def test_a_model_that_does_not_explain_the_data_is_doubtful(case_of, good):
     result = run(case_of(), made(good[0], shown, noise=(0.01, 0.5)))
     assert result.verdict == "doubtful"
     assert result.parameters
+
+
+def test_the_windows_in_which_an_output_is_not_explained_are_one_sentence():
+    size = [Failure("size", window, "w", excess) for window, excess in (("the start", 7.24), ("the rest", 3.1))]
+    alone, other = Failure("size", "the start", "i", 2.0), Failure("neighbours", "the rest", "w", 0.3)
+    assert unexplained([size[0], alone, size[1], other]) == [
+        "the model does not explain w: the residuals, whitened, are 7.2 times the noise in the start, 3.1 times in the"
+        " rest",
+        alone.sentence,
+        other.sentence,
+    ]
 
 
 def test_a_bound_that_is_wrong_is_blamed_and_not_the_bench(case_of):

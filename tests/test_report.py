@@ -464,3 +464,12 @@ def test_the_two_noises_stand_in_one_table():
     assert rows[0][:4] == ["i", "0.02001", "0.02", "0.0057"]
     assert "RMSE  residual   noise" in report.text_report(made)
     assert json.loads(report.to_json(made))["sample_noise"] == {"i": 0.0057, "w": 2.3}
+
+
+def test_an_error_is_shown_wherever_it_is_known_and_no_digits_of_what_is_not_identified():
+    vague = with_parameter(estimate(), "R", value=0.137593, standard_error=70.0)
+    assert report.estimate_texts(vague.parameters["R"]) == ("0", "70", "> 100 %")
+    unknown = with_parameter(vague, "R", value=0.137593, standard_error=70.0, status="not identified")
+    assert report.estimate_texts(unknown.parameters["R"]) == ("0.138", "", "> 100 %")
+    for text in (report.text_report(unknown), html_report(unknown)):
+        assert "0.138" in text and "> 100 %" in text.replace("&gt;", ">") and "0.137593" not in text.split("Bounds")[0]

@@ -42,6 +42,7 @@ def test_recordings_on_both_sides_of_an_option_and_patterns_are_fitted_together(
             "runs is a folder; fit its recordings together with fmu-estimator estimate 'runs/*.mat',"
             " or each by itself with fmu-estimator batch runs/*.mat",
         ),
+        ("empty", "empty is a folder without recordings; give one with its name, such as empty/run.csv"),
         ("cases", "cases is a folder with case files; estimate each of them with fmu-estimator batch cases"),
         ("a.case.toml up.csv", "a.case.toml is a case file; give it alone; it names its own recordings"),
         (
@@ -56,8 +57,8 @@ def test_recordings_on_both_sides_of_an_option_and_patterns_are_fitted_together(
     ],
 )
 def test_what_does_not_go_together_is_told(calls, capsys, monkeypatch, tmp_path, words, sentence):  # noqa: F811
-    (tmp_path / "runs").mkdir()
-    (tmp_path / "cases").mkdir()
+    for folder in ("runs", "cases", "empty"):
+        (tmp_path / folder).mkdir()
     for name in ("up.csv", "runs/a.mat", "runs/b.mat", "runs/notes.txt", "cases/m.case.toml"):
         (tmp_path / name).touch()
     monkeypatch.setattr(sys, "stdin", None)

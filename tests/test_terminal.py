@@ -59,6 +59,8 @@ def test_an_estimate_that_frees_an_offset_runs_on_a_terminal(bench, columns):
     screen = check(Terminal("estimate", str(OFFSETS), cwd=bench, columns=columns).run(), columns=columns)
     assert "measurement" in screen.text and screen.drawings
     assert any("K " in drawing for drawing in screen.drawings) or columns == 80
+    assert "edge at t = 3 s" in " ".join(screen.text.split()), "where the voltage steps, not where the delay puts it"
+    assert screen.text[screen.text.index("read esp32") :].count("\n") < 40, "below it the prompt has room"
 
 
 def test_an_estimate_that_frees_a_delay_runs_on_a_terminal_and_writes_its_files(bench):
@@ -105,6 +107,7 @@ def test_a_batch_runs_on_a_terminal(bench):
     [
         (["simulate", "dc_motor", "--voltage-step", "10.5@0.01", "--stop", "0.02"], "time [s],v [V]"),
         (["inspect", "dc_motor"], "Nothing keeps it from use here."),
+        (["check", "step.csv"], "a step from 0 to 10.5 V at t = 0.1 s"),
         (["init", "dc_motor", "step.csv"], "[parameters]"),
         (["build", "dc_motor", "-o", "mine.fmu"], "mine.fmu"),
         (["new-model", "mine"], "mine.c"),
@@ -121,6 +124,17 @@ def test_every_other_command_runs_on_a_terminal(bench, arguments, said):
     if arguments[0] in ("inspect", "demo"):
         lines = [line.rpartition("\r")[2] for line in screen.text.replace("\r\n", "\n").split("\n")]
         assert max(map(len, lines)) <= 80, max(lines, key=len)
+
+
+@pytest.mark.parametrize("columns", [60, 200])
+def test_what_is_done_with_results_runs_on_a_terminal_and_fits_it(bench, columns):
+    for name, words in (("one", ()), ("two", ("--window", "0.05:0.3"))):
+        check(Terminal("estimate", "step.csv", *words, "-o", f"{name}{columns}", cwd=bench).run())
+    compared = check(Terminal("compare", f"one{columns}", f"two{columns}", cwd=bench, columns=columns).run())
+    exported = check(Terminal("export", f"two{columns}", "-o", f"tools{columns}", cwd=bench, columns=columns).run())
+    assert "R " in compared.text and f"Written to tools{columns}" in exported.text
+    for screen in (compared, exported):
+        assert max(map(len, screen.text.replace("\r", "").split("\n"))) <= columns, screen.text
 
 
 @pytest.mark.parametrize("moments", [4, pytest.param(10, marks=pytest.mark.full)])

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 READING = ("column", "unit", "rate", "test", "motor", "per_turn", "counts", "supply")
 DEFAULT_STOP, DEFAULT_STEP = 2.8, 1e-3  # s
-SCREEN = 40  # lines of a terminal that an answer may take
+SCREEN = 39  # lines that an answer may take of a terminal of 40: below it stands the prompt
 INSPECTION_LIMIT = 45.0  # s of describing and probing
 
 
@@ -312,7 +312,10 @@ def compare(args: argparse.Namespace) -> int:
         }
         with OutputFolder(args.output) as folder:
             folder.write(files)
-    say(text if args.json else changes_text(found))
+    if args.json:
+        say(text)
+    else:
+        say_lines(changes_text(found))
     return FAILED if found.differing else OK
 
 
@@ -327,9 +330,9 @@ def export(args: argparse.Namespace) -> int:
     files, left_out = handover_files(result, formats=args.formats, fmu=args.fmu)
     with OutputFolder(args.output or (source if source.is_dir() else source.parent)) as folder:
         folder.write(files)
-        say(f"Written to {folder.path}: {', '.join(sorted(files))}\n")
+        say_lines(f"Written to {folder.path}: {', '.join(sorted(files))}\n")
     for sentence in left_out:
-        say(f"Left out, {sentence}\n")
+        say_lines(f"Left out, {sentence}\n")
     return OK
 
 

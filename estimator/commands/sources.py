@@ -13,12 +13,14 @@ from typing import TYPE_CHECKING
 
 from estimator.commands.terminal import PROGRAM
 from estimator.errors import InputError
+from estimator.recordings.suffixes import SUFFIXES
 
 if TYPE_CHECKING:
     from estimator.cases.case import Case
 
 CASE_SUFFIX = ".case.toml"
 STDIN = "-"
+RUN = "run.csv"
 
 
 @contextlib.contextmanager
@@ -96,8 +98,10 @@ def _folder(folder: str, command: str) -> str:
     names = sorted(os.listdir(folder))
     if command == "estimate" and any(name.endswith(CASE_SUFFIX) for name in names):
         return f"{folder} is a folder with case files; estimate each of them with {PROGRAM} batch {folder}"
-    suffixes = [os.path.splitext(name)[1] for name in names if not name.startswith(".")]
-    usual = max(suffixes, key=suffixes.count, default="") or ".csv"
+    suffixes = [suffix for name in names if (suffix := os.path.splitext(name)[1]).lower() in SUFFIXES]
+    if not suffixes:
+        return f"{folder} is a folder without recordings; give one with its name, such as {os.path.join(folder, RUN)}"
+    usual = max(suffixes, key=suffixes.count)
     pattern = os.path.join(folder, f"*{usual}")
     if command != "estimate":
         return f"{folder} is a folder; give its recordings with {PROGRAM} {command} '{pattern}'"
@@ -116,7 +120,7 @@ def _paths(files: Sequence[str], *, command: str) -> Iterator[list[Path]]:
 @contextlib.contextmanager
 def _stdin(command: str) -> Iterator[Path]:
     if sys.stdin is None or sys.stdin.isatty():
-        raise InputError(f"- stands for stdin, but nothing is piped into it; write {PROGRAM} {command} - < run.csv")
+        raise InputError(f"- stands for stdin, but nothing is piped into it; write {PROGRAM} {command} - < {RUN}")
     with tempfile.TemporaryDirectory(prefix="fmu-estimator-") as folder:
         path = Path(folder) / "stdin"
         path.write_bytes(sys.stdin.buffer.read())

@@ -46,12 +46,12 @@ class Failure:
         """Say it."""
         where = f"{self.output} in {self.window}" if self.output else self.window
         if self.what == "size":
-            return f"the model does not explain {where}: the residuals are {self.excess:.1f} times their noise"
+            return f"the model does not explain {where}: the residuals, whitened, are {self.excess:.1f} times the noise"
         if self.what == "neighbours":
             return f"the residuals of {where} are no plain noise: neighbours are alike (correlation {self.excess:+.2f})"
         return (
-            f"{where} fits other parameters than the rest of the recording does, {self.excess:.1f} times as far away"
-            " as noise explains"
+            f"{where} would fit other parameters than the rest of the recording does, {self.excess:.1f} times as far"
+            " away as noise explains"
         )
 
 

@@ -55,7 +55,8 @@ def find_windows(fit: Fit) -> Windows:
     span = np.ptp(fit.shown, axis=0)
     for e, (o, clock) in enumerate(zip(s.observed, s.clocks, strict=True)):
         n = len(o.recording.time)
-        edges = _edges(o.inputs, n, round(fit.delay(e) / clock.step))
+        late = round(fit.delay(e) / clock.step)
+        edges = _edges(o.inputs, n, late)
         bounds = [0, *edges, n]
         of = f" of {o.recording.title}" if len(s.observed) > 1 else ""
         early, rest = [], []
@@ -77,12 +78,12 @@ def find_windows(fit: Fit) -> Windows:
                 early.append(rows[:cut])
                 rest.append(rows[cut:end])
                 if len(edges) <= FEW:
-                    t = o.recording.time[first]
+                    t = o.recording.time[min(max(first - late, 0), n - 1)]  # of the input
                     windows.append(Window(f"the response to the edge at t = {t:.4g} s{of}", rows[:end]))
         if early:
             windows.append(Window(f"the first part of the transients{of}", np.concatenate(early)))
             sharp[windows[-1].rows] = True
-            windows.append(Window(f"the transients{of}", np.concatenate(rest)))
+            windows.append(Window(f"the rest of the transients{of}", np.concatenate(rest)))
         own = np.arange(clock.rows.start, clock.rows.stop)
         if settled[own].any():
             windows.append(Window(f"the settled part{of}", own[settled[own]]))

@@ -26,6 +26,7 @@ WHOLE, FASTEST = 0.8, 6e-4  # of the response in one sample; s, mechanical time 
 CONTRADICTED = "an impossible acceleration"
 OVER, STILL = 6, 0.1  # samples after a jump; part of the response: within both the jump was all that happened
 FASTER = 10  # samples in what is one now
+SAME = 3.0  # deviations of the noise: what is nearer shows no difference
 ONE = 10  # samples that are alike by no chance
 RECTIFIED = 50  # samples at rest that tell a lost sign
 
@@ -190,13 +191,29 @@ def _damaged(o: Observed, plan: Plan) -> list[str]:
 
 
 def cut_transients(plan: Plan) -> list[str]:
-    """Return which recordings lose a transient between two samples, for no motor is so fast: from the data alone."""
-    cut = []
+    """Return which recordings lose a transient between two samples, from the data alone.
+
+    No motor is so fast; or, where J is searched, no recording holds a sample that is neither at rest nor settled.
+    """
+    cut, unseen = [], []
     for o, k, part in _jumps(plan):
         constant = o.recording.step / -np.log(max(1 - part, 1e-6))
         if part > WHOLE and constant < FASTEST and _was_cut(o.outputs["w"], k):
             cut.append(o.recording.title)
+        if part > WHOLE and all(_settles_at(y, o.excitation.index, k) for y in o.outputs.values()):
+            unseen.append(o.recording.title)
+    if len(unseen) == len(plan.observed) and "J" in plan.names:
+        cut = unseen
     return [reason for reason in lost_transients(plan) if reason.split(": ", 1)[0] in cut]
+
+
+def _settles_at(y: FloatArray, step: int, k: int) -> bool:
+    """Return whether an output is at rest in the row before k and settled from k on, within its noise."""
+    y = filled(y)
+    near = SAME * noise_deviation(y)
+    rest, final = float(np.mean(y[: max(1, step)])), float(np.mean(y[-max(5, (len(y) - k) // 10) :]))
+    over = y[k : k + OVER] - final
+    return bool(abs(y[k - 1] - rest) <= near and np.all(np.abs(over) <= near))
 
 
 def _was_cut(w: FloatArray, k: int) -> bool:

@@ -26,6 +26,7 @@ from estimator.plans.plan import Plan
 from estimator.results.result import Comparison, Status, Verdict
 
 if TYPE_CHECKING:
+    from estimator.fitting.adequacy import Failure
     from estimator.fitting.explained import Explained
     from estimator.judging.structure import Structure
     from estimator.plans.space import Steady
@@ -210,7 +211,7 @@ def _misfit(
 ) -> list[str]:
     """Say what the model leaves: residuals above the noise that the recording shows, or that are not its noise."""
     if explained is not None:
-        reasons = [failure.sentence for failure in explained.adequacy.failures[:TOLD_FAILURES]]
+        reasons = unexplained(explained.adequacy.failures[:TOLD_FAILURES])
         for j, name in enumerate(plan.outputs):
             shown = 0.0 if noise is None else MISFIT * noise[j]
             if explained.noise[j] > UNEXPLAINED * spread[j] and explained.at_rest[j] > shown:
@@ -221,6 +222,22 @@ def _misfit(
                 )
         return reasons
     return _above_noise(plan, polish.deviations, noise, spread)
+
+
+def unexplained(failures: Sequence[Failure]) -> list[str]:
+    """Return a sentence for each failure, but one for all windows in which an output's residuals are too large."""
+    reasons = []
+    for failure in failures:
+        alike = [f for f in failures if f.what == failure.what == "size" and f.output == failure.output]
+        if len(alike) < 2:
+            reasons.append(failure.sentence)
+        elif failure is alike[0]:
+            others = [f"{f.excess:.1f} times in {f.window}" for f in alike[1:]]
+            reasons.append(
+                f"the model does not explain {failure.output}: the residuals, whitened, are {failure.excess:.1f} times"
+                f" the noise in {failure.window}, {', '.join(others)}"
+            )
+    return reasons
 
 
 def _above_noise(plan: Plan, deviations: FloatArray, noise: FloatArray, spread: FloatArray) -> list[str]:

@@ -9,6 +9,7 @@ import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from difflib import get_close_matches
 from pathlib import Path
 from typing import NoReturn
 
@@ -16,6 +17,7 @@ import numpy as np
 
 from estimator.errors import RecordingError
 from estimator.recordings.plain_text import plain_columns
+from estimator.recordings.suffixes import SUFFIXES
 from estimator.recordings.units import FloatArray
 
 HEADER_EXAMPLE = "time [s],voltage [V],current [A],speed [rad/s]"
@@ -166,12 +168,24 @@ def _plain_table(path: Path, written: str, encoding: str, rules: HeaderRules) ->
     return Table(tuple(header), at + 1, units, tuple(values), {}, range(first + 1, first + n + 1), text)
 
 
+def _meant(path: Path) -> str:
+    """Return a question for who names a file that does not exist, where a recording beside it has nearly its name."""
+    with suppress(OSError):
+        beside = sorted(p.name for p in path.parent.iterdir() if p.suffix.lower() in SUFFIXES)
+        same = [name for name in beside if Path(name).stem == path.name]
+        for near in same or get_close_matches(path.name, beside, n=1):
+            return f"; did you mean {near}?"
+    return ""
+
+
 def _read_text(path: Path) -> tuple[str, str]:
     """Return a file's text, its lines ended by line feeds, and how it is written."""
     try:
         data = path.read_bytes()
     except FileNotFoundError:
-        raise RecordingError(f"there is no recording {path}; give the path of a text file (CSV)") from None
+        raise RecordingError(
+            f"there is no recording {path}; give the path of a text file (CSV){_meant(path)}"
+        ) from None
     except IsADirectoryError:
         raise RecordingError(f"{path} is a folder; give one of its files") from None
     except OSError as error:

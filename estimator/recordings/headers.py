@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import unicodedata
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -37,22 +38,25 @@ ROLE_TITLE = {
 }
 # Usual names per role, best first, as `plain` gives them. A measured voltage goes before a commanded one.
 _NAMES = {
-    "time": "time t zeit temps tiempo tempo t_now timestamp time_stamp elapsed_time seconds sec s ms us x_axis x_value",
+    "time": "time t zeit temps tiempo tempo t_now timestamp time_stamp elapsed_time seconds sec s ms us x_axis x_value"
+    " millis micros elapsed",
     "v": "voltage armature_voltage motor_voltage terminal_voltage measured_voltage v u u_a v_a ua va"
     " u_m v_m um vm v_mot u_mot v_motor u_motor uin vin u_in v_in volts volt spannung ankerspannung"
-    " motorspannung tension voltaje applied_voltage input_voltage supply_voltage v_supply v_cmd u_cmd"
-    " voltage_command command_voltage commanded_voltage command cmd",
+    " motor_v motor_volts motorspannung tension tensione tensao voltaje applied_voltage input_voltage"
+    " supply_voltage v_supply v_cmd u_cmd voltage_command command_voltage commanded_voltage command cmd",
     "i": "current armature_current motor_current measured_current i i_a ia i_m im i_mot i_motor amps amp"
-    " ampere amperes strom ankerstrom motorstrom courant corriente ma",
+    " ampere amperes strom ankerstrom motorstrom courant corriente corrente ma"
+    " motor_ma motor_amps",
     "w": "speed angular_speed angular_velocity motor_speed shaft_speed rotor_speed measured_speed omega ω w"
     " w_m wm omega_m ω_m velocity motor_velocity speed_rpm rpm drehzahl winkelgeschwindigkeit vitesse"
-    " velocidad n n_m vel ang_vel angvel motor_vel enc_vel",
+    " velocidad velocidade velocita n n_m vel ang_vel angvel motor_vel enc_vel"
+    " motor_rpm shaft_rpm rotor_rpm wheel_rpm encoder_rpm enc_rpm measured_rpm actual_rpm",
     "angle": "angle theta θ phi φ position motor_angle shaft_angle rotor_angle encoder_angle angular_position"
     " motor_position theta_m winkel drehwinkel pos",
     "load": "load load_torque torque_load external_torque t_l tl tau_l m_l lastmoment",
 }
 # Names whose usual unit is another than SI: a guess that is worth making, reported, and overruled by a unit.
-_USUAL_UNITS = dict.fromkeys(("n", "n_m", "drehzahl"), "rpm")
+_USUAL_UNITS = dict.fromkeys(("n", "n_m", "drehzahl"), "rpm") | {"millis": "ms", "micros": "us"}
 USUAL_NAMES = {role: tuple(names.split()) for role, names in _NAMES.items()}
 _ROLE_OF = {name: role for role, names in USUAL_NAMES.items() for name in names}
 # Words that tell the part of a longer name: "shaft speed raw". Setpoints and limits have another part.
@@ -107,7 +111,8 @@ _BRACKETS = re.compile(r"(?P<name>.*?)\s*(?:\[(?P<square>[^\[\]]*)\]|\((?P<round
 
 
 def plain(name: str) -> str:
-    """Return the form in which names are compared: ``"Armature Voltage"`` → ``"armature_voltage"``."""
+    """Return the form in which names are compared: ``"Armature Voltage"`` → ``"armature_voltage"``; no accents."""
+    name = "".join(c for c in unicodedata.normalize("NFD", name) if not unicodedata.combining(c))
     name = re.sub(r"(?<=[a-z]{3})(?=[A-Z][a-z]{2})", "_", name)  # leftSpeed
     return re.sub(r"[\s_.,:;\-]+", "_", name.casefold()).strip("_")
 
@@ -184,7 +189,7 @@ def parse_header(text: str) -> Header:
     """Take a header apart: ``speed [rpm]``, ``speed (rpm)``, ``speed_rpm``, ``speed/rpm``, ``speed rpm``.
 
     What stands in brackets at the end is a unit, known or not. After ``_``, ``/`` or a space it is one only
-    if it is known and the name stays sensible without it: ``U_a`` and ``w_min`` are names.
+    if it is known and the name stays sensible without it: ``U_a`` and ``w_min`` are names, ``motor_rpm`` is both.
     """
     text = " ".join(text.split())
     brackets = _BRACKETS.fullmatch(text)
@@ -197,6 +202,8 @@ def parse_header(text: str) -> Header:
     for place in re.finditer(r"[_/ ]", text):
         name, suffix = text[: place.start()].strip(), text[place.end() :].strip()
         unit = parse_unit(suffix, symbols_only=True) or _small(name, suffix)
+        if name and unit and quantity_of(name) is None and quantity_of(text) == unit.quantity:
+            return Header(text, text, unit, suffix)  # "motor_rpm": without its unit the name says nothing
         if name and unit and _is_suffix(name, place[0], suffix, unit):
             return Header(text, name, unit, suffix)
     if len(text) > 1 and (unit := parse_unit(text, symbols_only=True)):

@@ -10,6 +10,7 @@ import numpy as np
 from estimator.errors import RecordingError
 from estimator.recordings.columns import Columns
 from estimator.recordings.headers import parse_header, role_of
+from estimator.recordings.made_columns import with_made_columns
 from estimator.recordings.read_as import AS_WRITTEN, ReadAs
 from estimator.recordings.recording import Recording, recording_from_columns
 from estimator.recordings.units import FloatArray
@@ -37,8 +38,10 @@ def recording_from_table(name: str, table: Any, read_as: ReadAs = AS_WRITTEN) ->
     Raises
     ------
     RecordingError
-        There is no time, a column has another length, or `read_as` names no column.
+        There is no time, a column has another length, or `read_as` names no column, or a test.
     """
+    if read_as.test is not None:
+        raise RecordingError(f"{name} is read as one test; give its rows of test {read_as.test!r} alone")
     columns = {str(header): table[header] for header in (table if isinstance(table, Mapping) else table.columns)}
     index = getattr(table, "index", None)
     if index is not None and not any(role_of(parse_header(header).name) == "time" for header in columns):
@@ -67,7 +70,8 @@ def recording_from_table(name: str, table: Any, read_as: ReadAs = AS_WRITTEN) ->
                 f"{name}: {header!r} has shape {array.shape}; it should be one-dimensional and as long as"
                 f" {headers[0]!r}, {arrays[0].shape}"
             )
-    return recording_from_columns(name, Columns(tuple(headers), tuple(arrays), held), read_as=read_as)
+    recording = recording_from_columns(name, Columns(tuple(headers), tuple(arrays), held), read_as=read_as)
+    return with_made_columns(recording, read_as)
 
 
 def _numbers(column: Any) -> tuple[FloatArray | None, bool]:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import re
 import shlex
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from difflib import get_close_matches
 
 import numpy as np
@@ -24,6 +25,9 @@ from estimator.recordings.made_columns import SUPPLY, duty_column
 from estimator.recordings.recording import Recording
 
 SAME, FEW = 0.02, 0.05  # of the span, of the samples: columns that differ by less are one signal
+CHANNEL = re.compile(
+    r"(ch|chan|channel|kanal|ain|analog|probe)_?[0-9a-d]+$"
+)  # a scope's: its unit alone tells the signal
 
 
 def motor_columns(
@@ -57,15 +61,15 @@ def motor_columns(
             found[role] = column
     if "w" in either and not {"w", "angle"} & found.keys() and (counts := _counting(recording, found.values())):
         raise RecordingError(
-            f"{recording.title}: {counts!r} counts the lines of an encoder; say in a case file how many make a turn:"
-            f' under [outputs], angle = {{ column = "{counts}", counts = 4000 }}, or with --counts 4000'
+            f"{recording.title}: {counts!r} counts the lines of an encoder; say how many make a turn with --counts 4000"
+            f' (of quadrature, four a line), or in a case file: angle = {{ column = "{counts}", counts = 4000 }}'
         )
     lacking = [role for role in (*required, *either) if role not in found and not (role == "w" and "angle" in found)]
-    meant = {role: _meant(recording, role, found.values(), by_unit=role in either) for role in lacking}
+    meant = {role: _meant(recording, role, found.values(), by_unit=role in either or role == "v") for role in lacking}
     nothing = bool(either) and not {*either, "angle"} & found.keys()
     missing = [role for role in lacking if role in required or meant[role] or nothing]
     if missing:
-        raise RecordingError(_missing(recording, missing[0], meant[missing[0]], nothing=nothing))
+        raise RecordingError(_missing(recording, missing, meant, nothing=nothing))
     return found
 
 
@@ -94,17 +98,21 @@ def _of_role(recording: Recording, role: str, *, wanted: bool) -> str | None:
     return good[0] if good else None
 
 
-def _missing(recording: Recording, role: str, near: Sequence[str], *, nothing: bool) -> str:
-    """Say that a role has no column, and which may be meant; `nothing`: neither has any other that would do."""
+def _missing(recording: Recording, missing: Sequence[str], meant: Mapping[str, Sequence[str]], *, nothing: bool) -> str:
+    """Say that the first role has no column, and which may be meant; `nothing`: no other is there that would do."""
+    role = missing[0]
+    near = meant[role]
     columns = ", ".join(recording.headers.values())
-    remedy = f"; is it {near[0]!r}?" if near else f"; add one such as {_example(role)!r}, or map it in a case file"
     if role == "v" and (duty := duty_column(recording)) is not None:
-        remedy = (
-            f"; {recording.headers[duty]!r} is a duty cycle: say of which supply, with --supply 12 (volts),"
-            " --supply 12/255 (volts a count), or --supply and the battery's column"
+        return (
+            f"{recording.title} has no voltage column ({columns}), but {recording.headers[duty]!r} is a duty cycle: say"
+            " of which supply, with --supply 12 (volts), --supply 12/255 (volts a count), or --supply and the battery's"
+            " column"
         )
+    remedy = f"; is it {near[0]!r}?" if near else f"; add one such as {_example(role)!r}, or map it in a case file"
     options = " or ".join(f"--column {name}=…" for name in ("i", "w") if name == role or (nothing and role == "i"))
-    column = f"--column {shlex.quote(f'{role}={near[0]}')}" if near else options or f"--column {role}=…"
+    named = [f"--column {shlex.quote(f'{other}={meant[other][0]}')}" for other in missing if meant[other]]
+    column = " ".join(named) if near else options or f"--column {role}=…"
     return f"{recording.title} has no {ROLE_TITLE[role]} column{remedy} ({columns}); say which it is with {column}"
 
 
@@ -175,7 +183,8 @@ def _meant(recording: Recording, role: str, taken: Collection[str], *, by_unit: 
         near = [h.text for h in fitting if plain(h.name) in SUPPLY]
     if near or not by_unit:
         return near
-    return [h.text for h in left.values() if h.unit is not None and h.unit.quantity == ROLE_QUANTITY[role]]
+    in_unit = [h.text for h in left.values() if h.unit is not None and h.unit.quantity == ROLE_QUANTITY[role]]
+    return in_unit if role != "v" else [text for text in in_unit if CHANNEL.match(plain(parse_header(text).name))]
 
 
 def _example(role: str) -> str:

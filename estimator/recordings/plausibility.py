@@ -35,7 +35,7 @@ STEPPED_PER_VOLT = (
 )
 LEVELS, HELD = 3, 5  # sizes of a voltage that has several; samples of one
 LARGEST_CURRENT = (150.0, 30.0)  # A, and
-LEAST_RESISTANCE = (0.004, 0.025)  # Ω, of the largest voltage over the largest current
+LEAST_RESISTANCE = (0.008, 0.025)  # Ω, of the largest voltage over the largest current
 LEAST_CURRENT = 1e-3  # A: a motor that turns takes more
 SLOWEST = (30.0, 6.0)  # s, time constant of the speed
 SLOW_CLOCK = (1.0, 0.15)  # s, sampling interval at which the speed's way from level to level is seen

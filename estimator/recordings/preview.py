@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -52,7 +52,7 @@ class Preview:
     ----------
     signals : "v", "i", "w", "angle", "load" → (n,) array, SI; those that there are
     read : what was read, the time last
-    unused : headers of the other columns
+    unused : headers of the other columns, of which no signal was made
     """
 
     recording: Recording
@@ -105,7 +105,7 @@ def preview(recording: Recording, *, scale: Mapping[str, float] | None = None) -
         recording=recording,
         signals=signals,
         read=read,
-        unused=tuple(h for c, h in recording.headers.items() if c not in columns.values()),
+        unused=_unused(recording, columns.values()),
         excitation=excitation,
         delay=late * recording.step if late >= LATE else 0.0,
         settled=None if settling is None else settling.reason,
@@ -176,6 +176,16 @@ def preview_mapping(p: Preview) -> dict[str, Any]:
             for f in p.findings
         ],
     }
+
+
+def _unused(recording: Recording, columns: Collection[str]) -> tuple[str, ...]:
+    """Return the headers of columns that are no signal and that none was made of."""
+    sources = [part for c in columns for part in recording.made.get(c, "").split(" × ")]
+    return tuple(
+        h
+        for c, h in recording.headers.items()
+        if c not in columns and not any(part == h or part.startswith(f"{h}/") for part in sources)
+    )
 
 
 def _levels(recording: Recording, signals: Mapping[str, FloatArray]) -> tuple[Level, ...]:

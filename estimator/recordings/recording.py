@@ -603,7 +603,8 @@ def _time_column(headers: list[Header], where: str, read_as: ReadAs) -> tuple[in
         _no_time(where, [header.text for header in headers])
     clock = min(ranked)[1]
     header = headers[clock]
-    unit = header.unit if header.unit_text is not None else assumed_unit("time")
+    usual = header.name if role_of(header.name) == "time" else "time"
+    unit = header.unit if header.unit_text is not None else assumed_unit(usual)
     if unit is None or unit.quantity != "time":
         raise RecordingError(
             f"{where}: {header.unit_text!r} is no unit of time, in {header.text!r}; use one of {examples('time')}"

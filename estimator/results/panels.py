@@ -87,7 +87,10 @@ class Panel:
     @property
     def title(self) -> str:
         """What the row shows, in words: "current i", "residual"."""
-        return "residual" if self.kind == "residual" else f"{QUANTITIES.get(self.unit, '')} {self.name}".strip()
+        quantity = QUANTITIES.get(self.unit, "")
+        if self.kind == "residual":
+            return "residual"
+        return self.name if self.name == quantity else f"{quantity} {self.name}".strip()
 
 
 def panels(

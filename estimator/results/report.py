@@ -25,8 +25,10 @@ READ = "Read:"
 REST = "in the report that -o DIR writes, and with --json"  # where what a screen leaves out stands
 SIGNAL_WORDS = (
     "RMSE: measured minus simulated, all samples. Residual: its standard deviation without outliers, and without the"
-    " ripple and drift that were found. Noise: from sample to sample, by the recording alone."
+    " ripple and drift that were found. Noise: from sample to sample, by the recording alone;"
+    " of noise that wanders it is less than the residual, of rounded samples it may be more."
 )
+UNIDENTIFIED_DIGITS = 3
 FEWEST = 3  # reasons, and recordings read, that a screen shows, however many there are
 
 
@@ -179,15 +181,14 @@ def _estimate_rows(
     header = [title, "estimate", "± std. error", "", "unit", "nominal", "deviation", "note"]
     rows = []
     for name, parameter in parameters.items():
-        useless = parameter.standard_error is not None and parameter.standard_error > abs(parameter.value)
-        value, error = value_texts(parameter.value, None if useless else parameter.standard_error)
+        value, error, relative = estimate_texts(parameter)
         nominal = parameter.nominal
         rows.append(
             [
                 name,
                 value,
                 f"± {error}" if error else (ABSENT if parameter.free else ""),
-                "> 100 %" if useless else relative_text(parameter.standard_error, parameter.value),
+                relative,
                 parameter.unit,
                 "" if nominal is None else number_text(nominal),
                 "" if nominal is None else deviation_text(parameter.value, nominal),
@@ -195,6 +196,17 @@ def _estimate_rows(
             ]
         )
     return header, rows
+
+
+def estimate_texts(parameter: ParameterEstimate) -> tuple[str, str, str]:
+    """Return value, standard error and percent as text; of what is not identified a few digits, and no error."""
+    value, error = value_texts(parameter.value, parameter.standard_error)
+    relative = relative_text(parameter.standard_error, parameter.value)
+    if error and parameter.standard_error is not None and parameter.standard_error > abs(parameter.value):
+        relative = "> 100 %"
+        if parameter.status == "not identified":
+            return number_text(parameter.value, digits=UNIDENTIFIED_DIGITS), "", relative
+    return value, error, relative
 
 
 def derived_rows(estimate: Estimate) -> tuple[list[str], list[list[str]]]:

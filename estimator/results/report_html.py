@@ -33,6 +33,7 @@ from estimator.results.report import (
     chain_rows,
     cost_lines,
     derived_rows,
+    estimate_texts,
     fitted_here,
     json_ready,
     meaning,
@@ -141,7 +142,7 @@ def html_report(estimate: Estimate, *, command: str = "", checksums: Mapping[str
 
 
 def html_fragment(estimate: Estimate, *, figure: bytes | None = None) -> str:
-    """Return verdict and tables as a piece of HTML for a notebook, with its own look and nobody else's changed.
+    """Return what was read, verdict and tables as HTML for a notebook, with its own look and nobody else's changed.
 
     Parameters
     ----------
@@ -158,7 +159,7 @@ def html_fragment(estimate: Estimate, *, figure: bytes | None = None) -> str:
         if there:
             tables.append((*_without_empty(*found(estimate), right=right),))
     image = "" if figure is None else base64.b64encode(figure).decode("ascii")
-    return page("fragment.html", **_verdict(estimate), tables=tables, image=image)
+    return page("fragment.html", **_verdict(estimate), read=read_lines(estimate), tables=tables, image=image)
 
 
 def _title(estimate: Estimate) -> str:
@@ -209,8 +210,7 @@ def _parameters(estimate: Estimate) -> tuple[list[_Part], str]:
 
 
 def _estimate_row(p: ParameterEstimate, entry: Bar | None, limit: float, estimate: Estimate) -> _Row:
-    value, error = value_texts(p.value, p.standard_error)
-    relative = relative_text(p.standard_error, p.value)
+    value, error, relative = estimate_texts(p)
     notes = [f"nominal {number_text(p.nominal)}"] if p.nominal is not None else []
     notes += [note] if (note := parameter_note(p, said=estimate.reasons)) else []
     told = f"± {error}" if error else (ABSENT if p.free else "")

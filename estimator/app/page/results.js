@@ -7,11 +7,18 @@ import { Local, Plot, Remote } from "./plot.js";
 import { panelsOf } from "./signals.js";
 
 const SAYS = {
-  ok: "The recording tells these parameters, and the model explains the recording.",
-  doubtful: "The best fit is below, but read the reasons before using it.",
+  ok: "Every free parameter is identified, and the residuals are as small as the noise.",
+  doubtful: "An estimate with known weaknesses; read the reasons before using it.",
   refused: "No estimate that could be relied on.",
 };
+const WITHOUT_ERRORS = "The residuals are as small as the noise; this method gives no standard errors.";
 const COLORS = ["--c2", "--c3", "--c4", "--c5", "--c6", "--c1"];
+
+// What a verdict means, as the report says it.
+function meaning(r) {
+  const free = Object.values(r.parameters).filter((p) => p.free !== false);
+  return r.verdict === "ok" && free.length && free.every((p) => p.standard_error == null) ? WITHOUT_ERRORS : SAYS[r.verdict];
+}
 
 export class ResultsPage {
   constructor(app) {
@@ -77,7 +84,7 @@ export class ResultsPage {
     this.same(`fmu-estimator export ${quoted(outcome.name)}`);
     const reasons = r.reasons ?? [];
     replace(this.detail,
-      el("section", { class: `verdict ${r.verdict}`, "aria-label": "Verdict" }, el("h2", {}, `${outcome.name}: ${r.verdict}`), el("p", {}, SAYS[r.verdict]),
+      el("section", { class: `verdict ${r.verdict}`, "aria-label": "Verdict" }, el("h2", {}, `${outcome.name}: ${r.verdict}`), el("p", {}, meaning(r)),
         reasons.length ? el("ul", {}, reasons.map((t, k) => el("li", {}, String(t), this.shows(outcome, k)))) : null),
       Object.keys(r.parameters ?? {}).length ? this.parameters(r) : null,
       this.rivals(r),
@@ -114,12 +121,13 @@ export class ResultsPage {
       el("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Table of the estimates" }, el("table", { class: "stacked" },
         el("thead", {}, el("tr", {}, [["parameter"], ["estimate", "n"], ["± standard error", "n"], ["", "n"], ["unit"], [`to ± ${show(100 * reach, 2)} %`], ["note"]].map(([t, c]) => el("th", { class: c, scope: "col" }, t)))),
         el("tbody", {}, rows.map(([name, p]) => {
-          const [value, error] = withError(p.value, p.standard_error);
+          const useless = p.standard_error > Math.abs(p.value), unknown = useless && p.status === "not identified";
+          const [value, error] = unknown ? [show(p.value, 3), ""] : withError(p.value, p.standard_error);
           return el("tr", {}, el("th", { scope: "row" }, name), el("td", { class: "n" }, value), el("td", { class: "n" }, error ? `± ${error}` : p.free === false ? "fixed" : "not known"),
-            el("td", { class: "n" }, percent(p.standard_error, p.value)), el("td", {}, p.unit), el("td", { class: "bars" }, bar(relative([name, p]), reach, p)),
+            el("td", { class: "n" }, useless ? "> 100 %" : percent(p.standard_error, p.value)), el("td", {}, p.unit), el("td", { class: "bars" }, bar(relative([name, p]), reach, p)),
             el("td", { class: "text" }, [p.at_bound ? `at its ${p.at_bound} bound` : null, p.status !== "ok" ? p.status : null, said.some((t) => String(t).includes(p.reason)) ? null : p.reason, p.nominal ? `nominal ${show(p.nominal)}` : null].filter(Boolean).join("; ")));
         })))),
-      this.more("Measurement chain", r.measurement_chain), this.more("It follows", r.derived));
+      this.more("Measurement chain", r.measurement_chain), this.more("Derived quantities", r.derived));
   }
 
   // What else would explain the recordings: the estimate and each rival on one axis, over the estimate's values.
