@@ -15,8 +15,8 @@ import argparse
 from dataclasses import replace
 
 import numpy as np
-from bench import CML050, NAMES, Bench
 from numpy.typing import NDArray
+from paper_bench import CML050, NAMES, Bench
 from trust import FILTER, FILTERED, PLAIN, quantised
 
 from estimator.cases.case import Case, SearchSpec

@@ -15,8 +15,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from bench import NAMES, Bench
 from numpy.typing import NDArray
+from paper_bench import NAMES, Bench
 
 FloatArray = NDArray[np.float64]
 

@@ -1,4 +1,4 @@
-"""Second bench: random motors with several troubles at once, judged through the public door. Knows no effect by name.
+"""Second bench: random motors with several effects at once, judged through the public door. Knows no effect by name.
 
     python benchmarks/combined.py --seeds 0:60 --out dev.jsonl --jobs 2         resumes; then prints the table
     python benchmarks/combined.py --seeds 0:1000 --out dev.jsonl --only dry_friction
@@ -7,7 +7,7 @@
     python benchmarks/combined.py --table dev.jsonl good.jsonl
 
 Each recording is written to a file and given to `python -m estimator estimate --json`, several of one motor by a case
-file; one worker, seed 1, 120 s of processor time. Right is what `true_story.py` says the recording tells.
+file; one worker, seed 1, 120 s of processor time. Right is what `exact_effects.py` says the recording tells.
 `--reference FILE` takes that from the lines of an earlier run.
 """
 
@@ -34,8 +34,8 @@ from typing import Any
 import numpy as np
 import psutil
 from emulated_bench import MOTOR, Bench, write
-from emulated_troubles import draw
-from true_story import TrueStory
+from emulated_effects import draw
+from exact_effects import ExactEffects
 
 TIME_LIMIT = 120.0  # s of processor time; ten times as long by the clock
 WRONG = 4.0  # standard errors
@@ -43,7 +43,7 @@ JUDGED = 0.3  # a bar that no fit can have below this share of the value is not 
 FINAL = 1_000_000  # seeds from here on are looked at once, at the end
 LAGS = (0.3, 1.0, 2.0, 5.0)  # samples
 LAG_EXCITATIONS = ("step", "two levels", "zero", "reversal")
-MACHINE = {  # trouble → words, one of which names it
+MACHINE = {  # effect → words, one of which names it
     "dry_friction": ("dry", "coulomb", "friction"),
     "brush_drop": ("brush",),
     "current_limit": ("limit",),
@@ -56,12 +56,12 @@ Line = dict[str, Any]
 def bench_of(kind: str, seed: int) -> Bench:
     """Return the bench of a set and a seed."""
     if kind == "good":
-        return draw(seed, troubles=(), excitation=("step", "two levels", "zero", "reversal", "staircase")[seed % 5])
+        return draw(seed, effects=(), excitation=("step", "two levels", "zero", "reversal", "staircase")[seed % 5])
     if kind == "lag":
         lag, excitation = LAGS[seed % 4], LAG_EXCITATIONS[seed // 4 % 4]
-        return draw(seed, troubles=("current_lag",), excitation=excitation, sizes={"tau_i": lag})
+        return draw(seed, effects=("current_lag",), excitation=excitation, sizes={"tau_i": lag})
     if kind == "machine":
-        return draw(seed, troubles=(list(MACHINE)[seed % 4],), excitation=LAG_EXCITATIONS[1 + seed // 4 % 3])
+        return draw(seed, effects=(list(MACHINE)[seed % 4],), excitation=LAG_EXCITATIONS[1 + seed // 4 % 3])
     return draw(seed)
 
 
@@ -69,7 +69,7 @@ def bench_of(kind: str, seed: int) -> Bench:
 def version() -> str:
     """Return what the reference depends on: these files' digest."""
     here = Path(__file__).parent
-    names = ("emulated_motor.c", "emulated_bench.py", "emulated_troubles.py", "true_story.py")
+    names = ("emulated_motor.c", "emulated_bench.py", "emulated_effects.py", "exact_effects.py")
     return hashlib.sha256(b"".join((here / name).read_bytes() for name in names)).hexdigest()[:12]
 
 
@@ -128,13 +128,13 @@ def run(kind: str, seed: int, without: str | None, reference: Line | None) -> Li
     """Return one line: what the bench is, what its recordings tell, what was estimated."""
     bench = bench_of(kind, seed)
     line: Line = {
-        "set": kind, "seed": seed, "without": without, "version": version(), "troubles": list(bench.troubles),
+        "set": kind, "seed": seed, "without": without, "version": version(), "effects": list(bench.effects),
         "excitations": [r.excitation for r in bench.recordings], "h": bench.recordings[0].h,
         "rows": [r.rows for r in bench.recordings],
         "story": {f"{name}{'' if k < 0 else f' {k + 1}'}": value for (name, k), value in bench.story.items()},
     }  # fmt: skip
     began = time.perf_counter()
-    line["told"] = reference or asdict(TrueStory(bench).tell())
+    line["told"] = reference or asdict(ExactEffects(bench).tell())
     line["told_seconds"] = round(time.perf_counter() - began, 3)
     with tempfile.TemporaryDirectory() as folder:
         paths = write(bench, Path(folder))
@@ -173,12 +173,12 @@ def deviations(line: Line) -> dict[str, float]:
 
 
 def named(line: Line) -> bool:
-    """Return whether what is said of the recording names the trouble; what it could not show does not count."""
+    """Return whether what is said of the recording names the effect; what it could not show does not count."""
     found = line["found"]
     said = [*found.get("reasons", ()), *(n for n in found.get("notes", ()) if "not visible" not in n)]
     said += [json.dumps(found.get(key, "")) for key in ("measurement_chain", "comparisons", "rivals", "effects")]
     text = " ".join(said).lower()
-    return any(word in text for word in MACHINE[line["troubles"][0]])
+    return any(word in text for word in MACHINE[line["effects"][0]])
 
 
 def wilson(k: int, n: int) -> str:
@@ -272,9 +272,9 @@ def table(lines: list[Line]) -> str:
         parts += [f"## {kind}", "", "| figure | value |", "|---|---|"]
         parts += [f"| {figure} | {value} |" for figure, value in rows_of(kind, some)] + [""]
         if kind == "random":
-            parts += ["| trouble | ok and wrong | called ok | cannot be told |", "|---|---|---|---|"]
-            for name in ("none", *sorted({name for line in some for name in line["troubles"]})):
-                its = [line for line in some if name in (line["troubles"] or ["none"])]
+            parts += ["| effect | ok and wrong | called ok | cannot be told |", "|---|---|---|---|"]
+            for name in ("none", *sorted({name for line in some for name in line["effects"]})):
+                its = [line for line in some if name in (line["effects"] or ["none"])]
                 called = counted(its, lambda x: x["found"]["verdict"] == "ok")
                 untold = counted(its, lambda x, n=name: n in x["told"]["untold"])
                 parts += [f"| {name} | {counted(its, wrong_and_ok)} | {called} | {untold} |"]
@@ -291,7 +291,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--set", choices=SETS, default="random")
     parser.add_argument("--seeds", default="0:60", metavar="A:B")
-    parser.add_argument("--only", metavar="TROUBLE", help="recordings that have this trouble")
+    parser.add_argument("--only", metavar="EFFECT", help="recordings that have this effect")
     parser.add_argument("--without-effect", metavar="NAME", help="FMU_ESTIMATOR_WITHOUT=NAME for the estimator")
     parser.add_argument(
         "--out", type=Path, metavar="FILE", help="JSON lines, one a seed; what is there is not run again"
@@ -313,7 +313,7 @@ def main() -> None:
              if x["version"] == version()}  # fmt: skip
     seeds = [s for s in range(first, last) if (options.set, s, options.without_effect, version()) not in have]
     if options.only:
-        seeds = [s for s in seeds if options.only in bench_of(options.set, s).troubles]
+        seeds = [s for s in seeds if options.only in bench_of(options.set, s).effects]
     with ProcessPoolExecutor(options.jobs) as pool:
         jobs = [pool.submit(run, options.set, s, options.without_effect, known.get((options.set, s))) for s in seeds]
         for job in as_completed(jobs):
@@ -324,7 +324,7 @@ def main() -> None:
                     stream.write(json.dumps(line) + "\n")
             z = max(deviations(line).values(), default=float("nan"))
             print(f"{line['set']} {line['seed']} {line['found']['verdict']} z {z:.1f} {line['seconds']:.1f} s "
-                  f"{'+'.join(line['excitations'])}: {', '.join(line['troubles'])}", file=sys.stderr)  # fmt: skip
+                  f"{'+'.join(line['excitations'])}: {', '.join(line['effects'])}", file=sys.stderr)  # fmt: skip
     print(table([x for x in done if x["version"] == version()]))
 
 

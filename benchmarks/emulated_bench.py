@@ -1,8 +1,8 @@
-"""Recordings of an emulated bench, its troubles in them, the truth known. Knows nothing of the estimator.
+"""Recordings of an emulated bench, its effects in them, the truth known. Knows nothing of the estimator.
 
-`emulated_troubles.py` draws them, `emulated_motor.c` simulates the motor. What a recording shows is told by a *story*:
-(name, recording) → value, recording -1 for all. A name that the story does not have has its value of no trouble, so a
-trouble is taken out of a story by taking its names out.
+`emulated_effects.py` draws them, `emulated_motor.c` simulates the motor. What a recording shows is told by a *story*:
+(name, recording) → value, recording -1 for all. A name that the story does not have has its value of no effect, so a
+effect is taken out of a story by taking its names out.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ EXCITATIONS = ("step", "two levels", "zero", "reversal", "staircase", "prbs", "c
 ROWS = 5000  # of one recording, at most
 MODES = 48  # cosines that make up a wandering friction
 
-NONE = {  # what each name is worth where there is no trouble
+NONE = {  # what each name is worth where there is no effect
     "tau_i": 0.0,  # s, first-order lag of the current
     "tau_w": 0.0,  # s, 1 / (2 pi cutoff) of the second-order filter of the speed, damping 0.7071
     "delay": 0.0,  # s, of the response after the command
@@ -104,13 +104,13 @@ class Recording:
 
 @dataclass(frozen=True)
 class Bench:
-    """One motor, its recordings, their troubles, the truth."""
+    """One motor, its recordings, their effects, the truth."""
 
     seed: int
     supply: float  # V
     recordings: tuple[Recording, ...]
     story: Story
-    troubles: Mapping[str, tuple[tuple[str, int], ...]]  # kind → its names in the story
+    effects: Mapping[str, tuple[tuple[str, int], ...]]  # kind → its names in the story
     free: tuple[tuple[str, int], ...]  # names that a fit told the true story has to find
     i_run: float  # A, running at the top level
     i_peak: float

@@ -16,8 +16,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from foreign import ours, theirs
 from numpy.typing import NDArray
+from simulation_cost import ours, theirs
 
 from estimator.cases.case import read_case
 from estimator.errors import EstimatorError

@@ -17,15 +17,15 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from bench import CML050, Bench
 from numpy.typing import NDArray
+from paper_bench import CML050, Bench
 
 import fmu_build
 from estimator.cases.case import Case, OutputSpec, ParameterSpec, SearchSpec
 from estimator.estimating.differential_evolution import DifferentialEvolution
 from estimator.estimating.estimate import estimate_by
 from estimator.estimating.search import SearchRecord, run_search
-from estimator.fitting.polish import LeastSquares
+from estimator.fitting.least_squares import LeastSquares
 from estimator.fitting.problem import Problem
 from estimator.fmus.fmu import FmuDescription, describe
 from estimator.fmus.probe import driven

@@ -13,8 +13,8 @@
     --only WORD   rows whose title holds the word
     --print       the tables from what is there, nothing estimated
 
-Recordings come from `bench.py`, estimates from the public API with no settings but a declared filter. The truth and
-the bound are the closed form's, never the estimator's own standard errors.
+Recordings come from `paper_bench.py`, estimates from the public API with no settings but a declared filter. The truth
+and the bound are the closed form's, never the estimator's own standard errors.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from bench import CML050, MOTORS, NAMES, PAPER_BENCH, Bench, random_motor, real_bench
 from bound import cramer_rao, from_the_truth, likelihood
 from numpy.typing import NDArray
+from paper_bench import CML050, MOTORS, NAMES, PAPER_BENCH, Bench, random_motor, real_bench
 
 from estimator.cases.case import Case, Chebyshev1, OutputSpec, SearchSpec
 from estimator.estimating.beginning import begin
 from estimator.estimating.estimate import METHODS
-from estimator.estimating.run import Run
+from estimator.estimating.session import Session
 from estimator.fmus.fmu import FmuDescription, describe
 from estimator.fmus.probe import driven
 from estimator.fmus.workers import Workers
@@ -354,12 +354,12 @@ class Hand:
         case = replace(row.case, search=SearchSpec(method=row.method, seed=seed + 1))
         try:
             plan = plan_case(case, self.description, recordings=[recording])
-            run = Run(plan, self.crew, progress=None, bounded=True)
-            found = begin(run) or METHODS[run.method](run)
+            session = Session(plan, self.crew, progress=None, bounded=True)
+            found = begin(session) or METHODS[session.method](session)
         except BaseException:
             self.crew.close()
             raise
-        return table, line(row, seed, bench, recording, found, run.fitted)
+        return table, line(row, seed, bench, recording, found, session.fitted)
 
 
 _hand: Hand | None = None

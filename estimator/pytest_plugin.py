@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 if TYPE_CHECKING:
-    from estimator.batches.bench import Bench
+    from estimator.batches.case_worker import CaseWorker
     from estimator.cases.case import Case
     from estimator.cases.expectation import Check
     from estimator.results.result import Estimate
@@ -136,27 +136,29 @@ class Estimates:
 
     def __init__(self, config: pytest.Config) -> None:
         self._config = config
-        self._bench: Bench | None = None
+        self._case_worker: CaseWorker | None = None
         self._done: dict[str, Estimate | Exception] = {}
         self._figures: dict[str, Path | None] = {}
 
     def of(self, case: Case) -> Estimate:
         """Return the estimate of a case, or raise again what went wrong."""
-        from estimator.batches.bench import Bench
+        from estimator.batches.case_worker import CaseWorker
         from estimator.errors import EstimatorError
         from estimator.estimating.estimate import available_cores
 
         key = repr(case) + str(case.path)
         if key not in self._done:
-            if self._bench is None:
-                self._bench = Bench(processes=1 if hasattr(self._config, "workerinput") else available_cores())
+            if self._case_worker is None:
+                self._case_worker = CaseWorker(
+                    processes=1 if hasattr(self._config, "workerinput") else available_cores()
+                )
             try:
-                self._done[key] = self._bench.estimate(case)
+                self._done[key] = self._case_worker.estimate(case)
             except EstimatorError as error:
-                self._bench.close()
+                self._case_worker.close()
                 self._done[key] = error
             except BaseException:
-                self._bench.close()
+                self._case_worker.close()
                 raise
         done = self._done[key]
         if isinstance(done, Exception):
@@ -165,7 +167,7 @@ class Estimates:
 
     def checks(self, case: Case) -> dict[str, Check]:
         """Return how a case's estimate meets each expectation."""
-        from estimator.batches.bench import case_checks
+        from estimator.batches.case_worker import case_checks
 
         return {check.name: check for check in case_checks(case, self.of(case))}
 
@@ -192,8 +194,8 @@ class Estimates:
 
     def close(self) -> None:
         """End the FMU processes."""
-        if self._bench is not None:
-            self._bench.close()
+        if self._case_worker is not None:
+            self._case_worker.close()
 
 
 _KEY = pytest.StashKey[Estimates]()

@@ -13,7 +13,7 @@ typedef struct {
     char *name;
     fmi2CallbackLogger logger;
     fmi2ComponentEnvironment environment;
-} Slave;
+} Component;
 
 typedef fmi2Status FmiStatus;
 typedef fmi2Component FmiInstance;
@@ -28,8 +28,8 @@ typedef fmi2Byte FmiByte;
 
 static void fmi2_log(const Instance *instance, Status status, const char *message)
 {
-    const Slave *slave = (const Slave *)instance;
-    slave->logger(slave->environment, slave->name, (fmi2Status)status,
+    const Component *component = (const Component *)instance;
+    component->logger(component->environment, component->name, (fmi2Status)status,
                   log_categories[status == INSTANCE_DISCARD ? LOG_DISCARD : LOG_ERROR].name, message);
 }
 
@@ -50,40 +50,40 @@ fmi2Component fmi2Instantiate(fmi2String instanceName, fmi2Type fmuType, fmi2Str
                               fmi2Boolean visible, fmi2Boolean loggingOn)
 {
     const char *name = instanceName != NULL ? instanceName : "";
-    Slave *slave = calloc(1, sizeof *slave);
+    Component *component = calloc(1, sizeof *component);
     (void)fmuResourceLocation;
     (void)visible;
-    if (slave == NULL) return NULL;
-    slave->name = malloc(strlen(name) + 1);
-    if (slave->name == NULL) {
-        free(slave);
+    if (component == NULL) return NULL;
+    component->name = malloc(strlen(name) + 1);
+    if (component->name == NULL) {
+        free(component);
         return NULL;
     }
-    strcpy(slave->name, name);
+    strcpy(component->name, name);
     if (functions != NULL && functions->logger != NULL) {
-        slave->logger = functions->logger;
-        slave->environment = functions->componentEnvironment;
-        slave->instance.log = fmi2_log;
+        component->logger = functions->logger;
+        component->environment = functions->componentEnvironment;
+        component->instance.log = fmi2_log;
     }
-    slave->instance.log_discard = slave->instance.log_error = loggingOn != fmi2False;
-    slave->instance.model_exchange = fmuType == fmi2ModelExchange;
-    instance_reset(&slave->instance);
+    component->instance.log_discard = component->instance.log_error = loggingOn != fmi2False;
+    component->instance.model_exchange = fmuType == fmi2ModelExchange;
+    instance_reset(&component->instance);
     if (fmuGUID == NULL || strcmp(fmuGUID, MODEL_GUID) != 0) {
-        (void)instance_report(&slave->instance, INSTANCE_ERROR,
+        (void)instance_report(&component->instance, INSTANCE_ERROR,
                               "wrong GUID: this binary and that modelDescription.xml do not belong together");
     } else {
-        return slave;
+        return component;
     }
-    fmi2FreeInstance(slave);
+    fmi2FreeInstance(component);
     return NULL;
 }
 
 void fmi2FreeInstance(fmi2Component c)
 {
-    Slave *slave = c;
-    if (slave == NULL) return;
-    free(slave->name);
-    free(slave);
+    Component *component = c;
+    if (component == NULL) return;
+    free(component->name);
+    free(component);
 }
 
 /* ---- Phases ---- */

@@ -12,7 +12,7 @@ typedef struct {
     Instance instance; /* first: a pointer to it is one to this */
     fmi3LogMessageCallback logger;
     fmi3InstanceEnvironment environment;
-} Slave;
+} Component;
 
 typedef fmi3Status FmiStatus;
 typedef fmi3Instance FmiInstance;
@@ -27,8 +27,8 @@ typedef fmi3Byte FmiByte;
 
 static void fmi3_log(const Instance *instance, Status status, const char *message)
 {
-    const Slave *slave = (const Slave *)instance;
-    slave->logger(slave->environment, (fmi3Status)status,
+    const Component *component = (const Component *)instance;
+    component->logger(component->environment, (fmi3Status)status,
                   log_categories[status == INSTANCE_DISCARD ? LOG_DISCARD : LOG_ERROR].name, message);
 }
 
@@ -43,21 +43,21 @@ const char *fmi3GetVersion(void)
 static fmi3Instance fmi3_instantiate(bool model_exchange, const char *refusal, fmi3String token, bool loggingOn,
                                      fmi3InstanceEnvironment environment, fmi3LogMessageCallback logger)
 {
-    Slave *slave = calloc(1, sizeof *slave);
-    if (slave == NULL) return NULL;
+    Component *component = calloc(1, sizeof *component);
+    if (component == NULL) return NULL;
     if (logger != NULL) {
-        slave->logger = logger;
-        slave->environment = environment;
-        slave->instance.log = fmi3_log;
+        component->logger = logger;
+        component->environment = environment;
+        component->instance.log = fmi3_log;
     }
-    slave->instance.log_discard = slave->instance.log_error = loggingOn;
-    slave->instance.model_exchange = model_exchange;
-    instance_reset(&slave->instance);
+    component->instance.log_discard = component->instance.log_error = loggingOn;
+    component->instance.model_exchange = model_exchange;
+    instance_reset(&component->instance);
     if (refusal == NULL && (token == NULL || strcmp(token, MODEL_GUID) != 0))
         refusal = "wrong instantiation token: this binary and that modelDescription.xml do not belong together";
-    if (refusal == NULL) return slave;
-    (void)fmi_error(slave, refusal);
-    free(slave);
+    if (refusal == NULL) return component;
+    (void)fmi_error(component, refusal);
+    free(component);
     return NULL;
 }
 

@@ -23,7 +23,7 @@ OPEN = {
     "test_odd_recordings.py::test_an_angle_of_a_motor_that_runs_already_may_begin_anywhere[levels2-counts]": (
         "112.08 counts a sample: their rounding repeats, and the first rows ask for other parameters"
     ),
-    "test_shown.py::test_beside_a_small_effect_the_finer_grid_passes_through_the_samples_and_beside_a_large_one_is_none[40.0-False]": (  # noqa: E501
+    "test_figure_signals.py::test_beside_a_small_effect_the_finer_grid_passes_through_the_samples_and_beside_a_large_one_is_none[40.0-False]": (  # noqa: E501
         "an offset of 40 rad/s of the speed is found together with two delays that are not there"
     ),
     "test_refusal.py::test_an_impossible_acceleration": "of six samples lost in the steepest part some three are told",

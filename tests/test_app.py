@@ -13,11 +13,11 @@ from made_estimates import comparison, estimate
 pytest.importorskip("starlette", reason="the extra app is not installed")
 
 from estimator import app as app_folder  # noqa: E402
-from estimator.app.bench import Bench, Outdated  # noqa: E402
 from estimator.app.outcomes import Outcomes  # noqa: E402
 from estimator.app.place import Place  # noqa: E402
 from estimator.app.series import Series, gaps, nearest, outliers, spectrum, view  # noqa: E402
-from estimator.app.server import Session  # noqa: E402
+from estimator.app.server import Service  # noqa: E402
+from estimator.app.workspace import Outdated, Workspace  # noqa: E402
 from estimator.cases.case import read_case  # noqa: E402
 from estimator.commands.arguments import command_line  # noqa: E402
 from estimator.errors import InputError  # noqa: E402
@@ -201,10 +201,10 @@ def folder(tmp_path):
 
 
 @pytest.fixture
-def bench(folder):
-    bench = Bench(Place(folder))
-    bench.change(0, {"recordings": [{"file": "step.csv", "role": "fit"}]})
-    return bench
+def workspace(folder):
+    workspace = Workspace(Place(folder))
+    workspace.change(0, {"recordings": [{"file": "step.csv", "role": "fit"}]})
+    return workspace
 
 
 @pytest.mark.smoke
@@ -227,18 +227,18 @@ def test_a_folder_lists_what_can_be_used_and_no_results_of_others(folder):
 
 
 @pytest.mark.smoke
-def test_every_change_is_a_case_file_that_reads_back(bench, folder):
+def test_every_change_is_a_case_file_that_reads_back(workspace, folder):
     rows = [
         {"file": "step.csv", "role": "fit", "window": [0.1, 2.0], "scale": {"i": -1}, "offset": {"i": 0.01}},
         {"file": "again.csv", "role": "validate"},
     ]
-    bench.change(1, {"recordings": rows, "search": {"method": "paper", "seed": 7, "loss": "linear"}})
+    workspace.change(1, {"recordings": rows, "search": {"method": "paper", "seed": 7, "loss": "linear"}})
     case = read_case(folder / "app.case.toml")
-    assert case == bench.case and case.run(0).window == (0.1, 2.0) and dict(case.run(0).scale) == {"i": -1.0}
+    assert case == workspace.case and case.run(0).window == (0.1, 2.0) and dict(case.run(0).scale) == {"i": -1.0}
     assert case.run(1).validate and case.search.seed == 7
     rows[1]["role"] = "off"
-    bench.change(2, {"recordings": rows})
-    assert [r["role"] for r in bench.state()["recordings"]] == ["fit", "off"]
+    workspace.change(2, {"recordings": rows})
+    assert [r["role"] for r in workspace.state()["recordings"]] == ["fit", "off"]
     assert len(read_case(folder / "app.case.toml").recordings) == 1
 
 
@@ -248,28 +248,28 @@ def test_what_the_page_does_not_show_of_a_case_stays(folder):
         '[inputs]\nv = "voltage [V]"\n[parameters]\nK = { min = 0.001, max = 1, nominal = 0.05 }\n'
         '[[recording]]\nfile = "step.csv"\n[expect]\nK = { within = "5 %" }\n'
     )
-    bench = Bench(Place(folder))
-    bench.open("own.case.toml")
-    own = bench.case
-    bench.change(1, {"mapping": bench.state()["mapping"], "parameters": bench.state()["parameters"]})
-    assert bench.case.outputs["w"].sensor == "mean" and bench.case.expect == own.expect
-    assert bench.case.parameters["K"].nominal == 0.05 and bench.case.parameters["K"].maximum == 1
+    workspace = Workspace(Place(folder))
+    workspace.open("own.case.toml")
+    own = workspace.case
+    workspace.change(1, {"mapping": workspace.state()["mapping"], "parameters": workspace.state()["parameters"]})
+    assert workspace.case.outputs["w"].sensor == "mean" and workspace.case.expect == own.expect
+    assert workspace.case.parameters["K"].nominal == 0.05 and workspace.case.parameters["K"].maximum == 1
     assert (folder / "own.case.toml").read_text().startswith("[outputs]\n")
 
 
-def test_the_table_of_the_parameters_makes_the_case_that_it_shows(bench):
-    rows = bench.state()["parameters"]
-    assert [r["name"] for r in rows] == ["R", "K", "L", "J", "B"] and not bench.state()["explicit"]
+def test_the_table_of_the_parameters_makes_the_case_that_it_shows(workspace):
+    rows = workspace.state()["parameters"]
+    assert [r["name"] for r in rows] == ["R", "K", "L", "J", "B"] and not workspace.state()["explicit"]
     rows[0] |= {"min": 0.5, "start": 3.0}
     rows[2] |= {"free": False, "value": 0.013}
-    bench.change(1, {"parameters": rows})
-    state = bench.state()
-    assert state["explicit"] and state["problem"] is None and dict(bench.case.fixed) == {"L": 0.013}
+    workspace.change(1, {"parameters": rows})
+    state = workspace.state()
+    assert state["explicit"] and state["problem"] is None and dict(workspace.case.fixed) == {"L": 0.013}
     shown = {r["name"]: r for r in state["parameters"]}
     assert shown["R"]["lower"] == 0.5 and shown["R"]["begin"] == 3.0 and not shown["L"]["free"]
-    assert shown["L"]["value"] == 0.013 and [p.name for p in bench.plan().parameters] == ["R", "K", "J", "B"]
-    bench.change(2, {"parameters": None})
-    assert not bench.state()["explicit"] and not bench.case.fixed
+    assert shown["L"]["value"] == 0.013 and [p.name for p in workspace.plan().parameters] == ["R", "K", "J", "B"]
+    workspace.change(2, {"parameters": None})
+    assert not workspace.state()["explicit"] and not workspace.case.fixed
 
 
 @pytest.mark.parametrize(
@@ -306,12 +306,12 @@ def test_the_table_of_the_parameters_makes_the_case_that_it_shows(bench):
         (3, "a change must be an object"),
     ],
 )
-def test_a_change_that_cannot_be_is_told_and_leaves_the_case_as_it_was(bench, folder, changes, sentence):
-    before, text = bench.case, (folder / "app.case.toml").read_text()
+def test_a_change_that_cannot_be_is_told_and_leaves_the_case_as_it_was(workspace, folder, changes, sentence):
+    before, text = workspace.case, (folder / "app.case.toml").read_text()
     with pytest.raises(InputError) as told:
-        bench.change(1, changes)
+        workspace.change(1, changes)
     assert sentence in str(told.value)
-    assert bench.case == before and bench.revision == 1 and (folder / "app.case.toml").read_text() == text
+    assert workspace.case == before and workspace.revision == 1 and (folder / "app.case.toml").read_text() == text
 
 
 def example():
@@ -329,21 +329,21 @@ def test_a_file_of_several_tests_is_fitted_together_or_one_of_them_alone(folder)
     t, v, i, w = example()
     test = np.repeat([1, 2], len(t))
     log_of(folder / "log.csv", "test,t [s],v [V],i [A],w [rad/s]", test, *(np.tile(x, 2) for x in (t, v, i, w)))
-    session = Session(folder)
-    bench = session.bench
-    bench.change(0, {"recordings": [{"file": "log.csv", "role": "fit"}]})
-    facts = session.recording_facts("log.csv", 1)
+    service = Service(folder)
+    workspace = service.workspace
+    workspace.change(0, {"recordings": [{"file": "log.csv", "role": "fit"}]})
+    facts = service.recording_facts("log.csv", 1)
     assert facts["tests"] == ["1", "2"] and facts["parts"] == 2 and facts["title"] == "log.csv 2"
-    assert bench.state()["problem"] is None and bench.state()["observed"] == ["log.csv 1", "log.csv 2"]
-    row = bench.state()["recordings"][0]
-    bench.change(1, {"recordings": [{**row, "reading": {**row["reading"], "test": "2"}}]})
-    facts = session.recording_facts("log.csv", 0)
+    assert workspace.state()["problem"] is None and workspace.state()["observed"] == ["log.csv 1", "log.csv 2"]
+    row = workspace.state()["recordings"][0]
+    workspace.change(1, {"recordings": [{**row, "reading": {**row["reading"], "test": "2"}}]})
+    facts = service.recording_facts("log.csv", 0)
     assert facts["tests"] == ["1", "2"] and facts["parts"] == 1 and facts["title"] == "log.csv 2"
-    assert bench.state()["observed"] == ["log.csv 2"]
+    assert workspace.state()["observed"] == ["log.csv 2"]
     assert read_case(folder / "app.case.toml").run(0).read_as.test == "2"
-    assert session.checked("log.csv")["command"] == "fmu-estimator check log.csv --test=2"
+    assert service.checked("log.csv")["command"] == "fmu-estimator check log.csv --test=2"
     with pytest.raises(InputError, match="log.csv holds no test number 1"):
-        session.recording_facts("log.csv", 1)
+        service.recording_facts("log.csv", 1)
 
 
 def test_a_duty_cycle_and_counts_become_volts_and_an_angle_as_on_the_command_line(folder):
@@ -358,15 +358,15 @@ def test_a_duty_cycle_and_counts_become_volts_and_an_angle_as_on_the_command_lin
         i,
         counts,
     )
-    session = Session(folder)
-    bench = session.bench
-    bench.change(0, {"recordings": [{"file": "log.csv", "role": "fit"}]})
-    assert bench.state()["problem"]
-    row = bench.state()["recordings"][0]
-    bench.change(1, {"recordings": [{**row, "reading": {"supply": "battery", "counts": 4096}}]})
-    state = bench.state()
+    service = Service(folder)
+    workspace = service.workspace
+    workspace.change(0, {"recordings": [{"file": "log.csv", "role": "fit"}]})
+    assert workspace.state()["problem"]
+    row = workspace.state()["recordings"][0]
+    workspace.change(1, {"recordings": [{**row, "reading": {"supply": "battery", "counts": 4096}}]})
+    state = workspace.state()
     assert state["problem"] is None and state["mapping"]["outputs"].keys() == {"i", "angle"}
-    observed = bench.plan().observed[0]
+    observed = workspace.plan().observed[0]
     np.testing.assert_allclose(observed.inputs["v"], v, atol=1e-6)
     np.testing.assert_allclose(observed.outputs["angle"][1:], 2 * np.pi * counts[1:] / 4096, atol=1e-6)
     case = read_case(folder / "app.case.toml")
@@ -378,54 +378,54 @@ def test_the_json_of_sysid_is_a_recording_of_the_folder_and_other_json_is_none(f
     rows = np.column_stack([t, v, np.cumsum(w) * 1e-3 / (2 * np.pi), w / (2 * np.pi)]).tolist()
     (folder / "sysid.json").write_text(json.dumps({"sysid": True, "test": "Simple", "fast-forward": rows}))
     (folder / "settings.json").write_text("{}")
-    session = Session(folder)
-    assert session.place.listed()["recordings"] == ["again.csv", "step.csv", "sysid.json"]
-    assert session.place.receive("more.json", b"{}") == "more.json"
-    session.bench.change(0, {"recordings": [{"file": "sysid.json", "role": "fit"}]})
-    assert session.bench.state()["observed"] == ["sysid.json fast-forward"]
+    service = Service(folder)
+    assert service.place.listed()["recordings"] == ["again.csv", "step.csv", "sysid.json"]
+    assert service.place.receive("more.json", b"{}") == "more.json"
+    service.workspace.change(0, {"recordings": [{"file": "sysid.json", "role": "fit"}]})
+    assert service.workspace.state()["observed"] == ["sysid.json fast-forward"]
 
 
 def test_how_a_file_is_read_and_begins_stays_when_the_page_changes_its_role(folder):
     (folder / "own.case.toml").write_text(
         '[[recording]]\nfile = "step.csv"\nbegin = "rest"\nunits = { w = "rpm" }\n[[recording]]\nfile = "again.csv"\n'
     )
-    bench = Bench(Place(folder))
-    bench.open("own.case.toml")
-    rows = bench.state()["recordings"]
+    workspace = Workspace(Place(folder))
+    workspace.open("own.case.toml")
+    rows = workspace.state()["recordings"]
     for revision, role in enumerate(("off", "fit"), start=1):
-        bench.change(revision, {"recordings": [{**rows[0], "role": role}, rows[1]]})
-    run = bench.case.run(0)
+        workspace.change(revision, {"recordings": [{**rows[0], "role": role}, rows[1]]})
+    run = workspace.case.run(0)
     assert run.begin == "rest" and dict(run.read_as.units) == {"w": "rpm"}
 
 
-def test_a_change_from_an_older_state_is_refused(bench):
+def test_a_change_from_an_older_state_is_refused(workspace):
     with pytest.raises(Outdated):
-        bench.change(0, {"recordings": []})
+        workspace.change(0, {"recordings": []})
 
 
-def test_a_restart_goes_on_with_the_case_under_way(bench, folder):
-    bench.change(1, {"search": {"method": "paper", "seed": 3, "loss": "linear"}})
-    assert Bench(Place(folder)).case.search.seed == 3
+def test_a_restart_goes_on_with_the_case_under_way(workspace, folder):
+    workspace.change(1, {"search": {"method": "paper", "seed": 3, "loss": "linear"}})
+    assert Workspace(Place(folder)).case.search.seed == 3
     (folder / "app.case.toml").write_text("[broken")
-    assert Bench(Place(folder)).case.recordings == ()
+    assert Workspace(Place(folder)).case.recordings == ()
 
 
-def test_a_case_is_saved_under_a_new_name_only(bench, folder):
-    assert bench.save("motor") == "motor.case.toml" and read_case(folder / "motor.case.toml").recordings
+def test_a_case_is_saved_under_a_new_name_only(workspace, folder):
+    assert workspace.save("motor") == "motor.case.toml" and read_case(folder / "motor.case.toml").recordings
     with pytest.raises(InputError, match="there already"):
-        bench.save("motor.case.toml")
-    bench.change(1, {"recordings": []})
+        workspace.save("motor.case.toml")
+    workspace.change(1, {"recordings": []})
     assert not (folder / "app.case.toml").exists()
     with pytest.raises(InputError, match="no recording is chosen"):
-        bench.save("other")
+        workspace.save("other")
 
 
-def test_a_foreign_model_gets_the_mapping_that_init_guesses(bench):
-    bench.change(1, {"fmu": "dc_motor_geared"})
-    bench.change(2, {"fmu": "pmsm_dq"})
-    assert bench.case.fmu == "pmsm_dq" and bench.case.outputs["w"].column == "speed"
-    bench.change(3, {"fmu": "dc_motor"})
-    assert bench.state()["problem"] is None
+def test_a_foreign_model_gets_the_mapping_that_init_guesses(workspace):
+    workspace.change(1, {"fmu": "dc_motor_geared"})
+    workspace.change(2, {"fmu": "pmsm_dq"})
+    assert workspace.case.fmu == "pmsm_dq" and workspace.case.outputs["w"].column == "speed"
+    workspace.change(3, {"fmu": "dc_motor"})
+    assert workspace.state()["problem"] is None
 
 
 def test_what_is_implausible_in_a_recording_is_told_by_the_command_check(folder):

@@ -145,9 +145,9 @@ def users(library):
 def test_only_the_fmu_modules_know_fmpy():
     allowed = {
         "fmus.fmu",
-        "stepping.slave",
-        "stepping.foreign",
-        "stepping.exchange",
+        "stepping.fmu_instance",
+        "stepping.slow_path",
+        "stepping.model_exchange",
         "stepping.equations",
         "stepping.loading",
     }

@@ -17,11 +17,11 @@ import psutil
 import pytest
 from interrupts import takes_interrupts
 
-from estimator.batches import benches
+from estimator.batches import worker_pool
 from estimator.batches.batch import BatchResult, gather, last_line, run_batch, with_reports
 from estimator.batches.batch_folder import BatchFolder, DiskError, folder_name
 from estimator.batches.batch_table import flat, table_files
-from estimator.batches.bench import Outcome, Task, failed
+from estimator.batches.case_worker import Outcome, Task, failed
 from estimator.cases.case import Case
 from estimator.cli import main
 from estimator.errors import InputError
@@ -418,13 +418,13 @@ def test_a_batch_killed_at_random_moments_ends_in_the_same_table(motors, kills, 
 
 FRAGILE = """
 import os, signal, sys
-from estimator.batches import bench
+from estimator.batches import case_worker
 def run(self, task):
     if task.name == "dies" or (task.name == "dies once" and not os.path.exists(sys.argv[-1] + "/died")):
         if task.name == "dies once": open(sys.argv[-1] + "/died", "w").close()
         os.kill(os.getpid(), signal.SIGKILL)
-    return bench.failed(task, task.name)
-bench.Bench.run = run
+    return case_worker.failed(task, task.name)
+case_worker.CaseWorker.run = run
 """
 
 
@@ -432,12 +432,13 @@ def test_a_process_that_dies_takes_nobody_along(tmp_path, monkeypatch):
     real = subprocess.Popen
 
     def fragile(arguments, **options):
-        code = arguments[2].replace("from estimator.batches.bench", f"exec({FRAGILE!r}); from estimator.batches.bench")
+        place = "from estimator.batches.case_worker"
+        code = arguments[2].replace(place, f"exec({FRAGILE!r}); {place}")
         return real([arguments[0], "-c", code, str(tmp_path)], **options)
 
-    monkeypatch.setattr(benches.subprocess, "Popen", fragile)
+    monkeypatch.setattr(worker_pool.subprocess, "Popen", fragile)
     tasks = [Task(name, Case()) for name in ("a", "dies", "b", "dies once", "c")]
-    outcomes = {task.name: outcome for task, outcome in benches.run_here(tasks, processes=2)}
+    outcomes = {task.name: outcome for task, outcome in worker_pool.run_here(tasks, processes=2)}
     assert {name: outcome.row["reasons"][0] for name, outcome in outcomes.items()} == {
         "a": "a",
         "b": "b",
@@ -450,7 +451,7 @@ def test_a_process_that_dies_takes_nobody_along(tmp_path, monkeypatch):
 
 def test_no_process_is_left_behind_when_the_batch_is_left(tmp_path):
     tasks = iter([Task(str(k), Case()) for k in range(20)])
-    running = benches.run_here(tasks, processes=2)
+    running = worker_pool.run_here(tasks, processes=2)
     next(running)
     running.close()
     assert len(list(tasks)) > 10
@@ -462,7 +463,7 @@ def test_a_mistake_where_tasks_come_from_ends_the_batch():
         raise OSError("gone")
 
     with pytest.raises(OSError, match="gone"):
-        list(benches.run_here(tasks(), processes=1))
+        list(worker_pool.run_here(tasks(), processes=1))
 
 
 @pytest.mark.parametrize(("how", "status"), [(signal.SIGINT, 130), (signal.SIGKILL, -9)])

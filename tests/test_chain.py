@@ -21,7 +21,7 @@ from estimator.cases.case_signals import OutputSpec
 from estimator.cli import main
 from estimator.errors import CaseError, InputError, RecordingError
 from estimator.estimating.estimate import estimate_recordings
-from estimator.fitting.winding import warmth
+from estimator.fitting.winding_temperature import warmth
 from estimator.fmus.fmu import describe
 from estimator.plans.noise_level import output_deviations
 from estimator.plans.planning import plan_case
@@ -435,7 +435,7 @@ def test_huber_is_hardly_worse_on_normal_noise_and_holds_against_many_outliers()
 def test_huber_finds_the_optimum_that_scipy_finds():
     from scipy.optimize import least_squares
 
-    from estimator.fitting.polish import HUBER, LeastSquares
+    from estimator.fitting.least_squares import HUBER, LeastSquares
     from estimator.plans.parameters import Box
 
     rng = np.random.default_rng(2)

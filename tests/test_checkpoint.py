@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from test_batch import EXAMPLE, ROOT
 
-from estimator.batches.bench import Bench
+from estimator.batches.case_worker import CaseWorker
 from estimator.cases.case import SearchSpec, case_for_recording
 from estimator.errors import InputError
 from estimator.estimating.checkpoint import Journal
@@ -42,8 +42,8 @@ SEARCHES = [("cuckoo", {}), ("paper", {"nests": 20, "iterations": 10}), ("differ
 def test_a_search_cut_off_anywhere_ends_in_the_same_result(method, search, tmp_path, monkeypatch):
     case = case_of(method, **search)
     path = tmp_path / "journal"
-    with Bench(processes=2) as bench:
-        whole = told(bench.estimate(case))
+    with CaseWorker(processes=2) as case_worker:
+        whole = told(case_worker.estimate(case))
         batches = 0
         original = Journal.append
         for stop in (1, 2, 2):
@@ -57,17 +57,17 @@ def test_a_search_cut_off_anywhere_ends_in_the_same_result(method, search, tmp_p
 
             monkeypatch.setattr(Journal, "append", append)
             with Journal(path, digest="d", after=0) as journal, pytest.raises(Killed):
-                bench.estimate(case, journal=journal)
+                case_worker.estimate(case, journal=journal)
             batches += stop
         monkeypatch.setattr(Journal, "append", original)
         with open(path, "ab") as file:
             file.write(b"\x10\x00\x00\x00half a record")
         with Journal(path, digest="d", after=0) as journal:
-            assert told(bench.estimate(case, journal=journal)) == whole
+            assert told(case_worker.estimate(case, journal=journal)) == whole
             assert journal.replayed > 0
             assert len(journal._records) == batches
         with Journal(path, digest="d", after=0) as journal:  # nothing is left to simulate but trajectories
-            assert told(bench.estimate(case, journal=journal)) == whole
+            assert told(case_worker.estimate(case, journal=journal)) == whole
 
 
 def batch_of(*costs):

@@ -12,7 +12,7 @@ from interrupts import takes_interrupts
 from test_batch import ROOT, TABLES, line_of, tables_of
 
 from estimator.batches.batch import gather, run_batch
-from estimator.batches.benches import run_here
+from estimator.batches.worker_pool import run_here
 from estimator.cli import main
 from estimator.errors import InputError
 

@@ -1,4 +1,4 @@
-"""The second bench itself: its motor against scipy's integrator, its troubles, its reference fit, its table."""
+"""The second bench itself: its motor against scipy's integrator, its effects, its reference fit, its table."""
 
 import json
 import subprocess
@@ -15,8 +15,8 @@ sys.path.insert(0, str(BENCHMARKS))
 
 from combined import bench_of, deviations, named, wilson, wrong_and_ok  # noqa: E402
 from emulated_bench import MOTOR, measure, motor_response, physics, shown, write  # noqa: E402
-from emulated_troubles import TROUBLES, draw, with_noise  # noqa: E402
-from true_story import TrueStory  # noqa: E402
+from emulated_effects import EMULATED_EFFECTS, draw, with_noise  # noqa: E402
+from exact_effects import ExactEffects  # noqa: E402
 
 PLAIN = {"R": 3.0, "K": 0.05, "L": 6e-3, "J": 1e-5, "B": 1e-4, "Tc": 0.0, "Ts": 0.0, "ws": 5.0, "Vb": 0.0, "ib": 0.05}
 PLAIN |= {"limit": np.inf, "Rs": 0.0, "Rsag": 0.0, "ts": 0.0, "heat": 0.0}
@@ -119,13 +119,13 @@ def test_the_current_stays_on_a_limited_supplys_plateau_and_leaves_it():
 
 
 def test_every_kind_of_trouble_changes_what_is_written(tmp_path):
-    assert len(TROUBLES) >= 24
-    for name in TROUBLES:
+    assert len(EMULATED_EFFECTS) >= 24
+    for name in EMULATED_EFFECTS:
         if name in ("runs_differ", "on_from_row_0", "lost_rows", "repeated_rows"):
             continue  # these need several runs, or change the rows
         excitation = "zero" if name == "open_circuit" else "step"
-        good, bad = (draw(3, troubles=names, excitation=excitation) for names in ((), (name,)))
-        assert set(bad.troubles) == {name}
+        good, bad = (draw(3, effects=names, excitation=excitation) for names in ((), (name,)))
+        assert set(bad.effects) == {name}
         (a,), (b,) = (write(bench, tmp_path) and [(tmp_path / "run1.csv").read_text()] for bench in (good, bad))
         assert a != b, name
 
@@ -139,7 +139,7 @@ def test_the_same_seed_writes_the_same_files(tmp_path):
 
 
 def test_counts_of_an_encoder_are_whole_numbers():
-    bench = draw(3, troubles=("encoder",), excitation="step")
+    bench = draw(3, effects=("encoder",), excitation="step")
     rec, counts = bench.recordings[0], bench.story["counts", -1]
     steps = measure(bench, 0).w * rec.h * counts / (2 * np.pi)
     assert np.abs(steps - np.round(steps)).max() < 1e-6
@@ -147,14 +147,14 @@ def test_counts_of_an_encoder_are_whole_numbers():
 
 
 def test_a_filter_that_is_fast_against_the_rows_shows_the_speed_itself():
-    bench = draw(3, troubles=(), excitation="step")
+    bench = draw(3, effects=(), excitation="step")
     slow = shown(bench, bench.story | {("tau_w", -1): 1e-5 * bench.recordings[0].h}, 0)
     assert slow[1] == pytest.approx(shown(bench, bench.story, 0)[1])
 
 
 def test_a_gain_of_the_voltage_cannot_be_told_and_scales_all_five():
-    bench = draw(0, troubles=("voltage_gain",), excitation="reversal")
-    told = TrueStory(bench).tell()
+    bench = draw(0, effects=("voltage_gain",), excitation="reversal")
+    told = ExactEffects(bench).tell()
     assert told.untold == ("voltage_gain",)
     g = bench.story["gain_v", -1]
     for name in MOTOR:
@@ -162,11 +162,11 @@ def test_a_gain_of_the_voltage_cannot_be_told_and_scales_all_five():
 
 
 def test_dry_friction_is_told_by_two_levels_and_not_by_one():
-    two = draw(6, troubles=("dry_friction",), excitation="two levels")
-    assert TrueStory(two).untold()[0] == ()
-    one = draw(6, troubles=("dry_friction",), excitation="step")
+    two = draw(6, effects=("dry_friction",), excitation="two levels")
+    assert ExactEffects(two).untold()[0] == ()
+    one = draw(6, effects=("dry_friction",), excitation="step")
     one = with_noise(one, lambda n: replace(n, i=20 * n.i, w=20 * n.w))
-    (left, story), w = TrueStory(one).untold(), physics(one, one.story, 0)[0][-1, 1]
+    (left, story), w = ExactEffects(one).untold(), physics(one, one.story, 0)[0][-1, 1]
     assert left == ("dry_friction",)
     total = one.story["B", -1] * w + one.story["Tc", -1]
     assert story["B", -1] * w == pytest.approx(total, rel=0.05)
@@ -176,7 +176,7 @@ def test_the_true_storys_bars_hold_for_noise_alone():
     """Deviations of 8 motors (40, each motor's correlated): a right bench fails with a probability below 1e-3."""
     z = []
     for seed in range(8):
-        told = TrueStory(bench_of("good", seed)).tell()
+        told = ExactEffects(bench_of("good", seed)).tell()
         assert told.alike == told.truth
         z += [(told.value[name] - told.truth[name]) / told.bar[name] for name in MOTOR]
     assert 0.45 < np.sqrt(np.mean(np.square(z))) < 1.65
@@ -184,11 +184,11 @@ def test_the_true_storys_bars_hold_for_noise_alone():
 
 
 def line(**more):
-    told = asdict(TrueStory(bench_of("good", 0)).tell())
+    told = asdict(ExactEffects(bench_of("good", 0)).tell())
     for key in ("truth", "alike", "lower", "upper"):
         told[key] = dict.fromkeys(MOTOR, 1.0)
     found = {"verdict": "ok", "parameters": {n: {"value": 1.0, "standard_error": 0.1} for n in MOTOR}}
-    return {"told": told, "found": found, "troubles": ["dry_friction"]} | more
+    return {"told": told, "found": found, "effects": ["dry_friction"]} | more
 
 
 def test_an_error_counts_in_bars_that_hold_all_that_is_uncertain():

@@ -8,8 +8,8 @@ import fmpy
 import numpy as np
 import pytest
 from driven_motor import NEUTRAL, DrivenMotor
+from fmu_instances import FmuInstance, Opened
 from numpy.typing import NDArray
-from slaves import Opened, Slave
 
 import fmu_build
 from estimator.cases.case import Case
@@ -46,8 +46,8 @@ def opened() -> Iterator[Opened]:
 
 
 @pytest.fixture
-def motor(opened: Opened) -> Slave:
-    return opened.slave()
+def motor(opened: Opened) -> FmuInstance:
+    return opened.instance()
 
 
 def held(levels: list[float], *, steps: int) -> list[float]:
@@ -59,7 +59,9 @@ def difference(one: NDArray[np.float64], other: NDArray[np.float64]) -> float:
     return float((np.abs(one - other).max(axis=0) / np.abs(other).max(axis=0)).max())
 
 
-def check(motor: Slave, p: dict[str, float], v: list[float], load: list[float], *, step: float) -> NDArray[np.float64]:
+def check(
+    motor: FmuInstance, p: dict[str, float], v: list[float], load: list[float], *, step: float
+) -> NDArray[np.float64]:
     motor.start(**p)
     found = motor.run({"v": v, "load": load}, OUTPUTS, step=step)
     expected = DrivenMotor(p).response(v, load, step=step)
@@ -69,7 +71,9 @@ def check(motor: Slave, p: dict[str, float], v: list[float], load: list[float], 
 
 @pytest.mark.parametrize("excitation", EXCITATIONS)
 @pytest.mark.parametrize("effect", EFFECTS)
-def test_each_effect_agrees_with_solve_ivp_from_event_to_event(motor: Slave, effect: str, excitation: str) -> None:
+def test_each_effect_agrees_with_solve_ivp_from_event_to_event(
+    motor: FmuInstance, effect: str, excitation: str
+) -> None:
     v = held(EXCITATIONS[excitation], steps=15)
     check(motor, MOTOR | EFFECTS[effect], v, [0.0] * len(v), step=4e-3)
 
@@ -84,7 +88,7 @@ def test_each_effect_agrees_with_solve_ivp_from_event_to_event(motor: Slave, eff
         pytest.param(("friction", "brush", "limit", "dead band", "coasting", "buffered supply"), id="all"),
     ],
 )
-def test_effects_together_agree_with_solve_ivp(motor: Slave, effects: tuple[str, ...], excitation: str) -> None:
+def test_effects_together_agree_with_solve_ivp(motor: FmuInstance, effects: tuple[str, ...], excitation: str) -> None:
     p = MOTOR.copy()
     for effect in effects:
         p |= EFFECTS[effect]
@@ -96,7 +100,7 @@ def test_effects_together_agree_with_solve_ivp(motor: Slave, effects: tuple[str,
 
 
 @pytest.mark.full
-def test_all_effects_agree_with_solve_ivp_for_many_motors(motor: Slave) -> None:
+def test_all_effects_agree_with_solve_ivp_for_many_motors(motor: FmuInstance) -> None:
     rng = np.random.default_rng(1)
     for _ in range(60):
         p = {name: float(value * 10 ** rng.uniform(-0.5, 0.5)) for name, value in MOTOR.items()}
@@ -115,31 +119,31 @@ def test_all_effects_agree_with_solve_ivp_for_many_motors(motor: Slave) -> None:
 
 @pytest.mark.parametrize("step", [1e-4, 1e-3, 10e-3])
 @pytest.mark.parametrize("excitation", [*EXCITATIONS, "prbs"])
-def test_with_nothing_set_it_is_dc_motor(motor: Slave, excitation: str, step: float) -> None:
+def test_with_nothing_set_it_is_dc_motor(motor: FmuInstance, excitation: str, step: float) -> None:
     levels = (
         list(np.random.default_rng(3).choice([-10.5, 10.5], 200)) if excitation == "prbs" else EXCITATIONS[excitation]
     )
     v = held(levels, steps=1 if excitation == "prbs" else 30)
     with Opened(fmu_build.bundled("dc_motor")) as free:
-        plain = free.slave()
+        plain = free.instance()
         plain.start(**MOTOR, load=0.01)
         expected = plain.run({"v": v}, OUTPUTS, step=step)
     motor.start(**MOTOR, load=0.01)
     assert difference(motor.run({"v": v}, OUTPUTS, step=step), expected) < 1e-12  # 1e-9 is asked for
 
 
-def test_with_friction_and_brushes_alone_it_is_dc_motor_friction(motor: Slave) -> None:
+def test_with_friction_and_brushes_alone_it_is_dc_motor_friction(motor: FmuInstance) -> None:
     p = MOTOR | EFFECTS["friction"] | EFFECTS["brush"]
     v = held(EXCITATIONS["small and large"], steps=50)
     with Opened(fmu_build.bundled("dc_motor_friction")) as dry:
-        plain = dry.slave()
+        plain = dry.instance()
         plain.start(**p)
         expected = plain.run({"v": v}, OUTPUTS, step=1e-3)
     motor.start(**p)
     assert difference(motor.run({"v": v}, OUTPUTS, step=1e-3), expected) < 1e-12
 
 
-def test_a_limited_current_stays_at_its_limit_to_the_last_bit_and_leaves_it_by_itself(motor: Slave) -> None:
+def test_a_limited_current_stays_at_its_limit_to_the_last_bit_and_leaves_it_by_itself(motor: FmuInstance) -> None:
     motor.start(**MOTOR, current_limit=1.3, v=10.5)
     i = motor.run({"v": [10.5] * 200}, OUTPUTS, step=1e-3)[:, 0]
     at_limit = np.flatnonzero(i == 1.3)
@@ -147,7 +151,7 @@ def test_a_limited_current_stays_at_its_limit_to_the_last_bit_and_leaves_it_by_i
     assert i[-1] < 1.0 and motor.get("limiting") == [0.0]
 
 
-def test_a_coasting_motor_has_no_current_at_once_and_slows_by_its_friction_alone(motor: Slave) -> None:
+def test_a_coasting_motor_has_no_current_at_once_and_slows_by_its_friction_alone(motor: FmuInstance) -> None:
     motor.start(**MOTOR, coasts=1, dead_band=0.2)
     running = motor.run({"v": [10.0] * 300}, OUTPUTS, step=1e-3)
     rows = motor.run({"v": [0.2] * 100}, OUTPUTS, step=1e-3, start=0.3)
@@ -170,7 +174,7 @@ def test_a_coasting_motor_has_no_current_at_once_and_slows_by_its_friction_alone
         ("J", 9e-6),
     ],
 )
-def test_signals_change_smoothly_with_each_parameter(motor: Slave, name: str, at: float) -> None:
+def test_signals_change_smoothly_with_each_parameter(motor: FmuInstance, name: str, at: float) -> None:
     """Differences over steps of 1e-6 and 1e-5 of a parameter agree: instants of events are exact, not rounded."""
     p = MOTOR.copy()
     for effect in ("friction", "brush", "limit", "buffered supply"):
@@ -213,7 +217,7 @@ def test_a_solver_that_follows_the_event_indicators_gets_what_co_simulation_gets
     assert difference(solved[:, 1:], stepped[:, 1:]) < 1e-6
 
 
-def test_restored_state_of_a_limited_motor_repeats_itself_to_the_bit(opened: Opened, motor: Slave) -> None:
+def test_restored_state_of_a_limited_motor_repeats_itself_to_the_bit(opened: Opened, motor: FmuInstance) -> None:
     p = MOTOR | EFFECTS["limit"] | EFFECTS["buffered supply"] | EFFECTS["friction"]
     motor.start(**p)
     motor.run({"v": [10.5] * 8}, OUTPUTS, step=1e-3)
@@ -225,7 +229,7 @@ def test_restored_state_of_a_limited_motor_repeats_itself_to_the_bit(opened: Ope
     motor.fmi.freeFMUState(state)
 
 
-def test_parameters_set_between_steps_take_effect_at_once(motor: Slave) -> None:
+def test_parameters_set_between_steps_take_effect_at_once(motor: FmuInstance) -> None:
     """A friction that comes on the way acts against the motion, whatever the way was before it came."""
     motor.start(**MOTOR)
     motor.run({"v": held([10.5, -10.5], steps=100)}, OUTPUTS, step=1e-3)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from slaves import DISCARD, ERROR, OK, Opened, Slave, status
+from fmu_instances import DISCARD, ERROR, OK, FmuInstance, Opened, status
 
 import fmu_build
 
@@ -24,15 +24,15 @@ def opened() -> Iterator[Opened]:
 
 
 @pytest.fixture
-def motor(opened: Opened) -> Slave:
-    return opened.slave()
+def motor(opened: Opened) -> FmuInstance:
+    return opened.instance()
 
 
 def voltages(count: int, *, seed: int = 1) -> list[float]:
     return list(np.random.default_rng(seed).uniform(-24, 24, count))
 
 
-def test_reset_is_possible_in_every_phase(motor: Slave) -> None:
+def test_reset_is_possible_in_every_phase(motor: FmuInstance) -> None:
     motor.fmi.reset()
     motor.fmi.setupExperiment()
     motor.fmi.enterInitializationMode()
@@ -44,7 +44,7 @@ def test_reset_is_possible_in_every_phase(motor: Slave) -> None:
     motor.step(0.0, 1e-3)
 
 
-def test_input_out_of_range_is_discarded(motor: Slave) -> None:
+def test_input_out_of_range_is_discarded(motor: FmuInstance) -> None:
     motor.start()
     motor.set(v=12.0)
     assert status(motor.set, v=float("nan")) == DISCARD
@@ -52,11 +52,11 @@ def test_input_out_of_range_is_discarded(motor: Slave) -> None:
     assert motor.get("v") == [12.0]
 
 
-def test_friction_may_be_zero(motor: Slave) -> None:
+def test_friction_may_be_zero(motor: FmuInstance) -> None:
     motor.start(B=0.0)
 
 
-def test_states_may_be_set_until_initialisation_ends(motor: Slave) -> None:
+def test_states_may_be_set_until_initialisation_ends(motor: FmuInstance) -> None:
     motor.start(w=100.0, angle=3.0)
     assert motor.get(*OUTPUTS) == [0.0, 100.0, 3.0]
     assert status(motor.set, w=1.0) == ERROR
@@ -66,7 +66,7 @@ def test_states_may_be_set_until_initialisation_ends(motor: Slave) -> None:
 
 def test_calculated_outputs_follow_inputs_and_cannot_be_set(tmp_path: Path) -> None:
     with Opened(fmu_build.build(FAN, output=tmp_path / "dc_motor_fan.fmu")) as opened:
-        fan = opened.slave()
+        fan = opened.instance()
         assert status(fan.set, power=1.0) == ERROR
         fan.start(i=2.0, w=10.0, v=3.0, drag=1e-3)
         assert fan.get("power", "torque") == [6.0, 0.1]
@@ -77,7 +77,7 @@ def test_calculated_outputs_follow_inputs_and_cannot_be_set(tmp_path: Path) -> N
         assert power == i * v
 
 
-def test_rounding_of_the_importers_clock_does_not_pass_the_stop_time(motor: Slave) -> None:
+def test_rounding_of_the_importers_clock_does_not_pass_the_stop_time(motor: FmuInstance) -> None:
     time = 0.0
     motor.start(stop=2.8)
     for _ in range(2800):
@@ -87,7 +87,7 @@ def test_rounding_of_the_importers_clock_does_not_pass_the_stop_time(motor: Slav
 
 
 @pytest.mark.parametrize("time", [float("nan"), float("inf"), float("-inf"), 1e10])
-def test_communication_point_that_is_no_time_is_an_error(motor: Slave, time: float) -> None:
+def test_communication_point_that_is_no_time_is_an_error(motor: FmuInstance, time: float) -> None:
     motor.start()
     assert status(motor.step, time, 1e-3) == ERROR
     motor.step(0.0, 1e-3)
@@ -95,7 +95,7 @@ def test_communication_point_that_is_no_time_is_an_error(motor: Slave, time: flo
         assert status(motor.step, time, 1e-3) == ERROR
 
 
-def test_time_is_the_communication_point_plus_the_step(motor: Slave) -> None:
+def test_time_is_the_communication_point_plus_the_step(motor: FmuInstance) -> None:
     time = c_double()
     motor.start(time=5.0)
     for k in range(1000):
@@ -109,7 +109,7 @@ def test_steps_that_come_again_in_turn_give_the_bits_of_steps_that_are_computed_
     steps = [1e-3, 4e-4, 6e-4, 1e-3, 4e-4, 2e-4, 1e-4, 6e-4, 1e-3, 4e-4, 6e-4, 4e-4, 6e-4]
     rows = []
     for anew in (False, True):
-        motor, time = opened.slave(), 0.0
+        motor, time = opened.instance(), 0.0
         motor.start()
         rows.append([])
         for v, step in zip(voltages(len(steps)), steps, strict=True):
@@ -122,7 +122,7 @@ def test_steps_that_come_again_in_turn_give_the_bits_of_steps_that_are_computed_
     assert rows[0] == rows[1]
 
 
-def test_start_time_and_stop_time_are_checked(motor: Slave) -> None:
+def test_start_time_and_stop_time_are_checked(motor: FmuInstance) -> None:
     assert status(motor.fmi.setupExperiment, startTime=float("nan")) == ERROR
     assert status(motor.fmi.setupExperiment, startTime=1e10) == ERROR
     assert status(motor.fmi.setupExperiment, startTime=1.0, stopTime=0.5) == ERROR
@@ -130,14 +130,14 @@ def test_start_time_and_stop_time_are_checked(motor: Slave) -> None:
     motor.fmi.setupExperiment(startTime=-1.0, stopTime=0.5)
 
 
-def test_an_experiment_is_set_up_once_and_a_state_is_serialised_to_the_same_bytes(motor: Slave) -> None:
+def test_an_experiment_is_set_up_once_and_a_state_is_serialised_to_the_same_bytes(motor: FmuInstance) -> None:
     motor.start()
     assert status(motor.fmi.setupExperiment) == ERROR
     first, second = (motor.fmi.serializeFMUState(motor.fmi.getFMUState()) for _ in range(2))
     assert first == second
 
 
-def test_state_may_be_taken_again_into_the_same_memory(motor: Slave) -> None:
+def test_state_may_be_taken_again_into_the_same_memory(motor: FmuInstance) -> None:
     motor.start()
     state = motor.fmi.getFMUState()
     motor.run({"v": voltages(5)}, OUTPUTS, step=1e-3)
@@ -162,7 +162,9 @@ def test_state_may_be_taken_again_into_the_same_memory(motor: Slave) -> None:
         pytest.param(lambda s: s[:40] + b"\xff" * 8 + s[48:], id="NaN"),
     ],
 )
-def test_serialised_state_that_is_not_of_this_fmu_is_an_error(motor: Slave, damage: Callable[[bytes], bytes]) -> None:
+def test_serialised_state_that_is_not_of_this_fmu_is_an_error(
+    motor: FmuInstance, damage: Callable[[bytes], bytes]
+) -> None:
     motor.start()
     wrong = damage(motor.fmi.serializeFMUState(motor.fmi.getFMUState()))
     fmi, state = motor.fmi, c_void_p()
@@ -171,7 +173,7 @@ def test_serialised_state_that_is_not_of_this_fmu_is_an_error(motor: Slave, dama
     assert state.value is None
 
 
-def test_serialisation_into_too_little_memory_is_an_error(motor: Slave) -> None:
+def test_serialisation_into_too_little_memory_is_an_error(motor: FmuInstance) -> None:
     motor.start()
     fmi, state, size = motor.fmi, motor.fmi.getFMUState(), c_size_t()
     fmi.fmi2SerializedFMUstateSize(fmi.component, state, byref(size))
@@ -179,7 +181,7 @@ def test_serialisation_into_too_little_memory_is_an_error(motor: Slave) -> None:
     assert status(fmi.fmi2SerializeFMUstate, fmi.component, state, buffer, size.value - 1) == ERROR
 
 
-def test_instance_may_be_made_without_resources_logger_or_name(motor: Slave) -> None:
+def test_instance_may_be_made_without_resources_logger_or_name(motor: FmuInstance) -> None:
     dll = motor.fmi.dll
     dll.fmi2Instantiate.restype = c_void_p
     guid = motor.description.guid.encode()
@@ -192,7 +194,7 @@ def test_instance_may_be_made_without_resources_logger_or_name(motor: Slave) -> 
     dll.fmi2FreeInstance(None)
 
 
-def test_calls_without_an_instance_are_errors(motor: Slave) -> None:
+def test_calls_without_an_instance_are_errors(motor: FmuInstance) -> None:
     dll, reference, value = motor.fmi.dll, (c_uint * 1)(0), (c_double * 1)(0)
     for function in ("Reset", "EnterInitializationMode", "ExitInitializationMode", "Terminate", "CancelStep"):
         assert getattr(dll, f"fmi2{function}")(None) == ERROR
@@ -201,7 +203,7 @@ def test_calls_without_an_instance_are_errors(motor: Slave) -> None:
     assert dll.fmi2DoStep(None, c_double(0), c_double(1e-3), 0) == ERROR
 
 
-def test_value_references_and_types_that_do_not_exist_are_errors(motor: Slave) -> None:
+def test_value_references_and_types_that_do_not_exist_are_errors(motor: FmuInstance) -> None:
     fmi, count = motor.fmi, len(motor.references)
     for reference in (10, count + 1, 2**32 - 1):  # 10: the time, in FMI 3.0
         assert status(fmi.getReal, [0, reference]) == ERROR
@@ -216,7 +218,7 @@ def test_value_references_and_types_that_do_not_exist_are_errors(motor: Slave) -
 
 def test_functions_that_are_not_offered_log_and_are_errors(opened: Opened) -> None:
     logs: list[tuple[int, str, str]] = []
-    motor = opened.slave(logs=logs)
+    motor = opened.instance(logs=logs)
     motor.start()
     dll, component = motor.fmi.dll, c_void_p(motor.fmi.component)
     one, reference, value = c_size_t(1), (c_uint * 1)(0), (c_double * 1)(0)
@@ -237,7 +239,7 @@ def test_functions_that_are_not_offered_log_and_are_errors(opened: Opened) -> No
 
 def test_functions_of_model_exchange_are_refused_in_co_simulation(opened: Opened) -> None:
     logs: list[tuple[int, str, str]] = []
-    motor = opened.slave(logs=logs)
+    motor = opened.instance(logs=logs)
     motor.start()
     dll, component = motor.fmi.dll, c_void_p(motor.fmi.component)
     three, values = c_size_t(3), (c_double * 3)()
@@ -260,7 +262,7 @@ def test_functions_of_model_exchange_are_refused_in_co_simulation(opened: Opened
     motor.step(0.0, 1e-3)
 
 
-def test_status_after_a_step_can_be_asked_for(motor: Slave) -> None:
+def test_status_after_a_step_can_be_asked_for(motor: FmuInstance) -> None:
     fmi, value, terminated = motor.fmi, c_double(), c_int(1)
     motor.start()
     motor.step(0.0, 1e-3)

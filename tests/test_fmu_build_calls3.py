@@ -7,7 +7,7 @@ from ctypes import byref, c_bool, c_double, c_size_t, c_ubyte, c_uint, c_void_p
 
 import numpy as np
 import pytest
-from slaves import ERROR, OK, Opened, Slave, status
+from fmu_instances import ERROR, OK, FmuInstance, Opened, status
 
 import fmu_build
 
@@ -23,15 +23,15 @@ def opened(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
 
 
 @pytest.fixture
-def motor(opened: Opened) -> Slave:
-    return opened.slave()
+def motor(opened: Opened) -> FmuInstance:
+    return opened.instance()
 
 
 def voltages(count: int, *, seed: int = 1) -> list[float]:
     return list(np.random.default_rng(seed).uniform(-24, 24, count))
 
 
-def test_seven_short_steps_are_one_long_step(motor: Slave) -> None:
+def test_seven_short_steps_are_one_long_step(motor: FmuInstance) -> None:
     held = voltages(40)
     motor.start(**OTHER)
     long = motor.run({"v": held}, OUTPUTS, step=7e-3)
@@ -50,7 +50,9 @@ def test_seven_short_steps_are_one_long_step(motor: Slave) -> None:
         pytest.param(lambda s: s[:-1] + b"\xff", id="no such phase"),
     ],
 )
-def test_serialised_state_that_is_not_of_this_fmu_is_an_error(motor: Slave, damage: Callable[[bytes], bytes]) -> None:
+def test_serialised_state_that_is_not_of_this_fmu_is_an_error(
+    motor: FmuInstance, damage: Callable[[bytes], bytes]
+) -> None:
     motor.start()
     wrong = damage(bytes(motor.fmi.serializeFMUState(motor.fmi.getFMUState())))
     fmi, state = motor.fmi, c_void_p()
@@ -59,7 +61,7 @@ def test_serialised_state_that_is_not_of_this_fmu_is_an_error(motor: Slave, dama
     assert state.value is None
 
 
-def test_step_says_what_fmi_wants_to_know(motor: Slave) -> None:
+def test_step_says_what_fmi_wants_to_know(motor: FmuInstance) -> None:
     motor.start(time=5.0)
     answers, last = [c_bool(True) for _ in range(3)], c_double()
     code = motor.fmi.fmi3DoStep(
@@ -68,7 +70,7 @@ def test_step_says_what_fmi_wants_to_know(motor: Slave) -> None:
     assert code == OK and not any(answer.value for answer in answers) and last.value == 5.0 + 1e-3
 
 
-def test_values_references_and_types_that_do_not_fit_are_errors(motor: Slave) -> None:
+def test_values_references_and_types_that_do_not_fit_are_errors(motor: FmuInstance) -> None:
     fmi, count = motor.fmi, max(motor.references.values()) + 1
     for reference in (count, count + 1, 2**32 - 1):
         assert status(fmi.getFloat64, [0, reference]) == ERROR
@@ -83,7 +85,7 @@ def test_values_references_and_types_that_do_not_fit_are_errors(motor: Slave) ->
         assert status(get, [0]) == status(put, [0], [1]) == ERROR
 
 
-def test_calls_without_an_instance_and_what_is_not_offered_are_errors(motor: Slave) -> None:
+def test_calls_without_an_instance_and_what_is_not_offered_are_errors(motor: FmuInstance) -> None:
     dll = motor.fmi.dll
     for name in ("Reset", "ExitInitializationMode", "Terminate", "EnterEventMode", "EnterStepMode"):
         assert getattr(dll, f"fmi3{name}")(None) == ERROR

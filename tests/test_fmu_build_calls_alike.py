@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from slaves import DISCARD, ERROR, Opened, Slave, status
+from fmu_instances import DISCARD, ERROR, FmuInstance, Opened, status
 
 import fmu_build
 
@@ -24,34 +24,34 @@ def opened(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
 
 
 @pytest.fixture
-def motor(opened: Opened) -> Slave:
-    return opened.slave()
+def motor(opened: Opened) -> FmuInstance:
+    return opened.instance()
 
 
 def drive(count: int, *, seed: int = 1) -> dict[str, list[float]]:
     return {"v": list(np.random.default_rng(seed).uniform(-24, 24, count))}
 
 
-def test_reset_is_as_freshly_instantiated(opened: Opened, motor: Slave) -> None:
+def test_reset_is_as_freshly_instantiated(opened: Opened, motor: FmuInstance) -> None:
     names = list(motor.references)
     motor.start(stop=0.1, **OTHER, load=0.01, i=1.0)
     motor.run(drive(50), OUTPUTS, step=1e-3)
     motor.fmi.reset()
-    fresh = opened.slave()
+    fresh = opened.instance()
     assert motor.get(*names) == fresh.get(*names)
-    for slave in (motor, fresh):
-        slave.start()
-    used, new = (slave.run(drive(150), OUTPUTS, step=1e-3) for slave in (motor, fresh))  # past the old stop
+    for instance in (motor, fresh):
+        instance.start()
+    used, new = (instance.run(drive(150), OUTPUTS, step=1e-3) for instance in (motor, fresh))  # past the old stop
     assert np.array_equal(used, new)
 
 
 def test_instances_are_independent(opened: Opened) -> None:
-    one, two = opened.slave(), opened.slave()
+    one, two = opened.instance(), opened.instance()
     one.start()
     two.start(**OTHER)
     alone = [one.run(drive(30), OUTPUTS, step=1e-3), two.run(drive(30, seed=2), OUTPUTS, step=2e-3)]
-    for slave in (one, two):
-        slave.fmi.reset()
+    for instance in (one, two):
+        instance.fmi.reset()
     one.start()
     two.start(**OTHER)
     rows = []
@@ -64,7 +64,7 @@ def test_instances_are_independent(opened: Opened) -> None:
     assert np.array_equal(rows, np.hstack(alone))
 
 
-def test_parameters_may_be_set_before_in_and_after_initialisation(motor: Slave) -> None:
+def test_parameters_may_be_set_before_in_and_after_initialisation(motor: FmuInstance) -> None:
     def run(set_when: str) -> list[float]:
         motor.fmi.reset()
         if set_when == "before":
@@ -84,7 +84,7 @@ def test_parameters_may_be_set_before_in_and_after_initialisation(motor: Slave) 
 
 
 @pytest.mark.parametrize("value", [0.0, -1.0, 1e7, float("nan"), float("inf"), float("-inf")])
-def test_parameter_out_of_range_is_discarded_and_nothing_is_set(motor: Slave, value: float) -> None:
+def test_parameter_out_of_range_is_discarded_and_nothing_is_set(motor: FmuInstance, value: float) -> None:
     for prepare in (lambda: None, motor.start, lambda: motor.step(0.0, 1e-3)):
         prepare()
         before = motor.get("K", "R", "J")
@@ -94,7 +94,7 @@ def test_parameter_out_of_range_is_discarded_and_nothing_is_set(motor: Slave, va
 
 
 @pytest.mark.parametrize("step", [0.0, -1e-3, float("nan"), float("inf")])
-def test_step_that_is_not_positive_is_an_error(motor: Slave, step: float) -> None:
+def test_step_that_is_not_positive_is_an_error(motor: FmuInstance, step: float) -> None:
     motor.start()
     motor.step(0.0, 1e-3)
     before = motor.get(*OUTPUTS)
@@ -102,7 +102,7 @@ def test_step_that_is_not_positive_is_an_error(motor: Slave, step: float) -> Non
     assert motor.get(*OUTPUTS) == before
 
 
-def test_step_past_the_stop_time_is_an_error(motor: Slave) -> None:
+def test_step_past_the_stop_time_is_an_error(motor: FmuInstance) -> None:
     motor.start(stop=0.01)
     motor.run(drive(10), OUTPUTS, step=1e-3)
     before = motor.get(*OUTPUTS)
@@ -116,7 +116,7 @@ def test_step_past_the_stop_time_is_an_error(motor: Slave) -> None:
     assert status(motor.start, time=1.0, stop=0.5) == ERROR
 
 
-def test_calls_out_of_order_are_errors(motor: Slave) -> None:
+def test_calls_out_of_order_are_errors(motor: FmuInstance) -> None:
     fmi = motor.fmi
     assert status(motor.step, 0.0, 1e-3) == ERROR
     assert status(fmi.exitInitializationMode) == ERROR
@@ -130,9 +130,9 @@ def test_calls_out_of_order_are_errors(motor: Slave) -> None:
     assert motor.get(*OUTPUTS) == [0.0, 0.0, 0.0]
 
 
-def test_restored_and_serialised_states_repeat_themselves_to_the_bit(opened: Opened, motor: Slave) -> None:
-    def go_on(slave: Slave) -> np.ndarray:
-        return slave.run(drive(20, seed=2), OUTPUTS, step=1e-3, start=0.02)
+def test_restored_and_serialised_states_repeat_themselves_to_the_bit(opened: Opened, motor: FmuInstance) -> None:
+    def go_on(instance: FmuInstance) -> np.ndarray:
+        return instance.run(drive(20, seed=2), OUTPUTS, step=1e-3, start=0.02)
 
     motor.start(**OTHER)
     motor.run(drive(20), OUTPUTS, step=1e-3)
@@ -147,7 +147,7 @@ def test_restored_and_serialised_states_repeat_themselves_to_the_bit(opened: Ope
         assert motor.get("time") == [19 * 1e-3 + 1e-3]
     assert np.array_equal(go_on(motor), first)
     for restored in (lambda other: state, lambda other: other.restored(serialised)):
-        other = opened.slave()  # not even initialised
+        other = opened.instance()  # not even initialised
         other.fmi.setFMUState(restored(other))
         assert np.array_equal(go_on(other), first)
     motor.fmi.freeFMUState(state)
@@ -156,14 +156,14 @@ def test_restored_and_serialised_states_repeat_themselves_to_the_bit(opened: Ope
 def test_wrong_guid_or_token_gives_no_instance_and_a_log_line(opened: Opened) -> None:
     logs: list[tuple[int, str, str]] = []
     with pytest.raises(Exception, match="Failed to instantiate"):
-        opened.slave(guid="{00000000-0000-0000-0000-000000000000}", logs=logs)
+        opened.instance(guid="{00000000-0000-0000-0000-000000000000}", logs=logs)
     assert [entry[:2] for entry in logs] == [(ERROR, "logStatusError")]
     assert any(words in logs[0][2] for words in ("wrong GUID", "wrong instantiation token"))
 
 
 def test_log_is_silent_unless_asked_for_and_heeds_categories(opened: Opened) -> None:
     logs: list[tuple[int, str, str]] = []
-    motor = opened.slave(logs=logs)
+    motor = opened.instance(logs=logs)
     fmi = motor.fmi
 
     def fail() -> list[tuple[int, str]]:

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 from fmpy.fmi2 import FMU2Model
 from fmpy.fmi3 import FMU3Model
+from fmu_instances import DISCARD, ERROR, OK, status
 from numpy.typing import NDArray
-from slaves import DISCARD, ERROR, OK, status
 
 import fmu_build
 

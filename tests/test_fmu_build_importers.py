@@ -10,8 +10,8 @@ import zipfile
 from pathlib import Path
 
 import pytest
+from fmu_instances import Opened
 from importers import STEPS
-from slaves import Opened
 from test_docs import loaded
 
 import fmu_build
@@ -109,7 +109,7 @@ def test_fmpy_simulates_it_with_its_own_defaults(tmp_path: Path) -> None:
 
 def test_many_instances_leave_nothing_open() -> None:
     with Opened(fmu_build.bundled("dc_motor")) as opened:
-        motor = opened.slave()
+        motor = opened.instance()
         fmi = motor.fmi
         for _ in range(1000):
             fmi.fmi2FreeInstance(fmi.component)

@@ -9,8 +9,8 @@ import fmpy
 import numpy as np
 import pytest
 from dry_friction import DryMotor
+from fmu_instances import ERROR, FmuInstance, Opened, status
 from numpy.typing import NDArray
-from slaves import ERROR, Opened, Slave, status
 
 import fmu_build
 
@@ -32,8 +32,8 @@ def opened() -> Iterator[Opened]:
 
 
 @pytest.fixture
-def motor(opened: Opened) -> Slave:
-    return opened.slave()
+def motor(opened: Opened) -> FmuInstance:
+    return opened.instance()
 
 
 def held(levels: list[float], *, steps: int) -> list[float]:
@@ -58,7 +58,7 @@ def difference(one: NDArray[np.float64], other: NDArray[np.float64]) -> float:
     ],
 )
 def test_dry_friction_agrees_with_solve_ivp_from_event_to_event(
-    motor: Slave, changes: dict[str, float], step: float
+    motor: FmuInstance, changes: dict[str, float], step: float
 ) -> None:
     p = DRY | changes
     v, load = held(LEVELS, steps=5), held(LOADS, steps=5)
@@ -72,7 +72,7 @@ def test_dry_friction_agrees_with_solve_ivp_from_event_to_event(
 
 
 @pytest.mark.full
-def test_dry_friction_agrees_with_solve_ivp_for_many_motors(motor: Slave) -> None:
+def test_dry_friction_agrees_with_solve_ivp_for_many_motors(motor: FmuInstance) -> None:
     rng = np.random.default_rng(1)
     for _ in range(60):
         p = {name: float(value * 10 ** rng.uniform(-0.5, 0.5)) for name, value in DRY.items()}
@@ -88,16 +88,16 @@ def test_modes_of_a_model_that_is_not_linear_agree_with_solve_ivp(tmp_path: Path
     p = DRY | {"drag": 1e-6}
     v, load = held(LEVELS, steps=2), held(LOADS, steps=2)
     with Opened(fmu_build.build(FAN, output=tmp_path / "fan.fmu")) as opened:
-        fan = opened.slave()
+        fan = opened.instance()
         fan.start(**p)
         found = fan.run({"v": v, "load": load}, OUTPUTS, step=5e-3)
     assert difference(found, DryMotor(p, drag=1e-6).response(v, load, step=5e-3)) < 1e-8
 
 
-def test_without_friction_and_brushes_it_is_dc_motor(motor: Slave) -> None:
+def test_without_friction_and_brushes_it_is_dc_motor(motor: FmuInstance) -> None:
     v = held(LEVELS, steps=5)
     with Opened(fmu_build.bundled("dc_motor")) as free:
-        plain = free.slave()
+        plain = free.instance()
         plain.start(**MOTOR, load=0.01)
         expected = plain.run({"v": v}, OUTPUTS, step=1e-3)
     motor.start(**FREE, load=0.01)
@@ -105,7 +105,7 @@ def test_without_friction_and_brushes_it_is_dc_motor(motor: Slave) -> None:
 
 
 @pytest.mark.parametrize("changes", [{}, {"J": 1e-6, "R": 0.5, "B": 0.0}, {"L": 1e-6}], ids=str)
-def test_long_steps_see_every_standstill_that_short_steps_see(motor: Slave, changes: dict[str, float]) -> None:
+def test_long_steps_see_every_standstill_that_short_steps_see(motor: FmuInstance, changes: dict[str, float]) -> None:
     rng = np.random.default_rng(2)
     p, v, load = DRY | changes, rng.uniform(-4, 4, 40), rng.uniform(-0.02, 0.02, 40)
     runs = []
@@ -117,7 +117,7 @@ def test_long_steps_see_every_standstill_that_short_steps_see(motor: Slave, chan
     assert difference(runs[0], runs[2]) < 1e-9 and difference(runs[1], runs[2]) < 1e-9
 
 
-def test_a_held_motor_breaks_away_at_the_current_that_it_takes(motor: Slave) -> None:
+def test_a_held_motor_breaks_away_at_the_current_that_it_takes(motor: FmuInstance) -> None:
     p = DRY | {"brush": 0.0}
     current = (p["friction"] + p["stiction"]) / p["K"]
     motor.start(**p, v=current * p["R"] * (1 - 1e-9))
@@ -127,7 +127,7 @@ def test_a_held_motor_breaks_away_at_the_current_that_it_takes(motor: Slave) -> 
     assert rows[-1, 1] > 1 and motor.get("motion") == [1.0]
 
 
-def test_state_set_in_initialisation_is_the_mode_that_it_starts_in(motor: Slave) -> None:
+def test_state_set_in_initialisation_is_the_mode_that_it_starts_in(motor: FmuInstance) -> None:
     motor.fmi.setupExperiment()
     motor.fmi.enterInitializationMode()
     motor.set(**DRY, w=100.0, i=0.5)
@@ -142,7 +142,7 @@ def test_state_set_in_initialisation_is_the_mode_that_it_starts_in(motor: Slave)
     assert status(motor.set, motion=1.0) == ERROR
 
 
-def test_restored_state_of_a_motor_at_standstill_repeats_itself_to_the_bit(opened: Opened, motor: Slave) -> None:
+def test_restored_state_of_a_motor_at_standstill_repeats_itself_to_the_bit(opened: Opened, motor: FmuInstance) -> None:
     v = held([3, 0.2, 0.2, 5, -5, 0, 0, 0, 0], steps=7)
     motor.start(**DRY)
     motor.run({"v": v}, OUTPUTS, step=2e-3)
@@ -152,7 +152,7 @@ def test_restored_state_of_a_motor_at_standstill_repeats_itself_to_the_bit(opene
     first = motor.run({"v": v}, OUTPUTS, step=1e-3)
     motor.fmi.setFMUState(state)
     assert np.array_equal(motor.run({"v": v}, OUTPUTS, step=1e-3), first)
-    other = opened.slave()
+    other = opened.instance()
     other.fmi.setFMUState(other.fmi.deSerializeFMUstate(serialised))
     assert np.array_equal(other.run({"v": v}, OUTPUTS, step=1e-3), first)
     motor.fmi.freeFMUState(state)
@@ -201,12 +201,12 @@ static void enter(Variables *m) { (void)m; }
 """)
     with Opened(fmu_build.build(model, output=tmp_path / "restless.fmu")) as opened:
         logs: list[tuple[int, str, str]] = []
-        slave = opened.slave(logs=logs)
-        slave.start()
-        slave.step(0.0, 0.1)
-        slave.set(v=1.0)
-        assert status(slave.step, 0.1, 0.1) == ERROR
+        instance = opened.instance(logs=logs)
+        instance.start()
+        instance.step(0.0, 0.1)
+        instance.set(v=1.0)
+        assert status(instance.step, 0.1, 0.1) == ERROR
         assert logs == [(ERROR, "logStatusError", "the step from 0.1 s did not end in a finite state")]
-        slave.fmi.reset()
-        assert status(slave.start, v=1.0) == ERROR
+        instance.fmi.reset()
+        assert status(instance.start, v=1.0) == ERROR
         assert logs[-1][2] == "the modes of the model change without end"

@@ -10,9 +10,9 @@ import mpmath
 import numpy as np
 import pytest
 from exact_motor import exact_response, worst_error
+from fmu_instances import ERROR, FmuInstance, Opened, status
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
-from slaves import ERROR, Opened, Slave, status
 
 import fmu_build
 
@@ -25,23 +25,23 @@ UPPER = {"R": 5.0, "K": 0.1, "L": 0.5, "J": 1e-3, "B": 1e-3}
 
 
 @pytest.fixture(scope="module")
-def motor() -> Iterator[Slave]:
+def motor() -> Iterator[FmuInstance]:
     with Opened(fmu_build.bundled("dc_motor")) as opened:
-        yield opened.slave()
+        yield opened.instance()
 
 
 @pytest.fixture(scope="module")
-def fan(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Slave]:
+def fan(tmp_path_factory: pytest.TempPathFactory) -> Iterator[FmuInstance]:
     target = tmp_path_factory.mktemp("fan") / "dc_motor_fan.fmu"
     with Opened(fmu_build.build(MODELS / "dc_motor_fan.c", output=target)) as opened:
-        yield opened.slave()
+        yield opened.instance()
 
 
 @pytest.fixture(scope="module")
-def elastic(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Slave]:
+def elastic(tmp_path_factory: pytest.TempPathFactory) -> Iterator[FmuInstance]:
     target = tmp_path_factory.mktemp("elastic") / "dc_motor_elastic.fmu"
     with Opened(fmu_build.build(MODELS / "dc_motor_elastic.c", output=target)) as opened:
-        yield opened.slave()
+        yield opened.instance()
 
 
 def random_motor(rng: np.random.Generator) -> dict[str, float]:
@@ -50,31 +50,36 @@ def random_motor(rng: np.random.Generator) -> dict[str, float]:
 
 
 def simulate(
-    slave: Slave, parameters: dict[str, float], voltages: NDArray[np.float64], *, step: float, load: float = 0.0
+    instance: FmuInstance,
+    parameters: dict[str, float],
+    voltages: NDArray[np.float64],
+    *,
+    step: float,
+    load: float = 0.0,
 ) -> NDArray[np.float64]:
-    slave.fmi.reset()
-    slave.start(load=load, **parameters)
-    return slave.run({"v": list(voltages)}, OUTPUTS, step=step)
+    instance.fmi.reset()
+    instance.start(load=load, **parameters)
+    return instance.run({"v": list(voltages)}, OUTPUTS, step=step)
 
 
-def error_over_the_box(slave: Slave, *, points: int, step: float, samples: int = 200, seed: int = 1) -> float:
+def error_over_the_box(instance: FmuInstance, *, points: int, step: float, samples: int = 200, seed: int = 1) -> float:
     """Return the largest error over random motors under random held voltage, as a fraction of each signal's peak."""
     rng = np.random.default_rng(seed)
     worst = 0.0
     for _ in range(points):
         parameters, voltages = random_motor(rng), rng.uniform(-PEAK, PEAK, samples)
-        simulated = simulate(slave, parameters, voltages, step=step)
+        simulated = simulate(instance, parameters, voltages, step=step)
         worst = max(worst, worst_error(simulated, exact_response(parameters, list(voltages), step=step)))
     return worst
 
 
 @pytest.mark.parametrize("step", [1e-3, 7e-3])
-def test_response_to_held_voltage_is_exact_over_the_papers_box(motor: Slave, step: float) -> None:
+def test_response_to_held_voltage_is_exact_over_the_papers_box(motor: FmuInstance, step: float) -> None:
     assert error_over_the_box(motor, points=30, step=step) < 1e-12
 
 
 @pytest.mark.parametrize("step", [1e-6, 1e-3, 7e-3, 0.1])
-def test_response_is_exact_in_the_corners_of_the_box(motor: Slave, step: float) -> None:
+def test_response_is_exact_in_the_corners_of_the_box(motor: FmuInstance, step: float) -> None:
     # where L and J are smallest, a settled current is 1e-5 of what it was within the step
     voltages = np.random.default_rng(11).uniform(-PEAK, PEAK, 50)
     for corner in product(*zip(LOWER.values(), UPPER.values(), strict=True)):
@@ -84,19 +89,19 @@ def test_response_is_exact_in_the_corners_of_the_box(motor: Slave, step: float) 
 
 
 @pytest.mark.parametrize("step", [1e-6, 1e-5, 0.1, 2.0])
-def test_response_is_exact_at_any_communication_step(motor: Slave, step: float) -> None:
+def test_response_is_exact_at_any_communication_step(motor: FmuInstance, step: float) -> None:
     assert error_over_the_box(motor, points=10, step=step, samples=100) < 1e-12
 
 
 @pytest.mark.full
 @pytest.mark.parametrize("step", [1e-3, 7e-3])
-def test_response_is_exact_at_a_thousand_points_of_the_box(motor: Slave, step: float) -> None:
+def test_response_is_exact_at_a_thousand_points_of_the_box(motor: FmuInstance, step: float) -> None:
     worst = error_over_the_box(motor, points=1000, step=step, seed=2)
     print(f"worst error at {step:g} s over 1000 points: {worst:.2e} of the peak")
     assert worst < 1e-12
 
 
-def test_load_torque_is_held_like_the_voltage(motor: Slave) -> None:
+def test_load_torque_is_held_like_the_voltage(motor: FmuInstance) -> None:
     rng = np.random.default_rng(3)
     for _ in range(5):
         parameters, voltages = random_motor(rng), rng.uniform(-PEAK, PEAK, 50)
@@ -105,14 +110,14 @@ def test_load_torque_is_held_like_the_voltage(motor: Slave) -> None:
         assert worst_error(simulated, exact) < 1e-11
 
 
-def test_motor_without_friction_is_exact(motor: Slave) -> None:
+def test_motor_without_friction_is_exact(motor: FmuInstance) -> None:
     parameters = {"R": 1.0, "K": 0.05, "L": 1e-3, "J": 1e-5, "B": 0.0}
     voltages = np.random.default_rng(4).uniform(-PEAK, PEAK, 50)
     simulated = simulate(motor, parameters, voltages, step=1e-3)
     assert worst_error(simulated, exact_response(parameters, list(voltages), step=1e-3)) < 1e-12
 
 
-def test_double_eigenvalue_is_no_special_case(motor: Slave) -> None:
+def test_double_eigenvalue_is_no_special_case(motor: FmuInstance) -> None:
     # (R/L - B/J)^2 = 4 K^2 / (L J) to the last bit
     parameters = {"R": 3.0, "K": 1.0, "L": 1.0, "J": 1.0, "B": 1.0}
     voltages = np.random.default_rng(5).uniform(-PEAK, PEAK, 50)
@@ -120,7 +125,7 @@ def test_double_eigenvalue_is_no_special_case(motor: Slave) -> None:
     assert worst_error(simulated, exact_response(parameters, list(voltages), step=0.5)) < 1e-13
 
 
-def test_seven_short_steps_are_one_long_step(motor: Slave) -> None:
+def test_seven_short_steps_are_one_long_step(motor: FmuInstance) -> None:
     rng = np.random.default_rng(6)
     for _ in range(10):
         parameters, voltages = random_motor(rng), rng.uniform(-PEAK, PEAK, 20)
@@ -129,7 +134,7 @@ def test_seven_short_steps_are_one_long_step(motor: Slave) -> None:
         assert np.all(np.abs(long - short) <= 1e-11 * np.abs(long).max(axis=0))
 
 
-def test_communication_step_may_vary_from_call_to_call(motor: Slave) -> None:
+def test_communication_step_may_vary_from_call_to_call(motor: FmuInstance) -> None:
     parameters = {"R": 1.0, "K": 0.05, "L": 1e-4, "J": 1e-5, "B": 1e-4}
     steps = np.random.default_rng(7).choice([1e-6, 3e-4, 1e-3, 0.05, 0.1], 60)
     simulate(motor, parameters, np.array([]), step=1.0)
@@ -142,7 +147,7 @@ def test_communication_step_may_vary_from_call_to_call(motor: Slave) -> None:
     assert worst_error(np.array([motor.get(*OUTPUTS)]), exact) < 1e-11
 
 
-def test_step_that_differs_by_the_rounding_of_the_time_is_the_same_step(motor: Slave) -> None:
+def test_step_that_differs_by_the_rounding_of_the_time_is_the_same_step(motor: FmuInstance) -> None:
     # as libcosim does: (k + 1) h - k h, each rounded
     voltages = np.random.default_rng(8).uniform(-PEAK, PEAK, 100)
     expected = simulate(motor, {}, voltages, step=1e-3)
@@ -155,7 +160,7 @@ def test_step_that_differs_by_the_rounding_of_the_time_is_the_same_step(motor: S
     assert np.array_equal(expected, rows)
 
 
-def test_parameter_changed_between_steps_counts_from_there_on(motor: Slave) -> None:
+def test_parameter_changed_between_steps_counts_from_there_on(motor: FmuInstance) -> None:
     first, second = {"R": 1.0, "K": 0.05, "L": 1e-3, "J": 1e-5, "B": 1e-4}, {"R": 2.0, "J": 3e-5}
     simulate(motor, first, np.full(5, 12.0), step=1e-3)
     state = dict(zip(OUTPUTS, motor.get(*OUTPUTS), strict=True))
@@ -170,7 +175,7 @@ def test_parameter_changed_between_steps_counts_from_there_on(motor: Slave) -> N
 
 @pytest.mark.parametrize("step", [1e-6, 1e-3, 0.05])
 @pytest.mark.parametrize("changes", [{}, {"L": 1e-7}, {"stiffness": 0.0}], ids=str)
-def test_linear_model_of_five_states_is_exact(elastic: Slave, changes: dict[str, float], step: float) -> None:
+def test_linear_model_of_five_states_is_exact(elastic: FmuInstance, changes: dict[str, float], step: float) -> None:
     p = {"R": 0.92, "K": 0.0735, "L": 7.76e-3, "J": 1.36e-4, "B": 6.78e-4}
     p |= {"J2": 5e-4, "stiffness": 20.0, "damping": 1e-3} | changes
     voltages = np.random.default_rng(12).uniform(-PEAK, PEAK, 50)
@@ -208,7 +213,7 @@ def test_linear_model_of_five_states_is_exact(elastic: Slave, changes: dict[str,
     ],
 )
 def test_model_that_is_not_linear_agrees_with_solve_ivp(
-    fan: Slave, changes: dict[str, float], step: float, samples: int
+    fan: FmuInstance, changes: dict[str, float], step: float, samples: int
 ) -> None:
     p = {"R": 3.1363, "K": 0.048774, "L": 0.01307, "J": 9e-6, "B": 1.69e-4, "drag": 1e-6} | changes
     voltages = np.random.default_rng(9).uniform(-PEAK, PEAK, samples)
@@ -232,7 +237,7 @@ def test_model_that_is_not_linear_agrees_with_solve_ivp(
     assert np.all(np.abs(simulated - exact) <= 1e-9 * np.abs(exact).max(axis=0))
 
 
-def test_model_that_is_not_linear_repeats_itself_from_a_restored_state(fan: Slave) -> None:
+def test_model_that_is_not_linear_repeats_itself_from_a_restored_state(fan: FmuInstance) -> None:
     voltages = list(np.random.default_rng(10).uniform(-PEAK, PEAK, 20))
     fan.fmi.reset()
     fan.start()
@@ -261,15 +266,15 @@ static void derivatives(const Variables *m, Derivatives *d)
 """)
     with Opened(fmu_build.build(model, output=tmp_path / "runaway.fmu")) as opened:
         logs: list[tuple[int, str, str]] = []
-        slave = opened.slave(logs=logs)
-        slave.start(rate=10.0 if linear else 1.0)
-        slave.step(0.0, 0.5)
-        reached = slave.get("x")
+        instance = opened.instance(logs=logs)
+        instance.start(rate=10.0 if linear else 1.0)
+        instance.step(0.0, 0.5)
+        reached = instance.get("x")
         assert reached[0] == pytest.approx(np.exp(5) if linear else 2.0, rel=1e-9)
-        assert status(slave.step, 0.5, 1000.0) == ERROR
+        assert status(instance.step, 0.5, 1000.0) == ERROR
         assert logs == [(ERROR, "logStatusError", "the step from 0.5 s did not end in a finite state")]
-        assert slave.get("x") == reached
-        assert status(slave.step, 0.5, 0.1) == ERROR  # until it is reset
-        slave.fmi.reset()
-        slave.start()
-        slave.step(0.0, 0.5)
+        assert instance.get("x") == reached
+        assert status(instance.step, 0.5, 0.1) == ERROR  # until it is reset
+        instance.fmi.reset()
+        instance.start()
+        instance.step(0.0, 0.5)

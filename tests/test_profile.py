@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from estimator.fitting.polish import LeastSquares
+from estimator.fitting.least_squares import LeastSquares
 from estimator.judging.profile import REACH, cost_profiles
 from estimator.plans.parameters import Box
 

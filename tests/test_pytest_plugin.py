@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 import estimator.batches.batch_folder  # noqa: F401
-from estimator.batches.bench import Bench
+from estimator.batches.case_worker import CaseWorker
 from estimator.cases.case import case_for_recording
 from estimator.results.export import result_files
 
@@ -24,8 +24,8 @@ MET = '[expect]\nR = { value = 3.1363, within = "5 %" }\nK = { min = 0.04, max =
 @pytest.fixture(scope="module")
 def loaded():
     """Import all that an estimate and its figure need: pytester forgets what was imported inside, and numpy minds."""
-    with Bench() as bench:
-        result_files(bench.estimate(case_for_recording(EXAMPLE)))
+    with CaseWorker() as case_worker:
+        result_files(case_worker.estimate(case_for_recording(EXAMPLE)))
 
 
 @pytest.fixture
@@ -118,15 +118,15 @@ def test_tests_can_be_selected_and_reported_as_ever(project):
 
 CONFTEST = """
 import os, pathlib
-from estimator.batches import bench
+from estimator.batches import case_worker
 done = pathlib.Path(__file__).parent / "done"
 done.mkdir(exist_ok=True)
-original = bench.Bench.estimate
+original = case_worker.CaseWorker.estimate
 def counted(self, case, **kwargs):
     with open(done / f"{case.name}-{os.getpid()}", "a") as file:
         file.write("x")
     return original(self, case, **kwargs)
-bench.Bench.estimate = counted
+case_worker.CaseWorker.estimate = counted
 """
 
 

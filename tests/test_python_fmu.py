@@ -36,7 +36,7 @@ def test_a_python_fmu_is_estimated_and_its_cost_is_said_before_the_search(tmp_pa
     builder.FmuBuilder.build_FMU(str(Path(__file__).parent / "foreign" / "python_motor.py"), dest=str(tmp_path))
     write_recording(step_recording(CML050, lead=0.01, duration=0.1), tmp_path / "step.csv")
     (tmp_path / "motor.case.toml").write_text(CASE)
-    monkeypatch.setattr("estimator.judging.trial.LONG", 0.1)
+    monkeypatch.setattr("estimator.judging.sensitivities.LONG", 0.1)
     said = []
     e = estimate(read_case(tmp_path / "motor.case.toml"), workers=1, tell=said.append)
     assert re.match(
@@ -52,7 +52,7 @@ def test_its_cost_is_said_on_every_way_to_an_estimate(tmp_path, monkeypatch, cap
     write_recording(step_recording(CML050, lead=0.01, duration=0.1), tmp_path / "step.csv")
     case = tmp_path / "motor.case.toml"
     case.write_text(CASE)
-    monkeypatch.setattr("estimator.judging.trial.LONG", 0.0)
+    monkeypatch.setattr("estimator.judging.sensitivities.LONG", 0.0)
     for more in ([], ["--checkpoint", str(tmp_path / "journal")]):
         assert main(["estimate", str(case), "--method", "integral", *more]) == 0
         assert "one simulation of this FMU takes" in capsys.readouterr().err

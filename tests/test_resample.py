@@ -7,10 +7,10 @@ import pytest
 from test_batch import EXAMPLE, tables_of
 
 from estimator.batches.batch import gather, repeated, run_batch
-from estimator.batches.bench import Bench
-from estimator.batches.benches import run_here
+from estimator.batches.case_worker import CaseWorker
 from estimator.batches.gauge import spreads
 from estimator.batches.resample import blocks, resampled
+from estimator.batches.worker_pool import run_here
 from estimator.cli import main
 from estimator.errors import InputError
 
@@ -18,8 +18,8 @@ from estimator.errors import InputError
 @pytest.fixture(scope="module")
 def example():
     (task,) = gather([EXAMPLE]).tasks
-    with Bench() as bench:
-        yield task, bench.estimate(task.case)
+    with CaseWorker() as case_worker:
+        yield task, case_worker.estimate(task.case)
 
 
 def test_blocks_are_pieces_of_the_circle():

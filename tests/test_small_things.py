@@ -20,8 +20,8 @@ from estimator.errors import InputError, RecordingError
 from estimator.output import OutputFolder
 from estimator.recordings.recording import read_recording
 from estimator.recordings.time_grid import sampling_clock
-from estimator.results.cells import harmless
 from estimator.results.handover import csv_table
+from estimator.results.spreadsheet_cells import harmless
 
 ROOT = Path(__file__).parent.parent
 RECORDING = ROOT / "examples" / "cml050_step.csv"

@@ -13,8 +13,8 @@ import pytest
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "benchmarks"))
 
 import bound
-from bench import CML050, MOTORS, NAMES, PAPER_BENCH, Bench, random_motor
 from bound import cramer_rao, from_the_truth, likelihood
+from paper_bench import CML050, MOTORS, NAMES, PAPER_BENCH, Bench, random_motor
 from trust import TABLES, Hand, aliases, five_lost, named
 
 from estimator.cases.case import Case, OutputSpec

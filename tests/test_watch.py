@@ -14,7 +14,7 @@ from interrupts import takes_interrupts
 
 from estimator.batches import watch as watching
 from estimator.batches.batch_folder import folder_name
-from estimator.batches.bench import Outcome, failed
+from estimator.batches.case_worker import Outcome, failed
 from estimator.batches.incoming import Incoming
 from estimator.batches.watch import TOLD, Teller, watch
 from estimator.cli import main

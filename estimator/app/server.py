@@ -27,7 +27,6 @@ from starlette.routing import Route
 from starlette.types import ASGIApp
 
 from estimator.app import program
-from estimator.app.bench import Bench, Outdated, start_case
 from estimator.app.guard import Guard
 from estimator.app.outcomes import Outcomes
 from estimator.app.place import Place
@@ -35,6 +34,7 @@ from estimator.app.preview import Picture, Previews
 from estimator.app.reading import bare_facts, facts, reading_options, series_of
 from estimator.app.runs import Runs
 from estimator.app.series import Series, nearest, view
+from estimator.app.workspace import Outdated, Workspace, start_case
 from estimator.errors import EstimatorError, InputError
 from estimator.results.report import json_ready
 
@@ -48,15 +48,15 @@ REPORT_POLICY = (
     "sandbox allow-scripts; default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'; img-src data:"
 )
 
-Work = Callable[["Session", Request, Any], Any]
+Work = Callable[["Service", Request, Any], Any]
 
 
-class Session:
+class Service:
     """What answers are made of: the folder, the case under way, its runs, pictures and results."""
 
     def __init__(self, folder: str | Path) -> None:
         self.place = Place(folder)
-        self.bench = Bench(self.place)
+        self.workspace = Workspace(self.place)
         self.runs = Runs(self.place)
         self.outcomes = Outcomes(self.place)
         self.previews = Previews()
@@ -76,7 +76,7 @@ class Session:
 
         files = self.place.listed()
         return {
-            **self.bench.state(),
+            **self.workspace.state(),
             "folder": str(self.place.path),
             "stamp": self.stamp(),
             "files": files,
@@ -95,17 +95,17 @@ class Session:
         path = self.place.inside(name)
         if not path.is_file():
             raise InputError(f"there is no recording {name!r}")
-        recording = self.bench.recording(path, part)
+        recording = self.workspace.recording(path, part)
         key = (path, id(recording))
         if key not in self._facts:
             self._facts = {k: v for k, v in self._facts.items() if k[0] != path}
-            self._facts[key] = facts(recording, written=self.bench.written(path, part))
-        parts = len(self.bench.recordings(path))
+            self._facts[key] = facts(recording, written=self.workspace.written(path, part))
+        parts = len(self.workspace.recordings(path))
         return {
             **self._facts[key],
             "parts": parts,
-            "tests": self.bench.tests(path),
-            "motors": list(self.bench.motors(path)),
+            "tests": self.workspace.tests(path),
+            "motors": list(self.workspace.motors(path)),
         }
 
     def bare(self, name: str) -> Any:
@@ -113,12 +113,12 @@ class Session:
         path = self.place.inside(name)
         if not path.is_file():
             raise InputError(f"there is no recording {name!r}")
-        return bare_facts(*self.bench.bare(path))
+        return bare_facts(*self.workspace.bare(path))
 
     def checked(self, name: str) -> Any:
         """Return what the command `check` says of a recording, and the command."""
         path = self.place.inside(name)
-        options = reading_options(self.bench.read_as(path))
+        options = reading_options(self.workspace.read_as(path))
         key = (shlex.join([name, *options]), path.stat().st_mtime)
         if key not in self._checked:
             arguments = ["check", "--json", *options, "--", name]
@@ -140,10 +140,10 @@ class Session:
         """Return the picture that a request means: a start of the case, or the best candidate of a run."""
         if query.get("of") == "run":
             run = self.runs.run(query.get("name", ""))
-            return self.previews.picture(("run", run.name), partial(self.bench.plan_of, run.case), run.best)
+            return self.previews.picture(("run", run.name), partial(self.workspace.plan_of, run.case), run.best)
         given = _object(json.loads(query.get("values") or "{}"))
         values = {name: _number(value) for name, value in given.items()}
-        return self.previews.picture(("case", self.bench.revision), self.bench.plan, values)
+        return self.previews.picture(("case", self.workspace.revision), self.workspace.plan, values)
 
     def series(self, query: Any) -> Series:
         """Return the signals that a request means."""
@@ -152,7 +152,7 @@ class Session:
             path = self.place.inside(query.get("name", ""))
             if not path.is_file():
                 raise InputError(f"there is no recording {query.get('name')!r}")
-            return series_of(self.bench.recording(path, int(_number(query.get("part", "0")))))
+            return series_of(self.workspace.recording(path, int(_number(query.get("part", "0")))))
         if query.get("of") == "result":
             return self.outcomes.series(query.get("name", ""), number)
         recordings = self.picture(query).recordings
@@ -161,55 +161,55 @@ class Session:
         return recordings[number]
 
 
-def _state(session: Session, request: Request, body: Any) -> Any:
-    return session.state()
+def _state(service: Service, request: Request, body: Any) -> Any:
+    return service.state()
 
 
-def _revision(session: Session, request: Request, body: Any) -> Any:
-    return {"revision": session.bench.revision, "runs": session.runs.listed(), "files": session.stamp()}
+def _revision(service: Service, request: Request, body: Any) -> Any:
+    return {"revision": service.workspace.revision, "runs": service.runs.listed(), "files": service.stamp()}
 
 
-def _change(session: Session, request: Request, body: Any) -> Any:
+def _change(service: Service, request: Request, body: Any) -> Any:
     body = _object(body)
     try:
-        session.bench.change(body.get("revision"), body.get("changes"))
+        service.workspace.change(body.get("revision"), body.get("changes"))
     except Outdated:
         raise HTTPException(409, "the case was changed in another tab; this one now shows it") from None
-    return session.state()
+    return service.state()
 
 
-def _open(session: Session, request: Request, body: Any) -> Any:
-    session.bench.open(_text(body, "name"))
-    return session.state()
+def _open(service: Service, request: Request, body: Any) -> Any:
+    service.workspace.open(_text(body, "name"))
+    return service.state()
 
 
-def _save(session: Session, request: Request, body: Any) -> Any:
-    return {"name": session.bench.save(_text(body, "name"))}
+def _save(service: Service, request: Request, body: Any) -> Any:
+    return {"name": service.workspace.save(_text(body, "name"))}
 
 
-def _upload(session: Session, request: Request, body: Any) -> Any:
-    return {"name": session.place.receive(request.query_params.get("name", ""), body)}
+def _upload(service: Service, request: Request, body: Any) -> Any:
+    return {"name": service.place.receive(request.query_params.get("name", ""), body)}
 
 
-def _bare(session: Session, request: Request, body: Any) -> Any:
-    return session.bare(request.query_params.get("name", ""))
+def _bare(service: Service, request: Request, body: Any) -> Any:
+    return service.bare(request.query_params.get("name", ""))
 
 
-def _recording(session: Session, request: Request, body: Any) -> Any:
+def _recording(service: Service, request: Request, body: Any) -> Any:
     query = request.query_params
-    return session.recording_facts(query.get("name", ""), int(_number(query.get("part", "0"))))
+    return service.recording_facts(query.get("name", ""), int(_number(query.get("part", "0"))))
 
 
-def _check(session: Session, request: Request, body: Any) -> Any:
-    return session.checked(request.query_params.get("name", ""))
+def _check(service: Service, request: Request, body: Any) -> Any:
+    return service.checked(request.query_params.get("name", ""))
 
 
-def _inspect(session: Session, request: Request, body: Any) -> Any:
-    return session.inspected(request.query_params.get("fmu", ""))
+def _inspect(service: Service, request: Request, body: Any) -> Any:
+    return service.inspected(request.query_params.get("fmu", ""))
 
 
-def _picture(session: Session, request: Request, body: Any) -> Any:
-    made = session.picture(request.query_params)
+def _picture(service: Service, request: Request, body: Any) -> Any:
+    made = service.picture(request.query_params)
     return {
         "recordings": [
             {"name": name, "begin": s.time[0], "end": s.time[-1], "signals": list(s.signals), "transient": movement}
@@ -220,9 +220,9 @@ def _picture(session: Session, request: Request, body: Any) -> Any:
     }
 
 
-def _view(session: Session, request: Request, body: Any) -> Response:
+def _view(service: Service, request: Request, body: Any) -> Response:
     query = request.query_params
-    series = session.series(query)
+    series = service.series(query)
     wanted = query.get("signals")
     if wanted is not None:
         names = [name for name in series.signals if name in _names(wanted)]
@@ -233,53 +233,53 @@ def _view(session: Session, request: Request, body: Any) -> Response:
     return Response(content, media_type="application/octet-stream")
 
 
-def _sample(session: Session, request: Request, body: Any) -> Any:
-    time, values = nearest(session.series(request.query_params), _number(request.query_params.get("at", "0")))
+def _sample(service: Service, request: Request, body: Any) -> Any:
+    time, values = nearest(service.series(request.query_params), _number(request.query_params.get("at", "0")))
     return {"time": time, "values": values}
 
 
-def _start(session: Session, request: Request, body: Any) -> Any:
-    session.runs.check_free()
-    session.bench.plan()  # says what is wrong before a case file is written
-    name, case = session.bench.snapshot("run")
-    return session.runs.start(name, case).state()
+def _start(service: Service, request: Request, body: Any) -> Any:
+    service.runs.check_free()
+    service.workspace.plan()  # says what is wrong before a case file is written
+    name, case = service.workspace.snapshot("run")
+    return service.runs.start(name, case).state()
 
 
-def _run(session: Session, request: Request, body: Any) -> Any:
-    return session.runs.run(request.path_params["name"]).state()
+def _run(service: Service, request: Request, body: Any) -> Any:
+    return service.runs.run(request.path_params["name"]).state()
 
 
-def _stop(session: Session, request: Request, body: Any) -> Any:
-    run = session.runs.run(request.path_params["name"])
+def _stop(service: Service, request: Request, body: Any) -> Any:
+    run = service.runs.run(request.path_params["name"])
     run.stop()
     return run.state()
 
 
-def _outcome(session: Session, request: Request, body: Any) -> Any:
-    return session.outcomes.outcome(request.query_params.get("name", ""))
+def _outcome(service: Service, request: Request, body: Any) -> Any:
+    return service.outcomes.outcome(request.query_params.get("name", ""))
 
 
-def _compare(session: Session, request: Request, body: Any) -> Any:
-    return session.outcomes.compared(_names(request.query_params.get("names", "[]")))
+def _compare(service: Service, request: Request, body: Any) -> Any:
+    return service.outcomes.compared(_names(request.query_params.get("names", "[]")))
 
 
-def _ripple(session: Session, request: Request, body: Any) -> Any:
+def _ripple(service: Service, request: Request, body: Any) -> Any:
     query = request.query_params
-    return session.outcomes.ripple(query.get("name", ""), int(_number(query.get("recording", "0"))))
+    return service.outcomes.ripple(query.get("name", ""), int(_number(query.get("recording", "0"))))
 
 
-def _file(session: Session, request: Request, body: Any) -> Response:
+def _file(service: Service, request: Request, body: Any) -> Response:
     query = request.query_params
-    path, kind = session.outcomes.file(query.get("name", ""), query.get("file", ""))
+    path, kind = service.outcomes.file(query.get("name", ""), query.get("file", ""))
     headers = {} if "download" not in query else _attachment(path.name)
     if path.suffix in (".html", ".svg"):
         headers["Content-Security-Policy"] = REPORT_POLICY
     return FileResponse(path, media_type=kind, headers=headers)
 
 
-def _export(session: Session, request: Request, body: Any) -> Response:
+def _export(service: Service, request: Request, body: Any) -> Response:
     query = request.query_params
-    name, content = session.outcomes.export(query.get("name", ""), query.get("format", ""))
+    name, content = service.outcomes.export(query.get("name", ""), query.get("format", ""))
     return Response(content, media_type="application/octet-stream", headers=_attachment(name))
 
 
@@ -308,9 +308,9 @@ ROUTES: tuple[tuple[str, str, Work], ...] = (
 )
 
 
-def application(session: Session, *, token: str, port: int) -> ASGIApp:
+def application(service: Service, *, token: str, port: int) -> ASGIApp:
     """Return the app as an ASGI application, guarded."""
-    routes = [Route(path, _endpoint(session, work), methods=[method]) for method, path, work in ROUTES]
+    routes = [Route(path, _endpoint(service, work), methods=[method]) for method, path, work in ROUTES]
     routes += [Route("/", partial(_asset, "index.html")), Route("/page/{name}", _named_asset)]
     app = Starlette(routes=routes, exception_handlers={HTTPException: _http_error})
     return Guard(app, token=token, port=port)
@@ -332,9 +332,9 @@ def serve(folder: str | Path, *, port: int, browser: bool, say: Callable[[str], 
             raise InputError(f"port {port} cannot be had ({error}); give another --port, or none") from None
         port = listener.getsockname()[1]
         token = secrets.token_urlsafe(24)
-        session = Session(folder)
-        start_case(session.bench)
-        app = application(session, token=token, port=port)
+        service = Service(folder)
+        start_case(service.workspace)
+        app = application(service, token=token, port=port)
         listener.listen()
         address = f"http://{LOOPBACK}:{port}/{token}/"
         with contextlib.suppress(KeyboardInterrupt):  # that is how it is ended
@@ -344,24 +344,24 @@ def serve(folder: str | Path, *, port: int, browser: bool, say: Callable[[str], 
             # What goes wrong is told to the page, and what is not foreseen to the terminal too.
             quiet: dict[str, Any] = {"log_level": "critical", "access_log": False, "ws": "none", "lifespan": "off"}
             config = uvicorn.Config(app, timeout_graceful_shutdown=2, **quiet)
-            _Server(config, session).run(sockets=[listener])
+            _Server(config, service).run(sockets=[listener])
     return 0
 
 
 class _Server(uvicorn.Server):
     """A server that ends what is running before it waits for the answers that need it."""
 
-    def __init__(self, config: uvicorn.Config, session: Session) -> None:
+    def __init__(self, config: uvicorn.Config, service: Service) -> None:
         super().__init__(config)
-        self._session = session
+        self._service = service
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         """End the runs, then the server."""
-        await run_in_threadpool(self._session.close)
+        await run_in_threadpool(self._service.close)
         await super().shutdown(sockets=sockets)
 
 
-def _endpoint(session: Session, work: Work) -> Callable[[Request], Any]:
+def _endpoint(service: Service, work: Work) -> Callable[[Request], Any]:
     async def answer(request: Request) -> Response:
         body: Any = None
         if request.method == "POST":
@@ -372,7 +372,7 @@ def _endpoint(session: Session, work: Work) -> Callable[[Request], Any]:
                 except ValueError:
                     raise HTTPException(400, "the request is no JSON") from None
         try:
-            made = await run_in_threadpool(work, session, request, body)
+            made = await run_in_threadpool(work, service, request, body)
         except HTTPException:
             raise
         except EstimatorError as error:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from estimator.batches.batch_folder import BatchFolder
 from estimator.batches.batch_table import check_parquet, table_files
-from estimator.batches.bench import FAILED, Outcome, Task, failed
+from estimator.batches.case_worker import FAILED, Outcome, Task, failed
 from estimator.cases.case import Case, case_for_recording, read_cases
 from estimator.cases.expansion import told_apart
 from estimator.errors import CaseError, InputError, suggestion
@@ -110,13 +110,13 @@ def repeated(cases: Cases, *, kind: Kind, count: int) -> Cases:
     InputError, SimulationError
         A case cannot be estimated.
     """
-    from estimator.batches.bench import Bench
+    from estimator.batches.case_worker import CaseWorker
     from estimator.batches.resample import resampled
 
     tasks: list[Task] = []
-    with Bench() as bench:
+    with CaseWorker() as case_worker:
         for task in cases.tasks:
-            tasks += resampled(task, bench.estimate(task.case), kind=kind, count=count)
+            tasks += resampled(task, case_worker.estimate(task.case), kind=kind, count=count)
     return Cases(tuple(tasks), cases.unread)
 
 
@@ -134,7 +134,7 @@ def run_batch(
 
     Parameters
     ----------
-    run : how to get from tasks to outcomes: `estimator.batches.benches.run_here`, `estimator.batches.cluster.run_there`
+    run : how to get from tasks to outcomes: `worker_pool.run_here`, `cluster.run_there`
     command : that does the same, for the page: how a report is made later
 
     Raises

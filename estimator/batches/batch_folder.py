@@ -24,7 +24,7 @@ from types import TracebackType
 from typing import IO
 from urllib.parse import quote
 
-from estimator.batches.bench import FAILED, Outcome
+from estimator.batches.case_worker import FAILED, Outcome
 from estimator.errors import EstimatorError, InputError
 from estimator.fmus.run_folder import try_lock
 

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from estimator.errors import InputError
-from estimator.results.cells import harmless
+from estimator.results.spreadsheet_cells import harmless
 
 TIMING_COLUMNS = ("case", "seconds", "search_seconds", "files_seconds", "host")
 
@@ -21,7 +21,7 @@ def table_files(
 
     Parameters
     ----------
-    rows : as `estimator.batches.bench.row_of` makes them
+    rows : as `estimator.batches.case_worker.row_of` makes them
     timings : case → what differs from run to run
     """
     ordered = sorted(rows, key=lambda row: str(row["case"]))

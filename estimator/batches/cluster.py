@@ -22,7 +22,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from estimator.batches.bench import Bench, Outcome, Task, failed
+from estimator.batches.case_worker import CaseWorker, Outcome, Task, failed
 from estimator.errors import EstimatorError, InputError
 
 AHEAD = 3  # cases on their way for each that a cluster can run at a time
@@ -211,9 +211,9 @@ def _run(task: Task, names: list[str], *contents: bytes) -> Outcome:
         recordings=tuple(folder / path if path.as_posix() in given else path for path in case.recordings),
     )
     if not hasattr(_local, "bench"):
-        _local.bench = Bench()
-        atexit.register(_local.bench.close)
-    outcome: Outcome = _local.bench.run(replace(task, case=here))
+        _local.case_worker = CaseWorker()
+        atexit.register(_local.case_worker.close)
+    outcome: Outcome = _local.case_worker.run(replace(task, case=here))
     return outcome
 
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from estimator.batches.batch import CASE_SUFFIX
-from estimator.batches.bench import Task
+from estimator.batches.case_worker import Task
 from estimator.cases.case import Case, case_for_recording, read_cases
 from estimator.errors import CaseError, InputError
 from estimator.recordings.suffixes import is_recording

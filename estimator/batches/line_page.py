@@ -46,7 +46,7 @@ def line_page(
 
     Parameters
     ----------
-    rows : as `estimator.batches.bench.row_of` makes them
+    rows : as `estimator.batches.case_worker.row_of` makes them
     links : case → file that shows it, relative to the page
     renew : s, after which the page reads itself again; 0: it does not
     command : that does the same batch; the page says how it makes a report of a case that has none

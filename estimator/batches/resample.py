@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.batches.bench import Task
+from estimator.batches.case_worker import Task
 from estimator.cases.case import Case, OutputSpec
 from estimator.errors import InputError
 from estimator.recordings.recording import Recording, recording_from_arrays

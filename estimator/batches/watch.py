@@ -19,7 +19,7 @@ from typing import Any
 
 from estimator.batches.batch import BatchResult, Digests, Run, without_files, write_tables
 from estimator.batches.batch_folder import BatchFolder
-from estimator.batches.bench import Outcome, Task
+from estimator.batches.case_worker import Outcome, Task
 from estimator.batches.incoming import Arrival, Incoming
 from estimator.batches.line_page import outcome_of
 from estimator.cases.case import Case

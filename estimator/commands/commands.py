@@ -390,7 +390,7 @@ def _runner(args: argparse.Namespace) -> Run:
         from estimator.batches.cluster import run_there
 
         return run_there(args.dask)
-    from estimator.batches.benches import run_here
+    from estimator.batches.worker_pool import run_here
     from estimator.estimating.estimate import available_cores
 
     return functools.partial(run_here, processes=args.workers or available_cores())
@@ -469,7 +469,7 @@ def _estimated(
         if checkpoint is None:
             return run(case, workers=workers, progress=progress, tell=tell, profile=profile)
         from estimator.batches.batch import Digests
-        from estimator.batches.bench import Task
+        from estimator.batches.case_worker import Task
         from estimator.estimating.checkpoint import Journal, JournalledWorkers
         from estimator.estimating.estimate import available_cores, estimate_by
 

@@ -4,63 +4,63 @@ from __future__ import annotations
 
 from estimator.estimating.effort import usual_simulations
 from estimator.estimating.ending import refused
-from estimator.estimating.run import Run
+from estimator.estimating.session import Session
 from estimator.fitting.problem import SIGMA_FLOOR, Problem
+from estimator.judging.identifiability import identifiability
 from estimator.judging.refusal import lost_transients, refusal, refused_notes
-from estimator.judging.structure import structure
-from estimator.judging.trial import announcement, unmoved
+from estimator.judging.sensitivities import announcement, unmoved
 from estimator.method_names import WITHOUT_POLISH
 from estimator.motor.names import MOTOR
 from estimator.plans.noise_level import output_deviations
 from estimator.results.result import Estimate
 
 
-def begin(run: Run) -> Estimate | None:
+def begin(session: Session) -> Estimate | None:
     """Load the FMU and see what the data and the FMU allow; return the refusal where that is nothing."""
-    plan = run.plan
+    plan = session.plan
     reasons = refusal(plan)
-    if run.method in WITHOUT_POLISH:
+    if session.method in WITHOUT_POLISH:
         reasons += lost_transients(plan)
     if reasons:
-        return refused(run, reasons, notes=refused_notes(plan))
-    run.noise = output_deviations(plan)
-    run.problem = Problem(plan, run.crew, sigma=_sigma(run))
-    run.account.opened(usual_simulations(plan))
-    still = _unmoved(run)
-    return refused(run, still) if still else None
+        return refused(session, reasons, notes=refused_notes(plan))
+    session.noise = output_deviations(plan)
+    session.problem = Problem(plan, session.crew, sigma=_sigma(session))
+    session.account.opened(usual_simulations(plan))
+    still = _unmoved(session)
+    return refused(session, still) if still else None
 
 
-def _unmoved(run: Run) -> list[str]:
+def _unmoved(session: Session) -> list[str]:
     """Return why a parameter cannot be estimated; the bundled motor's all move current and speed."""
-    plan = run.plan
+    plan = session.plan
     probed = plan.description.probe_simulations
     if probed:
-        run.account.phases["probe"] = probed
+        session.account.phases["probe"] = probed
     known = plan.description.is_bundled and plan.description.is_fast
     if known and {"i", "w"} <= set(plan.outputs) and set(plan.names) <= set(MOTOR):
         return []
-    run.account.enter("probe")
-    sentences, seconds = unmoved(run.problem, run.start)
-    if not sentences and run.method not in WITHOUT_POLISH:
-        run.structure = structure(run.problem, run.start)
+    session.account.enter("probe")
+    sentences, seconds = unmoved(session.problem, session.start)
+    if not sentences and session.method not in WITHOUT_POLISH:
+        session.identifiability = identifiability(session.problem, session.start)
     announced = announcement(
         seconds,
         simulations=usual_simulations(plan),
-        workers=run.crew.count,
+        workers=session.crew.count,
         always=not plan.description.is_fast,
     )
     if announced is not None:
-        run.announced = (announced,)
-        if run.tell is not None:
-            run.tell(announced)
+        session.announced = (announced,)
+        if session.tell is not None:
+            session.tell(announced)
     return sentences
 
 
-def _sigma(run: Run) -> dict[str, float]:
+def _sigma(session: Session) -> dict[str, float]:
     """Return the deviations that weigh the outputs in the search: the paper divides by the signals' own."""
     result = {}
-    for name, (deviation, spread) in run.noise.items():
+    for name, (deviation, spread) in session.noise.items():
         if spread == 0:
             spread = 1.0
-        result[name] = spread if run.method in ("paper", "original") else max(deviation, SIGMA_FLOOR * spread)
+        result[name] = spread if session.method in ("paper", "original") else max(deviation, SIGMA_FLOOR * spread)
     return result

@@ -8,15 +8,16 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.estimating.run import Run
+from estimator.estimating.session import Session
 from estimator.fitting.budget import Budget, applicable, budget, fit_at
 from estimator.fitting.explained import Explained
-from estimator.fitting.polish import Polish
+from estimator.fitting.least_squares import LeastSquaresFit
 from estimator.fitting.problem import Problem
-from estimator.fitting.winding import cold_resistances
+from estimator.fitting.winding_temperature import cold_resistances
 from estimator.fmus.failing import with_values
 from estimator.judging.budgeted import with_budget
 from estimator.judging.derived import told_quantities
+from estimator.judging.figure_signals import with_fine_signals, with_treatment
 from estimator.judging.outcome import (
     comparisons,
     correlation,
@@ -29,7 +30,6 @@ from estimator.judging.outcome import (
     versions,
 )
 from estimator.judging.profile import cost_profiles
-from estimator.judging.shown import with_fine_signals, with_treatment
 from estimator.judging.step_check import step_check
 from estimator.judging.verdict import Judgement, judge
 from estimator.plans.noise_level import beside_means
@@ -41,15 +41,15 @@ from estimator.results.result import CostProfile, Estimate, ParameterEstimate, S
 FloatArray = NDArray[np.float64]
 
 
-def refused(run: Run, reasons: Sequence[str], *, notes: Sequence[str] = ()) -> Estimate:
+def refused(session: Session, reasons: Sequence[str], *, notes: Sequence[str] = ()) -> Estimate:
     """Return the estimate that is none."""
-    return _estimate(run, run.plan, None, None, Judgement("refused", tuple(reasons), {}, tuple(notes)))
+    return _estimate(session, session.plan, None, None, Judgement("refused", tuple(reasons), {}, tuple(notes)))
 
 
 def finish(
-    run: Run,
+    session: Session,
     values: FloatArray,
-    polish: Polish | None,
+    polish: LeastSquaresFit | None,
     *,
     noise: FloatArray | None = None,
     explained: Explained | None = None,
@@ -59,14 +59,14 @@ def finish(
     Parameters
     ----------
     values : (p,) array
-    polish : Polish or None
+    polish : LeastSquaresFit or None
         None for a method that ends with its search.
     noise : (q,) array, optional
         Deviation of each output's noise as the data show it.
     explained : Explained, optional
         What was found of the bench; then `values` and `polish` are its own.
     """
-    plan, problem, account = run.plan, run.problem, run.account
+    plan, problem, account = session.plan, session.problem, session.account
     account.enter("step check")
     step = step_check(problem, values, polish, explained)
     account.enter("result")
@@ -74,11 +74,11 @@ def finish(
         shown = problem.shown(problem.trajectories(values[None, :]))
     else:
         plan, shown = explained.plan, explained.shown()
-    run.fitted = {**plan.fixed, **dict(zip(plan.names, values.tolist(), strict=True))}
+    session.fitted = {**plan.fixed, **dict(zip(plan.names, values.tolist(), strict=True))}
     compared = comparisons(plan, shown)
     rmse = figures(plan, compared)[0]
     if noise is None:
-        noise = np.array([run.noise[name][0] for name in plan.outputs])
+        noise = np.array([session.noise[name][0] for name in plan.outputs])
     judgement = judge(
         plan,
         dict(zip(plan.names, values.tolist(), strict=True)),
@@ -90,45 +90,47 @@ def finish(
         step=step,
         compared=compared,
         explained=explained,
-        structure=run.structure,
+        identifiability=session.identifiability,
     )
     if judgement.verdict == "refused":
-        return _estimate(run, plan, None, None, judgement)
+        return _estimate(session, plan, None, None, judgement)
     profiles = {}
-    if run.profile and polish is not None:
+    if session.profile and polish is not None:
         account.enter("profile")
         profiles = _profiles(problem, plan, polish, explained)
     account.enter("budget")
-    budgeted = _budget(run, plan, values, explained)
+    budgeted = _budget(session, plan, values, explained)
     derived = {}
     if polish is not None:
         log = np.array([p.log for p in plan.parameters], dtype=bool)
-        derived = told_quantities(run.fitted, plan.names, log, polish, budgeted)
+        derived = told_quantities(session.fitted, plan.names, log, polish, budgeted)
         derived |= cold_resistances(plan, values, polish, budgeted.of)
     deviations = None
     if polish is not None:
         deviations = polish.deviations if explained is None else explained.noise
-    result = _estimate(run, plan, values, polish, judgement, shown=shown, noise=deviations, explained=explained)
+    result = _estimate(session, plan, values, polish, judgement, shown=shown, noise=deviations, explained=explained)
     compared = result.comparisons if explained is None else with_treatment(result.comparisons, explained)
-    if run.profile:
+    if session.profile:
         account.enter("profile")
-        compared = with_fine_signals(compared, plan, values, run.crew, sigma=problem.sigma)
+        compared = with_fine_signals(compared, plan, values, session.crew, sigma=problem.sigma)
         result = dataclasses.replace(result, **account.costs(plan.description.probe_simulations))
     result = dataclasses.replace(result, comparisons=compared, profiles=profiles, derived=derived)
     return with_budget(result, plan, budgeted, None if explained is None else explained.between)
 
 
-def _budget(run: Run, plan: Plan, values: FloatArray, explained: Explained | None) -> Budget:
+def _budget(session: Session, plan: Plan, values: FloatArray, explained: Explained | None) -> Budget:
     """Return what no recording tells, propagated through the fit."""
-    tolerances = applicable(run.problem.plan)
+    tolerances = applicable(session.problem.plan)
     if not tolerances:
         return Budget((), plan.names, np.zeros((len(plan.names), 0)), np.zeros(0))
     if explained is not None:
         return budget(explained.fit, tolerances, plan.names)
-    return budget(fit_at(plan, run.crew, values, sigma=run.problem.sigma), tolerances, plan.names)
+    return budget(fit_at(plan, session.crew, values, sigma=session.problem.sigma), tolerances, plan.names)
 
 
-def _profiles(problem: Problem, plan: Plan, polish: Polish, explained: Explained | None) -> dict[str, CostProfile]:
+def _profiles(
+    problem: Problem, plan: Plan, polish: LeastSquaresFit, explained: Explained | None
+) -> dict[str, CostProfile]:
     """Return the cost profiles of the motor's parameters."""
     if explained is None:
         return cost_profiles(
@@ -144,10 +146,10 @@ def _profiles(problem: Problem, plan: Plan, polish: Polish, explained: Explained
 
 
 def _estimate(
-    run: Run,
+    session: Session,
     plan: Plan,
     values: FloatArray | None,
-    polish: Polish | None,
+    polish: LeastSquaresFit | None,
     judgement: Judgement,
     *,
     shown: list[FloatArray] | None = None,
@@ -162,13 +164,13 @@ def _estimate(
     rmse, fit = figures(plan, compared) if shown is not None else ({}, {})
     correlated = None if polish is None else correlation(polish)
     history = None
-    if run.record.simulations:
+    if session.record.simulations:
         history = SearchHistory(
-            simulations=np.array(run.record.simulations),
-            best=np.array(run.record.best),
-            median=np.array(run.record.median),
-            lower=np.array(run.record.lower),
-            upper=np.array(run.record.upper),
+            simulations=np.array(session.record.simulations),
+            best=np.array(session.record.best),
+            median=np.array(session.record.median),
+            lower=np.array(session.record.lower),
+            upper=np.array(session.record.upper),
         )
     description = plan.description
     return Estimate(
@@ -180,9 +182,9 @@ def _estimate(
         sensors=sensors(plan, explained),
         effects=() if explained is None else tuple(dict.fromkeys(f.effect for f in explained.found)),
         recordings=recordings(plan),
-        method=run.method,
+        method=session.method,
         seed=plan.case.search.seed,
-        **run.account.costs(description.probe_simulations),
+        **session.account.costs(description.probe_simulations),
         fmu={
             "name": description.name,
             "path": str(description.path),
@@ -199,20 +201,20 @@ def _estimate(
         rmse=rmse,
         fit_percent=fit,
         noise={} if noise is None else dict(zip(plan.outputs, noise.tolist(), strict=True)),
-        sample_noise={} if values is None else _sample_noise(run, plan),
+        sample_noise={} if values is None else _sample_noise(session, plan),
         correlation=correlated,
         correlated=plan.names if correlated is not None else (),
         information={} if polish is None else information(polish, plan.names),
-        notes=(*run.announced, *judgement.notes),
-        failures=tuple(with_values(f, run.problem.variables) for f in run.account.failures),
+        notes=(*session.announced, *judgement.notes),
+        failures=tuple(with_values(f, session.problem.variables) for f in session.account.failures),
         comparisons=compared,
         history=history,
-        workers=run.crew.count,
+        workers=session.crew.count,
         about={**({"motor": plan.case.motor} if plan.case.motor else {}), **plan.case.about},
     )
 
 
-def _sample_noise(run: Run, plan: Plan) -> dict[str, float]:
+def _sample_noise(session: Session, plan: Plan) -> dict[str, float]:
     """Return the deviation of each output's noise as the data alone show it."""
-    shown = beside_means(plan, np.array([run.noise[name][0] for name in plan.outputs]))
+    shown = beside_means(plan, np.array([session.noise[name][0] for name in plan.outputs]))
     return dict(zip(plan.outputs, shown.tolist(), strict=True))

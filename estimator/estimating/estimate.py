@@ -11,8 +11,8 @@ from estimator.estimating.beginning import begin
 from estimator.estimating.methods import direct, evolution, paper
 from estimator.estimating.one_thread import one_thread
 from estimator.estimating.progress import Progress
-from estimator.estimating.run import Run
 from estimator.estimating.search_and_polish import search_and_polish
+from estimator.estimating.session import Session
 from estimator.fitting.budget import applicable
 from estimator.fmus.fmu import FmuDescription, describe, with_kind
 from estimator.fmus.kinds import better_kind
@@ -25,7 +25,7 @@ from estimator.plans.planning import plan_case, read_case
 from estimator.recordings.recording import Recording
 from estimator.results.result import Estimate
 
-METHODS: Mapping[str, Callable[[Run], Estimate]] = {
+METHODS: Mapping[str, Callable[[Session], Estimate]] = {
     CUCKOO: search_and_polish,
     "paper": paper,
     "original": paper,
@@ -167,7 +167,7 @@ def estimate_by(
             plan = plan_case(case, better, recordings=recordings)
             plan = dataclasses.replace(plan, notes=(why, *plan.notes))
     applicable(plan)  # a tolerance that it has nothing for is an error now, not after the search
-    found = _estimated(Run(plan, crew, progress=progress, bounded=bounded, tell=tell, profile=profile))
+    found = _estimated(Session(plan, crew, progress=progress, bounded=bounded, tell=tell, profile=profile))
     found = with_what_was_read(found, plan)
     apart = [k for k in range(len(recordings)) if case.run(k).validate]
     if not apart:
@@ -183,9 +183,9 @@ def available_cores() -> int:
     return os.cpu_count() or 1
 
 
-def _estimated(run: Run) -> Estimate:
+def _estimated(session: Session) -> Estimate:
     """Run the method of a plan."""
     try:
-        return begin(run) or METHODS.get(run.method, search_and_polish)(run)  # a search that a package adds
+        return begin(session) or METHODS.get(session.method, search_and_polish)(session)  # a search that a package adds
     except KeyboardInterrupt:
-        raise Interrupted(run.account.standing.parameters) from None
+        raise Interrupted(session.account.standing.parameters) from None

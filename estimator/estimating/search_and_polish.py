@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 from estimator.estimating.cuckoo import CuckooSearch
 from estimator.estimating.effort import POLISHING, nests_and_generations
 from estimator.estimating.ending import finish
+from estimator.estimating.multistart import many_starts, needs_many
 from estimator.estimating.optimiser import Optimiser
-from estimator.estimating.run import Run
-from estimator.estimating.starts import many_starts, needs_many
+from estimator.estimating.session import Session
 from estimator.fitting.effects import known_effects
 from estimator.fitting.explained import Explained, explain
-from estimator.fitting.polish import LeastSquares, Polish, at_given_bound, log_likelihood
+from estimator.fitting.least_squares import LeastSquares, LeastSquaresFit, at_given_bound, log_likelihood
 from estimator.fitting.problem import SIGMA_FLOOR
 from estimator.method_names import CUCKOO, loaded
 from estimator.motor.names import MOTOR
@@ -40,35 +40,35 @@ BETTER = 0.999  # of the cost: less of an improvement is none
 START_L = 5.0  # times h R: start of L that cures the spurious optimum L → 0
 
 
-def search_and_polish(run: Run) -> Estimate:
+def search_and_polish(session: Session) -> Estimate:
     """Search, polish, refine, and judge."""
-    attempts = _Attempts(run)
-    run.probe(run.start)
+    attempts = _Attempts(session)
+    session.probe(session.start)
     return attempts.best()
 
 
 class _Attempts:
     """The fits of one estimation, and how they compare."""
 
-    def __init__(self, run: Run) -> None:
-        self.run, self.problem, self.plan = run, run.problem, run.plan
+    def __init__(self, session: Session) -> None:
+        self.session, self.problem, self.plan = session, session.problem, session.plan
         self._search: Callable[..., Optimiser] = partial(CuckooSearch, alpha=ALPHA)
-        if run.method != CUCKOO:
-            self._search = loaded(run.method)
+        if session.method != CUCKOO:
+            self._search = loaded(session.method)
         self.squares = LeastSquares(
-            run.problem.residuals,
-            run.problem.box,
-            output=run.problem.output_of_residual,
-            spread=run.problem.spread,
-            loss=run.plan.case.search.loss,
+            session.problem.residuals,
+            session.problem.box,
+            output=session.problem.output_of_residual,
+            spread=session.problem.spread,
+            loss=session.plan.case.search.loss,
         )
-        noise = np.array([run.noise[y][0] for y in run.problem.outputs])
-        self.floor = np.maximum(noise, 1e-12 * run.problem.spread)
-        self.sigma = np.maximum(self.floor, SIGMA_FLOOR * run.problem.spread)
+        noise = np.array([session.noise[y][0] for y in session.problem.outputs])
+        self.floor = np.maximum(noise, 1e-12 * session.problem.spread)
+        self.sigma = np.maximum(self.floor, SIGMA_FLOOR * session.problem.spread)
 
     def best(self) -> Estimate:
         """Return the estimate of the best fit."""
-        run, box, start = self.run, self.problem.box, self.run.start
+        session, box, start = self.session, self.problem.box, self.session.start
         steady = steady_state(self.plan)
         space = reduced_space(self.plan, box, steady) or Space.full(box)
         polish = self._polished(self._searched(space, start, *nests_and_generations(self.plan)))
@@ -76,7 +76,7 @@ class _Attempts:
             tried = self._polished(start)
             polish = tried if self._is_better(tried, polish) else polish
         if steady is not None and set(self.plan.names) == set(MOTOR) and needs_many(self.plan, polish):
-            starts = many_starts(self.plan, polish, steady, box, count=STARTS, rng=run.rng)
+            starts = many_starts(self.plan, polish, steady, box, count=STARTS, rng=session.rng)
             polish = self._best_of_many(polish, starts)
         for other in self._other_starts(polish, start):  # before the bench is asked: it would explain a false optimum
             if self._is_good(polish):
@@ -92,33 +92,33 @@ class _Attempts:
                 break
             polish, explained = tried, self._explained(tried, start)
         if explained is None:
-            run.account.found(self.plan.names, polish.values, self._cost_at(polish))
-            return finish(run, polish.values, polish, noise=self.floor)
-        run.account.found(explained.plan.names, explained.polish.values, explained.polish.cost)
-        return finish(run, explained.polish.values, explained.polish, noise=self.floor, explained=explained)
+            session.account.found(self.plan.names, polish.values, self._cost_at(polish))
+            return finish(session, polish.values, polish, noise=self.floor)
+        session.account.found(explained.plan.names, explained.polish.values, explained.polish.cost)
+        return finish(session, explained.polish.values, explained.polish, noise=self.floor, explained=explained)
 
     def _searched(self, space: Space, start: FloatArray, nests: int, generations: int) -> FloatArray:
         """Search from nests of which a fifth lies around the start; return the best candidate."""
-        self.run.account.enter("search")
-        rng, d = self.run.rng, space.box.dimension
+        self.session.account.enter("search")
+        rng, d = self.session.rng, space.box.dimension
         first = rng.random((nests, d))
         home = space.cube(start)
         first[0] = home
         near = max(1, nests // 5)
         first[1 : 1 + near] = np.clip(home + 0.05 * rng.standard_normal((near, d)), 0.0, 1.0)
         optimiser = self._search(first, rng=rng)
-        self.run.account.expect(nests * (1 + optimiser.asks * generations) + POLISHING)
-        return self.run.search(optimiser, space, generations)
+        self.session.account.expect(nests * (1 + optimiser.asks * generations) + POLISHING)
+        return self.session.search(optimiser, space, generations)
 
-    def _polished(self, start: FloatArray) -> Polish:
-        self.run.account.enter("polish")
+    def _polished(self, start: FloatArray) -> LeastSquaresFit:
+        self.session.account.enter("polish")
         polish = self.squares.polish(start, self.sigma)
-        self.run.account.found(self.plan.names, polish.values, self._cost_at(polish))
+        self.session.account.found(self.plan.names, polish.values, self._cost_at(polish))
         return polish
 
-    def _best_of_many(self, polish: Polish, starts: FloatArray) -> Polish:
+    def _best_of_many(self, polish: LeastSquaresFit, starts: FloatArray) -> LeastSquaresFit:
         """Polish the best of many starts; return the most likely optimum."""
-        self.run.account.enter("polish")
+        self.session.account.enter("polish")
         problem = self.problem
         output = problem.output_of_residual
         costs = problem.costs(starts)
@@ -130,28 +130,28 @@ class _Attempts:
         if lowest >= log_likelihood(output, polish.deviations):
             return polish
         better = self.squares.polish(values, polish.deviations)
-        self.run.account.found(self.plan.names, better.values, self._cost_at(better))
+        self.session.account.found(self.plan.names, better.values, self._cost_at(better))
         return better
 
-    def _explained(self, polish: Polish, start: FloatArray) -> Explained | None:
+    def _explained(self, polish: LeastSquaresFit, start: FloatArray) -> Explained | None:
         """Find what the bench adds; None where the fit is exact, so that there is nothing to explain."""
-        run, problem = self.run, self.problem
-        run.account.enter("nuisances")
+        session, problem = self.session, self.problem
+        session.account.enter("nuisances")
         exact = np.all(polish.deviations < NUMERICAL * problem.spread)
         if exact and not any(o.delay for o in self.plan.observed) and not self.plan.wanted:
             return None
         held = at_given_bound(self.plan, polish)
         return explain(
             self.plan,
-            run.crew,
+            session.crew,
             [polish.values, *([] if self._is_good(polish) else self._other_starts(polish, start))],
             sigma=problem.sigma,
             deviations=self.sigma,
             effects=() if held else known_effects(),
-            enter=run.account.enter,
+            enter=session.account.enter,
         )
 
-    def _other_starts(self, polish: Polish, start: FloatArray) -> list[FloatArray]:
+    def _other_starts(self, polish: LeastSquaresFit, start: FloatArray) -> list[FloatArray]:
         """Return further starts: the data's guess, and for a motor one that leaves the optimum at L → 0."""
         names = self.plan.names
         if not {"L", "R"} <= set(names):
@@ -162,15 +162,15 @@ class _Attempts:
             again[names.index("J")] /= 1.15
         return [np.clip(again, self.problem.box.lower, self.problem.box.upper), start]
 
-    def _is_better(self, new: Polish, old: Polish) -> bool:
+    def _is_better(self, new: LeastSquaresFit, old: LeastSquaresFit) -> bool:
         return self._cost_at(new) < BETTER * self._cost_at(old)
 
-    def _cost_at(self, polish: Polish) -> float:
+    def _cost_at(self, polish: LeastSquaresFit) -> float:
         """Return a polish's cost at common deviations, so that two can be compared."""
         weighted = polish.residuals * (polish.deviations / self.sigma)[self.problem.output_of_residual]
         return float(weighted @ weighted)
 
-    def _is_good(self, polish: Polish) -> bool:
+    def _is_good(self, polish: LeastSquaresFit) -> bool:
         """Whether the residuals are no larger than the noise of the data."""
         allowed = np.maximum(POOR_FIT * self.floor, NOISE_FREE * self.problem.spread)
         return bool(np.all(polish.deviations <= allowed))

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.fitting.polish import SEEN, information_parts
+from estimator.fitting.least_squares import SEEN, information_parts
 
 if TYPE_CHECKING:
     from estimator.fitting.fit import Fit

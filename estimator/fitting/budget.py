@@ -24,8 +24,8 @@ from numpy.typing import NDArray
 from estimator.cases.tolerance import Tolerance
 from estimator.errors import CaseError, suggestion
 from estimator.fitting.fit import Fit, new_fit, solved
+from estimator.fitting.least_squares import information_parts
 from estimator.fitting.noise_model import NoiseModel
-from estimator.fitting.polish import information_parts
 from estimator.fitting.simulator import Simulator
 from estimator.fmus.workers import Workers
 from estimator.motor.winding import COPPER, REFERENCE, relative_resistance

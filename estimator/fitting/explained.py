@@ -15,7 +15,7 @@ from estimator.fitting.between_runs import BetweenRuns, is_between_runs, of_fit,
 from estimator.fitting.effects.base import Effect
 from estimator.fitting.fit import Fit
 from estimator.fitting.latency import with_latencies
-from estimator.fitting.polish import Polish
+from estimator.fitting.least_squares import LeastSquaresFit
 from estimator.fitting.selection import Addition, Explanation, Selection
 from estimator.fitting.simulator import Nuisance, Simulator, per_recording
 from estimator.fmus.fmu import describe
@@ -54,7 +54,7 @@ class Explained:
     ----------
     plan : Plan
         The case's, its parameters followed by what is estimated beside them.
-    polish : Polish
+    polish : LeastSquaresFit
         Values, errors and covariance of these, what stays open included; residuals and derivatives whitened.
     noise : (q,) array
         Root mean square of what is left of each output, but for outliers.
@@ -70,7 +70,7 @@ class Explained:
     """
 
     plan: Plan
-    polish: Polish
+    polish: LeastSquaresFit
     noise: FloatArray
     at_rest: FloatArray
     found: tuple[Found, ...]
@@ -260,7 +260,7 @@ def _explained(
     scores = information @ axes * np.sqrt(np.maximum(sizes, 0.0))  # its square is never negative, as rounded as it is
     whitener, left = fit.whitener, np.nan_to_num(fit.residuals())
     usual = whitener.present & (whitener.inflate == 1.0)
-    polish = Polish(
+    polish = LeastSquaresFit(
         values=values,
         cost=fit.cost,
         deviations=np.ones(len(plan.outputs)),

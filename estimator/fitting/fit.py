@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.conventions import MEDIAN_SIZE
+from estimator.fitting.least_squares import information_parts
 from estimator.fitting.noise_model import NoiseModel, Whitener
-from estimator.fitting.polish import information_parts
 from estimator.fitting.simulator import Simulator
 from estimator.plans.parameters import SensorPlace
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from estimator.cases.case import Case
 from estimator.errors import CaseError
-from estimator.fitting.winding import warmth
+from estimator.fitting.winding_temperature import warmth
 from estimator.fmus.job import Batch, Experiment, Job
 from estimator.fmus.workers import Workers
 from estimator.plans.parameters import Box

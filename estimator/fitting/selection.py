@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from estimator.fitting.effects.base import Effect
 from estimator.fitting.fit import Fit, Linear, held_down, new_fit, refreshed, solved, with_level, with_secants
-from estimator.fitting.machine import machine_of
+from estimator.fitting.motor_response import machine_of
 from estimator.fitting.noise_model import NoiseModel, find_jitter, fit_noise, noise_of_neighbours
 from estimator.fitting.simulator import Nuisance, Simulator
 from estimator.fitting.windows import find_windows

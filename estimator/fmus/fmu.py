@@ -1,6 +1,7 @@
 """An FMU as a file: what it says of itself. Executes nothing of it; knows no motor.
 
-Of this package only this module and those of the worker processes (``slave.py``, ``foreign.py``) know FMI and fmpy.
+Of this package only this module and those of the worker processes (``fmu_instance.py``, ``slow_path.py``) know FMI and
+fmpy.
 """
 
 from __future__ import annotations

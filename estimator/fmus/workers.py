@@ -1,7 +1,7 @@
 """FMUs live in worker processes: a crash, a hang or a leak stays there. Knows candidates and costs, no search.
 
-Workers share one batch in memory (desk.py); each takes the next candidate when it is free, so they are dealt out
-evenly, and what a candidate costs does not depend on who simulated it. A worker that dies or exceeds the time limit
+Workers share one batch in memory (shared_memory.py); each takes the next candidate when it is free, so they are dealt
+out evenly, and what a candidate costs does not depend on who simulated it. A worker that dies or exceeds the time limit
 is replaced; its candidate costs infinity and is remembered with its reason.
 """
 
@@ -26,7 +26,6 @@ from estimator.fmus.fmu import FmuDescription, check_usable
 from estimator.fmus.job import Batch, Failure, Job, write_numbers
 from estimator.fmus.process import IDLE, RUNNING, STARTING, Process, how_it_ended
 from estimator.fmus.run_folder import RunFolder
-from estimator.stepping.desk import MAX_WORKERS, NO_CLAIM, Desk
 from estimator.stepping.layout import (
     CRASHED,
     CUT_SHORT,
@@ -38,6 +37,7 @@ from estimator.stepping.layout import (
     outcome_sentence,
 )
 from estimator.stepping.library import check_installed
+from estimator.stepping.shared_memory import MAX_WORKERS, NO_CLAIM, SharedMemory
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -111,7 +111,7 @@ class Workers:
         folder = self._extracted(job.description)
         rows = sum(len(e.measured) for e in job.experiments)
         outputs = len(job.output_references)
-        desk = Desk(
+        shared = SharedMemory(
             capacity=CAPACITY,
             shown_capacity=max(1, min(CAPACITY, SHOWN_VALUES // max(1, rows * outputs))),
             experiments=len(job.experiments),
@@ -120,26 +120,26 @@ class Workers:
             rows=rows,
         )
         self._jobs += 1
-        desk_file = self._folder.path / f"desk-{self._jobs}"
-        with open(desk_file, "wb") as file:
-            file.truncate(desk.size)
-        with open(desk_file, "r+b") as file:
-            self._memory = mmap.mmap(file.fileno(), desk.size)
+        shared_file = self._folder.path / f"shared-{self._jobs}"
+        with open(shared_file, "wb") as file:
+            file.truncate(shared.size)
+        with open(shared_file, "r+b") as file:
+            self._memory = mmap.mmap(file.fileno(), shared.size)
         numbers_file = self._folder.path / f"numbers-{self._jobs}"
         layouts = write_numbers(numbers_file, job.experiments)
-        self._desk = desk
+        self._shared = shared
         self._job = job
         layout = job.layout(str(folder), layouts)
         self._order = {
             "number": self._jobs,
             "job": dataclasses.asdict(layout),
-            "desk": dataclasses.asdict(desk),
-            "desk_file": str(desk_file),
+            "shared": dataclasses.asdict(shared),
+            "shared_file": str(shared_file),
             "numbers_file": str(numbers_file),
             "memory_limit": self.memory_limit,
         }
-        self._counter = self._view(desk.next, 1, np.int64)
-        self._claims = self._view(desk.claims, MAX_WORKERS, np.int64)
+        self._counter = self._view(shared.next, 1, np.int64)
+        self._claims = self._view(shared.claims, MAX_WORKERS, np.int64)
         self._claims[:] = NO_CLAIM
         if not keep_counts:
             self.simulations = self.steps = self.failed = 0
@@ -150,7 +150,7 @@ class Workers:
         for old in self._files:
             with contextlib.suppress(OSError):  # still mapped: it goes with the folder
                 old.unlink()
-        self._files = [desk_file, numbers_file]
+        self._files = [shared_file, numbers_file]
 
     def run(
         self, values: FloatArray, *, bounds: FloatArray | None = None, refine: int = 1, record: bool = False
@@ -174,7 +174,7 @@ class Workers:
             The FMU cannot even be loaded.
         """
         n = len(values)
-        room = self._desk.shown_capacity if record else self._desk.capacity
+        room = self._shared.shown_capacity if record else self._shared.capacity
         limits = np.full(n, np.inf) if bounds is None else np.asarray(bounds, dtype=float)
         parts = [
             self._run_part(values[i : i + room], limits[i : i + room], refine=refine, record=record)
@@ -234,12 +234,12 @@ class Workers:
         self.close()
 
     def _run_part(self, values: FloatArray, bounds: FloatArray, *, refine: int, record: bool) -> Batch:
-        n, desk = len(values), self._desk
-        self._view(desk.values, values.size, np.float64)[:] = values.ravel()
-        self._view(desk.bounds, n, np.float64)[:] = bounds
-        costs = self._view(desk.costs, n, np.float64)
-        steps = self._view(desk.steps, n, np.int64)
-        outcomes = self._view(desk.outcomes, n, np.int64)
+        n, shared = len(values), self._shared
+        self._view(shared.values, values.size, np.float64)[:] = values.ravel()
+        self._view(shared.bounds, n, np.float64)[:] = bounds
+        costs = self._view(shared.costs, n, np.float64)
+        steps = self._view(shared.steps, n, np.int64)
+        outcomes = self._view(shared.outcomes, n, np.int64)
         costs[:], steps[:], outcomes[:] = np.inf, 0, PENDING
         self._counter[0] = 0
         self._order["run"] = {"candidates": n, "refine": refine, "record": record}
@@ -268,7 +268,7 @@ class Workers:
     def _collect(
         self, values: FloatArray, costs: FloatArray, steps: IntArray, outcomes: IntArray, *, refine: int, record: bool
     ) -> Batch:
-        n, desk = len(values), self._desk
+        n, shared = len(values), self._shared
         kinds = outcomes % 256
         failed = (kinds != FINISHED) & (kinds != CUT_SHORT)
         costs[failed] = np.inf
@@ -279,8 +279,8 @@ class Workers:
             self._remember(int(index), int(outcomes[index]), values[index], done=int(steps[index]), refine=refine)
         shown = None
         if record:
-            flat = self._view(desk.shown, n * desk.rows * desk.outputs, np.float64)
-            shown = flat.reshape(n, desk.rows, desk.outputs).copy()
+            flat = self._view(shared.shown, n * shared.rows * shared.outputs, np.float64)
+            shown = flat.reshape(n, shared.rows, shared.outputs).copy()
             shown[failed] = np.nan
         return Batch(costs=costs.copy(), steps=steps.copy(), failed=failed, shown=shown)
 

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.fitting.budget import Budget
-from estimator.fitting.polish import OUTSIDE, SEEN, Polish, information_parts, scaled_svd
+from estimator.fitting.least_squares import OUTSIDE, SEEN, LeastSquaresFit, information_parts, scaled_svd
 from estimator.motor.derived_quantities import derived_quantities
 from estimator.motor.names import is_motor
 from estimator.results.result import DerivedQuantity
@@ -30,7 +30,7 @@ STEP = 1e-6  # of a parameter, for the gradient
 
 
 def told_quantities(
-    values: Values, names: Sequence[str], log: NDArray[np.bool_], polish: Polish, budget: Budget | None = None
+    values: Values, names: Sequence[str], log: NDArray[np.bool_], polish: LeastSquaresFit, budget: Budget | None = None
 ) -> dict[str, DerivedQuantity]:
     """Return what the data tell of a DC motor as a whole; empty for another model.
 
@@ -58,7 +58,7 @@ def told_quantities(
     return result
 
 
-def _standard_error(gradient: FloatArray, polish: Polish) -> float | None:
+def _standard_error(gradient: FloatArray, polish: LeastSquaresFit) -> float | None:
     """Return the standard error of a quantity with this (p,) gradient; None where the data do not tell it."""
     inside = polish.at_bound == 0
     if np.any(gradient[~inside] != 0) or not inside.any():

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from estimator.cases.case_signals import run_value
 from estimator.fitting.explained import Explained
-from estimator.fitting.polish import Polish
+from estimator.fitting.least_squares import LeastSquaresFit
 from estimator.judging.verdict import Judgement
 from estimator.plans.parameters import Parameter
 from estimator.plans.plan import ChainSpec, Plan
@@ -21,7 +21,7 @@ FloatArray = NDArray[np.float64]
 
 
 def parameter_estimates(
-    plan: Plan, values: FloatArray, polish: Polish | None, judgement: Judgement
+    plan: Plan, values: FloatArray, polish: LeastSquaresFit | None, judgement: Judgement
 ) -> dict[str, ParameterEstimate]:
     """Return every parameter's estimate, the fixed ones included, and what the measurement chain adds."""
     result = {}
@@ -149,7 +149,7 @@ def figures(plan: Plan, comparisons: tuple[Comparison, ...]) -> tuple[dict[str, 
     return rmse, fit
 
 
-def correlation(polish: Polish) -> FloatArray:
+def correlation(polish: LeastSquaresFit) -> FloatArray:
     """Return the (p, p) correlation of the estimates; zero for parameters at a bound."""
     deviation = np.sqrt(np.diag(polish.covariance))
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -159,7 +159,7 @@ def correlation(polish: Polish) -> FloatArray:
     return np.asarray(np.clip(correlation, -1.0, 1.0))
 
 
-def information(polish: Polish, names: tuple[str, ...]) -> dict[str, Any]:
+def information(polish: LeastSquaresFit, names: tuple[str, ...]) -> dict[str, Any]:
     """Return eigenvalues of the Fisher information scaled to a diagonal of 1, and the direction of the least."""
     jacobian = polish.jacobian
     norms = np.linalg.norm(jacobian, axis=0)

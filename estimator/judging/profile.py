@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.fitting.polish import Polish
+from estimator.fitting.least_squares import LeastSquaresFit
 from estimator.plans.parameters import Box
 from estimator.results.result import CostProfile
 
@@ -32,7 +32,7 @@ WIDEST = np.log(2.0)  # reach of the logarithm of a parameter that the data do n
 
 
 def cost_profiles(
-    residuals: Residuals, box: Box, polish: Polish, *, names: Sequence[str], output: IntArray
+    residuals: Residuals, box: Box, polish: LeastSquaresFit, *, names: Sequence[str], output: IntArray
 ) -> dict[str, CostProfile]:
     """Return the cost profile of every parameter that has a standard error.
 
@@ -40,7 +40,7 @@ def cost_profiles(
     ----------
     residuals : callable
         (c, p) candidates in the parameters' units → (c, m) residuals in the outputs' units; NaN where failed.
-    polish : Polish
+    polish : LeastSquaresFit
         The optimum.
     names : p names
     output : (m,) integer array
@@ -54,7 +54,7 @@ def cost_profiles(
 class _Surroundings:
     residuals: Residuals
     box: Box
-    polish: Polish
+    polish: LeastSquaresFit
     weights: FloatArray
 
     def reach(self, j: int) -> float:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.fitting.explained import Explained
-from estimator.fitting.polish import Polish, information_parts
+from estimator.fitting.least_squares import LeastSquaresFit, information_parts
 from estimator.fitting.problem import Problem
 from estimator.fmus.probe import ignores_step
 from estimator.plans.plan import Plan
@@ -28,12 +28,14 @@ class StepCheck:
     notes: tuple[str, ...] = ()
 
 
-def step_check(problem: Problem, values: FloatArray, polish: Polish | None, explained: Explained | None) -> StepCheck:
+def step_check(
+    problem: Problem, values: FloatArray, polish: LeastSquaresFit | None, explained: Explained | None
+) -> StepCheck:
     """Simulate an estimate, (p,), at a finer communication step, and say what that changes.
 
     Parameters
     ----------
-    polish : Polish or None
+    polish : LeastSquaresFit or None
         None for methods that end with the search: nothing is compared then.
     """
     if explained is None:
@@ -69,7 +71,7 @@ def step_check(problem: Problem, values: FloatArray, polish: Polish | None, expl
     )
 
 
-def shift(problem: Problem, polish: Polish, fine: FloatArray, explained: Explained | None) -> FloatArray:
+def shift(problem: Problem, polish: LeastSquaresFit, fine: FloatArray, explained: Explained | None) -> FloatArray:
     """Return how far the fine trajectories, (rows, q), would move the scaled parameters, (p,), to first order."""
     if explained is None:
         weights = 1 / polish.deviations[problem.output_of_residual]
@@ -84,7 +86,7 @@ def shift(problem: Problem, polish: Polish, fine: FloatArray, explained: Explain
     return moved
 
 
-def _worst(plan: Plan, polish: Polish, moved: FloatArray) -> tuple[float, str, str] | None:
+def _worst(plan: Plan, polish: LeastSquaresFit, moved: FloatArray) -> tuple[float, str, str] | None:
     """Return the largest shift: in standard errors, whose, and how far; None if none matters."""
     inside = polish.at_bound == 0
     deviation = np.sqrt(np.diag(polish.covariance))

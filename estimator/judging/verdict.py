@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.fitting.polish import Polish, at_given_bound
+from estimator.fitting.least_squares import LeastSquaresFit, at_given_bound
 from estimator.judging.coasting import coasting
 from estimator.judging.plain_noise import structured
 from estimator.judging.refusal import CONTRADICTED, lost_transients, refused_notes, slow_for_the_motor
-from estimator.judging.scales import scales_at_odds
+from estimator.judging.speed_against_angle import scales_at_odds
 from estimator.judging.step_check import StepCheck
 from estimator.motor.names import MOTOR, has_motor, is_motor
 from estimator.motor.state_space import poles
@@ -28,7 +28,7 @@ from estimator.results.result import Comparison, Status, Verdict
 if TYPE_CHECKING:
     from estimator.fitting.adequacy import Failure
     from estimator.fitting.explained import Explained
-    from estimator.judging.structure import Structure
+    from estimator.judging.identifiability import Identifiability
     from estimator.plans.space import Steady
 
 FloatArray = NDArray[np.float64]
@@ -65,7 +65,7 @@ class Judgement:
 def judge(
     plan: Plan,
     values: Mapping[str, float],
-    polish: Polish | None,
+    polish: LeastSquaresFit | None,
     *,
     steady: Steady | None,
     noise: FloatArray,
@@ -73,7 +73,7 @@ def judge(
     spread: FloatArray,
     step: StepCheck,
     explained: Explained | None = None,
-    structure: Structure | None = None,
+    identifiability: Identifiability | None = None,
     compared: Sequence[Comparison] = (),
 ) -> Judgement:
     """Judge an estimate.
@@ -81,7 +81,7 @@ def judge(
     Parameters
     ----------
     values : parameter → estimate
-    polish : Polish or None
+    polish : LeastSquaresFit or None
         None for methods that end with the search.
     steady : Steady or None
         Of a single step.
@@ -93,7 +93,7 @@ def judge(
         What a finer communication step changes.
     explained : Explained or None
         What was found of the bench.
-    structure : Structure or None
+    identifiability : Identifiability or None
         What the outputs cannot tell, whatever the noise.
     compared : Sequence of Comparison
         The recordings against the estimate, for methods whose fit tests no residuals.
@@ -107,13 +107,15 @@ def judge(
             " current stay constant"
         )
     if polish is not None:
-        untold = () if structure is None else structure.untold
-        reasons += [structure.sentence] if structure is not None and structure.untold else []
+        untold = () if identifiability is None else identifiability.untold
+        reasons += [identifiability.sentence] if identifiability is not None and identifiability.untold else []
         alone = _identified(plan, values, polish)
         statuses.update({n: s for n, s in alone.items() if n not in untold})
         reasons += _by_parameter({n: s for n, s in statuses.items() if s.status == "not identified"})
         wide = {n: s for n, s in statuses.items() if s.status == "doubtful"}
-        statuses.update({n: ParameterStatus("not identified", structure.sentence) for n in untold} if structure else {})
+        statuses.update(
+            {n: ParameterStatus("not identified", identifiability.sentence) for n in untold} if identifiability else {}
+        )
         reasons += _traded(plan, polish, statuses)
         misfit = _misfit(plan, polish, explained, noise, spread)
         reasons += misfit
@@ -142,7 +144,7 @@ def judge(
     )
 
 
-def _identified(plan: Plan, values: Mapping[str, float], polish: Polish) -> dict[str, ParameterStatus]:
+def _identified(plan: Plan, values: Mapping[str, float], polish: LeastSquaresFit) -> dict[str, ParameterStatus]:
     statuses = {}
     has_winding = has_motor({*(p.quantity or p.name for p in plan.parameters), *plan.fixed})
     for j, parameter in enumerate(plan.parameters):
@@ -177,7 +179,7 @@ def _by_parameter(statuses: Mapping[str, ParameterStatus]) -> list[str]:
     return [f"{', '.join(names)}: {reason}" for reason, names in named.items()]
 
 
-def _traded(plan: Plan, polish: Polish, statuses: Mapping[str, ParameterStatus]) -> list[str]:
+def _traded(plan: Plan, polish: LeastSquaresFit, statuses: Mapping[str, ParameterStatus]) -> list[str]:
     """Name the two parameters that stand in for each other most, where one of them is not told well."""
     motor = [j for j, p in enumerate(plan.parameters) if p.place is None and polish.standard_errors[j] > 0]
     deviation = np.sqrt(np.diag(polish.covariance))
@@ -207,7 +209,7 @@ def _small_inductance(plan: Plan, values: Mapping[str, float]) -> str:
 
 
 def _misfit(
-    plan: Plan, polish: Polish, explained: Explained | None, noise: FloatArray, spread: FloatArray
+    plan: Plan, polish: LeastSquaresFit, explained: Explained | None, noise: FloatArray, spread: FloatArray
 ) -> list[str]:
     """Say what the model leaves: residuals above the noise that the recording shows, or that are not its noise."""
     if explained is not None:

@@ -87,13 +87,22 @@ def implausible(
     }
     if not {"i", "w", "angle"} & known.keys():
         return ()
-    bench = _Bench(title, time, {**known, **{n: y for n, y in signals.items() if n == "v"}}, guessed, columns or {})
-    signs = bench.signs()
-    exchanged = None if signs else bench.exchanged()
+    measured = _Measured(
+        title, time, {**known, **{n: y for n, y in signals.items() if n == "v"}}, guessed, columns or {}
+    )
+    signs = measured.signs()
+    exchanged = None if signs else measured.exchanged()
     if exchanged is not None:
         return (exchanged,)  # of columns that are others, nothing else is true
-    duty = bench.voltage()
-    found = [*signs, *bench.lone(), duty, bench.speed(is_duty=duty is not None), bench.current(), bench.clock()]
+    duty = measured.voltage()
+    found = [
+        *signs,
+        *measured.lone(),
+        duty,
+        measured.speed(is_duty=duty is not None),
+        measured.current(),
+        measured.clock(),
+    ]
     found += [
         is_held(title, time, known),
         coasts(title, time, known),
@@ -102,7 +111,7 @@ def implausible(
     return tuple(f for f in found if f is not None and f.kind not in {f"unit {name}" for name in sure})
 
 
-class _Bench:
+class _Measured:
     """The signals of one recording, and what is doubted of them."""
 
     def __init__(

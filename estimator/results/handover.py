@@ -17,9 +17,9 @@ import numpy as np
 from estimator.errors import InputError
 from estimator.motor.names import INPUTS, MOTOR, STATES, is_motor
 from estimator.motor.state_space import matrices, transfer_functions
-from estimator.results.cells import harmless
 from estimator.results.report import json_ready, to_mapping
 from estimator.results.result import DerivedQuantity, Estimate, ParameterEstimate, Setting, StandardUncertainty
+from estimator.results.spreadsheet_cells import harmless
 
 MSL = {  # what takes each value in a motor made of the Modelica Standard Library
     "R": "Modelica.Electrical.Analog.Basic.Resistor resistor(R={})",

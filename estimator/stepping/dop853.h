@@ -1,6 +1,6 @@
 /* dop853: one step of Dormand and Prince's explicit Runge-Kutta method of order 8, and what lies within it.
  *
- * Knows x' = f(t, x) and nothing else; exchange.h says what f is, and when to step. Coefficients, error estimate and
+ * Knows x' = f(t, x) and nothing else; model_exchange.h says what f is, and when to step. Coefficients, error estimate and
  * dense output: Hairer, Norsett, Wanner: Solving Ordinary Differential Equations I, 2nd ed., II.5, II.6 and the
  * authors' DOP853. A one-step method: it begins again after a jump of an input at the cost of two evaluations, where a
  * multi-step method climbs up from order 1.

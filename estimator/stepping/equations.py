@@ -1,4 +1,4 @@
-"""The functions of an FMU that ``exchange.h`` calls, found in its library: for model exchange, or FMI 1.0."""
+"""The functions of an FMU that ``model_exchange.h`` calls, found in its library: for model exchange, or FMI 1.0."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from ctypes import c_void_p
 from pathlib import Path
 from typing import Any
 
-from estimator.stepping.exchange import TOLERANCE
 from estimator.stepping.layout import JobLayout
+from estimator.stepping.model_exchange import TOLERANCE
 from estimator.stepping.structures import SETTING_TYPES, SUNDIALS, EquationsStruct, Log
 
 # Field of EquationsStruct → function of the standard, by version; what is not called in a version is left out.

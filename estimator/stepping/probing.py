@@ -13,8 +13,8 @@ from collections.abc import Mapping, Sequence
 from ctypes import CFUNCTYPE, POINTER, c_char_p, c_double, c_int, c_size_t, c_uint32, c_void_p
 from typing import Any
 
+from estimator.stepping.fmu_instance import FmuInstance
 from estimator.stepping.layout import JobLayout, positions, status_name
-from estimator.stepping.slave import LoadedFmu
 
 LEAST_STEPS = 10  # of a run that ends early, to be one
 Rows = list[list[float]]
@@ -48,9 +48,9 @@ class Prober:
         job = dict(order["job"])
         for name in ("settings", "scale", "types", "counts", "experiments"):
             job[name] = tuple(tuple(x) if isinstance(x, list) else x for x in job.get(name, ()))
-        self.loaded = LoadedFmu(JobLayout(**job), 0)
-        slave = self.loaded.slave
-        self.call = {name: CFUNCTYPE(*types)(getattr(slave, name)) for name, types in _PROTOTYPES.items()}
+        self.loaded = FmuInstance(JobLayout(**job), 0)
+        fmu = self.loaded.fmu
+        self.call = {name: CFUNCTYPE(*types)(getattr(fmu, name)) for name, types in _PROTOTYPES.items()}
         layout = self.loaded.layout
         if layout.is_fast:
             self.references = (layout.parameter_references, layout.input_references, layout.output_references)
@@ -240,12 +240,12 @@ class Prober:
         self._check("exitInitializationMode", self.call["exit_initialization"](component))
 
     def _instantiate(self) -> None:
-        slave = self.loaded.slave
+        fmu = self.loaded.fmu
         if self.component:
             self.call["free_instance"](self.component)
             self.component = None
-        name, resources = slave.instance_name, slave.resources
-        self.component = self.call["instantiate"](name, 1, slave.guid, resources, slave.callbacks, 0, 0)
+        name, resources = fmu.instance_name, fmu.resources
+        self.component = self.call["instantiate"](name, 1, fmu.guid, resources, fmu.callbacks, 0, 0)
         if not self.component:
             raise Refused(f"instantiate gave no instance{self._words()}")
 

@@ -8,12 +8,12 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 from estimator.recordings.sensors import Sensor
+from estimator.stepping.fmu_instance import FmuInstance
 from estimator.stepping.layout import MEAN, ExperimentLayout, JobLayout, positions
-from estimator.stepping.slave import LoadedFmu
 
 
 def reference_trajectories(
-    loaded: LoadedFmu,
+    loaded: FmuInstance,
     *,
     values: Sequence[float],
     experiment: int,
@@ -37,7 +37,7 @@ def reference_trajectories(
     """
     layout = loaded.layout
     recording = layout.experiments[experiment]
-    fmu = loaded.foreign
+    fmu = loaded.slow
     fmu.start, fmu.stop = recording.start, recording.start + recording.samples * recording.interval
     if not fmu.fmu.component:
         fmu.instantiate()

@@ -1,8 +1,8 @@
 /* stepper: one candidate from reset to cost, over an FMU's own functions.
  *
  * Knows FMI 2.0 co-simulation, nothing of motors, searches or processes. Other versions and kinds come in the same
- * shape: FMI 3.0 through fmi3_adapter.h, model exchange and FMI 1.0 through exchange.h, variables that are no reals
- * through functions that Python gives. Python (slave.py) fills the
+ * shape: FMI 3.0 through fmi3_adapter.h, model exchange and FMI 1.0 through model_exchange.h, variables that are no reals
+ * through functions that Python gives. Python (fmu_instance.py) fills the
  * structures below; their ctypes mirrors stand there, in the same order.
  *
  * A candidate is simulated over all experiments (recordings) in turn:
@@ -27,7 +27,7 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "exchange.h"
+#include "model_exchange.h"
 #include "fmi2Functions.h"
 #include "fmi3_adapter.h"
 #include "sensors.h"
@@ -81,7 +81,7 @@ typedef struct {
     fmi2Status (*set_other)(fmi2Component component, const Setting *setting); /* instead of the three; or NULL */
     fmi2SetRealInputDerivativesTYPE *set_derivatives; /* of an FMU that interpolates its inputs; or NULL */
     double *horizon; /* s: told until when the inputs stay as they are; or NULL */
-} Slave;
+} Fmu;
 
 typedef struct {
     int64_t samples;           /* n */
@@ -191,47 +191,47 @@ EXPORT void stepper_log3(fmi3InstanceEnvironment environment, fmi3Status status,
     if (status >= fmi3Discard) (void)snprintf(log->last, sizeof log->last, "%s", message);
 }
 
-/* Give a slave the functions of FMI 3.0 in the shape of FMI 2.0. */
-EXPORT void stepper_adapt(Slave *slave, const Fmi3 *fmi) {
-    slave->instantiate = adapted_instantiate;
-    slave->free_instance = adapted_free;
-    slave->reset = adapted_reset;
-    slave->setup_experiment = adapted_setup;
-    slave->enter_initialization = adapted_enter;
-    slave->exit_initialization = adapted_exit;
-    slave->set_real = adapted_set;
-    slave->get_real = adapted_get;
-    slave->do_step = adapted_step;
-    slave->set_other = adapted_set_other;
-    slave->callbacks = (const fmi2CallbackFunctions *)(const void *)fmi;
+/* Fill in the functions of FMI 3.0 in the shape of FMI 2.0. */
+EXPORT void stepper_adapt(Fmu *fmu, const Fmi3 *fmi) {
+    fmu->instantiate = adapted_instantiate;
+    fmu->free_instance = adapted_free;
+    fmu->reset = adapted_reset;
+    fmu->setup_experiment = adapted_setup;
+    fmu->enter_initialization = adapted_enter;
+    fmu->exit_initialization = adapted_exit;
+    fmu->set_real = adapted_set;
+    fmu->get_real = adapted_get;
+    fmu->do_step = adapted_step;
+    fmu->set_other = adapted_set_other;
+    fmu->callbacks = (const fmi2CallbackFunctions *)(const void *)fmi;
 }
 
 /* In place of a function that an FMU lacks: Error. */
 EXPORT int stepper_missing(void) { return fmi2Error; }
 
-/* Give a slave an FMU for model exchange of any version, or one for co-simulation of FMI 1.0, in the same shape. */
-EXPORT void stepper_exchange(Slave *slave, Equations *equations) {
-    slave->instantiate = exchange_instantiate;
-    slave->free_instance = exchange_free;
-    slave->reset = exchange_reset;
-    slave->setup_experiment = exchange_setup;
-    slave->enter_initialization = exchange_enter;
-    slave->exit_initialization = exchange_exit;
-    slave->set_real = exchange_set;
-    slave->get_real = exchange_get;
-    slave->do_step = exchange_step;
-    slave->set_other = exchange_set_other;
-    slave->callbacks = (const fmi2CallbackFunctions *)(const void *)equations;
-    if (equations->is_model) slave->horizon = &equations->horizon;
+/* Fill in an FMU for model exchange of any version, or one for co-simulation of FMI 1.0, in the same shape. */
+EXPORT void stepper_exchange(Fmu *fmu, Equations *equations) {
+    fmu->instantiate = exchange_instantiate;
+    fmu->free_instance = exchange_free;
+    fmu->reset = exchange_reset;
+    fmu->setup_experiment = exchange_setup;
+    fmu->enter_initialization = exchange_enter;
+    fmu->exit_initialization = exchange_exit;
+    fmu->set_real = exchange_set;
+    fmu->get_real = exchange_get;
+    fmu->do_step = exchange_step;
+    fmu->set_other = exchange_set_other;
+    fmu->callbacks = (const fmi2CallbackFunctions *)(const void *)equations;
+    if (equations->is_model) fmu->horizon = &equations->horizon;
 }
 
-static fmi2Status set_setting(const Slave *slave, const Setting *setting) {
+static fmi2Status set_setting(const Fmu *fmu, const Setting *setting) {
     const fmi2ValueReference reference = (fmi2ValueReference)setting->reference;
     const int value = (int)setting->whole;
-    if (slave->set_other != NULL) return slave->set_other(slave->component, setting);
-    if (setting->type == WHOLE) return slave->set_integer(slave->component, &reference, 1, &value);
-    if (setting->type == TRUTH) return slave->set_boolean(slave->component, &reference, 1, &value);
-    if (setting->type == TEXT) return slave->set_string(slave->component, &reference, 1, &setting->text);
+    if (fmu->set_other != NULL) return fmu->set_other(fmu->component, setting);
+    if (setting->type == WHOLE) return fmu->set_integer(fmu->component, &reference, 1, &value);
+    if (setting->type == TRUTH) return fmu->set_boolean(fmu->component, &reference, 1, &value);
+    if (setting->type == TEXT) return fmu->set_string(fmu->component, &reference, 1, &setting->text);
     return fmi2Error;
 }
 
@@ -243,11 +243,11 @@ static int64_t failed(int64_t phase, fmi2Status status) {
 static int is_fatal(int64_t outcome) { return outcome % 256 == FAILED && outcome / 65536 % 256 == fmi2Fatal; }
 
 /* Setting values has failed: try them one by one, and say which is refused, counted from `first` + 1; none: 0. */
-static int64_t refused(const Slave *slave, const fmi2ValueReference references[], int64_t count, const double values[],
+static int64_t refused(const Fmu *fmu, const fmi2ValueReference references[], int64_t count, const double values[],
                        fmi2Status status, int64_t first) {
     const int64_t outcome = failed(IN_SET, status);
     for (int64_t k = 0; k < count && status != fmi2Fatal; k++) {
-        status = slave->set_real(slave->component, references + k, 1, values + k);
+        status = fmu->set_real(fmu->component, references + k, 1, values + k);
         if (status > fmi2Warning) return outcome + ((int64_t)1 << 24) * (first + k + 1);
     }
     return outcome;
@@ -258,38 +258,38 @@ static double stop_time(const Experiment *experiment) {
     return experiment->start + (double)experiment->samples * experiment->interval;
 }
 
-static int64_t initialise(Slave *slave, const Job *job, const Experiment *experiment, const double *values) {
+static int64_t initialise(Fmu *fmu, const Job *job, const Experiment *experiment, const double *values) {
     fmi2Status status;
-    if (slave->reinstantiate || slave->component == NULL) {
-        if (slave->component != NULL) slave->free_instance(slave->component);
-        slave->component = slave->instantiate(slave->instance_name, fmi2CoSimulation, slave->guid, slave->resources,
-                                              slave->callbacks, fmi2False, fmi2False);
-        if (slave->component == NULL) return failed(IN_INSTANTIATE, fmi2Error);
-    } else if ((status = slave->reset(slave->component)) > fmi2Warning) {
+    if (fmu->reinstantiate || fmu->component == NULL) {
+        if (fmu->component != NULL) fmu->free_instance(fmu->component);
+        fmu->component = fmu->instantiate(fmu->instance_name, fmi2CoSimulation, fmu->guid, fmu->resources,
+                                              fmu->callbacks, fmi2False, fmi2False);
+        if (fmu->component == NULL) return failed(IN_INSTANTIATE, fmi2Error);
+    } else if ((status = fmu->reset(fmu->component)) > fmi2Warning) {
         return failed(IN_RESET, status);
     }
-    status = slave->setup_experiment(slave->component, fmi2False, 0.0, experiment->start, fmi2True,
+    status = fmu->setup_experiment(fmu->component, fmi2False, 0.0, experiment->start, fmi2True,
                                      stop_time(experiment));
     if (status > fmi2Warning) return failed(IN_SETUP, status);
     if (job->parameters > 0) {
-        status = slave->set_real(slave->component, job->parameter_references, (size_t)job->parameters, values);
+        status = fmu->set_real(fmu->component, job->parameter_references, (size_t)job->parameters, values);
         if (status > fmi2Warning)
-            return refused(slave, job->parameter_references, job->parameters, values, status, 0);
+            return refused(fmu, job->parameter_references, job->parameters, values, status, 0);
     }
     for (int64_t s = 0; s < job->settings; s++) {
-        status = set_setting(slave, &job->setting[s]);
+        status = set_setting(fmu, &job->setting[s]);
         if (status > fmi2Warning) return failed(IN_SET, status) + ((int64_t)1 << 24) * (job->parameters + s + 1);
     }
-    status = slave->enter_initialization(slave->component);
+    status = fmu->enter_initialization(fmu->component);
     if (status > fmi2Warning) return failed(IN_INITIALISATION, status);
-    status = slave->exit_initialization(slave->component);
+    status = fmu->exit_initialization(fmu->component);
     if (status > fmi2Warning) return failed(IN_INITIALISATION, status);
     return FINISHED;
 }
 
 /* What a simulation needs at every step, and where it stands. */
 typedef struct {
-    const Slave *slave;
+    const Fmu *fmu;
     const Job *job;
     const Experiment *experiment;
     const FloatingPoint *saved;
@@ -312,7 +312,7 @@ static void tell_horizon(const Run *run, int64_t k, size_t inputs) {
         while (j < inputs && then[j] == now[j]) j++;
         if (j < inputs) break;
     }
-    *run->slave->horizon = run->experiment->start + (double)next * run->experiment->interval;
+    *run->fmu->horizon = run->experiment->start + (double)next * run->experiment->interval;
 }
 
 /* Set the inputs of sample k, where they differ from those of the sample before. */
@@ -320,8 +320,8 @@ static inline fmi2Status set_inputs(const Run *run, int64_t k, size_t inputs) {
     const double *now = run->experiment->inputs + (size_t)k * inputs;
     int changed = k == 0;
     for (size_t j = 0; j < inputs && !changed; j++) changed = now[j] != *(now + j - inputs);
-    if (changed && run->slave->horizon != NULL) tell_horizon(run, k, inputs);
-    return changed ? run->slave->set_real(run->slave->component, run->job->input_references, inputs, now) : fmi2OK;
+    if (changed && run->fmu->horizon != NULL) tell_horizon(run, k, inputs);
+    return changed ? run->fmu->set_real(run->fmu->component, run->job->input_references, inputs, now) : fmi2OK;
 }
 
 #include "timed.h"
@@ -336,13 +336,13 @@ static inline fmi2Status set_inputs(const Run *run, int64_t k, size_t inputs) {
 /* Step and compare. The bare loop is for complete recordings of identity sensors whose trajectories are not kept: the
    same sums in the same order, without the questions. */
 SPECIALISED int64_t follow(Run *run, const size_t outputs, const size_t inputs, const int bare) {
-    const Slave *slave = run->slave;
+    const Fmu *fmu = run->fmu;
     const Job *job = run->job;
     const Experiment *experiment = run->experiment;
-    const fmi2Component component = slave->component;
+    const fmi2Component component = fmu->component;
     const fmi2ValueReference *references = job->output_references;
-    fmi2GetRealTYPE *const get_real = slave->get_real;
-    fmi2DoStepTYPE *const do_step = slave->do_step;
+    fmi2GetRealTYPE *const get_real = fmu->get_real;
+    fmi2DoStepTYPE *const do_step = fmu->do_step;
     const int64_t last = experiment->samples - 1;
     const int64_t substeps = bare ? 1 : run->substeps;
     const double *measured = experiment->measured;
@@ -385,14 +385,14 @@ SPECIALISED int64_t follow(Run *run, const size_t outputs, const size_t inputs, 
         if (k == last) break;
         status = set_inputs(run, k, inputs);
         if (status > fmi2Warning) {
-            outcome = refused(slave, job->input_references, job->inputs, experiment->inputs + (size_t)k * inputs,
+            outcome = refused(fmu, job->input_references, job->inputs, experiment->inputs + (size_t)k * inputs,
                               status, job->parameters + job->settings);
             break;
         }
         for (int64_t s = 0; s < substeps; s++) {
             status = do_step(component, start + (double)count * h, h, fmi2True);
             count++;
-            if (!bare && slave->restore_every_step) restore(run->saved);
+            if (!bare && fmu->restore_every_step) restore(run->saved);
             if (status > fmi2Warning) break;
         }
         if (status > fmi2Warning) {
@@ -405,12 +405,12 @@ SPECIALISED int64_t follow(Run *run, const size_t outputs, const size_t inputs, 
     return outcome;
 }
 
-static int64_t simulate(Run *run, const double *values, Slave *slave) {
+static int64_t simulate(Run *run, const double *values, Fmu *fmu) {
     const Job *job = run->job;
     const size_t outputs = (size_t)job->outputs;
     const size_t inputs = (size_t)job->inputs;
-    int64_t outcome = initialise(slave, job, run->experiment, values);
-    int bare = run->shown == NULL && run->substeps == 1 && !slave->restore_every_step && run->experiment->complete &&
+    int64_t outcome = initialise(fmu, job, run->experiment, values);
+    int bare = run->shown == NULL && run->substeps == 1 && !fmu->restore_every_step && run->experiment->complete &&
                run->sensor_values == NULL && run->experiment->chains == NULL && job->scale == NULL;
     if (outcome != FINISHED) return outcome;
     if (is_timed(run)) return follow_events(run);
@@ -421,7 +421,7 @@ static int64_t simulate(Run *run, const double *values, Slave *slave) {
 }
 
 /* Simulate one experiment of a candidate, whose experiments before it cost `*cost`, and add to it. */
-static int64_t one_experiment(Slave *slave, const Job *job, const Batch *batch, int64_t index, int64_t e, double *cost,
+static int64_t one_experiment(Fmu *fmu, const Job *job, const Batch *batch, int64_t index, int64_t e, double *cost,
                               const FloatingPoint *saved) {
     const int64_t stride = job->parameters + job->sensor_values;
     const double *values = batch->values + (index * job->experiments + e) * stride;
@@ -437,7 +437,7 @@ static int64_t one_experiment(Slave *slave, const Job *job, const Batch *batch, 
         }
         shown = batch->shown + (index * rows + before) * job->outputs;
     }
-    Run run = {.slave = slave,
+    Run run = {.fmu = fmu,
                .job = job,
                .experiment = experiment,
                .saved = saved,
@@ -447,13 +447,13 @@ static int64_t one_experiment(Slave *slave, const Job *job, const Batch *batch, 
                .cost = *cost,
                .shown = shown,
                .sensor_values = job->sensor_values > 0 ? values + job->parameters : NULL};
-    outcome = simulate(&run, values, slave);
+    outcome = simulate(&run, values, fmu);
     *cost = run.cost;
     batch->steps[index] += run.count;
-    if (outcome % 256 == FAILED && slave->component != NULL) {
+    if (outcome % 256 == FAILED && fmu->component != NULL) {
         /* An FMU is in an undefined state after an error: the next run starts from a new instance. */
-        if (!is_fatal(outcome)) slave->free_instance(slave->component);
-        slave->component = NULL;
+        if (!is_fatal(outcome)) fmu->free_instance(fmu->component);
+        fmu->component = NULL;
     }
     return outcome;
 }
@@ -464,11 +464,11 @@ static int64_t finish(const Batch *batch, int64_t index, int64_t outcome, double
     return outcome;
 }
 
-static int64_t candidate(Slave *slave, const Job *job, const Batch *batch, int64_t index, const FloatingPoint *saved) {
+static int64_t candidate(Fmu *fmu, const Job *job, const Batch *batch, int64_t index, const FloatingPoint *saved) {
     double cost = 0.0;
     int64_t outcome = FINISHED;
     for (int64_t e = 0; e < job->experiments && outcome == FINISHED; e++) {
-        outcome = one_experiment(slave, job, batch, index, e, &cost, saved);
+        outcome = one_experiment(fmu, job, batch, index, e, &cost, saved);
     }
     return finish(batch, index, outcome, cost);
 }
@@ -483,14 +483,14 @@ EXPORT int64_t stepper_take(const Batch *batch) {
 
 /* Simulate one experiment of one candidate, in a process of its own. The running cost of the experiments before it
    stands in batch->costs[index]; it is added to, and final after the last one. */
-EXPORT int64_t stepper_run_one(Slave *slave, const Job *job, const Batch *batch, int64_t index, int64_t experiment) {
+EXPORT int64_t stepper_run_one(Fmu *fmu, const Job *job, const Batch *batch, int64_t index, int64_t experiment) {
     FloatingPoint saved;
     double cost = experiment == 0 ? 0.0 : batch->costs[index];
     int64_t outcome;
     if (job->outputs > MAX_OUTPUTS || job->inputs > MAX_INPUTS) return -1;
-    slave->restore_every_step = 1; /* nobody looks again */
+    fmu->restore_every_step = 1; /* nobody looks again */
     remember(&saved);
-    outcome = one_experiment(slave, job, batch, index, experiment, &cost, &saved);
+    outcome = one_experiment(fmu, job, batch, index, experiment, &cost, &saved);
     batch->costs[index] = cost;
     if (outcome != FINISHED || experiment == job->experiments - 1) outcome = finish(batch, index, outcome, cost);
     batch->outcomes[index] = outcome;
@@ -498,7 +498,7 @@ EXPORT int64_t stepper_run_one(Slave *slave, const Job *job, const Batch *batch,
 }
 
 /* Simulate candidates until none is left or the quota is reached; return how many. */
-EXPORT int64_t stepper_run(Slave *slave, const Job *job, const Batch *batch) {
+EXPORT int64_t stepper_run(Fmu *fmu, const Job *job, const Batch *batch) {
     FloatingPoint saved;
     int64_t done = 0;
     if (job->outputs > MAX_OUTPUTS || job->inputs > MAX_INPUTS) return -1;
@@ -507,12 +507,12 @@ EXPORT int64_t stepper_run(Slave *slave, const Job *job, const Batch *batch) {
         int64_t index = stepper_take(batch);
         int64_t outcome;
         if (index < 0) break;
-        outcome = candidate(slave, job, batch, index, &saved);
+        outcome = candidate(fmu, job, batch, index, &saved);
         if (is_changed(&saved)) {
             restore(&saved);
-            if (!slave->restore_every_step) {
-                slave->restore_every_step = 1;
-                outcome = candidate(slave, job, batch, index, &saved);
+            if (!fmu->restore_every_step) {
+                fmu->restore_every_step = 1;
+                outcome = candidate(fmu, job, batch, index, &saved);
                 restore(&saved);
             }
         }
@@ -524,7 +524,7 @@ EXPORT int64_t stepper_run(Slave *slave, const Job *job, const Batch *batch) {
 }
 
 /* Free the instance, if there is one. */
-EXPORT void stepper_close(Slave *slave) {
-    if (slave->component != NULL) slave->free_instance(slave->component);
-    slave->component = NULL;
+EXPORT void stepper_close(Fmu *fmu) {
+    if (fmu->component != NULL) fmu->free_instance(fmu->component);
+    fmu->component = NULL;
 }

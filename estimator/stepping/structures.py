@@ -17,7 +17,7 @@ class Log(ctypes.Structure):
     _fields_ = [("messages", c_int64), ("last", c_char * 512)]
 
 
-class SlaveStruct(ctypes.Structure):
+class FmuStruct(ctypes.Structure):
     """The FMU's instance and functions."""
 
     _fields_ = [

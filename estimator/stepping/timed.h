@@ -120,7 +120,7 @@ static void input_means(const Timed *t, double from, double to, double *means) {
 
 /* Tell the FMU where its inputs begin between two instants without an event between, and how steep they are. */
 static fmi2Status tell_slopes(const Timed *t, double from, double to, const double *means) {
-    const Slave *slave = t->run->slave;
+    const Fmu *fmu = t->run->fmu;
     const fmi2ValueReference *references = t->run->job->input_references;
     const double *rows = t->run->experiment->inputs;
     const double middle = 0.5 * (from + to);
@@ -143,13 +143,13 @@ static fmi2Status tell_slopes(const Timed *t, double from, double to, const doub
         told[count] = references[j];
         order[count++] = 1;
     }
-    status = slave->set_real(slave->component, references, t->inputs, begin);
+    status = fmu->set_real(fmu->component, references, t->inputs, begin);
     if (status > fmi2Warning) return status;
-    return slave->set_derivatives(slave->component, told, count, order, slope);
+    return fmu->set_derivatives(fmu->component, told, count, order, slope);
 }
 
 static fmi2Status hold_means(Timed *t, double from, double to) {
-    const Slave *slave = t->run->slave;
+    const Fmu *fmu = t->run->fmu;
     double means[MAX_INPUTS];
     int changed = !t->has_held;
     if (t->inputs == 0 || to <= t->lasts) return fmi2OK;
@@ -163,7 +163,7 @@ static fmi2Status hold_means(Timed *t, double from, double to) {
     if (!changed) return fmi2OK;
     memcpy(t->held, means, t->inputs * sizeof *means);
     t->has_held = 1;
-    return slave->set_real(slave->component, t->run->job->input_references, t->inputs, means);
+    return fmu->set_real(fmu->component, t->run->job->input_references, t->inputs, means);
 }
 
 /* Keep what was read now, for all samples that are due. */
@@ -196,7 +196,7 @@ static double usual_step(Timed *t, double step, double time) {
 /* Step from one sample to the next, and read on the way what is due. */
 static int64_t step_over(Timed *t, int64_t k, int64_t *count) {
     const Run *run = t->run;
-    const Slave *slave = run->slave;
+    const Fmu *fmu = run->fmu;
     const double begin = instant(run->experiment, k);
     const double end = instant(run->experiment, k + 1);
     double now = begin;
@@ -209,15 +209,15 @@ static int64_t step_over(Timed *t, int64_t k, int64_t *count) {
         for (int64_t s = 0; s < (steps > 0 ? steps : 1); s++) {
             status = hold_means(t, now + (double)s * h, now + (double)(s + 1) * h);
             if (status > fmi2Warning) return failed(IN_SET, status);
-            status = slave->do_step(slave->component, now + (double)s * h, h, fmi2True);
+            status = fmu->do_step(fmu->component, now + (double)s * h, h, fmi2True);
             ++*count;
-            if (slave->restore_every_step) restore(run->saved);
+            if (fmu->restore_every_step) restore(run->saved);
             if (status > fmi2Warning) return failed(IN_STEP, status);
         }
         now = stop;
         while (t->row + 1 < t->samples && acts_from(t, t->row + 1) <= now + t->same) t->row++;
         if (now < end) {
-            status = slave->get_real(slave->component, run->job->output_references, t->outputs, read);
+            status = fmu->get_real(fmu->component, run->job->output_references, t->outputs, read);
             if (status > fmi2Warning) return failed(IN_READ, status);
             keep(t, read, now, now);
         }
@@ -261,7 +261,7 @@ static int is_timed(const Run *run) {
 
 /* Step and compare. */
 static int64_t follow_events(Run *run) {
-    const Slave *slave = run->slave;
+    const Fmu *fmu = run->fmu;
     static _Thread_local ChainState states[MAX_OUTPUTS];
     Timed t = {.run = run,
                .inputs = (size_t)run->job->inputs,
@@ -282,14 +282,14 @@ static int64_t follow_events(Run *run) {
         for (size_t j = 0; j < t.outputs; j++) t.late[j] = run->sensor_values[3 + 3 * j];
     }
     for (size_t j = 0; j < t.inputs; j++) t.goes_linearly = t.goes_linearly || goes_linearly(&t, j);
-    t.tells_slopes = t.goes_linearly && slave->set_derivatives != NULL;
+    t.tells_slopes = t.goes_linearly && fmu->set_derivatives != NULL;
     if (run->job->even_steps) t.tells_slopes = 0; /* an input may bend within a step */
     t.kept = malloc((size_t)t.samples * t.outputs * sizeof *t.kept);
     if (t.kept == NULL) return failed(IN_READ, fmi2Error);
     while (t.row + 1 < t.samples && acts_from(&t, t.row + 1) <= start + t.same) t.row++;
     for (int64_t k = 0;; k++) {
         const double now = instant(run->experiment, k);
-        fmi2Status status = slave->get_real(slave->component, run->job->output_references, t.outputs, read);
+        fmi2Status status = fmu->get_real(fmu->component, run->job->output_references, t.outputs, read);
         if (status > fmi2Warning) {
             outcome = failed(IN_READ, status);
             break;

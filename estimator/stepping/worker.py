@@ -22,11 +22,11 @@ from pathlib import Path
 from typing import IO, Any, NoReturn
 
 from estimator.stepping.descendants import MARK, adopt, end_all
-from estimator.stepping.desk import ENTRY, Desk
-from estimator.stepping.foreign import fmu_class
+from estimator.stepping.fmu_instance import FmuInstance, stepper
 from estimator.stepping.layout import CRASHED, FINISHED, ExperimentLayout, JobLayout
 from estimator.stepping.reference import reference_trajectories
-from estimator.stepping.slave import LoadedFmu, stepper
+from estimator.stepping.shared_memory import ENTRY, SharedMemory
+from estimator.stepping.slow_path import fmu_class
 from estimator.stepping.structures import BatchStruct
 
 UNFINISHED, NOT_LOADED = 9, 7  # exit codes of a process of one simulation
@@ -94,7 +94,7 @@ def _stage(prober: Any, name: str) -> dict[str, Any]:
 
 
 class _Worker:
-    """The FMU of one job, the desk, and the numbers."""
+    """The FMU of one job, the shared memory, and the numbers."""
 
     def __init__(self, order: dict[str, Any]) -> None:
         job = dict(order["job"])
@@ -103,12 +103,12 @@ class _Worker:
             job[name] = tuple(tuple(x) if isinstance(x, list) else x for x in job[name])
         self.index = int(order["index"])
         self.memory_limit = int(order["memory_limit"])
-        self.desk = Desk(**order["desk"])
-        self._desk_map, self._desk_address = _map(order["desk_file"], write=True)
+        self.shared = SharedMemory(**order["shared"])
+        self._shared_map, self._shared_address = _map(order["shared_file"], write=True)
         self._numbers_map, self._numbers_address = _map(order["numbers_file"], write=False)
         self.layout = JobLayout(**job)
         self.forks = self.layout.fresh_process and hasattr(os, "fork")
-        self._loaded = None if self.forks else LoadedFmu(self.layout, self._numbers_address)
+        self._loaded = None if self.forks else FmuInstance(self.layout, self._numbers_address)
         self._looked = time.monotonic()
         self._process: Any = None
 
@@ -116,19 +116,19 @@ class _Worker:
         """Simulate candidates until none is left, or until this process has grown too large."""
         if order.get("reference"):
             return {"rows": self._reference(order)}
-        desk, base = self.desk, self._desk_address
+        shared, base = self.shared, self._shared_address
         batch = BatchStruct(
-            next=base + desk.next,
-            claim=base + desk.claims + self.index * ENTRY,
+            next=base + shared.next,
+            claim=base + shared.claims + self.index * ENTRY,
             candidates=int(order["candidates"]),
             quota=QUOTA,
             refine=int(order["refine"]),
-            values=base + desk.values,
-            bounds=base + desk.bounds,
-            costs=base + desk.costs,
-            steps=base + desk.steps,
-            outcomes=base + desk.outcomes,
-            shown=base + desk.shown if order["record"] else None,
+            values=base + shared.values,
+            bounds=base + shared.bounds,
+            costs=base + shared.costs,
+            steps=base + shared.steps,
+            outcomes=base + shared.outcomes,
+            shown=base + shared.shown if order["record"] else None,
         )
         if self.layout.fresh_process:
             return self._run_apart(batch)
@@ -139,10 +139,10 @@ class _Worker:
         return self._answer(recycle=full)
 
     @property
-    def loaded(self) -> LoadedFmu:
+    def loaded(self) -> FmuInstance:
         """The FMU, loaded into this process when it is asked for."""
         if self._loaded is None:
-            self._loaded = LoadedFmu(self.layout, self._numbers_address)
+            self._loaded = FmuInstance(self.layout, self._numbers_address)
         return self._loaded
 
     def close(self) -> None:

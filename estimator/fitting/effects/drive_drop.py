@@ -9,7 +9,7 @@ import numpy as np
 
 from estimator.fitting.effects.base import Effect
 from estimator.fitting.fit import Fit, Linear
-from estimator.fitting.machine import as_late, motor_values, response
+from estimator.fitting.motor_response import as_late, motor_values, response
 from estimator.plans.plan import Plan
 
 MOST = 0.5  # of the largest voltage

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from estimator.fitting.effects.base import Effect
 from estimator.fitting.fit import Fit, Linear
-from estimator.fitting.machine import motor_values, pulse_response
+from estimator.fitting.motor_response import motor_values, pulse_response
 from estimator.plans.plan import Plan
 
 FloatArray = NDArray[np.float64]

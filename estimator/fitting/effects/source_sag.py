@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from estimator.fitting.effects.base import SELDOM, Effect
 from estimator.fitting.fit import Fit, Linear
-from estimator.fitting.machine import motor_values, response
+from estimator.fitting.motor_response import motor_values, response
 from estimator.fitting.recursion import recursion
 from estimator.plans.plan import Plan
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from estimator.fitting.effects.base import Effect
 from estimator.fitting.fit import Fit, Linear
-from estimator.fitting.machine import free_motion, motor_values
+from estimator.fitting.motor_response import free_motion, motor_values
 from estimator.fitting.simulator import per_recording
 from estimator.plans.plan import Plan
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from estimator.fitting.effects.base import SELDOM, Effect
 from estimator.fitting.fit import Fit, Linear
-from estimator.fitting.machine import as_late, motor_values, response
+from estimator.fitting.motor_response import as_late, motor_values, response
 from estimator.fitting.recursion import recursion
 from estimator.plans.plan import Plan
 

@@ -1,7 +1,7 @@
 """An FMU, loaded: fmpy loads and instantiates, ``stepper.c`` steps. Lives in a worker process; knows no search.
 
-With ``fmu.py``, ``foreign.py`` and ``equations.py`` the only module that knows FMI and fmpy. Where variables are real
-numbers the loop calls the FMU's own functions; others go through ``foreign.py``, in the same loop.
+With ``fmu.py``, ``slow_path.py`` and ``equations.py`` the only module that knows FMI and fmpy. Where variables are real
+numbers the loop calls the FMU's own functions; others go through ``slow_path.py``, in the same loop.
 """
 
 from __future__ import annotations
@@ -13,19 +13,19 @@ from pathlib import Path
 from typing import Any
 
 from estimator.stepping.equations import equations_of
-from estimator.stepping.foreign import CO_SIMULATION, Callbacks, ForeignFmu, fmi1_callbacks
 from estimator.stepping.layout import ExperimentLayout, JobLayout, positions
 from estimator.stepping.library import STEPPER
+from estimator.stepping.slow_path import CO_SIMULATION, Callbacks, SlowFmu, fmi1_callbacks
 from estimator.stepping.structures import (
     SETTING_TYPES,
     BatchStruct,
     ChainStruct,
     ExperimentStruct,
     Fmi3Struct,
+    FmuStruct,
     JobStruct,
     Log,
     SettingStruct,
-    SlaveStruct,
 )
 
 FMI2_FUNCTIONS = {
@@ -55,7 +55,7 @@ FMI3_FUNCTIONS = {
 def stepper() -> ctypes.CDLL:
     """Return the stepping loop, loaded."""
     library = ctypes.CDLL(str(STEPPER))
-    pointers: list[Any] = [POINTER(SlaveStruct), POINTER(JobStruct), POINTER(BatchStruct)]
+    pointers: list[Any] = [POINTER(FmuStruct), POINTER(JobStruct), POINTER(BatchStruct)]
     library.stepper_run.restype = library.stepper_take.restype = library.stepper_run_one.restype = c_int64
     library.stepper_run.argtypes = pointers
     library.stepper_take.argtypes = pointers[2:]
@@ -65,7 +65,7 @@ def stepper() -> ctypes.CDLL:
     return library
 
 
-class LoadedFmu:
+class FmuInstance:
     """An FMU, its library loaded into this process (and never unloaded).
 
     Parameters
@@ -82,7 +82,7 @@ class LoadedFmu:
         self._kept: list[Any] = []
         references = (*job.parameter_references, *job.input_references, *job.output_references)
         types = job.types or ("Real",) * len(references)
-        self.foreign = ForeignFmu(
+        self.slow = SlowFmu(
             folder=job.folder,
             identifier=job.identifier,
             guid=job.guid,
@@ -94,12 +94,12 @@ class LoadedFmu:
             counts=job.counts,
         )
         self.settings = self._settings(job)
-        self.slave = self._slave(job)
+        self.fmu = self._fmu(job)
         self.job = self._job(job, memory)
 
     def run(self, batch: BatchStruct) -> int:
         """Simulate candidates until none is left or the quota is reached; return how many this process did."""
-        return int(self.stepper.stepper_run(self.slave, self.job, batch))
+        return int(self.stepper.stepper_run(self.fmu, self.job, batch))
 
     def take(self, batch: BatchStruct) -> int:
         """Take the next candidate; -1: none is left."""
@@ -107,12 +107,12 @@ class LoadedFmu:
 
     def run_one(self, batch: BatchStruct, *, candidate: int, experiment: int) -> int:
         """Simulate one experiment of a candidate; return its outcome."""
-        return int(self.stepper.stepper_run_one(self.slave, self.job, batch, candidate, experiment))
+        return int(self.stepper.stepper_run_one(self.fmu, self.job, batch, candidate, experiment))
 
     def close(self) -> None:
         """Free the instance."""
-        self.stepper.stepper_close(self.slave)
-        self.foreign.free()
+        self.stepper.stepper_close(self.fmu)
+        self.slow.free()
 
     def _settings(self, job: JobLayout) -> Any:
         rows = []
@@ -129,9 +129,9 @@ class LoadedFmu:
         self._kept.append(settings)
         return settings
 
-    def _slave(self, job: JobLayout) -> SlaveStruct:
+    def _fmu(self, job: JobLayout) -> FmuStruct:
         resources = (Path(job.folder).resolve() / "resources").as_uri()
-        slave = SlaveStruct(
+        fmu = FmuStruct(
             reinstantiate=int(job.reinstantiate),
             component=None,
             instance_name=job.identifier.encode(),
@@ -140,35 +140,35 @@ class LoadedFmu:
             callbacks=ctypes.addressof(self.callbacks),
         )
         if not job.is_fast:
-            self._slow = Callbacks(self.foreign, self._tell)
+            self._slow = Callbacks(self.slow, self._tell)
             self._slow.settings = job.settings
             self._slow.first_setting = ctypes.addressof(self.settings)
             self._slow.setting_size = ctypes.sizeof(SettingStruct)
             for name, function in self._slow.functions.items():
-                setattr(slave, name, _address(function))
-            return slave
-        dll = self.foreign.fmu.dll
+                setattr(fmu, name, _address(function))
+            return fmu
+        dll = self.slow.fmu.dll
         if job.version.startswith("3"):
-            slave.resources = (str(Path(job.folder).resolve() / "resources") + "/").encode()
+            fmu.resources = (str(Path(job.folder).resolve() / "resources") + "/").encode()
         if job.kind != CO_SIMULATION or job.version.startswith("1"):
             if job.version.startswith("1"):
                 self.callbacks = fmi1_callbacks(self.stepper.stepper_log1)
             self._equations = equations_of(
-                self.foreign.fmu, job, callbacks=self.callbacks, log=self.log, stepper=self.stepper
+                self.slow.fmu, job, callbacks=self.callbacks, log=self.log, stepper=self.stepper
             )
-            self.stepper.stepper_exchange(ctypes.byref(slave), ctypes.byref(self._equations))
-            return slave
+            self.stepper.stepper_exchange(ctypes.byref(fmu), ctypes.byref(self._equations))
+            return fmu
         if job.version.startswith("3"):
             self._fmi3 = self._fmi3_functions(dll)
-            self.stepper.stepper_adapt(ctypes.byref(slave), ctypes.byref(self._fmi3))
-            return slave
+            self.stepper.stepper_adapt(ctypes.byref(fmu), ctypes.byref(self._fmi3))
+            return fmu
         for field, name in FMI2_FUNCTIONS.items():
-            setattr(slave, field, _address(getattr(dll, f"fmi2{name}")))
+            setattr(fmu, field, _address(getattr(dll, f"fmi2{name}")))
         if job.interpolates:
-            slave.set_derivatives = _address(getattr(dll, "fmi2SetRealInputDerivatives", None))
+            fmu.set_derivatives = _address(getattr(dll, "fmi2SetRealInputDerivatives", None))
         for field, name in FMI2_SETTERS.items():
-            setattr(slave, field, _address(getattr(dll, f"fmi2{name}", None)))
-        return slave
+            setattr(fmu, field, _address(getattr(dll, f"fmi2{name}", None)))
+        return fmu
 
     def _fmi3_functions(self, dll: Any) -> Fmi3Struct:
         functions = Fmi3Struct(log=ctypes.addressof(self.log), log_message=_address(self.stepper.stepper_log3))

@@ -12,15 +12,15 @@ from collections.abc import Sequence
 from ctypes import CFUNCTYPE, POINTER, c_char_p, c_double, c_int, c_size_t, c_uint32, c_void_p
 from typing import Any
 
-from estimator.stepping.exchange import Exchange
 from estimator.stepping.loading import why_not_loaded
+from estimator.stepping.model_exchange import ModelExchange
 
 CO_SIMULATION, MODEL_EXCHANGE = "co-simulation", "model-exchange"
 FMI1_TYPES = {"Enumeration": "Integer"}
 FMI3_TYPES = {"Enumeration": "Int64"}
 
 
-class ForeignFmu:
+class SlowFmu:
     """One FMU, its library loaded (and never unloaded), and at most one instance.
 
     Parameters
@@ -57,7 +57,7 @@ class ForeignFmu:
         self.words = ""
         self.start = 0.0
         self.stop: float | None = None
-        self.exchange = Exchange(self.fmu, version=self.version, counts=counts) if self.is_model else None
+        self.exchange = ModelExchange(self.fmu, version=self.version, counts=counts) if self.is_model else None
         self.begun = False  # it is initialised
 
     # The life of an instance
@@ -258,7 +258,7 @@ class Callbacks:
     An exception becomes a status; its words go where `tell` puts them.
     """
 
-    def __init__(self, fmu: ForeignFmu, tell: Any) -> None:
+    def __init__(self, fmu: SlowFmu, tell: Any) -> None:
         self.fmu, self.tell = fmu, tell
         references, reals = POINTER(c_uint32), POINTER(c_double)
         self.functions = {

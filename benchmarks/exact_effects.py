@@ -1,7 +1,7 @@
-"""Weighted least squares through the emulated bench itself, told which troubles it has and how its noise is made.
+"""Weighted least squares through the emulated bench itself, told which effects it has and how its noise is made.
 
-What is not told are the sizes: each trouble's are free. Its standard errors are what an estimator can hope for. A
-trouble that a recording cannot tell, one that the noise-free response of another motor without it fits within
+What is not told are the sizes: each effect's are free. Its standard errors are what an estimator can hope for. An
+effect that a recording cannot tell, one that the noise-free response of another motor without it fits within
 `TELLING`, is left out, and that other motor's parameters are right as well: the recording tells nothing better.
 """
 
@@ -14,7 +14,7 @@ from emulated_bench import MODES, MOTOR, Array, Bench, Story, current_noise, mea
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-TELLING = 16.0  # chi-square by which a trouble has to show
+TELLING = 16.0  # chi-square by which an effect has to show
 PRIOR = {"B_run": 0.05, "K_run": 0.003}  # how much runs of a motor differ, relative
 Key = tuple[str, int]
 
@@ -24,7 +24,7 @@ class Told:
     """What a recording tells: by the truth, by the motor that it cannot be told from, by a fit and its bars."""
 
     truth: dict[str, float]
-    alike: dict[str, float]  # without the troubles that cannot be told
+    alike: dict[str, float]  # without the effects that cannot be told
     lower: dict[str, float]  # a parameter that changes while it is recorded is right anywhere between its ends
     upper: dict[str, float]
     value: dict[str, float]
@@ -33,7 +33,7 @@ class Told:
     chi_square: float  # of the fit's whitened residuals, over their number
 
 
-class TrueStory:
+class ExactEffects:
     """One bench, its measured rows, and the residuals of any story of it."""
 
     def __init__(self, bench: Bench) -> None:
@@ -99,8 +99,8 @@ class TrueStory:
         return np.concatenate([z, np.array(aims)])
 
     def keys(self, without: tuple[str, ...]) -> tuple[tuple[Key, ...], tuple[Key, ...]]:
-        """Return what is free when some troubles are left out, and which of it has a prior."""
-        gone = {key for name in without for key in self.bench.troubles[name]}
+        """Return what is free when some effects are left out, and which of it has a prior."""
+        gone = {key for name in without for key in self.bench.effects[name]}
         free = tuple((name, -1) for name in MOTOR) + tuple(key for key in self.bench.free if key not in gone)
         return free, tuple(key for key in free if key[0] in PRIOR)
 
@@ -128,12 +128,12 @@ class TrueStory:
         return told(done.x), covariance[:5, :5], 2.0 * float(done.cost)
 
     def without(self, names: tuple[str, ...]) -> Story:
-        """Return the true story without some troubles."""
-        gone = {key for name in names for key in self.bench.troubles[name] if key[0] not in MOTOR}
+        """Return the true story without some effects."""
+        gone = {key for name in names for key in self.bench.effects[name] if key[0] not in MOTOR}
         return {key: value for key, value in self.bench.story.items() if key not in gone}
 
     def shows(self, names: tuple[str, ...]) -> float:
-        """Return chi-square, to first order, that the motor without some troubles leaves of the noise-free response."""
+        """Return chi-square, to first order, that the motor without some effects leaves of the noise-free response."""
         free, priors = self.keys(names)
         start = self.without(names)
         z = self.residual(start, clean=True, priors=priors)
@@ -147,8 +147,8 @@ class TrueStory:
         return float(np.sum((z + jacobian @ best) ** 2))
 
     def untold(self) -> tuple[tuple[str, ...], Story]:
-        """Return the troubles that the recordings cannot tell, and the story without them that fits as well."""
-        shaping = [n for n, keys in self.bench.troubles.items() if any(key[0] not in MOTOR for key in keys)]
+        """Return the effects that the recordings cannot tell, and the story without them that fits as well."""
+        shaping = [n for n, keys in self.bench.effects.items() if any(key[0] not in MOTOR for key in keys)]
         weak = sorted((chi, name) for name in shaping if (chi := self.shows((name,))) < 25.0 * TELLING)
         left: tuple[str, ...] = ()
         story = self.bench.story

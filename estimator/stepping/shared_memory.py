@@ -1,6 +1,6 @@
 """The memory that the estimator and its workers share: one batch of candidates. Knows offsets only.
 
-A desk is a file, mapped by every process. All entries are eight bytes: signed integers or doubles.
+It is a file, mapped by every process. All entries are eight bytes: signed integers or doubles.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ NO_CLAIM = -1
 
 
 @dataclass(frozen=True)
-class Desk:
-    """Offsets, in bytes, of the fields of a desk.
+class SharedMemory:
+    """Offsets, in bytes, of the fields of the shared memory.
 
     Attributes
     ----------
@@ -77,5 +77,5 @@ class Desk:
 
     @property
     def size(self) -> int:
-        """Bytes of the whole desk."""
+        """Bytes of all of it."""
         return self.shown + self.shown_capacity * self.rows * self.outputs * ENTRY

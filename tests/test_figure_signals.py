@@ -9,7 +9,7 @@ from motors import CML050, held_response, recording_of, write_recording
 from estimator.cases.case import read_case
 from estimator.estimating.estimate import estimate
 from estimator.fmus.simulate import simulate
-from estimator.judging.shown import FINER
+from estimator.judging.figure_signals import FINER
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.fitting.polish import LeastSquares
+from estimator.fitting.least_squares import LeastSquares
 from estimator.fitting.problem import Problem
 
 FloatArray = NDArray[np.float64]
@@ -22,14 +22,14 @@ AWAY = 0.2  # of ln θ, to the second point
 
 
 @dataclass(frozen=True)
-class Structure:
+class Identifiability:
     """Parameters that the outputs alone cannot tell, and why; empty where all can be told."""
 
     untold: tuple[str, ...] = ()
     sentence: str = ""
 
 
-def structure(problem: Problem, start: FloatArray) -> Structure:
+def identifiability(problem: Problem, start: FloatArray) -> Identifiability:
     """Return what the outputs of a plan cannot tell.
 
     Parameters
@@ -46,11 +46,11 @@ def structure(problem: Problem, start: FloatArray) -> Structure:
         jacobian = squares.judge(point, problem.spread).jacobian
         norms = np.linalg.norm(jacobian, axis=0)
         if not np.isfinite(jacobian).all() or not norms.all():
-            return Structure()  # where it cannot be simulated, or a parameter moves nothing: others say so
+            return Identifiability()  # where it cannot be simulated, or a parameter moves nothing: others say so
         _, singular, rows = np.linalg.svd(jacobian / norms, full_matrices=False)
         rank = int(np.sum(singular > TOLD * singular[0]))
         if rank == len(names):
-            return Structure()
+            return Identifiability()
         if best is None or rank > best[0]:
             best = (rank, rows[rank:])
     assert best is not None
@@ -65,4 +65,4 @@ def structure(problem: Problem, start: FloatArray) -> Structure:
         f" {len(untold) - missing} combinations of these {len(untold)} show, whatever the noise;"
         f" fix {missing} of them (--fix NAME=VALUE){remedy}"
     )
-    return Structure(untold, sentence)
+    return Identifiability(untold, sentence)

@@ -53,7 +53,7 @@ class Outdated(Exception):
     """A change was made from a state that another tab has changed since."""
 
 
-class Bench:
+class Workspace:
     """The case under way.
 
     Parameters
@@ -384,11 +384,11 @@ class Bench:
             raise InputError("no recording is chosen to fit to; drop one here, or choose one of the folder's")
 
 
-def start_case(bench: Bench) -> None:
+def start_case(workspace: Workspace) -> None:
     """Take the only recording of a folder that has one, no case under way and no case file."""
-    files = bench.place.listed()
-    if bench.case.recordings or len(files["recordings"]) != 1:
+    files = workspace.place.listed()
+    if workspace.case.recordings or len(files["recordings"]) != 1:
         return
     row = {"file": files["recordings"][0], "role": "fit"}
     with contextlib.suppress(InputError):
-        bench.change(bench.revision, {"recordings": [row]})
+        workspace.change(workspace.revision, {"recordings": [row]})

@@ -13,7 +13,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.fitting.polish import Polish
+from estimator.fitting.least_squares import LeastSquaresFit
 from estimator.motor.names import is_motor
 from estimator.motor.state_space import poles
 from estimator.motor.steiglitz_mcbride import NoMotorError, steiglitz_mcbride
@@ -30,7 +30,7 @@ LEAST, MOST = 0.005, 100.0  # sampling intervals of the time constants
 OTHERS = 8  # inductances
 
 
-def needs_many(plan: Plan, polish: Polish) -> bool:
+def needs_many(plan: Plan, polish: LeastSquaresFit) -> bool:
     """Whether few samples show the transient, or a parameter is hardly identifiable."""
     values: Mapping[str, float] = dict(zip(plan.names, polish.values.tolist(), strict=True))
     if not is_motor(values):
@@ -42,7 +42,7 @@ def needs_many(plan: Plan, polish: Polish) -> bool:
 
 
 def many_starts(
-    plan: Plan, polish: Polish, steady: Steady, box: Box, *, count: int, rng: np.random.Generator
+    plan: Plan, polish: LeastSquaresFit, steady: Steady, box: Box, *, count: int, rng: np.random.Generator
 ) -> FloatArray:
     """Return starts, (n, p): around a first optimum, by Steiglitz-McBride, and `count` that keep the steady state."""
     starts = [*_inductances(plan, polish), *_direct(plan)]
@@ -52,7 +52,7 @@ def many_starts(
     return np.asarray(np.clip(np.array(starts), box.lower, box.upper))
 
 
-def _inductances(plan: Plan, polish: Polish) -> list[FloatArray]:
+def _inductances(plan: Plan, polish: LeastSquaresFit) -> list[FloatArray]:
     """Return the optimum with other inductances: below a sampling interval L has two minima."""
     R, L = plan.names.index("R"), plan.names.index("L")
     found = []

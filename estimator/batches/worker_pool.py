@@ -16,10 +16,10 @@ import threading
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from estimator.batches.bench import DEBUG, Outcome, Task, failed
+from estimator.batches.case_worker import DEBUG, Outcome, Task, failed
 
 TRIES = 2
-Answer = tuple[Task, Outcome] | BaseException | None  # None: this bench has no more to do
+Answer = tuple[Task, Outcome] | BaseException | None  # None: this case worker has no more to do
 
 
 def run_here(tasks: Iterable[Task], *, processes: int) -> Iterator[tuple[Task, Outcome]]:
@@ -30,11 +30,11 @@ def run_here(tasks: Iterable[Task], *, processes: int) -> Iterator[tuple[Task, O
     waiting = iter(tasks)
     lock = threading.Lock()
     answers: queue.SimpleQueue[Answer] = queue.SimpleQueue()
-    benches = [_Owner(waiting, lock, answers) for _ in range(max(1, processes))]
-    busy = len(benches)
+    case_workers = [_Owner(waiting, lock, answers) for _ in range(max(1, processes))]
+    busy = len(case_workers)
     try:
-        for bench in benches:
-            bench.thread.start()
+        for case_worker in case_workers:
+            case_worker.thread.start()
         while busy:
             answer = answers.get()
             if answer is None:
@@ -44,12 +44,12 @@ def run_here(tasks: Iterable[Task], *, processes: int) -> Iterator[tuple[Task, O
             else:
                 yield answer
     finally:
-        for bench in benches:
-            bench.stop()
+        for case_worker in case_workers:
+            case_worker.stop()
 
 
 class _Owner:
-    """One bench process and the thread that feeds it."""
+    """One case worker's process and the thread that feeds it."""
 
     def __init__(self, waiting: Iterator[Task], lock: threading.Lock, answers: queue.SimpleQueue[Answer]) -> None:
         self._waiting, self._lock, self._answers = waiting, lock, answers
@@ -105,7 +105,7 @@ class _Owner:
     def _started(self) -> subprocess.Popen[bytes]:
         if self._process is None:
             root = str(Path(__file__).resolve().parents[2])
-            code = f"import sys; sys.path.insert(0, {root!r}); from estimator.batches.bench import main; main()"
+            code = f"import sys; sys.path.insert(0, {root!r}); from estimator.batches.case_worker import main; main()"
             self._process = subprocess.Popen(
                 [sys.executable, "-c", code],
                 stdin=subprocess.PIPE,

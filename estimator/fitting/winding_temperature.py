@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.fitting.polish import Polish
+from estimator.fitting.least_squares import LeastSquaresFit
 from estimator.motor.winding import relative_resistance
 from estimator.plans.plan import Plan
 from estimator.results.result import DerivedQuantity
@@ -27,7 +27,7 @@ def warmth(temperatures: Sequence[float | None], count: int) -> FloatArray:
 
 
 def cold_resistances(
-    plan: Plan, values: FloatArray, polish: Polish, budget: Callable[[FloatArray], dict[str, float]]
+    plan: Plan, values: FloatArray, polish: LeastSquaresFit, budget: Callable[[FloatArray], dict[str, float]]
 ) -> dict[str, DerivedQuantity]:
     """Return the resistance at 25 °C where the winding's temperature is known.
 

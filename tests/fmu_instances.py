@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 OK, DISCARD, ERROR = 0, 2, 3
 
 
-class Slave:
+class FmuInstance:
     """One instance of an extracted co-simulation FMU of FMI 2.0, with variables by name."""
 
     def __init__(self, folder: str, *, guid: str | None = None, logs: list[tuple[int, str, str]] | None = None) -> None:
@@ -85,7 +85,7 @@ class Slave:
         self.fmi.fmi2FreeInstance(self.fmi.component)
 
 
-class Slave3(Slave):
+class FmuInstance3(FmuInstance):
     """One instance of an extracted co-simulation FMU of FMI 3.0, with variables by name."""
 
     def _instantiated(self, **about: str) -> Any:
@@ -126,18 +126,20 @@ class Opened:
 
     def __init__(self, fmu: Path) -> None:
         self.folder = fmpy.extract(str(fmu))
-        self._kind = Slave3 if fmpy.read_model_description(self.folder).fmiVersion.startswith("3") else Slave
-        self._slaves: list[Slave] = []
+        self._kind = (
+            FmuInstance3 if fmpy.read_model_description(self.folder).fmiVersion.startswith("3") else FmuInstance
+        )
+        self._instances: list[FmuInstance] = []
 
-    def slave(self, **keywords) -> Slave:  # type: ignore[no-untyped-def]
-        slave = self._kind(self.folder, **keywords)
-        self._slaves.append(slave)
-        return slave
+    def instance(self, **keywords) -> FmuInstance:  # type: ignore[no-untyped-def]
+        instance = self._kind(self.folder, **keywords)
+        self._instances.append(instance)
+        return instance
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, value: object, traceback: TracebackType | None) -> None:
-        for slave in self._slaves:
-            slave.free()
+        for instance in self._instances:
+            instance.free()
         shutil.rmtree(self.folder, ignore_errors=True)

@@ -24,7 +24,7 @@ class Ended(Exception):
         self.status = status
 
 
-class Exchange:
+class ModelExchange:
     """The equations of one FMU and their solver, which serves all its simulations.
 
     Parameters

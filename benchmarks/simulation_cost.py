@@ -1,6 +1,6 @@
 """What one simulation of an FMU costs here and by fmpy.simulate_fmu, kind by kind, and how far the two lie apart.
 
-    python benchmarks/foreign.py FMU… [--samples 1000] [--rounds 3]
+    python benchmarks/simulation_cost.py FMU… [--samples 1000] [--rounds 3]
 
 Both sides keep the extracted FMU and one instance, set its real parameters to their start values, hold its real inputs
 at a step half way, and read the same variables at the same instants: its outputs, or its local variables where it has

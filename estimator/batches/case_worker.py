@@ -1,8 +1,8 @@
 """One case of a batch, from the case to what the table says of it; and the process that does many. Knows no folder.
 
-A bench keeps its FMU process from case to case: starting one costs 0.3 s. Started as a process it takes pickled tasks
-on standard input and gives pickled outcomes on what was standard output when it started; when standard input ends,
-its owner is gone and it ends at once, whatever it is doing.
+A case worker keeps its FMU process from case to case: starting one costs 0.3 s. Started as a process it takes pickled
+tasks on standard input and gives pickled outcomes on what was standard output when it started; when standard input
+ends, its owner is gone and it ends at once, whatever it is doing.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from estimator.recordings.recording import Recording
     from estimator.results.result import Estimate
 
-DEBUG = "FMU_ESTIMATOR_DEBUG"  # environment variable: a bench says on stderr what went wrong inside
+DEBUG = "FMU_ESTIMATOR_DEBUG"  # environment variable: a case worker says on stderr what went wrong inside
 FAILED = "failed"  # the verdict of a case without any estimate
 
 
@@ -75,7 +75,7 @@ class Outcome:
     final: bool = True
 
 
-class Bench:
+class CaseWorker:
     """Estimates cases one after the other by the same FMU processes, one by default. Use as a context manager."""
 
     def __init__(self, *, processes: int = 1) -> None:
@@ -126,7 +126,7 @@ class Bench:
             self._crew.close()
         self._crew = None
 
-    def __enter__(self) -> Bench:
+    def __enter__(self) -> CaseWorker:
         return self
 
     def __exit__(
@@ -256,9 +256,9 @@ def main() -> None:
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
     tasks: queue.SimpleQueue[Task] = queue.SimpleQueue()
     threading.Thread(target=_listen, args=(tasks,), daemon=True).start()
-    bench = Bench()
+    case_worker = CaseWorker()
     while True:
-        outcome = bench.run(tasks.get())
+        outcome = case_worker.run(tasks.get())
         try:
             pickle.dump(outcome, answers)
             answers.flush()

@@ -16,14 +16,14 @@ from estimator.estimating.search import SearchRecord, run_search
 from estimator.fitting.problem import Problem
 from estimator.fmus.failing import with_cause
 from estimator.fmus.workers import Workers
-from estimator.judging.structure import Structure
+from estimator.judging.identifiability import Identifiability
 from estimator.plans.plan import Plan
 from estimator.plans.space import Space
 
 FloatArray = NDArray[np.float64]
 
 
-class Run:
+class Session:
     """What a method works with: the plan, the problem, the random numbers, the account.
 
     Parameters
@@ -61,7 +61,7 @@ class Run:
         self.account = Account(crew, progress)
         self.record = SearchRecord()
         self.announced: tuple[str, ...] = ()
-        self.structure = Structure()
+        self.identifiability = Identifiability()
         self.noise: dict[str, tuple[float, float]] = {}
         self.fitted: dict[str, float] = {}
 

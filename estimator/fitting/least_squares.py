@@ -39,7 +39,7 @@ AT_BOUND = 1e-6  # of the scaled width of the bounds
 
 
 @dataclass(frozen=True)
-class Polish:
+class LeastSquaresFit:
     """A least-squares optimum.
 
     Attributes
@@ -175,7 +175,7 @@ class LeastSquares:
             result[j] = np.sqrt(own @ own / freedom) if len(own) else self._spread[j]
         return np.maximum(result, NUMERICAL * self._spread)
 
-    def polish(self, start: FloatArray, deviations: FloatArray) -> Polish:
+    def polish(self, start: FloatArray, deviations: FloatArray) -> LeastSquaresFit:
         """Fit, find the deviations from the residuals, and repeat until they agree."""
         values, cost = self.fit(start, deviations)
         for _ in range(REWEIGHTINGS):
@@ -195,7 +195,7 @@ class LeastSquares:
                 break
         return self._closed_in(self.judge(values, deviations))
 
-    def _closed_in(self, found: Polish) -> Polish:
+    def _closed_in(self, found: LeastSquaresFit) -> LeastSquaresFit:
         """Go on with central differences where the exact Jacobian says that the least is not reached.
 
         One-sided differences bend the gradient along a valley that is far steeper across: encoder counts tell some
@@ -216,7 +216,7 @@ class LeastSquares:
             found = self.judge(values, deviations)
         return found
 
-    def judge(self, values: FloatArray, deviations: FloatArray) -> Polish:
+    def judge(self, values: FloatArray, deviations: FloatArray) -> LeastSquaresFit:
         """Return covariance and standard errors at a point, for given deviations of the outputs."""
         weights = 1 / deviations[self._output]
         x = _scale(values, self.box.log)
@@ -238,7 +238,7 @@ class LeastSquares:
             residuals = clipped * (share / power) if power > 0 else clipped
         with np.errstate(invalid="ignore"):
             errors = np.sqrt(np.diag(covariance)) * np.where(self.box.log, values, 1.0)
-        return Polish(
+        return LeastSquaresFit(
             values=values,
             cost=float(residuals @ residuals),
             deviations=deviations,
@@ -340,7 +340,7 @@ def scaled_svd(jacobian: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray
     return scale, singular, rows
 
 
-def at_given_bound(plan: Plan, polish: Polish) -> tuple[str, ...]:
+def at_given_bound(plan: Plan, polish: LeastSquaresFit) -> tuple[str, ...]:
     """Return the parameters that lie at a bound which the case gives them."""
     held = []
     for parameter, side in zip(plan.parameters, polish.at_bound.tolist(), strict=False):
