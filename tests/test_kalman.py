@@ -9,6 +9,7 @@ from scipy.stats import multivariate_normal
 from estimator.errors import InputError
 from estimator.fitting import kalman
 from estimator.fitting.kalman import likelihood, whiten
+from estimator.stepping.library import STEPPER
 
 
 def model(rng, *, d, q, kinds=1):
@@ -232,3 +233,11 @@ def test_a_missing_library_is_told(monkeypatch, tmp_path):
     kalman._library.cache_clear()
     with pytest.raises(InputError, match="kalman.so is missing: an installation compiles it"):
         whiten(**good())
+
+
+def test_a_library_of_an_older_version_is_told(monkeypatch):
+    monkeypatch.setattr(kalman, "KALMAN", STEPPER)  # one without the filter's functions
+    kalman._library.cache_clear()
+    with pytest.raises(InputError, match="is of an older version: install fmu-estimator again"):
+        kalman._library()
+    kalman._library.cache_clear()

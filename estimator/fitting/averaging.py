@@ -23,7 +23,6 @@ FloatArray = NDArray[np.float64]
 
 OPEN = 4.0  # charged for each number of an addition whose usual size is not known
 VISIBLE = 1.0  # of z'z, by a usual size: less shows nothing
-ROUNDED = 1e-4  # of its power: what is left there is how a response is computed
 TOLD = 0.003  # of an addition's power: if less is left beside the parameters, no such recording tells it
 LIKELY = 6.0  # of the criterion: a rival that is further behind weighs less than 5 %
 TAIL = 0.01  # of the mixture: what weighs less together is left out
@@ -91,7 +90,7 @@ def averaged(
             known = a.linear.size > 0
             across, whitened = (x * (a.linear.size or 1.0) for x in (across, whitened))
         power, whole = float(np.sum(across**2)), float(np.sum(whitened**2))
-        if power <= (max(VISIBLE, ROUNDED * whole) if known else TOLD * whole):
+        if power <= (VISIBLE if known else TOLD * whole):
             unseen.append(a)
             continue
         k = across.shape[1]

@@ -15,6 +15,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.errors import InputError
 from estimator.stepping.library import KALMAN, check_installed
 
 FloatArray = NDArray[np.float64]
@@ -145,6 +146,8 @@ def likelihood(
 def _library() -> ctypes.CDLL:
     check_installed(KALMAN)
     library = ctypes.CDLL(str(KALMAN))
+    if not hasattr(library, "kalman_shorten"):
+        raise InputError(f"{KALMAN} is of an older version: install fmu-estimator again by pip, which compiles it")
     library.kalman_whiten.restype = ctypes.c_int64
     library.kalman_whiten.argtypes = [ctypes.c_int64] * 5 + [ctypes.c_void_p] * 9
     library.kalman_shorten.restype = None

@@ -131,7 +131,8 @@ def _discrete(fit: Fit, clock: Clock) -> tuple[FloatArray, FloatArray, list[floa
 def _as_shown(fit: Fit, states: FloatArray, clock: Clock) -> FloatArray:
     """Return current and speed, (2, n), as the outputs' sensors show them, (n, q)."""
     s = fit.simulator
-    own = [states[0], states[1], np.cumsum(states[1]) * clock.step]
+    angle = np.cumsum(states[1]) - 0.5 * (states[1] + states[1][0])  # by trapezia
+    own = [states[0], states[1], angle * clock.step]
     columns = []
     for y in s.outputs:
         shown = own[SEATS[y]]

@@ -12,7 +12,7 @@ from estimator.fitting.effects.base import USUAL, Effect
 from estimator.fitting.fit import Fit, Linear
 from estimator.fitting.windows import find_windows
 from estimator.plans.plan import Plan
-from estimator.recordings.excitation import quantum
+from estimator.recordings.excitation import noise_deviation, quantum
 from estimator.recordings.samples import filled
 
 FloatArray = NDArray[np.float64]
@@ -26,6 +26,7 @@ BESIDE = 2  # orders that a few turns do not part
 STANDS_OUT, NEAR = 20.0, 12  # times the median power of the orders nearby; of those on either side
 STANDS = 1e-3  # of the largest signal: less stands still
 LINES = 4  # an output, at most
+SPIKE = 8.0  # standard deviations of a speed's noise
 
 
 def angle_of(fit: Fit) -> FloatArray | None:
@@ -40,9 +41,17 @@ def angle_of(fit: Fit) -> FloatArray | None:
         return None
     w, result = s.measured[:, s.outputs.index("w")], np.zeros(s.rows)
     for clock in s.clocks:
-        part, t = filled(w[clock.rows]), clock.time
+        part, t = _without_spikes(filled(w[clock.rows])), clock.time
         result[clock.rows] = np.concatenate([[0.0], np.cumsum(0.5 * (part[1:] + part[:-1]) * np.diff(t))])
     return result
+
+
+def _without_spikes(w: FloatArray) -> FloatArray:
+    """Return a speed, (n,), with lone samples far off replaced: each would turn the shaft on for good."""
+    if len(w) < 3:
+        return w
+    beside = np.median(np.lib.stride_tricks.sliding_window_view(np.pad(w, 1, mode="edge"), 3), axis=1)
+    return np.where(np.abs(w - beside) > SPIKE * noise_deviation(w), beside, w)
 
 
 def standing_out(fit: Fit) -> FloatArray:
