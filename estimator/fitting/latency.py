@@ -21,6 +21,7 @@ FloatArray = NDArray[np.float64]
 EDGE = 0.05  # of the voltage's range
 MOST = 12  # changes; more are a signal, not levels
 LEVEL, SWING = 6.0, 0.1  # deviations of the noise; of the largest jump of the current, a volt: more is an onset
+MEDIAN_OF = np.pi / 2  # variance of a median over that of a mean
 LEAST = 2  # rows by which a change must come later or earlier than the first
 
 
@@ -46,7 +47,8 @@ def _moved(o: Observed) -> tuple[Observed, str] | None:
     bounds = [*edges, len(v)]
     changes = np.abs(v[edges] - v[edges - 1])
     largest = max(float(np.ptp(i[a:b])) / dv for a, b, dv in zip(bounds[:-1], bounds[1:], changes, strict=True))
-    level = max(LEVEL * noise_deviation(o.outputs["i"]) / float(np.min(changes)), SWING * largest)  # A/V
+    noise = noise_deviation(o.outputs["i"])
+    level = max(LEVEL * noise / float(np.min(changes)), SWING * largest)  # A/V
     late = []
     for a, b in zip(bounds[:-1], bounds[1:], strict=True):
         before = i[max(0, a - 5) : a]
@@ -55,7 +57,8 @@ def _moved(o: Observed) -> tuple[Observed, str] | None:
         lasting = away[:-1] & away[1:]
         if not lasting.any():
             return None
-        late.append(max(0, int(np.argmax(lasting)) - 1))
+        rows = max(0, int(np.argmax(lasting)) - 1)
+        late.append(0 if _has_left(i[a : a + rows], before, v[a] - v[a - 1], noise) else rows)
     shift = np.array(late) - late[0]
     if np.max(np.abs(shift)) < LEAST:
         return None
@@ -67,3 +70,14 @@ def _moved(o: Observed) -> tuple[Observed, str] | None:
     delays = ", ".join(f"{1e3 * k * h:.3g}" for k in late)
     note = f"{o.recording.title}: the changes of the voltage reach the motor {delays} ms late, each by its own"
     return dataclasses.replace(o, inputs={**o.inputs, "v": command}, delay=late[0] * h if late[0] else 0.0), note
+
+
+def _has_left(i: FloatArray, before: FloatArray, change: float, noise: float) -> bool:
+    """Whether a current has left its course at once already, by less than a single sample tells.
+
+    As that of a motor whose circuit opens: it falls from little to nothing.
+    """
+    if len(i) <= LEAST or not len(before):
+        return False
+    away = (float(np.mean(i[1:])) - float(np.median(before))) * np.sign(change)
+    return bool(away > LEVEL * noise * np.sqrt(1 / (len(i) - 1) + MEDIAN_OF / len(before)))
