@@ -20,6 +20,15 @@ def test_a_peak_that_is_cut_is_found_with_the_samples_beside_it():
     assert found[peak > 1.0].all() and not found[peak < 0.8].any()
 
 
+@pytest.mark.parametrize("times", [2, 3])
+def test_a_peak_that_is_cut_is_found_where_a_logger_shows_each_sample_several_times(times):
+    peak = noisy(RISE * np.exp(-np.maximum(T - 0.1, 0) / 0.1))
+    shown = np.repeat(np.minimum(peak, 1.0)[::times], times)[: len(T)]
+    found = clipped(shown)
+    held = np.repeat(peak[::times], times)[: len(T)]
+    assert found[held > 1.0].all() and not found[held < 0.8].any()
+
+
 @pytest.mark.parametrize(
     "shown",
     [

@@ -12,6 +12,7 @@ from estimator.recordings.samples import filled
 FloatArray = NDArray[np.float64]
 
 LEAST = 3  # samples at the extreme value: two may be a logger's repeat
+EACH = 0.9  # of a logger's samples, each shown the same number of times
 REPEATS = 0.02  # of a signal's samples: a logger that repeats more than these says nothing at an extreme
 JUMP = 1e-3  # of the span: a signal that comes nearer than that, as one that settles does, is not cut
 HALF = 0.5
@@ -25,6 +26,9 @@ def clipped(y: FloatArray) -> NDArray[np.bool_]:
     A clipped signal repeats its extreme value exactly where its noise would not, or enters and leaves it with slopes
     that would have carried it on.
     """
+    shown = _shown_anew(y)
+    if len(shown) < len(y):
+        return np.repeat(clipped(y[shown]), np.diff([*shown, len(y)]))
     result = np.zeros(len(y), dtype=bool)
     top = saturation(y)
     extremes = float(np.nanmax(y)), float(np.nanmin(y))
@@ -44,6 +48,16 @@ def clipped(y: FloatArray) -> NDArray[np.bool_]:
         ):
             result |= at
     return _with_neighbours(y, result) if result.any() else result
+
+
+def _shown_anew(y: FloatArray) -> NDArray[np.int64]:
+    """Return the rows at which a logger that shows each sample so many times shows another; all rows of other loggers."""
+    starts = np.flatnonzero(np.concatenate([[True], y[1:] != y[:-1]]))
+    lengths = np.diff([*starts, len(y)])
+    times = int(np.median(lengths)) if len(lengths) else 1
+    if times < 2 or np.mean(lengths == times) < EACH:
+        return np.arange(len(y))
+    return np.concatenate([np.arange(a, a + n, times) for a, n in zip(starts, lengths, strict=True)])
 
 
 def _with_neighbours(y: FloatArray, at: NDArray[np.bool_]) -> NDArray[np.bool_]:
