@@ -51,7 +51,7 @@ def clipped(y: FloatArray) -> NDArray[np.bool_]:
 
 
 def _shown_anew(y: FloatArray) -> NDArray[np.int64]:
-    """Return the rows at which a logger that shows each sample so many times shows another; all rows of other loggers."""
+    """Return the rows at which a logger that shows each sample so many times shows another; of others all rows."""
     starts = np.flatnonzero(np.concatenate([[True], y[1:] != y[:-1]]))
     lengths = np.diff([*starts, len(y)])
     times = int(np.median(lengths)) if len(lengths) else 1
