@@ -26,7 +26,7 @@ BESIDE = 2  # orders that a few turns do not part
 STANDS_OUT, NEAR = 20.0, 12  # times the median power of the orders nearby; of those on either side
 STANDS = 1e-3  # of the largest signal: less stands still
 LINES = 4  # an output, at most
-SPIKE = 8.0  # standard deviations of a speed's noise
+SPIKE, TURNING = 8.0, 0.2  # standard deviations of a speed's noise; of the largest speed: where it is turning
 
 
 def angle_of(fit: Fit) -> FloatArray | None:
@@ -51,7 +51,8 @@ def _without_spikes(w: FloatArray) -> FloatArray:
     if len(w) < 3:
         return w
     beside = np.median(np.lib.stride_tricks.sliding_window_view(np.pad(w, 1, mode="edge"), 3), axis=1)
-    return np.where(np.abs(w - beside) > SPIKE * noise_deviation(w), beside, w)
+    turns = np.abs(beside) > TURNING * float(np.max(np.abs(beside)))  # at rest there is less noise
+    return np.where(turns & (np.abs(w - beside) > SPIKE * noise_deviation(w[turns])), beside, w)
 
 
 def standing_out(fit: Fit) -> FloatArray:
