@@ -8,7 +8,7 @@ where the explanation holds:
     neighbours  sum of z_k z_k+1, over the root of their number, standard normal
     own values  would the parameters be others in this window? the score test of its rows of the Jacobian (Hausman 1978)
 
-The chance that an explanation that holds fails any of them is ALARM, shared equally (Bonferroni).
+The chance that an explanation that holds fails any of them is FALSE_ALARM, shared equally (Bonferroni).
 """
 
 from __future__ import annotations
@@ -19,17 +19,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.conventions import FALSE_ALARM, RESOLVED, SMALL_CORRELATION
 from estimator.fitting.fit import Fit
 from estimator.fitting.windows import Windows, find_windows
 
 FloatArray = NDArray[np.float64]
 
-ALARM = 1e-3  # chance of a false alarm of one explanation
-SEEN = 1e-3  # of the largest singular value: directions that a window tells
+WINDOW_RANK_TOLERANCE = 1e-3  # of the largest singular value: directions that a window tells
 EXCESS = 0.15  # of the variance: less is allowed for by the bars, however sure
-LEFT = 0.05  # of what all samples tell: with less the rest tells nothing of its own
-HALF = 0.75  # of a sensor's step: what is nearer in all of a window is explained as well as the sensor resolves it
-ALIKE = 0.08  # of correlation, likewise
+REST_TELLS = 0.05  # of what all samples tell: with less the rest tells nothing of its own
 
 
 @dataclass(frozen=True)
@@ -104,9 +102,11 @@ def _shift_without(jacobian: FloatArray, z: FloatArray, part: NDArray[np.bool_])
     told, axes = np.linalg.eigh(rest)
     pull = axes.T @ (own.T @ z[part])
     total = np.einsum("ji,jk,ki->i", axes, (whole * scale).T * scale, axes)
-    seen = total > SEEN**2
+    seen = total > WINDOW_RANK_TOLERANCE**2
     gain = np.where(
-        told > LEFT * total, 1 / np.maximum(told, SEEN**2), np.where(seen, 1 / np.maximum(total, SEEN**2), 0.0)
+        told > REST_TELLS * total,
+        1 / np.maximum(told, WINDOW_RANK_TOLERANCE**2),
+        np.where(seen, 1 / np.maximum(total, WINDOW_RANK_TOLERANCE**2), 0.0),
     )
     return np.asarray(-scale * (axes @ (gain * pull)))
 
@@ -128,9 +128,9 @@ def adequacy(fit: Fit, parameters: int) -> Adequacy:
     known_by = np.maximum((windows.settled[:, None] & present).sum(axis=0), 2)  # samples that tell the noise
     outputs = fit.simulator.outputs
     count = 2 * len(windows.windows) * len(outputs) + len(windows.windows) + len(outputs)
-    normal = float(ndtri(1 - ALARM / count))
+    normal = float(ndtri(1 - FALSE_ALARM / count))
     failures, excess, parts = [], np.ones_like(z), []
-    resolved = np.abs(np.nan_to_num(fit.residuals())) > HALF * fit.simulator.steps
+    resolved = np.abs(np.nan_to_num(fit.residuals())) > RESOLVED * fit.simulator.steps
     for window in windows.windows:
         for j, output in enumerate(outputs):
             known = present[window.rows, j]
@@ -139,7 +139,7 @@ def adequacy(fit: Fit, parameters: int) -> Adequacy:
             if n < 2:
                 continue
             square = float(np.sum(own[known] ** 2)) / n
-            limit = float(fdtri(n, known_by[j], 1 - ALARM / count))
+            limit = float(fdtri(n, known_by[j], 1 - FALSE_ALARM / count))
             limit = max(limit, 1 + normal * np.sqrt(2 * tails[j] * (1 / n + 1 / known_by[j])))
             seen = not fit.simulator.steps[j] or bool(np.any(resolved[window.rows, j]))
             if seen and square > limit:
@@ -151,14 +151,14 @@ def adequacy(fit: Fit, parameters: int) -> Adequacy:
             m = int(pairs.sum())
             if m >= 8:
                 alike = float(np.sum((own[1:] * own[:-1])[pairs])) / m
-                if abs(alike) > max(normal / np.sqrt(m) * square, ALIKE):
+                if abs(alike) > max(normal / np.sqrt(m) * square, SMALL_CORRELATION):
                     failures.append(Failure("neighbours", window.name, output, alike / max(square, 1e-300)))
                     parts.append(_samples(z, window.rows, j))
                     longer = (1 + abs(alike)) / (1 - min(abs(alike), 0.9))
                     excess[window.rows, j] = np.maximum(excess[window.rows, j], longer)
     test = fit.test()
     for name, output, mask in _groups(windows, outputs, z.shape):
-        ratio = _own_values(fit, test.left, test.basis, mask.ravel(), parameters, chdtri, ALARM / count)
+        ratio = _own_values(fit, test.left, test.basis, mask.ravel(), parameters, chdtri, FALSE_ALARM / count)
         if ratio > 1:
             failures.append(Failure("own values", name, output, ratio))
             excess[mask] = np.maximum(excess[mask], ratio**2)
@@ -207,7 +207,7 @@ def _own_values(
     columns = columns / np.linalg.norm(columns, axis=0)
     across = columns - basis @ (basis.T @ columns)
     u, singular, _ = np.linalg.svd(across, full_matrices=False)
-    u = u[:, singular > SEEN]
+    u = u[:, singular > WINDOW_RANK_TOLERANCE]
     if not u.shape[1]:
         return 0.0
     along = u.T @ left

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.conventions import CONFIDENCE, TOLD_POWER
 from estimator.fitting.selection import Addition, Explanation
 
 FloatArray = NDArray[np.float64]
@@ -24,10 +25,8 @@ FloatArray = NDArray[np.float64]
 OPEN = 4.0  # charged for each number of an addition whose usual size is not known
 VISIBLE = 1.0  # of z'z, by a usual size: less shows nothing
 ROUNDED = 1e-4  # of its power: what is left there is how a response is computed
-TOLD = 0.003  # of an addition's power: if less is left beside the parameters, no such recording tells it
-LIKELY = 6.0  # of the criterion: a rival that is further behind weighs less than 5 %
+TOLD_WITHIN = 6.0  # of the criterion: a rival that is further behind weighs less than 5 %
 TAIL = 0.01  # of the mixture: what weighs less together is left out
-COVERED = 0.95  # by 1.96 standard errors about the values
 DIFFERS = 1.0  # standard errors by which a rival must differ to be told
 
 
@@ -91,7 +90,7 @@ def averaged(
             known = a.linear.size > 0
             across, whitened = (x * (a.linear.size or 1.0) for x in (across, whitened))
         power, whole = float(np.sum(across**2)), float(np.sum(whitened**2))
-        if power <= (max(VISIBLE, ROUNDED * whole) if known else TOLD * whole):
+        if power <= (max(VISIBLE, ROUNDED * whole) if known else TOLD_POWER * whole):
             unseen.append(a)
             continue
         k = across.shape[1]
@@ -116,7 +115,7 @@ def averaged(
         with np.errstate(invalid="ignore"):
             apart = np.abs(there - own) / np.where(np.isfinite(deviation), deviation, np.inf)
         other_number = _numbers(rival) != _numbers(explanation) and _effects(rival) == _effects(explanation)
-        if np.max(apart, initial=0.0) > DIFFERS and behind < LIKELY and not other_number:  # the bars hold it
+        if np.max(apart, initial=0.0) > DIFFERS and behind < TOLD_WITHIN and not other_number:  # the bars hold it
             told.append((rival, len(parts) - 1, float(np.max(apart)), names[int(np.argmax(apart))], float(behind)))
     weights = np.exp(-0.5 * np.array([c for c, _, _ in parts]))
     weights /= weights.sum()
@@ -167,8 +166,8 @@ def _covering(
     for _ in range(60):
         middle = 0.5 * (low + high)
         inside = weights @ (ndtr((middle - mean) / deviation) - ndtr((-middle - mean) / deviation))
-        low, high = np.where(inside < COVERED, middle, low), np.where(inside < COVERED, high, middle)
-    wanted = high / ndtri(0.5 + COVERED / 2)
+        low, high = np.where(inside < CONFIDENCE, middle, low), np.where(inside < CONFIDENCE, high, middle)
+    wanted = high / ndtri(0.5 + CONFIDENCE / 2)
     now = np.sqrt(np.maximum(np.diag(total), 1e-300))
     scale = np.where(np.diag(total) > 0, wanted / now, 1.0)
     return np.asarray(total * np.outer(scale, scale))

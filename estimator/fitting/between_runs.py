@@ -23,7 +23,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.fitting.least_squares import SEEN, information_parts
+from estimator.conventions import FALSE_ALARM
+from estimator.fitting.least_squares import RANK_TOLERANCE, information_parts
 
 if TYPE_CHECKING:
     from estimator.fitting.fit import Fit
@@ -32,8 +33,7 @@ FloatArray = NDArray[np.float64]
 
 BETWEEN = " between runs"  # ends the names of what a recording has of a parameter for itself
 ENTERS = 0.05  # chance that a variance enters the bars though nothing changes, all parameters together
-ALARM = 1e-3  # chance that such a change is told
-LEAST = 1e-8  # of the largest: recordings, or contrasts of them, that tell less tell nothing
+LEAST_INFORMATION = 1e-8  # of the largest: recordings, or contrasts of them, that tell less tell nothing
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class Variation:
     probability : float
         Of a larger Q where nothing changes.
     told : bool
-        It is below ALARM, shared by the parameters.
+        It is below FALSE_ALARM, shared by the parameters.
     run, apart : which recording is furthest from the rest, in its errors, and by how much on the parameter's scale
     """
 
@@ -105,7 +105,7 @@ def between_runs(
         best = min(found, key=lambda f: (f[0].probability, -f[1]), default=None)
         if best is None or best[0].probability * len(tested) > ENTERS or best[0].deviation == 0:
             break
-        told = best[0].probability * len(tested) < ALARM
+        told = best[0].probability * len(tested) < FALSE_ALARM
         varying.append(dataclasses.replace(best[0], told=told))
         remaining.remove(best[0].parameter)
     covariance = np.zeros((n, n))
@@ -135,13 +135,13 @@ def _variation(j: int, own: FloatArray, others: FloatArray, z: FloatArray) -> tu
     information, score = across.T @ across, across.T @ z
     total = float(np.sum(information))
     powers = np.sum(own * own, axis=0)
-    if np.sum(powers > LEAST * np.max(powers)) < 2 or total <= LEAST * float(np.sum(powers)):
+    if np.sum(powers > LEAST_INFORMATION * np.max(powers)) < 2 or total <= LEAST_INFORMATION * float(np.sum(powers)):
         return None
     mean = information.sum(axis=1)
     information = information - np.outer(mean, mean) / total
     score = score - mean * float(np.sum(score)) / total
     eigen, vectors = np.linalg.eigh(information)
-    seen = eigen > LEAST * float(np.max(powers))
+    seen = eigen > LEAST_INFORMATION * float(np.max(powers))
     rank = int(np.sum(seen))
     if not rank:
         return None
@@ -149,7 +149,7 @@ def _variation(j: int, own: FloatArray, others: FloatArray, z: FloatArray) -> tu
     size = float(np.sum(eigen[seen]))
     variance = max(0.0, (q - rank) / size)
     known = np.maximum(np.diag(information), 1e-300)
-    tells = np.diag(information) > LEAST * float(np.max(powers))
+    tells = np.diag(information) > LEAST_INFORMATION * float(np.max(powers))
     off = np.where(tells, np.abs(score) / np.sqrt(known), 0.0)
     run = int(np.argmax(off))
     deviation = float(np.sqrt(variance))
@@ -165,7 +165,7 @@ def _basis(columns: FloatArray) -> FloatArray:
     if not columns.shape[1]:
         return np.zeros((len(columns), 0))
     u, singular, _ = np.linalg.svd(columns, full_matrices=False)
-    return np.asarray(u[:, singular > SEEN * singular[0]])
+    return np.asarray(u[:, singular > RANK_TOLERANCE * singular[0]])
 
 
 def of_fit(fit: Fit, parameters: int) -> BetweenRuns:

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.cases.tolerance import Tolerance
+from estimator.conventions import TOLD_POWER
 from estimator.errors import CaseError, suggestion
 from estimator.fitting.fit import Fit, new_fit, solved
 from estimator.fitting.least_squares import information_parts
@@ -33,7 +34,6 @@ from estimator.plans.plan import Plan
 
 FloatArray = NDArray[np.float64]
 
-TOLD = 0.003  # of an effect's power: if less is left beside the parameters, no such recording tells it
 UNITS = {"voltage": "V", "current": "A", "speed": "rad/s"}
 
 
@@ -99,7 +99,7 @@ def budget(fit: Fit, tolerances: Sequence[Tolerance], names: Sequence[str]) -> B
     moved[inside] = information_parts(triangle)[0] @ (jacobian.T @ whitened)
     test = fit.test()
     across = whitened - test.basis @ (test.basis.T @ whitened)
-    across[:, np.sum(across**2, axis=0) <= TOLD * np.sum(whitened**2, axis=0)] = 0.0
+    across[:, np.sum(across**2, axis=0) <= TOLD_POWER * np.sum(whitened**2, axis=0)] = 0.0
     variance = np.linalg.inv(np.eye(len(tolerances)) + across.T @ across)
     size = variance @ (across.T @ test.left)
     left = np.minimum(np.sqrt(np.diag(variance) + size**2), 1.0)

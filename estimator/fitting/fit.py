@@ -17,8 +17,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.conventions import MEDIAN_SIZE
-from estimator.fitting.least_squares import information_parts
+from estimator.conventions import MEDIAN_SIZE, T_FREEDOM
+from estimator.fitting.least_squares import DIFFERENCE_STEP, information_parts
 from estimator.fitting.noise_model import NoiseModel, Whitener
 from estimator.fitting.simulator import Simulator
 from estimator.plans.parameters import SensorPlace
@@ -26,17 +26,15 @@ from estimator.plans.parameters import SensorPlace
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
-STEP = 1e-4  # of a logarithm; of a nuisance's typical size ten times that
 ITERATIONS = 25
 DAMPING = (1e-3, 1e8)  # first, last
-FAR_LOG, FAR = 1.0, 5.0  # longest step: of a logarithm; of a nuisance's typical sizes
-OUTLIER, BESIDE = 4.5, 3.0  # standard deviations of an outlier, and of the samples beside one or two
-FREEDOM = 4.0  # of Student's t, by whose weights outliers are held down
+LONGEST_LOG_STEP, LONGEST_STEP = 1.0, 5.0  # longest step: of a logarithm; of a nuisance's typical sizes
+OUTLIER, OUTLIER_BESIDE = 4.5, 3.0  # standard deviations of an outlier, 1 of 147 000 normal values; of those beside one
 SECANTS, KINKED = 6, 0.7  # times that errors grow by secants; of a derivative: a smaller secant is taken
-AHEAD = 0.01  # of z'z: a descent that ends this much lower went on
+WENT_ON = 0.01  # of z'z: a descent that ends this much lower went on
 WELL_CONDITIONED, AT_ONCE = 1e-6, 1e-3  # least eigenvalue of a Gram matrix, its diagonal 1: by two steps, by one
 DEPENDENT = 1e-12  # of a column's norm: what is left of it is rounding
-AT_BOUND = 1e-4  # of the width of the bounds
+BOUND_MARGIN = 1e-4  # of the width of the bounds
 
 
 @dataclass(frozen=True)
@@ -311,10 +309,10 @@ def held_down(fit: Fit, onsets: BoolArray) -> Fit:
     one, *two = (np.maximum(far[2 + a : 2 + a + n], far[2 + b : 2 + b + n]) for a, b in ((-1, 1), (-2, 1), (-1, 2)))
     steady = np.abs(np.gradient(fit.shown, axis=0)) < fit.whitener.noise.deviation(fit.whitener.level)
     beside = np.where(steady, np.minimum(one, np.minimum(*two)), one)  # two in a transient may be one misfit
-    alone = (z > OUTLIER) & ((beside < BESIDE) | (z > 4 * beside))
+    alone = (z > OUTLIER) & ((beside < OUTLIER_BESIDE) | (z > 4 * beside))
     alone &= ~onsets[:, None]
     alone &= np.abs(np.nan_to_num(fit.residuals())) > fit.simulator.steps  # a sensor's resolution is no outlier
-    inflate = np.where(alone, (FREEDOM + z * z) / (FREEDOM + 1), 1.0)
+    inflate = np.where(alone, (T_FREEDOM + z * z) / (T_FREEDOM + 1), 1.0)
     return dataclasses.replace(fit, whitener=dataclasses.replace(fit.whitener, inflate=inflate))
 
 
@@ -354,7 +352,7 @@ def with_secants(fit: Fit) -> Fit:
             moved = x.copy()
             moved[k] = points[side[k] * f + k]
             tried = solved(dataclasses.replace(fit, values=_placed(fit, where, moved)), tolerance=1e-6)
-            if tried.cost < fit.cost - AHEAD:
+            if tried.cost < fit.cost - WENT_ON:
                 fit = tried
                 break
     return fit
@@ -448,7 +446,7 @@ def _step(a: FloatArray, g: FloatArray, damping: float, x: FloatArray, low: Floa
 
 def _reach(s: Simulator, where: NDArray[np.int_]) -> FloatArray:
     own = where < len(s.plan.names)
-    return np.where(s.log[where], FAR_LOG, np.where(own, 100.0, FAR) * s.size[where])
+    return np.where(s.log[where], LONGEST_LOG_STEP, np.where(own, 100.0, LONGEST_STEP) * s.size[where])
 
 
 def _differences(
@@ -466,7 +464,7 @@ def _differences(
     f = len(where)
     if not f:
         return np.zeros((*shown.shape, 0))
-    h = np.where(s.log[where], STEP, 10 * STEP * s.size[where])
+    h = np.where(s.log[where], DIFFERENCE_STEP, 10 * DIFFERENCE_STEP * s.size[where])
     ahead = np.where(x + h <= high, x + h, x - h)
     behind = np.where((x - h >= low) & (ahead > x), x - h, x) if central else x
     points = np.repeat(_placed(fit, where, x)[None, :], 2 * f if central else f, axis=0)
@@ -501,7 +499,7 @@ def _at_bound(s: Simulator, values: FloatArray, free: Sequence[str]) -> FloatArr
     where = [s.index[n] for n in free]
     x, low, high = s.scaled(values)[where], s.scaled(s.lower)[where], s.scaled(s.upper)[where]
     width = np.where(high > low, high - low, 1.0)
-    return np.where(x - low <= AT_BOUND * width, -1, np.where(high - x <= AT_BOUND * width, 1, 0))
+    return np.where(x - low <= BOUND_MARGIN * width, -1, np.where(high - x <= BOUND_MARGIN * width, 1, 0))
 
 
 def _linear_columns(linear: Sequence[Linear], shape: tuple[int, ...]) -> FloatArray:

@@ -18,10 +18,11 @@ from estimator.recordings.samples import filled
 
 FloatArray = NDArray[np.float64]
 
-EDGE = 0.05  # of the voltage's range
-MOST = 12  # changes; more are a signal, not levels
-LEVEL, SWING = 6.0, 0.1  # deviations of the noise; of the largest jump of the current, a volt: more is an onset
-LEAST = 2  # rows by which a change must come later or earlier than the first
+EDGE = 0.05  # of an input's range: a larger change is an edge
+MOST_EDGES = 12  # in a recording; more are a signal, not levels
+ONSET_NOISE = 6.0  # deviations of the noise: a larger change of the current is an onset
+ONSET_PART = 0.1  # of the largest change of the current per volt: likewise
+LEAST_SHIFT = 2  # rows by which a change must come later or earlier than the first
 
 
 def with_latencies(plan: Plan) -> tuple[Plan, tuple[str, ...]]:
@@ -40,13 +41,14 @@ def _moved(o: Observed) -> tuple[Observed, str] | None:
         return None
     v, i = o.inputs["v"], filled(o.outputs["i"])
     edges = np.flatnonzero(np.abs(np.diff(v)) > EDGE * max(float(np.ptp(v)), 1e-300)) + 1
-    edges = edges[edges <= len(v) - 4 * LEAST]  # later ones show nothing
-    if not 2 <= len(edges) <= MOST or np.min(np.diff(edges)) < 4 * LEAST:
+    edges = edges[edges <= len(v) - 4 * LEAST_SHIFT]  # later ones show nothing
+    if not 2 <= len(edges) <= MOST_EDGES or np.min(np.diff(edges)) < 4 * LEAST_SHIFT:
         return None
     bounds = [*edges, len(v)]
     changes = np.abs(v[edges] - v[edges - 1])
     largest = max(float(np.ptp(i[a:b])) / dv for a, b, dv in zip(bounds[:-1], bounds[1:], changes, strict=True))
-    level = max(LEVEL * noise_deviation(o.outputs["i"]) / float(np.min(changes)), SWING * largest)  # A/V
+    noise = noise_deviation(o.outputs["i"])
+    level = max(ONSET_NOISE * noise / float(np.min(changes)), ONSET_PART * largest)  # A/V
     late = []
     for a, b in zip(bounds[:-1], bounds[1:], strict=True):
         before = i[max(0, a - 5) : a]
@@ -57,7 +59,7 @@ def _moved(o: Observed) -> tuple[Observed, str] | None:
             return None
         late.append(max(0, int(np.argmax(lasting)) - 1))
     shift = np.array(late) - late[0]
-    if np.max(np.abs(shift)) < LEAST:
+    if np.max(np.abs(shift)) < LEAST_SHIFT:
         return None
     command = np.full(len(v), v[0])
     for a, b, by in zip(bounds[:-1], bounds[1:], shift, strict=True):

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.conventions import HUBER, MEDIAN_SIZE
 from estimator.plans.parameters import Box
 
 if TYPE_CHECKING:
@@ -25,15 +26,14 @@ if TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 Residuals = Callable[[FloatArray], FloatArray]
 
-HUBER = 1.345  # deviations: 95 % of the efficiency of least squares on normal noise
-STEP = 1e-4  # of a parameter, for differences
+DIFFERENCE_STEP = 1e-4  # of a parameter, or added to its logarithm, for differences
 REWEIGHTINGS = 3
 REWEIGHTED = 0.02  # relative change of the deviations at which reweighting stops
-LEFT, CLOSINGS = 0.02, 3  # of chi-square that an optimum may be above the least; times it is closed in on
-NUMERICAL = 1e-12  # of a signal's deviation: what the arithmetic of a simulation leaves
+CLOSE, CLOSINGS = 0.02, 3  # of chi-square that an optimum may be above the least; times it is closed in on
+ROUNDING = 1e-12  # of a signal's deviation: what the arithmetic of a simulation leaves
 NOISE_FREE = 1e-7  # of a signal's deviation: smaller residuals are numerical, not noise
 FAILED_RESIDUAL = 1e3  # what a failed simulation shows, in deviations
-SEEN = 1e-6  # of the largest singular value: below, differences of simulations are noise
+RANK_TOLERANCE = 1e-6  # of the largest singular value: below, differences of simulations are noise
 OUTSIDE = 1e-3  # of a unit vector, in directions that are not seen: less is rounding
 AT_BOUND = 1e-6  # of the scaled width of the bounds
 
@@ -169,11 +169,11 @@ class LeastSquares:
             own = raw[self._output == j]
             own = own[np.isfinite(own)]
             if self._robust and own.any():
-                result[j] = float(np.median(np.abs(own[own != 0]))) / 0.6745
+                result[j] = float(np.median(np.abs(own[own != 0]))) / MEDIAN_SIZE
                 continue
             freedom = max(1.0, len(own) - free / outputs)
             result[j] = np.sqrt(own @ own / freedom) if len(own) else self._spread[j]
-        return np.maximum(result, NUMERICAL * self._spread)
+        return np.maximum(result, ROUNDING * self._spread)
 
     def polish(self, start: FloatArray, deviations: FloatArray) -> LeastSquaresFit:
         """Fit, find the deviations from the residuals, and repeat until they agree."""
@@ -207,7 +207,7 @@ class LeastSquares:
             if not noisy or not inside.shape[1] or not np.isfinite(inside).all():
                 break
             along = np.linalg.qr(inside)[0].T @ found.residuals
-            if float(along @ along) < LEFT:
+            if float(along @ along) < CLOSE:
                 break
             values, cost = self.fit(found.values, found.deviations, evaluations=15, central=True)
             if not cost < found.cost:
@@ -263,7 +263,7 @@ class LeastSquares:
 
     def _differences(self, x: FloatArray, weights: FloatArray, at: FloatArray, *, central: bool = False) -> FloatArray:
         p = len(x)
-        steps = STEP * np.where(self.box.log, 1.0, np.maximum(np.abs(x), 1e-3 * (self.high - self.low)))
+        steps = DIFFERENCE_STEP * np.where(self.box.log, 1.0, np.maximum(np.abs(x), 1e-3 * (self.high - self.low)))
         forward = np.where(x + steps <= self.high, 1.0, -1.0) * steps
         points = [x + forward[j] * _unit(j, p) for j in range(p)]
         if central:
@@ -310,16 +310,16 @@ def _unit(j: int, p: int) -> FloatArray:
 def information_parts(jacobian: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return (JᵀJ)⁻¹ in two parts, (p, p) each: of the directions that the data see, and of those that they do not.
 
-    A direction is seen if its singular value, of the column-scaled Jacobian, is above SEEN of the largest: below, the
-    differences that the Jacobian is made of are noise. The second part is zero for parameters that lie in what is seen,
-    and infinite where a column is zero.
+    A direction is seen if its singular value, of the column-scaled Jacobian, is above RANK_TOLERANCE of the largest:
+    below, the differences that the Jacobian is made of are noise. The second part is zero for parameters that lie in
+    what is seen, and infinite where a column is zero.
     """
     scale, singular, rows = scaled_svd(jacobian)
     if not len(scale):
         return np.zeros((0, 0)), np.zeros((0, 0))
     floor = max(jacobian.shape) * np.finfo(float).eps * singular[0]
     inverse = 1 / np.maximum(singular, max(floor, 1e-150)) ** 2
-    seen = singular > SEEN * singular[0]
+    seen = singular > RANK_TOLERANCE * singular[0]
 
     def part(which: NDArray[np.bool_]) -> FloatArray:
         return np.asarray((rows[which].T * inverse[which]) @ rows[which] / np.outer(scale, scale))

@@ -24,28 +24,28 @@ from functools import cached_property, lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.conventions import MEDIAN_SIZE, SECOND_DIFFERENCE
+from estimator.conventions import MEDIAN_SIZE, SECOND_DIFFERENCE, T_FREEDOM, T_MEDIAN
 from estimator.fitting.kalman import shorten, whiten
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 ROWS = 4000  # of settled rows that tell the noise, at most
-ENOUGH = 100  # settled samples of a channel; with fewer all rows speak
-BLOCKS = (2, 8, 32, 128, 512)  # samples whose means tell slow colour
+SETTLED_SAMPLES = 100  # settled samples of a channel; with fewer all rows speak
+BLOCK_LENGTHS = (2, 8, 32, 128, 512)  # samples whose means tell slow colour
 COLOURED = 5.0  # standard deviations of a block's mean square: by white noise less than once in 1e5
 PAYS = 10.0  # of -2 log L, by which a component must improve it: two numbers, and a guard
-ORDERS = (1, 2, 3, 4, 6, 8, 12, 16, 24)  # of the short autoregression
-FEW = 25  # samples that are loud, and as many at half of that
-FREEDOM, T_MEDIAN = 4.0, 0.741  # of Student's t, by which sizes are judged; the median of its absolute value
-STRETCH, MOST_LEVELS = 20, 12  # rows of a stretch that has a level of its own; levels, at most
-SHORTEST = 0.02  # s, of a torque that wanders: faster ones are transients that are explained wrongly
-LONGEST = 0.25  # of the longest stretch: a slow part that lasts longer is none
-STEEP, ALIKE = 12, 3.0  # samples that tell a jitter; standard deviations of the likeness of neighbours among them
-FAR = 25.0  # square of a residual that tells no more
-SIZES = np.geomspace(0.35, 1.2, 16)  # factors on a noise that was found with a jitter in it
+AR_ORDERS = (1, 2, 3, 4, 6, 8, 12, 16, 24)  # of the short autoregression
+LOUD_SAMPLES = 25  # samples that are loud, and as many at half of that
+STRETCH, MOST_STRETCHES = 20, 12  # rows of a stretch that has a level of its own; levels, at most
+SHORTEST_TORQUE = 0.02  # s, of a torque that wanders: faster ones are transients that are explained wrongly
+LONGEST_SLOW = 0.25  # of the longest stretch: a slow part that lasts longer is none
+STEEP = 12  # samples, where the signals are steep, that tell a jitter
+NEIGHBOURS_ALIKE = 3.0  # standard deviations of their correlation: more is a misfit, no jitter
+CAPPED = 25.0  # square of a residual that tells no more
+NOISE_FACTORS = np.geomspace(0.35, 1.2, 16)  # factors on a noise that was found with a jitter in it
 RESTS, STARTS, RUNS = range(3)
-LEAST = 1e-9  # of the residuals' variance: the least white part
+LEAST_WHITE = 1e-9  # of the residuals' variance: the least white part
 
 
 @dataclass(frozen=True)
@@ -236,7 +236,7 @@ class Whitener:
         g = noise.scale(self.level)
         running = np.array([np.median(x[p]) if p.any() else 1.0 for x, p in zip(g.T, self.present.T, strict=True)])
         power = noise.white**2 + noise.differenced**2 + noise.slow[:, 0] ** 2
-        floor = np.maximum(LEAST * power, 1e-300)
+        floor = np.maximum(LEAST_WHITE * power, 1e-300)
         moved = (noise.jitter * self.slope / g) ** 2
         variance = np.where(self.present, np.maximum(noise.white**2, floor) * self.inflate + moved, np.inf)
         found = []
@@ -302,7 +302,7 @@ def fit_noise(
     """
     present = whitener.present & settled[:, None]
     for j in range(present.shape[1]):
-        if present[:, j].sum() < min(ENOUGH, whitener.present[:, j].sum()):
+        if present[:, j].sum() < min(SETTLED_SAMPLES, whitener.present[:, j].sum()):
             present[:, j] = whitener.present[:, j]
     told = np.flatnonzero(present.any(axis=1))
     if len(told) > ROWS:  # of every recording its part
@@ -353,20 +353,20 @@ def find_jitter(z: FloatArray, slope: FloatArray, step: float) -> tuple[float, F
     """
 
     def misfits(jitter: float) -> FloatArray:
-        variance = SIZES[:, None, None] ** 2 + (jitter * slope) ** 2
-        cost: FloatArray = np.sum(np.log(variance) + np.minimum(z * z / variance, FAR), axis=1)
+        variance = NOISE_FACTORS[:, None, None] ** 2 + (jitter * slope) ** 2
+        cost: FloatArray = np.sum(np.log(variance) + np.minimum(z * z / variance, CAPPED), axis=1)
         return cost  # (sizes, q)
 
     tried = step * np.geomspace(3e-3, 0.5, 24)
     costs = [misfits(t) for t in tried]
     k = int(np.argmin([c.min(axis=0).sum() for c in costs]))
-    best, sizes = float(tried[k]), SIZES[costs[k].argmin(axis=0)]
+    best, sizes = float(tried[k]), NOISE_FACTORS[costs[k].argmin(axis=0)]
     gain = float(misfits(0.0).min(axis=0).sum() - costs[k].min(axis=0).sum())
     steep = best * slope > sizes
     both = steep[1:] & steep[:-1]
     scaled = np.clip(z / np.sqrt(sizes**2 + (best * slope) ** 2), -3, 3)
     alike = float(np.sum((scaled[1:] * scaled[:-1])[both])) / float(np.sqrt(max(1, int(np.sum(both)))))
-    if np.count_nonzero(steep) < STEEP or gain < 2 * PAYS or abs(alike) > ALIKE:
+    if np.count_nonzero(steep) < STEEP or gain < 2 * PAYS or abs(alike) > NEIGHBOURS_ALIKE:
         return 0.0, np.ones(z.shape[1]), 0.0
     return best, np.where(steep.any(axis=0), sizes, 1.0), gain
 
@@ -402,7 +402,7 @@ def _growth(residuals: FloatArray, whitener: Whitener, j: int, sharp: BoolArray)
     d, level = np.concatenate([*sizes, np.zeros(0)]), np.concatenate([*levels, np.zeros(0)])
     if len(d) > 4 * ROWS:
         d, level = d[:: len(d) // (2 * ROWS)], level[:: len(d) // (2 * ROWS)]
-    if len(level) < 2 * FEW or not np.any(d):
+    if len(level) < 2 * LOUD_SAMPLES or not np.any(d):
         return 0.0, 2.0, 0.0
     floor = 1e-3 * float(np.median(np.abs(d[d != 0])))
 
@@ -410,14 +410,14 @@ def _growth(residuals: FloatArray, whitener: Whitener, j: int, sharp: BoolArray)
         g = (1 + (c * level) ** p) ** (1 / p)
         return max(float(np.median(np.abs(d) / g)) / T_MEDIAN, floor)
 
-    loud = float(np.sort(level)[-FEW])
-    if np.count_nonzero(level < loud / 2) < FEW:
+    loud = float(np.sort(level)[-LOUD_SAMPLES])
+    if np.count_nonzero(level < loud / 2) < LOUD_SAMPLES:
         return 0.0, 2.0, size(0.0, 2.0) * T_MEDIAN / MEDIAN_SIZE / SECOND_DIFFERENCE
 
     def misfit(c: float, p: float) -> float:
         g, scale = (1 + (c * level) ** p) ** (1 / p), size(c, p)
         squares = (d / (g * scale)) ** 2
-        return float(2 * np.sum(np.log(g * scale)) + (FREEDOM + 1) * np.sum(np.log1p(squares / FREEDOM)))
+        return float(2 * np.sum(np.log(g * scale)) + (T_FREEDOM + 1) * np.sum(np.log1p(squares / T_FREEDOM)))
 
     found = []
     for p, charge in ((2.0, 2 * PAYS), (8.0, 4 * PAYS)):  # twice: the squares of neighbours correlate by 0.44
@@ -438,7 +438,7 @@ def _levels(whitener: Whitener) -> FloatArray:
     columns: list[FloatArray] = []
     for first, last in zip(starts, [*starts[1:], len(told)], strict=True):
         for j in range(q):
-            if told[first] and last - first >= STRETCH and len(columns) < MOST_LEVELS:
+            if told[first] and last - first >= STRETCH and len(columns) < MOST_STRETCHES:
                 column = np.zeros((len(told), q))
                 column[first:last, j] = 1.0
                 columns.append(column)
@@ -541,10 +541,10 @@ class _Search:
 
         x0 = np.array([x for c in active for x in _get(noise, c)])
         low, high = x0 - 7.0, x0 + 7.0
-        longest = np.log(LONGEST * max(float(c.time[-1] - c.time[0]) for c in self.whitener.clocks))
+        longest = np.log(LONGEST_SLOW * max(float(c.time[-1] - c.time[0]) for c in self.whitener.clocks))
         taus = np.concatenate([[False, True] if kind in ("slow", "torque") else [False] for kind, _ in active])
         wanders = taus & np.concatenate([[k == "torque"] * (2 if k in ("slow", "torque") else 1) for k, _ in active])
-        low[wanders] = np.maximum(low[wanders], np.log(SHORTEST))
+        low[wanders] = np.maximum(low[wanders], np.log(SHORTEST_TORQUE))
         high[taus] = np.maximum(np.minimum(high[taus], longest), low[taus] + 0.1)
         high = np.maximum(high, low + 0.1)
         x0 = np.clip(x0, low, high)
@@ -573,7 +573,7 @@ class _Search:
         running = self._short(left, moving)
         counts = self.whitener.present[~moving].sum(axis=0)
         resting = self._short(left, ~moving)
-        at_rest = tuple(a if n >= ENOUGH else b for n, a, b in zip(counts, resting, running, strict=True))
+        at_rest = tuple(a if n >= SETTLED_SAMPLES else b for n, a, b in zip(counts, resting, running, strict=True))
         return dataclasses.replace(noise, short=(at_rest, running))
 
     def _short(self, left: FloatArray, where: BoolArray) -> tuple[tuple[FloatArray, float], ...]:
@@ -595,7 +595,7 @@ def autoregression(series: Sequence[FloatArray], count: int) -> tuple[FloatArray
 
     It tells a spectrum of many decades, as of noise behind a filter, where Yule and Walker's equations leak.
     """
-    most = max(ORDERS)
+    most = max(AR_ORDERS)
     power = sum(float(x @ x) for x in series) / max(count, 1)
     if count < 10 * most or power <= 0:
         return np.zeros(0), float(np.sqrt(power)) if power > 0 else 1.0
@@ -612,7 +612,7 @@ def autoregression(series: Sequence[FloatArray], count: int) -> tuple[FloatArray
         a = np.concatenate([a - reflection * a[::-1], [reflection]])
         error *= 1 - reflection**2
         score = count * np.log(error / power) + order * np.log(count)
-        if order in ORDERS and score < best[0] - PAYS:
+        if order in AR_ORDERS and score < best[0] - PAYS:
             best = (float(score), a.copy(), error)
     return best[1], float(np.sqrt(best[2]))
 
@@ -621,7 +621,7 @@ def _colour_scale(z: FloatArray, present: BoolArray, clocks: Sequence[Clock]) ->
     """Return the block, in samples, whose means are most too large, and their share of the variance; None if none."""
     best, found = COLOURED, None
     power = float(np.mean(z[present] ** 2)) if present.any() else 0.0
-    for block in BLOCKS:
+    for block in BLOCK_LENGTHS:
         means = []
         for clock in clocks:
             x, p = z[clock.rows], present[clock.rows]

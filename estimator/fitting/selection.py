@@ -29,16 +29,16 @@ from estimator.fitting.windows import find_windows
 
 FloatArray = NDArray[np.float64]
 
-MOST = 12  # additions
+MOST_ADDITIONS = 12  # additions
 ROUNDS = 10
 REFITTED = 3  # additions refitted in a round
 PROMISING = 0.6  # of the best addition's promise: less is not refitted
 NEARBY = {"R": 5.0, "K": 4.0, "J": 6.0, "L": 50.0}  # factors: while effects are missing, a fit may go anywhere
 QUIET = 0.1  # of the deviation at first sight: noise is not taken to be less
-UNSEEN, FINER = 0.1, 2  # of z'z: a change that hardly an estimate shows; doublings of the rows between, at most
-WHOLE = 3  # numbers of samples that are refitted
+NO_CHANGE, DOUBLINGS = 0.1, 2  # of z'z: a change that hardly an estimate shows; doublings of the rows between, at most
+TRIED_WHOLE = 3  # numbers of samples that are refitted
 ROUGH = 8  # iterations of a fit that is only compared
-NEAR = 10.0  # of the criterion: explanations no worse than this are rivals
+RIVALS_WITHIN = 10.0  # of the criterion: explanations no worse than this are rivals
 IDLE = 6.0  # times the penalty: an addition whose square over its variance is below may be idle
 
 
@@ -268,7 +268,7 @@ class Selection:
         rejected: set[str] = set()
         for _ in range(2 * rounds):
             found = self._best_addition(explanation, effects, rejected)
-            if found is None or len(explanation.additions) >= MOST:
+            if found is None or len(explanation.additions) >= MOST_ADDITIONS:
                 break
             judged = self.with_noise(found, colour=colour, again=True) if renew else found
             absurd = [a for a in judged.additions if not _is_physical(judged.fit, a)]
@@ -397,7 +397,7 @@ class Selection:
             if found and found[0][0] > 0:
                 gain, k, starts = found[0]
                 if nuisance.whole:  # no derivative leads from one to the next
-                    starts = tuple(start for _, _, own in found[:WHOLE] for start in own)
+                    starts = tuple(start for _, _, own in found[:TRIED_WHOLE] for start in own)
                 free = () if nuisance.whole else (nuisance.name, *(nuisance.together[0] if nuisance.together else ()))
                 yield Addition(
                     effect, nuisance.name, max(1, len(free)), gain, starts=starts, free=free,
@@ -455,7 +455,7 @@ class Selection:
     def alternatives(self, explanation: Explanation) -> list[Explanation]:
         """Return rivals: explanations in which something else stands for an addition, nearly as likely."""
         n = self.samples
-        found = [e for e in self._mirrored(explanation) if e.fit.cost - explanation.fit.cost < NEAR]
+        found = [e for e in self._mirrored(explanation) if e.fit.cost - explanation.fit.cost < RIVALS_WITHIN]
         for addition in explanation.additions:
             if addition.effect.name == "offset" or addition.effect.is_line:
                 continue
@@ -466,7 +466,7 @@ class Selection:
             for other in sorted(tested, key=lambda a: a.penalty(n) - a.gain)[:2]:
                 fit = self.refitted(bare, other)
                 behind = fit.cost + other.penalty(n) - explanation.fit.cost - addition.penalty(n)
-                if behind < NEAR:
+                if behind < RIVALS_WITHIN:
                     found.append(Explanation(solved(fit), (*bare.additions, other)))
         return found
 
@@ -501,11 +501,11 @@ def _with_fine_filters(fit: Fit) -> Fit:
     A signal may bend between the rows that a filter is given, as the current of a winding that is faster than they.
     """
     s = fit.simulator
-    for _ in range(FINER):
+    for _ in range(DOUBLINGS):
         s.between *= 2
         finer = s.shown(fit.values[None, :])[0]
         change = fit.whitener(np.nan_to_num(finer - fit.shown)[:, :, None])[0]
-        if float(np.vdot(change, change)) < UNSEEN:
+        if float(np.vdot(change, change)) < NO_CHANGE:
             s.between //= 2
             break
         fit = dataclasses.replace(fit, shown=finer)

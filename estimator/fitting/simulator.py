@@ -22,10 +22,10 @@ from estimator.plans.plan import Observed, Plan
 from estimator.recordings.excitation import quantum
 
 FloatArray = NDArray[np.float64]
-STANDS = 8  # rows at which an encoder that shows no count stands: its error is constant there
-BETWEEN = 4  # rows that are simulated for one where a filter acts between them
+STANDSTILL_ROWS = 8  # rows at which an encoder that shows no count stands: its error is constant there
+SUBSTEPS = 4  # rows that are simulated for one where a filter acts between them
 CELLS = 2_000_000  # rows that are simulated at once, at most
-HELD = 20  # rows for which a logger may show a sample again
+LONGEST_HOLD = 20  # rows for which a logger may show a sample again
 
 Act = Callable[[FloatArray, float, float], FloatArray]  # (n,) signal, value, sampling interval in s -> (n,) signal
 
@@ -109,7 +109,7 @@ class Simulator:
     crew: Workers
     sigma: Mapping[str, float]
     problem: Problem = field(init=False)
-    between: int = field(init=False, default=BETWEEN)
+    between: int = field(init=False, default=SUBSTEPS)
 
     def __post_init__(self) -> None:
         stepped = [n for n in self.nuisances if n.place is not None or n.target]
@@ -230,7 +230,7 @@ def _without_repeats(o: Observed, outputs: Sequence[str]) -> FloatArray:
             continue
         edges = np.flatnonzero(np.diff(np.concatenate([[False], again, [False]]).astype(np.int8)))
         for first, last in zip(edges[::2], edges[1::2], strict=True):
-            stands = lattice and last - first >= STANDS and rows[first, j] == 0
-            if stands or (not lattice and last - first <= HELD):
+            stands = lattice and last - first >= STANDSTILL_ROWS and rows[first, j] == 0
+            if stands or (not lattice and last - first <= LONGEST_HOLD):
                 rows[first:last, j] = np.nan
     return rows

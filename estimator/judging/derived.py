@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.fitting.budget import Budget
-from estimator.fitting.least_squares import OUTSIDE, SEEN, LeastSquaresFit, information_parts, scaled_svd
+from estimator.fitting.least_squares import OUTSIDE, RANK_TOLERANCE, LeastSquaresFit, information_parts, scaled_svd
 from estimator.motor.derived_quantities import derived_quantities
 from estimator.motor.names import is_motor
 from estimator.results.result import DerivedQuantity
@@ -26,7 +26,7 @@ FloatArray = NDArray[np.float64]
 Values = Mapping[str, float]
 
 USEFUL = 1.0  # of the value: a larger standard error tells nothing
-STEP = 1e-6  # of a parameter, for the gradient
+GRADIENT_STEP = 1e-6  # of a parameter, for the gradient
 
 
 def told_quantities(
@@ -65,7 +65,7 @@ def _standard_error(gradient: FloatArray, polish: LeastSquaresFit) -> float | No
         return None
     jacobian, g = polish.jacobian[:, inside], gradient[inside]
     scale, singular, rows = scaled_svd(jacobian)
-    rows, g_scaled = rows[singular > SEEN * singular[0]], g / scale
+    rows, g_scaled = rows[singular > RANK_TOLERANCE * singular[0]], g / scale
     if np.linalg.norm(g_scaled - (rows @ g_scaled) @ rows) > OUTSIDE * np.linalg.norm(g_scaled):
         return None
     a = information_parts(jacobian)[0] @ g
@@ -80,7 +80,7 @@ def _gradient(
     gradient = np.zeros(len(names))
     for j, name in enumerate(names):
         if values.get(name, 0.0) != 0:
-            step = STEP * abs(values[name])
+            step = GRADIENT_STEP * abs(values[name])
             above, below = ({**values, name: values[name] + sign * step} for sign in (1, -1))
             gradient[j] = (quantity(above) - quantity(below)) / (2 * step) * (values[name] if log[j] else 1.0)
     return gradient

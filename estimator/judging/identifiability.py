@@ -16,9 +16,9 @@ from estimator.fitting.problem import Problem
 
 FloatArray = NDArray[np.float64]
 
-TOLD = 3e-6  # of the largest singular value: smaller ones are the rounding of differences
-PART = 0.01  # of a unit direction
-AWAY = 0.2  # of ln θ, to the second point
+LEAST_SINGULAR_VALUE = 3e-6  # of the largest: smaller ones are the rounding of differences
+NAMED_PART = 0.01  # of a unit direction
+SECOND_POINT = 0.2  # of ln θ, to the second point
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ def identifiability(problem: Problem, start: FloatArray) -> Identifiability:
     box, names = problem.box, problem.plan.names
     squares = LeastSquares(problem.residuals, box, output=problem.output_of_residual, spread=problem.spread)
     best: tuple[int, FloatArray] | None = None
-    for away in (0.0, AWAY):
+    for away in (0.0, SECOND_POINT):
         tilt = away * np.cos(np.arange(len(start)))
         point = np.clip(np.where(box.log, start * np.exp(tilt), start), box.lower, box.upper)
         jacobian = squares.judge(point, problem.spread).jacobian
@@ -48,7 +48,7 @@ def identifiability(problem: Problem, start: FloatArray) -> Identifiability:
         if not np.isfinite(jacobian).all() or not norms.all():
             return Identifiability()  # where it cannot be simulated, or a parameter moves nothing: others say so
         _, singular, rows = np.linalg.svd(jacobian / norms, full_matrices=False)
-        rank = int(np.sum(singular > TOLD * singular[0]))
+        rank = int(np.sum(singular > LEAST_SINGULAR_VALUE * singular[0]))
         if rank == len(names):
             return Identifiability()
         if best is None or rank > best[0]:
@@ -56,7 +56,8 @@ def identifiability(problem: Problem, start: FloatArray) -> Identifiability:
     assert best is not None
     rank, null = best
     part = np.sqrt(np.sum(null**2, axis=0))
-    untold = tuple(n for n, x, p in zip(names, part, problem.parameters, strict=True) if x > PART and p.place is None)
+    concerned = zip(names, part, problem.parameters, strict=True)
+    untold = tuple(n for n, x, p in concerned if x > NAMED_PART and p.place is None)
     missing = len(names) - rank
     others = problem.plan.binding.unshown
     remedy = f", or record {' or '.join(others)}, too" if others else ", or record another experiment"

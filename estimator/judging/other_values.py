@@ -25,8 +25,7 @@ from estimator.stepping import layout
 
 FloatArray = NDArray[np.float64]
 
-UNLIKELY = 1e-3  # chance below which recordings want other parameters
-TOLD = 1e-9  # of the largest eigenvalue of the scaled information: less is told by nothing but differences
+LEAST_EIGENVALUE = 1e-9  # of the largest eigenvalue of the scaled information: less is told by nothing but differences
 
 
 def other_values(held: Fit, estimate: Estimate) -> OtherValues | None:
@@ -59,7 +58,7 @@ def other_values(held: Fit, estimate: Estimate) -> OtherValues | None:
     covariance = covariance + adequacy(fit, n).widened(fit)[:n, :n]
     scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
     told, directions = np.linalg.eigh(information / np.outer(scale, scale))
-    seen = told > TOLD * told[-1]
+    seen = told > LEAST_EIGENVALUE * told[-1]
     along = directions[:, seen].T * scale
     difference = along @ apart
     both = np.diag(1 / told[seen]) + along @ covariance @ along.T

@@ -12,7 +12,7 @@ from estimator.fitting.problem import Problem
 FloatArray = NDArray[np.float64]
 
 NUDGE = 0.02  # of a parameter's range, on its scale
-FAR = (0.1, 0.5, 0.9)  # of its range, for one that a nudge does not move
+FAR_POINTS = (0.1, 0.5, 0.9)  # of its range, for one that a nudge does not move
 LONG = 10.0  # s: an estimation that takes longer is announced
 
 
@@ -75,8 +75,8 @@ def announcement(seconds: float, *, simulations: int, workers: int, always: bool
 
 def _moves_far(problem: Problem, home: FloatArray, j: int, reference: FloatArray) -> bool:
     """Whether a parameter moves a signal anywhere in its range, the others at home."""
-    tried = np.tile(home, (len(FAR), 1))
-    tried[:, j] = FAR
+    tried = np.tile(home, (len(FAR_POINTS), 1))
+    tried[:, j] = FAR_POINTS
     batch = problem.trajectories(problem.box.from_cube(tried))
     assert batch.shown is not None
     return any(

@@ -14,8 +14,8 @@ FloatArray = NDArray[np.float64]
 
 BLOCKS = 50  # parts of the recording whose means are compared: within them the speed's noise is averaged
 LEAST_BLOCK = 10  # samples
-AT_ODDS = 5.0  # standard deviations of a gain, with BLOCKS − 2 degrees of freedom
-LEAST = 0.002  # of a gain: less harms nobody
+GAIN_AT_ODDS = 5.0  # standard deviations of a gain, with BLOCKS − 2 degrees of freedom
+HARMLESS_GAIN = 0.002  # of a gain: less harms nobody
 
 
 def scales_at_odds(plan: Plan) -> list[str]:
@@ -30,7 +30,7 @@ def scales_at_odds(plan: Plan) -> list[str]:
         if found is None:
             continue
         column, gain, error = found
-        if abs(gain - 1) > max(LEAST, AT_ODDS * error):
+        if abs(gain - 1) > max(HARMLESS_GAIN, GAIN_AT_ODDS * error):
             reasons.append(
                 f"{o.recording.title}: held against {column!r} the speed is shown with a gain of {1 / gain:.4g}"
                 f" ± {error / gain**2:.1g}; if it is the speed that is wrong, K, J and B are, too: check the scales"

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.cases.case import Case, RunSpec
+from estimator.conventions import FALSE_ALARM
 from estimator.errors import SimulationError
 from estimator.fitting.effects import known_effects
 from estimator.fitting.effects.offset import Offset
@@ -26,7 +27,7 @@ from estimator.fitting.simulator import Nuisance, Simulator, per_recording
 from estimator.fmus.fmu import FmuDescription, describe, with_kind
 from estimator.fmus.probe import driven
 from estimator.fmus.workers import Workers
-from estimator.judging.other_values import UNLIKELY, other_values
+from estimator.judging.other_values import other_values
 from estimator.judging.outcome import comparisons, figures
 from estimator.judging.reading import what_was_read
 from estimator.plans.noise_level import output_deviations
@@ -81,7 +82,7 @@ def validated(
     compared = comparisons(plan, [held.explained[clock.rows] for clock in held.simulator.clocks])
     rmse, fit = figures(plan, compared)
     reasons = estimate.reasons
-    if others is not None and others.chance < UNLIKELY:
+    if others is not None and others.chance < FALSE_ALARM:
         titles = " and ".join(o.recording.title for o in plan.observed)
         reasons = (*reasons, others.sentence(titles))
     return dataclasses.replace(

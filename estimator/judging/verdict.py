@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.conventions import MISFIT, NUMERICAL, USELESS_ERROR
 from estimator.fitting.least_squares import LeastSquaresFit, at_given_bound
 from estimator.judging.coasting import coasting
 from estimator.judging.plain_noise import structured
@@ -35,13 +36,10 @@ FloatArray = NDArray[np.float64]
 
 DOUBTFUL_ERROR = 0.25  # relative standard error: told of the parameter; an answer as long as its bar holds
 TRADED = 0.98  # correlation of two that stand in for each other
-USELESS_ERROR = 0.5  # relative standard error: the parameter is not identified
-MISFIT = 1.5  # residuals' deviation over the noise that the data show
 PLAIN = ("offset", "delay", "delay of")  # effects whose value says all
 UNSEEN = {"delay of": "a delay of one output", "average": "a mean of the last samples", "lag": "a low-pass"}
 TOLD_FAILURES = 4  # sentences on what does not hold, at most
 UNEXPLAINED = 0.2  # of a signal's deviation: a noise that is larger is a misfit
-NUMERICAL = 1e-6  # of a signal's deviation: smaller residuals are no misfit
 
 
 @dataclass(frozen=True)

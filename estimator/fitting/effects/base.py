@@ -20,6 +20,7 @@ from estimator.plans.plan import Plan
 FloatArray = NDArray[np.float64]
 
 USUAL, SELDOM = 0.2, 0.02  # of the recordings of a bench that have an effect of a kind, roughly
+TAU_RATIO, SHORTEST_TAU = 1.5, 2.0  # of neighbours among time constants that are tried; in samples
 
 
 @dataclass(frozen=True)
@@ -81,3 +82,10 @@ class Effect:
     def tell(self, name: str, value: float, plan: Plan) -> str:
         """Say that it is there, of this size."""
         return f"{name} is estimated"
+
+
+def time_constants(step: float, longest: float) -> FloatArray:
+    """Return the time constants, s, that an effect tries: from two samples to the longest, in equal ratios."""
+    shortest = SHORTEST_TAU * step
+    count = 1 + int(max(0.0, np.log(longest / shortest) / np.log(TAU_RATIO)))
+    return np.asarray(shortest * TAU_RATIO ** np.arange(count))

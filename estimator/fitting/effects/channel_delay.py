@@ -11,7 +11,7 @@ from estimator.plans.parameters import SensorPlace
 from estimator.plans.plan import Plan
 from estimator.stepping import layout
 
-MOST = 20.0  # samples
+LONGEST_DELAY = 20.0  # samples
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class ChannelDelay(Effect):
         h = min(o.recording.step for o in plan.observed)
         return [
             Nuisance(
-                f"delay of {y}", "s", 0.0, MOST * h, 0.0, h,
+                f"delay of {y}", "s", 0.0, LONGEST_DELAY * h, 0.0, h,
                 place=SensorPlace("delay", None, y), tries=(0.5 * h, 2 * h), excludes=("delay of", f"average {y}"),
             )
             for y in plan.outputs

@@ -10,7 +10,7 @@ from estimator.fitting.simulator import Nuisance, per_recording
 from estimator.plans.parameters import SensorPlace
 from estimator.plans.plan import Plan
 
-EARLY, LATE = 10.0, 0.5  # samples before; of the recording's length after
+EARLIEST, LATEST = 10.0, 0.5  # samples before; of the recording's length after
 
 
 @dataclass(frozen=True)
@@ -27,10 +27,10 @@ class Delay(Effect):
             if f"delay of {e}" in plan.declared or o.excitation.kind == "none" or not o.inputs:
                 continue
             h = o.recording.step
-            longest = LATE * float(o.recording.time[-1] - o.recording.time[0])
+            longest = LATEST * float(o.recording.time[-1] - o.recording.time[0])
             found.append(
                 Nuisance(
-                    name, "s", -EARLY * h, max(longest, 20 * h), 0.0, h,
+                    name, "s", -EARLIEST * h, max(longest, 20 * h), 0.0, h,
                     place=SensorPlace("delay", e), tries=(0.5 * h, 2 * h, -0.5 * h, -2 * h),
                 )
             )  # fmt: skip

@@ -12,7 +12,7 @@ from estimator.fitting.fit import Fit, Linear
 from estimator.fitting.motor_response import as_late, motor_values, response
 from estimator.plans.plan import Plan
 
-MOST = 0.5  # of the largest voltage
+MOST_DROP = 0.5  # of the largest voltage
 USUAL_DROP = 0.05  # of it
 
 
@@ -30,7 +30,7 @@ class DriveDrop(Effect):
         v = fit.simulator.inputs("v")
         largest = float(np.max(np.abs(v)))
         columns = response(fit, voltage=as_late(fit, -np.sign(v)))[:, :, None]
-        return [Linear(self.name, columns, ("V",), least=0.0, most=MOST * largest, size=USUAL_DROP * largest)]
+        return [Linear(self.name, columns, ("V",), least=0.0, most=MOST_DROP * largest, size=USUAL_DROP * largest)]
 
     def tell(self, name: str, value: float, plan: Plan) -> str:
         """Say how large."""

@@ -10,15 +10,14 @@ from numpy.typing import NDArray
 
 from estimator.fitting.effects.base import Effect
 from estimator.fitting.fit import Fit, Linear
+from estimator.fitting.latency import EDGE, MOST_EDGES
 from estimator.fitting.motor_response import motor_values, pulse_response
 from estimator.plans.plan import Plan
 
 FloatArray = NDArray[np.float64]
 
-MOST = 12  # edges; more are a signal, not levels
-SHOWN = 8  # rows that an edge must be before the end
-LEAST = 0.05  # of the voltage's range
-NEAR = 1e-3  # of a row: the difference of which a derivative is made
+ROWS_AFTER = 8  # rows that an edge must be before the end
+LEAST_DIFFERENCE = 1e-3  # of a row: the difference of which a derivative is made
 
 
 @dataclass(frozen=True)
@@ -49,7 +48,7 @@ class EdgeLatency(Effect):
         columns = np.zeros((s.rows, len(s.outputs), len(edges)))
         for k, (e, row, change) in enumerate(edges):
             clock = s.clocks[e]
-            by = late[k] if abs(late[k]) > NEAR * clock.step else NEAR * clock.step
+            by = late[k] if abs(late[k]) > LEAST_DIFFERENCE * clock.step else LEAST_DIFFERENCE * clock.step
             at = clock.time[0] + row * clock.step + fit.delay(e)
             columns[clock.rows, :, k] = -change / by * pulse_response(fit, clock, at, at + by)
         return Linear(self.name, columns, ("s",) * len(edges), size=s.clocks[0].step)
@@ -65,8 +64,8 @@ def _edges(fit: Fit) -> list[tuple[int, int, float]]:
     v, found = s.inputs("v"), []
     for e, clock in enumerate(s.clocks):
         u = v[clock.rows]
-        jumps = np.flatnonzero(np.abs(np.diff(u)) > LEAST * max(float(np.ptp(v)), 1e-300)) + 1
-        jumps = jumps[jumps <= len(u) - SHOWN]
-        if 2 <= len(jumps) <= MOST:
+        jumps = np.flatnonzero(np.abs(np.diff(u)) > EDGE * max(float(np.ptp(v)), 1e-300)) + 1
+        jumps = jumps[jumps <= len(u) - ROWS_AFTER]
+        if 2 <= len(jumps) <= MOST_EDGES:
             found += [(e, int(k), float(u[k] - u[k - 1])) for k in jumps[1:]]
     return found

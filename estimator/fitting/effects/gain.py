@@ -11,7 +11,7 @@ from estimator.fitting.effects.base import SELDOM, Effect
 from estimator.fitting.fit import Fit, Linear
 from estimator.plans.plan import Plan
 
-MOST = 0.3  # part by which a scale may be wrong
+MOST_ERROR = 0.3  # part by which a scale may be wrong
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,9 @@ class Gain(Effect):
                 continue
             columns = np.zeros((fit.simulator.rows, len(fit.simulator.outputs), 1))
             columns[:, j, 0] = fit.shown[:, j]
-            found.append(Linear(f"gain {y}", columns, ("",), least=-MOST, most=MOST, told_from=1.0, size=0.02))
+            found.append(
+                Linear(f"gain {y}", columns, ("",), least=-MOST_ERROR, most=MOST_ERROR, told_from=1.0, size=0.02)
+            )
         return found
 
     def tell(self, name: str, value: float, plan: Plan) -> str:

@@ -17,7 +17,7 @@ from estimator.plans.plan import Plan
 
 FloatArray = NDArray[np.float64]
 
-MOST = 60.0  # samples
+LONGEST_LAG = 60.0  # samples
 
 
 def lagged(y: FloatArray, tau: float, h: float) -> FloatArray:
@@ -48,7 +48,7 @@ class LowPass(Effect):
         h = min(o.recording.step for o in plan.observed)
         return [
             Nuisance(
-                f"{self.name} of {y}", "s", 0.0, MOST * h, 0.0, h,
+                f"{self.name} of {y}", "s", 0.0, LONGEST_LAG * h, 0.0, h,
                 output=y, act=lagged if self.order == 1 else lagged_twice, between=True,
                 tries=(0.3 * h, 1.5 * h, 6 * h), excludes=(f"lag of {y}", f"second-order lag of {y}"),
             )

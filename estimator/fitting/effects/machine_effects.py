@@ -16,7 +16,7 @@ from estimator.plans.plan import Plan
 
 FloatArray = NDArray[np.float64]
 
-PART = 0.1  # of the friction
+USUAL_DRIFT = 0.1  # of the friction
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class FrictionDrift(Effect):
             torque = np.zeros(s.rows)
             t = clock.time
             torque[clock.rows] = np.sign(w[clock.rows]) * ((t - t[0]) / (t[-1] - t[0]) - 0.5)
-            found.append(Linear(name, response(fit, torque=torque)[:, :, None], ("N.m",), size=PART * usual))
+            found.append(Linear(name, response(fit, torque=torque)[:, :, None], ("N.m",), size=USUAL_DRIFT * usual))
         return found
 
     def tell(self, name: str, value: float, plan: Plan) -> str:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.conventions import STANDS_OUT
 from estimator.fitting.effects.base import USUAL, Effect
 from estimator.fitting.fit import Fit, Linear
 from estimator.fitting.windows import find_windows
@@ -17,15 +18,15 @@ from estimator.recordings.samples import filled
 
 FloatArray = NDArray[np.float64]
 
-ORDERS = 64  # of the angle
-TURNS = 4.0  # fewer tell no order
-SAME = 0.9  # of the best order's power: a lower order that explains as much is taken
-CYCLES, SHARE = 10.0, 0.05  # in a recording; of its rows: an order that is folded below is not told from a drift
-LEAST = 1.0  # of a speed's quantum
-BESIDE = 2  # orders that a few turns do not part
-STANDS_OUT, NEAR = 20.0, 12  # times the median power of the orders nearby; of those on either side
-STANDS = 1e-3  # of the largest signal: less stands still
-LINES = 4  # an output, at most
+HIGHEST_ORDER = 64  # of the angle
+LEAST_TURNS = 4.0  # fewer tell no order
+AS_GOOD = 0.9  # of the best order's power: a lower order that explains as much is taken
+LINE_CYCLES, FOLDED = 10.0, 0.05  # in a recording; of its rows: an order that is folded below is not told from a drift
+LEAST_QUANTA = 1.0  # of a speed's quantum
+ORDERS_BESIDE = 2  # orders that a few turns do not part
+ORDERS_NEARBY = 12  # on either side: by the median of their powers an order is judged
+STANDSTILL = 1e-3  # of the largest signal: less stands still
+MOST_LINES = 4  # an output, at most
 
 
 def angle_of(fit: Fit) -> FloatArray | None:
@@ -56,14 +57,14 @@ class Ripple(Effect):
     """Cosine and sine of one order of the angle, as large as the signal or of one amplitude, each recording's own."""
 
     name: str = "ripple"
-    prior: float = USUAL / ORDERS
+    prior: float = USUAL / HIGHEST_ORDER
     sharp: bool = True
     is_line: bool = True
 
     def linear(self, fit: Fit) -> Sequence[Linear]:
         """Return, of each output, the order that explains most of what is left, where one stands out."""
         theta = angle_of(fit)
-        if theta is None or np.ptp(theta) < 2 * np.pi * TURNS:
+        if theta is None or np.ptp(theta) < 2 * np.pi * LEAST_TURNS:
             return ()
         found = []
         settled = find_windows(fit).settled & fit.whitener.moving
@@ -71,21 +72,21 @@ class Ripple(Effect):
         for j, y in enumerate(fit.simulator.outputs):
             own = (g.name.split(" ") for g in fit.linear if g.name.startswith(f"ripple {y} "))
             taken = {int(words[2]) for words in own if len(words) == 3}
-            if y == "angle" or len(taken) >= LINES:
+            if y == "angle" or len(taken) >= MOST_LINES:
                 continue
             level = fit.shown[:, j] / max(float(np.max(np.abs(fit.shown[:, j]))), 1e-300)
             power = self.power(theta, z[:, j] * level, fit)
             power[[k - 1 for k in taken]] = 0.0
             best = float(np.max(power))
-            order = int(np.argmax(power > SAME * best)) + 1
-            around = np.arange(max(0, order - 1 - NEAR), min(ORDERS, order + NEAR))
-            near = power[[k for k in around if abs(k - order + 1) > BESIDE and k + 1 not in taken]]
+            order = int(np.argmax(power > AS_GOOD * best)) + 1
+            around = np.arange(max(0, order - 1 - ORDERS_NEARBY), min(HIGHEST_ORDER, order + ORDERS_NEARBY))
+            near = power[[k for k in around if abs(k - order + 1) > ORDERS_BESIDE and k + 1 not in taken]]
             if best < STANDS_OUT * float(np.median(near[near > 0])) if np.any(near > 0) else True:
                 continue
             coarse = max(quantum(o.outputs[y]) for o in fit.simulator.observed)
-            if coarse > 0 and self._amplitude(power[order - 1], z[:, j], level, fit, j) < LEAST * coarse:
+            if coarse > 0 and self._amplitude(power[order - 1], z[:, j], level, fit, j) < LEAST_QUANTA * coarse:
                 continue  # the beat of the encoder's lines with the clock
-            shapes = (level, (np.abs(level) > STANDS).astype(np.float64))  # as commutation, or as a load that turns
+            shapes = (level, (np.abs(level) > STANDSTILL).astype(np.float64))  # as commutation, or as a load that turns
             tried = [self.columns(fit, theta, shape, order, j) for shape in shapes]
             test = fit.test()
             gains = [test.gain(test.across(columns))[0] for columns in tried]
@@ -98,16 +99,16 @@ class Ripple(Effect):
 
     def power(self, theta: FloatArray, z: FloatArray, fit: Fit) -> FloatArray:
         """Return how much of a whitened output each order explains, (orders,)."""
-        total = np.zeros(ORDERS)
+        total = np.zeros(HIGHEST_ORDER)
         for clock in fit.simulator.clocks:
             base = np.exp(1j * theta[clock.rows])
             wave = np.ones_like(base)
             turn = np.diff(theta[clock.rows], prepend=theta[clock.rows][0])
             turn = turn[np.abs(turn) > 0.2 * np.max(np.abs(turn))]
-            for k in range(ORDERS):
+            for k in range(HIGHEST_ORDER):
                 wave = wave * base
                 folded = np.angle(np.exp(1j * (k + 1) * turn))
-                if np.mean(np.abs(folded) < 2 * np.pi * CYCLES / len(folded)) > SHARE:
+                if np.mean(np.abs(folded) < 2 * np.pi * LINE_CYCLES / len(folded)) > FOLDED:
                     continue  # folded to what any slow change looks like
                 total[k] += abs(np.vdot(wave, z[clock.rows])) ** 2
         return total

@@ -12,8 +12,8 @@ from estimator.fitting.effects.base import USUAL, Effect
 from estimator.fitting.fit import Fit, Linear
 from estimator.plans.plan import Plan
 
-USUALLY = 0.03  # of a parameter, between runs
-MOST = 1.0  # of a logarithm
+USUAL_CHANGE = 0.03  # of a parameter, between runs
+MOST_CHANGE = 1.0  # of a logarithm
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,9 @@ class RunsDiffer(Effect):
                 columns[rows, :, k], columns[last, :, k] = own[rows], -own[last]
             if np.any(columns):
                 name = f"{parameter.name}{BETWEEN}"
-                found.append(Linear(name, columns, ("",) * len(first), least=-MOST, most=MOST, size=USUALLY))
+                found.append(
+                    Linear(name, columns, ("",) * len(first), least=-MOST_CHANGE, most=MOST_CHANGE, size=USUAL_CHANGE)
+                )
         return found
 
     def tell(self, name: str, value: float, plan: Plan) -> str:

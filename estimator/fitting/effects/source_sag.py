@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.fitting.effects.base import SELDOM, Effect
+from estimator.fitting.effects.base import SELDOM, Effect, time_constants
 from estimator.fitting.fit import Fit, Linear
 from estimator.fitting.motor_response import motor_values, response
 from estimator.fitting.recursion import recursion
@@ -17,10 +17,10 @@ from estimator.plans.plan import Plan
 
 FloatArray = NDArray[np.float64]
 
-RATIO, SHORTEST, LONGEST = 1.5, 2.0, 0.1  # between time constants; in samples; s, of a supply's capacitors
-BESIDE = 1  # steps of time constants between rivals
-SMALL = 0.01  # of the winding's: less is the rounding of something else
-PART = 0.05  # of the winding's resistance: a usual source's
+LONGEST_SAG = 0.1  # s: the longest time constant of a supply's capacitors
+STEPS_BESIDE = 1  # steps of time constants between rivals
+LEAST_SAG = 0.01  # of the winding's: less is the rounding of something else
+USUAL_SAG = 0.05  # of the winding's resistance: a usual source's
 
 
 @dataclass(frozen=True)
@@ -41,25 +41,24 @@ class SourceSag(Effect):
             return ()
         if any(n in fit.free for n in ("supply_resistance",)):
             return ()
-        shortest = SHORTEST * s.clocks[0].step
-        count = 1 + int(max(0.0, np.log(LONGEST / shortest) / np.log(RATIO)))
-        taus = shortest * RATIO ** np.arange(count)
+        taus = time_constants(s.clocks[0].step, LONGEST_SAG)
         current = fit.explained[:, s.outputs.index("i")]
         test, columns = fit.test(), [_response(fit, current, float(tau)) for tau in taus]
         across = test.across(np.stack(columns, axis=2))
         along, power = across.T @ test.left, np.sum(across**2, axis=0)
         best = int(np.argmax(np.where((power > 1e-9) & (along > 0), along**2 / np.maximum(power, 1e-9), 0.0)))
         found = []
-        for k in sorted({max(0, best - BESIDE), best, min(count - 1, best + BESIDE)}, key=lambda k: abs(k - best)):
+        near = {max(0, best - STEPS_BESIDE), best, min(len(taus) - 1, best + STEPS_BESIDE)}
+        for k in sorted(near, key=lambda k: abs(k - best)):
             name = f"{self.name}, {taus[k]:.3g} s"
             found.append(
                 Linear(
                     name,
                     columns[k][:, :, None],
                     ("Ohm",),
-                    least=SMALL * values["R"],
+                    least=LEAST_SAG * values["R"],
                     most=values["R"],
-                    size=PART * values["R"],
+                    size=USUAL_SAG * values["R"],
                 )  # fmt: skip
             )
         return found
