@@ -1,14 +1,14 @@
-"""Does an explanation hold where its parameters are made? Whitened residuals by window. Knows no effect.
+"""Whether an explanation is adequate: tests of its whitened residuals, window by window. Knows no effect.
 
-In every window (windows.py) three things are asked of the whitened residuals z, which are independent and of variance 1
-where the explanation holds:
+In every window (windows.py) the whitened residuals z are tested in three ways. Where the explanation holds they are
+independent, with variance 1:
 
     size        mean of z^2, Fisher's F with the window's samples and those that tell the noise (its variance by the
                 tails that settled rows show)
     neighbours  sum of z_k z_k+1, over the root of their number, standard normal
-    own values  would the parameters be others in this window? the score test of its rows of the Jacobian (Hausman 1978)
+    own values  score test of parameters of the window's own, by its rows of the Jacobian (Hausman 1978)
 
-The chance that an explanation that holds fails any of them is FALSE_ALARM, shared equally (Bonferroni).
+An explanation that holds fails any of these tests with the chance FALSE_ALARM, which they share equally (Bonferroni).
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ from estimator.fitting.windows import Windows, find_windows
 FloatArray = NDArray[np.float64]
 
 WINDOW_RANK_TOLERANCE = 1e-3  # of the largest singular value: directions that a window tells
-EXCESS = 0.15  # of the variance: less is allowed for by the bars, however sure
-REST_TELLS = 0.05  # of what all samples tell: with less the rest tells nothing of its own
+EXCESS = 0.15  # of the variance: a smaller excess widens the standard errors, and is no failure however significant
+REST_TELLS = 0.05  # of all samples' information: with less, those outside a window do not determine a direction
 
 
 @dataclass(frozen=True)
 class Failure:
-    """What does not hold, where, and how much larger than it should be."""
+    """A test that failed: which, in which window and output, and by which factor its statistic is too large."""
 
     what: str
     window: str
@@ -41,7 +41,7 @@ class Failure:
 
     @property
     def sentence(self) -> str:
-        """Say it."""
+        """Return the failure in words."""
         where = f"{self.output} in {self.window}" if self.output else self.window
         if self.what == "size":
             return f"the model does not explain {where}: the residuals, whitened, are {self.excess:.1f} times the noise"
@@ -55,14 +55,14 @@ class Failure:
 
 @dataclass(frozen=True)
 class Adequacy:
-    """What failed, and what allows for it.
+    """The tests that failed, and by how much the standard errors grow for them.
 
     Attributes
     ----------
     excess : (rows, q) array
         Factor on the variance of each sample.
     parts : (rows, q) arrays
-        The samples that failed together: what they pull the parameters to may be wrong as a whole.
+        Samples that failed together: they may bias the parameters by a common error.
     """
 
     failures: tuple[Failure, ...]
@@ -71,9 +71,9 @@ class Adequacy:
     tests: int
 
     def widened(self, fit: Fit) -> FloatArray:
-        """Return what the covariance of a fit's names grows by, (f + m, f + m).
+        """Return the covariance that the failures add to that of a fit's names, (f + m, f + m).
 
-        The errors of samples that fail, one by one and as a whole (White 1980; Liang and Zeger 1986).
+        Samples that fail add errors of their own (White 1980) and one common to their part (Liang and Zeger 1986).
         """
         inside = fit.at_bound == 0
         result = np.zeros((len(inside), len(inside)))
@@ -92,7 +92,7 @@ class Adequacy:
 def _shift_without(jacobian: FloatArray, z: FloatArray, part: NDArray[np.bool_]) -> FloatArray:
     """Return by how much the estimates move, (f,), when the samples of a part are left out.
 
-    Of what the other samples hardly tell, by less: these directions stay where the part has them.
+    Directions that the other samples hardly determine stay as they are.
     """
     whole = jacobian.T @ jacobian
     norms = np.sqrt(np.diag(whole))
@@ -112,7 +112,7 @@ def _shift_without(jacobian: FloatArray, z: FloatArray, part: NDArray[np.bool_])
 
 
 def adequacy(fit: Fit, parameters: int) -> Adequacy:
-    """Return what of an explanation does not hold.
+    """Test an explanation and return what fails.
 
     Parameters
     ----------
@@ -176,7 +176,7 @@ def _samples(z: FloatArray, rows: NDArray[np.int64], j: int) -> NDArray[np.bool_
 def _groups(
     windows: Windows, outputs: Sequence[str], shape: tuple[int, ...]
 ) -> list[tuple[str, str, NDArray[np.bool_]]]:
-    """Return the parts, (rows, q), that are asked for parameters of their own, each with its window and output."""
+    """Return the parts, (rows, q), that are tested for parameters of their own, each with its window and output."""
     groups = []
     for w in windows.windows:
         if len(w.rows) < shape[0]:

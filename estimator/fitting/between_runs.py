@@ -1,16 +1,16 @@
-"""What changes from run to run: a random effect of each parameter, from a joint fit's blocks. Knows arrays, no FMU.
+"""Variance of each parameter from run to run: a random effect, from a joint fit's blocks. Knows arrays, no FMU.
 
 Let z be the whitened residuals of the joint fit, J its Jacobian, and let recording r have a value of its own, t + d_r,
-of one parameter, the others shared. With X the parameter's column cut into recordings, and M the projection that takes
-out what the others explain, S = X'MX and u = X'Mz tell all d_r at once; the common value is projected out of both. If
+of one parameter, the others shared. Let X be the parameter's column cut into recordings, and M the projection that
+removes what the others explain. S = X'MX and u = X'Mz then determine all d_r; the common value is projected out. If
 the d_r are independent of variance T^2, u has the covariance S + T^2 S S, so that
 
     Q = u' S^+ u,    E Q = rank S + T^2 tr S,    T^2 = max(0, (Q - rank S) / tr S)
 
 (DerSimonian and Laird 1986, with the estimates of the recordings correlated through what they share). Without T, Q is
-chi-square. Parameters enter one after the other, the least likely Q first, each beside the own values of those before:
-one that changes must not pass for a change of all. The joint answer t = sum_r A^-1 H_r t_r, H_r = J_r'J_r and A their
-sum, then gains the variance  T^2 sum_r (A^-1 H_r e)(A^-1 H_r e)'.
+chi-square. Parameters enter one after the other, the least likely Q first, each tested beside those that entered
+before, so that the change of one is not taken for a change of all. The joint answer t = sum_r A^-1 H_r t_r, H_r =
+J_r'J_r and A their sum, then gains the variance  T^2 sum_r (A^-1 H_r e)(A^-1 H_r e)'.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 
-BETWEEN = " between runs"  # ends the names of what a recording has of a parameter for itself
-ENTERS = 0.05  # chance that a variance enters the bars though nothing changes, all parameters together
-LEAST_INFORMATION = 1e-8  # of the largest: recordings, or contrasts of them, that tell less tell nothing
+BETWEEN = " between runs"  # ends the name of a recording's own part of a parameter
+ENTERS = 0.05  # chance that a variance is added to the standard errors though nothing varies, all parameters together
+LEAST_INFORMATION = 1e-8  # of the largest information: recordings, or contrasts of them, with less are not used
 
 
 @dataclass(frozen=True)
@@ -171,7 +171,7 @@ def _basis(columns: FloatArray) -> FloatArray:
 def of_fit(fit: Fit, parameters: int) -> BetweenRuns:
     """Return what varies between the recordings of a fit, of its first names, the motor's parameters.
 
-    What an explanation gives its recordings for themselves (effects/runs_differ.py) counts as variation.
+    Deviations that an explanation estimates for each recording (effects/runs_differ.py) count as variation.
     """
     own = np.array([is_between_runs(name) for name in fit.names])
     inside = np.flatnonzero((fit.at_bound == 0) & ~own)
@@ -188,7 +188,7 @@ def of_fit(fit: Fit, parameters: int) -> BetweenRuns:
 
 
 def is_between_runs(name: str) -> bool:
-    """Whether a name of a fit stands for what a recording has of a parameter beyond the mean of all."""
+    """Whether a name of a fit is a recording's deviation of a parameter from the mean of all."""
     return name.partition("#")[0].endswith(BETWEEN)
 
 

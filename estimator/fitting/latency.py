@@ -1,8 +1,8 @@
 """Levels of a command that reach the motor at delays of their own, found from the current. Knows plans, no fit.
 
-A controller that looks at its command every so often shifts each change by another time. The current leaves its course
-within a sample of the change that reaches it; the changes are moved there, relative to the first, so that one delay is
-left for all. What is less than a sample stays for the effect `latency of each edge`.
+A controller that reads its command periodically delays each change by another time. The current starts to change within
+a sample of the voltage's change at the motor. The changes are moved to these instants, relative to the first, so that
+one delay remains for all. Differences below a sample are estimated by the effect `latency of each edge`.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ def _moved(o: Observed) -> tuple[Observed, str] | None:
         return None
     v, i = o.inputs["v"], filled(o.outputs["i"])
     edges = np.flatnonzero(np.abs(np.diff(v)) > EDGE * max(float(np.ptp(v)), 1e-300)) + 1
-    edges = edges[edges <= len(v) - 4 * LEAST_SHIFT]  # later ones show nothing
+    edges = edges[edges <= len(v) - 4 * LEAST_SHIFT]  # the response to later ones is not recorded
     if not 2 <= len(edges) <= MOST_EDGES or np.min(np.diff(edges)) < 4 * LEAST_SHIFT:
         return None
     bounds = [*edges, len(v)]
@@ -53,7 +53,7 @@ def _moved(o: Observed) -> tuple[Observed, str] | None:
     for a, b in zip(bounds[:-1], bounds[1:], strict=True):
         before = i[max(0, a - 5) : a]
         away = (i[a:b] - float(np.median(before))) / (v[a] - v[a - 1]) > level
-        away |= np.isnan(o.outputs["i"][a:b])  # as far as the sensor goes, or lost
+        away |= np.isnan(o.outputs["i"][a:b])  # saturated, or missing
         lasting = away[:-1] & away[1:]
         if not lasting.any():
             return None

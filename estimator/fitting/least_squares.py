@@ -1,4 +1,4 @@
-"""Weighted least squares from a start: values, covariance, what cannot be told. Knows residuals only, no motor, no FMU.
+"""Weighted least squares from a start: values, covariance, what is not determined. Knows residuals, no motor, no FMU.
 
     minimise  Σ_j Σ_k (y_jk(θ) − m_jk)² / σ_j²        over x = ln θ (or θ, for parameters not on a log scale)
 
@@ -29,12 +29,12 @@ Residuals = Callable[[FloatArray], FloatArray]
 DIFFERENCE_STEP = 1e-4  # of a parameter, or added to its logarithm, for differences
 REWEIGHTINGS = 3
 REWEIGHTED = 0.02  # relative change of the deviations at which reweighting stops
-CLOSE, CLOSINGS = 0.02, 3  # of chi-square that an optimum may be above the least; times it is closed in on
-ROUNDING = 1e-12  # of a signal's deviation: what the arithmetic of a simulation leaves
+CLOSE, CLOSINGS = 0.02, 3  # of chi-square: an optimum no further above the least is accepted; attempts to come closer
+ROUNDING = 1e-12  # of a signal's deviation: rounding of a simulation
 NOISE_FREE = 1e-7  # of a signal's deviation: smaller residuals are numerical, not noise
 FAILED_RESIDUAL = 1e3  # what a failed simulation shows, in deviations
-RANK_TOLERANCE = 1e-6  # of the largest singular value: below, differences of simulations are noise
-OUTSIDE = 1e-3  # of a unit vector, in directions that are not seen: less is rounding
+RANK_TOLERANCE = 1e-6  # of the largest singular value: smaller ones are the numerical noise of differences
+OUTSIDE = 1e-3  # of a unit vector, in directions not determined: a smaller part is rounding
 AT_BOUND = 1e-6  # of the scaled width of the bounds
 
 
@@ -53,7 +53,7 @@ class LeastSquaresFit:
     covariance : (p, p) array
         Of the scaled parameters (ln θ where log); rows of parameters at a bound are zero.
     standard_errors : (p,) array
-        In the parameters' units; infinity where the data do not tell, 0 at a bound.
+        In the parameters' units; infinity where not determined, 0 at a bound.
     at_bound : (p,) array
         −1 lower, 1 upper, 0 free.
     jacobian : (m, p) array
@@ -77,7 +77,7 @@ class LeastSquaresFit:
 
 
 class LeastSquares:
-    """The problem to polish.
+    """A least-squares problem.
 
     Parameters
     ----------
@@ -156,12 +156,12 @@ class LeastSquares:
         return self._values(solution.x), float(2 * solution.cost)
 
     def quick(self, start: FloatArray, deviations: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return values and deviations of a rough fit, to compare models that are not the right one."""
+        """Return values and deviations of a rough fit, enough to compare models."""
         values, _ = self.fit(start, deviations, evaluations=10, tolerance=1e6)
         return values, self.deviations(values, free=self.box.dimension)
 
     def deviations(self, values: FloatArray, *, free: int) -> FloatArray:
-        """Return the residuals' deviations of each output at a point; `free` parameters are shared out."""
+        """Return the residuals' deviations of each output at a point; `free` parameters cost degrees of freedom."""
         raw = self._residuals(values[None, :])[0]
         outputs = len(self._spread)
         result = np.empty(outputs)
@@ -176,7 +176,7 @@ class LeastSquares:
         return np.maximum(result, ROUNDING * self._spread)
 
     def polish(self, start: FloatArray, deviations: FloatArray) -> LeastSquaresFit:
-        """Fit, find the deviations from the residuals, and repeat until they agree."""
+        """Fit, estimate the deviations from the residuals, and repeat until they agree."""
         values, cost = self.fit(start, deviations)
         for _ in range(REWEIGHTINGS):
             found = self.deviations(values, free=self.box.dimension)
@@ -196,10 +196,10 @@ class LeastSquares:
         return self._closed_in(self.judge(values, deviations))
 
     def _closed_in(self, found: LeastSquaresFit) -> LeastSquaresFit:
-        """Go on with central differences where the exact Jacobian says that the least is not reached.
+        """Continue with central differences if their Jacobian shows that the minimum is not reached.
 
-        One-sided differences bend the gradient along a valley that is far steeper across: encoder counts tell some
-        combination of the parameters a thousand times better than another.
+        One-sided differences distort the gradient along a narrow valley. Encoder counts make such valleys: they
+        determine some combination of the parameters a thousand times better than another.
         """
         for _ in range(0 if self._robust else CLOSINGS):
             inside = found.jacobian[:, found.at_bound == 0]
@@ -308,11 +308,11 @@ def _unit(j: int, p: int) -> FloatArray:
 
 
 def information_parts(jacobian: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return (JᵀJ)⁻¹ in two parts, (p, p) each: of the directions that the data see, and of those that they do not.
+    """Return (JᵀJ)⁻¹ in two parts, (p, p) each: of the directions that the data determine, and of the others.
 
-    A direction is seen if its singular value, of the column-scaled Jacobian, is above RANK_TOLERANCE of the largest:
-    below, the differences that the Jacobian is made of are noise. The second part is zero for parameters that lie in
-    what is seen, and infinite where a column is zero.
+    A direction is determined if its singular value, of the column-scaled Jacobian, is above RANK_TOLERANCE of the
+    largest: below, the differences that the Jacobian is made of are noise. The second part is zero for parameters that
+    lie in what is seen, and infinite where a column is zero.
     """
     scale, singular, rows = scaled_svd(jacobian)
     if not len(scale):

@@ -1,17 +1,17 @@
 """The noise of a fit's residuals: its size, its colour, its covariance between channels. Knows arrays, no FMU.
 
-Residuals of channel j at row k are r = g z: g grows with the signal where the data say so (commutation, contact
-noise), and
+Residuals of channel j at row k are r = g z: g grows with the signal if the data show it (noise of
+commutation and contacts), and
 
     z = white + slow(tau) + differenced + H torque
 
 is a sum of a white part, an exponentially correlated one (Ornstein-Uhlenbeck), the difference of white errors (an
 encoder's counts, differenced) and the response of the machine to a torque that wanders, which colours current and speed
 together. Such sums are linear state spaces, so that whitening and likelihood are exact at O(rows), with gaps and any
-clock (kalman.py). What is left of short colour, such as a sensor's filter, is taken out by a short autoregression. The
-few numbers are those of the largest restricted likelihood (Patterson and Thompson 1971) over the settled rows: what the
-parameters took from the residuals does not count as certainty, and a transient that is explained wrongly does not pass
-for noise.
+clock (kalman.py). Remaining correlation over few samples, such as a sensor's filter makes, is removed by a short
+autoregression. The parameters of the model have the largest restricted likelihood (Patterson and Thompson 1971) over
+the settled rows. Restricted: it allows for the degrees of freedom of the fitted parameters. Settled rows: a misfit of a
+transient is not taken for noise.
 """
 
 from __future__ import annotations
@@ -30,27 +30,27 @@ from estimator.fitting.kalman import shorten, whiten
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
-ROWS = 4000  # of settled rows that tell the noise, at most
-SETTLED_SAMPLES = 100  # settled samples of a channel; with fewer all rows speak
-BLOCK_LENGTHS = (2, 8, 32, 128, 512)  # samples whose means tell slow colour
-COLOURED = 5.0  # standard deviations of a block's mean square: by white noise less than once in 1e5
-PAYS = 10.0  # of -2 log L, by which a component must improve it: two numbers, and a guard
+ROWS = 4000  # settled rows that the noise is estimated from, at most
+SETTLED_SAMPLES = 100  # settled samples of a channel; with fewer all rows are used
+BLOCK_LENGTHS = (2, 8, 32, 128, 512)  # samples whose means show slow correlation
+COLOURED = 5.0  # standard deviations of a block's mean square: of white noise less than once in 1e5
+PAYS = 10.0  # of -2 log L, by which a component must lower it: two numbers, and a margin
 AR_ORDERS = (1, 2, 3, 4, 6, 8, 12, 16, 24)  # of the short autoregression
-LOUD_SAMPLES = 25  # samples that are loud, and as many at half of that
-STRETCH, MOST_STRETCHES = 20, 12  # rows of a stretch that has a level of its own; levels, at most
-SHORTEST_TORQUE = 0.02  # s, of a torque that wanders: faster ones are transients that are explained wrongly
-LONGEST_SLOW = 0.25  # of the longest stretch: a slow part that lasts longer is none
+LOUD_SAMPLES = 25  # samples of a large signal, and as many below half of it: fewer do not show a growth
+STRETCH, MOST_STRETCHES = 20, 12  # rows of a stretch that has a level of its own; stretches, at most
+SHORTEST_TORQUE = 0.02  # s, correlation time of a wandering torque: shorter ones are misfits of transients
+LONGEST_SLOW = 0.25  # of the longest recording: a longer correlation time is a drift, no noise
 STEEP = 12  # samples, where the signals are steep, that tell a jitter
 NEIGHBOURS_ALIKE = 3.0  # standard deviations of their correlation: more is a misfit, no jitter
-CAPPED = 25.0  # square of a residual that tells no more
-NOISE_FACTORS = np.geomspace(0.35, 1.2, 16)  # factors on a noise that was found with a jitter in it
+CAPPED = 25.0  # square of a residual: a larger one counts as this
+NOISE_FACTORS = np.geomspace(0.35, 1.2, 16)  # tried factors on a noise that was estimated with a jitter in it
 RESTS, STARTS, RUNS = range(3)
 LEAST_WHITE = 1e-9  # of the residuals' variance: the least white part
 
 
 @dataclass(frozen=True)
 class Clock:
-    """When the rows of one recording were taken: s; and where it lies among the rows of all."""
+    """The times, s, of one recording's rows, and its place among the rows of all."""
 
     time: FloatArray
     rows: slice
@@ -132,7 +132,7 @@ class NoiseModel:
         running : (q,) array
             g while the machine runs.
         phase : RESTS, STARTS or RUNS
-            A machine at rest feels no torque that wanders.
+            A machine at rest has no wandering torque.
         """
         q = len(self.white)
         blocks: list[tuple[FloatArray, FloatArray, FloatArray, FloatArray]] = []
@@ -162,7 +162,7 @@ class NoiseModel:
     def _machine_block(
         self, dt: float, running: FloatArray, phase: int
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Return the machine and the torque that is held over a step."""
+        """Return transition and process covariance of the machine with the wandering torque held over a step."""
         assert self.machine is not None
         a, b = self.machine
         f = np.exp(-dt / self.torque[1])
@@ -285,20 +285,20 @@ def fit_noise(
     Parameters
     ----------
     whitener : Whitener
-        Of a noise model to begin with; its machine is taken.
+        Of an initial noise model; its machine is used.
     residuals : (rows, q) array
     columns : (rows, q, c) array
         Their derivatives by what is free.
     settled : (rows,) array
-        Rows that tell the noise.
+        Rows that the noise is estimated from.
     sharp : (rows,) array
-        First parts of transients, where an explanation is most easily wrong.
+        First parts of transients, where a misfit is most likely.
     resolution : (q,) array, optional
-        Step of a sensor that is so coarse that its errors are no noise; 0: it is fine. They are up to half of it.
+        Step of a sensor that is too coarse for its errors to be noise: they are up to half of it. 0: it is fine.
     colour : bool
-        Ask for slow parts, for a torque that wanders, and for short colour.
+        Look for slow parts, for a wandering torque, and for correlation over few samples.
     again : bool
-        Keep the parts that the whitener's noise has, and find their numbers again.
+        Keep the components of the whitener's noise, and estimate their parameters again.
     """
     present = whitener.present & settled[:, None]
     for j in range(present.shape[1]):
@@ -339,8 +339,8 @@ def fit_noise(
 def find_jitter(z: FloatArray, slope: FloatArray, step: float) -> tuple[float, FloatArray, float]:
     """Return the deviation of the samples' instants, s, factors on the rest of the noise, and the fall of -2 log L.
 
-    Where the signals are steep the residuals are larger, each by itself: neighbours that are alike are a misfit. 0 s
-    where the instants are known.
+    A jitter makes residuals larger where the signals are steep, and leaves them independent: correlated neighbours are
+    a misfit. 0 s where the instants are known.
 
     Parameters
     ----------
@@ -381,10 +381,10 @@ def noise_of_neighbours(whitener: Whitener, residuals: FloatArray, sharp: BoolAr
 def _growth(residuals: FloatArray, whitener: Whitener, j: int, sharp: BoolArray) -> tuple[float, float, float]:
     """Return how a channel's noise grows with its signal, c and p of `NoiseModel.growth`, from second differences.
 
-    The third number is the deviation at rest of white noise of such differences; 0: too few tell.
+    The third number is the deviation at rest of white noise of such differences; 0: too few samples.
 
-    They see the noise and hardly anything that is explained wrongly, so that transients may speak, but for their first
-    part. The size of a difference is that of Student's t, whose tails leave outliers out.
+    Second differences contain the noise and hardly any misfit, so that transients can be used, but for their first
+    part. Their size is estimated by Student's t, on which outliers have little influence.
 
     Parameters
     ----------
@@ -430,7 +430,7 @@ def _growth(residuals: FloatArray, whitener: Whitener, j: int, sharp: BoolArray)
 
 
 def _levels(whitener: Whitener) -> FloatArray:
-    """Return a constant for each channel and stretch, (rows, q, c): a level that is explained wrongly is no noise."""
+    """Return a constant for each channel and stretch, (rows, q, c): a misfit of a level is not taken for noise."""
     told = np.asarray(whitener.present.any(axis=1))
     breaks = set((np.flatnonzero(told[1:] != told[:-1]) + 1).tolist())
     starts = sorted({0, *breaks, *(c.rows.start for c in whitener.clocks)})
@@ -446,7 +446,7 @@ def _levels(whitener: Whitener) -> FloatArray:
 
 
 class _Search:
-    """The restricted likelihood of noise models, and the components that pay."""
+    """The restricted likelihood of noise models, and the components that lower it enough."""
 
     def __init__(self, whitener: Whitener, stacked: FloatArray, *, colour: bool, growth: FloatArray) -> None:
         self.whitener, self.stacked = whitener, stacked
@@ -473,7 +473,7 @@ class _Search:
         return value if np.isfinite(value) else np.inf
 
     def again(self) -> NoiseModel:
-        """Find the numbers of the parts that are there again."""
+        """Estimate the parameters of the present components again."""
         noise = dataclasses.replace(self.first, growth=self.growth)
         active = [("differenced" if noise.differenced[j] > 0 else "white", j) for j in range(self.q)]
         active += [("slow", j) for j in range(self.q) if noise.slow[j, 0] > 0]
@@ -481,7 +481,7 @@ class _Search:
         return self._with_short(self._optimised(noise, active, iterations=6)[0])
 
     def best(self) -> NoiseModel:
-        """Add components as long as they pay, then the short autoregression."""
+        """Add components as long as -2 log L falls enough, then the short autoregression."""
         known = [self.stacked[:, j, 0][self.whitener.present[:, j]] for j in range(self.q)]
         spread = np.array([max(float(np.sqrt(np.mean(x * x))), 1e-300) if len(x) else 1.0 for x in known])
         differenced = self.first.differenced > 0
@@ -562,7 +562,7 @@ class _Search:
         return _set(noise, active, found.x), float(found.fun)
 
     def _with_short(self, noise: NoiseModel) -> NoiseModel:
-        """Return the noise with what is left of short colour."""
+        """Return the noise with the remaining correlation over few samples."""
         if not self.colour:
             return noise
         whitened, _ = self.whitener.of(noise)(self.stacked)
@@ -585,7 +585,7 @@ class _Search:
             n = int(present.sum())
             coefficients, deviation = autoregression(series, n)
             if not len(coefficients) and abs(deviation**2 - 1) < COLOURED * np.sqrt(2 / max(n, 1)):
-                deviation = 1.0  # its size is that of the largest likelihood, which counts what the columns took
+                deviation = 1.0  # the size of the largest likelihood allows for the fitted columns
             result.append((coefficients, deviation))
         return tuple(result)
 
@@ -593,7 +593,7 @@ class _Search:
 def autoregression(series: Sequence[FloatArray], count: int) -> tuple[FloatArray, float]:
     """Return coefficients and innovation deviation of `count` samples, zeros between, by Burg's method (1975) and BIC.
 
-    It tells a spectrum of many decades, as of noise behind a filter, where Yule and Walker's equations leak.
+    It resolves a spectrum over many decades, as of filtered noise, where the Yule-Walker equations are biased.
     """
     most = max(AR_ORDERS)
     power = sum(float(x @ x) for x in series) / max(count, 1)

@@ -1,4 +1,4 @@
-"""Where in the recordings a fit is made: edges of the inputs, transients, settled stretches. Knows rows, no effect."""
+"""Windows of the recordings: edges of the inputs, transients, settled stretches. Knows rows, no effect."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from estimator.fitting.latency import EDGE
 
 BoolArray = NDArray[np.bool_]
 
-SETTLED = 0.02  # of a response: nearer to its end is settled
+SETTLED = 0.02  # of a response: closer to its final value is settled
 MARGIN = 1.3  # times the time to settle
 BEFORE = 3  # rows before an edge, whose time is not known to a row, that may show the next response already
-EARLY_PART, EARLY_ROWS = 0.15, 4  # of a transient; rows: where the electrical part shows
-FEW_EDGES = 6  # edges of a recording that are looked at one by one
-SETTLED_ROWS = 200  # settled rows that tell the noise; with fewer all do
+EARLY_PART, EARLY_ROWS = 0.15, 4  # of a transient; rows: its first part, with the electrical response
+FEW_EDGES = 6  # edges of a recording: if there are no more, each has a window of its own
+SETTLED_ROWS = 200  # settled rows that the noise is estimated from; with fewer all rows are
 
 
 @dataclass(frozen=True)
@@ -34,10 +34,10 @@ class Windows:
 
     Attributes
     ----------
-    settled : those that tell the noise
+    settled : rows that the noise is estimated from
     sharp : the first parts of transients
     onsets : the first few rows after each edge
-    enough : the rows that tell the noise are settled ones
+    enough : there are enough settled rows
     """
 
     windows: tuple[Window, ...]

@@ -9,11 +9,11 @@ from estimator.plans.plan import Plan
 from estimator.recordings.excitation import noise_deviation
 
 ENDS = 5  # samples whose means are compared
-FALLS = 8.0  # standard deviations of their difference: by white noise never
+FALLS = 8.0  # standard deviations of their difference, 1 in 1e15 of white noise
 
 
 def coasting(plan: Plan) -> list[str]:
-    """Return where a speed falls while there is no voltage yet: an offset of its sensor would stay."""
+    """Return where a speed falls while there is no voltage yet: an offset of its sensor would be constant."""
     if not has_motor({*plan.names, *plan.fixed}):
         return []
     reasons = []

@@ -1,8 +1,8 @@
-"""How surely a recording tells what follows from a motor's parameters: gains, time constants. Knows no FMU.
+"""Quantities that follow from a motor's parameters, and their standard errors: gains, time constants. Knows no FMU.
 
-A recording may tell these where it does not tell the parameters: speed alone gives the speed per volt and the slow time
-constant, whatever R, K, J and B are. A quantity q(θ) is told if its gradient g lies in the span of the directions that
-the weighted Jacobian J = U S Vᵀ sees; then, with a = V S⁻² Vᵀ g over those directions,
+A recording may determine these though it does not determine the parameters: the speed alone gives the speed per volt
+and the slow time constant, whatever R, K, J and B are. A quantity q(θ) is determined if its gradient g lies in the span
+of the directions that the weighted Jacobian J = U S Vᵀ determines; then, with a = V S⁻² Vᵀ g over those directions,
 
     var q = aᵀ (Jᵀ Γ J) a
 
@@ -25,14 +25,14 @@ from estimator.results.result import DerivedQuantity
 FloatArray = NDArray[np.float64]
 Values = Mapping[str, float]
 
-USEFUL = 1.0  # of the value: a larger standard error tells nothing
+USEFUL = 1.0  # of the value: a quantity with a larger standard error is not determined
 GRADIENT_STEP = 1e-6  # of a parameter, for the gradient
 
 
 def told_quantities(
     values: Values, names: Sequence[str], log: NDArray[np.bool_], polish: LeastSquaresFit, budget: Budget | None = None
 ) -> dict[str, DerivedQuantity]:
-    """Return what the data tell of a DC motor as a whole; empty for another model.
+    """Return the quantities of a DC motor that the data determine; empty for another model.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ def told_quantities(
     log : (p,) array
         Which of them were polished on a logarithmic scale.
     budget : Budget, optional
-        What no recording tells, of the same names.
+        Systematic errors that no recording shows, of the same names.
     """
     if not is_motor(values) or values["R"] <= 0 or values["K"] == 0:
         return {}
@@ -59,7 +59,7 @@ def told_quantities(
 
 
 def _standard_error(gradient: FloatArray, polish: LeastSquaresFit) -> float | None:
-    """Return the standard error of a quantity with this (p,) gradient; None where the data do not tell it."""
+    """Return the standard error of a quantity with this (p,) gradient; None if it is not determined."""
     inside = polish.at_bound == 0
     if np.any(gradient[~inside] != 0) or not inside.any():
         return None
@@ -70,7 +70,7 @@ def _standard_error(gradient: FloatArray, polish: LeastSquaresFit) -> float | No
         return None
     a = information_parts(jacobian)[0] @ g
     variance = float(a @ polish.scores[np.ix_(inside, inside)] @ a)
-    return float(np.sqrt(variance)) if variance > 0 else None  # below: what the arithmetic leaves of nothing told
+    return float(np.sqrt(variance)) if variance > 0 else None  # below 0 by rounding: not determined
 
 
 def _gradient(

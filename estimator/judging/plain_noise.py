@@ -1,7 +1,8 @@
 """Whether residuals are plain noise, for methods that model no measurement chain. Knows signals alone, no fit.
 
-White noise has no line in its spectrum (Fisher 1929), no stretch to one side, and neighbours that are not alike (Ljung
-and Box 1978). Each is tested on each output of each recording; all together raise a false alarm in 1e-3 of results.
+White noise has no line in its spectrum (Fisher 1929), no stretch with a mean other than zero, and no correlation of
+neighbours (Ljung and Box 1978). Each is tested on each output of each recording; all together raise a false alarm in
+1e-3 of results.
 """
 
 from __future__ import annotations
@@ -20,15 +21,15 @@ from estimator.results.result import Comparison
 FloatArray = NDArray[np.float64]
 
 TESTS = 3
-FEWEST_SAMPLES = 40  # samples: fewer tell nothing
-FEWEST_PERIODS = 5  # in a recording: a slower line is no ripple, but a stretch
+FEWEST_SAMPLES = 40  # samples: fewer are not tested
+FEWEST_PERIODS = 5  # in a recording: a slower line is tested as a stretch
 SHORTEST_STRETCH = 4  # samples of a stretch
 LJUNG_BOX_LAGS = 20
 REMEDY = "this method leaves it; the default one, --method cuckoo, looks for what it is"
 
 
 def structured(compared: Sequence[Comparison]) -> list[str]:
-    """Return what of the residuals is no noise, a sentence an output at most, with its place."""
+    """Return which residuals are not white noise: at most one sentence for each output, with its place."""
     every = [(c, name) for c in compared for name in c.simulated]
     found: list[str] = []
     for c, name in every:
@@ -94,7 +95,7 @@ def _stretch(c: Comparison, name: str, left: FloatArray, level: float) -> Reason
 
 
 def _neighbours(c: Comparison, name: str, left: FloatArray, level: float) -> Reason | None:
-    """Find residuals that are like those before them."""
+    """Find residuals that are correlated with those before them."""
     from scipy.special import chdtri
 
     z = np.nan_to_num(left - np.nanmean(left))

@@ -1,7 +1,7 @@
 """What cannot be estimated at all, from the recordings alone: each reason with its evidence. Simulates nothing.
 
-Refused only where there is nothing to estimate from: no excitation, a lost transient, a saturated or unsigned signal,
-a settled state that no motor has. What the settled part of a refused step still tells is told.
+Refused are only recordings without information: no excitation, a lost transient, a saturated or unsigned signal, a
+steady state that no motor has. What the settled part of a refused step still determines is reported.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ WHOLE_RESPONSE = 0.8  # of the response in one sample: all of it
 FASTEST = 6e-4  # s, a mechanical time constant: no motor is faster than 1 ms
 CONTRADICTED = "an impossible acceleration"
 JUMP_ROWS, LEFT_AFTER = 6, 0.1  # samples after a jump, part of the response: within both the jump was all there was
-FASTER = 10  # samples in what is one now
-NO_DIFFERENCE = 3.0  # deviations of the noise: what is nearer shows no difference
-ALIKE_SAMPLES = 10  # samples that are alike by no chance
-RECTIFIED = 50  # samples at rest that tell a lost sign
+FASTER = 10  # samples advised in place of one
+NO_DIFFERENCE = 3.0  # deviations of the noise: a smaller difference is none
+ALIKE_SAMPLES = 10  # equal samples: fewer may be equal by chance
+RECTIFIED = 50  # samples at rest that show a lost sign
 
 
 def refusal(plan: Plan) -> list[str]:
@@ -67,7 +67,7 @@ def refusal(plan: Plan) -> list[str]:
 
 
 def refused_notes(plan: Plan) -> tuple[str, ...]:
-    """Return what a refused step response still tells: its settled part gives B / K and a line between R and K."""
+    """Return what a refused step response still determines: its settled part gives B / K and a line between R and K."""
     notes = []
     for o in plan.observed:
         if o.excitation.kind != "step" or not {"i", "w"} <= set(o.outputs) or "v" not in o.inputs:
@@ -93,7 +93,7 @@ def _moves(y: FloatArray) -> bool:
 
 
 def _dead(plan: Plan) -> list[str]:
-    """Find a current or a speed that no recording shows to move from one number, though the voltage does."""
+    """Find a current or a speed that is constant in all recordings though the voltage changes."""
     if not all("v" in o.inputs and np.ptp(o.inputs["v"]) > 0 for o in plan.observed):
         return []
     title = plan.observed[0].recording.title
@@ -149,7 +149,7 @@ def _unsigned(o: Observed) -> list[str]:
 
 
 def _contradicted(o: Observed) -> list[str]:
-    """Find a settled state that no motor has: against its voltage, or giving off power."""
+    """Find a steady state that no motor has: against its voltage, or a source of power."""
     if o.excitation.kind != "step" or "v" not in o.inputs or o.excitation.after == 0:
         return []
     if any(np.any(u != 0) for name, u in o.inputs.items() if name != "v"):
@@ -194,7 +194,7 @@ def _damaged(o: Observed, plan: Plan) -> list[str]:
 def cut_transients(plan: Plan) -> list[str]:
     """Return which recordings lose a transient between two samples, from the data alone.
 
-    No motor is so fast; or, where J is searched, no recording holds a sample that is neither at rest nor settled.
+    No motor is so fast; or, if J is free, every sample of all recordings is at rest or settled.
     """
     cut, unseen = [], []
     for o, k, part in _jumps(plan):
@@ -220,7 +220,7 @@ def _settles_at(y: FloatArray, step: int, k: int) -> bool:
 def _was_cut(w: FloatArray, k: int) -> bool:
     """Return whether nothing moves any more after a jump, to sample k, or what is left moves far slower than it.
 
-    A motor that really is so fast overshoots, or goes on as fast as it began.
+    A motor that is really so fast overshoots, or continues at its initial rate.
     """
     w = filled(w)
     final, noise = float(np.mean(w[-max(5, (len(w) - k) // 10) :])), noise_deviation(w)
@@ -288,7 +288,7 @@ def _place(o: Observed, signal: str, first: int, last: int) -> Place:
 
 
 def _faster(o: Observed, k: int) -> str:
-    """Return how to record what is lost before row k: all of a motor that is fast, or a part of a slow response."""
+    """Return how to record what is lost before row k: all of a fast response, or a part of a slow one."""
     w = filled(o.outputs["w"])
     rest, final = float(np.mean(w[: max(1, o.excitation.index)])), float(np.mean(w[-max(5, (len(w) - k) // 10) :]))
     still, noise = LEFT_AFTER * float(np.ptp(w)), PLAINLY_MOVES / 2 * noise_deviation(o.outputs["w"])

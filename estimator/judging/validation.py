@@ -1,9 +1,8 @@
-"""An estimate against recordings that it has not seen. Knows no search.
+"""Validation of an estimate by recordings that were not fitted. Knows no search.
 
 The parameters and the sensors are the estimate's. What belongs to a recording and not to the motor is fitted to the new
-one: its delay and offsets, where the estimate has such, and a parameter that has a value for each recording. Then it is
-asked which parameters the new recordings would want for themselves, and whether chance explains that these are others
-(other_values.py).
+one: its delay and offsets, if the estimate has such, and a parameter that has a value for each recording. Then it is
+tested whether the new recordings contradict the other parameters (other_values.py).
 """
 
 from __future__ import annotations
@@ -45,7 +44,7 @@ def validated(
 ) -> Estimate:
     """Return the estimate with how well its model explains other recordings.
 
-    Where these want other parameters than chance allows, the verdict is doubtful.
+    If these contradict its parameters, the verdict is doubtful.
 
     Parameters
     ----------

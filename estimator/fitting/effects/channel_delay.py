@@ -1,4 +1,4 @@
-"""One channel is shown later than the others: a converter or a bus behind one sensor."""
+"""One channel is later than the others: a converter or a bus behind one sensor."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class ChannelDelay(Effect):
     sharp: bool = True
 
     def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
-        """Return one an output, where there are several."""
+        """Return one for each output, if there are several."""
         h = min(o.recording.step for o in plan.observed)
         return [
             Nuisance(

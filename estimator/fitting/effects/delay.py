@@ -21,7 +21,7 @@ class Delay(Effect):
     sharp: bool = True
 
     def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
-        """Return one a recording that has an input which moves."""
+        """Return one for each recording with an input that changes."""
         found = []
         for e, (o, name) in enumerate(zip(plan.observed, per_recording(plan, self.name), strict=True)):
             if f"delay of {e}" in plan.declared or o.excitation.kind == "none" or not o.inputs:
@@ -47,7 +47,7 @@ class Delay(Effect):
         return found
 
     def tell(self, name: str, value: float, plan: Plan) -> str:
-        """Say how late, and that before the input is no place for an answer."""
+        """Say how late; a response before its input is impossible, and is said to be."""
         if value < -0.75 * min(o.recording.step for o in plan.observed):
             return f"{name}: the outputs move {1e3 * -value:.3g} ms before the input; check the recording's clock"
         return f"{name}: the outputs come {1e3 * value:.3g} ms after the input"

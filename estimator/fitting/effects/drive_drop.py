@@ -1,4 +1,4 @@
-"""The drive takes a voltage off its command: transistors and diodes, or a dead time of the bridge."""
+"""The drive gives less than its command by a constant voltage: transistors and diodes, or a dead time of the bridge."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ USUAL_DROP = 0.05  # of it
 
 @dataclass(frozen=True)
 class DriveDrop(Effect):
-    """A voltage, V, that is missing of every command that is not zero; of brushes it has the sign of the current."""
+    """A voltage, V, that every command except zero is reduced by. A brush drop has the sign of the current instead."""
 
     name: str = "drop of the drive"
     prior: float = 0.1

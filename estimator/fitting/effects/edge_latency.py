@@ -1,4 +1,4 @@
-"""Each change of the command reaches the motor at a latency of its own: a controller that looks at times of its own."""
+"""Each change of the command reaches the motor with its own latency, as of a controller that reads it periodically."""
 
 from __future__ import annotations
 
@@ -16,30 +16,30 @@ from estimator.plans.plan import Plan
 
 FloatArray = NDArray[np.float64]
 
-ROWS_AFTER = 8  # rows that an edge must be before the end
-LEAST_DIFFERENCE = 1e-3  # of a row: the difference of which a derivative is made
+ROWS_AFTER = 8  # rows between an edge and the end, at least
+LEAST_DIFFERENCE = 1e-3  # of a row: the time difference of a derivative
 
 
 @dataclass(frozen=True)
 class EdgeLatency(Effect):
     """Further delays, s, of the changes of the voltage after the first.
 
-    A column is what the sensors show more where the change comes later, over the time by which it does: exact for a
-    linear motor at the latency that it was made at, so that it is made again as the latency becomes known.
+    A column is the change of the signals by a later edge, over the time by which it is later. It is exact for a linear
+    motor at the latency that it is computed at, and is computed again when the latency is better known.
     """
 
     name: str = "latency of each edge"
     prior: float = 0.05
 
     def linear(self, fit: Fit) -> Sequence[Linear]:
-        """Return one group a motor whose voltage has a few levels."""
+        """Return one group if the voltage has a few levels."""
         if motor_values(fit) is None:
             return ()
         edges = _edges(fit)
         return [self._group(fit, edges, np.zeros(len(edges)))] if edges else []
 
     def renewed(self, fit: Fit, group: Linear, coefficients: FloatArray) -> Linear | None:
-        """Return the group at the latencies that are known by now."""
+        """Return the group at the latencies of the last fit."""
         edges = _edges(fit)
         return self._group(fit, edges, coefficients) if len(edges) == len(coefficients) else None
 

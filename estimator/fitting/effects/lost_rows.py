@@ -1,4 +1,4 @@
-"""A logger lost rows: what follows was taken later than the clock says, until the next change of the input."""
+"""A logger lost rows: the samples behind were taken later than the clock says, until the next change of the input."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ FloatArray = NDArray[np.float64]
 
 TRIED_ROWS = (1, 2, 4, 6, 9, 14, 20)
 NEAR_TRIED = 0.35  # of the tried rows: how near to them the answer must be
-PLACES = 60  # that are looked at, at most
+PLACES = 60  # that are tested, at most
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class LostRows(Effect):
     doubt: str = "rows are missing, or the clock is wrong: check the logger"
 
     def linear(self, fit: Fit) -> Sequence[Linear]:
-        """Return the place whose loss explains most of what is left in the transients."""
+        """Return the place where lost rows explain most of the residuals in the transients."""
         s = fit.simulator
         windows = find_windows(fit)
         settled = windows.settled

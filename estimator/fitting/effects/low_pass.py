@@ -1,4 +1,4 @@
-"""A low-pass of first or second order stands before a channel: an amplifier, an anti-aliasing filter, an observer."""
+"""A low-pass of first or second order in a channel: an amplifier, an anti-aliasing filter, an observer."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class LowPass(Effect):
     order: int = 1
 
     def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
-        """Return one an output that has no filter declared."""
+        """Return one for each output without a declared filter."""
         h = min(o.recording.step for o in plan.observed)
         return [
             Nuisance(

@@ -1,4 +1,4 @@
-"""What changes in the machine over a recording: friction that falls as it warms, a winding that warms."""
+"""Changes of the machine during a recording: friction that drifts, a winding that warms."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class FrictionDrift(Effect):
     prior: float = 0.1
 
     def linear(self, fit: Fit) -> Sequence[Linear]:
-        """Return one a recording of a motor."""
+        """Return one for each recording of a motor."""
         s = fit.simulator
         values = motor_values(fit)
         if values is None or "w" not in s.outputs:
@@ -43,7 +43,7 @@ class FrictionDrift(Effect):
         return found
 
     def tell(self, name: str, value: float, plan: Plan) -> str:
-        """Say which way."""
+        """Say in which direction."""
         way = "rises" if value > 0 else "falls"
         size = f"{abs(value):.3g} N.m over the recording"
         return f"{name}: the friction {way} by {size}; the parameters stand for the mean"

@@ -19,11 +19,11 @@ from estimator.recordings.samples import filled
 FloatArray = NDArray[np.float64]
 
 HIGHEST_ORDER = 64  # of the angle
-LEAST_TURNS = 4.0  # fewer tell no order
-AS_GOOD = 0.9  # of the best order's power: a lower order that explains as much is taken
-LINE_CYCLES, FOLDED = 10.0, 0.05  # in a recording; of its rows: an order that is folded below is not told from a drift
+LEAST_TURNS = 4.0  # with fewer, no order is resolved
+AS_GOOD = 0.9  # of the best order's power: the lowest order that explains as much is selected
+LINE_CYCLES, FOLDED = 10.0, 0.05  # in a recording; of its rows: an order that is aliased below may be a drift
 LEAST_QUANTA = 1.0  # of a speed's quantum
-ORDERS_BESIDE = 2  # orders that a few turns do not part
+ORDERS_BESIDE = 2  # neighbouring orders that a few turns do not resolve
 ORDERS_NEARBY = 12  # on either side: by the median of their powers an order is judged
 STANDSTILL = 1e-3  # of the largest signal: less stands still
 MOST_LINES = 4  # an output, at most
@@ -32,7 +32,7 @@ MOST_LINES = 4  # an output, at most
 def angle_of(fit: Fit) -> FloatArray | None:
     """Return the shaft's angle, rad, (rows,), integrated from the measured speed; None where there is none.
 
-    Of the measured one: a simulated speed that is wrong by half a percent slips by whole periods of a high order.
+    Of the measured speed: a simulated one with an error of half a percent loses whole periods of a high order.
     """
     s = fit.simulator
     if "angle" in s.outputs:
@@ -47,8 +47,10 @@ def angle_of(fit: Fit) -> FloatArray | None:
 
 
 def standing_out(fit: Fit) -> FloatArray:
-    """Return what is left over its deviation, (rows, q), outliers held down; zero where a sample is missing."""
-    left = fit.residuals() / fit.whitener.noise.deviation(fit.whitener.level)  # a colour would hold lines already
+    """Return residuals over their deviation, (rows, q), outliers weighted; zero where a sample is missing."""
+    left = fit.residuals() / fit.whitener.noise.deviation(
+        fit.whitener.level
+    )  # a correlated noise would contain the lines
     return np.where(fit.whitener.present, left, 0.0) / np.sqrt(fit.whitener.inflate)
 
 
@@ -62,13 +64,13 @@ class Ripple(Effect):
     is_line: bool = True
 
     def linear(self, fit: Fit) -> Sequence[Linear]:
-        """Return, of each output, the order that explains most of what is left, where one stands out."""
+        """Return, of each output, the order that explains most of the residuals, where its power stands out."""
         theta = angle_of(fit)
         if theta is None or np.ptp(theta) < 2 * np.pi * LEAST_TURNS:
             return ()
         found = []
         settled = find_windows(fit).settled & fit.whitener.moving
-        z = np.where(settled[:, None], standing_out(fit), 0.0)  # a transient that is not explained is none
+        z = np.where(settled[:, None], standing_out(fit), 0.0)  # a misfit in a transient is no ripple
         for j, y in enumerate(fit.simulator.outputs):
             own = (g.name.split(" ") for g in fit.linear if g.name.startswith(f"ripple {y} "))
             taken = {int(words[2]) for words in own if len(words) == 3}
@@ -109,7 +111,7 @@ class Ripple(Effect):
                 wave = wave * base
                 folded = np.angle(np.exp(1j * (k + 1) * turn))
                 if np.mean(np.abs(folded) < 2 * np.pi * LINE_CYCLES / len(folded)) > FOLDED:
-                    continue  # folded to what any slow change looks like
+                    continue  # aliased to a slow change
                 total[k] += abs(np.vdot(wave, z[clock.rows])) ** 2
         return total
 

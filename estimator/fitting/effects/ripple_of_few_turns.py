@@ -1,4 +1,4 @@
-"""Ripple locked to the shaft that no line shows: there are too few turns, or the signal is large at edges only."""
+"""Ripple locked to the shaft without a spectral line: there are too few turns, or the signal is large at edges only."""
 
 from __future__ import annotations
 
@@ -16,13 +16,14 @@ from estimator.fitting.noise_model import Clock
 
 FloatArray = NDArray[np.float64]
 
-LOW_ORDERS = (1, 2)  # orders of the speed: the centre beside the axis, and a disc that is tilted
+LOW_ORDERS = (1, 2)  # orders in the speed: a disc with its centre beside the axis, and a tilted one
 MOST_ECCENTRICITY = 0.05  # of the speed: the disc of an encoder is centred better
-FEWEST_TURNS, BELOW_LINE = 1.0, 4.0  # fewer show no order; times what makes a line
+FEWEST_TURNS = 1.0  # with fewer, no order is tested
+BELOW_LINE = 4.0  # times LINE_CYCLES: with more cycles an order is a line (ripple.py)
 FARTHEST, FINEST = 8.0, 0.05  # rows by which an angle may be early or late; to which its lateness is found
 TRIED_SHIFTS = 24  # on either side
-ENOUGH_ROWS = 6000  # rows that tell it
-PERIODS_AT_EDGES = 4.0  # of an order while the current is large: with fewer it is no more than a transient's shape
+ENOUGH_ROWS = 6000  # rows that the lateness is found from, at most
+PERIODS_AT_EDGES = 4.0  # of an order while the current is large: with fewer it cannot be distinguished from a transient
 
 
 @dataclass(frozen=True)
@@ -35,7 +36,7 @@ class Eccentricity(Ripple):
     is_line: bool = False
 
     def linear(self, fit: Fit) -> Sequence[Linear]:
-        """Return the low orders that have too few periods for a line: by all rows, the transients among them."""
+        """Return the low orders that have too few periods for a line, by all rows, also in transients."""
         theta, outputs = angle_of(fit), fit.simulator.outputs
         if theta is None or "w" not in outputs or not np.any(fit.shown[:, (j := outputs.index("w"))]):
             return ()
@@ -49,7 +50,7 @@ class Eccentricity(Ripple):
         ]  # fmt: skip
 
     def renewed(self, fit: Fit, group: Linear, coefficients: FloatArray) -> Linear | None:
-        """Return the order at the speed that is shown now: it is the speed's own, and never late."""
+        """Return the order in proportion to the speed of the last fit; its angle is the speed's, and never late."""
         return next((g for g in self.linear(fit) if g.name == group.name), None)
 
 
@@ -62,7 +63,7 @@ class Commutation(Ripple):
     is_line: bool = False
 
     def linear(self, fit: Fit) -> Sequence[Linear]:
-        """Return the order that explains most of what is left of the current, the transients among it."""
+        """Return the order that explains most of the current's residuals, also in transients."""
         theta, outputs = angle_of(fit), fit.simulator.outputs
         if theta is None or "i" not in outputs or _turns(theta, fit) < FEWEST_TURNS:
             return ()
@@ -78,7 +79,7 @@ class Commutation(Ripple):
         return [Linear(f"ripple i {order}", self._in_time(fit, theta, level, order, j, z), self._units(fit, "i"))]
 
     def renewed(self, fit: Fit, group: Linear, coefficients: FloatArray) -> Linear | None:
-        """Return the order's columns, their angle as late as what is explained now shows it."""
+        """Return the order's columns, the lateness of the angle found from the last fit."""
         theta, j = angle_of(fit), fit.simulator.outputs.index("i")
         if theta is None:
             return None
@@ -87,7 +88,7 @@ class Commutation(Ripple):
         return dataclasses.replace(group, columns=columns)
 
     def _in_time(self, fit: Fit, theta: FloatArray, level: FloatArray, order: int, j: int, z: FloatArray) -> FloatArray:
-        """Return an order's columns, its angle as early or late as explains most of z: a sensor may be slow."""
+        """Return an order's columns, its angle shifted so that it explains most of z: a sensor may be slow."""
         clocks = fit.simulator.clocks
         every = 1 + len(theta) // ENOUGH_ROWS
         parts = [(c, slice(c.rows.start, c.rows.stop, every)) for c in clocks]

@@ -18,13 +18,13 @@ MOST_CHANGE = 1.0  # of a logarithm
 
 @dataclass(frozen=True)
 class RunsDiffer(Effect):
-    """What each recording has of one parameter beyond the mean of all, to first order."""
+    """Deviation of one parameter in each recording from the mean of all, to first order."""
 
     name: str = BETWEEN.strip()
     prior: float = USUAL / 5  # motors have five parameters
 
     def linear(self, fit: Fit) -> Sequence[Linear]:
-        """Return one group a parameter that is shared: its derivatives in each recording less those in the last."""
+        """Return one group for each shared parameter: its derivatives in each recording less those in the last."""
         s, found = fit.simulator, []
         if len(s.clocks) < 2:
             return ()
@@ -44,5 +44,5 @@ class RunsDiffer(Effect):
         return found
 
     def tell(self, name: str, value: float, plan: Plan) -> str:
-        """Say nothing: the random effect of all runs is told (between_runs.py)."""
+        """Return "": the random effect of all runs is reported instead (between_runs.py)."""
         return ""

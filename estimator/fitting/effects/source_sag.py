@@ -1,4 +1,4 @@
-"""The source itself gives way to the current, with a capacitor beside it, whatever voltage it is set to."""
+"""The voltage of the source falls with the current, with a capacitor beside its resistance, at every voltage."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ FloatArray = NDArray[np.float64]
 
 LONGEST_SAG = 0.1  # s: the longest time constant of a supply's capacitors
 STEPS_BESIDE = 1  # steps of time constants between rivals
-LEAST_SAG = 0.01  # of the winding's: less is the rounding of something else
+LEAST_SAG = 0.01  # of the winding's resistance: a smaller one is not distinguished from other errors
 USUAL_SAG = 0.05  # of the winding's resistance: a usual source's
 
 
 @dataclass(frozen=True)
 class SourceSag(Effect):
-    """A resistance of the source, Ohm: what it takes off comes with one time constant, at zero volts too.
+    """A resistance of the source, Ohm, whose voltage drop follows the current with one time constant, also at 0 V.
 
-    A supply behind a bridge, whose sag does not matter while the bridge is off, is `drive.Sag`.
+    `drive.Sag` is a supply behind a bridge: its sag has no effect while the bridge is off.
     """
 
     name: str = "sag of the source"
@@ -35,7 +35,7 @@ class SourceSag(Effect):
     is_one: bool = True
 
     def linear(self, fit: Fit) -> Sequence[Linear]:
-        """Return the time constant whose sag explains most of what is left, and those beside it, its rivals."""
+        """Return the time constant whose sag explains most of the residuals, and its neighbours as rivals."""
         s, values = fit.simulator, motor_values(fit)
         if values is None or "i" not in s.outputs or any(g.name.startswith(self.name) for g in fit.linear):
             return ()
@@ -64,7 +64,7 @@ class SourceSag(Effect):
         return found
 
     def renewed(self, fit: Fit, group: Linear, coefficients: FloatArray) -> Linear | None:
-        """Return the sag by the current as it is explained now."""
+        """Return the sag by the current of the last fit."""
         explained = fit.explained + group.columns @ coefficients
         current = explained[:, fit.simulator.outputs.index("i")]
         tau = float(group.name.split(", ")[1].removesuffix(" s"))
@@ -76,7 +76,7 @@ class SourceSag(Effect):
 
 
 def _response(fit: Fit, current: FloatArray, tau: float) -> FloatArray:
-    """Return what 1 Ohm of the source changes, (rows, q), the current behind it as slow as tau, s."""
+    """Return the change of the signals, (rows, q), by 1 Ohm of the source with the time constant tau, s."""
     taken = np.zeros(len(current))
     for clock in fit.simulator.clocks:
         a = float(np.exp(-clock.step / tau))

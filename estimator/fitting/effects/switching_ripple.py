@@ -1,4 +1,4 @@
-"""Ripple of the driver's switching (PWM) in the current: lines of a fixed frequency, as the sampling folds them."""
+"""Ripple of the driver's switching (PWM) in the current: lines of a fixed frequency, aliased by the sampling."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from estimator.recordings.samples import filled
 FloatArray = NDArray[np.float64]
 
 OVERSAMPLING = 4  # times the number of rows: frequencies that are tried
-STRETCH_CYCLES = 8.0  # of the shortest stretch: a slower line is not told from what is explained wrongly
+STRETCH_CYCLES = 8.0  # of the shortest stretch: a slower line is not distinguished from a misfit
 STRETCH_ROWS = 32  # rows of a stretch that has an amplitude of its own
 STRETCHES = 6  # at most
 LINES_NEARBY, LINE_WIDTH = 60, 6  # frequencies on either side, whose median power judges a line; of these left out
-MOST_SWITCHING_LINES, HARMONICS = 6, 12  # at most; of the first line, each folded to its own place
+MOST_SWITCHING_LINES, HARMONICS = 6, 12  # at most; of the first line, each aliased to its own frequency
 ZOOMS = 7  # by 4 each
-SHAFT_ORDERS, WANDERS = 3, 0.08  # orders of a shaft that turns unevenly; part by which its frequency wanders
-EVEN = 0.02  # of a step: a clock that wanders by more folds no line
+SHAFT_ORDERS, WANDERS = 3, 0.08  # orders of an uneven shaft, which are no switching; part by which the speed varies
+EVEN = 0.02  # of a step: a clock with a larger jitter aliases no line
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class SwitchingRipple(Effect):
         later = windows.settled.copy()
         for rows, _ in stretches:
             if np.sum(later[rows]) < max(STRETCH_ROWS, len(rows) // 2):
-                later[rows] = ~windows.sharp[rows]  # what is explained wrongly there is slow, and no line
+                later[rows] = ~windows.sharp[rows]  # a misfit there is slow, and no line
         left = fit.residuals() / fit.whitener.noise.deviation(fit.whitener.level)
         z = np.where(later[:, None] & fit.whitener.present, left, 0.0) / np.sqrt(fit.whitener.inflate)
         taken = [float(g.name.split()[3]) for g in fit.linear if g.name.startswith("ripple i at ")]

@@ -1,4 +1,4 @@
-"""The logged voltage is noisy, the motor's is not: a sensor's noise, which the model would take for an input."""
+"""The logged voltage has a sensor's noise that the motor's voltage does not have: no input of the model."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class VoltageNoise(Effect):
     prior: float = 0.1
 
     def linear(self, fit: Fit) -> Sequence[Linear]:
-        """Return the response to the logged voltage's way around its levels, taken back."""
+        """Return the response to the logged voltage's deviations from its levels, with opposite sign."""
         s = fit.simulator
         if motor_values(fit) is None:
             return ()

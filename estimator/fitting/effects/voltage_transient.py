@@ -19,7 +19,7 @@ FloatArray = NDArray[np.float64]
 
 NAMES = ("voltage dip", "voltage overshoot")
 LONGEST_TRANSIENT = 0.3  # of the recording: the longest time constant
-LEAST_PART, MOST_PART = 0.005, 0.5  # of a change: less is the rounding of something else, more is another voltage
+LEAST_PART, MOST_PART = 0.005, 0.5  # of a change: less is like other errors, more is another voltage
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class VoltageTransient(Effect):
     sign: int = 1
 
     def linear(self, fit: Fit) -> Sequence[Linear]:
-        """Return the time constant whose transient explains most of what is left."""
+        """Return the time constant whose transient explains most of the residuals."""
         s = fit.simulator
         if motor_values(fit) is None or any(g.name.startswith(NAMES) for g in fit.linear):
             return ()
@@ -62,7 +62,7 @@ class VoltageTransient(Effect):
         return [Linear(name, columns[best][:, :, None], ("",), least=LEAST_PART, most=MOST_PART, size=size)]
 
     def tell(self, name: str, value: float, plan: Plan) -> str:
-        """Say which way, by how much, and for how long."""
+        """Say in which direction, by how much, and for how long."""
         way = "too low" if self.sign > 0 else "too high"
         return f"{name}: after each change the motor's voltage is {way} at first, by {100 * value:.2g} % of it"
 
