@@ -247,8 +247,8 @@ def solved(fit: Fit, *, iterations: int = ITERATIONS, tolerance: float = 1e-3) -
             dx = _step(a, g, damping, x, low, high)
             dx *= min(1.0, float(np.min(_reach(s, where) / np.maximum(np.abs(dx), 1e-300))))
             tried = np.clip(x + dx, low, high)
-            promise = float(g @ g - np.sum((g - a @ (tried - x)) ** 2))
-            if promise < tolerance:
+            predicted = float(g @ g - np.sum((g - a @ (tried - x)) ** 2))
+            if predicted < tolerance:
                 break
             there = s.shown(_placed(fit, where, tried)[None, :])[0]
             new = _cost(fit, there, linear)

@@ -34,7 +34,7 @@ ROWS = 4000  # settled rows that the noise is estimated from, at most
 SETTLED_SAMPLES = 100  # settled samples of a channel; with fewer all rows are used
 BLOCK_LENGTHS = (2, 8, 32, 128, 512)  # samples whose means show slow correlation
 COLOURED = 5.0  # standard deviations of a block's mean square: of white noise less than once in 1e5
-PAYS = 10.0  # of -2 log L, by which a component must lower it: two numbers, and a margin
+LEAST_FALL = 10.0  # of -2 log L, by which a component must lower it: two numbers, and a margin
 AR_ORDERS = (1, 2, 3, 4, 6, 8, 12, 16, 24)  # of the short autoregression
 LOUD_SAMPLES = 25  # samples of a large signal, and as many below half of it: fewer do not show a growth
 STRETCH, MOST_STRETCHES = 20, 12  # rows of a stretch that has a level of its own; stretches, at most
@@ -90,7 +90,7 @@ class NoiseModel:
         Which state of the machine a channel shows: 0 current, 1 speed, -1 none.
     jitter : float
         Deviation of the instants at which the samples were taken, s: noise in proportion to the slope.
-    short : of the machine at rest and running, of each channel: coefficients of the autoregression of what is left,
+    short : of the machine at rest and running, of each channel: coefficients of the short autoregression,
         and its innovation's deviation
     """
 
@@ -366,7 +366,7 @@ def find_jitter(z: FloatArray, slope: FloatArray, step: float) -> tuple[float, F
     both = steep[1:] & steep[:-1]
     scaled = np.clip(z / np.sqrt(sizes**2 + (best * slope) ** 2), -3, 3)
     alike = float(np.sum((scaled[1:] * scaled[:-1])[both])) / float(np.sqrt(max(1, int(np.sum(both)))))
-    if np.count_nonzero(steep) < STEEP or gain < 2 * PAYS or abs(alike) > NEIGHBOURS_ALIKE:
+    if np.count_nonzero(steep) < STEEP or gain < 2 * LEAST_FALL or abs(alike) > NEIGHBOURS_ALIKE:
         return 0.0, np.ones(z.shape[1]), 0.0
     return best, np.where(steep.any(axis=0), sizes, 1.0), gain
 
@@ -420,7 +420,10 @@ def _growth(residuals: FloatArray, whitener: Whitener, j: int, sharp: BoolArray)
         return float(2 * np.sum(np.log(g * scale)) + (T_FREEDOM + 1) * np.sum(np.log1p(squares / T_FREEDOM)))
 
     found = []
-    for p, charge in ((2.0, 2 * PAYS), (8.0, 4 * PAYS)):  # twice: the squares of neighbours correlate by 0.44
+    for p, charge in (
+        (2.0, 2 * LEAST_FALL),
+        (8.0, 4 * LEAST_FALL),
+    ):  # twice: the squares of neighbours correlate by 0.44
         c = min(np.geomspace(0.3, 300.0, 16) / loud, key=lambda c: misfit(c, p))  # noqa: B023
         c = min(c * np.geomspace(0.7, 1.43, 9), key=lambda c: misfit(c, p))  # noqa: B023
         found.append((misfit(c, p) + charge, float(c), p))
@@ -505,7 +508,7 @@ class _Search:
                 break
             more = [*active, best[2]]
             found, reached = self._optimised(best[0], more)
-            if reached > value - PAYS:
+            if reached > value - LEAST_FALL:
                 break
             noise, value, active = found, reached, more
         return self._with_short(noise)
@@ -612,7 +615,7 @@ def autoregression(series: Sequence[FloatArray], count: int) -> tuple[FloatArray
         a = np.concatenate([a - reflection * a[::-1], [reflection]])
         error *= 1 - reflection**2
         score = count * np.log(error / power) + order * np.log(count)
-        if order in AR_ORDERS and score < best[0] - PAYS:
+        if order in AR_ORDERS and score < best[0] - LEAST_FALL:
             best = (float(score), a.copy(), error)
     return best[1], float(np.sqrt(best[2]))
 

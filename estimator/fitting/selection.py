@@ -34,7 +34,7 @@ FloatArray = NDArray[np.float64]
 MOST_ADDITIONS = 12  # additions
 ROUNDS = 10
 REFITTED = 3  # additions refitted in a round
-PROMISING = 0.6  # of the best predicted fall of the criterion: with less an addition is not refitted
+PREDICTED_PART = 0.6  # of the best predicted fall of the criterion: with less an addition is not refitted
 NEARBY = {
     "R": 5.0,
     "K": 4.0,
@@ -297,20 +297,20 @@ class Selection:
         n = self.samples
         while True:
             tested = [a for a in self.additions(explanation, effects) if a.name not in rejected]
-            promise = sorted(tested, key=lambda a: a.penalty(n) - a.gain)
-            promise = [a for a in promise if a.gain > a.penalty(n)]
-            if not promise:
+            ranked = sorted(tested, key=lambda a: a.penalty(n) - a.gain)
+            ranked = [a for a in ranked if a.gain > a.penalty(n)]
+            if not ranked:
                 return None
-            most = promise[0].gain - promise[0].penalty(n)
-            worth = [a for a in promise[:REFITTED] if a.gain - a.penalty(n) > PROMISING * most]
-            refits = [(self.refitted(explanation, a), a) for a in worth]
+            most = ranked[0].gain - ranked[0].penalty(n)
+            best_few = [a for a in ranked[:REFITTED] if a.gain - a.penalty(n) > PREDICTED_PART * most]
+            refits = [(self.refitted(explanation, a), a) for a in best_few]
             falls = [explanation.fit.cost - f.cost - a.penalty(n) for f, a in refits]
             falls = [f if _is_physical(fit, a) else -np.inf for f, (fit, a) in zip(falls, refits, strict=True)]
             k = int(np.argmax(falls))
             if falls[k] > 0:
                 fit, addition = refits[k]
                 return Explanation(fit, (*explanation.additions, addition))
-            rejected |= {a.name for a in worth}
+            rejected |= {a.name for a in best_few}
 
     def refitted(self, explanation: Explanation, addition: Addition) -> Fit:
         """Return the fit with an addition, from the start of the largest predicted fall."""
@@ -471,7 +471,7 @@ class Selection:
             bare = self.without(explanation, addition)
             lost = bare.fit.cost - explanation.fit.cost
             tested = [a for a in self.additions(bare, self.effects) if a.name != addition.name and not a.effect.doubt]
-            tested = [a for a in tested if a.gain - a.penalty(n) > PROMISING * (lost - addition.penalty(n))]
+            tested = [a for a in tested if a.gain - a.penalty(n) > PREDICTED_PART * (lost - addition.penalty(n))]
             for other in sorted(tested, key=lambda a: a.penalty(n) - a.gain)[:2]:
                 fit = self.refitted(bare, other)
                 behind = fit.cost + other.penalty(n) - explanation.fit.cost - addition.penalty(n)

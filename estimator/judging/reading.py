@@ -1,4 +1,4 @@
-"""What a result says of how its recordings were read, and how implausible data lower its verdict. Simulates nothing."""
+"""How the recordings of a result were read, and how implausible data lower its verdict. Simulates nothing."""
 
 from __future__ import annotations
 
