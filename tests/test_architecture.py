@@ -162,3 +162,23 @@ def test_the_search_knows_neither_motor_nor_fmu():
     search, cuckoo = "estimator.estimating.search", "estimator.estimating.cuckoo"
     optimiser = "estimator.estimating.optimiser"
     assert arrows()[optimiser] == set() and arrows()[cuckoo] == arrows()[search] == {optimiser}
+
+
+def test_a_statistical_convention_is_defined_once():
+    names = {target.id for target in assigned(PACKAGE / "conventions.py")}
+    assert {"MEDIAN_SIZE", "FALSE_ALARM"} <= names
+    again = {
+        f"{path.relative_to(ROOT)}: {target.id}"
+        for path in modules("estimator").values()
+        if path.name != "conventions.py"
+        for target in assigned(path)
+        if target.id in names
+    }
+    assert not again, "import it from estimator/conventions.py, or give what is another thing another name"
+
+
+def assigned(path):
+    """Return the names that a module gives values to at its top."""
+    statements = ast.parse(path.read_text(encoding="utf-8")).body
+    targets = [target for s in statements if isinstance(s, ast.Assign) for target in s.targets]
+    return [name for target in targets for name in getattr(target, "elts", [target]) if isinstance(name, ast.Name)]

@@ -435,7 +435,8 @@ def test_huber_is_hardly_worse_on_normal_noise_and_holds_against_many_outliers()
 def test_huber_finds_the_optimum_that_scipy_finds():
     from scipy.optimize import least_squares
 
-    from estimator.fitting.least_squares import HUBER, LeastSquares
+    from estimator.conventions import HUBER
+    from estimator.fitting.least_squares import LeastSquares
     from estimator.plans.parameters import Box
 
     rng = np.random.default_rng(2)

@@ -12,6 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.conventions import MEDIAN_SIZE
+
 FloatArray = NDArray[np.float64]
 
 MOST_BUCKETS = 20_000
@@ -107,7 +109,7 @@ def outliers(series: Series, name: str) -> list[float]:
     around = np.lib.stride_tricks.sliding_window_view(np.pad(values, 2, mode="edge"), 5)
     off = np.abs(values - np.median(around, axis=1))
     moving = off[off > 0]
-    usual = 1.4826 * float(np.median(moving)) if len(moving) > RARE * len(off) else 0.0
+    usual = float(np.median(moving)) / MEDIAN_SIZE if len(moving) > RARE * len(off) else 0.0
     scale = max(usual, 1e-3 * float(np.ptp(values)))
     far = np.flatnonzero(off > STANDS_ALONE * scale) if scale > 0 else np.array([], dtype=np.int64)
     return [float(series.time[known[k]]) for k in far[np.argsort(-off[far], kind="stable")][:MOST_MARKED]]

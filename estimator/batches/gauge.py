@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.batches.batch_table import csv_of
-from estimator.conventions import FALSE_TREND, MEDIAN_SIZE, OUTLIER
+from estimator.conventions import FALSE_TREND, MEDIAN_SIZE, MODIFIED_Z
 
 FloatArray = NDArray[np.float64]
 FEWEST = 5  # values below which nothing is called an outlier or a drift
@@ -230,7 +230,7 @@ def _spread(name: str, unit: str, entries: Sequence[tuple[str, str, float, float
         categories=categories,
         drift=None if found is None else found[0],
         drift_probability=None if found is None else found[1],
-        outliers=tuple((m, v, z) for (m, v), z in zip(named, scores.tolist(), strict=True) if abs(z) > OUTLIER),
+        outliers=tuple((m, v, z) for (m, v), z in zip(named, scores.tolist(), strict=True) if abs(z) > MODIFIED_Z),
     )
 
 

@@ -13,6 +13,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.conventions import MISFIT, NUMERICAL
 from estimator.estimating.cuckoo import CuckooSearch
 from estimator.estimating.effort import POLISHING, nests_and_generations
 from estimator.estimating.ending import finish
@@ -33,9 +34,6 @@ FloatArray = NDArray[np.float64]
 ALPHA = 1.0  # size of the Lévy flights
 WIDER = ((30, 40), (60, 100))  # nests, generations of the searches that follow a poor polish
 STARTS, POLISHED = 400, 12  # where few samples show the transient; of these are polished
-POOR_FIT = 1.5  # residuals' deviation over the noise that the data show
-NUMERICAL = 1e-6  # of a signal's deviation: residuals below are the FMU's, not noise
-NOISE_FREE = 1e-6  # of a signal's deviation: residuals below are no misfit
 BETTER = 0.999  # of the cost: less of an improvement is none
 START_L = 5.0  # times h R: start of L that cures the spurious optimum L → 0
 
@@ -172,10 +170,10 @@ class _Attempts:
 
     def _is_good(self, polish: LeastSquaresFit) -> bool:
         """Whether the residuals are no larger than the noise of the data."""
-        allowed = np.maximum(POOR_FIT * self.floor, NOISE_FREE * self.problem.spread)
+        allowed = np.maximum(MISFIT * self.floor, NUMERICAL * self.problem.spread)
         return bool(np.all(polish.deviations <= allowed))
 
 
 def _is_poor(explained: Explained) -> bool:
     """Whether residuals are left that are far above their noise."""
-    return any(f.what == "size" and f.excess > POOR_FIT for f in explained.adequacy.failures)
+    return any(f.what == "size" and f.excess > MISFIT for f in explained.adequacy.failures)

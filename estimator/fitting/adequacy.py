@@ -1,14 +1,14 @@
-"""Does an explanation hold where its parameters are made? Whitened residuals by window. Knows no effect.
+"""Whether an explanation is adequate: tests of its whitened residuals, window by window. Knows no effect.
 
-In every window (windows.py) three things are asked of the whitened residuals z, which are independent and of variance 1
-where the explanation holds:
+In every window (windows.py) the whitened residuals z are tested in three ways. Where the explanation holds they are
+independent, with variance 1:
 
     size        mean of z^2, Fisher's F with the window's samples and those that tell the noise (its variance by the
                 tails that settled rows show)
     neighbours  sum of z_k z_k+1, over the root of their number, standard normal
-    own values  would the parameters be others in this window? the score test of its rows of the Jacobian (Hausman 1978)
+    own values  score test of parameters of the window's own, by its rows of the Jacobian (Hausman 1978)
 
-The chance that an explanation that holds fails any of them is ALARM, shared equally (Bonferroni).
+An explanation that holds fails any of these tests with the chance FALSE_ALARM, which they share equally (Bonferroni).
 """
 
 from __future__ import annotations
@@ -19,22 +19,20 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.conventions import FALSE_ALARM, RESOLVED, SMALL_CORRELATION
 from estimator.fitting.fit import Fit
 from estimator.fitting.windows import Windows, find_windows
 
 FloatArray = NDArray[np.float64]
 
-ALARM = 1e-3  # chance of a false alarm of one explanation
-SEEN = 1e-3  # of the largest singular value: directions that a window tells
-EXCESS = 0.15  # of the variance: less is allowed for by the bars, however sure
-LEFT = 0.05  # of what all samples tell: with less the rest tells nothing of its own
-HALF = 0.75  # of a sensor's step: what is nearer in all of a window is explained as well as the sensor resolves it
-ALIKE = 0.08  # of correlation, likewise
+WINDOW_RANK_TOLERANCE = 1e-3  # of the largest singular value: directions that a window tells
+EXCESS = 0.15  # of the variance: a smaller excess widens the standard errors, and is no failure however significant
+REST_TELLS = 0.05  # of all samples' information: with less, those outside a window do not determine a direction
 
 
 @dataclass(frozen=True)
 class Failure:
-    """What does not hold, where, and how much larger than it should be."""
+    """A test that failed: which, in which window and output, and by which factor its statistic is too large."""
 
     what: str
     window: str
@@ -43,7 +41,7 @@ class Failure:
 
     @property
     def sentence(self) -> str:
-        """Say it."""
+        """Return the failure in words."""
         where = f"{self.output} in {self.window}" if self.output else self.window
         if self.what == "size":
             return f"the model does not explain {where}: the residuals, whitened, are {self.excess:.1f} times the noise"
@@ -57,14 +55,14 @@ class Failure:
 
 @dataclass(frozen=True)
 class Adequacy:
-    """What failed, and what allows for it.
+    """The tests that failed, and by how much the standard errors grow for them.
 
     Attributes
     ----------
     excess : (rows, q) array
         Factor on the variance of each sample.
     parts : (rows, q) arrays
-        The samples that failed together: what they pull the parameters to may be wrong as a whole.
+        Samples that failed together: they may bias the parameters by a common error.
     """
 
     failures: tuple[Failure, ...]
@@ -73,9 +71,9 @@ class Adequacy:
     tests: int
 
     def widened(self, fit: Fit) -> FloatArray:
-        """Return what the covariance of a fit's names grows by, (f + m, f + m).
+        """Return the covariance that the failures add to that of a fit's names, (f + m, f + m).
 
-        The errors of samples that fail, one by one and as a whole (White 1980; Liang and Zeger 1986).
+        Samples that fail add errors of their own (White 1980) and one common to their part (Liang and Zeger 1986).
         """
         inside = fit.at_bound == 0
         result = np.zeros((len(inside), len(inside)))
@@ -94,7 +92,7 @@ class Adequacy:
 def _shift_without(jacobian: FloatArray, z: FloatArray, part: NDArray[np.bool_]) -> FloatArray:
     """Return by how much the estimates move, (f,), when the samples of a part are left out.
 
-    Of what the other samples hardly tell, by less: these directions stay where the part has them.
+    Directions that the other samples hardly determine stay as they are.
     """
     whole = jacobian.T @ jacobian
     norms = np.sqrt(np.diag(whole))
@@ -104,15 +102,17 @@ def _shift_without(jacobian: FloatArray, z: FloatArray, part: NDArray[np.bool_])
     told, axes = np.linalg.eigh(rest)
     pull = axes.T @ (own.T @ z[part])
     total = np.einsum("ji,jk,ki->i", axes, (whole * scale).T * scale, axes)
-    seen = total > SEEN**2
+    seen = total > WINDOW_RANK_TOLERANCE**2
     gain = np.where(
-        told > LEFT * total, 1 / np.maximum(told, SEEN**2), np.where(seen, 1 / np.maximum(total, SEEN**2), 0.0)
+        told > REST_TELLS * total,
+        1 / np.maximum(told, WINDOW_RANK_TOLERANCE**2),
+        np.where(seen, 1 / np.maximum(total, WINDOW_RANK_TOLERANCE**2), 0.0),
     )
     return np.asarray(-scale * (axes @ (gain * pull)))
 
 
 def adequacy(fit: Fit, parameters: int) -> Adequacy:
-    """Return what of an explanation does not hold.
+    """Test an explanation and return what fails.
 
     Parameters
     ----------
@@ -128,9 +128,9 @@ def adequacy(fit: Fit, parameters: int) -> Adequacy:
     known_by = np.maximum((windows.settled[:, None] & present).sum(axis=0), 2)  # samples that tell the noise
     outputs = fit.simulator.outputs
     count = 2 * len(windows.windows) * len(outputs) + len(windows.windows) + len(outputs)
-    normal = float(ndtri(1 - ALARM / count))
+    normal = float(ndtri(1 - FALSE_ALARM / count))
     failures, excess, parts = [], np.ones_like(z), []
-    resolved = np.abs(np.nan_to_num(fit.residuals())) > HALF * fit.simulator.steps
+    resolved = np.abs(np.nan_to_num(fit.residuals())) > RESOLVED * fit.simulator.steps
     for window in windows.windows:
         for j, output in enumerate(outputs):
             known = present[window.rows, j]
@@ -139,7 +139,7 @@ def adequacy(fit: Fit, parameters: int) -> Adequacy:
             if n < 2:
                 continue
             square = float(np.sum(own[known] ** 2)) / n
-            limit = float(fdtri(n, known_by[j], 1 - ALARM / count))
+            limit = float(fdtri(n, known_by[j], 1 - FALSE_ALARM / count))
             limit = max(limit, 1 + normal * np.sqrt(2 * tails[j] * (1 / n + 1 / known_by[j])))
             seen = not fit.simulator.steps[j] or bool(np.any(resolved[window.rows, j]))
             if seen and square > limit:
@@ -151,14 +151,14 @@ def adequacy(fit: Fit, parameters: int) -> Adequacy:
             m = int(pairs.sum())
             if m >= 8:
                 alike = float(np.sum((own[1:] * own[:-1])[pairs])) / m
-                if abs(alike) > max(normal / np.sqrt(m) * square, ALIKE):
+                if abs(alike) > max(normal / np.sqrt(m) * square, SMALL_CORRELATION):
                     failures.append(Failure("neighbours", window.name, output, alike / max(square, 1e-300)))
                     parts.append(_samples(z, window.rows, j))
                     longer = (1 + abs(alike)) / (1 - min(abs(alike), 0.9))
                     excess[window.rows, j] = np.maximum(excess[window.rows, j], longer)
     test = fit.test()
     for name, output, mask in _groups(windows, outputs, z.shape):
-        ratio = _own_values(fit, test.left, test.basis, mask.ravel(), parameters, chdtri, ALARM / count)
+        ratio = _own_values(fit, test.left, test.basis, mask.ravel(), parameters, chdtri, FALSE_ALARM / count)
         if ratio > 1:
             failures.append(Failure("own values", name, output, ratio))
             excess[mask] = np.maximum(excess[mask], ratio**2)
@@ -176,7 +176,7 @@ def _samples(z: FloatArray, rows: NDArray[np.int64], j: int) -> NDArray[np.bool_
 def _groups(
     windows: Windows, outputs: Sequence[str], shape: tuple[int, ...]
 ) -> list[tuple[str, str, NDArray[np.bool_]]]:
-    """Return the parts, (rows, q), that are asked for parameters of their own, each with its window and output."""
+    """Return the parts, (rows, q), that are tested for parameters of their own, each with its window and output."""
     groups = []
     for w in windows.windows:
         if len(w.rows) < shape[0]:
@@ -207,7 +207,7 @@ def _own_values(
     columns = columns / np.linalg.norm(columns, axis=0)
     across = columns - basis @ (basis.T @ columns)
     u, singular, _ = np.linalg.svd(across, full_matrices=False)
-    u = u[:, singular > SEEN]
+    u = u[:, singular > WINDOW_RANK_TOLERANCE]
     if not u.shape[1]:
         return 0.0
     along = u.T @ left

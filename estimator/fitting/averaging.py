@@ -1,12 +1,13 @@
-"""What is left open: additions that were not accepted, and rivals, widen the bars by their weights. Knows no effect.
+"""Model averaging: rivals, and additions not accepted, widen the standard errors by their weights. Knows no effect.
 
 Explanation m weighs exp(-c_m / 2), c_m its criterion above the best's. The values stay the best explanation's, so that
 what follows from them is consistent; their covariance is  sum w_m (C_m + (x_m - x)(x_m - x)')  about them (Buckland,
 Burnham and Augustin 1997; Hoeting et al. 1999), each parameter scaled to hold 95 % of the mixture. Of an addition that
 was not accepted the score test tells x_m and C_m without a refit. Its number has a usual size as prior deviation, so
-that it is charged log det (I + information), not log n (MacKay 1992): an effect that the recording hardly tells, and
-that would move a parameter far, must not leave the bars as if it were known to be absent. What a usual size of it would
-not show at all is left out: no such recording tells it (`unseen`); that is said, and belongs into the tolerances.
+that its penalty is log det (I + information), not log n (MacKay 1992). So an effect that the recording hardly shows,
+and that would move a parameter far, widens the standard errors although it was not accepted. An effect whose usual size
+would not show at all is left out (`unseen`): no such recording can tell it. It is reported, and belongs into the
+tolerances.
 """
 
 from __future__ import annotations
@@ -17,22 +18,21 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.conventions import CONFIDENCE, TOLD_POWER
 from estimator.fitting.selection import Addition, Explanation
 
 FloatArray = NDArray[np.float64]
 
-OPEN = 4.0  # charged for each number of an addition whose usual size is not known
-VISIBLE = 1.0  # of z'z, by a usual size: less shows nothing
-TOLD = 0.003  # of an addition's power: if less is left beside the parameters, no such recording tells it
-LIKELY = 6.0  # of the criterion: a rival that is further behind weighs less than 5 %
+OPEN = 4.0  # penalty of each number of an addition whose usual size is not known
+VISIBLE = 1.0  # of z'z, by an effect of usual size: a smaller one is not visible
+TOLD_WITHIN = 6.0  # of the criterion: a rival that is further behind weighs less than 5 %
 TAIL = 0.01  # of the mixture: what weighs less together is left out
-COVERED = 0.95  # by 1.96 standard errors about the values
 DIFFERS = 1.0  # standard errors by which a rival must differ to be told
 
 
 @dataclass(frozen=True)
 class Told:
-    """A rival that gives other parameters, nearly as likely.
+    """A rival explanation that is nearly as likely and gives other parameters.
 
     Attributes
     ----------
@@ -51,9 +51,9 @@ class Told:
 
 @dataclass(frozen=True)
 class Averaged:
-    """Values and covariance on the parameters' scales, (p,) and (p, p); what no such recording tells; what differs.
+    """Averaged values, (p,), and covariance, (p, p), on the parameters' scales; effects not visible; differing rivals.
 
-    The covariance is of what the recordings tell: where they tell only combinations of parameters, of these.
+    Where the recordings determine only combinations of parameters, the covariance is that of these combinations.
     """
 
     values: FloatArray
@@ -65,7 +65,7 @@ class Averaged:
 def averaged(
     explanation: Explanation, open_additions: Sequence[Addition], rivals: Sequence[Explanation], samples: int
 ) -> Averaged:
-    """Return the parameters with what is left open.
+    """Return the parameters averaged over the explanations that are possible.
 
     Parameters
     ----------
@@ -90,7 +90,7 @@ def averaged(
             known = a.linear.size > 0
             across, whitened = (x * (a.linear.size or 1.0) for x in (across, whitened))
         power, whole = float(np.sum(across**2)), float(np.sum(whitened**2))
-        if power <= (VISIBLE if known else TOLD * whole):
+        if power <= (VISIBLE if known else TOLD_POWER * whole):
             unseen.append(a)
             continue
         k = across.shape[1]
@@ -115,12 +115,12 @@ def averaged(
         with np.errstate(invalid="ignore"):
             apart = np.abs(there - own) / np.where(np.isfinite(deviation), deviation, np.inf)
         other_number = _numbers(rival) != _numbers(explanation) and _effects(rival) == _effects(explanation)
-        if np.max(apart, initial=0.0) > DIFFERS and behind < LIKELY and not other_number:  # the bars hold it
+        if np.max(apart, initial=0.0) > DIFFERS and behind < TOLD_WITHIN and not other_number:  # the bars hold it
             told.append((rival, len(parts) - 1, float(np.max(apart)), names[int(np.argmax(apart))], float(behind)))
     weights = np.exp(-0.5 * np.array([c for c, _, _ in parts]))
     weights /= weights.sum()
     order = np.argsort(weights)
-    weights[order[np.cumsum(weights[order]) < TAIL]] = 0.0  # else they would turn all correlations
+    weights[order[np.cumsum(weights[order]) < TAIL]] = 0.0  # many small weights would change all correlations
     weights /= weights.sum()
     total = np.sum([w * (c + np.outer(x - own, x - own)) for w, (_, x, c) in zip(weights, parts, strict=True)], axis=0)
     total = _covering(total, weights, [x - own for _, x, _ in parts], [np.diag(c) for _, _, c in parts])
@@ -132,7 +132,7 @@ def averaged(
 
 
 def _one_of_each(additions: Sequence[Addition]) -> list[Addition]:
-    """Return additions, of an effect that is one thing at different numbers the likeliest."""
+    """Return the additions, but of an effect whose groups exclude each other only the likeliest."""
     best: dict[str, Addition] = {}
     for a in additions:
         key = a.effect.name if a.effect.is_one else a.name
@@ -157,7 +157,7 @@ def _covering(
 ) -> FloatArray:
     """Return a mixture's covariance scaled so that 1.96 standard errors hold 95 % of it, as those of a normal one do.
 
-    An unlikely explanation far away would else widen the bars without bound; a likely one not enough.
+    Otherwise an unlikely rival far away would widen the interval without bound, and a likely one not enough.
     """
     from scipy.special import ndtr, ndtri
 
@@ -166,8 +166,8 @@ def _covering(
     for _ in range(60):
         middle = 0.5 * (low + high)
         inside = weights @ (ndtr((middle - mean) / deviation) - ndtr((-middle - mean) / deviation))
-        low, high = np.where(inside < COVERED, middle, low), np.where(inside < COVERED, high, middle)
-    wanted = high / ndtri(0.5 + COVERED / 2)
+        low, high = np.where(inside < CONFIDENCE, middle, low), np.where(inside < CONFIDENCE, high, middle)
+    wanted = high / ndtri(0.5 + CONFIDENCE / 2)
     now = np.sqrt(np.maximum(np.diag(total), 1e-300))
     scale = np.where(np.diag(total) > 0, wanted / now, 1.0)
     return np.asarray(total * np.outer(scale, scale))

@@ -1,16 +1,16 @@
-"""What changes from run to run: a random effect of each parameter, from a joint fit's blocks. Knows arrays, no FMU.
+"""Variance of each parameter from run to run: a random effect, from a joint fit's blocks. Knows arrays, no FMU.
 
 Let z be the whitened residuals of the joint fit, J its Jacobian, and let recording r have a value of its own, t + d_r,
-of one parameter, the others shared. With X the parameter's column cut into recordings, and M the projection that takes
-out what the others explain, S = X'MX and u = X'Mz tell all d_r at once; the common value is projected out of both. If
+of one parameter, the others shared. Let X be the parameter's column cut into recordings, and M the projection that
+removes what the others explain. S = X'MX and u = X'Mz then determine all d_r; the common value is projected out. If
 the d_r are independent of variance T^2, u has the covariance S + T^2 S S, so that
 
     Q = u' S^+ u,    E Q = rank S + T^2 tr S,    T^2 = max(0, (Q - rank S) / tr S)
 
 (DerSimonian and Laird 1986, with the estimates of the recordings correlated through what they share). Without T, Q is
-chi-square. Parameters enter one after the other, the least likely Q first, each beside the own values of those before:
-one that changes must not pass for a change of all. The joint answer t = sum_r A^-1 H_r t_r, H_r = J_r'J_r and A their
-sum, then gains the variance  T^2 sum_r (A^-1 H_r e)(A^-1 H_r e)'.
+chi-square. Parameters enter one after the other, the least likely Q first, each tested beside those that entered
+before, so that the change of one is not taken for a change of all. The joint answer t = sum_r A^-1 H_r t_r, H_r =
+J_r'J_r and A their sum, then gains the variance  T^2 sum_r (A^-1 H_r e)(A^-1 H_r e)'.
 """
 
 from __future__ import annotations
@@ -23,17 +23,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.fitting.least_squares import SEEN, information_parts
+from estimator.conventions import FALSE_ALARM
+from estimator.fitting.least_squares import RANK_TOLERANCE, information_parts
 
 if TYPE_CHECKING:
     from estimator.fitting.fit import Fit
 
 FloatArray = NDArray[np.float64]
 
-BETWEEN = " between runs"  # ends the names of what a recording has of a parameter for itself
-ENTERS = 0.05  # chance that a variance enters the bars though nothing changes, all parameters together
-ALARM = 1e-3  # chance that such a change is told
-LEAST = 1e-8  # of the largest: recordings, or contrasts of them, that tell less tell nothing
+BETWEEN = " between runs"  # ends the name of a recording's own part of a parameter
+ENTERS = 0.05  # chance that a variance is added to the standard errors though nothing varies, all parameters together
+LEAST_INFORMATION = 1e-8  # of the largest information: recordings, or contrasts of them, with less are not used
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class Variation:
     probability : float
         Of a larger Q where nothing changes.
     told : bool
-        It is below ALARM, shared by the parameters.
+        It is below FALSE_ALARM, shared by the parameters.
     run, apart : which recording is furthest from the rest, in its errors, and by how much on the parameter's scale
     """
 
@@ -105,7 +105,7 @@ def between_runs(
         best = min(found, key=lambda f: (f[0].probability, -f[1]), default=None)
         if best is None or best[0].probability * len(tested) > ENTERS or best[0].deviation == 0:
             break
-        told = best[0].probability * len(tested) < ALARM
+        told = best[0].probability * len(tested) < FALSE_ALARM
         varying.append(dataclasses.replace(best[0], told=told))
         remaining.remove(best[0].parameter)
     covariance = np.zeros((n, n))
@@ -135,13 +135,13 @@ def _variation(j: int, own: FloatArray, others: FloatArray, z: FloatArray) -> tu
     information, score = across.T @ across, across.T @ z
     total = float(np.sum(information))
     powers = np.sum(own * own, axis=0)
-    if np.sum(powers > LEAST * np.max(powers)) < 2 or total <= LEAST * float(np.sum(powers)):
+    if np.sum(powers > LEAST_INFORMATION * np.max(powers)) < 2 or total <= LEAST_INFORMATION * float(np.sum(powers)):
         return None
     mean = information.sum(axis=1)
     information = information - np.outer(mean, mean) / total
     score = score - mean * float(np.sum(score)) / total
     eigen, vectors = np.linalg.eigh(information)
-    seen = eigen > LEAST * float(np.max(powers))
+    seen = eigen > LEAST_INFORMATION * float(np.max(powers))
     rank = int(np.sum(seen))
     if not rank:
         return None
@@ -149,7 +149,7 @@ def _variation(j: int, own: FloatArray, others: FloatArray, z: FloatArray) -> tu
     size = float(np.sum(eigen[seen]))
     variance = max(0.0, (q - rank) / size)
     known = np.maximum(np.diag(information), 1e-300)
-    tells = np.diag(information) > LEAST * float(np.max(powers))
+    tells = np.diag(information) > LEAST_INFORMATION * float(np.max(powers))
     off = np.where(tells, np.abs(score) / np.sqrt(known), 0.0)
     run = int(np.argmax(off))
     deviation = float(np.sqrt(variance))
@@ -165,13 +165,13 @@ def _basis(columns: FloatArray) -> FloatArray:
     if not columns.shape[1]:
         return np.zeros((len(columns), 0))
     u, singular, _ = np.linalg.svd(columns, full_matrices=False)
-    return np.asarray(u[:, singular > SEEN * singular[0]])
+    return np.asarray(u[:, singular > RANK_TOLERANCE * singular[0]])
 
 
 def of_fit(fit: Fit, parameters: int) -> BetweenRuns:
     """Return what varies between the recordings of a fit, of its first names, the motor's parameters.
 
-    What an explanation gives its recordings for themselves (effects/runs_differ.py) counts as variation.
+    Deviations that an explanation estimates for each recording (effects/runs_differ.py) count as variation.
     """
     own = np.array([is_between_runs(name) for name in fit.names])
     inside = np.flatnonzero((fit.at_bound == 0) & ~own)
@@ -188,7 +188,7 @@ def of_fit(fit: Fit, parameters: int) -> BetweenRuns:
 
 
 def is_between_runs(name: str) -> bool:
-    """Whether a name of a fit stands for what a recording has of a parameter beyond the mean of all."""
+    """Whether a name of a fit is a recording's deviation of a parameter from the mean of all."""
     return name.partition("#")[0].endswith(BETWEEN)
 
 

@@ -1,15 +1,14 @@
-"""What no recording can tell, propagated through a fit: by how much each source may have moved each number.
+"""Uncertainty budget: systematic errors that no recording shows, propagated through a fit to each parameter.
 
 If the bench has an effect that changes what the sensors show by c, whitened W c, the estimate is off by
 
     d = (J'J)^-1 J' W c
 
 on the parameters' scales (GUM 5.1.3, with the fit for the function f). c is simulated at the fit, through its FMU, for
-one standard uncertainty either way.
-What J does not explain of W c the recordings would show: with several levels they tell
-a brush drop. A source's coefficient b, 1 for one standard uncertainty, is then estimated as well, its standard
-uncertainty being what was known of it before: (1 + A'A)^-1 and b are its variance and its value, A what is left of W c.
-The part is d sqrt(variance + b^2), never more than d: the estimate leaves b out.
+one standard uncertainty either way. What J does not explain of W c is visible in the recordings: several levels, for
+example, show a brush drop. The source's coefficient b, in standard uncertainties, is then estimated from A, the rest of
+W c, with its standard uncertainty as prior: its variance is (1 + A'A)^-1. The share of the source is d sqrt(variance +
+b^2), never more than d, because the estimate does not contain b.
 """
 
 from __future__ import annotations
@@ -22,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.cases.tolerance import Tolerance
+from estimator.conventions import TOLD_POWER
 from estimator.errors import CaseError, suggestion
 from estimator.fitting.fit import Fit, new_fit, solved
 from estimator.fitting.least_squares import information_parts
@@ -33,22 +33,21 @@ from estimator.plans.plan import Plan
 
 FloatArray = NDArray[np.float64]
 
-TOLD = 0.003  # of an effect's power: if less is left beside the parameters, no such recording tells it
 UNITS = {"voltage": "V", "current": "A", "speed": "rad/s"}
 
 
 @dataclass(frozen=True)
 class Budget:
-    """By how much each source may have moved each number.
+    """The share of each source in the uncertainty of each parameter.
 
     Attributes
     ----------
     tolerances : the sources, s of them
     names : (p,) names
     shifts : (p, s) array
-        On the names' scales, for one standard uncertainty, less what the recordings tell of it.
+        On the names' scales, for one standard uncertainty, reduced by what the recordings show of it.
     left : (s,) array
-        Part of each standard uncertainty that they leave, 0 to 1.
+        Part of each standard uncertainty that remains, 0 to 1.
     failed : sources whose effect the FMU could not simulate
     """
 
@@ -59,17 +58,17 @@ class Budget:
     failed: tuple[str, ...] = ()
 
     def of(self, gradient: FloatArray) -> dict[str, float]:
-        """Return source → change of what has this (p,) gradient by the names' scaled values."""
+        """Return source → change of a quantity with this (p,) gradient by the names' scaled values."""
         return {t.source: float(d) for t, d in zip(self.tolerances, gradient @ self.shifts, strict=True)}
 
 
 def applicable(plan: Plan) -> tuple[Tolerance, ...]:
-    """Return the tolerances of a plan's case, without those of the default set that it has nothing for.
+    """Return the tolerances of a plan's case, without those of the default set that do not apply to it.
 
     Raises
     ------
     CaseError
-        A tolerance was given that the case has nothing for.
+        A tolerance was given that does not apply to the case.
     """
     found = []
     for tolerance in plan.case.tolerance:
@@ -99,7 +98,7 @@ def budget(fit: Fit, tolerances: Sequence[Tolerance], names: Sequence[str]) -> B
     moved[inside] = information_parts(triangle)[0] @ (jacobian.T @ whitened)
     test = fit.test()
     across = whitened - test.basis @ (test.basis.T @ whitened)
-    across[:, np.sum(across**2, axis=0) <= TOLD * np.sum(whitened**2, axis=0)] = 0.0
+    across[:, np.sum(across**2, axis=0) <= TOLD_POWER * np.sum(whitened**2, axis=0)] = 0.0
     variance = np.linalg.inv(np.eye(len(tolerances)) + across.T @ across)
     size = variance @ (across.T @ test.left)
     left = np.minimum(np.sqrt(np.diag(variance) + size**2), 1.0)
@@ -109,7 +108,7 @@ def budget(fit: Fit, tolerances: Sequence[Tolerance], names: Sequence[str]) -> B
 
 
 def fit_at(plan: Plan, crew: Workers, values: FloatArray, *, sigma: Mapping[str, float]) -> Fit:
-    """Return the fit that ends at these values, (p,), its noise white: of a method that explains nothing.
+    """Return a fit at given values, (p,), with white noise: for methods that find no effects.
 
     Parameters
     ----------
@@ -144,7 +143,7 @@ def _lack(tolerance: Tolerance, plan: Plan) -> str:
 
 
 def _column(fit: Fit, tolerance: Tolerance) -> FloatArray:
-    """Return what the sensors show more for one standard uncertainty, (rows, q)."""
+    """Return the change of the sensors' signals, (rows, q), by one standard uncertainty."""
     s, u, source = fit.simulator, tolerance.standard_uncertainty, tolerance.source
     plan = s.plan
     if tolerance.signal in s.outputs:
@@ -175,7 +174,7 @@ def _column(fit: Fit, tolerance: Tolerance) -> FloatArray:
 
 
 def _driven(fit: Fit, name: str, more: FloatArray) -> FloatArray:
-    """Return what the sensors show more with an input that is larger by (rows,); the mean of larger and smaller."""
+    """Return the change of the sensors' signals by an input changed by (rows,): a central difference."""
     s = fit.simulator
 
     def plan(sign: int) -> Plan:
@@ -194,7 +193,7 @@ def _driven(fit: Fit, name: str, more: FloatArray) -> FloatArray:
 
 
 def _more_resistance(fit: Fit, more: Callable[[float, int | None], float]) -> FloatArray:
-    """Return what the sensors show more with every resistance R larger by what `more` says of it and its recording."""
+    """Return the change of the sensors' signals if each resistance R grows by `more` of it and its recording."""
     s = fit.simulator
     shown = []
     for sign in (1, -1):

@@ -1,4 +1,4 @@
-"""The recordings explained: from a polish to values, errors, what was found and what stays open. Knows no verdict."""
+"""From a least-squares fit to values, standard errors, effects found and rivals. Knows no verdict."""
 
 from __future__ import annotations
 
@@ -30,15 +30,15 @@ from estimator.stepping import layout
 
 FloatArray = NDArray[np.float64]
 
-REPORTED = SensorPlace("nuisance")  # of what is estimated beside the motor
-ENOUGH_RUNS = 4  # of fewer the spread is known to no better than its own size
-WIDE = 1e30  # bounds of what has none
-LINEAR_MOTOR = "dc_motor"  # whose place a bundled FMU with more effects may take
+REPORTED = SensorPlace("nuisance")  # of a nuisance parameter
+ENOUGH_RUNS = 4  # of fewer runs the spread is known no better than to its own size
+WIDE = 1e30  # bounds of a parameter that has none
+LINEAR_MOTOR = "dc_motor"  # that a bundled FMU with more effects may replace
 
 
 @dataclass(frozen=True)
 class Found:
-    """An effect that was found: its name, its size, and a sentence; why it makes the estimate doubtful, or ""."""
+    """An effect that was found: name, size, a sentence, and why it makes the estimate doubtful, or ""."""
 
     effect: str
     name: str
@@ -48,16 +48,16 @@ class Found:
 
 @dataclass(frozen=True)
 class Explained:
-    """The recordings explained.
+    """The best explanation of the recordings, and how certain it is.
 
     Attributes
     ----------
     plan : Plan
-        The case's, its parameters followed by what is estimated beside them.
+        The case's, its parameters followed by the nuisance parameters.
     polish : LeastSquaresFit
-        Values, errors and covariance of these, what stays open included; residuals and derivatives whitened.
+        Their values, standard errors and covariance, averaged over rivals; residuals and derivatives are whitened.
     noise : (q,) array
-        Root mean square of what is left of each output, but for outliers.
+        Root mean square of each output's residuals, outliers left out.
     at_rest : (q,) array
         The same without the growth of the noise with the signals.
     found : what was found of the bench
@@ -138,7 +138,7 @@ def explain(
     sigma : output -> float
         As `Problem`.
     deviations : (q,) array
-        Of each output's noise, at first sight.
+        Of each output's noise, a first estimate.
     effects : the effects that may be found
     enter : callable
         Told the phase that begins.
@@ -308,7 +308,7 @@ def _varies(between: BetweenRuns, plan: Plan) -> list[Found]:
 
 
 def _told_from(fit: Fit) -> dict[str, float]:
-    """Return what is told of a linear coefficient of 0, by its name."""
+    """Return what a linear coefficient of 0 is reported as, by its name: a gain is then 1."""
     groups = [g.told_from for g in fit.linear for _ in g.units]
     return dict(zip(fit.names[len(fit.free) :], groups, strict=True))
 
@@ -320,7 +320,7 @@ def _padded(scaled: FloatArray, fit: Fit) -> FloatArray:
 
 
 def _parameter(fit: Fit, name: str) -> Parameter:
-    """Return what is estimated beside the motor as a parameter of the plan."""
+    """Return a nuisance parameter as a parameter of the plan."""
     s = fit.simulator
     if name in s.index:
         nuisance = s.nuisances[s.index[name] - len(s.plan.names)]
@@ -353,7 +353,7 @@ def _called(addition: Addition) -> str:
 
 
 def _rival(told: Told, explanation: Explanation) -> Rival:
-    """Return what else would explain the recordings, with the parameters that it gives, and what would decide."""
+    """Return a rival explanation with its parameters, and which recording would decide."""
     rival = told.explanation
     instead = [a for a in rival.additions if a.name not in explanation.names()]
     replaced = [a for a in explanation.additions if a.name not in rival.names()]

@@ -17,8 +17,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.conventions import MEDIAN_SIZE
-from estimator.fitting.least_squares import information_parts
+from estimator.conventions import MEDIAN_SIZE, T_FREEDOM
+from estimator.fitting.least_squares import DIFFERENCE_STEP, information_parts
 from estimator.fitting.noise_model import NoiseModel, Whitener
 from estimator.fitting.simulator import Simulator
 from estimator.plans.parameters import SensorPlace
@@ -26,17 +26,15 @@ from estimator.plans.parameters import SensorPlace
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
-STEP = 1e-4  # of a logarithm; of a nuisance's typical size ten times that
 ITERATIONS = 25
 DAMPING = (1e-3, 1e8)  # first, last
-FAR_LOG, FAR = 1.0, 5.0  # longest step: of a logarithm; of a nuisance's typical sizes
-OUTLIER, BESIDE = 4.5, 3.0  # standard deviations of an outlier, and of the samples beside one or two
-FREEDOM = 4.0  # of Student's t, by whose weights outliers are held down
+LONGEST_LOG_STEP, LONGEST_STEP = 1.0, 5.0  # longest step: of a logarithm; of a nuisance's typical sizes
+OUTLIER, OUTLIER_BESIDE = 4.5, 3.0  # standard deviations of an outlier, 1 of 147 000 normal values; of those beside one
 SECANTS, KINKED = 6, 0.7  # times that errors grow by secants; of a derivative: a smaller secant is taken
-AHEAD = 0.01  # of z'z: a descent that ends this much lower went on
+WENT_ON = 0.01  # of z'z: a continued descent that ends this much lower is an improvement
 WELL_CONDITIONED, AT_ONCE = 1e-6, 1e-3  # least eigenvalue of a Gram matrix, its diagonal 1: by two steps, by one
-DEPENDENT = 1e-12  # of a column's norm: what is left of it is rounding
-AT_BOUND = 1e-4  # of the width of the bounds
+DEPENDENT = 1e-12  # of a column's norm: a smaller remainder is rounding
+BOUND_MARGIN = 1e-4  # of the width of the bounds
 
 
 @dataclass(frozen=True)
@@ -48,11 +46,11 @@ class Linear:
     columns : (rows, q, k) array
     units : of the coefficients
     least, most : float
-        A coefficient below or above is absurd.
+        Bounds of a coefficient that is physically possible.
     size : float
         A usual size of a coefficient; 0: none is known.
     told_from : float
-        What is told of a coefficient of 0: a gain is 1 there.
+        What a coefficient of 0 is reported as: for a gain, 1.
     """
 
     name: str
@@ -73,7 +71,7 @@ class Fit:
     values : (p,) array
         Over all names of the simulator.
     free : names of those that are free
-    linear : what explains the residuals beside
+    linear : columns that explain a part of the residuals
     shown : (rows, q) array
         What the simulated sensors show, without the linear part.
     coefficients : (m,) array
@@ -102,7 +100,7 @@ class Fit:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What is estimated: the free values, then the linear coefficients."""
+        """Names of what is estimated: the free values, then the linear coefficients."""
         linear = (f"{g.name}{f'#{k}' if k else ''}" for g in self.linear for k in range(g.columns.shape[2]))
         return (*self.free, *linear)
 
@@ -135,15 +133,15 @@ class Fit:
         return float(self.values[s.index[own[0]]]) if own else s.observed[recording].delay
 
     def covariance(self) -> FloatArray:
-        """Return the covariance of the names on their scales, (f + m, f + m); zero at a bound, inf where not told."""
+        """Return the covariance of the names on their scales, (f + m, f + m): 0 at a bound, inf if not determined."""
         told, untold = self.covariance_parts()
         return told + untold
 
     def covariance_parts(self) -> tuple[FloatArray, FloatArray]:
-        """Return the covariance's parts, (f + m, f + m) each: of what the recordings tell, and of what they do not.
+        """Return the covariance's parts, (f + m, f + m) each: of the directions that are determined, and of the others.
 
-        What vanishes, at the lower bound of a logarithm, may as well be as large as it would go unseen: the others'
-        errors hold that.
+        A parameter that vanishes, at the lower bound of its logarithm, may also be as large as is not yet visible: the
+        standard errors of the others include that.
         """
         told, untold = self._covariance_parts
         return told.copy(), untold.copy()
@@ -173,14 +171,14 @@ class Fit:
 
 @dataclass(frozen=True)
 class ScoreTest:
-    """How much columns would explain of what is left, free of what the fit could explain itself (Rao 1948)."""
+    """Score test: how far z'z falls with further columns, to first order, all else fitted again (Rao 1948)."""
 
     fit: Fit
     basis: FloatArray
     left: FloatArray
 
     def across(self, columns: FloatArray) -> FloatArray:
-        """Return (rows, q, c) columns whitened, less what the fit explains of them, (rows q, c)."""
+        """Return (rows, q, c) columns whitened, without their part that the fit explains, (rows q, c)."""
         whitened = self.fit.whitener(columns)[0].reshape(len(self.left), -1)
         return np.asarray(whitened - self.basis @ (self.basis.T @ whitened))
 
@@ -228,7 +226,7 @@ def solved(fit: Fit, *, iterations: int = ITERATIONS, tolerance: float = 1e-3) -
     Parameters
     ----------
     tolerance : float
-        Of z'z: a smaller promise of a fall ends the iteration. 1 is one standard error.
+        Of z'z: the iteration ends when the predicted fall is smaller. 1 is one standard error.
     """
     s = fit.simulator
     where = np.array([s.index[n] for n in fit.free], dtype=int)
@@ -249,8 +247,8 @@ def solved(fit: Fit, *, iterations: int = ITERATIONS, tolerance: float = 1e-3) -
             dx = _step(a, g, damping, x, low, high)
             dx *= min(1.0, float(np.min(_reach(s, where) / np.maximum(np.abs(dx), 1e-300))))
             tried = np.clip(x + dx, low, high)
-            promise = float(g @ g - np.sum((g - a @ (tried - x)) ** 2))
-            if promise < tolerance:
+            predicted = float(g @ g - np.sum((g - a @ (tried - x)) ** 2))
+            if predicted < tolerance:
                 break
             there = s.shown(_placed(fit, where, tried)[None, :])[0]
             new = _cost(fit, there, linear)
@@ -285,7 +283,7 @@ def _evaluated(
 
 
 def refreshed(fit: Fit, whitener: Whitener) -> Fit:
-    """Return the fit judged by another whitener, its values as they are."""
+    """Return the fit with another whitener, its values unchanged."""
     f = len(fit.free)
     columns = fit.raw[:, :, f:]
     judged = dataclasses.replace(fit, whitener=whitener)
@@ -298,31 +296,33 @@ def held_down(fit: Fit, onsets: BoolArray) -> Fit:
     Parameters
     ----------
     onsets : (rows,) array
-        Rows after edges: what is not explained there is a misfit, of which parameters are made, and no outlier.
+        Rows after edges: residuals there are a misfit of the response, and no outliers.
     """
-    z = np.abs(fit.z.reshape(fit.shown.shape)) * np.sqrt(fit.whitener.inflate)  # as if none were held down yet
+    z = np.abs(fit.z.reshape(fit.shown.shape)) * np.sqrt(
+        fit.whitener.inflate
+    )  # as if no outlier had a lower weight yet
     present = fit.whitener.present
     usual = [
         np.median(own[here]) / MEDIAN_SIZE if here.any() else 1.0 for own, here in zip(z.T, present.T, strict=True)
     ]
-    z = z / np.clip(usual, 1e-3, 1.0)  # a noise that was found with the outliers in it is too large
+    z = z / np.clip(usual, 1e-3, 1.0)  # the noise is too large if outliers were in it
     n = len(z)
     far = np.vstack([np.zeros((2, z.shape[1])), z, np.zeros((2, z.shape[1]))])
     one, *two = (np.maximum(far[2 + a : 2 + a + n], far[2 + b : 2 + b + n]) for a, b in ((-1, 1), (-2, 1), (-1, 2)))
     steady = np.abs(np.gradient(fit.shown, axis=0)) < fit.whitener.noise.deviation(fit.whitener.level)
-    beside = np.where(steady, np.minimum(one, np.minimum(*two)), one)  # two in a transient may be one misfit
-    alone = (z > OUTLIER) & ((beside < BESIDE) | (z > 4 * beside))
+    beside = np.where(steady, np.minimum(one, np.minimum(*two)), one)  # two neighbours in a transient may be a misfit
+    alone = (z > OUTLIER) & ((beside < OUTLIER_BESIDE) | (z > 4 * beside))
     alone &= ~onsets[:, None]
     alone &= np.abs(np.nan_to_num(fit.residuals())) > fit.simulator.steps  # a sensor's resolution is no outlier
-    inflate = np.where(alone, (FREEDOM + z * z) / (FREEDOM + 1), 1.0)
+    inflate = np.where(alone, (T_FREEDOM + z * z) / (T_FREEDOM + 1), 1.0)
     return dataclasses.replace(fit, whitener=dataclasses.replace(fit.whitener, inflate=inflate))
 
 
 def with_secants(fit: Fit) -> Fit:
-    """Return the fit with derivatives over one standard error where these are much smaller than at the point.
+    """Return the fit with secants over one standard error in place of derivatives that are much larger.
 
-    Where an FMU switches, what is shown has kinks: a derivative at a point may be large that holds on one side only,
-    and a descent ends there. It goes on from the flatter side, as long as the cost falls.
+    Where an FMU switches, its signals have kinks. A derivative there may be large on one side only, and the descent
+    stops. With the secant of the flatter side it goes on, as long as the cost falls.
     """
     s = fit.simulator
     where = np.array([s.index[n] for n in fit.free], dtype=int)
@@ -354,7 +354,7 @@ def with_secants(fit: Fit) -> Fit:
             moved = x.copy()
             moved[k] = points[side[k] * f + k]
             tried = solved(dataclasses.replace(fit, values=_placed(fit, where, moved)), tolerance=1e-6)
-            if tried.cost < fit.cost - AHEAD:
+            if tried.cost < fit.cost - WENT_ON:
                 fit = tried
                 break
     return fit
@@ -365,7 +365,7 @@ def _misfit(fit: Fit, shown: FloatArray) -> FloatArray:
 
 
 class _Projection:
-    """An orthonormal basis of columns, (n, m); columns that depend on earlier ones are left out."""
+    """Projection on columns, (n, m), by an orthonormal basis; columns that depend on earlier ones are left out."""
 
     def __init__(self, columns: FloatArray) -> None:
         self.columns = columns
@@ -376,7 +376,7 @@ class _Projection:
             self.basis, self.factor = self.basis[:, own], self.factor[np.ix_(own, own)]
 
     def rest(self, others: FloatArray) -> FloatArray:
-        """Return (n, c) or (n,) others less what the columns explain of them."""
+        """Return the remainder of others, (n, c) or (n,), after projection on the columns."""
         return others - self.basis @ (self.basis.T @ others) if self.basis.shape[1] else others
 
     def coefficients(self, r: FloatArray) -> FloatArray:
@@ -390,7 +390,7 @@ class _Projection:
 def _orthonormal(columns: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return q, (n, m), and triangular r, (m, m), of columns = q r; by the Cholesky factor where that loses no digits.
 
-    It costs a quarter of Householder's way where the columns are many (Yamamoto et al. 2015).
+    For many columns it costs a quarter of Householder's method (Yamamoto et al. 2015).
     """
     n, m = columns.shape
     norms = np.linalg.norm(columns, axis=0)
@@ -418,7 +418,7 @@ def _cost(fit: Fit, shown: FloatArray, linear: _Projection) -> float:
 
 
 def _triangle(fit: Fit, linear: _Projection, raw: FloatArray, shown: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return a, (f, f), and g, (f,): |g - a dx| is left of the whitened residuals by a step, the linear part free."""
+    """Return a, (f, f), and g, (f,): |g - a dx| are the whitened residuals after a step, the linear part free."""
     own = _flat(fit.whitener, np.concatenate([raw, _misfit(fit, shown)[:, :, None]], axis=2))
     r = np.asarray(np.linalg.qr(linear.rest(own), mode="r"))
     f = raw.shape[2]
@@ -428,7 +428,7 @@ def _triangle(fit: Fit, linear: _Projection, raw: FloatArray, shown: FloatArray)
 
 
 def _step(a: FloatArray, g: FloatArray, damping: float, x: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
-    """Return the damped step that minimises |g - a dx|; zero for what would leave its bounds from there."""
+    """Return the damped step that minimises |g - a dx|; zero for parameters at a bound that would leave it."""
     free = np.ones(len(x), dtype=bool)
     dx = np.zeros(len(x))
     for _ in range(len(x)):
@@ -448,7 +448,7 @@ def _step(a: FloatArray, g: FloatArray, damping: float, x: FloatArray, low: Floa
 
 def _reach(s: Simulator, where: NDArray[np.int_]) -> FloatArray:
     own = where < len(s.plan.names)
-    return np.where(s.log[where], FAR_LOG, np.where(own, 100.0, FAR) * s.size[where])
+    return np.where(s.log[where], LONGEST_LOG_STEP, np.where(own, 100.0, LONGEST_STEP) * s.size[where])
 
 
 def _differences(
@@ -466,7 +466,7 @@ def _differences(
     f = len(where)
     if not f:
         return np.zeros((*shown.shape, 0))
-    h = np.where(s.log[where], STEP, 10 * STEP * s.size[where])
+    h = np.where(s.log[where], DIFFERENCE_STEP, 10 * DIFFERENCE_STEP * s.size[where])
     ahead = np.where(x + h <= high, x + h, x - h)
     behind = np.where((x - h >= low) & (ahead > x), x - h, x) if central else x
     points = np.repeat(_placed(fit, where, x)[None, :], 2 * f if central else f, axis=0)
@@ -501,7 +501,7 @@ def _at_bound(s: Simulator, values: FloatArray, free: Sequence[str]) -> FloatArr
     where = [s.index[n] for n in free]
     x, low, high = s.scaled(values)[where], s.scaled(s.lower)[where], s.scaled(s.upper)[where]
     width = np.where(high > low, high - low, 1.0)
-    return np.where(x - low <= AT_BOUND * width, -1, np.where(high - x <= AT_BOUND * width, 1, 0))
+    return np.where(x - low <= BOUND_MARGIN * width, -1, np.where(high - x <= BOUND_MARGIN * width, 1, 0))
 
 
 def _linear_columns(linear: Sequence[Linear], shape: tuple[int, ...]) -> FloatArray:

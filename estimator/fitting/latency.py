@@ -1,8 +1,8 @@
 """Levels of a command that reach the motor at delays of their own, found from the current. Knows plans, no fit.
 
-A controller that looks at its command every so often shifts each change by another time. The current leaves its course
-within a sample of the change that reaches it; the changes are moved there, relative to the first, so that one delay is
-left for all. What is less than a sample stays for the effect `latency of each edge`.
+A controller that reads its command periodically delays each change by another time. The current starts to change within
+a sample of the voltage's change at the motor. The changes are moved to these instants, relative to the first, so that
+one delay remains for all. Differences below a sample are estimated by the effect `latency of each edge`.
 """
 
 from __future__ import annotations
@@ -18,11 +18,12 @@ from estimator.recordings.samples import filled
 
 FloatArray = NDArray[np.float64]
 
-EDGE = 0.05  # of the voltage's range
-MOST = 12  # changes; more are a signal, not levels
-LEVEL, SWING = 6.0, 0.1  # deviations of the noise; of the largest jump of the current, a volt: more is an onset
+EDGE = 0.05  # of an input's range: a larger change is an edge
+MOST_EDGES = 12  # in a recording; more are a signal, not levels
+ONSET_NOISE = 6.0  # deviations of the noise: a larger change of the current is an onset
+ONSET_PART = 0.1  # of the largest change of the current per volt: likewise
 MEDIAN_OF = np.pi / 2  # variance of a median over that of a mean
-LEAST = 2  # rows by which a change must come later or earlier than the first
+LEAST_SHIFT = 2  # rows by which a change must come later or earlier than the first
 
 
 def with_latencies(plan: Plan) -> tuple[Plan, tuple[str, ...]]:
@@ -41,26 +42,26 @@ def _moved(o: Observed) -> tuple[Observed, str] | None:
         return None
     v, i = o.inputs["v"], filled(o.outputs["i"])
     edges = np.flatnonzero(np.abs(np.diff(v)) > EDGE * max(float(np.ptp(v)), 1e-300)) + 1
-    edges = edges[edges <= len(v) - 4 * LEAST]  # later ones show nothing
-    if not 2 <= len(edges) <= MOST or np.min(np.diff(edges)) < 4 * LEAST:
+    edges = edges[edges <= len(v) - 4 * LEAST_SHIFT]  # the response to later ones is not recorded
+    if not 2 <= len(edges) <= MOST_EDGES or np.min(np.diff(edges)) < 4 * LEAST_SHIFT:
         return None
     bounds = [*edges, len(v)]
     changes = np.abs(v[edges] - v[edges - 1])
     largest = max(float(np.ptp(i[a:b])) / dv for a, b, dv in zip(bounds[:-1], bounds[1:], changes, strict=True))
     noise = noise_deviation(o.outputs["i"])
-    level = max(LEVEL * noise / float(np.min(changes)), SWING * largest)  # A/V
+    level = max(ONSET_NOISE * noise / float(np.min(changes)), ONSET_PART * largest)  # A/V
     late = []
     for a, b in zip(bounds[:-1], bounds[1:], strict=True):
         before = i[max(0, a - 5) : a]
         away = (i[a:b] - float(np.median(before))) / (v[a] - v[a - 1]) > level
-        away |= np.isnan(o.outputs["i"][a:b])  # as far as the sensor goes, or lost
+        away |= np.isnan(o.outputs["i"][a:b])  # saturated, or missing
         lasting = away[:-1] & away[1:]
         if not lasting.any():
             return None
         rows = max(0, int(np.argmax(lasting)) - 1)
         late.append(0 if _has_left(i[a : a + rows], before, v[a] - v[a - 1], noise) else rows)
     shift = np.array(late) - late[0]
-    if np.max(np.abs(shift)) < LEAST:
+    if np.max(np.abs(shift)) < LEAST_SHIFT:
         return None
     command = np.full(len(v), v[0])
     for a, b, by in zip(bounds[:-1], bounds[1:], shift, strict=True):
@@ -77,7 +78,7 @@ def _has_left(i: FloatArray, before: FloatArray, change: float, noise: float) ->
 
     As that of a motor whose circuit opens: it falls from little to nothing.
     """
-    if len(i) <= LEAST or not len(before):
+    if len(i) <= LEAST_SHIFT or not len(before):
         return False
     away = (float(np.mean(i[1:])) - float(np.median(before))) * np.sign(change)
-    return bool(away > LEVEL * noise * np.sqrt(1 / (len(i) - 1) + MEDIAN_OF / len(before)))
+    return bool(away > ONSET_NOISE * noise * np.sqrt(1 / (len(i) - 1) + MEDIAN_OF / len(before)))

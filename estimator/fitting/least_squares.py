@@ -1,4 +1,4 @@
-"""Weighted least squares from a start: values, covariance, what cannot be told. Knows residuals only, no motor, no FMU.
+"""Weighted least squares from a start: values, covariance, what is not determined. Knows residuals, no motor, no FMU.
 
     minimise  Σ_j Σ_k (y_jk(θ) − m_jk)² / σ_j²        over x = ln θ (or θ, for parameters not on a log scale)
 
@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.conventions import HUBER, MEDIAN_SIZE
 from estimator.plans.parameters import Box
 
 if TYPE_CHECKING:
@@ -25,16 +26,15 @@ if TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 Residuals = Callable[[FloatArray], FloatArray]
 
-HUBER = 1.345  # deviations: 95 % of the efficiency of least squares on normal noise
-STEP = 1e-4  # of a parameter, for differences
+DIFFERENCE_STEP = 1e-4  # of a parameter, or added to its logarithm, for differences
 REWEIGHTINGS = 3
 REWEIGHTED = 0.02  # relative change of the deviations at which reweighting stops
-LEFT, CLOSINGS = 0.02, 3  # of chi-square that an optimum may be above the least; times it is closed in on
-NUMERICAL = 1e-12  # of a signal's deviation: what the arithmetic of a simulation leaves
+CLOSE, CLOSINGS = 0.02, 3  # of chi-square: an optimum no further above the least is accepted; attempts to come closer
+ROUNDING = 1e-12  # of a signal's deviation: rounding of a simulation
 NOISE_FREE = 1e-7  # of a signal's deviation: smaller residuals are numerical, not noise
 FAILED_RESIDUAL = 1e3  # what a failed simulation shows, in deviations
-SEEN = 1e-6  # of the largest singular value: below, differences of simulations are noise
-OUTSIDE = 1e-3  # of a unit vector, in directions that are not seen: less is rounding
+RANK_TOLERANCE = 1e-6  # of the largest singular value: smaller ones are the numerical noise of differences
+OUTSIDE = 1e-3  # of a unit vector, in directions not determined: a smaller part is rounding
 AT_BOUND = 1e-6  # of the scaled width of the bounds
 
 
@@ -53,7 +53,7 @@ class LeastSquaresFit:
     covariance : (p, p) array
         Of the scaled parameters (ln θ where log); rows of parameters at a bound are zero.
     standard_errors : (p,) array
-        In the parameters' units; infinity where the data do not tell, 0 at a bound.
+        In the parameters' units; infinity where not determined, 0 at a bound.
     at_bound : (p,) array
         −1 lower, 1 upper, 0 free.
     jacobian : (m, p) array
@@ -77,7 +77,7 @@ class LeastSquaresFit:
 
 
 class LeastSquares:
-    """The problem to polish.
+    """A least-squares problem.
 
     Parameters
     ----------
@@ -156,12 +156,12 @@ class LeastSquares:
         return self._values(solution.x), float(2 * solution.cost)
 
     def quick(self, start: FloatArray, deviations: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return values and deviations of a rough fit, to compare models that are not the right one."""
+        """Return values and deviations of a rough fit, enough to compare models."""
         values, _ = self.fit(start, deviations, evaluations=10, tolerance=1e6)
         return values, self.deviations(values, free=self.box.dimension)
 
     def deviations(self, values: FloatArray, *, free: int) -> FloatArray:
-        """Return the residuals' deviations of each output at a point; `free` parameters are shared out."""
+        """Return the residuals' deviations of each output at a point; `free` parameters cost degrees of freedom."""
         raw = self._residuals(values[None, :])[0]
         outputs = len(self._spread)
         result = np.empty(outputs)
@@ -169,14 +169,14 @@ class LeastSquares:
             own = raw[self._output == j]
             own = own[np.isfinite(own)]
             if self._robust and own.any():
-                result[j] = float(np.median(np.abs(own[own != 0]))) / 0.6745
+                result[j] = float(np.median(np.abs(own[own != 0]))) / MEDIAN_SIZE
                 continue
             freedom = max(1.0, len(own) - free / outputs)
             result[j] = np.sqrt(own @ own / freedom) if len(own) else self._spread[j]
-        return np.maximum(result, NUMERICAL * self._spread)
+        return np.maximum(result, ROUNDING * self._spread)
 
     def polish(self, start: FloatArray, deviations: FloatArray) -> LeastSquaresFit:
-        """Fit, find the deviations from the residuals, and repeat until they agree."""
+        """Fit, estimate the deviations from the residuals, and repeat until they agree."""
         values, cost = self.fit(start, deviations)
         for _ in range(REWEIGHTINGS):
             found = self.deviations(values, free=self.box.dimension)
@@ -196,10 +196,10 @@ class LeastSquares:
         return self._closed_in(self.judge(values, deviations))
 
     def _closed_in(self, found: LeastSquaresFit) -> LeastSquaresFit:
-        """Go on with central differences where the exact Jacobian says that the least is not reached.
+        """Continue with central differences if their Jacobian shows that the minimum is not reached.
 
-        One-sided differences bend the gradient along a valley that is far steeper across: encoder counts tell some
-        combination of the parameters a thousand times better than another.
+        One-sided differences distort the gradient along a narrow valley. Encoder counts make such valleys: they
+        determine some combination of the parameters a thousand times better than another.
         """
         for _ in range(0 if self._robust else CLOSINGS):
             inside = found.jacobian[:, found.at_bound == 0]
@@ -207,7 +207,7 @@ class LeastSquares:
             if not noisy or not inside.shape[1] or not np.isfinite(inside).all():
                 break
             along = np.linalg.qr(inside)[0].T @ found.residuals
-            if float(along @ along) < LEFT:
+            if float(along @ along) < CLOSE:
                 break
             values, cost = self.fit(found.values, found.deviations, evaluations=15, central=True)
             if not cost < found.cost:
@@ -263,7 +263,7 @@ class LeastSquares:
 
     def _differences(self, x: FloatArray, weights: FloatArray, at: FloatArray, *, central: bool = False) -> FloatArray:
         p = len(x)
-        steps = STEP * np.where(self.box.log, 1.0, np.maximum(np.abs(x), 1e-3 * (self.high - self.low)))
+        steps = DIFFERENCE_STEP * np.where(self.box.log, 1.0, np.maximum(np.abs(x), 1e-3 * (self.high - self.low)))
         forward = np.where(x + steps <= self.high, 1.0, -1.0) * steps
         points = [x + forward[j] * _unit(j, p) for j in range(p)]
         if central:
@@ -308,18 +308,18 @@ def _unit(j: int, p: int) -> FloatArray:
 
 
 def information_parts(jacobian: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return (JᵀJ)⁻¹ in two parts, (p, p) each: of the directions that the data see, and of those that they do not.
+    """Return (JᵀJ)⁻¹ in two parts, (p, p) each: of the directions that the data determine, and of the others.
 
-    A direction is seen if its singular value, of the column-scaled Jacobian, is above SEEN of the largest: below, the
-    differences that the Jacobian is made of are noise. The second part is zero for parameters that lie in what is seen,
-    and infinite where a column is zero.
+    A direction is determined if its singular value, of the column-scaled Jacobian, is above RANK_TOLERANCE of the
+    largest: below, the differences that the Jacobian is made of are noise. The second part is zero for parameters that
+    lie in what is seen, and infinite where a column is zero.
     """
     scale, singular, rows = scaled_svd(jacobian)
     if not len(scale):
         return np.zeros((0, 0)), np.zeros((0, 0))
     floor = max(jacobian.shape) * np.finfo(float).eps * singular[0]
     inverse = 1 / np.maximum(singular, max(floor, 1e-150)) ** 2
-    seen = singular > SEEN * singular[0]
+    seen = singular > RANK_TOLERANCE * singular[0]
 
     def part(which: NDArray[np.bool_]) -> FloatArray:
         return np.asarray((rows[which].T * inverse[which]) @ rows[which] / np.outer(scale, scale))

@@ -1,4 +1,4 @@
-"""What a DC motor does more for a voltage or a torque more, to first order. Knows R, K, L, J, B; no FMU, no noise."""
+"""First-order response of a DC motor to additional voltage or torque. Knows R, K, L, J, B; no FMU, no noise."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def machine_of(fit: Fit) -> tuple[tuple[FloatArray, FloatArray] | None, tuple[in
 
 
 def response(fit: Fit, *, voltage: FloatArray | None = None, torque: FloatArray | None = None) -> FloatArray:
-    """Return what the sensors would show more, (rows, q), for inputs that are held over each row.
+    """Return the change of the sensors' signals, (rows, q), by inputs that are held over each row.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ def response(fit: Fit, *, voltage: FloatArray | None = None, torque: FloatArray 
 
 
 def pulse_response(fit: Fit, clock: Clock, begin: float, end: float) -> FloatArray:
-    """Return what the sensors would show more, (n, q), for 1 V from `begin` to `end`, s of a recording's own time.
+    """Return the change of the sensors' signals, (n, q), by 1 V from `begin` to `end`, s of a recording's own time.
 
     Exact for any instants, also between the rows; the sign is turned where `end` comes first.
     """
@@ -90,7 +90,7 @@ def pulse_response(fit: Fit, clock: Clock, begin: float, end: float) -> FloatArr
 
 
 def free_motion(fit: Fit, clock: Clock) -> FloatArray:
-    """Return what the sensors would show more, (n, q, 2), for 1 rad/s and for 1 A in a recording's first row."""
+    """Return the change of the sensors' signals, (n, q, 2), by 1 rad/s and by 1 A in a recording's first row."""
     f, _, denominator = _discrete(fit, clock)
     impulse = np.zeros(clock.rows.stop - clock.rows.start)
     impulse[0] = 1.0
@@ -104,7 +104,7 @@ def free_motion(fit: Fit, clock: Clock) -> FloatArray:
 
 
 def as_late(fit: Fit, signal: FloatArray) -> FloatArray:
-    """Return an input's signal, (rows,), as late as the inputs of its recording act, shared out between two rows."""
+    """Return an input's signal, (rows,), delayed as the inputs of its recording are, interpolated between two rows."""
     s = fit.simulator
     result = np.zeros(s.rows)
     for e, clock in enumerate(s.clocks):

@@ -1,17 +1,17 @@
 """The noise of a fit's residuals: its size, its colour, its covariance between channels. Knows arrays, no FMU.
 
-Residuals of channel j at row k are r = g z: g grows with the signal where the data say so (commutation, contact
-noise), and
+Residuals of channel j at row k are r = g z: g grows with the signal if the data show it (noise of
+commutation and contacts), and
 
     z = white + slow(tau) + differenced + H torque
 
 is a sum of a white part, an exponentially correlated one (Ornstein-Uhlenbeck), the difference of white errors (an
 encoder's counts, differenced) and the response of the machine to a torque that wanders, which colours current and speed
 together. Such sums are linear state spaces, so that whitening and likelihood are exact at O(rows), with gaps and any
-clock (kalman.py). What is left of short colour, such as a sensor's filter, is taken out by a short autoregression. The
-few numbers are those of the largest restricted likelihood (Patterson and Thompson 1971) over the settled rows: what the
-parameters took from the residuals does not count as certainty, and a transient that is explained wrongly does not pass
-for noise.
+clock (kalman.py). Remaining correlation over few samples, such as a sensor's filter makes, is removed by a short
+autoregression. The parameters of the model have the largest restricted likelihood (Patterson and Thompson 1971) over
+the settled rows. Restricted: it allows for the degrees of freedom of the fitted parameters. Settled rows: a misfit of a
+transient is not taken for noise.
 """
 
 from __future__ import annotations
@@ -24,33 +24,33 @@ from functools import cached_property, lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.conventions import MEDIAN_SIZE, SECOND_DIFFERENCE
+from estimator.conventions import MEDIAN_SIZE, SECOND_DIFFERENCE, T_FREEDOM, T_MEDIAN
 from estimator.fitting.kalman import shorten, whiten
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
-ROWS = 4000  # of settled rows that tell the noise, at most
-ENOUGH = 100  # settled samples of a channel; with fewer all rows speak
-BLOCKS = (2, 8, 32, 128, 512)  # samples whose means tell slow colour
-COLOURED = 5.0  # standard deviations of a block's mean square: by white noise less than once in 1e5
-PAYS = 10.0  # of -2 log L, by which a component must improve it: two numbers, and a guard
-ORDERS = (1, 2, 3, 4, 6, 8, 12, 16, 24)  # of the short autoregression
-FEW = 25  # samples that are loud, and as many at half of that
-FREEDOM, T_MEDIAN = 4.0, 0.741  # of Student's t, by which sizes are judged; the median of its absolute value
-STRETCH, MOST_LEVELS = 20, 12  # rows of a stretch that has a level of its own; levels, at most
-SHORTEST = 0.02  # s, of a torque that wanders: faster ones are transients that are explained wrongly
-LONGEST = 0.25  # of the longest stretch: a slow part that lasts longer is none
-STEEP, ALIKE = 12, 3.0  # samples that tell a jitter; standard deviations of the likeness of neighbours among them
-FAR = 25.0  # square of a residual that tells no more
-SIZES = np.geomspace(0.35, 1.2, 16)  # factors on a noise that was found with a jitter in it
+ROWS = 4000  # settled rows that the noise is estimated from, at most
+SETTLED_SAMPLES = 100  # settled samples of a channel; with fewer all rows are used
+BLOCK_LENGTHS = (2, 8, 32, 128, 512)  # samples whose means show slow correlation
+COLOURED = 5.0  # standard deviations of a block's mean square: of white noise less than once in 1e5
+LEAST_FALL = 10.0  # of -2 log L, by which a component must lower it: two numbers, and a margin
+AR_ORDERS = (1, 2, 3, 4, 6, 8, 12, 16, 24)  # of the short autoregression
+LOUD_SAMPLES = 25  # samples of a large signal, and as many below half of it: fewer do not show a growth
+STRETCH, MOST_STRETCHES = 20, 12  # rows of a stretch that has a level of its own; stretches, at most
+SHORTEST_TORQUE = 0.02  # s, correlation time of a wandering torque: shorter ones are misfits of transients
+LONGEST_SLOW = 0.25  # of the longest recording: a longer correlation time is a drift, no noise
+STEEP = 12  # samples, where the signals are steep, that tell a jitter
+NEIGHBOURS_ALIKE = 3.0  # standard deviations of their correlation: more is a misfit, no jitter
+CAPPED = 25.0  # square of a residual: a larger one counts as this
+NOISE_FACTORS = np.geomspace(0.35, 1.2, 16)  # tried factors on a noise that was estimated with a jitter in it
 RESTS, STARTS, RUNS = range(3)
-LEAST = 1e-9  # of the residuals' variance: the least white part
+LEAST_WHITE = 1e-9  # of the residuals' variance: the least white part
 
 
 @dataclass(frozen=True)
 class Clock:
-    """When the rows of one recording were taken: s; and where it lies among the rows of all."""
+    """The times, s, of one recording's rows, and its place among the rows of all."""
 
     time: FloatArray
     rows: slice
@@ -90,7 +90,7 @@ class NoiseModel:
         Which state of the machine a channel shows: 0 current, 1 speed, -1 none.
     jitter : float
         Deviation of the instants at which the samples were taken, s: noise in proportion to the slope.
-    short : of the machine at rest and running, of each channel: coefficients of the autoregression of what is left,
+    short : of the machine at rest and running, of each channel: coefficients of the short autoregression,
         and its innovation's deviation
     """
 
@@ -132,7 +132,7 @@ class NoiseModel:
         running : (q,) array
             g while the machine runs.
         phase : RESTS, STARTS or RUNS
-            A machine at rest feels no torque that wanders.
+            A machine at rest has no wandering torque.
         """
         q = len(self.white)
         blocks: list[tuple[FloatArray, FloatArray, FloatArray, FloatArray]] = []
@@ -162,7 +162,7 @@ class NoiseModel:
     def _machine_block(
         self, dt: float, running: FloatArray, phase: int
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Return the machine and the torque that is held over a step."""
+        """Return transition and process covariance of the machine with the wandering torque held over a step."""
         assert self.machine is not None
         a, b = self.machine
         f = np.exp(-dt / self.torque[1])
@@ -236,7 +236,7 @@ class Whitener:
         g = noise.scale(self.level)
         running = np.array([np.median(x[p]) if p.any() else 1.0 for x, p in zip(g.T, self.present.T, strict=True)])
         power = noise.white**2 + noise.differenced**2 + noise.slow[:, 0] ** 2
-        floor = np.maximum(LEAST * power, 1e-300)
+        floor = np.maximum(LEAST_WHITE * power, 1e-300)
         moved = (noise.jitter * self.slope / g) ** 2
         variance = np.where(self.present, np.maximum(noise.white**2, floor) * self.inflate + moved, np.inf)
         found = []
@@ -285,24 +285,24 @@ def fit_noise(
     Parameters
     ----------
     whitener : Whitener
-        Of a noise model to begin with; its machine is taken.
+        Of an initial noise model; its machine is used.
     residuals : (rows, q) array
     columns : (rows, q, c) array
         Their derivatives by what is free.
     settled : (rows,) array
-        Rows that tell the noise.
+        Rows that the noise is estimated from.
     sharp : (rows,) array
-        First parts of transients, where an explanation is most easily wrong.
+        First parts of transients, where a misfit is most likely.
     resolution : (q,) array, optional
-        Step of a sensor that is so coarse that its errors are no noise; 0: it is fine. They are up to half of it.
+        Step of a sensor that is too coarse for its errors to be noise: they are up to half of it. 0: it is fine.
     colour : bool
-        Ask for slow parts, for a torque that wanders, and for short colour.
+        Look for slow parts, for a wandering torque, and for correlation over few samples.
     again : bool
-        Keep the parts that the whitener's noise has, and find their numbers again.
+        Keep the components of the whitener's noise, and estimate their parameters again.
     """
     present = whitener.present & settled[:, None]
     for j in range(present.shape[1]):
-        if present[:, j].sum() < min(ENOUGH, whitener.present[:, j].sum()):
+        if present[:, j].sum() < min(SETTLED_SAMPLES, whitener.present[:, j].sum()):
             present[:, j] = whitener.present[:, j]
     told = np.flatnonzero(present.any(axis=1))
     if len(told) > ROWS:  # of every recording its part
@@ -339,8 +339,8 @@ def fit_noise(
 def find_jitter(z: FloatArray, slope: FloatArray, step: float) -> tuple[float, FloatArray, float]:
     """Return the deviation of the samples' instants, s, factors on the rest of the noise, and the fall of -2 log L.
 
-    Where the signals are steep the residuals are larger, each by itself: neighbours that are alike are a misfit. 0 s
-    where the instants are known.
+    A jitter makes residuals larger where the signals are steep, and leaves them independent: correlated neighbours are
+    a misfit. 0 s where the instants are known.
 
     Parameters
     ----------
@@ -353,20 +353,20 @@ def find_jitter(z: FloatArray, slope: FloatArray, step: float) -> tuple[float, F
     """
 
     def misfits(jitter: float) -> FloatArray:
-        variance = SIZES[:, None, None] ** 2 + (jitter * slope) ** 2
-        cost: FloatArray = np.sum(np.log(variance) + np.minimum(z * z / variance, FAR), axis=1)
+        variance = NOISE_FACTORS[:, None, None] ** 2 + (jitter * slope) ** 2
+        cost: FloatArray = np.sum(np.log(variance) + np.minimum(z * z / variance, CAPPED), axis=1)
         return cost  # (sizes, q)
 
     tried = step * np.geomspace(3e-3, 0.5, 24)
     costs = [misfits(t) for t in tried]
     k = int(np.argmin([c.min(axis=0).sum() for c in costs]))
-    best, sizes = float(tried[k]), SIZES[costs[k].argmin(axis=0)]
+    best, sizes = float(tried[k]), NOISE_FACTORS[costs[k].argmin(axis=0)]
     gain = float(misfits(0.0).min(axis=0).sum() - costs[k].min(axis=0).sum())
     steep = best * slope > sizes
     both = steep[1:] & steep[:-1]
     scaled = np.clip(z / np.sqrt(sizes**2 + (best * slope) ** 2), -3, 3)
     alike = float(np.sum((scaled[1:] * scaled[:-1])[both])) / float(np.sqrt(max(1, int(np.sum(both)))))
-    if np.count_nonzero(steep) < STEEP or gain < 2 * PAYS or abs(alike) > ALIKE:
+    if np.count_nonzero(steep) < STEEP or gain < 2 * LEAST_FALL or abs(alike) > NEIGHBOURS_ALIKE:
         return 0.0, np.ones(z.shape[1]), 0.0
     return best, np.where(steep.any(axis=0), sizes, 1.0), gain
 
@@ -381,10 +381,10 @@ def noise_of_neighbours(whitener: Whitener, residuals: FloatArray, sharp: BoolAr
 def _growth(residuals: FloatArray, whitener: Whitener, j: int, sharp: BoolArray) -> tuple[float, float, float]:
     """Return how a channel's noise grows with its signal, c and p of `NoiseModel.growth`, from second differences.
 
-    The third number is the deviation at rest of white noise of such differences; 0: too few tell.
+    The third number is the deviation at rest of white noise of such differences; 0: too few samples.
 
-    They see the noise and hardly anything that is explained wrongly, so that transients may speak, but for their first
-    part. The size of a difference is that of Student's t, whose tails leave outliers out.
+    Second differences contain the noise and hardly any misfit, so that transients can be used, but for their first
+    part. Their size is estimated by Student's t, on which outliers have little influence.
 
     Parameters
     ----------
@@ -402,7 +402,7 @@ def _growth(residuals: FloatArray, whitener: Whitener, j: int, sharp: BoolArray)
     d, level = np.concatenate([*sizes, np.zeros(0)]), np.concatenate([*levels, np.zeros(0)])
     if len(d) > 4 * ROWS:
         d, level = d[:: len(d) // (2 * ROWS)], level[:: len(d) // (2 * ROWS)]
-    if len(level) < 2 * FEW or not np.any(d):
+    if len(level) < 2 * LOUD_SAMPLES or not np.any(d):
         return 0.0, 2.0, 0.0
     floor = 1e-3 * float(np.median(np.abs(d[d != 0])))
 
@@ -410,17 +410,20 @@ def _growth(residuals: FloatArray, whitener: Whitener, j: int, sharp: BoolArray)
         g = (1 + (c * level) ** p) ** (1 / p)
         return max(float(np.median(np.abs(d) / g)) / T_MEDIAN, floor)
 
-    loud = float(np.sort(level)[-FEW])
-    if np.count_nonzero(level < loud / 2) < FEW:
+    loud = float(np.sort(level)[-LOUD_SAMPLES])
+    if np.count_nonzero(level < loud / 2) < LOUD_SAMPLES:
         return 0.0, 2.0, size(0.0, 2.0) * T_MEDIAN / MEDIAN_SIZE / SECOND_DIFFERENCE
 
     def misfit(c: float, p: float) -> float:
         g, scale = (1 + (c * level) ** p) ** (1 / p), size(c, p)
         squares = (d / (g * scale)) ** 2
-        return float(2 * np.sum(np.log(g * scale)) + (FREEDOM + 1) * np.sum(np.log1p(squares / FREEDOM)))
+        return float(2 * np.sum(np.log(g * scale)) + (T_FREEDOM + 1) * np.sum(np.log1p(squares / T_FREEDOM)))
 
     found = []
-    for p, charge in ((2.0, 2 * PAYS), (8.0, 4 * PAYS)):  # twice: the squares of neighbours correlate by 0.44
+    for p, charge in (
+        (2.0, 2 * LEAST_FALL),
+        (8.0, 4 * LEAST_FALL),
+    ):  # twice: the squares of neighbours correlate by 0.44
         c = min(np.geomspace(0.3, 300.0, 16) / loud, key=lambda c: misfit(c, p))  # noqa: B023
         c = min(c * np.geomspace(0.7, 1.43, 9), key=lambda c: misfit(c, p))  # noqa: B023
         found.append((misfit(c, p) + charge, float(c), p))
@@ -430,7 +433,7 @@ def _growth(residuals: FloatArray, whitener: Whitener, j: int, sharp: BoolArray)
 
 
 def _levels(whitener: Whitener) -> FloatArray:
-    """Return a constant for each channel and stretch, (rows, q, c): a level that is explained wrongly is no noise."""
+    """Return a constant for each channel and stretch, (rows, q, c): a misfit of a level is not taken for noise."""
     told = np.asarray(whitener.present.any(axis=1))
     breaks = set((np.flatnonzero(told[1:] != told[:-1]) + 1).tolist())
     starts = sorted({0, *breaks, *(c.rows.start for c in whitener.clocks)})
@@ -438,7 +441,7 @@ def _levels(whitener: Whitener) -> FloatArray:
     columns: list[FloatArray] = []
     for first, last in zip(starts, [*starts[1:], len(told)], strict=True):
         for j in range(q):
-            if told[first] and last - first >= STRETCH and len(columns) < MOST_LEVELS:
+            if told[first] and last - first >= STRETCH and len(columns) < MOST_STRETCHES:
                 column = np.zeros((len(told), q))
                 column[first:last, j] = 1.0
                 columns.append(column)
@@ -446,7 +449,7 @@ def _levels(whitener: Whitener) -> FloatArray:
 
 
 class _Search:
-    """The restricted likelihood of noise models, and the components that pay."""
+    """The restricted likelihood of noise models, and the components that lower it enough."""
 
     def __init__(self, whitener: Whitener, stacked: FloatArray, *, colour: bool, growth: FloatArray) -> None:
         self.whitener, self.stacked = whitener, stacked
@@ -473,7 +476,7 @@ class _Search:
         return value if np.isfinite(value) else np.inf
 
     def again(self) -> NoiseModel:
-        """Find the numbers of the parts that are there again."""
+        """Estimate the parameters of the present components again."""
         noise = dataclasses.replace(self.first, growth=self.growth)
         active = [("differenced" if noise.differenced[j] > 0 else "white", j) for j in range(self.q)]
         active += [("slow", j) for j in range(self.q) if noise.slow[j, 0] > 0]
@@ -481,7 +484,7 @@ class _Search:
         return self._with_short(self._optimised(noise, active, iterations=6)[0])
 
     def best(self) -> NoiseModel:
-        """Add components as long as they pay, then the short autoregression."""
+        """Add components as long as -2 log L falls enough, then the short autoregression."""
         known = [self.stacked[:, j, 0][self.whitener.present[:, j]] for j in range(self.q)]
         spread = np.array([max(float(np.sqrt(np.mean(x * x))), 1e-300) if len(x) else 1.0 for x in known])
         differenced = self.first.differenced > 0
@@ -505,7 +508,7 @@ class _Search:
                 break
             more = [*active, best[2]]
             found, reached = self._optimised(best[0], more)
-            if reached > value - PAYS:
+            if reached > value - LEAST_FALL:
                 break
             noise, value, active = found, reached, more
         return self._with_short(noise)
@@ -541,10 +544,10 @@ class _Search:
 
         x0 = np.array([x for c in active for x in _get(noise, c)])
         low, high = x0 - 7.0, x0 + 7.0
-        longest = np.log(LONGEST * max(float(c.time[-1] - c.time[0]) for c in self.whitener.clocks))
+        longest = np.log(LONGEST_SLOW * max(float(c.time[-1] - c.time[0]) for c in self.whitener.clocks))
         taus = np.concatenate([[False, True] if kind in ("slow", "torque") else [False] for kind, _ in active])
         wanders = taus & np.concatenate([[k == "torque"] * (2 if k in ("slow", "torque") else 1) for k, _ in active])
-        low[wanders] = np.maximum(low[wanders], np.log(SHORTEST))
+        low[wanders] = np.maximum(low[wanders], np.log(SHORTEST_TORQUE))
         high[taus] = np.maximum(np.minimum(high[taus], longest), low[taus] + 0.1)
         high = np.maximum(high, low + 0.1)
         x0 = np.clip(x0, low, high)
@@ -562,7 +565,7 @@ class _Search:
         return _set(noise, active, found.x), float(found.fun)
 
     def _with_short(self, noise: NoiseModel) -> NoiseModel:
-        """Return the noise with what is left of short colour."""
+        """Return the noise with the remaining correlation over few samples."""
         if not self.colour:
             return noise
         whitened, _ = self.whitener.of(noise)(self.stacked)
@@ -573,7 +576,7 @@ class _Search:
         running = self._short(left, moving)
         counts = self.whitener.present[~moving].sum(axis=0)
         resting = self._short(left, ~moving)
-        at_rest = tuple(a if n >= ENOUGH else b for n, a, b in zip(counts, resting, running, strict=True))
+        at_rest = tuple(a if n >= SETTLED_SAMPLES else b for n, a, b in zip(counts, resting, running, strict=True))
         return dataclasses.replace(noise, short=(at_rest, running))
 
     def _short(self, left: FloatArray, where: BoolArray) -> tuple[tuple[FloatArray, float], ...]:
@@ -585,7 +588,7 @@ class _Search:
             n = int(present.sum())
             coefficients, deviation = autoregression(series, n)
             if not len(coefficients) and abs(deviation**2 - 1) < COLOURED * np.sqrt(2 / max(n, 1)):
-                deviation = 1.0  # its size is that of the largest likelihood, which counts what the columns took
+                deviation = 1.0  # the size of the largest likelihood allows for the fitted columns
             result.append((coefficients, deviation))
         return tuple(result)
 
@@ -593,9 +596,9 @@ class _Search:
 def autoregression(series: Sequence[FloatArray], count: int) -> tuple[FloatArray, float]:
     """Return coefficients and innovation deviation of `count` samples, zeros between, by Burg's method (1975) and BIC.
 
-    It tells a spectrum of many decades, as of noise behind a filter, where Yule and Walker's equations leak.
+    It resolves a spectrum over many decades, as of filtered noise, where the Yule-Walker equations are biased.
     """
-    most = max(ORDERS)
+    most = max(AR_ORDERS)
     power = sum(float(x @ x) for x in series) / max(count, 1)
     if count < 10 * most or power <= 0:
         return np.zeros(0), float(np.sqrt(power)) if power > 0 else 1.0
@@ -612,7 +615,7 @@ def autoregression(series: Sequence[FloatArray], count: int) -> tuple[FloatArray
         a = np.concatenate([a - reflection * a[::-1], [reflection]])
         error *= 1 - reflection**2
         score = count * np.log(error / power) + order * np.log(count)
-        if order in ORDERS and score < best[0] - PAYS:
+        if order in AR_ORDERS and score < best[0] - LEAST_FALL:
             best = (float(score), a.copy(), error)
     return best[1], float(np.sqrt(best[2]))
 
@@ -621,7 +624,7 @@ def _colour_scale(z: FloatArray, present: BoolArray, clocks: Sequence[Clock]) ->
     """Return the block, in samples, whose means are most too large, and their share of the variance; None if none."""
     best, found = COLOURED, None
     power = float(np.mean(z[present] ** 2)) if present.any() else 0.0
-    for block in BLOCKS:
+    for block in BLOCK_LENGTHS:
         means = []
         for clock in clocks:
             x, p = z[clock.rows], present[clock.rows]

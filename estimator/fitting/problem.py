@@ -24,7 +24,7 @@ from estimator.stepping.layout import types_of
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-SIGMA_FLOOR = 1e-3  # of a signal's deviation: the least that the search takes for its noise
+SIGMA_FLOOR = 1e-3  # of a signal's deviation: the least noise that the search assumes
 
 
 class Problem:
@@ -109,7 +109,7 @@ class Problem:
         Parameters
         ----------
         late : (recordings,) array, optional
-            By how much the inputs come later, s: what is shown between two rows.
+            By how much the inputs come later, s: for signals between two rows.
         """
         self._take_over()
         values = self._values(candidates)
@@ -150,7 +150,7 @@ class Problem:
         ]
 
     def _without_phase(self) -> list[int]:
-        """Return the outputs whose phase is not known while nobody has freed it, or declared it."""
+        """Return the outputs whose phase is not known, neither free nor declared."""
         plan = self.plan
         if "angle" not in self.outputs or "offset angle" in plan.declared:
             return []

@@ -1,14 +1,16 @@
-"""Which effects a recording has: all tested at once, the best refitted with their rivals, by one rule. Knows no effect.
+"""Selection of effects: all are score-tested at once, the best refitted with their rivals. Knows no effect.
 
 The criterion is z'z of whitened residuals (-2 log L at a given noise) plus k log n + 2 log (1 / prior) for an addition
-of k numbers, n the samples: Schwarz's criterion with the odds of the effect. By a chance of 1e-4 or less an effect that
-is not there passes it (k = 1, n = 2 000, prior 0.2: chi-square above 10.8; benchmarks/combined.py measures the rate).
+of k numbers, n the samples: Schwarz's criterion with the prior of the effect. An effect that is not there is accepted
+with a chance of 1e-4 or less (k = 1, n = 2 000, prior 0.2: chi-square above 10.8; benchmarks/combined.py measures the
+rate).
 
-    fit what is free, find the noise in what is settled
-    repeat: test every addition to first order; refit the best few; take the best if the criterion falls
-    drop what became idle
+    fit what is free, estimate the noise from settled rows
+    repeat: score-test every addition; refit the best few; accept the best if the criterion falls
+    drop additions that are no longer needed
 
-The noise is estimated again after every addition, from settled rows: it must not explain what an effect does.
+The noise is estimated again after every addition, from settled rows, so that it does not contain what an effect
+explains.
 """
 
 from __future__ import annotations
@@ -29,34 +31,39 @@ from estimator.fitting.windows import find_windows
 
 FloatArray = NDArray[np.float64]
 
-MOST = 12  # additions
+MOST_ADDITIONS = 12  # additions
 ROUNDS = 10
 REFITTED = 3  # additions refitted in a round
-PROMISING = 0.6  # of the best addition's promise: less is not refitted
-NEARBY = {"R": 5.0, "K": 4.0, "J": 6.0, "L": 50.0}  # factors: while effects are missing, a fit may go anywhere
-QUIET = 0.1  # of the deviation at first sight: noise is not taken to be less
-UNSEEN, FINER = 0.1, 2  # of z'z: a change that hardly an estimate shows; doublings of the rows between, at most
-WHOLE = 3  # numbers of samples that are refitted
+PREDICTED_PART = 0.6  # of the best predicted fall of the criterion: with less an addition is not refitted
+NEARBY = {
+    "R": 5.0,
+    "K": 4.0,
+    "J": 6.0,
+    "L": 50.0,
+}  # factors about the first estimates: bounds of the fit while effects are missing
+QUIET = 0.1  # of the first estimate of the deviation: the noise is taken to be no less
+NO_CHANGE, DOUBLINGS = 0.1, 2  # of z'z: a smaller change is negligible; doublings of the rows between samples, at most
+TRIED_WHOLE = 3  # values of an integer nuisance parameter that are refitted
 ROUGH = 8  # iterations of a fit that is only compared
-NEAR = 10.0  # of the criterion: explanations no worse than this are rivals
-IDLE = 6.0  # times the penalty: an addition whose square over its variance is below may be idle
+RIVALS_WITHIN = 10.0  # of the criterion: explanations that are no further above the best are rivals
+IDLE = 6.0  # times the penalty: an addition is refitted without if its Wald statistic is below
 
 
 @dataclass(frozen=True)
 class Addition:
-    """What may be added to an explanation.
+    """A candidate addition to an explanation: nuisance parameters or columns.
 
     Attributes
     ----------
     gain : float
         The fall of z'z to first order.
-    starts : values of nuisances to begin a refit with
-    free : nuisances that it frees
+    starts : values of nuisance parameters at which a refit starts
+    free : nuisance parameters that it frees
     linear : Linear or None
     across, whitened : (rows q, k) arrays
-        Whitened columns beside the fit's, and whole, for a unit of each.
+        Whitened columns, without and with their part that the fit explains, for a unit of each.
     tried : int
-        Of how many values it is the best.
+        Of how many tried values it is the best.
     """
 
     effect: Effect
@@ -71,7 +78,7 @@ class Addition:
     tried: int = 1
 
     def penalty(self, samples: int) -> float:
-        """Return by how much the criterion charges it."""
+        """Return its penalty in the criterion."""
         return self.numbers * float(np.log(max(samples, 2))) + 2 * float(np.log(1 / self.effect.prior))
 
 
@@ -97,11 +104,11 @@ class Selection:
         Of the case's FMU.
     rivals : callable
         A bundled FMU's name -> its simulator, or None where it cannot stand in for the case's.
-    always : names of nuisances that are free from the start
+    always : names of nuisance parameters that are free from the start
     deviations : (q,) array
-        Of the noise, at first sight.
+        Of the noise, a first estimate.
     differenced : (q,) array
-        Deviation of the counts whose differences a channel shows; 0: it does not.
+        Deviation of the counts that a channel differences; 0: it shows no counts.
     effects : those that may be found
     enter : callable
         Told the name of the phase that begins.
@@ -116,7 +123,7 @@ class Selection:
     enter: Callable[[str], None] = lambda phase: None
 
     def _held_near(self, starts: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray]:
-        """Keep a motor's parameters near what the data show at first sight; return the bounds that they had."""
+        """Bound a motor's parameters near their first estimates; return the bounds that they had."""
         s = self.base
         before = s.lower.copy(), s.upper.copy()
         for k, name in enumerate(s.plan.names):
@@ -137,14 +144,14 @@ class Selection:
         bounds = self._held_near(starts)
         best = self._first(starts)
         lines = [e for e in self.effects if e.is_line]
-        best = self._grown(best, lines, rounds=ROUNDS, renew=False)  # before any noise, which would hold them
+        best = self._grown(best, lines, rounds=ROUNDS, renew=False)  # before the noise, which would contain them
         if find_windows(best.fit).enough:
             best = self.with_noise(best, colour=False)
             best = self._grown(best, [e for e in self.effects if e.sharp], rounds=ROUNDS, colour=False)
-        else:  # noise would be made of what effects do: that of the samples beside each other is taken first
+        else:  # a noise from residuals would contain missing effects: neighbours tell it first
             best = self._grown(self._with_noise_of_neighbours(best), self.effects, rounds=ROUNDS, renew=False)
         best = self.with_noise(best)
-        for _ in range(2):  # what is found changes the noise, and the noise what is found
+        for _ in range(2):  # effects and noise depend on each other
             before = best.names()
             best = self._without_idle(self._grown(best, self.effects, rounds=ROUNDS))
             if best.names() == before:
@@ -164,7 +171,7 @@ class Selection:
         return dataclasses.replace(best, fit=final if final.simulator is self.base else with_secants(final))
 
     def _first(self, starts: Sequence[FloatArray]) -> Explanation:
-        """Return the best fit to begin with: from every start, with and without what is seen at first sight."""
+        """Return the best first fit: from every start, with and without effects that are seen before a fit."""
         s = self.base
         plain = NoiseModel.plain(self.deviations, tuple(-1 for _ in s.outputs))
         seen = [(e, e.at_first_sight(s.plan)) for e in self.effects]
@@ -191,7 +198,7 @@ class Selection:
         return min(tried, key=lambda e: e.fit.cost + sum(a.penalty(self.samples) for a in e.additions))
 
     def _seen(self, effect: Effect, name: str, simulator: Simulator) -> Addition:
-        """Return an addition that is seen at first sight."""
+        """Return an addition that the recordings show before any fit."""
         nuisance = next(n for n in simulator.nuisances if n.name == name)
         free = () if nuisance.whole else (name,)
         return Addition(effect, name, 1, np.inf, free=free)
@@ -202,7 +209,7 @@ class Selection:
         return int(np.sum(~np.isnan(self.base.measured)))
 
     def with_noise(self, explanation: Explanation, *, colour: bool = True, again: bool = False) -> Explanation:
-        """Return the explanation with its noise found, or its numbers found again, and fitted by it."""
+        """Return the explanation with its noise estimated, or estimated again, and fitted with it."""
         fit = with_level(_renewed(explanation))
         machine, seat = machine_of(fit)
         noise = dataclasses.replace(fit.whitener.noise, machine=machine, seat=seat)
@@ -210,7 +217,9 @@ class Selection:
             noise = dataclasses.replace(noise, differenced=self.differenced)
         whitener = fit.whitener.of(noise)
         misfit = np.where(whitener.present, fit.residuals(), 0.0)
-        wide = [k for k, name in enumerate(fit.names) if not name.startswith("ripple ")]  # lines take no noise
+        wide = [
+            k for k, name in enumerate(fit.names) if not name.startswith("ripple ")
+        ]  # spectral lines take nothing of the noise
         windows = find_windows(fit)
         columns = fit.raw[:, :, wide]
         s = fit.simulator
@@ -229,7 +238,7 @@ class Selection:
         for noise in (grows, dataclasses.replace(grows, growth=np.zeros_like(grows.growth) + [0.0, 2.0])):
             whitener = fit.whitener.of(noise)
             deviation = noise.deviation(whitener.level)
-            fine = (fit.simulator.steps == 0) & (self.differenced == 0)  # what is counted has errors of its own
+            fine = (fit.simulator.steps == 0) & (self.differenced == 0)  # quantised signals have other errors
             slope = np.where(whitener.present & fine, whitener.slope / deviation, 0.0)
             z = refreshed(fit, whitener).z.reshape(slope.shape)
             jitter, sizes, gain = find_jitter(z, slope, fit.simulator.clocks[0].step)
@@ -264,11 +273,11 @@ class Selection:
         colour: bool = True,
         renew: bool = True,
     ) -> Explanation:
-        """Return the explanation with what is worth its numbers, one after the other."""
+        """Return the explanation with every addition that lowers the criterion, one after the other."""
         rejected: set[str] = set()
         for _ in range(2 * rounds):
             found = self._best_addition(explanation, effects, rejected)
-            if found is None or len(explanation.additions) >= MOST:
+            if found is None or len(explanation.additions) >= MOST_ADDITIONS:
                 break
             judged = self.with_noise(found, colour=colour, again=True) if renew else found
             absurd = [a for a in judged.additions if not _is_physical(judged.fit, a)]
@@ -288,23 +297,23 @@ class Selection:
         n = self.samples
         while True:
             tested = [a for a in self.additions(explanation, effects) if a.name not in rejected]
-            promise = sorted(tested, key=lambda a: a.penalty(n) - a.gain)
-            promise = [a for a in promise if a.gain > a.penalty(n)]
-            if not promise:
+            ranked = sorted(tested, key=lambda a: a.penalty(n) - a.gain)
+            ranked = [a for a in ranked if a.gain > a.penalty(n)]
+            if not ranked:
                 return None
-            most = promise[0].gain - promise[0].penalty(n)
-            worth = [a for a in promise[:REFITTED] if a.gain - a.penalty(n) > PROMISING * most]
-            refits = [(self.refitted(explanation, a), a) for a in worth]
+            most = ranked[0].gain - ranked[0].penalty(n)
+            best_few = [a for a in ranked[:REFITTED] if a.gain - a.penalty(n) > PREDICTED_PART * most]
+            refits = [(self.refitted(explanation, a), a) for a in best_few]
             falls = [explanation.fit.cost - f.cost - a.penalty(n) for f, a in refits]
             falls = [f if _is_physical(fit, a) else -np.inf for f, (fit, a) in zip(falls, refits, strict=True)]
             k = int(np.argmax(falls))
             if falls[k] > 0:
                 fit, addition = refits[k]
                 return Explanation(fit, (*explanation.additions, addition))
-            rejected |= {a.name for a in worth}
+            rejected |= {a.name for a in best_few}
 
     def refitted(self, explanation: Explanation, addition: Addition) -> Fit:
-        """Return the fit with an addition, from its most promising start."""
+        """Return the fit with an addition, from the start of the largest predicted fall."""
         fit = explanation.fit
         if addition.linear is not None:
             return solved(dataclasses.replace(fit, linear=(*fit.linear, addition.linear)), iterations=ROUGH)
@@ -323,7 +332,7 @@ class Selection:
         return solved(min(ready, key=lambda f: f.cost), iterations=ROUGH)
 
     def additions(self, explanation: Explanation, effects: Sequence[Effect]) -> list[Addition]:
-        """Return everything that may be added, each with what it promises."""
+        """Return all candidate additions, each with its predicted fall of z'z."""
         fit = explanation.fit
         test = fit.test()
         result = []
@@ -354,7 +363,7 @@ class Selection:
 
     def _tried(self, fit: Fit, simulator: Simulator, wanted: Sequence[tuple[Effect, Nuisance]], test: object
                ) -> Iterator[Addition]:  # fmt: skip
-        """Yield the nuisances of one simulator with what they promise at the best of their tries."""
+        """Yield the nuisance parameters of one simulator, score-tested at the best of their tries."""
         moved = moved_to(fit, simulator)
         rows, owners = [], []
         for w, (_, nuisance) in enumerate(wanted):
@@ -397,7 +406,7 @@ class Selection:
             if found and found[0][0] > 0:
                 gain, k, starts = found[0]
                 if nuisance.whole:  # no derivative leads from one to the next
-                    starts = tuple(start for _, _, own in found[:WHOLE] for start in own)
+                    starts = tuple(start for _, _, own in found[:TRIED_WHOLE] for start in own)
                 free = () if nuisance.whole else (nuisance.name, *(nuisance.together[0] if nuisance.together else ()))
                 yield Addition(
                     effect, nuisance.name, max(1, len(free)), gain, starts=starts, free=free,
@@ -427,7 +436,7 @@ class Selection:
         return Explanation(solved(fit, iterations=ROUGH), rest)
 
     def _without_idle(self, explanation: Explanation) -> Explanation:
-        """Return the explanation without additions that others have made idle."""
+        """Return the explanation without additions that are no longer needed beside others."""
         n, changed = self.samples, True
         while changed and explanation.additions:
             changed = False
@@ -441,7 +450,7 @@ class Selection:
         return explanation
 
     def _mirrored(self, explanation: Explanation) -> list[Explanation]:
-        """Return the same explanation at other values, where an effect knows such."""
+        """Return the explanation at the equivalent values that an effect names, such as two lags exchanged."""
         found, fit = [], explanation.fit
         for addition in explanation.additions:
             for known in addition.effect.mirrored(fit, addition.name):
@@ -453,26 +462,26 @@ class Selection:
         return found
 
     def alternatives(self, explanation: Explanation) -> list[Explanation]:
-        """Return rivals: explanations in which something else stands for an addition, nearly as likely."""
+        """Return rivals: explanations, nearly as likely, in which another addition replaces one."""
         n = self.samples
-        found = [e for e in self._mirrored(explanation) if e.fit.cost - explanation.fit.cost < NEAR]
+        found = [e for e in self._mirrored(explanation) if e.fit.cost - explanation.fit.cost < RIVALS_WITHIN]
         for addition in explanation.additions:
             if addition.effect.name == "offset" or addition.effect.is_line:
                 continue
             bare = self.without(explanation, addition)
             lost = bare.fit.cost - explanation.fit.cost
             tested = [a for a in self.additions(bare, self.effects) if a.name != addition.name and not a.effect.doubt]
-            tested = [a for a in tested if a.gain - a.penalty(n) > PROMISING * (lost - addition.penalty(n))]
+            tested = [a for a in tested if a.gain - a.penalty(n) > PREDICTED_PART * (lost - addition.penalty(n))]
             for other in sorted(tested, key=lambda a: a.penalty(n) - a.gain)[:2]:
                 fit = self.refitted(bare, other)
                 behind = fit.cost + other.penalty(n) - explanation.fit.cost - addition.penalty(n)
-                if behind < NEAR:
+                if behind < RIVALS_WITHIN:
                     found.append(Explanation(solved(fit), (*bare.additions, other)))
         return found
 
 
 def _renewed(explanation: Explanation) -> Fit:
-    """Return the fit with the columns of its additions as they are at its values: they were made at others."""
+    """Return the fit with the columns of its additions computed again at its values."""
     fit, groups = explanation.fit, list(explanation.fit.linear)
     for a in explanation.additions:
         k = next((k for k, g in enumerate(groups) if g.name == a.name), None)
@@ -498,14 +507,14 @@ def _renewed(explanation: Explanation) -> Fit:
 def _with_fine_filters(fit: Fit) -> Fit:
     """Return the fit on a simulator that simulates more rows between the samples if a filter there asks for it.
 
-    A signal may bend between the rows that a filter is given, as the current of a winding that is faster than they.
+    Between two rows a signal may be curved, such as the current of a winding with a shorter time constant.
     """
     s = fit.simulator
-    for _ in range(FINER):
+    for _ in range(DOUBLINGS):
         s.between *= 2
         finer = s.shown(fit.values[None, :])[0]
         change = fit.whitener(np.nan_to_num(finer - fit.shown)[:, :, None])[0]
-        if float(np.vdot(change, change)) < UNSEEN:
+        if float(np.vdot(change, change)) < NO_CHANGE:
             s.between //= 2
             break
         fit = dataclasses.replace(fit, shown=finer)
@@ -521,7 +530,7 @@ def moved_to(fit: Fit, simulator: Simulator) -> Fit:
 
 
 def _is_physical(fit: Fit, addition: Addition) -> bool:
-    """Whether an addition stays within what its effect may be."""
+    """Whether an addition's values are within the bounds of its effect."""
     if addition.linear is not None:
         own = [x for n, x in zip(fit.names, fit.estimates, strict=True) if n.partition("#")[0] == addition.name]
         return all(addition.linear.least <= x <= addition.linear.most for x in own)
@@ -540,7 +549,7 @@ def _is_excluded(nuisance: Nuisance, taken: set[str]) -> bool:
 
 
 def _wald(fit: Fit, addition: Addition) -> float:
-    """Return the square of an addition's numbers over their covariance: how surely they are not neutral."""
+    """Return the Wald statistic of an addition: the square of its numbers over their covariance."""
     names = list(fit.names)
     covariance, at_bound, estimates = fit.covariance(), fit.at_bound, fit.estimates
     wanted = addition.free if addition.linear is None else tuple(

@@ -1,8 +1,8 @@
-"""Candidates to what the sensors show, with every nuisance parameter in reach. Knows one FMU, no noise and no search.
+"""From candidates to the sensors' signals, with all nuisance parameters. Knows one FMU, no noise and no search.
 
 A nuisance parameter is a number of the bench, not of the motor: a delay, an offset, the time constant of a low-pass. It
-has a neutral value at which it does nothing. All of them stand behind the free parameters of the plan in one vector, so
-that freeing one costs no new load of the FMU.
+has a neutral value at which it has no effect. All of them follow the free parameters of the plan in one vector, so that
+the FMU need not be loaded again when one is freed.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ from estimator.plans.plan import Observed, Plan
 from estimator.recordings.excitation import quantum
 
 FloatArray = NDArray[np.float64]
-STANDS = 8  # rows at which an encoder that shows no count stands: its error is constant there
-BETWEEN = 4  # rows that are simulated for one where a filter acts between them
+STANDSTILL_ROWS = 8  # rows without a count after which an encoder is taken to stand still: its error is constant there
+SUBSTEPS = 4  # rows that are simulated for one where a filter acts between them
 CELLS = 2_000_000  # rows that are simulated at once, at most
-HELD = 20  # rows for which a logger may show a sample again
+LONGEST_HOLD = 20  # rows for which a logger may repeat a sample
 
 Act = Callable[[FloatArray, float, float], FloatArray]  # (n,) signal, value, sampling interval in s -> (n,) signal
 
@@ -37,13 +37,13 @@ class Nuisance:
     Attributes
     ----------
     neutral : float
-        At which it does nothing.
+        The value without effect.
     size : float
         A typical change, for differences and first tries.
     place : SensorPlace or None
-        Where the stepper takes it.
+        The stepper's setting that it is, if any.
     target : str
-        The FMU's parameter that takes it.
+        The FMU's parameter that it sets, if any.
     output, act : what it does with one output's samples
     between : bool
         It acts on the signal between the samples too, as a filter before a converter does.
@@ -51,7 +51,7 @@ class Nuisance:
         A number of samples, or a switch: chosen, not fitted by derivatives.
     tries : values at which a score test looks for it
     absolute : bool
-        A fit begins at such a value itself, not at what the test makes of it.
+        A fit starts at the tried value itself, not at the score test's estimate.
     together : of each try, other nuisances that are set, and freed, with it
     excludes : names, or their beginnings, beside which it makes no sense
     """
@@ -109,7 +109,7 @@ class Simulator:
     crew: Workers
     sigma: Mapping[str, float]
     problem: Problem = field(init=False)
-    between: int = field(init=False, default=BETWEEN)
+    between: int = field(init=False, default=SUBSTEPS)
 
     def __post_init__(self) -> None:
         stepped = [n for n in self.nuisances if n.place is not None or n.target]
@@ -173,7 +173,9 @@ class Simulator:
         unique, which = np.unique(candidates[:, self._stepped], axis=0, return_inverse=True)
         steps = np.array([clock.step for clock in self.clocks])
         phases = []
-        for k in range(between):  # the model does not know the time: later inputs show what was before
+        for k in range(
+            between
+        ):  # a time-invariant model: with inputs later by a part of a row it shows what lies between
             batch = self.problem.trajectories(unique, refine=refine, late=k * steps / between if k else None)
             assert batch.shown is not None
             phases.append(batch.shown[:, self._keep][which.ravel()])
@@ -203,7 +205,7 @@ class Simulator:
 
 
 def per_recording(plan: Plan, kind: str) -> Sequence[str]:
-    """Return the names of a nuisance that each recording has for itself; plain where there is one recording."""
+    """Return the names of a nuisance parameter of each recording; the plain name if there is one recording."""
     if len(plan.observed) == 1:
         return [kind]
     names = [o.recording.name for o in plan.observed]
@@ -219,8 +221,8 @@ def _repeats(signals: Iterable[FloatArray]) -> bool:
 def _without_repeats(o: Observed, outputs: Sequence[str]) -> FloatArray:
     """Return the outputs, (n, q), NaN where a logger shows a sample again, noise and all.
 
-    A channel that repeats values for a few rows at a time, and lies on no lattice of a converter or an encoder, is
-    held; a value that stays for longer is one that does not change.
+    A channel that repeats values for a few rows, and is not quantised by a converter or an encoder, is held by the
+    logger. A value that stays for longer is constant.
     """
     rows = np.column_stack([o.outputs[y] for y in outputs])
     for j in range(rows.shape[1]):
@@ -230,7 +232,7 @@ def _without_repeats(o: Observed, outputs: Sequence[str]) -> FloatArray:
             continue
         edges = np.flatnonzero(np.diff(np.concatenate([[False], again, [False]]).astype(np.int8)))
         for first, last in zip(edges[::2], edges[1::2], strict=True):
-            stands = lattice and last - first >= STANDS and rows[first, j] == 0
-            if stands or (not lattice and last - first <= HELD):
+            stands = lattice and last - first >= STANDSTILL_ROWS and rows[first, j] == 0
+            if stands or (not lattice and last - first <= LONGEST_HOLD):
                 rows[first:last, j] = np.nan
     return rows

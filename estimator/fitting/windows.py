@@ -1,4 +1,4 @@
-"""Where in the recordings a fit is made: edges of the inputs, transients, settled stretches. Knows rows, no effect."""
+"""Windows of the recordings: edges of the inputs, transients, settled stretches. Knows rows, no effect."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.fitting.fit import Fit
+from estimator.fitting.latency import EDGE
 
 BoolArray = NDArray[np.bool_]
 
-EDGE = 0.05  # of an input's range: a larger change is an edge
-SETTLED = 0.02  # of a response: nearer to its end is settled
+SETTLED = 0.02  # of a response: closer to its final value is settled
 MARGIN = 1.3  # times the time to settle
 BEFORE = 3  # rows before an edge, whose time is not known to a row, that may show the next response already
-EARLY, LEAST = 0.15, 4  # of a transient; rows: where the electrical part shows
-FEW = 6  # edges of a recording that are looked at one by one
-ENOUGH = 200  # settled rows that tell the noise; with fewer all do
+EARLY_PART, EARLY_ROWS = 0.15, 4  # of a transient; rows: its first part, with the electrical response
+FEW_EDGES = 6  # edges of a recording: if there are no more, each has a window of its own
+SETTLED_ROWS = 200  # settled rows that the noise is estimated from; with fewer all rows are
 
 
 @dataclass(frozen=True)
@@ -34,10 +34,10 @@ class Windows:
 
     Attributes
     ----------
-    settled : those that tell the noise
+    settled : rows that the noise is estimated from
     sharp : the first parts of transients
     onsets : the first few rows after each edge
-    enough : the rows that tell the noise are settled ones
+    enough : there are enough settled rows
     """
 
     windows: tuple[Window, ...]
@@ -71,13 +71,13 @@ def find_windows(fit: Fit) -> Windows:
             reached = end < len(part) or not len(moving)
             rows = np.arange(clock.rows.start + first, clock.rows.start + last)
             settled[rows[end:] if reached else rows[:0]] = True
-            cut = max(LEAST, int(EARLY * end)) if end else 0
+            cut = max(EARLY_ROWS, int(EARLY_PART * end)) if end else 0
             if k:
-                onsets[rows[0] - 1 : rows[0] + LEAST] = True
+                onsets[rows[0] - 1 : rows[0] + EARLY_ROWS] = True
             if k and end:
                 early.append(rows[:cut])
                 rest.append(rows[cut:end])
-                if len(edges) <= FEW:
+                if len(edges) <= FEW_EDGES:
                     t = o.recording.time[min(max(first - late, 0), n - 1)]  # of the input
                     windows.append(Window(f"the response to the edge at t = {t:.4g} s{of}", rows[:end]))
         if early:
@@ -88,10 +88,10 @@ def find_windows(fit: Fit) -> Windows:
         if settled[own].any():
             windows.append(Window(f"the settled part{of}", own[settled[own]]))
         windows.append(Window(f"all{of or ' of the recording'}", own))
-    enough = bool(settled.sum() >= min(ENOUGH, 0.5 * s.rows))
+    enough = bool(settled.sum() >= min(SETTLED_ROWS, 0.5 * s.rows))
     if not enough:
         settled[:] = True
-    return Windows(tuple(w for w in windows if len(w.rows) >= LEAST), settled, sharp, onsets, enough)
+    return Windows(tuple(w for w in windows if len(w.rows) >= EARLY_ROWS), settled, sharp, onsets, enough)
 
 
 def _edges(inputs: object, n: int, late: int) -> list[int]:

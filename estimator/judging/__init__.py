@@ -1,1 +1,1 @@
-"""What a fit is worth: what cannot be told, how sure the rest is, the verdict. Knows no search."""
+"""From a fit to its verdict: what is not identified, standard errors, reasons to doubt. Knows no search."""

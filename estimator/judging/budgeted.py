@@ -1,4 +1,4 @@
-"""An estimate with what no recording tells: the budget of each number, repeatability, an offer. Simulates nothing."""
+"""An estimate with the uncertainty budget of each parameter and its repeatability. Simulates nothing."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""How surely a recording tells what follows from a motor's parameters: gains, time constants. Knows no FMU.
+"""Quantities that follow from a motor's parameters, and their standard errors: gains, time constants. Knows no FMU.
 
-A recording may tell these where it does not tell the parameters: speed alone gives the speed per volt and the slow time
-constant, whatever R, K, J and B are. A quantity q(θ) is told if its gradient g lies in the span of the directions that
-the weighted Jacobian J = U S Vᵀ sees; then, with a = V S⁻² Vᵀ g over those directions,
+A recording may determine these though it does not determine the parameters: the speed alone gives the speed per volt
+and the slow time constant, whatever R, K, J and B are. A quantity q(θ) is determined if its gradient g lies in the span
+of the directions that the weighted Jacobian J = U S Vᵀ determines; then, with a = V S⁻² Vᵀ g over those directions,
 
     var q = aᵀ (Jᵀ Γ J) a
 
@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.fitting.budget import Budget
-from estimator.fitting.least_squares import OUTSIDE, SEEN, LeastSquaresFit, information_parts, scaled_svd
+from estimator.fitting.least_squares import OUTSIDE, RANK_TOLERANCE, LeastSquaresFit, information_parts, scaled_svd
 from estimator.motor.derived_quantities import derived_quantities
 from estimator.motor.names import is_motor
 from estimator.results.result import DerivedQuantity
@@ -25,14 +25,14 @@ from estimator.results.result import DerivedQuantity
 FloatArray = NDArray[np.float64]
 Values = Mapping[str, float]
 
-USEFUL = 1.0  # of the value: a larger standard error tells nothing
-STEP = 1e-6  # of a parameter, for the gradient
+USEFUL = 1.0  # of the value: a quantity with a larger standard error is not determined
+GRADIENT_STEP = 1e-6  # of a parameter, for the gradient
 
 
 def told_quantities(
     values: Values, names: Sequence[str], log: NDArray[np.bool_], polish: LeastSquaresFit, budget: Budget | None = None
 ) -> dict[str, DerivedQuantity]:
-    """Return what the data tell of a DC motor as a whole; empty for another model.
+    """Return the quantities of a DC motor that the data determine; empty for another model.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ def told_quantities(
     log : (p,) array
         Which of them were polished on a logarithmic scale.
     budget : Budget, optional
-        What no recording tells, of the same names.
+        Systematic errors that no recording shows, of the same names.
     """
     if not is_motor(values) or values["R"] <= 0 or values["K"] == 0:
         return {}
@@ -59,18 +59,18 @@ def told_quantities(
 
 
 def _standard_error(gradient: FloatArray, polish: LeastSquaresFit) -> float | None:
-    """Return the standard error of a quantity with this (p,) gradient; None where the data do not tell it."""
+    """Return the standard error of a quantity with this (p,) gradient; None if it is not determined."""
     inside = polish.at_bound == 0
     if np.any(gradient[~inside] != 0) or not inside.any():
         return None
     jacobian, g = polish.jacobian[:, inside], gradient[inside]
     scale, singular, rows = scaled_svd(jacobian)
-    rows, g_scaled = rows[singular > SEEN * singular[0]], g / scale
+    rows, g_scaled = rows[singular > RANK_TOLERANCE * singular[0]], g / scale
     if np.linalg.norm(g_scaled - (rows @ g_scaled) @ rows) > OUTSIDE * np.linalg.norm(g_scaled):
         return None
     a = information_parts(jacobian)[0] @ g
     variance = float(a @ polish.scores[np.ix_(inside, inside)] @ a)
-    return float(np.sqrt(variance)) if variance > 0 else None  # below: what the arithmetic leaves of nothing told
+    return float(np.sqrt(variance)) if variance > 0 else None  # below 0 by rounding: not determined
 
 
 def _gradient(
@@ -80,7 +80,7 @@ def _gradient(
     gradient = np.zeros(len(names))
     for j, name in enumerate(names):
         if values.get(name, 0.0) != 0:
-            step = STEP * abs(values[name])
+            step = GRADIENT_STEP * abs(values[name])
             above, below = ({**values, name: values[name] + sign * step} for sign in (1, -1))
             gradient[j] = (quantity(above) - quantity(below)) / (2 * step) * (values[name] if log[j] else 1.0)
     return gradient

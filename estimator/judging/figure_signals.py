@@ -19,7 +19,7 @@ from estimator.stepping import layout
 FloatArray = NDArray[np.float64]
 
 FINER = 10  # times the recording's grid
-ALIKE = 0.01  # of a signal's range: a finer grid that is farther off at the samples is another simulation
+GRIDS_AGREE = 0.01  # of a signal's range: a simulation on a finer grid that differs by more at the samples is not used
 
 
 def with_treatment(compared: tuple[Comparison, ...], explained: Explained) -> tuple[Comparison, ...]:
@@ -74,8 +74,8 @@ def _fine(
     shown = {name: _memory(rows[:, j], plan, name) for j, name in enumerate(plan.outputs)}
     for name, signal in shown.items():
         samples = comparison.simulated[name][: len(signal[::FINER])]
-        beside = samples - signal[::FINER]  # a small effect that was found beside the FMU
-        if np.abs(beside).max() > ALIKE * np.ptp(samples):  # an FMU that ignores its step, say, or a large effect
+        beside = samples - signal[::FINER]  # of small effects outside the FMU
+        if np.abs(beside).max() > GRIDS_AGREE * np.ptp(samples):  # an FMU that ignores its step, say, or a large effect
             return None
         shown[name] = signal + np.interp(np.arange(len(signal)), FINER * np.arange(len(beside)), beside)
     fine = FineSignals(one.observed[0].recording.time[seen], {name: signal[seen] for name, signal in shown.items()})

@@ -1,12 +1,12 @@
-"""Would other recordings want other parameters than an estimate's, beyond chance? Chi-square with both covariances.
+"""Whether other recordings contradict an estimate's parameters: chi-square of the difference, with both covariances.
 
-The other recordings are fitted for themselves, from the estimate's values on, with a noise model of their own. With d
-the difference, C the estimate's covariance and I what the other recordings tell (their Fisher information, free of what
-belongs to them alone),
+The other recordings are fitted separately, from the estimate's values, with a noise model of their own. With d the
+difference, C the estimate's covariance and I the Fisher information of the other recordings (nuisance parameters of
+their own projected out),
 
-    d' (I^-1 + C)^-1 d       is chi-square with as many degrees of freedom as I tells directions
+    d' (I^-1 + C)^-1 d       is chi-square with the rank of I as degrees of freedom
 
-where the estimate holds. What no direction of I tells is not asked.
+if the estimate holds. Directions that I does not determine are not tested.
 """
 
 from __future__ import annotations
@@ -25,17 +25,16 @@ from estimator.stepping import layout
 
 FloatArray = NDArray[np.float64]
 
-UNLIKELY = 1e-3  # chance below which recordings want other parameters
-TOLD = 1e-9  # of the largest eigenvalue of the scaled information: less is told by nothing but differences
+LEAST_EIGENVALUE = 1e-9  # of the largest, of the scaled information: smaller ones are numerical errors of differences
 
 
 def other_values(held: Fit, estimate: Estimate) -> OtherValues | None:
-    """Return whether the recordings of a fit want other values than the estimate's; None where nothing can be compared.
+    """Test whether the recordings of a fit contradict the estimate's values; None if nothing can be compared.
 
     Parameters
     ----------
     held : Fit
-        Solved, with the estimate's values; free is only what belongs to its recordings.
+        Solved, at the estimate's values; only nuisance parameters of its recordings are free.
     """
     from scipy.special import chdtrc
 
@@ -59,7 +58,7 @@ def other_values(held: Fit, estimate: Estimate) -> OtherValues | None:
     covariance = covariance + adequacy(fit, n).widened(fit)[:n, :n]
     scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
     told, directions = np.linalg.eigh(information / np.outer(scale, scale))
-    seen = told > TOLD * told[-1]
+    seen = told > LEAST_EIGENVALUE * told[-1]
     along = directions[:, seen].T * scale
     difference = along @ apart
     both = np.diag(1 / told[seen]) + along @ covariance @ along.T
@@ -81,7 +80,7 @@ def other_values(held: Fit, estimate: Estimate) -> OtherValues | None:
 
 
 def _covariance(held: Fit, estimate: Estimate) -> tuple[tuple[str, ...], FloatArray]:
-    """Return what the estimate and the recordings share, and its covariance, (n, n), on the fit's scales."""
+    """Return the parameters that estimate and recordings share, and their covariance, (n, n), on the fit's scales."""
     s = held.simulator
     everything = {**estimate.parameters, **estimate.chain}
     names, deviations = [], []

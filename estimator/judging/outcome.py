@@ -23,7 +23,7 @@ FloatArray = NDArray[np.float64]
 def parameter_estimates(
     plan: Plan, values: FloatArray, polish: LeastSquaresFit | None, judgement: Judgement
 ) -> dict[str, ParameterEstimate]:
-    """Return every parameter's estimate, the fixed ones included, and what the measurement chain adds."""
+    """Return every parameter's estimate, the fixed ones included, and the measurement chain's."""
     result = {}
     for j, parameter in enumerate(plan.parameters):
         status = judgement.statuses.get(parameter.name)
@@ -75,7 +75,7 @@ def _settings(plan: Plan, parameter: Parameter, value: float) -> tuple[Setting, 
 
 
 def sensors(plan: Plan, explained: Explained | None = None) -> dict[str, dict[str, Any]]:
-    """Return what each output's sensor was taken for, as the case says and as the recordings show."""
+    """Return the model of each output's sensor, as the case declares it and as it was found."""
     fit = None if explained is None else explained.fit
     known = {} if fit is None else dict(zip(fit.simulator.names, fit.values.tolist(), strict=True))
     result: dict[str, dict[str, Any]] = {}
@@ -173,7 +173,7 @@ def information(polish: LeastSquaresFit, names: tuple[str, ...]) -> dict[str, An
 
 
 def versions() -> dict[str, str]:
-    """Return the versions of what took part."""
+    """Return the versions of the program and its libraries."""
     import platform
     from importlib.metadata import PackageNotFoundError, version
 

@@ -1,7 +1,8 @@
 """Whether residuals are plain noise, for methods that model no measurement chain. Knows signals alone, no fit.
 
-White noise has no line in its spectrum (Fisher 1929), no stretch to one side, and neighbours that are not alike (Ljung
-and Box 1978). Each is tested on each output of each recording; all together raise a false alarm in 1e-3 of results.
+White noise has no line in its spectrum (Fisher 1929), no stretch with a mean other than zero, and no correlation of
+neighbours (Ljung and Box 1978). Each is tested on each output of each recording; all together raise a false alarm in
+1e-3 of results.
 """
 
 from __future__ import annotations
@@ -12,26 +13,23 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.conventions import FALSE_ALARM, NUMERICAL, RESOLVED, SMALL_CORRELATION
 from estimator.recordings.excitation import quantum
 from estimator.results.reason import Place, Reason
 from estimator.results.result import Comparison
 
 FloatArray = NDArray[np.float64]
 
-ALARM = 1e-3  # chance of a false alarm
 TESTS = 3
-FEWEST = 40  # samples: fewer tell nothing
-NUMERICAL = 1e-6  # of a signal's deviation: rounding
-RESOLVED = 0.75  # of a sensor's step: what is nearer is explained as well as the sensor resolves it
-PERIODS = 5  # in a recording: a slower line is no ripple, but a stretch
-SHORTEST = 4  # samples of a stretch
-LAGS = 20
-ALIKE = 0.08  # of correlation: less is of no weight
+FEWEST_SAMPLES = 40  # samples: fewer are not tested
+FEWEST_PERIODS = 5  # in a recording: a slower line is tested as a stretch
+SHORTEST_STRETCH = 4  # samples of a stretch
+LJUNG_BOX_LAGS = 20
 REMEDY = "this method leaves it; the default one, --method cuckoo, looks for what it is"
 
 
 def structured(compared: Sequence[Comparison]) -> list[str]:
-    """Return what of the residuals is no noise, a sentence an output at most, with its place."""
+    """Return which residuals are not white noise: at most one sentence for each output, with its place."""
     every = [(c, name) for c in compared for name in c.simulated]
     found: list[str] = []
     for c, name in every:
@@ -40,9 +38,9 @@ def structured(compared: Sequence[Comparison]) -> list[str]:
         known = ~np.isnan(left)
         deviation = float(np.std(left[known])) if known.any() else 0.0
         floor = max(NUMERICAL * float(np.nanstd(measured)), RESOLVED * quantum(measured)) if known.any() else 0.0
-        if known.sum() < FEWEST or deviation <= floor:
+        if known.sum() < FEWEST_SAMPLES or deviation <= floor:
             continue
-        level = ALARM / (TESTS * len(every))
+        level = FALSE_ALARM / (TESTS * len(every))
         said = _ripple(c, name, left, level) or _stretch(c, name, left, level) or _neighbours(c, name, left, level)
         if said is not None:
             found.append(said)
@@ -57,7 +55,7 @@ def _ripple(c: Comparison, name: str, left: FloatArray, level: float) -> Reason 
     power = np.abs(transform) ** 2
     k = int(np.argmax(power))
     limit = 1 - (level / len(power)) ** (1 / max(len(power) - 1, 1))
-    if k + 1 < PERIODS or power[k] < limit * float(np.sum(power)):
+    if k + 1 < FEWEST_PERIODS or power[k] < limit * float(np.sum(power)):
         return None
     amplitude = 2 * math.sqrt(float(np.sum(power[max(0, k - 1) : k + 2]))) / n
     frequency = (k + 1) / (c.time[-1] - c.time[0]) * (n - 1) / n
@@ -75,7 +73,7 @@ def _stretch(c: Comparison, name: str, left: FloatArray, level: float) -> Reason
     at = np.flatnonzero(~np.isnan(left))
     z = left[at] / float(np.std(left[at]))
     sums = np.concatenate([[0.0], np.cumsum(z)])
-    lengths = [SHORTEST * 2**k for k in range(int(math.log2(len(z) / SHORTEST)))]
+    lengths = [SHORTEST_STRETCH * 2**k for k in range(int(math.log2(len(z) / SHORTEST_STRETCH)))]
     if not lengths:
         return None
     limit = -float(ndtri(level / (2 * len(z) * len(lengths))))
@@ -97,16 +95,16 @@ def _stretch(c: Comparison, name: str, left: FloatArray, level: float) -> Reason
 
 
 def _neighbours(c: Comparison, name: str, left: FloatArray, level: float) -> Reason | None:
-    """Find residuals that are like those before them."""
+    """Find residuals that are correlated with those before them."""
     from scipy.special import chdtri
 
     z = np.nan_to_num(left - np.nanmean(left))
     n = int(np.sum(~np.isnan(left)))
-    lags = np.arange(1, min(LAGS, n // 4) + 1)
+    lags = np.arange(1, min(LJUNG_BOX_LAGS, n // 4) + 1)
     alike = np.array([float(np.sum(z[k:] * z[:-k])) for k in lags]) / float(np.sum(z**2))
     q = n * (n + 2) * float(np.sum(alike**2 / (n - lags)))
     k = int(np.argmax(np.abs(alike)))
-    if q <= float(chdtri(len(lags), level)) or abs(alike[k]) < ALIKE:
+    if q <= float(chdtri(len(lags), level)) or abs(alike[k]) < SMALL_CORRELATION:
         return None
     return Reason(
         f"{c.name}: the residuals of {name} are no plain noise: samples {lags[k]} apart are alike (correlation"

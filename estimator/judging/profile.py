@@ -2,8 +2,8 @@
 
 For each parameter θ_j, at points within three standard errors of the optimum:
 
-    held       the cost with all other parameters where they are
-    followed   the cost with the others moved to where they fit best again, as far as the Jacobian tells: along
+    held       the cost with all other parameters fixed
+    followed   the cost with the others moved to the conditional optimum that the Jacobian predicts: along
                Σ_oj/Σ_jj, then one Gauss-Newton step; an upper limit of the profile that refits of the others would give
 
 Costs are risen above the optimum's and in units in which a rise of 1 is one standard error, so that where the errors
@@ -28,7 +28,7 @@ Residuals = Callable[[FloatArray], FloatArray]
 
 REACH = 3.0  # standard errors to each side
 POINTS = 2  # on each side; each costs three simulations
-WIDEST = np.log(2.0)  # reach of the logarithm of a parameter that the data do not tell
+WIDEST = np.log(2.0)  # reach of the logarithm of a parameter that the data do not determine
 
 
 def cost_profiles(
@@ -89,7 +89,7 @@ class _Surroundings:
         own = self.polish.residuals
         base = float(own @ own)
         free = jacobian[:, j] - others @ (pseudo @ jacobian[:, j])
-        # Coloured residuals make the standard error larger than the cost alone would tell.
+        # Correlated residuals make the standard error larger than the cost alone gives.
         expected = self.polish.covariance[j, j] * float(free @ free)
         scale = expected if np.isfinite(expected) and expected > 0 else 1.0
         best = np.fmin(np.fmin(followed, refined), held)

@@ -1,4 +1,4 @@
-"""What a result says of how its recordings were read, and how implausible data lower its verdict. Simulates nothing."""
+"""How the recordings of a result were read, and how implausible data lower its verdict. Simulates nothing."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from estimator.judging.refusal import implausible_reason
 from estimator.plans.plan import Plan
 from estimator.results.result import Estimate
 
-# What looks odd in the data alone, and the effects that are its reason: it is no doubt where one of them is estimated.
+# Implausible data, and effects that explain them: no reason for doubt if one of these is estimated.
 EXPLAINS = {"coasts": {"coasting"}, "dead band": {"dry friction", "dead band"}}
 
 
 def with_what_was_read(found: Estimate, plan: Plan) -> Estimate:
-    """Return an estimate that tells what was read; implausible data make it doubtful, refused data are shown."""
+    """Return an estimate with what was read; implausible data make it doubtful, or show why it is refused."""
     open_ones = (
         (o, f) for o in plan.observed for f in o.findings if not EXPLAINS.get(f.kind, set()) & {*found.effects}
     )

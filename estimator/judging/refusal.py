@@ -1,7 +1,7 @@
 """What cannot be estimated at all, from the recordings alone: each reason with its evidence. Simulates nothing.
 
-Refused only where there is nothing to estimate from: no excitation, a lost transient, a saturated or unsigned signal,
-a settled state that no motor has. What the settled part of a refused step still tells is told.
+Refused are only recordings without information: no excitation, a lost transient, a saturated or unsigned signal, a
+steady state that no motor has. What the settled part of a refused step still determines is reported.
 """
 
 from __future__ import annotations
@@ -20,15 +20,16 @@ from estimator.results.reason import Place, Reason
 
 FloatArray = NDArray[np.float64]
 
-MOVES = 12.0  # deviations of the noise from end to end: more is a movement
+PLAINLY_MOVES = 12.0  # deviations of the noise from end to end: more is a movement
 IMPOSSIBLE = 1.5  # times the largest acceleration
-WHOLE, FASTEST = 0.8, 6e-4  # of the response in one sample; s, mechanical time constant: no motor is faster than 1 ms
+WHOLE_RESPONSE = 0.8  # of the response in one sample: all of it
+FASTEST = 6e-4  # s, a mechanical time constant: no motor is faster than 1 ms
 CONTRADICTED = "an impossible acceleration"
-OVER, STILL = 6, 0.1  # samples after a jump; part of the response: within both the jump was all that happened
-FASTER = 10  # samples in what is one now
-SAME = 3.0  # deviations of the noise: what is nearer shows no difference
-ONE = 10  # samples that are alike by no chance
-RECTIFIED = 50  # samples at rest that tell a lost sign
+JUMP_ROWS, LEFT_AFTER = 6, 0.1  # samples after a jump, part of the response: within both the jump was all there was
+FASTER = 10  # samples advised in place of one
+NO_DIFFERENCE = 3.0  # deviations of the noise: a smaller difference is none
+ALIKE_SAMPLES = 10  # equal samples: fewer may be equal by chance
+RECTIFIED = 50  # samples at rest that show a lost sign
 
 
 def refusal(plan: Plan) -> list[str]:
@@ -66,7 +67,7 @@ def refusal(plan: Plan) -> list[str]:
 
 
 def refused_notes(plan: Plan) -> tuple[str, ...]:
-    """Return what a refused step response still tells: its settled part gives B / K and a line between R and K."""
+    """Return what a refused step response still determines: its settled part gives B / K and a line between R and K."""
     notes = []
     for o in plan.observed:
         if o.excitation.kind != "step" or not {"i", "w"} <= set(o.outputs) or "v" not in o.inputs:
@@ -88,11 +89,11 @@ def refused_notes(plan: Plan) -> tuple[str, ...]:
 def _moves(y: FloatArray) -> bool:
     """Whether an output changes by far more than its noise."""
     known = y[~np.isnan(y)]
-    return float(np.ptp(known)) > MOVES * noise_deviation(known) and float(np.ptp(known)) > 0
+    return float(np.ptp(known)) > PLAINLY_MOVES * noise_deviation(known) and float(np.ptp(known)) > 0
 
 
 def _dead(plan: Plan) -> list[str]:
-    """Find a current or a speed that no recording shows to move from one number, though the voltage does."""
+    """Find a current or a speed that is constant in all recordings though the voltage changes."""
     if not all("v" in o.inputs and np.ptp(o.inputs["v"]) > 0 for o in plan.observed):
         return []
     title = plan.observed[0].recording.title
@@ -110,7 +111,7 @@ def _dead(plan: Plan) -> list[str]:
 
 def _stays(y: FloatArray) -> bool:
     known = y[~np.isnan(y)]
-    return len(known) > ONE and float(np.ptp(known)) == 0
+    return len(known) > ALIKE_SAMPLES and float(np.ptp(known)) == 0
 
 
 def _unsigned(o: Observed) -> list[str]:
@@ -148,7 +149,7 @@ def _unsigned(o: Observed) -> list[str]:
 
 
 def _contradicted(o: Observed) -> list[str]:
-    """Find a settled state that no motor has: against its voltage, or giving off power."""
+    """Find a steady state that no motor has: against its voltage, or a source of power."""
     if o.excitation.kind != "step" or "v" not in o.inputs or o.excitation.after == 0:
         return []
     if any(np.any(u != 0) for name, u in o.inputs.items() if name != "v"):
@@ -193,14 +194,14 @@ def _damaged(o: Observed, plan: Plan) -> list[str]:
 def cut_transients(plan: Plan) -> list[str]:
     """Return which recordings lose a transient between two samples, from the data alone.
 
-    No motor is so fast; or, where J is searched, no recording holds a sample that is neither at rest nor settled.
+    No motor is so fast; or, if J is free, every sample of all recordings is at rest or settled.
     """
     cut, unseen = [], []
     for o, k, part in _jumps(plan):
         constant = o.recording.step / -np.log(max(1 - part, 1e-6))
-        if part > WHOLE and constant < FASTEST and _was_cut(o.outputs["w"], k):
+        if part > WHOLE_RESPONSE and constant < FASTEST and _was_cut(o.outputs["w"], k):
             cut.append(o.recording.title)
-        if part > WHOLE and all(_settles_at(y, o.excitation.index, k) for y in o.outputs.values()):
+        if part > WHOLE_RESPONSE and all(_settles_at(y, o.excitation.index, k) for y in o.outputs.values()):
             unseen.append(o.recording.title)
     if len(unseen) == len(plan.observed) and "J" in plan.names:
         cut = unseen
@@ -210,21 +211,21 @@ def cut_transients(plan: Plan) -> list[str]:
 def _settles_at(y: FloatArray, step: int, k: int) -> bool:
     """Return whether an output is at rest in the row before k and settled from k on, within its noise."""
     y = filled(y)
-    near = SAME * noise_deviation(y)
+    near = NO_DIFFERENCE * noise_deviation(y)
     rest, final = float(np.mean(y[: max(1, step)])), float(np.mean(y[-max(5, (len(y) - k) // 10) :]))
-    over = y[k : k + OVER] - final
+    over = y[k : k + JUMP_ROWS] - final
     return bool(abs(y[k - 1] - rest) <= near and np.all(np.abs(over) <= near))
 
 
 def _was_cut(w: FloatArray, k: int) -> bool:
     """Return whether nothing moves any more after a jump, to sample k, or what is left moves far slower than it.
 
-    A motor that really is so fast overshoots, or goes on as fast as it began.
+    A motor that is really so fast overshoots, or continues at its initial rate.
     """
     w = filled(w)
     final, noise = float(np.mean(w[-max(5, (len(w) - k) // 10) :])), noise_deviation(w)
     left = w[k : k + 6] - final
-    still = STILL / 3 * float(np.ptp(w)) + MOVES / 2 * noise
+    still = LEFT_AFTER / 3 * float(np.ptp(w)) + PLAINLY_MOVES / 2 * noise
     if len(left) < 6 or np.all(np.abs(left) < still):
         return True
     return bool(abs(left[0]) > still and np.sign(left[0]) * np.mean(left[2:5]) > abs(left[0]) / 2)
@@ -287,12 +288,12 @@ def _place(o: Observed, signal: str, first: int, last: int) -> Place:
 
 
 def _faster(o: Observed, k: int) -> str:
-    """Return how to record what is lost before row k: all of a motor that is fast, or a part of a slow response."""
+    """Return how to record what is lost before row k: all of a fast response, or a part of a slow one."""
     w = filled(o.outputs["w"])
     rest, final = float(np.mean(w[: max(1, o.excitation.index)])), float(np.mean(w[-max(5, (len(w) - k) // 10) :]))
-    still, noise = STILL * float(np.ptp(w)), MOVES / 2 * noise_deviation(o.outputs["w"])
-    after = float(np.mean(w[k + 1 : k + 1 + OVER])) if k + 1 < len(w) else final
-    if abs(w[k - 1] - rest) > still + noise or abs(after - final) > still + noise / np.sqrt(OVER):
+    still, noise = LEFT_AFTER * float(np.ptp(w)), PLAINLY_MOVES / 2 * noise_deviation(o.outputs["w"])
+    after = float(np.mean(w[k + 1 : k + 1 + JUMP_ROWS])) if k + 1 < len(w) else final
+    if abs(w[k - 1] - rest) > still + noise or abs(after - final) > still + noise / np.sqrt(JUMP_ROWS):
         return "record at a higher rate"
     rate = 1 / o.recording.step
     return (

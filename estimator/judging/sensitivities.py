@@ -1,4 +1,4 @@
-"""Before a search: does every free parameter move a measured signal, and how long will it take? Knows no search."""
+"""Before a search: whether every free parameter changes a measured signal, and what it will cost. Knows no search."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from estimator.fitting.problem import Problem
 FloatArray = NDArray[np.float64]
 
 NUDGE = 0.02  # of a parameter's range, on its scale
-FAR = (0.1, 0.5, 0.9)  # of its range, for one that a nudge does not move
+FAR_POINTS = (0.1, 0.5, 0.9)  # of its range, for a parameter whose nudge changes nothing
 LONG = 10.0  # s: an estimation that takes longer is announced
 
 
 def unmoved(problem: Problem, start: FloatArray) -> tuple[list[str], float]:
-    """Return the sentences about parameters that move nothing, and s that one simulation took.
+    """Return sentences about parameters without influence, and the time of one simulation, s.
 
     Nothing is said where the start cannot be simulated.
 
@@ -74,9 +74,9 @@ def announcement(seconds: float, *, simulations: int, workers: int, always: bool
 
 
 def _moves_far(problem: Problem, home: FloatArray, j: int, reference: FloatArray) -> bool:
-    """Whether a parameter moves a signal anywhere in its range, the others at home."""
-    tried = np.tile(home, (len(FAR), 1))
-    tried[:, j] = FAR
+    """Whether a parameter changes a signal anywhere in its range, the others at the start."""
+    tried = np.tile(home, (len(FAR_POINTS), 1))
+    tried[:, j] = FAR_POINTS
     batch = problem.trajectories(problem.box.from_cube(tried))
     assert batch.shown is not None
     return any(

@@ -1,4 +1,4 @@
-"""Whether the speed and the angle of one recording agree on a scale: one of the few gains that a recording tells."""
+"""Whether the scales of speed and angle in one recording agree: one of the few gains that a recording determines."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ FloatArray = NDArray[np.float64]
 
 BLOCKS = 50  # parts of the recording whose means are compared: within them the speed's noise is averaged
 LEAST_BLOCK = 10  # samples
-AT_ODDS = 5.0  # standard deviations of a gain, with BLOCKS − 2 degrees of freedom
-LEAST = 0.002  # of a gain: less harms nobody
+GAIN_AT_ODDS = 5.0  # standard deviations of a gain, with BLOCKS − 2 degrees of freedom
+HARMLESS_GAIN = 0.002  # of a gain: a smaller error is negligible
 
 
 def scales_at_odds(plan: Plan) -> list[str]:
     """Return where a speed that is compared is not the slope of the angle that was logged beside it.
 
-    Over blocks of samples the angle's mean slope is fitted as gain × speed + offset. An angle that is compared itself
-    is no matter here: there the gain is estimated with all else.
+    Over blocks of samples the angle's mean slope is fitted as gain × speed + offset. If the angle itself is
+    compared, the gain is estimated in the fit instead.
     """
     reasons = []
     for o in plan.observed:
@@ -30,7 +30,7 @@ def scales_at_odds(plan: Plan) -> list[str]:
         if found is None:
             continue
         column, gain, error = found
-        if abs(gain - 1) > max(LEAST, AT_ODDS * error):
+        if abs(gain - 1) > max(HARMLESS_GAIN, GAIN_AT_ODDS * error):
             reasons.append(
                 f"{o.recording.title}: held against {column!r} the speed is shown with a gain of {1 / gain:.4g}"
                 f" ± {error / gain**2:.1g}; if it is the speed that is wrong, K, J and B are, too: check the scales"

@@ -17,12 +17,12 @@ FloatArray = NDArray[np.float64]
 
 REFINEMENT = 10
 STEP_ERROR = 1.0  # shift by a finer step, in standard errors
-NEGLIGIBLE_SHIFT = 1e-6  # relative: a smaller shift matters to nobody
+NEGLIGIBLE_SHIFT = 1e-6  # relative: a smaller shift is negligible
 
 
 @dataclass(frozen=True)
 class StepCheck:
-    """What a finer step showed: why the estimate is doubtful, and what else to tell."""
+    """Result of a finer step: reasons for doubt, and notes."""
 
     reasons: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()

@@ -1,9 +1,8 @@
-"""An estimate against recordings that it has not seen. Knows no search.
+"""Validation of an estimate by recordings that were not fitted. Knows no search.
 
 The parameters and the sensors are the estimate's. What belongs to a recording and not to the motor is fitted to the new
-one: its delay and offsets, where the estimate has such, and a parameter that has a value for each recording. Then it is
-asked which parameters the new recordings would want for themselves, and whether chance explains that these are others
-(other_values.py).
+one: its delay and offsets, if the estimate has such, and a parameter that has a value for each recording. Then it is
+tested whether the new recordings contradict the other parameters (other_values.py).
 """
 
 from __future__ import annotations
@@ -16,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.cases.case import Case, RunSpec
+from estimator.conventions import FALSE_ALARM
 from estimator.errors import SimulationError
 from estimator.fitting.effects import known_effects
 from estimator.fitting.effects.offset import Offset
@@ -26,7 +26,7 @@ from estimator.fitting.simulator import Nuisance, Simulator, per_recording
 from estimator.fmus.fmu import FmuDescription, describe, with_kind
 from estimator.fmus.probe import driven
 from estimator.fmus.workers import Workers
-from estimator.judging.other_values import UNLIKELY, other_values
+from estimator.judging.other_values import other_values
 from estimator.judging.outcome import comparisons, figures
 from estimator.judging.reading import what_was_read
 from estimator.plans.noise_level import output_deviations
@@ -44,7 +44,7 @@ def validated(
 ) -> Estimate:
     """Return the estimate with how well its model explains other recordings.
 
-    Where these want other parameters than chance allows, the verdict is doubtful.
+    If these contradict its parameters, the verdict is doubtful.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ def validated(
     compared = comparisons(plan, [held.explained[clock.rows] for clock in held.simulator.clocks])
     rmse, fit = figures(plan, compared)
     reasons = estimate.reasons
-    if others is not None and others.chance < UNLIKELY:
+    if others is not None and others.chance < FALSE_ALARM:
         titles = " and ".join(o.recording.title for o in plan.observed)
         reasons = (*reasons, others.sentence(titles))
     return dataclasses.replace(

@@ -1,7 +1,7 @@
-"""How far to believe an estimate: ok, doubtful (why) or refused (why). Knows the data, the fit and the motor's poles.
+"""The verdict on an estimate: ok, doubtful (why) or refused (why). Knows the data, the fit and the motor's poles.
 
-An estimate is refused where the transient is lost and R or J with it; everything else is an estimate with a reason to
-doubt it, or without. What no recording can tell at all is refused before (`refusal.py`).
+An estimate is refused if the transient is lost and R or J with it; all others are ok, or doubtful with reasons.
+Recordings that nothing can be estimated from are refused before (`refusal.py`).
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.conventions import MISFIT, NUMERICAL, USELESS_ERROR
 from estimator.fitting.least_squares import LeastSquaresFit, at_given_bound
 from estimator.judging.coasting import coasting
 from estimator.judging.plain_noise import structured
@@ -33,20 +34,17 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 
-DOUBTFUL_ERROR = 0.25  # relative standard error: told of the parameter; an answer as long as its bar holds
-TRADED = 0.98  # correlation of two that stand in for each other
-USELESS_ERROR = 0.5  # relative standard error: the parameter is not identified
-MISFIT = 1.5  # residuals' deviation over the noise that the data show
-PLAIN = ("offset", "delay", "delay of")  # effects whose value says all
+DOUBTFUL_ERROR = 0.25  # relative standard error: reported with the parameter, which is still an estimate
+TRADED = 0.98  # correlation of two parameters that one recording cannot separate
+PLAIN = ("offset", "delay", "delay of")  # effects whose value needs no sentence
 UNSEEN = {"delay of": "a delay of one output", "average": "a mean of the last samples", "lag": "a low-pass"}
-TOLD_FAILURES = 4  # sentences on what does not hold, at most
+TOLD_FAILURES = 4  # sentences on failed tests, at most
 UNEXPLAINED = 0.2  # of a signal's deviation: a noise that is larger is a misfit
-NUMERICAL = 1e-6  # of a signal's deviation: smaller residuals are no misfit
 
 
 @dataclass(frozen=True)
 class ParameterStatus:
-    """What a parameter's number is worth."""
+    """Status of a parameter's value, and its reason."""
 
     status: Status
     reason: str | None
@@ -124,7 +122,7 @@ def judge(
         reasons += wrong
         if held := at_given_bound(plan, polish):
             wrong.append(f"{', '.join(held)} may not go where the recording wants it")
-        if wrong:  # numbers that stand on it are not to be relied on
+        if wrong:  # parameters that depend on it are not reliable
             for name in set(plan.names) & set(MOTOR) - set(statuses):
                 statuses[name] = ParameterStatus("doubtful", wrong[0])
         lost = lost_transients(plan, {**values, **plan.fixed})
@@ -180,7 +178,7 @@ def _by_parameter(statuses: Mapping[str, ParameterStatus]) -> list[str]:
 
 
 def _traded(plan: Plan, polish: LeastSquaresFit, statuses: Mapping[str, ParameterStatus]) -> list[str]:
-    """Name the two parameters that stand in for each other most, where one of them is not told well."""
+    """Name the two most correlated parameters, if one of them has a large standard error."""
     motor = [j for j, p in enumerate(plan.parameters) if p.place is None and polish.standard_errors[j] > 0]
     deviation = np.sqrt(np.diag(polish.covariance))
     pairs = [
@@ -211,7 +209,7 @@ def _small_inductance(plan: Plan, values: Mapping[str, float]) -> str:
 def _misfit(
     plan: Plan, polish: LeastSquaresFit, explained: Explained | None, noise: FloatArray, spread: FloatArray
 ) -> list[str]:
-    """Say what the model leaves: residuals above the noise that the recording shows, or that are not its noise."""
+    """Say which residuals the model does not explain: larger than the recording's noise, or not like noise."""
     if explained is not None:
         reasons = unexplained(explained.adequacy.failures[:TOLD_FAILURES])
         for j, name in enumerate(plan.outputs):
@@ -298,7 +296,7 @@ def _found(plan: Plan, explained: Explained | None) -> list[str]:
     """Say what was found of the bench, what the noise is like, and what no such recording tells."""
     if explained is None:
         return []
-    tabled = set(plan.names)  # those stand in a table, with their bars
+    tabled = set(plan.names)  # those are in a table, with their standard errors
     notes = [f.sentence for f in explained.found if not (f.effect in PLAIN and f.name in tabled)]
     noise, whitener = explained.fit.whitener.noise, explained.fit.whitener
     for j, name in enumerate(plan.outputs):

@@ -15,11 +15,11 @@ from statistics import NormalDist
 
 import numpy as np
 
+from estimator.conventions import USELESS_ERROR
 from estimator.errors import InputError
 from estimator.results.result import Estimate, FloatArray, ParameterEstimate
 
-FALSE_ALARM = 0.01  # of one comparison as a whole
-USELESS = 0.5  # relative standard error: such a quantity is not determined
+FALSE_CHANGE = 0.01  # of one comparison as a whole
 OF_WINDING = ("kA",)  # derived quantities with a part of the inductance, where it is told
 FEWEST = 3  # results that have a repeatability
 
@@ -128,7 +128,7 @@ class Changes:
         return found
 
 
-def changes(results: Mapping[str, Estimate], *, false_alarm: float = FALSE_ALARM, within: float = 0.0) -> Changes:
+def changes(results: Mapping[str, Estimate], *, false_alarm: float = FALSE_CHANGE, within: float = 0.0) -> Changes:
     """Compare results with the first of them.
 
     Parameters
@@ -189,7 +189,7 @@ def _known(estimate: Estimate) -> dict[tuple[str, str, str], tuple[float, float]
         if _is_told(p):
             found[name, "parameter", p.unit] = (p.value, float(p.standard_error or 0.0))
     for name, q in estimate.derived.items():
-        if 0 < q.standard_error < USELESS * abs(q.value):
+        if 0 < q.standard_error < USELESS_ERROR * abs(q.value):
             found[name.replace("_", " "), "derived", q.unit] = (q.value, q.standard_error)
     return found
 

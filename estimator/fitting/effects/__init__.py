@@ -1,4 +1,4 @@
-"""The effects that are known, in one table. FMU_ESTIMATOR_WITHOUT=NAME leaves one out, for tests of what doubts it."""
+"""The effects that are known, in one table. FMU_ESTIMATOR_WITHOUT=NAME leaves one out, to test the verdict."""
 
 from __future__ import annotations
 

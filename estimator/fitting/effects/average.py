@@ -1,4 +1,4 @@
-"""A logger shows means: of the last n samples, or over the sampling interval as differenced encoder counts do."""
+"""A logged signal is a mean: of the last n samples, or over the sampling interval as of differenced encoder counts."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Average(Effect):
     sharp: bool = True
 
     def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
-        """Return one an output that is shown as it is."""
+        """Return one for each output without a declared mean."""
         return [
             Nuisance(
                 f"average {y}", "samples", 1.0, SAMPLES[-1], 1.0, 1.0,
@@ -57,7 +57,7 @@ class Average(Effect):
         return [{name: float(k)} for k in (n - 1, n + 1) if 1 < k <= SAMPLES[-1]]
 
     def tell(self, name: str, value: float, plan: Plan) -> str:
-        """Say of how many."""
+        """Say over how many samples."""
         return f"{name.rpartition(' ')[2]} is a mean over the last {value:.0f} samples"
 
 

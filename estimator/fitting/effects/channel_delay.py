@@ -1,4 +1,4 @@
-"""One channel is shown later than the others: a converter or a bus behind one sensor."""
+"""One channel is later than the others: a converter or a bus behind one sensor."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from estimator.plans.parameters import SensorPlace
 from estimator.plans.plan import Plan
 from estimator.stepping import layout
 
-MOST = 20.0  # samples
+LONGEST_DELAY = 20.0  # samples
 
 
 @dataclass(frozen=True)
@@ -23,11 +23,11 @@ class ChannelDelay(Effect):
     sharp: bool = True
 
     def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
-        """Return one an output, where there are several."""
+        """Return one for each output, if there are several."""
         h = min(o.recording.step for o in plan.observed)
         return [
             Nuisance(
-                f"delay of {y}", "s", 0.0, MOST * h, 0.0, h,
+                f"delay of {y}", "s", 0.0, LONGEST_DELAY * h, 0.0, h,
                 place=SensorPlace("delay", None, y), tries=(0.5 * h, 2 * h), excludes=("delay of", f"average {y}"),
             )
             for y in plan.outputs

@@ -10,7 +10,7 @@ from estimator.fitting.simulator import Nuisance, per_recording
 from estimator.plans.parameters import SensorPlace
 from estimator.plans.plan import Plan
 
-EARLY, LATE = 10.0, 0.5  # samples before; of the recording's length after
+EARLIEST, LATEST = 10.0, 0.5  # samples before; of the recording's length after
 
 
 @dataclass(frozen=True)
@@ -21,16 +21,16 @@ class Delay(Effect):
     sharp: bool = True
 
     def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
-        """Return one a recording that has an input which moves."""
+        """Return one for each recording with an input that changes."""
         found = []
         for e, (o, name) in enumerate(zip(plan.observed, per_recording(plan, self.name), strict=True)):
             if f"delay of {e}" in plan.declared or o.excitation.kind == "none" or not o.inputs:
                 continue
             h = o.recording.step
-            longest = LATE * float(o.recording.time[-1] - o.recording.time[0])
+            longest = LATEST * float(o.recording.time[-1] - o.recording.time[0])
             found.append(
                 Nuisance(
-                    name, "s", -EARLY * h, max(longest, 20 * h), 0.0, h,
+                    name, "s", -EARLIEST * h, max(longest, 20 * h), 0.0, h,
                     place=SensorPlace("delay", e), tries=(0.5 * h, 2 * h, -0.5 * h, -2 * h),
                 )
             )  # fmt: skip
@@ -47,7 +47,7 @@ class Delay(Effect):
         return found
 
     def tell(self, name: str, value: float, plan: Plan) -> str:
-        """Say how late, and that before the input is no place for an answer."""
+        """Say how late; a response before its input is impossible, and is said to be."""
         if value < -0.75 * min(o.recording.step for o in plan.observed):
             return f"{name}: the outputs move {1e3 * -value:.3g} ms before the input; check the recording's clock"
         return f"{name}: the outputs come {1e3 * value:.3g} ms after the input"

@@ -1,4 +1,4 @@
-"""What drives, supplies, brushes and bearings do beyond the linear motor: through the bundled FMU dc_motor_drive."""
+"""Nonlinear effects of drive, supply, brushes and bearings, through the bundled FMU dc_motor_drive."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from estimator.recordings.excitation import noise_deviation
 from estimator.recordings.samples import filled
 
 DRIVE = "dc_motor_drive"
-PLATEAU, HELD_ROWS, ABOVE = 3.0, 8, 1.2  # deviations; rows; times the usual current: a current that is held at its peak
+PLATEAU, HELD_ROWS, ABOVE = 3.0, 8, 1.2  # deviations; rows; times the usual current: a current that stays at its peak
 
 
 def _largest(plan: Plan, name: str) -> float:
@@ -24,7 +24,7 @@ def _largest(plan: Plan, name: str) -> float:
 
 
 def _torque(plan: Plan) -> float:
-    """Return a torque, N.m, that is large for the motor: its constant at first sight times its usual current."""
+    """Return a torque, N.m, that is large for the motor: first estimate of its constant, times its usual current."""
     i = [o.outputs["i"] for o in plan.observed if "i" in o.outputs]
     if i:
         usual = float(np.nanmedian(np.abs(np.concatenate(i))))
@@ -99,13 +99,13 @@ class BrushDrop(Drive):
     sentence: str = "the brushes drop {value:.3g} {unit}"
 
     def sizes(self, plan: Plan) -> tuple[float, ...]:
-        """Return what carbon brushes drop, at most a part of the supply."""
+        """Return the voltage drop of carbon brushes, at most a part of the supply."""
         return (min(0.5, 0.05 * _largest(plan, "v")),)
 
 
 @dataclass(frozen=True)
 class CurrentLimit(Drive):
-    """A drive that holds the current down."""
+    """A drive that limits the current."""
 
     name: str = "current limit"
     target: str = "current_limit"
@@ -184,7 +184,7 @@ class Coasting(Drive):
 
 @dataclass(frozen=True)
 class Sag(Drive):
-    """A supply that gives way to the current, at the speed of its capacitor."""
+    """A supply whose voltage falls with the current, with the time constant of its capacitor."""
 
     name: str = "sag"
     target: str = "supply_resistance"
@@ -219,7 +219,7 @@ class DeadBand(Drive):
     sentence: str = "the drive gives no voltage for commands up to {value:.3g} V"
 
     def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
-        """Return the threshold: which of the smallest voltages it swallows; where it lies between two is not told."""
+        """Return the threshold: it lies between two of the smallest voltages; where, is not determined."""
         levels = np.unique([abs(x) for o in plan.observed for x in np.unique(o.inputs.get("v", []))])
         levels = levels[levels > 0]
         tries = tuple(1.001 * float(x) for x in levels[:2]) if 2 < len(levels) <= 20 else ()

@@ -1,4 +1,4 @@
-"""The drive takes a voltage off its command: transistors and diodes, or a dead time of the bridge."""
+"""The drive gives less than its command by a constant voltage: transistors and diodes, or a dead time of the bridge."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from estimator.fitting.fit import Fit, Linear
 from estimator.fitting.motor_response import as_late, motor_values, response
 from estimator.plans.plan import Plan
 
-MOST = 0.5  # of the largest voltage
+MOST_DROP = 0.5  # of the largest voltage
 USUAL_DROP = 0.05  # of it
 
 
 @dataclass(frozen=True)
 class DriveDrop(Effect):
-    """A voltage, V, that is missing of every command that is not zero; of brushes it has the sign of the current."""
+    """A voltage, V, that every command except zero is reduced by. A brush drop has the sign of the current instead."""
 
     name: str = "drop of the drive"
     prior: float = 0.1
@@ -30,7 +30,7 @@ class DriveDrop(Effect):
         v = fit.simulator.inputs("v")
         largest = float(np.max(np.abs(v)))
         columns = response(fit, voltage=as_late(fit, -np.sign(v)))[:, :, None]
-        return [Linear(self.name, columns, ("V",), least=0.0, most=MOST * largest, size=USUAL_DROP * largest)]
+        return [Linear(self.name, columns, ("V",), least=0.0, most=MOST_DROP * largest, size=USUAL_DROP * largest)]
 
     def tell(self, name: str, value: float, plan: Plan) -> str:
         """Say how large."""

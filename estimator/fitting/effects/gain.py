@@ -1,4 +1,4 @@
-"""A channel is shown with a wrong gain, which what is held fixed or shown beside it contradicts."""
+"""A channel has a wrong gain, which fixed parameters or another channel show."""
 
 from __future__ import annotations
 
@@ -11,26 +11,28 @@ from estimator.fitting.effects.base import SELDOM, Effect
 from estimator.fitting.fit import Fit, Linear
 from estimator.plans.plan import Plan
 
-MOST = 0.3  # part by which a scale may be wrong
+MOST_ERROR = 0.3  # part by which a scale may be wrong
 
 
 @dataclass(frozen=True)
 class Gain(Effect):
-    """A gain of one output, as its part above 1; where other parameters explain the same, it is not asked for."""
+    """A gain of one output, as the difference from 1; not tested where free parameters explain the same."""
 
     name: str = "gain"
     prior: float = SELDOM
     doubt: str = "the signals, or what is held fixed, contradict each other: check the sensors' scales"
 
     def linear(self, fit: Fit) -> Sequence[Linear]:
-        """Return one an output; of an encoder's angle the counts a turn are known."""
+        """Return one for each output but an encoder's angle, whose counts a turn are known."""
         plan, found = fit.simulator.plan, []
         for j, y in enumerate(fit.simulator.outputs):
             if y == "angle" or f"gain {y}" in plan.declared:
                 continue
             columns = np.zeros((fit.simulator.rows, len(fit.simulator.outputs), 1))
             columns[:, j, 0] = fit.shown[:, j]
-            found.append(Linear(f"gain {y}", columns, ("",), least=-MOST, most=MOST, told_from=1.0, size=0.02))
+            found.append(
+                Linear(f"gain {y}", columns, ("",), least=-MOST_ERROR, most=MOST_ERROR, told_from=1.0, size=0.02)
+            )
         return found
 
     def tell(self, name: str, value: float, plan: Plan) -> str:

@@ -1,4 +1,4 @@
-"""A logger lost rows: what follows was taken later than the clock says, until the next change of the input."""
+"""A logger lost rows: the samples behind were taken later than the clock says, until the next change of the input."""
 
 from __future__ import annotations
 
@@ -13,11 +13,12 @@ from estimator.fitting.fit import Fit, Linear
 from estimator.fitting.windows import find_windows
 from estimator.plans.plan import Plan
 
-LEAST, MOST = 0.7, 30.0  # rows: a logger loses whole ones
+FEWEST_ROWS, MOST_ROWS = 0.7, 30.0  # rows: a logger loses whole ones
 FloatArray = NDArray[np.float64]
 
-COUNTS, NEAR = (1, 2, 4, 6, 9, 14, 20), 0.35  # rows that are tried; how near the answer must be to what was tried
-PLACES = 60  # that are looked at, at most
+TRIED_ROWS = (1, 2, 4, 6, 9, 14, 20)
+NEAR_TRIED = 0.35  # of the tried rows: how near to them the answer must be
+PLACES = 60  # that are tested, at most
 
 
 @dataclass(frozen=True)
@@ -29,7 +30,7 @@ class LostRows(Effect):
     doubt: str = "rows are missing, or the clock is wrong: check the logger"
 
     def linear(self, fit: Fit) -> Sequence[Linear]:
-        """Return the place whose loss explains most of what is left in the transients."""
+        """Return the place where lost rows explain most of the residuals in the transients."""
         s = fit.simulator
         windows = find_windows(fit)
         settled = windows.settled
@@ -46,7 +47,7 @@ class LostRows(Effect):
             return ()
         test = fit.test()
         found: list[tuple[float, int, FloatArray]] = []
-        for many in COUNTS:
+        for many in TRIED_ROWS:
             columns = np.zeros((*fit.shown.shape, len(places)))
             for p, row in enumerate(places.tolist()):
                 end = max(int(ends[row]), row + 1)
@@ -56,7 +57,7 @@ class LostRows(Effect):
             power = np.sum(across**2, axis=0)
             along = across.T @ test.left
             gain = np.where(power > 1e-9, along**2 / np.maximum(power, 1e-9), 0.0)
-            near = np.abs(along / np.maximum(power, 1e-9) / many - 1) < NEAR  # where it says what it was made for
+            near = np.abs(along / np.maximum(power, 1e-9) / many - 1) < NEAR_TRIED  # where it says what it was made for
             best = int(np.argmax(np.where(near, gain, 0.5 * gain)))
             found.append(
                 (float(np.where(near, gain, 0.5 * gain)[best]), int(places[best]), columns[:, :, best : best + 1])
@@ -64,7 +65,7 @@ class LostRows(Effect):
         _, place, own = max(found, key=lambda f: f[0])
         clock = next(c for c in s.clocks if c.rows.start <= place < c.rows.stop)
         t = clock.time[place - clock.rows.start]
-        return [Linear(f"{self.name} at t = {t:.4g} s", own, ("rows",), least=LEAST, most=MOST)]
+        return [Linear(f"{self.name} at t = {t:.4g} s", own, ("rows",), least=FEWEST_ROWS, most=MOST_ROWS)]
 
     def tell(self, name: str, value: float, plan: Plan) -> str:
         """Say how many, and where."""

@@ -1,4 +1,4 @@
-"""A low-pass of first or second order stands before a channel: an amplifier, an anti-aliasing filter, an observer."""
+"""A low-pass of first or second order in a channel: an amplifier, an anti-aliasing filter, an observer."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from estimator.plans.plan import Plan
 
 FloatArray = NDArray[np.float64]
 
-MOST = 60.0  # samples
+LONGEST_LAG = 60.0  # samples
 
 
 def lagged(y: FloatArray, tau: float, h: float) -> FloatArray:
@@ -44,11 +44,11 @@ class LowPass(Effect):
     order: int = 1
 
     def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
-        """Return one an output that has no filter declared."""
+        """Return one for each output without a declared filter."""
         h = min(o.recording.step for o in plan.observed)
         return [
             Nuisance(
-                f"{self.name} of {y}", "s", 0.0, MOST * h, 0.0, h,
+                f"{self.name} of {y}", "s", 0.0, LONGEST_LAG * h, 0.0, h,
                 output=y, act=lagged if self.order == 1 else lagged_twice, between=True,
                 tries=(0.3 * h, 1.5 * h, 6 * h), excludes=(f"lag of {y}", f"second-order lag of {y}"),
             )

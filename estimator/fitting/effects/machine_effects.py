@@ -1,4 +1,4 @@
-"""What changes in the machine over a recording: friction that falls as it warms, a winding that warms."""
+"""Changes of the machine during a recording: friction that drifts, a winding that warms."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from estimator.plans.plan import Plan
 
 FloatArray = NDArray[np.float64]
 
-PART = 0.1  # of the friction
+USUAL_DRIFT = 0.1  # of the friction
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class FrictionDrift(Effect):
     prior: float = 0.1
 
     def linear(self, fit: Fit) -> Sequence[Linear]:
-        """Return one a recording of a motor."""
+        """Return one for each recording of a motor."""
         s = fit.simulator
         values = motor_values(fit)
         if values is None or "w" not in s.outputs:
@@ -39,11 +39,11 @@ class FrictionDrift(Effect):
             torque = np.zeros(s.rows)
             t = clock.time
             torque[clock.rows] = np.sign(w[clock.rows]) * ((t - t[0]) / (t[-1] - t[0]) - 0.5)
-            found.append(Linear(name, response(fit, torque=torque)[:, :, None], ("N.m",), size=PART * usual))
+            found.append(Linear(name, response(fit, torque=torque)[:, :, None], ("N.m",), size=USUAL_DRIFT * usual))
         return found
 
     def tell(self, name: str, value: float, plan: Plan) -> str:
-        """Say which way."""
+        """Say in which direction."""
         way = "rises" if value > 0 else "falls"
         size = f"{abs(value):.3g} N.m over the recording"
         return f"{name}: the friction {way} by {size}; the parameters stand for the mean"

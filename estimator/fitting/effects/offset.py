@@ -1,4 +1,4 @@
-"""A channel's zero is not zero: an amplifier, a Hall sensor; an angle that begins anywhere."""
+"""A channel has an offset: an amplifier, a Hall sensor; an angle that begins anywhere."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Offset(Effect):
     name: str = "offset"
 
     def linear(self, fit: Fit) -> Sequence[Linear]:
-        """Return one an output and recording; a speed from encoder counts has none."""
+        """Return one for each output of each recording; a speed from encoder counts has none."""
         plan, found = fit.simulator.plan, []
         for j, y in enumerate(fit.simulator.outputs):
             if f"offset {y}" in plan.declared:

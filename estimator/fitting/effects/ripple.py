@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.conventions import STANDS_OUT
 from estimator.fitting.effects.base import USUAL, Effect
 from estimator.fitting.fit import Fit, Linear
 from estimator.fitting.windows import find_windows
@@ -17,22 +18,22 @@ from estimator.recordings.samples import filled
 
 FloatArray = NDArray[np.float64]
 
-ORDERS = 64  # of the angle
-TURNS = 4.0  # fewer tell no order
-SAME = 0.9  # of the best order's power: a lower order that explains as much is taken
-CYCLES, SHARE = 10.0, 0.05  # in a recording; of its rows: an order that is folded below is not told from a drift
-LEAST = 1.0  # of a speed's quantum
-BESIDE = 2  # orders that a few turns do not part
-STANDS_OUT, NEAR = 20.0, 12  # times the median power of the orders nearby; of those on either side
-STANDS = 1e-3  # of the largest signal: less stands still
-LINES = 4  # an output, at most
+HIGHEST_ORDER = 64  # of the angle
+LEAST_TURNS = 4.0  # with fewer, no order is resolved
+AS_GOOD = 0.9  # of the best order's power: the lowest order that explains as much is selected
+LINE_CYCLES, FOLDED = 10.0, 0.05  # in a recording; of its rows: an order that is aliased below may be a drift
+LEAST_QUANTA = 1.0  # of a speed's quantum
+ORDERS_BESIDE = 2  # neighbouring orders that a few turns do not resolve
+ORDERS_NEARBY = 12  # on either side: by the median of their powers an order is judged
+STANDSTILL = 1e-3  # of the largest signal: less stands still
+MOST_LINES = 4  # an output, at most
 SPIKE, TURNING = 8.0, 0.2  # standard deviations of a speed's noise; of the largest speed: where it is turning
 
 
 def angle_of(fit: Fit) -> FloatArray | None:
     """Return the shaft's angle, rad, (rows,), integrated from the measured speed; None where there is none.
 
-    Of the measured one: a simulated speed that is wrong by half a percent slips by whole periods of a high order.
+    Of the measured speed: a simulated one with an error of half a percent loses whole periods of a high order.
     """
     s = fit.simulator
     if "angle" in s.outputs:
@@ -56,8 +57,10 @@ def _without_spikes(w: FloatArray) -> FloatArray:
 
 
 def standing_out(fit: Fit) -> FloatArray:
-    """Return what is left over its deviation, (rows, q), outliers held down; zero where a sample is missing."""
-    left = fit.residuals() / fit.whitener.noise.deviation(fit.whitener.level)  # a colour would hold lines already
+    """Return residuals over their deviation, (rows, q), outliers weighted; zero where a sample is missing."""
+    left = fit.residuals() / fit.whitener.noise.deviation(
+        fit.whitener.level
+    )  # a correlated noise would contain the lines
     return np.where(fit.whitener.present, left, 0.0) / np.sqrt(fit.whitener.inflate)
 
 
@@ -66,36 +69,36 @@ class Ripple(Effect):
     """Cosine and sine of one order of the angle, as large as the signal or of one amplitude, each recording's own."""
 
     name: str = "ripple"
-    prior: float = USUAL / ORDERS
+    prior: float = USUAL / HIGHEST_ORDER
     sharp: bool = True
     is_line: bool = True
 
     def linear(self, fit: Fit) -> Sequence[Linear]:
-        """Return, of each output, the order that explains most of what is left, where one stands out."""
+        """Return, of each output, the order that explains most of the residuals, where its power stands out."""
         theta = angle_of(fit)
-        if theta is None or np.ptp(theta) < 2 * np.pi * TURNS:
+        if theta is None or np.ptp(theta) < 2 * np.pi * LEAST_TURNS:
             return ()
         found = []
         settled = find_windows(fit).settled & fit.whitener.moving
-        z = np.where(settled[:, None], standing_out(fit), 0.0)  # a transient that is not explained is none
+        z = np.where(settled[:, None], standing_out(fit), 0.0)  # a misfit in a transient is no ripple
         for j, y in enumerate(fit.simulator.outputs):
             own = (g.name.split(" ") for g in fit.linear if g.name.startswith(f"ripple {y} "))
             taken = {int(words[2]) for words in own if len(words) == 3}
-            if y == "angle" or len(taken) >= LINES:
+            if y == "angle" or len(taken) >= MOST_LINES:
                 continue
             level = fit.shown[:, j] / max(float(np.max(np.abs(fit.shown[:, j]))), 1e-300)
             power = self.power(theta, z[:, j] * level, fit)
             power[[k - 1 for k in taken]] = 0.0
             best = float(np.max(power))
-            order = int(np.argmax(power > SAME * best)) + 1
-            around = np.arange(max(0, order - 1 - NEAR), min(ORDERS, order + NEAR))
-            near = power[[k for k in around if abs(k - order + 1) > BESIDE and k + 1 not in taken]]
+            order = int(np.argmax(power > AS_GOOD * best)) + 1
+            around = np.arange(max(0, order - 1 - ORDERS_NEARBY), min(HIGHEST_ORDER, order + ORDERS_NEARBY))
+            near = power[[k for k in around if abs(k - order + 1) > ORDERS_BESIDE and k + 1 not in taken]]
             if best < STANDS_OUT * float(np.median(near[near > 0])) if np.any(near > 0) else True:
                 continue
             coarse = max(quantum(o.outputs[y]) for o in fit.simulator.observed)
-            if coarse > 0 and self._amplitude(power[order - 1], z[:, j], level, fit, j) < LEAST * coarse:
+            if coarse > 0 and self._amplitude(power[order - 1], z[:, j], level, fit, j) < LEAST_QUANTA * coarse:
                 continue  # the beat of the encoder's lines with the clock
-            shapes = (level, (np.abs(level) > STANDS).astype(np.float64))  # as commutation, or as a load that turns
+            shapes = (level, (np.abs(level) > STANDSTILL).astype(np.float64))  # as commutation, or as a load that turns
             tried = [self.columns(fit, theta, shape, order, j) for shape in shapes]
             test = fit.test()
             gains = [test.gain(test.across(columns))[0] for columns in tried]
@@ -108,17 +111,17 @@ class Ripple(Effect):
 
     def power(self, theta: FloatArray, z: FloatArray, fit: Fit) -> FloatArray:
         """Return how much of a whitened output each order explains, (orders,)."""
-        total = np.zeros(ORDERS)
+        total = np.zeros(HIGHEST_ORDER)
         for clock in fit.simulator.clocks:
             base = np.exp(1j * theta[clock.rows])
             wave = np.ones_like(base)
             turn = np.diff(theta[clock.rows], prepend=theta[clock.rows][0])
             turn = turn[np.abs(turn) > 0.2 * np.max(np.abs(turn))]
-            for k in range(ORDERS):
+            for k in range(HIGHEST_ORDER):
                 wave = wave * base
                 folded = np.angle(np.exp(1j * (k + 1) * turn))
-                if np.mean(np.abs(folded) < 2 * np.pi * CYCLES / len(folded)) > SHARE:
-                    continue  # folded to what any slow change looks like
+                if np.mean(np.abs(folded) < 2 * np.pi * LINE_CYCLES / len(folded)) > FOLDED:
+                    continue  # aliased to a slow change
                 total[k] += abs(np.vdot(wave, z[clock.rows])) ** 2
         return total
 

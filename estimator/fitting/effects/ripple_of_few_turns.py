@@ -1,4 +1,4 @@
-"""Ripple locked to the shaft that no line shows: there are too few turns, or the signal is large at edges only."""
+"""Ripple locked to the shaft without a spectral line: there are too few turns, or the signal is large at edges only."""
 
 from __future__ import annotations
 
@@ -10,18 +10,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.fitting.effects.base import USUAL
-from estimator.fitting.effects.ripple import CYCLES, LINES, Ripple, angle_of, standing_out
+from estimator.fitting.effects.ripple import LINE_CYCLES, MOST_LINES, Ripple, angle_of, standing_out
 from estimator.fitting.fit import Fit, Linear
 from estimator.fitting.noise_model import Clock
 
 FloatArray = NDArray[np.float64]
 
-LOW = (1, 2)  # orders of the speed: the centre beside the axis, and a disc that is tilted
-MOST = 0.05  # of the speed: the disc of an encoder is centred better
-TURNS, FEW = 1.0, 4.0  # fewer show no order; times what makes a line
-LATE, TRIES, FINE = 8.0, 24, 0.05  # rows by which an angle may be early or late; tries on either side; how finely
-ENOUGH = 6000  # rows that tell it
-PERIODS = 4.0  # of an order while the current is large: with fewer it is no more than a transient's shape
+LOW_ORDERS = (1, 2)  # orders in the speed: a disc with its centre beside the axis, and a tilted one
+MOST_ECCENTRICITY = 0.05  # of the speed: the disc of an encoder is centred better
+FEWEST_TURNS = 1.0  # with fewer, no order is tested
+BELOW_LINE = 4.0  # times LINE_CYCLES: with more cycles an order is a line (ripple.py)
+FARTHEST, FINEST = 8.0, 0.05  # rows by which an angle may be early or late; to which its lateness is found
+TRIED_SHIFTS = 24  # on either side
+ENOUGH_ROWS = 6000  # rows that the lateness is found from, at most
+PERIODS_AT_EDGES = 4.0  # of an order while the current is large: with fewer it cannot be distinguished from a transient
 
 
 @dataclass(frozen=True)
@@ -34,21 +36,21 @@ class Eccentricity(Ripple):
     is_line: bool = False
 
     def linear(self, fit: Fit) -> Sequence[Linear]:
-        """Return the low orders that have too few periods for a line: by all rows, the transients among them."""
+        """Return the low orders that have too few periods for a line, by all rows, also in transients."""
         theta, outputs = angle_of(fit), fit.simulator.outputs
         if theta is None or "w" not in outputs or not np.any(fit.shown[:, (j := outputs.index("w"))]):
             return ()
         turns, largest = _turns(theta, fit), float(np.max(np.abs(fit.shown[:, j])))
-        if turns < TURNS:
+        if turns < FEWEST_TURNS:
             return ()
         return [
             Linear(f"ripple w {k}", self.columns(fit, theta, fit.shown[:, j] / largest, k, j), self._units(fit, "w"),
-                   least=-MOST * largest, most=MOST * largest)
-            for k in LOW if k * turns < FEW * CYCLES
+                   least=-MOST_ECCENTRICITY * largest, most=MOST_ECCENTRICITY * largest)
+            for k in LOW_ORDERS if k * turns < BELOW_LINE * LINE_CYCLES
         ]  # fmt: skip
 
     def renewed(self, fit: Fit, group: Linear, coefficients: FloatArray) -> Linear | None:
-        """Return the order at the speed that is shown now: it is the speed's own, and never late."""
+        """Return the order in proportion to the speed of the last fit; its angle is the speed's, and never late."""
         return next((g for g in self.linear(fit) if g.name == group.name), None)
 
 
@@ -61,23 +63,23 @@ class Commutation(Ripple):
     is_line: bool = False
 
     def linear(self, fit: Fit) -> Sequence[Linear]:
-        """Return the order that explains most of what is left of the current, the transients among it."""
+        """Return the order that explains most of the current's residuals, also in transients."""
         theta, outputs = angle_of(fit), fit.simulator.outputs
-        if theta is None or "i" not in outputs or _turns(theta, fit) < TURNS:
+        if theta is None or "i" not in outputs or _turns(theta, fit) < FEWEST_TURNS:
             return ()
         j = outputs.index("i")
         taken = {int(w[2]) for g in fit.linear if (w := g.name.split(" "))[:2] == ["ripple", "i"] and len(w) == 3}
         level, z = _level(fit, j), standing_out(fit)[:, j]
         power = self.power(theta, level * z, fit)
-        power[[k - 1 for k in (*LOW, *taken)]] = 0.0
-        power[: max(0, int(PERIODS / max(_turns_at_edges(theta, level, fit), 1e-9)))] = 0.0
-        if len(taken) >= LINES or not np.any(power):
+        power[[k - 1 for k in (*LOW_ORDERS, *taken)]] = 0.0
+        power[: max(0, int(PERIODS_AT_EDGES / max(_turns_at_edges(theta, level, fit), 1e-9)))] = 0.0
+        if len(taken) >= MOST_LINES or not np.any(power):
             return ()
         order = int(np.argmax(power)) + 1
         return [Linear(f"ripple i {order}", self._in_time(fit, theta, level, order, j, z), self._units(fit, "i"))]
 
     def renewed(self, fit: Fit, group: Linear, coefficients: FloatArray) -> Linear | None:
-        """Return the order's columns, their angle as late as what is explained now shows it."""
+        """Return the order's columns, the lateness of the angle found from the last fit."""
         theta, j = angle_of(fit), fit.simulator.outputs.index("i")
         if theta is None:
             return None
@@ -86,18 +88,18 @@ class Commutation(Ripple):
         return dataclasses.replace(group, columns=columns)
 
     def _in_time(self, fit: Fit, theta: FloatArray, level: FloatArray, order: int, j: int, z: FloatArray) -> FloatArray:
-        """Return an order's columns, its angle as early or late as explains most of z: a sensor may be slow."""
+        """Return an order's columns, its angle shifted so that it explains most of z: a sensor may be slow."""
         clocks = fit.simulator.clocks
-        every = 1 + len(theta) // ENOUGH
+        every = 1 + len(theta) // ENOUGH_ROWS
         parts = [(c, slice(c.rows.start, c.rows.stop, every)) for c in clocks]
         weighted = level * z
-        step, late, reach = min(c.step for c in clocks), 0.0, LATE
-        while reach > FINE:
-            tried = late + step * np.linspace(-reach, reach, 2 * TRIES + 1)
+        step, late, reach = min(c.step for c in clocks), 0.0, FARTHEST
+        while reach > FINEST:
+            tried = late + step * np.linspace(-reach, reach, 2 * TRIED_SHIFTS + 1)
             angles = [[order * _shifted(theta, c, t)[::every] for c, _ in parts] for t in tried]
             powers = [sum(abs(np.vdot(np.exp(1j * a), weighted[rows])) ** 2
                           for a, (_, rows) in zip(own, parts, strict=True)) for own in angles]  # fmt: skip
-            late, reach = float(tried[int(np.argmax(powers))]), 1.5 * reach / TRIES
+            late, reach = float(tried[int(np.argmax(powers))]), 1.5 * reach / TRIED_SHIFTS
         shifted = np.concatenate([_shifted(theta, c, late) for c in clocks])
         return self.columns(fit, shifted, level, order, j)
 

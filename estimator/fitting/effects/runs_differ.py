@@ -12,19 +12,19 @@ from estimator.fitting.effects.base import USUAL, Effect
 from estimator.fitting.fit import Fit, Linear
 from estimator.plans.plan import Plan
 
-USUALLY = 0.03  # of a parameter, between runs
-MOST = 1.0  # of a logarithm
+USUAL_CHANGE = 0.03  # of a parameter, between runs
+MOST_CHANGE = 1.0  # of a logarithm
 
 
 @dataclass(frozen=True)
 class RunsDiffer(Effect):
-    """What each recording has of one parameter beyond the mean of all, to first order."""
+    """Deviation of one parameter in each recording from the mean of all, to first order."""
 
     name: str = BETWEEN.strip()
     prior: float = USUAL / 5  # motors have five parameters
 
     def linear(self, fit: Fit) -> Sequence[Linear]:
-        """Return one group a parameter that is shared: its derivatives in each recording less those in the last."""
+        """Return one group for each shared parameter: its derivatives in each recording less those in the last."""
         s, found = fit.simulator, []
         if len(s.clocks) < 2:
             return ()
@@ -38,9 +38,11 @@ class RunsDiffer(Effect):
                 columns[rows, :, k], columns[last, :, k] = own[rows], -own[last]
             if np.any(columns):
                 name = f"{parameter.name}{BETWEEN}"
-                found.append(Linear(name, columns, ("",) * len(first), least=-MOST, most=MOST, size=USUALLY))
+                found.append(
+                    Linear(name, columns, ("",) * len(first), least=-MOST_CHANGE, most=MOST_CHANGE, size=USUAL_CHANGE)
+                )
         return found
 
     def tell(self, name: str, value: float, plan: Plan) -> str:
-        """Say nothing: the random effect of all runs is told (between_runs.py)."""
+        """Return "": the random effect of all runs is reported instead (between_runs.py)."""
         return ""

@@ -1,4 +1,4 @@
-"""The source itself gives way to the current, with a capacitor beside it, whatever voltage it is set to."""
+"""The voltage of the source falls with the current, with a capacitor beside its resistance, at every voltage."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.fitting.effects.base import SELDOM, Effect
+from estimator.fitting.effects.base import SELDOM, Effect, time_constants
 from estimator.fitting.fit import Fit, Linear
 from estimator.fitting.motor_response import motor_values, response
 from estimator.fitting.recursion import recursion
@@ -17,17 +17,17 @@ from estimator.plans.plan import Plan
 
 FloatArray = NDArray[np.float64]
 
-RATIO, SHORTEST, LONGEST = 1.5, 2.0, 0.1  # between time constants; in samples; s, of a supply's capacitors
-BESIDE = 1  # steps of time constants between rivals
-SMALL = 0.01  # of the winding's: less is the rounding of something else
-PART = 0.05  # of the winding's resistance: a usual source's
+LONGEST_SAG = 0.1  # s: the longest time constant of a supply's capacitors
+STEPS_BESIDE = 1  # steps of time constants between rivals
+LEAST_SAG = 0.01  # of the winding's resistance: a smaller one is not distinguished from other errors
+USUAL_SAG = 0.05  # of the winding's resistance: a usual source's
 
 
 @dataclass(frozen=True)
 class SourceSag(Effect):
-    """A resistance of the source, Ohm: what it takes off comes with one time constant, at zero volts too.
+    """A resistance of the source, Ohm, whose voltage drop follows the current with one time constant, also at 0 V.
 
-    A supply behind a bridge, whose sag does not matter while the bridge is off, is `drive.Sag`.
+    `drive.Sag` is a supply behind a bridge: its sag has no effect while the bridge is off.
     """
 
     name: str = "sag of the source"
@@ -35,37 +35,36 @@ class SourceSag(Effect):
     is_one: bool = True
 
     def linear(self, fit: Fit) -> Sequence[Linear]:
-        """Return the time constant whose sag explains most of what is left, and those beside it, its rivals."""
+        """Return the time constant whose sag explains most of the residuals, and its neighbours as rivals."""
         s, values = fit.simulator, motor_values(fit)
         if values is None or "i" not in s.outputs or any(g.name.startswith(self.name) for g in fit.linear):
             return ()
         if any(n in fit.free for n in ("supply_resistance",)):
             return ()
-        shortest = SHORTEST * s.clocks[0].step
-        count = 1 + int(max(0.0, np.log(LONGEST / shortest) / np.log(RATIO)))
-        taus = shortest * RATIO ** np.arange(count)
+        taus = time_constants(s.clocks[0].step, LONGEST_SAG)
         current = fit.explained[:, s.outputs.index("i")]
         test, columns = fit.test(), [_response(fit, current, float(tau)) for tau in taus]
         across = test.across(np.stack(columns, axis=2))
         along, power = across.T @ test.left, np.sum(across**2, axis=0)
         best = int(np.argmax(np.where((power > 1e-9) & (along > 0), along**2 / np.maximum(power, 1e-9), 0.0)))
         found = []
-        for k in sorted({max(0, best - BESIDE), best, min(count - 1, best + BESIDE)}, key=lambda k: abs(k - best)):
+        near = {max(0, best - STEPS_BESIDE), best, min(len(taus) - 1, best + STEPS_BESIDE)}
+        for k in sorted(near, key=lambda k: abs(k - best)):
             name = f"{self.name}, {taus[k]:.3g} s"
             found.append(
                 Linear(
                     name,
                     columns[k][:, :, None],
                     ("Ohm",),
-                    least=SMALL * values["R"],
+                    least=LEAST_SAG * values["R"],
                     most=values["R"],
-                    size=PART * values["R"],
+                    size=USUAL_SAG * values["R"],
                 )  # fmt: skip
             )
         return found
 
     def renewed(self, fit: Fit, group: Linear, coefficients: FloatArray) -> Linear | None:
-        """Return the sag by the current as it is explained now."""
+        """Return the sag by the current of the last fit."""
         explained = fit.explained + group.columns @ coefficients
         current = explained[:, fit.simulator.outputs.index("i")]
         tau = float(group.name.split(", ")[1].removesuffix(" s"))
@@ -77,7 +76,7 @@ class SourceSag(Effect):
 
 
 def _response(fit: Fit, current: FloatArray, tau: float) -> FloatArray:
-    """Return what 1 Ohm of the source changes, (rows, q), the current behind it as slow as tau, s."""
+    """Return the change of the signals, (rows, q), by 1 Ohm of the source with the time constant tau, s."""
     taken = np.zeros(len(current))
     for clock in fit.simulator.clocks:
         a = float(np.exp(-clock.step / tau))

@@ -1,4 +1,4 @@
-"""The motor turns, or carries a current, when the recording begins, and the voltage does not say why."""
+"""The motor turns, or carries a current, when the recording begins, without a voltage as cause."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Ripple of the driver's switching (PWM) in the current: lines of a fixed frequency, as the sampling folds them."""
+"""Ripple of the driver's switching (PWM) in the current: lines of a fixed frequency, aliased by the sampling."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.conventions import STANDS_OUT
 from estimator.fitting.effects.base import USUAL, Effect
 from estimator.fitting.effects.ripple import angle_of
 from estimator.fitting.fit import Fit, Linear
@@ -17,15 +18,15 @@ from estimator.recordings.samples import filled
 
 FloatArray = NDArray[np.float64]
 
-FINER = 4  # times the number of rows: frequencies that are tried
-CYCLES = 8.0  # of the shortest stretch: a slower line is not told from what is explained wrongly
-SHORTEST = 32  # rows of a stretch that has an amplitude of its own
+OVERSAMPLING = 4  # times the number of rows: frequencies that are tried
+STRETCH_CYCLES = 8.0  # of the shortest stretch: a slower line is not distinguished from a misfit
+STRETCH_ROWS = 32  # rows of a stretch that has an amplitude of its own
 STRETCHES = 6  # at most
-STANDS_OUT, NEAR, BESIDE = 20.0, 60, 6  # times the median power nearby; of frequencies on either side; left out
-LINES, HARMONICS = 6, 12  # at most; of the first line, each folded to its own place
+LINES_NEARBY, LINE_WIDTH = 60, 6  # frequencies on either side, whose median power judges a line; of these left out
+MOST_SWITCHING_LINES, HARMONICS = 6, 12  # at most; of the first line, each aliased to its own frequency
 ZOOMS = 7  # by 4 each
-LOW, WANDERS = 3, 0.08  # orders of a shaft that turns unevenly; part by which its frequency wanders
-EVEN = 0.02  # of a step: a clock that wanders by more folds no line
+SHAFT_ORDERS, WANDERS = 3, 0.08  # orders of an uneven shaft, which are no switching; part by which the speed varies
+EVEN = 0.02  # of a step: a clock with a larger jitter aliases no line
 
 
 @dataclass(frozen=True)
@@ -46,13 +47,13 @@ class SwitchingRipple(Effect):
         windows, stretches = find_windows(fit), _stretches(fit)
         later = windows.settled.copy()
         for rows, _ in stretches:
-            if np.sum(later[rows]) < max(SHORTEST, len(rows) // 2):
-                later[rows] = ~windows.sharp[rows]  # what is explained wrongly there is slow, and no line
+            if np.sum(later[rows]) < max(STRETCH_ROWS, len(rows) // 2):
+                later[rows] = ~windows.sharp[rows]  # a misfit there is slow, and no line
         left = fit.residuals() / fit.whitener.noise.deviation(fit.whitener.level)
         z = np.where(later[:, None] & fit.whitener.present, left, 0.0) / np.sqrt(fit.whitener.inflate)
         taken = [float(g.name.split()[3]) for g in fit.linear if g.name.startswith("ripple i at ")]
-        parts = [(t, z[rows, j]) for rows, t in stretches if np.sum(later[rows]) >= SHORTEST]
-        if len(taken) >= LINES or not parts:
+        parts = [(t, z[rows, j]) for rows, t in stretches if np.sum(later[rows]) >= STRETCH_ROWS]
+        if len(taken) >= MOST_SWITCHING_LINES or not parts:
             return ()
         lines = _strongest(parts, s.clocks[0].step, taken)
         if not taken and lines and _is_the_shafts(lines[0], fit, stretches):
@@ -64,7 +65,7 @@ class SwitchingRipple(Effect):
             for e, (rows, time) in enumerate(stretches):
                 for part, wave in enumerate((np.cos, np.sin)):
                     columns[rows, j, 2 * e + part] = wave(2 * np.pi * f * time)
-            told = [c for c in range(columns.shape[2]) if np.sum(later & (columns[:, j, c] != 0)) >= SHORTEST // 2]
+            told = [c for c in range(columns.shape[2]) if np.sum(later & (columns[:, j, c] != 0)) >= STRETCH_ROWS // 2]
             found.append(Linear(f"ripple i at {f:.6g} Hz", columns[:, :, told], (unit,) * len(told)))
         return found
 
@@ -83,7 +84,7 @@ def _is_the_shafts(f: float, fit: Fit, stretches: Sequence[tuple[NDArray[np.int6
     if theta is None:
         return False
     known = (g.name.split(" ") for g in fit.linear if g.name.startswith("ripple i "))
-    orders = {*range(1, LOW + 1), *(int(words[2]) for words in known if len(words) == 3)}
+    orders = {*range(1, SHAFT_ORDERS + 1), *(int(words[2]) for words in known if len(words) == 3)}
     turning = [abs(theta[rows[-1]] - theta[rows[0]]) / (2 * np.pi * (t[-1] - t[0])) for rows, t in stretches]
     return any(abs(f - k * x) < WANDERS * k * x for x in turning for k in orders)
 
@@ -96,16 +97,16 @@ def _strongest(parts: Sequence[tuple[FloatArray, FloatArray]], step: float, take
     parts : times, s, and whitened residuals, (n,) arrays
     taken : frequencies of lines that are known
     """
-    size = FINER * int(2 ** np.ceil(np.log2(max(len(own) for _, own in parts))))
+    size = OVERSAMPLING * int(2 ** np.ceil(np.log2(max(len(own) for _, own in parts))))
     power = np.sum([2 * np.abs(np.fft.rfft(own, size)) ** 2 / len(own) for _, own in parts], axis=0)
     frequency = np.fft.rfftfreq(size, step)
     cycle = 1 / (step * min(len(own) for _, own in parts))  # Hz
-    power[frequency < CYCLES * cycle] = 0.0
+    power[frequency < STRETCH_CYCLES * cycle] = 0.0
     for known in taken:
         power[np.abs(frequency - known) < 2 * cycle] = 0.0
     found = []
     k = int(np.argmax(power))
-    near = np.r_[power[max(0, k - NEAR) : max(0, k - BESIDE)], power[k + BESIDE + 1 : k + NEAR]]
+    near = np.r_[power[max(0, k - LINES_NEARBY) : max(0, k - LINE_WIDTH)], power[k + LINE_WIDTH + 1 : k + LINES_NEARBY]]
     if np.any(near > 0) and power[k] > STANDS_OUT * float(np.median(near[near > 0])):
         found.append(_sharpened(float(frequency[k]), float(frequency[1]), parts))
     if taken:
@@ -142,7 +143,7 @@ def _stretches(fit: Fit) -> list[tuple[NDArray[np.int64], FloatArray]]:
         edges = np.flatnonzero(np.abs(np.diff(v)) > 1e-9 * max(float(np.max(np.abs(v))), 1e-300)) + 1 + late
         bounds = [0, *edges[edges < len(v)].tolist(), len(v)]
         for first, last in zip(bounds[:-1], bounds[1:], strict=True):
-            if last - first >= SHORTEST and v[max(first - late, 0)] != 0:
+            if last - first >= STRETCH_ROWS and v[max(first - late, 0)] != 0:
                 rows = np.arange(clock.rows.start + first, clock.rows.start + last)
                 found.append((rows, clock.time[first:last]))
     return sorted(found, key=lambda f: -len(f[0]))[:STRETCHES]

@@ -1,4 +1,4 @@
-"""The logged voltage is noisy, the motor's is not: a sensor's noise, which the model would take for an input."""
+"""The logged voltage has a sensor's noise that the motor's voltage does not have: no input of the model."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 
 from estimator.fitting.effects.base import Effect
 from estimator.fitting.fit import Fit, Linear
+from estimator.fitting.latency import EDGE
 from estimator.fitting.motor_response import as_late, motor_values, response
 from estimator.plans.plan import Plan
 
 FloatArray = NDArray[np.float64]
 
-EDGE = 0.05  # of the voltage's range
-LEVELS = 3000  # changes, at most: more are a signal
+MOST_CHANGES = 3000  # changes, at most: more are a signal
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class VoltageNoise(Effect):
     prior: float = 0.1
 
     def linear(self, fit: Fit) -> Sequence[Linear]:
-        """Return the response to the logged voltage's way around its levels, taken back."""
+        """Return the response to the logged voltage's deviations from its levels, with opposite sign."""
         s = fit.simulator
         if motor_values(fit) is None:
             return ()
@@ -47,7 +47,7 @@ class VoltageNoise(Effect):
 def _around(u: FloatArray) -> FloatArray:
     """Return a voltage less the means of its levels, (n,); zero where it has too many."""
     jumps = np.flatnonzero(np.abs(np.diff(u)) > EDGE * max(float(np.ptp(u)), 1e-300)) + 1
-    if len(jumps) > LEVELS:
+    if len(jumps) > MOST_CHANGES:
         return np.zeros(len(u))
     result = np.empty(len(u))
     for first, last in zip([0, *jumps], [*jumps, len(u)], strict=True):

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.fitting.effects.base import SELDOM, Effect
+from estimator.fitting.effects.base import SELDOM, Effect, time_constants
 from estimator.fitting.fit import Fit, Linear
+from estimator.fitting.latency import EDGE, MOST_EDGES
 from estimator.fitting.motor_response import as_late, motor_values, response
 from estimator.fitting.recursion import recursion
 from estimator.plans.plan import Plan
@@ -17,10 +18,8 @@ from estimator.plans.plan import Plan
 FloatArray = NDArray[np.float64]
 
 NAMES = ("voltage dip", "voltage overshoot")
-LEAST = 0.05  # of the voltage's range: a smaller change is none
-EDGES = 12  # more are a signal
-RATIO, SHORTEST, LONGEST = 1.5, 2.0, 0.3  # between time constants; in samples; of the recording
-SMALL, MOST = 0.005, 0.5  # of a change: less is the rounding of something else, more is another voltage
+LONGEST_TRANSIENT = 0.3  # of the recording: the longest time constant
+LEAST_PART, MOST_PART = 0.005, 0.5  # of a change: less is like other errors, more is another voltage
 
 
 @dataclass(frozen=True)
@@ -39,14 +38,13 @@ class VoltageTransient(Effect):
     sign: int = 1
 
     def linear(self, fit: Fit) -> Sequence[Linear]:
-        """Return the time constant whose transient explains most of what is left."""
+        """Return the time constant whose transient explains most of the residuals."""
         s = fit.simulator
         if motor_values(fit) is None or any(g.name.startswith(NAMES) for g in fit.linear):
             return ()
         v = s.inputs("v")
         duration = max(float(c.time[-1] - c.time[0]) for c in s.clocks)
-        shortest = SHORTEST * s.clocks[0].step
-        taus = shortest * RATIO ** np.arange(1 + int(max(0.0, np.log(LONGEST * duration / shortest) / np.log(RATIO))))
+        taus = time_constants(s.clocks[0].step, LONGEST_TRANSIENT * duration)
         columns = []
         for tau in taus:
             missing = np.zeros(s.rows)
@@ -60,10 +58,11 @@ class VoltageTransient(Effect):
         along, power = across.T @ test.left, np.sum(across**2, axis=0)
         best = int(np.argmax(np.where((power > 1e-9) & (along > 0), along**2 / np.maximum(power, 1e-9), 0.0)))
         name = f"{self.name} of {taus[best]:.3g} s"
-        return [Linear(name, columns[best][:, :, None], ("",), least=SMALL, most=MOST, size=max(0.02 * self.sign, 0.0))]
+        size = max(0.02 * self.sign, 0.0)
+        return [Linear(name, columns[best][:, :, None], ("",), least=LEAST_PART, most=MOST_PART, size=size)]
 
     def tell(self, name: str, value: float, plan: Plan) -> str:
-        """Say which way, by how much, and for how long."""
+        """Say in which direction, by how much, and for how long."""
         way = "too low" if self.sign > 0 else "too high"
         return f"{name}: after each change the motor's voltage is {way} at first, by {100 * value:.2g} % of it"
 
@@ -71,7 +70,7 @@ class VoltageTransient(Effect):
 def _coming_back(u: FloatArray, decay: float, span: float) -> FloatArray:
     """Return what is missing of a voltage, (n,), if all of each change is missing at first; 0 if it has no levels."""
     change = np.diff(u, prepend=u[:1])
-    change[np.abs(change) <= LEAST * span] = 0.0
-    if np.count_nonzero(change) > EDGES:
+    change[np.abs(change) <= EDGE * span] = 0.0
+    if np.count_nonzero(change) > MOST_EDGES:
         return np.zeros(len(u))
     return recursion([1.0], [-decay], change)
