@@ -298,9 +298,8 @@ def held_down(fit: Fit, onsets: BoolArray) -> Fit:
     onsets : (rows,) array
         Rows after edges: residuals there are a misfit of the response, and no outliers.
     """
-    z = np.abs(fit.z.reshape(fit.shown.shape)) * np.sqrt(
-        fit.whitener.inflate
-    )  # as if no outlier had a lower weight yet
+    # As if no outlier had a lower weight yet.
+    z = np.abs(fit.z.reshape(fit.shown.shape)) * np.sqrt(fit.whitener.inflate)
     present = fit.whitener.present
     usual = [
         np.median(own[here]) / MEDIAN_SIZE if here.any() else 1.0 for own, here in zip(z.T, present.T, strict=True)

@@ -25,9 +25,8 @@ from estimator.recordings.made_columns import SUPPLY, duty_column
 from estimator.recordings.recording import Recording
 
 SAME, FEW = 0.02, 0.05  # of the span, of the samples: columns that differ by less are one signal
-CHANNEL = re.compile(
-    r"(ch|chan|channel|kanal|ain|analog|probe)_?[0-9a-d]+$"
-)  # a scope's: its unit alone tells the signal
+# A scope's: its unit alone tells the signal.
+CHANNEL = re.compile(r"(ch|chan|channel|kanal|ain|analog|probe)_?[0-9a-d]+$")
 
 
 def motor_columns(

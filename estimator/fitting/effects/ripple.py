@@ -58,9 +58,8 @@ def _without_spikes(w: FloatArray) -> FloatArray:
 
 def standing_out(fit: Fit) -> FloatArray:
     """Return residuals over their deviation, (rows, q), outliers weighted; zero where a sample is missing."""
-    left = fit.residuals() / fit.whitener.noise.deviation(
-        fit.whitener.level
-    )  # a correlated noise would contain the lines
+    # By the deviation alone: a correlated noise would contain the lines.
+    left = fit.residuals() / fit.whitener.noise.deviation(fit.whitener.level)
     return np.where(fit.whitener.present, left, 0.0) / np.sqrt(fit.whitener.inflate)
 
 

@@ -47,21 +47,12 @@ class SourceSag(Effect):
         across = test.across(np.stack(columns, axis=2))
         along, power = across.T @ test.left, np.sum(across**2, axis=0)
         best = int(np.argmax(np.where((power > 1e-9) & (along > 0), along**2 / np.maximum(power, 1e-9), 0.0)))
-        found = []
         near = {max(0, best - STEPS_BESIDE), best, min(len(taus) - 1, best + STEPS_BESIDE)}
-        for k in sorted(near, key=lambda k: abs(k - best)):
-            name = f"{self.name}, {taus[k]:.3g} s"
-            found.append(
-                Linear(
-                    name,
-                    columns[k][:, :, None],
-                    ("Ohm",),
-                    least=LEAST_SAG * values["R"],
-                    most=values["R"],
-                    size=USUAL_SAG * values["R"],
-                )  # fmt: skip
-            )
-        return found
+        bounds = {"least": LEAST_SAG * values["R"], "most": values["R"], "size": USUAL_SAG * values["R"]}
+        return [
+            Linear(f"{self.name}, {taus[k]:.3g} s", columns[k][:, :, None], ("Ohm",), **bounds)
+            for k in sorted(near, key=lambda k: abs(k - best))
+        ]
 
     def renewed(self, fit: Fit, group: Linear, coefficients: FloatArray) -> Linear | None:
         """Return the sag by the current of the last fit."""
