@@ -182,6 +182,12 @@ class ScoreTest:
         whitened = self.fit.whitener(columns)[0].reshape(len(self.left), -1)
         return np.asarray(whitened - self.basis @ (self.basis.T @ whitened))
 
+    def likeliest(self, columns: FloatArray) -> int:
+        """Return which of (rows, q, c) columns lowers z'z most with a coefficient above 0; 0 if none does."""
+        across = self.across(columns)
+        along, power = across.T @ self.left, np.sum(across**2, axis=0)
+        return int(np.argmax(np.where((power > 1e-9) & (along > 0), along**2 / np.maximum(power, 1e-9), 0.0)))
+
     def gain(self, across: FloatArray) -> tuple[float, FloatArray]:
         """Return the fall of z'z, and the coefficients, of a group of columns, (rows q, k), as `across` gives them."""
         r = np.asarray(np.linalg.qr(np.column_stack([across, self.left]), mode="r"))

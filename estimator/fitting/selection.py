@@ -35,12 +35,8 @@ MOST_ADDITIONS = 12  # additions
 ROUNDS = 10
 REFITTED = 3  # additions refitted in a round
 PREDICTED_PART = 0.6  # of the best predicted fall of the criterion: with less an addition is not refitted
-NEARBY = {
-    "R": 5.0,
-    "K": 4.0,
-    "J": 6.0,
-    "L": 50.0,
-}  # factors about the first estimates: bounds of the fit while effects are missing
+# Factors about the first estimates: bounds of the fit while effects are missing.
+NEARBY = {"R": 5.0, "K": 4.0, "J": 6.0, "L": 50.0}
 QUIET = 0.1  # of the first estimate of the deviation: the noise is taken to be no less
 NO_CHANGE, DOUBLINGS = 0.1, 2  # of z'z: a smaller change is negligible; doublings of the rows between samples, at most
 TRIED_WHOLE = 3  # values of an integer nuisance parameter that are refitted
@@ -217,9 +213,8 @@ class Selection:
             noise = dataclasses.replace(noise, differenced=self.differenced)
         whitener = fit.whitener.of(noise)
         misfit = np.where(whitener.present, fit.residuals(), 0.0)
-        wide = [
-            k for k, name in enumerate(fit.names) if not name.startswith("ripple ")
-        ]  # spectral lines take nothing of the noise
+        # Spectral lines take nothing of the noise.
+        wide = [k for k, name in enumerate(fit.names) if not name.startswith("ripple ")]
         windows = find_windows(fit)
         columns = fit.raw[:, :, wide]
         s = fit.simulator

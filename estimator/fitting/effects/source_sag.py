@@ -39,14 +39,12 @@ class SourceSag(Effect):
         s, values = fit.simulator, motor_values(fit)
         if values is None or "i" not in s.outputs or any(g.name.startswith(self.name) for g in fit.linear):
             return ()
-        if any(n in fit.free for n in ("supply_resistance",)):
+        if "supply_resistance" in fit.free:
             return ()
         taus = time_constants(s.clocks[0].step, LONGEST_SAG)
         current = fit.explained[:, s.outputs.index("i")]
-        test, columns = fit.test(), [_response(fit, current, float(tau)) for tau in taus]
-        across = test.across(np.stack(columns, axis=2))
-        along, power = across.T @ test.left, np.sum(across**2, axis=0)
-        best = int(np.argmax(np.where((power > 1e-9) & (along > 0), along**2 / np.maximum(power, 1e-9), 0.0)))
+        columns = [_response(fit, current, float(tau)) for tau in taus]
+        best = fit.test().likeliest(np.stack(columns, axis=2))
         near = {max(0, best - STEPS_BESIDE), best, min(len(taus) - 1, best + STEPS_BESIDE)}
         bounds = {"least": LEAST_SAG * values["R"], "most": values["R"], "size": USUAL_SAG * values["R"]}
         return [

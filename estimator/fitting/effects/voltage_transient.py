@@ -53,10 +53,7 @@ class VoltageTransient(Effect):
             if not np.any(missing):
                 return ()
             columns.append(response(fit, voltage=as_late(fit, -self.sign * missing)))
-        test = fit.test()
-        across = test.across(np.stack(columns, axis=2))
-        along, power = across.T @ test.left, np.sum(across**2, axis=0)
-        best = int(np.argmax(np.where((power > 1e-9) & (along > 0), along**2 / np.maximum(power, 1e-9), 0.0)))
+        best = fit.test().likeliest(np.stack(columns, axis=2))
         name = f"{self.name} of {taus[best]:.3g} s"
         size = max(0.02 * self.sign, 0.0)
         return [Linear(name, columns[best][:, :, None], ("",), least=LEAST_PART, most=MOST_PART, size=size)]
