@@ -16,7 +16,7 @@ from estimator.fitting.problem import Problem
 from estimator.fitting.winding_temperature import cold_resistances
 from estimator.fmus.failing import with_values
 from estimator.judging.budgeted import with_budget
-from estimator.judging.derived import told_quantities
+from estimator.judging.derived import products, told_quantities
 from estimator.judging.figure_signals import with_fine_signals, with_treatment
 from estimator.judging.outcome import (
     comparisons,
@@ -67,6 +67,8 @@ def finish(
         What was found of the bench; then `values` and `polish` are its own.
     """
     plan, problem, account = session.plan, session.problem, session.account
+    if polish is not None:
+        polish = _without_errors(polish, (plan if explained is None else explained.plan).names, session)
     account.enter("step check")
     step = step_check(problem, values, polish, explained)
     account.enter("result")
@@ -105,6 +107,8 @@ def finish(
         log = np.array([p.log for p in plan.parameters], dtype=bool)
         derived = told_quantities(session.fitted, plan.names, log, polish, budgeted)
         derived |= cold_resistances(plan, values, polish, budgeted.of)
+        units = {p.name: p.unit for p in plan.parameters}
+        derived |= products(session.identifiability.determined, session.fitted, plan.names, units, log, polish)
     deviations = None
     if polish is not None:
         deviations = polish.deviations if explained is None else explained.noise
@@ -116,6 +120,12 @@ def finish(
         result = dataclasses.replace(result, **account.costs(plan.description.probe_simulations))
     result = dataclasses.replace(result, comparisons=compared, profiles=profiles, derived=derived)
     return with_budget(result, plan, budgeted, None if explained is None else explained.between)
+
+
+def _without_errors(polish: LeastSquaresFit, names: Sequence[str], session: Session) -> LeastSquaresFit:
+    """Return a fit without the standard errors of what the outputs cannot tell: differences of noise made them."""
+    untold = np.isin(np.array(names), session.identifiability.untold)
+    return dataclasses.replace(polish, standard_errors=np.where(untold, np.inf, polish.standard_errors))
 
 
 def _budget(session: Session, plan: Plan, values: FloatArray, explained: Explained | None) -> Budget:

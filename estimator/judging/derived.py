@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from estimator.fitting.budget import Budget
 from estimator.fitting.least_squares import OUTSIDE, RANK_TOLERANCE, LeastSquaresFit, information_parts, scaled_svd
+from estimator.judging.scaling import written
 from estimator.motor.derived_quantities import derived_quantities
 from estimator.motor.names import is_motor
 from estimator.results.result import DerivedQuantity
@@ -55,6 +56,31 @@ def told_quantities(
         error = _standard_error(gradient, polish)
         if error is not None and np.isfinite(value) and error < USEFUL * abs(value):
             result[name] = DerivedQuantity(float(value), error, unit, budget.of(gradient) if budget else {})
+    return result
+
+
+def products(
+    determined: Sequence[Mapping[str, int]],
+    values: Values,
+    names: Sequence[str],
+    units: Mapping[str, str],
+    log: NDArray[np.bool_],
+    polish: LeastSquaresFit,
+) -> dict[str, DerivedQuantity]:
+    """Return products of powers (name → exponent) that the data determine where they do not tell the factors.
+
+    The other arguments are those of `told_quantities`; `units` is of each parameter.
+    """
+    result = {}
+    for powers in determined:
+
+        def product(of: Values, powers: Mapping[str, int] = powers) -> float:
+            return float(np.prod([of[n] ** e for n, e in powers.items()]))
+
+        error = _standard_error(_gradient(product, values, names, log), polish)
+        if error is not None:
+            unit = written({f"({units[n]})": e for n, e in powers.items()}) if all(units[n] for n in powers) else ""
+            result[written(powers)] = DerivedQuantity(product(values), error, unit)
     return result
 
 

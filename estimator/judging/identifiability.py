@@ -1,12 +1,13 @@
 """Before a search: which parameters the measured outputs could determine without noise. Knows no motor.
 
-The outputs' derivatives by the scaled parameters are computed, if need be at a second point too. A direction that
-changes nothing at either point cannot be determined by any recording of these outputs. Parameters that take part in it
-are named.
+Parameters that scale together are found first (scaling.py), with the products that are determined. The outputs'
+derivatives by the scaled parameters are computed too, if need be at a second point. A direction that changes nothing at
+either point cannot be determined by any recording of these outputs. Parameters that take part in it are named.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 
 from estimator.fitting.least_squares import LeastSquares
 from estimator.fitting.problem import Problem
+from estimator.judging.scaling import exact_scaling
 
 FloatArray = NDArray[np.float64]
 
@@ -28,6 +30,7 @@ class Identifiability:
 
     untold: tuple[str, ...] = ()
     sentence: str = ""
+    determined: tuple[dict[str, int], ...] = ()  # products of powers, name → exponent, that are told all the same
 
 
 def identifiability(problem: Problem, start: FloatArray) -> Identifiability:
@@ -38,33 +41,58 @@ def identifiability(problem: Problem, start: FloatArray) -> Identifiability:
     start : (p,) array
         Where the search begins.
     """
-    box, names = problem.box, problem.plan.names
-    squares = LeastSquares(problem.residuals, box, output=problem.output_of_residual, spread=problem.spread)
-    best: tuple[int, FloatArray] | None = None
+    points = [_tilted(problem, start, away) for away in (0.0, SECOND_POINT, -SECOND_POINT)]
+    scaling = exact_scaling(problem, points)
+    unmoving = _unmoving(problem, start)
+    outputs, others = " and ".join(problem.outputs), problem.plan.binding.unshown
+    beside = f"or record {' or '.join(others)}, too" if others else "or measure another quantity, too"
+    if scaling is not None and len(unmoving) <= scaling.missing:
+        names, missing = scaling.names, scaling.missing
+        only = f"only {_listed(scaling.products)} {'is' if len(scaling.products) == 1 else 'are'} determined"
+        if not scaling.products:
+            only = f"{len(names) - missing} combinations of these {len(names)} show"
+        sentence = f"{outputs} alone cannot tell {', '.join(names)} apart: {only}, whatever the noise"
+        remedy = f"fix {missing} of them (--fix NAME=VALUE), {beside}"  # no other experiment helps
+        return Identifiability(names, f"{sentence}; {remedy}", scaling.determined)
+    if not len(unmoving):
+        return Identifiability()
+    part = np.sqrt(np.sum(unmoving**2, axis=0))
+    concerned = zip(problem.plan.names, part, problem.parameters, strict=True)
+    untold = tuple(n for n, x, p in concerned if x > NAMED_PART and p.place is None)
+    missing = len(unmoving)
+    sentence = (
+        f"{outputs} alone cannot tell {', '.join(untold)} apart:"
+        f" {len(untold) - missing} combinations of these {len(untold)} show, whatever the noise;"
+        f" fix {missing} of them (--fix NAME=VALUE), {beside if others else 'or record another experiment'}"
+    )
+    return Identifiability(untold, sentence)
+
+
+def _unmoving(problem: Problem, start: FloatArray) -> FloatArray:
+    """Return directions of the scaled parameters, (k, p), that change nothing at the start nor beside it."""
+    squares = LeastSquares(problem.residuals, problem.box, output=problem.output_of_residual, spread=problem.spread)
+    names, none = problem.plan.names, np.zeros((0, len(start)))
+    best: FloatArray | None = None
     for away in (0.0, SECOND_POINT):
-        tilt = away * np.cos(np.arange(len(start)))
-        point = np.clip(np.where(box.log, start * np.exp(tilt), start), box.lower, box.upper)
-        jacobian = squares.judge(point, problem.spread).jacobian
+        jacobian = squares.judge(_tilted(problem, start, away), problem.spread).jacobian
         norms = np.linalg.norm(jacobian, axis=0)
         if not np.isfinite(jacobian).all() or not norms.all():
-            return Identifiability()  # not simulated, or without influence: reported elsewhere
+            return none  # not simulated, or without influence: reported elsewhere
         _, singular, rows = np.linalg.svd(jacobian / norms, full_matrices=False)
         rank = int(np.sum(singular > LEAST_SINGULAR_VALUE * singular[0]))
         if rank == len(names):
-            return Identifiability()
-        if best is None or rank > best[0]:
-            best = (rank, rows[rank:])
+            return none
+        if best is None or len(rows) - rank < len(best):
+            best = rows[rank:]
     assert best is not None
-    rank, null = best
-    part = np.sqrt(np.sum(null**2, axis=0))
-    concerned = zip(names, part, problem.parameters, strict=True)
-    untold = tuple(n for n, x, p in concerned if x > NAMED_PART and p.place is None)
-    missing = len(names) - rank
-    others = problem.plan.binding.unshown
-    remedy = f", or record {' or '.join(others)}, too" if others else ", or record another experiment"
-    sentence = (
-        f"{' and '.join(problem.outputs)} alone cannot tell {', '.join(untold)} apart:"
-        f" {len(untold) - missing} combinations of these {len(untold)} show, whatever the noise;"
-        f" fix {missing} of them (--fix NAME=VALUE){remedy}"
-    )
-    return Identifiability(untold, sentence)
+    return best
+
+
+def _tilted(problem: Problem, start: FloatArray, away: float) -> FloatArray:
+    """Return a point beside the start, (p,), each parameter of a logarithmic scale moved by a part of its own."""
+    box, tilt = problem.box, away * np.cos(np.arange(len(start)))
+    return np.clip(np.where(box.log, start * np.exp(tilt), start), box.lower, box.upper)
+
+
+def _listed(names: Sequence[str]) -> str:
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}" if names else ""

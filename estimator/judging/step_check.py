@@ -96,8 +96,9 @@ def _worst(plan: Plan, polish: LeastSquaresFit, moved: FloatArray) -> tuple[floa
     found = []
     for j, p in enumerate(plan.parameters):  # what is estimated beside them follows
         relative = moved[j] if p.log else moved[j] / (p.upper - p.lower)
-        if p.place is None and 0 < deviation[j] < np.inf and abs(relative) > NEGLIGIBLE_SHIFT:
-            told = f"{100 * abs(relative):.2g} %" + ("" if p.log else " of its range")
-            found.append((abs(moved[j]) / deviation[j], p.name, told))
+        told = np.isfinite(polish.standard_errors[j])
+        if p.place is None and told and 0 < deviation[j] < np.inf and abs(relative) > NEGLIGIBLE_SHIFT:
+            size = f"{100 * abs(relative):.2g} %" + ("" if p.log else " of its range")
+            found.append((abs(moved[j]) / deviation[j], p.name, size))
     worst = max(found, default=None)
     return worst if worst is not None and worst[0] > STEP_ERROR else None

@@ -12,7 +12,8 @@ from estimator.recordings.clipping import clipped
 from estimator.recordings.finding import Evidence, Finding
 from estimator.recordings.motor_columns import motor_columns
 from estimator.recordings.plausibility import implausible
-from estimator.recordings.understood import understood
+from estimator.recordings.understood import Understood, understood
+from estimator.recordings.units import parse_unit
 
 MOTOR_SIGNALS = ("v", "i", "w", "angle")
 MOST_SATURATED = 0.3  # of a recording's samples: with more there is nothing to estimate from
@@ -24,7 +25,7 @@ def with_reading(binding: Binding, channels: Channels, observed: Observed) -> Ob
     recording = observed.recording
     read = understood(recording, {**channels.inputs, **channels.outputs})
     if not binding.is_motor:
-        return dataclasses.replace(observed, read=read)
+        return dataclasses.replace(observed, read=tuple(_in_the_fmus_unit(binding, r) for r in read))
     signals = {n: y for n, y in {**observed.inputs, **observed.outputs}.items() if n in MOTOR_SIGNALS}
     beside = motor_columns(recording, required=()).get("angle")
     if beside is not None and "angle" not in signals:
@@ -36,6 +37,15 @@ def with_reading(binding: Binding, channels: Channels, observed: Observed) -> Ob
     if "friction" in binding.parameters:
         findings = tuple(finding for finding in findings if finding.kind != "dead band")
     return _without_clipped(dataclasses.replace(observed, read=read, findings=findings))
+
+
+def _in_the_fmus_unit(binding: Binding, read: Understood) -> Understood:
+    """Return what was read of a column without a unit, of an FMU that is no motor: T is no time there."""
+    unit = parse_unit(read.unit)
+    if read.signal == "time" or not read.is_guess or (unit is not None and unit.to_si(1.0) != 1.0):
+        return read
+    own = binding.signal(read.signal).unit
+    return dataclasses.replace(read, unit=own, unit_from="name" if own else "nobody")
 
 
 def _without_clipped(observed: Observed) -> Observed:
