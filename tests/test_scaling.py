@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import fmu_build
-from estimator.estimating.estimate import estimate
 from estimator.cases.case import read_case
+from estimator.estimating.estimate import estimate
 from estimator.judging.scaling import exact_scaling, written
 from estimator.plans.parameters import Box
 
@@ -35,7 +35,7 @@ file = "house.csv"
 
 @pytest.fixture(scope="module")
 def house(tmp_path_factory):
-    """A case whose recording is the closed form between samples of held inputs, with noise."""
+    """Write a case whose recording is the closed form between samples of held inputs, with noise."""
     folder = tmp_path_factory.mktemp("house")
     fmu_build.build(MODEL, output=folder / "house.fmu")
     rng = np.random.default_rng(3)
@@ -89,7 +89,7 @@ def test_a_column_of_an_fmu_that_is_no_motor_is_taken_in_the_fmus_unit(result):
 
 
 def problem(shown, point, *, noise=0.0):
-    """A problem of three parameters that shows a function of them, with the noise of a solver."""
+    """Return a problem of some parameters that shows a function of them, with the noise of a solver."""
     count = len(point)
     named = tuple(SimpleNamespace(name=name, place=None) for name in "abcd"[:count])
     weights = np.linspace(1e7, 2e7, count)

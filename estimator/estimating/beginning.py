@@ -7,6 +7,7 @@ from estimator.estimating.ending import refused
 from estimator.estimating.session import Session
 from estimator.fitting.problem import SIGMA_FLOOR, Problem
 from estimator.judging.identifiability import identifiability
+from estimator.judging.jumps import jumping
 from estimator.judging.refusal import lost_transients, refusal, refused_notes
 from estimator.judging.sensitivities import announcement, unmoved
 from estimator.method_names import WITHOUT_POLISH
@@ -43,6 +44,7 @@ def _unmoved(session: Session) -> list[str]:
     sentences, seconds = unmoved(session.problem, session.start)
     if not sentences and session.method not in WITHOUT_POLISH:
         session.identifiability = identifiability(session.problem, session.start)
+        session.jumping = jumping(session.problem, session.start)
     announced = announcement(
         seconds,
         simulations=usual_simulations(plan),

@@ -18,6 +18,7 @@ from estimator.fmus.failing import with_values
 from estimator.judging.budgeted import with_budget
 from estimator.judging.derived import products, told_quantities
 from estimator.judging.figure_signals import with_fine_signals, with_treatment
+from estimator.judging.jumps import Drawn, drawn_errors
 from estimator.judging.outcome import (
     comparisons,
     correlation,
@@ -69,6 +70,11 @@ def finish(
     plan, problem, account = session.plan, session.problem, session.account
     if polish is not None:
         polish = _without_errors(polish, (plan if explained is None else explained.plan).names, session)
+    drawn = None
+    if polish is not None and session.jumping:
+        account.enter("jumps")
+        drawn = _drawn(session, polish, explained)
+        polish = drawn.polish
     account.enter("step check")
     step = step_check(problem, values, polish, explained)
     account.enter("result")
@@ -94,6 +100,8 @@ def finish(
         explained=explained,
         identifiability=session.identifiability,
     )
+    if drawn is not None:
+        judgement = _with_jumps(judgement, session, drawn)
     if judgement.verdict == "refused":
         return _estimate(session, plan, None, None, judgement)
     profiles = {}
@@ -120,6 +128,31 @@ def finish(
         result = dataclasses.replace(result, **account.costs(plan.description.probe_simulations))
     result = dataclasses.replace(result, comparisons=compared, profiles=profiles, derived=derived)
     return with_budget(result, plan, budgeted, None if explained is None else explained.between)
+
+
+def _drawn(session: Session, polish: LeastSquaresFit, explained: Explained | None) -> Drawn:
+    """Return the fit with standard errors that need no derivatives."""
+    problem = session.problem
+    if explained is not None:
+        box = Box.of(explained.plan.parameters)
+        return drawn_errors(lambda x: explained.residuals(x) / polish.deviations[0], box, polish, session.rng)
+    weights = 1 / polish.deviations[problem.output_of_residual]
+    return drawn_errors(lambda x: problem.residuals(x) * weights, problem.box, polish, session.rng)
+
+
+def _with_jumps(judgement: Judgement, session: Session, drawn: Drawn) -> Judgement:
+    """Return a judgement with what jumps do to it."""
+    moved = f"{' and '.join(session.problem.outputs)} jump{'s' * (len(session.problem.outputs) == 1)} as"
+    moved = f"{moved} {', '.join(session.jumping)} move{'s' * (len(session.jumping) == 1)} (an event falls elsewhere)"
+    if drawn.holds:
+        how = (
+            f"searched without derivatives, and standard errors by {drawn.simulations} simulations around the estimate"
+        )
+        return dataclasses.replace(judgement, notes=(*judgement.notes, f"{moved}: {how}"))
+    if judgement.verdict == "refused":
+        return judgement
+    why = f"{moved}, and the likelihood around the estimate is not that of one optimum: no standard errors"
+    return dataclasses.replace(judgement, verdict="doubtful", reasons=(*judgement.reasons, why))
 
 
 def _without_errors(polish: LeastSquaresFit, names: Sequence[str], session: Session) -> LeastSquaresFit:

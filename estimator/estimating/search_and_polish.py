@@ -26,6 +26,7 @@ from estimator.fitting.least_squares import LeastSquares, LeastSquaresFit, at_gi
 from estimator.fitting.problem import SIGMA_FLOOR
 from estimator.method_names import CUCKOO, loaded
 from estimator.motor.names import MOTOR
+from estimator.plans.parameters import Box
 from estimator.plans.space import Space, reduced_space, steady_state
 from estimator.results.result import Estimate
 
@@ -34,6 +35,7 @@ FloatArray = NDArray[np.float64]
 ALPHA = 1.0  # size of the Lévy flights
 WIDER = ((30, 40), (60, 100))  # nests, generations of the searches that follow a poor polish
 STARTS, POLISHED = 400, 12  # where few samples show the transient; of these are polished
+NARROWINGS, NARROWED = 4, 0.2  # searches where the outputs jump; each over so much of the last one's bounds
 BETTER = 0.999  # of the cost: less of an improvement is none
 START_L = 5.0  # times h R: start of L that cures the spurious optimum L → 0
 
@@ -81,6 +83,8 @@ class _Attempts:
                 break
             tried = self._polished(other)
             polish = tried if self._is_better(tried, polish) else polish
+        if session.jumping:
+            polish = self._across_jumps(polish)
         explained = self._explained(polish, start)
         for nests, generations in WIDER:
             if explained is None or not _is_poor(explained):
@@ -130,6 +134,27 @@ class _Attempts:
         better = self.squares.polish(values, polish.deviations)
         self.session.account.found(self.plan.names, better.values, self._cost_at(better))
         return better
+
+    def _across_jumps(self, polish: LeastSquaresFit) -> LeastSquaresFit:
+        """Search all of the bounds, then ever smaller parts of them around the best, without derivatives."""
+        box, best, cost = self.problem.box, polish.values, self._cost_of(polish.values)
+        reach = 0.5
+        for nests, generations in WIDER[:1] * NARROWINGS:
+            centre = box.to_cube(best)
+            low, high = np.clip(centre - reach, 0.0, 1.0), np.clip(centre + reach, 0.0, 1.0)
+            part = Box(box.from_cube(low), box.from_cube(high), box.log)
+            found = self._searched(Space.full(part), best, nests, generations)
+            if (reached := self._cost_of(found)) < cost:
+                best, cost = found, reached
+            reach *= NARROWED
+        tried = self._polished(best)
+        if self._cost_at(tried) > cost:
+            tried = self.squares.judge(best, self.squares.deviations(best, free=len(best)))
+        return tried if self._cost_at(tried) < self._cost_at(polish) else polish
+
+    def _cost_of(self, values: FloatArray) -> float:
+        weighted = self.problem.residuals(values[None, :])[0] / self.sigma[self.problem.output_of_residual]
+        return float(weighted @ weighted) if np.isfinite(weighted).all() else np.inf
 
     def _explained(self, polish: LeastSquaresFit, start: FloatArray) -> Explained | None:
         """Find what the bench adds; None where the fit is exact, so that there is nothing to explain."""

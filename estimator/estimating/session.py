@@ -39,6 +39,7 @@ class Session:
         From `beginning.begin` on.
     noise : output → (deviation of its noise, deviation of the signal)
         As the data show them; from `beginning.begin` on.
+    jumping : parameters that make the outputs jump, so that differences are no derivatives
     fitted : parameter → value, SI
         What the method ended with, which a refused estimate does not show.
     """
@@ -62,6 +63,7 @@ class Session:
         self.record = SearchRecord()
         self.announced: tuple[str, ...] = ()
         self.identifiability = Identifiability()
+        self.jumping: tuple[str, ...] = ()
         self.noise: dict[str, tuple[float, float]] = {}
         self.fitted: dict[str, float] = {}
 
