@@ -233,6 +233,7 @@ def estimate_parameters(
     temperature: float | None = None,
     tolerance: Mapping[str, str | float] | str = "",
     loss: str | None = None,
+    starts: Sequence[Mapping[str, float] | str | os.PathLike[str]] = (),
     workers: int | None = None,
     profile: bool = False,
     progress: Callable[[Progress], None] | None = None,
@@ -288,6 +289,8 @@ def estimate_parameters(
         What no recording tells: {"i gain": "1 %", "supply resistance": "0.05 Ohm"}; part of every ``uncertainty``.
     loss : str, optional
         "linear" (default), or "huber": outliers pull less.
+    starts : values or paths
+        Further starts, each polished beside the search: {"R": 3, "K": 0.05} in SI units, or a CSV or result.json.
     workers : int, optional
         Processes that simulate; by default the cores that this process may use.
     profile : bool
@@ -343,6 +346,7 @@ def estimate_parameters(
         fix=tuple((fix or {}).items()),
         bounds=tuple((bounds or {}).items()),
         loss=loss,
+        starts=[dict(s) if isinstance(s, Mapping) else os.path.abspath(s) for s in starts],
     )
     case = with_corrections(
         case,

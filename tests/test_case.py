@@ -157,7 +157,7 @@ COMPLAINTS = {
     "unknown table in a table": (RECORDING + "[ftm.x]\n", "line 3: there is no key 'ftm'; did you mean 'fmu'?"),
     "unknown key": (
         RECORDING + "\n[search]\nseed = 1\nsede = 2\n",
-        "line 6: there is no key 'sede' in search; did you mean 'seed'? (method, seed, nests, iterations, loss)",
+        "line 6: there is no key 'sede' in search; did you mean 'seed'? (method, seed, nests, iterations, loss,",
     ),
     "unknown key of a parameter": (
         FULL.replace("max = 0.1", "mx = 0.1"),

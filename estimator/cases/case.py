@@ -10,7 +10,7 @@ from __future__ import annotations
 import datetime
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -41,6 +41,7 @@ from estimator.cases.expectation import (
 )
 from estimator.cases.keys import Key, Keys
 from estimator.cases.nameplate import NAMEPLATE, Nameplate, nameplate_value, read_nameplate
+from estimator.cases.starts import STARTS, Start
 from estimator.cases.strict_toml import Cell, Document, Table, Way, to_key, to_toml
 from estimator.cases.tolerance import TOLERANCE, Tolerance, read_tolerances, tolerance_value
 from estimator.errors import CaseError
@@ -90,6 +91,7 @@ class SearchSpec:
     nests: int | None = None  # None: the method's own
     iterations: int | None = None
     loss: str = "linear"  # of the residuals in the polish: "huber" lets outliers pull less
+    starts: tuple[Start, ...] = ()  # further ones, each polished beside the search: values, or files of them
 
 
 @dataclass(frozen=True)
@@ -232,7 +234,7 @@ def write_case(case: Case, path: Path) -> None:
             ("[[recording]]", {"file": _relative(str(file), folder), **run_value(case.run(k))})
             for k, file in enumerate(case.recordings)
         ),
-        ("[search]", SEARCH.write(case.search, always=("method", "seed"))),
+        ("[search]", SEARCH.write(_near(case.search, folder), always=("method", "seed"))),
         (
             "[expect]",
             {**{name: ENTRY.write(e) for name, e in case.expect.items()}, **LIMITS.write(case.limits)},
@@ -249,6 +251,12 @@ def write_case(case: Case, path: Path) -> None:
         if rows:
             blocks.append("\n".join([title, *rows]) + "\n")
     write_files({path: "\n".join(blocks).encode()})
+
+
+def _near(search: SearchSpec, folder: Path) -> SearchSpec:
+    """Return how to search with files of starts named from a folder."""
+    starts = tuple(_relative(s, folder) if isinstance(s, str) else s for s in search.starts)
+    return replace(search, starts=starts)
 
 
 def _fmu_path(fmu: Table, key: str) -> str:
@@ -437,6 +445,7 @@ SEARCH = Keys(
     nests=keys.whole("candidates a generation", minimum=2),
     iterations=keys.whole("generations", minimum=1),
     loss=keys.choice(LOSSES, "huber: outliers pull less"),
+    starts=STARTS,
 )
 FILE: dict[str, Any] = {  # every key of the file → what a JSON Schema says of it
     "fmu": FMU.schema(),

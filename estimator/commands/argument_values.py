@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import os
 from collections.abc import Callable
 
 
@@ -13,6 +14,15 @@ def assignment(text: str) -> tuple[str, float]:
     if not name.strip() or not equals:
         raise argparse.ArgumentTypeError(f"{text!r} is not NAME=VALUE, such as L=0.013")
     return name.strip(), _number(value, of=text)
+
+
+def start(text: str) -> dict[str, float] | str:
+    """Read ``NAME=VALUE,NAME=VALUE``, or a file's name: its absolute path."""
+    if os.path.exists(text) or "=" not in text:
+        if not os.path.isfile(text):
+            raise argparse.ArgumentTypeError(f"there is no file {text!r}, and it is not NAME=VALUE,NAME=VALUE")
+        return os.path.abspath(text)
+    return dict(assignment(part) for part in text.split(","))
 
 
 def text_assignment(text: str) -> tuple[str, str]:

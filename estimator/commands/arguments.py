@@ -24,6 +24,7 @@ from estimator.commands.argument_values import (
     positive,
     said,
     share,
+    start,
     temperature,
     text_assignment,
     whole,
@@ -178,6 +179,14 @@ Exit status: 0 an estimate, ok or doubtful; 1 refused or failed; 2 bad input."""
         default=[],
         metavar="NAME=LOWER:UPPER",
         help="bounds of a parameter, in SI units; repeatable",
+    )
+    add(
+        "--start",
+        type=start,
+        action="append",
+        default=[],
+        metavar="NAME=VALUE,…|FILE",
+        help="a further start, polished beside the search: values in SI units, or a CSV or result.json; repeatable",
     )
     add("--loss", choices=LOSSES, metavar="LOSS", help="linear (default), or huber: outliers pull less")
     add("--window", type=window, metavar="FROM:TO", help="use only the samples between two times, in s")

@@ -430,6 +430,7 @@ def _with_arguments(case: Case, args: argparse.Namespace) -> Case:
         fix=args.fix,
         bounds=args.bounds,
         loss=args.loss,
+        starts=args.start,
     )
     case = with_corrections(
         case,

@@ -13,6 +13,7 @@ from estimator.recordings.read_as import AS_WRITTEN, ReadAs
 
 if TYPE_CHECKING:
     from estimator.cases.case import Case
+    from estimator.cases.starts import Start
     from estimator.fmus.fmu import FmuDescription
 
 SIGNALS = ("v", "i", "w", "angle", "load", "time")  # that a column can be
@@ -29,6 +30,7 @@ def with_options(
     fix: Sequence[tuple[str, float]] = (),
     bounds: Sequence[tuple[str, tuple[float, float]]] = (),
     loss: str | None = None,
+    starts: Sequence[Start] = (),
 ) -> Case:
     """Return a case with the command line's options applied; they win over the case file.
 
@@ -46,6 +48,7 @@ def with_options(
     search = dataclasses.replace(search, method=search.method if method is None else method)
     search = dataclasses.replace(search, seed=search.seed if seed is None else seed)
     search = dataclasses.replace(search, loss=search.loss if loss is None else loss)
+    search = dataclasses.replace(search, starts=(*search.starts, *starts))
     case = dataclasses.replace(case, search=search)
     held, limits = unique(fix, option="--fix"), unique(bounds, option="--bounds")
     for name in held.keys() & limits.keys():

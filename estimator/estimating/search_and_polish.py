@@ -13,6 +13,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.cases.starts import values_of
 from estimator.conventions import MISFIT, NUMERICAL
 from estimator.estimating.cuckoo import CuckooSearch
 from estimator.estimating.effort import POLISHING, nests_and_generations
@@ -34,7 +35,7 @@ FloatArray = NDArray[np.float64]
 
 ALPHA = 1.0  # size of the Lévy flights
 WIDER = ((30, 40), (60, 100))  # nests, generations of the searches that follow a poor polish
-STARTS, POLISHED = 400, 12  # where few samples show the transient; of these are polished
+STARTS, POLISHED = 400, 12  # where few samples show the transient; of these, and of many of the user's, are polished
 NARROWINGS, NARROWED = 4, 0.2  # searches where the outputs jump; each over so much of the last one's bounds
 BETTER = 0.999  # of the cost: less of an improvement is none
 START_L = 5.0  # times h R: start of L that cures the spurious optimum L → 0
@@ -69,11 +70,14 @@ class _Attempts:
     def best(self) -> Estimate:
         """Return the estimate of the best fit."""
         session, box, start = self.session, self.problem.box, self.session.start
+        given = self._given_starts(start)
         steady = steady_state(self.plan)
         space = reduced_space(self.plan, box, steady) or Space.full(box)
         polish = self._polished(self._searched(space, start, *nests_and_generations(self.plan)))
         if any(spec.start is not None for spec in self.plan.case.parameters.values()):  # whatever the search says
-            tried = self._polished(start)
+            given = [start, *given]
+        for other in given:
+            tried = self._polished(other)
             polish = tried if self._is_better(tried, polish) else polish
         if steady is not None and set(self.plan.names) == set(MOTOR) and needs_many(self.plan, polish):
             starts = many_starts(self.plan, polish, steady, box, count=STARTS, rng=session.rng)
@@ -98,6 +102,21 @@ class _Attempts:
             return finish(session, polish.values, polish, noise=self.floor)
         session.account.found(explained.plan.names, explained.polish.values, explained.polish.cost)
         return finish(session, explained.polish.values, explained.polish, noise=self.floor, explained=explained)
+
+    def _given_starts(self, start: FloatArray) -> list[FloatArray]:
+        """Return the user's further starts, within the bounds; of many those that fit best."""
+        parameters, box = self.plan.parameters, self.problem.box
+        names = [n for p in parameters for n in dict.fromkeys((p.name, p.quantity)) if n]
+        rows = values_of(self.plan.case.search.starts, names, (*names, *self.plan.fixed))
+        usual = start.tolist()
+        points = [
+            [row.get(p.name, row.get(p.quantity, x)) for p, x in zip(parameters, usual, strict=True)] for row in rows
+        ]
+        given = [np.clip(np.array(point), box.lower, box.upper) for point in points]
+        if len(given) > POLISHED:
+            self.session.account.enter("search")
+            given = [given[k] for k in np.argsort(self.problem.costs(np.array(given)))[:POLISHED]]
+        return given
 
     def _searched(self, space: Space, start: FloatArray, nests: int, generations: int) -> FloatArray:
         """Search from nests of which a fifth lies around the start; return the best candidate."""

@@ -1,0 +1,136 @@
+"""Where the user wants a search to begin, beside its own start: values, or tables of earlier results. Runs nothing.
+
+A table is a CSV file with a column for each parameter, named as it, with a unit or without (a batch's results.csv, or
+one of your own), or the result.json of an earlier estimate. Other columns, refused estimates and empty cells are passed
+over.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from estimator.cases.keys import CELL, TEXT, Key
+from estimator.cases.strict_toml import Table
+from estimator.errors import InputError, suggestion
+from estimator.recordings.headers import parse_header
+
+Start = Mapping[str, float] | str  # values in SI units, or a file's absolute path
+REFUSED = ("refused", "failed")
+
+
+def values_of(starts: Iterable[Start], names: Sequence[str], known: Sequence[str]) -> list[dict[str, float]]:
+    """Return every start as parameter → value, SI, those of files read.
+
+    Parameters
+    ----------
+    names : the free parameters
+    known : these, and others that a start may name, which are held
+
+    Raises
+    ------
+    InputError
+        A start names what is no parameter, or a file holds no value of one.
+    """
+    found: list[dict[str, float]] = []
+    for start in starts:
+        if isinstance(start, str):
+            rows = [{n: x for n, x in row.items() if n in names} for row in read_starts(Path(start))]
+            rows = [row for row in rows if row]
+            if not rows:
+                raise InputError(
+                    f"{Path(start).name} holds no start: no column is called as a free parameter ({', '.join(names)})"
+                )
+            found += rows
+            continue
+        for name in start:
+            if name not in known:
+                raise InputError(f"a start is given for {name!r}, which is no parameter{suggestion(name, names)}")
+        found.append({n: x for n, x in start.items() if n in names})
+    return found
+
+
+def read_starts(path: Path) -> list[dict[str, float]]:
+    """Return what a table of earlier results holds: column or parameter → value, SI; one mapping a row.
+
+    Raises
+    ------
+    InputError
+        It cannot be read, or is neither such a table nor a result.
+    """
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        why = "there is no such file" if isinstance(error, FileNotFoundError) else "it cannot be read as text"
+        raise InputError(f"the starts' file {path}: {why}") from None
+    if path.suffix.lower() == ".json":
+        return [_of_result(path, text)]
+    return _of_table(text)
+
+
+def _of_result(path: Path, text: str) -> dict[str, float]:
+    try:
+        parameters = json.loads(text)["parameters"]
+        return {name: float(p["value"]) for name, p in parameters.items() if p["value"] is not None}
+    except (ValueError, KeyError, TypeError, AttributeError):
+        raise InputError(f"{path.name} is no result of an estimate; give a result.json, or a CSV of values") from None
+
+
+def _of_table(text: str) -> list[dict[str, float]]:
+    lines = list(csv.reader(text.splitlines(), delimiter=_delimiter(text)))
+    if not lines:
+        return []
+    headers = [parse_header(cell) for cell in lines[0]]
+    verdict = next((k for k, h in enumerate(headers) if h.name == "verdict"), None)
+    rows = []
+    for line in lines[1:]:
+        if verdict is not None and verdict < len(line) and line[verdict] in REFUSED:
+            continue
+        row = {}
+        for header, cell in zip(headers, line, strict=False):
+            try:
+                value = float(cell)
+            except ValueError:
+                continue
+            if math.isfinite(value):
+                row[header.name] = header.unit.to_si(value) if header.unit is not None else value
+        rows.append(row)
+    return rows
+
+
+def _delimiter(text: str) -> str:
+    first = text.split("\n", 1)[0]
+    return max(",;\t", key=first.count)
+
+
+def _read(table: Table, key: str) -> tuple[Start, ...]:
+    given = table.value[key]
+    entries = given if isinstance(given, list) else [given]
+    found: list[Start] = []
+    for entry in entries:
+        if isinstance(entry, str):
+            found.append(str(Table(table.document, table.way, {key: entry}).file(key, what="table of starts")))
+        elif isinstance(entry, dict) and entry and all(_is_number(x) for x in entry.values()):
+            found.append({name: float(x) for name, x in entry.items()})
+        else:
+            table.fail((key,), f"{table.full(key)} must be files, or values such as {{ R = 3, K = 0.05 }}")
+    return tuple(found)
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
+
+
+_ENTRY = {"anyOf": [TEXT, {"type": "object", "additionalProperties": {"type": "number"}, "minProperties": 1}, CELL]}
+STARTS = Key(
+    _read,
+    {
+        "anyOf": [TEXT, {"type": "array", "items": _ENTRY, "minItems": 1}],
+        "description": "further starts, each polished beside the search: values, or a CSV, a result.json",
+    },
+    lambda starts: [dict(s) if isinstance(s, Mapping) else s for s in starts],
+)
