@@ -1,4 +1,4 @@
-"""MAT files of MATLAB and Simulink → columns. Knows scipy.io (v4 to v7) and h5py (v7.3; extra: mat).
+"""MAT files of MATLAB and Simulink → columns. Knows scipy.io (v4 to v7), h5py (v7.3; extra: mat), the order of trials.
 
 What is found, in this order:
 
@@ -6,8 +6,7 @@ What is found, in this order:
     signals with own clocks     i.Time and i.Data (a time series as a structure), or i = [time, value]
     vectors                     t, v, i, w of one length, in the file or in one structure
     a matrix and its names      data (n × m) beside m names, and m units where they are given
-
-Objects of MATLAB (timeseries, timetable, table, Simulink's Dataset) can only be read by MATLAB.
+    objects                     timeseries, Simulink's Dataset, timetable, iddata (matlab_objects.py)
 """
 
 from __future__ import annotations
@@ -40,7 +39,7 @@ def read_mat(path: Path, head: bytes) -> Columns:
     Raises
     ------
     RecordingError
-        It is damaged, holds objects that only MATLAB reads, or nothing with a clock; or h5py is not installed.
+        It is damaged, or holds nothing with a clock; or h5py or mat-io is not installed.
     """
     content, objects = _hdf5(path) if HDF5 in (head[:8], head[512:520]) else _scipy(path)
     if found := _structure_with_time(content):
@@ -52,9 +51,28 @@ def read_mat(path: Path, head: bytes) -> Columns:
             if signals:
                 return on_one_clock(path, signals)
     if objects:
-        raise RecordingError(f"{path.name} holds {objects}, which only MATLAB reads; {REMEDY}")
+        found = _objects(path, objects)
+        if found:
+            return on_one_clock(path, found)
+    for group in groups:
+        if columns := _without_clock(group):
+            return columns
+    if objects:
+        raise RecordingError(f"{path.name} holds {objects}, and in it no signal with a clock; {REMEDY}")
     names = ", ".join(str(name) for name in content) or "nothing"
     raise RecordingError(f"{path.name} holds no time with signals of its length ({names}); {REMEDY}")
+
+
+def _objects(path: Path, objects: str) -> list[Signal]:
+    from estimator.recordings.matlab_objects import object_signals
+
+    try:
+        return object_signals(path)
+    except ImportError:
+        raise RecordingError(
+            f"{path.name} holds {objects}, which needs mat-io; install it with: pip install 'fmu-estimator[mat]', or"
+            f" {REMEDY}"
+        ) from None
 
 
 def _scipy(path: Path) -> tuple[dict[str, Any], str]:
@@ -71,6 +89,10 @@ def _scipy(path: Path) -> tuple[dict[str, Any], str]:
         raise RecordingError(f"{path.name} is no MAT file, or a damaged one ({words}); {REMEDY}") from None
     opaque = "None" in content or "__function_workspace__" in content
     objects = "an object (timeseries, timetable, table or Dataset)" if opaque else ""
+    if not opaque and any(
+        isinstance(value, dict) and {"OutputData", "Ts"} <= value.keys() for value in content.values()
+    ):
+        objects = "an object (iddata)"
     return {name: value for name, value in content.items() if not name.startswith("__") and name != "None"}, objects
 
 
@@ -218,6 +240,28 @@ def _matrix(path: Path, group: Mapping[str, Any]) -> list[Signal]:
         time = columns[clock] if unit is None or unit.quantity != "time" else unit.to_si(columns[clock])
         return [Signal(header, columns[j], time) for j, header in enumerate(headers) if j != clock]
     return []
+
+
+def _without_clock(group: Mapping[str, Any]) -> Columns | None:
+    """Return vectors of one length, and columns of matrices as long, where nothing is the time; None where none are.
+
+    The columns of a single matrix are called by their numbers, as those of a text without a header.
+    """
+    arrays = {name: a for name, value in group.items() if (a := _array(value)) is not None and a.ndim <= 2}
+    arrays = {name: np.atleast_1d(np.squeeze(a)) for name, a in arrays.items() if max(a.shape, default=0) >= MIN_ROWS}
+    length = max((len(a) if a.ndim == 1 else max(a.shape) for a in arrays.values()), default=0)
+    headers: list[str] = []
+    columns: list[FloatArray] = []
+    for name, array in arrays.items():
+        if array.ndim == 2 and array.shape[0] != length:
+            array = array.T
+        if len(array) == length:
+            block = array.reshape(length, -1)
+            alone = len(arrays) == 1
+            titles = [f"column {k + 1}" if alone else f"{name} column {k + 1}" for k in range(block.shape[1])]
+            headers += [name] if block.shape[1] == 1 else titles
+            columns += list(block.T)
+    return Columns(tuple(headers), tuple(columns)) if len(columns) > 1 else None
 
 
 def _clock(names: list[str]) -> str | None:
