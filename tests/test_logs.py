@@ -312,3 +312,34 @@ def test_a_case_keeps_how_its_file_is_read(write, tmp_path, capsys):
     assert first.startswith("read log: v ← column 1 (no unit: taken as V)")
     main(["estimate", str(case), *quick])
     assert capsys.readouterr().out.splitlines()[0] == first
+
+
+def test_a_scopes_settings_beside_the_samples_are_passed_over(tmp_path):
+    lines = ["Record Length,2.5e+03,,  -0.05,   0.1,", "Trigger Point,4.9e+02,,  -0.04,   0.2,"]
+    lines += ["Source,CH1,,  -0.03,   0.3,"]
+    lines += [f",,,  {0.01 * k:.2f},   {0.3 * k:.1f}," for k in range(-2, 40)]
+    (tmp_path / "scope.csv").write_text("\n".join(lines))
+    with pytest.raises(RecordingError, match="line 1: there is no header above the numbers; .* --column time=1"):
+        read_recording(tmp_path / "scope.csv")
+    recording = read_recording(tmp_path / "scope.csv", ReadAs(columns={"time": "4", "i": "5"}))
+    assert len(recording.time) == 45
+    assert recording.step == pytest.approx(0.01)
+    assert recording.signals["column 5"][:3] == pytest.approx([0.1, 0.2, 0.3])
+
+
+def test_a_word_among_numbers_makes_no_header(tmp_path):
+    (tmp_path / "log.txt").write_text("% motor log\n" + "".join(f"{0.01 * k:.2f} 0x0 {k} 1\n" for k in range(20)))
+    with pytest.raises(RecordingError, match="line 2: there is no header above the numbers"):
+        read_recording(tmp_path / "log.txt")
+
+
+def test_a_name_that_is_a_unit_by_chance_is_what_the_user_says(tmp_path):
+    (tmp_path / "log.csv").write_text("time [s],pulse,speed [rad/s]\n" + "".join(f"{k},{k % 2},1\n" for k in range(20)))
+    recording = read_recording(tmp_path / "log.csv", ReadAs(columns={"v": "pulse"}))
+    assert motor_columns(recording, required=("v", "w")) == {"v": "pulse", "w": "speed"}
+
+
+def test_without_a_voltage_a_constant_one_may_be_held(tmp_path):
+    (tmp_path / "log.csv").write_text("time [s],speed [rad/s]\n" + "".join(f"{k},{k}\n" for k in range(20)))
+    with pytest.raises(RecordingError, match="or estimate with --fix v=VOLTS where it was constant"):
+        motor_columns(read_recording(tmp_path / "log.csv"))

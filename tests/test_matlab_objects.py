@@ -92,11 +92,17 @@ def test_time_series_are_read_by_their_names_and_units(version, tmp_path):
 def test_a_dataset_of_simulink_is_read_by_the_names_of_signals_or_blocks(version, tmp_path):
     logged = dataset(
         signal(time_series("", VOLTAGE), "voltage"),
-        signal(time_series("", SPEED), block="bench/shaft/speed"),
+        signal(time_series("", SPEED), block="bench/shaft/speed of//by shaft"),
     )
     recording = read_recording(saved(tmp_path / "run3.mat", {"data": logged}, version))
     assert recording.signals["voltage"] == pytest.approx(VOLTAGE)
-    assert recording.signals["speed"] == pytest.approx(SPEED)
+    assert recording.signals["speed of/by shaft"] == pytest.approx(SPEED)
+
+
+def test_a_signal_that_is_called_by_its_unit_is_the_speed(tmp_path):
+    logged = dataset(signal(time_series("voltage", VOLTAGE)), signal(time_series("", SPEED), block="bench/rad//s"))
+    recording = read_recording(saved(tmp_path / "run3.mat", {"data": logged}, "v7"))
+    assert motor_columns(recording, required=("v", "w")) == {"v": "voltage", "w": "speed"}
 
 
 def streamed(name, number, kind, unit=""):

@@ -29,6 +29,11 @@ def test_a_good_fmu_is_found_good(tmp_path):
     assert found.steps == 1000 and found.seconds > 0 and found.step_change < 1e-9
 
 
+def test_parameters_are_set_where_the_stepping_loop_sets_them(tmp_path):
+    found = probed(tmp_path, "FORGETS_AT_SETUP")  # some FMUs forget what is set before the experiment is set up
+    assert set(found.parameters.values()) == {"taken"} and found.findings == ()
+
+
 RESTARTS = {
     "reset does nothing": (("IDLE_RESET",), "re-instantiate", ()),
     "reset fails": (("FAILING_RESET",), "re-instantiate", ("reset fails: reset returned Error",)),

@@ -536,7 +536,8 @@ def test_what_is_required_can_be_less(tmp_path: Path) -> None:
         ),
         (
             "time,hall [V],current,speed",
-            "run3.csv has no voltage column; add one such as 'voltage [V]', or map it in a case file (hall [V], cur",
+            "run3.csv has no voltage column; add one such as 'voltage [V]', or map it in a case file, or estimate with"
+            " --fix v=VOLTS where it was constant (hall [V], cur",
         ),
         ("time,CH1 (V),CH2 (A),x", "is it 'CH1 (V)'? (CH1 (V), CH2 (A), x); say which it is with --column 'v=CH1 (V)'"),
         (

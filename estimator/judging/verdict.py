@@ -185,7 +185,7 @@ def _traded(plan: Plan, polish: LeastSquaresFit, statuses: Mapping[str, Paramete
         (float(polish.covariance[j, k] / (deviation[j] * deviation[k])), plan.names[k], plan.names[j])
         for j in motor
         for k in motor
-        if k < j and {plan.names[j], plan.names[k]} & set(statuses) and np.isfinite(deviation[j] * deviation[k])
+        if k < j and {plan.names[j], plan.names[k]} & set(statuses) and 0 < deviation[j] * deviation[k] < np.inf
     ]
     correlation, one, other = max(pairs, key=lambda pair: abs(pair[0]), default=(0.0, "", ""))
     if abs(correlation) < TRADED:

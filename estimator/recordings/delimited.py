@@ -219,13 +219,12 @@ def _find_header(path: Path, lines: list[str], rules: HeaderRules) -> tuple[int,
             for delimiter, cells in _splits(line):
                 if rules.is_header(cells) and _width(lines[first], delimiter, len(cells)) == len(cells):
                     return k, delimiter, cells
-        raise RecordingError(
-            f"{path.name} line {first + 1}: there is no header above the numbers;"
-            f" name the columns, as in {HEADER_EXAMPLE}, or by their numbers, as in --column time=1 --column v=2"
-        )
+        _no_header(path, first)
     ways = [(k, *way) for k in above for way in _splits(lines[k]) if rules.is_header(way[1])]
     if not ways:
         named = [cells for _, cells in _splits(lines[first]) if len(cells) > 1]
+        if any(_numbers_in(cells) > 1 and 2 * _numbers_in(cells) > sum(map(bool, cells)) for cells in named):
+            _no_header(path, first)  # a word among numbers makes no header
         rules.complain(f"{path.name} line {first + 1}", named[0] if named else [lines[first].strip()])
 
     def likeliness(way: tuple[int, str | None, Cells]) -> tuple[bool, bool, bool]:
@@ -238,17 +237,32 @@ def _find_header(path: Path, lines: list[str], rules: HeaderRules) -> tuple[int,
     return max(ways, key=likeliness)
 
 
+def _no_header(path: Path, first: int) -> NoReturn:
+    raise RecordingError(
+        f"{path.name} line {first + 1}: there is no header above the numbers;"
+        f" name the columns, as in {HEADER_EXAMPLE}, or by their numbers, as in --column time=1 --column v=2"
+    )
+
+
 def _numbered(path: Path, lines: list[str]) -> tuple[int, str | None, Cells]:
     """Return the line before the first of numbers, the delimiter, and numbers as names."""
-    for k, line in enumerate(lines):
-        if line.lstrip()[:1] in _SKIPPED:
-            continue
-        ways = [(d, _split(line, d)) for d in (";", "\t", ",", None)]
-        ways = [(d, _trimmed(cells, len(cells) - 1)) for d, cells in ways if _number(_bare(cells[0]), ".") is not None]
-        if ways:
-            delimiter, cells = max(ways, key=lambda way: sum(_number(_bare(c), ".") is not None for c in way[1]))
-            return k - 1, delimiter, [f"column {j + 1}" for j in range(len(cells))]
+    numbered = [(k, line) for k, line in enumerate(lines) if line.lstrip()[:1] not in _SKIPPED]
+    for begins in (True, False):  # a scope's settings may stand before the samples, in the same lines
+        for k, line in numbered:
+            ways = [(d, _split(line, d)) for d in (";", "\t", ",", None)]
+            ways = [(d, _trimmed(cells, len(cells) - 1)) for d, cells in ways if not begins or _is_number(cells[0])]
+            delimiter, cells = max(ways, key=lambda way: _numbers_in(way[1]), default=(None, []))
+            if _numbers_in(cells) > (0 if begins else 1):
+                return k - 1, delimiter, [f"column {j + 1}" for j in range(len(cells))]
     raise RecordingError(f"{path.name} has no line that begins with a number; it should hold the samples")
+
+
+def _is_number(cell: str) -> bool:
+    return _number(_bare(cell), ".") is not None
+
+
+def _numbers_in(cells: Cells) -> int:
+    return sum(map(_is_number, cells))
 
 
 def _width(line: str, delimiter: str | None, width: int) -> int:

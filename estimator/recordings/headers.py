@@ -162,7 +162,8 @@ def rank_in_role(name: str, role: str) -> int | None:
     if key in names:
         return names.index(key)
     words = frozenset(key.split("_"))
-    if key not in _ROLE_OF and words & _TELLING[role] and not words & _OTHER_PART:
+    raw_volts = role == "v" and "raw" in words  # of some sensor, as its converter reads them
+    if key not in _ROLE_OF and words & _TELLING[role] and not words & _OTHER_PART and not raw_volts:
         return len(names)
     return None
 

@@ -11,6 +11,7 @@ What is looked for, wherever it lies in the file:
 
 from __future__ import annotations
 
+import re
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
@@ -198,7 +199,7 @@ def _block(path: Any) -> str:
     """Return the name of the block that a path ends at: what a signal without a name is called by."""
     if hasattr(path, "properties"):
         path = path.properties.get("path")
-    return _text(_cell(path)).split("/")[-1]
+    return re.split("(?<!/)/(?!/)", _text(_cell(path)))[-1].replace("//", "/")  # a slash in a name is doubled
 
 
 def _record(value: Any) -> dict[str, Any]:
@@ -247,6 +248,8 @@ def _unit(value: Any) -> str:
 
 
 def _titled(name: str, unit: str) -> str:
+    if not unit and "/" in name and (said := parse_unit(name)) is not None and said.quantity == "angular speed":
+        return f"speed [{name}]"  # a signal that is called by its unit
     return f"{name} [{unit}]" if unit and parse_header(name).unit_text is None else name
 
 

@@ -109,6 +109,8 @@ def _missing(recording: Recording, missing: Sequence[str], meant: Mapping[str, S
             " column"
         )
     remedy = f"; is it {near[0]!r}?" if near else f"; add one such as {_example(role)!r}, or map it in a case file"
+    if role == "v" and not near:
+        remedy += ", or estimate with --fix v=VOLTS where it was constant"
     options = " or ".join(f"--column {name}=…" for name in ("i", "w") if name == role or (nothing and role == "i"))
     named = [f"--column {shlex.quote(f'{other}={meant[other][0]}')}" for other in missing if meant[other]]
     column = " ".join(named) if near else options or f"--column {role}=…"

@@ -57,6 +57,9 @@ class ReadAs(Locked):
             A unit is none, or there is no such column.
         """
         headers = [parse_header(text) for text in texts]
+        for role, name in self.columns.items():
+            for j in self._named(name, headers):
+                headers[j] = _of_role(headers[j], role)
         given: set[int] = set()
         for name, unit_text in self.units.items():
             unit = parse_unit(unit_text)
@@ -100,6 +103,14 @@ class ReadAs(Locked):
             return exact
         ranks = {j: rank for j, h in enumerate(headers) if (rank := rank_in_role(h.name, name)) is not None}
         return [j for j, rank in ranks.items() if name != "time" or rank == min(ranks.values())]
+
+
+def _of_role(header: Header, role: str) -> Header:
+    """Return a header whose word is a unit only by chance: `pulse`, which the user says is the voltage."""
+    bare = header.unit is not None and plain(header.text) == plain(header.unit_text or "")
+    if bare and header.unit is not None and header.unit.quantity != ROLE_QUANTITY.get(role):
+        return Header(header.text, header.text, None, None)
+    return header
 
 
 AS_WRITTEN = ReadAs()

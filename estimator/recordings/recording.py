@@ -163,7 +163,7 @@ class Recording(Locked):
         if column in self.unreadable:
             return self.unreadable[column]
         header = parse_header(self.headers[column])
-        if quantity is not None and header.unit_text is not None:
+        if quantity is not None and header.unit_text is not None and self.units[column]:
             given = parse_unit(self.units[column])
             if given is None or given.quantity != quantity:
                 known = "is not a known unit" if given is None else f"is no unit of {quantity}"
@@ -474,7 +474,7 @@ def _build(raw: _Raw, read_as: ReadAs) -> Recording:
     clock, time_unit = _time_column(headers, where, read_as)
     names = [header.name for header in headers]
     names = [h.text if names.count(h.name) > 1 else h.name for h in headers]
-    unreadable = _unreadable(raw, names, clock)
+    unreadable = _unreadable(raw, names, clock, read_as)
     time = time_unit.to_si(columns[clock])
     if np.isnan(time).any():
         raise RecordingError(f"{place(int(np.argmax(np.isnan(time))))}: time is empty; every row needs its time")
@@ -521,8 +521,8 @@ def _build(raw: _Raw, read_as: ReadAs) -> Recording:
     )
 
 
-def _unreadable(raw: _Raw, names: Sequence[str], clock: int) -> dict[int, str]:
-    """Return columns that cannot be used, and what is wrong with them.
+def _unreadable(raw: _Raw, names: Sequence[str], clock: int, read_as: ReadAs) -> dict[int, str]:
+    """Return columns that cannot be used, and what is wrong with them; of columns by number only those that are meant.
 
     Raises
     ------
@@ -538,7 +538,10 @@ def _unreadable(raw: _Raw, names: Sequence[str], clock: int) -> dict[int, str]:
         return f"{raw.file} line {bad[j].line}: {names[j]} is not a number ({bad[j].text!r}); {remedy}"
 
     numbers = [not np.isnan(column).all() for column in columns]
-    broken = [j for j in bad if numbers[j] or j == clock]  # a column of nothing but text harms nobody until it is used
+    meant = {f"column {number}" for number in read_as.columns.values()} if read_as.by_number else set(names)
+    broken = [
+        j for j in bad if (numbers[j] and names[j] in meant) or j == clock
+    ]  # a column of nothing but text harms nobody until it is used
     if broken:
         raise RecordingError(not_a_number(min(broken, key=lambda j: bad[j].line)))
     found = {}

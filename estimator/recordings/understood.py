@@ -78,7 +78,8 @@ def _of(recording: Recording, signal: str, text: str, column: str) -> Understood
     if column in recording.made:
         return Understood(signal, recording.made[column], recording.units[column], "made")
     header = parse_header(text)
-    if header.unit_text is not None:
+    by_chance = header.name == text and recording.units.get(column) == ""  # a name such as pulse, of a voltage
+    if header.unit_text is not None and not by_chance:
         return Understood(signal, text, header.unit_text, "user" if column in recording.given_units else "header")
     usual = assumed_unit_text(header.name) or (unit_of(ROLE_QUANTITY[signal]).si if signal in ROLE_QUANTITY else None)
     if usual is None:

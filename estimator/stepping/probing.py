@@ -143,8 +143,7 @@ class Prober:
                 continue
             try:
                 self._instantiate()
-                self._check("setReal", self._set([self.references[0][j]], [value]))
-                self._initialise()
+                self._initialise([self.references[0][j]], [value])
                 kept = self._get(self.component, [self.references[0][j]])[0]
                 changed = not self._same(self._follow(len(rows) - 1, self.h), rows)
             except Refused:
@@ -227,15 +226,15 @@ class Prober:
         return rows
 
     def _begin(self, values: Sequence[float] | None) -> None:
-        if values is not None:
-            self._check("setReal", self._set(self.references[0], values))
-        self._initialise()
+        self._initialise(self.references[0] if values is not None else (), values or ())
         self._check("setReal", self._set(self.references[1], self.inputs))
 
-    def _initialise(self) -> None:
+    def _initialise(self, references: Sequence[int], values: Sequence[float]) -> None:
+        """Initialise in the stepping loop's order: some FMUs forget what is set before the experiment is set up."""
         component = self.component
         stop = self.start + self.horizon + self.h
         self._check("setupExperiment", self.call["setup_experiment"](component, 0, 0.0, self.start, 1, stop))
+        self._check("setReal", self._set(references, values))
         self._check("enterInitializationMode", self.call["enter_initialization"](component))
         self._check("exitInitializationMode", self.call["exit_initialization"](component))
 

@@ -14,6 +14,7 @@
  *     ONLY_STEP          doStep of anything but 1 ms is an error
  *     STOPS_AT           doStep past that time is discarded, whatever it was told
  *     OWN_STOP           doStep past that time is discarded, unless it was told another stop time
+ *     FORGETS_AT_SETUP   what is set before the experiment is set up is forgotten
  *     STARTS_AT          it begins at that time and no other; each step must begin where the one before ended
  *     SELF_DRIVEN        no input: 10.5 V from 0.1 s on
  *     INTERPOLATES       it takes the slope of its voltage
@@ -88,6 +89,9 @@ static void destroy(Motor *m) {
 
 /* What it is told before initialisation; 0: it refuses. */
 static int set_up(Motor *m, double from, int stops, double stop) {
+#ifdef FORGETS_AT_SETUP
+    memcpy(m->values, START, sizeof START);
+#endif
     m->time = from;
     m->stops = stops;
     m->stop = stop;
