@@ -1,6 +1,7 @@
 """What an archive may not do: leave its folder, grow without end, expand entities, be executed by --static."""
 
 import io
+import time
 import zipfile
 
 import pytest
@@ -163,3 +164,35 @@ def test_inspect_static_executes_nothing(tmp_path, capsys):
     assert "motor.Ra" in capsys.readouterr().out and not trap.exists()
     assert main(["inspect", str(fmu)]) == 0
     assert "it loads and runs" in capsys.readouterr().out and trap.exists()
+
+
+def described(path, variables):
+    text = '<fmiModelDescription fmiVersion="2.0" modelName="m" guid="{1}"><CoSimulation modelIdentifier="m"/>'
+    text += f"<ModelVariables>{variables}</ModelVariables><ModelStructure/></fmiModelDescription>"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("modelDescription.xml", text)
+    return path
+
+
+def variable(k, name="x"):
+    return f'<ScalarVariable name="{name}{k}" valueReference="{k}" causality="local"><Real/></ScalarVariable>'
+
+
+def test_sixty_thousand_variables_are_read_within_three_seconds(tmp_path):
+    large = described(tmp_path / "large.fmu", "".join(variable(k, "motor.part[3].x") for k in range(60_000)))
+    began = time.process_time()
+    assert len(describe(large).variables) == 60_000
+    assert time.process_time() - began < 3
+
+
+def test_half_a_million_variables_are_told(tmp_path):
+    huge = described(tmp_path / "huge.fmu", "".join(variable(k) for k in range(500_000)))
+    began = time.process_time()
+    with pytest.raises(FmuError, match="has 500000 variables, more than 200000; export the FMU without its protected"):
+        describe(huge)
+    assert time.process_time() - began < 3
+
+
+def test_a_name_of_a_megabyte_is_told(tmp_path):
+    with pytest.raises(FmuError, match="modelDescription.xml has a name of more than 20000 characters"):
+        describe(described(tmp_path / "long.fmu", variable(1, "x" * 1_000_000)))

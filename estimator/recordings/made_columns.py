@@ -20,6 +20,7 @@ from estimator.recordings.units import FloatArray
 
 DUTY = frozenset({"duty", "pwm", "dutycycle"})
 SUPPLY = frozenset({"battery", "batt", "vbat", "vbatt", "bat", "supply", "vbus", "bus", "vs", "vcc", "vin", "vsupply"})
+FEW_LEVELS = 4  # fewer are no encoder's
 FULL = 1.0 + 1e-9  # of a duty cycle without a unit: up to here it is a part of the supply
 
 
@@ -101,6 +102,8 @@ def is_counts(recording: Recording, column: str) -> bool:
     """Return whether a column seems to hold an encoder's counts."""
     words = set(plain(parse_header(recording.headers[column]).name).split("_"))
     bare = recording.units[column] in ("", "count")
+    if column in recording.signals and len(np.unique(recording.signals[column])) < FEW_LEVELS:
+        return False  # a pulse generator's signal
     return bare and (
         recording.units[column] == "count" or bool(words & {"encoder", "enc", "ticks", "counts", "pulses"})
     )

@@ -1,4 +1,8 @@
-"""A channel has an offset: an amplifier, a Hall sensor; an angle that begins anywhere."""
+"""A channel has an offset: an amplifier, a Hall sensor; an angle that begins anywhere.
+
+What a model that is no motor shows has one where the case says so (offset = "free"): beside free initial states an
+offset explains nearly any misfit.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +14,7 @@ import numpy as np
 from estimator.fitting.effects.base import Effect
 from estimator.fitting.fit import Fit, Linear
 from estimator.fitting.simulator import per_recording
+from estimator.motor.names import has_motor
 from estimator.plans.plan import Plan
 from estimator.recordings.excitation import quantum
 
@@ -22,7 +27,9 @@ class Offset(Effect):
 
     def linear(self, fit: Fit) -> Sequence[Linear]:
         """Return one for each output of each recording; a speed from encoder counts has none."""
-        plan, found = fit.simulator.plan, []
+        plan, found = fit.simulator.plan, list[Linear]()
+        if not has_motor({*(p.quantity or p.name for p in plan.parameters), *plan.fixed}):
+            return found
         for j, y in enumerate(fit.simulator.outputs):
             if f"offset {y}" in plan.declared:
                 continue
