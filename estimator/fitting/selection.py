@@ -42,7 +42,8 @@ NO_CHANGE, DOUBLINGS = 0.1, 2  # of z'z: a smaller change is negligible; doublin
 TRIED_WHOLE = 3  # values of an integer nuisance parameter that are refitted
 ROUGH = 8  # iterations of a fit that is only compared
 RIVALS_WITHIN = 10.0  # of the criterion: explanations that are no further above the best are rivals
-EXCHANGES, EXCHANGED = 3, 0.1  # of an explanation for a more likely rival, at most; by which its criterion is lower
+MOST_WITHIN = 2  # additions of what happens within samples, each exchanged for every other of these
+EXCHANGES, EXCHANGED = 2, 0.1  # of an explanation for a more likely rival, at most; by which its criterion is lower
 IDLE = 6.0  # times the penalty: an addition is refitted without if its Wald statistic is below
 
 
@@ -479,8 +480,7 @@ class Selection:
             best = min(rivals, key=lambda e: e.criterion(self.samples), default=explanation)
             if best.criterion(self.samples) > explanation.criterion(self.samples) - EXCHANGED:
                 break
-            best = self._grown(self.with_noise(best, again=True), self.effects, rounds=ROUNDS)
-            explanation = self._at_best(self._without_idle(best))
+            explanation = self._at_best(self._without_idle(self.with_noise(best, again=True)))
         else:
             rivals = self.alternatives(explanation)
         return explanation, rivals
@@ -492,6 +492,7 @@ class Selection:
         tells: those are always refitted.
         """
         n = self.samples
+        within = [a for a in explanation.additions if _is_timing(a)]
         found = [e for e in self._mirrored(explanation) if e.fit.cost - explanation.fit.cost < RIVALS_WITHIN]
         for addition in explanation.additions:
             if addition.effect.name == "offset" or addition.effect.is_line:
@@ -501,7 +502,9 @@ class Selection:
             tested = [a for a in self.additions(bare, self.effects) if a.name != addition.name and not a.effect.doubt]
             likely = [a for a in tested if a.gain - a.penalty(n) > PREDICTED_PART * (lost - addition.penalty(n))]
             likely = sorted(likely, key=lambda a: a.penalty(n) - a.gain)[:2]
-            for other in (*likely, *(a for a in tested if _is_timing(addition) and _is_timing(a) and a not in likely)):
+            if addition in within and len(within) <= MOST_WITHIN:
+                likely += [a for a in tested if _is_timing(a) and a not in likely]
+            for other in likely:
                 fit = self.refitted(bare, other)
                 behind = fit.cost + other.penalty(n) - explanation.fit.cost - addition.penalty(n)
                 if behind < RIVALS_WITHIN and _is_physical(fit, other):
