@@ -14,12 +14,14 @@ from estimator.fitting.fit import Fit, Linear
 from estimator.fitting.latency import EDGE
 from estimator.fitting.motor_response import as_late, motor_values, response
 from estimator.plans.plan import Plan
+from estimator.recordings.excitation import noise_deviation
 
 FloatArray = NDArray[np.float64]
 
 VOLTAGE_NOISE = "voltage noise"
 UNREACHED = "the logged voltage's noise does not reach the motor"
 LEAST_NOISE = 1e-6  # of the largest voltage: less is rounding
+EDGE_NOISE = 8.0  # deviations of the voltage's noise: a larger change is an edge, differences of noise hardly ever
 MOST_CHANGES = 3000  # changes, at most: more are a signal
 
 
@@ -65,7 +67,8 @@ def with_levels(plan: Plan) -> Plan | None:
 
 def around_levels(u: FloatArray) -> FloatArray:
     """Return a voltage less the means of its levels, (n,); zero where it has too many."""
-    jumps = np.flatnonzero(np.abs(np.diff(u)) > EDGE * max(float(np.ptp(u)), 1e-300)) + 1
+    least = max(EDGE * float(np.ptp(u)), EDGE_NOISE * noise_deviation(u), 1e-300)
+    jumps = np.flatnonzero(np.abs(np.diff(u)) > least) + 1
     if len(jumps) > MOST_CHANGES:
         return np.zeros(len(u))
     result = np.empty(len(u))
