@@ -13,7 +13,6 @@ from estimator.fitting.adequacy import Adequacy, adequacy
 from estimator.fitting.averaging import Told, averaged
 from estimator.fitting.between_runs import BetweenRuns, is_between_runs, of_fit, sentence
 from estimator.fitting.effects.base import Effect
-from estimator.fitting.effects.voltage_noise import UNREACHED, VOLTAGE_NOISE, with_levels
 from estimator.fitting.fit import Fit
 from estimator.fitting.latency import with_latencies
 from estimator.fitting.least_squares import LeastSquaresFit
@@ -148,17 +147,11 @@ def explain(
     if any(e.name == "latency of each edge" for e in effects):
         plan, late = with_latencies(plan)
     selection = _selection(plan, crew, sigma=sigma, deviations=deviations, effects=effects, enter=enter)
-    quiet = ""
-    if any(e.name == VOLTAGE_NOISE for e in effects) and (levels := with_levels(plan)) is not None:
-        other = _selection(levels, crew, sigma=sigma, deviations=deviations, effects=effects, enter=enter)
-        if other.first_cost(starts) < selection.first_cost(starts):
-            plan, selection, quiet = levels, other, UNREACHED
     explanation = selection.explain(starts)
     enter("rivals")
     explanation, rivals = selection.settled(explanation)
     open_additions = selection.additions(explanation, selection.effects)
     changed = [Found("latency of each edge", "", t, "") for t in late]
-    changed += [Found(VOLTAGE_NOISE, "", quiet, "")] if quiet else []
     return _explained(plan, explanation, rivals, open_additions, selection.samples, changed)
 
 

@@ -135,13 +135,6 @@ class Selection:
                 s.upper[k] = min(s.upper[k], near * NEARBY[name])
         return before
 
-    def first_cost(self, starts: Sequence[FloatArray]) -> float:
-        """Return z'z of the first fit, by the first estimate of the noise."""
-        lower, upper = self._held_near(starts)
-        cost = self._first(starts).fit.cost
-        self.base.lower[:], self.base.upper[:] = lower, upper
-        return cost
-
     def explain(self, starts: Sequence[FloatArray]) -> Explanation:
         """Return the best explanation.
 
@@ -505,7 +498,7 @@ class Selection:
             if addition in within and len(within) <= MOST_WITHIN:
                 likely += [a for a in tested if _is_timing(a) and a not in likely]
             for other in likely:
-                fit = self.refitted(bare, other)
+                fit = solved(_renewed(dataclasses.replace(bare, fit=self.refitted(bare, other))), iterations=ROUGH)
                 behind = fit.cost + other.penalty(n) - explanation.fit.cost - addition.penalty(n)
                 if behind < RIVALS_WITHIN and _is_physical(fit, other):
                     found.append(Explanation(solved(fit), (*bare.additions, other)))
