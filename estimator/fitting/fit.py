@@ -49,6 +49,8 @@ class Linear:
         Bounds of a coefficient that is physically possible.
     size : float
         A usual size of a coefficient; 0: none is known.
+    one_of : int
+        Of how many columns that exclude each other it is the likeliest.
     told_from : float
         What a coefficient of 0 is reported as: for a gain, 1.
     """
@@ -60,6 +62,7 @@ class Linear:
     most: float = np.inf
     size: float = 0.0
     told_from: float = 0.0
+    one_of: int = 1
 
 
 @dataclass(frozen=True)

@@ -1,9 +1,9 @@
 """Selection of effects: all are score-tested at once, the best refitted with their rivals. Knows no effect.
 
 The criterion is z'z of whitened residuals (-2 log L at a given noise) plus k log n + 2 log (1 / prior) for an addition
-of k numbers, n the samples: Schwarz's criterion with the prior of the effect. An effect that is not there is accepted
-with a chance of 1e-4 or less (k = 1, n = 2 000, prior 0.2: chi-square above 10.8; benchmarks/combined.py measures the
-rate).
+of k numbers, n the samples: Schwarz's criterion with the prior of the effect, which columns that exclude each other
+share. An effect that is not there is accepted with a chance of 1e-4 or less (k = 1, n = 2 000, prior 0.2: chi-square
+above 10.8; benchmarks/combined.py measures the rate).
 
     fit what is free, estimate the noise from settled rows
     repeat: score-test every addition; refit the best few; accept the best if the criterion falls
@@ -42,6 +42,7 @@ NO_CHANGE, DOUBLINGS = 0.1, 2  # of z'z: a smaller change is negligible; doublin
 TRIED_WHOLE = 3  # values of an integer nuisance parameter that are refitted
 ROUGH = 8  # iterations of a fit that is only compared
 RIVALS_WITHIN = 10.0  # of the criterion: explanations that are no further above the best are rivals
+RIVALS_REFITTED = 3  # rivals of an addition that are refitted, of each effect the likeliest
 MOST_WITHIN = 2  # additions of what happens within samples, each exchanged for every other of these
 EXCHANGES, EXCHANGED = 2, 0.1  # of an explanation for a more likely rival, at most; by which its criterion is lower
 IDLE = 6.0  # times the penalty: an addition is refitted without if its Wald statistic is below
@@ -61,7 +62,7 @@ class Addition:
     across, whitened : (rows q, k) arrays
         Whitened columns, without and with their part that the fit explains, for a unit of each.
     tried : int
-        Of how many tried values it is the best.
+        Of how many tried values it is the best; of columns that exclude each other each is one of so many.
     """
 
     effect: Effect
@@ -77,7 +78,8 @@ class Addition:
 
     def penalty(self, samples: int) -> float:
         """Return its penalty in the criterion."""
-        return self.numbers * float(np.log(max(samples, 2))) + 2 * float(np.log(1 / self.effect.prior))
+        one_of = self.tried if self.linear is not None else 1
+        return self.numbers * float(np.log(max(samples, 2))) + 2 * float(np.log(one_of / self.effect.prior))
 
 
 @dataclass(frozen=True)
@@ -344,14 +346,26 @@ class Selection:
         taken = {*fit.free, *(g.name for g in fit.linear), *explanation.names()}
         by_simulator: dict[int, tuple[Simulator, list[tuple[Effect, Nuisance]]]] = {}
         for effect in effects:
-            for group in effect.linear(fit):
+            groups = effect.linear(fit)
+            among = len(groups) if effect.is_one else 1
+            for group in groups:
                 if group.name in taken:
                     continue
                 whitened = fit.whitener(group.columns)[0].reshape(fit.z.size, -1)
                 across = whitened - test.basis @ (test.basis.T @ whitened)
                 gain, _ = test.gain(across)
+                numbers = across.shape[1]
                 result.append(
-                    Addition(effect, group.name, across.shape[1], gain, linear=group, across=across, whitened=whitened)
+                    Addition(
+                        effect,
+                        group.name,
+                        numbers,
+                        gain,
+                        linear=group,
+                        across=across,
+                        whitened=whitened,
+                        tried=max(among, group.one_of),
+                    )
                 )
             simulator = self._simulator(fit, effect)
             own = effect.nuisances(self.base.plan) if simulator is not None else ()
@@ -494,7 +508,8 @@ class Selection:
             lost = bare.fit.cost - explanation.fit.cost
             tested = [a for a in self.additions(bare, self.effects) if a.name != addition.name and not a.effect.doubt]
             likely = [a for a in tested if a.gain - a.penalty(n) > PREDICTED_PART * (lost - addition.penalty(n))]
-            likely = sorted(likely, key=lambda a: a.penalty(n) - a.gain)[:2]
+            ranked = sorted(likely, key=lambda a: a.penalty(n) - a.gain)
+            likely = list({a.effect.name: a for a in reversed(ranked)}.values())[::-1][:RIVALS_REFITTED]
             if addition in within and len(within) <= MOST_WITHIN:
                 likely += [a for a in tested if _is_timing(a) and a not in likely]
             for other in likely:
