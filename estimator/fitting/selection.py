@@ -42,6 +42,7 @@ NO_CHANGE, DOUBLINGS = 0.1, 2  # of z'z: a smaller change is negligible; doublin
 TRIED_WHOLE = 3  # values of an integer nuisance parameter that are refitted
 ROUGH = 8  # iterations of a fit that is only compared
 RIVALS_WITHIN = 10.0  # of the criterion: explanations that are no further above the best are rivals
+PARALLEL = 0.9  # canonical correlation of an addition with one that is doubted: it is refitted as a rival
 RIVALS_REFITTED = 3  # rivals of an addition that are refitted, of each effect the likeliest
 MOST_WITHIN = 2  # additions of what happens within samples, each exchanged for every other of these
 EXCHANGES, EXCHANGED = 2, 0.1  # of an explanation for a more likely rival, at most; by which its criterion is lower
@@ -484,7 +485,10 @@ class Selection:
         """Return the explanation, exchanged for a rival as long as one is more likely, and its rivals."""
         for _ in range(EXCHANGES):
             rivals = self.alternatives(explanation)
-            best = min(rivals, key=lambda e: e.criterion(self.samples), default=explanation)
+            sound = [
+                r for r in rivals if not any(a.effect.doubt and a.name not in explanation.names() for a in r.additions)
+            ]
+            best = min(sound, key=lambda e: e.criterion(self.samples), default=explanation)
             if best.criterion(self.samples) > explanation.criterion(self.samples) - EXCHANGED:
                 break
             explanation = self._at_best(self._without_idle(self.with_noise(best, again=True)))
@@ -506,7 +510,11 @@ class Selection:
                 continue
             bare = self.without(explanation, addition)
             lost = bare.fit.cost - explanation.fit.cost
-            tested = [a for a in self.additions(bare, self.effects) if a.name != addition.name and not a.effect.doubt]
+            tested = self.additions(bare, self.effects)
+            own = next((a for a in tested if a.name == addition.name), addition)
+            tested = [
+                a for a in tested if a.name != addition.name and (not a.effect.doubt or _alike(a, own) > PARALLEL)
+            ]
             likely = [a for a in tested if a.gain - a.penalty(n) > PREDICTED_PART * (lost - addition.penalty(n))]
             ranked = sorted(likely, key=lambda a: a.penalty(n) - a.gain)
             likely = list({a.effect.name: a for a in reversed(ranked)}.values())[::-1][:RIVALS_REFITTED]
@@ -584,12 +592,22 @@ def _is_physical(fit: Fit, addition: Addition) -> bool:
     return True
 
 
+def _alike(one: Addition, other: Addition) -> float:
+    """Return the largest canonical correlation of two additions' columns, without what the fit explains."""
+    if one.across is None or other.across is None or len(one.across) != len(other.across):
+        return 0.0
+    first, second = (np.linalg.qr(a)[0] for a in (one.across, other.across))
+    return float(np.linalg.svd(first.T @ second, compute_uv=False)[0])
+
+
 def _is_timing(addition: Addition) -> bool:
     """Whether an addition is a nuisance parameter of what happens within samples: a delay, a filter, a mean."""
     return addition.effect.sharp and not addition.effect.is_line and addition.linear is None
 
 
 def _is_excluded(nuisance: Nuisance, taken: set[str]) -> bool:
+    if nuisance.needs and nuisance.needs not in taken:
+        return True
     return any(name.startswith(prefix) for prefix in nuisance.excludes for name in taken)
 
 

@@ -54,6 +54,7 @@ class Nuisance:
         A fit starts at the tried value itself, not at the score test's estimate.
     together : of each try, other nuisances that are set, and freed, with it
     excludes : names, or their beginnings, beside which it makes no sense
+    needs : a name without which it makes no sense
     """
 
     name: str
@@ -73,6 +74,7 @@ class Nuisance:
     absolute: bool = False
     together: tuple[Mapping[str, float], ...] = ()
     excludes: tuple[str, ...] = ()
+    needs: str = ""
 
     def parameter(self) -> Parameter:
         """Return it as a parameter of a plan."""

@@ -47,6 +47,7 @@ class Drive(Effect):
     fmu: str = DRIVE
     target: str = ""
     unit: str = ""
+    needs: str = ""
     sentence: str = "{name} is {value:.3g} {unit}"
 
     def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
@@ -55,7 +56,17 @@ class Drive(Effect):
         if not sizes or sizes[0] <= 0:
             return ()
         return [
-            Nuisance(self.target, self.unit, 0.0, 20 * max(sizes), 0.0, 0.1 * sizes[0], target=self.target, tries=sizes)
+            Nuisance(
+                self.target,
+                self.unit,
+                0.0,
+                20 * max(sizes),
+                0.0,
+                0.1 * sizes[0],
+                target=self.target,
+                tries=sizes,
+                needs=self.needs,
+            )
         ]
 
     def sizes(self, plan: Plan) -> tuple[float, ...]:
@@ -83,12 +94,13 @@ class DryFriction(Drive):
 
 @dataclass(frozen=True)
 class BreakAway(Drive):
-    """Friction that is larger at standstill."""
+    """Friction that is larger at standstill: there is dry friction, then."""
 
     name: str = "break-away"
     prior: float = 0.05
     target: str = "stiction"
     unit: str = "N.m"
+    needs: str = "friction"
     sentence: str = "the motor breaks away at a torque that is {value:.3g} {unit} above its dry friction"
 
     def sizes(self, plan: Plan) -> tuple[float, ...]:
