@@ -172,17 +172,16 @@ class Simulator:
         """Return the same; `between` rows are simulated for one, for what filters show."""
         unique, which = np.unique(candidates[:, self._stepped], axis=0, return_inverse=True)
         steps = np.array([clock.step for clock in self.clocks])
-        phases = []
-        for k in range(
-            between
-        ):  # a time-invariant model: with inputs later by a part of a row it shows what lies between
-            batch = self.problem.trajectories(unique, refine=refine, late=k * steps / between if k else None)
-            assert batch.shown is not None
-            phases.append(batch.shown[:, self._keep][which.ravel()])
+        # A time-invariant model: with inputs later by a part of a row it shows what lies between.
+        late = np.repeat(np.arange(between)[:, None] * steps / between, len(unique), axis=0)
+        many = np.tile(unique, (between, 1))
+        batch = self.problem.trajectories(many, refine=refine, late=late if between > 1 else None)
+        assert batch.shown is not None
+        phases = batch.shown[:, self._keep].reshape(between, len(unique), self.rows, -1)[:, which.ravel()]
         shown = phases[0]
         for nuisance in sorted(self._acts, key=lambda n: not n.between):  # filters before what a logger does
             j, column = self.outputs.index(nuisance.output), candidates[:, self.index[nuisance.name]]
-            rows = np.stack(phases[::-1], axis=2) if nuisance.between and between > 1 else shown[:, :, None, :]
+            rows = phases[::-1].transpose(1, 2, 0, 3) if nuisance.between and between > 1 else shown[:, :, None, :]
             for c in np.flatnonzero(column != nuisance.neutral):
                 for clock in self.clocks:
                     assert nuisance.act is not None
