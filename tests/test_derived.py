@@ -9,6 +9,8 @@ from motors import CML050, RMCS2004, recording_of, step_recording
 from estimator.cases.case import Case, OutputSpec
 from estimator.estimating.estimate import estimate_recordings
 
+pytestmark = pytest.mark.usefixtures("shared_workers")
+
 
 def truth(motor):
     """Return what the motor's matrix says: its steady state and its eigenvalues."""

@@ -12,6 +12,8 @@ from estimator.cases.case import Case, OutputSpec, ParameterSpec
 from estimator.estimating.estimate import estimate_recordings
 from estimator.recordings.recording import recording_from_arrays
 
+pytestmark = pytest.mark.usefixtures("shared_workers")
+
 CASE = Case(inputs={"v": "voltage"}, outputs={"i": OutputSpec("current"), "w": OutputSpec("speed")})
 CHAIN = {  # what stands in the bench, what is estimated of it, its true value; what leaves it unknown
     "delay": ({"i": lambda y: late(y, 3.4e-3), "w": lambda y: late(y, 3.4e-3)}, "delay", 3.4e-3, "delay"),

@@ -14,6 +14,8 @@ from estimator.batches.worker_pool import run_here
 from estimator.cli import main
 from estimator.errors import InputError
 
+pytestmark = pytest.mark.usefixtures("shared_workers")
+
 
 @pytest.fixture(scope="module")
 def example():

@@ -20,6 +20,8 @@ from trust import TABLES, Hand, aliases, five_lost, named
 from estimator.cases.case import Case, OutputSpec
 from estimator.estimating.estimate import estimate_recordings
 
+pytestmark = pytest.mark.usefixtures("shared_workers")
+
 PLAIN = Case(fmu="dc_motor", recordings=(Path("bench.csv"),), inputs={"v": "voltage"})
 
 
