@@ -12,6 +12,7 @@ from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as on the command line; one worker of pytest-xdist a core
 
+import forked  # noqa: E402
 import pytest  # noqa: E402
 from open_points import OPEN  # noqa: E402
 
@@ -121,7 +122,8 @@ def shared_workers() -> Iterator[None]:
 
 
 def pytest_sessionfinish() -> None:
-    """End the workers that wait."""
+    """End the processes that wait."""
+    forked.end()
     for crew in _crews.values():
         crew.close()
     _crews.clear()
