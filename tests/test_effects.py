@@ -133,6 +133,19 @@ def test_a_voltage_that_is_on_from_the_first_row_begins_there():
     assert not any("delay" in name for name in result.chain)
 
 
+def test_a_delay_reaches_a_recording_whose_voltage_is_on_from_the_first_row():
+    behind = {y: lambda y: late(y, 2.4e-3) for y in "iw"}
+    result = run(recording("reversal", rows=slice(100, None), **behind))
+    assert worst(result) < 4.5, (result.chain.keys(), result.reasons)
+    assert result.chain["delay"].value == pytest.approx(2.4e-3, abs=1e-4)
+
+
+def test_the_noise_of_a_measured_voltage_drives_no_motor_and_hides_no_delay():
+    result = run(recording("two levels", noise_v=0.5, i=lambda y: late(y, 1.3e-3)))
+    assert worst(result) < 4.5, (result.chain.keys(), result.reasons)
+    assert "voltage noise" in result.effects and "delay of i" in result.chain, result.chain.keys()
+
+
 def test_a_change_that_comes_late_by_a_part_of_a_sample_is_estimated_where_it_is():
     result = run(recording("late second level", logged="two levels"))
     assert "latency of each edge" in result.effects and worst(result) < 4.5, (result.reasons, result.notes)
@@ -177,6 +190,45 @@ def test_a_current_in_steps_far_above_its_noise_keeps_its_errors():
     result = run(recording("two levels", step_i=0.25))
     assert worst(result) < 4.5, (result.reasons, result.notes)
     assert not any("times as much at the largest signal" in note for note in result.notes), result.notes
+
+
+def test_the_steps_of_a_coarse_converter_at_rest_are_no_outliers():
+    result = run(recording("step", step_i=0.1, noise_i=0.4, rows=slice(None, 250)))
+    assert worst(result) < 4.5, (result.reasons, result.notes)
+    assert not any("outlier" in note for note in result.notes), result.notes
+
+
+def test_dry_friction_is_a_rival_although_the_current_is_zero_in_most_rows():
+    long = np.zeros(9000)  # of a coarse converter the median is then 0
+
+    def rested(y):
+        return np.concatenate([long, y])
+
+    time, v, current, speed = (driven("step", friction=6e-3)[k] for k in range(4))
+    rng = np.random.default_rng(3)
+    columns = {
+        "voltage [V]": rested(v)[::10],
+        "current [A]": 0.05 * np.round(rested(current)[::10] / 0.05 + 0.2 * rng.standard_normal(len(rested(v)[::10]))),
+        "speed [rad/s]": rested(speed)[::10] + rng.standard_normal(len(rested(v)[::10])),
+    }
+    result = run(recording_from_arrays("rested", np.arange(len(columns["voltage [V]"])) * H, columns))
+    known = (*result.effects, *(rival.what for rival in result.rivals))
+    assert any("friction" in name for name in known) or worst(result) < 4.5, (known, result.reasons)
+
+
+def test_the_standard_error_of_a_resistance_that_warms_holds_its_change():
+    dt, change = H / 10, 0.3
+    time, v, current, speed = driven("two levels")
+    x, lost, heat = np.zeros((len(time), 2)), np.zeros(len(time)), np.cumsum(current**2)
+    step = expm(np.array([[-R / L, -K / L, -1 / L], [K / J, -B / J, 0.0], [0.0, 0.0, 0.0]]) * dt)
+    for k in range(len(time) - 1):  # what the warmer winding takes of the current
+        lost[k] = change * heat[k] / heat[-1] * (current[k] + x[k, 0])
+        x[k + 1] = step[:2, :2] @ x[k] + step[:2, 2] * lost[k]
+    result = run(recording("two levels", i=lambda y: y + x[:, 0], w=lambda y: y + x[:, 1]))
+    assert "winding warms" in result.effects, (result.effects, result.reasons)
+    told = result.parameters["R"]
+    assert told.standard_error == pytest.approx(change / np.sqrt(12), rel=0.2)
+    assert abs(told.value - R - change / 2) < change / 2
 
 
 def test_a_motor_that_turns_before_its_voltage_is_not_taken_for_slow_sensors():

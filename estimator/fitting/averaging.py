@@ -108,7 +108,7 @@ def averaged(
     told = []
     deviation = np.sqrt(np.maximum(np.diag(covariance + untold)[:p], 1e-300))
     for rival in rivals:
-        behind = _criterion(rival, samples) - _criterion(explanation, samples)
+        behind = rival.criterion(samples) - explanation.criterion(samples)
         there = rival.fit.simulator.scaled(rival.fit.values)[:p]
         other = rival.fit.covariance_parts()[0][:p, :p]
         parts.append((max(behind, 0.0), there, other))
@@ -171,7 +171,3 @@ def _covering(
     now = np.sqrt(np.maximum(np.diag(total), 1e-300))
     scale = np.where(np.diag(total) > 0, wanted / now, 1.0)
     return np.asarray(total * np.outer(scale, scale))
-
-
-def _criterion(explanation: Explanation, samples: int) -> float:
-    return explanation.fit.cost + sum(a.penalty(samples) for a in explanation.additions)

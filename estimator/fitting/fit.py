@@ -310,7 +310,8 @@ def held_down(fit: Fit, onsets: BoolArray) -> Fit:
     usual = [
         np.median(own[here]) / MEDIAN_SIZE if here.any() else 1.0 for own, here in zip(z.T, present.T, strict=True)
     ]
-    z = z / np.clip(usual, 1e-3, 1.0)  # the noise is too large if outliers were in it
+    least = np.where(fit.simulator.coarse, 1.0, 1e-3)  # the median of a few steps of a converter tells no size
+    z = z / np.clip(usual, least, 1.0)  # the noise is too large if outliers were in it
     n = len(z)
     far = np.vstack([np.zeros((2, z.shape[1])), z, np.zeros((2, z.shape[1]))])
     one, *two = (np.maximum(far[2 + a : 2 + a + n], far[2 + b : 2 + b + n]) for a, b in ((-1, 1), (-2, 1), (-1, 2)))

@@ -42,6 +42,8 @@ NO_CHANGE, DOUBLINGS = 0.1, 2  # of z'z: a smaller change is negligible; doublin
 TRIED_WHOLE = 3  # values of an integer nuisance parameter that are refitted
 ROUGH = 8  # iterations of a fit that is only compared
 RIVALS_WITHIN = 10.0  # of the criterion: explanations that are no further above the best are rivals
+MOST_WITHIN = 2  # additions of what happens within samples, each exchanged for every other of these
+EXCHANGES, EXCHANGED = 2, 0.1  # of an explanation for a more likely rival, at most; by which its criterion is lower
 IDLE = 6.0  # times the penalty: an addition is refitted without if its Wald statistic is below
 
 
@@ -89,6 +91,10 @@ class Explanation:
         """Return what was added."""
         return {a.name for a in self.additions}
 
+    def criterion(self, samples: int) -> float:
+        """Return the criterion, -2 log L at its noise and the penalties."""
+        return self.fit.cost + sum(a.penalty(samples) for a in self.additions)
+
 
 @dataclass
 class Selection:
@@ -129,6 +135,13 @@ class Selection:
                 s.upper[k] = min(s.upper[k], near * NEARBY[name])
         return before
 
+    def first_cost(self, starts: Sequence[FloatArray]) -> float:
+        """Return z'z of the first fit, by the first estimate of the noise."""
+        lower, upper = self._held_near(starts)
+        cost = self._first(starts).fit.cost
+        self.base.lower[:], self.base.upper[:] = lower, upper
+        return cost
+
     def explain(self, starts: Sequence[FloatArray]) -> Explanation:
         """Return the best explanation.
 
@@ -160,7 +173,11 @@ class Selection:
             p = len(self.base.plan.names)
             simulator.lower[:p], simulator.upper[:p] = bounds[0][:p], bounds[1][:p]
         fine = _with_fine_filters(best.fit) if best.fit.simulator is self.base else best.fit
-        final = solved(fine, tolerance=1e-8)
+        return self._at_best(dataclasses.replace(best, fit=fine))
+
+    def _at_best(self, best: Explanation) -> Explanation:
+        """Return an explanation fitted to the end, without what that makes absurd."""
+        final = solved(best.fit, tolerance=1e-8)
         while absurd := [a for a in best.additions if not _is_physical(final, a)]:
             best = self.without(dataclasses.replace(best, fit=final), absurd[-1])
             final = solved(best.fit, tolerance=1e-8)
@@ -191,7 +208,7 @@ class Selection:
                 open_ones = tuple(group for e in self.effects for group in e.always(fit))
                 fit = solved(dataclasses.replace(fit, linear=open_ones), iterations=ROUGH)
                 tried.append(Explanation(fit, tuple(additions)))
-        return min(tried, key=lambda e: e.fit.cost + sum(a.penalty(self.samples) for a in e.additions))
+        return min(tried, key=lambda e: e.criterion(self.samples))
 
     def _seen(self, effect: Effect, name: str, simulator: Simulator) -> Addition:
         """Return an addition that the recordings show before any fit."""
@@ -456,9 +473,26 @@ class Selection:
                 found.append(dataclasses.replace(explanation, fit=solved(dataclasses.replace(fit, values=values))))
         return found
 
+    def settled(self, explanation: Explanation) -> tuple[Explanation, list[Explanation]]:
+        """Return the explanation, exchanged for a rival as long as one is more likely, and its rivals."""
+        for _ in range(EXCHANGES):
+            rivals = self.alternatives(explanation)
+            best = min(rivals, key=lambda e: e.criterion(self.samples), default=explanation)
+            if best.criterion(self.samples) > explanation.criterion(self.samples) - EXCHANGED:
+                break
+            explanation = self._at_best(self._without_idle(self.with_noise(best, again=True)))
+        else:
+            rivals = self.alternatives(explanation)
+        return explanation, rivals
+
     def alternatives(self, explanation: Explanation) -> list[Explanation]:
-        """Return rivals: explanations, nearly as likely, in which another addition replaces one."""
+        """Return rivals: explanations, nearly as likely, in which another addition replaces one.
+
+        A sharp one stands in for another, or for a short time constant of the model, far from where a derivative
+        tells: those are always refitted.
+        """
         n = self.samples
+        within = [a for a in explanation.additions if _is_timing(a)]
         found = [e for e in self._mirrored(explanation) if e.fit.cost - explanation.fit.cost < RIVALS_WITHIN]
         for addition in explanation.additions:
             if addition.effect.name == "offset" or addition.effect.is_line:
@@ -466,11 +500,14 @@ class Selection:
             bare = self.without(explanation, addition)
             lost = bare.fit.cost - explanation.fit.cost
             tested = [a for a in self.additions(bare, self.effects) if a.name != addition.name and not a.effect.doubt]
-            tested = [a for a in tested if a.gain - a.penalty(n) > PREDICTED_PART * (lost - addition.penalty(n))]
-            for other in sorted(tested, key=lambda a: a.penalty(n) - a.gain)[:2]:
+            likely = [a for a in tested if a.gain - a.penalty(n) > PREDICTED_PART * (lost - addition.penalty(n))]
+            likely = sorted(likely, key=lambda a: a.penalty(n) - a.gain)[:2]
+            if addition in within and len(within) <= MOST_WITHIN:
+                likely += [a for a in tested if _is_timing(a) and a not in likely]
+            for other in likely:
                 fit = self.refitted(bare, other)
                 behind = fit.cost + other.penalty(n) - explanation.fit.cost - addition.penalty(n)
-                if behind < RIVALS_WITHIN:
+                if behind < RIVALS_WITHIN and _is_physical(fit, other):
                     found.append(Explanation(solved(fit), (*bare.additions, other)))
         return found
 
@@ -537,6 +574,11 @@ def _is_physical(fit: Fit, addition: Addition) -> bool:
         if at_end and abs(value - neutral) > 1e-6 * (s.upper[k] - s.lower[k]):
             return False
     return True
+
+
+def _is_timing(addition: Addition) -> bool:
+    """Whether an addition is a nuisance parameter of what happens within samples: a delay, a filter, a mean."""
+    return addition.effect.sharp and not addition.effect.is_line and addition.linear is None
 
 
 def _is_excluded(nuisance: Nuisance, taken: set[str]) -> bool:

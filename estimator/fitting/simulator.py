@@ -132,7 +132,7 @@ class Simulator:
         self.neutral = np.array([n.neutral for n in self.nuisances])
         self.outputs = self.plan.outputs
         self._keep = np.concatenate(
-            [np.arange(o.lead + len(o.recording.time)) >= o.lead for o in self.plan.observed]
+            [np.arange(o.before + len(o.recording.time)) >= o.before for o in self.plan.observed]
         ).astype(bool)
         edges = np.cumsum([0, *(len(o.recording.time) for o in self.plan.observed)])
         self.clocks = tuple(

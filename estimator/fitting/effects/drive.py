@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from estimator.fitting.effects.base import Effect
 from estimator.fitting.simulator import Nuisance
@@ -23,11 +24,17 @@ def _largest(plan: Plan, name: str) -> float:
     return max((float(np.nanmax(np.abs(x))) for x in signals if x is not None), default=0.0)
 
 
+def _driven(o: Observed) -> NDArray[np.bool_]:
+    """Return the rows of a recording, (n,), that have a voltage; where none is recorded, all."""
+    v = o.inputs.get("v")
+    return np.ones(len(o.recording.time), dtype=bool) if v is None or not np.any(v) else v != 0
+
+
 def _torque(plan: Plan) -> float:
     """Return a torque, N.m, that is large for the motor: first estimate of its constant, times its usual current."""
-    i = [o.outputs["i"] for o in plan.observed if "i" in o.outputs]
-    if i:
-        usual = float(np.nanmedian(np.abs(np.concatenate(i))))
+    i = [np.abs(o.outputs["i"][_driven(o)]) for o in plan.observed if "i" in o.outputs]
+    if any(x.size for x in i):
+        usual = float(np.nanmedian(np.concatenate(i)))
     else:  # a tenth of the current at standstill
         usual = 0.1 * _largest(plan, "v") / plan.guess.get("R", np.inf)
     return plan.guess.get("K", 0.0) * usual
