@@ -57,7 +57,7 @@ class LostRows(Effect):
                     later = np.minimum(np.arange(row, end) + many, end - 1)
                     columns[row:end, :, p] = (fit.shown[later] - fit.shown[row:end]) / many
                 across = test.across(columns)
-                power = np.sum(across**2, axis=0)
+                power = np.einsum("nk,nk->k", across, across)
                 along = across.T @ test.left
                 gain = np.where(power > 1e-9, along**2 / np.maximum(power, 1e-9), 0.0)
                 near = np.abs(along / np.maximum(power, 1e-9) / many - 1) < NEAR_TRIED  # it says what it was made for
