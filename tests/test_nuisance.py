@@ -11,6 +11,8 @@ from estimator.cases.case import Case, Chebyshev1, OutputSpec
 from estimator.estimating.estimate import estimate_recordings
 from estimator.recordings.recording import Recording, recording_from_arrays
 
+pytestmark = pytest.mark.usefixtures("shared_workers")
+
 
 def run(case: Case, *recordings: Recording):
     return estimate_recordings([case], [list(recordings)], workers=1)[0]

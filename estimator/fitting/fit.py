@@ -183,7 +183,8 @@ class ScoreTest:
     def across(self, columns: FloatArray) -> FloatArray:
         """Return (rows, q, c) columns whitened, without their part that the fit explains, (rows q, c)."""
         whitened = self.fit.whitener(columns)[0].reshape(len(self.left), -1)
-        return np.asarray(whitened - self.basis @ (self.basis.T @ whitened))
+        whitened -= self.basis @ (self.basis.T @ whitened)
+        return whitened
 
     def likeliest(self, columns: FloatArray) -> int:
         """Return which of (rows, q, c) columns lowers z'z most with a coefficient above 0; 0 if none does."""

@@ -108,8 +108,8 @@ class Problem:
 
         Parameters
         ----------
-        late : (recordings,) array, optional
-            By how much the inputs come later, s: for signals between two rows.
+        late : (n, recordings) array, optional
+            By how much the inputs of each candidate come later, s: for signals between two rows.
         """
         self._take_over()
         values = self._values(candidates)

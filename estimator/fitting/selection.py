@@ -23,10 +23,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.fitting.effects.base import Effect
-from estimator.fitting.fit import Fit, Linear, held_down, new_fit, refreshed, solved, with_level, with_secants
+from estimator.fitting.fit import (
+    Fit,
+    Linear,
+    ScoreTest,
+    held_down,
+    new_fit,
+    refreshed,
+    solved,
+    with_level,
+    with_secants,
+)
 from estimator.fitting.motor_response import machine_of
 from estimator.fitting.noise_model import NoiseModel, find_jitter, fit_noise, noise_of_neighbours
-from estimator.fitting.simulator import Nuisance, Simulator
+from estimator.fitting.simulator import CELLS, Nuisance, Simulator
 from estimator.fitting.windows import find_windows
 
 FloatArray = NDArray[np.float64]
@@ -381,7 +391,7 @@ class Selection:
             result += self._tried(fit, simulator, wanted, test)
         return result
 
-    def _tried(self, fit: Fit, simulator: Simulator, wanted: Sequence[tuple[Effect, Nuisance]], test: object
+    def _tried(self, fit: Fit, simulator: Simulator, wanted: Sequence[tuple[Effect, Nuisance]], test: ScoreTest
                ) -> Iterator[Addition]:  # fmt: skip
         """Yield the nuisance parameters of one simulator, score-tested at the best of their tries."""
         moved = moved_to(fit, simulator)
@@ -396,22 +406,30 @@ class Selection:
                 candidate[simulator.index[nuisance.name]] = value + shift
                 rows.append(candidate)
                 owners.append((w, t))
-        shown = simulator.shown(np.array(rows))
-        usable = np.asarray(np.isfinite(shown).all(axis=(1, 2)))
-        change = np.where(usable[:, None, None], shown - moved.shown, 0.0).transpose(1, 2, 0)
-        whitened = fit.whitener(change)[0].reshape(fit.z.size, -1)
-        across = whitened - test.basis @ (test.basis.T @ whitened)  # type: ignore[attr-defined]
-        left = test.left  # type: ignore[attr-defined]
-        for w, (effect, nuisance) in enumerate(wanted):
-            found: list[tuple[float, int, tuple[Mapping[str, float], ...]]] = []
-            for k, (owner, t) in enumerate(owners):
+        many = max(1, CELLS // fit.z.size)
+        tested: list[list[tuple[float, float, int]]] = [[] for _ in wanted]
+        best: dict[int, tuple[float, FloatArray, FloatArray]] = {}
+        for first in range(0, len(rows), many):
+            shown = simulator.shown(np.array(rows[first : first + many]))
+            usable = np.asarray(np.isfinite(shown).all(axis=(1, 2)))
+            change = np.where(usable[:, None, None], shown - moved.shown, 0.0).transpose(1, 2, 0)
+            whitened = fit.whitener(change)[0].reshape(fit.z.size, -1)
+            across = whitened - test.basis @ (test.basis.T @ whitened)
+            for k, (w, t) in enumerate(owners[first : first + many]):
                 power = float(across[:, k] @ across[:, k])
-                if owner != w or power < 1e-9:
+                if power < 1e-9:
                     continue
-                size = float(across[:, k] @ left) / power
-                together = nuisance.together[t] if nuisance.together else {}
+                size = float(across[:, k] @ test.left) / power
                 whole = 2 * size * power - power  # of a unit
-                gain = whole if nuisance.whole else max(size**2 * power if size > 0 else 0.0, whole)
+                gain = whole if wanted[w][1].whole else max(size**2 * power if size > 0 else 0.0, whole)
+                tested[w].append((gain, size, t))
+                if w not in best or gain > best[w][0]:
+                    own = across[:, k : k + 1], whitened[:, k : k + 1]
+                    best[w] = (gain, *own) if many >= len(rows) else (gain, own[0].copy(), own[1].copy())
+        for w, (effect, nuisance) in enumerate(wanted):
+            found: list[tuple[float, tuple[Mapping[str, float], ...]]] = []
+            for gain, size, t in tested[w]:
+                together = nuisance.together[t] if nuisance.together else {}
                 if nuisance.whole or nuisance.absolute:
                     starts: tuple[Mapping[str, float], ...] = ({nuisance.name: nuisance.tries[t], **together},)
                 else:
@@ -421,16 +439,16 @@ class Selection:
                         {nuisance.name: now + f * reach, **together}
                         for f in dict.fromkeys((float(np.clip(size, 0.1, 8)), 1.0))
                     )
-                found.append((gain, k, starts))
+                found.append((gain, starts))
             found.sort(key=lambda f: -f[0])
             if found and found[0][0] > 0:
-                gain, k, starts = found[0]
+                gain, starts = found[0]
                 if nuisance.whole:  # no derivative leads from one to the next
-                    starts = tuple(start for _, _, own in found[:TRIED_WHOLE] for start in own)
+                    starts = tuple(start for _, several in found[:TRIED_WHOLE] for start in several)
                 free = () if nuisance.whole else (nuisance.name, *(nuisance.together[0] if nuisance.together else ()))
                 yield Addition(
                     effect, nuisance.name, max(1, len(free)), gain, starts=starts, free=free,
-                    across=across[:, k : k + 1], whitened=whitened[:, k : k + 1], tried=len(nuisance.tries),
+                    across=best[w][1], whitened=best[w][2], tried=len(nuisance.tries),
                 )  # fmt: skip
 
     def _simulator(self, fit: Fit, effect: Effect) -> Simulator | None:

@@ -133,9 +133,9 @@ class Simulator:
         self.size = np.array([*own, *(n.size for n in self.nuisances)])
         self.neutral = np.array([n.neutral for n in self.nuisances])
         self.outputs = self.plan.outputs
-        self._keep = np.concatenate(
-            [np.arange(o.before + len(o.recording.time)) >= o.before for o in self.plan.observed]
-        ).astype(bool)
+        keep = np.concatenate([np.arange(o.before + len(o.recording.time)) >= o.before for o in self.plan.observed])
+        # Of one recording a slice, which copies nothing.
+        self._keep = slice(self.plan.observed[0].before, None) if len(self.plan.observed) == 1 else keep.astype(bool)
         edges = np.cumsum([0, *(len(o.recording.time) for o in self.plan.observed)])
         self.clocks = tuple(
             Clock(o.recording.time, slice(int(a), int(b)))
@@ -158,10 +158,14 @@ class Simulator:
 
     def shown(self, candidates: FloatArray, *, refine: int = 1) -> FloatArray:
         """Return what the sensors show, (c, rows, q), of (c, p) candidates; NaN where the FMU fails."""
-        result = np.empty((len(candidates), self.rows, len(self.outputs)))
         filtered = np.zeros(len(candidates), dtype=bool)
         for n in self._acts if self.problem.has_sensors else ():
             filtered |= n.between & (candidates[:, self.index[n.name]] != n.neutral)
+        alike = filtered.all() or not filtered.any()
+        rows = self.between if filtered.any() else 1
+        if alike and 0 < len(candidates) * self.rows * rows <= CELLS:
+            return np.ascontiguousarray(self._shown(candidates, refine, rows))
+        result = np.empty((len(candidates), self.rows, len(self.outputs)))
         for between in (False, True):
             where = np.flatnonzero(filtered == between)
             rows = self.between if between else 1
@@ -174,17 +178,18 @@ class Simulator:
         """Return the same; `between` rows are simulated for one, for what filters show."""
         unique, which = np.unique(candidates[:, self._stepped], axis=0, return_inverse=True)
         steps = np.array([clock.step for clock in self.clocks])
-        phases = []
-        for k in range(
-            between
-        ):  # a time-invariant model: with inputs later by a part of a row it shows what lies between
-            batch = self.problem.trajectories(unique, refine=refine, late=k * steps / between if k else None)
-            assert batch.shown is not None
-            phases.append(batch.shown[:, self._keep][which.ravel()])
+        # A time-invariant model: with inputs later by a part of a row it shows what lies between.
+        late = np.repeat(np.arange(between)[:, None] * steps / between, len(unique), axis=0)
+        many = np.tile(unique, (between, 1))
+        batch = self.problem.trajectories(many, refine=refine, late=late if between > 1 else None)
+        assert batch.shown is not None
+        phases = batch.shown[:, self._keep].reshape(between, len(unique), self.rows, -1)
+        if not np.array_equal(which.ravel(), np.arange(len(unique))):
+            phases = phases[:, which.ravel()]
         shown = phases[0]
         for nuisance in sorted(self._acts, key=lambda n: not n.between):  # filters before what a logger does
             j, column = self.outputs.index(nuisance.output), candidates[:, self.index[nuisance.name]]
-            rows = np.stack(phases[::-1], axis=2) if nuisance.between and between > 1 else shown[:, :, None, :]
+            rows = phases[::-1].transpose(1, 2, 0, 3) if nuisance.between and between > 1 else shown[:, :, None, :]
             for c in np.flatnonzero(column != nuisance.neutral):
                 for clock in self.clocks:
                     assert nuisance.act is not None
