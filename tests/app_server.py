@@ -3,10 +3,12 @@
 import contextlib
 import http.client
 import json
+import os
 import subprocess
-import sys
 from pathlib import Path
 from urllib.parse import quote, urlsplit
+
+from forked import Forked
 
 ROOT = Path(__file__).resolve().parent.parent
 EXAMPLE = ROOT / "examples" / "cml050_step.csv"
@@ -48,22 +50,22 @@ class Server:
 @contextlib.contextmanager
 def serving(folder, *arguments):
     """Serve a folder; end with Ctrl-C and see that the app ends well."""
-    command = [sys.executable, "-P", "-c", "import sys; from estimator.cli import main; sys.exit(main())"]
-    process = subprocess.Popen(
-        [*command, "app", str(folder), "--no-browser", *arguments],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    try:
-        address = process.stdout.readline().strip()
-        assert address.startswith("http://127.0.0.1:"), process.stderr.read()
-        yield Server(process, address)
-    finally:
-        process.send_signal(2)
+    reads, writes = zip(os.pipe(), os.pipe(), strict=True)
+    with open(os.devnull) as nothing, open(reads[0]) as said, open(reads[1]) as complained:
+        command = ("app", str(folder), "--no-browser", *arguments)
+        process = Forked(*command, cwd=Path.cwd(), streams=(nothing.fileno(), *writes), env=dict(os.environ))
+        for write in writes:
+            os.close(write)
         try:
-            _, errors = process.communicate(timeout=30)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            raise
+            address = said.readline().strip()
+            assert address.startswith("http://127.0.0.1:"), complained.read()
+            yield Server(process, address)
+        finally:
+            process.send_signal(2)
+            try:
+                process.wait(timeout=30)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                raise
+        errors = complained.read()
     assert process.returncode == 0 and errors == "", errors

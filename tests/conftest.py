@@ -2,25 +2,38 @@
 
 from __future__ import annotations
 
+import compileall
+import contextlib
 import dataclasses
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as on the command line; one worker of pytest-xdist a core
 
+import forked  # noqa: E402
+import numpy as np  # noqa: E402
 import pytest  # noqa: E402
+from motors import Motor, recording_of, step_recording  # noqa: E402
 from open_points import OPEN  # noqa: E402
 
 from estimator.cases.case import Case, case_for_recording  # noqa: E402
+from estimator.estimating.estimate import estimate_recordings  # noqa: E402
+from estimator.fmus.fmu import find_fmu  # noqa: E402
+from estimator.fmus.workers import TIME_LIMIT, Workers  # noqa: E402
+from estimator.results.result import Estimate  # noqa: E402
 
+ROOT = Path(__file__).resolve().parent.parent
 LONG = ("test_app_browser.py", "test_trust.py", "test_estimate.py", "test_effects.py", "test_terminal.py")
-TOGETHER = (  # parts of names: a browser; searches of 80 000 simulations; one recording, and the same twice
-    "test_app_browser.py",
-    "test_estimate.py::test_the_paper_",
-    "test_sources.py::test_of_one_recording_twice_",
-)
+TOGETHER = {  # parts of names, and what these share
+    "test_app_browser.py": "a browser",
+    "test_estimate.py::test_the_paper_": "searches of 80 000 simulations",
+    "test_sources.py::test_of_one_recording_twice_": "one recording, and the same twice",
+    "test_estimate.py::test_with_noise_the_": "estimates with noise",
+    "test_derived.py::test_gains_and_time_": "estimates with noise",
+    "test_cluster.py": "a cluster",
+}
 
 
 @pytest.hookimpl(tryfirst=True, optionalhook=True)
@@ -32,9 +45,16 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
 
     class Together(LoadScopeScheduling):
         def _split_scope(self, nodeid: str) -> str:
-            return next((part for part in TOGETHER if part in nodeid), nodeid)
+            return next((what for part, what in TOGETHER.items() if part in nodeid), nodeid)
 
     return Together(config, log)
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Compile the package once, as its installation does, for the hundreds of processes that the tests start."""
+    if not hasattr(config, "workerinput"):
+        for folder in ("estimator", "fmu_build"):
+            compileall.compile_dir(ROOT / folder, quiet=2)
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
@@ -77,3 +97,60 @@ def case_of(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Case]:
         return dataclasses.replace(case, search=dataclasses.replace(case.search, method=method, seed=seed, **search))
 
     return make
+
+
+@pytest.fixture(scope="session")
+def noisy_estimates(case_of: Callable[..., Case]) -> Callable[[Motor, int], list[Estimate]]:
+    """Return what gives the estimates of a motor's step with noise, of so many seeds; none is estimated twice."""
+    known: dict[str, list[Estimate]] = {}
+
+    def estimated(motor: Motor, seeds: int) -> list[Estimate]:
+        found = known.setdefault(motor.name, [])
+        clean = step_recording(motor)
+        shown = np.column_stack([clean.signals["current"], clean.signals["speed"]])
+        more = [
+            recording_of(motor.name, clean.time, clean.signals["voltage"], shown, noise=(0.02, 1.0), seed=seed)
+            for seed in range(len(found), seeds)
+        ]
+        cases = [case_of(seed=seed) for seed in range(len(found), seeds)]
+        found += estimate_recordings(cases, [[recording] for recording in more])
+        return found[:seeds]
+
+    return estimated
+
+
+_crews: dict[int, Workers] = {}  # that wait for the next estimation, by their number of processes
+
+
+@contextlib.contextmanager
+def _lent(count: int, *, time_limit: float = TIME_LIMIT) -> Iterator[Workers]:
+    """Lend workers that have served before; after an error, or another FMU than a bundled one, they end."""
+    crew = _crews.pop(count, None) or Workers(count)
+    crew.time_limit, crew.on_tick = time_limit, None
+    try:
+        yield crew
+    except BaseException:
+        crew.close()
+        raise
+    bundled = find_fmu("dc_motor").resolve().parent
+    if count in _crews or any(path.parent != bundled for path in crew._folders):
+        crew.close()
+    else:
+        _crews[count] = crew
+
+
+@pytest.fixture(scope="module")
+def shared_workers() -> Iterator[None]:
+    """Let estimations take over the worker processes of earlier ones: for tests that ask what is estimated, not how."""
+    with pytest.MonkeyPatch.context() as patch:
+        for module in ("estimating.estimate", "judging.validation", "fmus.simulate"):
+            patch.setattr(f"estimator.{module}.Workers", _lent)
+        yield
+
+
+def pytest_sessionfinish() -> None:
+    """End the processes that wait."""
+    forked.end()
+    for crew in _crews.values():
+        crew.close()
+    _crews.clear()

@@ -58,12 +58,13 @@ def late(y, by):
 
 def recording(
     excitation, seed=0, *, i=lambda y: y, w=lambda y: y, name="bench", logged=None, rows=slice(None), range_i=np.inf,
-    step_i=0.0, **machine,
+    step_i=0.0, noise_i=0.1, noise_v=0.0, held_i=1, **machine,
 ):  # fmt: skip
     """Return a recording; `i` and `w` are what the sensors make of current and speed at a tenth of a sample.
 
     `logged` is the excitation that the file says, `rows` are those that it has, `range_i` the current sensor's, A;
-    `step_i` is its converter's, A.
+    `step_i` is its converter's, A, `noise_i` the noise before it, in its steps; `noise_v` is that of the voltage's
+    sensor, V; `held_i` is for how many rows a sample of the current is shown.
     """
     time, v, current, speed = driven(excitation, **machine)
     v = EXCITATIONS[logged or excitation](time + 1e-9)
@@ -72,10 +73,12 @@ def recording(
     noise = dict(zip(shown, NOISE.values(), strict=True))
     shown = {k: y + noise[k] * rng.standard_normal(len(y)) for k, y in shown.items()}
     if step_i:  # a converter's, above the noise
-        steps = i(current)[::FINE] / step_i + 0.1 * rng.standard_normal(len(shown["current [A]"]))
+        steps = i(current)[::FINE] / step_i + noise_i * rng.standard_normal(len(shown["current [A]"]))
         shown["current [A]"] = step_i * np.round(steps)
     shown["current [A]"] = np.clip(shown["current [A]"], -range_i, range_i)
-    columns = {"voltage [V]": v[::FINE], **shown}
+    shown["current [A]"] = np.repeat(shown["current [A]"][::held_i], held_i)[: len(time[::FINE])]
+    logged_v = v[::FINE] + noise_v * rng.standard_normal(len(v[::FINE])) if noise_v else v[::FINE]
+    columns = {"voltage [V]": logged_v, **shown}
     time = time[::FINE][rows]
     return recording_from_arrays(name, time - time[0], {k: y[rows] for k, y in columns.items()})
 

@@ -16,6 +16,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from forked import Forked
 from interrupts import takes_interrupts
 
 READY = "ready\r\n"  # written by the child once Ctrl-C can be pressed, before it loads the command line
@@ -54,9 +55,11 @@ class Terminal:
         Width of the window.
     term : str
         The environment variable TERM.
+    loads : bool
+        The program is started and loads itself; else it is forked from one that is loaded.
     """
 
-    def __init__(self, *arguments: str, cwd: Path, columns: int = 80, term: str = "xterm") -> None:
+    def __init__(self, *arguments: str, cwd: Path, columns: int = 80, term: str = "xterm", loads: bool = False) -> None:
         self._master, slave = pty.openpty()
         self.resize(columns)
         environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parent.parent), "TERM": term}
@@ -66,16 +69,20 @@ class Terminal:
             takes_interrupts()
             fcntl.ioctl(0, termios.TIOCSCTTY, 0)
 
-        self._process = subprocess.Popen(
-            [sys.executable, "-c", SCRIPT, *arguments],
-            cwd=cwd,
-            stdin=slave,
-            stdout=slave,
-            stderr=slave,
-            env=environment,
-            start_new_session=True,
-            preexec_fn=own_terminal,
-        )
+        self._process: Forked | subprocess.Popen[bytes]
+        if loads:
+            self._process = subprocess.Popen(
+                [sys.executable, "-c", SCRIPT, *arguments],
+                cwd=cwd,
+                stdin=slave,
+                stdout=slave,
+                stderr=slave,
+                env=environment,
+                start_new_session=True,
+                preexec_fn=own_terminal,
+            )
+        else:
+            self._process = Forked(*arguments, cwd=cwd, streams=(slave,) * 3, env=environment, terminal=True)
         os.close(slave)
 
     def resize(self, columns: int) -> None:

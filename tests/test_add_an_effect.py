@@ -10,6 +10,8 @@ from estimator.cases.case import Case, OutputSpec
 from estimator.estimating.estimate import estimate_recordings
 from estimator.fitting.effects import EFFECTS
 
+pytestmark = pytest.mark.usefixtures("shared_workers")
+
 PAGE = Path(__file__).parent.parent / "docs" / "add-an-effect.md"
 CASE = Case(inputs={"v": "voltage"}, outputs={"i": OutputSpec("current"), "w": OutputSpec("speed")})
 OTHERS = tuple(e for e in EFFECTS if "lag" not in e.name.split())

@@ -15,6 +15,8 @@ from test_report import check_contract, parsed
 import estimator
 from estimator.api import Result
 
+pytestmark = pytest.mark.usefixtures("shared_workers")
+
 ROOT = Path(__file__).parent.parent
 EXAMPLE = ROOT / "examples" / "cml050_step.csv"
 NAMES = [

@@ -13,6 +13,8 @@ from estimator.motor.integral_least_squares import integral_estimate
 from estimator.motor.steiglitz_mcbride import NoMotorError, steiglitz_mcbride
 from estimator.recordings.recording import recording_from_arrays
 
+pytestmark = pytest.mark.usefixtures("shared_workers")
+
 
 def errors(estimate, motor):
     return {name: abs(p.value / motor.parameters[name] - 1) for name, p in estimate.parameters.items()}

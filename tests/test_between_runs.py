@@ -7,6 +7,8 @@ from scipy.linalg import expm
 from estimator import estimate_parameters, recording_from_arrays
 from estimator.fitting.between_runs import between_runs, sentence
 
+pytestmark = pytest.mark.usefixtures("shared_workers")
+
 ROWS = 60
 
 

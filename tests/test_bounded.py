@@ -9,6 +9,8 @@ from motors import CML050, RMCS2004, step_recording
 from estimator.estimating.cuckoo import CuckooSearch
 from estimator.estimating.estimate import estimate_recordings
 
+pytestmark = pytest.mark.usefixtures("shared_workers")
+
 BOTH = pytest.mark.parametrize("motor", [RMCS2004, CML050], ids=lambda m: m.name)
 
 

@@ -18,6 +18,8 @@ from estimator.results.budget_table import budget_line, budget_rows
 from estimator.results.handover import estimate_from_json
 from estimator.results.report import to_json, to_mapping
 
+pytestmark = pytest.mark.usefixtures("shared_workers")
+
 U = 0.01
 GIVEN = {
     "i gain": "1 % (k=1)",

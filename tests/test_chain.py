@@ -30,6 +30,8 @@ from estimator.recordings.recording import Recording, recording_from_arrays
 from estimator.recordings.sensors import Sensor
 from estimator.results.result import Estimate
 
+pytestmark = pytest.mark.usefixtures("shared_workers")
+
 H, FINE = 1e-3, 20
 NOISE = {"i": 0.02, "w": 1.0}
 

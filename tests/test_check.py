@@ -19,6 +19,8 @@ from estimator.recordings.read_as import ReadAs
 from estimator.recordings.recording import read_recording
 from estimator.recordings.understood import understood
 
+pytestmark = pytest.mark.usefixtures("shared_workers")
+
 
 @pytest.fixture(scope="module")
 def bench():

@@ -48,10 +48,13 @@ class Cluster:
             for log in folder.glob("scheduler-*.log"):
                 if found := re.search(r"tcp://127\.0\.0\.1:\d+", log.read_text()):
                     self.address = found[0]
-        self.folder = folder
+        self.folder, self.threads = folder, threads
         for _ in range(workers):
-            arguments = ("worker", self.address, "--no-nanny", "--nthreads", str(threads), "--no-dashboard")
-            self.workers.append(started(*arguments, folder=folder))
+            self.one_more()
+
+    def one_more(self):
+        arguments = ("worker", self.address, "--no-nanny", "--nthreads", str(self.threads), "--no-dashboard")
+        self.workers.append(started(*arguments, folder=self.folder))
 
     def wait(self):
         from distributed import Client
@@ -65,31 +68,29 @@ class Cluster:
             process.wait()
 
 
-@pytest.fixture
-def cluster(tmp_path):
-    made = Cluster(tmp_path, 2)
+@pytest.fixture(scope="module")
+def shared(tmp_path_factory):
+    made = Cluster(tmp_path_factory.mktemp("cluster"), 2)
     yield made
     made.close()
 
 
-def test_a_worker_killed_in_the_middle_loses_nothing_and_the_table_is_as_here(cluster, tmp_path):
-    cases = gather([line_of(tmp_path / "line", 9)])
-    run_batch(cases, tmp_path / "here", lambda tasks: run_here(tasks, processes=2))
-    cluster.wait()
-    done = []
+@pytest.fixture
+def cluster(shared):
+    """Return a cluster of two workers that live."""
+    yield shared
+    lost = [w for w in shared.workers if w.poll() is not None]
+    for worker in lost:
+        shared.workers.remove(worker)
+        shared.one_more()
 
-    def run(tasks):
-        for k, answer in enumerate(run_there(cluster.address)(tasks)):
-            if k == 3:
-                cluster.workers[0].send_signal(signal.SIGKILL)
-            done.append(answer[0].name)
-            yield answer
 
-    run_batch(cases, tmp_path / "there", run)
-    assert sorted(done) == [task.name for task in cases.tasks]
-    assert tables_of(tmp_path / "there") == tables_of(tmp_path / "here")
-    for name in TABLES:
-        assert "cluster" not in (tmp_path / "there" / name).read_text()
+@pytest.fixture
+def own_cluster(tmp_path):
+    """Return a cluster that a test may end."""
+    made = Cluster(tmp_path, 2)
+    yield made
+    made.close()
 
 
 def test_a_case_that_the_scheduler_cancels_is_sent_again(cluster, tmp_path):
@@ -117,6 +118,26 @@ def test_a_case_that_the_scheduler_cancels_is_sent_again(cluster, tmp_path):
     run_batch(cases, tmp_path / "there", run)
     assert cancelled and "the cluster" not in (tmp_path / "there" / TABLES[0]).read_text()
     assert len((tmp_path / "there" / "results.csv").read_text().splitlines()) == 1 + 4
+
+
+def test_a_worker_killed_in_the_middle_loses_nothing_and_the_table_is_as_here(cluster, tmp_path):
+    cases = gather([line_of(tmp_path / "line", 6)])
+    run_batch(cases, tmp_path / "here", lambda tasks: run_here(tasks, processes=2))
+    cluster.wait()
+    done = []
+
+    def run(tasks):
+        for k, answer in enumerate(run_there(cluster.address)(tasks)):
+            if k == 2:
+                cluster.workers[0].send_signal(signal.SIGKILL)
+            done.append(answer[0].name)
+            yield answer
+
+    run_batch(cases, tmp_path / "there", run)
+    assert sorted(done) == [task.name for task in cases.tasks]
+    assert tables_of(tmp_path / "there") == tables_of(tmp_path / "here")
+    for name in TABLES:
+        assert "cluster" not in (tmp_path / "there" / name).read_text()
 
 
 def batch_there(address, folder):
@@ -155,11 +176,11 @@ def test_ctrl_c_cancels_what_is_left_there_and_the_batch_goes_on_here(cluster, t
 
 
 @pytest.mark.full
-def test_a_cluster_that_goes_away_is_said_and_the_batch_goes_on_here(cluster, tmp_path, monkeypatch):
+def test_a_cluster_that_goes_away_is_said_and_the_batch_goes_on_here(own_cluster, tmp_path, monkeypatch):
     line_of(tmp_path / "line", 12)
-    cluster.wait()
-    process = batch_there(cluster.address, tmp_path)
-    for lost in (cluster.scheduler, *cluster.workers):
+    own_cluster.wait()
+    process = batch_there(own_cluster.address, tmp_path)
+    for lost in (own_cluster.scheduler, *own_cluster.workers):
         lost.kill()
     _, said = process.communicate(timeout=120)
     assert process.returncode == 1

@@ -18,6 +18,8 @@ from emulated_bench import MOTOR, measure, motor_response, physics, shown, write
 from emulated_effects import EMULATED_EFFECTS, draw, with_noise  # noqa: E402
 from exact_effects import ExactEffects  # noqa: E402
 
+pytestmark = pytest.mark.usefixtures("shared_workers")
+
 PLAIN = {"R": 3.0, "K": 0.05, "L": 6e-3, "J": 1e-5, "B": 1e-4, "Tc": 0.0, "Ts": 0.0, "ws": 5.0, "Vb": 0.0, "ib": 0.05}
 PLAIN |= {"limit": np.inf, "Rs": 0.0, "Rsag": 0.0, "ts": 0.0, "heat": 0.0}
 

@@ -9,6 +9,8 @@ from motors import CML050, RMCS2004, recording_of, step_recording
 from estimator.cases.case import Case, OutputSpec
 from estimator.estimating.estimate import estimate_recordings
 
+pytestmark = pytest.mark.usefixtures("shared_workers")
+
 
 def truth(motor):
     """Return what the motor's matrix says: its steady state and its eigenvalues."""
@@ -35,12 +37,12 @@ def noisy(motor, seeds, *, outputs=("current", "speed")):
 
 @pytest.mark.parametrize(("seeds", "most"), [(8, 4.7), pytest.param(40, 2.3, marks=pytest.mark.full)])
 @pytest.mark.parametrize("motor", [RMCS2004, CML050], ids=lambda m: m.name)
-def test_gains_and_time_constants_are_those_of_the_matrix_and_their_errors_hold(motor, seeds, most, case_of):
+def test_gains_and_time_constants_are_those_of_the_matrix_and_their_errors_hold(motor, seeds, most, noisy_estimates):
     """Mean square of errors over standard errors, eight times: above `most` by chance: below 1e-4 (chi-square).
 
     Below, the bars hold besides what a single step leaves open: a dry part of the friction, a supply's resistance.
     """
-    estimates = estimate_recordings([case_of("cuckoo")] * seeds, [[r] for r in noisy(motor, seeds)])
+    estimates = noisy_estimates(motor, seeds)
     expected = truth(motor)
     for name, value in expected.items():
         found = [e.derived[name] for e in estimates]

@@ -11,6 +11,7 @@ import sys
 import time
 from pathlib import Path
 
+import forked
 import pytest
 from fmpy.ssp.ssd import read_ssv
 from interrupts import takes_interrupts
@@ -28,8 +29,7 @@ def command(*arguments: str) -> list[str]:
 
 def run(*arguments: str, cwd: Path, status: int = 0) -> subprocess.CompletedProcess[str]:
     """Run a command to its end and check its exit status."""
-    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parent.parent)}
-    done = subprocess.run(command(*arguments), cwd=cwd, capture_output=True, text=True, env=environment)
+    done = forked.run(*arguments, cwd=cwd)
     assert done.returncode == status, done.stderr
     return done
 

@@ -100,25 +100,25 @@ def test_a_response_that_has_not_settled_is_doubted_with_its_reason(case_of):
 # The default method, with noise
 
 
-def check_within_three_standard_errors(case_of, motor, seeds):
+def check_within_three_standard_errors(noisy_estimates, motor, seeds):
     # Five normal errors all lie within 3 deviations in at least 98.65 % of the cases (Bonferroni), so that fewer than
     # 93 of 100 do has a chance below 5e-4 with independence at the limit, and 1e-4 with the real correlations; the
     # seeds are fixed, so this is no lottery. Of 12 (the default suite) one outside is allowed: two by chance in 1 %.
-    found = estimates(case_of, noisy(motor, seeds))
+    found = noisy_estimates(motor, seeds)
     inside = [max(abs(z) for z in in_standard_errors(e, motor)) < 3 for e in found]
     assert np.mean(inside) >= (0.93 if seeds >= 100 else 0.9)
     assert {e.verdict for e in found} == {"ok"}
 
 
 @BOTH
-def test_with_noise_the_parameters_lie_within_three_standard_errors(case_of, motor):
-    check_within_three_standard_errors(case_of, motor, 12)
+def test_with_noise_the_parameters_lie_within_three_standard_errors(noisy_estimates, motor):
+    check_within_three_standard_errors(noisy_estimates, motor, 12)
 
 
 @pytest.mark.full
 @BOTH
-def test_with_noise_a_hundred_seeds_lie_within_three_standard_errors(case_of, motor):
-    check_within_three_standard_errors(case_of, motor, 100)
+def test_with_noise_a_hundred_seeds_lie_within_three_standard_errors(noisy_estimates, motor):
+    check_within_three_standard_errors(noisy_estimates, motor, 100)
 
 
 @pytest.mark.full

@@ -14,6 +14,8 @@ from estimator.cases.nameplate import Nameplate, plate_check_names, plate_checks
 from estimator.errors import CaseError
 from estimator.results.result import Estimate, ParameterEstimate
 
+pytestmark = pytest.mark.usefixtures("shared_workers")
+
 RECORDING = '[[recording]]\nfile = "run.csv"\n'
 UNITS = {"R": "Ohm", "K": "V.s/rad", "L": "H", "J": "kg.m2", "B": "N.m.s/rad"}
 

@@ -11,6 +11,8 @@ from estimator.estimating.estimate import estimate
 from estimator.fmus.simulate import simulate
 from estimator.judging.figure_signals import FINER
 
+pytestmark = pytest.mark.usefixtures("shared_workers")
+
 EXAMPLES = Path(__file__).parent.parent / "examples"
 
 

@@ -16,6 +16,8 @@ from estimator.recordings.in_memory import recording_from_table
 from estimator.recordings.read_as import ReadAs
 from estimator.results.report import derived_rows
 
+pytestmark = pytest.mark.usefixtures("shared_workers")
+
 COLUMNS = {"time [s]": TIME, "voltage [V]": V, "current [A]": CURRENT, "speed [rpm]": RPM}
 PLAIN = {"time": TIME, "voltage": V, "current": CURRENT, "speed": RPM}
 STAMPS = np.datetime64("2026-11-21T12:00:00", "us") + np.round(TIME * 1e6).astype("timedelta64[us]")

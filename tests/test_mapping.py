@@ -17,6 +17,8 @@ from estimator.plans.parameters import Box
 from estimator.plans.planning import plan_case
 from estimator.plans.space import reduced_space, steady_state
 
+pytestmark = pytest.mark.usefixtures("shared_workers")
+
 
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory):

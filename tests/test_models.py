@@ -15,6 +15,8 @@ from estimator.commands.drive import instants
 from estimator.estimating.estimate import estimate
 from estimator.fmus.simulate import simulate
 
+pytestmark = pytest.mark.usefixtures("shared_workers")
+
 ROOT = Path(__file__).parent.parent
 GEARED = {"R": 2.1, "K": 0.04, "L": 9e-3, "J": 1.4e-5, "B": 1e-4, "stiffness": 3.1, "damping": 2e-3, "J_load": 7e-4}
 GEARED |= {"B_load": 2e-3}

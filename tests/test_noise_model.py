@@ -11,6 +11,8 @@ from scipy.stats import kstest
 from estimator.fitting.fit import ScoreTest
 from estimator.fitting.noise_model import Clock, NoiseModel, Whitener, autoregression, fit_noise, held
 
+pytestmark = pytest.mark.usefixtures("shared_workers")
+
 STEP = 1e-3
 MACHINE = (np.array([[-240.0, -3.7], [5400.0, -19.0]]), np.array([0.0, 1.1e5]))  # a small motor, torque in N.m
 

@@ -14,6 +14,8 @@ from estimator.recordings.plausibility import implausible
 from estimator.recordings.preview import preview
 from estimator.recordings.recording import recording_from_arrays
 
+pytestmark = pytest.mark.usefixtures("shared_workers")
+
 STEP = 1e-3
 DRY = {
     "R": 3.1363,

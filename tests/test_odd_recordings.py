@@ -17,6 +17,8 @@ from estimator.judging.validation import validated
 from estimator.plans.planning import plan_case
 from estimator.recordings.recording import Recording, recording_from_arrays
 
+pytestmark = pytest.mark.usefixtures("shared_workers")
+
 MODELS = Path(__file__).parent.parent / "models"
 NOISE = (0.02, 1.0)
 N, AT = 1200, 300

@@ -11,6 +11,8 @@ from estimator.cases.case import SearchSpec
 from estimator.estimating.estimate import estimate_recordings
 from estimator.judging.plain_noise import structured
 
+pytestmark = pytest.mark.usefixtures("shared_workers")
+
 SEEDS = 300
 
 

@@ -10,6 +10,8 @@ from estimator.estimating.estimate import estimate_recordings
 from estimator.motor.integral_least_squares import speed_estimate
 from estimator.recordings.recording import read_recording
 
+pytestmark = pytest.mark.usefixtures("shared_workers")
+
 EXAMPLE = Path(__file__).parent.parent / "examples" / "esp32_step.csv"
 SIGNALS = {"inputs": {"v": "voltage [V]"}, "outputs": {"w": OutputSpec("speed [deg/s]")}}
 

@@ -12,6 +12,8 @@ from estimator.estimating.estimate import estimate_recordings
 from estimator.fitting.adequacy import Failure
 from estimator.judging.verdict import unexplained
 
+pytestmark = pytest.mark.usefixtures("shared_workers")
+
 
 def run(case, recording):
     return estimate_recordings([case], [[recording]], workers=1)[0]

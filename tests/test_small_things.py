@@ -23,6 +23,8 @@ from estimator.recordings.time_grid import sampling_clock
 from estimator.results.handover import csv_table
 from estimator.results.spreadsheet_cells import harmless
 
+pytestmark = pytest.mark.usefixtures("shared_workers")
+
 ROOT = Path(__file__).parent.parent
 RECORDING = ROOT / "examples" / "cml050_step.csv"
 

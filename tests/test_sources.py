@@ -12,6 +12,8 @@ from test_report import check_contract
 from estimator.cli import main
 from estimator.commands.sources import case_of, expanded
 
+pytestmark = pytest.mark.usefixtures("shared_workers")
+
 ROOT = Path(__file__).parent.parent
 RECORDING = ROOT / "examples" / "cml050_step.csv"
 

@@ -8,7 +8,7 @@ from motors import CML050, RMCS2004, held_response, step_recording
 
 from estimator.fmus.fmu import describe
 from estimator.fmus.job import Experiment, Job
-from estimator.fmus.workers import Workers
+from estimator.fmus.workers import KEPT_JOBS, Workers
 from estimator.stepping import layout
 
 NOMINAL = np.array([CML050.R, CML050.K, CML050.L, CML050.J, CML050.B])
@@ -19,8 +19,14 @@ def experiment(voltage, measured, *, weights=(1.0, 1.0), substeps=1, interval=1e
     return Experiment(start, interval, substeps, inputs, np.asarray(measured, dtype=float), np.array(weights))
 
 
-def job_of(*experiments, sensors=(layout.IDENTITY, layout.IDENTITY), outputs=("i", "w"), reinstantiate=False):
-    description = describe("dc_motor")
+def job_of(
+    *experiments,
+    sensors=(layout.IDENTITY, layout.IDENTITY),
+    outputs=("i", "w"),
+    reinstantiate=False,
+    fmu="dc_motor",
+):
+    description = describe(fmu)
 
     def references(names):
         return tuple(description.variable(n).value_reference for n in names)
@@ -155,3 +161,22 @@ def test_the_layout_of_an_experiment_is_what_the_recording_says(crew):
     shown = crew.run(NOMINAL.reshape(1, 1, 5), record=True).shown[0]
     truth = held_response(CML050, noisy_voltage(), step=7e-3)
     assert np.all(np.abs(shown - truth) <= 1e-11 * np.abs(truth).max(axis=0))
+
+
+def test_a_job_of_late_gives_the_same_bits_again_and_old_ones_leave_no_files():
+    jobs = [
+        job_of(experiment(noisy_voltage(seed=k), np.zeros((300, 2))), fmu=fmu)
+        for k in range(3)
+        for fmu in ("dc_motor", "dc_motor_drive")
+    ]
+    with Workers(1) as workers:
+        first, again = [], []
+        for shown, order in ((first, jobs), (again, [j for k in (0, 2, 4) for j in jobs[k : k + 2] * 3])):
+            for job in order:
+                workers.load(job)
+                shown.append(workers.run(NOMINAL.reshape(1, 1, 5), record=True).shown)
+                assert workers.simulations == 1
+        files = [p.name for p in workers._folder.path.iterdir() if p.name.startswith(("shared", "numbers"))]
+    for k, shown in enumerate(again):
+        assert np.array_equal(shown, first[k // 6 * 2 + k % 2])
+    assert len(files) == 2 * KEPT_JOBS

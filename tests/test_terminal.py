@@ -140,11 +140,11 @@ def test_what_is_done_with_results_runs_on_a_terminal_and_fits_it(bench, columns
 @pytest.mark.parametrize("moments", [4, pytest.param(10, marks=pytest.mark.full)])
 def test_ctrl_c_at_any_moment_ends_in_one_sentence_and_leaves_nothing_behind(bench, moments):
     command = ["estimate", str(OFFSETS), "-o", "interrupted"]
-    whole = check(Terminal(*command, cwd=bench).run()).seconds
+    whole = check(Terminal(*command, cwd=bench, loads=True).run()).seconds
     shutil.rmtree(bench / "interrupted")
     before, interrupted = set(os.listdir(bench)), 0
     for moment in range(moments):
-        screen = Terminal(*command, cwd=bench).run(after=whole * moment / moments)
+        screen = Terminal(*command, cwd=bench, loads=True).run(after=whole * moment / moments)
         check(screen, status=130 if screen.status == 130 else 0)
         if screen.status == 130:
             interrupted += 1

@@ -11,6 +11,8 @@ from estimator.cases.schema import schema
 from estimator.cases.tolerance import OFFERED, tolerances
 from estimator.errors import CaseError
 
+pytestmark = pytest.mark.usefixtures("shared_workers")
+
 
 def one(source, text):
     (found,) = tolerances({source: text})

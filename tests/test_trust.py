@@ -20,6 +20,8 @@ from trust import TABLES, Hand, aliases, five_lost, named
 from estimator.cases.case import Case, OutputSpec
 from estimator.estimating.estimate import estimate_recordings
 
+pytestmark = pytest.mark.usefixtures("shared_workers")
+
 PLAIN = Case(fmu="dc_motor", recordings=(Path("bench.csv"),), inputs={"v": "voltage"})
 
 
@@ -126,8 +128,9 @@ def test_a_wrong_assumption_is_named(hand, row):
     assert (row.asked in found["named"]) == visible
 
 
-def test_five_lost_samples_are_named():
-    assert "lost samples" in named(run(dataclasses.replace(five_lost(3), duration=0.9), 3))
+@pytest.mark.parametrize(("duration", "seed"), [(0.8, 5), pytest.param(0.9, 3, marks=pytest.mark.full)])
+def test_five_lost_samples_are_named(duration, seed):
+    assert "lost samples" in named(run(dataclasses.replace(five_lost(seed), duration=duration), seed))
 
 
 def test_a_speed_that_agrees_with_the_angle_beside_it_is_not_accused(hand):

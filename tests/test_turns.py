@@ -9,6 +9,8 @@ from estimator.estimating.estimate import estimate_recordings
 from estimator.recordings.recording import recording_from_arrays
 from estimator.recordings.turns import is_countable, starts_again, with_turns
 
+pytestmark = pytest.mark.usefixtures("shared_workers")
+
 TURN = 2 * np.pi
 
 

@@ -18,6 +18,8 @@ from estimator.fmus.simulate import simulate
 from estimator.judging.validation import validated
 from estimator.recordings.recording import read_recording, recording_from_arrays
 
+pytestmark = pytest.mark.usefixtures("shared_workers")
+
 EXAMPLE = Path(__file__).parent.parent / "examples" / "cml050_step.csv"
 
 

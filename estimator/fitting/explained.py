@@ -146,26 +146,33 @@ def explain(
     late: tuple[str, ...] = ()
     if any(e.name == "latency of each edge" for e in effects):
         plan, late = with_latencies(plan)
+    selection = _selection(plan, crew, sigma=sigma, deviations=deviations, effects=effects, enter=enter)
+    explanation = selection.explain(starts)
+    enter("rivals")
+    explanation, rivals = selection.settled(explanation)
+    open_additions = selection.additions(explanation, selection.effects)
+    changed = [Found("latency of each edge", "", t, "") for t in late]
+    return _explained(plan, explanation, rivals, open_additions, selection.samples, changed)
+
+
+def _selection(
+    plan: Plan,
+    crew: Workers,
+    *,
+    sigma: Mapping[str, float],
+    deviations: FloatArray,
+    effects: Sequence[Effect],
+    enter: Callable[[str], None],
+) -> Selection:
+    """Return the selection of effects for a plan; arguments as for `explain`."""
     own = [n for e in effects if not e.fmu for n in e.nuisances(plan)]
     wanted = freed_by_the_case(plan)
     own = [n for n in own if n.name not in {w.name for w in wanted}]
     base = Simulator(plan, (*own, *wanted), crew, sigma)
     differenced = np.array([count_deviation(plan, y) if plan.sensors[y] == layout.MEAN else 0.0 for y in plan.outputs])
-    rivals_of = _Rivals(plan, base, crew, sigma, effects)
-    selection = Selection(
-        base,
-        rivals_of,
-        tuple(n.name for n in wanted),
-        deviations,
-        differenced,
-        tuple(effects),
-        enter,
-    )
-    explanation = selection.explain(starts)
-    enter("rivals")
-    rivals = selection.alternatives(explanation)
-    open_additions = selection.additions(explanation, selection.effects)
-    return _explained(plan, explanation, rivals, open_additions, selection.samples, late)
+    rivals = _Rivals(plan, base, crew, sigma, effects)
+    always = tuple(n.name for n in wanted)
+    return Selection(base, rivals, always, deviations, differenced, tuple(effects), enter)
 
 
 class _Rivals:
@@ -228,7 +235,7 @@ def _explained(
     rivals: Sequence[Explanation],
     open_additions: Sequence[Addition],
     samples: int,
-    late: Sequence[str],
+    changed: Sequence[Found],
 ) -> Explained:
     fit = explanation.fit
     p = len(plan.names)
@@ -241,6 +248,7 @@ def _explained(
     seen[:p, :p] = mean.covariance
     between = of_fit(fit, p)
     seen += (checked.widened(fit) + between.covariance)[np.ix_(kept, kept)]
+    seen[range(p), range(p)] += _during(explanation)
     covariance = seen + unseen
     told = fit.estimates + [_told_from(fit).get(name, 0.0) for name in names]
     values = np.concatenate([fit.simulator.unscaled(_padded(mean.values, fit))[:p], told[reported]])
@@ -278,7 +286,7 @@ def _explained(
         noise=_rms(left, usual),
         at_rest=_rms(left / whitener.noise.scale(whitener.level), usual),
         found=(
-            *(Found("latency of each edge", "", t, "") for t in late),
+            *changed,
             *_found(explanation, plan),
             *_varies(between, plan),
         ),
@@ -288,6 +296,27 @@ def _explained(
         explanation=explanation,
         between=between,
     )
+
+
+def _during(explanation: Explanation) -> FloatArray:
+    """Return the variances, (p,), of parameters that change during a recording, about the mean that is estimated.
+
+    Any value between the first and the last is as good: a uniform distribution.
+    """
+    fit = explanation.fit
+    names = fit.simulator.plan.names
+    variances = np.zeros(len(names))
+    groups: dict[str, list[float]] = {}
+    for a in explanation.additions:
+        own = [x for n, x in zip(fit.names, fit.estimates.tolist(), strict=True) if n == a.name]
+        for name, change in (a.effect.changes(fit, own[0]) if own else {}).items():
+            groups.setdefault(name, []).append(change)
+    for name, changes in groups.items():
+        if name in names:
+            k = names.index(name)
+            scale = fit.values[k] if fit.simulator.log[k] else 1.0
+            variances[k] = max(x * x for x in changes) / 12 / scale**2
+    return np.where(fit.at_bound[: len(names)] == 0, variances, 0.0)
 
 
 def _rms(values: FloatArray, present: NDArray[np.bool_]) -> FloatArray:

@@ -49,6 +49,8 @@ class Linear:
         Bounds of a coefficient that is physically possible.
     size : float
         A usual size of a coefficient; 0: none is known.
+    one_of : int
+        Of how many columns that exclude each other it is the likeliest.
     told_from : float
         What a coefficient of 0 is reported as: for a gain, 1.
     """
@@ -60,6 +62,7 @@ class Linear:
     most: float = np.inf
     size: float = 0.0
     told_from: float = 0.0
+    one_of: int = 1
 
 
 @dataclass(frozen=True)
@@ -180,7 +183,8 @@ class ScoreTest:
     def across(self, columns: FloatArray) -> FloatArray:
         """Return (rows, q, c) columns whitened, without their part that the fit explains, (rows q, c)."""
         whitened = self.fit.whitener(columns)[0].reshape(len(self.left), -1)
-        return np.asarray(whitened - self.basis @ (self.basis.T @ whitened))
+        whitened -= self.basis @ (self.basis.T @ whitened)
+        return whitened
 
     def likeliest(self, columns: FloatArray) -> int:
         """Return which of (rows, q, c) columns lowers z'z most with a coefficient above 0; 0 if none does."""
@@ -310,7 +314,8 @@ def held_down(fit: Fit, onsets: BoolArray) -> Fit:
     usual = [
         np.median(own[here]) / MEDIAN_SIZE if here.any() else 1.0 for own, here in zip(z.T, present.T, strict=True)
     ]
-    z = z / np.clip(usual, 1e-3, 1.0)  # the noise is too large if outliers were in it
+    least = np.where(fit.simulator.coarse, 1.0, 1e-3)  # the median of a few steps of a converter tells no size
+    z = z / np.clip(usual, least, 1.0)  # the noise is too large if outliers were in it
     n = len(z)
     far = np.vstack([np.zeros((2, z.shape[1])), z, np.zeros((2, z.shape[1]))])
     one, *two = (np.maximum(far[2 + a : 2 + a + n], far[2 + b : 2 + b + n]) for a, b in ((-1, 1), (-2, 1), (-1, 2)))

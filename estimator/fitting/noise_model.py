@@ -213,15 +213,17 @@ class Whitener:
     def __call__(self, columns: FloatArray) -> tuple[FloatArray, float]:
         """Return (rows, q, c) columns whitened, zero where a sample is missing, and the sum of log variances."""
         g, variance, spaces = self._state_spaces
-        scaled = columns / g[:, :, None]
-        result = np.empty(scaled.shape)
+        scaled = columns / g[:, :, None] if self.noise.growth[:, 0].any() else columns
+        parts = []
         total = float(2 * np.sum(np.log(g)[self.present]))
         for clock, (steps, arrays) in zip(self.clocks, spaces, strict=True):
             part = clock.rows
-            result[part], log = whiten(scaled[part], variance[part], steps=steps, **arrays)
+            white, log = whiten(scaled[part], variance[part], steps=steps, **arrays)
             total += log
             if self.noise.short:
-                shorten(result[part], self.present[part], self.moving[part], self.noise.short)
+                shorten(white, self.present[part], self.moving[part], self.noise.short)
+            parts.append(white)
+        result = parts[0] if len(parts) == 1 else np.concatenate(parts)
         for short, where in zip(self.noise.short, (~self.moving, self.moving), strict=False):
             counts = self.present[where].sum(axis=0)
             total += float(sum(2 * n * np.log(s) for n, (_, s) in zip(counts, short, strict=True)))

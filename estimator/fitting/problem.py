@@ -81,7 +81,7 @@ class Problem:
             scale=tuple((v.factor, v.offset) for v in read) if any(not v.is_as_it_is for v in read) else (),
         )
         workers.load(self._job, keep_counts=keep_counts)
-        lengths = [o.lead + len(o.recording.time) for o in plan.observed]
+        lengths = [o.before + len(o.recording.time) for o in plan.observed]
         self._edges = np.cumsum([0, *lengths])
         measured = np.concatenate([self._measured(o) for o in plan.observed])
         self._measured_rows = np.nan_to_num(measured)
@@ -108,8 +108,8 @@ class Problem:
 
         Parameters
         ----------
-        late : (recordings,) array, optional
-            By how much the inputs come later, s: for signals between two rows.
+        late : (n, recordings) array, optional
+            By how much the inputs of each candidate come later, s: for signals between two rows.
         """
         self._take_over()
         values = self._values(candidates)
@@ -146,7 +146,7 @@ class Problem:
         """Split one candidate's trajectories by recording, (n, outputs) each, without the lead."""
         assert batch.shown is not None
         return [
-            batch.shown[index, self._edges[e] + o.lead : self._edges[e + 1]] for e, o in enumerate(self.plan.observed)
+            batch.shown[index, self._edges[e] + o.before : self._edges[e + 1]] for e, o in enumerate(self.plan.observed)
         ]
 
     def _without_phase(self) -> list[int]:
@@ -220,14 +220,15 @@ class Problem:
         recording = observed.recording
         own = [self._own_unit(name, signal) for name, signal in observed.inputs.items()]
         inputs = np.column_stack(own) if own else np.empty((len(recording.time), 0))
-        inputs = np.concatenate([np.repeat(inputs[:1], observed.lead, axis=0), inputs])
+        still = [self._own_unit(name, np.zeros(observed.rest)) for name in observed.inputs]
+        at_rest = np.column_stack(still) if still else np.empty((observed.rest, 0))
+        inputs = np.concatenate([at_rest, np.repeat(inputs[:1], observed.lead, axis=0), inputs])
         start = self.plan.description.default_experiment["start_time"] or 0.0
         times = None
         if not recording.even:
-            before = np.arange(-observed.lead, 0) * recording.step
-            times = (
-                np.concatenate([before, recording.time - recording.time[0]]) + observed.lead * recording.step + start
-            )
+            first = observed.before * recording.step
+            before = np.arange(observed.before) * recording.step
+            times = np.concatenate([before, recording.time - recording.time[0] + first]) + start
         return Experiment(
             start=start,
             interval=recording.step,
@@ -246,7 +247,7 @@ class Problem:
 
     def _measured(self, observed: Observed) -> FloatArray:
         measured = np.column_stack([observed.outputs[y] for y in self.outputs])
-        return np.concatenate([np.full((observed.lead, measured.shape[1]), np.nan), measured])
+        return np.concatenate([np.full((observed.before, measured.shape[1]), np.nan), measured])
 
 
 def _substeps(case: Case, recording: Recording) -> int:

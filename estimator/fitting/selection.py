@@ -1,9 +1,9 @@
 """Selection of effects: all are score-tested at once, the best refitted with their rivals. Knows no effect.
 
 The criterion is z'z of whitened residuals (-2 log L at a given noise) plus k log n + 2 log (1 / prior) for an addition
-of k numbers, n the samples: Schwarz's criterion with the prior of the effect. An effect that is not there is accepted
-with a chance of 1e-4 or less (k = 1, n = 2 000, prior 0.2: chi-square above 10.8; benchmarks/combined.py measures the
-rate).
+of k numbers, n the samples: Schwarz's criterion with the prior of the effect, which columns that exclude each other
+share. An effect that is not there is accepted with a chance of 1e-4 or less (k = 1, n = 2 000, prior 0.2: chi-square
+above 10.8; benchmarks/combined.py measures the rate).
 
     fit what is free, estimate the noise from settled rows
     repeat: score-test every addition; refit the best few; accept the best if the criterion falls
@@ -23,10 +23,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.fitting.effects.base import Effect
-from estimator.fitting.fit import Fit, Linear, held_down, new_fit, refreshed, solved, with_level, with_secants
+from estimator.fitting.fit import (
+    Fit,
+    Linear,
+    ScoreTest,
+    held_down,
+    new_fit,
+    refreshed,
+    solved,
+    with_level,
+    with_secants,
+)
 from estimator.fitting.motor_response import machine_of
 from estimator.fitting.noise_model import NoiseModel, find_jitter, fit_noise, noise_of_neighbours
-from estimator.fitting.simulator import Nuisance, Simulator
+from estimator.fitting.simulator import CELLS, Nuisance, Simulator
 from estimator.fitting.windows import find_windows
 
 FloatArray = NDArray[np.float64]
@@ -37,11 +47,16 @@ REFITTED = 3  # additions refitted in a round
 PREDICTED_PART = 0.6  # of the best predicted fall of the criterion: with less an addition is not refitted
 # Factors about the first estimates: bounds of the fit while effects are missing.
 NEARBY = {"R": 5.0, "K": 4.0, "J": 6.0, "L": 50.0}
+NEVER_ZERO = ("R", "K", "J")  # at a bound something else stands for it; L and B may vanish
 QUIET = 0.1  # of the first estimate of the deviation: the noise is taken to be no less
 NO_CHANGE, DOUBLINGS = 0.1, 2  # of z'z: a smaller change is negligible; doublings of the rows between samples, at most
 TRIED_WHOLE = 3  # values of an integer nuisance parameter that are refitted
 ROUGH = 8  # iterations of a fit that is only compared
 RIVALS_WITHIN = 10.0  # of the criterion: explanations that are no further above the best are rivals
+PARALLEL = 0.9  # canonical correlation of an addition with one that is doubted: it is refitted as a rival
+RIVALS_REFITTED = 3  # rivals of an addition that are refitted, of each effect the likeliest
+MOST_WITHIN = 2  # additions of what happens within samples, each exchanged for every other of these
+EXCHANGES, EXCHANGED = 2, 0.1  # of an explanation for a more likely rival, at most; by which its criterion is lower
 IDLE = 6.0  # times the penalty: an addition is refitted without if its Wald statistic is below
 
 
@@ -59,7 +74,7 @@ class Addition:
     across, whitened : (rows q, k) arrays
         Whitened columns, without and with their part that the fit explains, for a unit of each.
     tried : int
-        Of how many tried values it is the best.
+        Of how many tried values it is the best; of columns that exclude each other each is one of so many.
     """
 
     effect: Effect
@@ -75,7 +90,8 @@ class Addition:
 
     def penalty(self, samples: int) -> float:
         """Return its penalty in the criterion."""
-        return self.numbers * float(np.log(max(samples, 2))) + 2 * float(np.log(1 / self.effect.prior))
+        one_of = self.tried if self.linear is not None else 1
+        return self.numbers * float(np.log(max(samples, 2))) + 2 * float(np.log(one_of / self.effect.prior))
 
 
 @dataclass(frozen=True)
@@ -88,6 +104,10 @@ class Explanation:
     def names(self) -> set[str]:
         """Return what was added."""
         return {a.name for a in self.additions}
+
+    def criterion(self, samples: int) -> float:
+        """Return the criterion, -2 log L at its noise and the penalties."""
+        return self.fit.cost + sum(a.penalty(samples) for a in self.additions)
 
 
 @dataclass
@@ -160,7 +180,11 @@ class Selection:
             p = len(self.base.plan.names)
             simulator.lower[:p], simulator.upper[:p] = bounds[0][:p], bounds[1][:p]
         fine = _with_fine_filters(best.fit) if best.fit.simulator is self.base else best.fit
-        final = solved(fine, tolerance=1e-8)
+        return self._at_best(dataclasses.replace(best, fit=fine))
+
+    def _at_best(self, best: Explanation) -> Explanation:
+        """Return an explanation fitted to the end, without what that makes absurd."""
+        final = solved(best.fit, tolerance=1e-8)
         while absurd := [a for a in best.additions if not _is_physical(final, a)]:
             best = self.without(dataclasses.replace(best, fit=final), absurd[-1])
             final = solved(best.fit, tolerance=1e-8)
@@ -191,7 +215,7 @@ class Selection:
                 open_ones = tuple(group for e in self.effects for group in e.always(fit))
                 fit = solved(dataclasses.replace(fit, linear=open_ones), iterations=ROUGH)
                 tried.append(Explanation(fit, tuple(additions)))
-        return min(tried, key=lambda e: e.fit.cost + sum(a.penalty(self.samples) for a in e.additions))
+        return min(tried, key=lambda e: e.criterion(self.samples))
 
     def _seen(self, effect: Effect, name: str, simulator: Simulator) -> Addition:
         """Return an addition that the recordings show before any fit."""
@@ -334,14 +358,26 @@ class Selection:
         taken = {*fit.free, *(g.name for g in fit.linear), *explanation.names()}
         by_simulator: dict[int, tuple[Simulator, list[tuple[Effect, Nuisance]]]] = {}
         for effect in effects:
-            for group in effect.linear(fit):
+            groups = effect.linear(fit)
+            among = len(groups) if effect.is_one else 1
+            for group in groups:
                 if group.name in taken:
                     continue
                 whitened = fit.whitener(group.columns)[0].reshape(fit.z.size, -1)
                 across = whitened - test.basis @ (test.basis.T @ whitened)
                 gain, _ = test.gain(across)
+                numbers = across.shape[1]
                 result.append(
-                    Addition(effect, group.name, across.shape[1], gain, linear=group, across=across, whitened=whitened)
+                    Addition(
+                        effect,
+                        group.name,
+                        numbers,
+                        gain,
+                        linear=group,
+                        across=across,
+                        whitened=whitened,
+                        tried=max(among, group.one_of),
+                    )
                 )
             simulator = self._simulator(fit, effect)
             own = effect.nuisances(self.base.plan) if simulator is not None else ()
@@ -356,7 +392,7 @@ class Selection:
             result += self._tried(fit, simulator, wanted, test)
         return result
 
-    def _tried(self, fit: Fit, simulator: Simulator, wanted: Sequence[tuple[Effect, Nuisance]], test: object
+    def _tried(self, fit: Fit, simulator: Simulator, wanted: Sequence[tuple[Effect, Nuisance]], test: ScoreTest
                ) -> Iterator[Addition]:  # fmt: skip
         """Yield the nuisance parameters of one simulator, score-tested at the best of their tries."""
         moved = moved_to(fit, simulator)
@@ -371,22 +407,30 @@ class Selection:
                 candidate[simulator.index[nuisance.name]] = value + shift
                 rows.append(candidate)
                 owners.append((w, t))
-        shown = simulator.shown(np.array(rows))
-        usable = np.asarray(np.isfinite(shown).all(axis=(1, 2)))
-        change = np.where(usable[:, None, None], shown - moved.shown, 0.0).transpose(1, 2, 0)
-        whitened = fit.whitener(change)[0].reshape(fit.z.size, -1)
-        across = whitened - test.basis @ (test.basis.T @ whitened)  # type: ignore[attr-defined]
-        left = test.left  # type: ignore[attr-defined]
-        for w, (effect, nuisance) in enumerate(wanted):
-            found: list[tuple[float, int, tuple[Mapping[str, float], ...]]] = []
-            for k, (owner, t) in enumerate(owners):
+        many = max(1, CELLS // fit.z.size)
+        tested: list[list[tuple[float, float, int]]] = [[] for _ in wanted]
+        best: dict[int, tuple[float, FloatArray, FloatArray]] = {}
+        for first in range(0, len(rows), many):
+            shown = simulator.shown(np.array(rows[first : first + many]))
+            usable = np.asarray(np.isfinite(shown).all(axis=(1, 2)))
+            change = np.where(usable[:, None, None], shown - moved.shown, 0.0).transpose(1, 2, 0)
+            whitened = fit.whitener(change)[0].reshape(fit.z.size, -1)
+            across = whitened - test.basis @ (test.basis.T @ whitened)
+            for k, (w, t) in enumerate(owners[first : first + many]):
                 power = float(across[:, k] @ across[:, k])
-                if owner != w or power < 1e-9:
+                if power < 1e-9:
                     continue
-                size = float(across[:, k] @ left) / power
-                together = nuisance.together[t] if nuisance.together else {}
+                size = float(across[:, k] @ test.left) / power
                 whole = 2 * size * power - power  # of a unit
-                gain = whole if nuisance.whole else max(size**2 * power if size > 0 else 0.0, whole)
+                gain = whole if wanted[w][1].whole else max(size**2 * power if size > 0 else 0.0, whole)
+                tested[w].append((gain, size, t))
+                if w not in best or gain > best[w][0]:
+                    own = across[:, k : k + 1], whitened[:, k : k + 1]
+                    best[w] = (gain, *own) if many >= len(rows) else (gain, own[0].copy(), own[1].copy())
+        for w, (effect, nuisance) in enumerate(wanted):
+            found: list[tuple[float, tuple[Mapping[str, float], ...]]] = []
+            for gain, size, t in tested[w]:
+                together = nuisance.together[t] if nuisance.together else {}
                 if nuisance.whole or nuisance.absolute:
                     starts: tuple[Mapping[str, float], ...] = ({nuisance.name: nuisance.tries[t], **together},)
                 else:
@@ -396,16 +440,16 @@ class Selection:
                         {nuisance.name: now + f * reach, **together}
                         for f in dict.fromkeys((float(np.clip(size, 0.1, 8)), 1.0))
                     )
-                found.append((gain, k, starts))
+                found.append((gain, starts))
             found.sort(key=lambda f: -f[0])
             if found and found[0][0] > 0:
-                gain, k, starts = found[0]
+                gain, starts = found[0]
                 if nuisance.whole:  # no derivative leads from one to the next
-                    starts = tuple(start for _, _, own in found[:TRIED_WHOLE] for start in own)
+                    starts = tuple(start for _, several in found[:TRIED_WHOLE] for start in several)
                 free = () if nuisance.whole else (nuisance.name, *(nuisance.together[0] if nuisance.together else ()))
                 yield Addition(
                     effect, nuisance.name, max(1, len(free)), gain, starts=starts, free=free,
-                    across=across[:, k : k + 1], whitened=whitened[:, k : k + 1], tried=len(nuisance.tries),
+                    across=best[w][1], whitened=best[w][2], tried=len(nuisance.tries),
                 )  # fmt: skip
 
     def _simulator(self, fit: Fit, effect: Effect) -> Simulator | None:
@@ -456,21 +500,49 @@ class Selection:
                 found.append(dataclasses.replace(explanation, fit=solved(dataclasses.replace(fit, values=values))))
         return found
 
+    def settled(self, explanation: Explanation) -> tuple[Explanation, list[Explanation]]:
+        """Return the explanation, exchanged for a rival as long as one is more likely, and its rivals."""
+        for _ in range(EXCHANGES):
+            rivals = self.alternatives(explanation)
+            sound = [
+                r for r in rivals if not any(a.effect.doubt and a.name not in explanation.names() for a in r.additions)
+            ]
+            best = min(sound, key=lambda e: e.criterion(self.samples), default=explanation)
+            if best.criterion(self.samples) > explanation.criterion(self.samples) - EXCHANGED:
+                break
+            explanation = self._at_best(self._without_idle(self.with_noise(best, again=True)))
+        else:
+            rivals = self.alternatives(explanation)
+        return explanation, rivals
+
     def alternatives(self, explanation: Explanation) -> list[Explanation]:
-        """Return rivals: explanations, nearly as likely, in which another addition replaces one."""
+        """Return rivals: explanations, nearly as likely, in which another addition replaces one.
+
+        A sharp one stands in for another, or for a short time constant of the model, far from where a derivative
+        tells: those are always refitted.
+        """
         n = self.samples
+        within = [a for a in explanation.additions if _is_timing(a)]
         found = [e for e in self._mirrored(explanation) if e.fit.cost - explanation.fit.cost < RIVALS_WITHIN]
         for addition in explanation.additions:
             if addition.effect.name == "offset" or addition.effect.is_line:
                 continue
             bare = self.without(explanation, addition)
             lost = bare.fit.cost - explanation.fit.cost
-            tested = [a for a in self.additions(bare, self.effects) if a.name != addition.name and not a.effect.doubt]
-            tested = [a for a in tested if a.gain - a.penalty(n) > PREDICTED_PART * (lost - addition.penalty(n))]
-            for other in sorted(tested, key=lambda a: a.penalty(n) - a.gain)[:2]:
-                fit = self.refitted(bare, other)
+            tested = self.additions(bare, self.effects)
+            own = next((a for a in tested if a.name == addition.name), addition)
+            tested = [
+                a for a in tested if a.name != addition.name and (not a.effect.doubt or _alike(a, own) > PARALLEL)
+            ]
+            likely = [a for a in tested if a.gain - a.penalty(n) > PREDICTED_PART * (lost - addition.penalty(n))]
+            ranked = sorted(likely, key=lambda a: a.penalty(n) - a.gain)
+            likely = list({a.effect.name: a for a in reversed(ranked)}.values())[::-1][:RIVALS_REFITTED]
+            if addition in within and len(within) <= MOST_WITHIN:
+                likely += [a for a in tested if _is_timing(a) and a not in likely]
+            for other in likely:
+                fit = solved(_renewed(dataclasses.replace(bare, fit=self.refitted(bare, other))), iterations=ROUGH)
                 behind = fit.cost + other.penalty(n) - explanation.fit.cost - addition.penalty(n)
-                if behind < RIVALS_WITHIN:
+                if behind < RIVALS_WITHIN and _is_physical(fit, other):
                     found.append(Explanation(solved(fit), (*bare.additions, other)))
         return found
 
@@ -525,7 +597,9 @@ def moved_to(fit: Fit, simulator: Simulator) -> Fit:
 
 
 def _is_physical(fit: Fit, addition: Addition) -> bool:
-    """Whether an addition's values are within the bounds of its effect."""
+    """Whether an addition's values are within the bounds of its effect, and it takes no motor parameter's place."""
+    if any(end != 0 and name in NEVER_ZERO for name, end in zip(fit.names, fit.at_bound, strict=True)):
+        return False
     if addition.linear is not None:
         own = [x for n, x in zip(fit.names, fit.estimates, strict=True) if n.partition("#")[0] == addition.name]
         return all(addition.linear.least <= x <= addition.linear.most for x in own)
@@ -539,7 +613,22 @@ def _is_physical(fit: Fit, addition: Addition) -> bool:
     return True
 
 
+def _alike(one: Addition, other: Addition) -> float:
+    """Return the largest canonical correlation of two additions' columns, without what the fit explains."""
+    if one.across is None or other.across is None or len(one.across) != len(other.across):
+        return 0.0
+    first, second = (np.linalg.qr(a)[0] for a in (one.across, other.across))
+    return float(np.linalg.svd(first.T @ second, compute_uv=False)[0])
+
+
+def _is_timing(addition: Addition) -> bool:
+    """Whether an addition is a nuisance parameter of what happens within samples: a delay, a filter, a mean."""
+    return addition.effect.sharp and not addition.effect.is_line and addition.linear is None
+
+
 def _is_excluded(nuisance: Nuisance, taken: set[str]) -> bool:
+    if nuisance.needs and nuisance.needs not in taken:
+        return True
     return any(name.startswith(prefix) for prefix in nuisance.excludes for name in taken)
 
 

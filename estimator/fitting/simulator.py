@@ -26,6 +26,7 @@ STANDSTILL_ROWS = 8  # rows without a count after which an encoder is taken to s
 SUBSTEPS = 4  # rows that are simulated for one where a filter acts between them
 CELLS = 2_000_000  # rows that are simulated at once, at most
 LONGEST_HOLD = 20  # rows for which a logger may repeat a sample
+LEAST_CHANGES, HELD_PART = 20, 0.98  # changes of a quantised channel; their part at every n-th row: it is held between
 
 Act = Callable[[FloatArray, float, float], FloatArray]  # (n,) signal, value, sampling interval in s -> (n,) signal
 
@@ -54,6 +55,7 @@ class Nuisance:
         A fit starts at the tried value itself, not at the score test's estimate.
     together : of each try, other nuisances that are set, and freed, with it
     excludes : names, or their beginnings, beside which it makes no sense
+    needs : a name without which it makes no sense
     """
 
     name: str
@@ -73,6 +75,7 @@ class Nuisance:
     absolute: bool = False
     together: tuple[Mapping[str, float], ...] = ()
     excludes: tuple[str, ...] = ()
+    needs: str = ""
 
     def parameter(self) -> Parameter:
         """Return it as a parameter of a plan."""
@@ -131,9 +134,9 @@ class Simulator:
         self.size = np.array([*own, *(n.size for n in self.nuisances)])
         self.neutral = np.array([n.neutral for n in self.nuisances])
         self.outputs = self.plan.outputs
-        self._keep = np.concatenate(
-            [np.arange(o.lead + len(o.recording.time)) >= o.lead for o in self.plan.observed]
-        ).astype(bool)
+        keep = np.concatenate([np.arange(o.before + len(o.recording.time)) >= o.before for o in self.plan.observed])
+        # Of one recording a slice, which copies nothing.
+        self._keep = slice(self.plan.observed[0].before, None) if len(self.plan.observed) == 1 else keep.astype(bool)
         edges = np.cumsum([0, *(len(o.recording.time) for o in self.plan.observed)])
         self.clocks = tuple(
             Clock(o.recording.time, slice(int(a), int(b)))
@@ -156,10 +159,14 @@ class Simulator:
 
     def shown(self, candidates: FloatArray, *, refine: int = 1) -> FloatArray:
         """Return what the sensors show, (c, rows, q), of (c, p) candidates; NaN where the FMU fails."""
-        result = np.empty((len(candidates), self.rows, len(self.outputs)))
         filtered = np.zeros(len(candidates), dtype=bool)
         for n in self._acts if self.problem.has_sensors else ():
             filtered |= n.between & (candidates[:, self.index[n.name]] != n.neutral)
+        alike = filtered.all() or not filtered.any()
+        rows = self.between if filtered.any() else 1
+        if alike and 0 < len(candidates) * self.rows * rows <= CELLS:
+            return np.ascontiguousarray(self._shown(candidates, refine, rows))
+        result = np.empty((len(candidates), self.rows, len(self.outputs)))
         for between in (False, True):
             where = np.flatnonzero(filtered == between)
             rows = self.between if between else 1
@@ -172,17 +179,18 @@ class Simulator:
         """Return the same; `between` rows are simulated for one, for what filters show."""
         unique, which = np.unique(candidates[:, self._stepped], axis=0, return_inverse=True)
         steps = np.array([clock.step for clock in self.clocks])
-        phases = []
-        for k in range(
-            between
-        ):  # a time-invariant model: with inputs later by a part of a row it shows what lies between
-            batch = self.problem.trajectories(unique, refine=refine, late=k * steps / between if k else None)
-            assert batch.shown is not None
-            phases.append(batch.shown[:, self._keep][which.ravel()])
+        # A time-invariant model: with inputs later by a part of a row it shows what lies between.
+        late = np.repeat(np.arange(between)[:, None] * steps / between, len(unique), axis=0)
+        many = np.tile(unique, (between, 1))
+        batch = self.problem.trajectories(many, refine=refine, late=late if between > 1 else None)
+        assert batch.shown is not None
+        phases = batch.shown[:, self._keep].reshape(between, len(unique), self.rows, -1)
+        if not np.array_equal(which.ravel(), np.arange(len(unique))):
+            phases = phases[:, which.ravel()]
         shown = phases[0]
         for nuisance in sorted(self._acts, key=lambda n: not n.between):  # filters before what a logger does
             j, column = self.outputs.index(nuisance.output), candidates[:, self.index[nuisance.name]]
-            rows = np.stack(phases[::-1], axis=2) if nuisance.between and between > 1 else shown[:, :, None, :]
+            rows = phases[::-1].transpose(1, 2, 0, 3) if nuisance.between and between > 1 else shown[:, :, None, :]
             for c in np.flatnonzero(column != nuisance.neutral):
                 for clock in self.clocks:
                     assert nuisance.act is not None
@@ -228,6 +236,8 @@ def _without_repeats(o: Observed, outputs: Sequence[str]) -> FloatArray:
     for j in range(rows.shape[1]):
         again = np.concatenate([[False], rows[1:, j] == rows[:-1, j]])
         lattice = again.any() and quantum(rows[:, j]) > 0
+        if lattice and outputs[j] != "w":
+            rows[_held(again), j] = np.nan
         if not again.any() or (lattice and outputs[j] != "w"):
             continue
         edges = np.flatnonzero(np.diff(np.concatenate([[False], again, [False]]).astype(np.int8)))
@@ -236,3 +246,20 @@ def _without_repeats(o: Observed, outputs: Sequence[str]) -> FloatArray:
             if stands or (not lattice and last - first <= LONGEST_HOLD):
                 rows[first:last, j] = np.nan
     return rows
+
+
+def _held(again: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return the rows, (n,), that a logger shows again of a quantised channel: it changes every few rows only.
+
+    Parameters
+    ----------
+    again : (n,) array
+        Which rows are as the one before.
+    """
+    changes, rows = np.flatnonzero(~again[1:]) + 1, np.arange(len(again))
+    if len(changes) >= LEAST_CHANGES:
+        for every in range(LONGEST_HOLD + 1, 1, -1):
+            counts = np.bincount(changes % every, minlength=every)
+            if counts.max() >= HELD_PART * len(changes):
+                return np.asarray(rows % every != counts.argmax())
+    return np.zeros(len(again), dtype=bool)

@@ -50,6 +50,18 @@ TIME_LIMIT = 60.0  # s a candidate
 LOAD_LIMIT = 20.0  # s, at least, to start a process and load the FMU
 MEMORY_LIMIT = 1 << 30  # bytes a worker
 MOST_FAILURES = 100  # reasons that are kept
+KEPT_JOBS = 4  # as in worker.py: those of late, which may be asked for again
+
+
+@dataclasses.dataclass(frozen=True)
+class _Loaded:
+    """A job as the workers have it: the memory that they share, the order that loads it, and its files."""
+
+    job: Job
+    shared: SharedMemory
+    memory: mmap.mmap
+    order: dict[str, Any]
+    files: tuple[Path, Path]
 
 
 class Workers:
@@ -90,14 +102,14 @@ class Workers:
         self._reasons: dict[int, str] = {}  # of crashes and time limits, by candidate
         self._generation = 0
         self._jobs = 0
-        self._files: list[Path] = []
+        self._kept: list[_Loaded] = []
         self._folders: dict[Path, Path] = {}
         self._spawn(0)
 
     def load(self, job: Job, *, keep_counts: bool = False) -> None:
         """Extract the FMU and put the job's numbers where the workers find them; counters start from zero.
 
-        May be called again, with the next job: the processes stay.
+        May be called again, with the next job: the processes stay. A job of late is not made ready anew.
 
         Raises
         ------
@@ -108,6 +120,29 @@ class Workers:
         for what, references in (("inputs", job.input_references), ("outputs", job.output_references)):
             if len(references) > MAX_SIGNALS:
                 raise FmuError(f"{len(references)} {what} at once are more than {MAX_SIGNALS}; leave some out")
+        known = next((k for k in self._kept if k.job is job), None)
+        loaded = known or self._made_ready(job)
+        self._kept = [loaded, *(k for k in self._kept if k is not loaded)]
+        for old in self._kept[KEPT_JOBS:]:
+            for file in old.files:
+                with contextlib.suppress(OSError):  # still mapped: it goes with the folder
+                    file.unlink()
+        del self._kept[KEPT_JOBS:]
+        self._jobs += 1
+        self._job, self._shared, self._memory = job, loaded.shared, loaded.memory
+        self._order = {**loaded.order, "number": self._jobs}
+        self._counter = self._view(self._shared.next, 1, np.int64)
+        self._claims = self._view(self._shared.claims, MAX_WORKERS, np.int64)
+        self._claims[:] = NO_CLAIM
+        if not keep_counts:
+            self.simulations = self.steps = self.failed = 0
+            self.failures = []
+        self._words = ""
+        for process in self._processes.values():
+            self._send_load(process)
+
+    def _made_ready(self, job: Job) -> _Loaded:
+        """Return a job whose FMU is extracted and whose numbers stand where the workers find them."""
         folder = self._extracted(job.description)
         rows = sum(len(e.measured) for e in job.experiments)
         outputs = len(job.output_references)
@@ -119,38 +154,24 @@ class Workers:
             outputs=outputs,
             rows=rows,
         )
-        self._jobs += 1
-        shared_file = self._folder.path / f"shared-{self._jobs}"
+        key = self._jobs + 1
+        shared_file = self._folder.path / f"shared-{key}"
         with open(shared_file, "wb") as file:
             file.truncate(shared.size)
         with open(shared_file, "r+b") as file:
-            self._memory = mmap.mmap(file.fileno(), shared.size)
-        numbers_file = self._folder.path / f"numbers-{self._jobs}"
+            memory = mmap.mmap(file.fileno(), shared.size)
+        numbers_file = self._folder.path / f"numbers-{key}"
         layouts = write_numbers(numbers_file, job.experiments)
-        self._shared = shared
-        self._job = job
         layout = job.layout(str(folder), layouts)
-        self._order = {
-            "number": self._jobs,
+        order = {
+            "key": key,
             "job": dataclasses.asdict(layout),
             "shared": dataclasses.asdict(shared),
             "shared_file": str(shared_file),
             "numbers_file": str(numbers_file),
             "memory_limit": self.memory_limit,
         }
-        self._counter = self._view(shared.next, 1, np.int64)
-        self._claims = self._view(shared.claims, MAX_WORKERS, np.int64)
-        self._claims[:] = NO_CLAIM
-        if not keep_counts:
-            self.simulations = self.steps = self.failed = 0
-            self.failures = []
-        self._words = ""
-        for process in self._processes.values():
-            self._send_load(process)
-        for old in self._files:
-            with contextlib.suppress(OSError):  # still mapped: it goes with the folder
-                old.unlink()
-        self._files = [shared_file, numbers_file]
+        return _Loaded(job, shared, memory, order, (shared_file, numbers_file))
 
     def run(
         self, values: FloatArray, *, bounds: FloatArray | None = None, refine: int = 1, record: bool = False

@@ -95,6 +95,7 @@ def _finer(plan: Plan, e: int, *, rows: int) -> Plan:
         outputs={name: np.zeros(count) for name in o.outputs},
         excitation=o.excitation,
         lead=o.lead * FINER,
+        rest=o.rest * FINER,
         delay=o.delay,
     )
     own = tuple(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -174,6 +175,11 @@ def information(polish: LeastSquaresFit, names: tuple[str, ...]) -> dict[str, An
 
 def versions() -> dict[str, str]:
     """Return the versions of the program and its libraries."""
+    return dict(_versions())
+
+
+@cache
+def _versions() -> tuple[tuple[str, str], ...]:
     import platform
     from importlib.metadata import PackageNotFoundError, version
 
@@ -183,4 +189,4 @@ def versions() -> dict[str, str]:
             versions[package] = version(package)
         except PackageNotFoundError:
             versions[package] = "not installed"
-    return versions
+    return tuple(versions.items())

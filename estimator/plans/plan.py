@@ -33,6 +33,9 @@ class Observed:
     lead : int
         Samples simulated before the first of the recording, at its first inputs, so that a motor that already runs
         in the first row runs in the simulation too.
+    rest : int
+        Samples simulated before the first of the recording, or the lead, without any input: of a motor at rest whose
+        first row has its voltage, which a delay would otherwise not reach.
     delay : float
         s, of the outputs behind the inputs as the case says it, or as the data show it at first sight; 0 where the
         parameters have a delay.
@@ -53,6 +56,12 @@ class Observed:
     has_phase: bool = False
     read: tuple[Understood, ...] = ()
     findings: tuple[Finding, ...] = ()
+    rest: int = 0
+
+    @property
+    def before(self) -> int:
+        """Samples simulated before the first of the recording."""
+        return self.lead + self.rest
 
     def in_time(self) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
         """Return inputs and outputs, (n − d,) each, as if there were no delay, of d samples."""

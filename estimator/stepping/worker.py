@@ -30,6 +30,7 @@ from estimator.stepping.slow_path import fmu_class
 from estimator.stepping.structures import BatchStruct
 
 UNFINISHED, NOT_LOADED = 9, 7  # exit codes of a process of one simulation
+KEPT_JOBS = 4  # that stay loaded
 QUOTA = 32  # candidates between two looks at the own memory
 MEMORY_CHECK = 0.02  # s between two looks at the own memory; a look takes some 30 µs
 
@@ -48,22 +49,21 @@ def main() -> None:
     threading.Thread(target=_listen, args=(given, orders, folder), daemon=True).start()
     answers.write(json.dumps({"started": True, "number": 0}) + "\n")  # from here on it is the FMU's time
     worker: _Worker | None = None
+    kept: dict[int, _Worker] = {}  # of late, the last one last
     prober: Any = None
     number = 0  # of the job that was loaded last
     while True:
         order = orders.get()
         if "quit" in order:
-            if worker is not None:
-                worker.close()
+            for old in kept.values():
+                old.close()
             answers.flush()
             _end_group()
         try:
             if "load" in order:
-                if worker is not None:
-                    worker.close()
                 number = order["load"]["number"]
                 worker = None
-                worker = _Worker(order["load"])
+                worker = _taken_up(kept, order["load"])
                 answer: dict[str, Any] = {"ready": True}
             elif "prepare" in order:
                 from estimator.stepping.probing import Prober
@@ -79,6 +79,18 @@ def main() -> None:
         except Exception as error:
             answer = {"error": " ".join(str(error).split()) or type(error).__name__}
         answers.write(json.dumps({**answer, "number": number}) + "\n")
+
+
+def _taken_up(kept: dict[int, _Worker], order: dict[str, Any]) -> _Worker:
+    """Return the FMU of a job, as it was left or loaded now; of one FMU there is one instance at a time."""
+    key, folder = int(order["key"]), order["job"]["folder"]
+    if key not in kept:
+        rivals = [k for k, worker in kept.items() if worker.layout.folder == folder]
+        for old in rivals or list(kept)[: max(0, len(kept) + 1 - KEPT_JOBS)]:
+            kept.pop(old).close()
+        kept[key] = _Worker(order)
+    kept[key] = worker = kept.pop(key)
+    return worker
 
 
 def _stage(prober: Any, name: str) -> dict[str, Any]:

@@ -80,6 +80,10 @@ class Effect:
         """Return equivalent values that explain the recordings as well: two lags in series may be exchanged."""
         return ()
 
+    def changes(self, fit: Fit, coefficient: float) -> Mapping[str, float]:
+        """Return by how much parameters change during a recording: what is estimated is their mean."""
+        return {}
+
     def tell(self, name: str, value: float, plan: Plan) -> str:
         """Return the sentence that reports it with its size."""
         return f"{name} is estimated"

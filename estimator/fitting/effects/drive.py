@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from estimator.fitting.effects.base import Effect
 from estimator.fitting.simulator import Nuisance
@@ -14,6 +15,7 @@ from estimator.recordings.excitation import noise_deviation
 from estimator.recordings.samples import filled
 
 DRIVE = "dc_motor_drive"
+MOST_SAG = 0.4  # of the voltage at the largest current: more is an overload, or the winding's resistance
 PLATEAU, HELD_ROWS, ABOVE = 3.0, 8, 1.2  # deviations; rows; times the usual current: a current that stays at its peak
 
 
@@ -23,11 +25,17 @@ def _largest(plan: Plan, name: str) -> float:
     return max((float(np.nanmax(np.abs(x))) for x in signals if x is not None), default=0.0)
 
 
+def _driven(o: Observed) -> NDArray[np.bool_]:
+    """Return the rows of a recording, (n,), that have a voltage; where none is recorded, all."""
+    v = o.inputs.get("v")
+    return np.ones(len(o.recording.time), dtype=bool) if v is None or not np.any(v) else v != 0
+
+
 def _torque(plan: Plan) -> float:
     """Return a torque, N.m, that is large for the motor: first estimate of its constant, times its usual current."""
-    i = [o.outputs["i"] for o in plan.observed if "i" in o.outputs]
-    if i:
-        usual = float(np.nanmedian(np.abs(np.concatenate(i))))
+    i = [np.abs(o.outputs["i"][_driven(o)]) for o in plan.observed if "i" in o.outputs]
+    if any(x.size for x in i):
+        usual = float(np.nanmedian(np.concatenate(i)))
     else:  # a tenth of the current at standstill
         usual = 0.1 * _largest(plan, "v") / plan.guess.get("R", np.inf)
     return plan.guess.get("K", 0.0) * usual
@@ -40,6 +48,7 @@ class Drive(Effect):
     fmu: str = DRIVE
     target: str = ""
     unit: str = ""
+    needs: str = ""
     sentence: str = "{name} is {value:.3g} {unit}"
 
     def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
@@ -48,7 +57,17 @@ class Drive(Effect):
         if not sizes or sizes[0] <= 0:
             return ()
         return [
-            Nuisance(self.target, self.unit, 0.0, 20 * max(sizes), 0.0, 0.1 * sizes[0], target=self.target, tries=sizes)
+            Nuisance(
+                self.target,
+                self.unit,
+                0.0,
+                20 * max(sizes),
+                0.0,
+                0.1 * sizes[0],
+                target=self.target,
+                tries=sizes,
+                needs=self.needs,
+            )
         ]
 
     def sizes(self, plan: Plan) -> tuple[float, ...]:
@@ -76,12 +95,13 @@ class DryFriction(Drive):
 
 @dataclass(frozen=True)
 class BreakAway(Drive):
-    """Friction that is larger at standstill."""
+    """Friction that is larger at standstill: there is dry friction, then."""
 
     name: str = "break-away"
     prior: float = 0.05
     target: str = "stiction"
     unit: str = "N.m"
+    needs: str = "friction"
     sentence: str = "the motor breaks away at a torque that is {value:.3g} {unit} above its dry friction"
 
     def sizes(self, plan: Plan) -> tuple[float, ...]:
@@ -203,7 +223,7 @@ class Sag(Drive):
         taus = [tau for tau in (0.003, 0.02, 0.1) if tau < 0.3 * duration]
         tries = [(part * size, tau) for part in (0.2, 1.0) for tau in taus]
         return [
-            Nuisance(self.target, self.unit, 0.0, 10 * size, 0.0, 0.1 * size, target=self.target,
+            Nuisance(self.target, self.unit, 0.0, MOST_SAG * v / i, 0.0, 0.1 * size, target=self.target,
                      tries=tuple(x for x, _ in tries), together=tuple({self.time_target: tau} for _, tau in tries)),
             Nuisance(self.time_target, "s", 1e-4, 10.0, 0.01, 0.01, log=True, target=self.time_target),
         ]  # fmt: skip

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from estimator.fitting.effects.base import SELDOM, Effect
 from estimator.fitting.fit import Fit, Linear
+from estimator.fitting.simulator import CELLS
 from estimator.fitting.windows import find_windows
 from estimator.plans.plan import Plan
 
@@ -47,22 +48,24 @@ class LostRows(Effect):
             return ()
         test = fit.test()
         found: list[tuple[float, int, FloatArray]] = []
+        together = max(1, CELLS // fit.z.size)
         for many in TRIED_ROWS:
-            columns = np.zeros((*fit.shown.shape, len(places)))
-            for p, row in enumerate(places.tolist()):
-                end = max(int(ends[row]), row + 1)
-                later = np.minimum(np.arange(row, end) + many, end - 1)
-                columns[row:end, :, p] = (fit.shown[later] - fit.shown[row:end]) / many
-            across = test.across(columns)
-            power = np.sum(across**2, axis=0)
-            along = across.T @ test.left
-            gain = np.where(power > 1e-9, along**2 / np.maximum(power, 1e-9), 0.0)
-            near = np.abs(along / np.maximum(power, 1e-9) / many - 1) < NEAR_TRIED  # where it says what it was made for
-            best = int(np.argmax(np.where(near, gain, 0.5 * gain)))
-            found.append(
-                (float(np.where(near, gain, 0.5 * gain)[best]), int(places[best]), columns[:, :, best : best + 1])
-            )
-        _, place, own = max(found, key=lambda f: f[0])
+            for part in (places[k : k + together] for k in range(0, len(places), together)):
+                columns = np.zeros((*fit.shown.shape, len(part)))
+                for p, row in enumerate(part.tolist()):
+                    end = max(int(ends[row]), row + 1)
+                    later = np.minimum(np.arange(row, end) + many, end - 1)
+                    columns[row:end, :, p] = (fit.shown[later] - fit.shown[row:end]) / many
+                across = test.across(columns)
+                power = np.einsum("nk,nk->k", across, across)
+                along = across.T @ test.left
+                gain = np.where(power > 1e-9, along**2 / np.maximum(power, 1e-9), 0.0)
+                near = np.abs(along / np.maximum(power, 1e-9) / many - 1) < NEAR_TRIED  # it says what it was made for
+                weighed = np.where(near, gain, 0.5 * gain)
+                best = int(np.argmax(weighed))
+                if not found or weighed[best] > found[0][0]:
+                    found = [(float(weighed[best]), int(part[best]), columns[:, :, best : best + 1].copy())]
+        _, place, own = found[0]
         clock = next(c for c in s.clocks if c.rows.start <= place < c.rows.stop)
         t = clock.time[place - clock.rows.start]
         return [Linear(f"{self.name} at t = {t:.4g} s", own, ("rows",), least=FEWEST_ROWS, most=MOST_ROWS)]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,7 +32,7 @@ class FrictionDrift(Effect):
         values = motor_values(fit)
         if values is None or "w" not in s.outputs:
             return ()
-        usual = values["B"] * float(np.median(np.abs(fit.shown[:, s.outputs.index("w")])))
+        usual = values["B"] * _usual_speed(fit)
         w = fit.shown[:, s.outputs.index("w")]
         found = []
         for clock, name in zip(s.clocks, per_recording(s.plan, self.name), strict=True):
@@ -41,6 +41,11 @@ class FrictionDrift(Effect):
             torque[clock.rows] = np.sign(w[clock.rows]) * ((t - t[0]) / (t[-1] - t[0]) - 0.5)
             found.append(Linear(name, response(fit, torque=torque)[:, :, None], ("N.m",), size=USUAL_DRIFT * usual))
         return found
+
+    def changes(self, fit: Fit, coefficient: float) -> Mapping[str, float]:
+        """Return the change of the friction at the usual speed."""
+        usual = _usual_speed(fit)
+        return {"B": coefficient / usual} if usual > 0 else {}
 
     def tell(self, name: str, value: float, plan: Plan) -> str:
         """Say in which direction."""
@@ -69,6 +74,15 @@ class WindingWarms(Effect):
             voltage[clock.rows] = -i[clock.rows] * (heat / max(heat[-1], 1e-300) - 0.5)
         return [Linear(self.name, response(fit, voltage=voltage)[:, :, None], ("Ohm",), size=0.05 * values["R"])]
 
+    def changes(self, fit: Fit, coefficient: float) -> Mapping[str, float]:
+        """Return the change of the resistance."""
+        return {"R": coefficient}
+
     def tell(self, name: str, value: float, plan: Plan) -> str:
         """Say by how much."""
         return f"R changes by {value:+.3g} Ohm over a recording: the winding warms; R stands for the mean"
+
+
+def _usual_speed(fit: Fit) -> float:
+    """Return the usual speed, rad/s."""
+    return float(np.median(np.abs(fit.shown[:, fit.simulator.outputs.index("w")])))

@@ -112,16 +112,19 @@ class Ripple(Effect):
         """Return how much of a whitened output each order explains, (orders,)."""
         total = np.zeros(HIGHEST_ORDER)
         for clock in fit.simulator.clocks:
-            base = np.exp(1j * theta[clock.rows])
+            own = z[clock.rows]
+            there = own != 0  # the others tell nothing
+            base, own = np.exp(1j * theta[clock.rows][there]), own[there]
             wave = np.ones_like(base)
             turn = np.diff(theta[clock.rows], prepend=theta[clock.rows][0])
             turn = turn[np.abs(turn) > 0.2 * np.max(np.abs(turn))]
             for k in range(HIGHEST_ORDER):
                 wave = wave * base
-                folded = np.angle(np.exp(1j * (k + 1) * turn))
-                if np.mean(np.abs(folded) < 2 * np.pi * LINE_CYCLES / len(folded)) > FOLDED:
+                turns = (k + 1) / (2 * np.pi) * turn
+                folded = np.abs(turns - np.round(turns))
+                if np.count_nonzero(folded < LINE_CYCLES / len(folded)) > FOLDED * len(folded):
                     continue  # aliased to a slow change
-                total[k] += abs(np.vdot(wave, z[clock.rows])) ** 2
+                total[k] += abs(np.vdot(wave, own)) ** 2
         return total
 
     def _amplitude(self, power: float, z: FloatArray, level: FloatArray, fit: Fit, j: int) -> float:

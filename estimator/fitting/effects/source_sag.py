@@ -48,7 +48,7 @@ class SourceSag(Effect):
         near = {max(0, best - STEPS_BESIDE), best, min(len(taus) - 1, best + STEPS_BESIDE)}
         bounds = {"least": LEAST_SAG * values["R"], "most": values["R"], "size": USUAL_SAG * values["R"]}
         return [
-            Linear(f"{self.name}, {taus[k]:.3g} s", columns[k][:, :, None], ("Ohm",), **bounds)
+            Linear(f"{self.name}, {taus[k]:.3g} s", columns[k][:, :, None], ("Ohm",), one_of=len(taus), **bounds)
             for k in sorted(near, key=lambda k: abs(k - best))
         ]
 

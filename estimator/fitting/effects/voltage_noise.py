@@ -25,6 +25,7 @@ class VoltageNoise(Effect):
 
     name: str = "voltage noise"
     prior: float = 0.1
+    sharp: bool = True  # delays and lags would explain a part of it
 
     def linear(self, fit: Fit) -> Sequence[Linear]:
         """Return the response to the logged voltage's deviations from its levels, with opposite sign."""

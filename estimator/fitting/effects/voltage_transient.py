@@ -56,7 +56,11 @@ class VoltageTransient(Effect):
         best = fit.test().likeliest(np.stack(columns, axis=2))
         name = f"{self.name} of {taus[best]:.3g} s"
         size = max(0.02 * self.sign, 0.0)
-        return [Linear(name, columns[best][:, :, None], ("",), least=LEAST_PART, most=MOST_PART, size=size)]
+        return [
+            Linear(
+                name, columns[best][:, :, None], ("",), least=LEAST_PART, most=MOST_PART, size=size, one_of=len(taus)
+            )
+        ]
 
     def tell(self, name: str, value: float, plan: Plan) -> str:
         """Say in which direction, by how much, and for how long."""
