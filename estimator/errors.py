@@ -22,6 +22,14 @@ class RecordingError(InputError):
     """A recording cannot be read or used."""
 
 
+class SeveralMotorsError(RecordingError):
+    """A recording holds several motors, and nobody said which is meant."""
+
+    def __init__(self, sentence: str, motors: tuple[str, ...]) -> None:
+        super().__init__(sentence)
+        self.motors = motors
+
+
 class CaseError(InputError):
     """A case file is wrong."""
 

@@ -343,3 +343,20 @@ def test_without_a_voltage_a_constant_one_may_be_held(tmp_path):
     (tmp_path / "log.csv").write_text("time [s],speed [rad/s]\n" + "".join(f"{k},{k}\n" for k in range(20)))
     with pytest.raises(RecordingError, match="or estimate with --fix v=VOLTS where it was constant"):
         motor_columns(read_recording(tmp_path / "log.csv"))
+
+
+def test_a_batch_estimates_each_motor_of_a_file(tmp_path):
+    from motors import CML050, held_response
+
+    time = 1e-3 * np.arange(600)
+    voltage = np.where(time < 0.1, 0.0, 10.0)
+    shown = held_response(CML050, voltage, step=1e-3)[:, :2]
+    noise = np.random.default_rng(2).standard_normal((600, 4)) * (0.02, 0.5, 0.02, 0.5)
+    rows = np.column_stack([time, voltage, shown, voltage, 0.5 * shown]) + np.insert(noise, [0, 0, 2], 0.0, axis=1)
+    header = "time_s,v_left_V,i_left_A,vel_left_rad_s,v_right_V,i_right_A,vel_right_rad_s"
+    np.savetxt(tmp_path / "drive.csv", rows, delimiter=",", header=header, comments="")
+    assert main(["batch", str(tmp_path / "drive.csv"), "-o", str(tmp_path / "out"), "--quiet"]) == 0
+    lines = [json.loads(line) for line in (tmp_path / "out" / "results.jsonl").read_text().splitlines()]
+    assert [(row["case"], row["motor"]) for row in lines] == [("drive left", "left"), ("drive right", "right")]
+    left, right = (row["parameters"]["R"]["value"] for row in lines)
+    assert right == pytest.approx(2 * left, rel=0.05)

@@ -16,9 +16,11 @@ from typing import TYPE_CHECKING, Any
 from estimator.batches.batch_folder import BatchFolder
 from estimator.batches.batch_table import check_parquet, table_files
 from estimator.batches.case_worker import FAILED, Outcome, Task, failed
-from estimator.cases.case import Case, case_for_recording, read_cases
+from estimator.cases.case import Case, RunSpec, case_for_recording, read_cases
 from estimator.cases.expansion import told_apart
 from estimator.errors import CaseError, InputError, suggestion
+from estimator.recordings.files import motors_in
+from estimator.recordings.read_as import ReadAs
 from estimator.version import version
 
 if TYPE_CHECKING:
@@ -75,7 +77,13 @@ def gather(sources: Sequence[Path], *, report: bool = False) -> Cases:
     unread: list[tuple[Task, Outcome]] = []
     for name, file in zip(names, files, strict=True):
         if not file.name.endswith(CASE_SUFFIX):
-            tasks.append(Task(name, case_for_recording(file), report=report))
+            case = case_for_recording(file)
+            motors = motors_in(file)
+            if not motors:
+                tasks.append(Task(name, case, report=report))
+            for motor in motors:  # each is a case of its own
+                own = replace(case, runs=(RunSpec(read_as=ReadAs(motor=motor)),), motor=motor)
+                tasks.append(Task(f"{name} {motor}", own, report=report))
             continue
         try:
             cases = read_cases(file)

@@ -9,7 +9,7 @@ from difflib import get_close_matches
 
 import numpy as np
 
-from estimator.errors import RecordingError
+from estimator.errors import RecordingError, SeveralMotorsError
 from estimator.recordings.headers import (
     ROLE_QUANTITY,
     ROLE_TITLE,
@@ -90,7 +90,7 @@ def _of_role(recording: Recording, role: str, *, wanted: bool) -> str | None:
     good = [column for _, column in ranked if faults[column] is None]
     if good and wanted and (other := _rival(recording, good)) is not None:
         if several := motors_named([parse_header(header).name for header in recording.headers.values()]):
-            raise RecordingError(_several(recording, several))
+            raise SeveralMotorsError(_several(recording, several), several)
         raise RecordingError(_two(recording, role, good[0], other))
     if ranked and not good and wanted:
         raise RecordingError(faults[ranked[0][1]] or "")
