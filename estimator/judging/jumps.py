@@ -26,6 +26,7 @@ FloatArray = NDArray[np.float64]
 REACH, POINTS = 0.1, 9  # of ln θ, or of the range, to each side; simulated along each parameter
 HALVINGS = 14
 JUMP = 3.0  # in the noise's deviations, over all samples: smaller ones do not matter
+BESIDE, ALONE = 6, 0.3  # points on each side of a jump; of its size, up to which it stands alone
 DRAWN, ROUNDS = 600, 20  # points a round; rounds at most
 WIDER, COVERED = 1.5, 1.3  # the distribution's deviations over the likelihood's; at which growth it covers it
 EFFECTIVE = 30.0  # points that count, at least
@@ -75,11 +76,16 @@ def jumping(problem: Problem, point: FloatArray) -> tuple[str, ...]:
             else:
                 intervals[j] = ((a + b) / 2, b, middle, at_b)
     seen = SEEN * problem.spread[problem.output_of_residual] / sigma
-    return tuple(
-        problem.parameters[j].name
-        for j, (_, _, at_a, at_b) in intervals.items()
-        if np.linalg.norm(at_b - at_a) > JUMP and np.any(np.abs(at_b - at_a) > seen)
-    )
+    found = []
+    for j, (a, b, at_a, at_b) in intervals.items():
+        size = float(np.linalg.norm(at_b - at_a))
+        if size <= JUMP or not np.any(np.abs(at_b - at_a) > seen):
+            continue
+        around = shown([beside(j, x + sign * k * (b - a)) for x, sign in ((a, -1), (b, 1)) for k in range(BESIDE)])
+        steps = np.linalg.norm(np.diff(around.reshape(2, BESIDE, -1), axis=1), axis=2)
+        if not np.nanmax(steps) > ALONE * size:  # a solver's noise changes as much wherever one looks
+            found.append(problem.parameters[j].name)
+    return tuple(found)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -20,12 +20,12 @@ from estimator.fitting.problem import Problem
 
 FloatArray = NDArray[np.float64]
 
-STEP, SMALL = 1e-2, 1e-4  # of ln θ: of the derivatives, and at which the simulation's noise is seen
+STEP, TINY = 1e-2, 1e-8  # of ln θ: of the derivatives, and at which only the simulation's numerical noise is seen
 FLAT = 2e-2  # of the largest singular value: a candidate; moving along it decides
 FAR = np.log(2.0)  # of ln θ, how far a candidate is moved
 LEAST = 0.05  # of ln θ: bounds that are nearer show nothing
-STAYS = 1e-3  # of what its parameters change one by one: at most, however large the numerical noise
-NOISE_TIMES, ROUNDING = 10.0, 1e-9  # of the numerical noise, of the signals' deviations: no change
+STAYS = 0.1  # of what its parameters change one by one: at most, however large the numerical noise
+NOISE_TIMES, ROUNDING = 5.0, 1e-8  # of the numerical noise, of the signals' deviations: no change
 EXPONENTS = (-2, -1, 0, 1, 2)
 ROUNDED, LARGEST_PART = 0.08, 3  # how far an exponent may lie from the fraction that it is taken for; its denominator
 MOST = 6  # parameters of a group for which products are looked for
@@ -72,11 +72,13 @@ def exact_scaling(problem: Problem, points: Sequence[FloatArray]) -> Scaling | N
         return None
     _, singular, rows = np.linalg.svd(jacobian / norms, full_matrices=False)
     flat = int(np.sum(singular < FLAT * singular[0]))
-    noise = _noise(problem, points[0], movable) if flat else 0.0
+    noises = [_noise(problem, x, movable) for x in points] if flat else []
     best: FloatArray = np.zeros((0, len(movable)))
     for k in range(flat, 0, -1):
         candidates = _rounded(rows[len(rows) - k :] / norms)
-        held = [d for d in candidates if all(_stays(problem, x, movable, d, noise) for x in points)]
+        held = [
+            d for d in candidates if all(_stays(problem, x, movable, d, e) for x, e in zip(points, noises, strict=True))
+        ]
         if len(held) > len(best):
             best = np.array(held)
         if len(best) >= k:
@@ -106,10 +108,10 @@ def _derivatives(problem: Problem, point: FloatArray, movable: list[int]) -> Flo
 
 
 def _noise(problem: Problem, point: FloatArray, movable: list[int]) -> float:
-    """Return the numerical noise of a simulation, in the signals' deviations: what is no smooth function of θ."""
-    shown = _shown(problem, [point, *(_moved(point, {j: sign * SMALL}) for j in movable for sign in (1, -1))])
-    second = shown[1::2] + shown[2::2] - 2 * shown[0]  # of a smooth signal as good as nothing
-    noise = float(np.sqrt(np.mean(second**2, axis=1).max() / 6))
+    """Return the numerical noise of a simulation at a point, in the signals' deviations: what hardly a move changes."""
+    moves = [{j: sign * k * TINY for j in movable[m::2]} for m in (0, 1) for k in (1, 2, 3) for sign in (1, -1)]
+    shown = _shown(problem, [point, *(_moved(point, move) for move in moves if move)])
+    noise = float(np.sqrt(np.mean((shown[1:] - shown[0]) ** 2, axis=1).max()))
     return noise if np.isfinite(noise) else 0.0
 
 
