@@ -4,7 +4,7 @@
 
 FOLDER holds the FMUs under any names that end as in EXAMPLES below (docs/foreign-fmus.md says whose they are). Each is
 simulated with its start values times the factors below, at its inputs; noise of 0.2 % of each output's span is added;
-the case file holds bounds of a third to three times the start, and nothing else.
+the case file holds bounds of a third to three times the start, within the FMU's limits, and nothing else.
 """
 
 from __future__ import annotations
@@ -236,6 +236,7 @@ def row(example: Example, path: Path, seed: int) -> str:
         lines += ["[outputs]", *(f'"{name}" = "c{j + m}"' for j, name in enumerate(names[m:])), "[parameters]"]
         for name, x in zip(example.parameters, starts, strict=True):
             low, high = sorted((x / 3, 3 * x))
+            low, high = max(low, variables[name].minimum or low), min(high, variables[name].maximum or high)
             lines.append(f'"{name}" = {{ min = {low!r}, max = {high!r} }}'.replace("np.float64(", "").replace(")", ""))
         case = Path(folder) / "run.case.toml"
         case.write_text("\n".join([*lines, '[[recording]]\nfile = "run.csv"']) + "\n")
