@@ -58,13 +58,13 @@ def late(y, by):
 
 def recording(
     excitation, seed=0, *, i=lambda y: y, w=lambda y: y, name="bench", logged=None, rows=slice(None), range_i=np.inf,
-    step_i=0.0, noise_i=0.1, noise_v=0.0, **machine,
+    step_i=0.0, noise_i=0.1, noise_v=0.0, held_i=1, **machine,
 ):  # fmt: skip
     """Return a recording; `i` and `w` are what the sensors make of current and speed at a tenth of a sample.
 
     `logged` is the excitation that the file says, `rows` are those that it has, `range_i` the current sensor's, A;
     `step_i` is its converter's, A, `noise_i` the noise before it, in its steps; `noise_v` is that of the voltage's
-    sensor, V.
+    sensor, V; `held_i` is for how many rows a sample of the current is shown.
     """
     time, v, current, speed = driven(excitation, **machine)
     v = EXCITATIONS[logged or excitation](time + 1e-9)
@@ -76,6 +76,7 @@ def recording(
         steps = i(current)[::FINE] / step_i + noise_i * rng.standard_normal(len(shown["current [A]"]))
         shown["current [A]"] = step_i * np.round(steps)
     shown["current [A]"] = np.clip(shown["current [A]"], -range_i, range_i)
+    shown["current [A]"] = np.repeat(shown["current [A]"][::held_i], held_i)[: len(time[::FINE])]
     logged_v = v[::FINE] + noise_v * rng.standard_normal(len(v[::FINE])) if noise_v else v[::FINE]
     columns = {"voltage [V]": logged_v, **shown}
     time = time[::FINE][rows]

@@ -192,6 +192,25 @@ def test_a_current_in_steps_far_above_its_noise_keeps_its_errors():
     assert not any("times as much at the largest signal" in note for note in result.notes), result.notes
 
 
+def test_a_quantised_current_that_the_logger_holds_for_some_rows_is_not_taken_for_a_late_one():
+    result = run(recording("two levels", step_i=0.02, noise_i=1.0, held_i=4))
+    assert worst(result) < 4.5 and result.verdict == "ok", (result.chain.keys(), result.reasons)
+    assert not {"delay of i", "lag of i", "average i"} & set(result.chain), result.chain.keys()
+
+
+def test_each_edge_may_come_late_also_where_the_voltage_is_on_from_the_first_row():
+    shift = round(30e-3 / (H / 10))  # the first edge reaches the motor 30 ms late, the second 9 ms
+    time, _, current, speed = driven("late second level")
+    rows = slice(1000 - shift, None)
+    logged = np.where(np.arange(len(time[rows])) < 3537 + shift - 90, 5.0, 10.5)
+    rng = np.random.default_rng(2)
+    columns = {"voltage [V]": logged[::10], "current [A]": current[rows][::10], "speed [rad/s]": speed[rows][::10]}
+    for name, size in (("current [A]", 0.02), ("speed [rad/s]", 1.0)):
+        columns[name] = columns[name] + size * rng.standard_normal(len(columns[name]))
+    result = run(recording_from_arrays("late", np.arange(len(logged[::10])) * H, columns))
+    assert worst(result) < 4.5 and "latency of each edge" in result.effects, (result.effects, result.reasons)
+
+
 def test_the_steps_of_a_coarse_converter_at_rest_are_no_outliers():
     result = run(recording("step", step_i=0.1, noise_i=0.4, rows=slice(None, 250)))
     assert worst(result) < 4.5, (result.reasons, result.notes)

@@ -26,6 +26,7 @@ FloatArray = NDArray[np.float64]
 OPEN = 4.0  # penalty of each number of an addition whose usual size is not known
 VISIBLE = 1.0  # of z'z, by an effect of usual size: a smaller one is not visible
 TOLD_WITHIN = 6.0  # of the criterion: a rival that is further behind weighs less than 5 %
+FARTHEST = 50.0  # of a logarithm: a rival's parameter is no further away
 TAIL = 0.01  # of the mixture: what weighs less together is left out
 DIFFERS = 1.0  # standard errors by which a rival must differ to be told
 
@@ -109,8 +110,7 @@ def averaged(
     deviation = np.sqrt(np.maximum(np.diag(covariance + untold)[:p], 1e-300))
     for rival in rivals:
         behind = rival.criterion(samples) - explanation.criterion(samples)
-        there = rival.fit.simulator.scaled(rival.fit.values)[:p]
-        other = rival.fit.covariance_parts()[0][:p, :p]
+        there, other = _beside(own, rival, fit.is_log[:p])
         parts.append((max(behind, 0.0), there, other))
         with np.errstate(invalid="ignore"):
             apart = np.abs(there - own) / np.where(np.isfinite(deviation), deviation, np.inf)
@@ -129,6 +129,18 @@ def averaged(
     told = [t for t in told if t[4] <= min(u[4] for u in told if _effects(u[0]) == _effects(t[0]))]  # of alike ones one
     rivals_told = tuple(Told(r, apart, name, behind, float(weights[k])) for r, k, apart, name, behind in told)
     return Averaged(own, total, tuple(unseen), rivals_told)
+
+
+def _beside(own: FloatArray, rival: Explanation, log: NDArray[np.bool_]) -> tuple[FloatArray, FloatArray]:
+    """Return a rival's values, (p,), and covariance, (p, p), on the scales of `own`, linear about it.
+
+    A parameter that vanishes in the rival is far away on a logarithmic scale, and as far as zero on its own.
+    """
+    p = len(own)
+    there = rival.fit.simulator.scaled(rival.fit.values)[:p]
+    ratio = np.where(log, np.exp(np.clip(np.where(log, there - own, 0.0), -FARTHEST, FARTHEST)), 1.0)
+    told = rival.fit.covariance_parts()[0][:p, :p] * np.outer(ratio, ratio)
+    return np.where(log, own + ratio - 1, there), told
 
 
 def _one_of_each(additions: Sequence[Addition]) -> list[Addition]:

@@ -40,7 +40,10 @@ def with_latencies(plan: Plan) -> tuple[Plan, tuple[str, ...]]:
 def _moved(o: Observed) -> tuple[Observed, str] | None:
     if "v" not in o.inputs or "i" not in o.outputs or o.lead:
         return None
-    v, i = o.inputs["v"], filled(o.outputs["i"])
+    rest = np.zeros(o.rest)  # before a voltage that is on from the first row
+    v, i = np.concatenate([rest, o.inputs["v"]]), filled(o.outputs["i"])
+    i = np.concatenate([rest + i[0], i])
+    shown = np.concatenate([rest, o.outputs["i"]])
     edges = np.flatnonzero(np.abs(np.diff(v)) > EDGE * max(float(np.ptp(v)), 1e-300)) + 1
     edges = edges[edges <= len(v) - 4 * LEAST_SHIFT]  # the response to later ones is not recorded
     if not 2 <= len(edges) <= MOST_EDGES or np.min(np.diff(edges)) < 4 * LEAST_SHIFT:
@@ -54,7 +57,7 @@ def _moved(o: Observed) -> tuple[Observed, str] | None:
     for a, b in zip(bounds[:-1], bounds[1:], strict=True):
         before = i[max(0, a - 5) : a]
         away = (i[a:b] - float(np.median(before))) / (v[a] - v[a - 1]) > level
-        away |= np.isnan(o.outputs["i"][a:b])  # saturated, or missing
+        away |= np.isnan(shown[a:b])  # saturated, or missing
         lasting = away[:-1] & away[1:]
         if not lasting.any():
             return None
@@ -70,7 +73,9 @@ def _moved(o: Observed) -> tuple[Observed, str] | None:
     h = o.recording.step
     delays = ", ".join(f"{1e3 * k * h:.3g}" for k in late)
     note = f"{o.recording.title}: the changes of the voltage reach the motor {delays} ms late, each by its own"
-    return dataclasses.replace(o, inputs={**o.inputs, "v": command}, delay=late[0] * h if late[0] else 0.0), note
+    return dataclasses.replace(
+        o, inputs={**o.inputs, "v": command[o.rest :]}, delay=late[0] * h if late[0] else 0.0
+    ), note
 
 
 def _has_left(i: FloatArray, before: FloatArray, change: float, noise: float) -> bool:

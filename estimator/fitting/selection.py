@@ -47,6 +47,7 @@ REFITTED = 3  # additions refitted in a round
 PREDICTED_PART = 0.6  # of the best predicted fall of the criterion: with less an addition is not refitted
 # Factors about the first estimates: bounds of the fit while effects are missing.
 NEARBY = {"R": 5.0, "K": 4.0, "J": 6.0, "L": 50.0}
+NEVER_ZERO = ("R", "K", "J")  # at a bound something else stands for it; L and B may vanish
 QUIET = 0.1  # of the first estimate of the deviation: the noise is taken to be no less
 NO_CHANGE, DOUBLINGS = 0.1, 2  # of z'z: a smaller change is negligible; doublings of the rows between samples, at most
 TRIED_WHOLE = 3  # values of an integer nuisance parameter that are refitted
@@ -596,7 +597,9 @@ def moved_to(fit: Fit, simulator: Simulator) -> Fit:
 
 
 def _is_physical(fit: Fit, addition: Addition) -> bool:
-    """Whether an addition's values are within the bounds of its effect."""
+    """Whether an addition's values are within the bounds of its effect, and it takes no motor parameter's place."""
+    if any(end != 0 and name in NEVER_ZERO for name, end in zip(fit.names, fit.at_bound, strict=True)):
+        return False
     if addition.linear is not None:
         own = [x for n, x in zip(fit.names, fit.estimates, strict=True) if n.partition("#")[0] == addition.name]
         return all(addition.linear.least <= x <= addition.linear.most for x in own)

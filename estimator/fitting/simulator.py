@@ -26,6 +26,7 @@ STANDSTILL_ROWS = 8  # rows without a count after which an encoder is taken to s
 SUBSTEPS = 4  # rows that are simulated for one where a filter acts between them
 CELLS = 2_000_000  # rows that are simulated at once, at most
 LONGEST_HOLD = 20  # rows for which a logger may repeat a sample
+LEAST_CHANGES, HELD_PART = 20, 0.98  # changes of a quantised channel; their part at every n-th row: it is held between
 
 Act = Callable[[FloatArray, float, float], FloatArray]  # (n,) signal, value, sampling interval in s -> (n,) signal
 
@@ -235,6 +236,8 @@ def _without_repeats(o: Observed, outputs: Sequence[str]) -> FloatArray:
     for j in range(rows.shape[1]):
         again = np.concatenate([[False], rows[1:, j] == rows[:-1, j]])
         lattice = again.any() and quantum(rows[:, j]) > 0
+        if lattice and outputs[j] != "w":
+            rows[_held(again), j] = np.nan
         if not again.any() or (lattice and outputs[j] != "w"):
             continue
         edges = np.flatnonzero(np.diff(np.concatenate([[False], again, [False]]).astype(np.int8)))
@@ -243,3 +246,20 @@ def _without_repeats(o: Observed, outputs: Sequence[str]) -> FloatArray:
             if stands or (not lattice and last - first <= LONGEST_HOLD):
                 rows[first:last, j] = np.nan
     return rows
+
+
+def _held(again: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return the rows, (n,), that a logger shows again of a quantised channel: it changes every few rows only.
+
+    Parameters
+    ----------
+    again : (n,) array
+        Which rows are as the one before.
+    """
+    changes, rows = np.flatnonzero(~again[1:]) + 1, np.arange(len(again))
+    if len(changes) >= LEAST_CHANGES:
+        for every in range(LONGEST_HOLD + 1, 1, -1):
+            counts = np.bincount(changes % every, minlength=every)
+            if counts.max() >= HELD_PART * len(changes):
+                return np.asarray(rows % every != counts.argmax())
+    return np.zeros(len(again), dtype=bool)

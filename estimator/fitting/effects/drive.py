@@ -15,6 +15,7 @@ from estimator.recordings.excitation import noise_deviation
 from estimator.recordings.samples import filled
 
 DRIVE = "dc_motor_drive"
+MOST_SAG = 0.4  # of the voltage at the largest current: more is an overload, or the winding's resistance
 PLATEAU, HELD_ROWS, ABOVE = 3.0, 8, 1.2  # deviations; rows; times the usual current: a current that stays at its peak
 
 
@@ -222,7 +223,7 @@ class Sag(Drive):
         taus = [tau for tau in (0.003, 0.02, 0.1) if tau < 0.3 * duration]
         tries = [(part * size, tau) for part in (0.2, 1.0) for tau in taus]
         return [
-            Nuisance(self.target, self.unit, 0.0, 10 * size, 0.0, 0.1 * size, target=self.target,
+            Nuisance(self.target, self.unit, 0.0, MOST_SAG * v / i, 0.0, 0.1 * size, target=self.target,
                      tries=tuple(x for x, _ in tries), together=tuple({self.time_target: tau} for _, tau in tries)),
             Nuisance(self.time_target, "s", 1e-4, 10.0, 0.01, 0.01, log=True, target=self.time_target),
         ]  # fmt: skip

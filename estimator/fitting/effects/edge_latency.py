@@ -63,9 +63,10 @@ def _edges(fit: Fit) -> list[tuple[int, int, float]]:
     s = fit.simulator
     v, found = s.inputs("v"), []
     for e, clock in enumerate(s.clocks):
-        u = v[clock.rows]
+        rest = s.observed[e].rest  # a voltage that is on from the first row begins there
+        u = np.concatenate([np.zeros(rest), v[clock.rows]])
         jumps = np.flatnonzero(np.abs(np.diff(u)) > EDGE * max(float(np.ptp(v)), 1e-300)) + 1
         jumps = jumps[jumps <= len(u) - ROWS_AFTER]
         if 2 <= len(jumps) <= MOST_EDGES:
-            found += [(e, int(k), float(u[k] - u[k - 1])) for k in jumps[1:]]
+            found += [(e, int(k) - rest, float(u[k] - u[k - 1])) for k in jumps[1:]]
     return found
