@@ -43,6 +43,7 @@ LONGEST_SLOW = 0.25  # of the longest recording: a longer correlation time is a 
 STEEP = 12  # samples, where the signals are steep, that tell a jitter
 NEIGHBOURS_ALIKE = 3.0  # standard deviations of their correlation: more is a misfit, no jitter
 CAPPED = 25.0  # square of a residual: a larger one counts as this
+TOGETHER = 1_000_000  # numbers that factors are tried on at once
 NOISE_FACTORS = np.geomspace(0.35, 1.2, 16)  # tried factors on a noise that was estimated with a jitter in it
 RESTS, STARTS, RUNS = range(3)
 LEAST_WHITE = 1e-9  # of the residuals' variance: the least white part
@@ -353,11 +354,15 @@ def find_jitter(z: FloatArray, slope: FloatArray, step: float) -> tuple[float, F
     step : float
         The sampling interval, s.
     """
+    squares = z * z
+    many = max(1, TOGETHER // z.size)
 
     def misfits(jitter: float) -> FloatArray:
-        variance = NOISE_FACTORS[:, None, None] ** 2 + (jitter * slope) ** 2
-        cost: FloatArray = np.sum(np.log(variance) + np.minimum(z * z / variance, CAPPED), axis=1)
-        return cost  # (sizes, q)
+        steep, costs = (jitter * slope) ** 2, []
+        for factors in (NOISE_FACTORS[k : k + many] for k in range(0, len(NOISE_FACTORS), many)):
+            variance = factors[:, None, None] ** 2 + steep
+            costs.append(np.sum(np.log(variance) + np.minimum(squares / variance, CAPPED), axis=1))
+        return np.concatenate(costs)  # (sizes, q)
 
     tried = step * np.geomspace(3e-3, 0.5, 24)
     costs = [misfits(t) for t in tried]

@@ -540,10 +540,13 @@ class Selection:
             if addition in within and len(within) <= MOST_WITHIN:
                 likely += [a for a in tested if _is_timing(a) and a not in likely]
             for other in likely:
-                fit = solved(_renewed(dataclasses.replace(bare, fit=self.refitted(bare, other))), iterations=ROUGH)
-                behind = fit.cost + other.penalty(n) - explanation.fit.cost - addition.penalty(n)
-                if behind < RIVALS_WITHIN and _is_physical(fit, other):
-                    found.append(Explanation(solved(fit), (*bare.additions, other)))
+                rival = Explanation(self.refitted(bare, other), (*bare.additions, other))
+                if any(a.linear is not None for a in rival.additions):
+                    rival = dataclasses.replace(rival, fit=solved(_renewed(rival), iterations=ROUGH))
+                if rival.criterion(n) < explanation.criterion(n) + 2 * RIVALS_WITHIN:
+                    rival = dataclasses.replace(rival, fit=solved(rival.fit))
+                if rival.criterion(n) < explanation.criterion(n) + RIVALS_WITHIN and _is_physical(rival.fit, other):
+                    found.append(rival)
         return found
 
 
