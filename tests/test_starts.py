@@ -125,6 +125,6 @@ def test_a_file_without_a_start_is_said(tmp_path):
 
 def test_an_option_that_is_no_start_is_said(capsys):
     assert main(["estimate", "x.csv", "--start", "nowhere.csv"]) == 2
-    assert "there is no file 'nowhere.csv', and it is not NAME=VALUE,NAME=VALUE" in " ".join(
+    assert "there is no file 'nowhere.csv'; give one, or NAME=VALUE,NAME=VALUE" in " ".join(
         capsys.readouterr().err.split()
     )

@@ -66,7 +66,7 @@ def read_starts(path: Path) -> list[dict[str, float]]:
         text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         why = "there is no such file" if isinstance(error, FileNotFoundError) else "it cannot be read as text"
-        raise InputError(f"the starts' file {path}: {why}") from None
+        raise InputError(f"the starts' file {path}: {why}; give a CSV of values or a result.json") from None
     if path.suffix.lower() == ".json":
         return [_of_result(path, text)]
     return _of_table(text)

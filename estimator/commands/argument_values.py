@@ -20,7 +20,7 @@ def start(text: str) -> dict[str, float] | str:
     """Read ``NAME=VALUE,NAME=VALUE``, or a file's name: its absolute path."""
     if os.path.exists(text) or "=" not in text:
         if not os.path.isfile(text):
-            raise argparse.ArgumentTypeError(f"there is no file {text!r}, and it is not NAME=VALUE,NAME=VALUE")
+            raise argparse.ArgumentTypeError(f"there is no file {text!r}; give one, or NAME=VALUE,NAME=VALUE")
         return os.path.abspath(text)
     return dict(assignment(part) for part in text.split(","))
 
