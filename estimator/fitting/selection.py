@@ -185,7 +185,7 @@ class Selection:
     def _at_best(self, best: Explanation) -> Explanation:
         """Return an explanation fitted to the end, without what that makes absurd."""
         final = solved(best.fit, tolerance=1e-8)
-        while absurd := [a for a in best.additions if not _is_physical(final, a)]:
+        while absurd := [a for a in best.additions if not (_is_physical(final, a) and _has_its_needs(final, a))]:
             best = self.without(dataclasses.replace(best, fit=final), absurd[-1])
             final = solved(best.fit, tolerance=1e-8)
         return dataclasses.replace(best, fit=final if final.simulator is self.base else with_secants(final))
@@ -525,8 +525,8 @@ class Selection:
         within = [a for a in explanation.additions if _is_timing(a)]
         found = [e for e in self._mirrored(explanation) if e.fit.cost - explanation.fit.cost < RIVALS_WITHIN]
         for addition in explanation.additions:
-            if addition.effect.name == "offset" or addition.effect.is_line:
-                continue
+            if addition.effect.name == "offset" or addition.effect.is_line or np.isinf(addition.gain):
+                continue  # the last is seen before any fit
             bare = self.without(explanation, addition)
             lost = bare.fit.cost - explanation.fit.cost
             tested = self.additions(bare, self.effects)
@@ -614,6 +614,12 @@ def _is_physical(fit: Fit, addition: Addition) -> bool:
         if at_end and abs(value - neutral) > 1e-6 * (s.upper[k] - s.lower[k]):
             return False
     return True
+
+
+def _has_its_needs(fit: Fit, addition: Addition) -> bool:
+    """Whether what an addition makes no sense without is there too."""
+    needs = [n.needs for n in fit.simulator.nuisances if n.name in addition.free and n.needs]
+    return set(needs) <= set(fit.free)
 
 
 def _alike(one: Addition, other: Addition) -> float:

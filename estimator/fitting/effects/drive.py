@@ -43,12 +43,13 @@ def _torque(plan: Plan) -> float:
 
 @dataclass(frozen=True)
 class Drive(Effect):
-    """One parameter of dc_motor_drive, neutral in the linear motor."""
+    """One parameter of dc_motor_drive, neutral in the linear motor; at most so many times its largest size."""
 
     fmu: str = DRIVE
     target: str = ""
     unit: str = ""
     needs: str = ""
+    most: float = 20.0
     sentence: str = "{name} is {value:.3g} {unit}"
 
     def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
@@ -61,7 +62,7 @@ class Drive(Effect):
                 self.target,
                 self.unit,
                 0.0,
-                20 * max(sizes),
+                self.most * max(sizes),
                 0.0,
                 0.1 * sizes[0],
                 target=self.target,
@@ -106,7 +107,7 @@ class BreakAway(Drive):
 
     def sizes(self, plan: Plan) -> tuple[float, ...]:
         """Return parts of the torque of the usual current."""
-        return (0.5 * _torque(plan), 2.0 * _torque(plan))
+        return (0.1 * _torque(plan), 0.5 * _torque(plan), 2.0 * _torque(plan))
 
 
 @dataclass(frozen=True)
@@ -116,6 +117,7 @@ class BrushDrop(Drive):
     name: str = "brush drop"
     target: str = "brush"
     unit: str = "V"
+    most: float = 5.0  # more is no drop of brushes
     sentence: str = "the brushes drop {value:.3g} {unit}"
 
     def sizes(self, plan: Plan) -> tuple[float, ...]:

@@ -13,6 +13,8 @@ from estimator.plans.plan import Plan
 
 MOST_ERROR = 0.3  # part by which a scale may be wrong
 
+EXPLAINED_BY = {"i": ("R", "L", "J", "B"), "w": ("K", "J", "B")}  # of a motor, which explain a gain if they are free
+
 
 @dataclass(frozen=True)
 class Gain(Effect):
@@ -28,6 +30,8 @@ class Gain(Effect):
         for j, y in enumerate(fit.simulator.outputs):
             if y == "angle" or f"gain {y}" in plan.declared:
                 continue
+            if "angle" not in fit.simulator.outputs and set(EXPLAINED_BY.get(y, ("",))) <= set(fit.free):
+                continue  # exactly, whatever derivatives say where an FMU switches
             columns = np.zeros((fit.simulator.rows, len(fit.simulator.outputs), 1))
             columns[:, j, 0] = fit.shown[:, j]
             found.append(
