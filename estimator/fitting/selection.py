@@ -525,8 +525,8 @@ class Selection:
         within = [a for a in explanation.additions if _is_timing(a)]
         found = [e for e in self._mirrored(explanation) if e.fit.cost - explanation.fit.cost < RIVALS_WITHIN]
         for addition in explanation.additions:
-            if addition.effect.name == "offset" or addition.effect.is_line or np.isinf(addition.gain):
-                continue  # the last is seen before any fit
+            if addition.effect.name == "offset" or addition.effect.is_line or _is_switch(addition):
+                continue
             bare = self.without(explanation, addition)
             lost = bare.fit.cost - explanation.fit.cost
             tested = self.additions(bare, self.effects)
@@ -628,6 +628,11 @@ def _alike(one: Addition, other: Addition) -> float:
         return 0.0
     first, second = (np.linalg.qr(a)[0] for a in (one.across, other.across))
     return float(np.linalg.svd(first.T @ second, compute_uv=False)[0])
+
+
+def _is_switch(addition: Addition) -> bool:
+    """Whether an addition is a switch of the drive that the recordings show before any fit, such as an open circuit."""
+    return bool(np.isinf(addition.gain)) and not addition.free
 
 
 def _is_timing(addition: Addition) -> bool:
