@@ -88,3 +88,24 @@ def test_a_beginning_survives_writing_the_case(strange, tmp_path):
     case = read_case(foreign_case(*strange, text=f'{STRANGE}begin = "settled"\n'))
     write_case(case, tmp_path / "again.case.toml")
     assert read_case(tmp_path / "again.case.toml").runs[0].begin == "settled"
+
+
+@pytest.mark.parametrize("way", ["on a line", "held"])
+def test_how_an_input_goes_from_row_to_row_is_seen_where_the_case_does_not_say_it(strange, tmp_path, way):
+    fmu, _ = strange
+    fine = 1e-3 * np.arange(3000)
+    rows = 6 + 3 * np.sin(40 * fine[::10])
+    drive = np.interp(fine, fine[::10], rows) if way == "on a line" else np.repeat(rows, 10)
+    values = {"motor.Ra": 2.0, "motor.Jm": 2e-5}
+    speed = simulate(str(fmu), parameters=values, inputs={"u_in": drive}, times=fine)["shaft.w"][::10]
+    speed += 1e-3 * np.ptp(speed) * np.random.default_rng(1).standard_normal(len(speed))
+    run = tmp_path / "run.csv"
+    table = np.column_stack([fine[::10], rows, speed])
+    np.savetxt(run, table, delimiter=",", header="time [s],drive,shown", comments="")
+    found = estimate(read_case(foreign_case(fmu, run, text=STRANGE)))
+    assert f"between the rows: drive {way}, which explains the recording better" in found.notes
+    for name, truth in (("first", 2.0), ("inertia", 2e-5)):
+        assert abs(found.parameters[name].value - truth) < 4.5 * found.parameters[name].standard_error
+    said = STRANGE.replace('fmu = "u_in" }}', 'fmu = "u_in", between = "held" }}')
+    plain = estimate(read_case(foreign_case(fmu, run, text=said)))
+    assert not any("between the rows" in note for note in plain.notes)

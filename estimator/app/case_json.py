@@ -106,6 +106,7 @@ def with_mapping(case: Case, mapping: Any) -> Case:
         input_variables=kept,
         products={name: column for name, column in case.products.items() if name in inputs},
         linear=tuple(name for name in case.linear if name in inputs),
+        held=tuple(name for name in case.held if name in inputs),
         outputs={
             name: dataclasses.replace(case.outputs.get(name) or OutputSpec(column), column=column)
             for name, column in outputs.items()

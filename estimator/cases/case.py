@@ -105,7 +105,8 @@ class Case(Locked):
     inputs: Mapping[str, str] = field(default_factory=dict)  # FMU input → column; empty: by the usual names
     input_variables: Mapping[str, str] = field(default_factory=dict)  # input → variable of the FMU, if not its name
     products: Mapping[str, str] = field(default_factory=dict)  # input → column that its own is multiplied with
-    linear: tuple[str, ...] = ()  # inputs that go linearly from row to row; the others are held
+    linear: tuple[str, ...] = ()  # inputs that go linearly from row to row
+    held: tuple[str, ...] = ()  # inputs that are said to be held from row to row, as all others are that are not linear
     outputs: Mapping[str, OutputSpec] = field(default_factory=dict)  # FMU output → column; empty: usual names
     parameters: Mapping[str, ParameterSpec] = field(default_factory=dict)  # empty: what the FMU offers
     fixed: Mapping[str, float] = field(default_factory=dict)  # FMU parameter or input → value
@@ -198,6 +199,7 @@ def _case(
         input_variables={name: spec.fmu for name, spec in inputs.items() if spec.fmu},
         products={name: spec.times for name, spec in inputs.items() if spec.times},
         linear=tuple(name for name, spec in inputs.items() if spec.between == "linear"),
+        held=tuple(name for name, spec in inputs.items() if spec.between == "held"),
         outputs={name: read_output(top.table("outputs"), name) for name in top.table("outputs").keys},
         parameters=parameters,
         fixed={name: _held(fixed, name) for name in fixed.keys if not _is_text(fixed.value[name])},
@@ -329,7 +331,7 @@ def _input(case: Case, name: str) -> InputSpec:
         column=case.inputs[name],
         fmu=case.input_variables.get(name, ""),
         times=case.products.get(name, ""),
-        between="linear" if name in case.linear else "held",
+        between="linear" if name in case.linear else "held" if name in case.held else "found",
     )
 
 

@@ -18,7 +18,7 @@ from estimator.recordings.filters import FAMILIES, MAX_ORDER, Chebyshev1, Coeffi
 from estimator.recordings.read_as import AS_WRITTEN, ReadAs
 
 SENSORS = ("auto", "identity", "mean")
-BETWEEN = ("held", "linear")
+BETWEEN = ("found", "held", "linear")
 MAX_AVERAGE = 64  # as in sensors.h
 REST, SETTLED, GIVEN = BEGINS = ("rest", "settled", "given")  # how a simulation begins
 
@@ -30,7 +30,7 @@ class InputSpec:
     column: str
     fmu: str = ""
     times: str = ""
-    between: str = "held"
+    between: str = "found"
 
     @property
     def is_plain(self) -> bool:
@@ -165,7 +165,7 @@ INPUT = Keys(
     column=keys.text("column of the recording", required=True),
     fmu=keys.text("variable of the FMU; default: the input's own name"),
     times=keys.text("column that it is multiplied with: the supply of a duty cycle"),
-    between=keys.choice(BETWEEN, "from row to row"),
+    between=keys.choice(BETWEEN, "from row to row; found: held, or as the data of an FMU that is no motor show"),
 )
 OUTPUT = Keys(
     OutputSpec,

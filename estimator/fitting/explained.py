@@ -13,7 +13,7 @@ from estimator.fitting.adequacy import Adequacy, adequacy
 from estimator.fitting.averaging import Told, averaged
 from estimator.fitting.between_runs import BetweenRuns, is_between_runs, of_fit, sentence
 from estimator.fitting.effects.base import Effect
-from estimator.fitting.fit import Fit
+from estimator.fitting.fit import Fit, solved
 from estimator.fitting.latency import with_latencies
 from estimator.fitting.least_squares import LeastSquaresFit
 from estimator.fitting.selection import Addition, Explanation, Selection
@@ -147,12 +147,36 @@ def explain(
     if any(e.name == "latency of each edge" for e in effects):
         plan, late = with_latencies(plan)
     selection = _selection(plan, crew, sigma=sigma, deviations=deviations, effects=effects, enter=enter)
+    moving, other = inputs_between(plan), None
+    if moving:
+        on_lines = dataclasses.replace(plan, case=dataclasses.replace(plan.case, linear=(*plan.case.linear, *moving)))
+        other = _selection(on_lines, crew, sigma=sigma, deviations=deviations, effects=effects, enter=enter)
+        if other.first_cost(starts) < selection.first_cost(starts):
+            plan, selection, other = on_lines, other, selection
     explanation = selection.explain(starts)
     enter("rivals")
     explanation, rivals = selection.settled(explanation)
     open_additions = selection.additions(explanation, selection.effects)
     changed = [Found("latency of each edge", "", t, "") for t in late]
+    if other is not None:  # with the inputs the other way from row to row
+        turned = dataclasses.replace(explanation.fit, simulator=other.base)
+        rivals.append(dataclasses.replace(explanation, fit=solved(turned)))
+        told = f"between the rows: {', '.join(moving)} {_way(explanation, moving)}, which explains the recording better"
+        changed.append(Found("inputs between the rows", "", told, ""))
     return _explained(plan, explanation, rivals, open_additions, selection.samples, changed)
+
+
+def _way(explanation: Explanation, moving: Sequence[str]) -> str:
+    """Return how inputs go from row to row."""
+    return "on a line" if set(moving) <= set(explanation.fit.simulator.plan.case.linear) else "held"
+
+
+def inputs_between(plan: Plan) -> tuple[str, ...]:
+    """Return the inputs of an FMU that is no motor that change in most rows, where the case does not say how."""
+    if plan.binding.is_motor:
+        return ()
+    open_ones = [n for n in plan.observed[0].inputs if n not in (*plan.case.linear, *plan.case.held)]
+    return tuple(n for n in open_ones if any(np.mean(np.diff(o.inputs[n]) != 0) > 0.5 for o in plan.observed))
 
 
 def _selection(
@@ -389,8 +413,13 @@ def _rival(told: Told, explanation: Explanation) -> Rival:
     words, over = (" and ".join(_called(a) for a in part) or "nothing more" for part in (instead, replaced))
     sharp = all(a.effect.sharp for a in (*instead, *replaced))
     remedy = "sample faster, or declare the sensor's filter" if sharp else "record two voltage levels, or measure it"
+    what = f"{words} instead of {over}" if instead or replaced else "the same with other values"
+    there, here = (set(e.fit.simulator.plan.case.linear) for e in (rival, explanation))
+    if moving := sorted(there ^ here):
+        what = f"{', '.join(moving)} {_way(rival, moving)} from row to row instead of {_way(explanation, moving)}"
+        remedy = 'say which it is, between = "held" or "linear" under [inputs]'
     return Rival(
-        what=f"{words} instead of {over}" if instead or replaced else "the same with other values",
+        what=what,
         parameters=_rival_parameters(rival.fit),
         differs_in=told.parameter,
         estimated=float(explanation.fit.values[rival.fit.simulator.plan.names.index(told.parameter)]),

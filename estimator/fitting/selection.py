@@ -149,6 +149,13 @@ class Selection:
                 s.upper[k] = min(s.upper[k], near * NEARBY[name])
         return before
 
+    def first_cost(self, starts: Sequence[FloatArray]) -> float:
+        """Return z'z of the first fit, by the first estimate of the noise."""
+        lower, upper = self._held_near(starts)
+        cost = self._first(starts).fit.cost
+        self.base.lower[:], self.base.upper[:] = lower, upper
+        return cost
+
     def explain(self, starts: Sequence[FloatArray]) -> Explanation:
         """Return the best explanation.
 
