@@ -146,6 +146,17 @@ def test_the_noise_of_a_measured_voltage_drives_no_motor_and_biases_nothing():
     assert "voltage noise" in result.effects, result.chain.keys()
 
 
+def test_the_voltage_behind_a_source_is_measured_where_it_sags_and_its_noise_is_not_the_motors():
+    time, _, current, speed = driven("two levels", source=0.4, slow=H / 10)
+    rng = np.random.default_rng(4)
+    v = recording("two levels").signals["voltage"] - 0.4 * current[::10] + 0.1 * rng.standard_normal(len(time[::10]))
+    columns = {"voltage [V]": v, "current [A]": current[::10] + 0.02 * rng.standard_normal(len(v)),
+               "speed [rad/s]": speed[::10] + rng.standard_normal(len(v))}  # fmt: skip
+    result = run(recording_from_arrays("behind", time[::10], columns))
+    assert "voltage noise" in result.effects and worst(result) < 4.5, (result.effects, result.reasons)
+    assert not any("sag" in name for name in result.effects), result.effects
+
+
 def test_a_change_that_comes_late_by_a_part_of_a_sample_is_estimated_where_it_is():
     result = run(recording("late second level", logged="two levels"))
     assert "latency of each edge" in result.effects and worst(result) < 4.5, (result.reasons, result.notes)

@@ -16,7 +16,8 @@ from estimator.plans.plan import Plan
 
 FloatArray = NDArray[np.float64]
 
-LOCAL = 15  # rows of a local mean
+LEAST_NOISE = 1e-6  # of the largest voltage: less is rounding
+LONG = 20  # rows of a level for each signal that its voltage may follow
 MOST_CHANGES = 3000  # changes, at most: more are a signal
 
 
@@ -28,44 +29,44 @@ class VoltageNoise(Effect):
     prior: float = 0.1
     sharp: bool = True  # delays and lags would explain a part of it
 
-    is_one: bool = True
-
     def linear(self, fit: Fit) -> Sequence[Linear]:
-        """Return the responses, with opposite sign, to the logged voltage's deviations from its levels and local means.
-
-        Means are right where the voltage itself changes between its edges: of a motor that coasts, a supply that sags.
-        """
+        """Return the response, with opposite sign, to what is noise in the logged voltage."""
         s = fit.simulator
-        if motor_values(fit) is None or any(g.name.startswith(self.name) for g in fit.linear):
+        if motor_values(fit) is None:
             return ()
         v = s.inputs("v")
-        found = []
-        for name, rows in ((self.name, 0), (f"{self.name} about local means", LOCAL)):
-            around = np.zeros(s.rows)
-            for clock in s.clocks:
-                around[clock.rows] = _around(v[clock.rows], rows)
-            if np.max(np.abs(around)) > 1e-6 * np.max(np.abs(v)):
-                column = response(fit, voltage=as_late(fit, -around))[:, :, None]
-                found.append(Linear(name, column, ("",), least=0.3, most=1.3))
-        return found
+        around = np.zeros(s.rows)
+        for clock in s.clocks:
+            around[clock.rows] = _noise(v[clock.rows], np.nan_to_num(fit.shown[clock.rows]))
+        if np.max(np.abs(around)) <= LEAST_NOISE * np.max(np.abs(v)):
+            return ()
+        return [Linear(self.name, response(fit, voltage=as_late(fit, -around))[:, :, None], ("",), least=0.3, most=1.3)]
 
     def tell(self, name: str, value: float, plan: Plan) -> str:
         """Say so."""
         return f"the logged voltage's noise does not reach the motor ({100 * value:.0f} % of it is the sensor's)"
 
 
-def _around(u: FloatArray, local: int) -> FloatArray:
-    """Return a voltage, (n,), less the means of its levels, or of so many rows; zero where it has too many levels."""
+def _noise(u: FloatArray, shown: FloatArray) -> FloatArray:
+    """Return the noise of a voltage, (n,): what of each level is no constant, and no part of current or speed.
+
+    A source sags in proportion to the current, and the voltage of a motor that coasts to its speed. Zero where it has
+    too many levels to have any.
+
+    Parameters
+    ----------
+    shown : (n, q) array
+        What the sensors show without noise.
+    """
     jumps = np.flatnonzero(np.abs(np.diff(u)) > EDGE * max(float(np.ptp(u)), 1e-300)) + 1
     if len(jumps) > MOST_CHANGES:
         return np.zeros(len(u))
     result = np.empty(len(u))
     for first, last in zip([0, *jumps], [*jumps, len(u)], strict=True):
-        part, n = u[first:last], last - first
-        if not local or n <= local:
-            result[first:last] = part - np.mean(part)
-            continue
-        sums = np.concatenate([[0.0], np.cumsum(part - part[0])])
-        low = np.clip(np.arange(n) - local // 2, 0, n - local)  # windows of one length, also at the ends
-        result[first:last] = part - part[0] - (sums[low + local] - sums[low]) / local
+        part = u[first:last]
+        result[first:last] = part - np.mean(part)
+        if last - first >= LONG * (1 + shown.shape[1]):
+            columns = shown[first:last] - np.mean(shown[first:last], axis=0)
+            columns = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+            result[first:last] -= columns @ np.linalg.lstsq(columns, result[first:last], rcond=1e-6)[0]
     return result
