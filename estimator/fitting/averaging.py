@@ -106,7 +106,7 @@ def averaged(
         moved = shift[:p]
         charge += 2 * float(np.log(a.tried / a.effect.prior)) - gain
         parts.append((max(charge, 0.0), own + moved @ size, covariance[:p, :p] + moved @ spread @ moved.T))
-    told = []
+    told, added = [], len(parts)
     deviation = np.sqrt(np.maximum(np.diag(covariance + untold)[:p], 1e-300))
     for rival in rivals:
         behind = rival.criterion(samples) - explanation.criterion(samples)
@@ -118,6 +118,7 @@ def averaged(
         if np.max(apart, initial=0.0) > DIFFERS and behind < TOLD_WITHIN and not other_number:  # the bars hold it
             told.append((rival, len(parts) - 1, float(np.max(apart)), names[int(np.argmax(apart))], float(behind)))
     weights = np.exp(-0.5 * np.array([c for c, _, _ in parts]))
+    weights[1:added] *= 1 + weights[added:].sum()  # what may be added may be so beside each rival
     weights /= weights.sum()
     order = np.argsort(weights)
     weights[order[np.cumsum(weights[order]) < TAIL]] = 0.0  # many small weights would change all correlations
