@@ -41,7 +41,8 @@ def jumping(problem: Problem, point: FloatArray) -> tuple[str, ...]:
     sigma = np.array([problem.sigma[y] for y in problem.outputs])[problem.output_of_residual]
     box = problem.box
     home = box.to_cube(point)
-    width = np.where(box.log, np.log(np.where(box.log, box.upper / np.where(box.log, box.lower, 1.0), np.exp(1.0))), 1.0)
+    ratio = np.where(box.log, box.upper / np.where(box.log, box.lower, 1.0), 1.0)
+    width = np.where(box.log, np.log(ratio), 1.0)
     reach = REACH / np.maximum(width, REACH)
     free = [j for j, p in enumerate(problem.parameters) if p.place is None and box.upper[j] > box.lower[j]]
     if not free:

@@ -6,6 +6,7 @@ it, and shows in the samples before any search.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -95,7 +96,7 @@ def dead_band(title: str, time: FloatArray, signals: Mapping[str, FloatArray]) -
     near = np.abs(t - begins) < stood / 10
     if stood < BAND * (t[-1] - zero) or np.count_nonzero(near) < 3:
         return None
-    lagging = rate * stood / np.e
+    lagging = rate * stood / math.e
     noise = noise_deviation(signals["w"]) / np.sqrt(np.count_nonzero(near))
     if lagging < MOVES * noise or float(np.mean(w[near])) > STOOD * lagging + 2 * noise:
         return None
