@@ -1,7 +1,10 @@
 """Only this machine, with the token, from the app's own page, and no name that leads out of the folder."""
 
+import gc
 import json
+import signal
 import socket
+import warnings
 
 import pytest
 from app_server import EXAMPLE, serving
@@ -171,3 +174,24 @@ def test_a_folder_that_is_not_there_and_a_port_that_is_taken_are_said_in_one_sen
     assert f"port {server.port} cannot be had" in capsys.readouterr().err
     assert main(["app", str(tmp_path), "--port", "70000"]) == 2
     assert "port 70000 cannot be had" in capsys.readouterr().err
+
+
+def test_ctrl_c_between_the_address_and_the_first_request_ends_the_app(folder, monkeypatch):
+    import uvicorn
+
+    from estimator.app.server import serve
+
+    told, factory = [], uvicorn.Config.get_loop_factory
+
+    def interrupted(config):
+        signal.raise_signal(signal.SIGINT)
+        return factory(config)
+
+    monkeypatch.setattr(uvicorn.Config, "get_loop_factory", interrupted)
+    before = signal.getsignal(signal.SIGINT)
+    with warnings.catch_warnings(record=True) as warned:
+        warnings.simplefilter("always")
+        assert serve(folder, port=0, browser=False, say=told.append) == 0
+        gc.collect()
+    assert len(told) == 1 and not warned
+    assert signal.getsignal(signal.SIGINT) is before

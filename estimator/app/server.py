@@ -7,11 +7,12 @@ import json
 import os
 import secrets
 import shlex
+import signal
 import socket
 import sys
 import traceback
 import webbrowser
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -337,14 +338,14 @@ def serve(folder: str | Path, *, port: int, browser: bool, say: Callable[[str], 
         app = application(service, token=token, port=port)
         listener.listen()
         address = f"http://{LOOPBACK}:{port}/{token}/"
-        with contextlib.suppress(KeyboardInterrupt):  # that is how it is ended
+        # What goes wrong is told to the page, and what is not foreseen to the terminal too.
+        quiet: dict[str, Any] = {"log_level": "critical", "access_log": False, "ws": "none", "lifespan": "off"}
+        server = _Server(uvicorn.Config(app, timeout_graceful_shutdown=2, **quiet), service)
+        with contextlib.suppress(KeyboardInterrupt), server.ended_by_interrupt():
             say(f"{address}\nThe bench of {Path(folder).resolve()}. Ctrl-C ends it.\n")
             if browser:
                 webbrowser.open(address)
-            # What goes wrong is told to the page, and what is not foreseen to the terminal too.
-            quiet: dict[str, Any] = {"log_level": "critical", "access_log": False, "ws": "none", "lifespan": "off"}
-            config = uvicorn.Config(app, timeout_graceful_shutdown=2, **quiet)
-            _Server(config, service).run(sockets=[listener])
+            server.run(sockets=[listener])
     return 0
 
 
@@ -354,6 +355,15 @@ class _Server(uvicorn.Server):
     def __init__(self, config: uvicorn.Config, service: Service) -> None:
         super().__init__(config)
         self._service = service
+
+    @contextlib.contextmanager
+    def ended_by_interrupt(self) -> Iterator[None]:
+        """Let Ctrl-C end the server from here on, also before it listens to signals itself."""
+        before = signal.signal(signal.SIGINT, self.handle_exit)
+        try:
+            yield
+        finally:
+            signal.signal(signal.SIGINT, before)
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         """End the runs, then the server."""
