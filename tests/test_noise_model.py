@@ -9,7 +9,7 @@ from scipy.signal import lfilter
 from scipy.stats import kstest
 
 from estimator.fitting.fit import ScoreTest
-from estimator.fitting.noise_model import Clock, NoiseModel, Whitener, autoregression, fit_noise, held
+from estimator.fitting.noise_model import Clock, NoiseModel, Whitener, autoregression, find_jitter, fit_noise, held
 
 pytestmark = pytest.mark.usefixtures("shared_workers")
 
@@ -186,3 +186,28 @@ def test_an_autoregression_is_found_and_none_in_white_noise():
     coloured_ones = lfilter([1.0], [1.0, -0.6, 0.3], white)
     coefficients, deviation = autoregression([coloured_ones], 5000)
     assert coefficients[:2] == pytest.approx([0.6, -0.3], abs=0.06) and deviation == pytest.approx(1, rel=0.05)
+
+
+def test_columns_of_a_few_rows_are_whitened_there_as_among_all():
+    noise = dataclasses.replace(
+        plain(0.5, 1.0), slow=np.array([[0.5, 0.05], [0.0, 1.0]]), torque=(1e-4, 0.03), machine=MACHINE, seat=(0, 1),
+        short=(((np.array([0.3]), 1.2), (np.zeros(0), 1.0)), ((np.array([0.5, -0.2]), 0.9), (np.array([0.1]), 1.0))),
+    )  # fmt: skip
+    whitener = whitener_of(noise, 4000, 2, missing=[2100])
+    columns = np.zeros((4000, 2, 3))
+    columns[2050:2120] = np.random.default_rng(1).standard_normal((70, 2, 3))
+    whole, near = whitener(columns)[0], slice(1500, 2700)
+    assert np.max(np.abs(whitener.part(columns[near], near) - whole[near])) < 1e-9 * np.max(np.abs(whole))
+    outside = np.r_[whole[: near.start], whole[near.stop :]]
+    assert np.max(np.abs(outside)) < 1e-6 * np.max(np.abs(whole))
+
+
+def test_a_jitter_is_told_the_same_whatever_settled_rows_stand_beside():
+    rng = np.random.default_rng(3)
+    slope = 10 * np.abs(rng.standard_normal((3000, 1))) / STEP
+    z = rng.standard_normal((3000, 1)) * np.sqrt(1 + (0.2 * STEP * slope) ** 2)
+    still = rng.standard_normal((20000, 1))
+    among = find_jitter(np.concatenate([z, still]), np.concatenate([slope, np.full((20000, 1), 1e-9)]), STEP)
+    nearly = find_jitter(np.concatenate([z, still]), np.concatenate([slope, np.full((20000, 1), 3e-6 / STEP)]), STEP)
+    assert among[0] == nearly[0] == pytest.approx(0.2 * STEP, rel=0.3)
+    assert among[2] == pytest.approx(nearly[2], rel=1e-6)

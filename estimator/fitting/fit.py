@@ -186,6 +186,20 @@ class ScoreTest:
         whitened -= self.basis @ (self.basis.T @ whitened)
         return whitened
 
+    def powers(self, columns: FloatArray, rows: slice) -> tuple[FloatArray, FloatArray]:
+        """Return of (n, q, c) columns that are zero but in n rows the squares of what the fit does not explain, (c,).
+
+        And how far each lies along what is left, (c,).
+        """
+        if len(columns) == len(self.fit.shown):
+            across = self.across(columns)
+            return np.einsum("nk,nk->k", across, across), across.T @ self.left
+        cells = slice(rows.start * columns.shape[1], rows.stop * columns.shape[1])
+        whitened = self.fit.whitener.part(columns, rows).reshape(cells.stop - cells.start, -1)
+        explained = self.basis[cells].T @ whitened
+        power = np.einsum("nk,nk->k", whitened, whitened) - np.einsum("nk,nk->k", explained, explained)
+        return power, whitened.T @ self.left[cells]
+
     def likeliest(self, columns: FloatArray) -> int:
         """Return which of (rows, q, c) columns lowers z'z most with a coefficient above 0; 0 if none does."""
         across = self.across(columns)

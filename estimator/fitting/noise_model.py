@@ -44,6 +44,7 @@ STEEP = 12  # samples, where the signals are steep, that tell a jitter
 NEIGHBOURS_ALIKE = 3.0  # standard deviations of their correlation: more is a misfit, no jitter
 CAPPED = 25.0  # square of a residual: a larger one counts as this
 TOGETHER = 1_000_000  # numbers that factors are tried on at once
+NO_SLOPE = 1e-6  # deviations by which a signal changes while its sample is taken: its square is rounding
 NOISE_FACTORS = np.geomspace(0.35, 1.2, 16)  # tried factors on a noise that was estimated with a jitter in it
 RESTS, STARTS, RUNS = range(3)
 LEAST_WHITE = 1e-9  # of the residuals' variance: the least white part
@@ -230,6 +231,21 @@ class Whitener:
             total += float(sum(2 * n * np.log(s) for n, (_, s) in zip(counts, short, strict=True)))
         return result, total
 
+    def part(self, columns: FloatArray, rows: slice) -> FloatArray:
+        """Return columns, (n, q, c), of n rows of one clock, whitened as if they were zero in all rows before.
+
+        With a state of the noise that is not settled in the first of these rows they differ from a call for all rows.
+        """
+        g, variance, spaces = self._state_spaces
+        k = next(k for k, clock in enumerate(self.clocks) if rows.start < clock.rows.stop)
+        steps, arrays = spaces[k]
+        begin = self.clocks[k].rows.start
+        own = None if steps is None else steps[rows.start - begin : rows.stop - begin]
+        white, _ = whiten(columns / g[rows][:, :, None], variance[rows], steps=own, **arrays)
+        if self.noise.short:
+            shorten(white, self.present[rows], self.moving[rows], self.noise.short)
+        return white
+
     @cached_property
     def _state_spaces(
         self,
@@ -355,16 +371,14 @@ def find_jitter(z: FloatArray, slope: FloatArray, step: float) -> tuple[float, F
         The sampling interval, s.
     """
     squares = z * z
-    many = max(1, TOGETHER // z.size)
+    tried = step * np.geomspace(3e-3, 0.5, 24)
+    slow = (tried[-1] * slope).max(axis=1) < NO_SLOPE  # these rows say the same for every jitter
+    of_slow = _misfits(squares[slow], np.zeros_like(slope[slow]))
+    squares, fast = squares[~slow], slope[~slow]
 
     def misfits(jitter: float) -> FloatArray:
-        steep, costs = (jitter * slope) ** 2, []
-        for factors in (NOISE_FACTORS[k : k + many] for k in range(0, len(NOISE_FACTORS), many)):
-            variance = factors[:, None, None] ** 2 + steep
-            costs.append(np.sum(np.log(variance) + np.minimum(squares / variance, CAPPED), axis=1))
-        return np.concatenate(costs)  # (sizes, q)
+        return of_slow + _misfits(squares, (jitter * fast) ** 2)
 
-    tried = step * np.geomspace(3e-3, 0.5, 24)
     costs = [misfits(t) for t in tried]
     k = int(np.argmin([c.min(axis=0).sum() for c in costs]))
     best, sizes = float(tried[k]), NOISE_FACTORS[costs[k].argmin(axis=0)]
@@ -376,6 +390,16 @@ def find_jitter(z: FloatArray, slope: FloatArray, step: float) -> tuple[float, F
     if np.count_nonzero(steep) < STEEP or gain < 2 * LEAST_FALL or abs(alike) > NEIGHBOURS_ALIKE:
         return 0.0, np.ones(z.shape[1]), 0.0
     return best, np.where(steep.any(axis=0), sizes, 1.0), gain
+
+
+def _misfits(squares: FloatArray, steep: FloatArray) -> FloatArray:
+    """Return -2 log L of residuals' squares, (rows, q), at each factor on their noise beside a variance, (sizes, q)."""
+    many = max(1, TOGETHER // max(squares.size, 1))
+    costs = []
+    for factors in (NOISE_FACTORS[k : k + many] for k in range(0, len(NOISE_FACTORS), many)):
+        variance = factors[:, None, None] ** 2 + steep
+        costs.append(np.sum(np.log(variance) + np.minimum(squares / variance, CAPPED), axis=1))
+    return np.concatenate(costs)
 
 
 def noise_of_neighbours(whitener: Whitener, residuals: FloatArray, sharp: BoolArray) -> NoiseModel:
