@@ -6,8 +6,8 @@ from effect_bench import NOISE, TRUE
 
 from estimator.cases.case import Case, OutputSpec
 from estimator.estimating.estimate import estimate_recordings
-from estimator.fitting.simulator import LONG
 from estimator.fmus.simulate import simulate
+from estimator.plans.part import LONG
 from estimator.recordings.recording import recording_from_arrays
 
 pytestmark = pytest.mark.usefixtures("shared_workers")

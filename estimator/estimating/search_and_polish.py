@@ -25,9 +25,11 @@ from estimator.fitting.effects import known_effects
 from estimator.fitting.explained import Explained, explain
 from estimator.fitting.least_squares import LeastSquares, LeastSquaresFit, at_given_bound, log_likelihood
 from estimator.fitting.problem import SIGMA_FLOOR
+from estimator.fitting.selection import Explanation
 from estimator.method_names import CUCKOO, loaded
 from estimator.motor.names import MOTOR
 from estimator.plans.parameters import Box
+from estimator.plans.part import part_of
 from estimator.plans.space import Space, reduced_space, steady_state
 from estimator.results.result import Estimate
 
@@ -69,6 +71,30 @@ class _Attempts:
 
     def best(self) -> Estimate:
         """Return the estimate of the best fit."""
+        polish, explained = self._of_a_part() or self.found()
+        session = self.session
+        if explained is None:
+            session.account.found(self.plan.names, polish.values, self._cost_at(polish))
+            return finish(session, polish.values, polish, noise=self.floor)
+        session.account.found(explained.plan.names, explained.polish.values, explained.polish.cost)
+        return finish(session, explained.polish.values, explained.polish, noise=self.floor, explained=explained)
+
+    def _of_a_part(self) -> tuple[LeastSquaresFit, Explained | None] | None:
+        """Return the best fit, found from the first rows of long recordings; None where these are not enough."""
+        session = self.session
+        part = None if session.jumping else part_of(self.plan)
+        if part is None:
+            return None
+        polish, known = _Attempts(session.on(part)).found()
+        if known is None:
+            return self._polished(polish.values), None
+        values = known.fit.values[: len(self.plan.names)]
+        polish = self.squares.judge(values, self.squares.deviations(values, free=len(values)))
+        explained = self._explained(polish, session.start, known=known.explanation)
+        return None if explained is None or (_is_poor(explained) and not _is_poor(known)) else (polish, explained)
+
+    def found(self) -> tuple[LeastSquaresFit, Explained | None]:
+        """Return the best fit and what it finds of the bench; None where it is exact."""
         session, box, start = self.session, self.problem.box, self.session.start
         given = self._given_starts(start)
         steady = steady_state(self.plan)
@@ -97,11 +123,7 @@ class _Attempts:
             if not self._is_better(tried, polish):
                 break
             polish, explained = tried, self._explained(tried, start)
-        if explained is None:
-            session.account.found(self.plan.names, polish.values, self._cost_at(polish))
-            return finish(session, polish.values, polish, noise=self.floor)
-        session.account.found(explained.plan.names, explained.polish.values, explained.polish.cost)
-        return finish(session, explained.polish.values, explained.polish, noise=self.floor, explained=explained)
+        return polish, explained
 
     def _given_starts(self, start: FloatArray) -> list[FloatArray]:
         """Return the user's further starts, within the bounds; of many those that fit best."""
@@ -175,8 +197,16 @@ class _Attempts:
         weighted = self.problem.residuals(values[None, :])[0] / self.sigma[self.problem.output_of_residual]
         return float(weighted @ weighted) if np.isfinite(weighted).all() else np.inf
 
-    def _explained(self, polish: LeastSquaresFit, start: FloatArray) -> Explained | None:
-        """Find what the bench adds; None where the fit is exact, so that there is nothing to explain."""
+    def _explained(
+        self, polish: LeastSquaresFit, start: FloatArray, *, known: Explanation | None = None
+    ) -> Explained | None:
+        """Find what the bench adds; None where the fit is exact, so that there is nothing to explain.
+
+        Parameters
+        ----------
+        known : Explanation, optional
+            Of a part of the rows: the descent begins there.
+        """
         session, problem = self.session, self.problem
         session.account.enter("nuisances")
         exact = np.all(polish.deviations < NUMERICAL * problem.spread)
@@ -186,11 +216,12 @@ class _Attempts:
         return explain(
             self.plan,
             session.crew,
-            [polish.values, *([] if self._is_good(polish) else self._other_starts(polish, start))],
+            [polish.values, *([] if known or self._is_good(polish) else self._other_starts(polish, start))],
             sigma=problem.sigma,
             deviations=self.sigma,
             effects=() if held else known_effects(),
             enter=session.account.enter,
+            known=known,
         )
 
     def _other_starts(self, polish: LeastSquaresFit, start: FloatArray) -> list[FloatArray]:

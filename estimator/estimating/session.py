@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable
 from typing import NoReturn
 
@@ -66,6 +67,13 @@ class Session:
         self.jumping: tuple[str, ...] = ()
         self.noise: dict[str, tuple[float, float]] = {}
         self.fitted: dict[str, float] = {}
+
+    def on(self, plan: Plan) -> Session:
+        """Return the same session on a part of its plan's rows: one account, one sequence of random numbers."""
+        part = copy.copy(self)
+        part.plan = plan
+        part.problem = Problem(plan, self.crew, sigma=self.problem.sigma, keep_counts=True)
+        return part
 
     @property
     def start(self) -> FloatArray:

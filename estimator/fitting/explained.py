@@ -129,6 +129,7 @@ def explain(
     deviations: FloatArray,
     effects: Sequence[Effect],
     enter: Callable[[str], None] = lambda phase: None,
+    known: Explanation | None = None,
 ) -> Explained:
     """Explain the recordings of a plan.
 
@@ -143,6 +144,8 @@ def explain(
     effects : the effects that may be found
     enter : callable
         Told the phase that begins.
+    known : Explanation, optional
+        Of a part of the rows.
     """
     late: tuple[str, ...] = ()
     if any(e.name == "latency of each edge" for e in effects):
@@ -154,7 +157,7 @@ def explain(
         other = _selection(on_lines, crew, sigma=sigma, deviations=deviations, effects=effects, enter=enter)
         if other.first_cost(starts) < selection.first_cost(starts):
             plan, selection, other = on_lines, other, selection
-    explanation = selection.explain(starts)
+    explanation = selection.explain(starts, known)
     enter("rivals")
     explanation, rivals = selection.settled(explanation)
     open_additions = selection.additions(explanation, selection.effects)

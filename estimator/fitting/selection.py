@@ -161,21 +161,24 @@ class Selection:
         self.base.lower[:], self.base.upper[:] = lower, upper
         return cost
 
-    def explain(self, starts: Sequence[FloatArray]) -> Explanation:
+    def explain(self, starts: Sequence[FloatArray], known: Explanation | None = None) -> Explanation:
         """Return the best explanation.
 
         Parameters
         ----------
         starts : (p,) arrays
             Of the plan's free parameters.
+        known : Explanation, optional
+            Of a part of the rows: what it holds is not looked for again, and fitted to all of them.
         """
         bounds = self._held_near(starts)
-        best = self._first(starts)
+        best = self._first(starts) if known is None else self._begun(known)
         lines = [e for e in self.effects if e.is_line]
         best = self._grown(best, lines, rounds=ROUNDS, renew=False)  # before the noise, which would contain them
         if find_windows(best.fit).enough:
-            best = self.with_noise(best, colour=False)
-            best = self._grown(best, [e for e in self.effects if e.sharp], rounds=ROUNDS, colour=False)
+            if known is None:  # else the part has told what is sharp
+                best = self.with_noise(best, colour=False)
+                best = self._grown(best, [e for e in self.effects if e.sharp], rounds=ROUNDS, colour=False)
         else:  # a noise from residuals would contain missing effects: neighbours tell it first
             best = self._grown(self._with_noise_of_neighbours(best), self.effects, rounds=ROUNDS, renew=False)
         best = self.with_noise(best)
@@ -228,6 +231,26 @@ class Selection:
                 fit = solved(dataclasses.replace(fit, linear=open_ones), iterations=ROUGH)
                 tried.append(Explanation(fit, tuple(additions)))
         return min(tried, key=lambda e: e.criterion(self.samples))
+
+    def _begun(self, known: Explanation) -> Explanation:
+        """Return an explanation of a part of the rows, fitted to all of them."""
+        there, wanted = known.fit, next((a.effect.fmu for a in known.additions if a.effect.fmu), "")
+        simulator = self.rivals(wanted) if wanted else self.base
+        assert simulator is not None  # the part had it
+        values = simulator.values(dict(zip(there.simulator.names, there.values.tolist(), strict=True)))
+        values = np.clip(values, simulator.lower, simulator.upper)
+        fit = new_fit(simulator, values, there.free, there.whitener.noise)
+        open_ones = tuple(group for e in self.effects for group in e.always(fit))
+        best = Explanation(solved(dataclasses.replace(fit, linear=open_ones), iterations=ROUGH))
+        for a in known.additions:
+            if a.linear is None:
+                best = dataclasses.replace(best, additions=(*best.additions, _bare(a)))
+                continue
+            found = self.additions(best, [a.effect])
+            same = [b for b in found if b.name == a.name] or sorted(found, key=lambda b: -b.gain)[:1]
+            for b in same:
+                best = Explanation(self.refitted(best, b), (*best.additions, _bare(b)))
+        return best
 
     def _seen(self, effect: Effect, name: str, simulator: Simulator) -> Addition:
         """Return an addition that the recordings show before any fit."""
@@ -564,6 +587,11 @@ class Selection:
                 if rival.criterion(n) < explanation.criterion(n) + RIVALS_WITHIN and _is_physical(rival.fit, other):
                     found.append(rival)
         return found
+
+
+def _bare(addition: Addition) -> Addition:
+    """Return an addition without its columns."""
+    return dataclasses.replace(addition, across=None, whitened=None)
 
 
 def _renewed(explanation: Explanation) -> Fit:

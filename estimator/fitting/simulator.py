@@ -24,7 +24,6 @@ from estimator.recordings.excitation import quantum
 FloatArray = NDArray[np.float64]
 STANDSTILL_ROWS = 8  # rows without a count after which an encoder is taken to stand still: its error is constant there
 SUBSTEPS = 4  # rows that are simulated for one where a filter acts between them
-LONG = 20_000  # rows: a longer recording is not done as a whole where a part of it says the same
 CELLS = 2_000_000  # rows that are simulated at once, at most
 LONGEST_HOLD = 20  # rows for which a logger may repeat a sample
 LEAST_CHANGES, HELD_PART = 20, 0.98  # changes of a quantised channel; their part at every n-th row: it is held between

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from estimator.fitting.effects.base import SELDOM, Effect
 from estimator.fitting.fit import Fit, Linear
-from estimator.fitting.simulator import CELLS, LONG
+from estimator.fitting.simulator import CELLS
 from estimator.fitting.windows import find_windows
+from estimator.plans.part import LONG
 from estimator.plans.plan import Plan
 
 FEWEST_ROWS, MOST_ROWS = 0.7, 30.0  # rows: a logger loses whole ones
