@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 
 from estimator.conventions import MEDIAN_SIZE, SECOND_DIFFERENCE, T_FREEDOM, T_MEDIAN
 from estimator.fitting.kalman import shorten, whiten
+from estimator.motor.exponential import exponential
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -265,11 +266,9 @@ class Whitener:
 @lru_cache(maxsize=256)
 def held(a: bytes, b: bytes, dt: float) -> FloatArray:
     """Return exp([[A, b], [0, 0]] dt), (3, 3): state and held input of a machine over a step."""
-    from scipy.linalg import expm
-
     whole = np.zeros((3, 3))
     whole[:2, :2], whole[:2, 2] = np.frombuffer(a).reshape(2, 2), np.frombuffer(b)
-    return np.asarray(expm(whole * dt))
+    return exponential(whole * dt)
 
 
 def fit_noise(
