@@ -1,7 +1,6 @@
 """The noise model: what is found again of simulated noise, and what whitening and score test make of it."""
 
 import dataclasses
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -156,7 +155,7 @@ def test_the_score_test_of_an_effect_that_is_not_there_is_chi_square():
         fitted = whitener(np.cumsum(rng.standard_normal((400, 1, 3)), axis=0))[0].reshape(400, 3)
         basis = np.linalg.qr(fitted)[0]
         z = whitener(r[:, :, None])[0].ravel()
-        test = ScoreTest(SimpleNamespace(whitener=whitener), basis, z - basis @ (basis.T @ z))
+        test = ScoreTest(whitener, basis, z - basis @ (basis.T @ z))
         gains.append(test.gain(test.across(rng.standard_normal((400, 1, 2))))[0])
     assert kstest(gains, "chi2", args=(2,)).pvalue > 1e-3
 
@@ -165,7 +164,7 @@ def test_the_score_test_tells_how_large_an_effect_is():
     r, whitener = coloured(8, 1000)
     column = np.sin(np.linspace(0, 30, 1000))[:, None, None]
     z = whitener((r + 0.2 * column[:, :, 0])[:, :, None])[0].ravel()
-    test = ScoreTest(SimpleNamespace(whitener=whitener), np.zeros((1000, 0)), z)
+    test = ScoreTest(whitener, np.zeros((1000, 0)), z)
     gain, size = test.gain(test.across(column))
     assert gain > 20 and size[0] == pytest.approx(0.2, abs=4 * 0.2 / np.sqrt(gain))
 
@@ -174,7 +173,7 @@ def test_what_the_fit_explains_itself_is_no_effect():
     r, whitener = coloured(9, 500)
     column = np.linspace(0, 1, 500)[:, None, None]
     basis = np.linalg.qr(whitener(column)[0].reshape(500, 1))[0]
-    test = ScoreTest(SimpleNamespace(whitener=whitener), basis, np.zeros(500))
+    test = ScoreTest(whitener, basis, np.zeros(500))
     assert test.gain(test.across(3 * column))[0] == 0.0
 
 

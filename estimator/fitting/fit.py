@@ -10,9 +10,10 @@ the whitened [C J r] holds all that a step, a covariance or a test needs.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +26,7 @@ from estimator.plans.parameters import SensorPlace
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
+T = TypeVar("T")
 
 ITERATIONS = 25
 DAMPING = (1e-3, 1e8)  # first, last
@@ -167,22 +169,36 @@ class Fit:
 
     def test(self) -> ScoreTest:
         """Return the score test of further columns."""
-        inside = self.at_bound == 0
-        known = _Projection(self.jacobian[:, inside])
-        return ScoreTest(self, known.basis, known.rest(self.z))
+        return self._test
+
+    @cached_property
+    def _test(self) -> ScoreTest:
+        known = _Projection(self.jacobian[:, self.at_bound == 0])
+        return ScoreTest(self.whitener, known.basis, known.rest(self.z))
+
+    def once(self, told: Callable[[Fit], T]) -> T:
+        """Return what a function tells of this fit, asked once; it is not to be changed."""
+        known: dict[Callable[[Fit], object], T] = self._told
+        if told not in known:
+            known[told] = told(self)
+        return known[told]
+
+    @cached_property
+    def _told(self) -> dict[Callable[[Fit], object], Any]:
+        return {}
 
 
 @dataclass(frozen=True)
 class ScoreTest:
     """Score test: how far z'z falls with further columns, to first order, all else fitted again (Rao 1948)."""
 
-    fit: Fit
+    whitener: Whitener
     basis: FloatArray
     left: FloatArray
 
     def across(self, columns: FloatArray) -> FloatArray:
         """Return (rows, q, c) columns whitened, without their part that the fit explains, (rows q, c)."""
-        whitened = self.fit.whitener(columns)[0].reshape(len(self.left), -1)
+        whitened = self.whitener(columns)[0].reshape(len(self.left), -1)
         whitened -= self.basis @ (self.basis.T @ whitened)
         return whitened
 
