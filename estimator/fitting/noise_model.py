@@ -358,7 +358,9 @@ def find_jitter(z: FloatArray, slope: FloatArray, step: float) -> tuple[float, F
     # Rows whose slope is too small to change a sum of doubles cost the same at every jitter.
     steep_rows = np.any((tried[-1] * slope) ** 2 > 1e-17 * NOISE_FACTORS[0] ** 2, axis=1)
     flat = squares[~steep_rows]
-    level = np.array([len(flat) * np.log(f**2) + np.sum(np.minimum(flat / f**2, CAPPED), axis=0) for f in NOISE_FACTORS])
+    level = np.array(
+        [len(flat) * np.log(f**2) + np.sum(np.minimum(flat / f**2, CAPPED), axis=0) for f in NOISE_FACTORS]
+    )
     moved, hit = slope[steep_rows], squares[steep_rows]
     many = max(1, TOGETHER // max(hit.size, 1))
 
@@ -490,14 +492,13 @@ class _Search:
         self.q = stacked.shape[1]
         self.colour, self.growth = colour, growth
         self.machine = self.first.machine is not None and any(s >= 0 for s in self.first.seat)
+        self._of_unit_noise: dict[bytes, tuple[FloatArray, float]] = {}  # by growth: products of each channel, logs
         norms = np.linalg.norm(stacked[:, :, 1:].reshape(-1, stacked.shape[2] - 1), axis=0)
         self.stacked[:, :, 1:] /= np.where(norms > 0, norms, 1.0)
 
     def misfit(self, noise: NoiseModel) -> float:
         """Return -2 log restricted likelihood, up to a constant."""
-        whitened, total = self.whitener.of(noise)(self.stacked)
-        flat = whitened.reshape(-1, whitened.shape[2])
-        products = flat.T @ flat
+        products, total = self._products(noise)
         value = total + float(products[0, 0])
         if len(products) > 1:
             information, along = products[1:, 1:], products[1:, 0]
@@ -507,6 +508,23 @@ class _Search:
             along = (vectors.T @ (along / scale))[seen]
             value += float(-np.sum(along**2 / eigen[seen]) + np.sum(np.log(eigen[seen])) + 2 * np.sum(np.log(scale)))
         return value if np.isfinite(value) else np.inf
+
+    def _products(self, noise: NoiseModel) -> tuple[FloatArray, float]:
+        """Return the scalar products of the whitened columns, and the sum of log variances."""
+        of_white = not (noise.slow[:, 0].any() or noise.differenced.any() or noise.torque[0] > 0 or noise.jitter)
+        if not of_white:
+            whitened, total = self.whitener.of(noise)(self.stacked)
+            flat = whitened.reshape(-1, whitened.shape[2])
+            return flat.T @ flat, total
+        key = noise.growth.tobytes()
+        if key not in self._of_unit_noise:
+            unit = self.whitener.of(dataclasses.replace(noise, white=np.ones(self.q)))
+            whitened, total = unit(self.stacked)
+            self._of_unit_noise[key] = np.array([own.T @ own for own in whitened.transpose(1, 0, 2)]), total
+        own, total = self._of_unit_noise[key]
+        variance = np.maximum(noise.white**2, 1e-300)
+        counts = self.whitener.present.sum(axis=0)
+        return np.asarray((own / variance[:, None, None]).sum(axis=0)), total + float(counts @ np.log(variance))
 
     def again(self) -> NoiseModel:
         """Estimate the parameters of the present components again."""
