@@ -185,3 +185,23 @@ def test_an_autoregression_is_found_and_none_in_white_noise():
     coloured_ones = lfilter([1.0], [1.0, -0.6, 0.3], white)
     coefficients, deviation = autoregression([coloured_ones], 5000)
     assert coefficients[:2] == pytest.approx([0.6, -0.3], abs=0.06) and deviation == pytest.approx(1, rel=0.05)
+
+
+@pytest.mark.parametrize("with_state", [False, True])
+def test_the_scores_of_columns_of_a_few_rows_are_those_of_whole_columns(with_state):
+    _, whitener = coloured(10, 600, missing=(310, 311))
+    short = (np.array([0.5, -0.2, 0.1]), 0.9), (np.array([0.3]), 1.1)
+    noise = whitener.noise if with_state else dataclasses.replace(whitener.noise, slow=np.array([[0.0, 1.0]]))
+    noise = dataclasses.replace(noise, short=((short[0],), (short[1],)))
+    assert noise.has_state == with_state
+    whitener = whitener.of(noise)
+    rng = np.random.default_rng(10)
+    basis = np.linalg.qr(rng.standard_normal((600, 4)))[0]
+    left = rng.standard_normal(600)
+    test = ScoreTest(whitener, basis, left - basis @ (basis.T @ left))
+    few, whole = rng.standard_normal((60, 1, 3)), np.zeros((600, 1, 3))
+    whole[290:350] = few
+    across = test.across(whole)
+    along, power = test.scores(few, slice(290, 350))
+    assert np.allclose(along, across.T @ test.left, rtol=1e-10)
+    assert np.allclose(power, np.sum(across**2, axis=0), rtol=1e-10)

@@ -202,11 +202,19 @@ class ScoreTest:
         whitened -= self.basis @ (self.basis.T @ whitened)
         return whitened
 
+    def scores(self, columns: FloatArray, rows: slice = slice(None)) -> tuple[FloatArray, FloatArray]:
+        """Return the scores and the information, (c,) each, of (n, q, c) columns that are zero beside their rows."""
+        rows, whitened = self.whitener.of_rows(columns, rows)
+        q = columns.shape[1]
+        at = slice(rows.start * q, rows.stop * q)
+        known = self.basis[at].T @ whitened
+        whole = np.einsum("nk,nk->k", whitened, whitened)
+        power = whole - np.einsum("nk,nk->k", known, known)
+        return whitened.T @ self.left[at], np.where(power > DEPENDENT * whole, power, 0.0)
+
     def likeliest(self, columns: FloatArray) -> int:
         """Return which of (rows, q, c) columns lowers z'z most with a coefficient above 0; 0 if none does."""
-        across = self.across(columns)
-        along, power = across.T @ self.left, np.sum(across**2, axis=0)
-        return int(np.argmax(np.where((power > 1e-9) & (along > 0), along**2 / np.maximum(power, 1e-9), 0.0)))
+        return likeliest(*self.scores(columns))
 
     def gain(self, across: FloatArray) -> tuple[float, FloatArray]:
         """Return the fall of z'z, and the coefficients, of a group of columns, (rows q, k), as `across` gives them."""
@@ -217,6 +225,11 @@ class ScoreTest:
         if not np.all(size > 1e-6 * np.maximum(norms, 1e-300)) or not np.all(norms > 1e-9):
             return 0.0, np.zeros(k)
         return float(r[:k, k] @ r[:k, k]), np.asarray(np.linalg.solve(r[:k, :k], r[:k, k]))
+
+
+def likeliest(along: FloatArray, power: FloatArray) -> int:
+    """Return which column lowers z'z most with a coefficient above 0, by `ScoreTest.scores`; 0 if none does."""
+    return int(np.argmax(np.where((power > 1e-9) & (along > 0), along**2 / np.maximum(power, 1e-9), 0.0)))
 
 
 def new_fit(simulator: Simulator, values: FloatArray, free: Sequence[str], noise: NoiseModel) -> Fit:

@@ -113,6 +113,11 @@ class NoiseModel:
         none = np.column_stack([np.zeros(q), np.full(q, 2.0)])
         return cls(white, np.zeros(q), none, np.column_stack([np.zeros(q), np.ones(q)]), seat=tuple(seat))
 
+    @property
+    def has_state(self) -> bool:
+        """Whether a sample's noise depends on all before it."""
+        return bool(self.slow[:, 0].any() or self.differenced.any() or self.torque[0] > 0)
+
     def scale(self, level: FloatArray) -> FloatArray:
         """Return g, (rows, q), at signals over their largest, (rows, q)."""
         c, p = self.growth.T
@@ -230,6 +235,28 @@ class Whitener:
             counts = self.present[where].sum(axis=0)
             total += float(sum(2 * n * np.log(s) for n, (_, s) in zip(counts, short, strict=True)))
         return result, total
+
+    def of_rows(self, columns: FloatArray, rows: slice) -> tuple[slice, FloatArray]:
+        """Return columns, (n, q, c), whitened that are zero beside the given rows of one recording, as (m, c).
+
+        Noise without a state leaves them zero beyond some rows: these alone, the slice, are whitened.
+        """
+        last = len(self.present)
+        first, end = rows.start or 0, last if rows.stop is None else rows.stop
+        clock = next((c for c in self.clocks if c.rows.start <= first and end <= c.rows.stop), None)
+        if self.noise.has_state or clock is None:
+            whole = np.zeros((last, *columns.shape[1:]))
+            whole[rows] = columns
+            return slice(0, last), self(whole)[0].reshape(-1, columns.shape[2])
+        wide = slice(first, min(clock.rows.stop, end + max(AR_ORDERS)))
+        padded = np.zeros((wide.stop - first, *columns.shape[1:]))
+        padded[: end - first] = columns
+        own = Clock(clock.time[first - clock.rows.start : wide.stop - clock.rows.start], slice(0, wide.stop - first))
+        cut = Whitener(
+            self.noise, (own,), self.present[wide], self.level[wide], self.inflate[wide], self.moving[wide],
+            self.slope[wide],
+        )  # fmt: skip
+        return wide, cut(padded)[0].reshape(-1, columns.shape[2])
 
     @cached_property
     def _state_spaces(
@@ -511,8 +538,7 @@ class _Search:
 
     def _products(self, noise: NoiseModel) -> tuple[FloatArray, float]:
         """Return the scalar products of the whitened columns, and the sum of log variances."""
-        of_white = not (noise.slow[:, 0].any() or noise.differenced.any() or noise.torque[0] > 0 or noise.jitter)
-        if not of_white:
+        if noise.has_state or noise.jitter:
             whitened, total = self.whitener.of(noise)(self.stacked)
             flat = whitened.reshape(-1, whitened.shape[2])
             return flat.T @ flat, total
