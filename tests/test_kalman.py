@@ -230,14 +230,14 @@ def test_what_does_not_fit_is_refused(change, message):
 
 def test_a_missing_library_is_told(monkeypatch, tmp_path):
     monkeypatch.setattr(kalman, "KALMAN", tmp_path / "kalman.so")
-    kalman._library.cache_clear()
+    kalman.filters.cache_clear()
     with pytest.raises(InputError, match="kalman.so is missing: an installation compiles it"):
         whiten(**good())
 
 
 def test_a_library_of_an_older_version_is_told(monkeypatch):
     monkeypatch.setattr(kalman, "KALMAN", STEPPER)  # one without the filter's functions
-    kalman._library.cache_clear()
+    kalman.filters.cache_clear()
     with pytest.raises(InputError, match="is of an older version: install fmu-estimator again"):
-        kalman._library()
-    kalman._library.cache_clear()
+        kalman.filters()
+    kalman.filters.cache_clear()

@@ -1,7 +1,6 @@
 """The noise model: what is found again of simulated noise, and what whitening and score test make of it."""
 
 import dataclasses
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,6 +9,7 @@ from scipy.stats import kstest
 
 from estimator.fitting.fit import ScoreTest
 from estimator.fitting.noise_model import Clock, NoiseModel, Whitener, autoregression, find_jitter, fit_noise, held
+from estimator.plans.part import LONG
 
 pytestmark = pytest.mark.usefixtures("shared_workers")
 
@@ -156,7 +156,7 @@ def test_the_score_test_of_an_effect_that_is_not_there_is_chi_square():
         fitted = whitener(np.cumsum(rng.standard_normal((400, 1, 3)), axis=0))[0].reshape(400, 3)
         basis = np.linalg.qr(fitted)[0]
         z = whitener(r[:, :, None])[0].ravel()
-        test = ScoreTest(SimpleNamespace(whitener=whitener), basis, z - basis @ (basis.T @ z))
+        test = ScoreTest(whitener, basis, z - basis @ (basis.T @ z))
         gains.append(test.gain(test.across(rng.standard_normal((400, 1, 2))))[0])
     assert kstest(gains, "chi2", args=(2,)).pvalue > 1e-3
 
@@ -165,7 +165,7 @@ def test_the_score_test_tells_how_large_an_effect_is():
     r, whitener = coloured(8, 1000)
     column = np.sin(np.linspace(0, 30, 1000))[:, None, None]
     z = whitener((r + 0.2 * column[:, :, 0])[:, :, None])[0].ravel()
-    test = ScoreTest(SimpleNamespace(whitener=whitener), np.zeros((1000, 0)), z)
+    test = ScoreTest(whitener, np.zeros((1000, 0)), z)
     gain, size = test.gain(test.across(column))
     assert gain > 20 and size[0] == pytest.approx(0.2, abs=4 * 0.2 / np.sqrt(gain))
 
@@ -174,7 +174,7 @@ def test_what_the_fit_explains_itself_is_no_effect():
     r, whitener = coloured(9, 500)
     column = np.linspace(0, 1, 500)[:, None, None]
     basis = np.linalg.qr(whitener(column)[0].reshape(500, 1))[0]
-    test = ScoreTest(SimpleNamespace(whitener=whitener), basis, np.zeros(500))
+    test = ScoreTest(whitener, basis, np.zeros(500))
     assert test.gain(test.across(3 * column))[0] == 0.0
 
 
@@ -188,18 +188,19 @@ def test_an_autoregression_is_found_and_none_in_white_noise():
     assert coefficients[:2] == pytest.approx([0.6, -0.3], abs=0.06) and deviation == pytest.approx(1, rel=0.05)
 
 
-def test_columns_of_a_few_rows_are_whitened_there_as_among_all():
+def test_columns_of_a_few_rows_of_a_long_recording_are_whitened_there_as_among_all():
     noise = dataclasses.replace(
         plain(0.5, 1.0), slow=np.array([[0.5, 0.05], [0.0, 1.0]]), torque=(1e-4, 0.03), machine=MACHINE, seat=(0, 1),
         short=(((np.array([0.3]), 1.2), (np.zeros(0), 1.0)), ((np.array([0.5, -0.2]), 0.9), (np.array([0.1]), 1.0))),
     )  # fmt: skip
-    whitener = whitener_of(noise, 4000, 2, missing=[2100])
-    columns = np.zeros((4000, 2, 3))
-    columns[2050:2120] = np.random.default_rng(1).standard_normal((70, 2, 3))
-    whole, near = whitener(columns)[0], slice(1500, 2700)
-    assert np.max(np.abs(whitener.part(columns[near], near) - whole[near])) < 1e-9 * np.max(np.abs(whole))
-    outside = np.r_[whole[: near.start], whole[near.stop :]]
-    assert np.max(np.abs(outside)) < 1e-6 * np.max(np.abs(whole))
+    whitener = whitener_of(noise, LONG + 1, 2, missing=[12100])
+    columns = np.zeros((LONG + 1, 2, 3))
+    columns[12050:12120] = np.random.default_rng(1).standard_normal((70, 2, 3))
+    rows, few = whitener.of_rows(columns[12050:12120], slice(12050, 12120))
+    whole = whitener(columns)[0]
+    near = whole[rows].reshape(few.shape)
+    assert len(few) < 6000 and np.max(np.abs(few - near)) < 1e-9 * np.max(np.abs(whole))
+    assert np.linalg.norm(near) > (1 - 1e-9) * np.linalg.norm(whole)
 
 
 def test_a_jitter_is_told_the_same_whatever_settled_rows_stand_beside():
@@ -211,3 +212,23 @@ def test_a_jitter_is_told_the_same_whatever_settled_rows_stand_beside():
     nearly = find_jitter(np.concatenate([z, still]), np.concatenate([slope, np.full((20000, 1), 3e-6 / STEP)]), STEP)
     assert among[0] == nearly[0] == pytest.approx(0.2 * STEP, rel=0.3)
     assert among[2] == pytest.approx(nearly[2], rel=1e-6)
+
+
+@pytest.mark.parametrize("with_state", [False, True])
+def test_the_scores_of_columns_of_a_few_rows_are_those_of_whole_columns(with_state):
+    _, whitener = coloured(10, 600, missing=(310, 311))
+    short = (np.array([0.5, -0.2, 0.1]), 0.9), (np.array([0.3]), 1.1)
+    noise = whitener.noise if with_state else dataclasses.replace(whitener.noise, slow=np.array([[0.0, 1.0]]))
+    noise = dataclasses.replace(noise, short=((short[0],), (short[1],)))
+    assert noise.has_state == with_state
+    whitener = whitener.of(noise)
+    rng = np.random.default_rng(10)
+    basis = np.linalg.qr(rng.standard_normal((600, 4)))[0]
+    left = rng.standard_normal(600)
+    test = ScoreTest(whitener, basis, left - basis @ (basis.T @ left))
+    few, whole = rng.standard_normal((60, 1, 3)), np.zeros((600, 1, 3))
+    whole[290:350] = few
+    across = test.across(whole)
+    along, power = test.scores(few, slice(290, 350))
+    assert np.allclose(along, across.T @ test.left, rtol=1e-10)
+    assert np.allclose(power, np.sum(across**2, axis=0), rtol=1e-10)

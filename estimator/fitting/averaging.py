@@ -97,34 +97,30 @@ def averaged(
     covariance, untold = fit.covariance_parts()
     own = fit.simulator.scaled(fit.values)[:p]
     parts: list[tuple[float, FloatArray, FloatArray]] = [(0.0, own, covariance[:p, :p])]
-    pseudo = covariance[np.ix_(inside, inside)] @ fit.jacobian[:, inside].T
-    test = fit.test()
+    among = covariance[np.ix_(inside, inside)]
     hidden = []
     for a in _one_of_each(open_additions):
-        if a.across is None or a.whitened is None:
+        if a.scores is None:
             continue
-        across, whitened, known = a.across, a.whitened, True
-        if a.linear is not None:
-            known = a.linear.size > 0
-            across, whitened = (x * (a.linear.size or 1.0) for x in (across, whitened))
-        power, whole = float(np.sum(across**2)), float(np.sum(whitened**2))
-        k = across.shape[1]
+        known = a.linear is None or a.linear.size > 0
+        unit = (a.linear.size or 1.0) if a.linear is not None else 1.0
+        products = unit**2 * a.scores.information
+        power, whole = float(np.trace(products)), unit**2 * a.scores.whole
+        off = np.zeros((len(inside), len(products)))  # by which it moves the fit, if it is there and left out
+        off[inside] = unit * (among @ a.scores.explained[inside])
+        k = len(products)
         if a.usual > 0 and k == 1:
             part = min(1.0, float(np.sqrt(a.penalty(samples) / max(power, 1e-300))))
-            off = np.zeros(len(inside))
-            off[inside] = part * (pseudo @ whitened)[:, 0]
-            hidden.append(Hidden(a, part * a.usual, off[:p]))
+            hidden.append(Hidden(a, part * a.usual, part * off[:p, 0]))
         if a.gain <= 0 or power <= (VISIBLE if known else TOLD_POWER * whole):
             continue
-        information = across.T @ across + (np.eye(k) if known else 0.0)  # a usual size is a prior deviation of 1
+        information = products + (np.eye(k) if known else 0.0)  # a usual size is a prior deviation of 1
         spread = np.linalg.pinv(information)
-        along = across.T @ test.left
+        along = unit * a.scores.along
         size = spread @ along
         gain = float(along @ size)
         charge = float(np.linalg.slogdet(information)[1]) if known else OPEN * k
-        shift = np.zeros((len(inside), k))
-        shift[inside] = -pseudo @ whitened
-        moved = shift[:p]
+        moved = -off[:p]
         charge += 2 * float(np.log(a.tried / a.effect.prior)) - gain
         parts.append((max(charge, 0.0), own + moved @ size, covariance[:p, :p] + moved @ spread @ moved.T))
     told, added = [], len(parts)

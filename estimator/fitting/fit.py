@@ -10,9 +10,10 @@ the whitened [C J r] holds all that a step, a covariance or a test needs.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +26,7 @@ from estimator.plans.parameters import SensorPlace
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
+T = TypeVar("T")
 
 ITERATIONS = 25
 DAMPING = (1e-3, 1e8)  # first, last
@@ -167,44 +169,52 @@ class Fit:
 
     def test(self) -> ScoreTest:
         """Return the score test of further columns."""
-        inside = self.at_bound == 0
-        known = _Projection(self.jacobian[:, inside])
-        return ScoreTest(self, known.basis, known.rest(self.z))
+        return self._test
+
+    @cached_property
+    def _test(self) -> ScoreTest:
+        known = _Projection(self.jacobian[:, self.at_bound == 0])
+        return ScoreTest(self.whitener, known.basis, known.rest(self.z))
+
+    def once(self, told: Callable[[Fit], T]) -> T:
+        """Return what a function tells of this fit, asked once; it is not to be changed."""
+        known: dict[Callable[[Fit], object], T] = self._told
+        if told not in known:
+            known[told] = told(self)
+        return known[told]
+
+    @cached_property
+    def _told(self) -> dict[Callable[[Fit], object], Any]:
+        return {}
 
 
 @dataclass(frozen=True)
 class ScoreTest:
     """Score test: how far z'z falls with further columns, to first order, all else fitted again (Rao 1948)."""
 
-    fit: Fit
+    whitener: Whitener
     basis: FloatArray
     left: FloatArray
 
     def across(self, columns: FloatArray) -> FloatArray:
         """Return (rows, q, c) columns whitened, without their part that the fit explains, (rows q, c)."""
-        whitened = self.fit.whitener(columns)[0].reshape(len(self.left), -1)
+        whitened = self.whitener(columns)[0].reshape(len(self.left), -1)
         whitened -= self.basis @ (self.basis.T @ whitened)
         return whitened
 
-    def powers(self, columns: FloatArray, rows: slice) -> tuple[FloatArray, FloatArray]:
-        """Return of (n, q, c) columns that are zero but in n rows the squares of what the fit does not explain, (c,).
-
-        And how far each lies along what is left, (c,).
-        """
-        if len(columns) == len(self.fit.shown):
-            across = self.across(columns)
-            return np.einsum("nk,nk->k", across, across), across.T @ self.left
-        cells = slice(rows.start * columns.shape[1], rows.stop * columns.shape[1])
-        whitened = self.fit.whitener.part(columns, rows).reshape(cells.stop - cells.start, -1)
-        explained = self.basis[cells].T @ whitened
-        power = np.einsum("nk,nk->k", whitened, whitened) - np.einsum("nk,nk->k", explained, explained)
-        return power, whitened.T @ self.left[cells]
+    def scores(self, columns: FloatArray, rows: slice = slice(None)) -> tuple[FloatArray, FloatArray]:
+        """Return the scores and the information, (c,) each, of (n, q, c) columns that are zero beside their rows."""
+        rows, whitened = self.whitener.of_rows(columns, rows)
+        q = columns.shape[1]
+        at = slice(rows.start * q, rows.stop * q)
+        known = self.basis[at].T @ whitened
+        whole = np.einsum("nk,nk->k", whitened, whitened)
+        power = whole - np.einsum("nk,nk->k", known, known)
+        return whitened.T @ self.left[at], np.where(power > DEPENDENT * whole, power, 0.0)
 
     def likeliest(self, columns: FloatArray) -> int:
         """Return which of (rows, q, c) columns lowers z'z most with a coefficient above 0; 0 if none does."""
-        across = self.across(columns)
-        along, power = across.T @ self.left, np.sum(across**2, axis=0)
-        return int(np.argmax(np.where((power > 1e-9) & (along > 0), along**2 / np.maximum(power, 1e-9), 0.0)))
+        return likeliest(*self.scores(columns))
 
     def gain(self, across: FloatArray) -> tuple[float, FloatArray]:
         """Return the fall of z'z, and the coefficients, of a group of columns, (rows q, k), as `across` gives them."""
@@ -215,6 +225,11 @@ class ScoreTest:
         if not np.all(size > 1e-6 * np.maximum(norms, 1e-300)) or not np.all(norms > 1e-9):
             return 0.0, np.zeros(k)
         return float(r[:k, k] @ r[:k, k]), np.asarray(np.linalg.solve(r[:k, :k], r[:k, k]))
+
+
+def likeliest(along: FloatArray, power: FloatArray) -> int:
+    """Return which column lowers z'z most with a coefficient above 0, by `ScoreTest.scores`; 0 if none does."""
+    return int(np.argmax(np.where((power > 1e-9) & (along > 0), along**2 / np.maximum(power, 1e-9), 0.0)))
 
 
 def new_fit(simulator: Simulator, values: FloatArray, free: Sequence[str], noise: NoiseModel) -> Fit:

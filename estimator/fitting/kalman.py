@@ -83,7 +83,7 @@ def whiten(
     logarithms = ctypes.c_double(0.0)
     arrays = (transition, process, initial, readout, steps, variance, columns, whitened)
     pointers = [None if array is None else array.ctypes.data for array in arrays]
-    if _library().kalman_whiten(n, q, c, d, k, *pointers, ctypes.byref(logarithms)) != 0:
+    if filters().kalman_whiten(n, q, c, d, k, *pointers, ctypes.byref(logarithms)) != 0:
         raise MemoryError("no memory for the Kalman filter")
     return whitened, logarithms.value
 
@@ -114,7 +114,7 @@ def shorten(
     deviation = np.array([[s for _, s in model] for model in models])
     kind, there = np.ascontiguousarray(second, dtype=np.uint8), np.ascontiguousarray(present, dtype=np.uint8)
     arrays = (order, coefficients, deviation, kind, there, whitened)
-    _library().kalman_shorten(n, q, c, coefficients.shape[2], *(a.ctypes.data for a in arrays))
+    filters().kalman_shorten(n, q, c, coefficients.shape[2], *(a.ctypes.data for a in arrays))
 
 
 def likelihood(
@@ -143,13 +143,16 @@ def likelihood(
 
 
 @cache
-def _library() -> ctypes.CDLL:
+def filters() -> ctypes.CDLL:
+    """Return the compiled filters."""
     check_installed(KALMAN)
     library = ctypes.CDLL(str(KALMAN))
-    if not hasattr(library, "kalman_shorten"):
+    if not hasattr(library, "recursion_run"):
         raise InputError(f"{KALMAN} is of an older version: install fmu-estimator again by pip, which compiles it")
     library.kalman_whiten.restype = ctypes.c_int64
     library.kalman_whiten.argtypes = [ctypes.c_int64] * 5 + [ctypes.c_void_p] * 9
     library.kalman_shorten.restype = None
     library.kalman_shorten.argtypes = [ctypes.c_int64] * 4 + [ctypes.c_void_p] * 6
+    library.recursion_run.restype = None
+    library.recursion_run.argtypes = [ctypes.c_int64] * 3 + [ctypes.c_void_p] * 4
     return library

@@ -2,8 +2,8 @@
 
     minimise  Σ_j Σ_k (y_jk(θ) − m_jk)² / σ_j²        over x = ln θ (or θ, for parameters not on a log scale)
 
-by scipy's trust-region reflective method with a Jacobian of one-sided differences, all of whose simulations are one
-batch. σ_j are the residuals' own deviations: found from the fit and put back, until they agree (for independent
+by the trust-region reflective method (trust_region.py) with a Jacobian of one-sided differences, all of whose
+simulations are one batch. σ_j are the residuals' own deviations: found from the fit and put back, until they agree (for independent
 normal noise of unknown deviations this is the maximum-likelihood estimate). The covariance at the optimum is
 (JᵀJ)⁻¹ with a Jacobian of central differences.
 """
@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.conventions import HUBER, MEDIAN_SIZE
+from estimator.fitting.trust_region import least_squares
 from estimator.plans.parameters import Box
 
 if TYPE_CHECKING:
@@ -118,8 +119,6 @@ class LeastSquares:
         central: bool = False,
     ) -> tuple[FloatArray, float]:
         """Return the optimum, (p,) in the parameters' units, and its cost, for given deviations of the outputs."""
-        from scipy.optimize import least_squares
-
         weights = 1 / deviations[self._output]
         cache: dict[bytes, FloatArray] = {}
 
@@ -141,19 +140,17 @@ class LeastSquares:
         free = self.high > self.low
         if not free.any():
             return np.array(start), float(value(x) @ value(x))
-        solution = least_squares(
+        x, cost = least_squares(
             value,
+            jacobian,
             x,
-            jac=jacobian,
-            bounds=(self.low, np.where(free, self.high, self.low + 1e-12)),
-            method="trf",
-            x_scale="jac",
+            low=self.low,
+            high=np.where(free, self.high, self.low + 1e-12),
+            evaluations=evaluations,
             ftol=1e-14 * tolerance,
             xtol=1e-11 * tolerance,
-            gtol=1e-15,
-            max_nfev=evaluations,
         )
-        return self._values(solution.x), float(2 * solution.cost)
+        return self._values(x), cost
 
     def quick(self, start: FloatArray, deviations: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return values and deviations of a rough fit, enough to compare models."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +11,8 @@ from numpy.typing import NDArray
 from estimator.fitting.fit import Fit
 from estimator.fitting.noise_model import Clock
 from estimator.fitting.recursion import recursion
-from estimator.motor.names import is_motor
+from estimator.motor.exponential import exponential
+from estimator.motor.names import MOTOR, is_motor
 from estimator.motor.state_space import matrices, sampled
 
 FloatArray = NDArray[np.float64]
@@ -64,8 +66,6 @@ def pulse_response(fit: Fit, clock: Clock, begin: float, end: float) -> FloatArr
 
     Exact for any instants, also between the rows; the sign is turned where `end` comes first.
     """
-    from scipy.linalg import expm
-
     values = motor_values(fit)
     assert values is not None
     a, b, _, _ = matrices(values)
@@ -78,7 +78,7 @@ def pulse_response(fit: Fit, clock: Clock, begin: float, end: float) -> FloatArr
         now = clock.time[0] + k * clock.step
         since, until = min(now - first, clock.step), max(now - last, 0.0)
         if since > until:
-            added[k] = sign * (expm(whole * since) - expm(whole * until))[:2, 2]
+            added[k] = sign * (exponential(whole * since) - exponential(whole * until))[:2, 2]
         if now - clock.step > last:
             break
     second = f - np.trace(f) * np.eye(2)
@@ -124,18 +124,25 @@ def _discrete(fit: Fit, clock: Clock) -> tuple[FloatArray, FloatArray, list[floa
     """Return F (2, 2), G (2, 2) of x[k+1] = F x[k] + G [v, torque], and det(I - F z^-1) without its 1."""
     values = motor_values(fit)
     assert values is not None
-    f, g = sampled(values, clock.step)
+    return _sampled(tuple(values[name] for name in MOTOR), clock.step)
+
+
+@lru_cache(maxsize=64)
+def _sampled(values: tuple[float, ...], step: float) -> tuple[FloatArray, FloatArray, list[float]]:
+    """Return the same of R, K, L, J, B and a sampling interval in s."""
+    f, g = sampled(dict(zip(MOTOR, values, strict=True)), step)
     return f, g, [-float(np.trace(f)), float(np.linalg.det(f))]
 
 
 def _as_shown(fit: Fit, states: FloatArray, clock: Clock) -> FloatArray:
     """Return current and speed, (2, n), as the outputs' sensors show them, (n, q)."""
     s = fit.simulator
-    angle = np.cumsum(states[1]) - 0.5 * (states[1] + states[1][0])  # by trapezia
-    own = [states[0], states[1], angle * clock.step]
     columns = []
     for y in s.outputs:
-        shown = own[SEATS[y]]
+        if y == "angle":  # by trapezia
+            shown = (np.cumsum(states[1]) - 0.5 * (states[1] + states[1][0])) * clock.step
+        else:
+            shown = states[SEATS[y]]
         for nuisance in s.nuisances:
             value = fit.values[s.index[nuisance.name]]
             if nuisance.output == y and nuisance.act is not None and value != nuisance.neutral:

@@ -26,6 +26,8 @@ from numpy.typing import NDArray
 
 from estimator.conventions import MEDIAN_SIZE, SECOND_DIFFERENCE, T_FREEDOM, T_MEDIAN
 from estimator.fitting.kalman import shorten, whiten
+from estimator.motor.exponential import exponential
+from estimator.plans.part import LONG
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -44,7 +46,7 @@ STEEP = 12  # samples, where the signals are steep, that tell a jitter
 NEIGHBOURS_ALIKE = 3.0  # standard deviations of their correlation: more is a misfit, no jitter
 CAPPED = 25.0  # square of a residual: a larger one counts as this
 TOGETHER = 1_000_000  # numbers that factors are tried on at once
-NO_SLOPE = 1e-6  # deviations by which a signal changes while its sample is taken: its square is rounding
+MEMORY = 1000  # rows over which a noise with a state remembers, in a long recording
 NOISE_FACTORS = np.geomspace(0.35, 1.2, 16)  # tried factors on a noise that was estimated with a jitter in it
 RESTS, STARTS, RUNS = range(3)
 LEAST_WHITE = 1e-9  # of the residuals' variance: the least white part
@@ -112,6 +114,11 @@ class NoiseModel:
         q = len(white)
         none = np.column_stack([np.zeros(q), np.full(q, 2.0)])
         return cls(white, np.zeros(q), none, np.column_stack([np.zeros(q), np.ones(q)]), seat=tuple(seat))
+
+    @property
+    def has_state(self) -> bool:
+        """Whether a sample's noise depends on all before it."""
+        return bool(self.slow[:, 0].any() or self.differenced.any() or self.torque[0] > 0)
 
     def scale(self, level: FloatArray) -> FloatArray:
         """Return g, (rows, q), at signals over their largest, (rows, q)."""
@@ -231,16 +238,30 @@ class Whitener:
             total += float(sum(2 * n * np.log(s) for n, (_, s) in zip(counts, short, strict=True)))
         return result, total
 
-    def part(self, columns: FloatArray, rows: slice) -> FloatArray:
-        """Return columns, (n, q, c), of n rows of one clock, whitened as if they were zero in all rows before.
+    def of_rows(self, columns: FloatArray, rows: slice) -> tuple[slice, FloatArray]:
+        """Return columns, (n, q, c), whitened that are zero beside the given rows of one recording, as (m, c).
 
-        With a state of the noise that is not settled in the first of these rows they differ from a call for all rows.
+        Noise without a state leaves them zero beyond some rows: these alone, the slice, are whitened. In a long
+        recording noise with a state is taken to forget within MEMORY rows.
         """
+        last = len(self.present)
+        first, end = rows.start or 0, last if rows.stop is None else rows.stop
+        clock = next((c for c in self.clocks if c.rows.start <= first and end <= c.rows.stop), None)
+        if clock is None or (self.noise.has_state and last <= LONG):
+            whole = np.zeros((last, *columns.shape[1:]))
+            whole[rows] = columns
+            return slice(0, last), self(whole)[0].reshape(-1, columns.shape[2])
+        before, behind = (MEMORY, MEMORY) if self.noise.has_state else (0, max(AR_ORDERS))
+        wide = slice(max(clock.rows.start, first - before), min(clock.rows.stop, end + behind))
+        padded = np.zeros((wide.stop - wide.start, *columns.shape[1:]))
+        padded[first - wide.start : end - wide.start] = columns
+        return wide, self._part(padded, wide, clock).reshape(-1, columns.shape[2])
+
+    def _part(self, columns: FloatArray, rows: slice, clock: Clock) -> FloatArray:
+        """Return columns, (n, q, c), of n rows of a clock, whitened as if the noise had its usual state before."""
         g, variance, spaces = self._state_spaces
-        k = next(k for k, clock in enumerate(self.clocks) if rows.start < clock.rows.stop)
-        steps, arrays = spaces[k]
-        begin = self.clocks[k].rows.start
-        own = None if steps is None else steps[rows.start - begin : rows.stop - begin]
+        steps, arrays = next(space for own, space in zip(self.clocks, spaces, strict=True) if own is clock)
+        own = None if steps is None else steps[rows.start - clock.rows.start : rows.stop - clock.rows.start]
         white, _ = whiten(columns / g[rows][:, :, None], variance[rows], steps=own, **arrays)
         if self.noise.short:
             shorten(white, self.present[rows], self.moving[rows], self.noise.short)
@@ -281,11 +302,9 @@ class Whitener:
 @lru_cache(maxsize=256)
 def held(a: bytes, b: bytes, dt: float) -> FloatArray:
     """Return exp([[A, b], [0, 0]] dt), (3, 3): state and held input of a machine over a step."""
-    from scipy.linalg import expm
-
     whole = np.zeros((3, 3))
     whole[:2, :2], whole[:2, 2] = np.frombuffer(a).reshape(2, 2), np.frombuffer(b)
-    return np.asarray(expm(whole * dt))
+    return exponential(whole * dt)
 
 
 def fit_noise(
@@ -370,14 +389,23 @@ def find_jitter(z: FloatArray, slope: FloatArray, step: float) -> tuple[float, F
     step : float
         The sampling interval, s.
     """
-    squares = z * z
     tried = step * np.geomspace(3e-3, 0.5, 24)
-    slow = (tried[-1] * slope).max(axis=1) < NO_SLOPE  # these rows say the same for every jitter
-    of_slow = _misfits(squares[slow], np.zeros_like(slope[slow]))
-    squares, fast = squares[~slow], slope[~slow]
+    squares = z * z
+    # Rows whose slope is too small to change a sum of doubles cost the same at every jitter.
+    steep_rows = np.any((tried[-1] * slope) ** 2 > 1e-17 * NOISE_FACTORS[0] ** 2, axis=1)
+    flat = squares[~steep_rows]
+    level = np.array(
+        [len(flat) * np.log(f**2) + np.sum(np.minimum(flat / f**2, CAPPED), axis=0) for f in NOISE_FACTORS]
+    )
+    moved, hit = slope[steep_rows], squares[steep_rows]
+    many = max(1, TOGETHER // max(hit.size, 1))
 
     def misfits(jitter: float) -> FloatArray:
-        return of_slow + _misfits(squares, (jitter * fast) ** 2)
+        steep, costs = (jitter * moved) ** 2, []
+        for factors in (NOISE_FACTORS[k : k + many] for k in range(0, len(NOISE_FACTORS), many)):
+            variance = factors[:, None, None] ** 2 + steep
+            costs.append(np.sum(np.log(variance) + np.minimum(hit / variance, CAPPED), axis=1))
+        return np.asarray(np.concatenate(costs) + level)  # (sizes, q)
 
     costs = [misfits(t) for t in tried]
     k = int(np.argmin([c.min(axis=0).sum() for c in costs]))
@@ -390,16 +418,6 @@ def find_jitter(z: FloatArray, slope: FloatArray, step: float) -> tuple[float, F
     if np.count_nonzero(steep) < STEEP or gain < 2 * LEAST_FALL or abs(alike) > NEIGHBOURS_ALIKE:
         return 0.0, np.ones(z.shape[1]), 0.0
     return best, np.where(steep.any(axis=0), sizes, 1.0), gain
-
-
-def _misfits(squares: FloatArray, steep: FloatArray) -> FloatArray:
-    """Return -2 log L of residuals' squares, (rows, q), at each factor on their noise beside a variance, (sizes, q)."""
-    many = max(1, TOGETHER // max(squares.size, 1))
-    costs = []
-    for factors in (NOISE_FACTORS[k : k + many] for k in range(0, len(NOISE_FACTORS), many)):
-        variance = factors[:, None, None] ** 2 + steep
-        costs.append(np.sum(np.log(variance) + np.minimum(squares / variance, CAPPED), axis=1))
-    return np.concatenate(costs)
 
 
 def noise_of_neighbours(whitener: Whitener, residuals: FloatArray, sharp: BoolArray) -> NoiseModel:
@@ -437,18 +455,20 @@ def _growth(residuals: FloatArray, whitener: Whitener, j: int, sharp: BoolArray)
         return 0.0, 2.0, 0.0
     floor = 1e-3 * float(np.median(np.abs(d[d != 0])))
 
-    def size(c: float, p: float) -> float:
-        g = (1 + (c * level) ** p) ** (1 / p)
-        return max(float(np.median(np.abs(d) / g)) / T_MEDIAN, floor)
+    sizes = np.abs(d)
+
+    def size(g: FloatArray) -> float:
+        return max(_median(sizes / g) / T_MEDIAN, floor)
 
     loud = float(np.sort(level)[-LOUD_SAMPLES])
     if np.count_nonzero(level < loud / 2) < LOUD_SAMPLES:
-        return 0.0, 2.0, size(0.0, 2.0) * T_MEDIAN / MEDIAN_SIZE / SECOND_DIFFERENCE
+        return 0.0, 2.0, size(np.ones_like(level)) * T_MEDIAN / MEDIAN_SIZE / SECOND_DIFFERENCE
 
     def misfit(c: float, p: float) -> float:
-        g, scale = (1 + (c * level) ** p) ** (1 / p), size(c, p)
-        squares = (d / (g * scale)) ** 2
-        return float(2 * np.sum(np.log(g * scale)) + (T_FREEDOM + 1) * np.sum(np.log1p(squares / T_FREEDOM)))
+        g = grown(c * level, p)
+        g = g * size(g)
+        squares = (d / g) ** 2
+        return float(2 * np.sum(np.log(g)) + (T_FREEDOM + 1) * np.sum(np.log1p(squares / T_FREEDOM)))
 
     found = []
     for p, charge in (
@@ -460,7 +480,27 @@ def _growth(residuals: FloatArray, whitener: Whitener, j: int, sharp: BoolArray)
         found.append((misfit(c, p) + charge, float(c), p))
     best = min(found)
     c, p = (best[1], best[2]) if best[0] < misfit(0.0, 2.0) else (0.0, 2.0)
-    return c, p, size(c, p) * T_MEDIAN / MEDIAN_SIZE / SECOND_DIFFERENCE
+    return c, p, size(grown(c * level, p)) * T_MEDIAN / MEDIAN_SIZE / SECOND_DIFFERENCE
+
+
+def grown(x: FloatArray, p: float) -> FloatArray:
+    """Return (1 + x^p)^(1/p) of numbers from 0; for 2 and 8 by products and roots, which are quicker."""
+    if p == 2:
+        return np.asarray(np.sqrt(1 + x * x))
+    if p == 8:
+        x = x * x
+        x = x * x
+        return np.asarray(np.sqrt(np.sqrt(np.sqrt(1 + x * x))))
+    return np.asarray((1 + x**p) ** (1 / p))
+
+
+def _median(x: FloatArray) -> float:
+    """Return the median of (n,) numbers, none of them missing; np.median takes ten times as long for a thousand."""
+    k = len(x) // 2
+    if len(x) % 2:
+        return float(np.partition(x, k)[k])
+    part = np.partition(x, (k - 1, k))
+    return float((part[k - 1] + part[k]) / 2)
 
 
 def _levels(whitener: Whitener) -> FloatArray:
@@ -488,14 +528,13 @@ class _Search:
         self.q = stacked.shape[1]
         self.colour, self.growth = colour, growth
         self.machine = self.first.machine is not None and any(s >= 0 for s in self.first.seat)
+        self._of_unit_noise: dict[bytes, tuple[FloatArray, float]] = {}  # by growth: products of each channel, logs
         norms = np.linalg.norm(stacked[:, :, 1:].reshape(-1, stacked.shape[2] - 1), axis=0)
         self.stacked[:, :, 1:] /= np.where(norms > 0, norms, 1.0)
 
     def misfit(self, noise: NoiseModel) -> float:
         """Return -2 log restricted likelihood, up to a constant."""
-        whitened, total = self.whitener.of(noise)(self.stacked)
-        flat = whitened.reshape(-1, whitened.shape[2])
-        products = flat.T @ flat
+        products, total = self._products(noise)
         value = total + float(products[0, 0])
         if len(products) > 1:
             information, along = products[1:, 1:], products[1:, 0]
@@ -505,6 +544,22 @@ class _Search:
             along = (vectors.T @ (along / scale))[seen]
             value += float(-np.sum(along**2 / eigen[seen]) + np.sum(np.log(eigen[seen])) + 2 * np.sum(np.log(scale)))
         return value if np.isfinite(value) else np.inf
+
+    def _products(self, noise: NoiseModel) -> tuple[FloatArray, float]:
+        """Return the scalar products of the whitened columns, and the sum of log variances."""
+        if noise.has_state or noise.jitter:
+            whitened, total = self.whitener.of(noise)(self.stacked)
+            flat = whitened.reshape(-1, whitened.shape[2])
+            return flat.T @ flat, total
+        key = noise.growth.tobytes()
+        if key not in self._of_unit_noise:
+            unit = self.whitener.of(dataclasses.replace(noise, white=np.ones(self.q)))
+            whitened, total = unit(self.stacked)
+            self._of_unit_noise[key] = np.array([own.T @ own for own in whitened.transpose(1, 0, 2)]), total
+        own, total = self._of_unit_noise[key]
+        variance = np.maximum(noise.white**2, 1e-300)
+        counts = self.whitener.present.sum(axis=0)
+        return np.asarray((own / variance[:, None, None]).sum(axis=0)), total + float(counts @ np.log(variance))
 
     def again(self) -> NoiseModel:
         """Estimate the parameters of the present components again."""

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.linalg.lapack import dtbtrs
+
+from estimator.fitting.kalman import filters
 
 FloatArray = NDArray[np.float64]
 
@@ -25,12 +26,7 @@ def recursion(b: ArrayLike, a: ArrayLike, x: FloatArray) -> FloatArray:
         The signal.
     """
     b, a = np.asarray(b, dtype=np.float64), np.asarray(a, dtype=np.float64)
-    n = len(x)
-    right = np.zeros(n)
-    for late, factor in enumerate(b.tolist()):
-        right[late:] += factor * x[: max(0, n - late)]
-    # As a band of a lower triangular matrix whose diagonal is 1, it is solved from the first row on, without pivoting.
-    band = np.empty((1 + len(a), n), order="F")
-    band[0], band[1:] = 1.0, a[:, None]
-    y, _ = dtbtrs(band, right[:, None], uplo="L", diag="U", overwrite_b=True)
-    return np.asarray(y[:, 0])
+    x = np.ascontiguousarray(x, dtype=np.float64)
+    y = np.empty_like(x)
+    filters().recursion_run(len(x), len(b), len(a), b.ctypes.data, a.ctypes.data, x.ctypes.data, y.ctypes.data)
+    return y

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +38,7 @@ from estimator.fitting.motor_response import machine_of
 from estimator.fitting.noise_model import NoiseModel, find_jitter, fit_noise, noise_of_neighbours
 from estimator.fitting.simulator import CELLS, Nuisance, Simulator
 from estimator.fitting.windows import find_windows
+from estimator.plans.part import LONG
 
 FloatArray = NDArray[np.float64]
 
@@ -51,6 +52,7 @@ NEVER_ZERO = ("R", "K", "J")  # at a bound something else stands for it; L and B
 QUIET = 0.1  # of the first estimate of the deviation: the noise is taken to be no less
 NO_CHANGE, DOUBLINGS = 0.1, 2  # of z'z: a smaller change is negligible; doublings of the rows between samples, at most
 TRIED_WHOLE = 3  # values of an integer nuisance parameter that are refitted
+HARDLY_MOVED = 1e-3  # of z'z: score tests of a long recording are not done again
 ROUGH = 8  # iterations of a fit that is only compared
 RIVALS_WITHIN = 10.0  # of the criterion: explanations that are no further above the best are rivals
 PARALLEL = 0.9  # canonical correlation of an addition with one that is doubted: it is refitted as a rival
@@ -59,6 +61,34 @@ MOST_WITHIN = 2  # additions of what happens within samples, each exchanged for 
 EXCHANGES, EXCHANGED = 2, 0.1  # of an explanation for a more likely rival, at most; by which its criterion is lower
 NOTHING = 1e-9  # of the power of a change: the recordings do not show it
 IDLE = 6.0  # times the penalty: an addition is refitted without if its Wald statistic is below
+
+
+@dataclass(frozen=True)
+class Scores:
+    """What a score test says of k columns, for a unit of each: all that is needed of them beside a fit.
+
+    Attributes
+    ----------
+    along : (k,) array
+        A'r, A the whitened columns without their part that the fit explains, r what it leaves.
+    information : (k, k) array
+        A'A.
+    whole : float
+        Sum of squares of the whitened columns, W.
+    explained : (f + m, k) array
+        J'W, J the fit's derivatives.
+    """
+
+    along: FloatArray
+    information: FloatArray
+    whole: float
+    explained: FloatArray
+
+    @classmethod
+    def of(cls, test: ScoreTest, jacobian: FloatArray, across: FloatArray, whitened: FloatArray) -> Scores:
+        """Return the scores of whitened columns, (rows q, k), without and with what the fit explains of them."""
+        whole = float(np.vdot(whitened, whitened))
+        return cls(across.T @ test.left, across.T @ across, whole, jacobian.T @ whitened)
 
 
 @dataclass(frozen=True)
@@ -72,8 +102,10 @@ class Addition:
     starts : values of nuisance parameters at which a refit starts
     free : nuisance parameters that it frees
     linear : Linear or None
-    across, whitened : (rows q, k) arrays
-        Whitened columns, without and with their part that the fit explains, for a unit of each.
+    scores : Scores or None
+        What the score test says of its columns.
+    across : (rows q, k) array
+        Whitened columns without their part that the fit explains, for a unit of each, where they were asked for.
     tried : int
         Of how many tried values it is the best; of columns that exclude each other each is one of so many.
     usual, unit : float, str
@@ -87,8 +119,8 @@ class Addition:
     starts: tuple[Mapping[str, float], ...] = ()
     free: tuple[str, ...] = ()
     linear: Linear | None = None
+    scores: Scores | None = None
     across: FloatArray | None = None
-    whitened: FloatArray | None = None
     tried: int = 1
     usual: float = 0.0
     unit: str = ""
@@ -113,6 +145,21 @@ class Explanation:
     def criterion(self, samples: int) -> float:
         """Return the criterion, -2 log L at its noise and the penalties."""
         return self.fit.cost + sum(a.penalty(samples) for a in self.additions)
+
+
+@dataclass(frozen=True)
+class _Tested:
+    """What was tested last of a long recording."""
+
+    fit: Fit
+    effects: tuple[Effect, ...]
+    found: list[Addition]
+
+    def holds(self, fit: Fit, effects: Sequence[Effect]) -> bool:
+        """Whether it is the same of another fit: one whose values have hardly moved since."""
+        own = self.fit
+        alike = own.simulator is fit.simulator and own.whitener is fit.whitener and own.names == fit.names
+        return alike and self.effects == tuple(effects) and abs(own.cost - fit.cost) < HARDLY_MOVED
 
 
 @dataclass
@@ -142,6 +189,7 @@ class Selection:
     differenced: FloatArray
     effects: tuple[Effect, ...]
     enter: Callable[[str], None] = lambda phase: None
+    _tested: _Tested | None = field(init=False, default=None)
 
     def _held_near(self, starts: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray]:
         """Bound a motor's parameters near their first estimates; return the bounds that they had."""
@@ -246,7 +294,7 @@ class Selection:
             if a.linear is None:
                 best = dataclasses.replace(best, additions=(*best.additions, _bare(a)))
                 continue
-            found = self.additions(best, [a.effect])
+            found = self.additions(best, [a.effect], beside=a.name)
             same = [b for b in found if b.name == a.name] or sorted(found, key=lambda b: -b.gain)[:1]
             for b in same:
                 best = Explanation(self.refitted(best, b), (*best.additions, _bare(b)))
@@ -385,11 +433,21 @@ class Selection:
         ready = [solved(b, iterations=settling) for b in begun] if len(begun) > 1 else begun
         return solved(min(ready, key=lambda f: f.cost), iterations=ROUGH)
 
-    def additions(self, explanation: Explanation, effects: Sequence[Effect]) -> list[Addition]:
-        """Return all candidate additions, each with its predicted fall of z'z."""
+    def additions(
+        self, explanation: Explanation, effects: Sequence[Effect], *, beside: str | None = None
+    ) -> list[Addition]:
+        """Return all candidate additions, each with its predicted fall of z'z.
+
+        Parameters
+        ----------
+        beside : str, optional
+            An addition's name: it keeps its whitened columns, and so do those that are doubted.
+        """
         fit = explanation.fit
-        test = fit.test()
-        result = []
+        if beside is None and self._tested is not None and self._tested.holds(fit, effects):
+            return self._tested.found
+        test, long = fit.test(), fit.simulator.rows > LONG
+        result: list[Addition] = []
         taken = {*fit.free, *(g.name for g in fit.linear), *explanation.names()}
         by_simulator: dict[int, tuple[Simulator, list[tuple[Effect, Nuisance]]]] = {}
         for effect in effects:
@@ -402,20 +460,16 @@ class Selection:
                 across = whitened - test.basis @ (test.basis.T @ whitened)
                 gain, _ = test.gain(across)
                 numbers = across.shape[1]
-                result.append(
-                    Addition(
-                        effect,
-                        group.name,
-                        numbers,
-                        gain,
-                        linear=group,
-                        across=across,
-                        whitened=whitened,
-                        tried=max(among, group.one_of),
-                        usual=group.size if numbers == 1 else 0.0,
-                        unit=group.units[0],
-                    )
-                )
+                kept = beside is not None and (effect.doubt or group.name == beside)
+                addition = Addition(
+                    effect, group.name, numbers, gain, linear=group,
+                    scores=Scores.of(test, fit.jacobian, across, whitened), across=across if kept else None,
+                    tried=max(among, group.one_of), usual=group.size if numbers == 1 else 0.0, unit=group.units[0],
+                )  # fmt: skip
+                if long and beside is None and gain <= addition.penalty(self.samples):  # it is not fitted
+                    few = dataclasses.replace(group, columns=np.zeros((0, *group.columns.shape[1:])))
+                    addition = dataclasses.replace(addition, linear=few)
+                result.append(addition)
             simulator = self._simulator(fit, effect)
             own = effect.nuisances(self.base.plan) if simulator is not None else ()
             for nuisance in own:
@@ -426,11 +480,20 @@ class Selection:
                     continue
                 by_simulator.setdefault(id(simulator), (simulator, []))[1].append((effect, nuisance))
         for simulator, wanted in by_simulator.values():
-            result += self._tried(fit, simulator, wanted, test)
+            result += self._tried(fit, simulator, wanted, test, beside=beside)
+        if long and beside is None:
+            self._tested = _Tested(fit, tuple(effects), result)
         return result
 
-    def _tried(self, fit: Fit, simulator: Simulator, wanted: Sequence[tuple[Effect, Nuisance]], test: ScoreTest
-               ) -> Iterator[Addition]:  # fmt: skip
+    def _tried(
+        self,
+        fit: Fit,
+        simulator: Simulator,
+        wanted: Sequence[tuple[Effect, Nuisance]],
+        test: ScoreTest,
+        *,
+        beside: str | None,
+    ) -> Iterator[Addition]:
         """Yield the nuisance parameters of one simulator, score-tested at the best of their tries."""
         moved = moved_to(fit, simulator)
         rows, owners = [], []
@@ -446,7 +509,7 @@ class Selection:
                 owners.append((w, t))
         many = max(1, CELLS // fit.z.size)
         tested: list[list[tuple[float, float, int]]] = [[] for _ in wanted]
-        best: dict[int, tuple[float, FloatArray, FloatArray, int]] = {}
+        best: dict[int, tuple[float, Scores, FloatArray | None, int]] = {}
         for first in range(0, len(rows), many):
             shown = simulator.shown(np.array(rows[first : first + many]))
             usable = np.asarray(np.isfinite(shown).all(axis=(1, 2)))
@@ -460,10 +523,10 @@ class Selection:
                 gain = whole if wanted[w][1].whole else max(size**2 * power if size > 0 else 0.0, whole)
                 tested[w].append((gain, size, t))
                 if w not in best or gain > best[w][0]:
-                    own = across[:, k : k + 1], whitened[:, k : k + 1]
-                    if many < len(rows):
-                        own = own[0].copy(), own[1].copy()
-                    best[w] = gain, *own, t
+                    own = across[:, k : k + 1]
+                    scores = Scores.of(test, fit.jacobian, own, whitened[:, k : k + 1])
+                    kept = beside is not None and (wanted[w][0].doubt or wanted[w][1].name == beside)
+                    best[w] = gain, scores, own.copy() if kept else None, t
         for w, (effect, nuisance) in enumerate(wanted):
             found: list[tuple[float, tuple[Mapping[str, float], ...]]] = []
             for gain, size, t in tested[w]:
@@ -487,7 +550,7 @@ class Selection:
                 reach = 0.0 if nuisance.whole or nuisance.absolute else nuisance.tries[best[w][3]] - nuisance.neutral
                 yield Addition(
                     effect, nuisance.name, max(1, len(free)), gain, starts=starts, free=free,
-                    across=best[w][1], whitened=best[w][2], tried=len(nuisance.tries),
+                    scores=best[w][1], across=best[w][2], tried=len(nuisance.tries),
                     usual=reach, unit=nuisance.unit,
                 )  # fmt: skip
 
@@ -570,6 +633,8 @@ class Selection:
             lost = bare.fit.cost - explanation.fit.cost
             tested = [a for a in self.additions(bare, self.effects) if a.gain > 0]
             own = next((a for a in tested if a.name == addition.name), addition)
+            if own is addition and own.linear is not None:
+                own = dataclasses.replace(own, across=bare.fit.test().across(own.linear.columns))
             tested = [
                 a for a in tested if a.name != addition.name and (not a.effect.doubt or _alike(a, own) > PARALLEL)
             ]
@@ -591,7 +656,7 @@ class Selection:
 
 def _bare(addition: Addition) -> Addition:
     """Return an addition without its columns."""
-    return dataclasses.replace(addition, across=None, whitened=None)
+    return dataclasses.replace(addition, scores=None, across=None)
 
 
 def _renewed(explanation: Explanation) -> Fit:

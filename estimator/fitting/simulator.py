@@ -10,12 +10,14 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimator.fitting.noise_model import Clock
 from estimator.fitting.problem import Problem
+from estimator.fitting.shaft_angle import shaft_angle, unfolded_orders
 from estimator.fmus.workers import Workers
 from estimator.plans.parameters import Parameter, SensorPlace
 from estimator.plans.plan import Observed, Plan
@@ -151,6 +153,17 @@ class Simulator:
     def observed(self) -> tuple[Observed, ...]:
         """The recordings."""
         return self.plan.observed
+
+    @cached_property
+    def angle(self) -> FloatArray | None:
+        """The shaft's angle, rad, (rows,), as the recordings show it; None where they do not."""
+        return shaft_angle(self.measured, self.outputs, self.clocks)
+
+    @cached_property
+    def unfolded(self) -> tuple[NDArray[np.bool_], ...]:
+        """Which orders of the angle the sampling does not alias to a slow change, of each recording."""
+        assert self.angle is not None
+        return tuple(unfolded_orders(self.angle[clock.rows]) for clock in self.clocks)
 
     def values(self, known: Mapping[str, float]) -> FloatArray:
         """Return a candidate, (p,), of known values; nuisances that are not known are neutral."""

@@ -49,6 +49,10 @@ class Windows:
 
 def find_windows(fit: Fit) -> Windows:
     """Return a fit's windows, from its inputs and what it simulates."""
+    return fit.once(_windows)
+
+
+def _windows(fit: Fit) -> Windows:
     s = fit.simulator
     settled, sharp, onsets = np.zeros((3, s.rows), dtype=bool)
     windows: list[Window] = []

@@ -49,11 +49,11 @@ def told_quantities(
     if not is_motor(values) or values["R"] <= 0 or values["K"] == 0:
         return {}
     told = "L" in names and polish.at_bound[list(names).index("L")] == 0
-    result = {}
+    result, triangle = {}, _triangle(polish)
     for name, (unit, quantity) in derived_quantities(values, with_winding=bool(told)).items():
         value = quantity(values)
         gradient = _gradient(quantity, values, names, log)
-        error = _standard_error(gradient, polish)
+        error = _standard_error(gradient, polish, triangle)
         if error is not None and np.isfinite(value) and error < USEFUL * abs(value):
             result[name] = DerivedQuantity(float(value), error, unit, budget.of(gradient) if budget else {})
     return result
@@ -71,25 +71,32 @@ def products(
 
     The other arguments are those of `told_quantities`; `units` is of each parameter.
     """
-    result = {}
+    if not determined:
+        return {}
+    result, triangle = {}, _triangle(polish)
     for powers in determined:
 
         def product(of: Values, powers: Mapping[str, int] = powers) -> float:
             return float(np.prod([of[n] ** e for n, e in powers.items()]))
 
-        error = _standard_error(_gradient(product, values, names, log), polish)
+        error = _standard_error(_gradient(product, values, names, log), polish, triangle)
         if error is not None:
             unit = written({f"({units[n]})": e for n, e in powers.items()}) if all(units[n] for n in powers) else ""
             result[written(powers)] = DerivedQuantity(product(values), error, unit)
     return result
 
 
-def _standard_error(gradient: FloatArray, polish: LeastSquaresFit) -> float | None:
+def _triangle(polish: LeastSquaresFit) -> FloatArray:
+    """Return the triangular factor of a fit's Jacobian, (p, p): it has the same scalar products."""
+    return np.asarray(np.linalg.qr(polish.jacobian, mode="r"))
+
+
+def _standard_error(gradient: FloatArray, polish: LeastSquaresFit, triangle: FloatArray) -> float | None:
     """Return the standard error of a quantity with this (p,) gradient; None if it is not determined."""
     inside = polish.at_bound == 0
     if np.any(gradient[~inside] != 0) or not inside.any():
         return None
-    jacobian, g = polish.jacobian[:, inside], gradient[inside]
+    jacobian, g = triangle[:, inside], gradient[inside]
     scale, singular, rows = scaled_svd(jacobian)
     rows, g_scaled = rows[singular > RANK_TOLERANCE * singular[0]], g / scale
     if np.linalg.norm(g_scaled - (rows @ g_scaled) @ rows) > OUTSIDE * np.linalg.norm(g_scaled):

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.errors import InputError
+from estimator.motor.exponential import exponential
 from estimator.motor.names import MOTOR, is_motor
 
 if TYPE_CHECKING:
@@ -69,13 +70,11 @@ def sampled(values: Mapping[str, float], step: float) -> tuple[FloatArray, Float
     InputError
         As `matrices`.
     """
-    from scipy.linalg import expm
-
     a, b, _, _ = matrices(values)
     whole = np.zeros((4, 4))
     whole[:2, :2], whole[:2, 2:] = a, b
-    exponential = expm(whole * step)
-    return exponential[:2, :2], exponential[:2, 2:]
+    over = exponential(whole * step)
+    return over[:2, :2], over[:2, 2:]
 
 
 def transfer_functions(values: Mapping[str, float]) -> dict[str, tuple[list[float], list[float]]]:

@@ -1,4 +1,4 @@
-/* kalman: the exact whitening of linear Gaussian noise, column by column. Knows neither motors nor FMUs.
+/* kalman: the exact whitening of linear Gaussian noise, column by column; recursions. Knows neither motors nor FMUs.
  *
  *     x_0 ~ N(0, initial)
  *     x_j = F x_(j-1) + N(0, Q)                 F, Q: of the time step that ends in row j
@@ -294,4 +294,23 @@ EXPORT void kalman_shorten(int64_t n, int64_t q, int64_t c, int64_t most, const 
             }
             for (int64_t k = 0; k < c; k++) y[k] /= deviation[own];
         }
+}
+
+/* Set y, (n), to the recursion y[j] = b[0] x[j] + b[1] x[j - 1] ... - a[0] y[j - 1] - a[1] y[j - 2] ..., all 0 before. */
+EXPORT void recursion_run(int64_t n, int64_t ahead, int64_t back, const double *b, const double *a, const double *x,
+                          double *restrict y)
+{
+#if defined(__SSE2__)
+    const unsigned control = _mm_getcsr();
+    _mm_setcsr(control | FLUSH_TO_ZERO);
+#endif
+    for (int64_t j = 0; j < n; j++) {
+        double sum = 0.0;
+        for (int64_t l = 0; l < ahead && l <= j; l++) sum += b[l] * x[j - l];
+        for (int64_t l = 0; l < back && l < j; l++) sum -= a[l] * y[j - 1 - l];
+        y[j] = sum;
+    }
+#if defined(__SSE2__)
+    _mm_setcsr(control);
+#endif
 }

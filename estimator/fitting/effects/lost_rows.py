@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,18 +10,18 @@ from numpy.typing import NDArray
 
 from estimator.fitting.effects.base import SELDOM, Effect
 from estimator.fitting.fit import Fit, Linear
+from estimator.fitting.noise_model import Clock
 from estimator.fitting.simulator import CELLS
 from estimator.fitting.windows import find_windows
-from estimator.plans.part import LONG
 from estimator.plans.plan import Plan
 
 FEWEST_ROWS, MOST_ROWS = 0.7, 30.0  # rows: a logger loses whole ones
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 
 TRIED_ROWS = (1, 2, 4, 6, 9, 14, 20)
 NEAR_TRIED = 0.35  # of the tried rows: how near to them the answer must be
 PLACES = 60  # that are tested, at most
-MEMORY = 1000  # rows over which a noise remembers, at most
 
 
 @dataclass(frozen=True)
@@ -38,62 +38,62 @@ class LostRows(Effect):
         windows = find_windows(fit)
         settled = windows.settled
         ends = np.zeros(s.rows, dtype=np.int64)
-        for clock in s.clocks:  # the transient of a row ends where its rows settle
-            row = np.arange(clock.rows.start, clock.rows.stop)
-            last = np.where(settled[clock.rows], row + 1, clock.rows.stop)
-            ends[clock.rows] = np.minimum.accumulate(last[::-1])[::-1]
+        for clock in s.clocks:
+            moving = ~settled[clock.rows]
+            own = np.where(moving, len(moving), np.arange(1, len(moving) + 1))
+            # The transient of a row ends where its rows settle.
+            ends[clock.rows] = clock.rows.start + np.minimum.accumulate(own[::-1])[::-1]
         places = np.flatnonzero(~settled & ~windows.sharp)  # beside an edge it is the latency of the edge
         places = places[:: max(1, len(places) // PLACES)]
         if not len(places) or settled.all() or any(g.name.startswith(self.name) for g in fit.linear):
             return ()
         test = fit.test()
-        best: tuple[float, int, int] | None = None
+        best, where = -1.0, (0, 0)
+        together = max(1, CELLS // fit.z.size)
         for many in TRIED_ROWS:
-            for rows, part in _together(fit, places, ends):
-                columns = np.zeros((rows.stop - rows.start, len(s.outputs), len(part)))
-                for p, row in enumerate(part.tolist()):
-                    own, end = _later(fit, row, int(ends[row]), many)
-                    columns[row - rows.start : end - rows.start, :, p] = own
-                power, along = test.powers(columns, rows)
+            for part in _parts(places, s.clocks, together):
+                rows = slice(int(part[0]), int(ends[part].max()))
+                along, power = test.scores(_columns(fit.shown, part, ends, many), rows)
                 gain = np.where(power > 1e-9, along**2 / np.maximum(power, 1e-9), 0.0)
                 near = np.abs(along / np.maximum(power, 1e-9) / many - 1) < NEAR_TRIED  # it says what it was made for
                 weighed = np.where(near, gain, 0.5 * gain)
                 k = int(np.argmax(weighed))
-                if best is None or weighed[k] > best[0]:
-                    best = float(weighed[k]), int(part[k]), many
-        assert best is not None
-        _, place, many = best
-        column = np.zeros((*fit.shown.shape, 1))
-        own, end = _later(fit, place, int(ends[place]), many)
-        column[place:end, :, 0] = own
+                if weighed[k] > best:
+                    best, where = float(weighed[k]), (int(part[k]), many)
+        place, many = where
+        own = np.zeros((*fit.shown.shape, 1))
+        own[place : ends[place]] = _columns(fit.shown, np.array([place]), ends, many)
         clock = next(c for c in s.clocks if c.rows.start <= place < c.rows.stop)
         t = clock.time[place - clock.rows.start]
-        return [Linear(f"{self.name} at t = {t:.4g} s", column, ("rows",), least=FEWEST_ROWS, most=MOST_ROWS)]
+        return [Linear(f"{self.name} at t = {t:.4g} s", own, ("rows",), least=FEWEST_ROWS, most=MOST_ROWS)]
 
     def tell(self, name: str, value: float, plan: Plan) -> str:
         """Say how many, and where."""
         return f"{name}: some {value:.2g} rows seem to be missing there"
 
 
-def _later(fit: Fit, row: int, end: int, many: int) -> tuple[FloatArray, int]:
-    """Return the change of the signals, (n, q), a lost row, in the rows of a transient from one on; and its end."""
-    end = max(end, row + 1)
-    later = np.minimum(np.arange(row, end) + many, end - 1)
-    return (fit.shown[later] - fit.shown[row:end]) / many, end
+def _parts(places: IntArray, clocks: Sequence[Clock], most: int) -> Iterator[IntArray]:
+    """Yield the places of each recording, so many at most at once."""
+    for clock in clocks:
+        own = places[(places >= clock.rows.start) & (places < clock.rows.stop)]
+        yield from (own[k : k + most] for k in range(0, len(own), most))
 
 
-def _together(fit: Fit, places: NDArray[np.int64], ends: NDArray[np.int64]) -> list[tuple[slice, NDArray[np.int64]]]:
-    """Return places that are tested at once, and the rows that are whitened for them.
+def _columns(shown: FloatArray, places: IntArray, ends: IntArray, many: int) -> FloatArray:
+    """Return the change of the signals, (rows, q, places), by one row lost, from the first place to the last end.
 
-    These are all rows; of a long recording those of the transient, and some before and behind for the noise's memory.
+    Parameters
+    ----------
+    shown : (n, q) array
+    places, ends : rows before which some are lost; of every row, (n,), where its transient ends
+    many : int
+        Rows lost, over which the change is taken.
     """
-    rows = fit.simulator.rows
-    if rows <= LONG:
-        together = max(1, CELLS // fit.z.size)
-        return [(slice(0, rows), places[k : k + together]) for k in range(0, len(places), together)]
-    found = []
-    for part in np.split(places, np.flatnonzero(np.diff(ends[places])) + 1):
-        clock = next(c.rows for c in fit.simulator.clocks if part[0] < c.rows.stop)
-        first, last = max(clock.start, int(part[0]) - MEMORY), min(clock.stop, int(ends[part[-1]]) + MEMORY)
-        found.append((slice(first, last), part))
-    return found
+    rows = np.arange(places[0], ends[places].max())
+    columns = np.zeros((len(rows), shown.shape[1], len(places)))
+    for end in np.unique(ends[places]).tolist():
+        inside, own = rows[rows < end], ends[places] == end
+        change = (shown[np.minimum(inside + many, end - 1)] - shown[inside]) / many
+        after = inside[:, None] >= places[own]
+        columns[: len(inside), :, own] = change[:, :, None] * after[:, None, :]
+    return columns

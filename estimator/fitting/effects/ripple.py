@@ -11,49 +11,25 @@ from numpy.typing import NDArray
 from estimator.conventions import STANDS_OUT
 from estimator.fitting.effects.base import USUAL, Effect
 from estimator.fitting.fit import Fit, Linear
+from estimator.fitting.shaft_angle import HIGHEST_ORDER
 from estimator.fitting.windows import find_windows
 from estimator.plans.plan import Plan
-from estimator.recordings.excitation import noise_deviation, quantum
-from estimator.recordings.samples import filled
+from estimator.recordings.excitation import quantum
 
 FloatArray = NDArray[np.float64]
 
-HIGHEST_ORDER = 64  # of the angle
 LEAST_TURNS = 4.0  # with fewer, no order is resolved
 AS_GOOD = 0.9  # of the best order's power: the lowest order that explains as much is selected
-LINE_CYCLES, FOLDED = 10.0, 0.05  # in a recording; of its rows: an order that is aliased below may be a drift
 LEAST_QUANTA = 1.0  # of a speed's quantum
 ORDERS_BESIDE = 2  # neighbouring orders that a few turns do not resolve
 ORDERS_NEARBY = 12  # on either side: by the median of their powers an order is judged
 STANDSTILL = 1e-3  # of the largest signal: less stands still
 MOST_LINES = 4  # an output, at most
-SPIKE, TURNING = 8.0, 0.2  # standard deviations of a speed's noise; of the largest speed: where it is turning
 
 
 def angle_of(fit: Fit) -> FloatArray | None:
-    """Return the shaft's angle, rad, (rows,), integrated from the measured speed; None where there is none.
-
-    Of the measured speed: a simulated one with an error of half a percent loses whole periods of a high order.
-    """
-    s = fit.simulator
-    if "angle" in s.outputs:
-        return filled(s.measured[:, s.outputs.index("angle")])
-    if "w" not in s.outputs:
-        return None
-    w, result = s.measured[:, s.outputs.index("w")], np.zeros(s.rows)
-    for clock in s.clocks:
-        part, t = _without_spikes(filled(w[clock.rows])), clock.time
-        result[clock.rows] = np.concatenate([[0.0], np.cumsum(0.5 * (part[1:] + part[:-1]) * np.diff(t))])
-    return result
-
-
-def _without_spikes(w: FloatArray) -> FloatArray:
-    """Return a speed, (n,), with lone samples far off replaced: each would turn the shaft on for good."""
-    if len(w) < 3:
-        return w
-    beside = np.median(np.lib.stride_tricks.sliding_window_view(np.pad(w, 1, mode="edge"), 3), axis=1)
-    turns = np.abs(beside) > TURNING * float(np.max(np.abs(beside)))  # at rest there is less noise
-    return np.where(turns & (np.abs(w - beside) > SPIKE * noise_deviation(w[turns])), beside, w)
+    """Return the shaft's angle, rad, (rows,), integrated from the measured speed; None where there is none."""
+    return fit.simulator.angle
 
 
 def standing_out(fit: Fit) -> FloatArray:
@@ -111,18 +87,14 @@ class Ripple(Effect):
     def power(self, theta: FloatArray, z: FloatArray, fit: Fit) -> FloatArray:
         """Return how much of a whitened output each order explains, (orders,)."""
         total = np.zeros(HIGHEST_ORDER)
-        for clock in fit.simulator.clocks:
+        for clock, orders in zip(fit.simulator.clocks, fit.simulator.unfolded, strict=True):
             own = z[clock.rows]
             there = own != 0  # the others tell nothing
             base, own = np.exp(1j * theta[clock.rows][there]), own[there]
             wave = np.ones_like(base)
-            turn = np.diff(theta[clock.rows], prepend=theta[clock.rows][0])
-            turn = turn[np.abs(turn) > 0.2 * np.max(np.abs(turn))]
-            for k in range(HIGHEST_ORDER):
+            for k, usable in enumerate(orders):
                 wave = wave * base
-                turns = (k + 1) / (2 * np.pi) * turn
-                folded = np.abs(turns - np.round(turns))
-                if np.count_nonzero(folded < LINE_CYCLES / len(folded)) > FOLDED * len(folded):
+                if not usable:
                     continue  # aliased to a slow change
                 total[k] += abs(np.vdot(wave, own)) ** 2
         return total

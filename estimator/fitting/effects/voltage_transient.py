@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.fitting.effects.base import SELDOM, Effect, time_constants
-from estimator.fitting.fit import Fit, Linear
+from estimator.fitting.fit import Fit, Linear, likeliest
 from estimator.fitting.latency import EDGE, MOST_EDGES
 from estimator.fitting.motor_response import as_late, motor_values, response
 from estimator.fitting.recursion import recursion
@@ -39,26 +39,23 @@ class VoltageTransient(Effect):
 
     def linear(self, fit: Fit) -> Sequence[Linear]:
         """Return the time constant whose transient explains most of the residuals."""
-        s = fit.simulator
         if motor_values(fit) is None or any(g.name.startswith(NAMES) for g in fit.linear):
             return ()
-        v = s.inputs("v")
-        duration = max(float(c.time[-1] - c.time[0]) for c in s.clocks)
-        taus = time_constants(s.clocks[0].step, LONGEST_TRANSIENT * duration)
-        columns = []
-        for tau in taus:
-            missing = np.zeros(s.rows)
-            for clock in s.clocks:
-                missing[clock.rows] = _coming_back(v[clock.rows], float(np.exp(-clock.step / tau)), float(np.ptp(v)))
-            if not np.any(missing):
-                return ()
-            columns.append(response(fit, voltage=as_late(fit, -self.sign * missing)))
-        best = fit.test().likeliest(np.stack(columns, axis=2))
+        taus, columns, along, power = fit.once(_missing)
+        if not columns.size:
+            return ()
+        best = likeliest(self.sign * along, power)
         name = f"{self.name} of {taus[best]:.3g} s"
         size = max(0.02 * self.sign, 0.0)
         return [
             Linear(
-                name, columns[best][:, :, None], ("",), least=LEAST_PART, most=MOST_PART, size=size, one_of=len(taus)
+                name,
+                self.sign * columns[:, :, best, None],
+                ("",),
+                least=LEAST_PART,
+                most=MOST_PART,
+                size=size,
+                one_of=len(taus),
             )
         ]
 
@@ -66,6 +63,27 @@ class VoltageTransient(Effect):
         """Say in which direction, by how much, and for how long."""
         way = "too low" if self.sign > 0 else "too high"
         return f"{name}: after each change the motor's voltage is {way} at first, by {100 * value:.2g} % of it"
+
+
+def _missing(fit: Fit) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Return time constants, s, the signals' changes by a voltage that is missing at first, and their score tests.
+
+    (rows, q, c) columns; (c,) scores and information. No columns where the voltage has no levels.
+    """
+    s = fit.simulator
+    v = s.inputs("v")
+    duration = max(float(c.time[-1] - c.time[0]) for c in s.clocks)
+    taus = time_constants(s.clocks[0].step, LONGEST_TRANSIENT * duration)
+    columns = []
+    for tau in taus:
+        missing = np.zeros(s.rows)
+        for clock in s.clocks:
+            missing[clock.rows] = _coming_back(v[clock.rows], float(np.exp(-clock.step / tau)), float(np.ptp(v)))
+        if not np.any(missing):
+            return taus, np.zeros((s.rows, len(s.outputs), 0)), np.zeros(0), np.zeros(0)
+        columns.append(response(fit, voltage=as_late(fit, -missing)))
+    stacked = np.stack(columns, axis=2)
+    return taus, stacked, *fit.test().scores(stacked)
 
 
 def _coming_back(u: FloatArray, decay: float, span: float) -> FloatArray:
