@@ -292,3 +292,25 @@ def test_a_filter_acts_on_a_current_that_is_faster_than_the_rows_between_samples
     assert "lag" in result.effects, (result.effects, result.reasons)
     off = {n: (result.parameters[n].value - x) / result.parameters[n].standard_error for n, x in values.items()}
     assert max(map(abs, off.values())) < 4.5, off
+
+
+def test_what_a_step_would_not_show_is_told_with_its_size_and_what_it_does():
+    """A friction of half the size that hides puts B off by half of what is said; of twice that size it is found."""
+    told = {hidden.effect: hidden for hidden in run(recording("step")).not_visible}
+    assert set(told) >= {"dry friction", "sag", "brush drop"} and "current limit" not in told
+    friction = told["dry friction"]
+    assert friction.unit == "N.m" and 0.05 < friction.size / (B * 10.5 / K) < 0.3
+    dry = run(recording("step", friction=0.5 * friction.size))
+    part, bars = friction.off["B"]
+    assert dry.parameters["B"].value / B - 1 == pytest.approx(0.5 * part, rel=0.3) and bars > 20
+    assert any(f"dry friction {dry.not_visible[0].size:.2g} N.m (B +" in note for note in dry.notes)
+    known = run(recording("step", friction=2 * friction.size))
+    assert "friction" in known.chain or known.verdict != "ok"
+
+
+def test_two_levels_hide_less_friction_than_one():
+    sizes = [
+        next((h.size for h in run(recording(excitation)).not_visible if h.effect == "dry friction"), 0.0)
+        for excitation in ("step", "two levels")
+    ]
+    assert sizes[1] < 0.1 * sizes[0]
