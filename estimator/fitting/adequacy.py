@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.conventions import FALSE_ALARM, RESOLVED, SMALL_CORRELATION
+from estimator.distributions import chi_square_limit, f_limit, normal_quantile
 from estimator.fitting.fit import Fit
 from estimator.fitting.windows import Windows, find_windows
 
@@ -119,8 +120,6 @@ def adequacy(fit: Fit, parameters: int) -> Adequacy:
     parameters : int
         How many of the fit's names, the first ones, are the motor's.
     """
-    from scipy.special import chdtri, fdtri, ndtri
-
     windows = find_windows(fit)
     z = fit.z.reshape(fit.shown.shape)
     present = fit.whitener.present & (fit.whitener.inflate == 1.0)
@@ -128,7 +127,7 @@ def adequacy(fit: Fit, parameters: int) -> Adequacy:
     known_by = np.maximum((windows.settled[:, None] & present).sum(axis=0), 2)  # samples that tell the noise
     outputs = fit.simulator.outputs
     count = 2 * len(windows.windows) * len(outputs) + len(windows.windows) + len(outputs)
-    normal = float(ndtri(1 - FALSE_ALARM / count))
+    normal = normal_quantile(1 - FALSE_ALARM / count)
     failures, excess, parts = [], np.ones_like(z), []
     resolved = np.abs(np.nan_to_num(fit.residuals())) > RESOLVED * fit.simulator.steps
     for window in windows.windows:
@@ -139,7 +138,7 @@ def adequacy(fit: Fit, parameters: int) -> Adequacy:
             if n < 2:
                 continue
             square = float(np.sum(own[known] ** 2)) / n
-            limit = float(fdtri(n, known_by[j], 1 - FALSE_ALARM / count))
+            limit = f_limit(n, float(known_by[j]), FALSE_ALARM / count)
             limit = max(limit, 1 + normal * np.sqrt(2 * tails[j] * (1 / n + 1 / known_by[j])))
             seen = not fit.simulator.steps[j] or bool(np.any(resolved[window.rows, j]))
             if seen and square > limit:
@@ -158,7 +157,7 @@ def adequacy(fit: Fit, parameters: int) -> Adequacy:
                     excess[window.rows, j] = np.maximum(excess[window.rows, j], longer)
     test = fit.test()
     for name, output, mask in _groups(windows, outputs, z.shape):
-        ratio = _own_values(fit, test.left, test.basis, mask.ravel(), parameters, chdtri, FALSE_ALARM / count)
+        ratio = _own_values(fit, test.left, test.basis, mask.ravel(), parameters, FALSE_ALARM / count)
         if ratio > 1:
             failures.append(Failure("own values", name, output, ratio))
             excess[mask] = np.maximum(excess[mask], ratio**2)
@@ -196,7 +195,6 @@ def _own_values(
     basis: FloatArray,
     mask: NDArray[np.bool_],
     parameters: int,
-    chdtri: object,
     chance: float,
 ) -> float:
     """Return how much larger the score of own parameters in a part is than its quantile; its root."""
@@ -211,7 +209,7 @@ def _own_values(
     if not u.shape[1]:
         return 0.0
     along = u.T @ left
-    return float(np.sqrt(along @ along / chdtri(u.shape[1], chance)))  # type: ignore[operator]
+    return float(np.sqrt(along @ along / chi_square_limit(u.shape[1], chance)))
 
 
 def _tails(z: FloatArray, present: NDArray[np.bool_], windows: Windows) -> FloatArray:

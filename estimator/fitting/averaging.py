@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.conventions import CONFIDENCE, TOLD_POWER
+from estimator.distributions import normal_chance, normal_quantile
 from estimator.fitting.selection import Addition, Explanation
 
 FloatArray = NDArray[np.float64]
@@ -189,15 +190,13 @@ def _covering(
 
     Otherwise an unlikely rival far away would widen the interval without bound, and a likely one not enough.
     """
-    from scipy.special import ndtr, ndtri
-
     mean, deviation = np.array(means), np.sqrt(np.maximum(np.array(variances), 1e-300))
     low, high = np.zeros(len(total)), np.max(np.abs(mean) + 10 * deviation, axis=0)
     for _ in range(60):
         middle = 0.5 * (low + high)
-        inside = weights @ (ndtr((middle - mean) / deviation) - ndtr((-middle - mean) / deviation))
+        inside = weights @ (normal_chance((middle - mean) / deviation) - normal_chance((-middle - mean) / deviation))
         low, high = np.where(inside < CONFIDENCE, middle, low), np.where(inside < CONFIDENCE, high, middle)
-    wanted = high / ndtri(0.5 + CONFIDENCE / 2)
+    wanted = high / normal_quantile(0.5 + CONFIDENCE / 2)
     now = np.sqrt(np.maximum(np.diag(total), 1e-300))
     scale = np.where(np.diag(total) > 0, wanted / now, 1.0)
     return np.asarray(total * np.outer(scale, scale))

@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.conventions import FALSE_ALARM
+from estimator.distributions import chi_square_beyond
 from estimator.fitting.least_squares import RANK_TOLERANCE, information_parts
 
 if TYPE_CHECKING:
@@ -128,8 +129,6 @@ def _cut(column: FloatArray, rows: Sequence[slice]) -> FloatArray:
 
 def _variation(j: int, own: FloatArray, others: FloatArray, z: FloatArray) -> tuple[Variation, float] | None:
     """Return a parameter's variation and Q; None where fewer than two recordings tell it."""
-    from scipy.special import chdtrc
-
     basis = _basis(others)
     across = own - basis @ (basis.T @ own)
     information, score = across.T @ across, across.T @ z
@@ -154,7 +153,7 @@ def _variation(j: int, own: FloatArray, others: FloatArray, z: FloatArray) -> tu
     run = int(np.argmax(off))
     deviation = float(np.sqrt(variance))
     errors = deviation * float(np.sqrt(size / rank))
-    probability = float(chdtrc(rank, q))
+    probability = chi_square_beyond(rank, q)
     return Variation(j, deviation, errors, probability, False, run, float(score[run] / known[run])), q
 
 

@@ -3,9 +3,9 @@
     minimise  Σ_j Σ_k (y_jk(θ) − m_jk)² / σ_j²        over x = ln θ (or θ, for parameters not on a log scale)
 
 by the trust-region reflective method (trust_region.py) with a Jacobian of one-sided differences, all of whose
-simulations are one batch. σ_j are the residuals' own deviations: found from the fit and put back, until they agree (for independent
-normal noise of unknown deviations this is the maximum-likelihood estimate). The covariance at the optimum is
-(JᵀJ)⁻¹ with a Jacobian of central differences.
+simulations are one batch. σ_j are the residuals' own deviations: found from the fit and put back, until they agree (for
+independent normal noise of unknown deviations this is the maximum-likelihood estimate). The covariance at the optimum
+is (JᵀJ)⁻¹ with a Jacobian of central differences.
 """
 
 from __future__ import annotations

@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 
 from estimator.conventions import MEDIAN_SIZE, SECOND_DIFFERENCE, T_FREEDOM, T_MEDIAN
 from estimator.fitting.kalman import shorten, whiten
+from estimator.fitting.quasi_newton import minimise
 from estimator.motor.exponential import exponential
 from estimator.plans.part import LONG
 
@@ -626,8 +627,6 @@ class _Search:
         self, noise: NoiseModel, active: Sequence[tuple[str, int]], *, iterations: int = 12
     ) -> tuple[NoiseModel, float]:
         """Return the noise model with its active components' numbers at the largest likelihood, and its misfit."""
-        from scipy.optimize import minimize
-
         x0 = np.array([x for c in active for x in _get(noise, c)])
         low, high = x0 - 7.0, x0 + 7.0
         longest = np.log(LONGEST_SLOW * max(float(c.time[-1] - c.time[0]) for c in self.whitener.clocks))
@@ -641,14 +640,8 @@ class _Search:
         def value(x: FloatArray) -> float:
             return self.misfit(_set(noise, active, x))
 
-        found = minimize(
-            value,
-            x0,
-            method="L-BFGS-B",
-            bounds=list(zip(low, high, strict=True)),
-            options={"maxiter": iterations, "eps": 1e-3, "ftol": 1e-6},
-        )
-        return _set(noise, active, found.x), float(found.fun)
+        x, found = minimise(value, x0, low, high, step=1e-3, iterations=iterations, ftol=1e-6)
+        return _set(noise, active, x), found
 
     def _with_short(self, noise: NoiseModel) -> NoiseModel:
         """Return the noise with the remaining correlation over few samples."""

@@ -16,6 +16,7 @@ import dataclasses
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.distributions import chi_square_beyond
 from estimator.fitting.adequacy import adequacy
 from estimator.fitting.explained import count_deviation
 from estimator.fitting.fit import Fit, solved
@@ -36,8 +37,6 @@ def other_values(held: Fit, estimate: Estimate) -> OtherValues | None:
     held : Fit
         Solved, at the estimate's values; only nuisance parameters of its recordings are free.
     """
-    from scipy.special import chdtrc
-
     s = held.simulator
     names, covariance = _covariance(held, estimate)
     if not names:
@@ -71,7 +70,7 @@ def other_values(held: Fit, estimate: Estimate) -> OtherValues | None:
     return OtherValues(
         chi_square=chi_square,
         degrees=degrees,
-        chance=float(chdtrc(degrees, chi_square)),
+        chance=chi_square_beyond(degrees, chi_square),
         values=dict(zip(names, fit.values[where].tolist(), strict=True)),
         worst=names[worst],
         apart=float(ratios[worst]),

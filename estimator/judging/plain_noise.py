@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.conventions import FALSE_ALARM, NUMERICAL, RESOLVED, SMALL_CORRELATION
+from estimator.distributions import chi_square_limit, normal_quantile
 from estimator.recordings.excitation import quantum
 from estimator.results.reason import Place, Reason
 from estimator.results.result import Comparison
@@ -68,15 +69,13 @@ def _ripple(c: Comparison, name: str, left: FloatArray, level: float) -> Reason 
 
 def _stretch(c: Comparison, name: str, left: FloatArray, level: float) -> Reason | None:
     """Find the stretch whose mean is farthest from zero in its own standard errors."""
-    from scipy.special import ndtri
-
     at = np.flatnonzero(~np.isnan(left))
     z = left[at] / float(np.std(left[at]))
     sums = np.concatenate([[0.0], np.cumsum(z)])
     lengths = [SHORTEST_STRETCH * 2**k for k in range(int(math.log2(len(z) / SHORTEST_STRETCH)))]
     if not lengths:
         return None
-    limit = -float(ndtri(level / (2 * len(z) * len(lengths))))
+    limit = -normal_quantile(level / (2 * len(z) * len(lengths)))
     farthest, first, length = 0.0, 0, 0
     for m in lengths:
         far = np.abs(sums[m:] - sums[:-m]) / math.sqrt(m)
@@ -96,15 +95,13 @@ def _stretch(c: Comparison, name: str, left: FloatArray, level: float) -> Reason
 
 def _neighbours(c: Comparison, name: str, left: FloatArray, level: float) -> Reason | None:
     """Find residuals that are correlated with those before them."""
-    from scipy.special import chdtri
-
     z = np.nan_to_num(left - np.nanmean(left))
     n = int(np.sum(~np.isnan(left)))
     lags = np.arange(1, min(LJUNG_BOX_LAGS, n // 4) + 1)
     alike = np.array([float(np.sum(z[k:] * z[:-k])) for k in lags]) / float(np.sum(z**2))
     q = n * (n + 2) * float(np.sum(alike**2 / (n - lags)))
     k = int(np.argmax(np.abs(alike)))
-    if q <= float(chdtri(len(lags), level)) or abs(alike[k]) < SMALL_CORRELATION:
+    if q <= chi_square_limit(len(lags), level) or abs(alike[k]) < SMALL_CORRELATION:
         return None
     return Reason(
         f"{c.name}: the residuals of {name} are no plain noise: samples {lags[k]} apart are alike (correlation"

@@ -16,6 +16,7 @@ from statistics import NormalDist
 import numpy as np
 
 from estimator.conventions import USELESS_ERROR
+from estimator.distributions import chi_square_beyond
 from estimator.errors import InputError
 from estimator.results.result import Estimate, FloatArray, ParameterEstimate
 
@@ -216,8 +217,6 @@ def _change(name: str, a: tuple[float, float], b: tuple[float, float], *, thresh
 
 def _joint(a: Estimate, b: Estimate) -> tuple[float, int, float] | None:
     """Return chi-square, degrees of freedom and probability of all parameters that both determine; None if too few."""
-    from scipy.special import chdtrc
-
     one, other = _covariance(a), _covariance(b)
     if one is None or other is None:
         return None
@@ -231,7 +230,7 @@ def _joint(a: Estimate, b: Estimate) -> tuple[float, int, float] | None:
     values, vectors = np.linalg.eigh(covariance)
     seen = values > 1e-12 * values[-1]
     chi = float(np.sum((vectors[:, seen].T @ difference) ** 2 / values[seen]))
-    return chi, int(seen.sum()), float(chdtrc(int(seen.sum()), chi))
+    return chi, int(seen.sum()), chi_square_beyond(int(seen.sum()), chi)
 
 
 def _covariance(estimate: Estimate) -> tuple[list[str], FloatArray] | None:
@@ -249,13 +248,11 @@ def _repeatability(values: Sequence[tuple[float, float]]) -> Repeatability | Non
     """Return the scatter of three values and more; its probability by the chi-square of the weighted deviations."""
     if len(values) < FEWEST:
         return None
-    from scipy.special import chdtrc
-
     x, errors = (np.array(column) for column in zip(*values, strict=True))
     weights = 1 / errors**2
     weighted = float(np.sum(weights * x) / np.sum(weights))
     mean, deviation = float(x.mean()), float(x.std(ddof=1))
-    probability = float(chdtrc(len(x) - 1, float(np.sum(weights * (x - weighted) ** 2))))
+    probability = chi_square_beyond(len(x) - 1, float(np.sum(weights * (x - weighted) ** 2)))
     percent = 100 * deviation / abs(mean) if mean else math.nan
     return Repeatability(mean, deviation, percent, deviation / float(np.sqrt(np.mean(errors**2))), probability)
 
