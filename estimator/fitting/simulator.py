@@ -207,9 +207,10 @@ class Simulator:
         """
         steps = np.zeros(len(self.names))
         if any(n.between and values[self.index[n.name]] != n.neutral for n in self._acts):
-            for n in (*self.plan.parameters, *self.nuisances):
-                if n.place is not None and n.place.kind == "delay":
-                    steps[self.index[n.name]] = min(clock.step for clock in self.clocks) / self.between
+            places = [(n.name, n.place) for n in self.plan.parameters] + [(n.name, n.place) for n in self.nuisances]
+            for name, place in places:
+                if place is not None and place.kind == "delay":
+                    steps[self.index[name]] = min(clock.step for clock in self.clocks) / self.between
         return steps
 
     def scaled(self, values: FloatArray) -> FloatArray:
