@@ -10,9 +10,10 @@ the whitened [C J r] holds all that a step, a covariance or a test needs.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import islice
 from typing import Any, TypeVar
 
 import numpy as np
@@ -21,7 +22,7 @@ from numpy.typing import NDArray
 from estimator.conventions import MEDIAN_SIZE, T_FREEDOM
 from estimator.fitting.least_squares import DIFFERENCE_STEP, information_parts
 from estimator.fitting.noise_model import NoiseModel, Whitener
-from estimator.fitting.simulator import Simulator
+from estimator.fitting.simulator import CELLS, Simulator
 from estimator.plans.parameters import SensorPlace
 
 FloatArray = NDArray[np.float64]
@@ -212,9 +213,15 @@ class ScoreTest:
         power = whole - np.einsum("nk,nk->k", known, known)
         return whitened.T @ self.left[at], np.where(power > DEPENDENT * whole, power, 0.0)
 
-    def likeliest(self, columns: FloatArray) -> int:
-        """Return which of (rows, q, c) columns lowers z'z most with a coefficient above 0; 0 if none does."""
-        return likeliest(*self.scores(columns))
+    def scores_of(self, columns: Iterable[FloatArray]) -> tuple[FloatArray, FloatArray]:
+        """Return the scores and the information, (c,) each, of c columns, (rows, q), some of them at once."""
+        rows, along, power = len(self.whitener.present), [], []
+        rest = iter(columns)
+        while first := list(islice(rest, max(1, CELLS // rows))):
+            found = self.scores(np.stack(first, axis=2))
+            along.append(found[0])
+            power.append(found[1])
+        return (np.concatenate(along), np.concatenate(power)) if along else (np.zeros(0), np.zeros(0))
 
     def gain(self, across: FloatArray) -> tuple[float, FloatArray]:
         """Return the fall of z'z, and the coefficients, of a group of columns, (rows q, k), as `across` gives them."""
@@ -515,13 +522,15 @@ def _differences(
         if central:
             points[f + k, j] = s.unscaled(_spread(s, j, behind[k]))[j]
     all_shown = s.shown(points)
-    columns = []
+    result = np.zeros((*shown.shape, f))
     for k in range(f):
         there, back, width = all_shown[k], all_shown[f + k] if central else shown, ahead[k] - behind[k]
         if not np.isfinite(back).all():
             back, width = shown, ahead[k] - x[k]
-        columns.append((there - back) / width if np.isfinite(there).all() else np.zeros_like(shown))
-    return np.stack(columns, axis=2)
+        if np.isfinite(there).all():
+            np.subtract(there, back, out=result[:, :, k])
+            result[:, :, k] /= width
+    return result
 
 
 def _spread(s: Simulator, j: int, x: float) -> FloatArray:

@@ -225,7 +225,7 @@ class Whitener:
         g, variance, spaces = self._state_spaces
         scaled = columns / g[:, :, None] if self.noise.growth[:, 0].any() else columns
         parts = []
-        total = float(2 * np.sum(np.log(g)[self.present]))
+        total = self._log_size
         for clock, (steps, arrays) in zip(self.clocks, spaces, strict=True):
             part = clock.rows
             white, log = whiten(scaled[part], variance[part], steps=steps, **arrays)
@@ -234,8 +234,7 @@ class Whitener:
                 shorten(white, self.present[part], self.moving[part], self.noise.short)
             parts.append(white)
         result = parts[0] if len(parts) == 1 else np.concatenate(parts)
-        for short, where in zip(self.noise.short, (~self.moving, self.moving), strict=False):
-            counts = self.present[where].sum(axis=0)
+        for short, counts in zip(self.noise.short, self._counts, strict=False):
             total += float(sum(2 * n * np.log(s) for n, (_, s) in zip(counts, short, strict=True)))
         return result, total
 
@@ -263,10 +262,21 @@ class Whitener:
         g, variance, spaces = self._state_spaces
         steps, arrays = next(space for own, space in zip(self.clocks, spaces, strict=True) if own is clock)
         own = None if steps is None else steps[rows.start - clock.rows.start : rows.stop - clock.rows.start]
-        white, _ = whiten(columns / g[rows][:, :, None], variance[rows], steps=own, **arrays)
+        scaled = columns / g[rows][:, :, None] if self.noise.growth[:, 0].any() else columns
+        white, _ = whiten(scaled, variance[rows], steps=own, **arrays)
         if self.noise.short:
             shorten(white, self.present[rows], self.moving[rows], self.noise.short)
         return white
+
+    @cached_property
+    def _log_size(self) -> float:
+        """The sum of log g^2 of all samples."""
+        return float(2 * np.sum(np.log(self._state_spaces[0])[self.present]))
+
+    @cached_property
+    def _counts(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Samples of each channel while the machine rests, and while it runs."""
+        return self.present[~self.moving].sum(axis=0), self.present[self.moving].sum(axis=0)
 
     @cached_property
     def _state_spaces(

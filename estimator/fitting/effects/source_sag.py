@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.fitting.effects.base import SELDOM, Effect, time_constants
-from estimator.fitting.fit import Fit, Linear
+from estimator.fitting.fit import Fit, Linear, likeliest
 from estimator.fitting.motor_response import motor_values, response
 from estimator.fitting.recursion import recursion
 from estimator.plans.plan import Plan
@@ -43,14 +43,14 @@ class SourceSag(Effect):
             return ()
         taus = time_constants(s.clocks[0].step, LONGEST_SAG)
         current = fit.explained[:, s.outputs.index("i")]
-        columns = [_response(fit, current, float(tau)) for tau in taus]
-        best = fit.test().likeliest(np.stack(columns, axis=2))
+        best = likeliest(*fit.test().scores_of(_response(fit, current, float(tau)) for tau in taus))
         near = {max(0, best - STEPS_BESIDE), best, min(len(taus) - 1, best + STEPS_BESIDE)}
         bounds = {"least": LEAST_SAG * values["R"], "most": values["R"], "size": USUAL_SAG * values["R"]}
         return [
-            Linear(f"{self.name}, {taus[k]:.3g} s", columns[k][:, :, None], ("Ohm",), one_of=len(taus), **bounds)
+            Linear(f"{self.name}, {taus[k]:.3g} s", _response(fit, current, float(taus[k]))[:, :, None], ("Ohm",),
+                   one_of=len(taus), **bounds)
             for k in sorted(near, key=lambda k: abs(k - best))
-        ]
+        ]  # fmt: skip
 
     def renewed(self, fit: Fit, group: Linear, coefficients: FloatArray) -> Linear | None:
         """Return the sag by the current of the last fit."""

@@ -41,8 +41,8 @@ class VoltageTransient(Effect):
         """Return the time constant whose transient explains most of the residuals."""
         if motor_values(fit) is None or any(g.name.startswith(NAMES) for g in fit.linear):
             return ()
-        taus, columns, along, power = fit.once(_missing)
-        if not columns.size:
+        taus, along, power = fit.once(_missing)
+        if not len(along):
             return ()
         best = likeliest(self.sign * along, power)
         name = f"{self.name} of {taus[best]:.3g} s"
@@ -50,7 +50,7 @@ class VoltageTransient(Effect):
         return [
             Linear(
                 name,
-                self.sign * columns[:, :, best, None],
+                self.sign * _response(fit, float(taus[best]))[:, :, None],
                 ("",),
                 least=LEAST_PART,
                 most=MOST_PART,
@@ -65,25 +65,28 @@ class VoltageTransient(Effect):
         return f"{name}: after each change the motor's voltage is {way} at first, by {100 * value:.2g} % of it"
 
 
-def _missing(fit: Fit) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Return time constants, s, the signals' changes by a voltage that is missing at first, and their score tests.
+def _missing(fit: Fit) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return time constants, s, and scores and information, (c,) each, of a voltage that is missing at first.
 
-    (rows, q, c) columns; (c,) scores and information. No columns where the voltage has no levels.
+    No scores where the voltage has no levels.
     """
     s = fit.simulator
     v = s.inputs("v")
     duration = max(float(c.time[-1] - c.time[0]) for c in s.clocks)
     taus = time_constants(s.clocks[0].step, LONGEST_TRANSIENT * duration)
-    columns = []
-    for tau in taus:
-        missing = np.zeros(s.rows)
-        for clock in s.clocks:
-            missing[clock.rows] = _coming_back(v[clock.rows], float(np.exp(-clock.step / tau)), float(np.ptp(v)))
-        if not np.any(missing):
-            return taus, np.zeros((s.rows, len(s.outputs), 0)), np.zeros(0), np.zeros(0)
-        columns.append(response(fit, voltage=as_late(fit, -missing)))
-    stacked = np.stack(columns, axis=2)
-    return taus, stacked, *fit.test().scores(stacked)
+    if not any(np.any(_coming_back(v[c.rows], 0.0, float(np.ptp(v)))) for c in s.clocks):
+        return taus, np.zeros(0), np.zeros(0)
+    return taus, *fit.test().scores_of(_response(fit, float(tau)) for tau in taus)
+
+
+def _response(fit: Fit, tau: float) -> FloatArray:
+    """Return the signals' change, (rows, q), by a voltage that is missing at first and comes back with tau, s."""
+    s = fit.simulator
+    v = s.inputs("v")
+    missing = np.zeros(s.rows)
+    for clock in s.clocks:
+        missing[clock.rows] = _coming_back(v[clock.rows], float(np.exp(-clock.step / tau)), float(np.ptp(v)))
+    return response(fit, voltage=as_late(fit, -missing))
 
 
 def _coming_back(u: FloatArray, decay: float, span: float) -> FloatArray:
