@@ -6,8 +6,13 @@ from effect_bench import NOISE, TRUE
 
 from estimator.cases.case import Case, OutputSpec
 from estimator.estimating.estimate import estimate_recordings
+from estimator.fitting.explained import freed_by_the_case
+from estimator.fitting.simulator import Simulator
+from estimator.fmus.fmu import describe
 from estimator.fmus.simulate import simulate
+from estimator.fmus.workers import Workers
 from estimator.plans.part import LONG
+from estimator.plans.planning import plan_case
 from estimator.recordings.recording import recording_from_arrays
 
 pytestmark = pytest.mark.usefixtures("shared_workers")
@@ -36,3 +41,36 @@ def run(recording):
 def test_rows_that_a_long_recording_lost_are_found_where_they_are():
     result = run(switched(lost=range(11_020, 11_026)))
     assert any("lost rows at t = 11.0" in reason for reason in result.reasons), (result.effects, result.reasons)
+
+
+def test_a_derivative_by_what_is_one_recordings_simulates_no_other_anew():
+    case = Case(inputs=CASE.inputs, outputs={y: OutputSpec(o.column, offset="free") for y, o in CASE.outputs.items()})
+    runs = [switched(2_500, seed=k) for k in range(3)]
+    plan = plan_case(case, describe("dc_motor"), recordings=runs)
+    wanted = freed_by_the_case(plan)
+    with Workers(1) as crew:
+        simulator = Simulator(plan, wanted, crew, {"i": 1.0, "w": 1.0})
+        home = simulator.values({**TRUE, **{n.name: 0.1 for n in wanted}})
+        many = np.repeat(home[None, :], 1 + len(home), axis=0)
+        many[1:] += np.diag(1e-3 * np.maximum(np.abs(home), 1e-3))
+        before = crew.steps
+        together = simulator.shown(many)
+        asked = crew.steps - before
+        alone = np.concatenate([simulator.shown(one[None, :]) for one in many])
+        assert len(wanted) == 6 and asked == (1 + len(TRUE) + 2) * (crew.steps - before - asked) // len(many)
+    assert np.array_equal(together, alone)
+    assert np.ptp(together[:, :2_500], axis=0).max() > 0
+
+
+def test_a_candidate_that_fails_in_one_recording_leaves_the_others_as_they_are():
+    case = Case(inputs=CASE.inputs, outputs={"i": OutputSpec("current", offset="free")})
+    plan = plan_case(case, describe("dc_motor"), recordings=[switched(500, seed=k) for k in range(2)])
+    with Workers(1) as crew:
+        simulator = Simulator(plan, freed_by_the_case(plan), crew, {"i": 1.0})
+        good = simulator.values(TRUE)
+        many = np.array([good, good, good, good])
+        many[1, simulator.index["J"]] = np.nan
+        many[2:, simulator.index[simulator.names[-1]]] = 0.3, 0.4
+        shown = simulator.shown(many)
+        assert np.isnan(shown[1]).all() and np.isfinite(shown[[0, 2, 3]]).all()
+        assert np.array_equal(shown[0], simulator.shown(good[None, :])[0])

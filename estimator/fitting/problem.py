@@ -112,10 +112,35 @@ class Problem:
             By how much the inputs of each candidate come later, s: for signals between two rows.
         """
         self._take_over()
+        return self.workers.run(self._asked(candidates, late), refine=refine, record=True)
+
+    def signals(self, candidates: FloatArray, *, refine: int = 1, late: FloatArray | None = None) -> FloatArray:
+        """Return what the sensors show, (n, rows, outputs), of (n, p) candidates; NaN where one failed.
+
+        A recording is simulated once for all candidates that ask the same of it: what moves a parameter of one
+        recording leaves the others as they are.
+        """
+        self._take_over()
+        values = self._asked(candidates, late)
+        packed, which = _packed(values)
+        if len(packed) < len(values):
+            batch = self.workers.run(packed, refine=refine, record=True)
+            if not batch.failed.any():
+                assert batch.shown is not None
+                shown = np.empty((len(values), *batch.shown.shape[1:]))
+                for e, (first, last) in enumerate(zip(self._edges[:-1], self._edges[1:], strict=True)):
+                    shown[:, first:last] = batch.shown[which[:, e], first:last]
+                return shown
+        shown_by_each = self.workers.run(values, refine=refine, record=True).shown
+        assert shown_by_each is not None
+        return shown_by_each
+
+    def _asked(self, candidates: FloatArray, late: FloatArray | None) -> FloatArray:
+        """Return the values of `trajectories`, (n, recordings, values)."""
         values = self._values(candidates)
         if late is not None:
             values[:, :, -1 - 3 * len(self.outputs)] += late
-        return self.workers.run(values, refine=refine, record=True)
+        return values
 
     @property
     def has_sensors(self) -> bool:
@@ -124,9 +149,7 @@ class Problem:
 
     def residuals(self, candidates: FloatArray) -> FloatArray:
         """Return simulated minus measured, (n, m), in the outputs' units, missing samples left out; NaN if failed."""
-        shown = self.trajectories(candidates).shown
-        assert shown is not None
-        return self.compared(shown)
+        return self.compared(self.signals(candidates))
 
     def compared(self, shown: FloatArray) -> FloatArray:
         """Return (c, rows, outputs) trajectories minus the measured ones, (c, m), as `residuals` does."""
@@ -248,6 +271,22 @@ class Problem:
     def _measured(self, observed: Observed) -> FloatArray:
         measured = np.column_stack([observed.outputs[y] for y in self.outputs])
         return np.concatenate([np.full((observed.before, measured.shape[1]), np.nan), measured])
+
+
+def _packed(values: FloatArray) -> tuple[FloatArray, IntArray]:
+    """Return values, (m, recordings, values), that hold those of n candidates, and which each has, (n, recordings).
+
+    The fewest: of every recording what is asked of it once.
+    """
+    n, recordings, _ = values.shape
+    if recordings == 1 or n == 1:
+        return values, np.repeat(np.arange(n)[:, None], recordings, axis=1)
+    found = [np.unique(values[:, e], axis=0, return_inverse=True) for e in range(recordings)]
+    packed = np.empty((max(len(asked) for asked, _ in found), *values.shape[1:]))
+    for e, (asked, _) in enumerate(found):
+        packed[:, e] = asked[0]
+        packed[: len(asked), e] = asked
+    return packed, np.stack([which.ravel() for _, which in found], axis=1).astype(np.int64)
 
 
 def _substeps(case: Case, recording: Recording) -> int:

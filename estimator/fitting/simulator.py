@@ -195,9 +195,8 @@ class Simulator:
         # A time-invariant model: with inputs later by a part of a row it shows what lies between.
         late = np.repeat(np.arange(between)[:, None] * steps / between, len(unique), axis=0)
         many = np.tile(unique, (between, 1))
-        batch = self.problem.trajectories(many, refine=refine, late=late if between > 1 else None)
-        assert batch.shown is not None
-        phases = batch.shown[:, self._keep].reshape(between, len(unique), self.rows, -1)
+        signals = self.problem.signals(many, refine=refine, late=late if between > 1 else None)
+        phases = signals[:, self._keep].reshape(between, len(unique), self.rows, -1)
         if not np.array_equal(which.ravel(), np.arange(len(unique))):
             phases = phases[:, which.ravel()]
         shown = phases[0]
