@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.estimating.optimiser import Optimiser
+from estimator.recordings.samples import median
 
 FloatArray = NDArray[np.float64]
 Costs = Callable[[FloatArray, FloatArray], FloatArray]
@@ -56,7 +57,7 @@ def run_search(
             simulations += len(points)
         record.simulations.append(simulations)
         record.best.append(search.best_cost)
-        record.median.append(float(np.median(search.costs)))
+        record.median.append(median(search.costs))
         ordered = np.sort(search.costs)  # np.percentile would make NaN of infinities
         record.lower.append(float(ordered[len(ordered) // 4]))
         record.upper.append(float(ordered[min(3 * len(ordered) // 4, len(ordered) - 1)]))
