@@ -314,3 +314,31 @@ def test_two_levels_hide_less_friction_than_one():
         for excitation in ("step", "two levels")
     ]
     assert sizes[1] < 0.1 * sizes[0]
+
+
+def without_inductance(*, delay, tau):
+    """Return a step of a motor whose current jumps, all of it late by `delay`, the current behind a low-pass of tau."""
+    time = np.arange(round(0.8 / H * 10) + 1) * H / 10
+    since = np.maximum(time - 0.1, 0.0)
+    speed = K / R * 10.5 / (B + K * K / R) * (1 - np.exp(-since * (B + K * K / R) / J))
+    current = (np.where(time < 0.1, 0.0, 10.5) - K * speed) / R
+    shown = {"current [A]": late(lagged(current, tau), delay), "speed [rad/s]": late(speed, delay)}
+    rng = np.random.default_rng(1)
+    shown = {k: y[::10] + s * rng.standard_normal(801) for (k, y), s in zip(shown.items(), (0.02, 1.0), strict=True)}
+    voltage = np.where(time[::10] < 0.1, 0.0, 10.5)
+    made = recording_from_arrays("bench", time[::10], {"voltage [V]": voltage, **shown})
+    case = dataclasses.replace(CASE, fixed={"L": 1e-7})
+    return estimate_recordings([case], [[made]], workers=1)[0]
+
+
+def test_a_delay_before_a_filter_has_its_error_although_the_current_jumps_between_two_rows():
+    """The filter sees the same wherever between two of its rows the current jumps: a small change shows nothing."""
+    found = without_inductance(delay=1.37e-3, tau=2e-3).chain["delay"]
+    assert 5e-6 < found.standard_error < 5e-5 and abs(found.value - 1.37e-3) < 4 * found.standard_error
+
+
+def test_a_step_of_one_voltage_shows_no_drop_of_the_drive():
+    """It is a gain of the voltage, exactly; what of its column is not lies within the edge's samples."""
+    result = without_inductance(delay=0.62e-3, tau=2e-3)
+    assert "drop of the drive" not in result.effects
+    assert all(abs(result.parameters[n].value / x - 1) < 0.05 for n, x in (("R", R), ("K", K), ("J", J), ("B", B)))

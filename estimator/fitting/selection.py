@@ -41,7 +41,7 @@ from estimator.fitting.windows import find_windows
 
 FloatArray = NDArray[np.float64]
 
-MOST_ADDITIONS = 12  # additions
+MOST_ADDITIONS = 12  # additions, spectral lines and others each
 ROUNDS = 10
 REFITTED = 3  # additions refitted in a round
 PREDICTED_PART = 0.6  # of the best predicted fall of the criterion: with less an addition is not refitted
@@ -308,7 +308,7 @@ class Selection:
         rejected: set[str] = set()
         for _ in range(2 * rounds):
             found = self._best_addition(explanation, effects, rejected)
-            if found is None or len(explanation.additions) >= MOST_ADDITIONS:
+            if found is None or _is_full(found):
                 break
             judged = self.with_noise(found, colour=colour, again=True) if renew else found
             absurd = [a for a in judged.additions if not _is_physical(judged.fit, a)]
@@ -317,6 +317,9 @@ class Selection:
                 continue
             for a in absurd:  # the new one has taken its place
                 judged = self.without(judged, a)
+            if absurd and judged.criterion(self.samples) > explanation.criterion(self.samples):  # or it has not
+                rejected.add(found.additions[-1].name)
+                continue
             explanation = judged
             rejected.clear()
         return explanation
@@ -644,6 +647,12 @@ def _alike(one: Addition, other: Addition) -> float:
         return 0.0
     first, second = (np.linalg.qr(a)[0] for a in (one.across, other.across))
     return float(np.linalg.svd(first.T @ second, compute_uv=False)[0])
+
+
+def _is_full(explanation: Explanation) -> bool:
+    """Whether an explanation has more additions of the last one's kind than are taken: spectral lines, or others."""
+    lines = explanation.additions[-1].effect.is_line
+    return sum(a.effect.is_line == lines for a in explanation.additions) > MOST_ADDITIONS
 
 
 def _is_switch(addition: Addition) -> bool:
