@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import sys
 import tempfile
 import uuid
 import zipfile
@@ -16,7 +15,7 @@ from .description import build_description, model_description
 from .documentation import header_comment, icon, index_page, summary
 from .errors import BuildError
 from .model import loaded_model
-from .platforms import Platform, find_platforms, native_tuple, universal_binary, zig_compiler
+from .platforms import Platform, find_platforms, platform_folder, universal_binary, zig_compiler
 from .sources import GLUE, beside, find_source, fmu_sources, unit_name
 
 _LICENCE_NOTE = """\
@@ -111,14 +110,6 @@ def _binaries(unit: Path, platforms: Sequence[Platform], *, fmi: int, source: Pa
         folder = platform.folder if fmi == 2 else platform.tuple
         slices.setdefault(f"binaries/{folder}/{library.name}", []).append(library.read_bytes())
     return {name: found[0] if len(found) == 1 else universal_binary(found) for name, found in slices.items()}
-
-
-def platform_folder(fmi: int = 2) -> str:
-    """Return FMI's name for this machine: ``linux64`` in FMI 2.0, ``x86_64-linux`` in FMI 3.0."""
-    if fmi == 3:
-        return native_tuple()
-    system = {"win32": "win", "darwin": "darwin"}.get(sys.platform, "linux")
-    return f"{system}{64 if sys.maxsize > 2**32 else 32}"
 
 
 def _write_archive(target: Path, content: Mapping[str, bytes]) -> None:

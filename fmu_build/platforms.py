@@ -109,3 +109,11 @@ def universal_binary(slices: Sequence[bytes]) -> bytes:
         header += struct.pack(">IIIII", processor, variant, position + len(body), len(data), alignment)
         body += data + b"\0" * (-len(data) % (1 << alignment))
     return header.ljust(position, b"\0") + body
+
+
+def platform_folder(fmi: int = 2) -> str:
+    """Return FMI's name for this machine: ``linux64`` in FMI 2.0, ``x86_64-linux`` in FMI 3.0."""
+    if fmi == 3:
+        return native_tuple()
+    system = {"win32": "win", "darwin": "darwin"}.get(sys.platform, "linux")
+    return f"{system}{64 if sys.maxsize > 2**32 else 32}"

@@ -213,8 +213,8 @@ def test_fmi3_is_described_as_fmi3_wants_it(motor3: Path) -> None:
         names = archive.namelist()
         root = ElementTree.fromstring(archive.read("modelDescription.xml"))
     assert root.attrib["fmiVersion"] == "3.0" and "guid" not in root.attrib
-    assert fmu_build.export.platform_folder(3).count("-") == 1
-    assert f"binaries/{fmu_build.export.platform_folder(3)}/dc_motor{library_suffix()}" in names
+    assert fmu_build.platforms.platform_folder(3).count("-") == 1
+    assert f"binaries/{fmu_build.platforms.platform_folder(3)}/dc_motor{library_suffix()}" in names
     independent = root.findall("ModelVariables/Float64[@causality='independent']")
     assert [variable.attrib["name"] for variable in independent] == ["time"]
     (configuration,) = fmpy.model_description.read_build_description(str(motor3))

@@ -27,7 +27,7 @@ HEAVY = ("numpy", "scipy", "scipy.optimize", "scipy.signal", "matplotlib", "fmpy
         (["--version"], set()),
         (["estimate", "--help"], set()),
         (["inspect", "--static", "dc_motor"], {"numpy", "fmpy", "lxml"}),
-        (["estimate", str(RECORDING), "--quiet"], {"numpy", "fmpy", "lxml", "scipy", "scipy.optimize"}),
+        (["estimate", str(RECORDING), "--quiet"], {"numpy", "fmpy", "lxml"}),
     ],
     ids=lambda value: " ".join(value[:2]) if isinstance(value, list) else "",
 )

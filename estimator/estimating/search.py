@@ -56,8 +56,8 @@ def run_search(
             simulations += len(points)
         record.simulations.append(simulations)
         record.best.append(search.best_cost)
-        record.median.append(float(np.median(search.costs)))
         ordered = np.sort(search.costs)  # np.percentile would make NaN of infinities
+        record.median.append(float(0.5 * (ordered[(len(ordered) - 1) // 2] + ordered[len(ordered) // 2])))
         record.lower.append(float(ordered[len(ordered) // 4]))
         record.upper.append(float(ordered[min(3 * len(ordered) // 4, len(ordered) - 1)]))
         if on_generation is not None:

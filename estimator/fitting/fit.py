@@ -24,6 +24,7 @@ from estimator.fitting.least_squares import DIFFERENCE_STEP, information_parts
 from estimator.fitting.noise_model import NoiseModel, Whitener
 from estimator.fitting.simulator import CELLS, Simulator
 from estimator.plans.parameters import SensorPlace
+from estimator.recordings.samples import median
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -347,9 +348,7 @@ def held_down(fit: Fit, onsets: BoolArray) -> Fit:
     # As if no outlier had a lower weight yet.
     z = np.abs(fit.z.reshape(fit.shown.shape)) * np.sqrt(fit.whitener.inflate)
     present = fit.whitener.present
-    usual = [
-        np.median(own[here]) / MEDIAN_SIZE if here.any() else 1.0 for own, here in zip(z.T, present.T, strict=True)
-    ]
+    usual = [median(own[here]) / MEDIAN_SIZE if here.any() else 1.0 for own, here in zip(z.T, present.T, strict=True)]
     least = np.where(fit.simulator.coarse, 1.0, 1e-3)  # the median of a few steps of a converter tells no size
     z = z / np.clip(usual, least, 1.0)  # the noise is too large if outliers were in it
     n = len(z)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from estimator.plans.plan import Observed, Plan
 from estimator.recordings.excitation import noise_deviation
-from estimator.recordings.samples import filled
+from estimator.recordings.samples import filled, median
 
 FloatArray = NDArray[np.float64]
 
@@ -56,7 +56,7 @@ def _moved(o: Observed) -> tuple[Observed, str] | None:
     late = []
     for a, b in zip(bounds[:-1], bounds[1:], strict=True):
         before = i[max(0, a - 5) : a]
-        away = (i[a:b] - float(np.median(before))) / (v[a] - v[a - 1]) > level
+        away = (i[a:b] - median(before)) / (v[a] - v[a - 1]) > level
         away |= np.isnan(shown[a:b])  # saturated, or missing
         lasting = away[:-1] & away[1:]
         if not lasting.any():
@@ -85,5 +85,5 @@ def _has_left(i: FloatArray, before: FloatArray, change: float, noise: float) ->
     """
     if len(i) <= LEAST_SHIFT or not len(before):
         return False
-    away = (float(np.mean(i[1:])) - float(np.median(before))) * np.sign(change)
+    away = (float(np.mean(i[1:])) - median(before)) * np.sign(change)
     return bool(away > ONSET_NOISE * noise * np.sqrt(1 / (len(i) - 1) + MEDIAN_OF / len(before)))

@@ -29,6 +29,7 @@ from estimator.fitting.kalman import shorten, whiten
 from estimator.fitting.quasi_newton import minimise
 from estimator.motor.exponential import exponential
 from estimator.plans.part import LONG
+from estimator.recordings.samples import median
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -63,7 +64,7 @@ class Clock:
     @cached_property
     def step(self) -> float:
         """The usual sampling interval, s."""
-        return float(np.median(np.diff(self.time))) if len(self.time) > 1 else 1.0
+        return median(np.diff(self.time)) if len(self.time) > 1 else 1.0
 
     @cached_property
     def steps(self) -> tuple[FloatArray, NDArray[np.int64] | None]:
@@ -285,7 +286,7 @@ class Whitener:
         """The scale and white variance of each sample, (rows, q); of each clock the step to each row, and `states`."""
         noise = self.noise
         g = noise.scale(self.level)
-        running = np.array([np.median(x[p]) if p.any() else 1.0 for x, p in zip(g.T, self.present.T, strict=True)])
+        running = np.array([median(x[p]) if p.any() else 1.0 for x, p in zip(g.T, self.present.T, strict=True)])
         power = noise.white**2 + noise.differenced**2 + noise.slow[:, 0] ** 2
         floor = np.maximum(LEAST_WHITE * power, 1e-300)
         moved = (noise.jitter * self.slope / g) ** 2
@@ -464,12 +465,12 @@ def _growth(residuals: FloatArray, whitener: Whitener, j: int, sharp: BoolArray)
         d, level = d[:: len(d) // (2 * ROWS)], level[:: len(d) // (2 * ROWS)]
     if len(level) < 2 * LOUD_SAMPLES or not np.any(d):
         return 0.0, 2.0, 0.0
-    floor = 1e-3 * float(np.median(np.abs(d[d != 0])))
+    floor = 1e-3 * median(np.abs(d[d != 0]))
 
     sizes = np.abs(d)
 
     def size(g: FloatArray) -> float:
-        return max(_median(sizes / g) / T_MEDIAN, floor)
+        return max(median(sizes / g) / T_MEDIAN, floor)
 
     loud = float(np.sort(level)[-LOUD_SAMPLES])
     if np.count_nonzero(level < loud / 2) < LOUD_SAMPLES:
@@ -503,15 +504,6 @@ def grown(x: FloatArray, p: float) -> FloatArray:
         x = x * x
         return np.asarray(np.sqrt(np.sqrt(np.sqrt(1 + x * x))))
     return np.asarray((1 + x**p) ** (1 / p))
-
-
-def _median(x: FloatArray) -> float:
-    """Return the median of (n,) numbers, none of them missing; np.median takes ten times as long for a thousand."""
-    k = len(x) // 2
-    if len(x) % 2:
-        return float(np.partition(x, k)[k])
-    part = np.partition(x, (k - 1, k))
-    return float((part[k - 1] + part[k]) / 2)
 
 
 def _levels(whitener: Whitener) -> FloatArray:

@@ -22,6 +22,7 @@ from estimator.fmus.workers import Workers
 from estimator.plans.parameters import Parameter, SensorPlace
 from estimator.plans.plan import Observed, Plan
 from estimator.recordings.excitation import quantum
+from estimator.recordings.samples import median
 
 FloatArray = NDArray[np.float64]
 STANDSTILL_ROWS = 8  # rows without a count after which an encoder is taken to stand still: its error is constant there
@@ -249,7 +250,7 @@ def per_recording(plan: Plan, kind: str) -> Sequence[str]:
 def _repeats(signals: Iterable[FloatArray]) -> bool:
     """Return whether most samples of signals, (n,) each, are as the one before."""
     changes = np.concatenate([np.diff(y[~np.isnan(y)]) for y in signals])
-    return len(changes) > 0 and float(np.median(np.abs(changes))) == 0.0
+    return len(changes) > 0 and median(np.abs(changes)) == 0.0
 
 
 def _without_repeats(o: Observed, outputs: Sequence[str]) -> FloatArray:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import mmap
+import os
 import queue
 import time
 from collections.abc import Callable
@@ -62,6 +63,15 @@ class _Loaded:
     memory: mmap.mmap
     order: dict[str, Any]
     files: tuple[Path, Path]
+    descriptor: int | None
+
+    def release(self) -> None:
+        """Remove the files: the memory goes when nobody uses it any more."""
+        if self.descriptor is not None:
+            os.close(self.descriptor)
+        for file in self.files:
+            with contextlib.suppress(OSError):  # still mapped: it goes with the folder
+                file.unlink()
 
 
 class Workers:
@@ -124,9 +134,7 @@ class Workers:
         loaded = known or self._made_ready(job)
         self._kept = [loaded, *(k for k in self._kept if k is not loaded)]
         for old in self._kept[KEPT_JOBS:]:
-            for file in old.files:
-                with contextlib.suppress(OSError):  # still mapped: it goes with the folder
-                    file.unlink()
+            old.release()
         del self._kept[KEPT_JOBS:]
         self._jobs += 1
         self._job, self._shared, self._memory = job, loaded.shared, loaded.memory
@@ -155,11 +163,7 @@ class Workers:
             rows=rows,
         )
         key = self._jobs + 1
-        shared_file = self._folder.path / f"shared-{key}"
-        with open(shared_file, "wb") as file:
-            file.truncate(shared.size)
-        with open(shared_file, "r+b") as file:
-            memory = mmap.mmap(file.fileno(), shared.size)
+        memory, shared_file, descriptor = _memory(shared.size, self._folder.path / f"shared-{key}")
         numbers_file = self._folder.path / f"numbers-{key}"
         layouts = write_numbers(numbers_file, job.experiments)
         layout = job.layout(str(folder), layouts)
@@ -171,7 +175,7 @@ class Workers:
             "numbers_file": str(numbers_file),
             "memory_limit": self.memory_limit,
         }
-        return _Loaded(job, shared, memory, order, (shared_file, numbers_file))
+        return _Loaded(job, shared, memory, order, (shared_file, numbers_file), descriptor)
 
     def run(
         self, values: FloatArray, *, bounds: FloatArray | None = None, refine: int = 1, record: bool = False
@@ -244,6 +248,9 @@ class Workers:
         for process in self._processes.values():
             process.end(politely=process.state == IDLE)
         self._processes.clear()
+        for loaded in self._kept:
+            loaded.release()
+        self._kept = []
         self._folder.close()
 
     def __enter__(self) -> Workers:
@@ -401,3 +408,20 @@ class Workers:
     @property
     def _name(self) -> str:
         return self._job.description.path.name if self._job is not None else "the FMU"
+
+
+def _memory(size: int, file: Path) -> tuple[mmap.mmap, Path, int | None]:
+    """Return memory that is shared, the file by which workers find it, and what is to be closed after use.
+
+    On Linux the file lies in memory, and goes with its owner: of one on a disk each page that is used is written there.
+    """
+    if hasattr(os, "memfd_create"):
+        descriptor = os.memfd_create("fmu-estimator", os.MFD_CLOEXEC)
+        own = Path(f"/proc/{os.getpid()}/fd/{descriptor}")
+        if os.access(own, os.R_OK | os.W_OK):
+            os.truncate(descriptor, size)
+            return mmap.mmap(descriptor, size), own, descriptor
+        os.close(descriptor)
+    with open(file, "w+b") as made:
+        made.truncate(size)
+        return mmap.mmap(made.fileno(), size), file, None

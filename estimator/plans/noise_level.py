@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from estimator.conventions import MEDIAN_SIZE, SECOND_DIFFERENCE, STEP_DEVIATION
 from estimator.plans.plan import ChainSpec, Observed, Plan
 from estimator.recordings.excitation import noise_deviation
+from estimator.recordings.samples import median
 from estimator.recordings.sensors import Sensor
 
 FloatArray = NDArray[np.float64]
@@ -54,5 +55,5 @@ def _noise(o: Observed, name: str) -> float:
     if rest is None or np.sum(~np.isnan(rest)) < REST_SAMPLES:
         return fast
     known = rest[~np.isnan(rest)]
-    slow = float(np.median(np.abs(known - np.median(known)))) / MEDIAN_SIZE
+    slow = median(np.abs(known - median(known))) / MEDIAN_SIZE
     return slow if fast < slow < REST_LIMIT * fast else fast

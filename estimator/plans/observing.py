@@ -16,7 +16,7 @@ from estimator.plans.plan import Observed
 from estimator.recordings.excitation import Excitation, find_delay, find_excitation, noise_deviation, quantum
 from estimator.recordings.filters import filter_sections
 from estimator.recordings.recording import MIN_SAMPLES, Recording
-from estimator.recordings.samples import filled
+from estimator.recordings.samples import filled, median
 from estimator.recordings.sensors import Section, Sensor
 from estimator.recordings.turns import is_countable, starts_again, with_turns
 
@@ -153,7 +153,7 @@ def _excitation(driven: Mapping[str, FloatArray], measured: Mapping[str, FloatAr
 def _from_zero(recording: Recording, angle: FloatArray) -> tuple[FloatArray, list[str]]:
     """Return an angle, (n,), that begins at zero, as the model's does, and what to tell."""
     first = angle[~np.isnan(angle)][:FIRST]
-    begins = float(np.median(first))
+    begins = median(first)
     noise = max(noise_deviation(angle), quantum(angle))
     moves = np.ptp(first) > ONSET * noise
     if abs(begins) <= ONSET * noise + STILL * moves * float(np.nanmax(np.abs(angle))):

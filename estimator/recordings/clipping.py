@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from estimator.conventions import MEDIAN_SIZE, SECOND_DIFFERENCE
 from estimator.recordings.excitation import noise_deviation, quantum, saturation
-from estimator.recordings.samples import filled
+from estimator.recordings.samples import filled, median
 
 FloatArray = NDArray[np.float64]
 
@@ -40,7 +40,7 @@ def clipped(y: FloatArray) -> NDArray[np.bool_]:
     for value in extremes:
         at = y == value
         beside = (np.append(at[1:], False) | np.insert(at[:-1], 0, False)) & ~at & ~np.isnan(y)
-        leaves = beside.any() and float(np.median(np.abs(y[beside] - value))) > JUMP * (extremes[0] - extremes[1])
+        leaves = beside.any() and median(np.abs(y[beside] - value)) > JUMP * (extremes[0] - extremes[1])
         if (
             np.count_nonzero(at) >= LEAST
             and value != 0
@@ -65,7 +65,7 @@ def _with_neighbours(y: FloatArray, at: NDArray[np.bool_]) -> NDArray[np.bool_]:
     size, limit = np.abs(y), float(np.nanmax(np.abs(y[at])))
     d = np.diff(np.where(at, np.nan, size), 2)[size[1:-1] > limit / 2]
     d = d[~np.isnan(d)]
-    noise = float(np.median(np.abs(d))) / MEDIAN_SIZE / SECOND_DIFFERENCE if len(d) else 0.0
+    noise = median(np.abs(d)) / MEDIAN_SIZE / SECOND_DIFFERENCE if len(d) else 0.0
     padded = np.pad(filled(size), SMOOTH, mode="edge")
     smooth = np.median(np.lib.stride_tricks.sliding_window_view(padded, 2 * SMOOTH + 1), axis=1)
     near = at | (smooth > limit - NEAR * noise)

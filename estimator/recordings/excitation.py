@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.conventions import MEDIAN_SIZE, SECOND_DIFFERENCE, STEP_DEVIATION
-from estimator.recordings.samples import filled, mean_of_known
+from estimator.recordings.samples import filled, mean_of_known, median
 
 FloatArray = NDArray[np.float64]
 
@@ -104,14 +104,14 @@ def noise_deviation(y: FloatArray) -> float:
     moving = second[~resting]
     if len(moving) < max(10, 0.05 * len(second)):
         moving = second
-    deviation = float(np.median(np.abs(moving))) / MEDIAN_SIZE / SECOND_DIFFERENCE
+    deviation = median(np.abs(moving)) / MEDIAN_SIZE / SECOND_DIFFERENCE
     return max(float(deviation), quantum(y) / STEP_DEVIATION)
 
 
 def _input_noise(v: FloatArray) -> float:
     """Return the deviation of an input's noise; 0 for levels that repeat exactly."""
     second = v[2:] - 2 * v[1:-1] + v[:-2]
-    return float(np.median(np.abs(second))) / MEDIAN_SIZE / SECOND_DIFFERENCE if len(second) else 0.0
+    return median(np.abs(second)) / MEDIAN_SIZE / SECOND_DIFFERENCE if len(second) else 0.0
 
 
 def quantum(y: FloatArray) -> float:
@@ -149,9 +149,9 @@ def find_delay(excitation: Excitation, outputs: Mapping[str, FloatArray]) -> int
         base = y[:k][~np.isnan(y[:k])]
         if len(base) < ONSET_BASE:
             continue
-        centre = float(np.median(base))
+        centre = median(base)
         swing = float(np.nanmax(np.abs(y - centre)))
-        robust = float(np.median(np.abs(base - centre))) / MEDIAN_SIZE
+        robust = median(np.abs(base - centre)) / MEDIAN_SIZE
         level = max(ONSET * max(robust, noise_deviation(y)), ONSET_SWING * swing)
         beyond = np.abs(y[k:] - centre) > level
         lasting = beyond[:-1] & beyond[1:]

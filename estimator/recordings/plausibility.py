@@ -21,7 +21,7 @@ from estimator.recordings.excitation import noise_deviation, quantum
 from estimator.recordings.finding import Evidence, Finding
 from estimator.recordings.lag import lag_misfit
 from estimator.recordings.odd_drives import coasts, dead_band, is_held
-from estimator.recordings.samples import filled
+from estimator.recordings.samples import filled, median
 
 FloatArray = NDArray[np.float64]
 
@@ -289,7 +289,7 @@ class _Measured:
             return Finding(
                 "unit w",
                 f"{self.title}: the speed moves in steps of {quantum(w):.6g} rad/s, which is no encoder's in rad/s but"
-                f" one's of {_PER_TURN[unit] / quantum(w) / float(np.median(np.diff(self.time))):.6g} counts a turn in"
+                f" one's of {_PER_TURN[unit] / quantum(w) / median(np.diff(self.time)):.6g} counts a turn in"
                 f" {unit}: it looks like {unit}; say so with --unit w={unit}, or --unit w=rad/s if it is not",
                 evidence=turning,
             )
@@ -334,7 +334,7 @@ class _Measured:
 
     def clock(self) -> Finding | None:
         """Find milliseconds or microseconds that were read as seconds."""
-        step = float(np.median(np.diff(self.time)))
+        step = median(np.diff(self.time))
         assumed = "time" in self.guessed
         constant = self._time_constant()
         peak = self._time_to_peak()
@@ -381,7 +381,7 @@ class _Measured:
 
     def _counted(self, w: FloatArray) -> str | None:
         """Return the unit in which a speed's steps are an encoder's whole lines, where they are none in rad/s."""
-        step = quantum(w) * float(np.median(np.diff(self.time)))
+        step = quantum(w) * median(np.diff(self.time))
         if step <= 0 or _is_decimal(quantum(w)) or "w" not in self.guessed or _is_lines(2 * np.pi / step):
             return None
         return next((unit for unit, per_turn in _PER_TURN.items() if _is_lines(per_turn / step)), None)
@@ -399,7 +399,7 @@ class _Measured:
             pole = float(solution[0])
             if not 0.2 < pole < 0.9999 or np.std(now[1:] - rows @ solution) > FOLLOWS * np.std(np.diff(now)):
                 continue
-            best = max(best, -every * float(np.median(np.diff(self.time))) / float(np.log(pole)))
+            best = max(best, -every * median(np.diff(self.time)) / float(np.log(pole)))
         return best
 
     def _time_to_peak(self) -> float:
@@ -416,7 +416,7 @@ class _Measured:
         if len(i) <= k:
             return 0.0
         peak = k + int(np.argmax(np.abs(i[k:])))
-        final = float(np.median(np.abs(i[-max(5, (len(i) - k) // 10) :])))
+        final = median(np.abs(i[-max(5, (len(i) - k) // 10) :]))
         if peak - k < 3 or abs(i[peak]) < 1.5 * final + 6 * noise_deviation(i):
             return 0.0
         return float(self.time[peak] - self.time[k])

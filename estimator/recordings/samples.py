@@ -17,6 +17,20 @@ def filled(y: FloatArray) -> FloatArray:
     return np.interp(index, index[~missing], y[~missing])
 
 
+def median(y: FloatArray) -> float:
+    """Return the median of (n,) numbers; NaN where one of them is, or none is there.
+
+    As np.median does, which takes twice as long for some thousand and loads numpy.ma to look for masked arrays.
+    """
+    if not len(y) or np.isnan(y).any():
+        return float("nan")
+    k = len(y) // 2
+    if len(y) % 2:
+        return float(np.partition(y, k)[k])
+    part = np.partition(y, (k - 1, k))
+    return float((part[k - 1] + part[k]) / 2)
+
+
 def mean_of_known(y: FloatArray) -> float:
     """Return the mean of the samples that are there; NaN where none is."""
     known = y[~np.isnan(y)]

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.errors import RecordingError
+from estimator.recordings.samples import median
 from estimator.recordings.units import FloatArray
 
 OFF_GRID = 0.01  # of the step: further off is no uniform grid
@@ -79,7 +80,7 @@ def _with_gaps(times: FloatArray, half_digit: Callable[[], FloatArray] | None) -
     steps = np.diff(times)
     if (steps <= 0).any():
         return None
-    usual = float(np.median(steps))
+    usual = median(steps)
     usual = float(np.mean(steps[np.abs(steps - usual) <= JITTER * usual]))
     multiples = np.round(steps / usual)
     if (multiples < 1).any() or (np.abs(steps / usual - multiples) > JITTER).any():
@@ -107,7 +108,7 @@ def _with_gaps(times: FloatArray, half_digit: Callable[[], FloatArray] | None) -
 def _pause(times: FloatArray) -> int | None:
     """Return the first row after a pause of a clock that jitters; None where there is none."""
     steps = np.diff(times)
-    usual = float(np.median(steps))
+    usual = median(steps)
     if (steps <= 0).any() or not (steps > PAUSE * usual).any():
         return None
     jitters = np.count_nonzero(np.abs(steps - usual) > OFF_GRID * usual) >= OFTEN
@@ -115,7 +116,7 @@ def _pause(times: FloatArray) -> int | None:
 
 
 def _paused(times: FloatArray, k: int, place: Callable[[int], str]) -> str:
-    usual = float(np.median(np.diff(times)))
+    usual = median(np.diff(times))
     return (
         f"{place(k)}: time is {float(times[k] - times[k - 1]):.4g} s after the row before, where {usual:.4g} s is"
         " usual; save what was logged before and after this pause as two recordings"
@@ -125,20 +126,20 @@ def _paused(times: FloatArray, k: int, place: Callable[[int], str]) -> str:
 def _is_exact(times: FloatArray, rows: FloatArray, half: FloatArray) -> bool:
     """Return whether times, (m,) s, are on their grid as well as they are printed: a clock that does not jitter."""
     step, start = np.polyfit(rows, times, 1)
-    off = float(np.median(np.abs(times - start - step * rows)))
-    return off <= max(EXACT * float(step), 1.5 * float(np.median(half)))
+    off = median(np.abs(times - start - step * rows))
+    return off <= max(EXACT * float(step), 1.5 * median(half))
 
 
 def _without_grid(times: FloatArray, half_digit: Callable[[], FloatArray] | None) -> Clock | None:
     """Return the clock of times that lie on no grid at all; None if they do but for a mistake or a pause."""
     steps = np.diff(times)
-    usual = float(np.median(steps))
+    usual = median(steps)
     off = np.abs(steps / usual - np.round(steps / usual)) > JITTER
     off |= steps < usual / 2
     if (steps <= 0).any() or (steps > PAUSE * usual).any():
         return None
-    print_error = 0.0 if half_digit is None else 2 * float(np.median(half_digit()))
-    jitters = float(np.median(np.abs(steps - usual))) > max(EXACT * usual, print_error)
+    print_error = 0.0 if half_digit is None else 2 * median(half_digit())
+    jitters = median(np.abs(steps - usual)) > max(EXACT * usual, print_error)
     if np.count_nonzero(off) < OFTEN and not jitters:
         return None
     return Clock(times.copy(), usual, even=False)
@@ -237,7 +238,7 @@ def _candidates(step: float) -> Iterator[float]:
 def _off_grid(times: FloatArray, half: FloatArray, allowed: FloatArray, place: Callable[[int], str]) -> str:
     """Name the first time that is off the grid of the regular ones."""
     steps = np.diff(times)
-    usual = float(np.median(steps))
+    usual = median(steps)
     regular = np.abs(steps - usual) <= np.maximum(0.9 * OFF_GRID * usual, 2 * half[1:])
     step = float(steps[regular].mean())
     due = times[0] + np.arange(times.size) * step

@@ -18,6 +18,7 @@ import signal
 import sys
 import threading
 import time
+from importlib import import_module
 from pathlib import Path
 from typing import IO, Any, NoReturn
 
@@ -47,6 +48,8 @@ def main() -> None:
     orders: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
     folder = Path(sys.argv[1])
     threading.Thread(target=_listen, args=(given, orders, folder), daemon=True).start()
+    with contextlib.suppress(ImportError):  # while the owner reads its recordings; who needs it says what is missing
+        import_module("fmpy.fmi2")
     answers.write(json.dumps({"started": True, "number": 0}) + "\n")  # from here on it is the FMU's time
     worker: _Worker | None = None
     kept: dict[int, _Worker] = {}  # of late, the last one last

@@ -12,7 +12,7 @@ from estimator.fitting.effects.base import Effect
 from estimator.fitting.simulator import Nuisance
 from estimator.plans.plan import Observed, Plan
 from estimator.recordings.excitation import noise_deviation
-from estimator.recordings.samples import filled
+from estimator.recordings.samples import filled, median
 
 DRIVE = "dc_motor_drive"
 MOST_SAG = 0.4  # of the voltage at the largest current: more is an overload, or the winding's resistance
@@ -165,7 +165,7 @@ def _plateau(o: Observed) -> float:
     runs = np.split(high, np.flatnonzero(np.diff(high) > 2) + 1)
     run = max(runs, key=len)
     flows = i[i > 4 * noise]
-    if len(run) < HELD_ROWS or not len(flows) or top < ABOVE * float(np.median(flows)):
+    if len(run) < HELD_ROWS or not len(flows) or top < ABOVE * median(flows):
         return 0.0
     rises = abs(float(w[run[-1]] - w[run[0]])) > 0.1 * float(np.max(w))
     third = len(run) // 3

@@ -13,6 +13,7 @@ from estimator.fitting.fit import Fit, Linear
 from estimator.fitting.motor_response import motor_values, response
 from estimator.fitting.simulator import per_recording
 from estimator.plans.plan import Plan
+from estimator.recordings.samples import median
 
 FloatArray = NDArray[np.float64]
 
@@ -85,4 +86,4 @@ class WindingWarms(Effect):
 
 def _usual_speed(fit: Fit) -> float:
     """Return the usual speed, rad/s."""
-    return float(np.median(np.abs(fit.shown[:, fit.simulator.outputs.index("w")])))
+    return median(np.abs(fit.shown[:, fit.simulator.outputs.index("w")]))

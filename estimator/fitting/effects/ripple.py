@@ -15,6 +15,7 @@ from estimator.fitting.shaft_angle import HIGHEST_ORDER
 from estimator.fitting.windows import find_windows
 from estimator.plans.plan import Plan
 from estimator.recordings.excitation import quantum
+from estimator.recordings.samples import median
 
 FloatArray = NDArray[np.float64]
 
@@ -68,7 +69,7 @@ class Ripple(Effect):
             order = int(np.argmax(power > AS_GOOD * best)) + 1
             around = np.arange(max(0, order - 1 - ORDERS_NEARBY), min(HIGHEST_ORDER, order + ORDERS_NEARBY))
             near = power[[k for k in around if abs(k - order + 1) > ORDERS_BESIDE and k + 1 not in taken]]
-            if best < STANDS_OUT * float(np.median(near[near > 0])) if np.any(near > 0) else True:
+            if best < STANDS_OUT * median(near[near > 0]) if np.any(near > 0) else True:
                 continue
             coarse = max(quantum(o.outputs[y]) for o in fit.simulator.observed)
             if coarse > 0 and self._amplitude(power[order - 1], z[:, j], level, fit, j) < LEAST_QUANTA * coarse:

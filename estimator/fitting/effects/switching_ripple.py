@@ -14,7 +14,7 @@ from estimator.fitting.effects.ripple import angle_of
 from estimator.fitting.fit import Fit, Linear
 from estimator.fitting.windows import find_windows
 from estimator.plans.plan import Plan
-from estimator.recordings.samples import filled
+from estimator.recordings.samples import filled, median
 
 FloatArray = NDArray[np.float64]
 
@@ -107,7 +107,7 @@ def _strongest(parts: Sequence[tuple[FloatArray, FloatArray]], step: float, take
     found = []
     k = int(np.argmax(power))
     near = np.r_[power[max(0, k - LINES_NEARBY) : max(0, k - LINE_WIDTH)], power[k + LINE_WIDTH + 1 : k + LINES_NEARBY]]
-    if np.any(near > 0) and power[k] > STANDS_OUT * float(np.median(near[near > 0])):
+    if np.any(near > 0) and power[k] > STANDS_OUT * median(near[near > 0]):
         found.append(_sharpened(float(frequency[k]), float(frequency[1]), parts))
     if taken:
         folded = np.arange(2, HARMONICS + 1) * taken[0] * step
