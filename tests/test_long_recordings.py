@@ -11,7 +11,7 @@ from estimator.fitting.simulator import Simulator
 from estimator.fmus.fmu import describe
 from estimator.fmus.simulate import simulate
 from estimator.fmus.workers import Workers
-from estimator.plans.part import LONG
+from estimator.plans.part import LONG, part_of
 from estimator.plans.planning import plan_case
 from estimator.recordings.recording import recording_from_arrays
 
@@ -74,3 +74,48 @@ def test_a_candidate_that_fails_in_one_recording_leaves_the_others_as_they_are()
         shown = simulator.shown(many)
         assert np.isnan(shown[1]).all() and np.isfinite(shown[[0, 2, 3]]).all()
         assert np.array_equal(shown[0], simulator.shown(good[None, :])[0])
+
+
+def of_the_whole(recording, monkeypatch):
+    """Return the estimate without a search of a part."""
+    with monkeypatch.context() as changed:
+        changed.setattr("estimator.estimating.search_and_polish.part_of", lambda plan: None)
+        return run(recording)
+
+
+LATE = {"i": lambda y, t: np.interp(t - 3.4e-3, t, y), "w": lambda y, t: np.interp(t - 3.4e-3, t, y)}
+SHAKEN_LATER = {"w": lambda y, t: y + np.where(t > 20.0, 0.5, 0.0)}  # an offset that the first rows do not have
+
+
+@pytest.mark.parametrize("bench", [{}, *(pytest.param(b, marks=pytest.mark.full) for b in (LATE, SHAKEN_LATER))])
+def test_a_search_of_the_first_rows_gives_what_a_search_of_all_gives(bench, monkeypatch):
+    recording = switched(**bench)
+    whole, found = of_the_whole(recording, monkeypatch), run(recording)
+    assert bench or found.steps < 0.97 * whole.steps
+    assert (found.verdict, sorted(found.effects)) == (whole.verdict, sorted(whole.effects))
+    for name, p in whole.parameters.items():
+        assert abs(found.parameters[name].value - p.value) < 0.01 * p.standard_error
+        assert found.parameters[name].standard_error == pytest.approx(p.standard_error, rel=0.01)
+
+
+def plan_of(recording):
+    return plan_case(CASE, describe("dc_motor"), recordings=[recording])
+
+
+def test_the_part_that_is_searched_holds_what_the_inputs_do():
+    times = np.arange(200_000) * STEP
+    at_rest_for_long = np.where(times < 21.0, 0.0, 10.5)
+    shown = simulate("dc_motor", parameters=TRUE, inputs={"v": at_rest_for_long}, times=times)
+    columns = {"voltage [V]": at_rest_for_long, "current [A]": shown["i"], "speed [rad/s]": shown["w"]}
+    part = part_of(plan_of(recording_from_arrays("rested", times, columns)))
+    rows = len(part.observed[0].recording.time)
+    assert 2 * 21_000 < rows <= 100_000 and len(part.observed[0].outputs["i"]) == rows
+
+
+def test_of_a_short_recording_or_one_that_moves_at_its_end_all_rows_are_searched():
+    assert part_of(plan_of(switched(LONG))) is None and part_of(plan_of(switched(LONG + 5000))) is not None
+    times = np.arange(30_000) * STEP
+    late = np.where(times < 29.0, 0.0, 10.5)
+    shown = simulate("dc_motor", parameters=TRUE, inputs={"v": late}, times=times)
+    columns = {"voltage [V]": late, "current [A]": shown["i"], "speed [rad/s]": shown["w"]}
+    assert part_of(plan_of(recording_from_arrays("late", times, columns))) is None

@@ -51,9 +51,10 @@ def search_and_polish(session: Session) -> Estimate:
 
 
 class _Attempts:
-    """The fits of one estimation, and how they compare."""
+    """The fits of one estimation, and how they compare; `briefly`: for a start, without rivals."""
 
-    def __init__(self, session: Session) -> None:
+    def __init__(self, session: Session, *, briefly: bool = False) -> None:
+        self.briefly = briefly
         self.session, self.problem, self.plan = session, session.problem, session.plan
         self._search: Callable[..., Optimiser] = partial(CuckooSearch, alpha=ALPHA)
         if session.method != CUCKOO:
@@ -85,7 +86,7 @@ class _Attempts:
         part = None if session.jumping else part_of(self.plan)
         if part is None:
             return None
-        polish, known = _Attempts(session.on(part)).found()
+        polish, known = _Attempts(session.on(part), briefly=True).found()
         if known is None:
             return self._polished(polish.values), None
         values = known.fit.values[: len(self.plan.names)]
@@ -222,6 +223,7 @@ class _Attempts:
             effects=() if held else known_effects(),
             enter=session.account.enter,
             known=known,
+            briefly=self.briefly,
         )
 
     def _other_starts(self, polish: LeastSquaresFit, start: FloatArray) -> list[FloatArray]:

@@ -130,6 +130,7 @@ def explain(
     effects: Sequence[Effect],
     enter: Callable[[str], None] = lambda phase: None,
     known: Explanation | None = None,
+    briefly: bool = False,
 ) -> Explained:
     """Explain the recordings of a plan.
 
@@ -146,6 +147,8 @@ def explain(
         Told the phase that begins.
     known : Explanation, optional
         Of a part of the rows.
+    briefly : bool
+        Without rivals, and what else may be added: for a start.
     """
     late: tuple[str, ...] = ()
     if any(e.name == "latency of each edge" for e in effects):
@@ -158,9 +161,12 @@ def explain(
         if other.first_cost(starts) < selection.first_cost(starts):
             plan, selection, other = on_lines, other, selection
     explanation = selection.explain(starts, known)
-    enter("rivals")
-    explanation, rivals = selection.settled(explanation)
-    open_additions = selection.additions(explanation, selection.effects)
+    rivals: list[Explanation] = []
+    open_additions: Sequence[Addition] = ()
+    if not briefly:
+        enter("rivals")
+        explanation, rivals = selection.settled(explanation)
+        open_additions = selection.additions(explanation, selection.effects)
     changed = [Found("latency of each edge", "", t, "") for t in late]
     if other is not None:  # with the inputs the other way from row to row
         turned = dataclasses.replace(explanation.fit, simulator=other.base)

@@ -35,7 +35,7 @@ from estimator.fitting.fit import (
     with_secants,
 )
 from estimator.fitting.motor_response import machine_of
-from estimator.fitting.noise_model import NoiseModel, find_jitter, fit_noise, noise_of_neighbours
+from estimator.fitting.noise_model import NoiseModel, Whitener, find_jitter, fit_noise, noise_of_neighbours
 from estimator.fitting.simulator import CELLS, Nuisance, Simulator
 from estimator.fitting.windows import find_windows
 from estimator.plans.part import LONG
@@ -151,15 +151,17 @@ class Explanation:
 class _Tested:
     """What was tested last of a long recording."""
 
-    fit: Fit
+    simulator: Simulator
+    whitener: Whitener
+    names: tuple[str, ...]
+    cost: float
     effects: tuple[Effect, ...]
     found: list[Addition]
 
     def holds(self, fit: Fit, effects: Sequence[Effect]) -> bool:
         """Whether it is the same of another fit: one whose values have hardly moved since."""
-        own = self.fit
-        alike = own.simulator is fit.simulator and own.whitener is fit.whitener and own.names == fit.names
-        return alike and self.effects == tuple(effects) and abs(own.cost - fit.cost) < HARDLY_MOVED
+        alike = self.simulator is fit.simulator and self.whitener is fit.whitener and self.names == fit.names
+        return alike and self.effects == tuple(effects) and abs(self.cost - fit.cost) < HARDLY_MOVED
 
 
 @dataclass
@@ -485,7 +487,7 @@ class Selection:
         for simulator, wanted in by_simulator.values():
             result += self._tried(fit, simulator, wanted, test, beside=beside)
         if long and beside is None:
-            self._tested = _Tested(fit, tuple(effects), result)
+            self._tested = _Tested(fit.simulator, fit.whitener, fit.names, fit.cost, tuple(effects), result)
         return result
 
     def _tried(
