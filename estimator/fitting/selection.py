@@ -390,12 +390,19 @@ class Selection:
                 continue
             for a in absurd:  # the new one has taken its place
                 judged = self.without(judged, a)
-            if absurd and judged.criterion(self.samples) > explanation.criterion(self.samples):  # or it has not
-                rejected.add(found.additions[-1].name)
+            if absurd and judged.criterion(self.samples) > self._by_noise_of(judged, explanation).criterion(
+                self.samples
+            ):
+                rejected.add(found.additions[-1].name)  # or it has not
                 continue
             explanation = judged
             rejected.clear()
         return explanation
+
+    def _by_noise_of(self, other: Explanation, explanation: Explanation) -> Explanation:
+        """Return an explanation fitted by another's noise: only so do their criteria compare."""
+        fit = refreshed(explanation.fit, other.fit.whitener)
+        return dataclasses.replace(explanation, fit=solved(fit, iterations=ROUGH))
 
     def _best_addition(
         self, explanation: Explanation, effects: Sequence[Effect], rejected: set[str]
@@ -630,7 +637,11 @@ class Selection:
         """
         n = self.samples
         within = [a for a in explanation.additions if _is_timing(a)]
-        found = [e for e in self._mirrored(explanation) if e.fit.cost - explanation.fit.cost < RIVALS_WITHIN]
+        mirrored = self._mirrored(explanation)
+        found = [e for e in mirrored if e.fit.cost - explanation.fit.cost < RIVALS_WITHIN]
+        sharp = [e for e in self.effects if e.sharp and not e.is_line]
+        grown = (self._best_addition(e, sharp, set()) for e in mirrored)  # a mean of fewer samples and a filter
+        found += [e for e in grown if e is not None and e.criterion(n) < explanation.criterion(n) + RIVALS_WITHIN]
         for addition in explanation.additions:
             if addition.effect.name == "offset" or addition.effect.is_line or _is_switch(addition):
                 continue
