@@ -162,7 +162,8 @@ def deviations(line: Line) -> dict[str, float]:
     """Return each parameter's error over its bar, by the truth or by the motor that cannot be told from it."""
     told, found = line["told"], line["found"].get("parameters", {})
     bars = {name: bar for name in MOTOR if name in found and (bar := bar_of(found[name])) is not None}
-    by_truth, by_alike = {}, {}
+    by_truth: dict[str, float] = {}
+    by_alike: dict[str, float] = {}
     for name, bar in bars.items():
         value = found[name]["value"]
         for by, motor in ((by_truth, "truth"), (by_alike, "alike")):

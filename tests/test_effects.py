@@ -2,6 +2,8 @@
 
 import dataclasses
 import re
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,8 +11,9 @@ from effect_bench import B, H, J, K, L, R, driven, lagged, late, recording, wors
 from scipy.linalg import expm
 
 from estimator.cases.case import Case, OutputSpec, ParameterSpec
+from estimator.cases.case_signals import RunSpec
 from estimator.estimating.estimate import estimate_recordings
-from estimator.recordings.recording import recording_from_arrays
+from estimator.recordings.recording import read_recording, recording_from_arrays
 
 pytestmark = pytest.mark.usefixtures("shared_workers")
 
@@ -342,3 +345,28 @@ def test_a_step_of_one_voltage_shows_no_drop_of_the_drive():
     result = without_inductance(delay=0.62e-3, tau=2e-3)
     assert "drop of the drive" not in result.effects
     assert all(abs(result.parameters[n].value / x - 1) < 0.05 for n, x in (("R", R), ("K", K), ("J", J), ("B", B)))
+
+
+def test_a_response_before_its_input_is_doubted_until_the_case_declares_it():
+    early = recording("step", i=lambda y: late(y, -0.6e-3), w=lambda y: late(y, -0.6e-3))
+    result = run(early)
+    assert result.verdict == "doubtful" and worst(result) < 4.5
+    (reason,) = [r for r in result.reasons if "before the input" in r]
+    delay = float(re.search(r"delay = (-[\d.e-]+)", reason)[1])
+    assert delay == pytest.approx(-0.6e-3, rel=0.1)
+    declared = dataclasses.replace(CASE, runs=(RunSpec(delay=delay),))
+    assert estimate_recordings([declared], [[early]], workers=1)[0].verdict == "ok"
+
+
+def test_a_mean_of_fewer_samples_and_a_filter_are_tried_in_place_of_a_mean(tmp_path):
+    """A staircase behind a mean of five and a low-pass of 0.36 ms, which a mean of six resembles: L was 5 errors off."""
+    sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "benchmarks"))
+    from combined import bench_of
+    from emulated_bench import write
+
+    bench = bench_of("random", 1005006)
+    (path,) = write(bench, tmp_path)
+    result = estimate_recordings([CASE], [[read_recording(path)]], workers=1)[0]
+    assert result.sensors["i"]["average"] == 5 and "lag" in result.effects
+    found = result.parameters["L"]
+    assert abs(found.value - bench.story["L", -1]) < 3 * found.standard_error

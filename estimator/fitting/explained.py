@@ -419,7 +419,7 @@ def _found(explanation: Explanation, plan: Plan) -> list[Found]:
         else:
             size = float(fit.values[fit.simulator.index[a.name]])
         if told := a.effect.tell(a.name, size, plan):
-            found.append(Found(a.effect.name, a.name, told, a.effect.doubt))
+            found.append(Found(a.effect.name, a.name, told, a.effect.doubted(a.name, size, plan)))
     return found
 
 
