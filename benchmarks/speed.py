@@ -36,7 +36,7 @@ import numpy as np
 import psutil
 
 from estimator.cases.case import case_for_recording
-from estimator.estimating.estimate import estimate_recordings
+from estimator.estimating.estimate import estimate_by, estimate_recordings
 from estimator.fmus.archive import extract
 from estimator.fmus.fmu import describe
 from estimator.fmus.job import Experiment, Job
@@ -381,10 +381,17 @@ def program(rounds: int, folder: Path) -> None:
         "estimate, real step": command("estimate", real),
     }
     in_turn(rounds, cold, rival=bare)
-    warm = "estimate_parameters, clean step"
-    in_turn(
-        rounds, {warm: lambda: estimate_parameters(step), "real step": lambda: estimate_parameters(real)}, rival=warm
-    )
+    up = "clean step, workers up"
+    with Workers(1) as crew:
+        in_turn(
+            rounds,
+            {
+                up: lambda: estimate_by(crew, case_for_recording(Path(step))),
+                "real step, workers up": lambda: estimate_by(crew, case_for_recording(Path(real))),
+                "estimate_parameters, clean step": lambda: estimate_parameters(step),
+            },
+            rival=up,
+        )
     times = np.arange(200_000) * 1e-4
     shown = np.random.default_rng(1).standard_normal((len(times), 2))
     table = np.column_stack([times, np.where(times > 1, 10.0, 0.0), shown])

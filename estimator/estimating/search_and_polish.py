@@ -166,10 +166,10 @@ class _Attempts:
         problem = self.problem
         output = problem.output_of_residual
         costs = problem.costs(starts)
-        found = []
-        for start in starts[np.argsort(costs)[:POLISHED]]:
-            values, _ = self.squares.fit(start, polish.deviations, tolerance=1e4)
-            found.append((log_likelihood(output, self.squares.deviations(values, free=len(values))), values))
+        fits = self.squares.fits(list(starts[np.argsort(costs)[:POLISHED]]), polish.deviations, tolerance=1e4)
+        ends = [values for values, _ in fits]
+        deviations = self.squares.deviations_of(ends, free=self.problem.box.dimension)
+        found = [(log_likelihood(output, d), values) for d, values in zip(deviations, ends, strict=True)]
         lowest, values = min(found, key=lambda f: f[0])
         if lowest >= log_likelihood(output, polish.deviations):
             return polish

@@ -10,7 +10,7 @@ is (JᵀJ)⁻¹ with a Jacobian of central differences.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.conventions import HUBER, MEDIAN_SIZE
-from estimator.fitting.trust_region import least_squares
+from estimator.fitting.trust_region import steps
 from estimator.plans.parameters import Box
 
 if TYPE_CHECKING:
@@ -28,6 +28,7 @@ FloatArray = NDArray[np.float64]
 Residuals = Callable[[FloatArray], FloatArray]
 
 DIFFERENCE_STEP = 1e-4  # of a parameter, or added to its logarithm, for differences
+TOGETHER = 2_000_000  # residuals that are simulated at once for several fits
 REWEIGHTINGS = 3
 REWEIGHTED = 0.02  # relative change of the deviations at which reweighting stops
 CLOSE, CLOSINGS = 0.02, 3  # of chi-square: an optimum no further above the least is accepted; attempts to come closer
@@ -119,30 +120,53 @@ class LeastSquares:
         central: bool = False,
     ) -> tuple[FloatArray, float]:
         """Return the optimum, (p,) in the parameters' units, and its cost, for given deviations of the outputs."""
+        return self.fits([start], deviations, evaluations=evaluations, tolerance=tolerance, central=central)[0]
+
+    def fits(
+        self,
+        starts: Sequence[FloatArray],
+        deviations: FloatArray,
+        *,
+        evaluations: int = 40,
+        tolerance: float = 1.0,
+        central: bool = False,
+    ) -> list[tuple[FloatArray, float]]:
+        """Return what `fit` does of every start; what they ask for is simulated together, step by step."""
+        many = max(1, TOGETHER // (len(self._output) * self.box.dimension))
+        found: list[tuple[FloatArray, float]] = []
+        for part in (starts[k : k + many] for k in range(0, len(starts), many)):
+            asking = [self._fit(s, deviations, evaluations, tolerance, central=central) for s in part]
+            ends: dict[int, tuple[FloatArray, float]] = {}
+            answers: list[FloatArray | None] = [None] * len(part)
+            while len(ends) < len(part):
+                asked: dict[int, FloatArray] = {}
+                for k, fit in enumerate(asking):
+                    if k not in ends:
+                        try:
+                            asked[k] = fit.send(answers[k])  # type: ignore[arg-type]
+                        except StopIteration as end:
+                            ends[k] = end.value
+                if asked:
+                    raw = self._residuals(np.concatenate(list(asked.values())))
+                    edges = np.cumsum([0, *(len(points) for points in asked.values())])
+                    for k, first, last in zip(asked, edges[:-1], edges[1:], strict=True):
+                        answers[k] = raw[first:last]
+            found += [ends[k] for k in range(len(part))]
+        return found
+
+    def _fit(
+        self, start: FloatArray, deviations: FloatArray, evaluations: int, tolerance: float, *, central: bool
+    ) -> Generator[FloatArray, FloatArray, tuple[FloatArray, float]]:
+        """Yield candidates, (c, p) in their units, whose residuals are asked; return the optimum and its cost."""
         weights = 1 / deviations[self._output]
-        cache: dict[bytes, FloatArray] = {}
-
-        def value(x: FloatArray) -> FloatArray:
-            key = x.tobytes()
-            if key not in cache:
-                cache.clear()
-                cache[key] = self._weighted(x[None, :], weights)[0]
-            return rooted(cache[key])[0] if self._robust else cache[key]
-
-        def jacobian(x: FloatArray) -> FloatArray:
-            value(x)
-            at = cache[x.tobytes()]
-            differences = self._differences(x, weights, at, central=central)
-            return differences * rooted(at)[1][:, None] if self._robust else differences
-
         margin = 1e-9 * (self.high - self.low)
         x = np.clip(_scale(start, self.box.log), self.low + margin, self.high - margin)
         free = self.high > self.low
         if not free.any():
-            return np.array(start), float(value(x) @ value(x))
-        x, cost = least_squares(
-            value,
-            jacobian,
+            own = self._weighed((yield self._values(x)[None, :]), weights)[0]
+            own = rooted(own)[0] if self._robust else own
+            return np.array(start), float(own @ own)
+        asking = steps(
             x,
             low=self.low,
             high=np.where(free, self.high, self.low + 1e-12),
@@ -150,7 +174,23 @@ class LeastSquares:
             ftol=1e-14 * tolerance,
             xtol=1e-11 * tolerance,
         )
-        return self._values(x), cost
+        known: dict[bytes, FloatArray] = {}
+        x, slope = next(asking)
+        while True:
+            if slope:
+                at = known[x.tobytes()]
+                raw = yield self._beside(x, central=central)
+                answer = self._slopes(raw, x, weights, at, central=central)
+                answer = answer * rooted(at)[1][:, None] if self._robust else answer
+            else:
+                at = self._weighed((yield self._values(x)[None, :]), weights)[0]
+                known = {x.tobytes(): at}
+                answer = rooted(at)[0] if self._robust else at
+            try:
+                x, slope = asking.send(answer)
+            except StopIteration as end:
+                found, cost = end.value
+                return self._values(found), cost
 
     def quick(self, start: FloatArray, deviations: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return values and deviations of a rough fit, enough to compare models."""
@@ -159,7 +199,15 @@ class LeastSquares:
 
     def deviations(self, values: FloatArray, *, free: int) -> FloatArray:
         """Return the residuals' deviations of each output at a point; `free` parameters cost degrees of freedom."""
-        raw = self._residuals(values[None, :])[0]
+        return self.deviations_of([values], free=free)[0]
+
+    def deviations_of(self, points: Sequence[FloatArray], *, free: int) -> list[FloatArray]:
+        """Return the same of several points."""
+        many = max(1, TOGETHER // len(self._output))
+        parts = [np.array(points[k : k + many]) for k in range(0, len(points), many)]
+        return [self._deviations(raw, free) for part in parts for raw in self._residuals(part)]
+
+    def _deviations(self, raw: FloatArray, free: int) -> FloatArray:
         outputs = len(self._spread)
         result = np.empty(outputs)
         for j in range(outputs):
@@ -252,20 +300,34 @@ class LeastSquares:
         return np.clip(values, self.box.lower, self.box.upper)
 
     def _weighted(self, points: FloatArray, weights: FloatArray) -> FloatArray:
-        raw = self._residuals(np.array([self._values(x) for x in points]))
+        return self._weighed(self._residuals(np.array([self._values(x) for x in points])), weights)
+
+    def _weighed(self, raw: FloatArray, weights: FloatArray) -> FloatArray:
+        """Return residuals, (c, m), over their deviations; large ones where the simulation failed."""
         weighted = raw * weights
         failed = ~np.isfinite(weighted).all(axis=1)
         weighted[failed] = FAILED_RESIDUAL
         return np.asarray(weighted)
 
     def _differences(self, x: FloatArray, weights: FloatArray, at: FloatArray, *, central: bool = False) -> FloatArray:
-        p = len(x)
+        return self._slopes(self._residuals(self._beside(x, central=central)), x, weights, at, central=central)
+
+    def _forward(self, x: FloatArray) -> FloatArray:
+        """Return the steps of differences, (p,): ahead, or back where a bound is near."""
         steps = DIFFERENCE_STEP * np.where(self.box.log, 1.0, np.maximum(np.abs(x), 1e-3 * (self.high - self.low)))
-        forward = np.where(x + steps <= self.high, 1.0, -1.0) * steps
-        points = [x + forward[j] * _unit(j, p) for j in range(p)]
-        if central:
-            points += [x - forward[j] * _unit(j, p) for j in range(p)]
-        raw = self._residuals(np.array([self._unclipped(point) for point in points])) * weights
+        return np.asarray(np.where(x + steps <= self.high, 1.0, -1.0) * steps)
+
+    def _beside(self, x: FloatArray, *, central: bool) -> FloatArray:
+        """Return the candidates, (p, p) or (2 p, p), that differences at x need."""
+        moved = np.diag(self._forward(x))
+        return np.array([self._unclipped(point) for point in (*(x + moved), *(x - moved if central else ()))])
+
+    def _slopes(
+        self, raw: FloatArray, x: FloatArray, weights: FloatArray, at: FloatArray, *, central: bool
+    ) -> FloatArray:
+        """Return the derivatives of the weighted residuals, (m, p), from those of `_beside`."""
+        p, forward = len(x), self._forward(x)
+        raw = raw * weights
         ahead = raw[:p]
         behind = raw[p:] if central else np.broadcast_to(at, ahead.shape)
         columns = []
@@ -296,12 +358,6 @@ def rooted(residuals: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 def _scale(values: FloatArray, log: NDArray[np.bool_]) -> FloatArray:
     return np.where(log, np.log(np.where(log, values, 1.0)), values)
-
-
-def _unit(j: int, p: int) -> FloatArray:
-    e = np.zeros(p)
-    e[j] = 1.0
-    return e
 
 
 def information_parts(jacobian: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -11,7 +11,7 @@ lowers the model most. All iterates lie inside. It is the method of SciPy's ``le
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 Function = Callable[[FloatArray], FloatArray]
+Steps = Generator[tuple[FloatArray, bool], FloatArray, tuple[FloatArray, float]]
 
 INSIDE = 0.995  # of the way to a bound, at most
 POOR, GOOD = 0.25, 0.75  # of the predicted fall: with less the radius shrinks, with more it grows
@@ -49,9 +50,25 @@ def least_squares(
         The iteration ends when the sum of squares falls by less than ftol of itself, or x moves by less than xtol of
         itself.
     """
-    r = residuals(x)
+    asking = steps(x, low=low, high=high, evaluations=evaluations, ftol=ftol, xtol=xtol)
+    answer = None
+    while True:
+        try:
+            at, slope = asking.send(answer)  # type: ignore[arg-type]
+        except StopIteration as end:
+            found: tuple[FloatArray, float] = end.value
+            return found
+        answer = jacobian(at) if slope else residuals(at)
+
+
+def steps(x: FloatArray, *, low: FloatArray, high: FloatArray, evaluations: int, ftol: float, xtol: float) -> Steps:
+    """Yield points at which the residuals, or their jacobian, are asked; return the optimum and its sum of squares.
+
+    So that whoever solves several problems can answer them all at once. Arguments as for `least_squares`.
+    """
+    r = yield x, False
     cost, left, damping, radius = 0.5 * float(r @ r), evaluations - 1, 0.0, -1.0
-    triangle = _triangle(jacobian(x), r)
+    triangle = _triangle((yield x, True), r)
     lengths = _lengths(triangle)
     lengths[lengths == 0] = 1.0
     while True:
@@ -65,7 +82,7 @@ def least_squares(
             scaled, damping = model.within(radius, damping)
             step, predicted = model.chosen(scaled, radius)
             tried = _inside(x + model.scale * step, low, high)
-            there, left = residuals(tried), left - 1
+            there, left = (yield tried, False), left - 1
             length = float(np.linalg.norm(step))
             if not np.isfinite(there).all():
                 radius = POOR * length
@@ -86,7 +103,7 @@ def least_squares(
         if fell > 0:
             x, r, cost = tried, there, new
             if not ended:
-                triangle = _triangle(jacobian(x), r)
+                triangle = _triangle((yield x, True), r)
                 lengths = np.maximum(lengths, _lengths(triangle))
         if fell <= 0 or ended:
             break

@@ -1,0 +1,41 @@
+"""Fits from several starts, whose simulations go together: what each would come to alone, with fewer batches."""
+
+import numpy as np
+import pytest
+
+from estimator.fitting import least_squares
+from estimator.fitting.least_squares import LeastSquares
+from estimator.plans.parameters import Box
+
+T = np.linspace(0, 2, 50)
+MEASURED = 2.0 * np.exp(-3.0 * T) + 0.5 + 0.01 * np.random.default_rng(1).standard_normal(50)
+
+
+def fitted(batches, loss):
+    def residuals(points):
+        batches.append(len(points))
+        a, b, c = points.T[:, :, None]
+        result = a * np.exp(-b * T) + c - MEASURED
+        result[points[:, 1] > 80] = np.nan  # a model that fails
+        return result
+
+    box = Box(np.array([0.1, 0.1, -1.0]), np.array([50.0, 100.0, 3.0]), np.array([True, True, False]))
+    return LeastSquares(residuals, box, output=np.zeros(50, dtype=np.int64), spread=np.ones(1), loss=loss)
+
+
+@pytest.mark.parametrize("at_once", [2_000_000, 300])
+@pytest.mark.parametrize("loss", ["linear", "huber"])
+def test_fits_together_are_those_of_each_start_alone(monkeypatch, loss, at_once):
+    monkeypatch.setattr(least_squares, "TOGETHER", at_once)
+    rng, together, alone = np.random.default_rng(2), [], []
+    starts = [np.array([2.0, 3.0, 0.5]) * np.exp(0.8 * rng.standard_normal(3)) for _ in range(7)]
+    starts.append(np.array([2.0, 90.0, 0.5]))
+    found = fitted(together, loss).fits(starts, np.array([0.01]))
+    for (values, cost), start in zip(found, starts, strict=True):
+        own, own_cost = fitted(alone, loss).fit(start, np.array([0.01]))
+        assert np.array_equal(values, own) and cost == own_cost
+    assert sum(together) == sum(alone) and len(together) < len(alone)
+    ends = [values for values, _ in found]
+    squares = fitted(together, loss)
+    each = [squares.deviations(values, free=3) for values in ends]
+    assert np.array_equal(squares.deviations_of(ends, free=3), each)
