@@ -289,12 +289,14 @@ class Selection:
         assert simulator is not None  # the part had it
         values = simulator.values(dict(zip(there.simulator.names, there.values.tolist(), strict=True)))
         values = np.clip(values, simulator.lower, simulator.upper)
-        fit = new_fit(simulator, values, there.free, there.whitener.noise)
+        free = [n for n in there.free if n in simulator.index]  # all rows may rule out what the part allows
+        fit = new_fit(simulator, values, free, there.whitener.noise)
         open_ones = tuple(group for e in self.effects for group in e.always(fit))
         best = Explanation(solved(dataclasses.replace(fit, linear=open_ones), iterations=ROUGH))
         for a in known.additions:
             if a.linear is None:
-                best = dataclasses.replace(best, additions=(*best.additions, _bare(a)))
+                own = (_bare(a),) if a.name in simulator.index else ()
+                best = dataclasses.replace(best, additions=(*best.additions, *own))
                 continue
             found = self.additions(best, [a.effect], beside=a.name)
             same = [b for b in found if b.name == a.name] or sorted(found, key=lambda b: -b.gain)[:1]
