@@ -1,6 +1,9 @@
 """The C stepping loop against fmpy's own methods, and against the sums that numpy makes of its trajectories."""
 
+import contextlib
 import dataclasses
+import os
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -163,12 +166,28 @@ def test_the_layout_of_an_experiment_is_what_the_recording_says(crew):
     assert np.all(np.abs(shown - truth) <= 1e-11 * np.abs(truth).max(axis=0))
 
 
-def test_a_job_of_late_gives_the_same_bits_again_and_old_ones_leave_no_files():
+def memories():
+    """Return the inodes of the files in memory that this process holds for its workers."""
+    found = set()
+    for name in os.listdir("/proc/self/fd") if Path("/proc/self/fd").is_dir() else ():
+        with contextlib.suppress(OSError):  # the folder's own
+            if "memfd:fmu-estimator" in os.readlink(f"/proc/self/fd/{name}"):
+                found.add(os.stat(int(name)).st_ino)
+    return found
+
+
+@pytest.mark.parametrize("in_memory", [True, False])
+def test_a_job_of_late_gives_the_same_bits_again_and_old_ones_leave_no_files(in_memory, monkeypatch):
+    if not in_memory:
+        monkeypatch.delattr(os, "memfd_create", raising=False)
+    elif not hasattr(os, "memfd_create"):
+        pytest.skip("Linux has files in memory")
     jobs = [
         job_of(experiment(noisy_voltage(seed=k), np.zeros((300, 2))), fmu=fmu)
         for k in range(3)
         for fmu in ("dc_motor", "dc_motor_drive")
     ]
+    before = memories()
     with Workers(1) as workers:
         first, again = [], []
         for shown, order in ((first, jobs), (again, [j for k in (0, 2, 4) for j in jobs[k : k + 2] * 3])):
@@ -177,6 +196,8 @@ def test_a_job_of_late_gives_the_same_bits_again_and_old_ones_leave_no_files():
                 shown.append(workers.run(NOMINAL.reshape(1, 1, 5), record=True).shown)
                 assert workers.simulations == 1
         files = [p.name for p in workers._folder.path.iterdir() if p.name.startswith(("shared", "numbers"))]
+        held = memories() - before
+    assert len(held) == (KEPT_JOBS if in_memory else 0)
     for k, shown in enumerate(again):
         assert np.array_equal(shown, first[k // 6 * 2 + k % 2])
-    assert len(files) == 2 * KEPT_JOBS
+    assert len(files) == (1 if in_memory else 2) * KEPT_JOBS
