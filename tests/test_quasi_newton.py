@@ -92,3 +92,14 @@ def test_a_value_that_is_infinite_on_the_way_is_kept_away_from():
 
     x, f = minimise(value, np.array([0.0, 0.5]), np.full(2, -5.0), np.full(2, 5.0), step=1e-3, iterations=30, ftol=1e-9)
     assert 1.0 < x[0] < 1.3 and f < 1.0
+
+
+@pytest.mark.parametrize("digits", [0, 1, 2, 4])
+def test_a_value_that_is_flat_to_its_last_digit_ends_it(digits):
+    def value(x):
+        return round(float(np.sum((x - 0.3) ** 2)), digits)
+
+    x, f = minimise(
+        value, np.array([2.0, -1.0]), np.full(2, -5.0), np.full(2, 5.0), step=1e-3, iterations=30, ftol=1e-12
+    )
+    assert np.isfinite(f) and f <= value(np.array([2.0, -1.0])) and f == value(x)

@@ -182,7 +182,13 @@ def _line_search(
         # Before a fall is enough, the value less what is enough is what is minimised.
         tilt = least if falls and there <= best[1] and there > test else 0.0
         ends = (_tilted(e, -tilt) for e in (best, other, now))
-        best, other, stride, bracketed = _next_stride(*ends, bracketed=bracketed, lower=lower, upper=upper)
+        try:
+            with np.errstate(all="ignore"):
+                best, other, stride, bracketed = _next_stride(*ends, bracketed=bracketed, lower=lower, upper=upper)
+        except ZeroDivisionError:  # flat to the last digit
+            return None
+        if not np.isfinite(stride):
+            return None
         best, other = _tilted(best, tilt), _tilted(other, tilt)
         if bracketed:
             if abs(other[0] - best[0]) >= SHRINKS * before:
