@@ -12,6 +12,7 @@ from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as on the command line; one worker of pytest-xdist a core
 
+import drawing  # noqa: E402
 import forked  # noqa: E402
 import numpy as np  # noqa: E402
 import pytest  # noqa: E402
@@ -52,6 +53,7 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
 
 def pytest_configure(config: pytest.Config) -> None:
     """Compile the package once, as its installation does, for the hundreds of processes that the tests start."""
+    drawing.draw_here()
     if not hasattr(config, "workerinput"):
         for folder in ("estimator", "fmu_build"):
             compileall.compile_dir(ROOT / folder, quiet=2)

@@ -13,6 +13,9 @@ import pytest
 from app_server import EXAMPLE, serving
 from faulty import faulty_fmu
 
+from estimator.cases.case import read_case
+from estimator.estimating.estimate import estimate
+
 pytest.importorskip("starlette", reason="the extra app is not installed")
 webdriver = pytest.importorskip("selenium.webdriver", reason="selenium is not installed")
 from selenium.common.exceptions import WebDriverException  # noqa: E402
@@ -177,6 +180,16 @@ def server(folder):
         yield server
 
 
+@pytest.fixture(scope="module")
+def estimated(tmp_path_factory):
+    """Return the folder of an estimate of the example, with its signals."""
+    from estimator.cli import main
+
+    made = tmp_path_factory.mktemp("made") / "monday"
+    assert main(["estimate", str(EXAMPLE), "-o", str(made), "--quiet", "--json", "--signals"]) == 0
+    return made
+
+
 @pytest.fixture
 def page(driver, server):
     page = Page(driver, server.address)
@@ -230,14 +243,13 @@ def test_a_dropped_file_is_assigned_estimated_and_reported(page, folder, driver)
     assert "estimate run-1.case.toml -o run-1 --signals" in folded
 
 
-def test_a_result_can_be_exported_and_the_command_is_shown(page, driver, folder):
-    page.go("run")
-    page.press("start")
-    page.until(lambda: driver.find_elements(By.ID, "to-result"))
-    page.press("to-result")
+def test_a_result_can_be_exported_and_the_command_is_shown(page, driver, folder, estimated):
+    shutil.copytree(estimated, folder / "monday")
+    page.go("results")
+    page.says("monday: ok")
     page.press("export-4")
     page.until(lambda: list(driver.downloads.glob("motor_parameters*.m")))
-    assert "fmu-estimator export run-1 --format matlab" in page.text
+    assert "fmu-estimator export monday --format matlab" in page.text
     page.js("document.getElementById('ripple').open = true")
     page.until(lambda: len(page.js("return document.querySelectorAll('canvas')[1].plot.panels")) == 2)
 
@@ -283,8 +295,8 @@ def choose_fmu(page, folder, name):
 
 @pytest.fixture(scope="module")
 def slow_fmu(tmp_path_factory):
-    """Return an FMU by which the search of the paper, of 80 000 simulations, takes a minute."""
-    return faulty_fmu(tmp_path_factory.mktemp("slow"), DoStep="for (volatile int k = 0; k < 300; k++);")
+    """Return an FMU by which the search of the paper, of 80 000 simulations, takes a minute: it sleeps."""
+    return faulty_fmu(tmp_path_factory.mktemp("slow"), EnterInitializationMode="usleep(1500);")
 
 
 def slow(page, folder, fmu):
@@ -523,11 +535,12 @@ def test_a_script_in_a_name_stays_a_text(page, driver, folder, server):
     assert page.js("return window.hacked") is None and not driver.find_elements(By.CSS_SELECTOR, "img[src=x]")
 
 
-def test_a_result_folder_made_elsewhere_is_opened_and_runs_are_seen_side_by_side(page, driver, folder):
+def test_a_result_folder_made_elsewhere_is_opened_and_runs_are_seen_side_by_side(page, driver, folder, estimated):
     from estimator.cli import main
 
-    for name, more in (("monday", ["--signals"]), ("tuesday", ["--fix", "L=0.0131", "--signals"])):
-        assert main(["estimate", str(folder / "step.csv"), "-o", str(folder / name), "--quiet", "--json", *more]) == 0
+    shutil.copytree(estimated, folder / "monday")
+    other = ["-o", str(folder / "tuesday"), "--fix", "L=0.0131", "--signals", "--quiet", "--json"]
+    assert main(["estimate", str(folder / "step.csv"), *other]) == 0
     (folder / "old").mkdir()
     for file in ("result.json", "figure.png"):
         shutil.copy(folder / "monday" / file, folder / "old")
@@ -637,12 +650,8 @@ def test_a_file_without_header_and_time_is_read_as_the_page_is_told(page, driver
     page.says("--unit=w=rpm")
     page.type("unit-0", "rad/s")
     page.until(lambda: 'units = { w = "rad/s" }' in (folder / "app.case.toml").read_text())
-    page.go("run")
-    page.press("start")
-    page.until(lambda: driver.find_elements(By.ID, "to-result"))
-    told = json.loads((folder / "run-1" / "result.json").read_text())
-    assert told["parameters"]["R"]["value"] == pytest.approx(3.14, rel=0.02)
-    page.go("data")
+    found = estimate(read_case(folder / "app.case.toml"))
+    assert found.parameters["R"].value == pytest.approx(3.14, rel=0.02)
     page.js("document.getElementById('reading').open = true")
     page.press("bare-again")
     page.says("This file has no header")
@@ -710,14 +719,21 @@ def axe_script():
     return (os.path.dirname(axe.__file__) or "") + "/axe.min.js"
 
 
-def test_no_page_has_a_serious_finding_of_axe_or_is_wider_than_the_screen(page, driver):
-    """Wide and narrow, light and dark: one run, of which each of four looks sees every page."""
+@pytest.mark.parametrize(
+    "looks",
+    [
+        pytest.param([(1280, False), (400, True)], id="wide and light, narrow and dark"),
+        pytest.param([(400, False), (1280, True)], id="narrow and light, wide and dark", marks=pytest.mark.full),
+    ],
+)
+def test_no_page_has_a_serious_finding_of_axe_or_is_wider_than_the_screen(page, driver, looks):
+    """By default each page is seen in both widths and in both colours, with `full` in all four pairs of them."""
     with open(axe_script(), encoding="utf-8") as file:
         axe = file.read()
     page.go("run")
     page.press("start")
     page.until(lambda: driver.find_elements(By.ID, "to-result"))
-    for (width, dark), step in itertools.product([(1280, False), (400, False), (400, True), (1280, True)], PAGES):
+    for (width, dark), step in itertools.product(looks, PAGES):
         page.size(width, 900, dark=dark)
         page.go(step)
         page.until(lambda: page.js("return document.querySelectorAll('main section').length > 1"))
