@@ -6,12 +6,15 @@ import compileall
 import contextlib
 import dataclasses
 import os
+import shutil
+import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as on the command line; one worker of pytest-xdist a core
 
+import compiled  # noqa: E402
 import drawing  # noqa: E402
 import forked  # noqa: E402
 import numpy as np  # noqa: E402
@@ -53,10 +56,12 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
 
 def pytest_configure(config: pytest.Config) -> None:
     """Compile the package once, as its installation does, for the hundreds of processes that the tests start."""
-    drawing.draw_here()
     if not hasattr(config, "workerinput"):
         for folder in ("estimator", "fmu_build"):
             compileall.compile_dir(ROOT / folder, quiet=2)
+        os.environ[compiled.FOLDER] = tempfile.mkdtemp()
+    compiled.keep()
+    drawing.draw_here()
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
@@ -156,3 +161,9 @@ def pytest_sessionfinish() -> None:
     for crew in _crews.values():
         crew.close()
     _crews.clear()
+
+
+def pytest_unconfigure(config: pytest.Config) -> None:
+    """Remove what was compiled."""
+    if not hasattr(config, "workerinput"):
+        shutil.rmtree(os.environ.pop(compiled.FOLDER), ignore_errors=True)

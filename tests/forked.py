@@ -152,12 +152,14 @@ def serve(stream: socket.socket) -> int:
     with contextlib.suppress(ImportError):
         for name in OF_AN_EXTRA:
             importlib.import_module(name)
+    import compiled
     from drawing import draw_here
 
     from estimator.results.plots import warm_up
 
     warm_up()
     draw_here()
+    compiled.keep()
     own, answers = os.getpid(), tempfile.mkdtemp()
     with contextlib.suppress(ImportError):
         _keep_answers(Path(answers))

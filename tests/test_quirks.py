@@ -203,7 +203,7 @@ def test_an_integer_output_is_compared(tmp_path):
 
 def test_euler_inside_gets_the_step_warning_and_the_right_answer_at_the_finer_step(tmp_path):
     noisy = tmp_path / "noisy.csv"
-    write_recording(step_recording(CML050, lead=0.05, duration=0.4, noise=NOISE, seed=3), noisy)
+    write_recording(step_recording(CML050, lead=0.02, duration=0.16, noise=NOISE, seed=3), noisy)
     fmu = foreign_fmu(tmp_path, "EULER")
     coarse = estimated(fmu, noisy)
     assert coarse.verdict == "doubtful" and worst(coarse) > 0.02
