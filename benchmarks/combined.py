@@ -162,13 +162,14 @@ def deviations(line: Line) -> dict[str, float]:
     """Return each parameter's error over its bar, by the truth or by the motor that cannot be told from it."""
     told, found = line["told"], line["found"].get("parameters", {})
     bars = {name: bar for name in MOTOR if name in found and (bar := bar_of(found[name])) is not None}
-    by_truth, by_alike = {}, {}
+    by_truth: dict[str, float] = {}
+    by_alike: dict[str, float] = {}
     for name, bar in bars.items():
         value = found[name]["value"]
-        by_truth[name] = max(told["lower"][name] - value, value - told["upper"][name], 0.0) / bar
-        by_alike[name] = abs(value - told["alike"][name]) / bar
-        if told["lower"][name] == told["upper"][name]:
-            by_truth[name] = abs(value - told["truth"][name]) / bar
+        for by, motor in ((by_truth, "truth"), (by_alike, "alike")):
+            same = told[motor][name] / told["truth"][name]  # a parameter that changes does so in both motors
+            low, high = (same * told[end][name] for end in ("lower", "upper"))
+            by[name] = max(low - value, value - high, 0.0) / bar
     return min(by_truth, by_alike, key=lambda z: max(z.values(), default=0.0))
 
 

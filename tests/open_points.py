@@ -43,7 +43,6 @@ OPEN = {
     "test_trust.py::test_a_gain_and_a_dry_friction_that_explain_a_recording_as_well_are_both_told": (
         "dry friction is told, the gain is not"
     ),
-    "test_trust.py::test_how_large_a_dry_friction_would_go_unnoticed_is_told": "the size is not told any more",
     "test_nuisance.py::test_ripple_locked_to_the_angle_is_taken_out": (
         "the order is found and named; its amplitude is told at the largest current, with the noise too large beside it"
     ),

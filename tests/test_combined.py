@@ -224,6 +224,18 @@ def test_a_parameter_that_changed_while_it_was_recorded_is_right_between_its_end
     assert deviations(one)["B"] == pytest.approx(1.0)
 
 
+def test_a_parameter_that_changed_is_right_between_its_ends_of_the_motor_that_cannot_be_told_too():
+    one = line()
+    one["told"]["alike"] = {name: 2.0 for name in MOTOR}
+    one["told"]["lower"]["B"] = 0.5
+    for name in MOTOR:
+        one["found"]["parameters"][name]["value"] = 2.0
+    one["found"]["parameters"]["B"]["value"] = 1.2
+    assert max(deviations(one).values()) == 0.0
+    one["found"]["parameters"]["B"]["value"] = 0.9
+    assert deviations(one)["B"] == pytest.approx(1.0)
+
+
 def test_what_a_recording_could_not_show_does_not_name_a_trouble():
     one = line()
     one["found"]["notes"] = ["not visible in such a recording: a dry friction of up to 23 %"]

@@ -2,6 +2,8 @@
 
 import dataclasses
 import re
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,8 +11,9 @@ from effect_bench import B, H, J, K, L, R, driven, lagged, late, recording, wors
 from scipy.linalg import expm
 
 from estimator.cases.case import Case, OutputSpec, ParameterSpec
+from estimator.cases.case_signals import RunSpec
 from estimator.estimating.estimate import estimate_recordings
-from estimator.recordings.recording import recording_from_arrays
+from estimator.recordings.recording import read_recording, recording_from_arrays
 
 pytestmark = pytest.mark.usefixtures("shared_workers")
 
@@ -288,3 +291,78 @@ def test_a_filter_acts_on_a_current_that_is_faster_than_the_rows_between_samples
     assert "lag" in result.effects, (result.effects, result.reasons)
     off = {n: (result.parameters[n].value - x) / result.parameters[n].standard_error for n, x in values.items()}
     assert max(map(abs, off.values())) < 4.5, off
+
+
+def test_what_a_step_would_not_show_is_told_with_its_size_and_what_it_does():
+    """A friction of half the size that hides puts B off by half of what is said; of twice that size it is found."""
+    told = {hidden.effect: hidden for hidden in run(recording("step")).not_visible}
+    assert set(told) >= {"dry friction", "sag", "brush drop"} and "current limit" not in told
+    friction = told["dry friction"]
+    assert friction.unit == "N.m" and 0.05 < friction.size / (B * 10.5 / K) < 0.3
+    dry = run(recording("step", friction=0.5 * friction.size))
+    part, bars = friction.off["B"]
+    assert dry.parameters["B"].value / B - 1 == pytest.approx(0.5 * part, rel=0.3) and bars > 20
+    assert any(f"dry friction {dry.not_visible[0].size:.2g} N.m (B +" in note for note in dry.notes)
+    known = run(recording("step", friction=2 * friction.size))
+    assert "friction" in known.chain or known.verdict != "ok"
+
+
+def test_two_levels_hide_less_friction_than_one():
+    sizes = [
+        next((h.size for h in run(recording(excitation)).not_visible if h.effect == "dry friction"), 0.0)
+        for excitation in ("step", "two levels")
+    ]
+    assert sizes[1] < 0.1 * sizes[0]
+
+
+def without_inductance(*, delay, tau):
+    """Return a step of a motor whose current jumps, all of it late by `delay`, the current behind a low-pass of tau."""
+    time = np.arange(round(0.8 / H * 10) + 1) * H / 10
+    since = np.maximum(time - 0.1, 0.0)
+    speed = K / R * 10.5 / (B + K * K / R) * (1 - np.exp(-since * (B + K * K / R) / J))
+    current = (np.where(time < 0.1, 0.0, 10.5) - K * speed) / R
+    shown = {"current [A]": late(lagged(current, tau), delay), "speed [rad/s]": late(speed, delay)}
+    rng = np.random.default_rng(1)
+    shown = {k: y[::10] + s * rng.standard_normal(801) for (k, y), s in zip(shown.items(), (0.02, 1.0), strict=True)}
+    voltage = np.where(time[::10] < 0.1, 0.0, 10.5)
+    made = recording_from_arrays("bench", time[::10], {"voltage [V]": voltage, **shown})
+    case = dataclasses.replace(CASE, fixed={"L": 1e-7})
+    return estimate_recordings([case], [[made]], workers=1)[0]
+
+
+def test_a_delay_before_a_filter_has_its_error_although_the_current_jumps_between_two_rows():
+    """The filter sees the same wherever between two of its rows the current jumps: a small change shows nothing."""
+    found = without_inductance(delay=1.37e-3, tau=2e-3).chain["delay"]
+    assert 5e-6 < found.standard_error < 5e-5 and abs(found.value - 1.37e-3) < 4 * found.standard_error
+
+
+def test_a_step_of_one_voltage_shows_no_drop_of_the_drive():
+    """It is a gain of the voltage, exactly; what of its column is not lies within the edge's samples."""
+    result = without_inductance(delay=0.62e-3, tau=2e-3)
+    assert "drop of the drive" not in result.effects
+    assert all(abs(result.parameters[n].value / x - 1) < 0.05 for n, x in (("R", R), ("K", K), ("J", J), ("B", B)))
+
+
+def test_a_response_before_its_input_is_doubted_until_the_case_declares_it():
+    early = recording("step", i=lambda y: late(y, -0.6e-3), w=lambda y: late(y, -0.6e-3))
+    result = run(early)
+    assert result.verdict == "doubtful" and worst(result) < 4.5
+    (reason,) = [r for r in result.reasons if "before the input" in r]
+    delay = float(re.search(r"delay = (-[\d.e-]+)", reason)[1])
+    assert delay == pytest.approx(-0.6e-3, rel=0.1)
+    declared = dataclasses.replace(CASE, runs=(RunSpec(delay=delay),))
+    assert estimate_recordings([declared], [[early]], workers=1)[0].verdict == "ok"
+
+
+def test_a_mean_of_fewer_samples_and_a_filter_are_tried_in_place_of_a_mean(tmp_path):
+    """A staircase behind a mean of five and a low-pass of 0.36 ms, which a mean of six resembles: L was 5 errors off."""
+    sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "benchmarks"))
+    from combined import bench_of
+    from emulated_bench import write
+
+    bench = bench_of("random", 1005006)
+    (path,) = write(bench, tmp_path)
+    result = estimate_recordings([CASE], [[read_recording(path)]], workers=1)[0]
+    assert result.sensors["i"]["average"] == 5 and "lag" in result.effects
+    found = result.parameters["L"]
+    assert abs(found.value - bench.story["L", -1]) < 3 * found.standard_error

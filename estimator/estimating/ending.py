@@ -222,6 +222,7 @@ def _estimate(
         parameters={n: p for n, p in parameters.items() if n not in chain},
         chain={n: p for n, p in parameters.items() if n in chain},
         rivals=() if values is None or explained is None else explained.rivals,
+        not_visible=() if values is None or explained is None else explained.not_visible,
         sensors=sensors(plan, explained),
         effects=() if explained is None else tuple(dict.fromkeys(f.effect for f in explained.found)),
         recordings=recordings(plan),

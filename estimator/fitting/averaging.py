@@ -6,8 +6,8 @@ Burnham and Augustin 1997; Hoeting et al. 1999), each parameter scaled to hold 9
 was not accepted the score test tells x_m and C_m without a refit. Its number has a usual size as prior deviation, so
 that its penalty is log det (I + information), not log n (MacKay 1992). So an effect that the recording hardly shows,
 and that would move a parameter far, widens the standard errors although it was not accepted. An effect whose usual size
-would not show at all is left out (`unseen`): no such recording can tell it. It is reported, and belongs into the
-tolerances.
+would not show at all is left out: no such recording can tell it. Up to which size an effect hides, and how far it then
+moves the parameters, is reported (`hidden`), and belongs into the tolerances.
 """
 
 from __future__ import annotations
@@ -51,15 +51,32 @@ class Told:
 
 
 @dataclass(frozen=True)
+class Hidden:
+    """An effect that the recordings do not show up to a size at which it would be accepted as likely as not.
+
+    Attributes
+    ----------
+    addition : with its usual size; what is hidden up to more is called unusual
+    size : that size, in the addition's unit, at most the usual one
+    moves : (p,) array
+        By so much the estimate is then off, on the parameters' scales.
+    """
+
+    addition: Addition
+    size: float
+    moves: FloatArray
+
+
+@dataclass(frozen=True)
 class Averaged:
-    """Averaged values, (p,), and covariance, (p, p), on the parameters' scales; effects not visible; differing rivals.
+    """Averaged values, (p,), and covariance, (p, p), on the parameters' scales; what may be hidden; differing rivals.
 
     Where the recordings determine only combinations of parameters, the covariance is that of these combinations.
     """
 
     values: FloatArray
     covariance: FloatArray
-    unseen: tuple[Addition, ...]
+    hidden: tuple[Hidden, ...]
     rivals: tuple[Told, ...]
 
 
@@ -82,7 +99,7 @@ def averaged(
     parts: list[tuple[float, FloatArray, FloatArray]] = [(0.0, own, covariance[:p, :p])]
     pseudo = covariance[np.ix_(inside, inside)] @ fit.jacobian[:, inside].T
     test = fit.test()
-    unseen = []
+    hidden = []
     for a in _one_of_each(open_additions):
         if a.across is None or a.whitened is None:
             continue
@@ -91,10 +108,14 @@ def averaged(
             known = a.linear.size > 0
             across, whitened = (x * (a.linear.size or 1.0) for x in (across, whitened))
         power, whole = float(np.sum(across**2)), float(np.sum(whitened**2))
-        if power <= (VISIBLE if known else TOLD_POWER * whole):
-            unseen.append(a)
-            continue
         k = across.shape[1]
+        if a.usual > 0 and k == 1:
+            part = min(1.0, float(np.sqrt(a.penalty(samples) / max(power, 1e-300))))
+            off = np.zeros(len(inside))
+            off[inside] = part * (pseudo @ whitened)[:, 0]
+            hidden.append(Hidden(a, part * a.usual, off[:p]))
+        if a.gain <= 0 or power <= (VISIBLE if known else TOLD_POWER * whole):
+            continue
         information = across.T @ across + (np.eye(k) if known else 0.0)  # a usual size is a prior deviation of 1
         spread = np.linalg.pinv(information)
         along = across.T @ test.left
@@ -129,7 +150,7 @@ def averaged(
     total[held] = total[:, held] = 0.0
     told = [t for t in told if t[4] <= min(u[4] for u in told if _effects(u[0]) == _effects(t[0]))]  # of alike ones one
     rivals_told = tuple(Told(r, apart, name, behind, float(weights[k])) for r, k, apart, name, behind in told)
-    return Averaged(own, total, tuple(unseen), rivals_told)
+    return Averaged(own, total, tuple(hidden), rivals_told)
 
 
 def _beside(own: FloatArray, rival: Explanation, log: NDArray[np.bool_]) -> tuple[FloatArray, FloatArray]:

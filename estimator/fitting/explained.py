@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.fitting.adequacy import Adequacy, adequacy
-from estimator.fitting.averaging import Told, averaged
+from estimator.fitting.averaging import Hidden, Told, averaged
 from estimator.fitting.between_runs import BetweenRuns, is_between_runs, of_fit, sentence
 from estimator.fitting.effects.base import Effect
 from estimator.fitting.fit import Fit, solved
@@ -25,7 +25,7 @@ from estimator.motor.names import MOTOR
 from estimator.plans.parameters import Parameter, SensorPlace
 from estimator.plans.plan import Plan
 from estimator.recordings.excitation import quantum
-from estimator.results.result import Rival, RivalParameter
+from estimator.results.result import NotVisible, Rival, RivalParameter
 from estimator.stepping import layout
 
 FloatArray = NDArray[np.float64]
@@ -33,6 +33,7 @@ FloatArray = NDArray[np.float64]
 REPORTED = SensorPlace("nuisance")  # of a nuisance parameter
 ENOUGH_RUNS = 4  # of fewer runs the spread is known no better than to its own size
 WIDE = 1e30  # bounds of a parameter that has none
+BEYOND = 4.0  # standard errors: what moves a parameter by more and is not visible is told
 LINEAR_MOTOR = "dc_motor"  # that a bundled FMU with more effects may replace
 
 
@@ -62,7 +63,7 @@ class Explained:
         The same without the growth of the noise with the signals.
     found : what was found of the bench
     rivals : explanations that are nearly as likely and give other parameters
-    unseen : names of effects that no such recording tells
+    not_visible : what may be there unnoticed and moves a parameter far beyond its bar, the farthest first
     adequacy : Adequacy
     explanation : Explanation
     between : BetweenRuns
@@ -75,7 +76,7 @@ class Explained:
     at_rest: FloatArray
     found: tuple[Found, ...]
     rivals: tuple[Rival, ...]
-    unseen: tuple[str, ...]
+    not_visible: tuple[NotVisible, ...]
     adequacy: Adequacy
     explanation: Explanation
     between: BetweenRuns
@@ -315,11 +316,34 @@ def _explained(
             *_varies(between, plan),
         ),
         rivals=tuple(_rival(told, explanation) for told in mean.rivals),
-        unseen=tuple(dict.fromkeys(a.effect.name for a in mean.unseen)),
+        not_visible=_not_visible(mean.hidden, plan.names, values[:p], errors[:p], log[:p]),
         adequacy=checked,
         explanation=explanation,
         between=between,
     )
+
+
+def _not_visible(
+    hidden: Sequence[Hidden], names: Sequence[str], values: FloatArray, errors: FloatArray, log: NDArray[np.bool_]
+) -> tuple[NotVisible, ...]:
+    """Return what hides in the recordings and would put a parameter far beyond its bar, the farthest first."""
+    found: dict[str, NotVisible] = {}
+    for h in hidden:
+        change = h.moves * np.where(log, np.abs(values), 1.0)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            bars = np.nan_to_num(change / errors, posinf=0.0, neginf=0.0)
+            parts = np.nan_to_num(change / np.abs(values), posinf=0.0, neginf=0.0)
+        order = [int(k) for k in np.argsort(-np.abs(bars)) if abs(bars[k]) > BEYOND]
+        name = h.addition.effect.name
+        if not order or (name in found and _farthest(found[name]) > abs(bars[order[0]])):
+            continue
+        off = {names[k]: (float(parts[k]), float(bars[k])) for k in order}
+        found[name] = NotVisible(name, h.size, h.addition.unit, off)
+    return tuple(sorted(found.values(), key=_farthest, reverse=True))
+
+
+def _farthest(effect: NotVisible) -> float:
+    return max(abs(bars) for _, bars in effect.off.values())
 
 
 def _during(explanation: Explanation) -> FloatArray:
@@ -395,7 +419,7 @@ def _found(explanation: Explanation, plan: Plan) -> list[Found]:
         else:
             size = float(fit.values[fit.simulator.index[a.name]])
         if told := a.effect.tell(a.name, size, plan):
-            found.append(Found(a.effect.name, a.name, told, a.effect.doubt))
+            found.append(Found(a.effect.name, a.name, told, a.effect.doubted(a.name, size, plan)))
     return found
 
 

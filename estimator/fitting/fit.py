@@ -477,6 +477,7 @@ def _differences(
     if not f:
         return np.zeros((*shown.shape, 0))
     h = np.where(s.log[where], DIFFERENCE_STEP, 10 * DIFFERENCE_STEP * s.size[where])
+    h = np.maximum(h, s.spacing(fit.values)[where] / (2 if central else 1))
     ahead = np.where(x + h <= high, x + h, x - h)
     behind = np.where((x - h >= low) & (ahead > x), x - h, x) if central else x
     points = np.repeat(_placed(fit, where, x)[None, :], 2 * f if central else f, axis=0)

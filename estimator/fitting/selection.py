@@ -41,7 +41,7 @@ from estimator.fitting.windows import find_windows
 
 FloatArray = NDArray[np.float64]
 
-MOST_ADDITIONS = 12  # additions
+MOST_ADDITIONS = 12  # additions, spectral lines and others each
 ROUNDS = 10
 REFITTED = 3  # additions refitted in a round
 PREDICTED_PART = 0.6  # of the best predicted fall of the criterion: with less an addition is not refitted
@@ -57,6 +57,7 @@ PARALLEL = 0.9  # canonical correlation of an addition with one that is doubted:
 RIVALS_REFITTED = 3  # rivals of an addition that are refitted, of each effect the likeliest
 MOST_WITHIN = 2  # additions of what happens within samples, each exchanged for every other of these
 EXCHANGES, EXCHANGED = 2, 0.1  # of an explanation for a more likely rival, at most; by which its criterion is lower
+NOTHING = 1e-9  # of the power of a change: the recordings do not show it
 IDLE = 6.0  # times the penalty: an addition is refitted without if its Wald statistic is below
 
 
@@ -75,6 +76,8 @@ class Addition:
         Whitened columns, without and with their part that the fit explains, for a unit of each.
     tried : int
         Of how many tried values it is the best; of columns that exclude each other each is one of so many.
+    usual, unit : float, str
+        Its usual size, where it is of one number; 0: none is known.
     """
 
     effect: Effect
@@ -87,6 +90,8 @@ class Addition:
     across: FloatArray | None = None
     whitened: FloatArray | None = None
     tried: int = 1
+    usual: float = 0.0
+    unit: str = ""
 
     def penalty(self, samples: int) -> float:
         """Return its penalty in the criterion."""
@@ -303,7 +308,7 @@ class Selection:
         rejected: set[str] = set()
         for _ in range(2 * rounds):
             found = self._best_addition(explanation, effects, rejected)
-            if found is None or len(explanation.additions) >= MOST_ADDITIONS:
+            if found is None or _is_full(found):
                 break
             judged = self.with_noise(found, colour=colour, again=True) if renew else found
             absurd = [a for a in judged.additions if not _is_physical(judged.fit, a)]
@@ -312,6 +317,9 @@ class Selection:
                 continue
             for a in absurd:  # the new one has taken its place
                 judged = self.without(judged, a)
+            if absurd and judged.criterion(self.samples) > explanation.criterion(self.samples):  # or it has not
+                rejected.add(found.additions[-1].name)
+                continue
             explanation = judged
             rejected.clear()
         return explanation
@@ -384,6 +392,8 @@ class Selection:
                         across=across,
                         whitened=whitened,
                         tried=max(among, group.one_of),
+                        usual=group.size if numbers == 1 else 0.0,
+                        unit=group.units[0],
                     )
                 )
             simulator = self._simulator(fit, effect)
@@ -416,7 +426,7 @@ class Selection:
                 owners.append((w, t))
         many = max(1, CELLS // fit.z.size)
         tested: list[list[tuple[float, float, int]]] = [[] for _ in wanted]
-        best: dict[int, tuple[float, FloatArray, FloatArray]] = {}
+        best: dict[int, tuple[float, FloatArray, FloatArray, int]] = {}
         for first in range(0, len(rows), many):
             shown = simulator.shown(np.array(rows[first : first + many]))
             usable = np.asarray(np.isfinite(shown).all(axis=(1, 2)))
@@ -425,15 +435,15 @@ class Selection:
             across = whitened - test.basis @ (test.basis.T @ whitened)
             for k, (w, t) in enumerate(owners[first : first + many]):
                 power = float(across[:, k] @ across[:, k])
-                if power < 1e-9:
-                    continue
-                size = float(across[:, k] @ test.left) / power
+                size = float(across[:, k] @ test.left) / power if power > NOTHING else 0.0
                 whole = 2 * size * power - power  # of a unit
                 gain = whole if wanted[w][1].whole else max(size**2 * power if size > 0 else 0.0, whole)
                 tested[w].append((gain, size, t))
                 if w not in best or gain > best[w][0]:
                     own = across[:, k : k + 1], whitened[:, k : k + 1]
-                    best[w] = (gain, *own) if many >= len(rows) else (gain, own[0].copy(), own[1].copy())
+                    if many < len(rows):
+                        own = own[0].copy(), own[1].copy()
+                    best[w] = gain, *own, t
         for w, (effect, nuisance) in enumerate(wanted):
             found: list[tuple[float, tuple[Mapping[str, float], ...]]] = []
             for gain, size, t in tested[w]:
@@ -449,14 +459,16 @@ class Selection:
                     )
                 found.append((gain, starts))
             found.sort(key=lambda f: -f[0])
-            if found and found[0][0] > 0:
+            if found:
                 gain, starts = found[0]
                 if nuisance.whole:  # no derivative leads from one to the next
                     starts = tuple(start for _, several in found[:TRIED_WHOLE] for start in several)
                 free = () if nuisance.whole else (nuisance.name, *(nuisance.together[0] if nuisance.together else ()))
+                reach = 0.0 if nuisance.whole or nuisance.absolute else nuisance.tries[best[w][3]] - nuisance.neutral
                 yield Addition(
                     effect, nuisance.name, max(1, len(free)), gain, starts=starts, free=free,
                     across=best[w][1], whitened=best[w][2], tried=len(nuisance.tries),
+                    usual=reach, unit=nuisance.unit,
                 )  # fmt: skip
 
     def _simulator(self, fit: Fit, effect: Effect) -> Simulator | None:
@@ -530,13 +542,17 @@ class Selection:
         """
         n = self.samples
         within = [a for a in explanation.additions if _is_timing(a)]
-        found = [e for e in self._mirrored(explanation) if e.fit.cost - explanation.fit.cost < RIVALS_WITHIN]
+        mirrored = self._mirrored(explanation)
+        found = [e for e in mirrored if e.fit.cost - explanation.fit.cost < RIVALS_WITHIN]
+        sharp = [e for e in self.effects if e.sharp and not e.is_line]
+        grown = (self._best_addition(e, sharp, set()) for e in mirrored)  # a mean of fewer samples and a filter
+        found += [e for e in grown if e is not None and e.criterion(n) < explanation.criterion(n) + RIVALS_WITHIN]
         for addition in explanation.additions:
             if addition.effect.name == "offset" or addition.effect.is_line or _is_switch(addition):
                 continue
             bare = self.without(explanation, addition)
             lost = bare.fit.cost - explanation.fit.cost
-            tested = self.additions(bare, self.effects)
+            tested = [a for a in self.additions(bare, self.effects) if a.gain > 0]
             own = next((a for a in tested if a.name == addition.name), addition)
             tested = [
                 a for a in tested if a.name != addition.name and (not a.effect.doubt or _alike(a, own) > PARALLEL)
@@ -635,6 +651,12 @@ def _alike(one: Addition, other: Addition) -> float:
         return 0.0
     first, second = (np.linalg.qr(a)[0] for a in (one.across, other.across))
     return float(np.linalg.svd(first.T @ second, compute_uv=False)[0])
+
+
+def _is_full(explanation: Explanation) -> bool:
+    """Whether an explanation has more additions of the last one's kind than are taken: spectral lines, or others."""
+    lines = explanation.additions[-1].effect.is_line
+    return sum(a.effect.is_line == lines for a in explanation.additions) > MOST_ADDITIONS
 
 
 def _is_switch(addition: Addition) -> bool:

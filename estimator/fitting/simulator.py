@@ -199,6 +199,20 @@ class Simulator:
                     shown[c, clock.rows, j] = finer[signal.shape[1] - 1 :: signal.shape[1]]
         return np.asarray(shown)
 
+    def spacing(self, values: FloatArray) -> FloatArray:
+        """Return by which steps, (p,), s, delays act on a candidate, (p,): a filter takes a signal from row to row.
+
+        A current that jumps, as that of a winding without inductance does, does so between two of the rows that are
+        simulated: a filter shows the same wherever that is. 0: a change of any size acts.
+        """
+        steps = np.zeros(len(self.names))
+        if any(n.between and values[self.index[n.name]] != n.neutral for n in self._acts):
+            places = [(n.name, n.place) for n in self.plan.parameters] + [(n.name, n.place) for n in self.nuisances]
+            for name, place in places:
+                if place is not None and place.kind == "delay":
+                    steps[self.index[name]] = min(clock.step for clock in self.clocks) / self.between
+        return steps
+
     def scaled(self, values: FloatArray) -> FloatArray:
         """Return values, (..., p), on their scales: logarithms where these are such."""
         return np.where(self.log, np.log(np.where(self.log, values, 1.0)), values)

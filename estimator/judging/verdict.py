@@ -24,7 +24,7 @@ from estimator.motor.names import MOTOR, has_motor, is_motor
 from estimator.motor.state_space import poles
 from estimator.motor.winding import time_constant
 from estimator.plans.plan import Plan
-from estimator.results.result import Comparison, Status, Verdict
+from estimator.results.result import Comparison, NotVisible, Status, Verdict
 
 if TYPE_CHECKING:
     from estimator.fitting.adequacy import Failure
@@ -37,7 +37,16 @@ FloatArray = NDArray[np.float64]
 DOUBTFUL_ERROR = 0.25  # relative standard error: reported with the parameter, which is still an estimate
 TRADED = 0.98  # correlation of two parameters that one recording cannot separate
 PLAIN = ("offset", "delay", "delay of")  # effects whose value needs no sentence
-UNSEEN = {"delay of": "a delay of one output", "average": "a mean of the last samples", "lag": "a low-pass"}
+HIDDEN = {  # effects whose own names do not tell, or tell the same
+    "delay of": "delay of one output",
+    "average": "mean of the last samples",
+    "lag": "low-pass",
+    "second-order lag": "low-pass",
+    "sag of the source": "sag",
+    "brush drop": "drop of brushes or drive",
+    "drop of the drive": "drop of brushes or drive",
+}
+TOLD_HIDDEN, TOLD_PARAMETERS = 4, 2  # effects that may hide, and parameters of each, at most
 TOLD_FAILURES = 4  # sentences on failed tests, at most
 UNEXPLAINED = 0.2  # of a signal's deviation: a noise that is larger is a misfit
 
@@ -321,13 +330,25 @@ def _found(plan: Plan, explained: Explained | None) -> list[str]:
             f"a torque of {noise.torque[0]:.2g} N.m that wanders over {noise.torque[1]:.2g} s moves current and speed"
         )
     if has_motor(plan.names) and "i" in plan.outputs:
-        others = [UNSEEN.get(name, name) for name in explained.unseen if name != "gain"]
         notes.append(
             "not visible in such a recording: a current that is shown 1 % too large (R and L are then 1 % too small, J"
-            f" and B 1 % too large), the resistance of the supply (a part of R){''.join(f', {n}' for n in others)}"
-            + ("; two voltage levels tell more" if others else "")
+            " and B 1 % too large), the resistance of the supply (a part of R)"
         )
+        if others := _hidden(explained.not_visible):
+            notes.append(f"not visible if no larger than this: {', '.join(others)}; two voltage levels tell more")
     return notes
+
+
+def _hidden(effects: Sequence[NotVisible]) -> list[str]:
+    """Say what may be there unnoticed, up to which size, and what it would do to which parameters."""
+    told: dict[str, str] = {}
+    for e in effects:
+        words = HIDDEN.get(e.effect, e.effect)
+        if words in told or e.effect == "gain":
+            continue
+        off = [f"{name} {100 * part:+.2g} %" for name, (part, _) in e.off.items()]
+        told[words] = f"{words} {e.size:.2g} {e.unit} ({', '.join(off[:TOLD_PARAMETERS])})"
+    return list(told.values())[:TOLD_HIDDEN]
 
 
 def _notes(plan: Plan, steady: Steady | None) -> tuple[str, ...]:

@@ -12,7 +12,7 @@ from typing import Any
 from estimator.results.budget_table import budget_line, budget_mapping
 from estimator.results.numbers import ABSENT, deviation_text, magnitude, number_text, relative_text, value_texts
 from estimator.results.reason import places_of
-from estimator.results.result import Estimate, OtherValues, ParameterEstimate, Rival, Validation, Verdict
+from estimator.results.result import Estimate, NotVisible, OtherValues, ParameterEstimate, Rival, Validation, Verdict
 
 TITLES: Mapping[Verdict, str] = {"ok": "OK", "doubtful": "Doubtful", "refused": "Refused"}
 MEANINGS: Mapping[Verdict, str] = {
@@ -369,6 +369,7 @@ def to_mapping(estimate: Estimate) -> dict[str, Any]:
         "correlation": correlation,
         "information": estimate.information,
         "rivals": [_rival_mapping(rival) for rival in estimate.rivals],
+        "not_visible": [_not_visible_mapping(hidden) for hidden in estimate.not_visible],
         "rmse": estimate.rmse,
         "fit_percent": estimate.fit_percent,
         "noise": estimate.noise,
@@ -450,6 +451,11 @@ def _parameter_mapping(parameter: ParameterEstimate) -> dict[str, Any]:
         "nominal": parameter.nominal,
         "variables": {s.variable: {"value": s.value, "unit": s.unit, "type": s.type} for s in parameter.set_in_fmu},
     }
+
+
+def _not_visible_mapping(hidden: NotVisible) -> dict[str, Any]:
+    off = {name: {"relative": part, "standard_errors": bars} for name, (part, bars) in hidden.off.items()}
+    return {"effect": hidden.effect, "size": hidden.size, "unit": hidden.unit, "off": off}
 
 
 def _rival_mapping(rival: Rival) -> dict[str, Any]:

@@ -133,6 +133,24 @@ class RivalParameter:
 
 
 @dataclass(frozen=True)
+class NotVisible:
+    """An effect that may be there unnoticed: up to which size, and by how much parameters are then off.
+
+    Attributes
+    ----------
+    effect, size, unit
+        One of this size is found as likely as not.
+    off : name → (part of the value, standard errors)
+        Estimate less true value, of each parameter that it moves far, the farthest first.
+    """
+
+    effect: str
+    size: float
+    unit: str
+    off: Mapping[str, tuple[float, float]]
+
+
+@dataclass(frozen=True)
 class Rival:
     """Another explanation of the recordings, nearly as likely, that gives other parameters.
 
@@ -339,6 +357,7 @@ class Estimate:
     profiles : parameter name → CostProfile, where they were asked for
     validation : how the model does on recordings that it has not seen, where some were given
     rivals : other explanations, nearly as likely, that give other parameters
+    not_visible : effects that may be there unnoticed and move a parameter far beyond its standard error
     tolerances : source → StandardUncertainty of what no recording tells, as it was given
     about : what the user says of it: motor, operator, date, … → text
     """
@@ -376,5 +395,6 @@ class Estimate:
     profiles: Mapping[str, CostProfile] = field(default_factory=dict)
     validation: Validation | None = None
     rivals: tuple[Rival, ...] = ()
+    not_visible: tuple[NotVisible, ...] = ()
     tolerances: Mapping[str, StandardUncertainty] = field(default_factory=dict)
     about: Mapping[str, str] = field(default_factory=dict)

@@ -84,6 +84,10 @@ class Effect:
         """Return by how much parameters change during a recording: what is estimated is their mean."""
         return {}
 
+    def doubted(self, name: str, value: float, plan: Plan) -> str:
+        """Return why an estimate that needs it at this size is doubtful; "" where it is harmless once modelled."""
+        return self.doubt
+
     def tell(self, name: str, value: float, plan: Plan) -> str:
         """Return the sentence that reports it with its size."""
         return f"{name} is estimated"

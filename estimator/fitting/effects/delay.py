@@ -10,6 +10,7 @@ from estimator.fitting.simulator import Nuisance, per_recording
 from estimator.plans.parameters import SensorPlace
 from estimator.plans.plan import Plan
 
+EARLY = 0.15  # samples before its input: a response that is earlier is impossible
 EARLIEST, LATEST = 10.0, 0.5  # samples before; of the recording's length after
 
 
@@ -46,8 +47,15 @@ class Delay(Effect):
                 found[name] = o.delay
         return found
 
+    def doubted(self, name: str, value: float, plan: Plan) -> str:
+        """Say that no motor responds before its input: the clock is wrong, or another effect is taken for a delay."""
+        if value < -EARLY * min(o.recording.step for o in plan.observed):
+            return (
+                f"no motor does; check the recording's clock, or declare it (delay = {value:.3g} under [[recording]])"
+            )
+        return ""
+
     def tell(self, name: str, value: float, plan: Plan) -> str:
-        """Say how late; a response before its input is impossible, and is said to be."""
-        if value < -0.75 * min(o.recording.step for o in plan.observed):
-            return f"{name}: the outputs move {1e3 * -value:.3g} ms before the input; check the recording's clock"
-        return f"{name}: the outputs come {1e3 * value:.3g} ms after the input"
+        """Say how late, or how early."""
+        way = "before" if value < 0 else "after"
+        return f"{name}: the outputs come {1e3 * abs(value):.3g} ms {way} the input"

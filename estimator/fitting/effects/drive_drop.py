@@ -14,6 +14,7 @@ from estimator.plans.plan import Plan
 
 MOST_DROP = 0.5  # of the largest voltage
 USUAL_DROP = 0.05  # of it
+ONE_SIZE = 0.01  # voltages that differ by less, in parts, are of one size
 
 
 @dataclass(frozen=True)
@@ -24,11 +25,14 @@ class DriveDrop(Effect):
     prior: float = 0.1
 
     def linear(self, fit: Fit) -> Sequence[Linear]:
-        """Return one for all recordings."""
+        """Return one for all recordings; at voltages of one size it is a gain of the voltage, which nothing tells."""
         if motor_values(fit) is None:
             return ()
         v = fit.simulator.inputs("v")
-        largest = float(np.max(np.abs(v)))
+        sizes = np.abs(v[v != 0])
+        if not len(sizes) or float(np.std(sizes)) < ONE_SIZE * float(np.mean(sizes)):
+            return ()
+        largest = float(np.max(sizes))
         columns = response(fit, voltage=as_late(fit, -np.sign(v)))[:, :, None]
         return [Linear(self.name, columns, ("V",), least=0.0, most=MOST_DROP * largest, size=USUAL_DROP * largest)]
 
