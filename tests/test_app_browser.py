@@ -128,7 +128,8 @@ class Page:
         return self.js("return document.getElementById(arguments[0])[arguments[1]]", name, attribute)
 
     def choose(self, name, value):
-        """Choose from a list, which may be drawn anew meanwhile."""
+        """Choose from a list, which may be drawn anew meanwhile, once the change before is known everywhere."""
+        self.quiet()
         self.until(lambda: [self.find(name).find_element(By.CSS_SELECTOR, f"option[value='{value}']").click()])
 
     def drop(self, name, content):

@@ -73,13 +73,12 @@ def good_cost():
 @pytest.mark.parametrize(
     ("death", "reason"),
     [
-        ("raise(SIGSEGV);", "the FMU crashed (SIGSEGV)"),
-        ("*(volatile int *)8 = 1;", "the FMU crashed (SIGSEGV)"),
-        ("abort();", "the FMU crashed (SIGABRT)"),
-        ("exit(0);", "the FMU ended its process (exit status 0)"),
-        ("_Exit(3);", "the FMU ended its process (exit status 3)"),
+        pytest.param("raise(SIGSEGV);", "the FMU crashed (SIGSEGV)", id="segfault", marks=pytest.mark.full),
+        pytest.param("*(volatile int *)8 = 1;", "the FMU crashed (SIGSEGV)", id="bad pointer"),
+        pytest.param("abort();", "the FMU crashed (SIGABRT)", id="abort", marks=pytest.mark.full),
+        pytest.param("exit(0);", "the FMU ended its process (exit status 0)", id="exit"),
+        pytest.param("_Exit(3);", "the FMU ended its process (exit status 3)", id="_Exit", marks=pytest.mark.full),
     ],
-    ids=["segfault", "bad pointer", "abort", "exit", "_Exit"],
 )
 def test_a_candidate_that_ends_the_process_is_replaced_and_counted(tmp_path, good_cost, death, reason):
     fmu = faulty_fmu(tmp_path, SetReal=MARK, DoStep=f"{IF_BAD} {{ {death} }}")
