@@ -355,7 +355,7 @@ def test_a_response_before_its_input_is_doubted_until_the_case_declares_it():
 
 
 def test_a_mean_of_fewer_samples_and_a_filter_are_tried_in_place_of_a_mean(tmp_path):
-    """A staircase behind a mean of five and a low-pass of 0.36 ms, which a mean of six resembles: L was 5 errors off."""
+    """Behind a mean of five and a low-pass of 0.36 ms, which a mean of six resembles, L was 5 standard errors off."""
     sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "benchmarks"))
     from combined import bench_of
     from emulated_bench import write

@@ -317,12 +317,19 @@ class Selection:
                 continue
             for a in absurd:  # the new one has taken its place
                 judged = self.without(judged, a)
-            if absurd and judged.criterion(self.samples) > explanation.criterion(self.samples):  # or it has not
-                rejected.add(found.additions[-1].name)
+            if absurd and judged.criterion(self.samples) > self._by_noise_of(judged, explanation).criterion(
+                self.samples
+            ):
+                rejected.add(found.additions[-1].name)  # or it has not
                 continue
             explanation = judged
             rejected.clear()
         return explanation
+
+    def _by_noise_of(self, other: Explanation, explanation: Explanation) -> Explanation:
+        """Return an explanation fitted by another's noise: only so do their criteria compare."""
+        fit = refreshed(explanation.fit, other.fit.whitener)
+        return dataclasses.replace(explanation, fit=solved(fit, iterations=ROUGH))
 
     def _best_addition(
         self, explanation: Explanation, effects: Sequence[Effect], rejected: set[str]
