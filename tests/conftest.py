@@ -6,12 +6,16 @@ import compileall
 import contextlib
 import dataclasses
 import os
+import shutil
+import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as on the command line; one worker of pytest-xdist a core
 
+import compiled  # noqa: E402
+import drawing  # noqa: E402
 import forked  # noqa: E402
 import numpy as np  # noqa: E402
 import pytest  # noqa: E402
@@ -25,29 +29,36 @@ from estimator.fmus.workers import TIME_LIMIT, Workers  # noqa: E402
 from estimator.results.result import Estimate  # noqa: E402
 
 ROOT = Path(__file__).resolve().parent.parent
-LONG = ("test_app_browser.py", "test_trust.py", "test_estimate.py", "test_effects.py", "test_terminal.py")
-TOGETHER = {  # parts of names, and what these share
-    "test_app_browser.py": "a browser",
-    "test_estimate.py::test_the_paper_": "searches of 80 000 simulations",
-    "test_sources.py::test_of_one_recording_twice_": "one recording, and the same twice",
-    "test_estimate.py::test_with_noise_the_": "estimates with noise",
-    "test_derived.py::test_gains_and_time_": "estimates with noise",
-    "test_cluster.py": "a cluster",
+LONG = (  # the longest first, so that all workers end together
+    *("app_browser", "quirks", "effects", "terminal", "trust", "probe", "estimate", "containment", "chain"),
+    *("nuisance", "pytest_plugin", "end_to_end", "batch", "mapping", "fmu_build_exchange", "sources", "cluster"),
+    *("fmu_build_sanitizers", "refusal", "plots", "fmu_build_errors", "paper_figures", "odd_recordings", "app"),
+    *("python_fmu", "check", "kinds", "in_memory", "combined", "fmu_build", "resample", "starts", "begin"),
+)
+TOGETHER = {  # tests of several files that share estimates
+    "test_derived.py::test_gains_and_time_": "test_estimate.py",
 }
 
 
 @pytest.hookimpl(tryfirst=True, optionalhook=True)
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
-    """Deal out to one worker of pytest-xdist the tests that share something costly, all others one by one."""
+    """Deal out whole files, so that what the tests of a file share is made once, in the order of `LONG`."""
     if config.getvalue("dist") != "load":
         return None
     from xdist.scheduler import LoadScopeScheduling
 
     class Together(LoadScopeScheduling):
         def _split_scope(self, nodeid: str) -> str:
-            return next((what for part, what in TOGETHER.items() if part in nodeid), nodeid)
+            known = (scope for part, scope in TOGETHER.items() if part in nodeid)
+            return next(known, nodeid.partition("::")[0].rpartition("/")[2])
 
+    config.option.loadscopereorder = False
     return Together(config, log)
+
+
+def _rank(item: pytest.Item) -> int:
+    name = item.path.stem.removeprefix("test_")
+    return LONG.index(name) if name in LONG else len(LONG)
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -55,6 +66,9 @@ def pytest_configure(config: pytest.Config) -> None:
     if not hasattr(config, "workerinput"):
         for folder in ("estimator", "fmu_build"):
             compileall.compile_dir(ROOT / folder, quiet=2)
+        os.environ[compiled.FOLDER] = tempfile.mkdtemp()
+    compiled.keep()
+    drawing.draw_here()
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
@@ -78,7 +92,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         if reason is not None:
             item.add_marker(pytest.mark.open)
             item.add_marker(pytest.mark.xfail(reason=f"open: {reason}", strict=False))
-    items.sort(key=lambda item: LONG.index(item.path.name) if item.path.name in LONG else len(LONG))
+    items.sort(key=_rank)
     if config.option.markexpr:
         return
     left = [item for item in items if item.get_closest_marker("full") or item.get_closest_marker("open")]
@@ -154,3 +168,9 @@ def pytest_sessionfinish() -> None:
     for crew in _crews.values():
         crew.close()
     _crews.clear()
+
+
+def pytest_unconfigure(config: pytest.Config) -> None:
+    """Remove what was compiled."""
+    if not hasattr(config, "workerinput"):
+        shutil.rmtree(os.environ.pop(compiled.FOLDER), ignore_errors=True)

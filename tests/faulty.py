@@ -39,7 +39,7 @@ SIGNATURES = {
     ),
 }
 
-QUICKLY = ("-O1",)  # compiled in a third of the time, and the same bits
+QUICKLY = ("-O0",)  # compiled in a quarter of the time, and the same bits
 
 PRELUDE = """#define _GNU_SOURCE
 #include <fenv.h>

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import fmpy
+from faulty import QUICKLY
 from motors import CML050, Motor
 
 from fmu_build.compiler import compile_library, fmi_headers
@@ -69,7 +70,7 @@ def foreign_fmu(
     glue = "fmi1_model.c" if version == 1 and "model-exchange" in kinds else f"fmi{version}.c"
     source.write_text("".join(f"#define {d}\n" for d in defines) + f'#include "{glue}"\n')
     library = folder / f"{name}{fmpy.sharedLibraryExtension}"
-    compile_library(source, library, include=[SOURCES, fmi_headers()], options=("-O1",))
+    compile_library(source, library, include=[SOURCES, fmi_headers()], options=QUICKLY)
     units = WORKSHOP if "WORKSHOP_UNITS" in defines else {}
     text = {1: _description1, 2: _description2, 3: _description3}[version](kinds, units, "SELF_DRIVEN" in defines)
     for pattern, replacement in change:

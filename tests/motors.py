@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import csv
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
 import mpmath
@@ -66,6 +67,11 @@ def all_motors() -> list[Motor]:
 
 def held_response(motor: Motor, voltages: FloatArray, *, step: float) -> FloatArray:
     """Return current and speed, (n, 2), from rest; voltages[k] holds from sample k to k + 1."""
+    return _held_response(motor, tuple(voltages.tolist()), step).copy()
+
+
+@lru_cache(maxsize=256)
+def _held_response(motor: Motor, voltages: tuple[float, ...], step: float) -> FloatArray:
     with mpmath.workdps(DIGITS):
         transition, gain = _discrete(motor, step)
         x = [mpmath.mpf(0), mpmath.mpf(0)]

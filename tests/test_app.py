@@ -482,7 +482,7 @@ def test_what_differs_between_runs_is_told_by_the_command_compare(folder, capsys
     if "compare" not in command_line().get_default("flags"):
         pytest.skip("this version has no command compare")
     for name, more in (("monday", []), ("tuesday", ["--scale", "i=1.05"])):
-        assert main(["estimate", str(EXAMPLE), "-o", str(folder / name), "--quiet", *more]) == 0
+        assert main(["estimate", str(EXAMPLE), "--window", "0.4:1.4", "-o", str(folder / name), "--quiet", *more]) == 0
     with serving(folder) as server:
         told = server.get("compare", names=json.dumps(["monday", "tuesday"]))
     assert told["command"] == "fmu-estimator compare monday tuesday" and "R" in told["text"]

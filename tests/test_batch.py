@@ -403,7 +403,7 @@ def finished(folder, out):
 
 
 @pytest.mark.parametrize(
-    ("motors", "kills", "longest"), [(3, 2, 2.0), pytest.param(300, 20, 8.0, marks=pytest.mark.full)]
+    ("motors", "kills", "longest"), [(2, 2, 2.0), pytest.param(300, 20, 8.0, marks=pytest.mark.full)]
 )
 def test_a_batch_killed_at_random_moments_ends_in_the_same_table(motors, kills, longest, tmp_path):
     line_of(tmp_path / "line", motors)

@@ -93,7 +93,7 @@ def test_a_beginning_survives_writing_the_case(strange, tmp_path):
 @pytest.mark.parametrize("way", ["on a line", "held"])
 def test_how_an_input_goes_from_row_to_row_is_seen_where_the_case_does_not_say_it(strange, tmp_path, way):
     fmu, _ = strange
-    fine = 1e-3 * np.arange(3000)
+    fine = 1e-3 * np.arange(1500)
     rows = 6 + 3 * np.sin(40 * fine[::10])
     drive = np.interp(fine, fine[::10], rows) if way == "on a line" else np.repeat(rows, 10)
     values = {"motor.Ra": 2.0, "motor.Jm": 2e-5}
@@ -106,6 +106,9 @@ def test_how_an_input_goes_from_row_to_row_is_seen_where_the_case_does_not_say_i
     assert f"between the rows: drive {way}, which explains the recording better" in found.notes
     for name, truth in (("first", 2.0), ("inertia", 2e-5)):
         assert abs(found.parameters[name].value - truth) < 4.5 * found.parameters[name].standard_error
-    said = STRANGE.replace('fmu = "u_in" }}', 'fmu = "u_in", between = "held" }}')
+    between = {"on a line": "linear", "held": "held"}[way]
+    said = STRANGE.replace('fmu = "u_in" }}', f'fmu = "u_in", between = "{between}" }}}}')
     plain = estimate(read_case(foreign_case(fmu, run, text=said)))
     assert not any("between the rows" in note for note in plain.notes)
+    for name in ("first", "inertia"):
+        assert plain.parameters[name].value == pytest.approx(found.parameters[name].value, rel=1e-6)

@@ -2,8 +2,10 @@
 
 import dataclasses
 import json
+import os
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,6 +19,8 @@ from estimator.estimating.estimate import estimate_recordings
 from estimator.results.budget_table import budget_line, budget_rows
 from estimator.results.handover import estimate_from_json
 from estimator.results.report import to_json, to_mapping
+
+EXAMPLE = Path(__file__).parent.parent / "examples" / "cml050_step.csv"
 
 pytestmark = pytest.mark.usefixtures("shared_workers")
 
@@ -168,9 +172,11 @@ def test_a_tolerance_that_the_case_has_nothing_for_is_an_error_before_the_search
 
 
 def test_the_command_line_takes_tolerances_and_refuses_wrong_ones_in_a_sentence(tmp_path):
+    environment = {**os.environ, "PYTHONPATH": str(EXAMPLE.parent.parent)}
+
     def run(*words):
-        command = [sys.executable, "-m", "estimator", "estimate", "examples/cml050_step.csv", "--json", *words]
-        return subprocess.run(command, capture_output=True, text=True, cwd=sys.path[0] + "/..")
+        command = [sys.executable, "-m", "estimator", "estimate", str(EXAMPLE), "--json", *words]
+        return subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, env=environment)
 
     done = run("--tolerance", "default", "--tolerance", "i gain=2 %")
     data = json.loads(done.stdout)

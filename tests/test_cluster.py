@@ -121,7 +121,7 @@ def test_a_case_that_the_scheduler_cancels_is_sent_again(cluster, tmp_path):
 
 
 def test_a_worker_killed_in_the_middle_loses_nothing_and_the_table_is_as_here(cluster, tmp_path):
-    cases = gather([line_of(tmp_path / "line", 6)])
+    cases = gather([line_of(tmp_path / "line", 5)])
     run_batch(cases, tmp_path / "here", lambda tasks: run_here(tasks, processes=2))
     cluster.wait()
     done = []

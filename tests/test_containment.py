@@ -73,13 +73,12 @@ def good_cost():
 @pytest.mark.parametrize(
     ("death", "reason"),
     [
-        ("raise(SIGSEGV);", "the FMU crashed (SIGSEGV)"),
-        ("*(volatile int *)8 = 1;", "the FMU crashed (SIGSEGV)"),
-        ("abort();", "the FMU crashed (SIGABRT)"),
-        ("exit(0);", "the FMU ended its process (exit status 0)"),
-        ("_Exit(3);", "the FMU ended its process (exit status 3)"),
+        pytest.param("raise(SIGSEGV);", "the FMU crashed (SIGSEGV)", id="segfault", marks=pytest.mark.full),
+        pytest.param("*(volatile int *)8 = 1;", "the FMU crashed (SIGSEGV)", id="bad pointer"),
+        pytest.param("abort();", "the FMU crashed (SIGABRT)", id="abort", marks=pytest.mark.full),
+        pytest.param("exit(0);", "the FMU ended its process (exit status 0)", id="exit"),
+        pytest.param("_Exit(3);", "the FMU ended its process (exit status 3)", id="_Exit", marks=pytest.mark.full),
     ],
-    ids=["segfault", "bad pointer", "abort", "exit", "_Exit"],
 )
 def test_a_candidate_that_ends_the_process_is_replaced_and_counted(tmp_path, good_cost, death, reason):
     fmu = faulty_fmu(tmp_path, SetReal=MARK, DoStep=f"{IF_BAD} {{ {death} }}")
@@ -257,7 +256,7 @@ def test_what_an_fmu_starts_ends_with_it(tmp_path, death):
             crew.run(np.array(candidate).reshape(1, 1, 5))
             children.update(c.pid for pid in crew.pids for c in _children(pid))
     assert children
-    limit = time.monotonic() + 5
+    limit = time.monotonic() + 30  # s, on a busy machine too
     while any(_alive(pid) for pid in children) and time.monotonic() < limit:
         time.sleep(0.05)
     assert not any(_alive(pid) for pid in children)
@@ -272,11 +271,11 @@ def test_a_child_that_leaves_its_workers_group_ends_with_the_worker(tmp_path, ch
     with Workers(1, time_limit=5.0) as crew:
         crew.load(job_of(fmu))
         crew.run(np.array([GOOD, BAD]).reshape(2, 1, 5))
-        limit = time.monotonic() + 5
+        limit = time.monotonic() + 30
         while not (file.is_file() and file.read_text()) and time.monotonic() < limit:
             time.sleep(0.05)
         pid = int(file.read_text())
-    limit = time.monotonic() + 5
+    limit = time.monotonic() + 30
     while _alive(pid) and time.monotonic() < limit:
         time.sleep(0.05)
     assert not _alive(pid)

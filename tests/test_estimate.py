@@ -60,7 +60,7 @@ def check_noise_free(case_of, motor, seeds):
 
 @BOTH
 def test_without_noise_every_seed_finds_all_five_parameters(case_of, motor):
-    check_noise_free(case_of, motor, 5)
+    check_noise_free(case_of, motor, 3)
 
 
 @pytest.mark.full
@@ -74,7 +74,7 @@ def a_part_of(motors, *, every):
     return [pytest.param(m, id=m.name, marks=pytest.mark.full if k % every else ()) for k, m in enumerate(motors)]
 
 
-@pytest.mark.parametrize("motor", a_part_of(all_motors(), every=3))
+@pytest.mark.parametrize("motor", a_part_of(all_motors(), every=5))
 def test_every_real_motor_is_found_or_said_not_to_be(case_of, motor):
     (e,) = estimates(case_of, [step_recording(motor)])
     for name in NAMES:
@@ -83,7 +83,7 @@ def test_every_real_motor_is_found_or_said_not_to_be(case_of, motor):
         assert right or (p.status == "not identified" and p.reason)
 
 
-@pytest.mark.parametrize("motor", a_part_of(all_motors()[2:7], every=2))
+@pytest.mark.parametrize("motor", a_part_of(all_motors()[2:7], every=4))
 def test_a_heavy_rotor_that_does_not_settle_is_right_or_doubted(case_of, motor):
     heavy = dataclasses.replace(motor, J=100 * motor.J)
     (e,) = estimates(case_of, [step_recording(heavy)])
@@ -103,16 +103,21 @@ def test_a_response_that_has_not_settled_is_doubted_with_its_reason(case_of):
 def check_within_three_standard_errors(noisy_estimates, motor, seeds):
     # Five normal errors all lie within 3 deviations in at least 98.65 % of the cases (Bonferroni), so that fewer than
     # 93 of 100 do has a chance below 5e-4 with independence at the limit, and 1e-4 with the real correlations; the
-    # seeds are fixed, so this is no lottery. Of 12 (the default suite) one outside is allowed: two by chance in 1 %.
+    # seeds are fixed, so this is no lottery.
     found = noisy_estimates(motor, seeds)
     inside = [max(abs(z) for z in in_standard_errors(e, motor)) < 3 for e in found]
-    assert np.mean(inside) >= (0.93 if seeds >= 100 else 0.9)
+    assert np.mean(inside) >= 0.93
     assert {e.verdict for e in found} == {"ok"}
 
 
 @BOTH
-def test_with_noise_the_parameters_lie_within_three_standard_errors(noisy_estimates, motor):
-    check_within_three_standard_errors(noisy_estimates, motor, 12)
+def test_with_noise_the_parameters_lie_within_their_standard_errors(noisy_estimates, motor):
+    # The root mean square of six normal deviates is above 2.41 with a chance of 5e-6 (chi-square, 6): of ten
+    # parameters one by chance 5e-5. With `full` there are a hundred seeds.
+    found = noisy_estimates(motor, 6)
+    z = np.array([in_standard_errors(e, motor) for e in found])
+    assert np.all(np.sqrt(np.mean(z**2, axis=0)) < 2.41), z
+    assert {e.verdict for e in found} == {"ok"}
 
 
 @pytest.mark.full
@@ -132,7 +137,7 @@ def test_standard_errors_are_right_to_twenty_percent(case_of, motor):
 # The paper's methods
 
 
-@pytest.fixture(scope="module", params=[2, pytest.param(10, marks=pytest.mark.full)], ids="{} seeds".format)
+@pytest.fixture(scope="module", params=[1, pytest.param(10, marks=pytest.mark.full)], ids="{} seeds".format)
 def paper_runs(case_of, request):
     runs = {}
     for motor, method in ((RMCS2004, "paper"), (CML050, "paper"), (CML050, "original")):

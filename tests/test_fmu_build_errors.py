@@ -6,6 +6,7 @@ import importlib.util
 import re
 import stat
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import fmpy
@@ -33,6 +34,14 @@ static void derivatives(const Variables *m, Derivatives *d)
     d->p = m->v * m->i;
 }
 """
+
+
+@pytest.fixture(scope="module", autouse=True)
+def quickly() -> Iterator[None]:
+    """Compile without optimising: what is said of a model does not depend on it."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(fmu_build.compiler, "FLAGS", (*fmu_build.compiler.FLAGS, "-O0"))
+        yield
 
 
 def build(folder: Path, text: str, *, name: str = "small.c") -> Path:

@@ -71,7 +71,11 @@ def bundled_copy(folder, change):
 
 @pytest.mark.parametrize(
     ("define", "restart"),
-    [("IDLE_RESET", "re-instantiate"), ("FAILING_RESET", "re-instantiate"), ("CRASHING_RESET", "re-instantiate")],
+    [  # each is also found by test_probe.py::test_what_is_found_decides_how_the_fmu_is_driven
+        ("IDLE_RESET", "re-instantiate"),
+        pytest.param("FAILING_RESET", "re-instantiate", marks=pytest.mark.full),
+        pytest.param("CRASHING_RESET", "re-instantiate", marks=pytest.mark.full),
+    ],
 )
 def test_a_reset_that_does_nothing_fails_or_crashes(tmp_path, recording, define, restart):
     e = estimated(foreign_fmu(tmp_path, define), recording)
@@ -152,7 +156,7 @@ def test_needs_an_execution_tool_that_is_not_there(tmp_path, recording):
 # Parameters and variables
 
 
-@pytest.mark.parametrize("variability", ["fixed", "tunable"])
+@pytest.mark.parametrize("variability", ["fixed", pytest.param("tunable", marks=pytest.mark.full)])
 def test_all_parameters_fixed_or_tunable(tmp_path, recording, variability):
     fmu = foreign_fmu(tmp_path, change=[('variability="fixed"', f'variability="{variability}"')])
     assert worst(estimated(fmu, recording)) < 1e-8
@@ -203,7 +207,7 @@ def test_an_integer_output_is_compared(tmp_path):
 
 def test_euler_inside_gets_the_step_warning_and_the_right_answer_at_the_finer_step(tmp_path):
     noisy = tmp_path / "noisy.csv"
-    write_recording(step_recording(CML050, lead=0.05, duration=0.4, noise=NOISE, seed=3), noisy)
+    write_recording(step_recording(CML050, lead=0.02, duration=0.16, noise=NOISE, seed=3), noisy)
     fmu = foreign_fmu(tmp_path, "EULER")
     coarse = estimated(fmu, noisy)
     assert coarse.verdict == "doubtful" and worst(coarse) > 0.02
@@ -294,7 +298,7 @@ def test_an_fmu_that_crashes_always_is_told(tmp_path, recording, capsys, command
 
 def test_an_fmu_that_hangs_always_is_told(tmp_path, recording, monkeypatch):
     monkeypatch.setattr("estimator.fmus.probe_stages.STAGE_LIMIT", 3.0)
-    fmu = faulty_fmu(tmp_path, DoStep="for (;;) {}")
+    fmu = faulty_fmu(tmp_path, DoStep="for (;;) pause();")
     with pytest.raises(FmuError, match=r"faulty.fmu cannot be used: it does not run: it does not come back within 3 s"):
         estimate(case_for_recording(recording, fmu=str(fmu)), workers=2)
 
@@ -357,7 +361,7 @@ def test_a_wrong_identifier_is_told(tmp_path, recording):
 # Descriptions
 
 
-@pytest.mark.parametrize("version", [2, 3])
+@pytest.mark.parametrize("version", [3, pytest.param(2, marks=pytest.mark.full)])
 def test_a_description_that_fails_validation_is_a_warning(tmp_path, recording, capsys, version):
     fmu = foreign_fmu(tmp_path, version=version, change=[("<ModelVariables>", '<ModelVariables strange="1">')])
     assert worst(estimated(fmu, recording)) < 1e-8

@@ -5,6 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import forked
 import pytest
 from test_cli import calls, fails  # noqa: F401 - a fixture
 from test_report import check_contract
@@ -108,8 +109,8 @@ def test_recordings_of_one_name_are_told_apart_by_their_folders(tmp_path):
     for folder in ("a", "b"):
         (tmp_path / folder).mkdir()
         (tmp_path / folder / "step.csv").write_bytes(RECORDING.read_bytes())
-    done = program("estimate", str(tmp_path / "a" / "step.csv"), str(tmp_path / "b" / "step.csv"), "--json")
-    notes = check_contract(done.stdout.decode())["notes"]
+    words = (str(tmp_path / "a" / "step.csv"), str(tmp_path / "b" / "step.csv"), "--json")
+    notes = check_contract(forked.run("estimate", *words, cwd=ROOT).stdout)["notes"]
     assert [sum(note.startswith(f"{folder}/step.csv: step from") for note in notes) for folder in "ab"] == [1, 1]
 
 
@@ -120,7 +121,13 @@ def test_stdin_names_no_recording_for_a_case_file(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "arguments", [["estimate", str(RECORDING), "--json", "--quiet"], ["--help"], ["schema"], ["inspect", "dc_motor"]]
+    "arguments",
+    [
+        ["estimate", str(RECORDING), "--json", "--quiet"],
+        ["--help"],
+        ["schema"],
+        pytest.param(["inspect", "dc_motor"], marks=pytest.mark.full),
+    ],
 )
 def test_a_full_disk_behind_stdout_is_one_sentence(arguments):
     with open("/dev/full", "w") as full:

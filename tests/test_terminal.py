@@ -54,7 +54,7 @@ def check(screen: Screen, *, status: int = 0, columns: int = 80) -> Screen:
     return screen
 
 
-@pytest.mark.parametrize("columns", [80, 200])
+@pytest.mark.parametrize("columns", [80, pytest.param(200, marks=pytest.mark.full)])
 def test_an_estimate_that_frees_an_offset_runs_on_a_terminal(bench, columns):
     screen = check(Terminal("estimate", str(OFFSETS), cwd=bench, columns=columns).run(), columns=columns)
     assert "measurement" in screen.text and screen.drawings
@@ -81,7 +81,7 @@ def test_a_dumb_terminal_gets_no_live_line(bench):
 
 def test_the_live_line_fits_a_window_that_is_made_narrower_while_it_is_drawn(bench):
     (bench / "long.case.toml").write_text(
-        '[[recording]]\nfile = "step.csv"\n[search]\nmethod = "original"\niterations = 900\n'
+        '[[recording]]\nfile = "step.csv"\n[search]\nmethod = "original"\niterations = 100000\n'
     )
     terminal = Terminal("estimate", "long.case.toml", cwd=bench, columns=200)
     seen: list[int] = []
@@ -90,8 +90,11 @@ def test_the_live_line_fits_a_window_that_is_made_narrower_while_it_is_drawn(ben
         if not seen and text.count("simulations") >= 2:
             terminal.resize(60)
             seen.append(len(text))
+        elif len(seen) == 1 and text[seen[0] :].count("simulations") >= 4:
+            terminal.interrupt()
+            seen.append(len(text))
 
-    screen = check(terminal.run(on_text=narrow), columns=200)
+    screen = check(terminal.run(on_text=narrow), status=130, columns=200)
     whole = [part for part in screen.text[seen[0] :].split("\r")[2:] if not part.startswith("\n")]
     assert any("simulations" in part for part in whole), "the line was drawn again in the narrow window"
     assert all(len(part) < 60 for part in whole if "simulations" in part or not part.strip(" "))
@@ -126,20 +129,27 @@ def test_every_other_command_runs_on_a_terminal(bench, arguments, said):
         assert max(map(len, lines)) <= 80, max(lines, key=len)
 
 
+@pytest.fixture(scope="module")
+def two_results(bench):
+    for name, words in (("one", ()), ("two", ("--window", "0.05:0.3"))):
+        check(Terminal("estimate", "step.csv", *words, "-o", name, cwd=bench).run())
+
+
+@pytest.mark.usefixtures("two_results")
 @pytest.mark.parametrize("columns", [60, 200])
 def test_what_is_done_with_results_runs_on_a_terminal_and_fits_it(bench, columns):
-    for name, words in (("one", ()), ("two", ("--window", "0.05:0.3"))):
-        check(Terminal("estimate", "step.csv", *words, "-o", f"{name}{columns}", cwd=bench).run())
-    compared = check(Terminal("compare", f"one{columns}", f"two{columns}", cwd=bench, columns=columns).run())
-    exported = check(Terminal("export", f"two{columns}", "-o", f"tools{columns}", cwd=bench, columns=columns).run())
+    compared = check(Terminal("compare", "one", "two", cwd=bench, columns=columns).run())
+    exported = check(Terminal("export", "two", "-o", f"tools{columns}", cwd=bench, columns=columns).run())
     assert "R " in compared.text and f"Written to tools{columns}" in exported.text
     for screen in (compared, exported):
         assert max(map(len, screen.text.replace("\r", "").split("\n"))) <= columns, screen.text
 
 
-@pytest.mark.parametrize("moments", [4, pytest.param(10, marks=pytest.mark.full)])
-def test_ctrl_c_at_any_moment_ends_in_one_sentence_and_leaves_nothing_behind(bench, moments):
-    command = ["estimate", str(OFFSETS), "-o", "interrupted"]
+@pytest.mark.parametrize(
+    ("file", "moments"), [("step.csv", 4), pytest.param(str(OFFSETS), 10, marks=pytest.mark.full)], ids=["4", "10"]
+)
+def test_ctrl_c_at_any_moment_ends_in_one_sentence_and_leaves_nothing_behind(bench, file, moments):
+    command = ["estimate", file, "-o", "interrupted"]
     whole = check(Terminal(*command, cwd=bench, loads=True).run()).seconds
     shutil.rmtree(bench / "interrupted")
     before, interrupted = set(os.listdir(bench)), 0

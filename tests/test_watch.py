@@ -241,16 +241,16 @@ def test_the_page_is_there_after_each_case_reads_itself_again_and_stops_when_the
 
 
 @pytest.mark.parametrize(
-    ("command", "sentence"),
+    ("command", "patience", "sentence"),
     [
-        (f'"{sys.executable}" -c "import sys; sys.exit(3)"', "ended with status 3"),
-        (f'"{sys.executable}" -c "import time; time.sleep(60)"', "took more than 1 s and was ended"),
+        (f'"{sys.executable}" -c "import sys; sys.exit(3)"', 60.0, "ended with status 3"),
+        (f'"{sys.executable}" -c "import time; time.sleep(60)"', 1.0, "took more than 1 s and was ended"),
     ],
 )
 def test_a_command_that_fails_is_told_and_the_watch_goes_on(
-    command, sentence, incoming, logger, clock, quick, monkeypatch
+    command, patience, sentence, incoming, logger, clock, quick, monkeypatch
 ):
-    monkeypatch.setattr(watching, "PATIENCE", 1.0)
+    monkeypatch.setattr(watching, "PATIENCE", patience)
     (logger / "m1.csv").write_text("x")
     complaints = []
     result = watch(incoming, made_up, teller=Teller(command), complain=complaints.append, until=rounds(3, clock))
@@ -300,7 +300,7 @@ def test_the_command_line_watches_a_logger_that_writes_slowly_until_ctrl_c(logge
     command, heard = listener
     whole = EXAMPLE.read_bytes()
     (tmp_path / "line.case.toml").write_text('[search]\nnests = 4\niterations = 2\n[[recording]]\nfile = "*.csv"\n')
-    arguments = ["batch", "line.case.toml", "--watch", "logger", "-o", "out", "--then", command, "--settled", "1.5"]
+    arguments = ["batch", "line.case.toml", "--watch", "logger", "-o", "out", "--then", command, "--settled", "3"]
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "FMU_ESTIMATOR_DEBUG": "1"}
 
     def started():
