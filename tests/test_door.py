@@ -40,7 +40,7 @@ def ran(script, folder, *, before):
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="SIGINT to a process is POSIX")
-@pytest.mark.parametrize("module", ["estimator.cli", "argparse", "estimator.commands.commands", "numpy", "scipy"])
+@pytest.mark.parametrize("module", ["estimator.cli", "argparse", "estimator.commands.commands", "numpy", "fmpy"])
 def test_ctrl_c_while_the_program_is_loaded_ends_in_one_sentence(tmp_path, module):
     script = SCRIPT.format(module=module, recording=str(ROOT / "examples" / "cml050_step.csv"))
     run = ran(script, tmp_path, before=takes_interrupts)
@@ -50,7 +50,7 @@ def test_ctrl_c_while_the_program_is_loaded_ends_in_one_sentence(tmp_path, modul
 
 @pytest.mark.skipif(sys.platform == "win32", reason="SIGINT to a process is POSIX")
 def test_ctrl_c_of_which_an_extension_that_is_loaded_makes_another_error_is_told_as_what_it_is(tmp_path):
-    script = SCRIPT.format(module="scipy", recording=str(ROOT / "examples" / "cml050_step.csv")).replace(
+    script = SCRIPT.format(module="fmpy", recording=str(ROOT / "examples" / "cml050_step.csv")).replace(
         "            os.kill(os.getpid(), signal.SIGINT)",
         """            try:
                 os.kill(os.getpid(), signal.SIGINT)

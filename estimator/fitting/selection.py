@@ -649,7 +649,7 @@ class Selection:
                 continue
             bare = self.without(explanation, addition)
             lost = bare.fit.cost - explanation.fit.cost
-            tested = [a for a in self.additions(bare, self.effects) if a.gain > 0]
+            tested = [a for a in self.additions(bare, self.effects, beside=addition.name) if a.gain > 0]
             own = next((a for a in tested if a.name == addition.name), addition)
             if own is addition and own.linear is not None:
                 own = dataclasses.replace(own, across=bare.fit.test().across(own.linear.columns))

@@ -28,6 +28,7 @@ Values = Mapping[str, float]
 
 USEFUL = 1.0  # of the value: a quantity with a larger standard error is not determined
 GRADIENT_STEP = 1e-6  # of a parameter, for the gradient
+NEGLIGIBLE = 1e-6  # of the largest: a smaller change by a parameter is none, and asks for none of its errors
 
 
 def told_quantities(
@@ -110,10 +111,11 @@ def _gradient(
     quantity: Callable[[Values], float], values: Values, names: Sequence[str], log: NDArray[np.bool_]
 ) -> FloatArray:
     """Return the (p,) derivatives by the scaled parameters (ln θ where log)."""
-    gradient = np.zeros(len(names))
+    gradient, whole = np.zeros(len(names)), np.zeros(len(names))
     for j, name in enumerate(names):
         if values.get(name, 0.0) != 0:
             step = GRADIENT_STEP * abs(values[name])
             above, below = ({**values, name: values[name] + sign * step} for sign in (1, -1))
-            gradient[j] = (quantity(above) - quantity(below)) / (2 * step) * (values[name] if log[j] else 1.0)
-    return gradient
+            whole[j] = (quantity(above) - quantity(below)) / (2 * step) * values[name]
+            gradient[j] = whole[j] if log[j] else whole[j] / values[name]
+    return np.where(np.abs(whole) > NEGLIGIBLE * np.max(np.abs(whole), initial=0.0), gradient, 0.0)
