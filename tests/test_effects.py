@@ -366,3 +366,10 @@ def test_a_mean_of_fewer_samples_and_a_filter_are_tried_in_place_of_a_mean(tmp_p
     assert result.sensors["i"]["average"] == 5 and "lag" in result.effects
     found = result.parameters["L"]
     assert abs(found.value - bench.story["L", -1]) < 3 * found.standard_error
+
+
+def test_what_is_not_explained_at_an_edge_is_told_where_the_voltage_steps_not_where_the_delay_puts_it(monkeypatch):
+    monkeypatch.setenv("FMU_ESTIMATOR_WITHOUT", "dry friction,break-away,brush drop,drop of the drive,voltage dip")
+    result = run(recording("reversal", friction=8e-3, i=lambda y: late(y, 0.02), w=lambda y: late(y, 0.02)))
+    assert result.chain["delay"].value == pytest.approx(0.02, abs=1e-3)
+    assert any("edge at t = 0.45 s" in reason for reason in result.reasons), result.reasons
