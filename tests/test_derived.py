@@ -42,7 +42,7 @@ def noisy(motor, seeds, *, outputs=("current", "speed")):
 def test_gains_and_time_constants_are_those_of_the_matrix_and_their_errors_hold(
     motor, seeds, least, most, noisy_estimates
 ):
-    """Mean square of errors over standard errors, eight times: beyond both by chance: below 1e-4 (chi-square).
+    """Mean square of errors over standard errors: beyond either bound by chance: 1e-5 a quantity (chi-square).
 
     Below, the bars hold besides what a single step leaves open: a dry part of the friction, a supply's resistance.
     """
