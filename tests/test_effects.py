@@ -13,6 +13,8 @@ from scipy.linalg import expm
 from estimator.cases.case import Case, OutputSpec, ParameterSpec
 from estimator.cases.case_signals import RunSpec
 from estimator.estimating.estimate import estimate_recordings
+from estimator.fitting.effects import EFFECTS
+from estimator.fitting.selection import MOST_ADDITIONS, Addition, Explanation, is_full
 from estimator.recordings.recording import read_recording, recording_from_arrays
 
 pytestmark = pytest.mark.usefixtures("shared_workers")
@@ -373,3 +375,12 @@ def test_what_is_not_explained_at_an_edge_is_told_where_the_voltage_steps_not_wh
     result = run(recording("reversal", friction=8e-3, i=lambda y: late(y, 0.02), w=lambda y: late(y, 0.02)))
     assert result.chain["delay"].value == pytest.approx(0.02, abs=1e-3)
     assert any("edge at t = 0.45 s" in reason for reason in result.reasons), result.reasons
+
+
+def test_spectral_lines_take_no_places_of_other_effects():
+    """Of a real step with eleven lines, the lag of the current was found and had no place."""
+    line, lag = (next(e for e in EFFECTS if e.name == name) for name in ("ripple", "lag"))
+    lines = tuple(Addition(line, f"ripple i {k}", 2, 1.0) for k in range(MOST_ADDITIONS))
+    lagging = Addition(lag, "lag of i", 1, 1.0)
+    assert not is_full(Explanation(None, (*lines, lagging)))
+    assert not is_full(Explanation(None, lines)) and is_full(Explanation(None, (*lines, lines[0])))

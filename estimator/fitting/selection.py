@@ -383,7 +383,7 @@ class Selection:
         rejected: set[str] = set()
         for _ in range(2 * rounds):
             found = self._best_addition(explanation, effects, rejected)
-            if found is None or _is_full(found):
+            if found is None or is_full(found):
                 break
             judged = self.with_noise(found, colour=colour, again=True) if renew else found
             absurd = [a for a in judged.additions if not _is_physical(judged.fit, a)]
@@ -757,7 +757,7 @@ def _alike(one: Addition, other: Addition) -> float:
     return float(np.linalg.svd(first.T @ second, compute_uv=False)[0])
 
 
-def _is_full(explanation: Explanation) -> bool:
+def is_full(explanation: Explanation) -> bool:
     """Whether an explanation has more additions of the last one's kind than are taken: spectral lines, or others."""
     lines = explanation.additions[-1].effect.is_line
     return sum(a.effect.is_line == lines for a in explanation.additions) > MOST_ADDITIONS
