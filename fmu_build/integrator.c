@@ -147,8 +147,10 @@ typedef struct {
     double change[N_STATES]; /* gain b, for the inputs as they are */
     Matrix gain;
 #if MODEL_MODES > 0
-    Kept kept[2]; /* of the modes of late */
+    Kept kept[2];    /* of the modes of late */
 #endif
+    bool settled;    /* margins are those of the state as it is: no mode is to change */
+    Margins margins;
 } Propagator;
 
 /* The derivatives at x = 0: b. */
@@ -156,7 +158,7 @@ static inline void propagator_hold_inputs(Propagator *p, const Values *values)
 {
     Values at_zero = *values;
     Rates rates;
-    p->lasting = false;
+    p->lasting = p->settled = false;
     for (int i = 0; i < N_STATES; i++) at_zero.flat[model_state_places[i]] = 0;
     derivatives(&at_zero.named, &rates.named);
     matrix_apply(&p->gain, rates.flat, p->change);

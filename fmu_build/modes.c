@@ -3,7 +3,7 @@
  *
  * A step is made as if the modes lasted. Where a margin is below 0 at its end, or dips below 0 on the way, the first
  * instant at which one is below 0 is found, the step made to there, the modes changed, and the rest made from there.
- * Every point looked at is reached by a step from the last change, none by interpolation: within a mode a linear model
+ * Every point looked at is reached by steps from the last change, none by interpolation: within a mode a linear model
  * stays exact, and the instant of a change is right to rounding.
  *
  * Steps are so short that what swings turns back at most once in one. A margin that falls at the start and rises at the
@@ -68,28 +68,16 @@ static double margin_of(int mode, const Values *values)
     return margins.flat[mode].margin;
 }
 
-/* How fast the margins change, per s; reach in s. */
-static void margin_slopes(const Values *values, double reach, double *slopes)
+/* How fast the margins change, per s, where they are margins; reach in s. */
+static void margin_slopes(const Values *values, const Margins *margins, double reach, double *slopes)
 {
     Values probe = *values;
     Rates rates;
-    Margins above, below;
+    Margins ahead;
     derivatives(&values->named, &rates.named);
     for (int i = 0; i < N_STATES; i++) probe.flat[model_state_places[i]] += reach * rates.flat[i];
-    model_switches(&probe, &above);
-    for (int i = 0; i < N_STATES; i++) {
-        const int place = model_state_places[i];
-        probe.flat[place] = values->flat[place] - reach * rates.flat[i];
-    }
-    model_switches(&probe, &below);
-    for (int k = 0; k < N_MODES; k++) slopes[k] = (above.flat[k].margin - below.flat[k].margin) / (2 * reach);
-}
-
-static double margin_slope(int mode, const Values *values, double reach)
-{
-    double slopes[N_MODES + 1];
-    margin_slopes(values, reach, slopes);
-    return slopes[mode];
+    model_switches(&probe, &ahead);
+    for (int k = 0; k < N_MODES; k++) slopes[k] = (ahead.flat[k].margin - margins->flat[k].margin) / reach;
 }
 
 /* The matrix of a linear model, for as long as its modes last, and how fast its states drive each other, 1/s. */
@@ -155,26 +143,37 @@ static bool modes_keep(Flow *flow, const Values *from, double step, Values *to)
     }
 }
 
-/* An instant in (0, *end] at which a margin that is not below 0 at from and at *end is below 0: in *end. False: none. */
-static bool margin_dips(int mode, Flow *flow, const Values *from, double a_slope, const Values *at_end, double *end)
+/* An instant in (0, *end] at which a margin that is not below 0 at from and at *end is below 0: in *end, its state in
+   *at_end. False: none. */
+static bool margin_dips(int mode, Flow *flow, const Values *from, const Margins *margins, double a_slope,
+                        Values *at_end, const Margins *end_margins, double *end)
 {
+    double slopes[N_MODES + 1];
     double a = 0, b = *end;
-    double b_slope = margin_slope(mode, at_end, SLOPE_REACH * *end);
-    double a_margin = margin_of(mode, from), b_margin = margin_of(mode, at_end);
+    double a_margin = margins->flat[mode].margin, b_margin = end_margins->flat[mode].margin;
+    double b_slope;
+    Values at_a = *from;
+    if (a_margin + a_slope * b >= 0) return false; /* wherever the tangents meet */
+    margin_slopes(at_end, end_margins, SLOPE_REACH * b, slopes);
+    b_slope = slopes[mode];
     for (int n = 0; n < MAX_PROBES && a_slope < 0 && b_slope > 0; n++) {
         const double meet = (b_slope * (b - a) - (b_margin - a_margin)) / (b_slope - a_slope); /* after a */
         const double t = a + fmin(fmax(meet, 0.1 * (b - a)), 0.9 * (b - a));
         Values there;
+        Margins probed;
         double margin, slope;
-        if (a_margin + a_slope * meet >= 0 || !(t > a && t < b) || !modes_keep(flow, from, t, &there)) return false;
-        margin = margin_of(mode, &there);
-        slope = margin_slope(mode, &there, SLOPE_REACH * (b - a));
+        if (a_margin + a_slope * meet >= 0 || !(t > a && t < b) || !modes_keep(flow, &at_a, t - a, &there)) return false;
+        model_switches(&there, &probed);
+        margin_slopes(&there, &probed, SLOPE_REACH * (b - a), slopes);
+        margin = probed.flat[mode].margin;
+        slope = slopes[mode];
         if (margin < 0) {
             *end = t;
+            *at_end = there;
             return true;
         }
         if (slope < 0) {
-            a = t, a_slope = slope, a_margin = margin;
+            a = t, a_slope = slope, a_margin = margin, at_a = there;
         } else {
             b = t, b_slope = slope, b_margin = margin;
         }
@@ -183,30 +182,34 @@ static bool margin_dips(int mode, Flow *flow, const Values *from, double a_slope
 }
 
 /* The first instant in (0, end] at which a margin is below 0, to the last bits: false position with halved weights
-   (Dowell and Jarratt, BIT 11, 1971), halving where that gets nowhere. Infinite: there is none. */
-static double margin_ends(int mode, Flow *flow, const Values *from, double slope, const Values *at_end, double end)
+   (Dowell and Jarratt, BIT 11, 1971), halving where that gets nowhere; *at_end, the state at end, becomes that of the
+   instant. Infinite: there is none. */
+static double margin_ends(int mode, Flow *flow, const Values *from, const Margins *margins, double slope,
+                          Values *at_end, const Margins *end_margins, double end)
 {
     double low = 0, high = end;
-    double low_margin = margin_of(mode, from), high_margin = margin_of(mode, at_end);
+    double low_margin = margins->flat[mode].margin, high_margin = end_margins->flat[mode].margin;
+    Values at_low = *from;
     int side = 0;
     if (!(high_margin < 0)) {
-        Values there;
-        if (!margin_dips(mode, flow, from, slope, at_end, &high) || !modes_keep(flow, from, high, &there)) return INFINITY;
+        Values there = *at_end;
+        if (!margin_dips(mode, flow, from, margins, slope, &there, end_margins, &high)) return INFINITY;
         high_margin = margin_of(mode, &there);
+        *at_end = there;
     }
     for (int n = 0; n < MAX_PROBES && high - low > 4 * DBL_EPSILON * high; n++) {
         double t = low + (high - low) * (low_margin / (low_margin - high_margin));
         double margin;
         Values there;
         if (!(t > low && t < high) || n > MAX_PROBES / 4) t = low + (high - low) / 2;
-        if (!(t > low && t < high) || !modes_keep(flow, from, t, &there)) break;
+        if (!(t > low && t < high) || !modes_keep(flow, &at_low, t - low, &there)) break;
         margin = margin_of(mode, &there);
         if (margin < 0) {
-            high = t, high_margin = margin;
+            high = t, high_margin = margin, *at_end = there;
             if (side < 0) low_margin /= 2;
             side = -1;
         } else {
-            low = t, low_margin = margin;
+            low = t, low_margin = margin, at_low = there;
             if (side > 0) high_margin /= 2;
             side = 1;
         }
@@ -265,48 +268,89 @@ static bool modes_prepare(Propagator *propagator, const Values *values, double s
     return true;
 }
 
-/* The first instant in (0, h] at which a mode ends; *next, the state at h, becomes that of the instant. Infinite: none
-   ends; NaN: the state would become infinite or NaN. */
-static double modes_end(Flow *flow, const Values *now, const Margins *margins, Values *next, double h)
+/* The first instant in (0, h] at which a mode ends; *next, the state at h, becomes that of the instant, *ends its
+   margins. Infinite: none ends. */
+static double modes_end(Flow *flow, const Values *now, const Margins *margins, Values *next, Margins *ends, double h)
 {
     double slopes[N_MODES + 1];
     double first = INFINITY;
     bool sloped = false;
-    Margins ends;
-    model_switches(next, &ends);
+    model_switches(next, ends);
     for (int k = 0; k < N_MODES; k++) {
+        Values at_end = *next;
         double end;
         if (margins->flat[k].lasts != 0) continue;
-        if (!(ends.flat[k].margin < 0)) {
-            if (!sloped) margin_slopes(now, SLOPE_REACH * h, slopes);
+        if (!(ends->flat[k].margin < 0)) {
+            if (!sloped) margin_slopes(now, margins, SLOPE_REACH * h, slopes);
             sloped = true;
             if (!(slopes[k] < 0)) continue; /* it does not dip */
         }
-        end = margin_ends(k, flow, now, slopes[k], next, h);
+        end = margin_ends(k, flow, now, margins, slopes[k], &at_end, ends, h);
         if (!(end < first)) continue;
         h = first = end;
-        if (!modes_keep(flow, now, h, next)) return NAN;
-        model_switches(next, &ends);
+        *next = at_end;
+        model_switches(next, ends);
         sloped = false;
     }
     return first;
+}
+
+/* A communication step at whose end, and on the way, all modes last, where that is seen at once: false, and none made,
+   where it is not. What was computed for the last step must hold for this one. */
+static bool modes_pass(Values *values, double step, Propagator *propagator)
+{
+    const Margins margins = propagator->margins;
+    Margins *ends = &propagator->margins;
+    double x[N_STATES], slopes[N_MODES + 1];
+    Rates rates;
+    const double reach = SLOPE_REACH * step;
+    bool last = true;
+    if (!MODEL_LINEAR || !(propagator->part == step)) return false;
+    for (int k = 0; k < N_MODES; k++) last = last && margins.flat[k].lasts != 0;
+    if (last) return propagator->settled = propagator->lasting = propagator_step(propagator, values);
+    derivatives(&values->named, &rates.named);
+    for (int i = 0; i < N_STATES; i++) {
+        double *state = &values->flat[model_state_places[i]];
+        x[i] = *state;
+        *state += reach * rates.flat[i];
+    }
+    model_switches(values, ends);
+    for (int k = 0; k < N_MODES; k++) slopes[k] = (ends->flat[k].margin - margins.flat[k].margin) / reach;
+    for (int i = 0; i < N_STATES; i++) values->flat[model_state_places[i]] = x[i];
+    if (propagator_step(propagator, values)) {
+        last = true;
+        model_switches(values, ends);
+        for (int k = 0; k < N_MODES; k++)
+            last = last && (margins.flat[k].lasts != 0 ||
+                            (!(ends->flat[k].margin < 0) && !(margins.flat[k].margin + slopes[k] * step < 0)));
+        if (last) return propagator->settled = true;
+        for (int i = 0; i < N_STATES; i++) values->flat[model_state_places[i]] = x[i];
+    }
+    *ends = margins;
+    return false;
 }
 
 /* One communication step through all changes of mode. False, and none made, where it does not end in a finite state or
    modes change without end. */
 static bool modes_integrate(Values *values, double step, Propagator *propagator)
 {
-    Values now = *values;
+    Values now;
     Margins margins;
     Flow flow = {.known = false};
     double left = step;
     bool changed = false;
     bool last = true;
-    if (!modes_settle(&now, &margins, &changed)) return false;
-    if (changed) propagator->step = NAN;
+    if (!(propagator->step == step && propagator->settled)) {
+        if (!modes_settle(values, &propagator->margins, &changed)) return false;
+        if (changed) propagator->step = NAN;
+    }
+    if (propagator->step == step && modes_pass(values, step, propagator)) return true;
+    now = *values;
+    margins = propagator->margins;
     for (int k = 0; k < N_MODES; k++) last = last && margins.flat[k].lasts != 0;
     for (int changes = 0; left > 0 && changes < MAX_CHANGES;) {
         Values next = now;
+        Margins ends = margins;
         double first, h;
         if ((!MODEL_LINEAR || !(propagator->step == step)) && !modes_prepare(propagator, &now, step)) return false;
         h = propagator->part < left * (1 - 1e-12) ? propagator->part : left;
@@ -315,12 +359,11 @@ static bool modes_integrate(Values *values, double step, Propagator *propagator)
         } else if (!modes_keep(&flow, &now, h, &next)) {
             return false;
         }
-        first = last ? INFINITY : modes_end(&flow, &now, &margins, &next, h);
-        if (isnan(first)) return false;
+        first = last ? INFINITY : modes_end(&flow, &now, &margins, &next, &ends, h);
         now = next;
         left -= first < h ? first : h;
         if (!(first < INFINITY)) {
-            if (!last && left > 0) model_switches(&now, &margins);
+            margins = ends;
             continue;
         }
         last = false;
@@ -331,6 +374,8 @@ static bool modes_integrate(Values *values, double step, Propagator *propagator)
     }
     if (left > 0) return false;
     propagator->lasting = last && propagator->part == step;
+    propagator->settled = true;
+    propagator->margins = margins;
     *values = now;
     return true;
 }
