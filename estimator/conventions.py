@@ -28,6 +28,7 @@ FALSE_TREND = 0.01  # chance of calling a trend what is none
 STANDS_OUT = 20.0  # power of a line over the median nearby: one of 2^20 in white noise (two normal parts, exponential)
 SMALL_CORRELATION = 0.08  # of neighbours: errors that neglect it are 8 % too small, by sqrt(1.08 / 0.92) (AR(1))
 MISFIT = 1.5  # residuals' deviation over the noise's: by chance (chi-square) 1 in 900 of 20 samples, 1 in 1e5 of 40
+LEAST_FALL = 10.0  # of -2 log L, by which a component of the noise must lower it: two numbers, and a margin
 
 # What a recording tells
 USELESS_ERROR = 0.5  # relative standard error: a parameter or quantity is not identified

@@ -7,8 +7,13 @@ import pytest
 from scipy.signal import lfilter
 from scipy.stats import kstest
 
+from estimator.fitting.autoregression import autoregression
+from estimator.fitting.clock import Clock
 from estimator.fitting.fit import ScoreTest
-from estimator.fitting.noise_model import Clock, NoiseModel, Whitener, autoregression, find_jitter, fit_noise, held
+from estimator.fitting.jitter import find_jitter
+from estimator.fitting.noise_estimate import fit_noise
+from estimator.fitting.noise_model import NoiseModel, held
+from estimator.fitting.whitener import Whitener
 from estimator.plans.part import LONG
 
 pytestmark = pytest.mark.usefixtures("shared_workers")

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.conventions import STEP_DEVIATION
 from estimator.fitting.adequacy import Adequacy, adequacy
 from estimator.fitting.averaging import Hidden, Told, averaged
 from estimator.fitting.between_runs import BetweenRuns, is_between_runs, of_fit, sentence
@@ -260,7 +261,7 @@ def freed_by_the_case(plan: Plan) -> list[Nuisance]:
 
 def count_deviation(plan: Plan, output: str) -> float:
     """Return the deviation of a differenced encoder's counts, in the speed's unit."""
-    return float(max(quantum(o.outputs[output]) / np.sqrt(12) for o in plan.observed))
+    return float(max(quantum(o.outputs[output]) / STEP_DEVIATION for o in plan.observed))
 
 
 def _explained(

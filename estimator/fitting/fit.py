@@ -3,7 +3,7 @@
     minimise  |W (m - s(x) - C b)|^2   over x, what is free on its scale, and b, the linear coefficients
 
 by Gauss-Newton steps with Levenberg's damping; s is simulated through the FMU, C are known columns, W whitens
-(noise_model). b is eliminated at every point (variable projection, Golub and Pereyra 1973): the triangular factor of
+(whitener.py). b is eliminated at every point (variable projection, Golub and Pereyra 1973): the triangular factor of
 the whitened [C J r] holds all that a step, a covariance or a test needs.
 """
 
@@ -21,8 +21,9 @@ from numpy.typing import NDArray
 
 from estimator.conventions import MEDIAN_SIZE, T_FREEDOM
 from estimator.fitting.least_squares import DIFFERENCE_STEP, information_parts
-from estimator.fitting.noise_model import NoiseModel, Whitener
+from estimator.fitting.noise_model import NoiseModel
 from estimator.fitting.simulator import CELLS, Simulator
+from estimator.fitting.whitener import Whitener
 from estimator.plans.parameters import SensorPlace
 from estimator.recordings.samples import median
 

@@ -8,8 +8,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.fitting.clock import Clock
 from estimator.fitting.fit import Fit
-from estimator.fitting.noise_model import Clock
 from estimator.fitting.recursion import recursion
 from estimator.motor.exponential import exponential
 from estimator.motor.names import MOTOR, is_motor

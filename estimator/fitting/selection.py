@@ -34,9 +34,13 @@ from estimator.fitting.fit import (
     with_level,
     with_secants,
 )
+from estimator.fitting.jitter import find_jitter
 from estimator.fitting.motor_response import machine_of
-from estimator.fitting.noise_model import NoiseModel, Whitener, find_jitter, fit_noise, noise_of_neighbours
+from estimator.fitting.noise_estimate import fit_noise
+from estimator.fitting.noise_growth import noise_of_neighbours
+from estimator.fitting.noise_model import NoiseModel
 from estimator.fitting.simulator import CELLS, Nuisance, Simulator
+from estimator.fitting.whitener import Whitener
 from estimator.fitting.windows import find_windows
 from estimator.plans.part import LONG
 

@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.fitting.noise_model import Clock
+from estimator.fitting.clock import Clock
 from estimator.fitting.problem import Problem
 from estimator.fitting.shaft_angle import shaft_angle, unfolded_orders
 from estimator.fmus.workers import Workers

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.fitting.clock import Clock
 from estimator.fitting.effects.base import SELDOM, Effect
 from estimator.fitting.fit import Fit, Linear
-from estimator.fitting.noise_model import Clock
 from estimator.fitting.simulator import CELLS
 from estimator.fitting.windows import find_windows
 from estimator.plans.plan import Plan

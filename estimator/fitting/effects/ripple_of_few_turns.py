@@ -9,10 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.fitting.clock import Clock
 from estimator.fitting.effects.base import USUAL
 from estimator.fitting.effects.ripple import MOST_LINES, Ripple, angle_of, standing_out
 from estimator.fitting.fit import Fit, Linear
-from estimator.fitting.noise_model import Clock
 from estimator.fitting.shaft_angle import LINE_CYCLES
 
 FloatArray = NDArray[np.float64]

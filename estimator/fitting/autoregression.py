@@ -1,0 +1,41 @@
+"""A short autoregression of whitened residuals: its coefficients, its order. Knows series of numbers only."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.conventions import LEAST_FALL
+
+FloatArray = NDArray[np.float64]
+
+ORDERS = (1, 2, 3, 4, 6, 8, 12, 16, 24)
+
+
+def autoregression(series: Sequence[FloatArray], count: int) -> tuple[FloatArray, float]:
+    """Return coefficients and innovation deviation of `count` samples, zeros between, by Burg's method (1975) and BIC.
+
+    It resolves a spectrum over many decades, as of filtered noise, where the Yule-Walker equations are biased.
+    """
+    most = max(ORDERS)
+    power = sum(float(x @ x) for x in series) / max(count, 1)
+    if count < 10 * most or power <= 0:
+        return np.zeros(0), float(np.sqrt(power)) if power > 0 else 1.0
+    best: tuple[float, FloatArray, float] = (0.0, np.zeros(0), power)
+    a, error = np.zeros(0), power
+    ahead, behind = list(series), list(series)
+    for order in range(1, most + 1):
+        pairs = [(f[1:], b[:-1]) for f, b in zip(ahead, behind, strict=True) if len(f) > 1]
+        size = sum(float(f @ f + b @ b) for f, b in pairs)
+        reflection = 2 * sum(float(f @ b) for f, b in pairs) / size if size > 0 else 0.0
+        if not 0 < abs(reflection) < 1:
+            break
+        ahead, behind = [f - reflection * b for f, b in pairs], [b - reflection * f for f, b in pairs]
+        a = np.concatenate([a - reflection * a[::-1], [reflection]])
+        error *= 1 - reflection**2
+        score = count * np.log(error / power) + order * np.log(count)
+        if order in ORDERS and score < best[0] - LEAST_FALL:
+            best = (float(score), a.copy(), error)
+    return best[1], float(np.sqrt(best[2]))

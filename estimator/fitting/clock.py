@@ -1,0 +1,36 @@
+"""The times of one recording's rows, and its place among the rows of all. Knows no signal and no noise."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.recordings.samples import median
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Clock:
+    """The times, s, of one recording's rows, and its place among the rows of all."""
+
+    time: FloatArray
+    rows: slice
+
+    @cached_property
+    def step(self) -> float:
+        """The usual sampling interval, s."""
+        return median(np.diff(self.time)) if len(self.time) > 1 else 1.0
+
+    @cached_property
+    def steps(self) -> tuple[FloatArray, NDArray[np.int64] | None]:
+        """The different steps, s, and which leads to each row; None: all are alike."""
+        dt = np.diff(self.time)
+        if not len(dt) or np.ptp(dt) < 1e-3 * self.step:
+            return np.array([self.step]), None
+        ticks = np.round(dt / (0.02 * self.step)) * (0.02 * self.step)  # to 2 % of a step
+        steps, index = np.unique(np.maximum(ticks, 0.02 * self.step), return_inverse=True)
+        return steps, np.concatenate([[0], index]).astype(np.int64)

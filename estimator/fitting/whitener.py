@@ -1,0 +1,139 @@
+"""Columns of all recordings whitened by a noise model, whole or some rows of them. Estimates nothing."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.fitting.autoregression import ORDERS
+from estimator.fitting.clock import Clock
+from estimator.fitting.kalman import shorten, whiten
+from estimator.fitting.noise_model import RESTS, RUNS, STARTS, NoiseModel
+from estimator.plans.part import LONG
+from estimator.recordings.samples import median
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+MEMORY = 1000  # rows over which a noise with a state remembers, in a long recording
+LEAST_WHITE = 1e-9  # of the residuals' variance: the least white part
+
+
+@dataclass(frozen=True)
+class Whitener:
+    """Whitens columns by a noise model, over all recordings.
+
+    Attributes
+    ----------
+    present : (rows, q) array
+        Which samples are there.
+    level : (rows, q) array
+        The signals over their largest.
+    inflate : (rows, q) array
+        Factor on the white variance of single samples: outliers.
+    moving : (rows,) array
+        Whether the machine runs.
+    slope : (rows, q) array
+        Of the signals, in their units a second.
+    """
+
+    noise: NoiseModel
+    clocks: tuple[Clock, ...]
+    present: BoolArray
+    level: FloatArray
+    inflate: FloatArray
+    moving: BoolArray
+    slope: FloatArray
+
+    def __call__(self, columns: FloatArray) -> tuple[FloatArray, float]:
+        """Return (rows, q, c) columns whitened, zero where a sample is missing, and the sum of log variances."""
+        parts = []
+        total = self._log_size
+        for k, clock in enumerate(self.clocks):
+            white, log = self._part(columns[clock.rows], clock.rows, k)
+            total += log
+            parts.append(white)
+        result = parts[0] if len(parts) == 1 else np.concatenate(parts)
+        for short, counts in zip(self.noise.short, self._counts, strict=False):
+            total += float(sum(2 * n * np.log(s) for n, (_, s) in zip(counts, short, strict=True)))
+        return result, total
+
+    def of_rows(self, columns: FloatArray, rows: slice) -> tuple[slice, FloatArray]:
+        """Return columns, (n, q, c), whitened that are zero beside the given rows of one recording, as (m, c).
+
+        Noise without a state leaves them zero beyond some rows: these alone, the slice, are whitened. In a long
+        recording noise with a state is taken to forget within MEMORY rows.
+        """
+        last = len(self.present)
+        first, end = rows.start or 0, last if rows.stop is None else rows.stop
+        holding = [k for k, c in enumerate(self.clocks) if c.rows.start <= first and end <= c.rows.stop]
+        if not holding or (self.noise.has_state and last <= LONG):
+            whole = np.zeros((last, *columns.shape[1:]))
+            whole[rows] = columns
+            return slice(0, last), self(whole)[0].reshape(-1, columns.shape[2])
+        before, behind = (MEMORY, MEMORY) if self.noise.has_state else (0, max(ORDERS))
+        clock = self.clocks[holding[0]]
+        wide = slice(max(clock.rows.start, first - before), min(clock.rows.stop, end + behind))
+        padded = np.zeros((wide.stop - wide.start, *columns.shape[1:]))
+        padded[first - wide.start : end - wide.start] = columns
+        return wide, self._part(padded, wide, holding[0])[0].reshape(-1, columns.shape[2])
+
+    def _part(self, columns: FloatArray, rows: slice, k: int) -> tuple[FloatArray, float]:
+        """Return columns, (n, q, c), of n rows of clock k, whitened as if the noise had its usual state before.
+
+        The second is the sum of the logarithms of the innovations' variances, before the short autoregression.
+        """
+        g, variance, spaces = self._state_spaces
+        steps, arrays = spaces[k]
+        start = self.clocks[k].rows.start
+        own = None if steps is None else steps[rows.start - start : rows.stop - start]
+        scaled = columns / g[rows][:, :, None] if self.noise.growth[:, 0].any() else columns
+        white, log = whiten(scaled, variance[rows], steps=own, **arrays)
+        if self.noise.short:
+            shorten(white, self.present[rows], self.moving[rows], self.noise.short)
+        return white, log
+
+    @cached_property
+    def _log_size(self) -> float:
+        """The sum of log g^2 of all samples."""
+        return float(2 * np.sum(np.log(self._state_spaces[0])[self.present]))
+
+    @cached_property
+    def _counts(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Samples of each channel while the machine rests, and while it runs."""
+        return self.present[~self.moving].sum(axis=0), self.present[self.moving].sum(axis=0)
+
+    @cached_property
+    def _state_spaces(
+        self,
+    ) -> tuple[FloatArray, FloatArray, list[tuple[NDArray[np.int64] | None, dict[str, FloatArray]]]]:
+        """The scale and white variance of each sample, (rows, q); of each clock the step to each row, and `states`."""
+        noise = self.noise
+        g = noise.scale(self.level)
+        running = np.array([median(x[p]) if p.any() else 1.0 for x, p in zip(g.T, self.present.T, strict=True)])
+        power = noise.white**2 + noise.differenced**2 + noise.slow[:, 0] ** 2
+        floor = np.maximum(LEAST_WHITE * power, 1e-300)
+        moved = (noise.jitter * self.slope / g) ** 2
+        variance = np.where(self.present, np.maximum(noise.white**2, floor) * self.inflate + moved, np.inf)
+        found = []
+        for clock in self.clocks:
+            steps, index = clock.steps
+            phases: tuple[int, ...] = (RUNS,)
+            moving = self.moving[clock.rows]
+            if noise.torque[0] > 0 and not moving.all():
+                phase = np.where(moving, np.where(np.concatenate([[True], moving[:-1]]), RUNS, STARTS), RESTS)
+                index = (np.zeros(len(moving), dtype=np.int64) if index is None else index) * 3 + phase
+                phases = (RESTS, STARTS, RUNS)
+            spaces = [noise.states(dt, running, phase) for dt in steps for phase in phases]
+            arrays = {name: np.array([s[name] for s in spaces]) for name in ("transition", "process")}
+            arrays["initial"] = spaces[0 if index is None else int(index[0])]["initial"]
+            found.append((index, {**arrays, "readout": spaces[0]["readout"]}))
+        return g, variance, found
+
+    def of(self, noise: NoiseModel) -> Whitener:
+        """Return the whitener of another noise model."""
+        return dataclasses.replace(self, noise=noise)
