@@ -9,10 +9,10 @@ from scipy.stats import kstest
 
 from estimator.fitting.autoregression import autoregression
 from estimator.fitting.clock import Clock
-from estimator.fitting.fit import ScoreTest
 from estimator.fitting.jitter import find_jitter
 from estimator.fitting.noise_estimate import fit_noise
 from estimator.fitting.noise_model import NoiseModel, held
+from estimator.fitting.score_test import ScoreTest
 from estimator.fitting.whitener import Whitener
 from estimator.plans.part import LONG
 

@@ -23,7 +23,8 @@ from numpy.typing import NDArray
 from estimator.cases.tolerance import Tolerance
 from estimator.conventions import TOLD_POWER
 from estimator.errors import CaseError, suggestion
-from estimator.fitting.fit import Fit, new_fit, solved
+from estimator.fitting.fit import Fit, new_fit
+from estimator.fitting.gauss_newton import solved
 from estimator.fitting.least_squares import information_parts
 from estimator.fitting.noise_model import NoiseModel
 from estimator.fitting.simulator import Simulator

@@ -14,7 +14,8 @@ from estimator.fitting.adequacy import Adequacy, adequacy
 from estimator.fitting.averaging import Hidden, Told, averaged
 from estimator.fitting.between_runs import BetweenRuns, is_between_runs, of_fit, sentence
 from estimator.fitting.effects.base import Effect
-from estimator.fitting.fit import Fit, solved
+from estimator.fitting.fit import Fit
+from estimator.fitting.gauss_newton import solved
 from estimator.fitting.latency import with_latencies
 from estimator.fitting.least_squares import LeastSquaresFit
 from estimator.fitting.selection import Addition, Explanation, Selection

@@ -23,22 +23,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.fitting.effects.base import Effect
-from estimator.fitting.fit import (
-    Fit,
-    Linear,
-    ScoreTest,
-    held_down,
-    new_fit,
-    refreshed,
-    solved,
-    with_level,
-    with_secants,
-)
+from estimator.fitting.fit import Fit, Linear, new_fit, refreshed, with_level
+from estimator.fitting.gauss_newton import solved
 from estimator.fitting.jitter import find_jitter
 from estimator.fitting.motor_response import machine_of
 from estimator.fitting.noise_estimate import fit_noise
 from estimator.fitting.noise_growth import noise_of_neighbours
 from estimator.fitting.noise_model import NoiseModel
+from estimator.fitting.outliers import held_down
+from estimator.fitting.score_test import ScoreTest
+from estimator.fitting.secants import with_secants
 from estimator.fitting.simulator import CELLS, Nuisance, Simulator
 from estimator.fitting.whitener import Whitener
 from estimator.fitting.windows import find_windows

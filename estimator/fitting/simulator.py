@@ -230,9 +230,10 @@ class Simulator:
         """Return values, (..., p), on their scales: logarithms where these are such."""
         return np.where(self.log, np.log(np.where(self.log, values, 1.0)), values)
 
-    def unscaled(self, x: FloatArray) -> FloatArray:
-        """Return the values, (..., p), of scaled ones."""
-        return np.where(self.log, np.exp(np.where(self.log, x, 0.0)), x)
+    def unscaled(self, x: FloatArray, where: NDArray[np.int_] | slice = slice(None)) -> FloatArray:
+        """Return the values, (..., p), of scaled ones; of some names, if these are given by their places."""
+        log = self.log[where]
+        return np.where(log, np.exp(np.where(log, x, 0.0)), x)
 
     def inputs(self, name: str) -> FloatArray:
         """Return an input over all rows, (rows,); zero where no recording has it."""

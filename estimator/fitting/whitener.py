@@ -62,6 +62,10 @@ class Whitener:
             total += float(sum(2 * n * np.log(s) for n, (_, s) in zip(counts, short, strict=True)))
         return result, total
 
+    def flat(self, columns: FloatArray) -> FloatArray:
+        """Return (rows, q, c) columns whitened, (rows q, c)."""
+        return self(columns)[0].reshape(columns.shape[0] * columns.shape[1], -1)
+
     def of_rows(self, columns: FloatArray, rows: slice) -> tuple[slice, FloatArray]:
         """Return columns, (n, q, c), whitened that are zero beside the given rows of one recording, as (m, c).
 

@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 from estimator.distributions import chi_square_beyond
 from estimator.fitting.adequacy import adequacy
 from estimator.fitting.explained import count_deviation
-from estimator.fitting.fit import Fit, solved
+from estimator.fitting.fit import Fit
+from estimator.fitting.gauss_newton import solved
 from estimator.fitting.selection import Explanation, Selection
 from estimator.results.result import Estimate, OtherValues
 from estimator.stepping import layout

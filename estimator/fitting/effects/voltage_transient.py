@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.fitting.effects.base import SELDOM, Effect, time_constants
-from estimator.fitting.fit import Fit, Linear, likeliest
+from estimator.fitting.fit import Fit, Linear
 from estimator.fitting.latency import EDGE, MOST_EDGES
 from estimator.fitting.motor_response import as_late, motor_values, response
 from estimator.fitting.recursion import recursion
+from estimator.fitting.score_test import likeliest
 from estimator.plans.plan import Plan
 
 FloatArray = NDArray[np.float64]

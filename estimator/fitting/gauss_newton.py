@@ -1,0 +1,143 @@
+"""A fit's least cost, by Gauss-Newton steps with Levenberg's damping, from differences. Knows no effect and no test."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.fitting.fit import Fit, evaluated, linear_columns, misfit
+from estimator.fitting.least_squares import DIFFERENCE_STEP
+from estimator.fitting.projection import Projection
+
+FloatArray = NDArray[np.float64]
+
+ITERATIONS = 25
+DAMPING = (1e-3, 1e8)  # first, last
+LONGEST_LOG_STEP, LONGEST_STEP = 1.0, 5.0  # longest step: of a logarithm; of a nuisance's typical sizes
+
+
+def solved(fit: Fit, *, iterations: int = ITERATIONS, tolerance: float = 1e-3) -> Fit:
+    """Return the fit at the least cost that is reached from where it stands.
+
+    Parameters
+    ----------
+    tolerance : float
+        Of z'z: the iteration ends when the predicted fall is smaller. 1 is one standard error.
+    """
+    s, where, (low, high) = fit.simulator, fit.where, fit.bounds
+    x = np.clip(s.scaled(fit.values)[where], low, high)
+    columns = linear_columns(fit.linear, fit.shown.shape)
+    linear = Projection(fit.whitener.flat(columns))
+    longest, damping = longest_steps(fit), DAMPING[0]
+    shown = s.shown(placed(fit, x)[None, :])[0]
+    cost = _cost(fit, shown, linear)
+    raw = None
+    for _ in range(iterations if len(where) and np.isfinite(cost) else 0):
+        raw = _differences(fit, x, shown, central=tolerance < 1e-6)
+        a, g = _triangle(fit, linear, raw, shown)
+        better = None
+        while better is None and damping < DAMPING[1]:
+            dx = _step(a, g, damping, x, low, high)
+            dx *= min(1.0, float(np.min(longest / np.maximum(np.abs(dx), 1e-300))))
+            tried = np.clip(x + dx, low, high)
+            predicted = float(g @ g - np.sum((g - a @ (tried - x)) ** 2))
+            if predicted < tolerance:
+                break
+            there = s.shown(placed(fit, tried)[None, :])[0]
+            new = _cost(fit, there, linear)
+            if new < cost:
+                better = tried, there, new
+                damping = max(damping / 10, 1e-9)
+            else:
+                damping *= 10
+        if better is None:
+            break
+        gained = cost - better[2]
+        x, shown, cost = better
+        raw = None
+        if gained < tolerance:
+            break
+    if raw is None or tolerance >= 1e-6:
+        raw = _differences(fit, x, shown, central=tolerance < 1e-2)
+    return evaluated(fit, placed(fit, x), shown, raw, columns, linear)
+
+
+def longest_steps(fit: Fit) -> FloatArray:
+    """Return the longest step of what is free, (f,), on its scale."""
+    s, where = fit.simulator, fit.where
+    own = where < len(s.plan.names)
+    return np.where(s.log[where], LONGEST_LOG_STEP, np.where(own, 100.0, LONGEST_STEP) * s.size[where])
+
+
+def placed(fit: Fit, x: FloatArray) -> FloatArray:
+    """Return the fit's values with what is free at x, (f,), on its scale, within the bounds."""
+    s, values = fit.simulator, fit.values.copy()
+    values[fit.where] = s.unscaled(x, fit.where)
+    return np.clip(values, s.lower, s.upper)
+
+
+def beside(fit: Fit, values: FloatArray, x: FloatArray) -> FloatArray:
+    """Return candidates, (f, p): values, (p,), each with one of what is free at its x, (f,), on its scale."""
+    points, where = np.repeat(values[None, :], len(x), axis=0), fit.where
+    points[np.arange(len(x)), where] = fit.simulator.unscaled(x, where)
+    return points
+
+
+def _cost(fit: Fit, shown: FloatArray, linear: Projection) -> float:
+    """Return z'z at simulated signals, the linear part at its best; infinity where the FMU failed."""
+    if not np.isfinite(shown).all():
+        return float(np.inf)
+    r = linear.rest(fit.whitener.flat(misfit(fit, shown)[:, :, None])[:, 0])
+    return float(r @ r)
+
+
+def _triangle(fit: Fit, linear: Projection, raw: FloatArray, shown: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return a, (f, f), and g, (f,): |g - a dx| are the whitened residuals after a step, the linear part free."""
+    own = fit.whitener.flat(np.concatenate([raw, misfit(fit, shown)[:, :, None]], axis=2))
+    r = np.asarray(np.linalg.qr(linear.rest(own), mode="r"))
+    f = raw.shape[2]
+    square = np.zeros((f, f + 1))
+    square[: len(r)] = r[:f]
+    return square[:, :f], square[:, f]
+
+
+def _step(a: FloatArray, g: FloatArray, damping: float, x: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
+    """Return the damped step that minimises |g - a dx|; zero for parameters at a bound that would leave it."""
+    free = np.ones(len(x), dtype=bool)
+    dx = np.zeros(len(x))
+    for _ in range(len(x)):
+        scale = np.linalg.norm(a[:, free], axis=0)
+        scale = np.where(scale > 0, scale, 1.0)
+        lhs = np.vstack([a[:, free], np.sqrt(damping) * np.diag(scale)])
+        dx = np.zeros(len(x))
+        dx[free] = np.linalg.lstsq(lhs, np.concatenate([g, np.zeros(int(free.sum()))]), rcond=None)[0]
+        out = free & (((x <= low) & (dx < 0)) | ((x >= high) & (dx > 0)))
+        if not out.any():
+            break
+        free &= ~out
+        if not free.any():
+            return np.zeros(len(x))
+    return dx
+
+
+def _differences(fit: Fit, x: FloatArray, shown: FloatArray, *, central: bool) -> FloatArray:
+    """Return derivatives of what is shown by what is free, (rows, q, f), by one-sided or central differences."""
+    s, where, (low, high) = fit.simulator, fit.where, fit.bounds
+    f = len(where)
+    if not f:
+        return np.zeros((*shown.shape, 0))
+    h = np.where(s.log[where], DIFFERENCE_STEP, 10 * DIFFERENCE_STEP * s.size[where])
+    h = np.maximum(h, s.spacing(fit.values)[where] / (2 if central else 1))
+    ahead = np.where(x + h <= high, x + h, x - h)
+    behind = np.where((x - h >= low) & (ahead > x), x - h, x) if central else x
+    here = placed(fit, x)
+    all_shown = s.shown(np.concatenate([beside(fit, here, end) for end in ((ahead, behind) if central else (ahead,))]))
+    result = np.zeros((*shown.shape, f))
+    for k in range(f):
+        there, back, width = all_shown[k], all_shown[f + k] if central else shown, ahead[k] - behind[k]
+        if not np.isfinite(back).all():
+            back, width = shown, ahead[k] - x[k]
+        if np.isfinite(there).all():
+            np.subtract(there, back, out=result[:, :, k])
+            result[:, :, k] /= width
+    return result

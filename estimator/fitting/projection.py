@@ -1,0 +1,56 @@
+"""Projection of columns of numbers on others. Knows arrays only."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+WELL_CONDITIONED, AT_ONCE = 1e-6, 1e-3  # least eigenvalue of a Gram matrix, its diagonal 1: by two steps, by one
+DEPENDENT = 1e-12  # of a column's norm: a smaller remainder is rounding
+
+
+class Projection:
+    """Projection on columns, (n, m), by an orthonormal basis; columns that depend on earlier ones are left out."""
+
+    def __init__(self, columns: FloatArray) -> None:
+        self.columns = columns
+        self.basis, self.factor = _orthonormal(columns)
+        own = np.abs(np.diag(self.factor)) > DEPENDENT * np.linalg.norm(self.factor, axis=0)
+        self.independent = np.flatnonzero(own)
+        if not own.all():
+            self.basis, self.factor = self.basis[:, own], self.factor[np.ix_(own, own)]
+
+    def rest(self, others: FloatArray) -> FloatArray:
+        """Return the remainder of others, (n, c) or (n,), after projection on the columns."""
+        return others - self.basis @ (self.basis.T @ others) if self.basis.shape[1] else others
+
+    def coefficients(self, r: FloatArray) -> FloatArray:
+        """Return how much of each column, (m,), explains (n,) residuals best; 0 of dependent ones."""
+        result = np.zeros(self.columns.shape[1])
+        if len(self.independent):
+            result[self.independent] = np.linalg.solve(self.factor, self.basis.T @ r)
+        return result
+
+
+def _orthonormal(columns: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return q, (n, m), and triangular r, (m, m), of columns = q r; by the Cholesky factor where that loses no digits.
+
+    For many columns it costs a quarter of Householder's method (Yamamoto et al. 2015).
+    """
+    n, m = columns.shape
+    norms = np.linalg.norm(columns, axis=0)
+    if 1 < m < n and norms.all() and np.isfinite(norms).all():
+        scaled = columns / norms
+        gram = scaled.T @ scaled
+        least = float(np.linalg.eigvalsh(gram)[0])
+        if least > WELL_CONDITIONED:
+            r = np.linalg.cholesky(gram).T
+            q = scaled @ np.linalg.inv(r)
+            if least < AT_ONCE:
+                again = np.linalg.cholesky(q.T @ q).T
+                q, r = q @ np.linalg.inv(again), again @ r
+            return np.asarray(q), np.asarray(r * norms)
+    q, r = np.linalg.qr(columns)
+    return np.asarray(q), np.asarray(r)
