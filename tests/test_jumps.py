@@ -98,7 +98,7 @@ def test_a_jump_is_told_from_what_is_steep_from_a_kink_and_from_numerical_noise(
 
 def fitted(covariance, values=(1.0, 1.0)):
     """Return a fit whose covariance differences have given."""
-    from estimator.fitting.least_squares import LeastSquaresFit
+    from estimator.fitting.least_squares_fit import LeastSquaresFit
 
     covariance = np.array(covariance)
     zero = np.zeros((3, len(values)))

@@ -37,5 +37,5 @@ def test_fits_together_are_those_of_each_start_alone(monkeypatch, loss, at_once)
     assert sum(together) == sum(alone) and len(together) < len(alone)
     ends = [values for values, _ in found]
     squares = fitted(together, loss)
-    each = [squares.deviations(values, free=3) for values in ends]
-    assert np.array_equal(squares.deviations_of(ends, free=3), each)
+    each = [squares.deviations(values) for values in ends]
+    assert np.array_equal(squares.deviations_of(ends), each)

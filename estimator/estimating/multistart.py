@@ -13,7 +13,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.fitting.least_squares import LeastSquaresFit
+from estimator.fitting.least_squares_fit import LeastSquaresFit
 from estimator.motor.names import is_motor
 from estimator.motor.state_space import poles
 from estimator.motor.steiglitz_mcbride import NoMotorError, steiglitz_mcbride

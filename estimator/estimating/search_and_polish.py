@@ -23,7 +23,8 @@ from estimator.estimating.optimiser import Optimiser
 from estimator.estimating.session import Session
 from estimator.fitting.effects import known_effects
 from estimator.fitting.explained import Explained, explain
-from estimator.fitting.least_squares import LeastSquares, LeastSquaresFit, at_given_bound, log_likelihood
+from estimator.fitting.least_squares import LeastSquares
+from estimator.fitting.least_squares_fit import LeastSquaresFit
 from estimator.fitting.problem import SIGMA_FLOOR
 from estimator.fitting.selection import Explanation
 from estimator.method_names import CUCKOO, loaded
@@ -90,7 +91,7 @@ class _Attempts:
         if known is None:
             return self._polished(polish.values), None
         values = known.fit.values[: len(self.plan.names)]
-        polish = self.squares.judge(values, self.squares.deviations(values, free=len(values)))
+        polish = self.squares.judge(values, self.squares.deviations(values))
         explained = self._explained(polish, session.start, known=known.explanation)
         return None if explained is None or (_is_poor(explained) and not _is_poor(known)) else (polish, explained)
 
@@ -168,10 +169,10 @@ class _Attempts:
         costs = problem.costs(starts)
         fits = self.squares.fits(list(starts[np.argsort(costs)[:POLISHED]]), polish.deviations, tolerance=1e4)
         ends = [values for values, _ in fits]
-        deviations = self.squares.deviations_of(ends, free=self.problem.box.dimension)
-        found = [(log_likelihood(output, d), values) for d, values in zip(deviations, ends, strict=True)]
+        deviations = self.squares.deviations_of(ends)
+        found = [(_log_likelihood(output, d), values) for d, values in zip(deviations, ends, strict=True)]
         lowest, values = min(found, key=lambda f: f[0])
-        if lowest >= log_likelihood(output, polish.deviations):
+        if lowest >= _log_likelihood(output, polish.deviations):
             return polish
         better = self.squares.polish(values, polish.deviations)
         self.session.account.found(self.plan.names, better.values, self._cost_at(better))
@@ -191,7 +192,7 @@ class _Attempts:
             reach *= NARROWED
         tried = self._polished(best)
         if self._cost_at(tried) > cost:
-            tried = self.squares.judge(best, self.squares.deviations(best, free=len(best)))
+            tried = self.squares.judge(best, self.squares.deviations(best))
         return tried if self._cost_at(tried) < self._cost_at(polish) else polish
 
     def _cost_of(self, values: FloatArray) -> float:
@@ -213,7 +214,7 @@ class _Attempts:
         exact = np.all(polish.deviations < NUMERICAL * problem.spread)
         if exact and not any(o.delay for o in self.plan.observed) and not self.plan.wanted:
             return None
-        held = at_given_bound(self.plan, polish)
+        held = polish.at_given_bound(self.plan)
         return explain(
             self.plan,
             session.crew,
@@ -254,3 +255,9 @@ class _Attempts:
 def _is_poor(explained: Explained) -> bool:
     """Whether residuals are left that are far above their noise."""
     return any(f.what == "size" and f.excess > MISFIT for f in explained.adequacy.failures)
+
+
+def _log_likelihood(output: NDArray[np.int64], deviations: FloatArray) -> float:
+    """Return −2 log likelihood, up to a constant, of normal noise; `output` is that of each residual."""
+    counts = np.bincount(output, minlength=len(deviations))
+    return float(np.sum(2 * counts * np.log(deviations)))

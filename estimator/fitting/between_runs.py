@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from estimator.conventions import FALSE_ALARM
 from estimator.distributions import chi_square_beyond
-from estimator.fitting.least_squares import RANK_TOLERANCE, information_parts
+from estimator.fitting.information import RANK_TOLERANCE, information_parts
 
 if TYPE_CHECKING:
     from estimator.fitting.fit import Fit

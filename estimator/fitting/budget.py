@@ -25,7 +25,7 @@ from estimator.conventions import TOLD_POWER
 from estimator.errors import CaseError, suggestion
 from estimator.fitting.fit import Fit, new_fit
 from estimator.fitting.gauss_newton import solved
-from estimator.fitting.least_squares import information_parts
+from estimator.fitting.information import information_parts
 from estimator.fitting.noise_model import NoiseModel
 from estimator.fitting.simulator import Simulator
 from estimator.fmus.workers import Workers

@@ -17,7 +17,7 @@ from estimator.fitting.effects.base import Effect
 from estimator.fitting.fit import Fit
 from estimator.fitting.gauss_newton import solved
 from estimator.fitting.latency import with_latencies
-from estimator.fitting.least_squares import LeastSquaresFit
+from estimator.fitting.least_squares_fit import LeastSquaresFit
 from estimator.fitting.selection import Addition, Explanation, Selection
 from estimator.fitting.simulator import Nuisance, Simulator, per_recording
 from estimator.fmus.fmu import describe

@@ -18,7 +18,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.fitting.least_squares import information_parts
+from estimator.fitting.information import information_parts
 from estimator.fitting.noise_model import NoiseModel
 from estimator.fitting.projection import Projection
 from estimator.fitting.score_test import ScoreTest

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.fitting.differences import DIFFERENCE_STEP
 from estimator.fitting.fit import Fit, evaluated, linear_columns, misfit
-from estimator.fitting.least_squares import DIFFERENCE_STEP
 from estimator.fitting.projection import Projection
 
 FloatArray = NDArray[np.float64]

@@ -117,31 +117,6 @@ def shorten(
     filters().kalman_shorten(n, q, c, coefficients.shape[2], *(a.ctypes.data for a in arrays))
 
 
-def likelihood(
-    residuals: FloatArray,
-    variance: FloatArray,
-    *,
-    transition: FloatArray,
-    process: FloatArray,
-    initial: FloatArray,
-    readout: FloatArray,
-    steps: IntArray | None = None,
-) -> float:
-    """Return −2 log L of residuals, (rows, q); the rest as in `whiten`."""
-    columns = np.asarray(residuals)[:, :, None]
-    white, log_determinant = whiten(
-        columns,
-        variance,
-        transition=transition,
-        process=process,
-        initial=initial,
-        readout=readout,
-        steps=steps,
-    )
-    samples = int(np.isfinite(variance).sum())
-    return float(np.vdot(white, white)) + log_determinant + samples * float(np.log(2 * np.pi))
-
-
 @cache
 def filters() -> ctypes.CDLL:
     """Return the compiled filters."""

@@ -19,7 +19,7 @@ from estimator.fitting.clock import Clock
 from estimator.fitting.problem import Problem
 from estimator.fitting.shaft_angle import shaft_angle, unfolded_orders
 from estimator.fmus.workers import Workers
-from estimator.plans.parameters import Parameter, SensorPlace
+from estimator.plans.parameters import Parameter, SensorPlace, scaled, unscaled
 from estimator.plans.plan import Observed, Plan
 from estimator.recordings.excitation import quantum
 from estimator.recordings.samples import median
@@ -228,12 +228,11 @@ class Simulator:
 
     def scaled(self, values: FloatArray) -> FloatArray:
         """Return values, (..., p), on their scales: logarithms where these are such."""
-        return np.where(self.log, np.log(np.where(self.log, values, 1.0)), values)
+        return scaled(values, self.log)
 
     def unscaled(self, x: FloatArray, where: NDArray[np.int_] | slice = slice(None)) -> FloatArray:
         """Return the values, (..., p), of scaled ones; of some names, if these are given by their places."""
-        log = self.log[where]
-        return np.where(log, np.exp(np.where(log, x, 0.0)), x)
+        return unscaled(x, self.log[where])
 
     def inputs(self, name: str) -> FloatArray:
         """Return an input over all rows, (rows,); zero where no recording has it."""

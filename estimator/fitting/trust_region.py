@@ -1,4 +1,4 @@
-"""Bounded nonlinear least squares by the trust-region reflective method. Knows arrays and two functions only.
+"""Bounded nonlinear least squares by the trust-region reflective method. Knows arrays only.
 
     minimise  |r(x)|^2 / 2   over   low < x < high
 
@@ -11,14 +11,13 @@ lowers the model most. All iterates lie inside. It is the method of SciPy's ``le
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator
+from collections.abc import Generator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
-Function = Callable[[FloatArray], FloatArray]
 Steps = Generator[tuple[FloatArray, bool], FloatArray, tuple[FloatArray, float]]
 
 INSIDE = 0.995  # of the way to a bound, at most
@@ -27,44 +26,21 @@ ON_RADIUS, CUT = 0.01, 0.95  # of the radius: how near to it a step's length is 
 LEAST_GRADIENT = 1e-15
 
 
-def least_squares(
-    residuals: Function,
-    jacobian: Function,
-    x: FloatArray,
-    *,
-    low: FloatArray,
-    high: FloatArray,
-    evaluations: int,
-    ftol: float,
-    xtol: float,
-) -> tuple[FloatArray, float]:
-    """Return the optimum that is reached from x, (p,), which lies inside the bounds, and its sum of squares.
+def steps(x: FloatArray, *, low: FloatArray, high: FloatArray, evaluations: int, ftol: float, xtol: float) -> Steps:
+    """Yield points at which the residuals, or their jacobian, are asked; return the optimum and its sum of squares.
+
+    So that whoever solves several problems can answer them all at once. The jacobian, (m, p), is asked at the point at
+    which the residuals, (m,), were accepted last.
 
     Parameters
     ----------
-    residuals, jacobian : (p,) -> (m,) and (m, p)
-        The jacobian is asked at the point at which the residuals were accepted last.
+    x : (p,) array
+        The start, inside the bounds.
     evaluations : int
         Of the residuals, at most.
     ftol, xtol : float
         The iteration ends when the sum of squares falls by less than ftol of itself, or x moves by less than xtol of
         itself.
-    """
-    asking = steps(x, low=low, high=high, evaluations=evaluations, ftol=ftol, xtol=xtol)
-    answer = None
-    while True:
-        try:
-            at, slope = asking.send(answer)  # type: ignore[arg-type]
-        except StopIteration as end:
-            found: tuple[FloatArray, float] = end.value
-            return found
-        answer = jacobian(at) if slope else residuals(at)
-
-
-def steps(x: FloatArray, *, low: FloatArray, high: FloatArray, evaluations: int, ftol: float, xtol: float) -> Steps:
-    """Yield points at which the residuals, or their jacobian, are asked; return the optimum and its sum of squares.
-
-    So that whoever solves several problems can answer them all at once. Arguments as for `least_squares`.
     """
     r = yield x, False
     cost, left, damping, radius = 0.5 * float(r @ r), evaluations - 1, 0.0, -1.0

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.fitting.least_squares import LeastSquaresFit
+from estimator.fitting.least_squares_fit import LeastSquaresFit
 from estimator.motor.winding import relative_resistance
 from estimator.plans.plan import Plan
 from estimator.results.result import DerivedQuantity

@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.fitting.budget import Budget
-from estimator.fitting.least_squares import OUTSIDE, RANK_TOLERANCE, LeastSquaresFit, information_parts, scaled_svd
+from estimator.fitting.information import OUTSIDE, RANK_TOLERANCE, information_parts, scaled_svd
+from estimator.fitting.least_squares_fit import LeastSquaresFit
 from estimator.judging.scaling import written
 from estimator.motor.derived_quantities import derived_quantities
 from estimator.motor.names import is_motor

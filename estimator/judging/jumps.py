@@ -17,9 +17,9 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.fitting.least_squares import LeastSquaresFit
+from estimator.fitting.least_squares_fit import LeastSquaresFit
 from estimator.fitting.problem import Problem
-from estimator.plans.parameters import Box
+from estimator.plans.parameters import Box, unscaled
 
 FloatArray = NDArray[np.float64]
 
@@ -127,16 +127,15 @@ def drawn_errors(
     covariance = polish.covariance[np.ix_(inside, inside)]
     if not len(inside) or not np.isfinite(covariance).all():
         return Drawn(none, 0, holds=False)
-    centre = _scaled(polish.values, box)
-    low, high = _scaled(box.lower, box), _scaled(box.upper, box)
+    centre = box.scaled(polish.values)
 
     def costs(moves: FloatArray) -> FloatArray:
         points = np.tile(centre, (len(moves), 1))
         points[:, inside] += moves
-        within = ((points >= low) & (points <= high)).all(axis=1)
+        within = ((points >= box.low) & (points <= box.high)).all(axis=1)
         result = np.full(len(moves), np.inf)
         if within.any():
-            values = np.where(box.log, np.exp(np.where(box.log, points[within], 0.0)), points[within])
+            values = unscaled(points[within], box.log)
             result[within] = np.nan_to_num(np.sum(residuals(values) ** 2, axis=1), nan=np.inf)
         return result
 
@@ -175,7 +174,3 @@ def _root(covariance: FloatArray) -> FloatArray:
     """Return A with A Aᵀ a covariance, (p, p), whatever its rank."""
     values, vectors = np.linalg.eigh(covariance)
     return np.asarray(vectors * np.sqrt(np.maximum(values, 1e-12 * values.max())))
-
-
-def _scaled(values: FloatArray, box: Box) -> FloatArray:
-    return np.where(box.log, np.log(np.where(box.log, values, 1.0)), values)

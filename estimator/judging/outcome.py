@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from estimator.cases.case_signals import run_value
 from estimator.fitting.explained import Explained
-from estimator.fitting.least_squares import LeastSquaresFit
+from estimator.fitting.least_squares_fit import LeastSquaresFit
 from estimator.judging.verdict import Judgement
 from estimator.plans.parameters import Parameter
 from estimator.plans.plan import ChainSpec, Plan

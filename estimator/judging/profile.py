@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.fitting.least_squares import LeastSquaresFit
+from estimator.fitting.least_squares_fit import LeastSquaresFit
 from estimator.plans.parameters import Box
 from estimator.results.result import CostProfile
 
@@ -68,10 +68,10 @@ class _Surroundings:
     def profile(self, j: int) -> CostProfile:
         """Simulate the profile of one parameter."""
         values, jacobian = self.polish.values, self.polish.jacobian
-        x = self._scaled(values)
+        x = self.box.scaled(values)
         steps = np.linspace(-self.reach(j), self.reach(j), 2 * POINTS + 1)
         steps = steps[steps != 0]
-        low, high = self._scaled(self.box.lower), self._scaled(self.box.upper)
+        low, high = self.box.low, self.box.high
         steps = steps[(x[j] + steps >= low[j]) & (x[j] + steps <= high[j])]
         inside = [k for k in range(len(values)) if k != j and self.polish.at_bound[k] == 0]
         others = jacobian[:, inside]
@@ -99,19 +99,12 @@ class _Surroundings:
             return np.asarray(np.insert((costs - base) / scale, centre, 0.0))
 
         return CostProfile(
-            values=np.insert(self._unscaled(alone)[:, j], centre, values[j]),
+            values=np.insert(self.box.unscaled(alone)[:, j], centre, values[j]),
             held=with_optimum(held),
             followed=with_optimum(best),
         )
 
     def _costs(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return costs (c,), NaN where a simulation failed, and weighted residuals (c, m)."""
-        weighted = self.residuals(self._unscaled(points)) * self.weights
+        weighted = self.residuals(self.box.unscaled(points)) * self.weights
         return np.asarray(np.sum(weighted**2, axis=1)), weighted
-
-    def _scaled(self, values: FloatArray) -> FloatArray:
-        return np.where(self.box.log, np.log(np.where(self.box.log, values, 1.0)), values)
-
-    def _unscaled(self, x: FloatArray) -> FloatArray:
-        values = np.where(self.box.log, np.exp(np.where(self.box.log, x, 0.0)), x)
-        return np.asarray(np.clip(values, self.box.lower, self.box.upper))

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.fitting.explained import Explained
-from estimator.fitting.least_squares import LeastSquaresFit, information_parts
+from estimator.fitting.information import information_parts
+from estimator.fitting.least_squares_fit import LeastSquaresFit
 from estimator.fitting.problem import Problem
 from estimator.fmus.probe import ignores_step
 from estimator.plans.plan import Plan

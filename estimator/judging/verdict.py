@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.conventions import MISFIT, NUMERICAL, USELESS_ERROR
-from estimator.fitting.least_squares import LeastSquaresFit, at_given_bound
+from estimator.fitting.least_squares_fit import LeastSquaresFit
 from estimator.judging.coasting import coasting
 from estimator.judging.plain_noise import structured
 from estimator.judging.refusal import CONTRADICTED, lost_transients, refused_notes, slow_for_the_motor
@@ -129,7 +129,7 @@ def judge(
         reasons += step.reasons
         wrong = [*_doubts(explained), *scales_at_odds(plan), *_fast(plan, values), *_coasting(plan, explained)]
         reasons += wrong
-        if held := at_given_bound(plan, polish):
+        if held := polish.at_given_bound(plan):
             wrong.append(f"{', '.join(held)} may not go where the recording wants it")
         if wrong:  # parameters that depend on it are not reliable
             for name in set(plan.names) & set(MOTOR) - set(statuses):

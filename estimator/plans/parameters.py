@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -55,6 +56,16 @@ class Parameter:
     quantity: str = ""
 
 
+def scaled(values: FloatArray, log: BoolArray) -> FloatArray:
+    """Return values, (..., p), on their scales: logarithms where `log`, (p,)."""
+    return np.where(log, np.log(np.where(log, values, 1.0)), values)
+
+
+def unscaled(x: FloatArray, log: BoolArray) -> FloatArray:
+    """Return the values, (..., p), of scaled ones."""
+    return np.where(log, np.exp(np.where(log, x, 0.0)), x)
+
+
 class Box:
     """A box of parameters seen as the unit cube.
 
@@ -64,12 +75,17 @@ class Box:
         In the parameters' units.
     log : (d,) bool array
         Which are scaled logarithmically.
+
+    Attributes
+    ----------
+    low, high : (d,) array
+        The bounds on the parameters' scales.
     """
 
-    def __init__(self, lower: FloatArray, upper: FloatArray, log: NDArray[np.bool_]) -> None:
+    def __init__(self, lower: FloatArray, upper: FloatArray, log: BoolArray) -> None:
         self.lower, self.upper, self.log = lower, upper, log
-        self._low = self._scaled(lower)
-        self._width = self._scaled(upper) - self._low
+        self.low, self.high = scaled(lower, log), scaled(upper, log)
+        self._width = self.high - self.low
 
     @classmethod
     def of(cls, parameters: tuple[Parameter, ...]) -> Box:
@@ -85,16 +101,20 @@ class Box:
         """Number of parameters."""
         return len(self.lower)
 
+    def scaled(self, values: FloatArray) -> FloatArray:
+        """Return values, (…, d), on the parameters' scales."""
+        return scaled(values, self.log)
+
+    def unscaled(self, x: FloatArray) -> FloatArray:
+        """Return the values, (…, d), of scaled ones, inside the bounds."""
+        return np.asarray(np.clip(unscaled(x, self.log), self.lower, self.upper))
+
     def from_cube(self, u: FloatArray) -> FloatArray:
         """Map (…, d) points of the unit cube to values in the parameters' units, inside the bounds."""
-        scaled = self._low + u * self._width
-        return np.clip(np.where(self.log, np.exp(np.where(self.log, scaled, 0.0)), scaled), self.lower, self.upper)
+        return self.unscaled(self.low + u * self._width)
 
     def to_cube(self, values: FloatArray) -> FloatArray:
         """Map (…, d) values to the unit cube; values outside the bounds come to its faces."""
         inside = np.clip(values, self.lower, self.upper)
         width = np.where(self._width > 0, self._width, 1.0)
-        return np.clip((self._scaled(inside) - self._low) / width, 0.0, 1.0)
-
-    def _scaled(self, values: FloatArray) -> FloatArray:
-        return np.where(self.log, np.log(np.where(self.log, values, 1.0)), values)
+        return np.clip((self.scaled(inside) - self.low) / width, 0.0, 1.0)
