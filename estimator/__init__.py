@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from estimator.api import Result, describe_fmu, estimate_parameters, simulate_fmu
     from estimator.cases.case import Case, read_case
     from estimator.errors import InputError, SimulationError
-    from estimator.recordings.recording import read_recording, recording_from_arrays
+    from estimator.recordings.reading import read_recording, recording_from_arrays
 
 __all__ = [
     "Case",
@@ -39,8 +39,8 @@ _HOMES = {
     "describe_fmu": "api",
     "estimate_parameters": "api",
     "read_case": "cases.case",
-    "read_recording": "recordings.recording",
-    "recording_from_arrays": "recordings.recording",
+    "read_recording": "recordings.reading",
+    "recording_from_arrays": "recordings.reading",
     "simulate_fmu": "api",
 }
 

@@ -21,7 +21,8 @@ from estimator.errors import InputError, suggestion
 from estimator.estimating.progress import Progress
 from estimator.recordings.files import recordings_in
 from estimator.recordings.read_as import AS_WRITTEN, ReadAs
-from estimator.recordings.recording import Recording, recording_from_arrays
+from estimator.recordings.reading import recording_from_arrays
+from estimator.recordings.recording import Recording
 from estimator.results.named import Named
 from estimator.results.reason import places_of
 from estimator.results.result import Estimate, FloatArray

@@ -26,7 +26,8 @@ from estimator.fmus.fmu import describe
 from estimator.plans.noise_level import output_deviations
 from estimator.plans.planning import plan_case
 from estimator.recordings.filters import Chebyshev1, Coefficients, LowPass, filter_sections
-from estimator.recordings.recording import Recording, recording_from_arrays
+from estimator.recordings.reading import recording_from_arrays
+from estimator.recordings.recording import Recording
 from estimator.recordings.sensors import Sensor
 from estimator.results.result import Estimate
 

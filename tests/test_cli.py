@@ -27,7 +27,7 @@ from estimator.commands import arguments
 from estimator.errors import InputError, SimulationError
 from estimator.estimating.progress import Progress
 from estimator.fmus.fmu import FmuDescription, Variable
-from estimator.recordings.recording import read_recording
+from estimator.recordings.reading import read_recording
 
 ROOT = Path(__file__).parent.parent
 

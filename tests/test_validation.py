@@ -16,7 +16,7 @@ from estimator.errors import RecordingError
 from estimator.estimating.estimate import estimate
 from estimator.fmus.simulate import simulate
 from estimator.judging.validation import validated
-from estimator.recordings.recording import read_recording, recording_from_arrays
+from estimator.recordings.reading import read_recording, recording_from_arrays
 
 pytestmark = pytest.mark.usefixtures("shared_workers")
 
