@@ -30,6 +30,7 @@ LOADED = (
     "estimator.commands.commands",
     "estimator.commands.checking",
     "estimator.commands.demo",
+    "estimator.commands.paper_bench",
     "estimator.estimating.checkpoint",
     "estimator.estimating.estimate",
     "estimator.results.export",

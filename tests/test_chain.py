@@ -547,7 +547,7 @@ def test_corrections_that_do_not_fit_are_told(wrong_way):
     with pytest.raises(InputError, match="--scale is given twice for 'i'; leave one out"):
         main_error = ["estimate", str(wrong_way), "--scale", "i=-1", "--scale", "i=2"]
         from estimator.commands.arguments import parse
-        from estimator.commands.commands import estimate
+        from estimator.commands.estimation import estimate
 
         estimate(parse(main_error))
 

@@ -9,9 +9,9 @@ import pytest
 
 from estimator.cases.case import case_for_recording
 from estimator.cli import main
-from estimator.commands.commands import csv_bytes
-from estimator.commands.demo import NOMINAL
+from estimator.commands.csv_text import csv_bytes
 from estimator.commands.drive import instants
+from estimator.commands.paper_bench import NOMINAL
 from estimator.errors import RecordingError
 from estimator.estimating.estimate import estimate
 from estimator.fmus.simulate import simulate

@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Sequence
 from difflib import get_close_matches
+from importlib import import_module
 from typing import Any, NoReturn
 
 from estimator.commands.argument_values import (
@@ -117,6 +118,7 @@ def _add_demo(commands: Any) -> None:
 Emulate the paper's bench (Mavilor CML-050 through the bundled FMU, a step of 10.5 V, noise), estimate
 the motor from that recording, and write recording.csv and all results to a folder.""",
         [f"{PROGRAM} demo", f"{PROGRAM} demo -o my-demo", f"{PROGRAM} demo --paper-figures -o figures"],
+        module="demo",
     )
     demo.add_argument(
         "-o",
@@ -152,6 +154,7 @@ Exit status: 0 an estimate, ok or doubtful; 1 refused or failed; 2 bad input."""
             f"{PROGRAM} estimate step.csv --fmu my_motor.fmu",
             f"{PROGRAM} estimate motor.case.toml --method paper --seed 7 --json",
         ],
+        module="estimation",
     )
     add = estimate.add_argument
     add(
@@ -290,6 +293,7 @@ and what of it is implausible. No FMU is loaded. Exit status: 0 read; 2 not, wit
             f"{PROGRAM} check run_1.csv run_2.csv --json",
             f"{PROGRAM} check step.csv -o preview",
         ],
+        module="checking",
     )
     add = check.add_argument
     add(
@@ -313,6 +317,7 @@ Exit status: 0 simulated; 2 bad input, or the FMU fails.""",
             f"{PROGRAM} simulate dc_motor --set R=1.2 --voltage-step 10.5@0.5 -o step.csv",
             f"{PROGRAM} simulate my_motor.fmu --input drive.csv --step 1e-4",
         ],
+        module="simulation",
     )
     add = simulate.add_argument
     add("fmu", type=path, metavar="FMU", help="an .fmu file or a bundled model's name")
@@ -417,6 +422,7 @@ where it stood when it is started again.""",
             f"{PROGRAM} batch line.case.toml -o monday --resume",
             f"{PROGRAM} batch cases/ --dask tcp://10.0.0.5:8786 -o study",
         ],
+        module="many",
     )
     add = batch.add_argument
     add("sources", metavar="CASE", nargs="*", help="a case file, a folder with case files, or a recording")
@@ -564,12 +570,13 @@ def _add_completion(commands: Any) -> None:
     completion.set_defaults(whole=command_line)
 
 
-def _command(commands: Any, name: str, line: str, text: str, examples: Sequence[str]) -> argparse.ArgumentParser:
-    """Return the parser of a command, which runs the function of that name in `estimator.commands.commands`."""
+def _command(
+    commands: Any, name: str, line: str, text: str, examples: Sequence[str], *, module: str = "commands"
+) -> argparse.ArgumentParser:
+    """Return the parser of a command, which runs the function of that name in a module of `estimator.commands`."""
 
     def run(args: argparse.Namespace) -> int:
-        from estimator.commands import commands as functions
-
+        functions = import_module(f"estimator.commands.{module}")
         return int(getattr(functions, name.replace("-", "_"))(args))
 
     parser: argparse.ArgumentParser = commands.add_parser(
