@@ -31,7 +31,7 @@ LOADED = (
     "estimator.commands.checking",
     "estimator.commands.demo",
     "estimator.commands.estimation",
-    "estimator.commands.many",
+    "estimator.commands.batch",
     "estimator.commands.simulation",
     "estimator.commands.paper_bench",
     "estimator.estimating.checkpoint",
