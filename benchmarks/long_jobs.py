@@ -26,7 +26,7 @@ from estimator.cases.case import Case, OutputSpec
 from estimator.estimating.estimate import estimate_by
 from estimator.fmus.simulate import simulate
 from estimator.fmus.workers import Workers
-from estimator.recordings.recording import read_recording
+from estimator.recordings.reading import read_recording
 
 ROOT = Path(__file__).resolve().parent.parent
 MOTOR = {"R": 3.1363, "K": 0.048774, "L": 0.01307, "J": 9.0e-6, "B": 1.690e-4}

@@ -10,7 +10,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.recordings.recording import Recording, recording_from_arrays
+from estimator.recordings.reading import recording_from_arrays
+from estimator.recordings.recording import Recording
 from estimator.recordings.sensors import chebyshev1_sections
 
 FloatArray = NDArray[np.float64]

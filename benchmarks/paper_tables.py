@@ -22,7 +22,8 @@ import numpy as np
 from estimator.cases.case import Case, case_for_recording
 from estimator.estimating.estimate import estimate_recordings
 from estimator.fmus.simulate import simulate
-from estimator.recordings.recording import Recording, recording_from_arrays
+from estimator.recordings.reading import recording_from_arrays
+from estimator.recordings.recording import Recording
 
 NOMINAL = {
     "RMCS2004": {"R": 0.921042, "K": 0.073472, "L": 0.007759, "J": 0.000136, "B": 0.000678},

@@ -33,7 +33,8 @@ from estimator.fmus.simulate import simulate
 from estimator.fmus.workers import Workers
 from estimator.plans.noise_level import output_deviations
 from estimator.plans.planning import plan_case
-from estimator.recordings.recording import Recording, recording_from_arrays
+from estimator.recordings.reading import recording_from_arrays
+from estimator.recordings.recording import Recording
 
 FloatArray = NDArray[np.float64]
 MODELS = Path(__file__).resolve().parent.parent / "models"

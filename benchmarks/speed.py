@@ -42,7 +42,7 @@ from estimator.fmus.fmu import describe
 from estimator.fmus.job import Experiment, Job
 from estimator.fmus.simulate import simulate
 from estimator.fmus.workers import Workers
-from estimator.recordings.recording import recording_from_arrays
+from estimator.recordings.reading import recording_from_arrays
 from estimator.stepping import layout
 from fmu_build.compiler import compile_library
 
@@ -358,7 +358,7 @@ def in_turn(rounds: int, runs: dict[str, Callable[[], object]], *, rival: str) -
 def program(rounds: int, folder: Path) -> None:
     """Print what the whole program costs, cold and warm; its modules compiled, as an installation leaves them."""
     from estimator.api import estimate_parameters
-    from estimator.recordings.recording import read_recording
+    from estimator.recordings.reading import read_recording
 
     examples = Path(__file__).resolve().parent.parent / "examples"
     for package in ("estimator", "fmu_build"):

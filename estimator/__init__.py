@@ -13,10 +13,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from estimator.api import Result, describe_fmu, estimate_parameters, simulate_fmu
+    from estimator.api import describe_fmu, estimate_parameters, simulate_fmu
     from estimator.cases.case import Case, read_case
     from estimator.errors import InputError, SimulationError
-    from estimator.recordings.recording import read_recording, recording_from_arrays
+    from estimator.recordings.reading import read_recording, recording_from_arrays
+    from estimator.results.shown_result import Result
 
 __all__ = [
     "Case",
@@ -34,13 +35,13 @@ __all__ = [
 _HOMES = {
     "Case": "cases.case",
     "InputError": "errors",
-    "Result": "api",
+    "Result": "results.shown_result",
     "SimulationError": "errors",
     "describe_fmu": "api",
     "estimate_parameters": "api",
     "read_case": "cases.case",
-    "read_recording": "recordings.recording",
-    "recording_from_arrays": "recordings.recording",
+    "read_recording": "recordings.reading",
+    "recording_from_arrays": "recordings.reading",
     "simulate_fmu": "api",
 }
 

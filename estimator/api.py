@@ -6,38 +6,26 @@ time[k + 1].
 
 from __future__ import annotations
 
-import dataclasses
 import inspect
 import logging
 import os
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, NoReturn
 
-from estimator.cases.case import Case, read_case
+from estimator.api_sources import SIGNALS, Source, case_of, recording_of_arrays
 from estimator.commands.options import reading, with_corrections, with_held_out, with_options, with_tolerances
-from estimator.commands.sources import CASE_SUFFIX, expanded
 from estimator.errors import InputError, suggestion
 from estimator.estimating.progress import Progress
 from estimator.recordings.files import recordings_in
-from estimator.recordings.read_as import AS_WRITTEN, ReadAs
-from estimator.recordings.recording import Recording, recording_from_arrays
-from estimator.results.named import Named
-from estimator.results.reason import places_of
-from estimator.results.result import Estimate, FloatArray
+from estimator.results.result import FloatArray
+from estimator.results.shown_result import Result
 
 if TYPE_CHECKING:
-    import pandas as pd
-    from matplotlib.figure import Figure
     from numpy.typing import ArrayLike
-    from scipy.signal import StateSpace
 
     from estimator.fmus.fmu import FmuDescription
 
-Table = Any  # a mapping of header → (n,) samples, or a DataFrame of pandas or polars
-Source = str | os.PathLike[str] | Case | Recording | Table
-SIGNALS = ("v", "i", "w", "angle", "load")
-ARRAYS = ("voltage [V]", "current [A]", "speed [rad/s]", "angle [rad]", "load torque [N.m]")  # headers of SIGNALS
 MEANT = {
     "voltage": "v",
     "u": "v",
@@ -49,158 +37,6 @@ MEANT = {
 } | dict.fromkeys(
     ("path", "file", "files", "filename", "csv", "data", "df", "frame", "table", "recording", "recordings"), "source"
 )
-
-
-@dataclasses.dataclass(frozen=True, repr=False)
-class Result(Estimate):
-    """An estimate that shows itself, as text and in a notebook, and writes itself.
-
-    All attributes are those of `estimator.results.result.Estimate`: ``verdict``, ``reasons``, ``parameters`` (name →
-    value, standard error, unit, bounds, status), ``chain`` (the same for what was estimated of the measurement chain:
-    delay, offsets), ``correlation``, ``rmse``, ``simulations``, ``comparisons``, …
-    """
-
-    @classmethod
-    def of(cls, estimate: Estimate) -> Result:
-        """Return an estimate as a result; a name that its mappings do not have is answered with those they do."""
-        fields = {f.name: getattr(estimate, f.name) for f in dataclasses.fields(Estimate)}
-        named = ("parameters", "chain", "derived", "rmse", "fit_percent", "noise", "sensors")
-        return cls(**{**fields, **{name: Named(fields[name]) for name in named}})
-
-    @property
-    def values(self) -> dict[str, float]:
-        """Parameter → estimate, SI units, the fixed ones included."""
-        return Named((name, parameter.value) for name, parameter in self.parameters.items())
-
-    @property
-    def standard_errors(self) -> dict[str, float | None]:
-        """Parameter → standard error, SI units; None where it is fixed or not known."""
-        return Named((name, parameter.standard_error) for name, parameter in self.parameters.items())
-
-    @property
-    def uncertainties(self) -> dict[str, float | None]:
-        """Parameter → combined standard uncertainty, SI units: the standard error and what the tolerances add."""
-        return {name: parameter.uncertainty for name, parameter in self.parameters.items()}
-
-    def to_json(self) -> str:
-        """Return the result as the command line's ``--json`` prints it."""
-        from estimator.results.report import to_json
-
-        return to_json(self)
-
-    def plot(self) -> Figure:
-        """Return the figure of measured and simulated signals and their residuals; ``.savefig(path)`` writes it.
-
-        Raises
-        ------
-        InputError
-            There is nothing to draw: the estimate was refused before anything was simulated.
-        """
-        figure = self._figure()
-        if figure is None:
-            raise InputError(f"there is nothing to plot: the estimate is {self.verdict} ({'; '.join(self.reasons)})")
-        return figure
-
-    def to_dataframe(self) -> pd.DataFrame:
-        """Return one row a quantity as pandas' DataFrame: the parameters, the measurement chain, what follows of them.
-
-        Columns: kind ("parameter", "measurement", "derived"), value, standard_error, unit (SI), lower, upper,
-        at_bound, status, reason, free; missing where a kind has no such thing.
-
-        Raises
-        ------
-        InputError
-            pandas is not installed.
-        """
-        try:
-            import pandas as pd
-        except ImportError:
-            raise InputError("to_dataframe needs pandas; install it with: pip install pandas") from None
-        columns = ("value", "standard_error", "unit", "lower", "upper", "at_bound", "status", "reason", "free")
-        rows = {}
-        for kind, found in (("parameter", self.parameters), ("measurement", self.chain), ("derived", self.derived)):
-            for name, quantity in found.items():
-                rows[name] = {"kind": kind, **{column: getattr(quantity, column, None) for column in columns}}
-        frame = pd.DataFrame.from_dict(rows, orient="index", columns=["kind", *columns])
-        return frame.rename_axis("name").astype({c: float for c in ("value", "standard_error", "lower", "upper")})
-
-    def _figure(self) -> Figure | None:
-        from estimator.results.figure_process import drawable
-        from estimator.results.plots import comparison_figure
-
-        shown = drawable(self)
-        return comparison_figure(shown, noise=self.noise, places=places_of(self.reasons)) if shown else None
-
-    def save(self, folder: str | os.PathLike[str], *, figures: Sequence[str] = ()) -> tuple[Path, ...]:
-        """Write result.json, report.html, parameters.ssv and figure.png to a folder; return their paths.
-
-        Parameters
-        ----------
-        figures : "svg", "pdf"
-            Formats of the figure besides PNG.
-
-        Raises
-        ------
-        InputError
-            The folder cannot be written.
-        """
-        from estimator.output import OutputFolder
-        from estimator.results.export import RESULT_FILES, result_files
-
-        files = result_files(self, sources=[path for path in [self.fmu.get("path")] if path], figures=figures)
-        with OutputFolder(folder) as place:
-            place.write(files, stale=RESULT_FILES)
-        return tuple(Path(folder) / name for name in files)
-
-    def export(
-        self, folder: str | os.PathLike[str], *, formats: Sequence[str] = (), fmu: str | None = None
-    ) -> tuple[Path, ...]:
-        """Write files for other tools, as the command ``export`` does; return their paths.
-
-        Parameters
-        ----------
-        formats : of "csv", "ssv", "ssp", "fmu", "matlab", "modelica", "state-space"
-            Empty: all that the FMU allows.
-        fmu : str, optional
-            The FMU, if it has moved.
-
-        Raises
-        ------
-        InputError
-            A format that was asked for cannot be made, or the folder cannot be written.
-        """
-        from estimator.output import OutputFolder
-        from estimator.results.handover_files import handover_files
-
-        files, _ = handover_files(self, formats=formats, fmu=fmu)
-        with OutputFolder(folder) as place:
-            place.write(files)
-        return tuple(Path(folder) / name for name in files)
-
-    def state_space(self) -> StateSpace:
-        """Return the motor as scipy's StateSpace: inputs v, load; states and outputs i, w.
-
-        Raises
-        ------
-        InputError
-            R, K, L, J and B are not all among the parameters.
-        """
-        from estimator.motor.state_space import state_space
-
-        return state_space(self.values)
-
-    def __repr__(self) -> str:
-        """Return the report as the command line prints it."""
-        from estimator.results.report import text_report
-
-        return text_report(self).rstrip("\n")
-
-    def _repr_html_(self) -> str:
-        from estimator.results.plots import png
-        from estimator.results.report_html import html_fragment
-
-        figure = self._figure()
-        return html_fragment(self, figure=None if figure is None else png(figure))
 
 
 def estimate_parameters(
@@ -323,7 +159,7 @@ def estimate_parameters(
     if time is not None or arrays:
         if source is not None:
             raise InputError("signals are given twice, as a source and as arrays; leave one out")
-        source = _from_arrays(time, arrays)
+        source = recording_of_arrays(time, arrays)
     if source is None:
         raise InputError("nothing to estimate from; give a recording's file, a table, or the arrays time, v, i, w")
     said = reading(
@@ -336,7 +172,7 @@ def estimate_parameters(
         counts=counts,
         supply=None if supply is None else str(supply),
     )
-    case, recordings = _case(source, said)
+    case, recordings = case_of(source, said)
     case = with_options(
         case,
         fmu=None if fmu is None else os.fspath(fmu),
@@ -443,64 +279,6 @@ def describe_fmu(fmu: str | os.PathLike[str]) -> FmuDescription:
     from estimator.fmus.fmu import describe
 
     return describe(fmu if isinstance(fmu, str) else Path(fmu))
-
-
-def _case(source: Source | Sequence[Source], said: ReadAs) -> tuple[Case, list[Recording] | None]:
-    """Return the case that is meant, and its recordings where they are in memory."""
-    if isinstance(source, Case):
-        return source, None
-    sources = list(source) if isinstance(source, (list, tuple)) else [source]
-    if not sources:
-        raise InputError("the list of recordings is empty; give one at least")
-    things: list[Path | Recording] = []
-    for thing in sources:
-        things += _recordings(thing, said, name="table" if len(sources) == 1 else f"table {len(things) + 1}")
-    if said != AS_WRITTEN and all(isinstance(thing, Recording) for thing in sources):
-        raise InputError(
-            "columns, units and the like say how files and tables are read, and a Recording is read already; say them"
-            " where it is made (arrays are in SI units)"
-        )
-    paths = [thing for thing in things if isinstance(thing, Path)]
-    cases = [path for path in paths if path.name.endswith(CASE_SUFFIX)]
-    if cases and len(things) > 1:
-        raise InputError(f"{cases[0]} is a case file; give it alone: it names its own recordings")
-    if cases:
-        return read_case(cases[0]), None
-    if len(paths) == len(things):
-        expanded([os.fspath(path) for path in paths])  # each once
-        return Case(recordings=tuple(Path(os.path.abspath(path)) for path in paths)), None
-    found = [r for thing in things for r in (recordings_in(thing, said) if isinstance(thing, Path) else [thing])]
-    named = tuple(recording.path for recording in found if recording.path is not None)
-    return Case(recordings=named if len(named) == len(found) else ()), found
-
-
-def _recordings(thing: Any, said: ReadAs, *, name: str) -> list[Path | Recording]:
-    """Return the recordings that one source means: files, or one in memory."""
-    from estimator.recordings.in_memory import is_table, recording_from_table
-
-    if isinstance(thing, Recording):
-        return [thing]
-    if is_table(thing):
-        return [recording_from_table(name, thing, said)]
-    if isinstance(thing, Case):
-        raise InputError("a Case stands for its own recordings; give it alone, or give recordings")
-    if not isinstance(thing, (str, os.PathLike)):
-        raise InputError(
-            f"{type(thing).__name__} is no recording; give a file, a DataFrame, a mapping such as"
-            ' {"time [s]": t, "voltage [V]": u, "current [A]": i}, or the arrays by name: time=, v=, i=, w='
-        )
-    path = Path(thing)
-    if path.suffix in (".toml", ".fmu") and not path.name.endswith(CASE_SUFFIX):
-        raise InputError(f"{path} is no recording; a case file's name ends in {CASE_SUFFIX}, an FMU is given as fmu=")
-    return [Path(file) for file in expanded([os.fspath(thing)])]
-
-
-def _from_arrays(time: ArrayLike | None, arrays: Mapping[str, ArrayLike]) -> Recording:
-    if time is None or not arrays:
-        missing = "the signals are" if not arrays else "time is"
-        raise InputError(f"{missing} missing; give time=, v= and i= or w=, each (n,) in SI units")
-    headers = dict(zip(SIGNALS, ARRAYS, strict=True))
-    return recording_from_arrays("arrays", time, {headers[name]: array for name, array in arrays.items()})
 
 
 def _pairs(name: str, said: Mapping[str, str] | None, example: str) -> tuple[tuple[str, str], ...]:

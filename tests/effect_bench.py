@@ -6,7 +6,7 @@ import numpy as np
 from scipy.linalg import expm
 from scipy.signal import lfilter
 
-from estimator.recordings.recording import recording_from_arrays
+from estimator.recordings.reading import recording_from_arrays
 
 R, K, L, J, B = 3.1363, 0.048774, 0.01307, 9.0e-6, 1.69e-4
 TRUE = {"R": R, "K": K, "L": L, "J": J, "B": B}

@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.recordings.headers import assumed_unit
-from estimator.recordings.recording import Recording, recording_from_arrays
+from estimator.recordings.reading import recording_from_arrays
+from estimator.recordings.recording import Recording
 from estimator.recordings.units import parse_unit
 
 FloatArray = NDArray[np.float64]

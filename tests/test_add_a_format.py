@@ -10,7 +10,7 @@ from motors import CML050, NAMES, step_recording
 from estimator.api import estimate_parameters
 from estimator.errors import RecordingError
 from estimator.recordings import formats
-from estimator.recordings.recording import read_recording
+from estimator.recordings.reading import read_recording
 
 PAGE = Path(__file__).parent.parent / "docs" / "add-a-format.md"
 

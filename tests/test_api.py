@@ -13,7 +13,7 @@ from made_estimates import estimate, with_parameter
 from test_report import check_contract, parsed
 
 import estimator
-from estimator.api import Result
+from estimator.results.shown_result import Result
 
 pytestmark = pytest.mark.usefixtures("shared_workers")
 

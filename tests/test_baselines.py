@@ -11,7 +11,7 @@ from estimator.errors import InputError
 from estimator.estimating.estimate import estimate_recordings
 from estimator.motor.integral_least_squares import integral_estimate
 from estimator.motor.steiglitz_mcbride import NoMotorError, steiglitz_mcbride
-from estimator.recordings.recording import recording_from_arrays
+from estimator.recordings.reading import recording_from_arrays
 
 pytestmark = pytest.mark.usefixtures("shared_workers")
 

@@ -10,7 +10,7 @@ from estimator.cases.case import Case, read_case
 from estimator.commands.options import with_options
 from estimator.fmus.fmu import describe
 from estimator.plans.binding import bind
-from estimator.recordings.recording import read_recording
+from estimator.recordings.reading import read_recording
 
 
 @pytest.fixture(scope="module")

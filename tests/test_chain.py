@@ -26,7 +26,8 @@ from estimator.fmus.fmu import describe
 from estimator.plans.noise_level import output_deviations
 from estimator.plans.planning import plan_case
 from estimator.recordings.filters import Chebyshev1, Coefficients, LowPass, filter_sections
-from estimator.recordings.recording import Recording, recording_from_arrays
+from estimator.recordings.reading import recording_from_arrays
+from estimator.recordings.recording import Recording
 from estimator.recordings.sensors import Sensor
 from estimator.results.result import Estimate
 
@@ -546,7 +547,7 @@ def test_corrections_that_do_not_fit_are_told(wrong_way):
     with pytest.raises(InputError, match="--scale is given twice for 'i'; leave one out"):
         main_error = ["estimate", str(wrong_way), "--scale", "i=-1", "--scale", "i=2"]
         from estimator.commands.arguments import parse
-        from estimator.commands.commands import estimate
+        from estimator.commands.estimation import estimate
 
         estimate(parse(main_error))
 

@@ -16,7 +16,7 @@ from estimator.commands.terminal import broken
 from estimator.recordings.motor_columns import motor_columns
 from estimator.recordings.preview import preview
 from estimator.recordings.read_as import ReadAs
-from estimator.recordings.recording import read_recording
+from estimator.recordings.reading import read_recording
 from estimator.recordings.understood import understood
 
 pytestmark = pytest.mark.usefixtures("shared_workers")

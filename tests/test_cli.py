@@ -23,11 +23,12 @@ import estimator.fmus.simulate
 from estimator.cases import case
 from estimator.cases.case import Case, ParameterSpec, SearchSpec
 from estimator.cli import main
-from estimator.commands import arguments
+from estimator.commands.argument_groups import KINDS
 from estimator.errors import InputError, SimulationError
 from estimator.estimating.progress import Progress
 from estimator.fmus.fmu import FmuDescription, Variable
-from estimator.recordings.recording import read_recording
+from estimator.method_names import METHODS
+from estimator.recordings.reading import read_recording
 
 ROOT = Path(__file__).parent.parent
 
@@ -639,5 +640,5 @@ def test_the_demo_does_not_write_among_other_files(calls, capsys, tmp_path):
 
 
 def test_the_methods_of_the_command_line_are_those_of_a_case_file():
-    assert case.METHODS == arguments.METHODS
-    assert case.FMI_KINDS == arguments.KINDS
+    assert case.METHODS == METHODS
+    assert case.FMI_KINDS == KINDS

@@ -9,11 +9,14 @@ import pytest
 import shtab
 
 from estimator.cli import main
-from estimator.commands import arguments, completion
+from estimator.commands import completion
+from estimator.commands.arguments import command_line
+from estimator.commands.result_arguments import SHELLS
+from estimator.method_names import METHODS
 
 
 def script(shell: str) -> str:
-    return completion.completion(arguments.command_line(), shell)
+    return completion.completion(command_line(), shell)
 
 
 def bash_completes(line: str, *, cwd: Path) -> set[str]:
@@ -36,7 +39,7 @@ def test_bash_completes_commands_options_their_words_and_files(tmp_path):
     assert {"demo", "estimate", "export"} <= bash_completes("fmu-estimator ", cwd=tmp_path)
     assert bash_completes("fmu-estimator --v", cwd=tmp_path) == {"--version"}
     assert bash_completes("fmu-estimator estimate --me", cwd=tmp_path) == {"--method"}
-    assert bash_completes("fmu-estimator estimate --method ", cwd=tmp_path) == set(arguments.METHODS)
+    assert bash_completes("fmu-estimator estimate --method ", cwd=tmp_path) == set(METHODS)
     assert bash_completes("fmu-estimator export out --format m", cwd=tmp_path) == {"matlab", "modelica"}
     assert bash_completes("fmu-estimator estimate st", cwd=tmp_path) == {"step.csv"}
     assert bash_completes("fmu-estimator estimate a --validate st", cwd=tmp_path) == {"step.csv"}
@@ -59,6 +62,6 @@ def test_other_shells_read_the_script(shell, tmp_path):
 
 
 def test_the_command_prints_the_script(capsys):
-    assert set(arguments.SHELLS) <= set(shtab.SUPPORTED_SHELLS)
+    assert set(SHELLS) <= set(shtab.SUPPORTED_SHELLS)
     assert main(["completion", "bash"]) == 0
     assert capsys.readouterr().out == script("bash")

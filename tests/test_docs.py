@@ -148,7 +148,7 @@ def test_the_current_loop_crosses_where_it_was_designed_to_and_the_speed_loop_to
 def test_the_possible_motors_lie_on_the_ellipsoid_of_the_estimate(example):
     from made_estimates import MOTOR, estimate
 
-    from estimator.api import Result
+    from estimator.results.shown_result import Result
 
     result = Result.of(estimate())
     motors = example.possible_motors(result, np.random.default_rng(2))

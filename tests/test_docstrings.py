@@ -23,4 +23,4 @@ def test_the_examples_of_a_module_run(name, monkeypatch):
 
 
 def test_the_public_functions_have_examples():
-    assert {"estimator", "estimator.api", "estimator.recordings.recording"} <= set(MODULES)
+    assert {"estimator", "estimator.api", "estimator.recordings.reading"} <= set(MODULES)

@@ -40,7 +40,7 @@ def ran(script, folder, *, before):
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="SIGINT to a process is POSIX")
-@pytest.mark.parametrize("module", ["estimator.cli", "argparse", "estimator.commands.commands", "numpy", "fmpy"])
+@pytest.mark.parametrize("module", ["estimator.cli", "argparse", "estimator.commands.estimation", "numpy", "fmpy"])
 def test_ctrl_c_while_the_program_is_loaded_ends_in_one_sentence(tmp_path, module):
     script = SCRIPT.format(module=module, recording=str(ROOT / "examples" / "cml050_step.csv"))
     run = ran(script, tmp_path, before=takes_interrupts)

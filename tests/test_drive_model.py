@@ -16,7 +16,7 @@ from estimator.cases.case import Case
 from estimator.commands.drive import instants
 from estimator.estimating.estimate import estimate_recordings
 from estimator.fmus.simulate import simulate
-from estimator.recordings.recording import recording_from_arrays
+from estimator.recordings.reading import recording_from_arrays
 
 OUTPUTS = ("i", "w", "angle")
 MOTOR = {"R": 3.1363, "K": 0.048774, "L": 0.01307, "J": 9e-6, "B": 1.69e-4}

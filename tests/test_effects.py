@@ -15,7 +15,7 @@ from estimator.cases.case_signals import RunSpec
 from estimator.estimating.estimate import estimate_recordings
 from estimator.fitting.effects import EFFECTS
 from estimator.fitting.selection import MOST_ADDITIONS, Addition, Explanation, is_full
-from estimator.recordings.recording import read_recording, recording_from_arrays
+from estimator.recordings.reading import read_recording, recording_from_arrays
 
 pytestmark = pytest.mark.usefixtures("shared_workers")
 

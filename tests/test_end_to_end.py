@@ -17,7 +17,7 @@ from fmpy.ssp.ssd import read_ssv
 from interrupts import takes_interrupts
 from test_report import check_contract
 
-from estimator.recordings.recording import read_recording
+from estimator.recordings.reading import read_recording
 
 MOTOR = {"R": 3.1363, "K": 0.048774, "L": 0.01307, "J": 9.0e-6, "B": 1.690e-4}  # the paper, Tables III and IV
 SETTINGS = [word for name, value in MOTOR.items() for word in ("--set", f"{name}={value!r}")]

@@ -285,6 +285,6 @@ def test_what_cannot_be_exported_is_told_in_one_sentence(tmp_path, capsys, conte
 
 
 def test_the_command_line_offers_the_formats_there_are():
-    from estimator.commands import arguments
+    from estimator.commands.result_arguments import FORMATS
 
-    assert arguments.FORMATS == handover_files.FORMATS
+    assert FORMATS == handover_files.FORMATS

@@ -10,11 +10,11 @@ from made_estimates import estimate
 from test_recording_files import CURRENT, RPM, TIME, N, V, check
 
 import estimator
-from estimator.api import Result
 from estimator.errors import RecordingError
 from estimator.recordings.in_memory import recording_from_table
 from estimator.recordings.read_as import ReadAs
 from estimator.results.report import derived_rows
+from estimator.results.shown_result import Result
 
 pytestmark = pytest.mark.usefixtures("shared_workers")
 

@@ -11,7 +11,7 @@ from estimator.cases.init_case import case_text
 from estimator.cli import main
 from estimator.estimating.estimate import estimate
 from estimator.fmus.fmu import describe
-from estimator.recordings.recording import read_recording
+from estimator.recordings.reading import read_recording
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,7 @@ from estimator.errors import RecordingError
 from estimator.recordings.files import recordings_in
 from estimator.recordings.motor_columns import motor_columns
 from estimator.recordings.read_as import ReadAs
-from estimator.recordings.recording import read_recording
+from estimator.recordings.reading import read_recording
 from estimator.recordings.understood import understood
 
 N = 60

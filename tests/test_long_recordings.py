@@ -13,7 +13,7 @@ from estimator.fmus.simulate import simulate
 from estimator.fmus.workers import Workers
 from estimator.plans.part import LONG, part_of
 from estimator.plans.planning import plan_case
-from estimator.recordings.recording import recording_from_arrays
+from estimator.recordings.reading import recording_from_arrays
 
 pytestmark = pytest.mark.usefixtures("shared_workers")
 

@@ -10,7 +10,7 @@ import pytest
 
 from estimator.errors import RecordingError
 from estimator.recordings.motor_columns import motor_columns
-from estimator.recordings.recording import read_recording
+from estimator.recordings.reading import read_recording
 
 N, STEP = 200, 0.005
 T = np.arange(N) * STEP

@@ -10,7 +10,7 @@ import pytest
 
 import fmu_build
 from estimator.cases.case import Case, read_case
-from estimator.commands.commands import csv_bytes
+from estimator.commands.csv_text import csv_bytes
 from estimator.commands.drive import instants
 from estimator.estimating.estimate import estimate
 from estimator.fmus.simulate import simulate

@@ -12,7 +12,7 @@ from estimator.estimating.estimate import estimate_recordings
 from estimator.recordings.motor_columns import motor_columns
 from estimator.recordings.plausibility import implausible
 from estimator.recordings.preview import preview
-from estimator.recordings.recording import recording_from_arrays
+from estimator.recordings.reading import recording_from_arrays
 
 pytestmark = pytest.mark.usefixtures("shared_workers")
 

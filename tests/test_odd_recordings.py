@@ -15,7 +15,8 @@ from estimator.estimating.estimate import estimate_recordings
 from estimator.fmus.fmu import describe
 from estimator.judging.validation import validated
 from estimator.plans.planning import plan_case
-from estimator.recordings.recording import Recording, recording_from_arrays
+from estimator.recordings.reading import recording_from_arrays
+from estimator.recordings.recording import Recording
 
 pytestmark = pytest.mark.usefixtures("shared_workers")
 

@@ -8,7 +8,7 @@ import pytest
 from estimator.cases.case import Case, OutputSpec, ParameterSpec
 from estimator.estimating.estimate import estimate_recordings
 from estimator.motor.integral_least_squares import speed_estimate
-from estimator.recordings.recording import read_recording
+from estimator.recordings.reading import read_recording
 
 pytestmark = pytest.mark.usefixtures("shared_workers")
 

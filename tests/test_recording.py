@@ -18,12 +18,8 @@ from estimator.errors import RecordingError
 from estimator.recordings.delimited import CHUNK
 from estimator.recordings.headers import assumed_unit
 from estimator.recordings.motor_columns import motor_columns
-from estimator.recordings.recording import (
-    MIN_SAMPLES,
-    Recording,
-    read_recording,
-    recording_from_arrays,
-)
+from estimator.recordings.reading import read_recording, recording_from_arrays
+from estimator.recordings.recording import MIN_SAMPLES, Recording
 from estimator.recordings.units import parse_unit
 
 N = 40

@@ -10,7 +10,7 @@ import pytest
 from test_recording_files import CURRENT, RPM, TIME, N, V, W
 
 from estimator.errors import RecordingError
-from estimator.recordings.recording import read_recording
+from estimator.recordings.reading import read_recording
 
 HEADER = ["time [s]", "voltage [V]", "current [A]", "speed [rpm]"]
 ROWS = [list(row) for row in zip(TIME.tolist(), V.tolist(), CURRENT.tolist(), RPM.tolist(), strict=True)]

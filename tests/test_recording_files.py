@@ -12,7 +12,8 @@ from estimator.errors import RecordingError
 from estimator.recordings.columns import Signal, on_one_clock
 from estimator.recordings.headers import parse_header
 from estimator.recordings.motor_columns import motor_columns
-from estimator.recordings.recording import Recording, read_recording
+from estimator.recordings.reading import read_recording
+from estimator.recordings.recording import Recording
 
 N = 60
 TIME = np.arange(N) * 1e-3  # s

@@ -7,7 +7,7 @@ from foreign_fmus import foreign_fmu
 from estimator.api import simulate_fmu
 from estimator.cli import main
 from estimator.commands.drive import instants
-from estimator.recordings.recording import read_recording
+from estimator.recordings.reading import read_recording
 
 DRIVE = ["--voltage-step", "10.5@0.01", "--stop", "0.05", "--set", "motor.La=0.02", "--set", "motor.Jm=2e-5"]
 

@@ -18,7 +18,7 @@ from estimator.batches.batch_table import csv_of
 from estimator.cli import interrupt_again
 from estimator.errors import InputError, RecordingError
 from estimator.output import OutputFolder
-from estimator.recordings.recording import read_recording
+from estimator.recordings.reading import read_recording
 from estimator.recordings.time_grid import sampling_clock
 from estimator.results.handover import csv_table
 from estimator.results.spreadsheet_cells import harmless

@@ -6,7 +6,7 @@ from motors import CML050, NAMES, step_recording
 
 from estimator.errors import RecordingError
 from estimator.estimating.estimate import estimate_recordings
-from estimator.recordings.recording import recording_from_arrays
+from estimator.recordings.reading import recording_from_arrays
 from estimator.recordings.turns import is_countable, starts_again, with_turns
 
 pytestmark = pytest.mark.usefixtures("shared_workers")

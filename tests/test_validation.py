@@ -9,14 +9,14 @@ import pytest
 
 from estimator.cases.case import case_for_recording
 from estimator.cli import main
-from estimator.commands.commands import csv_bytes
-from estimator.commands.demo import NOMINAL
+from estimator.commands.csv_text import csv_bytes
 from estimator.commands.drive import instants
+from estimator.commands.paper_bench import NOMINAL
 from estimator.errors import RecordingError
 from estimator.estimating.estimate import estimate
 from estimator.fmus.simulate import simulate
 from estimator.judging.validation import validated
-from estimator.recordings.recording import read_recording, recording_from_arrays
+from estimator.recordings.reading import read_recording, recording_from_arrays
 
 pytestmark = pytest.mark.usefixtures("shared_workers")
 

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from estimator.batches.case_worker import Task
 from estimator.cases.case import Case, OutputSpec
 from estimator.errors import InputError
-from estimator.recordings.recording import Recording, recording_from_arrays
+from estimator.recordings.reading import recording_from_arrays
+from estimator.recordings.recording import Recording
 from estimator.results.result import Comparison, Estimate
 
 FloatArray = NDArray[np.float64]

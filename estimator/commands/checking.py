@@ -11,13 +11,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from estimator.cases.expansion import told_apart
-from estimator.commands.options import unique
+from estimator.commands.options import reading_of, unique
 from estimator.commands.sources import recordings_of
 from estimator.commands.terminal import OK, say, say_lines
 from estimator.errors import InputError
 from estimator.recordings.files import recordings_in
 from estimator.recordings.preview import MOST_LEVELS, Preview, preview, preview_mapping
-from estimator.recordings.read_as import ReadAs
 from estimator.recordings.understood import how_to_overrule
 
 if TYPE_CHECKING:
@@ -26,12 +25,12 @@ if TYPE_CHECKING:
 UNITS = {"v": "V", "i": "A", "w": "rad/s", "angle": "rad", "load": "N.m"}
 
 
-def check_files(args: argparse.Namespace, read_as: ReadAs) -> int:
-    """Show what is read of each file; return the exit status."""
+def check(args: argparse.Namespace) -> int:
+    """Show what is read of recordings, before any FMU."""
     for file in args.files:
         if file.endswith((".fmu", ".toml")):
             raise InputError(f"{file} is no recording; check looks at recordings alone, inspect at FMUs")
-    scale = unique(args.scale, option="--scale")
+    scale, read_as = unique(args.scale, option="--scale"), reading_of(args)
     with recordings_of(args.files, command="check") as paths:
         read = [
             replace(r, name=own + r.name.removeprefix(path.stem))

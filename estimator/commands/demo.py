@@ -1,35 +1,63 @@
-"""The paper's bench, emulated: its motor through the bundled FMU, its voltage step, white noise on what is measured.
-
-Knows no estimation. Source: Rodríguez-Abreo et al., IEEE Access 2021, doi 10.1109/ACCESS.2021.3078578, section IV and
-Table III; the noise is that of the bench of section V.
-"""
+"""The command `demo`: the paper's bench emulated and its motor estimated, or the paper's figures drawn."""
 
 from __future__ import annotations
 
-import numpy as np
+import argparse
+import dataclasses
+import sys
 
-from estimator.commands.drive import instants, stepped_voltage
-from estimator.results.result import FloatArray
-
-MOTOR = "Mavilor CML-050"
-NOMINAL = {"R": 3.1363, "K": 0.048774, "L": 0.01307, "J": 9.0e-6, "B": 1.690e-4}  # Ohm, V.s/rad, H, kg.m2, N.m.s/rad
-VOLTAGE, STEP_AT, STOP, STEP = 10.5, 0.5, 2.8, 1e-3  # V, s, s, s
-NOISE = {"i": 0.02, "w": 1.0}  # A, rad/s; standard deviations
-NOISE_SEED = 1
+from estimator.commands.answer import status, text_of, write_results
+from estimator.commands.csv_text import csv_bytes
+from estimator.commands.estimation import estimated
+from estimator.commands.terminal import OK, say, say_lines
+from estimator.errors import InputError
+from estimator.output import OutputFolder
 
 
-def emulated_recording(*, seed: int = NOISE_SEED) -> dict[str, FloatArray]:
-    """Return what the bench would have recorded: column header → samples, shape (2801,), time first."""
-    from estimator.fmus.simulate import simulate
+def demo(args: argparse.Namespace) -> int:
+    """Emulate the paper's bench, estimate its motor from the recording, and write everything to a folder."""
+    if args.paper_figures:
+        return _paper_figures(args)
+    if args.nests or args.iterations:
+        raise InputError("--nests and --iterations are those of --paper-figures; give that too, or leave them out")
+    from estimator.results.export import RESULT_FILES
 
-    times = instants(stop=STOP, step=STEP)
-    voltage = stepped_voltage(times, level=VOLTAGE, at=STEP_AT)
-    outputs = simulate("dc_motor", parameters=NOMINAL, inputs={"v": voltage}, times=times)
-    rng = np.random.default_rng(seed)
-    measured = {name: outputs[name] + sigma * rng.standard_normal(len(times)) for name, sigma in NOISE.items()}
-    return {
-        "time [s]": times,
-        "voltage [V]": voltage,
-        "current [A]": measured["i"],
-        "speed [rad/s]": measured["w"],
-    }
+    with OutputFolder(args.output, own=("recording.csv", *RESULT_FILES)) as folder:
+        from estimator.cases.case import ParameterSpec, case_for_recording
+        from estimator.commands import paper_bench as bench
+
+        recording = folder.path / "recording.csv"
+        columns = bench.emulated_recording()
+        folder.write({recording.name: csv_bytes(columns)})
+        say_lines(
+            f"The paper's bench, emulated: {bench.MOTOR}, {bench.VOLTAGE} V at {bench.STEP_AT} s, "
+            f"{bench.STOP} s at {1 / bench.STEP:.0f} Hz, with noise.\n\n"
+        )
+        case = case_for_recording(recording)
+        nominal = {name: ParameterSpec(name, nominal=value) for name, value in bench.NOMINAL.items()}
+        case = dataclasses.replace(case, parameters=nominal)
+        result = estimated(case, workers=None, quiet=args.quiet, profile=True)
+        try:
+            say(text_of(result, folder=args.output))
+        finally:
+            write_results(folder, result, case, command=f"fmu-estimator estimate {recording}")
+        say_lines(f"\nWritten to {folder.path}: {', '.join(sorted(p.name for p in folder.path.iterdir()))}\n")
+    return status(result)
+
+
+def _paper_figures(args: argparse.Namespace) -> int:
+    """Draw the paper's figures and write them to a folder."""
+    names = {f"figure{number}.{kind}" for number in range(3, 11) for kind in ("png", "svg", "pdf")}
+    with OutputFolder(args.output, own=names) as folder:
+        from estimator.commands.paper_figures import paper_figures
+        from estimator.results.plots import rendered
+
+        def tell(sentence: str) -> None:
+            if not args.quiet:
+                print(sentence, file=sys.stderr, flush=True)
+
+        paper = paper_figures(nests=args.nests, iterations=args.iterations, tell=tell)
+        for number, figure in paper.figures.items():
+            folder.write({f"figure{number}.{kind}": rendered(figure, kind) for kind in ("png", "svg", "pdf")})
+        say("\n".join(paper.lines) + f"\n\nWritten to {folder.path}: figures 3 to 10, each as PNG, SVG and PDF\n")
+    return OK

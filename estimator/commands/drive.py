@@ -10,7 +10,7 @@ import numpy as np
 
 from estimator.errors import FmuError, RecordingError, suggestion
 from estimator.recordings.motor_columns import motor_columns
-from estimator.recordings.recording import read_recording
+from estimator.recordings.reading import read_recording
 from estimator.results.result import FloatArray
 
 if TYPE_CHECKING:

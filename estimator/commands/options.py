@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import dataclasses
 import os
 from collections.abc import Mapping, Sequence
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     from estimator.fmus.fmu import FmuDescription
 
 SIGNALS = ("v", "i", "w", "angle", "load", "time")  # that a column can be
+READING = ("column", "unit", "rate", "test", "motor", "per_turn", "counts", "supply")
 T = TypeVar("T")
 
 
@@ -142,6 +144,11 @@ def reading(
         counts=counts,
         supply=supply,
     )
+
+
+def reading_of(args: argparse.Namespace) -> ReadAs:
+    """Return what the arguments of a command say of how its files are to be read."""
+    return reading(**{name: getattr(args, name) for name in READING})
 
 
 def with_held_out(case: Case, files: Sequence[str | os.PathLike[str]], *, fitted: int) -> Case:

@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimator.cases.case import Case, SearchSpec
-from estimator.commands.demo import NOMINAL, STEP, STEP_AT, STOP, VOLTAGE, emulated_recording
 from estimator.commands.drive import instants, stepped_voltage
-from estimator.recordings.recording import recording_from_arrays
+from estimator.commands.paper_bench import NOMINAL, STEP, STEP_AT, STOP, VOLTAGE, emulated_recording
+from estimator.recordings.reading import recording_from_arrays
 from estimator.results.plots import INPUT, MEASURED, RESIDUAL, SIMULATED, finish
 from estimator.results.result import Estimate, FloatArray
 

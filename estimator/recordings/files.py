@@ -9,7 +9,8 @@ from estimator.recordings.headers import motors_named, parse_header
 from estimator.recordings.made_columns import with_made_columns
 from estimator.recordings.motor_columns import motor_columns
 from estimator.recordings.read_as import AS_WRITTEN, ReadAs
-from estimator.recordings.recording import Recording, read_recordings
+from estimator.recordings.reading import read_recordings
+from estimator.recordings.recording import Recording
 from estimator.recordings.sysid_json import is_json, read_sysid
 
 HEAD, HEADER_LINES = 1 << 14, 60  # of a file of text: bytes and lines within which its header stands

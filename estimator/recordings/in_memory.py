@@ -12,7 +12,8 @@ from estimator.recordings.columns import Columns
 from estimator.recordings.headers import parse_header, role_of
 from estimator.recordings.made_columns import with_made_columns
 from estimator.recordings.read_as import AS_WRITTEN, ReadAs
-from estimator.recordings.recording import Recording, recording_from_columns
+from estimator.recordings.reading import recording_from_columns
+from estimator.recordings.recording import Recording
 from estimator.recordings.units import FloatArray
 
 

@@ -21,7 +21,8 @@ import numpy as np
 
 from estimator.errors import RecordingError
 from estimator.recordings.read_as import ReadAs
-from estimator.recordings.recording import MIN_SAMPLES, Recording, recording_from_arrays
+from estimator.recordings.reading import recording_from_arrays
+from estimator.recordings.recording import MIN_SAMPLES, Recording
 from estimator.recordings.units import FloatArray
 
 TESTS = ("slow-forward", "slow-backward", "fast-forward", "fast-backward")

@@ -1,0 +1,153 @@
+"""A file's columns made a recording: checked, in SI, on their clock. Knows no file format."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from estimator.errors import RecordingError
+from estimator.recordings.headers import Header, assumed_unit, role_of
+from estimator.recordings.raw_table import RawTable
+from estimator.recordings.read_as import ReadAs
+from estimator.recordings.recording import MIN_SAMPLES, Recording
+from estimator.recordings.tests_in_file import asked_test
+from estimator.recordings.time_column import time_column
+from estimator.recordings.time_grid import Clock, sampling_clock
+from estimator.recordings.units import FloatArray
+
+LARGEST = 1e10  # in any unit: no sensor shows more, nor a counter of 32 bits
+DATED = 1e8  # s: a clock that begins later, some three years, counts from a date; it is told from its first row on
+LARGEST_TIME = 1e20  # likewise: a clock shows up to 2e18 ns since 1970
+MOST_LEFT_OUT = 2  # rows at the start, of wrong stamps
+
+
+def recording_of(raw: RawTable, read_as: ReadAs) -> Recording:
+    """Check the columns, convert them to SI, and put them on their clock."""
+    name = raw.name
+    if read_as.rate is not None:
+        times = np.arange(len(raw.columns[0]), dtype=np.float64) / read_as.rate
+        raw = replace(raw, texts=[*raw.texts, "time [s]"], columns=[*raw.columns, times], half_digit=None)
+    if read_as.test is not None:
+        raw, name = asked_test(raw, read_as), f"{raw.name} {read_as.test}"
+    left_out = _first_rows(raw, read_as)
+    raw = raw.rows(left_out, len(raw.columns[0])) if left_out else raw
+    columns, where, place = raw.columns, raw.where, raw.place
+    headers, given = read_as.headers(raw.texts, where=where)
+    written = [header.text for header in headers]
+    for text in written:
+        if written.count(text) > 1:
+            raise RecordingError(f"{where}: two columns are called {text!r}; give each its own name")
+    clock, time_unit = time_column(headers, where, read_as)
+    names = [header.name for header in headers]
+    names = [h.text if names.count(h.name) > 1 else h.name for h in headers]
+    unreadable = _unreadable(raw, names, clock, read_as)
+    time = time_unit.to_si(columns[clock])
+    if np.isnan(time).any():
+        raise RecordingError(f"{place(int(np.argmax(np.isnan(time))))}: time is empty; every row needs its time")
+    if time.size < MIN_SAMPLES:
+        raise RecordingError(f"{raw.file} has {time.size} samples; at least {MIN_SAMPLES} are needed")
+    seconds_per_unit, half_digit = time_unit.numerator / time_unit.denominator, raw.half_digit
+    ticks = sampling_clock(
+        time,
+        place=place,
+        half_digit=None if half_digit is None else lambda: half_digit(clock, seconds_per_unit),
+    )
+    signals, units = {}, {}
+    for j, (column, header) in enumerate(zip(names, headers, strict=True)):
+        if j == clock:
+            continue
+        unit = header.unit or (assumed_unit(header.name) if header.unit_text is None else None)
+        units[column] = unit.si if unit else ("" if header.unit_text is None else "?")
+        if j not in unreadable:
+            signals[column] = _on_clock(unit.to_si(columns[j]) if unit else columns[j], ticks)
+    origin = float(ticks.time[0]) if abs(ticks.time[0]) > DATED else 0.0
+    shown = ticks.time
+    if origin:
+        shown = np.asarray(np.arange(shown.size) * ticks.step if ticks.even else shown - origin, dtype=np.float64)
+    places = {role: j for role, j in read_as.places(headers, where=raw.file).items() if role != "time"}
+    return Recording(
+        name=name,
+        path=raw.path,
+        time=shown,
+        origin=origin,
+        step=ticks.step,
+        signals=signals,
+        units=units,
+        headers={
+            n: _header_text(h, j in given) for j, (n, h) in enumerate(zip(names, headers, strict=True)) if j != clock
+        },
+        assumed_units=tuple(n for n, h in zip(names, headers, strict=True) if h.unit_text is None and role_of(h.name)),
+        unreadable={names[j]: told for j, told in unreadable.items()},
+        even=ticks.even,
+        missing_rows=ticks.time.size - time.size,
+        left_out=left_out,
+        clock=_header_text(headers[clock], clock in given),
+        given_units=tuple("time" if j == clock else names[j] for j in sorted(given)),
+        roles={role: names[j] for role, j in places.items()},
+    )
+
+
+def _first_rows(raw: RawTable, read_as: ReadAs) -> int:
+    """Return how many rows at the start are stamped no earlier than what follows: a logger's first stamps often are."""
+    headers, _ = read_as.headers(raw.texts, where=raw.where)
+    clock, _ = time_column(headers, raw.where, read_as)
+    time = raw.columns[clock]
+    falls = np.flatnonzero(np.diff(time) <= 0) + 1
+    return int(falls[-1]) if len(falls) and falls[-1] <= MOST_LEFT_OUT and time.size > MIN_SAMPLES + 2 else 0
+
+
+def _unreadable(raw: RawTable, names: Sequence[str], clock: int, read_as: ReadAs) -> dict[int, str]:
+    """Return columns that cannot be used, and what is wrong with them; of columns by number only those that are meant.
+
+    Raises
+    ------
+    RecordingError
+        It is the time, or a column of numbers with a cell that is none.
+    """
+    bad, held, columns = raw.bad, raw.texts_in, raw.columns
+
+    def not_a_number(j: int) -> str:
+        if j in held:
+            return f"{raw.file}: column {names[j]!r} holds {held[j]}, not numbers; export it as numbers"
+        remedy = "every row needs its time" if j == clock else "leave the cell of a missing sample empty"
+        return f"{raw.file} line {bad[j].line}: {names[j]} is not a number ({bad[j].text!r}); {remedy}"
+
+    numbers = [not np.isnan(column).all() for column in columns]
+    meant = {f"column {number}" for number in read_as.columns.values()} if read_as.by_number else set(names)
+    broken = [
+        j for j in bad if (numbers[j] and names[j] in meant) or j == clock
+    ]  # a column of nothing but text harms nobody until it is used
+    if broken:
+        raise RecordingError(not_a_number(min(broken, key=lambda j: bad[j].line)))
+    found = {}
+    for j, column in enumerate(columns):
+        if (k := _huge(column, LARGEST_TIME if j == clock else LARGEST)) is not None:
+            sample = f"{raw.place(k)}: {names[j]} is {float(column[k]):g}"
+            found[j] = f"{sample}, which nothing measures; leave the cell of a missing sample empty"
+    if clock not in found and clock in held:
+        found[clock] = not_a_number(clock)
+    if clock in found:
+        raise RecordingError(found[clock])
+    return found | {j: not_a_number(j) for j in (*bad, *held)}
+
+
+def _on_clock(column: FloatArray, clock: Clock) -> FloatArray:
+    """Return samples, (n,), on their clock's grid, NaN where it has a row that the file lacks."""
+    if clock.rows is None:
+        return column
+    spread = np.full(clock.time.size, np.nan)
+    spread[clock.rows] = column
+    return spread
+
+
+def _header_text(header: Header, given: bool) -> str:
+    """Return a header as written, but with the unit that the user said."""
+    return f"{header.name} [{header.unit_text}]" if given else header.text
+
+
+def _huge(column: FloatArray, largest: float) -> int | None:
+    """Return the first sample that is too large to be one."""
+    above = np.abs(column) > largest
+    return int(np.argmax(above)) if above.any() else None

@@ -1,0 +1,150 @@
+"""What a file holds before anything is made of it: headers, columns, cells that are no numbers. Knows no SI unit."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from estimator.errors import RecordingError
+from estimator.recordings.clock_text import seconds_since_first
+from estimator.recordings.columns import Columns
+from estimator.recordings.delimited import BadCell, HeaderRules, read_table
+from estimator.recordings.formats import read_columns
+from estimator.recordings.headers import parse_header, role_of
+from estimator.recordings.read_as import ReadAs
+from estimator.recordings.recording import MIN_SAMPLES
+from estimator.recordings.time_column import is_header, no_time, time_column
+from estimator.recordings.time_grid import half_last_digit
+from estimator.recordings.units import FloatArray, parse_unit
+
+
+@dataclass(frozen=True, eq=False)
+class RawTable:
+    """What a file holds, before anything is made of it."""
+
+    name: str
+    path: Path | None
+    texts: list[str]  # headers
+    columns: list[FloatArray]
+    where: str  # the header
+    place: Callable[[int], str]
+    bad: Mapping[int, BadCell] = field(default_factory=dict)
+    texts_in: Mapping[int, str] = field(default_factory=dict)
+    half_digit: Callable[[int, float], FloatArray] | None = None
+    text: Callable[[int], Iterator[str]] | None = None  # column → its cells as written
+
+    @property
+    def file(self) -> str:
+        """What messages call it."""
+        return self.path.name if self.path else self.name
+
+    def rows(self, first: int, last: int) -> RawTable:
+        """Return the rows from one to before another."""
+        half, place = self.half_digit, self.place
+        return replace(
+            self,
+            columns=[column[first:last] for column in self.columns],
+            place=lambda k: place(k + first),
+            half_digit=None if half is None else lambda j, factor: half(j, factor)[first:last],
+        )
+
+
+def raw_table(path: Path, read_as: ReadAs) -> RawTable:
+    """Read a file, of whatever kind."""
+    columns = read_columns(path)
+    if columns is None:
+        return _read_text(path, read_as)
+    return raw_columns(path.stem, columns, path)
+
+
+def raw_columns(name: str, columns: Columns, path: Path | None) -> RawTable:
+    """Return columns as what a file holds."""
+    where = path.name if path else name
+    check_finite(where, columns.headers, columns.columns)
+    texts = {j: columns.texts[header] for j, header in enumerate(columns.headers) if header in columns.texts}
+    return RawTable(
+        name,
+        path,
+        list(columns.headers),
+        list(columns.columns),
+        where=where,
+        place=lambda k: f"{where} sample {k}",
+        texts_in=texts,
+    )
+
+
+def check_finite(where: str, texts: Sequence[str], columns: Sequence[FloatArray]) -> None:
+    """Raise a RecordingError where a sample is infinite."""
+    for text, column in zip(texts, columns, strict=True):
+        if np.isinf(column).any():
+            k = int(np.argmax(np.isinf(column)))
+            raise RecordingError(f"{where} sample {k}: {text!r} is infinite; use NaN for a missing sample")
+
+
+def _read_text(path: Path, read_as: ReadAs) -> RawTable:
+    rules = HeaderRules(
+        is_header=functools.partial(is_header, read_as=read_as),
+        is_units=_are_units,
+        complain=functools.partial(no_time, read_as=read_as),
+        is_bare=read_as.by_number,
+    )
+    table = read_table(path, rules)
+    texts = list(table.header)
+    if table.units is not None:
+        for j, unit in enumerate(table.units[: len(texts)]):
+            if unit.strip("[]() ") and parse_header(texts[j]).unit_text is None:
+                texts[j] = f"{texts[j]} [{unit.strip('[]() ')}]"
+
+    def place(k: int) -> str:
+        return f"{path.name} line {table.line[k]}"
+
+    where = path.name if read_as.by_number else f"{path.name} line {table.header_line}"
+    keep = [j for j, text in enumerate(texts) if text or not np.isnan(table.columns[j]).all() or j in table.bad]
+    columns, bad, half_digits = list(table.columns), dict(table.bad), {}
+    for j in keep:
+        header = parse_header(texts[j])
+        if j in bad and role_of(header.name) == "time" and (seconds := seconds_since_first(table.text(j))) is not None:
+            columns[j], half_digits[j] = seconds
+            texts[j] = f"{header.name} [s]"
+            del bad[j]
+
+    def half_digit(new: int, factor: float) -> FloatArray:
+        if keep[new] in half_digits:
+            return np.full(len(table.line), half_digits[keep[new]])
+        return factor * half_last_digit(table.text(keep[new]), len(table.line))
+
+    raw = RawTable(
+        path.stem,
+        path,
+        [texts[j] or f"column {j + 1}" for j in keep],
+        [columns[j] for j in keep],
+        where=where,
+        place=place,
+        bad={new: bad[j] for new, j in enumerate(keep) if j in bad},
+        half_digit=half_digit,
+        text=lambda new: table.text(keep[new]),
+    )
+    return _with_times_at_the_end(raw, read_as)
+
+
+def _are_units(cells: Sequence[str]) -> bool:
+    bare = [cell.strip("[]() ") for cell in cells]
+    return any(cell and not cell.isdigit() for cell in bare) and all(
+        not cell or cell == "-" or (not cell[0].isdigit() and parse_unit(cell) is not None) for cell in bare
+    )
+
+
+def _with_times_at_the_end(raw: RawTable, read_as: ReadAs) -> RawTable:
+    """Return a file without the rows at its end that have no time: of other columns that are longer."""
+    headers, _ = read_as.headers(raw.texts, where=raw.where)
+    if read_as.rate is not None or not is_header([header.name for header in headers], read_as=read_as):
+        return raw
+    clock, _ = time_column(headers, raw.where, read_as)
+    known = np.flatnonzero(~np.isnan(raw.columns[clock]))
+    if clock in raw.bad or len(known) < MIN_SAMPLES or int(known[-1]) + 1 != len(known):
+        return raw
+    return raw.rows(0, len(known))

@@ -1,0 +1,48 @@
+"""Which rows of a file are which of the tests that it holds. Knows the file as written, makes no recording."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from estimator.errors import RecordingError
+from estimator.recordings.headers import parse_header
+from estimator.recordings.parts import Part, names_tests, parts
+from estimator.recordings.raw_table import RawTable
+from estimator.recordings.read_as import ReadAs
+from estimator.recordings.recording import MIN_SAMPLES
+from estimator.recordings.time_column import time_column
+
+
+def labels_of(raw: RawTable) -> dict[str, list[str]]:
+    """Return the columns that name tests, as texts."""
+    found = {}
+    for j, text in enumerate(raw.texts):
+        if not names_tests(parse_header(text).name):
+            continue
+        if j in raw.bad and raw.text is not None:
+            found[text] = list(raw.text(j))
+        elif j not in raw.texts_in and j not in raw.bad:
+            found[text] = [f"{value:g}" for value in raw.columns[j].tolist()]
+    return {name: texts for name, texts in found.items() if 1 < len(set(texts)) <= len(texts) // MIN_SAMPLES}
+
+
+def tests_of(raw: RawTable, read_as: ReadAs, labels: Mapping[str, Sequence[str]]) -> list[Part]:
+    """Return the tests that a file holds; none where even its time is not known."""
+    headers, _ = read_as.headers(raw.texts, where=raw.where)
+    clock, unit = time_column(headers, raw.where, read_as)
+    time = raw.columns[clock]
+    if clock in raw.bad or clock in raw.texts_in or np.isnan(time).any():
+        return []
+    return parts(unit.to_si(time), labels, least=MIN_SAMPLES)
+
+
+def asked_test(raw: RawTable, read_as: ReadAs) -> RawTable:
+    """Return the rows of the test that is asked for."""
+    found = tests_of(raw, read_as, labels_of(raw))
+    chosen = next((part for part in found if part.name == read_as.test), None)
+    if chosen is None:
+        known = ", ".join(part.name for part in found[:20]) or "one test"
+        raise RecordingError(f"{raw.file} has no test {read_as.test!r}; it holds {known}; take one of these")
+    return raw.rows(chosen.first, chosen.last)
