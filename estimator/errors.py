@@ -42,6 +42,11 @@ class SimulationError(EstimatorError, RuntimeError):
     """The FMU failed while it was simulated."""
 
 
+def to_install(extra: str) -> str:
+    """Say how what an extra of this package brings is installed."""
+    return f"install it with: pip install 'fmu-estimator[{extra}]'"
+
+
 def suggestion(name: str, known: Iterable[str]) -> str:
     """Return ``"; did you mean 'R'? (R, K, L)"``: the nearest known name, then all of them."""
     names = list(known)

@@ -8,7 +8,7 @@ import json
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from estimator.errors import InputError
+from estimator.errors import InputError, to_install
 from estimator.results.spreadsheet_cells import harmless
 
 TIMING_COLUMNS = ("case", "seconds", "search_seconds", "files_seconds", "host")
@@ -100,7 +100,7 @@ def check_parquet() -> None:
     try:
         import pyarrow  # noqa: F401
     except ImportError:
-        raise InputError("--parquet needs pyarrow; install it with: pip install 'fmu-estimator[parquet]'") from None
+        raise InputError(f"--parquet needs pyarrow; {to_install('parquet')}") from None
 
 
 def _parquet(columns: Sequence[str], cells: Sequence[Sequence[Any]]) -> bytes:

@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import Any
 
 from estimator.batches.case_worker import CaseWorker, Outcome, Task, failed
-from estimator.errors import EstimatorError, InputError
+from estimator.errors import EstimatorError, InputError, to_install
 
 AHEAD = 3  # cases on their way for each that a cluster can run at a time
 AGAIN = 3  # times that a case which the scheduler cancels is sent again
@@ -48,7 +48,7 @@ def run_there(address: str) -> Callable[[Iterable[Task]], Iterator[tuple[Task, O
     try:
         from distributed import Client
     except ImportError:
-        raise InputError("--dask needs Dask; install it with: pip install 'fmu-estimator[cluster]'") from None
+        raise InputError(f"--dask needs Dask; {to_install('cluster')}") from None
     try:
         client = Client(address, timeout=CONNECT, set_as_default=False)
     except (OSError, ValueError, TimeoutError) as error:

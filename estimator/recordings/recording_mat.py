@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from estimator.errors import RecordingError
+from estimator.errors import RecordingError, to_install
 from estimator.recordings.columns import Columns, Signal, distinct, on_one_clock
 from estimator.recordings.headers import parse_header, rank_in_role
 from estimator.recordings.units import FloatArray, parse_unit
@@ -70,8 +70,7 @@ def _objects(path: Path, objects: str) -> list[Signal]:
         return object_signals(path)
     except ImportError:
         raise RecordingError(
-            f"{path.name} holds {objects}, which needs mat-io; install it with: pip install 'fmu-estimator[mat]', or"
-            f" {REMEDY}"
+            f"{path.name} holds {objects}, which needs mat-io; {to_install('mat')}, or {REMEDY}"
         ) from None
 
 
@@ -101,8 +100,7 @@ def _hdf5(path: Path) -> tuple[dict[str, Any], str]:
         import h5py
     except ImportError:
         raise RecordingError(
-            f"{path.name} is a MAT file of version 7.3, which needs h5py; install it with:"
-            " pip install 'fmu-estimator[mat]', or save it with -v7"
+            f"{path.name} is a MAT file of version 7.3, which needs h5py; {to_install('mat')}, or save it with -v7"
         ) from None
     objects = ""
 

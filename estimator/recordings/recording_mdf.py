@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from estimator.errors import RecordingError
+from estimator.errors import RecordingError, to_install
 from estimator.recordings.columns import Columns, Signal, distinct, on_one_clock
 from estimator.recordings.headers import parse_header
 
@@ -25,9 +25,7 @@ def read_mdf(path: Path) -> Columns:
     try:
         import asammdf  # noqa: F401
     except ImportError:
-        raise RecordingError(
-            f"{path.name} is an MDF file, which needs asammdf; install it with: pip install 'fmu-estimator[mdf]'"
-        ) from None
+        raise RecordingError(f"{path.name} is an MDF file, which needs asammdf; {to_install('mdf')}") from None
     unraisable, sys.unraisablehook = sys.unraisablehook, _nothing  # asammdf stumbles again when it cleans up
     try:
         channels = _channels(path)

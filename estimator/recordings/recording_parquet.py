@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from estimator.errors import RecordingError
+from estimator.errors import RecordingError, to_install
 from estimator.recordings.columns import Columns
 from estimator.recordings.headers import parse_header, role_of
 
@@ -27,9 +27,7 @@ def read_parquet(path: Path) -> Columns:
         import pyarrow
         from pyarrow import parquet
     except ImportError:
-        raise RecordingError(
-            f"{path.name} is a Parquet file, which needs pyarrow; install it with: pip install 'fmu-estimator[parquet]'"
-        ) from None
+        raise RecordingError(f"{path.name} is a Parquet file, which needs pyarrow; {to_install('parquet')}") from None
     try:
         table = parquet.read_table(path)
     except (pyarrow.ArrowException, OSError) as error:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from estimator.errors import RecordingError
+from estimator.errors import RecordingError, to_install
 from estimator.recordings.columns import Columns, Signal, distinct, on_one_clock
 from estimator.recordings.headers import parse_header, role_of
 from estimator.recordings.units import FloatArray, parse_unit
@@ -29,9 +29,7 @@ def read_tdms(path: Path) -> Columns:
     try:
         import nptdms
     except ImportError:
-        raise RecordingError(
-            f"{path.name} is a TDMS file, which needs npTDMS; install it with: pip install 'fmu-estimator[tdms]'"
-        ) from None
+        raise RecordingError(f"{path.name} is a TDMS file, which needs npTDMS; {to_install('tdms')}") from None
     logging.getLogger("nptdms").setLevel(logging.CRITICAL)  # what it would say is said below
     try:
         groups = [[_Channel(group.name, c) for c in group.channels()] for group in nptdms.TdmsFile.read(path).groups()]

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from estimator.errors import RecordingError
+from estimator.errors import RecordingError, to_install
 from estimator.recordings.columns import Columns
 from estimator.recordings.headers import parse_header, role_of
 from estimator.recordings.units import FloatArray, parse_unit
@@ -51,9 +51,7 @@ def read_xlsx(path: Path, head: bytes) -> Columns:
     try:
         import openpyxl
     except ImportError:
-        raise RecordingError(
-            f"{path.name} is an Excel file, which needs openpyxl; install it with: pip install 'fmu-estimator[xlsx]'"
-        ) from None
+        raise RecordingError(f"{path.name} is an Excel file, which needs openpyxl; {to_install('xlsx')}") from None
     found: dict[str, tuple[int, list[Row]]] = {}
     try:
         with warnings.catch_warnings():
