@@ -21,6 +21,8 @@ from estimator.stepping.library import KALMAN, check_installed
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
+LARGEST_KEPT, MOST_KEPT = 32 << 20, 128 << 20  # bytes: of an array, the most that glibc takes; of all at the heap's end
+
 
 def whiten(
     columns: FloatArray,
@@ -144,15 +146,22 @@ def likelihood(
 
 @cache
 def filters() -> ctypes.CDLL:
-    """Return the compiled filters."""
+    """Return the compiled filters; what arrays have left is kept for the next ones from then on.
+
+    An estimation makes thousands of arrays of 0.1 to 10 MB. glibc gives each back to the system at once and asks for it
+    anew, page by page: a tenth of a short estimate.
+    """
     check_installed(KALMAN)
     library = ctypes.CDLL(str(KALMAN))
-    if not hasattr(library, "recursion_run"):
+    if not hasattr(library, "memory_keep"):
         raise InputError(f"{KALMAN} is of an older version: install fmu-estimator again by pip, which compiles it")
     library.kalman_whiten.restype = ctypes.c_int64
     library.kalman_whiten.argtypes = [ctypes.c_int64] * 5 + [ctypes.c_void_p] * 9
     library.kalman_shorten.restype = None
     library.kalman_shorten.argtypes = [ctypes.c_int64] * 4 + [ctypes.c_void_p] * 6
     library.recursion_run.restype = None
-    library.recursion_run.argtypes = [ctypes.c_int64] * 3 + [ctypes.c_void_p] * 4
+    library.recursion_run.argtypes = [ctypes.c_int64] * 4 + [ctypes.c_void_p] * 4
+    library.memory_keep.restype = None
+    library.memory_keep.argtypes = [ctypes.c_int] * 2
+    library.memory_keep(LARGEST_KEPT, MOST_KEPT)
     return library
