@@ -10,10 +10,9 @@ the whitened [C J r] holds all that a step, a covariance or a test needs.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import islice
 from typing import Any, TypeVar
 
 import numpy as np
@@ -214,25 +213,21 @@ class ScoreTest:
         power = whole - np.einsum("nk,nk->k", known, known)
         return whitened.T @ self.left[at], np.where(power > DEPENDENT * whole, power, 0.0)
 
-    def scores_of(self, columns: Iterable[FloatArray]) -> tuple[FloatArray, FloatArray]:
-        """Return the scores and the information, (c,) each, of c columns, (rows, q), some of them at once."""
-        rows, along, power = len(self.whitener.present), [], []
-        rest = iter(columns)
-        while first := list(islice(rest, max(1, CELLS // rows))):
-            found = self.scores(np.stack(first, axis=2))
-            along.append(found[0])
-            power.append(found[1])
-        return (np.concatenate(along), np.concatenate(power)) if along else (np.zeros(0), np.zeros(0))
+    def scores_of(self, made: Callable[[FloatArray], FloatArray], values: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return scores and information, (c,) each, of columns, (rows, q, c), made of c values, some at once."""
+        many = max(1, CELLS // len(self.whitener.present))
+        found = [self.scores(made(values[k : k + many])) for k in range(0, len(values), many)]
+        along, power = (np.concatenate(part) for part in zip(*found, strict=True))
+        return along, power
 
     def gain(self, across: FloatArray) -> tuple[float, FloatArray]:
         """Return the fall of z'z, and the coefficients, of a group of columns, (rows q, k), as `across` gives them."""
-        r = np.asarray(np.linalg.qr(np.column_stack([across, self.left]), mode="r"))
-        k = across.shape[1]
-        size = np.abs(np.diag(r)[:k])
-        norms = np.linalg.norm(across, axis=0)
+        q, r = _orthonormal(across)
+        size, norms = np.abs(np.diag(r)), np.linalg.norm(r, axis=0)
         if not np.all(size > 1e-6 * np.maximum(norms, 1e-300)) or not np.all(norms > 1e-9):
-            return 0.0, np.zeros(k)
-        return float(r[:k, k] @ r[:k, k]), np.asarray(np.linalg.solve(r[:k, :k], r[:k, k]))
+            return 0.0, np.zeros(across.shape[1])
+        along = q.T @ self.left
+        return float(along @ along), np.asarray(np.linalg.solve(r, along))
 
 
 def likeliest(along: FloatArray, power: FloatArray) -> int:
@@ -439,6 +434,8 @@ def _orthonormal(columns: FloatArray) -> tuple[FloatArray, FloatArray]:
     """
     n, m = columns.shape
     norms = np.linalg.norm(columns, axis=0)
+    if m == 1 and np.isfinite(norms[0]) and norms[0]:
+        return columns / norms, norms[None, :]
     if 1 < m < n and norms.all() and np.isfinite(norms).all():
         scaled = columns / norms
         gram = scaled.T @ scaled
