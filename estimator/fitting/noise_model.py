@@ -478,9 +478,10 @@ def _growth(residuals: FloatArray, whitener: Whitener, j: int, sharp: BoolArray)
 
     def misfit(c: float, p: float) -> float:
         g = grown(c * level, p)
-        g = g * size(g)
-        squares = (d / g) ** 2
-        return float(2 * np.sum(np.log(g)) + (T_FREEDOM + 1) * np.sum(np.log1p(squares / T_FREEDOM)))
+        ratio = sizes / g
+        unit = max(median(ratio) / T_MEDIAN, floor)
+        far = np.log1p(ratio * ratio / (T_FREEDOM * unit**2))
+        return float(2 * (np.sum(np.log(g)) + len(g) * np.log(unit)) + (T_FREEDOM + 1) * np.sum(far))
 
     found = []
     for p, charge in (

@@ -90,6 +90,18 @@ class Scores:
         whole = float(np.vdot(whitened, whitened))
         return cls(across.T @ test.left, across.T @ across, whole, jacobian.T @ whitened)
 
+    @classmethod
+    def of_each(cls, test: ScoreTest, jacobian: FloatArray, whitened: FloatArray) -> tuple[list[Scores], FloatArray]:
+        """Return the scores of each of k whitened columns by itself, and them without what the fit explains."""
+        across = whitened - test.basis @ (test.basis.T @ whitened)
+        along, explained = test.left @ across, jacobian.T @ whitened
+        power, whole = (np.einsum("nk,nk->k", part, part) for part in (across, whitened))
+        found = [
+            cls(along[k : k + 1], power[k : k + 1, None], float(whole[k]), explained[:, k : k + 1])
+            for k in range(len(power))
+        ]
+        return found, across
+
 
 @dataclass(frozen=True)
 class Addition:
@@ -528,19 +540,16 @@ class Selection:
             shown = simulator.shown(np.array(rows[first : first + many]))
             usable = np.asarray(np.isfinite(shown).all(axis=(1, 2)))
             change = np.where(usable[:, None, None], shown - moved.shown, 0.0).transpose(1, 2, 0)
-            whitened = fit.whitener(change)[0].reshape(fit.z.size, -1)
-            across = whitened - test.basis @ (test.basis.T @ whitened)
+            scores, across = Scores.of_each(test, fit.jacobian, fit.whitener(change)[0].reshape(fit.z.size, -1))
             for k, (w, t) in enumerate(owners[first : first + many]):
-                power = float(across[:, k] @ across[:, k])
-                size = float(across[:, k] @ test.left) / power if power > NOTHING else 0.0
+                power = float(scores[k].information[0, 0])
+                size = float(scores[k].along[0]) / power if power > NOTHING else 0.0
                 whole = 2 * size * power - power  # of a unit
                 gain = whole if wanted[w][1].whole else max(size**2 * power if size > 0 else 0.0, whole)
                 tested[w].append((gain, size, t))
                 if w not in best or gain > best[w][0]:
-                    own = across[:, k : k + 1]
-                    scores = Scores.of(test, fit.jacobian, own, whitened[:, k : k + 1])
                     kept = beside is not None and (wanted[w][0].doubt or wanted[w][1].name == beside)
-                    best[w] = gain, scores, own.copy() if kept else None, t
+                    best[w] = gain, scores[k], across[:, k : k + 1].copy() if kept else None, t
         for w, (effect, nuisance) in enumerate(wanted):
             found: list[tuple[float, tuple[Mapping[str, float], ...]]] = []
             for gain, size, t in tested[w]:

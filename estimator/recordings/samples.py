@@ -27,8 +27,8 @@ def median(y: FloatArray) -> float:
     k = len(y) // 2
     if len(y) % 2:
         return float(np.partition(y, k)[k])
-    part = np.partition(y, (k - 1, k))
-    return float((part[k - 1] + part[k]) / 2)
+    part = np.partition(y, k)
+    return float((np.max(part[:k]) + part[k]) / 2)
 
 
 def mean_of_known(y: FloatArray) -> float:
