@@ -65,17 +65,17 @@ def whiten(
     InputError
         The compiled filter is missing.
     """
-    columns, variance, transition, process, initial, readout = (
-        np.ascontiguousarray(array, dtype=np.float64)
-        for array in (columns, variance, transition, process, initial, readout)
-    )
+    given = (columns, variance, transition, process, initial, readout)
+    columns, variance, transition, process, initial, readout = [
+        np.ascontiguousarray(a, dtype=np.float64) for a in given
+    ]
     if columns.ndim != 3 or transition.ndim != 3:
         raise ValueError(f"columns {columns.shape} must be (rows, q, c) and transition {transition.shape} (k, d, d)")
     (n, q, c), (k, d, _) = columns.shape, transition.shape
-    given = (variance.shape, transition.shape, process.shape, initial.shape, readout.shape)
-    if given != (right := ((n, q), (k, d, d), (k, d, d), (d, d), (q, d))) or k == 0:
-        raise ValueError(f"variance, transition, process, initial, readout are of shapes {given}; expected {right}")
-    if not np.all(variance > 0):
+    shapes = (variance.shape, transition.shape, process.shape, initial.shape, readout.shape)
+    if shapes != (right := ((n, q), (k, d, d), (k, d, d), (d, d), (q, d))) or k == 0:
+        raise ValueError(f"variance, transition, process, initial, readout are of shapes {shapes}; expected {right}")
+    if not variance.min(initial=1.0) > 0:
         raise ValueError("a measurement variance is not above 0")
     if steps is not None:
         steps = np.ascontiguousarray(steps, dtype=np.int64)
@@ -107,6 +107,8 @@ def shorten(
         Rows of which the second model holds, not the first.
     models : two, of each channel: coefficients, and the innovation's deviation
     """
+    if all(not len(a) and deviation == 1.0 for model in models for a, deviation in model):
+        return  # nothing is left to take out
     n, q, c = whitened.shape
     order = np.array([[len(a) for a, _ in model] for model in models], dtype=np.int64)
     coefficients = np.zeros((2, q, max(1, int(order.max()))))

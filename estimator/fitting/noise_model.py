@@ -29,7 +29,7 @@ from estimator.fitting.kalman import shorten, whiten
 from estimator.fitting.quasi_newton import minimise
 from estimator.motor.exponential import exponential
 from estimator.plans.part import LONG
-from estimator.recordings.samples import median
+from estimator.recordings.samples import median, medians
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -224,7 +224,7 @@ class Whitener:
     def __call__(self, columns: FloatArray) -> tuple[FloatArray, float]:
         """Return (rows, q, c) columns whitened, zero where a sample is missing, and the sum of log variances."""
         g, variance, spaces = self._state_spaces
-        scaled = columns / g[:, :, None] if self.noise.growth[:, 0].any() else columns
+        scaled = columns / g[:, :, None] if self._grows else columns
         parts = []
         total = self._log_size
         for clock, (steps, arrays) in zip(self.clocks, spaces, strict=True):
@@ -235,7 +235,8 @@ class Whitener:
                 shorten(white, self.present[part], self.moving[part], self.noise.short)
             parts.append(white)
         result = parts[0] if len(parts) == 1 else np.concatenate(parts)
-        for short, counts in zip(self.noise.short, self._counts, strict=False):
+        alike = all(s == 1.0 for short in self.noise.short for _, s in short)  # their logarithms are 0
+        for short, counts in () if alike else zip(self.noise.short, self._counts, strict=False):
             total += float(sum(2 * n * np.log(s) for n, (_, s) in zip(counts, short, strict=True)))
         return result, total
 
@@ -263,7 +264,7 @@ class Whitener:
         g, variance, spaces = self._state_spaces
         steps, arrays = next(space for own, space in zip(self.clocks, spaces, strict=True) if own is clock)
         own = None if steps is None else steps[rows.start - clock.rows.start : rows.stop - clock.rows.start]
-        scaled = columns / g[rows][:, :, None] if self.noise.growth[:, 0].any() else columns
+        scaled = columns / g[rows][:, :, None] if self._grows else columns
         white, _ = whiten(scaled, variance[rows], steps=own, **arrays)
         if self.noise.short:
             shorten(white, self.present[rows], self.moving[rows], self.noise.short)
@@ -272,7 +273,12 @@ class Whitener:
     @cached_property
     def _log_size(self) -> float:
         """The sum of log g^2 of all samples."""
-        return float(2 * np.sum(np.log(self._state_spaces[0])[self.present]))
+        return float(2 * np.sum(np.log(self._state_spaces[0])[self.present])) if self._grows else 0.0
+
+    @property
+    def _grows(self) -> bool:
+        """Whether the noise grows with the signals, anywhere: else g is 1."""
+        return bool(self.noise.growth[:, 0].any())
 
     @cached_property
     def _counts(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -285,12 +291,15 @@ class Whitener:
     ) -> tuple[FloatArray, FloatArray, list[tuple[NDArray[np.int64] | None, dict[str, FloatArray]]]]:
         """The scale and white variance of each sample, (rows, q); of each clock the step to each row, and `states`."""
         noise = self.noise
-        g = noise.scale(self.level)
-        running = np.array([median(x[p]) if p.any() else 1.0 for x, p in zip(g.T, self.present.T, strict=True)])
+        g, running = noise.scale(self.level), np.ones(len(noise.white))
+        if self._grows:
+            running = np.array([median(x[p]) if p.any() else 1.0 for x, p in zip(g.T, self.present.T, strict=True)])
         power = noise.white**2 + noise.differenced**2 + noise.slow[:, 0] ** 2
         floor = np.maximum(LEAST_WHITE * power, 1e-300)
-        moved = (noise.jitter * self.slope / g) ** 2
-        variance = np.where(self.present, np.maximum(noise.white**2, floor) * self.inflate + moved, np.inf)
+        white = np.maximum(noise.white**2, floor) * self.inflate
+        if noise.jitter:
+            white += (noise.jitter * self.slope / g) ** 2
+        variance = np.where(self.present, white, np.inf)
         found = []
         for clock in self.clocks:
             steps, index = clock.steps
@@ -476,23 +485,28 @@ def _growth(residuals: FloatArray, whitener: Whitener, j: int, sharp: BoolArray)
     if np.count_nonzero(level < loud / 2) < LOUD_SAMPLES:
         return 0.0, 2.0, size(np.ones_like(level)) * T_MEDIAN / MEDIAN_SIZE / SECOND_DIFFERENCE
 
-    def misfit(c: float, p: float) -> float:
-        g = grown(c * level, p)
-        ratio = sizes / g
-        unit = max(median(ratio) / T_MEDIAN, floor)
-        far = np.log1p(ratio * ratio / (T_FREEDOM * unit**2))
-        return float(2 * (np.sum(np.log(g)) + len(g) * np.log(unit)) + (T_FREEDOM + 1) * np.sum(far))
+    def misfits(c: FloatArray, p: float) -> FloatArray:
+        together, found = max(1, TOGETHER // len(d)), []
+        for some in (c[k : k + together] for k in range(0, len(c), together)):
+            g = grown(some[:, None] * level, p)
+            ratio = sizes / g
+            unit = np.maximum(medians(ratio) / T_MEDIAN, floor)
+            far = np.log1p(ratio * ratio / (T_FREEDOM * unit**2)[:, None])
+            logs = np.sum(np.log(g), axis=1) + len(d) * np.log(unit)
+            found.append(2 * logs + (T_FREEDOM + 1) * np.sum(far, axis=1))
+        return np.concatenate(found)
 
     found = []
     for p, charge in (
         (2.0, 2 * LEAST_FALL),
         (8.0, 4 * LEAST_FALL),
     ):  # twice: the squares of neighbours correlate by 0.44
-        c = min(np.geomspace(0.3, 300.0, 16) / loud, key=lambda c: misfit(c, p))  # noqa: B023
-        c = min(c * np.geomspace(0.7, 1.43, 9), key=lambda c: misfit(c, p))  # noqa: B023
-        found.append((misfit(c, p) + charge, float(c), p))
+        coarse = np.geomspace(0.3, 300.0, 16) / loud
+        fine = coarse[np.argmin(misfits(coarse, p))] * np.geomspace(0.7, 1.43, 9)
+        reached = misfits(fine, p)
+        found.append((float(np.min(reached)) + charge, float(fine[np.argmin(reached)]), p))
     best = min(found)
-    c, p = (best[1], best[2]) if best[0] < misfit(0.0, 2.0) else (0.0, 2.0)
+    c, p = (best[1], best[2]) if best[0] < misfits(np.zeros(1), 2.0)[0] else (0.0, 2.0)
     return c, p, size(grown(c * level, p)) * T_MEDIAN / MEDIAN_SIZE / SECOND_DIFFERENCE
 
 

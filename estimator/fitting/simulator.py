@@ -191,15 +191,15 @@ class Simulator:
 
     def _shown(self, candidates: FloatArray, refine: int, between: int) -> FloatArray:
         """Return the same; `between` rows are simulated for one, for what filters show."""
-        unique, which = np.unique(candidates[:, self._stepped], axis=0, return_inverse=True)
+        unique, which = _distinct(candidates[:, self._stepped])
         steps = np.array([clock.step for clock in self.clocks])
         # A time-invariant model: with inputs later by a part of a row it shows what lies between.
         late = np.repeat(np.arange(between)[:, None] * steps / between, len(unique), axis=0)
         many = np.tile(unique, (between, 1))
         signals = self.problem.signals(many, refine=refine, late=late if between > 1 else None)
         phases = signals[:, self._keep].reshape(between, len(unique), self.rows, -1)
-        if not np.array_equal(which.ravel(), np.arange(len(unique))):
-            phases = phases[:, which.ravel()]
+        if len(unique) < len(candidates):
+            phases = phases[:, which]
         shown = phases[0]
         for nuisance in sorted(self._acts, key=lambda n: not n.between):  # filters before what a logger does
             j, column = self.outputs.index(nuisance.output), candidates[:, self.index[nuisance.name]]
@@ -237,6 +237,14 @@ class Simulator:
     def inputs(self, name: str) -> FloatArray:
         """Return an input over all rows, (rows,); zero where no recording has it."""
         return np.concatenate([o.inputs.get(name, np.zeros(len(o.recording.time))) for o in self.observed])
+
+
+def _distinct(rows: FloatArray) -> tuple[FloatArray, list[int]]:
+    """Return the rows, (n, p), that differ, in their order, and which of them each is."""
+    places: dict[bytes, int] = {}
+    which = [places.setdefault(row.tobytes(), len(places)) for row in rows]
+    first = [which.index(k) for k in range(len(places))]
+    return rows[first], which
 
 
 def per_recording(plan: Plan, kind: str) -> Sequence[str]:

@@ -31,6 +31,13 @@ def median(y: FloatArray) -> float:
     return float((np.max(part[:k]) + part[k]) / 2)
 
 
+def medians(rows: FloatArray) -> FloatArray:
+    """Return the median of each row, (m,), of (m, n) numbers that are all there."""
+    k = rows.shape[1] // 2
+    part = np.partition(rows, k, axis=1)
+    return part[:, k] if rows.shape[1] % 2 else (np.max(part[:, :k], axis=1) + part[:, k]) / 2
+
+
 def mean_of_known(y: FloatArray) -> float:
     """Return the mean of the samples that are there; NaN where none is."""
     known = y[~np.isnan(y)]
