@@ -25,6 +25,7 @@ from estimator.errors import FmuError, SimulationError
 from estimator.fmus.archive import extract
 from estimator.fmus.fmu import FmuDescription, check_usable
 from estimator.fmus.job import Batch, Failure, Job, write_numbers
+from estimator.fmus.mailbox import Mailbox
 from estimator.fmus.process import IDLE, RUNNING, STARTING, Process, how_it_ended
 from estimator.fmus.run_folder import RunFolder
 from estimator.stepping.layout import (
@@ -117,7 +118,7 @@ class Workers:
         self.failed = 0
         self.on_tick: Callable[[], None] | None = None
         self._folder = RunFolder()
-        self._messages: queue.SimpleQueue[tuple[Process, dict[str, Any] | None]] = queue.SimpleQueue()
+        self._messages: Mailbox[Process] = Mailbox()
         self._processes: dict[int, Process] = {}
         self._job: Job | None = None
         self._order: dict[str, Any] = {}
@@ -376,7 +377,7 @@ class Workers:
     def _end_the_overdue(self, watch: dict[int, tuple[int, float]], now: float) -> None:
         for slot, process in self._processes.items():
             if process.has_ended():
-                continue  # its reader is about to say so
+                continue  # the mailbox is about to say so
             waiting = process.state == STARTING
             claim = int(self._claims[slot]) if process.state == RUNNING else (-2 - process.generation)
             if process.state == IDLE or (claim == NO_CLAIM and not waiting):
