@@ -28,6 +28,7 @@ FloatArray = NDArray[np.float64]
 STANDSTILL_ROWS = 8  # rows without a count after which an encoder is taken to stand still: its error is constant there
 SUBSTEPS = 4  # rows that are simulated for one where a filter acts between them
 CELLS = 2_000_000  # rows that are simulated at once, at most
+KEPT_ANSWERS, KEPT_VALUES = 16, 500_000  # that were asked of late; numbers in all of them, at most
 LONGEST_HOLD = 20  # rows for which a logger may repeat a sample
 LEAST_CHANGES, HELD_PART = 20, 0.98  # changes of a quantised channel; their part at every n-th row: it is held between
 
@@ -116,6 +117,7 @@ class Simulator:
     sigma: Mapping[str, float]
     problem: Problem = field(init=False)
     between: int = field(init=False, default=SUBSTEPS)
+    _late: dict[tuple[bytes, int, int], FloatArray] = field(init=False, default_factory=dict)
 
     def __post_init__(self) -> None:
         stepped = [n for n in self.nuisances if n.place is not None or n.target]
@@ -172,7 +174,20 @@ class Simulator:
                          for k, n in enumerate(self.names)])  # fmt: skip
 
     def shown(self, candidates: FloatArray, *, refine: int = 1) -> FloatArray:
-        """Return what the sensors show, (c, rows, q), of (c, p) candidates; NaN where the FMU fails."""
+        """Return what the sensors show, (c, rows, q), of (c, p) candidates; NaN where the FMU fails.
+
+        What was asked of late is not simulated again: a fit begins where the last one ended.
+        """
+        key = candidates.tobytes(), refine, self.between
+        known = self._late.pop(key, None)
+        found = self._simulated(candidates, refine) if known is None else known
+        self._late[key] = found
+        while len(self._late) > KEPT_ANSWERS or sum(answer.size for answer in self._late.values()) > KEPT_VALUES:
+            del self._late[next(iter(self._late))]
+        return found.copy()
+
+    def _simulated(self, candidates: FloatArray, refine: int) -> FloatArray:
+        """Return the same, as the FMU tells it now."""
         filtered = np.zeros(len(candidates), dtype=bool)
         for n in self._acts if self.problem.has_sensors else ():
             filtered |= n.between & (candidates[:, self.index[n.name]] != n.neutral)
