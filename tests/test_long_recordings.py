@@ -7,7 +7,7 @@ from effect_bench import NOISE, TRUE
 from estimator.cases.case import Case, OutputSpec
 from estimator.estimating.estimate import estimate_recordings
 from estimator.fitting.explained import freed_by_the_case
-from estimator.fitting.simulator import Simulator
+from estimator.fitting.simulator import KEPT_ANSWERS, Simulator
 from estimator.fmus.fmu import describe
 from estimator.fmus.simulate import simulate
 from estimator.fmus.workers import Workers
@@ -74,6 +74,23 @@ def test_a_candidate_that_fails_in_one_recording_leaves_the_others_as_they_are()
         shown = simulator.shown(many)
         assert np.isnan(shown[1]).all() and np.isfinite(shown[[0, 2, 3]]).all()
         assert np.array_equal(shown[0], simulator.shown(good[None, :])[0])
+
+
+def test_what_was_asked_of_late_is_not_simulated_again_and_can_be_changed_by_who_asked():
+    plan = plan_case(CASE, describe("dc_motor"), recordings=[switched(500)])
+    with Workers(1) as crew:
+        simulator = Simulator(plan, (), crew, {"i": 1.0, "w": 1.0})
+        one = simulator.values(TRUE)[None, :]
+        first = simulator.shown(one)
+        kept, before = first.copy(), crew.simulations
+        first[:] = 0.0
+        assert np.array_equal(simulator.shown(one), kept) and crew.simulations == before
+        for k in range(KEPT_ANSWERS):
+            simulator.shown(one * (1 + 1e-3 * (k + 1)))
+        before = crew.simulations
+        assert np.array_equal(simulator.shown(one), kept) and crew.simulations == before + 1
+        simulator.shown(one, refine=2)
+        assert crew.simulations == before + 2
 
 
 def of_the_whole(recording, monkeypatch):

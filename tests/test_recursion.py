@@ -33,3 +33,13 @@ def test_a_low_pass_is_exact_between_the_samples_and_at_rest_before_the_first():
     assert np.allclose(lagged(y, tau, h), y[0] + right[:, 0], rtol=0, atol=1e-12 * np.abs(y).max())
     assert np.array_equal(lagged(np.full(20, 3.7), tau, h), np.full(20, 3.7))
     assert lagged(y, 0.0, h) is y
+
+
+@pytest.mark.parametrize("c", [1, 2, 7])
+@pytest.mark.parametrize(("b", "a"), [([0.3, 0.2], [-0.9]), ([1.0], [-0.5, -0.2, 0.1])])
+def test_several_signals_have_the_recursion_of_each(b, a, c):
+    rng = np.random.default_rng(c)
+    x, own = rng.standard_normal((300, c)), rng.uniform(0.5, 1, c)
+    each = np.column_stack([recursion(np.array(b) * k, a, np.ascontiguousarray(x[:, j])) for j, k in enumerate(own)])
+    assert np.array_equal(recursion(np.outer(b, own), a, x), each)
+    assert np.array_equal(recursion(b, a, x)[:, 0], recursion(b, a, np.ascontiguousarray(x[:, 0])))

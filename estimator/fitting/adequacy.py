@@ -198,18 +198,18 @@ def _own_values(
     chance: float,
 ) -> float:
     """Return how much larger the score of own parameters in a part is than its quantile; its root."""
-    columns = np.where(mask[:, None], fit.jacobian[:, :parameters], 0.0)
-    columns = columns[:, np.linalg.norm(columns, axis=0) > 0]
+    columns = fit.jacobian[mask, :parameters]
+    norms = np.linalg.norm(columns, axis=0)
+    columns = columns[:, norms > 0] / norms[norms > 0]
     if not columns.shape[1]:
         return 0.0
-    columns = columns / np.linalg.norm(columns, axis=0)
-    across = columns - basis @ (basis.T @ columns)
-    u, singular, _ = np.linalg.svd(across, full_matrices=False)
-    u = u[:, singular > WINDOW_RANK_TOLERANCE]
-    if not u.shape[1]:
+    known = basis[mask].T @ columns
+    power, axes = np.linalg.eigh(columns.T @ columns - known.T @ known)  # singular values of what is across, squared
+    told = power > WINDOW_RANK_TOLERANCE**2
+    if not told.any():
         return 0.0
-    along = u.T @ left
-    return float(np.sqrt(along @ along / chi_square_limit(u.shape[1], chance)))
+    along = axes[:, told].T @ (columns.T @ left[mask])
+    return float(np.sqrt(np.sum(along**2 / power[told]) / chi_square_limit(int(told.sum()), chance)))
 
 
 def _tails(z: FloatArray, present: NDArray[np.bool_], windows: Windows) -> FloatArray:

@@ -190,7 +190,9 @@ def _covering(
 
     Otherwise an unlikely rival far away would widen the interval without bound, and a likely one not enough.
     """
-    mean, deviation = np.array(means), np.sqrt(np.maximum(np.array(variances), 1e-300))
+    some = weights > 0  # the others add nothing
+    weights = weights[some]
+    mean, deviation = np.array(means)[some], np.sqrt(np.maximum(np.array(variances)[some], 1e-300))
     low, high = np.zeros(len(total)), np.max(np.abs(mean) + 10 * deviation, axis=0)
     for _ in range(60):
         middle = 0.5 * (low + high)

@@ -21,6 +21,8 @@ from estimator.stepping.library import KALMAN, check_installed
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
+LARGEST_KEPT, MOST_KEPT = 32 << 20, 128 << 20  # bytes: of an array, the most that glibc takes; of all at the heap's end
+
 
 def whiten(
     columns: FloatArray,
@@ -63,17 +65,17 @@ def whiten(
     InputError
         The compiled filter is missing.
     """
-    columns, variance, transition, process, initial, readout = (
-        np.ascontiguousarray(array, dtype=np.float64)
-        for array in (columns, variance, transition, process, initial, readout)
-    )
+    given = (columns, variance, transition, process, initial, readout)
+    columns, variance, transition, process, initial, readout = [
+        np.ascontiguousarray(a, dtype=np.float64) for a in given
+    ]
     if columns.ndim != 3 or transition.ndim != 3:
         raise ValueError(f"columns {columns.shape} must be (rows, q, c) and transition {transition.shape} (k, d, d)")
     (n, q, c), (k, d, _) = columns.shape, transition.shape
-    given = (variance.shape, transition.shape, process.shape, initial.shape, readout.shape)
-    if given != (right := ((n, q), (k, d, d), (k, d, d), (d, d), (q, d))) or k == 0:
-        raise ValueError(f"variance, transition, process, initial, readout are of shapes {given}; expected {right}")
-    if not np.all(variance > 0):
+    shapes = (variance.shape, transition.shape, process.shape, initial.shape, readout.shape)
+    if shapes != (right := ((n, q), (k, d, d), (k, d, d), (d, d), (q, d))) or k == 0:
+        raise ValueError(f"variance, transition, process, initial, readout are of shapes {shapes}; expected {right}")
+    if not variance.min(initial=1.0) > 0:
         raise ValueError("a measurement variance is not above 0")
     if steps is not None:
         steps = np.ascontiguousarray(steps, dtype=np.int64)
@@ -105,6 +107,8 @@ def shorten(
         Rows of which the second model holds, not the first.
     models : two, of each channel: coefficients, and the innovation's deviation
     """
+    if all(not len(a) and deviation == 1.0 for model in models for a, deviation in model):
+        return  # nothing is left to take out
     n, q, c = whitened.shape
     order = np.array([[len(a) for a, _ in model] for model in models], dtype=np.int64)
     coefficients = np.zeros((2, q, max(1, int(order.max()))))
@@ -119,15 +123,22 @@ def shorten(
 
 @cache
 def filters() -> ctypes.CDLL:
-    """Return the compiled filters."""
+    """Return the compiled filters; what arrays have left is kept for the next ones from then on.
+
+    An estimation makes thousands of arrays of 0.1 to 10 MB. glibc gives each back to the system at once and asks for it
+    anew, page by page: a tenth of a short estimate.
+    """
     check_installed(KALMAN)
     library = ctypes.CDLL(str(KALMAN))
-    if not hasattr(library, "recursion_run"):
+    if not hasattr(library, "memory_keep"):
         raise InputError(f"{KALMAN} is of an older version: install fmu-estimator again by pip, which compiles it")
     library.kalman_whiten.restype = ctypes.c_int64
     library.kalman_whiten.argtypes = [ctypes.c_int64] * 5 + [ctypes.c_void_p] * 9
     library.kalman_shorten.restype = None
     library.kalman_shorten.argtypes = [ctypes.c_int64] * 4 + [ctypes.c_void_p] * 6
     library.recursion_run.restype = None
-    library.recursion_run.argtypes = [ctypes.c_int64] * 3 + [ctypes.c_void_p] * 4
+    library.recursion_run.argtypes = [ctypes.c_int64] * 4 + [ctypes.c_void_p] * 4
+    library.memory_keep.restype = None
+    library.memory_keep.argtypes = [ctypes.c_int] * 2
+    library.memory_keep(LARGEST_KEPT, MOST_KEPT)
     return library

@@ -44,21 +44,24 @@ def response(fit: Fit, *, voltage: FloatArray | None = None, torque: FloatArray 
     Parameters
     ----------
     voltage, torque : (rows,) arrays
-        V; N.m against positive speed.
+        V; N.m against positive speed. Or (rows, c), c of them, which change the signals by (rows, q, c).
     """
     s = fit.simulator
-    result = np.zeros((s.rows, len(s.outputs)))
+    given = [(j, signal.reshape(s.rows, -1)) for j, signal in enumerate((voltage, torque)) if signal is not None]
+    many = given[0][1].shape[1]
+    result = np.zeros((s.rows, len(s.outputs), many))
     for clock in s.clocks:
         f, g, denominator = _discrete(fit, clock)
         # x[k+1] = F x[k] + G u[k]  =>  D(z) x = z^-1 (G + z^-1 (F - tr F) G) u,  D = 1 - tr F z^-1 + det F z^-2
         second = (f - np.trace(f) * np.eye(2)) @ g
-        states = np.zeros((2, clock.rows.stop - clock.rows.start))
-        for j, signal in enumerate((voltage, torque)):
-            if signal is not None:
-                for row in range(2):
-                    states[row] += recursion([0.0, g[row, j], second[row, j]], denominator, signal[clock.rows])
-        result[clock.rows] = _as_shown(fit, states, clock)
-    return result
+        states = np.zeros((clock.rows.stop - clock.rows.start, 2 * many))
+        for j, signals in given:
+            numerator = np.repeat([np.zeros(2), g[:, j], second[:, j]], many, axis=1)
+            states += recursion(numerator, denominator, np.tile(signals[clock.rows], 2))
+        for k in range(many):
+            result[clock.rows, :, k] = _as_shown(fit, states[:, k::many].T, clock)
+    one = all(signal is None or signal.ndim == 1 for signal in (voltage, torque))
+    return result[:, :, 0] if one else result
 
 
 def pulse_response(fit: Fit, clock: Clock, begin: float, end: float) -> FloatArray:
@@ -104,14 +107,16 @@ def free_motion(fit: Fit, clock: Clock) -> FloatArray:
 
 
 def as_late(fit: Fit, signal: FloatArray) -> FloatArray:
-    """Return an input's signal, (rows,), delayed as the inputs of its recording are, interpolated between two rows."""
+    """Return an input's signals, (rows,) or (rows, c), as late as the inputs of a recording, on lines between rows."""
     s = fit.simulator
-    result = np.zeros(s.rows)
+    result = np.zeros(signal.shape)
     for e, clock in enumerate(s.clocks):
         whole, part = divmod(fit.delay(e) / clock.step, 1.0)
         x = signal[clock.rows]
         for by, share in ((int(whole), 1 - part), (int(whole) + 1, part)):
-            moved = np.zeros(len(x))
+            if share == 0:
+                continue
+            moved = np.zeros(x.shape)
             if by >= 0:
                 moved[by:] = x[: len(x) - by]
             else:

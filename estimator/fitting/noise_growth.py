@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 from estimator.conventions import LEAST_FALL, MEDIAN_SIZE, SECOND_DIFFERENCE, T_FREEDOM, T_MEDIAN
 from estimator.fitting.noise_model import NoiseModel, grown
 from estimator.fitting.whitener import Whitener
-from estimator.recordings.samples import median
+from estimator.recordings.samples import median, medians
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
+TOGETHER = 1_000_000  # numbers that growths are tried on at once
 DIFFERENCES = 8000  # second differences that tell the growth; of more than twice as many some are left out
 LOUD_SAMPLES = 25  # samples of a large signal, and as many below half of it: fewer do not show a growth
 
@@ -61,18 +62,24 @@ def growth_of(residuals: FloatArray, whitener: Whitener, j: int, sharp: BoolArra
     if np.count_nonzero(level < loud / 2) < LOUD_SAMPLES:
         return 0.0, 2.0, size(np.ones_like(level)) * T_MEDIAN / MEDIAN_SIZE / SECOND_DIFFERENCE
 
-    def misfit(c: float, p: float) -> float:
-        g = grown(c * level, p)
-        g = g * size(g)
-        squares = (d / g) ** 2
-        return float(2 * np.sum(np.log(g)) + (T_FREEDOM + 1) * np.sum(np.log1p(squares / T_FREEDOM)))
+    def misfits(c: FloatArray, p: float) -> FloatArray:
+        together, found = max(1, TOGETHER // len(d)), []
+        for some in (c[k : k + together] for k in range(0, len(c), together)):
+            g = grown(some[:, None] * level, p)
+            ratio = sizes / g
+            unit = np.maximum(medians(ratio) / T_MEDIAN, floor)
+            far = np.log1p(ratio * ratio / (T_FREEDOM * unit**2)[:, None])
+            logs = np.sum(np.log(g), axis=1) + len(d) * np.log(unit)
+            found.append(2 * logs + (T_FREEDOM + 1) * np.sum(far, axis=1))
+        return np.concatenate(found)
 
     found = []
     # Twice the charge: the squares of neighbours correlate by 0.44.
     for p, charge in ((2.0, 2 * LEAST_FALL), (8.0, 4 * LEAST_FALL)):
-        c = min(np.geomspace(0.3, 300.0, 16) / loud, key=lambda c: misfit(c, p))  # noqa: B023
-        c = min(c * np.geomspace(0.7, 1.43, 9), key=lambda c: misfit(c, p))  # noqa: B023
-        found.append((misfit(c, p) + charge, float(c), p))
+        coarse = np.geomspace(0.3, 300.0, 16) / loud
+        fine = coarse[np.argmin(misfits(coarse, p))] * np.geomspace(0.7, 1.43, 9)
+        reached = misfits(fine, p)
+        found.append((float(np.min(reached)) + charge, float(fine[np.argmin(reached)]), p))
     best = min(found)
-    c, p = (best[1], best[2]) if best[0] < misfit(0.0, 2.0) else (0.0, 2.0)
+    c, p = (best[1], best[2]) if best[0] < misfits(np.zeros(1), 2.0)[0] else (0.0, 2.0)
     return c, p, size(grown(c * level, p)) * T_MEDIAN / MEDIAN_SIZE / SECOND_DIFFERENCE

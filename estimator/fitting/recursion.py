@@ -19,14 +19,19 @@ def recursion(b: ArrayLike, a: ArrayLike, x: FloatArray) -> FloatArray:
     Parameters
     ----------
     b : array
-        b0, b1, ...
+        b0, b1, ...; of several signals, (numbers, c), each signal's own, or the same of all.
     a : array
-        a1, a2, ...: without the 1 before y[k].
+        a1, a2, ...: without the 1 before y[k]; likewise.
     x : (n,) array
-        The signal.
+        The signal; or (n, c), several, and y likewise.
     """
-    b, a = np.asarray(b, dtype=np.float64), np.asarray(a, dtype=np.float64)
     x = np.ascontiguousarray(x, dtype=np.float64)
+    b, a = (np.asarray(numbers, dtype=np.float64) for numbers in (b, a))
+    if x.ndim == 2:
+        wide = [numbers.reshape(len(numbers), -1) for numbers in (b, a)]
+        b, a = (np.ascontiguousarray(np.broadcast_to(k, (len(k), x.shape[1]))) for k in wide)
     y = np.empty_like(x)
-    filters().recursion_run(len(x), len(b), len(a), b.ctypes.data, a.ctypes.data, x.ctypes.data, y.ctypes.data)
+    signals = 1 if x.ndim == 1 else x.shape[1]
+    addresses = [array.ctypes.data for array in (b, a, x, y)]
+    filters().recursion_run(len(x), signals, len(b), len(a), *addresses)
     return y

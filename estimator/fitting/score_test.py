@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.fitting.projection import DEPENDENT
+from estimator.fitting.projection import DEPENDENT, orthonormal
 from estimator.fitting.simulator import CELLS
 from estimator.fitting.whitener import Whitener
 
@@ -40,25 +39,21 @@ class ScoreTest:
         power = whole - np.einsum("nk,nk->k", known, known)
         return whitened.T @ self.left[at], np.where(power > DEPENDENT * whole, power, 0.0)
 
-    def scores_of(self, columns: Iterable[FloatArray]) -> tuple[FloatArray, FloatArray]:
-        """Return the scores and the information, (c,) each, of c columns, (rows, q), some of them at once."""
-        rows, along, power = len(self.whitener.present), [], []
-        rest = iter(columns)
-        while first := list(islice(rest, max(1, CELLS // rows))):
-            found = self.scores(np.stack(first, axis=2))
-            along.append(found[0])
-            power.append(found[1])
-        return (np.concatenate(along), np.concatenate(power)) if along else (np.zeros(0), np.zeros(0))
+    def scores_of(self, made: Callable[[FloatArray], FloatArray], values: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return scores and information, (c,) each, of columns, (rows, q, c), made of c values, some at once."""
+        many = max(1, CELLS // len(self.whitener.present))
+        found = [self.scores(made(values[k : k + many])) for k in range(0, len(values), many)]
+        along, power = (np.concatenate(part) for part in zip(*found, strict=True))
+        return along, power
 
     def gain(self, across: FloatArray) -> tuple[float, FloatArray]:
         """Return the fall of z'z, and the coefficients, of a group of columns, (rows q, k), as `across` gives them."""
-        r = np.asarray(np.linalg.qr(np.column_stack([across, self.left]), mode="r"))
-        k = across.shape[1]
-        size = np.abs(np.diag(r)[:k])
-        norms = np.linalg.norm(across, axis=0)
+        q, r = orthonormal(across)
+        size, norms = np.abs(np.diag(r)), np.linalg.norm(r, axis=0)
         if not np.all(size > 1e-6 * np.maximum(norms, 1e-300)) or not np.all(norms > 1e-9):
-            return 0.0, np.zeros(k)
-        return float(r[:k, k] @ r[:k, k]), np.asarray(np.linalg.solve(r[:k, :k], r[:k, k]))
+            return 0.0, np.zeros(across.shape[1])
+        along = q.T @ self.left
+        return float(along @ along), np.asarray(np.linalg.solve(r, along))
 
 
 def likeliest(along: FloatArray, power: FloatArray) -> int:

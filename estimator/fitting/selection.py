@@ -83,11 +83,29 @@ class Scores:
     whole: float
     explained: FloatArray
 
+    @property
+    def gain(self) -> float:
+        """The fall of z'z by a single column."""
+        power, along = float(self.information[0, 0]), float(self.along[0])
+        return along**2 / power if power > NOTHING**2 else 0.0
+
     @classmethod
     def of(cls, test: ScoreTest, jacobian: FloatArray, across: FloatArray, whitened: FloatArray) -> Scores:
         """Return the scores of whitened columns, (rows q, k), without and with what the fit explains of them."""
         whole = float(np.vdot(whitened, whitened))
         return cls(across.T @ test.left, across.T @ across, whole, jacobian.T @ whitened)
+
+    @classmethod
+    def of_each(cls, test: ScoreTest, jacobian: FloatArray, whitened: FloatArray) -> tuple[list[Scores], FloatArray]:
+        """Return the scores of each of k whitened columns by itself, and them without what the fit explains."""
+        across = whitened - test.basis @ (test.basis.T @ whitened)
+        along, explained = test.left @ across, jacobian.T @ whitened
+        power, whole = (np.einsum("nk,nk->k", part, part) for part in (across, whitened))
+        found = [
+            cls(along[k : k + 1], power[k : k + 1, None], float(whole[k]), explained[:, k : k + 1])
+            for k in range(len(power))
+        ]
+        return found, across
 
 
 @dataclass(frozen=True)
@@ -463,26 +481,14 @@ class Selection:
         result: list[Addition] = []
         taken = {*fit.free, *(g.name for g in fit.linear), *explanation.names()}
         by_simulator: dict[int, tuple[Simulator, list[tuple[Effect, Nuisance]]]] = {}
+        offered: list[tuple[Effect, Linear, int]] = []
         for effect in effects:
             groups = effect.linear(fit)
             among = len(groups) if effect.is_one else 1
-            for group in groups:
-                if group.name in taken:
-                    continue
-                whitened = fit.whitener(group.columns)[0].reshape(fit.z.size, -1)
-                across = whitened - test.basis @ (test.basis.T @ whitened)
-                gain, _ = test.gain(across)
-                numbers = across.shape[1]
-                kept = beside is not None and (effect.doubt or group.name == beside)
-                addition = Addition(
-                    effect, group.name, numbers, gain, linear=group,
-                    scores=Scores.of(test, fit.jacobian, across, whitened), across=across if kept else None,
-                    tried=max(among, group.one_of), usual=group.size if numbers == 1 else 0.0, unit=group.units[0],
-                )  # fmt: skip
-                if long and beside is None and gain <= addition.penalty(self.samples):  # it is not fitted
-                    few = dataclasses.replace(group, columns=np.zeros((0, *group.columns.shape[1:])))
-                    addition = dataclasses.replace(addition, linear=few)
-                result.append(addition)
+            offered += [(effect, g, max(among, g.one_of)) for g in groups if g.name not in taken]
+        for part in [[one] for one in offered] if long else [offered]:
+            result += self._scored(fit, part, test, beside=beside)
+        for effect in effects:
             simulator = self._simulator(fit, effect)
             own = effect.nuisances(self.base.plan) if simulator is not None else ()
             for nuisance in own:
@@ -497,6 +503,34 @@ class Selection:
         if long and beside is None:
             self._tested = _Tested(fit.simulator, fit.whitener, fit.names, fit.cost, tuple(effects), result)
         return result
+
+    def _scored(
+        self, fit: Fit, offered: Sequence[tuple[Effect, Linear, int]], test: ScoreTest, *, beside: str | None
+    ) -> Iterator[Addition]:
+        """Yield groups of columns, each one of so many that are tried, score-tested; all are whitened together."""
+        if not offered:
+            return
+        whitened = fit.whitener(np.concatenate([group.columns for _, group, _ in offered], axis=2))[0]
+        whitened = whitened.reshape(fit.z.size, -1)
+        each, across = Scores.of_each(test, fit.jacobian, whitened)
+        at = 0
+        for effect, group, tried in offered:
+            numbers = group.columns.shape[2]
+            own, scores, gain = slice(at, at + numbers), each[at], each[at].gain
+            at += numbers
+            if numbers > 1:
+                scores = Scores.of(test, fit.jacobian, across[:, own], whitened[:, own])
+                gain, _ = test.gain(across[:, own])
+            kept = beside is not None and (effect.doubt or group.name == beside)
+            addition = Addition(
+                effect, group.name, numbers, gain, linear=group,
+                scores=scores, across=across[:, own].copy() if kept else None,
+                tried=tried, usual=group.size if numbers == 1 else 0.0, unit=group.units[0],
+            )  # fmt: skip
+            if fit.simulator.rows > LONG and beside is None and gain <= addition.penalty(self.samples):
+                few = dataclasses.replace(group, columns=np.zeros((0, *group.columns.shape[1:])))  # it is not fitted
+                addition = dataclasses.replace(addition, linear=few)
+            yield addition
 
     def _tried(
         self,
@@ -527,19 +561,16 @@ class Selection:
             shown = simulator.shown(np.array(rows[first : first + many]))
             usable = np.asarray(np.isfinite(shown).all(axis=(1, 2)))
             change = np.where(usable[:, None, None], shown - moved.shown, 0.0).transpose(1, 2, 0)
-            whitened = fit.whitener(change)[0].reshape(fit.z.size, -1)
-            across = whitened - test.basis @ (test.basis.T @ whitened)
+            scores, across = Scores.of_each(test, fit.jacobian, fit.whitener(change)[0].reshape(fit.z.size, -1))
             for k, (w, t) in enumerate(owners[first : first + many]):
-                power = float(across[:, k] @ across[:, k])
-                size = float(across[:, k] @ test.left) / power if power > NOTHING else 0.0
+                power = float(scores[k].information[0, 0])
+                size = float(scores[k].along[0]) / power if power > NOTHING else 0.0
                 whole = 2 * size * power - power  # of a unit
                 gain = whole if wanted[w][1].whole else max(size**2 * power if size > 0 else 0.0, whole)
                 tested[w].append((gain, size, t))
                 if w not in best or gain > best[w][0]:
-                    own = across[:, k : k + 1]
-                    scores = Scores.of(test, fit.jacobian, own, whitened[:, k : k + 1])
                     kept = beside is not None and (wanted[w][0].doubt or wanted[w][1].name == beside)
-                    best[w] = gain, scores, own.copy() if kept else None, t
+                    best[w] = gain, scores[k], across[:, k : k + 1].copy() if kept else None, t
         for w, (effect, nuisance) in enumerate(wanted):
             found: list[tuple[float, tuple[Mapping[str, float], ...]]] = []
             for gain, size, t in tested[w]:

@@ -28,6 +28,7 @@ FloatArray = NDArray[np.float64]
 STANDSTILL_ROWS = 8  # rows without a count after which an encoder is taken to stand still: its error is constant there
 SUBSTEPS = 4  # rows that are simulated for one where a filter acts between them
 CELLS = 2_000_000  # rows that are simulated at once, at most
+KEPT_ANSWERS, KEPT_VALUES = 16, 500_000  # that were asked of late; numbers in all of them, at most
 LONGEST_HOLD = 20  # rows for which a logger may repeat a sample
 LEAST_CHANGES, HELD_PART = 20, 0.98  # changes of a quantised channel; their part at every n-th row: it is held between
 
@@ -116,6 +117,7 @@ class Simulator:
     sigma: Mapping[str, float]
     problem: Problem = field(init=False)
     between: int = field(init=False, default=SUBSTEPS)
+    _late: dict[tuple[bytes, int, int], FloatArray] = field(init=False, default_factory=dict)
 
     def __post_init__(self) -> None:
         stepped = [n for n in self.nuisances if n.place is not None or n.target]
@@ -172,7 +174,20 @@ class Simulator:
                          for k, n in enumerate(self.names)])  # fmt: skip
 
     def shown(self, candidates: FloatArray, *, refine: int = 1) -> FloatArray:
-        """Return what the sensors show, (c, rows, q), of (c, p) candidates; NaN where the FMU fails."""
+        """Return what the sensors show, (c, rows, q), of (c, p) candidates; NaN where the FMU fails.
+
+        What was asked of late is not simulated again: a fit begins where the last one ended.
+        """
+        key = candidates.tobytes(), refine, self.between
+        known = self._late.pop(key, None)
+        found = self._simulated(candidates, refine) if known is None else known
+        self._late[key] = found
+        while len(self._late) > KEPT_ANSWERS or sum(answer.size for answer in self._late.values()) > KEPT_VALUES:
+            del self._late[next(iter(self._late))]
+        return found.copy()
+
+    def _simulated(self, candidates: FloatArray, refine: int) -> FloatArray:
+        """Return the same, as the FMU tells it now."""
         filtered = np.zeros(len(candidates), dtype=bool)
         for n in self._acts if self.problem.has_sensors else ():
             filtered |= n.between & (candidates[:, self.index[n.name]] != n.neutral)
@@ -191,15 +206,15 @@ class Simulator:
 
     def _shown(self, candidates: FloatArray, refine: int, between: int) -> FloatArray:
         """Return the same; `between` rows are simulated for one, for what filters show."""
-        unique, which = np.unique(candidates[:, self._stepped], axis=0, return_inverse=True)
+        unique, which = _distinct(candidates[:, self._stepped])
         steps = np.array([clock.step for clock in self.clocks])
         # A time-invariant model: with inputs later by a part of a row it shows what lies between.
         late = np.repeat(np.arange(between)[:, None] * steps / between, len(unique), axis=0)
         many = np.tile(unique, (between, 1))
         signals = self.problem.signals(many, refine=refine, late=late if between > 1 else None)
         phases = signals[:, self._keep].reshape(between, len(unique), self.rows, -1)
-        if not np.array_equal(which.ravel(), np.arange(len(unique))):
-            phases = phases[:, which.ravel()]
+        if len(unique) < len(candidates):
+            phases = phases[:, which]
         shown = phases[0]
         for nuisance in sorted(self._acts, key=lambda n: not n.between):  # filters before what a logger does
             j, column = self.outputs.index(nuisance.output), candidates[:, self.index[nuisance.name]]
@@ -237,6 +252,14 @@ class Simulator:
     def inputs(self, name: str) -> FloatArray:
         """Return an input over all rows, (rows,); zero where no recording has it."""
         return np.concatenate([o.inputs.get(name, np.zeros(len(o.recording.time))) for o in self.observed])
+
+
+def _distinct(rows: FloatArray) -> tuple[FloatArray, list[int]]:
+    """Return the rows, (n, p), that differ, in their order, and which of them each is."""
+    places: dict[bytes, int] = {}
+    which = [places.setdefault(row.tobytes(), len(places)) for row in rows]
+    first = [which.index(k) for k in range(len(places))]
+    return rows[first], which
 
 
 def per_recording(plan: Plan, kind: str) -> Sequence[str]:

@@ -58,7 +58,8 @@ class Whitener:
             total += log
             parts.append(white)
         result = parts[0] if len(parts) == 1 else np.concatenate(parts)
-        for short, counts in zip(self.noise.short, self._counts, strict=False):
+        alike = all(s == 1.0 for short in self.noise.short for _, s in short)  # their logarithms are 0
+        for short, counts in () if alike else zip(self.noise.short, self._counts, strict=False):
             total += float(sum(2 * n * np.log(s) for n, (_, s) in zip(counts, short, strict=True)))
         return result, total
 
@@ -95,7 +96,7 @@ class Whitener:
         steps, arrays = spaces[k]
         start = self.clocks[k].rows.start
         own = None if steps is None else steps[rows.start - start : rows.stop - start]
-        scaled = columns / g[rows][:, :, None] if self.noise.growth[:, 0].any() else columns
+        scaled = columns / g[rows][:, :, None] if self._grows else columns
         white, log = whiten(scaled, variance[rows], steps=own, **arrays)
         if self.noise.short:
             shorten(white, self.present[rows], self.moving[rows], self.noise.short)
@@ -104,7 +105,12 @@ class Whitener:
     @cached_property
     def _log_size(self) -> float:
         """The sum of log g^2 of all samples."""
-        return float(2 * np.sum(np.log(self._state_spaces[0])[self.present]))
+        return float(2 * np.sum(np.log(self._state_spaces[0])[self.present])) if self._grows else 0.0
+
+    @property
+    def _grows(self) -> bool:
+        """Whether the noise grows with the signals, anywhere: else g is 1."""
+        return bool(self.noise.growth[:, 0].any())
 
     @cached_property
     def _counts(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -117,12 +123,15 @@ class Whitener:
     ) -> tuple[FloatArray, FloatArray, list[tuple[NDArray[np.int64] | None, dict[str, FloatArray]]]]:
         """The scale and white variance of each sample, (rows, q); of each clock the step to each row, and `states`."""
         noise = self.noise
-        g = noise.scale(self.level)
-        running = np.array([median(x[p]) if p.any() else 1.0 for x, p in zip(g.T, self.present.T, strict=True)])
+        g, running = noise.scale(self.level), np.ones(len(noise.white))
+        if self._grows:
+            running = np.array([median(x[p]) if p.any() else 1.0 for x, p in zip(g.T, self.present.T, strict=True)])
         power = noise.white**2 + noise.differenced**2 + noise.slow[:, 0] ** 2
         floor = np.maximum(LEAST_WHITE * power, 1e-300)
-        moved = (noise.jitter * self.slope / g) ** 2
-        variance = np.where(self.present, np.maximum(noise.white**2, floor) * self.inflate + moved, np.inf)
+        white = np.maximum(noise.white**2, floor) * self.inflate
+        if noise.jitter:
+            white += (noise.jitter * self.slope / g) ** 2
+        variance = np.where(self.present, white, np.inf)
         found = []
         for clock in self.clocks:
             steps, index = clock.steps

@@ -15,6 +15,7 @@ from typing import Any
 
 from estimator.fmus.archive import extract
 from estimator.fmus.fmu import FmuDescription, Variable
+from estimator.fmus.mailbox import Mailbox
 from estimator.fmus.process import Process, how_it_ended
 from estimator.fmus.run_folder import RunFolder
 from estimator.stepping.layout import JobLayout, types_of
@@ -41,7 +42,7 @@ class Stages:
         extract(description.path, extracted)
         self.order = order_of(description, str(extracted))
         self.process: Process | None = None
-        self.messages: queue.SimpleQueue[tuple[Process, dict[str, Any] | None]] = queue.SimpleQueue()
+        self.messages: Mailbox[Process] = Mailbox()
         self.generation = 0
 
     def __enter__(self) -> Stages:
@@ -95,7 +96,7 @@ class Stages:
                 sender, message = self.messages.get(timeout=START_LIMIT)
                 if sender is process:
                     if message is None:
-                        self.messages.put((sender, message))
+                        self.messages.put(sender, message)
                     break
         self.until += time.monotonic() - began
 

@@ -8,28 +8,27 @@ from __future__ import annotations
 import contextlib
 import json
 import os
-import queue
 import signal
 import subprocess
 import sys
-import threading
 from pathlib import Path
 from typing import Any
 
+from estimator.fmus.mailbox import Mailbox
 from estimator.stepping.descendants import MARK, descendants, end_all
 
 STARTING, IDLE, RUNNING = range(3)
 
 
 class Process:
-    """One worker process and the thread that reads its answers."""
+    """One worker process; its answers come into a mailbox."""
 
     def __init__(
         self,
         slot: int,
         generation: int,
         folder: Path,
-        messages: queue.SimpleQueue[tuple[Process, dict[str, Any] | None]],
+        mailbox: Mailbox[Process],
     ) -> None:
         self.slot = slot
         self.generation = generation
@@ -47,10 +46,12 @@ class Process:
             env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", MARK: self._mark},
             start_new_session=os.name == "posix",  # so that what an FMU starts ends with it
         )
-        threading.Thread(target=self._read, args=(messages,), daemon=True).start()
+        assert self.popen.stdout is not None
+        self._mailbox = mailbox
+        mailbox.join(self, self.popen.stdout)
 
     def send(self, order: dict[str, Any]) -> None:
-        """Send one order; a process that is gone is noticed by its reader."""
+        """Send one order; of a process that is gone the mailbox tells."""
         assert self.popen.stdin is not None
         with contextlib.suppress(OSError):
             self.popen.stdin.write((json.dumps(order) + "\n").encode())
@@ -95,14 +96,8 @@ class Process:
             self.kill()  # what it has left behind
         with contextlib.suppress(OSError):
             self.popen.stdin.close()
+        self._mailbox.leave(self)
         return int(self.popen.returncode)
-
-    def _read(self, messages: queue.SimpleQueue[tuple[Process, dict[str, Any] | None]]) -> None:
-        assert self.popen.stdout is not None
-        with self.popen.stdout as stdout:
-            for line in stdout:
-                messages.put((self, json.loads(line)))
-        messages.put((self, None))
 
 
 def how_it_ended(code: int) -> str:

@@ -25,6 +25,7 @@ from estimator.errors import FmuError, SimulationError
 from estimator.fmus.archive import extract
 from estimator.fmus.fmu import FmuDescription, check_usable
 from estimator.fmus.job import Batch, Failure, Job, write_numbers
+from estimator.fmus.mailbox import Mailbox
 from estimator.fmus.process import IDLE, RUNNING, STARTING, Process, how_it_ended
 from estimator.fmus.run_folder import RunFolder
 from estimator.stepping.layout import (
@@ -65,6 +66,22 @@ class _Loaded:
     files: tuple[Path, Path]
     descriptor: int | None
 
+    def views(self) -> dict[str, NDArray[Any]]:
+        """Return the fields of the memory as arrays, by name."""
+        shared = self.shared
+        counts = {
+            "values": (shared.values, shared.capacity * shared.experiments * shared.parameters, np.float64),
+            "bounds": (shared.bounds, shared.capacity, np.float64),
+            "costs": (shared.costs, shared.capacity, np.float64),
+            "steps": (shared.steps, shared.capacity, np.int64),
+            "outcomes": (shared.outcomes, shared.capacity, np.int64),
+            "shown": (shared.shown, shared.shown_capacity * shared.rows * shared.outputs, np.float64),
+        }
+        return {
+            name: np.frombuffer(self.memory, dtype=kind, count=count, offset=offset)
+            for name, (offset, count, kind) in counts.items()
+        }
+
     def release(self) -> None:
         """Remove the files: the memory goes when nobody uses it any more."""
         if self.descriptor is not None:
@@ -101,7 +118,7 @@ class Workers:
         self.failed = 0
         self.on_tick: Callable[[], None] | None = None
         self._folder = RunFolder()
-        self._messages: queue.SimpleQueue[tuple[Process, dict[str, Any] | None]] = queue.SimpleQueue()
+        self._messages: Mailbox[Process] = Mailbox()
         self._processes: dict[int, Process] = {}
         self._job: Job | None = None
         self._order: dict[str, Any] = {}
@@ -139,6 +156,7 @@ class Workers:
         self._jobs += 1
         self._job, self._shared, self._memory = job, loaded.shared, loaded.memory
         self._order = {**loaded.order, "number": self._jobs}
+        self._views = loaded.views()
         self._counter = self._view(self._shared.next, 1, np.int64)
         self._claims = self._view(self._shared.claims, MAX_WORKERS, np.int64)
         self._claims[:] = NO_CLAIM
@@ -262,12 +280,10 @@ class Workers:
         self.close()
 
     def _run_part(self, values: FloatArray, bounds: FloatArray, *, refine: int, record: bool) -> Batch:
-        n, shared = len(values), self._shared
-        self._view(shared.values, values.size, np.float64)[:] = values.ravel()
-        self._view(shared.bounds, n, np.float64)[:] = bounds
-        costs = self._view(shared.costs, n, np.float64)
-        steps = self._view(shared.steps, n, np.int64)
-        outcomes = self._view(shared.outcomes, n, np.int64)
+        n = len(values)
+        self._views["values"][: values.size] = values.ravel()
+        self._views["bounds"][:n] = bounds
+        costs, steps, outcomes = (self._views[name][:n] for name in ("costs", "steps", "outcomes"))
         costs[:], steps[:], outcomes[:] = np.inf, 0, PENDING
         self._counter[0] = 0
         self._order["run"] = {"candidates": n, "refine": refine, "record": record}
@@ -307,9 +323,10 @@ class Workers:
             self._remember(int(index), int(outcomes[index]), values[index], done=int(steps[index]), refine=refine)
         shown = None
         if record:
-            flat = self._view(shared.shown, n * shared.rows * shared.outputs, np.float64)
+            flat = self._views["shown"][: n * shared.rows * shared.outputs]
             shown = flat.reshape(n, shared.rows, shared.outputs).copy()
-            shown[failed] = np.nan
+            if failed.any():
+                shown[failed] = np.nan
         return Batch(costs=costs.copy(), steps=steps.copy(), failed=failed, shown=shown)
 
     def _remember(self, index: int, outcome: int, values: FloatArray, *, done: int, refine: int) -> None:
@@ -360,7 +377,7 @@ class Workers:
     def _end_the_overdue(self, watch: dict[int, tuple[int, float]], now: float) -> None:
         for slot, process in self._processes.items():
             if process.has_ended():
-                continue  # its reader is about to say so
+                continue  # the mailbox is about to say so
             waiting = process.state == STARTING
             claim = int(self._claims[slot]) if process.state == RUNNING else (-2 - process.generation)
             if process.state == IDLE or (claim == NO_CLAIM and not waiting):

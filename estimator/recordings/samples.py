@@ -27,8 +27,15 @@ def median(y: FloatArray) -> float:
     k = len(y) // 2
     if len(y) % 2:
         return float(np.partition(y, k)[k])
-    part = np.partition(y, (k - 1, k))
-    return float((part[k - 1] + part[k]) / 2)
+    part = np.partition(y, k)
+    return float((np.max(part[:k]) + part[k]) / 2)
+
+
+def medians(rows: FloatArray) -> FloatArray:
+    """Return the median of each row, (m,), of (m, n) numbers that are all there."""
+    k = rows.shape[1] // 2
+    part = np.partition(rows, k, axis=1)
+    return part[:, k] if rows.shape[1] % 2 else (np.max(part[:, :k], axis=1) + part[:, k]) / 2
 
 
 def mean_of_known(y: FloatArray) -> float:

@@ -1,4 +1,5 @@
-/* kalman: the exact whitening of linear Gaussian noise, column by column; recursions. Knows neither motors nor FMUs.
+/* kalman: the exact whitening of linear Gaussian noise, column by column; recursions; kept memory.
+ * Knows neither motors nor FMUs.
  *
  *     x_0 ~ N(0, initial)
  *     x_j = F x_(j-1) + N(0, Q)                 F, Q: of the time step that ends in row j
@@ -21,6 +22,9 @@
 #include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
+#if defined(__GLIBC__)
+#include <malloc.h>
+#endif
 
 #if defined(_WIN32)
 #define EXPORT __declspec(dllexport)
@@ -232,6 +236,35 @@ static inline double filter(const Noise *noise, Memory *m, double *whitened, siz
     return logarithms;
 }
 
+/* The same of noise without a state: each sample over its deviation, whose root and logarithm are taken anew where a
+   row's variances change. */
+static double filter_white(const Noise *noise, Memory *m, double *whitened)
+{
+    const size_t n = noise->n, q = noise->q, c = noise->c;
+    double logarithms = 0, row_logarithms = 0;
+    for (size_t j = 0; j < n; j++) {
+        const double *r = noise->variance + j * q;
+        if (j == 0 || memcmp(r, r - q, q * sizeof *r) != 0) {
+            row_logarithms = 0;
+            for (size_t i = 0; i < q; i++) {
+                m->spread[i] = isinf(r[i]) ? 0 : 1 / sqrt(r[i]);
+                if (!isinf(r[i])) row_logarithms += log(r[i]);
+            }
+        }
+        for (size_t i = 0; i < q; i++) {
+            const double *restrict y = noise->columns + (j * q + i) * c;
+            double *restrict w = whitened + (j * q + i) * c;
+            const double scale = m->spread[i];
+            if (scale == 0)
+                memset(w, 0, c * sizeof *w);
+            else
+                for (size_t l = 0; l < c; l++) w[l] = y[l] * scale;
+        }
+        logarithms += row_logarithms;
+    }
+    return logarithms;
+}
+
 static double *taken(double **free_memory, size_t numbers)
 {
     double *taken = *free_memory;
@@ -261,7 +294,9 @@ EXPORT int64_t kalman_whiten(int64_t n, int64_t q, int64_t c, int64_t d, int64_t
         _mm_setcsr(control | FLUSH_TO_ZERO);
 #endif
         memcpy(m.P, initial, dd * sizeof *initial);
-        *logarithms = noise.c == 1 ? filter(&noise, &m, whitened, 1) : filter(&noise, &m, whitened, noise.c);
+        *logarithms = noise.d == 0   ? filter_white(&noise, &m, whitened)
+                      : noise.c == 1 ? filter(&noise, &m, whitened, 1)
+                                     : filter(&noise, &m, whitened, noise.c);
 #if defined(__SSE2__)
         _mm_setcsr(control);
 #endif
@@ -296,21 +331,57 @@ EXPORT void kalman_shorten(int64_t n, int64_t q, int64_t c, int64_t most, const 
         }
 }
 
-/* Set y, (n), to the recursion y[j] = b[0] x[j] + b[1] x[j - 1] ... - a[0] y[j - 1] - a[1] y[j - 2] ..., all 0 before. */
-EXPORT void recursion_run(int64_t n, int64_t ahead, int64_t back, const double *b, const double *a, const double *x,
-                          double *restrict y)
+/* The recursion of one signal of c, of which every c-th number is, with up to two numbers behind the first: all that it
+   remembers is kept at hand. */
+static void recur_one(int64_t n, int64_t c, int64_t ahead, int64_t back, const double *b, const double *a,
+                      const double *restrict x, double *restrict y)
+{
+    const double b0 = ahead > 0 ? b[0] : 0.0, b1 = ahead > 1 ? b[c] : 0.0, b2 = ahead > 2 ? b[2 * c] : 0.0;
+    const double a0 = back > 0 ? a[0] : 0.0, a1 = back > 1 ? a[c] : 0.0;
+    double last = 0.0, before = 0.0, x1 = 0.0, x2 = 0.0;
+    for (int64_t j = 0; j < n; j++) {
+        const double now = b0 * x[j * c] + b1 * x1 + b2 * x2 - a0 * last - a1 * before;
+        x2 = x1;
+        x1 = x[j * c];
+        before = last;
+        y[j * c] = last = now;
+    }
+}
+
+/* Set y, (n, c), to the recursions y[j] = b[0] x[j] + b[1] x[j - 1] ... - a[0] y[j - 1] - a[1] y[j - 2] ..., all 0
+   before; b: (ahead, c), a: (back, c). */
+EXPORT void recursion_run(int64_t n, int64_t c, int64_t ahead, int64_t back, const double *restrict b,
+                          const double *restrict a, const double *restrict x, double *y)
 {
 #if defined(__SSE2__)
     const unsigned control = _mm_getcsr();
     _mm_setcsr(control | FLUSH_TO_ZERO);
 #endif
-    for (int64_t j = 0; j < n; j++) {
-        double sum = 0.0;
-        for (int64_t l = 0; l < ahead && l <= j; l++) sum += b[l] * x[j - l];
-        for (int64_t l = 0; l < back && l < j; l++) sum -= a[l] * y[j - 1 - l];
-        y[j] = sum;
+    if (c < 4 && ahead <= 3 && back <= 2) {
+        for (int64_t k = 0; k < c; k++) recur_one(n, c, ahead, back, b + k, a + k, x + k, y + k);
+    } else {
+        for (int64_t j = 0; j < n; j++) {
+            double *restrict to = y + j * c;
+            for (int64_t k = 0; k < c; k++) to[k] = 0.0;
+            for (int64_t l = 0; l < ahead && l <= j; l++)
+                for (int64_t k = 0; k < c; k++) to[k] += b[l * c + k] * x[(j - l) * c + k];
+            for (int64_t l = 0; l < back && l < j; l++)
+                for (int64_t k = 0; k < c; k++) to[k] -= a[l * c + k] * y[(j - 1 - l) * c + k];
+        }
     }
 #if defined(__SSE2__)
     _mm_setcsr(control);
+#endif
+}
+
+/* Keep freed blocks up to a size, and free memory up to another, in bytes, for this process: glibc alone is asked. */
+EXPORT void memory_keep(int largest, int most)
+{
+#if defined(__GLIBC__)
+    mallopt(M_MMAP_THRESHOLD, largest);
+    mallopt(M_TRIM_THRESHOLD, most);
+#else
+    (void)largest;
+    (void)most;
 #endif
 }

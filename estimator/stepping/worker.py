@@ -13,11 +13,13 @@ import json
 import mmap
 import os
 import queue
+import select
 import shutil
 import signal
 import sys
 import threading
 import time
+from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
 from typing import IO, Any, NoReturn
@@ -45,9 +47,7 @@ def main() -> None:
     nowhere = os.open(os.devnull, os.O_RDWR)
     for standard in (0, 1):  # an FMU that reads or prints does so there
         os.dup2(nowhere, standard)
-    orders: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
-    folder = Path(sys.argv[1])
-    threading.Thread(target=_listen, args=(given, orders, folder), daemon=True).start()
+    orders = _orders(given, Path(sys.argv[1]))
     with contextlib.suppress(ImportError):  # while the owner reads its recordings; who needs it says what is missing
         import_module("fmpy.fmi2")
     answers.write(json.dumps({"started": True, "number": 0}) + "\n")  # from here on it is the FMU's time
@@ -55,8 +55,7 @@ def main() -> None:
     kept: dict[int, _Worker] = {}  # of late, the last one last
     prober: Any = None
     number = 0  # of the job that was loaded last
-    while True:
-        order = orders.get()
+    for order in orders:
         if "quit" in order:
             for old in kept.values():
                 old.close()
@@ -250,9 +249,33 @@ def _end_with_parent() -> None:
         ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG
 
 
+def _orders(given: IO[str], folder: Path) -> Iterator[dict[str, Any]]:
+    """Yield the orders; when they end, the owner is gone: so does this process then, whatever it does."""
+    if sys.platform == "linux":  # a pipe tells of its end by itself: no thread has to hand on each order
+        threading.Thread(target=_wait_for_end, args=(given.fileno(), folder), daemon=True).start()
+        for line in given:
+            yield json.loads(line)
+        _end_with_owner(folder)
+    orders: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
+    threading.Thread(target=_listen, args=(given, orders, folder), daemon=True).start()
+    while True:
+        yield orders.get()
+
+
+def _wait_for_end(place: int, folder: Path) -> None:
+    waiting = select.poll()
+    waiting.register(place, 0)  # that nobody writes any more is always told
+    waiting.poll()
+    _end_with_owner(folder)
+
+
 def _listen(given: IO[str], orders: queue.SimpleQueue[dict[str, Any]], folder: Path) -> None:
     for line in given:
         orders.put(json.loads(line))
+    _end_with_owner(folder)
+
+
+def _end_with_owner(folder: Path) -> NoReturn:
     shutil.rmtree(folder, ignore_errors=True)
     _end_group()
 

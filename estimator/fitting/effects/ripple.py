@@ -24,6 +24,7 @@ AS_GOOD = 0.9  # of the best order's power: the lowest order that explains as mu
 LEAST_QUANTA = 1.0  # of a speed's quantum
 ORDERS_BESIDE = 2  # neighbouring orders that a few turns do not resolve
 ORDERS_NEARBY = 12  # on either side: by the median of their powers an order is judged
+EIGHT = 8  # orders, of HIGHEST_ORDER, whose waves are kept
 STANDSTILL = 1e-3  # of the largest signal: less stands still
 MOST_LINES = 4  # an output, at most
 
@@ -92,12 +93,15 @@ class Ripple(Effect):
             own = z[clock.rows]
             there = own != 0  # the others tell nothing
             base, own = np.exp(1j * theta[clock.rows][there]), own[there]
-            wave = np.ones_like(base)
-            for k, usable in enumerate(orders):
-                wave = wave * base
-                if not usable:
-                    continue  # aliased to a slow change
-                total[k] += abs(np.vdot(wave, own)) ** 2
+            # Order a + 8 b is a wave of the first eight, times one of every eighth.
+            few = [base]
+            for _ in range(EIGHT - 1):
+                few.append(few[-1] * base)
+            steps = [own.astype(complex)]
+            for _ in range(HIGHEST_ORDER // EIGHT - 1):
+                steps.append(steps[-1] * few[-1])
+            power = np.abs(np.array(steps) @ np.array(few).T).ravel() ** 2
+            total += np.where(orders, power, 0.0)  # the others are aliased to a slow change
         return total
 
     def _amplitude(self, power: float, z: FloatArray, level: FloatArray, fit: Fit, j: int) -> float:

@@ -44,11 +44,11 @@ class SourceSag(Effect):
             return ()
         taus = time_constants(s.clocks[0].step, LONGEST_SAG)
         current = fit.explained[:, s.outputs.index("i")]
-        best = likeliest(*fit.test().scores_of(_response(fit, current, float(tau)) for tau in taus))
+        best = likeliest(*fit.test().scores_of(lambda some: _response(fit, current, some), taus))
         near = {max(0, best - STEPS_BESIDE), best, min(len(taus) - 1, best + STEPS_BESIDE)}
         bounds = {"least": LEAST_SAG * values["R"], "most": values["R"], "size": USUAL_SAG * values["R"]}
         return [
-            Linear(f"{self.name}, {taus[k]:.3g} s", _response(fit, current, float(taus[k]))[:, :, None], ("Ohm",),
+            Linear(f"{self.name}, {taus[k]:.3g} s", _response(fit, current, taus[k : k + 1]), ("Ohm",),
                    one_of=len(taus), **bounds)
             for k in sorted(near, key=lambda k: abs(k - best))
         ]  # fmt: skip
@@ -58,18 +58,19 @@ class SourceSag(Effect):
         explained = fit.explained + group.columns @ coefficients
         current = explained[:, fit.simulator.outputs.index("i")]
         tau = float(group.name.split(", ")[1].removesuffix(" s"))
-        return dataclasses.replace(group, columns=_response(fit, current, tau)[:, :, None])
+        return dataclasses.replace(group, columns=_response(fit, current, np.array([tau])))
 
     def tell(self, name: str, value: float, plan: Plan) -> str:
         """Say how large, and how fast."""
         return f"the source sags by the current: its resistance is {value:.3g} Ohm, time constant{name.split(',')[1]}"
 
 
-def _response(fit: Fit, current: FloatArray, tau: float) -> FloatArray:
-    """Return the change of the signals, (rows, q), by 1 Ohm of the source with the time constant tau, s."""
-    taken = np.zeros(len(current))
+def _response(fit: Fit, current: FloatArray, taus: FloatArray) -> FloatArray:
+    """Return the change of the signals, (rows, q, c), by 1 Ohm of the source with c time constants, s."""
+    taken = np.zeros((len(current), len(taus)))
     for clock in fit.simulator.clocks:
-        a = float(np.exp(-clock.step / tau))
+        a = np.exp(-clock.step / taus)
         own = np.nan_to_num(current[clock.rows])
-        taken[clock.rows] = own[0] + recursion([0.5 * (1 - a), 0.5 * (1 - a)], [-a], own - own[0])
+        away = np.repeat((own - own[0])[:, None], len(taus), axis=1)
+        taken[clock.rows] = own[0] + recursion([0.5 * (1 - a), 0.5 * (1 - a)], [-a], away)
     return response(fit, voltage=-taken)

@@ -25,6 +25,7 @@ STRETCHES = 6  # at most
 LINES_NEARBY, LINE_WIDTH = 60, 6  # frequencies on either side, whose median power judges a line; of these left out
 MOST_SWITCHING_LINES, HARMONICS = 6, 12  # at most; of the first line, each aliased to its own frequency
 ZOOMS = 7  # by 4 each
+MOMENTS = 20  # of a line's expansion: the next is 1e-17 of the first where the phase at the ends turns by 1.05
 SHAFT_ORDERS, WANDERS = 3, 0.08  # orders of an uneven shaft, which are no switching; part by which the speed varies
 EVEN = 0.02  # of a step: a clock with a larger jitter aliases no line
 
@@ -125,15 +126,19 @@ def _powers(frequencies: FloatArray, parts: Sequence[tuple[FloatArray, FloatArra
 
 def _sharpened(f: float, width: float, parts: Sequence[tuple[FloatArray, FloatArray]]) -> float:
     """Return the frequency, Hz, within a width of `f` at which a line explains most."""
+    first, beside, moments = f, width, []
+    for t, own in parts:  # sum of own e^(2 pi i f t), expanded about the first frequency: the turns beside it are small
+        middle = 0.5 * (t[0] + t[-1])
+        wave, turn = np.exp(2j * np.pi * f * t) * own / np.sqrt(len(own)), 2j * np.pi * width * (t - middle)
+        told = [wave.sum()]
+        for order in range(1, MOMENTS):
+            wave = wave * turn / order
+            told.append(wave.sum())
+        moments.append(told)
     for _ in range(ZOOMS):
         near = f + width * np.linspace(-1, 1, 9)
-        powers = np.zeros(len(near))
-        for t, own in parts:  # neighbours differ by the same turn
-            wave, turn = (np.exp(2j * np.pi * x * t) for x in (near[0], near[1] - near[0]))
-            wave *= own / np.sqrt(len(own))
-            for k in range(len(near)):
-                powers[k] += abs(wave.sum()) ** 2
-                wave *= turn
+        away = (near - first) / beside
+        powers = np.sum([np.abs(np.polynomial.polynomial.polyval(away, told)) ** 2 for told in moments], axis=0)
         f, width = float(near[np.argmax(powers)]), width / 4
     return f
 

@@ -51,7 +51,7 @@ class VoltageTransient(Effect):
         return [
             Linear(
                 name,
-                self.sign * _response(fit, float(taus[best]))[:, :, None],
+                self.sign * _response(fit, taus[best : best + 1]),
                 ("",),
                 least=LEAST_PART,
                 most=MOST_PART,
@@ -75,25 +75,24 @@ def _missing(fit: Fit) -> tuple[FloatArray, FloatArray, FloatArray]:
     v = s.inputs("v")
     duration = max(float(c.time[-1] - c.time[0]) for c in s.clocks)
     taus = time_constants(s.clocks[0].step, LONGEST_TRANSIENT * duration)
-    if not any(np.any(_coming_back(v[c.rows], 0.0, float(np.ptp(v)))) for c in s.clocks):
+    if not any(np.any(_changes(v[c.rows], float(np.ptp(v)))) for c in s.clocks):
         return taus, np.zeros(0), np.zeros(0)
-    return taus, *fit.test().scores_of(_response(fit, float(tau)) for tau in taus)
+    return taus, *fit.test().scores_of(lambda some: _response(fit, some), taus)
 
 
-def _response(fit: Fit, tau: float) -> FloatArray:
-    """Return the signals' change, (rows, q), by a voltage that is missing at first and comes back with tau, s."""
+def _response(fit: Fit, taus: FloatArray) -> FloatArray:
+    """Return the signals' change, (rows, q, c), by a voltage that is missing at first and comes back with c taus, s."""
     s = fit.simulator
     v = s.inputs("v")
-    missing = np.zeros(s.rows)
-    for clock in s.clocks:
-        missing[clock.rows] = _coming_back(v[clock.rows], float(np.exp(-clock.step / tau)), float(np.ptp(v)))
+    span, missing = float(np.ptp(v)), np.zeros((s.rows, len(taus)))
+    for clock in s.clocks:  # all of each change is missing at first
+        change = np.repeat(_changes(v[clock.rows], span)[:, None], len(taus), axis=1)
+        missing[clock.rows] = recursion([1.0], [-np.exp(-clock.step / taus)], change)
     return response(fit, voltage=as_late(fit, -missing))
 
 
-def _coming_back(u: FloatArray, decay: float, span: float) -> FloatArray:
-    """Return what is missing of a voltage, (n,), if all of each change is missing at first; 0 if it has no levels."""
+def _changes(u: FloatArray, span: float) -> FloatArray:
+    """Return the changes of a voltage, (n,), from level to level; 0 if it has no levels."""
     change = np.diff(u, prepend=u[:1])
     change[np.abs(change) <= EDGE * span] = 0.0
-    if np.count_nonzero(change) > MOST_EDGES:
-        return np.zeros(len(u))
-    return recursion([1.0], [-decay], change)
+    return np.zeros(len(u)) if np.count_nonzero(change) > MOST_EDGES else change
