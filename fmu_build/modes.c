@@ -80,23 +80,48 @@ static void margin_slopes(const Values *values, const Margins *margins, double r
     for (int k = 0; k < N_MODES; k++) slopes[k] = (ahead.flat[k].margin - margins->flat[k].margin) / reach;
 }
 
-/* The matrix of a linear model, for as long as its modes last, and how fast its states drive each other, 1/s. */
-typedef struct {
-    bool known;
-    Matrix a;
-    double rate;
-} Flow;
-
-static void flow_find(Flow *flow, const Values *values)
+/* For a matrix and parts of the step, of which nothing is computed yet. */
+static void flow_begin(Flow *flow, const Matrix *a, double part)
 {
-    flow->known = true;
-    linear_matrix(values, &flow->a);
+    flow->part = part;
+    flow->a = *a;
     flow->rate = 0;
     for (int i = 0; i < N_STATES; i++) {
         double sum = 0;
-        for (int j = 0; j < N_STATES; j++) sum += sqrt(fabs(flow->a.at[i][j] * flow->a.at[j][i]));
+        for (int j = 0; j < N_STATES; j++) sum += sqrt(fabs(a->at[i][j] * a->at[j][i]));
         flow->rate = larger_of(flow->rate, sum);
     }
+    for (int k = 0; k < HALVES; k++) flow->known[k] = false;
+}
+
+/* Make ready for part / 2^k; false if what is needed is not finite. */
+static bool flow_know(Flow *flow, int k)
+{
+    flow->known[k] = flow->known[k] || propagation(&flow->a, ldexp(flow->part, -k), &flow->growth[k], &flow->gain[k]);
+    return flow->known[k];
+}
+
+/* Steps of part, part / 2, ... from values, as long as one is within what is left, which is short then, or needs them
+   finer; false if what is needed is not finite. */
+static bool flow_halve(Flow *flow, double *left, Values *values)
+{
+    Values at_zero = *values;
+    Rates rates;
+    double x[N_STATES], grown[N_STATES], held[N_STATES];
+    double half = flow->part;
+    for (int i = 0; i < N_STATES; i++) at_zero.flat[model_state_places[i]] = 0;
+    derivatives(&at_zero.named, &rates.named);
+    for (int i = 0; i < N_STATES; i++) x[i] = values->flat[model_state_places[i]];
+    for (int k = 0; k < HALVES && *left * flow->rate > SHORT; k++, half /= 2) {
+        if (*left < half) continue;
+        if (!flow_know(flow, k)) return false;
+        matrix_apply(&flow->growth[k], x, grown);
+        matrix_apply(&flow->gain[k], rates.flat, held);
+        for (int i = 0; i < N_STATES; i++) x[i] += grown[i] + held[i];
+        *left -= half;
+    }
+    for (int i = 0; i < N_STATES; i++) values->flat[model_state_places[i]] = x[i];
+    return true;
 }
 
 /* x += h x' + h^2/2 A x' + ..., by as many terms as count; false where they do not fall off. */
@@ -134,9 +159,10 @@ static bool modes_keep(Flow *flow, const Values *from, double step, Values *to)
     *to = *from;
     if (MODEL_LINEAR) {
         Propagator passing;
-        if (!flow->known) flow_find(flow, from);
-        if (step * flow->rate <= SHORT && flow_series(flow, step, to)) return true;
-        return propagator_prepare_for(&passing, &flow->a, from, step) && propagator_step(&passing, to);
+        double left = step;
+        if (!flow_halve(flow, &left, to)) return false;
+        if (left * flow->rate <= SHORT && flow_series(flow, left, to)) return true;
+        return propagator_prepare_for(&passing, &flow->a, to, left) && propagator_step(&passing, to);
     } else {
         double substep = 0;
         return rosenbrock_integrate(to, step, &substep);
@@ -233,25 +259,25 @@ static double swing(const Matrix *a)
     return fastest;
 }
 
-/* Make ready for a part of the step; what was computed for the modes before last may serve again. */
+/* Make ready for a part of the step; what was computed for modes of late may serve again. */
 static bool modes_prepare_part(Propagator *propagator, const Matrix *a, const Values *values, double part)
 {
-#if MODEL_MODES > 0
-    for (int k = 0; k < 2; k++) {
-        const Kept *kept = &propagator->kept[k];
-        if (kept->part != part || memcmp(&kept->a, a, sizeof *a) != 0) continue;
-        propagator->growth = kept->growth;
-        propagator->gain = kept->gain;
-        propagator_hold_inputs(propagator, values);
-        return true;
+    Flow *flow = NULL;
+    for (int k = 0; k < FLOWS && flow == NULL; k++) {
+        flow = &propagator->flows[k];
+        if (flow->part != part || memcmp(&flow->a, a, sizeof *a) != 0) flow = NULL;
+        propagator->flow = flow != NULL ? k : propagator->flow;
     }
-    if (!propagator_prepare_for(propagator, a, values, part)) return false;
-    propagator->kept[1] = propagator->kept[0];
-    propagator->kept[0] = (Kept){part, *a, propagator->growth, propagator->gain};
+    if (flow == NULL) {
+        propagator->flow = (propagator->flow + 1) % FLOWS;
+        flow = &propagator->flows[propagator->flow];
+        flow_begin(flow, a, part);
+    }
+    if (!flow_know(flow, 0)) return false;
+    propagator->growth = flow->growth[0];
+    propagator->gain = flow->gain[0];
+    propagator_hold_inputs(propagator, values);
     return true;
-#else
-    return propagator_prepare_for(propagator, a, values, part);
-#endif
 }
 
 /* Make ready for parts of a communication step that are short enough; false if what is needed is not finite. */
@@ -338,7 +364,6 @@ static bool modes_integrate(Values *values, double step, Propagator *propagator)
 {
     Values now = *values;
     Margins *margins = &propagator->margins;
-    Flow flow = {.known = false};
     double left = step;
     bool changed = false;
     bool last = true;
@@ -350,13 +375,14 @@ static bool modes_integrate(Values *values, double step, Propagator *propagator)
         Margins ends;
         double first, h;
         if ((!MODEL_LINEAR || !(propagator->step == step)) && !modes_prepare(propagator, &now, step)) return false;
+        Flow *const flow = &propagator->flows[propagator->flow];
         h = propagator->part < left * (1 - 1e-12) ? propagator->part : left;
         if (MODEL_LINEAR && fabs(h - propagator->part) <= 1e-12 * step && modes_pass(&now, propagator)) {
             left -= h;
             continue;
         }
-        if (!modes_keep(&flow, &now, h, &next)) return false;
-        first = modes_end(&flow, &now, margins, &next, &ends, h);
+        if (!modes_keep(flow, &now, h, &next)) return false;
+        first = modes_end(flow, &now, margins, &next, &ends, h);
         now = next;
         left -= first < h ? first : h;
         *margins = ends;
@@ -364,7 +390,6 @@ static bool modes_integrate(Values *values, double step, Propagator *propagator)
         last = false;
         if (!modes_settle(&now, margins, &changed)) return false;
         propagator->step = NAN;
-        flow.known = false;
         changes++;
     }
     if (left > 0) return false;
