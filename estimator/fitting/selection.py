@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import weakref
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -166,8 +167,9 @@ class Explanation:
 
 @dataclass(frozen=True)
 class _Tested:
-    """What was tested last of a long recording."""
+    """What was tested last; the fit itself may be gone."""
 
+    fit: weakref.ref[Fit]
     simulator: Simulator
     whitener: Whitener
     names: tuple[str, ...]
@@ -176,9 +178,12 @@ class _Tested:
     found: list[Addition]
 
     def holds(self, fit: Fit, effects: Sequence[Effect]) -> bool:
-        """Whether it is the same of another fit: one whose values have hardly moved since."""
+        """Whether it holds of a fit: the same, or of a long recording one whose values have hardly moved since."""
+        if self.fit() is fit:
+            return self.effects == tuple(effects)
         alike = self.simulator is fit.simulator and self.whitener is fit.whitener and self.names == fit.names
-        return alike and self.effects == tuple(effects) and abs(self.cost - fit.cost) < HARDLY_MOVED
+        near = fit.simulator.rows > LONG and abs(self.cost - fit.cost) < HARDLY_MOVED
+        return alike and near and self.effects == tuple(effects)
 
 
 @dataclass
@@ -500,8 +505,9 @@ class Selection:
                 by_simulator.setdefault(id(simulator), (simulator, []))[1].append((effect, nuisance))
         for simulator, wanted in by_simulator.values():
             result += self._tried(fit, simulator, wanted, test, beside=beside)
-        if long and beside is None:
-            self._tested = _Tested(fit.simulator, fit.whitener, fit.names, fit.cost, tuple(effects), result)
+        if beside is None:
+            known = weakref.ref(fit), fit.simulator, fit.whitener, fit.names, fit.cost, tuple(effects)
+            self._tested = _Tested(*known, result)
         return result
 
     def _scored(
