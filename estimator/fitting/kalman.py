@@ -21,7 +21,7 @@ from estimator.stepping.library import KALMAN, check_installed
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-LARGEST_KEPT, MOST_KEPT = 32 << 20, 128 << 20  # bytes: of an array, the most that glibc takes; of all at the heap's end
+LARGEST_KEPT, MOST_KEPT = 4 << 20, 32 << 20  # bytes: of an array, so that long recordings give theirs back; of all
 
 
 def whiten(
