@@ -7,6 +7,7 @@ import contextlib
 import dataclasses
 import os
 import shutil
+import subprocess
 import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -19,6 +20,7 @@ import drawing  # noqa: E402
 import forked  # noqa: E402
 import numpy as np  # noqa: E402
 import pytest  # noqa: E402
+import warm_workers  # noqa: E402
 from motors import Motor, recording_of, step_recording  # noqa: E402
 from open_points import OPEN  # noqa: E402
 
@@ -35,6 +37,7 @@ LONG = (  # the longest first, so that all workers end together
     *("fmu_build_sanitizers", "refusal", "plots", "fmu_build_errors", "paper_figures", "odd_recordings", "app"),
     *("python_fmu", "check", "kinds", "in_memory", "combined", "fmu_build", "resample", "starts", "begin"),
 )
+FORKING = pytest.StashKey[warm_workers.Forking]()
 TOGETHER = {  # tests of several files that share estimates
     "test_derived.py::test_gains_and_time_": "test_estimate.py",
 }
@@ -67,7 +70,10 @@ def pytest_configure(config: pytest.Config) -> None:
         for folder in ("estimator", "fmu_build"):
             compileall.compile_dir(ROOT / folder, quiet=2)
         os.environ[compiled.FOLDER] = tempfile.mkdtemp()
+        if warm_workers.CAN_FORK:
+            config.stash[FORKING] = warm_workers.Forking()
     compiled.keep()
+    warm_workers.take()
     drawing.draw_here()
 
 
@@ -162,6 +168,12 @@ def shared_workers() -> Iterator[None]:
         yield
 
 
+@pytest.fixture
+def started_workers(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Start the processes of workers anew: for tests that ask how they are started, marked and ended."""
+    monkeypatch.setattr("estimator.fmus.process.subprocess", subprocess)
+
+
 def pytest_sessionfinish() -> None:
     """End the processes that wait."""
     forked.end()
@@ -171,6 +183,8 @@ def pytest_sessionfinish() -> None:
 
 
 def pytest_unconfigure(config: pytest.Config) -> None:
-    """Remove what was compiled."""
+    """Remove what was compiled, and end the process that forks."""
+    if FORKING in config.stash:
+        config.stash[FORKING].end()
     if not hasattr(config, "workerinput"):
         shutil.rmtree(os.environ.pop(compiled.FOLDER), ignore_errors=True)

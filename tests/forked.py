@@ -153,6 +153,7 @@ def serve(stream: socket.socket) -> int:
         for name in OF_AN_EXTRA:
             importlib.import_module(name)
     import compiled
+    import warm_workers
     from drawing import draw_here
 
     from estimator.results.plots import warm_up
@@ -160,6 +161,7 @@ def serve(stream: socket.socket) -> int:
     warm_up()
     draw_here()
     compiled.keep()
+    warm_workers.take()
     own, answers = os.getpid(), tempfile.mkdtemp()
     with contextlib.suppress(ImportError):
         _keep_answers(Path(answers))
