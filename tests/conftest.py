@@ -5,15 +5,22 @@ from __future__ import annotations
 import compileall
 import contextlib
 import dataclasses
+import gc
 import os
 import shutil
 import subprocess
+import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as on the command line; one worker of pytest-xdist a core
+sys.dont_write_bytecode = False  # tests whose asserts were rewritten are kept, for the next worker and the next run
+for (
+    finder
+) in sys.meta_path:  # the package, a plugin of pytest, has no asserts that tests would show: it is left as it is
+    getattr(finder, "_must_rewrite", set()).discard("estimator")
 
 import compiled  # noqa: E402
 import drawing  # noqa: E402
@@ -106,6 +113,13 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     items[:] = [item for item in items if item not in left]
 
 
+@pytest.hookimpl(trylast=True)
+def pytest_collection_finish() -> None:
+    """Let the collection of garbage pass over what was loaded and collected: it would take a tenth of the time."""
+    gc.collect()
+    gc.freeze()
+
+
 @pytest.fixture(scope="session")
 def case_of(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Case]:
     """Return a maker of cases for recordings in memory: method, seed and bounds as asked."""
@@ -174,8 +188,10 @@ def started_workers(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("estimator.fmus.process.subprocess", subprocess)
 
 
+@pytest.hookimpl(tryfirst=True)
 def pytest_sessionfinish() -> None:
-    """End the processes that wait."""
+    """End the processes that wait; what plugins load only now looks for its objects among those that are collected."""
+    gc.unfreeze()
     forked.end()
     for crew in _crews.values():
         crew.close()
