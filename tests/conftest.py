@@ -28,6 +28,7 @@ import forked  # noqa: E402
 import numpy as np  # noqa: E402
 import pytest  # noqa: E402
 import warm_workers  # noqa: E402
+from forking import Forking  # noqa: E402
 from motors import Motor, recording_of, step_recording  # noqa: E402
 from open_points import OPEN  # noqa: E402
 
@@ -44,7 +45,7 @@ LONG = (  # the longest first, so that all workers end together
     *("fmu_build_sanitizers", "refusal", "plots", "fmu_build_errors", "paper_figures", "odd_recordings", "app"),
     *("python_fmu", "check", "kinds", "in_memory", "combined", "fmu_build", "resample", "starts", "begin"),
 )
-FORKING = pytest.StashKey[warm_workers.Forking]()
+FORKING = pytest.StashKey[Forking | None]()
 TOGETHER = {  # tests of several files that share estimates
     "test_derived.py::test_gains_and_time_": "test_estimate.py",
 }
@@ -77,8 +78,7 @@ def pytest_configure(config: pytest.Config) -> None:
         for folder in ("estimator", "fmu_build"):
             compileall.compile_dir(ROOT / folder, quiet=2)
         os.environ[compiled.FOLDER] = tempfile.mkdtemp()
-        if warm_workers.CAN_FORK:
-            config.stash[FORKING] = warm_workers.Forking()
+        config.stash[FORKING] = warm_workers.forking()
     compiled.keep()
     warm_workers.take()
     drawing.draw_here()
@@ -200,7 +200,7 @@ def pytest_sessionfinish() -> None:
 
 def pytest_unconfigure(config: pytest.Config) -> None:
     """Remove what was compiled, and end the process that forks."""
-    if FORKING in config.stash:
-        config.stash[FORKING].end()
+    if (forking := config.stash.get(FORKING, None)) is not None:
+        forking.end()
     if not hasattr(config, "workerinput"):
         shutil.rmtree(os.environ.pop(compiled.FOLDER), ignore_errors=True)
