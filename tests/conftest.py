@@ -7,10 +7,8 @@ import contextlib
 import dataclasses
 import gc
 import os
-import shutil
 import subprocess
 import sys
-import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -77,7 +75,9 @@ def pytest_configure(config: pytest.Config) -> None:
     if not hasattr(config, "workerinput"):
         for folder in ("estimator", "fmu_build"):
             compileall.compile_dir(ROOT / folder, quiet=2)
-        os.environ[compiled.FOLDER] = tempfile.mkdtemp()
+        os.environ[compiled.FOLDER] = str(folder := ROOT / ".pytest_cache" / "compiled")
+        folder.mkdir(parents=True, exist_ok=True)
+        compiled.forget(folder)
         config.stash[FORKING] = warm_workers.forking()
     compiled.keep()
     warm_workers.take()
@@ -199,8 +199,6 @@ def pytest_sessionfinish() -> None:
 
 
 def pytest_unconfigure(config: pytest.Config) -> None:
-    """Remove what was compiled, and end the process that forks."""
+    """End the process that forks."""
     if (forking := config.stash.get(FORKING, None)) is not None:
         forking.end()
-    if not hasattr(config, "workerinput"):
-        shutil.rmtree(os.environ.pop(compiled.FOLDER), ignore_errors=True)
