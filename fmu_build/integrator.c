@@ -133,11 +133,19 @@ static inline bool exponential(const Matrix *a, double scale, int levels, Expone
 
 /* ---- Linear models ---- */
 
-/* What was computed for a matrix. */
+enum {
+    FLOWS = N_MODES > 0 ? 4 : 1,  /* of the modes of late */
+    HALVES = N_MODES > 0 ? 20 : 1 /* of a part of the step */
+};
+
+/* What was computed for a matrix: for parts of the step and their halves, quarters, ... */
 typedef struct {
     double part; /* s; 0: none yet */
-    Matrix a, growth, gain;
-} Kept;
+    Matrix a;
+    double rate; /* 1/s: how fast the states drive each other */
+    bool known[HALVES];
+    Matrix growth[HALVES], gain[HALVES];
+} Flow;
 
 typedef struct {
     double step; /* s: the communication step that the rest is for; NaN: none */
@@ -146,10 +154,9 @@ typedef struct {
     Matrix growth;
     double change[N_STATES]; /* gain b, for the inputs as they are */
     Matrix gain;
-#if MODEL_MODES > 0
-    Kept kept[2];    /* of the modes of late */
-#endif
-    bool settled;    /* margins are those of the state as it is: no mode is to change */
+    Flow flows[FLOWS];
+    int flow;     /* which of them it is */
+    bool settled; /* margins are those of the state as it is: no mode is to change */
     Margins margins;
 } Propagator;
 
@@ -168,7 +175,7 @@ static inline void propagator_hold_inputs(Propagator *p, const Values *values)
    the settled current beside the starting current, and doubling has rounded the latter. There, A gain = growth is
    solved by elimination, corrected twice (Skeel 1980: the second time, every entry has its own small relative error).
    States on which nothing depends, such as an angle, are left as they are. */
-static void propagator_refine(Propagator *p, const Matrix *a)
+static void gain_refine(const Matrix *a, const Matrix *growth, Matrix *gain)
 {
     int core[N_STATES], order[N_STATES];
     int n = 0;
@@ -180,8 +187,8 @@ static void propagator_refine(Propagator *p, const Matrix *a)
     }
     for (int i = 0; i < n; i++)
         for (int j = 0; j < n; j++) {
-            const double there = p->growth.at[core[i]][core[j]] + (i == j);
-            const double back = p->growth.at[core[j]][core[i]] + (i == j);
+            const double there = growth->at[core[i]][core[j]] + (i == j);
+            const double back = growth->at[core[j]][core[i]] + (i == j);
             if (!(fabs(there * back) < 0.01)) return; /* not died away */
             lu.at[i][j] = a->at[core[i]][core[j]];
         }
@@ -204,16 +211,28 @@ static void propagator_refine(Propagator *p, const Matrix *a)
         const int c = core[column % n];
         for (int i = 0; i < n; i++) {
             const int row = core[order[i]];
-            x[i] = p->growth.at[row][c];
-            for (int j = 0; j < n; j++) x[i] -= a->at[row][core[j]] * p->gain.at[core[j]][c];
+            x[i] = growth->at[row][c];
+            for (int j = 0; j < n; j++) x[i] -= a->at[row][core[j]] * gain->at[core[j]][c];
             for (int j = 0; j < i; j++) x[i] -= lu.at[order[i]][j] * x[j];
         }
         for (int i = n - 1; i >= 0; i--) {
             for (int j = i + 1; j < n; j++) x[i] -= lu.at[order[i]][j] * x[j];
             x[i] /= lu.at[order[i]][i];
         }
-        for (int i = 0; i < n; i++) p->gain.at[core[i]][c] += x[i];
+        for (int i = 0; i < n; i++) gain->at[core[i]][c] += x[i];
     }
+}
+
+/* growth and gain of a step; false if they are not finite. */
+static bool propagation(const Matrix *a, double step, Matrix *growth, Matrix *gain)
+{
+    Exponential e;
+    if (!exponential(a, step, 1, &e)) return false;
+    *growth = e.phi[0];
+    for (int i = 0; i < N_STATES; i++)
+        for (int j = 0; j < N_STATES; j++) gain->at[i][j] = step * e.phi[1].at[i][j];
+    gain_refine(a, growth, gain);
+    return true;
 }
 
 /* A of x' = A x + b. What does not matter, the inputs, is kept out of the differences. */
@@ -235,12 +254,7 @@ static void linear_matrix(const Values *values, Matrix *a)
 /* Compute all for the matrix of values and their inputs as they are; false if it is not finite. */
 static bool propagator_prepare_for(Propagator *p, const Matrix *a, const Values *values, double step)
 {
-    Exponential e;
-    if (!exponential(a, step, 1, &e)) return false;
-    p->growth = e.phi[0];
-    for (int i = 0; i < N_STATES; i++)
-        for (int j = 0; j < N_STATES; j++) p->gain.at[i][j] = step * e.phi[1].at[i][j];
-    propagator_refine(p, a);
+    if (!propagation(a, step, &p->growth, &p->gain)) return false;
     propagator_hold_inputs(p, values);
     p->step = p->part = step;
     return true;

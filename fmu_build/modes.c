@@ -6,9 +6,9 @@
  * Every point looked at is reached by steps from the last change, none by interpolation: within a mode a linear model
  * stays exact, and the instant of a change is right to rounding.
  *
- * Steps are so short that what swings turns back at most once in one. A margin that falls at the start and rises at the
- * end then has one lowest point; where the tangents at both ends meet above 0, so is that point, and where they do not,
- * it is closed in upon.
+ * Steps are so short that what swings turns back at most once in one, and is bent upwards while it falls; so is what
+ * dies away at two rates. A margin that falls at the start then lies above its tangent until it rises: where the tangent
+ * stays above 0, so does the margin, and where it does not, Newton's method closes in upon the first root from before.
  */
 #include "integrator.c"
 
@@ -17,7 +17,7 @@
 #define MAX_CHANGES 10000  /* of mode in one communication step */
 #define MAX_ROUNDS 100     /* of changes at one instant */
 #define MAX_PROBES 200     /* in the search for one instant */
-#define LONGEST_SWING 2.0  /* rad in one step; pi from one turning point to the next */
+#define LONGEST_SWING 1.5  /* rad in one step: before its lowest point, a sine is bent upwards for a quarter turn */
 #define SLOPE_REACH 0.01   /* of a step: how far a margin is followed to see its slope */
 #define SHORT 1.0          /* of a step times the rate: below, a series is as exact as an exponential, and cheaper */
 #define MAX_TERMS 30       /* of that series */
@@ -80,23 +80,48 @@ static void margin_slopes(const Values *values, const Margins *margins, double r
     for (int k = 0; k < N_MODES; k++) slopes[k] = (ahead.flat[k].margin - margins->flat[k].margin) / reach;
 }
 
-/* The matrix of a linear model, for as long as its modes last, and how fast its states drive each other, 1/s. */
-typedef struct {
-    bool known;
-    Matrix a;
-    double rate;
-} Flow;
-
-static void flow_find(Flow *flow, const Values *values)
+/* For a matrix and parts of the step, of which nothing is computed yet. */
+static void flow_begin(Flow *flow, const Matrix *a, double part)
 {
-    flow->known = true;
-    linear_matrix(values, &flow->a);
+    flow->part = part;
+    flow->a = *a;
     flow->rate = 0;
     for (int i = 0; i < N_STATES; i++) {
         double sum = 0;
-        for (int j = 0; j < N_STATES; j++) sum += sqrt(fabs(flow->a.at[i][j] * flow->a.at[j][i]));
+        for (int j = 0; j < N_STATES; j++) sum += sqrt(fabs(a->at[i][j] * a->at[j][i]));
         flow->rate = larger_of(flow->rate, sum);
     }
+    for (int k = 0; k < HALVES; k++) flow->known[k] = false;
+}
+
+/* Make ready for part / 2^k; false if what is needed is not finite. */
+static bool flow_know(Flow *flow, int k)
+{
+    flow->known[k] = flow->known[k] || propagation(&flow->a, ldexp(flow->part, -k), &flow->growth[k], &flow->gain[k]);
+    return flow->known[k];
+}
+
+/* Steps of part, part / 2, ... from values, as long as one is within what is left, which is short then, or needs them
+   finer; false if what is needed is not finite. */
+static bool flow_halve(Flow *flow, double *left, Values *values)
+{
+    Values at_zero = *values;
+    Rates rates;
+    double x[N_STATES], grown[N_STATES], held[N_STATES];
+    double half = flow->part;
+    for (int i = 0; i < N_STATES; i++) at_zero.flat[model_state_places[i]] = 0;
+    derivatives(&at_zero.named, &rates.named);
+    for (int i = 0; i < N_STATES; i++) x[i] = values->flat[model_state_places[i]];
+    for (int k = 0; k < HALVES && *left * flow->rate > SHORT; k++, half /= 2) {
+        if (*left < half) continue;
+        if (!flow_know(flow, k)) return false;
+        matrix_apply(&flow->growth[k], x, grown);
+        matrix_apply(&flow->gain[k], rates.flat, held);
+        for (int i = 0; i < N_STATES; i++) x[i] += grown[i] + held[i];
+        *left -= half;
+    }
+    for (int i = 0; i < N_STATES; i++) values->flat[model_state_places[i]] = x[i];
+    return true;
 }
 
 /* x += h x' + h^2/2 A x' + ..., by as many terms as count; false where they do not fall off. */
@@ -134,9 +159,10 @@ static bool modes_keep(Flow *flow, const Values *from, double step, Values *to)
     *to = *from;
     if (MODEL_LINEAR) {
         Propagator passing;
-        if (!flow->known) flow_find(flow, from);
-        if (step * flow->rate <= SHORT && flow_series(flow, step, to)) return true;
-        return propagator_prepare_for(&passing, &flow->a, from, step) && propagator_step(&passing, to);
+        double left = step;
+        if (!flow_halve(flow, &left, to)) return false;
+        if (left * flow->rate <= SHORT && flow_series(flow, left, to)) return true;
+        return propagator_prepare_for(&passing, &flow->a, to, left) && propagator_step(&passing, to);
     } else {
         double substep = 0;
         return rosenbrock_integrate(to, step, &substep);
@@ -144,38 +170,38 @@ static bool modes_keep(Flow *flow, const Values *from, double step, Values *to)
 }
 
 /* An instant in (0, *end] at which a margin that is not below 0 at from and at *end is below 0: in *end, its state in
-   *at_end. False: none. */
-static bool margin_dips(int mode, Flow *flow, const Values *from, const Margins *margins, double a_slope,
-                        Values *at_end, const Margins *end_margins, double *end)
+   *at_end. False: none. No root lies before that of the tangent; twice as far lies the lowest point, where it touches 0. */
+static bool margin_dips(int mode, Flow *flow, const Values *from, const Margins *margins, double slope, Values *at_end,
+                        const Margins *end_margins, double *end)
 {
     double slopes[N_MODES + 1];
-    double a = 0, b = *end;
-    double a_margin = margins->flat[mode].margin, b_margin = end_margins->flat[mode].margin;
-    double b_slope;
-    Values at_a = *from;
-    if (a_margin + a_slope * b >= 0) return false; /* wherever the tangents meet */
-    margin_slopes(at_end, end_margins, SLOPE_REACH * b, slopes);
-    b_slope = slopes[mode];
-    for (int n = 0; n < MAX_PROBES && a_slope < 0 && b_slope > 0; n++) {
-        const double meet = (b_slope * (b - a) - (b_margin - a_margin)) / (b_slope - a_slope); /* after a */
-        const double t = a + fmin(fmax(meet, 0.1 * (b - a)), 0.9 * (b - a));
+    double margin = margins->flat[mode].margin;
+    double t = 0, rises = *end;
+    bool twice = true;
+    Values now = *from;
+    if (margin + slope * *end >= 0) return false;
+    margin_slopes(at_end, end_margins, SLOPE_REACH * *end, slopes);
+    if (!(slopes[mode] > 0)) return false; /* it falls all the way */
+    for (int n = 0; n < MAX_PROBES && slope < 0 && margin + slope * (rises - t) < 0; n++) {
+        const double to = fmin(t - (twice ? 2 : 1) * margin / slope, rises);
         Values there;
         Margins probed;
-        double margin, slope;
-        if (a_margin + a_slope * meet >= 0 || !(t > a && t < b) || !modes_keep(flow, &at_a, t - a, &there)) return false;
+        if (!(to > t) || !modes_keep(flow, &now, to - t, &there)) break;
         model_switches(&there, &probed);
-        margin_slopes(&there, &probed, SLOPE_REACH * (b - a), slopes);
-        margin = probed.flat[mode].margin;
-        slope = slopes[mode];
-        if (margin < 0) {
-            *end = t;
+        if (probed.flat[mode].margin < 0) {
+            *end = to;
             *at_end = there;
             return true;
         }
-        if (slope < 0) {
-            a = t, a_slope = slope, a_margin = margin, at_a = there;
+        margin_slopes(&there, &probed, SLOPE_REACH * (to - t), slopes);
+        if (slopes[mode] < 0) {
+            t = to, now = there, margin = probed.flat[mode].margin, slope = slopes[mode];
+            twice = true;
+        } else if (twice) {
+            rises = to;
+            twice = false;
         } else {
-            b = t, b_slope = slope, b_margin = margin;
+            break;
         }
     }
     return false;
@@ -217,38 +243,41 @@ static double margin_ends(int mode, Flow *flow, const Values *from, const Margin
     return high;
 }
 
-/* How fast the model swings at most, rad/s: by the states that drive each other to and fro, in pairs. */
+/* How fast the model swings at most, rad/s: by the states that drive each other to and fro, in pairs, where the one's
+   own motion does not die away so much faster than the other's that neither swings. */
 static double swing(const Matrix *a)
 {
     double fastest = 0;
     for (int i = 0; i < N_STATES; i++) {
         double sum = 0;
-        for (int j = 0; j < N_STATES; j++)
-            if (j != i) sum += sqrt(larger_of(0, -a->at[i][j] * a->at[j][i]));
+        for (int j = 0; j < N_STATES; j++) {
+            const double apart = 0.5 * (a->at[i][i] - a->at[j][j]);
+            if (j != i) sum += sqrt(larger_of(0, -a->at[i][j] * a->at[j][i] - apart * apart));
+        }
         fastest = larger_of(fastest, sum);
     }
     return fastest;
 }
 
-/* Make ready for a part of the step; what was computed for the modes before last may serve again. */
+/* Make ready for a part of the step; what was computed for modes of late may serve again. */
 static bool modes_prepare_part(Propagator *propagator, const Matrix *a, const Values *values, double part)
 {
-#if MODEL_MODES > 0
-    for (int k = 0; k < 2; k++) {
-        const Kept *kept = &propagator->kept[k];
-        if (kept->part != part || memcmp(&kept->a, a, sizeof *a) != 0) continue;
-        propagator->growth = kept->growth;
-        propagator->gain = kept->gain;
-        propagator_hold_inputs(propagator, values);
-        return true;
+    Flow *flow = NULL;
+    for (int k = 0; k < FLOWS && flow == NULL; k++) {
+        flow = &propagator->flows[k];
+        if (flow->part != part || memcmp(&flow->a, a, sizeof *a) != 0) flow = NULL;
+        propagator->flow = flow != NULL ? k : propagator->flow;
     }
-    if (!propagator_prepare_for(propagator, a, values, part)) return false;
-    propagator->kept[1] = propagator->kept[0];
-    propagator->kept[0] = (Kept){part, *a, propagator->growth, propagator->gain};
+    if (flow == NULL) {
+        propagator->flow = (propagator->flow + 1) % FLOWS;
+        flow = &propagator->flows[propagator->flow];
+        flow_begin(flow, a, part);
+    }
+    if (!flow_know(flow, 0)) return false;
+    propagator->growth = flow->growth[0];
+    propagator->gain = flow->gain[0];
+    propagator_hold_inputs(propagator, values);
     return true;
-#else
-    return propagator_prepare_for(propagator, a, values, part);
-#endif
 }
 
 /* Make ready for parts of a communication step that are short enough; false if what is needed is not finite. */
@@ -295,19 +324,18 @@ static double modes_end(Flow *flow, const Values *now, const Margins *margins, V
     return first;
 }
 
-/* A communication step at whose end, and on the way, all modes last, where that is seen at once: false, and none made,
-   where it is not. What was computed for the last step must hold for this one. */
-static bool modes_pass(Values *values, double step, Propagator *propagator)
+/* A part of a communication step at whose end, and on the way, all modes last, where that is seen at once: false, and
+   none made, where it is not. What was computed for the last part must hold for this one. */
+static bool modes_pass(Values *values, Propagator *propagator)
 {
     const Margins margins = propagator->margins;
+    const double part = propagator->part, reach = SLOPE_REACH * part;
     Margins *ends = &propagator->margins;
     double x[N_STATES], slopes[N_MODES + 1];
-    Rates rates;
-    const double reach = SLOPE_REACH * step;
     bool last = true;
-    if (!MODEL_LINEAR || !(propagator->part == step)) return false;
+    Rates rates;
     for (int k = 0; k < N_MODES; k++) last = last && margins.flat[k].lasts != 0;
-    if (last) return propagator->settled = propagator->lasting = propagator_step(propagator, values);
+    if (last) return propagator_step(propagator, values);
     derivatives(&values->named, &rates.named);
     for (int i = 0; i < N_STATES; i++) {
         double *state = &values->flat[model_state_places[i]];
@@ -322,8 +350,8 @@ static bool modes_pass(Values *values, double step, Propagator *propagator)
         model_switches(values, ends);
         for (int k = 0; k < N_MODES; k++)
             last = last && (margins.flat[k].lasts != 0 ||
-                            (!(ends->flat[k].margin < 0) && !(margins.flat[k].margin + slopes[k] * step < 0)));
-        if (last) return propagator->settled = true;
+                            (!(ends->flat[k].margin < 0) && !(margins.flat[k].margin + slopes[k] * part < 0)));
+        if (last) return true;
         for (int i = 0; i < N_STATES; i++) values->flat[model_state_places[i]] = x[i];
     }
     *ends = margins;
@@ -334,48 +362,39 @@ static bool modes_pass(Values *values, double step, Propagator *propagator)
    modes change without end. */
 static bool modes_integrate(Values *values, double step, Propagator *propagator)
 {
-    Values now;
-    Margins margins;
-    Flow flow = {.known = false};
+    Values now = *values;
+    Margins *margins = &propagator->margins;
     double left = step;
     bool changed = false;
     bool last = true;
-    if (!(propagator->step == step && propagator->settled)) {
-        if (!modes_settle(values, &propagator->margins, &changed)) return false;
-        if (changed) propagator->step = NAN;
-    }
-    if (propagator->step == step && modes_pass(values, step, propagator)) return true;
-    now = *values;
-    margins = propagator->margins;
-    for (int k = 0; k < N_MODES; k++) last = last && margins.flat[k].lasts != 0;
+    if (!(propagator->step == step && propagator->settled) && !modes_settle(&now, margins, &changed)) return false;
+    if (changed) propagator->step = NAN;
+    for (int k = 0; k < N_MODES; k++) last = last && margins->flat[k].lasts != 0;
     for (int changes = 0; left > 0 && changes < MAX_CHANGES;) {
-        Values next = now;
-        Margins ends = margins;
+        Values next;
+        Margins ends;
         double first, h;
         if ((!MODEL_LINEAR || !(propagator->step == step)) && !modes_prepare(propagator, &now, step)) return false;
+        Flow *const flow = &propagator->flows[propagator->flow];
         h = propagator->part < left * (1 - 1e-12) ? propagator->part : left;
-        if (MODEL_LINEAR && fabs(h - propagator->part) <= 1e-12 * step) {
-            if (!propagator_step(propagator, &next)) return false;
-        } else if (!modes_keep(&flow, &now, h, &next)) {
-            return false;
-        }
-        first = last ? INFINITY : modes_end(&flow, &now, &margins, &next, &ends, h);
-        now = next;
-        left -= first < h ? first : h;
-        if (!(first < INFINITY)) {
-            margins = ends;
+        if (MODEL_LINEAR && fabs(h - propagator->part) <= 1e-12 * step && modes_pass(&now, propagator)) {
+            left -= h;
             continue;
         }
+        if (!modes_keep(flow, &now, h, &next)) return false;
+        first = modes_end(flow, &now, margins, &next, &ends, h);
+        now = next;
+        left -= first < h ? first : h;
+        *margins = ends;
+        if (!(first < INFINITY)) continue;
         last = false;
-        if (!modes_settle(&now, &margins, &changed)) return false;
+        if (!modes_settle(&now, margins, &changed)) return false;
         propagator->step = NAN;
-        flow.known = false;
         changes++;
     }
     if (left > 0) return false;
     propagator->lasting = last && propagator->part == step;
     propagator->settled = true;
-    propagator->margins = margins;
     *values = now;
     return true;
 }

@@ -359,18 +359,31 @@ def test_a_response_before_its_input_is_doubted_until_the_case_declares_it():
     assert estimate_recordings([declared], [[early]], workers=1)[0].verdict == "ok"
 
 
-def test_a_mean_of_fewer_samples_and_a_filter_are_tried_in_place_of_a_mean(tmp_path):
-    """Behind a mean of five and a low-pass of 0.36 ms, which a mean of six resembles, L was 5 standard errors off."""
+def of_random_bench(seed, folder):
+    """Return the result of the one recording of a bench of benchmarks/combined.py, and what is true of it."""
     sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "benchmarks"))
     from combined import bench_of
     from emulated_bench import write
 
-    bench = bench_of("random", 1005006)
-    (path,) = write(bench, tmp_path)
-    result = estimate_recordings([CASE], [[read_recording(path)]], workers=1)[0]
+    bench = bench_of("random", seed)
+    (path,) = write(bench, folder)
+    return estimate_recordings([CASE], [[read_recording(path)]], workers=1)[0], bench.story
+
+
+def test_a_mean_of_fewer_samples_and_a_filter_are_tried_in_place_of_a_mean(tmp_path):
+    """Behind a mean of five and a low-pass of 0.36 ms, which a mean of six resembles, L was 5 standard errors off."""
+    result, true = of_random_bench(1005006, tmp_path)
     assert result.sensors["i"]["average"] == 5 and "lag" in result.effects
     found = result.parameters["L"]
-    assert abs(found.value - bench.story["L", -1]) < 3 * found.standard_error
+    assert abs(found.value - true["L", -1]) < 3 * found.standard_error
+
+
+def test_one_delay_is_tried_in_place_of_a_delay_of_one_channel_and_a_lag_of_the_other(tmp_path):
+    """Of a late recording with a lag of the current, three times the inductance was told, and called right."""
+    result, true = of_random_bench(1008013, tmp_path)
+    assert {"delay", "lag of i"} <= set(result.chain), result.chain.keys()
+    found = result.parameters["L"]
+    assert abs(found.value - true["L", -1]) < 4 * found.standard_error
 
 
 def test_what_is_not_explained_at_an_edge_is_told_where_the_voltage_steps_not_where_the_delay_puts_it(monkeypatch):

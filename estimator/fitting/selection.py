@@ -16,6 +16,7 @@ explains.
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -574,7 +575,7 @@ class Selection:
             return fit.simulator
         return self.rivals(effect.fmu)
 
-    def without(self, explanation: Explanation, addition: Addition) -> Explanation:
+    def without(self, explanation: Explanation, addition: Addition, *, iterations: int = ROUGH) -> Explanation:
         """Return the explanation, fitted again, without one of its additions."""
         fit = explanation.fit
         if addition.linear is not None:
@@ -588,7 +589,7 @@ class Selection:
             free = tuple(n for n in fit.free if n not in addition.free)
             fit = dataclasses.replace(fit, values=values, free=free)
         rest = tuple(a for a in explanation.additions if a is not addition)
-        return Explanation(solved(fit, iterations=ROUGH), rest)
+        return Explanation(solved(fit, iterations=iterations), rest)
 
     def _without_idle(self, explanation: Explanation) -> Explanation:
         """Return the explanation without additions that are no longer needed beside others."""
@@ -606,14 +607,37 @@ class Selection:
 
     def _mirrored(self, explanation: Explanation) -> list[Explanation]:
         """Return the explanation at the equivalent values that an effect names, such as two lags exchanged."""
-        found, fit = [], explanation.fit
+        found = []
         for addition in explanation.additions:
-            for known in addition.effect.mirrored(fit, addition.name):
+            for known in addition.effect.mirrored(explanation.fit, addition.name):
+                fit, own = explanation.fit, addition
                 values = fit.values.copy()
                 for name, value in known.items():
                     k = fit.simulator.index[name]
                     values[k] = np.clip(value, fit.simulator.lower[k], fit.simulator.upper[k])
-                found.append(dataclasses.replace(explanation, fit=solved(dataclasses.replace(fit, values=values))))
+                other = next((n for n in known if n not in (*fit.free, addition.name)), None)
+                if other is not None:
+                    effect = next(e for e in self.effects if other in {n.name for n in e.nuisances(self.base.plan)})
+                    own = dataclasses.replace(addition, effect=effect, name=other, free=(other,))
+                    fit = dataclasses.replace(fit, free=(*(n for n in fit.free if n not in addition.free), other))
+                exchanged = solved(dataclasses.replace(fit, values=values))
+                found.append(Explanation(exchanged, tuple(own if a is addition else a for a in explanation.additions)))
+        return found
+
+    def _simpler(self, explanation: Explanation, within: Sequence[Addition]) -> list[Explanation]:
+        """Return the explanation with one addition in the place of two of those within samples, also mirrored.
+
+        A delay of the current beside a lag of the speed stand for a delay of both.
+        """
+        found = []
+        for one, two in itertools.combinations(within, 2):
+            bare = self.without(self.without(explanation, one, iterations=0), two)
+            tested = [
+                a for a in self.additions(bare, self.effects) if _is_timing(a) and a.name not in (one.name, two.name)
+            ]
+            for other in sorted(tested, key=lambda a: -a.gain)[:1]:
+                simpler = Explanation(self.refitted(bare, other), (*bare.additions, other))
+                found += [simpler, *self._mirrored(simpler)]
         return found
 
     def settled(self, explanation: Explanation) -> tuple[Explanation, list[Explanation]]:
@@ -644,6 +668,9 @@ class Selection:
         sharp = [e for e in self.effects if e.sharp and not e.is_line]
         grown = (self._best_addition(e, sharp, set()) for e in mirrored)  # a mean of fewer samples and a filter
         found += [e for e in grown if e is not None and e.criterion(n) < explanation.criterion(n) + RIVALS_WITHIN]
+        simpler = self._simpler(explanation, within)
+        simpler = [e for e in simpler if all(_is_physical(e.fit, a) for a in e.additions)]
+        found += [e for e in simpler if e.criterion(n) < explanation.criterion(n) + RIVALS_WITHIN]
         for addition in explanation.additions:
             if addition.effect.name == "offset" or addition.effect.is_line or _is_switch(addition):
                 continue

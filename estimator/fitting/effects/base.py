@@ -77,7 +77,10 @@ class Effect:
         return {}
 
     def mirrored(self, fit: Fit, name: str) -> Sequence[Mapping[str, float]]:
-        """Return equivalent values that explain the recordings as well: two lags in series may be exchanged."""
+        """Return equivalent values that explain the recordings as well: two lags in series may be exchanged.
+
+        A nuisance parameter may take the place of the one that is named, which is neutral then.
+        """
         return ()
 
     def changes(self, fit: Fit, coefficient: float) -> Mapping[str, float]:

@@ -57,12 +57,15 @@ class LowPass(Effect):
         ]  # fmt: skip
 
     def mirrored(self, fit: Fit, name: str) -> Sequence[Mapping[str, float]]:
-        """Return the sensor's lag as the winding's, and the winding's as the sensor's."""
+        """Return the sensor's lag as the winding's, and the winding's as the sensor's, which is of first order."""
         s = fit.simulator
-        if self.order != 1 or not name.endswith(" i") or not {"R", "L"} <= set(fit.free):
+        if not name.endswith(" i") or not {"R", "L"} <= set(fit.free):
             return ()
         R, L, tau = (float(fit.values[s.index[n]]) for n in ("R", "L", name))
-        return ({"L": R * tau, name: time_constant(R, L)},) if tau > 0 else ()
+        first = name.removeprefix("second-order ")
+        if tau <= 0 or first not in s.index:
+            return ()
+        return ({"L": R * self.order * tau, name: 0.0, first: time_constant(R, L)},)
 
     def tell(self, name: str, value: float, plan: Plan) -> str:
         """Say which."""
