@@ -38,10 +38,11 @@ from estimator.results.result import Estimate  # noqa: E402
 
 ROOT = Path(__file__).resolve().parent.parent
 LONG = (  # the longest first, so that all workers end together
-    *("app_browser", "quirks", "effects", "terminal", "trust", "probe", "estimate", "containment", "chain"),
-    *("nuisance", "pytest_plugin", "end_to_end", "batch", "mapping", "fmu_build_exchange", "sources", "cluster"),
-    *("fmu_build_sanitizers", "refusal", "plots", "fmu_build_errors", "paper_figures", "odd_recordings", "app"),
-    *("python_fmu", "check", "kinds", "in_memory", "combined", "fmu_build", "resample", "starts", "begin"),
+    *("app_browser", "effects", "terminal", "quirks", "estimate", "chain", "containment", "watch", "trust", "nuisance"),
+    *("probe", "pytest_plugin", "batch", "fmu_build_sanitizers", "fmu_build_exchange", "plots", "end_to_end"),
+    *("python_fmu", "cluster", "app", "mapping", "paper_figures", "odd_recordings", "in_memory", "refusal", "check"),
+    *("fmu_build_importers", "fmu_build_errors", "starts", "api", "long_recordings", "between_runs", "cli", "combined"),
+    *("odd_drives", "kinds", "browser", "sources", "begin", "docs", "schema"),
 )
 FORKING = pytest.StashKey[Forking | None]()
 TOGETHER = {  # tests of several files that share estimates

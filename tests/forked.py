@@ -66,11 +66,16 @@ class Forked(Fork):
         super().__init__(SOCKET, order, (*streams, *keep))
 
 
-def run(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
-    """Run a command to its end, with nothing on its standard input; return what it wrote, and its exit status."""
-    with open(os.devnull) as nothing, _files() as (out, errors):
-        streams = (nothing.fileno(), out.fileno(), errors.fileno())
-        status = Forked(*arguments, cwd=cwd, streams=streams, env=dict(os.environ)).wait()
+def run(*arguments: str, cwd: Path, given: bytes = b"") -> subprocess.CompletedProcess[str]:
+    """Run a command to its end, with a pipe as its standard input; return what it wrote, and its exit status."""
+    reads, writes = os.pipe()
+    with _files() as (out, errors):
+        streams = (reads, out.fileno(), errors.fileno())
+        command = Forked(*arguments, cwd=cwd, streams=streams, env=dict(os.environ))
+        os.close(reads)
+        with contextlib.suppress(BrokenPipeError), open(writes, "wb") as pipe:
+            pipe.write(given)
+        status = command.wait()
         told = [os.pread(f.fileno(), os.fstat(f.fileno()).st_size, 0).decode() for f in (out, errors)]
     return subprocess.CompletedProcess(arguments, status, *told)
 
