@@ -76,9 +76,9 @@ def pytest_configure(config: pytest.Config) -> None:
     if not hasattr(config, "workerinput"):
         for folder in ("estimator", "fmu_build"):
             compileall.compile_dir(ROOT / folder, quiet=2)
-        os.environ[compiled.FOLDER] = str(folder := ROOT / ".pytest_cache" / "compiled")
-        folder.mkdir(parents=True, exist_ok=True)
-        compiled.forget(folder)
+        if config.pluginmanager.hasplugin("cacheprovider"):  # else it is compiled where it is needed
+            os.environ[compiled.FOLDER] = str(folder := config.cache.mkdir("compiled"))
+            compiled.forget(folder)
         config.stash[FORKING] = warm_workers.forking()
     compiled.keep()
     warm_workers.take()
