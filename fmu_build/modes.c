@@ -19,6 +19,7 @@
 #define MAX_PROBES 200     /* in the search for one instant */
 #define LONGEST_SWING 1.5  /* rad in one step: before its lowest point, a sine is bent upwards for a quarter turn */
 #define SLOPE_REACH 0.01   /* of a step: how far a margin is followed to see its slope */
+#define SETTLED 1e-6       /* of what a margin has fallen: a slope that is smaller may be that of a state at rest */
 #define SHORT 1.0          /* of a step times the rate: below, a series is as exact as an exponential, and cheaper */
 #define MAX_TERMS 30       /* of that series */
 
@@ -181,7 +182,7 @@ static bool margin_dips(int mode, Flow *flow, const Values *from, const Margins 
     Values now = *from;
     if (margin + slope * *end >= 0) return false;
     margin_slopes(at_end, end_margins, SLOPE_REACH * *end, slopes);
-    if (!(slopes[mode] > 0)) return false; /* it falls all the way */
+    if (slopes[mode] * *end < -SETTLED * fabs(end_margins->flat[mode].margin - margin)) return false; /* it falls all the way */
     for (int n = 0; n < MAX_PROBES && slope < 0 && margin + slope * (rises - t) < 0; n++) {
         const double to = fmin(t - (twice ? 2 : 1) * margin / slope, rises);
         Values there;
@@ -243,15 +244,25 @@ static double margin_ends(int mode, Flow *flow, const Values *from, const Margin
     return high;
 }
 
-/* How fast the model swings at most, rad/s: by the states that drive each other to and fro, in pairs, where the one's
-   own motion does not die away so much faster than the other's that neither swings. */
+/* How fast the model swings at most, rad/s: by the states that drive each other to and fro, in pairs. Two states alone do
+   not swing where the one's own motion dies away much faster than the other's; among more, what dies away at several
+   rates may turn back as often as what swings. */
 static double swing(const Matrix *a)
 {
     double fastest = 0;
+    int coupled = 0;
+    for (int i = 0; i < N_STATES; i++) {
+        bool drives = false, driven = false;
+        for (int j = 0; j < N_STATES; j++) {
+            drives = drives || (j != i && a->at[j][i] != 0);
+            driven = driven || (j != i && a->at[i][j] != 0);
+        }
+        coupled += drives && driven;
+    }
     for (int i = 0; i < N_STATES; i++) {
         double sum = 0;
         for (int j = 0; j < N_STATES; j++) {
-            const double apart = 0.5 * (a->at[i][i] - a->at[j][j]);
+            const double apart = coupled > 2 ? 0 : 0.5 * (a->at[i][i] - a->at[j][j]);
             if (j != i) sum += sqrt(larger_of(0, -a->at[i][j] * a->at[j][i] - apart * apart));
         }
         fastest = larger_of(fastest, sum);

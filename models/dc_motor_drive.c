@@ -18,8 +18,8 @@
  * is regulated, and dips only until it has recovered, is one of negative resistance, with its size added to R.
  *
  * motion and conduction are 1 or -1 for the way of speed and current, 0 where they are held at zero, 2 where nothing could
- * hold them. limiting is 1 or -1 where the current is held at its limit. command is the way of the supply, 0 where there
- * is no voltage, 2 where it does not matter.
+ * hold them. limiting is 1 where the current is held at its limit, limiting_back where it is held at minus its limit.
+ * command is the way of the supply, 0 where there is no voltage, 2 where it does not matter.
  */
 
 #define MODEL_LINEAR 1
@@ -47,7 +47,8 @@
     X(state,     sag,               0,        1,       -1e6,   1e6,   "V",           "Voltage that the supply has lost") \
     X(mode,      motion,            0,        1,       -1,     2,     "1",           "Way of the speed, 0 at standstill") \
     X(mode,      conduction,        0,        1,       -1,     2,     "1",           "Way of the current, 0 where it is blocked") \
-    X(mode,      limiting,          0,        1,       -1,     1,     "1",           "Way of the current at its limit") \
+    X(mode,      limiting,          0,        1,       0,      1,     "1",           "1 where the current is at its limit") \
+    X(mode,      limiting_back,     0,        1,       0,      1,     "1",           "1 where it is at minus its limit") \
     X(mode,      command,           2,        1,       -1,     2,     "1",           "Way of the supply, 0 where it is off")
 
 #include "model.h"
@@ -76,7 +77,7 @@ static double driving_voltage(const Variables *m)
 static void derivatives(const Variables *m, Derivatives *d)
 {
     const double torque = m->K * m->i - m->B * m->w - m->load - m->motion * m->friction;
-    const bool held = m->conduction == 0 || m->limiting != 0 || is_open(m);
+    const bool held = m->conduction == 0 || m->limiting != 0 || m->limiting_back != 0 || is_open(m);
     const double drawn = m->supply_resistance * way(m) * m->i;
     d->i = held ? 0 : (driving_voltage(m) - m->conduction * m->brush) / m->L;
     d->w = m->motion == 0 ? 0 : torque / m->J;
@@ -92,13 +93,13 @@ static Switch commanded(const Variables *m)
     return (Switch){next != m->command ? -1 : next == UNHELD ? 1 : fabs(above), next, .lasts = 1};
 }
 
-static Switch limited(const Variables *m)
+/* The limit of a current that flows the one way, 1, or the other, -1. */
+static Switch limited(const Variables *m, double mode, double way)
 {
-    if (m->current_limit >= NO_LIMIT || is_open(m)) return (Switch){m->limiting == 0 ? 1 : -1, 0, .lasts = 1};
-    const double to = m->limiting != 0 ? m->limiting : m->i > 0 ? 1 : -1;
-    const double further = to * driving_voltage(m) - m->brush; /* V */
-    if (m->limiting != 0) return (Switch){further, 0};
-    return (Switch){to * m->i == m->current_limit && further > 0 ? -1 : m->current_limit - to * m->i, to};
+    const double further = way * driving_voltage(m) - m->brush; /* V */
+    if (m->current_limit >= NO_LIMIT || is_open(m)) return (Switch){mode == 0 ? 1 : -1, 0, .lasts = 1};
+    if (mode != 0) return (Switch){further, 0};
+    return (Switch){way * m->i == m->current_limit && further > 0 ? -1 : m->current_limit - way * m->i, 1};
 }
 
 static void switches(const Variables *m, Switches *s)
@@ -106,13 +107,15 @@ static void switches(const Variables *m, Switches *s)
     s->motion = dry_friction(m->motion, m->w, m->K * m->i - m->load, m->friction + m->stiction);
     s->conduction = dry_friction(m->conduction, m->i, driving_voltage(m), m->brush);
     if (is_open(m) && m->brush > 0) s->conduction = (Switch){m->conduction == 0 ? 1 : -1, 0, .lasts = 1};
-    s->limiting = limited(m);
+    s->limiting = limited(m, m->limiting, 1);
+    s->limiting_back = limited(m, m->limiting_back, -1);
     s->command = commanded(m);
 }
 
 static void enter(Variables *m)
 {
     if (m->motion == 0) m->w = 0;
-    if (m->limiting != 0) m->i = m->limiting * m->current_limit;
+    if (m->limiting != 0) m->i = m->current_limit;
+    if (m->limiting_back != 0) m->i = -m->current_limit;
     if (m->conduction == 0 || is_open(m)) m->i = 0;
 }

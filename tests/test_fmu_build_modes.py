@@ -104,7 +104,9 @@ def test_without_friction_and_brushes_it_is_dc_motor(motor: FmuInstance) -> None
     assert difference(motor.run({"v": v}, OUTPUTS, step=1e-3), expected) < 1e-12
 
 
-@pytest.mark.parametrize("changes", [{}, {"J": 1e-6, "R": 0.5, "B": 0.0}, {"L": 1e-6}], ids=str)
+@pytest.mark.parametrize(
+    "changes", [{}, {"J": 1e-6, "R": 0.5, "B": 0.0}, {"L": 1e-6}, {"L": 1e-9}, {"L": 0.1}], ids=str
+)
 def test_long_steps_see_every_standstill_that_short_steps_see(motor: FmuInstance, changes: dict[str, float]) -> None:
     rng = np.random.default_rng(2)
     p, v, load = DRY | changes, rng.uniform(-4, 4, 40), rng.uniform(-0.02, 0.02, 40)
