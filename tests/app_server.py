@@ -8,7 +8,7 @@ import subprocess
 from pathlib import Path
 from urllib.parse import quote, urlsplit
 
-from forked import Forked
+from forked import ANEW, Forked
 
 ROOT = Path(__file__).resolve().parent.parent
 EXAMPLE = ROOT / "examples" / "cml050_step.csv"
@@ -48,12 +48,16 @@ class Server:
 
 
 @contextlib.contextmanager
-def serving(folder, *arguments):
-    """Serve a folder; end with Ctrl-C and see that the app ends well."""
+def serving(folder, *arguments, anew=False):
+    """Serve a folder; end with Ctrl-C and see that the app ends well.
+
+    The commands that it runs are started anew if told so, else forked from a process that has loaded the program.
+    """
+    environment = {**os.environ, **({ANEW: "1"} if anew else {})}
     reads, writes = zip(os.pipe(), os.pipe(), strict=True)
     with open(os.devnull) as nothing, open(reads[0]) as said, open(reads[1]) as complained:
         command = ("app", str(folder), "--no-browser", *arguments)
-        process = Forked(*command, cwd=Path.cwd(), streams=(nothing.fileno(), *writes), env=dict(os.environ))
+        process = Forked(*command, cwd=Path.cwd(), streams=(nothing.fileno(), *writes), env=environment)
         for write in writes:
             os.close(write)
         try:

@@ -1,16 +1,18 @@
-"""What was compiled once is not compiled again: a cache of libraries that the workers of pytest-xdist share.
+"""What was compiled once is not compiled again: a cache of libraries that workers of pytest-xdist and sessions share.
 
-A library depends on the command, the C file, and the files that stand in the folders it includes; what does not compile
-is compiled every time. Knows no model and no FMU.
+A library depends on the compiler's version, the command, the C file, and the files that stand in the folders it
+includes; what does not compile is compiled every time. Knows no model and no FMU.
 """
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import hashlib
 import os
 import shutil
 import subprocess
+import time
 import types
 from collections.abc import Sequence
 from pathlib import Path
@@ -19,6 +21,7 @@ from typing import Any
 from fmu_build import compiler
 
 FOLDER = "FMU_ESTIMATOR_TESTS_COMPILED"  # the environment variable that names where libraries are kept
+DAYS = 7  # that a library is kept that nobody takes
 run = subprocess.run  # as it is: some tests take it away
 
 
@@ -29,10 +32,19 @@ def keep() -> None:
         compiler.subprocess = types.SimpleNamespace(run=own, DEVNULL=subprocess.DEVNULL)  # type: ignore[assignment]
 
 
+def forget(folder: Path) -> None:
+    """Remove what was taken by nobody for some days."""
+    for path in folder.iterdir():
+        with contextlib.suppress(OSError):
+            if time.time() - path.stat().st_mtime > 86400 * DAYS:
+                path.unlink()
+
+
 def _run(folder: Path, arguments: Sequence[str], **how: Any) -> subprocess.CompletedProcess[str]:
     output = arguments.index("-o") + 1
     kept = folder / _key(arguments[: output - 2], Path(arguments[output - 2]), arguments[output + 1 :])
     if kept.exists():
+        os.utime(kept)
         shutil.copy(kept, arguments[output])
         return subprocess.CompletedProcess(arguments, 0, "", "")
     done = run(arguments, **how)
@@ -45,7 +57,9 @@ def _run(folder: Path, arguments: Sequence[str], **how: Any) -> subprocess.Compl
 
 def _key(before: Sequence[str], source: Path, after: Sequence[str]) -> str:
     """Return what tells compilations apart; folders count by the files in them, not by their names."""
-    digest = hashlib.sha256(repr(([w for w in before if not w.startswith("-I")], list(after))).encode())
+    digest = hashlib.sha256(
+        repr((_version(before[0]), [w for w in before if not w.startswith("-I")], list(after))).encode()
+    )
     digest.update(source.read_bytes() if source.is_file() else os.urandom(16))
     for word in before:
         if word.startswith("-I"):
@@ -61,6 +75,11 @@ def _contents(folder: Path) -> list[tuple[str, str]]:
     if folder == compiler.fmi_headers():
         return _of_fmi()
     return [(path.name, _digest(path)) for path in sorted(folder.glob("*")) if path.is_file()]
+
+
+@functools.cache
+def _version(compiler: str) -> str:
+    return run([compiler, "--version"], capture_output=True, text=True).stdout
 
 
 @functools.cache

@@ -5,20 +5,28 @@ from __future__ import annotations
 import compileall
 import contextlib
 import dataclasses
+import gc
 import os
-import shutil
-import tempfile
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as on the command line; one worker of pytest-xdist a core
+sys.dont_write_bytecode = False  # tests whose asserts were rewritten are kept, for the next worker and the next run
+for (
+    finder
+) in sys.meta_path:  # the package, a plugin of pytest, has no asserts that tests would show: it is left as it is
+    getattr(finder, "_must_rewrite", set()).discard("estimator")
 
 import compiled  # noqa: E402
 import drawing  # noqa: E402
 import forked  # noqa: E402
 import numpy as np  # noqa: E402
 import pytest  # noqa: E402
+import warm_workers  # noqa: E402
+from forking import Forking  # noqa: E402
 from motors import Motor, recording_of, step_recording  # noqa: E402
 from open_points import OPEN  # noqa: E402
 
@@ -30,11 +38,13 @@ from estimator.results.result import Estimate  # noqa: E402
 
 ROOT = Path(__file__).resolve().parent.parent
 LONG = (  # the longest first, so that all workers end together
-    *("app_browser", "quirks", "effects", "terminal", "trust", "probe", "estimate", "containment", "chain"),
-    *("nuisance", "pytest_plugin", "end_to_end", "batch", "mapping", "fmu_build_exchange", "sources", "cluster"),
-    *("fmu_build_sanitizers", "refusal", "plots", "fmu_build_errors", "paper_figures", "odd_recordings", "app"),
-    *("python_fmu", "check", "kinds", "in_memory", "combined", "fmu_build", "resample", "starts", "begin"),
+    *("app_browser", "effects", "terminal", "quirks", "estimate", "chain", "containment", "watch", "trust", "nuisance"),
+    *("probe", "pytest_plugin", "batch", "fmu_build_sanitizers", "fmu_build_exchange", "plots", "end_to_end"),
+    *("python_fmu", "cluster", "app", "mapping", "paper_figures", "odd_recordings", "in_memory", "refusal", "check"),
+    *("fmu_build_importers", "fmu_build_errors", "starts", "api", "long_recordings", "between_runs", "cli", "combined"),
+    *("odd_drives", "kinds", "browser", "sources", "begin", "docs", "schema"),
 )
+FORKING = pytest.StashKey[Forking | None]()
 TOGETHER = {  # tests of several files that share estimates
     "test_derived.py::test_gains_and_time_": "test_estimate.py",
 }
@@ -66,8 +76,12 @@ def pytest_configure(config: pytest.Config) -> None:
     if not hasattr(config, "workerinput"):
         for folder in ("estimator", "fmu_build"):
             compileall.compile_dir(ROOT / folder, quiet=2)
-        os.environ[compiled.FOLDER] = tempfile.mkdtemp()
+        if config.pluginmanager.hasplugin("cacheprovider"):  # else it is compiled where it is needed
+            os.environ[compiled.FOLDER] = str(folder := config.cache.mkdir("compiled"))
+            compiled.forget(folder)
+        config.stash[FORKING] = warm_workers.forking()
     compiled.keep()
+    warm_workers.take()
     drawing.draw_here()
 
 
@@ -98,6 +112,13 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     left = [item for item in items if item.get_closest_marker("full") or item.get_closest_marker("open")]
     config.hook.pytest_deselected(items=left)
     items[:] = [item for item in items if item not in left]
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_finish() -> None:
+    """Let the collection of garbage pass over what was loaded and collected: it would take a tenth of the time."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture(scope="session")
@@ -162,8 +183,16 @@ def shared_workers() -> Iterator[None]:
         yield
 
 
+@pytest.fixture
+def started_workers(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Start the processes of workers anew: for tests that ask how they are started, marked and ended."""
+    monkeypatch.setattr("estimator.fmus.process.subprocess", subprocess)
+
+
+@pytest.hookimpl(tryfirst=True)
 def pytest_sessionfinish() -> None:
-    """End the processes that wait."""
+    """End the processes that wait; what plugins load only now looks for its objects among those that are collected."""
+    gc.unfreeze()
     forked.end()
     for crew in _crews.values():
         crew.close()
@@ -171,6 +200,6 @@ def pytest_sessionfinish() -> None:
 
 
 def pytest_unconfigure(config: pytest.Config) -> None:
-    """Remove what was compiled."""
-    if not hasattr(config, "workerinput"):
-        shutil.rmtree(os.environ.pop(compiled.FOLDER), ignore_errors=True)
+    """End the process that forks."""
+    if (forking := config.stash.get(FORKING, None)) is not None:
+        forking.end()

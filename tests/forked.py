@@ -6,26 +6,27 @@ the program is loaded, and what Ctrl-C does meanwhile, is asked of programs that
 
 from __future__ import annotations
 
-import array
 import atexit
 import contextlib
+import fcntl
 import hashlib
-import json
 import os
-import select
 import shutil
 import signal
-import socket
 import subprocess
 import sys
 import tempfile
 import threading
+import types
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
-ROOT = Path(__file__).resolve().parent.parent
+from forking import Fork, Forking, serve
+
+SOCKET = "FMU_ESTIMATOR_TESTS_COMMANDS"  # the environment variable that names the socket of the process that forks
+ANEW = "FMU_ESTIMATOR_TESTS_ANEW"  # the environment variable by which the app starts its commands as it always does
 LOADED = (
     "estimator.commands.commands",
     "estimator.commands.checking",
@@ -42,113 +43,90 @@ LOADED = (
 OF_AN_EXTRA = ("estimator.app.server", "uvicorn.protocols.http.h11_impl", "uvicorn.lifespan.on")
 
 
-class Forked:
-    """A command in a forked process; what it offers is as of `subprocess.Popen`.
+class Forked(Fork):
+    """A command in a forked process.
 
     Parameters
     ----------
     streams : standard input, output and error
     terminal : bool
         Standard input is a terminal, which the process shall control; "ready" is written there before the command.
+    keep : file descriptors
+        That the command finds under the same numbers.
     """
 
     def __init__(
-        self, *arguments: str, cwd: Path, streams: tuple[int, int, int], env: dict[str, str], terminal: bool = False
+        self,
+        *arguments: str,
+        cwd: Path,
+        streams: tuple[int, int, int],
+        env: dict[str, str],
+        terminal: bool = False,
+        keep: Sequence[int] = (),
     ) -> None:
-        order = {"arguments": arguments, "cwd": str(cwd), "env": env, "terminal": terminal}
-        self._told, telling = os.pipe()
-        self.returncode: int | None = None
-        with _server() as server:
-            server.sendall(len(content := json.dumps(order).encode()).to_bytes(4, "big"))
-            fds = array.array("i", (*streams, telling))
-            server.sendmsg([content[:1]], [(socket.SOL_SOCKET, socket.SCM_RIGHTS, fds)])
-            server.sendall(content[1:])
-            self.pid = int.from_bytes(_exactly(server, 4), "big")
-        os.close(telling)
-
-    def poll(self) -> int | None:
-        """Return the exit status, None while the process runs."""
-        if self.returncode is None and select.select([self._told], [], [], 0)[0]:
-            self.wait()
-        return self.returncode
-
-    def wait(self, timeout: float | None = None) -> int:
-        """Wait for the end; return the exit status, of a signal its negative."""
-        if self.returncode is None:
-            if not select.select([self._told], [], [], timeout)[0]:
-                raise subprocess.TimeoutExpired("a forked command", timeout or 0.0)
-            self.returncode = int(os.read(self._told, 20))
-            os.close(self._told)
-        return self.returncode
-
-    def send_signal(self, number: int) -> None:
-        """Send a signal."""
-        if self.poll() is None:
-            os.kill(self.pid, number)
-
-    def kill(self) -> None:
-        """End the process by force."""
-        self.send_signal(signal.SIGKILL)
+        _server()
+        env = {**env, SOCKET: os.environ[SOCKET]}
+        order = {"arguments": arguments, "cwd": str(cwd), "env": env, "terminal": terminal, "keep": list(keep)}
+        super().__init__(SOCKET, order, (*streams, *keep))
 
 
-def run(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
-    """Run a command to its end, with nothing on its standard input; return what it wrote, and its exit status."""
-    with tempfile.TemporaryFile("w+") as out, tempfile.TemporaryFile("w+") as errors, open(os.devnull) as nothing:
-        streams = (nothing.fileno(), out.fileno(), errors.fileno())
-        status = Forked(*arguments, cwd=cwd, streams=streams, env=dict(os.environ)).wait()
+def run(*arguments: str, cwd: Path, given: bytes = b"") -> subprocess.CompletedProcess[str]:
+    """Run a command to its end, with a pipe as its standard input; return what it wrote, and its exit status."""
+    reads, writes = os.pipe()
+    with _files() as (out, errors):
+        streams = (reads, out.fileno(), errors.fileno())
+        command = Forked(*arguments, cwd=cwd, streams=streams, env=dict(os.environ))
+        os.close(reads)
+        with contextlib.suppress(BrokenPipeError), open(writes, "wb") as pipe:
+            pipe.write(given)
+        status = command.wait()
         told = [os.pread(f.fileno(), os.fstat(f.fileno()).st_size, 0).decode() for f in (out, errors)]
     return subprocess.CompletedProcess(arguments, status, *told)
 
 
-class _Held:
-    """The socket to the process that forks, one order at a time."""
+@contextlib.contextmanager
+def _files() -> Any:
+    with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as errors:
+        yield out, errors
 
-    def __init__(self) -> None:
-        self._own, other = socket.socketpair()
-        self._lock = threading.Lock()
-        self.process = subprocess.Popen(
-            [sys.executable, __file__, str(other.fileno())],
-            pass_fds=[other.fileno()],
-            env={**os.environ, "PYTHONPATH": str(ROOT)},
-            start_new_session=True,
-        )
-        other.close()
 
-    def __enter__(self) -> socket.socket:
-        self._lock.acquire()
-        return self._own
+class _OfTheApp(Forked):
+    """A command of the app: where its output is wanted, it is kept until the end."""
 
-    def __exit__(self, *_: object) -> None:
-        self._lock.release()
+    def __init__(self, command: Sequence[str], *, cwd: Path, env: dict[str, str], stderr: int, pass_fds: Any) -> None:
+        self._output = [tempfile.TemporaryFile() for _ in range(2)]  # noqa: SIM115 (closed with the command)
+        out, errors = (file.fileno() for file in self._output)
+        with open(os.devnull) as nothing:
+            streams = (nothing.fileno(), out, errors if stderr == subprocess.PIPE else stderr)
+            super().__init__(*command, cwd=cwd, streams=streams, env=env, keep=pass_fds)
 
-    def end(self) -> None:
-        """End the process that forks; what it has forked goes on."""
-        self._own.close()
-        self.process.wait()
+    def communicate(self, timeout: float | None = None) -> tuple[bytes, bytes]:
+        """Wait for the end; return what it wrote."""
+        self.wait(timeout)
+        out, errors = (os.pread(f.fileno(), os.fstat(f.fileno()).st_size, 0) for f in self._output)
+        return out, errors
+
+    def __del__(self) -> None:
+        for file in self._output:
+            file.close()
+        super().__del__()
 
 
 @cache
-def _server() -> _Held:
-    return _Held()
+def _server() -> Forking | None:
+    """Return the process that forks, started where there is none yet."""
+    return None if SOCKET in os.environ else Forking(SOCKET, __file__)
 
 
 def end() -> None:
-    """End the process that forks, where there is one."""
-    if _server.cache_info().currsize:
-        _server().end()
+    """End the process that forks, where this one has started it."""
+    if _server.cache_info().currsize and (server := _server()):
+        server.end()
         _server.cache_clear()
 
 
-def _exactly(stream: socket.socket, count: int) -> bytes:
-    """Return so many bytes, or fewer where the stream ends."""
-    content = b""
-    while len(content) < count and (part := stream.recv(count - len(content))):
-        content += part
-    return content
-
-
-def serve(stream: socket.socket) -> int:
-    """Fork a process for every order until the orders end; return, in such a process, the command's exit status."""
+def main() -> int:
+    """Load the package, and fork a process for every order until they end; return the exit status of this process."""
     import importlib
 
     for name in LOADED:
@@ -157,6 +135,7 @@ def serve(stream: socket.socket) -> int:
         for name in OF_AN_EXTRA:
             importlib.import_module(name)
     import compiled
+    import warm_workers
     from drawing import draw_here
 
     from estimator.results.plots import warm_up
@@ -164,13 +143,29 @@ def serve(stream: socket.socket) -> int:
     warm_up()
     draw_here()
     compiled.keep()
+    warm_workers.take()
     own, answers = os.getpid(), tempfile.mkdtemp()
     with contextlib.suppress(ImportError):
+        _fork_of_the_app()
         _keep_answers(Path(answers))
-    status = _fork(stream)
+    status = serve(int(sys.argv[1]), lambda order, fds: _ended(_become(order, fds)))
     if os.getpid() == own:
         shutil.rmtree(answers)
     return status
+
+
+def _fork_of_the_app() -> None:
+    """Let the app have its commands forked, but for one that is told to start them."""
+    from estimator.app import program
+
+    def started(arguments: Sequence[str], **how: Any) -> Any:
+        if ANEW in os.environ:
+            return subprocess.Popen(arguments, **how)
+        command = arguments[len(program.INTERPRETER) :]
+        return _OfTheApp(command, **{name: how.get(name, ()) for name in ("cwd", "env", "stderr", "pass_fds")})
+
+    names = {name: getattr(subprocess, name) for name in ("PIPE", "DEVNULL", "TimeoutExpired")}
+    program.subprocess = types.SimpleNamespace(Popen=started, **names)  # type: ignore[assignment]
 
 
 def _keep_answers(answers: Path) -> None:
@@ -195,30 +190,6 @@ def _keep_answers(answers: Path) -> None:
     program.output_of = answered
 
 
-def _fork(stream: socket.socket) -> int:
-    """Fork a process for every order; return 0 where they end, and in a forked process its exit status."""
-    while head := _exactly(stream, 4):
-        first, rights, _, _ = stream.recvmsg(1, socket.CMSG_SPACE(4 * 4))
-        order = json.loads(first + _exactly(stream, int.from_bytes(head, "big") - 1))
-        fds = array.array("i")
-        fds.frombytes(rights[0][2])
-        pid = os.fork()
-        if pid == 0:
-            stream.close()
-            return _ended(_become(order, fds))
-        for fd in fds[:3]:
-            os.close(fd)
-        threading.Thread(target=_tell, args=(pid, fds[3])).start()
-        stream.sendall(pid.to_bytes(4, "big"))
-    return 0
-
-
-def _tell(pid: int, told: int) -> None:
-    _, status = os.waitpid(pid, 0)
-    os.write(told, str(os.waitstatus_to_exitcode(status)).encode())
-    os.close(told)
-
-
 def _ended(status: int) -> int:
     """End this process as Python would, without tearing down what was loaded before the fork: that takes 0.2 s.
 
@@ -234,11 +205,13 @@ def _ended(status: int) -> int:
     os._exit(status)
 
 
-def _become(order: dict[str, Any], fds: array.array[int]) -> int:
+def _become(order: dict[str, Any], fds: Sequence[int]) -> int:
     """Make this forked process one that was just started, and run the command in it."""
-    for number, fd in enumerate(fds[:3]):
+    high = [fcntl.fcntl(fd, fcntl.F_DUPFD, 64 + max(order["keep"], default=0)) for fd in fds]
+    for fd in fds:
+        os.close(fd)
+    for number, fd in zip((0, 1, 2, *order["keep"]), high, strict=True):
         os.dup2(fd, number)
-    for fd in set(fds):
         os.close(fd)
     os.setsid()
     os.chdir(order["cwd"])
@@ -252,7 +225,6 @@ def _become(order: dict[str, Any], fds: array.array[int]) -> int:
     from estimator import door
 
     if order["terminal"]:
-        import fcntl
         import termios
 
         fcntl.ioctl(0, termios.TIOCSCTTY, 0)
@@ -266,10 +238,5 @@ def _become(order: dict[str, Any], fds: array.array[int]) -> int:
         raise
 
 
-def main() -> NoReturn:
-    """Serve the socket that the first argument names."""
-    sys.exit(serve(socket.socket(fileno=int(sys.argv[1]))))
-
-
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

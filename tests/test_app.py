@@ -436,7 +436,7 @@ def test_what_is_implausible_in_a_recording_is_told_by_the_command_check(folder)
     turned = [[row[0], row[1], repr(-float(row[2])), row[3]] for row in rows]
     header = "time [s],voltage [V],current [A],speed [rad/s]"
     (folder / "turned.csv").write_text("\n".join([header, *(",".join(row) for row in turned)]) + "\n")
-    with serving(folder) as server:
+    with serving(folder, anew=True) as server:
         told = server.get("check", name="turned.csv")
     assert told["command"] == "fmu-estimator check turned.csv"
     (found,) = told["check"]["recordings"]
@@ -456,7 +456,7 @@ def ended(server, name):
 def test_a_run_is_the_command_that_it_shows(folder, monkeypatch):
     from estimator.cli import main
 
-    with serving(folder) as server:
+    with serving(folder, anew=True) as server:
         rows = [{"file": "step.csv", "role": "fit"}, {"file": "again.csv", "role": "validate"}]
         server.post("change", {"revision": 0, "changes": {"recordings": rows}})
         assert server.post("runs")["state"] == "running"

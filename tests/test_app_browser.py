@@ -176,8 +176,13 @@ def folder(tmp_path):
 
 
 @pytest.fixture
-def server(folder):
-    with serving(folder) as server:
+def started_runs():
+    """Let the app start its runs anew, where their processes are looked for."""
+
+
+@pytest.fixture
+def server(folder, request):
+    with serving(folder, anew="started_runs" in request.fixturenames) as server:
         yield server
 
 
@@ -332,6 +337,7 @@ def children(server):
     return program, program.children(recursive=True)
 
 
+@pytest.mark.usefixtures("started_runs")
 def test_a_killed_worker_costs_a_candidate_and_a_killed_program_costs_its_run(page, driver, server, folder, slow_fmu):
     slow(page, folder, slow_fmu)
     program, workers = children(server)
@@ -775,7 +781,7 @@ def test_the_colours_can_be_chosen_and_stay(page, driver):
 
 
 def test_ctrl_c_ends_a_run_with_the_app(driver, folder, slow_fmu):
-    with serving(folder) as server:
+    with serving(folder, anew=True) as server:
         page = Page(driver, server.address)
         slow(page, folder, slow_fmu)
         program, workers = children(server)

@@ -93,7 +93,7 @@ def test_a_beginning_survives_writing_the_case(strange, tmp_path):
 @pytest.mark.parametrize("way", ["on a line", "held"])
 def test_how_an_input_goes_from_row_to_row_is_seen_where_the_case_does_not_say_it(strange, tmp_path, way):
     fmu, _ = strange
-    fine = 1e-3 * np.arange(1500)
+    fine = 1e-3 * np.arange(750)
     rows = 6 + 3 * np.sin(40 * fine[::10])
     drive = np.interp(fine, fine[::10], rows) if way == "on a line" else np.repeat(rows, 10)
     values = {"motor.Ra": 2.0, "motor.Jm": 2e-5}

@@ -2,11 +2,9 @@
 
 import dataclasses
 import json
-import os
-import subprocess
-import sys
 from pathlib import Path
 
+import forked
 import numpy as np
 import pytest
 from motors import CML050, held_response, recording_of, step_recording
@@ -172,11 +170,8 @@ def test_a_tolerance_that_the_case_has_nothing_for_is_an_error_before_the_search
 
 
 def test_the_command_line_takes_tolerances_and_refuses_wrong_ones_in_a_sentence(tmp_path):
-    environment = {**os.environ, "PYTHONPATH": str(EXAMPLE.parent.parent)}
-
     def run(*words):
-        command = [sys.executable, "-m", "estimator", "estimate", str(EXAMPLE), "--json", *words]
-        return subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, env=environment)
+        return forked.run("estimate", str(EXAMPLE), "--json", *words, cwd=tmp_path)
 
     done = run("--tolerance", "default", "--tolerance", "i gain=2 %")
     data = json.loads(done.stdout)

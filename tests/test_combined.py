@@ -13,6 +13,7 @@ from scipy.integrate import solve_ivp
 BENCHMARKS = Path(__file__).resolve().parent.parent / "benchmarks"
 sys.path.insert(0, str(BENCHMARKS))
 
+import combined  # noqa: E402
 from combined import bench_of, deviations, named, wilson, wrong_and_ok  # noqa: E402
 from emulated_bench import MOTOR, measure, motor_response, physics, shown, write  # noqa: E402
 from emulated_effects import EMULATED_EFFECTS, draw, with_noise  # noqa: E402
@@ -254,19 +255,26 @@ def run(*arguments, cwd=None):
                           text=True, cwd=cwd, check=False)  # fmt: skip
 
 
-def test_the_seeds_of_the_end_are_not_run_by_accident():
-    done = run("--seeds", "1000000:1000001")
-    assert done.returncode == 2
-    assert "kept unseen for the end" in done.stderr
+def test_the_seeds_of_the_end_are_not_run_by_accident(monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["combined.py", "--seeds", "1000000:1000001"])
+    with pytest.raises(SystemExit) as end:
+        combined.main()
+    assert end.value.code == 2
+    assert "kept unseen for the end" in capsys.readouterr().err
 
 
-def test_a_run_writes_a_line_and_is_not_repeated(tmp_path):
+def test_a_run_writes_a_line_and_is_not_repeated(tmp_path, monkeypatch, capsys):
+    def here(*arguments):
+        monkeypatch.setattr(sys, "argv", ["combined.py", *arguments])
+        combined.main()
+        return capsys.readouterr()
+
     out = tmp_path / "dev.jsonl"
     done = run("--set", "good", "--seeds", "0:1", "--jobs", "1", "--out", str(out))
     assert done.returncode == 0, done.stderr
     (one,) = map(json.loads, out.read_text().splitlines())
     assert one["found"]["verdict"] in ("ok", "doubtful")
     assert set(one["found"]["parameters"]) == set(MOTOR)
-    again = run("--set", "good", "--seeds", "0:1", "--jobs", "1", "--out", str(out))
-    assert again.stdout == done.stdout and again.stderr == ""
-    assert "| good, wrongly doubted or refused |" in run("--table", str(out)).stdout
+    again = here("--set", "good", "--seeds", "0:1", "--jobs", "1", "--out", str(out))
+    assert again.out == done.stdout and again.err == ""
+    assert "| good, wrongly doubted or refused |" in here("--table", str(out)).out

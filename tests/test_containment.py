@@ -80,6 +80,7 @@ def good_cost():
         pytest.param("_Exit(3);", "the FMU ended its process (exit status 3)", id="_Exit", marks=pytest.mark.full),
     ],
 )
+@pytest.mark.usefixtures("started_workers")
 def test_a_candidate_that_ends_the_process_is_replaced_and_counted(tmp_path, good_cost, death, reason):
     fmu = faulty_fmu(tmp_path, SetReal=MARK, DoStep=f"{IF_BAD} {{ {death} }}")
     batch, failures, before, after = run(fmu, [GOOD, BAD, GOOD])
@@ -195,6 +196,7 @@ def test_a_changed_floating_point_mode_or_locale_changes_no_cost(tmp_path, good_
     assert batch.costs.tolist() == [good_cost] * 3
 
 
+@pytest.mark.usefixtures("started_workers")
 def test_a_leaking_fmu_is_recycled_above_the_memory_limit(tmp_path, good_cost):
     leak = "static char *volatile lost; lost = malloc(1 << 20); memset(lost, 1, 1 << 20); return ORIGINAL;"
     fmu = faulty_fmu(tmp_path, EnterInitializationMode=leak)
@@ -246,6 +248,7 @@ ORPHAN = f"static int started; if (!started++ && fork() == 0) {{ setsid(); if (f
         pytest.param(f"{IF_BAD} pause();", id="hang"),
     ],
 )
+@pytest.mark.usefixtures("started_workers")
 def test_what_an_fmu_starts_ends_with_it(tmp_path, death):
     fmu = faulty_fmu(tmp_path, SetReal=MARK, Instantiate=CHILD, DoStep=death or "return ORIGINAL;")
     children = set()
@@ -265,6 +268,7 @@ def test_what_an_fmu_starts_ends_with_it(tmp_path, death):
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems have no /proc")
 @pytest.mark.parametrize("child", [LEAVES, ORPHAN], ids=["leaves the group", "leaves its parent too"])
 @pytest.mark.parametrize("death", ["return ORIGINAL;", f"{IF_BAD} abort();"], ids=["good", "crash"])
+@pytest.mark.usefixtures("started_workers")
 def test_a_child_that_leaves_its_workers_group_ends_with_the_worker(tmp_path, child, death):
     file = tmp_path / "child"
     fmu = faulty_fmu(tmp_path, SetReal=MARK, Instantiate=child.replace("NOTE", str(file)), DoStep=death)
