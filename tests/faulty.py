@@ -49,6 +49,7 @@ PRELUDE = """#define _GNU_SOURCE
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <unistd.h>
 #include "fmi2Functions.h"
 """

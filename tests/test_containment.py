@@ -179,6 +179,16 @@ def test_what_an_fmu_prints_goes_nowhere(tmp_path, good_cost, capfd):
     assert capfd.readouterr() == ("", "")
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="pipes are told from files by POSIX")
+def test_an_fmu_that_writes_into_every_pipe_costs_its_process_at_most(tmp_path, good_cost):
+    """What it writes where answers are expected may end its process, with what that is at then."""
+    write = 'struct stat s; for (int k = 3; k < 64; k++) if (!fstat(k, &s) && S_ISFIFO(s.st_mode)) write(k, "x\\n", 2);'
+    fmu = faulty_fmu(tmp_path, SetReal=MARK, DoStep=f"{IF_BAD} {{ {write} }}")
+    batch, *_ = run(fmu, [GOOD, BAD, *[GOOD] * 40])
+    costs = np.delete(batch.costs, 1)
+    assert set(costs) <= {good_cost, np.inf} and np.isinf(costs).sum() <= 1
+
+
 def test_an_fmu_that_reads_standard_input_takes_no_orders_away(tmp_path, good_cost):
     fmu = faulty_fmu(tmp_path, DoStep="char line[80]; while (fgets(line, sizeof line, stdin) != NULL) {}")
     batch, *_ = run(fmu, [GOOD, GOOD], time_limit=10.0)

@@ -52,6 +52,20 @@ def test_an_answer_that_comes_in_pieces_is_one(box, monkeypatch):
     assert box.get(timeout=5) == ("only", None)
 
 
+@pytest.mark.parametrize("foreign", [b"hello\n", b"\xff\x00\n", b"[1, 2]\n", b"7\n"])
+def test_what_is_no_answer_is_the_last_word(box, foreign):
+    pipe, other = sender(box, "only"), sender(box, "other")
+    pipe.write(b'{"k": 1}\n' + foreign + b'{"k": 2}\n')
+    assert [box.get(timeout=5) for _ in range(2)] == [("only", {"k": 1}), ("only", None)]
+    other.write(b'{"k": 3}\n')
+    assert box.get(timeout=5) == ("other", {"k": 3})
+    with pytest.raises(queue.Empty):
+        box.get(timeout=0.05)
+    other.close()
+    assert box.get(timeout=5) == ("other", None)
+    pipe.close()
+
+
 def test_where_nothing_comes_the_time_is_kept(box):
     pipe = sender(box, "only")
     began = time.monotonic()

@@ -20,7 +20,10 @@ CHUNK = 1 << 16  # bytes that are read at once
 
 
 class Mailbox(Generic[Sender]):
-    """Answers of several senders, each a line of JSON on a pipe of its own; None is the last word of one that ended."""
+    """Answers of several senders, each a line of JSON on a pipe of its own; None is the last word of one that ended.
+
+    What is no JSON object has been written by something else that got hold of the pipe: nothing after it is believed.
+    """
 
     def __init__(self) -> None:
         self._known: queue.SimpleQueue[tuple[Sender, dict[str, Any] | None]] = queue.SimpleQueue()
@@ -69,14 +72,24 @@ class Mailbox(Generic[Sender]):
         sender, _, begun = self._pipes[place]
         chunk = os.read(place, CHUNK)
         ended, newline, rest = chunk.rpartition(b"\n")
+        sound = True
         if newline:
-            for line in (begun + ended).split(b"\n"):
-                self._known.put((sender, json.loads(line)))
+            sound = all(self._take(sender, line) for line in (begun + ended).split(b"\n"))
             begun.clear()
         begun += rest
-        if not chunk:
+        if not chunk or not sound:
             self._close(place)
             self._known.put((sender, None))
+
+    def _take(self, sender: Sender, line: bytes) -> bool:
+        """Take a line; false if it is no answer."""
+        try:
+            message = json.loads(line)
+        except ValueError:
+            return False
+        if isinstance(message, dict):
+            self._known.put((sender, message))
+        return isinstance(message, dict)
 
     def _close(self, place: int) -> None:
         assert self._poll is not None
@@ -86,6 +99,5 @@ class Mailbox(Generic[Sender]):
     def _listen(self, sender: Sender, pipe: IO[bytes]) -> None:
         """Take all that comes from one pipe, in a thread of its own."""
         with pipe:
-            for line in pipe:
-                self._known.put((sender, json.loads(line)))
+            all(self._take(sender, line) for line in pipe)
         self._known.put((sender, None))

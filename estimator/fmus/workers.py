@@ -344,7 +344,7 @@ class Workers:
             return  # the last words of a process that has been replaced
         if message is None:
             self._bury(process, outcomes)
-        elif message["number"] != self._jobs:
+        elif message.get("number") != self._jobs:
             return  # about a job that has been replaced
         elif "ready" in message:
             process.state = IDLE
