@@ -81,7 +81,7 @@ class Mailbox(Generic[Sender]):
             self._close(place)
             self._known.put((sender, None))
 
-    def _take(self, sender: Sender, line: bytes) -> bool:
+    def _take(self, sender: Sender, line: bytes | bytearray) -> bool:
         """Take a line; false if it is no answer."""
         try:
             message = json.loads(line)
