@@ -14,8 +14,9 @@ from scipy.linalg import expm
 from estimator.cases.case import Case, OutputSpec, ParameterSpec
 from estimator.cases.case_signals import RunSpec
 from estimator.estimating.estimate import estimate_recordings
+from estimator.fitting.addition import Addition
 from estimator.fitting.effects import EFFECTS
-from estimator.fitting.selection import MOST_ADDITIONS, Addition, Explanation, is_full
+from estimator.fitting.explanation import MOST_ADDITIONS, Explanation, is_full
 from estimator.recordings.reading import read_recording, recording_from_arrays
 
 pytestmark = pytest.mark.usefixtures("shared_workers")

@@ -23,10 +23,10 @@ from estimator.estimating.optimiser import Optimiser
 from estimator.estimating.session import Session
 from estimator.fitting.effects import known_effects
 from estimator.fitting.explained import Explained, explain
+from estimator.fitting.explanation import Explanation
 from estimator.fitting.least_squares import LeastSquares
 from estimator.fitting.least_squares_fit import LeastSquaresFit
 from estimator.fitting.problem import SIGMA_FLOOR
-from estimator.fitting.selection import Explanation
 from estimator.method_names import CUCKOO, loaded
 from estimator.motor.names import MOTOR
 from estimator.plans.parameters import Box

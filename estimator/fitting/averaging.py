@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 
 from estimator.conventions import CONFIDENCE, TOLD_POWER
 from estimator.distributions import normal_chance, normal_quantile
-from estimator.fitting.selection import Addition, Explanation
+from estimator.fitting.addition import Addition
+from estimator.fitting.explanation import Explanation
 
 FloatArray = NDArray[np.float64]
 

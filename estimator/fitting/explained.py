@@ -9,16 +9,20 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.conventions import STEP_DEVIATION
+from estimator.fitting.addition import Addition
+from estimator.fitting.addition_tests import AdditionTests
 from estimator.fitting.adequacy import Adequacy, adequacy
 from estimator.fitting.averaging import Hidden, Told, averaged
 from estimator.fitting.between_runs import BetweenRuns, is_between_runs, of_fit, sentence
 from estimator.fitting.effects.base import Effect
+from estimator.fitting.explanation import Explanation
+from estimator.fitting.explanation_noise import count_deviations
 from estimator.fitting.fit import Fit
 from estimator.fitting.gauss_newton import solved
 from estimator.fitting.latency import with_latencies
 from estimator.fitting.least_squares_fit import LeastSquaresFit
-from estimator.fitting.selection import Addition, Explanation, Selection
+from estimator.fitting.rivals import settled
+from estimator.fitting.selection import Selection
 from estimator.fitting.simulator import Nuisance, Simulator, per_recording
 from estimator.fmus.fmu import describe
 from estimator.fmus.probe import driven
@@ -26,9 +30,7 @@ from estimator.fmus.workers import Workers
 from estimator.motor.names import MOTOR
 from estimator.plans.parameters import Parameter, SensorPlace
 from estimator.plans.plan import Plan
-from estimator.recordings.excitation import quantum
 from estimator.results.result import NotVisible, Rival, RivalParameter
-from estimator.stepping import layout
 
 FloatArray = NDArray[np.float64]
 
@@ -155,11 +157,11 @@ def explain(
     late: tuple[str, ...] = ()
     if any(e.name == "latency of each edge" for e in effects):
         plan, late = with_latencies(plan)
-    selection = _selection(plan, crew, sigma=sigma, deviations=deviations, effects=effects, enter=enter)
+    selection = _selection(plan, crew, sigma=sigma, deviations=deviations, effects=effects)
     moving, other = inputs_between(plan), None
     if moving:
         on_lines = dataclasses.replace(plan, case=dataclasses.replace(plan.case, linear=(*plan.case.linear, *moving)))
-        other = _selection(on_lines, crew, sigma=sigma, deviations=deviations, effects=effects, enter=enter)
+        other = _selection(on_lines, crew, sigma=sigma, deviations=deviations, effects=effects)
         if other.first_cost(starts) < selection.first_cost(starts):
             plan, selection, other = on_lines, other, selection
     explanation = selection.explain(starts, known)
@@ -167,15 +169,15 @@ def explain(
     open_additions: Sequence[Addition] = ()
     if not briefly:
         enter("rivals")
-        explanation, rivals = selection.settled(explanation)
-        open_additions = selection.additions(explanation, selection.effects)
+        explanation, rivals = settled(selection, explanation)
+        open_additions = selection.tests.additions(explanation, selection.effects)
     changed = [Found("latency of each edge", "", t, "") for t in late]
     if other is not None:  # with the inputs the other way from row to row
-        turned = dataclasses.replace(explanation.fit, simulator=other.base)
+        turned = dataclasses.replace(explanation.fit, simulator=other.tests.base)
         rivals.append(dataclasses.replace(explanation, fit=solved(turned)))
         told = f"between the rows: {', '.join(moving)} {_way(explanation, moving)}, which explains the recording better"
         changed.append(Found("inputs between the rows", "", told, ""))
-    return _explained(plan, explanation, rivals, open_additions, selection.samples, changed)
+    return _explained(plan, explanation, rivals, open_additions, selection.tests.samples, changed)
 
 
 def _way(explanation: Explanation, moving: Sequence[str]) -> str:
@@ -198,17 +200,15 @@ def _selection(
     sigma: Mapping[str, float],
     deviations: FloatArray,
     effects: Sequence[Effect],
-    enter: Callable[[str], None],
 ) -> Selection:
     """Return the selection of effects for a plan; arguments as for `explain`."""
     own = [n for e in effects if not e.fmu for n in e.nuisances(plan)]
     wanted = freed_by_the_case(plan)
     own = [n for n in own if n.name not in {w.name for w in wanted}]
     base = Simulator(plan, (*own, *wanted), crew, sigma)
-    differenced = np.array([count_deviation(plan, y) if plan.sensors[y] == layout.MEAN else 0.0 for y in plan.outputs])
-    rivals = _Rivals(plan, base, crew, sigma, effects)
+    tests = AdditionTests(base, _Rivals(plan, base, crew, sigma, effects))
     always = tuple(n.name for n in wanted)
-    return Selection(base, rivals, always, deviations, differenced, tuple(effects), enter)
+    return Selection(tests, always, deviations, count_deviations(plan), tuple(effects))
 
 
 class _Rivals:
@@ -258,11 +258,6 @@ def freed_by_the_case(plan: Plan) -> list[Nuisance]:
             unit = plan.unit(y)
             found.append(Nuisance(name, unit, -11 * spread, 11 * spread, 0.0, 0.01 * spread, place=place))
     return found
-
-
-def count_deviation(plan: Plan, output: str) -> float:
-    """Return the deviation of a differenced encoder's counts, in the speed's unit."""
-    return float(max(quantum(o.outputs[output]) / STEP_DEVIATION for o in plan.observed))
 
 
 def _explained(

@@ -18,12 +18,11 @@ from numpy.typing import NDArray
 
 from estimator.distributions import chi_square_beyond
 from estimator.fitting.adequacy import adequacy
-from estimator.fitting.explained import count_deviation
+from estimator.fitting.explanation import Explanation
+from estimator.fitting.explanation_noise import count_deviations, with_noise
 from estimator.fitting.fit import Fit
 from estimator.fitting.gauss_newton import solved
-from estimator.fitting.selection import Explanation, Selection
 from estimator.results.result import Estimate, OtherValues
-from estimator.stepping import layout
 
 FloatArray = NDArray[np.float64]
 
@@ -42,11 +41,8 @@ def other_values(held: Fit, estimate: Estimate) -> OtherValues | None:
     names, covariance = _covariance(held, estimate)
     if not names:
         return None
-    plan = s.plan
-    means = [count_deviation(plan, y) if plan.sensors[y] == layout.MEAN else 0.0 for y in plan.outputs]
-    selection = Selection(s, lambda fmu: None, (), held.whitener.noise.white, np.array(means), ())
     start = solved(dataclasses.replace(held, free=(*names, *held.free)))
-    fit = selection.with_noise(Explanation(start)).fit
+    fit = with_noise(Explanation(start), count_deviations(s.plan)).fit
     if not np.isfinite(fit.cost):
         return None
     where = [s.index[name] for name in names]

@@ -1,0 +1,131 @@
+"""An explanation: a fit and the additions that it holds, one taken away, renewed or mirrored. Knows no search.
+
+Its criterion is z'z of whitened residuals (-2 log L at a given noise) plus the penalties of its additions.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimator.fitting.addition import Addition
+from estimator.fitting.effects.base import Effect
+from estimator.fitting.fit import Fit
+from estimator.fitting.gauss_newton import solved
+from estimator.fitting.simulator import Simulator
+from estimator.plans.plan import Plan
+
+MOST_ADDITIONS = 12  # additions, spectral lines and others each
+NO_CHANGE, DOUBLINGS = 0.1, 2  # of z'z: a smaller change is negligible; doublings of the rows between samples, at most
+ROUGH = 8  # iterations of a fit that is only compared
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """A fit and the additions that it holds."""
+
+    fit: Fit
+    additions: tuple[Addition, ...] = ()
+
+    def names(self) -> set[str]:
+        """Return what was added."""
+        return {a.name for a in self.additions}
+
+    def criterion(self, samples: int) -> float:
+        """Return the criterion, -2 log L at its noise and the penalties."""
+        return self.fit.cost + sum(a.penalty(samples) for a in self.additions)
+
+
+def is_full(explanation: Explanation) -> bool:
+    """Whether an explanation has more additions of the last one's kind than are taken: spectral lines, or others."""
+    lines = explanation.additions[-1].effect.is_line
+    return sum(a.effect.is_line == lines for a in explanation.additions) > MOST_ADDITIONS
+
+
+def without(explanation: Explanation, addition: Addition, *, iterations: int = ROUGH) -> Explanation:
+    """Return the explanation, fitted again, without one of its additions."""
+    fit = explanation.fit
+    if addition.linear is not None:
+        linear = tuple(g for g in fit.linear if g.name != addition.name)
+        fit = dataclasses.replace(fit, linear=linear)
+    else:
+        values = fit.values.copy()
+        for name in {addition.name, *addition.free}:
+            k = fit.simulator.index[name]
+            values[k] = fit.simulator.neutral[k - len(fit.simulator.plan.names)]
+        free = tuple(n for n in fit.free if n not in addition.free)
+        fit = dataclasses.replace(fit, values=values, free=free)
+    rest = tuple(a for a in explanation.additions if a is not addition)
+    return Explanation(solved(fit, iterations=iterations), rest)
+
+
+def renewed(explanation: Explanation) -> Fit:
+    """Return the fit with the columns of its additions computed again at its values."""
+    fit, groups = explanation.fit, list(explanation.fit.linear)
+    for a in explanation.additions:
+        k = next((k for k, g in enumerate(groups) if g.name == a.name), None)
+        if a.linear is None or k is None:
+            continue
+        at = sum(g.columns.shape[2] for g in groups[:k])
+        own = slice(at, at + groups[k].columns.shape[2])
+        beside = slice(len(fit.free) + own.start, len(fit.free) + own.stop)
+        bare = dataclasses.replace(
+            fit,
+            linear=tuple(g for g in groups if g is not groups[k]),
+            coefficients=np.delete(fit.coefficients, own),
+            jacobian=np.delete(fit.jacobian, beside, axis=1),
+            raw=np.delete(fit.raw, beside, axis=2),
+        )
+        new = a.effect.renewed(bare, groups[k], fit.coefficients[own])
+        if new is not None and new.columns.shape == groups[k].columns.shape:
+            groups[k] = new
+    raw = np.concatenate([fit.raw[:, :, : len(fit.free)], *(g.columns for g in groups)], axis=2)
+    return dataclasses.replace(fit, linear=tuple(groups), raw=raw)
+
+
+def mirrored(explanation: Explanation, effects: Sequence[Effect], plan: Plan) -> list[Explanation]:
+    """Return the explanation at the equivalent values that an effect names, such as two lags exchanged."""
+    found = []
+    for addition in explanation.additions:
+        for known in addition.effect.mirrored(explanation.fit, addition.name):
+            fit, own = explanation.fit, addition
+            values = fit.values.copy()
+            for name, value in known.items():
+                k = fit.simulator.index[name]
+                values[k] = np.clip(value, fit.simulator.lower[k], fit.simulator.upper[k])
+            other = next((n for n in known if n not in (*fit.free, addition.name)), None)
+            if other is not None:
+                effect = next(e for e in effects if other in {n.name for n in e.nuisances(plan)})
+                own = dataclasses.replace(addition, effect=effect, name=other, free=(other,))
+                fit = dataclasses.replace(fit, free=(*(n for n in fit.free if n not in addition.free), other))
+            exchanged = solved(dataclasses.replace(fit, values=values))
+            found.append(Explanation(exchanged, tuple(own if a is addition else a for a in explanation.additions)))
+    return found
+
+
+def moved_to(fit: Fit, simulator: Simulator) -> Fit:
+    """Return a fit on another simulator that knows at least its names."""
+    if simulator is fit.simulator:
+        return fit
+    values = simulator.values(dict(zip(fit.simulator.names, fit.values.tolist(), strict=True)))
+    return dataclasses.replace(fit, simulator=simulator, values=values)
+
+
+def with_fine_filters(fit: Fit) -> Fit:
+    """Return the fit on a simulator that simulates more rows between the samples if a filter there asks for it.
+
+    Between two rows a signal may be curved, such as the current of a winding with a shorter time constant.
+    """
+    s = fit.simulator
+    for _ in range(DOUBLINGS):
+        s.between *= 2
+        finer = s.shown(fit.values[None, :])[0]
+        change = fit.whitener(np.nan_to_num(finer - fit.shown)[:, :, None])[0]
+        if float(np.vdot(change, change)) < NO_CHANGE:
+            s.between //= 2
+            break
+        fit = dataclasses.replace(fit, shown=finer)
+    return fit

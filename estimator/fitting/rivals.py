@@ -1,0 +1,112 @@
+"""Rivals of an explanation: others, nearly as likely, in which another addition replaces one. Averages nothing."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from collections.abc import Sequence
+
+from estimator.fitting.addition import Addition, alike, is_physical, is_switch, is_timing
+from estimator.fitting.explanation import ROUGH, Explanation, mirrored, renewed, without
+from estimator.fitting.explanation_noise import with_noise
+from estimator.fitting.gauss_newton import solved
+from estimator.fitting.selection import PREDICTED_PART, Selection
+
+RIVALS_WITHIN = 10.0  # of the criterion: explanations that are no further above the best are rivals
+PARALLEL = 0.9  # canonical correlation of an addition with one that is doubted: it is refitted as a rival
+RIVALS_REFITTED = 3  # rivals of an addition that are refitted, of each effect the likeliest
+MOST_WITHIN = 2  # additions of what happens within samples, each exchanged for every other of these
+EXCHANGES, EXCHANGED = 2, 0.1  # of an explanation for a more likely rival, at most; by which its criterion is lower
+
+
+def settled(selection: Selection, explanation: Explanation) -> tuple[Explanation, list[Explanation]]:
+    """Return the explanation, exchanged for a rival as long as one is more likely, and its rivals."""
+    n = selection.tests.samples
+    for _ in range(EXCHANGES):
+        rivals = alternatives(selection, explanation)
+        sound = [
+            r for r in rivals if not any(a.effect.doubt and a.name not in explanation.names() for a in r.additions)
+        ]
+        best = min(sound, key=lambda e: e.criterion(n), default=explanation)
+        if best.criterion(n) > explanation.criterion(n) - EXCHANGED:
+            break
+        explanation = selection.at_best(selection.without_idle(with_noise(best, selection.differenced, again=True)))
+    else:
+        rivals = alternatives(selection, explanation)
+    return explanation, rivals
+
+
+def alternatives(selection: Selection, explanation: Explanation) -> list[Explanation]:
+    """Return rivals: explanations, nearly as likely, in which another addition replaces one.
+
+    A sharp one stands in for another, or for a short time constant of the model, far from where a derivative
+    tells: those are always refitted.
+    """
+    n = selection.tests.samples
+    within = [a for a in explanation.additions if is_timing(a)]
+    twins = mirrored(explanation, selection.effects, selection.tests.base.plan)
+    found = [e for e in twins if e.fit.cost - explanation.fit.cost < RIVALS_WITHIN]
+    sharp = [e for e in selection.effects if e.sharp and not e.is_line]
+    grown = (selection.best_addition(e, sharp, set()) for e in twins)  # a mean of fewer samples and a filter
+    found += [e for e in grown if e is not None and e.criterion(n) < explanation.criterion(n) + RIVALS_WITHIN]
+    simpler = _simpler(selection, explanation, within)
+    simpler = [e for e in simpler if all(is_physical(e.fit, a) for a in e.additions)]
+    found += [e for e in simpler if e.criterion(n) < explanation.criterion(n) + RIVALS_WITHIN]
+    for addition in explanation.additions:
+        if addition.effect.name != "offset" and not addition.effect.is_line and not is_switch(addition):
+            sharp_too = addition in within and len(within) <= MOST_WITHIN
+            found += _exchanged(selection, explanation, addition, sharp_too=sharp_too)
+    return found
+
+
+def _exchanged(
+    selection: Selection, explanation: Explanation, addition: Addition, *, sharp_too: bool
+) -> list[Explanation]:
+    """Return the explanation with another addition in the place of one, where that is nearly as likely.
+
+    Parameters
+    ----------
+    sharp_too : bool
+        Whether all that happens within samples is refitted, whatever the score test predicts.
+    """
+    n, found = selection.tests.samples, []
+    bare = without(explanation, addition)
+    lost = bare.fit.cost - explanation.fit.cost
+    tested = [a for a in selection.tests.additions(bare, selection.effects, beside=addition.name) if a.gain > 0]
+    own = next((a for a in tested if a.name == addition.name), addition)
+    if own is addition and own.linear is not None:
+        own = dataclasses.replace(own, across=bare.fit.test().across(own.linear.columns))
+    tested = [a for a in tested if a.name != addition.name and (not a.effect.doubt or alike(a, own) > PARALLEL)]
+    likely = [a for a in tested if a.gain - a.penalty(n) > PREDICTED_PART * (lost - addition.penalty(n))]
+    ranked = sorted(likely, key=lambda a: a.penalty(n) - a.gain)
+    likely = list({a.effect.name: a for a in reversed(ranked)}.values())[::-1][:RIVALS_REFITTED]
+    if sharp_too:
+        likely += [a for a in tested if is_timing(a) and a not in likely]
+    for other in likely:
+        rival = Explanation(selection.refitted(bare, other), (*bare.additions, other))
+        if any(a.linear is not None for a in rival.additions):
+            rival = dataclasses.replace(rival, fit=solved(renewed(rival), iterations=ROUGH))
+        if rival.criterion(n) < explanation.criterion(n) + 2 * RIVALS_WITHIN:
+            rival = dataclasses.replace(rival, fit=solved(rival.fit))
+        if rival.criterion(n) < explanation.criterion(n) + RIVALS_WITHIN and is_physical(rival.fit, other):
+            found.append(rival)
+    return found
+
+
+def _simpler(selection: Selection, explanation: Explanation, within: Sequence[Addition]) -> list[Explanation]:
+    """Return the explanation with one addition in the place of two of those within samples, also mirrored.
+
+    A delay of the current beside a lag of the speed stand for a delay of both.
+    """
+    found = []
+    for one, two in itertools.combinations(within, 2):
+        bare = without(without(explanation, one, iterations=0), two)
+        tested = [
+            a
+            for a in selection.tests.additions(bare, selection.effects)
+            if is_timing(a) and a.name not in (one.name, two.name)
+        ]
+        for other in sorted(tested, key=lambda a: -a.gain)[:1]:
+            simpler = Explanation(selection.refitted(bare, other), (*bare.additions, other))
+            found += [simpler, *mirrored(simpler, selection.effects, selection.tests.base.plan)]
+    return found
