@@ -379,6 +379,15 @@ def test_a_mean_of_fewer_samples_and_a_filter_are_tried_in_place_of_a_mean(tmp_p
     assert abs(found.value - true["L", -1]) < 3 * found.standard_error
 
 
+def test_one_step_shows_no_drop_of_the_brushes(tmp_path):
+    """The noise of a logged voltage, which no current answers at rest, was told as a drop: K 5 standard errors off."""
+    result, true = of_random_bench(1009200, tmp_path)
+    assert "voltage noise" in result.effects and "brush drop" not in result.effects
+    found = result.parameters["K"]
+    assert abs(found.value - true["K", -1]) < 3 * found.standard_error
+    assert any("drop of brushes" in note for note in result.notes if "not visible" in note), result.notes
+
+
 def test_one_delay_is_tried_in_place_of_a_delay_of_one_channel_and_a_lag_of_the_other(tmp_path):
     """Of a late recording with a lag of the current, three times the inductance was told, and called right."""
     result, true = of_random_bench(1008013, tmp_path)

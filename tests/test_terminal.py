@@ -182,7 +182,7 @@ def test_on_a_full_disk_the_numbers_are_kept_and_the_whole_answer_is_on_the_term
         told = said(Terminal("estimate", str(OFFSETS), "-o", str(disk / "two"), cwd=bench))
         assert not (disk / "two").exists() and "alone is there" not in told
         whole = told.split("here is the whole answer:")[1]
-        assert "speed per volt" in whole and "simulations (" in whole and "No space left on device" in whole
+        assert "± std. error" in whole and "simulations (" in whole and "No space left on device" in whole
     finally:
         subprocess.run(["umount", disk], check=True)
 

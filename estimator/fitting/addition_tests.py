@@ -198,6 +198,7 @@ class AdditionTests:
             found.sort(key=lambda f: -f[0])
             if found:
                 gain, starts = found[0]
+                gain = 0.0 if nuisance.untold else gain
                 if nuisance.whole:  # no derivative leads from one to the next
                     starts = tuple(start for _, several in found[:TRIED_WHOLE] for start in several)
                 free = () if nuisance.whole else (nuisance.name, *(nuisance.together[0] if nuisance.together else ()))

@@ -60,6 +60,8 @@ class Nuisance:
     together : of each try, other nuisances that are set, and freed, with it
     excludes : names, or their beginnings, beside which it makes no sense
     needs : a name without which it makes no sense
+    untold : bool
+        No such recording tells it: it is never found, only told among what is not visible.
     """
 
     name: str
@@ -80,6 +82,7 @@ class Nuisance:
     together: tuple[Mapping[str, float], ...] = ()
     excludes: tuple[str, ...] = ()
     needs: str = ""
+    untold: bool = False
 
     def parameter(self) -> Parameter:
         """Return it as a parameter of a plan."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -16,6 +17,7 @@ from estimator.recordings.samples import filled, median
 
 DRIVE = "dc_motor_drive"
 MOST_SAG = 0.4  # of the voltage at the largest current: more is an overload, or the winding's resistance
+ONE_SIZE = 0.01  # voltages that differ by less, in parts, are of one size
 PLATEAU, HELD_ROWS, ABOVE = 3.0, 8, 1.2  # deviations; rows; times the usual current: a current that stays at its peak
 
 
@@ -23,6 +25,13 @@ def _largest(plan: Plan, name: str) -> float:
     """Return the largest size of an output or input in the recordings; 0 where there is none."""
     signals = [{**o.inputs, **o.outputs}.get(name) for o in plan.observed]
     return max((float(np.nanmax(np.abs(x))) for x in signals if x is not None), default=0.0)
+
+
+def is_of_one_size(v: NDArray[np.float64]) -> bool:
+    """Return whether a voltage, (n,), has one size wherever it is on, but for its sensor's noise; or is never on."""
+    sizes = np.abs(v)[np.abs(v) > 0.5 * np.max(np.abs(v), initial=0.0)]
+    noise = float(noise_deviation(v)) if len(v) else 0.0
+    return not len(sizes) or float(np.std(sizes)) < max(ONE_SIZE * float(np.mean(sizes)), 2 * noise)
 
 
 def _driven(o: Observed) -> NDArray[np.bool_]:
@@ -119,6 +128,15 @@ class BrushDrop(Drive):
     unit: str = "V"
     most: float = 5.0  # more is no drop of brushes
     sentence: str = "the brushes drop {value:.3g} {unit}"
+
+    def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
+        """Return the drop: after steps from rest to one voltage it is a gain of the voltage, which nothing tells."""
+        moves = [o.excitation for o in plan.observed]
+        levels = [
+            e.after for e in moves if e.kind == "step" and not e.running and abs(e.before) < ONE_SIZE * abs(e.after)
+        ]
+        alike = len(levels) == len(moves) and max(levels) - min(levels) < ONE_SIZE * max(map(abs, levels))
+        return [dataclasses.replace(n, untold=alike) for n in super().nuisances(plan)]
 
     def sizes(self, plan: Plan) -> tuple[float, ...]:
         """Return the voltage drop of carbon brushes, at most a part of the supply."""

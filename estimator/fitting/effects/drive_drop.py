@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimator.fitting.effects.base import Effect
+from estimator.fitting.effects.drive import is_of_one_size
 from estimator.fitting.fit import Fit, Linear
 from estimator.fitting.motor_response import as_late, motor_values, response
 from estimator.plans.plan import Plan
 
 MOST_DROP = 0.5  # of the largest voltage
 USUAL_DROP = 0.05  # of it
-ONE_SIZE = 0.01  # voltages that differ by less, in parts, are of one size
 
 
 @dataclass(frozen=True)
@@ -29,10 +29,9 @@ class DriveDrop(Effect):
         if motor_values(fit) is None:
             return ()
         v = fit.simulator.inputs("v")
-        sizes = np.abs(v[v != 0])
-        if not len(sizes) or float(np.std(sizes)) < ONE_SIZE * float(np.mean(sizes)):
+        if is_of_one_size(v):
             return ()
-        largest = float(np.max(sizes))
+        largest = float(np.max(np.abs(v)))
         columns = response(fit, voltage=as_late(fit, -np.sign(v)))[:, :, None]
         return [Linear(self.name, columns, ("V",), least=0.0, most=MOST_DROP * largest, size=USUAL_DROP * largest)]
 
