@@ -244,9 +244,9 @@ static double margin_ends(int mode, Flow *flow, const Values *from, const Margin
     return high;
 }
 
-/* How fast the model swings at most, rad/s: by the states that drive each other to and fro, in pairs. Two states alone do
-   not swing where the one's own motion dies away much faster than the other's; among more, what dies away at several
-   rates may turn back as often as what swings. */
+/* How fast the model swings at most, rad/s: by the states that drive each other to and fro, in pairs. Two states alone, of
+   a linear model, do not swing where the one's own motion dies away much faster than the other's; among more, what dies
+   away at several rates may turn back as often as what swings. */
 static double swing(const Matrix *a)
 {
     double fastest = 0;
@@ -262,7 +262,7 @@ static double swing(const Matrix *a)
     for (int i = 0; i < N_STATES; i++) {
         double sum = 0;
         for (int j = 0; j < N_STATES; j++) {
-            const double apart = coupled > 2 ? 0 : 0.5 * (a->at[i][i] - a->at[j][j]);
+            const double apart = coupled > 2 || !MODEL_LINEAR ? 0 : 0.5 * (a->at[i][i] - a->at[j][j]);
             if (j != i) sum += sqrt(larger_of(0, -a->at[i][j] * a->at[j][i] - apart * apart));
         }
         fastest = larger_of(fastest, sum);
@@ -378,7 +378,8 @@ static bool modes_integrate(Values *values, double step, Propagator *propagator)
     double left = step;
     bool changed = false;
     bool last = true;
-    if (!(propagator->step == step && propagator->settled) && !modes_settle(&now, margins, &changed)) return false;
+    const bool settled = MODEL_LINEAR && propagator->step == step && propagator->settled;
+    if (!settled && !modes_settle(&now, margins, &changed)) return false;
     if (changed) propagator->step = NAN;
     for (int k = 0; k < N_MODES; k++) last = last && margins->flat[k].lasts != 0;
     for (int changes = 0; left > 0 && changes < MAX_CHANGES;) {

@@ -94,6 +94,21 @@ def test_modes_of_a_model_that_is_not_linear_agree_with_solve_ivp(tmp_path: Path
     assert difference(found, DryMotor(p, drag=1e-6).response(v, load, step=5e-3)) < 1e-8
 
 
+def test_long_steps_of_a_model_that_is_not_linear_see_what_short_steps_see(tmp_path: Path) -> None:
+    """Inputs that had changed since the last step did not change its modes."""
+    rng = np.random.default_rng(0)
+    with Opened(fmu_build.build(FAN, output=tmp_path / "fan.fmu")) as opened:
+        fan = opened.instance()
+        for _ in range(5):
+            v, load, runs = rng.uniform(-4, 4, 30), rng.uniform(-0.02, 0.02, 30), []
+            for parts in (1, 10):
+                fan.fmi.reset()
+                fan.start(**DRY, drag=1e-6)
+                signals = {"v": list(v.repeat(parts)), "load": list(load.repeat(parts))}
+                runs.append(fan.run(signals, OUTPUTS, step=5e-3 / parts)[parts - 1 :: parts])
+            assert difference(runs[0], runs[1]) < 1e-7
+
+
 def test_without_friction_and_brushes_it_is_dc_motor(motor: FmuInstance) -> None:
     v = held(LEVELS, steps=5)
     with Opened(fmu_build.bundled("dc_motor")) as free:
