@@ -144,8 +144,8 @@ def test_of_a_short_recording_or_one_that_moves_at_its_end_all_rows_are_searched
     assert part_of(plan_of(recording_from_arrays("late", times, columns))) is None
 
 
-def test_what_is_known_of_a_solved_fit_is_not_simulated_again():
-    plan = plan_of(switched(2_000))
+def test_what_is_known_of_a_long_recordings_fit_is_not_simulated_again():
+    plan = plan_of(switched())
     with Workers(1) as crew:
         simulator = Simulator(plan, (), crew, {"i": 1.0, "w": 1.0})
         noise = NoiseModel.plain(np.array([NOISE["i"], NOISE["w"]]), (-1, -1))

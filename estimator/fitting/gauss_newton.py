@@ -9,6 +9,7 @@ from estimator.fitting.differences import DIFFERENCE_STEP
 from estimator.fitting.fit import Fit, evaluated, linear_columns, misfit
 from estimator.fitting.projection import Projection, triangle
 from estimator.fitting.simulator import CELLS
+from estimator.plans.part import LONG
 
 FloatArray = NDArray[np.float64]
 
@@ -31,7 +32,7 @@ def solved(fit: Fit, *, iterations: int = ITERATIONS, tolerance: float = 1e-3) -
     columns = linear_columns(fit.linear, fit.shown.shape)
     linear = Projection(fit.whitener.flat(columns))
     longest, damping = longest_steps(fit), DAMPING[0]
-    raw = known = fit.raw[:, :, : len(where)] if fit.is_solved and np.array_equal(x, own) else None
+    raw = known = fit.raw[:, :, : len(where)] if s.rows > LONG and fit.is_solved and np.array_equal(x, own) else None
     shown = s.shown(placed(fit, x)[None, :])[0] if known is None else fit.shown
     cost = _cost(fit, shown, linear)
     for _ in range(iterations if len(where) and np.isfinite(cost) else 0):
