@@ -8,7 +8,9 @@ independent, with variance 1:
     neighbours  sum of z_k z_k+1, over the root of their number, standard normal
     own values  score test of parameters of the window's own, by its rows of the Jacobian (Hausman 1978)
 
-An explanation that holds fails any of these tests with the chance FALSE_ALARM, which they share equally (Bonferroni).
+Besides, whether the sensors answer to changes as it is explained, over all windows (response_test.py). An explanation
+that holds fails any of the first tests with the chance FALSE_ALARM, which they share equally (Bonferroni), and likewise
+the last.
 """
 
 from __future__ import annotations
@@ -22,6 +24,7 @@ from numpy.typing import NDArray
 from estimator.conventions import FALSE_ALARM, RESOLVED, SMALL_CORRELATION
 from estimator.distributions import chi_square_limit, f_limit, normal_quantile
 from estimator.fitting.fit import Fit
+from estimator.fitting.response_test import unexplained_responses
 from estimator.fitting.windows import Windows, find_windows
 
 FloatArray = NDArray[np.float64]
@@ -43,6 +46,12 @@ class Failure:
     @property
     def sentence(self) -> str:
         """Return the failure in words."""
+        if self.what == "response":
+            answers = f"{self.output} answers" if self.output else f"{self.window} answer"
+            return (
+                f"{answers} to changes, in the samples that follow, otherwise than it is explained: a filter, a delay"
+                " or a limit of the drive is missing; sample faster, or declare it"
+            )
         where = f"{self.output} in {self.window}" if self.output else self.window
         if self.what == "size":
             return f"the model does not explain {where}: the residuals, whitened, are {self.excess:.1f} times the noise"
@@ -64,11 +73,14 @@ class Adequacy:
         Factor on the variance of each sample.
     parts : (rows, q) arrays
         Samples that failed together: they may bias the parameters by a common error.
+    shifts : (f + m,) arrays
+        How far the estimates move with what was found missing.
     """
 
     failures: tuple[Failure, ...]
     excess: FloatArray
     parts: tuple[NDArray[np.bool_], ...]
+    shifts: tuple[FloatArray, ...]
     tests: int
 
     def widened(self, fit: Fit) -> FloatArray:
@@ -86,6 +98,8 @@ class Adequacy:
             for part in self.parts:
                 shift = _shift_without(jacobian, fit.z, part.ravel())
                 grown += np.outer(shift, shift)
+            for shift in self.shifts:
+                grown += np.outer(shift[inside], shift[inside])
             result[np.ix_(inside, inside)] = grown
         return result
 
@@ -162,8 +176,10 @@ def adequacy(fit: Fit, parameters: int) -> Adequacy:
             failures.append(Failure("own values", name, output, ratio))
             excess[mask] = np.maximum(excess[mask], ratio**2)
             parts.append(mask)
+    missing = unexplained_responses(fit, FALSE_ALARM)
+    failures += [Failure("response", " and ".join(outputs), m.output, m.excess) for m in missing]
     different = {part.tobytes(): part for part in parts}
-    return Adequacy(tuple(failures), excess, tuple(different.values()), count)
+    return Adequacy(tuple(failures), excess, tuple(different.values()), tuple(m.shift for m in missing), count)
 
 
 def _samples(z: FloatArray, rows: NDArray[np.int64], j: int) -> NDArray[np.bool_]:
