@@ -73,14 +73,11 @@ class Adequacy:
         Factor on the variance of each sample.
     parts : (rows, q) arrays
         Samples that failed together: they may bias the parameters by a common error.
-    shifts : (f + m,) arrays
-        How far the estimates move with what was found missing.
     """
 
     failures: tuple[Failure, ...]
     excess: FloatArray
     parts: tuple[NDArray[np.bool_], ...]
-    shifts: tuple[FloatArray, ...]
     tests: int
 
     def widened(self, fit: Fit) -> FloatArray:
@@ -98,8 +95,6 @@ class Adequacy:
             for part in self.parts:
                 shift = _shift_without(jacobian, fit.z, part.ravel())
                 grown += np.outer(shift, shift)
-            for shift in self.shifts:
-                grown += np.outer(shift[inside], shift[inside])
             result[np.ix_(inside, inside)] = grown
         return result
 
@@ -176,10 +171,13 @@ def adequacy(fit: Fit, parameters: int) -> Adequacy:
             failures.append(Failure("own values", name, output, ratio))
             excess[mask] = np.maximum(excess[mask], ratio**2)
             parts.append(mask)
-    missing = unexplained_responses(fit, FALSE_ALARM)
-    failures += [Failure("response", " and ".join(outputs), m.output, m.excess) for m in missing]
+    for output, ratio in unexplained_responses(fit, FALSE_ALARM):
+        failures.append(Failure("response", " and ".join(outputs), output, ratio))
+        mask = windows.onsets[:, None] & np.array([output in ("", y) for y in outputs])
+        excess[mask] = np.maximum(excess[mask], ratio**2)
+        parts.append(mask)
     different = {part.tobytes(): part for part in parts}
-    return Adequacy(tuple(failures), excess, tuple(different.values()), tuple(m.shift for m in missing), count)
+    return Adequacy(tuple(failures), excess, tuple(different.values()), count)
 
 
 def _samples(z: FloatArray, rows: NDArray[np.int64], j: int) -> NDArray[np.bool_]:
