@@ -95,23 +95,23 @@ class Selection:
         bounds = self._held_near()
         best = self._first(starts) if known is None else self._begun(known)
         lines = [e for e in self.effects if e.is_line]
-        best = self._grown(best, lines, renew=False)  # before the noise, which would contain them
+        best = self.grown(best, lines, renew=False)  # before the noise, which would contain them
         if find_windows(best.fit).enough:
             if known is None:  # else the part has told what is sharp
                 best = with_noise(best, self.differenced, colour=False)
-                best = self._grown(best, [e for e in self.effects if e.sharp], colour=False)
+                best = self.grown(best, [e for e in self.effects if e.sharp], colour=False)
         else:  # a noise from residuals would contain missing effects: neighbours tell it first
             best = with_noise_of_neighbours(best, self.differenced)
-            best = self._grown(best, self.effects, renew=False)
+            best = self.grown(best, self.effects, renew=False)
         best = with_noise(best, self.differenced)
         for _ in range(2):  # effects and noise depend on each other
             before = best.names()
-            best = self.without_idle(self._grown(best, self.effects))
+            best = self.without_idle(self.grown(best, self.effects))
             if best.names() == before:
                 break
             best = with_noise(best, self.differenced)
         if (shaken := with_jitter(best, self.differenced)) is not None:
-            best = self.without_idle(self._grown(shaken, self.effects))
+            best = self.without_idle(self.grown(shaken, self.effects))
         best = min([best, *mirrored(best, self.effects, self.tests.base.plan)], key=lambda e: e.fit.cost)
         for simulator in {id(s): s for s in (self.tests.base, best.fit.simulator)}.values():
             p = len(self.tests.base.plan.names)
@@ -176,7 +176,7 @@ class Selection:
                 best = Explanation(self.refitted(best, b), (*best.additions, without_columns(b)))
         return best
 
-    def _grown(
+    def grown(
         self,
         explanation: Explanation,
         effects: Sequence[Effect],
