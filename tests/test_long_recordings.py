@@ -8,7 +8,7 @@ from effect_bench import NOISE, TRUE
 
 from estimator.cases.case import Case, OutputSpec
 from estimator.estimating.estimate import estimate_recordings
-from estimator.fitting.explained import freed_by_the_case
+from estimator.fitting.explained import explain, freed_by_the_case
 from estimator.fitting.fit import new_fit, refreshed
 from estimator.fitting.gauss_newton import solved
 from estimator.fitting.noise_model import NoiseModel
@@ -151,14 +151,17 @@ def test_what_is_known_of_a_long_recordings_fit_is_not_simulated_again():
         noise = NoiseModel.plain(np.array([NOISE["i"], NOISE["w"]]), (-1, -1))
         begun = new_fit(simulator, simulator.values({n: 1.01 * x for n, x in TRUE.items()}), plan.names, noise)
         found = solved(begun)
-        assert found.is_solved and not begun.is_solved
+        before, derivatives = crew.simulations, found.raw
+        assert crew.simulations == before + 2 * len(TRUE)  # central differences, when they are asked for
         before = crew.simulations
         again = solved(found, iterations=0)
-        assert crew.simulations == before and again.cost == found.cost
+        assert again.cost == found.cost and again.raw is derivatives and crew.simulations == before
         moved = solved(dataclasses.replace(found, values=found.values * 1.001), iterations=0)
-        assert crew.simulations > before and not np.array_equal(moved.raw, found.raw)
+        assert crew.simulations > before and not np.array_equal(moved.raw, derivatives)
+        own = simulator, found.where, found.values
+        assert found.slopes.known_of(*own) is derivatives
         simulator.between *= 2  # what filters show would be another
-        assert not found.is_solved
+        assert found.slopes.known_of(*own) is None
 
 
 def test_a_fit_by_another_noise_keeps_its_values_until_it_is_solved():
@@ -193,3 +196,16 @@ def test_more_trajectories_than_the_shared_memory_holds_are_each_what_it_is_alon
     assert batch.failed.tolist() == [k == 5 for k in range(8)] and np.isnan(batch.shown[5]).all()
     for name in ("costs", "steps", "shown"):
         assert np.array_equal(getattr(batch, name), np.concatenate([getattr(b, name) for b in alone]), equal_nan=True)
+
+
+def test_rivals_are_not_looked_for_where_the_explanation_is_not_wanted(monkeypatch):
+    plan, asked = plan_of(switched(2_000)), []
+    monkeypatch.setattr("estimator.fitting.explained.settled", lambda selection, best: asked.append(best) or (best, []))
+    begun, noise = np.array(list(TRUE.values())), np.array([NOISE["i"], NOISE["w"]])
+    with Workers(1) as crew:
+        for wanted in (False, True):
+            explain(
+                plan, crew, [begun], sigma={"i": 1.0, "w": 1.0}, deviations=noise, effects=(),
+                is_wanted=lambda checked, wanted=wanted: wanted and not checked.failures,
+            )  # fmt: skip
+            assert len(asked) == wanted
