@@ -8,6 +8,8 @@ from effect_bench import NOISE, TRUE
 
 from estimator.cases.case import Case, OutputSpec
 from estimator.estimating.estimate import estimate_recordings
+from estimator.fitting.effects.delay import Delay
+from estimator.fitting.effects.low_pass import LowPass
 from estimator.fitting.explained import explain, freed_by_the_case
 from estimator.fitting.fit import new_fit, refreshed
 from estimator.fitting.gauss_newton import solved
@@ -209,3 +211,24 @@ def test_rivals_are_not_looked_for_where_the_explanation_is_not_wanted(monkeypat
                 is_wanted=lambda checked, wanted=wanted: wanted and not checked.failures,
             )  # fmt: skip
             assert len(asked) == wanted
+
+
+def test_filters_are_tried_on_signals_that_are_simulated_once():
+    plan = plan_of(switched(2_000))
+    lags = LowPass("lag").nuisances(plan)
+    with Workers(1) as crew:
+        simulator = Simulator(plan, (*lags, *Delay().nuisances(plan)), crew, {"i": 1.0, "w": 1.0})
+        neutral = simulator.values(TRUE)
+        slow = neutral.copy()
+        slow[simulator.index[lags[0].name]] = 2 * STEP
+        other = neutral.copy()
+        other[simulator.index[lags[1].name]] = 3 * STEP
+        first = simulator.shown(slow[None, :]).copy()
+        before = crew.simulations
+        second = simulator.shown(other[None, :])
+        assert crew.simulations == before
+        simulator.shown(neutral[None, :])
+        simulator._late.clear()
+        anew = [simulator.shown(one[None, :]) for one in (other, slow)]
+        assert crew.simulations == before + 1 + simulator.between
+    assert np.array_equal(anew, [second, first]) and not np.array_equal(first, second)

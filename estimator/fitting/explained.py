@@ -299,7 +299,7 @@ def _explained(
     held = at_bound[:p] != 0
     values[:p][held] = fit.values[:p][held]
     rest = [k for k in range(len(names)) if k not in kept]
-    jacobian, residuals = fit.jacobian[:, kept], fit.z
+    jacobian, residuals = fit.jacobian[:, kept] if rest else fit.jacobian, fit.z
     if rest:
         q = np.linalg.qr(fit.jacobian[:, rest])[0]
         jacobian = jacobian - q @ (q.T @ jacobian)
