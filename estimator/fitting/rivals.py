@@ -88,7 +88,7 @@ def alternatives(selection: Selection, explanation: Explanation) -> list[Explana
     simpler = [e for e in simpler if all(is_physical(e.fit, a) for a in e.additions)]
     found += [e for e in simpler if e.criterion(n) < explanation.criterion(n) + RIVALS_WITHIN]
     for addition in explanation.additions:
-        if addition.effect.name != "offset" and not addition.effect.is_line and not is_switch(addition):
+        if not addition.effect.is_line and not is_switch(addition):
             sharp_too = addition in within and len(within) <= MOST_WITHIN
             found += _exchanged(selection, explanation, addition, sharp_too=sharp_too)
     return found
@@ -112,7 +112,9 @@ def _exchanged(
     if own is addition and own.linear is not None:
         own = dataclasses.replace(own, across=bare.fit.test().across(own.linear.columns))
     tested = [a for a in tested if a.name != addition.name and (not a.effect.doubt or alike(a, own) > PARALLEL)]
-    likely = [a for a in tested if a.gain - a.penalty(n) > PREDICTED_PART * (lost - addition.penalty(n))]
+    needed = PREDICTED_PART * (lost - addition.penalty(n))
+    # What another FMU has moves the parameters so far that its score test tells little of it.
+    likely = [a for a in tested if a.gain - a.penalty(n) > (0.0 if a.effect.fmu else needed)]
     ranked = sorted(likely, key=lambda a: a.penalty(n) - a.gain)
     likely = list({a.effect.name: a for a in reversed(ranked)}.values())[::-1][:RIVALS_REFITTED]
     if sharp_too:
