@@ -40,6 +40,15 @@ def test_a_command_imports_only_what_it_needs(arguments, allowed):
     assert set(run.stdout.split()) <= allowed
 
 
+def test_an_estimate_whose_transient_few_samples_show_loads_nothing_of_scipy(tmp_path):
+    header, *rows = (line for line in RECORDING.read_text().splitlines() if not line.startswith("#"))
+    few = tmp_path / "few.csv"
+    few.write_text("\n".join([header, *rows[::7]]) + "\n")
+    script = SCRIPT.format(arguments=["estimate", str(few), "--quiet"], heavy=HEAVY)
+    run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, cwd=ROOT, check=True)
+    assert set(run.stdout.split()) <= {"numpy", "fmpy", "lxml"}
+
+
 def test_a_worker_that_steps_an_fmu_of_real_numbers_loads_neither_fmpy_nor_numpy(tmp_path):
     description = describe("dc_motor")
     extract(description.path, tmp_path)
