@@ -20,10 +20,11 @@ from test_stepper import NOMINAL, experiment, noisy_voltage
 from estimator.cli import main
 from estimator.errors import FmuError, SimulationError
 from estimator.estimating.estimate import estimate_recordings
+from estimator.fmus import run_folder
 from estimator.fmus.fmu import describe
 from estimator.fmus.job import Job
 from estimator.fmus.probe import probe
-from estimator.fmus.run_folder import LOCK, PREFIX, RunFolder, remove_leftovers
+from estimator.fmus.run_folder import LOCK, PREFIX, RunFolder, remove_leftovers, try_lock
 from estimator.fmus.workers import Workers
 from estimator.stepping import layout
 
@@ -377,6 +378,27 @@ def test_the_folder_of_a_living_owner_is_left_alone():
         remove_leftovers()
         assert (mine.path / LOCK).exists()
     assert not mine.path.exists()
+
+
+@pytest.mark.parametrize("holds", [False, True])
+def test_a_folder_that_another_start_takes_for_a_leftover_is_made_anew(tmp_path, monkeypatch, holds):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    taken = []
+
+    def lock_late(file):  # another start comes between the folder and its lock
+        if not taken:
+            taken.append(Path(file.name).parent)
+            with open(file.name, "r+") as other:
+                assert try_lock(other)
+                if holds:
+                    return try_lock(file)
+            remove_leftovers()
+        return try_lock(file)
+
+    monkeypatch.setattr(run_folder, "try_lock", lock_late)
+    with RunFolder() as mine:
+        assert (mine.path / LOCK).is_file() and mine.path != taken[0] and not taken[0].exists()
+    assert not list(tmp_path.glob(PREFIX + "*"))
 
 
 def test_no_folder_stays_behind_after_errors(tmp_path, case_of, monkeypatch):

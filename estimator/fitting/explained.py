@@ -16,7 +16,7 @@ from estimator.fitting.averaging import Hidden, Told, averaged
 from estimator.fitting.between_runs import BetweenRuns, is_between_runs, of_fit, sentence
 from estimator.fitting.effects.base import Effect
 from estimator.fitting.explanation import Explanation
-from estimator.fitting.explanation_noise import count_deviations
+from estimator.fitting.explanation_noise import by_noise_of, count_deviations, with_wandering_torque
 from estimator.fitting.fit import Fit
 from estimator.fitting.gauss_newton import solved
 from estimator.fitting.latency import with_latencies
@@ -170,6 +170,11 @@ def explain(
     if not briefly:
         enter("rivals")
         explanation, rivals = settled(selection, explanation)
+    checked = adequacy(explanation.fit, len(plan.names))  # before a wandering torque is taken for what it misses
+    if not briefly:
+        settled_one, explanation = explanation, with_wandering_torque(explanation)
+        if explanation is not settled_one:
+            rivals = [by_noise_of(explanation, rival) for rival in rivals]
         open_additions = selection.tests.additions(explanation, selection.effects)
     changed = [Found("latency of each edge", "", t, "") for t in late]
     if other is not None:  # with the inputs the other way from row to row
@@ -177,7 +182,7 @@ def explain(
         rivals.append(dataclasses.replace(explanation, fit=solved(turned)))
         told = f"between the rows: {', '.join(moving)} {_way(explanation, moving)}, which explains the recording better"
         changed.append(Found("inputs between the rows", "", told, ""))
-    return _explained(plan, explanation, rivals, open_additions, selection.tests.samples, changed)
+    return _explained(plan, explanation, checked, rivals, open_additions, selection.tests.samples, changed)
 
 
 def _way(explanation: Explanation, moving: Sequence[str]) -> str:
@@ -263,6 +268,7 @@ def freed_by_the_case(plan: Plan) -> list[Nuisance]:
 def _explained(
     plan: Plan,
     explanation: Explanation,
+    checked: Adequacy,
     rivals: Sequence[Explanation],
     open_additions: Sequence[Addition],
     samples: int,
@@ -270,7 +276,6 @@ def _explained(
 ) -> Explained:
     fit = explanation.fit
     p = len(plan.names)
-    checked = adequacy(fit, p)
     mean = averaged(explanation, open_additions, rivals, samples)
     names = fit.names
     reported = [k for k, n in enumerate(names) if k >= p and not n.startswith("ripple ") and not is_between_runs(n)]

@@ -23,9 +23,12 @@ class RunFolder:
 
     def __init__(self) -> None:
         remove_leftovers()
-        self.path = Path(tempfile.mkdtemp(prefix=PREFIX)).resolve()
-        self._lock = open(self.path / LOCK, "w")  # noqa: SIM115 - held for life
-        try_lock(self._lock)
+        while True:
+            self.path = Path(tempfile.mkdtemp(prefix=PREFIX)).resolve()
+            self._lock = open(self.path / LOCK, "w")  # noqa: SIM115 - held for life
+            if try_lock(self._lock) and (self.path / LOCK).is_file():
+                break
+            self.close()  # another start took it for a leftover before it was locked
 
     def close(self) -> None:
         """Remove the folder."""
@@ -50,7 +53,9 @@ def remove_leftovers() -> None:
                 continue  # its owner is just making it, or it is none of ours
             with open(lock, "r+") as file:
                 owned = not try_lock(file)
-            if not owned:
+                if not owned:  # removed while locked: so an owner that is just coming sees that it is gone
+                    shutil.rmtree(folder, ignore_errors=True)
+            if not owned:  # on Windows an open file stays, and its folder
                 shutil.rmtree(folder, ignore_errors=True)
 
 
