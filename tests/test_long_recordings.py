@@ -1,5 +1,7 @@
 """Recordings of many rows: what is found of them, and that it is what shorter ones say."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from effect_bench import NOISE, TRUE
@@ -7,6 +9,10 @@ from effect_bench import NOISE, TRUE
 from estimator.cases.case import Case, OutputSpec
 from estimator.estimating.estimate import estimate_recordings
 from estimator.fitting.explained import freed_by_the_case
+from estimator.fitting.fit import new_fit, refreshed
+from estimator.fitting.gauss_newton import solved
+from estimator.fitting.noise_model import NoiseModel
+from estimator.fitting.projection import BLOCK, triangle
 from estimator.fitting.simulator import KEPT_ANSWERS, Simulator
 from estimator.fmus.fmu import describe
 from estimator.fmus.simulate import simulate
@@ -136,3 +142,54 @@ def test_of_a_short_recording_or_one_that_moves_at_its_end_all_rows_are_searched
     shown = simulate("dc_motor", parameters=TRUE, inputs={"v": late}, times=times)
     columns = {"voltage [V]": late, "current [A]": shown["i"], "speed [rad/s]": shown["w"]}
     assert part_of(plan_of(recording_from_arrays("late", times, columns))) is None
+
+
+def test_what_is_known_of_a_solved_fit_is_not_simulated_again():
+    plan = plan_of(switched(2_000))
+    with Workers(1) as crew:
+        simulator = Simulator(plan, (), crew, {"i": 1.0, "w": 1.0})
+        noise = NoiseModel.plain(np.array([NOISE["i"], NOISE["w"]]), (-1, -1))
+        begun = new_fit(simulator, simulator.values({n: 1.01 * x for n, x in TRUE.items()}), plan.names, noise)
+        found = solved(begun)
+        assert found.is_solved and not begun.is_solved
+        before = crew.simulations
+        again = solved(found, iterations=0)
+        assert crew.simulations == before and again.cost == found.cost
+        moved = solved(dataclasses.replace(found, values=found.values * 1.001), iterations=0)
+        assert crew.simulations > before and not np.array_equal(moved.raw, found.raw)
+        simulator.between *= 2  # what filters show would be another
+        assert not found.is_solved
+
+
+def test_a_fit_by_another_noise_keeps_its_values_until_it_is_solved():
+    plan = plan_of(switched(2_000))
+    with Workers(1) as crew:
+        simulator = Simulator(plan, (), crew, {"i": 1.0, "w": 1.0})
+        noise = NoiseModel.plain(np.array([NOISE["i"], NOISE["w"]]), (-1, -1))
+        found = solved(new_fit(simulator, simulator.values(TRUE), plan.names, noise))
+        louder = found.whitener.of(dataclasses.replace(noise, white=2 * noise.white))
+        other = refreshed(found, louder)
+        assert other.cost == pytest.approx(found.cost / 4) and np.array_equal(other.values, found.values)
+        assert solved(other).cost == pytest.approx(other.cost, rel=1e-6)
+
+
+def test_the_triangular_factor_of_many_rows_is_that_of_all_at_once():
+    columns = np.random.default_rng(1).standard_normal((2 * BLOCK + 17, 4)) * [1.0, 1e3, 1e-3, 1.0]
+    found, whole = triangle(columns), np.linalg.qr(columns, mode="r")
+    assert found.shape == whole.shape
+    assert np.allclose(np.abs(found), np.abs(whole), rtol=1e-10, atol=1e-12 * np.abs(whole).max(axis=0))
+    assert triangle(columns[:3]).shape == (3, 4) and triangle(columns[:0]).shape == (0, 4)
+
+
+def test_more_trajectories_than_the_shared_memory_holds_are_each_what_it_is_alone(monkeypatch):
+    monkeypatch.setattr("estimator.fmus.workers.SHOWN_VALUES", 3_000)
+    plan = plan_of(switched(500))
+    with Workers(1) as crew:
+        simulator = Simulator(plan, (), crew, {"i": 1.0, "w": 1.0})
+        many = simulator.values(TRUE) * np.linspace(0.9, 1.1, 8)[:, None]
+        many[5, 0] = np.nan
+        batch = simulator.problem.trajectories(many)
+        alone = [simulator.problem.trajectories(one[None, :]) for one in many]
+    assert batch.failed.tolist() == [k == 5 for k in range(8)] and np.isnan(batch.shown[5]).all()
+    for name in ("costs", "steps", "shown"):
+        assert np.array_equal(getattr(batch, name), np.concatenate([getattr(b, name) for b in alone]), equal_nan=True)

@@ -7,6 +7,7 @@ model is wrong.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from functools import partial
 
@@ -91,7 +92,8 @@ class _Attempts:
         if known is None:
             return self._polished(polish.values), None
         values = known.fit.values[: len(self.plan.names)]
-        polish = self.squares.judge(values, self.squares.deviations(values))
+        deviations, at_bound = self.squares.deviations(values), self.squares.at_bound(values)
+        polish = dataclasses.replace(polish, values=values, deviations=deviations, at_bound=at_bound)
         explained = self._explained(polish, session.start, known=known.explanation)
         return None if explained is None or (_is_poor(explained) and not _is_poor(known)) else (polish, explained)
 

@@ -57,16 +57,14 @@ class Scores:
         return cls(across.T @ test.left, across.T @ across, whole, jacobian.T @ whitened)
 
     @classmethod
-    def of_each(cls, test: ScoreTest, jacobian: FloatArray, whitened: FloatArray) -> tuple[list[Scores], FloatArray]:
-        """Return the scores of each of k whitened columns by itself, and them without what the fit explains."""
-        across = whitened - test.basis @ (test.basis.T @ whitened)
-        along, explained = test.left @ across, jacobian.T @ whitened
-        power, whole = (np.einsum("nk,nk->k", part, part) for part in (across, whitened))
-        found = [
+    def of_each(cls, test: ScoreTest, jacobian: FloatArray, whitened: FloatArray) -> list[Scores]:
+        """Return the scores of each of k whitened columns, (rows q, k), by itself."""
+        along, power, whole = test.of_whitened(whitened)
+        explained = jacobian.T @ whitened
+        return [
             cls(along[k : k + 1], power[k : k + 1, None], float(whole[k]), explained[:, k : k + 1])
             for k in range(len(power))
         ]
-        return found, across
 
 
 @dataclass(frozen=True)

@@ -94,8 +94,9 @@ class AdditionTests:
             groups = effect.linear(fit)
             among = len(groups) if effect.is_one else 1
             offered += [(effect, g, max(among, g.one_of)) for g in groups if g.name not in taken]
-        for part in [[one] for one in offered] if long else [offered]:
-            result += self._scored(fit, part, test, beside=beside)
+            while long and offered:  # their columns are not held together
+                result += self._scored(fit, [offered.pop(0)], test, beside=beside)
+        result += self._scored(fit, offered, test, beside=beside)
         for effect in effects:
             simulator = self.simulator(fit, effect)
             own = effect.nuisances(self.base.plan) if simulator is not None else ()
@@ -121,19 +122,21 @@ class AdditionTests:
             return
         whitened = fit.whitener(np.concatenate([group.columns for _, group, _ in offered], axis=2))[0]
         whitened = whitened.reshape(fit.z.size, -1)
-        each, across = Scores.of_each(test, fit.jacobian, whitened)
+        each = Scores.of_each(test, fit.jacobian, whitened)
         at = 0
         for effect, group, tried in offered:
             numbers = group.columns.shape[2]
             own, scores, gain = slice(at, at + numbers), each[at], each[at].gain
             at += numbers
-            if numbers > 1:
-                scores = Scores.of(test, fit.jacobian, across[:, own], whitened[:, own])
-                gain, _ = test.gain(across[:, own])
             kept = beside is not None and (effect.doubt or group.name == beside)
+            across = test.rest(whitened[:, own]) if numbers > 1 or kept else None
+            if numbers > 1:
+                assert across is not None
+                scores = Scores.of(test, fit.jacobian, across, whitened[:, own])
+                gain, _ = test.gain(across)
             addition = Addition(
                 effect, group.name, numbers, gain, linear=group,
-                scores=scores, across=across[:, own].copy() if kept else None,
+                scores=scores, across=across if kept else None,
                 tried=tried, usual=group.size if numbers == 1 else 0.0, unit=group.units[0],
             )  # fmt: skip
             if fit.simulator.rows > LONG and beside is None and gain <= addition.penalty(self.samples):
@@ -170,7 +173,8 @@ class AdditionTests:
             shown = simulator.shown(np.array(rows[first : first + many]))
             usable = np.asarray(np.isfinite(shown).all(axis=(1, 2)))
             change = np.where(usable[:, None, None], shown - moved.shown, 0.0).transpose(1, 2, 0)
-            scores, across = Scores.of_each(test, fit.jacobian, fit.whitener(change)[0].reshape(fit.z.size, -1))
+            whitened = fit.whitener.flat(change)
+            scores = Scores.of_each(test, fit.jacobian, whitened)
             for k, (w, t) in enumerate(owners[first : first + many]):
                 power = float(scores[k].information[0, 0])
                 size = float(scores[k].along[0]) / power if power > NOTHING else 0.0
@@ -179,7 +183,7 @@ class AdditionTests:
                 tested[w].append((gain, size, t))
                 if w not in best or gain > best[w][0]:
                     kept = beside is not None and (wanted[w][0].doubt or wanted[w][1].name == beside)
-                    best[w] = gain, scores[k], across[:, k : k + 1].copy() if kept else None, t
+                    best[w] = gain, scores[k], test.rest(whitened[:, k : k + 1]) if kept else None, t
         for w, (effect, nuisance) in enumerate(wanted):
             found: list[tuple[float, tuple[Mapping[str, float], ...]]] = []
             for gain, size, t in tested[w]:

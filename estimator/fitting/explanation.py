@@ -82,6 +82,8 @@ def renewed(explanation: Explanation) -> Fit:
         new = a.effect.renewed(bare, groups[k], fit.coefficients[own])
         if new is not None and new.columns.shape == groups[k].columns.shape:
             groups[k] = new
+    if not groups:
+        return fit
     raw = np.concatenate([fit.raw[:, :, : len(fit.free)], *(g.columns for g in groups)], axis=2)
     return dataclasses.replace(fit, linear=tuple(groups), raw=raw)
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from estimator.fitting.information import information_parts
 from estimator.fitting.noise_model import NoiseModel
-from estimator.fitting.projection import Projection
+from estimator.fitting.projection import Projection, triangle
 from estimator.fitting.score_test import ScoreTest
 from estimator.fitting.simulator import Simulator
 from estimator.fitting.whitener import Whitener
@@ -83,6 +83,9 @@ class Fit:
         The same before whitening.
     cost : float
         z'z.
+    solved_as : tuple or None
+        The simulator, its rows between samples, what is free and the values that `raw` has derivatives of, where they
+        are differences of simulations.
     """
 
     simulator: Simulator
@@ -96,6 +99,18 @@ class Fit:
     jacobian: FloatArray
     raw: FloatArray
     cost: float
+    solved_as: tuple[Simulator, int, tuple[str, ...], bytes] | None = None
+
+    @property
+    def is_solved(self) -> bool:
+        """Whether what is shown, and its derivatives by what is free, are those at the values."""
+        known, s = self.solved_as, self.simulator
+        return known is not None and known[0] is s and known[1:] == (s.between, self.free, self.values.tobytes())
+
+    def as_solved(self) -> Fit:
+        """Return the fit as one whose derivatives are differences at its values."""
+        s = self.simulator
+        return dataclasses.replace(self, solved_as=(s, s.between, self.free, self.values.tobytes()))
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -163,7 +178,7 @@ class Fit:
         open_ones = (at_bound == 0) | (at_bound == -1) & self.is_log
         told, untold = np.zeros((2, len(at_bound), len(at_bound)))
         if open_ones.any():
-            parts = information_parts(np.asarray(np.linalg.qr(self.jacobian[:, open_ones], mode="r")))
+            parts = information_parts(triangle(self.jacobian[:, open_ones]))
             told[np.ix_(open_ones, open_ones)], untold[np.ix_(open_ones, open_ones)] = parts
         for part in (told, untold):
             part[at_bound != 0] = part[:, at_bound != 0] = 0.0
@@ -227,19 +242,23 @@ def evaluated(
     """Return the fit at a point, with its whitened residuals and derivatives; `linear`: of the columns, whitened."""
     own = fit.whitener.flat(np.concatenate([misfit(fit, shown)[:, :, None], raw], axis=2))
     b = linear.coefficients(own[:, 0])
-    z = own[:, 0] - linear.columns @ b
+    z, jacobian = own[:, 0] - linear.columns @ b, own[:, 1:]
+    if len(b):
+        jacobian, raw = np.hstack([jacobian, linear.columns]), np.concatenate([raw, columns], axis=2)
     return dataclasses.replace(
-        fit, values=values, shown=shown, coefficients=b, z=z, jacobian=np.hstack([own[:, 1:], linear.columns]),
-        raw=np.concatenate([raw, columns], axis=2), cost=float(z @ z) if np.isfinite(z).all() else np.inf,
+        fit, values=values, shown=shown, coefficients=b, z=z, jacobian=jacobian, raw=raw,
+        cost=float(z @ z) if np.isfinite(z).all() else np.inf, solved_as=None,
     )  # fmt: skip
 
 
 def refreshed(fit: Fit, whitener: Whitener) -> Fit:
-    """Return the fit with another whitener, its values unchanged."""
-    f = len(fit.free)
-    columns = fit.raw[:, :, f:]
-    judged = dataclasses.replace(fit, whitener=whitener)
-    return evaluated(judged, fit.values, fit.shown, fit.raw[:, :, :f], columns, Projection(whitener.flat(columns)))
+    """Return the fit with another whitener, its values unchanged: not its derivatives, which a solution whitens."""
+    own = whitener.flat(np.concatenate([misfit(fit, fit.shown)[:, :, None], fit.raw[:, :, len(fit.free) :]], axis=2))
+    linear = Projection(own[:, 1:])
+    b = linear.coefficients(own[:, 0])
+    z, none = own[:, 0] - linear.columns @ b, np.zeros((len(own), 0))
+    cost = float(z @ z) if np.isfinite(z).all() else np.inf
+    return dataclasses.replace(fit, whitener=whitener, coefficients=b, z=z, jacobian=none, cost=cost)
 
 
 def misfit(fit: Fit, shown: FloatArray) -> FloatArray:

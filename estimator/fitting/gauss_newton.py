@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 
 from estimator.fitting.differences import DIFFERENCE_STEP
 from estimator.fitting.fit import Fit, evaluated, linear_columns, misfit
-from estimator.fitting.projection import Projection
+from estimator.fitting.projection import Projection, triangle
+from estimator.fitting.simulator import CELLS
 
 FloatArray = NDArray[np.float64]
 
@@ -25,15 +26,16 @@ def solved(fit: Fit, *, iterations: int = ITERATIONS, tolerance: float = 1e-3) -
         Of z'z: the iteration ends when the predicted fall is smaller. 1 is one standard error.
     """
     s, where, (low, high) = fit.simulator, fit.where, fit.bounds
-    x = np.clip(s.scaled(fit.values)[where], low, high)
+    own = s.scaled(fit.values)[where]
+    x = np.clip(own, low, high)
     columns = linear_columns(fit.linear, fit.shown.shape)
     linear = Projection(fit.whitener.flat(columns))
     longest, damping = longest_steps(fit), DAMPING[0]
-    shown = s.shown(placed(fit, x)[None, :])[0]
+    raw = known = fit.raw[:, :, : len(where)] if fit.is_solved and np.array_equal(x, own) else None
+    shown = s.shown(placed(fit, x)[None, :])[0] if known is None else fit.shown
     cost = _cost(fit, shown, linear)
-    raw = None
     for _ in range(iterations if len(where) and np.isfinite(cost) else 0):
-        raw = _differences(fit, x, shown, central=tolerance < 1e-6)
+        raw = _differences(fit, x, shown, central=tolerance < 1e-6) if raw is None else raw
         a, g = _triangle(fit, linear, raw, shown)
         better = None
         while better is None and damping < DAMPING[1]:
@@ -57,9 +59,9 @@ def solved(fit: Fit, *, iterations: int = ITERATIONS, tolerance: float = 1e-3) -
         raw = None
         if gained < tolerance:
             break
-    if raw is None or tolerance >= 1e-6:
+    if raw is None or (raw is not known and tolerance >= 1e-6):
         raw = _differences(fit, x, shown, central=tolerance < 1e-2)
-    return evaluated(fit, placed(fit, x), shown, raw, columns, linear)
+    return evaluated(fit, placed(fit, x), shown, raw, columns, linear).as_solved()
 
 
 def longest_steps(fit: Fit) -> FloatArray:
@@ -94,7 +96,7 @@ def _cost(fit: Fit, shown: FloatArray, linear: Projection) -> float:
 def _triangle(fit: Fit, linear: Projection, raw: FloatArray, shown: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return a, (f, f), and g, (f,): |g - a dx| are the whitened residuals after a step, the linear part free."""
     own = fit.whitener.flat(np.concatenate([raw, misfit(fit, shown)[:, :, None]], axis=2))
-    r = np.asarray(np.linalg.qr(linear.rest(own), mode="r"))
+    r = triangle(linear.rest(own))
     f = raw.shape[2]
     square = np.zeros((f, f + 1))
     square[: len(r)] = r[:f]
@@ -131,13 +133,16 @@ def _differences(fit: Fit, x: FloatArray, shown: FloatArray, *, central: bool) -
     ahead = np.where(x + h <= high, x + h, x - h)
     behind = np.where((x - h >= low) & (ahead > x), x - h, x) if central else x
     here = placed(fit, x)
-    all_shown = s.shown(np.concatenate([beside(fit, here, end) for end in ((ahead, behind) if central else (ahead,))]))
+    points = [beside(fit, here, end) for end in ((ahead, behind) if central else (ahead,))]
     result = np.zeros((*shown.shape, f))
-    for k in range(f):
-        there, back, width = all_shown[k], all_shown[f + k] if central else shown, ahead[k] - behind[k]
-        if not np.isfinite(back).all():
-            back, width = shown, ahead[k] - x[k]
-        if np.isfinite(there).all():
-            np.subtract(there, back, out=result[:, :, k])
-            result[:, :, k] /= width
+    many = max(1, CELLS // (s.rows * len(points)))  # of what is free, at once: of a long recording one by one
+    for part in (np.arange(f)[k : k + many] for k in range(0, f, many)):
+        ends = s.shown(np.concatenate([end[part] for end in points]))
+        for k, there, back in zip(part, ends, ends[len(part) :] if central else [shown] * len(part), strict=False):
+            width = ahead[k] - behind[k]
+            if not np.isfinite(back).all():
+                back, width = shown, ahead[k] - x[k]
+            if np.isfinite(there).all():
+                np.subtract(there, back, out=result[:, :, k])
+                result[:, :, k] /= width
     return result

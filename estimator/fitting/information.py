@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.fitting.projection import triangle
+
 FloatArray = NDArray[np.float64]
 
 RANK_TOLERANCE = 1e-6  # of the largest singular value: smaller ones are the numerical noise of differences
@@ -40,5 +42,5 @@ def scaled_svd(jacobian: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray
     """Return the columns' lengths, (p,), 1 for a zero one, and singular values and rows of J over them."""
     norms = np.linalg.norm(jacobian, axis=0)
     scale = np.where(norms == 0, 1.0, norms)
-    _, singular, rows = np.linalg.svd(jacobian / scale, full_matrices=False)
+    _, singular, rows = np.linalg.svd(triangle(jacobian) / scale)
     return scale, singular, rows

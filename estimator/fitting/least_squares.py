@@ -229,12 +229,16 @@ class LeastSquares:
             found = self.judge(values, deviations)
         return found
 
+    def at_bound(self, values: FloatArray) -> NDArray[np.int64]:
+        """Return -1, 1 or 0 of each parameter at a point, (p,): at its lower or upper bound, or neither."""
+        x, low, high = self.box.scaled(values), self.box.low, self.box.high
+        margin = AT_BOUND * np.where(high > low, high - low, 1.0)
+        return np.where(x - low <= margin, -1, np.where(high - x <= margin, 1, 0)).astype(np.int64)
+
     def judge(self, values: FloatArray, deviations: FloatArray) -> LeastSquaresFit:
         """Return covariance and standard errors at a point, for given deviations of the outputs."""
         weights = 1 / deviations[self._output]
-        x, low, high = self.box.scaled(values), self.box.low, self.box.high
-        margin = AT_BOUND * np.where(high > low, high - low, 1.0)
-        at_bound = np.where(x - low <= margin, -1, np.where(high - x <= margin, 1, 0))
+        x, at_bound = self.box.scaled(values), self.at_bound(values)
         residuals = self._weighed(self._residuals(self.box.unscaled(x)[None, :]), weights)[0]
         raw = self._residuals(differences.beside(self.box, x, central=True))
         jacobian = differences.slopes(raw, self.box, x, weights, residuals, central=True)
@@ -258,7 +262,7 @@ class LeastSquares:
             deviations=deviations,
             covariance=covariance,
             standard_errors=errors,
-            at_bound=at_bound.astype(np.int64),
+            at_bound=at_bound,
             jacobian=jacobian,
             residuals=residuals,
             scores=wider * jacobian.T @ jacobian,

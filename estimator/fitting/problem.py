@@ -6,6 +6,7 @@ A candidate is an array of the free parameters in their units, in the order of `
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -84,12 +85,8 @@ class Problem:
         lengths = [o.before + len(o.recording.time) for o in plan.observed]
         self._edges = np.cumsum([0, *lengths])
         measured = np.concatenate([self._measured(o) for o in plan.observed])
-        self._measured_rows = np.nan_to_num(measured)
         self._phased = self._without_phase()
         self._used = ~np.isnan(measured)
-        self.output_of_residual = np.broadcast_to(np.arange(len(self.outputs)), measured.shape)[self._used].astype(
-            np.int64
-        )
         spreads = []
         for j in range(len(self.outputs)):
             column = measured[:, j]
@@ -97,6 +94,16 @@ class Problem:
             spread = spread if spread > 0 else max(abs(float(np.nanmean(column))), 1e-12)
             spreads.append(spread)
         self.spread = np.array(spreads)
+
+    @cached_property
+    def output_of_residual(self) -> IntArray:
+        """The output of each residual, (m,)."""
+        return np.asarray(np.broadcast_to(np.arange(len(self.outputs)), self._used.shape)[self._used], dtype=np.int64)
+
+    @cached_property
+    def _measured_rows(self) -> FloatArray:
+        """What is compared, (rows, outputs); 0 where a sample is missing."""
+        return np.asarray(np.nan_to_num(np.concatenate([self._measured(o) for o in self.plan.observed])))
 
     def costs(self, candidates: FloatArray, bounds: FloatArray | None = None) -> FloatArray:
         """Return the weighted sums of squares, (n,), of (n, p) candidates; infinity where cut short or failed."""
@@ -187,7 +194,7 @@ class Problem:
             for first, last in zip(self._edges[:-1], self._edges[1:], strict=True):
                 turned, turning = rows[:, first:last, j], self._used[first:last, j]
                 rows[:, first:last, j] = turned - np.mean(turned[:, turning], axis=1, keepdims=True)
-        return np.asarray(rows[:, self._used])
+        return rows.reshape(len(rows), -1) if self._used.all() else np.asarray(rows[:, self._used])
 
     def used(self, rows: FloatArray) -> FloatArray:
         """Pick from (rows, outputs) trajectories the samples that are compared, (m,)."""

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 
 WELL_CONDITIONED, AT_ONCE = 1e-6, 1e-3  # least eigenvalue of a Gram matrix, its diagonal 1: by two steps, by one
+BLOCK = 20_000  # rows whose triangular factor is found at once
 DEPENDENT = 1e-12  # of a column's norm: a smaller remainder is rounding
 
 
@@ -32,6 +33,15 @@ class Projection:
         if len(self.independent):
             result[self.independent] = np.linalg.solve(self.factor, self.basis.T @ r)
         return result
+
+
+def triangle(columns: FloatArray) -> FloatArray:
+    """Return the triangular factor r, (min(n, m), m), of columns, (n, m), = q r.
+
+    Of many rows, block by block, and of the blocks' factors again, which copies no whole column (Demmel et al. 2012).
+    """
+    blocks = [np.linalg.qr(columns[k : k + BLOCK], mode="r") for k in range(0, max(len(columns), 1), BLOCK)]
+    return np.asarray(blocks[0] if len(blocks) == 1 else np.linalg.qr(np.vstack(blocks), mode="r"))
 
 
 def orthonormal(columns: FloatArray) -> tuple[FloatArray, FloatArray]:

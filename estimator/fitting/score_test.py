@@ -25,19 +25,25 @@ class ScoreTest:
 
     def across(self, columns: FloatArray) -> FloatArray:
         """Return (rows, q, c) columns whitened, without their part that the fit explains, (rows q, c)."""
-        whitened = self.whitener.flat(columns)
-        whitened -= self.basis @ (self.basis.T @ whitened)
-        return whitened
+        return self.rest(self.whitener.flat(columns))
+
+    def rest(self, whitened: FloatArray) -> FloatArray:
+        """Return whitened columns, (rows q, c), without their part that the fit explains."""
+        return np.asarray(whitened - self.basis @ (self.basis.T @ whitened))
 
     def scores(self, columns: FloatArray, rows: slice = slice(None)) -> tuple[FloatArray, FloatArray]:
         """Return the scores and the information, (c,) each, of (n, q, c) columns that are zero beside their rows."""
         rows, whitened = self.whitener.of_rows(columns, rows)
         q = columns.shape[1]
-        at = slice(rows.start * q, rows.stop * q)
+        along, power, _ = self.of_whitened(whitened, slice(rows.start * q, rows.stop * q))
+        return along, power
+
+    def of_whitened(self, whitened: FloatArray, at: slice = slice(None)) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return scores, information and squares, (c,) each, of whitened columns, (m, c), that are zero elsewhere."""
         known = self.basis[at].T @ whitened
         whole = np.einsum("nk,nk->k", whitened, whitened)
         power = whole - np.einsum("nk,nk->k", known, known)
-        return whitened.T @ self.left[at], np.where(power > DEPENDENT * whole, power, 0.0)
+        return whitened.T @ self.left[at], np.where(power > DEPENDENT * whole, power, 0.0), whole
 
     def scores_of(self, made: Callable[[FloatArray], FloatArray], values: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return scores and information, (c,) each, of columns, (rows, q, c), made of c values, some at once."""

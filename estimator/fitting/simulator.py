@@ -187,7 +187,7 @@ class Simulator:
         self._late[key] = found
         while len(self._late) > KEPT_ANSWERS or sum(answer.size for answer in self._late.values()) > KEPT_VALUES:
             del self._late[next(iter(self._late))]
-        return found.copy()
+        return found.copy() if key in self._late else found
 
     def _simulated(self, candidates: FloatArray, refine: int) -> FloatArray:
         """Return the same, as the FMU tells it now."""

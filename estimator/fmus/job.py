@@ -137,6 +137,11 @@ class Batch:
     failed: NDArray[np.bool_]
     shown: FloatArray | None
 
+    def of(self, part: slice) -> Batch:
+        """Return some of the candidates, as views."""
+        shown = None if self.shown is None else self.shown[part]
+        return Batch(self.costs[part], self.steps[part], self.failed[part], shown)
+
 
 def write_numbers(path: Path, experiments: Sequence[Experiment]) -> tuple[ExperimentLayout, ...]:
     """Write the experiments' numbers to a file; return where each stands."""

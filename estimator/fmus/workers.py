@@ -219,18 +219,15 @@ class Workers:
         n = len(values)
         room = self._shared.shown_capacity if record else self._shared.capacity
         limits = np.full(n, np.inf) if bounds is None else np.asarray(bounds, dtype=float)
-        parts = [
-            self._run_part(values[i : i + room], limits[i : i + room], refine=refine, record=record)
-            for i in range(0, n, room)
-        ]
-        if len(parts) == 1:
-            return parts[0]
-        return Batch(
-            costs=np.concatenate([p.costs for p in parts]) if parts else np.empty(0),
-            steps=np.concatenate([p.steps for p in parts]) if parts else np.empty(0, dtype=np.int64),
-            failed=np.concatenate([p.failed for p in parts]) if parts else np.empty(0, dtype=bool),
-            shown=np.concatenate([p.shown for p in parts if p.shown is not None]) if record and parts else None,
+        batch = Batch(
+            costs=np.empty(n),
+            steps=np.empty(n, dtype=np.int64),
+            failed=np.empty(n, dtype=bool),
+            shown=np.empty((n, self._shared.rows, self._shared.outputs)) if record else None,
         )
+        for part in (slice(i, min(i + room, n)) for i in range(0, n, room)):
+            self._run_part(values[part], limits[part], batch.of(part), refine=refine)
+        return batch
 
     def reference(self, values: FloatArray, *, experiment: int = 0, refine: int = 1) -> FloatArray:
         """Simulate one candidate, (parameters,), by fmpy's methods alone; return (n, outputs)."""
@@ -279,8 +276,9 @@ class Workers:
     ) -> None:
         self.close()
 
-    def _run_part(self, values: FloatArray, bounds: FloatArray, *, refine: int, record: bool) -> Batch:
-        n = len(values)
+    def _run_part(self, values: FloatArray, bounds: FloatArray, batch: Batch, *, refine: int) -> None:
+        """Simulate candidates that the shared memory has room for; what comes of them is written to their batch."""
+        n, record = len(values), batch.shown is not None
         self._views["values"][: values.size] = values.ravel()
         self._views["bounds"][:n] = bounds
         costs, steps, outcomes = (self._views[name][:n] for name in ("costs", "steps", "outcomes"))
@@ -307,13 +305,12 @@ class Workers:
                     self.on_tick()
         self._busy += time.monotonic() - started
         self._start_more(0.0)
-        return self._collect(values, costs, steps, outcomes, refine=refine, record=record)
+        self._collect(values, costs, steps, outcomes, batch, refine=refine)
 
     def _collect(
-        self, values: FloatArray, costs: FloatArray, steps: IntArray, outcomes: IntArray, *, refine: int, record: bool
-    ) -> Batch:
-        n, shared = len(values), self._shared
-        kinds = outcomes % 256
+        self, values: FloatArray, costs: FloatArray, steps: IntArray, outcomes: IntArray, batch: Batch, *, refine: int
+    ) -> None:
+        n, kinds = len(values), outcomes % 256
         failed = (kinds != FINISHED) & (kinds != CUT_SHORT)
         costs[failed] = np.inf
         self.simulations += n
@@ -321,13 +318,10 @@ class Workers:
         self.failed += int(failed.sum())
         for index in np.flatnonzero(failed):
             self._remember(int(index), int(outcomes[index]), values[index], done=int(steps[index]), refine=refine)
-        shown = None
-        if record:
-            flat = self._views["shown"][: n * shared.rows * shared.outputs]
-            shown = flat.reshape(n, shared.rows, shared.outputs).copy()
-            if failed.any():
-                shown[failed] = np.nan
-        return Batch(costs=costs.copy(), steps=steps.copy(), failed=failed, shown=shown)
+        batch.costs[:], batch.steps[:], batch.failed[:] = costs, steps, failed
+        if batch.shown is not None:
+            batch.shown[:] = self._views["shown"][: batch.shown.size].reshape(batch.shown.shape)
+            batch.shown[failed] = np.nan
 
     def _remember(self, index: int, outcome: int, values: FloatArray, *, done: int, refine: int) -> None:
         """Keep the first candidate of each reason to fail."""

@@ -24,6 +24,7 @@ AS_GOOD = 0.9  # of the best order's power: the lowest order that explains as mu
 LEAST_QUANTA = 1.0  # of a speed's quantum
 ORDERS_BESIDE = 2  # neighbouring orders that a few turns do not resolve
 ORDERS_NEARBY = 12  # on either side: by the median of their powers an order is judged
+AT_ONCE = 10_000  # rows
 EIGHT = 8  # orders, of HIGHEST_ORDER, whose waves are kept
 STANDSTILL = 1e-3  # of the largest signal: less stands still
 MOST_LINES = 4  # an output, at most
@@ -91,17 +92,11 @@ class Ripple(Effect):
         total = np.zeros(HIGHEST_ORDER)
         for clock, orders in zip(fit.simulator.clocks, fit.simulator.unfolded, strict=True):
             own = z[clock.rows]
-            there = own != 0  # the others tell nothing
-            base, own = np.exp(1j * theta[clock.rows][there]), own[there]
-            # Order a + 8 b is a wave of the first eight, times one of every eighth.
-            few = [base]
-            for _ in range(EIGHT - 1):
-                few.append(few[-1] * base)
-            steps = [own.astype(complex)]
-            for _ in range(HIGHEST_ORDER // EIGHT - 1):
-                steps.append(steps[-1] * few[-1])
-            power = np.abs(np.array(steps) @ np.array(few).T).ravel() ** 2
-            total += np.where(orders, power, 0.0)  # the others are aliased to a slow change
+            there = np.flatnonzero(own)  # the others tell nothing
+            turned, own = theta[clock.rows][there], own[there]
+            parts = (slice(k, k + AT_ONCE) for k in range(0, len(own), AT_ONCE))
+            waves = sum((_waves(turned[part], own[part]) for part in parts), np.zeros(HIGHEST_ORDER, dtype=complex))
+            total += np.where(orders, np.abs(waves) ** 2, 0.0)  # the others are aliased to a slow change
         return total
 
     def _amplitude(self, power: float, z: FloatArray, level: FloatArray, fit: Fit, j: int) -> float:
@@ -133,3 +128,16 @@ class Ripple(Effect):
         unit = plan.unit(y)
         size = f"{value:.3g} {unit} at its largest"
         return f"{y} has a ripple of order {order} of the shaft's angle, of amplitude {size}"
+
+
+def _waves(theta: FloatArray, z: FloatArray) -> NDArray[np.complex128]:
+    """Return the sums of z, (n,), times the wave of each order of an angle, rad, (orders,)."""
+    base = np.exp(1j * theta)
+    # Order a + 8 b is a wave of the first eight, times one of every eighth.
+    few = [base]
+    for _ in range(EIGHT - 1):
+        few.append(few[-1] * base)
+    steps = [z.astype(complex)]
+    for _ in range(HIGHEST_ORDER // EIGHT - 1):
+        steps.append(steps[-1] * few[-1])
+    return np.asarray((np.array(steps) @ np.array(few).T).ravel())
