@@ -8,7 +8,9 @@ independent, with variance 1:
     neighbours  sum of z_k z_k+1, over the root of their number, standard normal
     own values  score test of parameters of the window's own, by its rows of the Jacobian (Hausman 1978)
 
-An explanation that holds fails any of these tests with the chance FALSE_ALARM, which they share equally (Bonferroni).
+Besides, whether the sensors answer to changes as it is explained, over all windows (response_test.py). An explanation
+that holds fails any of the first tests with the chance FALSE_ALARM, which they share equally (Bonferroni), and likewise
+the last.
 """
 
 from __future__ import annotations
@@ -22,6 +24,7 @@ from numpy.typing import NDArray
 from estimator.conventions import FALSE_ALARM, RESOLVED, SMALL_CORRELATION
 from estimator.distributions import chi_square_limit, f_limit, normal_quantile
 from estimator.fitting.fit import Fit
+from estimator.fitting.response_test import unexplained_responses
 from estimator.fitting.windows import Windows, find_windows
 
 FloatArray = NDArray[np.float64]
@@ -43,6 +46,12 @@ class Failure:
     @property
     def sentence(self) -> str:
         """Return the failure in words."""
+        if self.what == "response":
+            answers = f"{self.output} answers" if self.output else f"{self.window} answer"
+            return (
+                f"{answers} to changes, in the samples that follow, otherwise than it is explained: a filter, a delay"
+                " or a limit of the drive is missing; sample faster, or declare it"
+            )
         where = f"{self.output} in {self.window}" if self.output else self.window
         if self.what == "size":
             return f"the model does not explain {where}: the residuals, whitened, are {self.excess:.1f} times the noise"
@@ -162,6 +171,11 @@ def adequacy(fit: Fit, parameters: int) -> Adequacy:
             failures.append(Failure("own values", name, output, ratio))
             excess[mask] = np.maximum(excess[mask], ratio**2)
             parts.append(mask)
+    for output, ratio in unexplained_responses(fit, FALSE_ALARM):
+        failures.append(Failure("response", " and ".join(outputs), output, ratio))
+        mask = windows.onsets[:, None] & np.array([output in ("", y) for y in outputs])
+        excess[mask] = np.maximum(excess[mask], ratio**2)
+        parts.append(mask)
     different = {part.tobytes(): part for part in parts}
     return Adequacy(tuple(failures), excess, tuple(different.values()), count)
 

@@ -170,11 +170,13 @@ def explain(
     if not briefly:
         enter("rivals")
         explanation, rivals = settled(selection, explanation)
-    checked = adequacy(explanation.fit, len(plan.names))  # before a wandering torque is taken for what it misses
+    checked = adequacy(explanation.fit, len(plan.names))
     if not briefly:
-        settled_one, explanation = explanation, with_wandering_torque(explanation)
-        if explanation is not settled_one:
-            rivals = [by_noise_of(explanation, rival) for rival in rivals]
+        if not checked.failures:  # else a wandering torque would be taken for what is missing
+            wanders = with_wandering_torque(explanation)
+            if wanders is not explanation:
+                rivals = [by_noise_of(wanders, rival) for rival in rivals]
+            explanation = wanders
         open_additions = selection.tests.additions(explanation, selection.effects)
     changed = [Found("latency of each edge", "", t, "") for t in late]
     if other is not None:  # with the inputs the other way from row to row

@@ -19,8 +19,8 @@ FloatArray = NDArray[np.float64]
 Component = tuple[str, int]  # "white", "differenced", "slow" or "torque", and the channel
 
 SHORTEST_TORQUE = 0.02  # s, correlation time of a wandering torque: shorter ones are misfits of transients
-# The same, s, and the deviation of its logarithm: a normal prior. Stretches shorter than it show a random walk, as likely
-# by 0.02 s as by 1 s, but the friction is known four times better by the shorter.
+# The same, s, and the deviation of its logarithm: a normal prior. Stretches shorter than it show a random walk, as
+# likely by 0.02 s as by 1 s, but the friction is known four times better by the shorter.
 USUAL_TORQUE, TORQUE_SPREAD = 0.3, 1.0
 LONGEST_SLOW = 0.25  # of the longest recording: a channel's longer correlation time is a drift, no noise
 

@@ -30,7 +30,8 @@ def settled(selection: Selection, explanation: Explanation) -> tuple[Explanation
         best = min(sound, key=lambda e: e.criterion(n), default=explanation)
         if best.criterion(n) > explanation.criterion(n) - EXCHANGED:
             break
-        explanation = selection.at_best(selection.without_idle(with_noise(best, selection.differenced, again=True)))
+        best = selection.grown(with_noise(best, selection.differenced, again=True), selection.effects)
+        explanation = selection.at_best(selection.without_idle(best))
     else:
         rivals = alternatives(selection, explanation)
     return explanation, rivals

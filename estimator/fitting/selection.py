@@ -100,7 +100,7 @@ class Selection:
         else:
             best = self._with_effects(self._begun(known), sharp=False)  # the part has told what is sharp
         if (shaken := with_jitter(best, self.differenced)) is not None:
-            best = self.without_idle(self._grown(shaken, self.effects))
+            best = self.without_idle(self.grown(shaken, self.effects))
         best = min([best, *mirrored(best, self.effects, self.tests.base.plan)], key=lambda e: e.fit.cost)
         for simulator in {id(s): s for s in (self.tests.base, best.fit.simulator)}.values():
             p = len(self.tests.base.plan.names)
@@ -123,18 +123,18 @@ class Selection:
     def _with_effects(self, best: Explanation, *, sharp: bool = True) -> Explanation:
         """Return the explanation with its noise and its effects; `sharp`: look for these before coloured noise."""
         lines = [e for e in self.effects if e.is_line]
-        best = self._grown(best, lines, renew=False)  # before the noise, which would contain them
+        best = self.grown(best, lines, renew=False)  # before the noise, which would contain them
         if find_windows(best.fit).enough:
             if sharp:
                 best = with_noise(best, self.differenced, colour=False)
-                best = self._grown(best, [e for e in self.effects if e.sharp], colour=False)
+                best = self.grown(best, [e for e in self.effects if e.sharp], colour=False)
         else:  # a noise from residuals would contain missing effects: neighbours tell it first
             best = with_noise_of_neighbours(best, self.differenced)
-            best = self._grown(best, self.effects, renew=False)
+            best = self.grown(best, self.effects, renew=False)
         best = with_noise(best, self.differenced)
         for _ in range(2):  # effects and noise depend on each other
             before = best.names()
-            best = self.without_idle(self._grown(best, self.effects))
+            best = self.without_idle(self.grown(best, self.effects))
             if best.names() == before:
                 break
             best = with_noise(best, self.differenced)
@@ -197,7 +197,7 @@ class Selection:
                 best = Explanation(self.refitted(best, b), (*best.additions, without_columns(b)))
         return best
 
-    def _grown(
+    def grown(
         self,
         explanation: Explanation,
         effects: Sequence[Effect],

@@ -42,6 +42,7 @@ HIDDEN = {  # effects whose own names do not tell, or tell the same
     "average": "mean of the last samples",
     "lag": "low-pass",
     "second-order lag": "low-pass",
+    "Butterworth low-pass": "low-pass",
     "sag of the source": "sag",
     "brush drop": "drop of brushes or drive",
     "drop of the drive": "drop of brushes or drive",

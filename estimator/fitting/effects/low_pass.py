@@ -1,9 +1,13 @@
-"""A low-pass of first or second order in a channel: an amplifier, an anti-aliasing filter, an observer."""
+"""A low-pass of first or second order in a channel: an amplifier, an anti-aliasing filter, an observer.
+
+Of second order are two equal lags, and Butterworth's, the usual anti-aliasing filter.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +16,7 @@ from estimator.fitting.effects.base import Effect
 from estimator.fitting.fit import Fit
 from estimator.fitting.recursion import recursion
 from estimator.fitting.simulator import Nuisance
+from estimator.motor.exponential import exponential
 from estimator.motor.winding import time_constant
 from estimator.plans.plan import Plan
 
@@ -35,13 +40,40 @@ def lagged_twice(y: FloatArray, tau: float, h: float) -> FloatArray:
     return lagged(lagged(y, tau, h), tau, h)
 
 
+def butterworth(y: FloatArray, tau: float, h: float) -> FloatArray:
+    """Return y behind tau^2 x'' + sqrt(2) tau x' + x = y, exact for a signal on lines between its samples."""
+    if tau <= 0:
+        return y
+    level = float(y[0])
+    return level + recursion(*_butterworth(h / tau), y - level)
+
+
+@lru_cache(maxsize=64)
+def _butterworth(step: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Return b (3,) and a (2,) of the recursion, of a step in units of the time constant."""
+    whole = np.zeros((4, 4))  # of [x, x', y, y'], y on a line over the step
+    whole[0, 1], whole[1, :3], whole[2, 3] = 1.0, (-1.0, -np.sqrt(2.0), 1.0), 1.0
+    after = exponential(whole * step)
+    f, last = after[:2, :2], after[:2, 3] / step
+    first = after[:2, 2] - last
+    trace, turned = float(np.trace(f)), f - np.trace(f) * np.eye(2)
+    b = last[0], first[0] + (turned @ last)[0], (turned @ first)[0]
+    return tuple(map(float, b)), (-trace, float(np.linalg.det(f)))
+
+
+FORMS: Mapping[str, tuple[Callable[[FloatArray, float, float], FloatArray], float, str]] = {
+    "lag": (lagged, 1.0, "a low-pass of first order"),
+    "second-order lag": (lagged_twice, 2.0, "a low-pass of second order"),
+    "Butterworth low-pass": (butterworth, np.sqrt(2.0), "a Butterworth low-pass of second order"),
+}  # of each: what the sensor shows, its delay in time constants, words
+
+
 @dataclass(frozen=True)
 class LowPass(Effect):
     """A low-pass of one output, its time constant in s."""
 
     name: str = "lag"
     sharp: bool = True
-    order: int = 1
 
     def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
         """Return one for each output without a declared filter."""
@@ -49,8 +81,8 @@ class LowPass(Effect):
         return [
             Nuisance(
                 f"{self.name} of {y}", "s", 0.0, LONGEST_LAG * h, 0.0, h,
-                output=y, act=lagged if self.order == 1 else lagged_twice, between=True,
-                tries=(0.3 * h, 1.5 * h, 6 * h), excludes=(f"lag of {y}", f"second-order lag of {y}"),
+                output=y, act=FORMS[self.name][0], between=True,
+                tries=(0.3 * h, 1.5 * h, 6 * h), excludes=tuple(f"{form} of {y}" for form in FORMS),
             )
             for y in plan.outputs
             if f"filter {y}" not in plan.declared and y != "angle"
@@ -62,13 +94,12 @@ class LowPass(Effect):
         if not name.endswith(" i") or not {"R", "L"} <= set(fit.free):
             return ()
         R, L, tau = (float(fit.values[s.index[n]]) for n in ("R", "L", name))
-        first = name.removeprefix("second-order ")
+        first = "lag of i"
         if tau <= 0 or first not in s.index:
             return ()
-        return ({"L": R * self.order * tau, name: 0.0, first: time_constant(R, L)},)
+        return ({"L": R * FORMS[self.name][1] * tau, name: 0.0, first: time_constant(R, L)},)
 
     def tell(self, name: str, value: float, plan: Plan) -> str:
         """Say which."""
         y = name.rpartition(" ")[2]
-        order = "first" if self.order == 1 else "second"
-        return f"{y} is shown through a low-pass of {order} order with a time constant of {1e3 * value:.3g} ms"
+        return f"{y} is shown through {FORMS[self.name][2]} with a time constant of {1e3 * value:.3g} ms"

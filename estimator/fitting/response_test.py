@@ -1,0 +1,59 @@
+"""Whether outputs answer to changes as it is explained: a score test of any further response. Knows no effect.
+
+A channel that goes through a filter, a mean, a delay or a drive that nobody named shows
+
+    y[k] + c0 (y[k] - y[k-1]) + c1 (y[k-1] - y[k-2]) + ...
+
+of the explained signal y: some numbers c for any of them, as long as they act within the first samples after a change.
+The differences of first to fifth order span the same, and depend on each other less.
+These are where L is estimated, and where one sensor's filter stands for another's, or for the winding. z'z falls by a
+chi-square number with as many degrees of freedom, if there is nothing (Rao 1948): of each channel, and of all together.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.distributions import chi_square_limit
+from estimator.fitting.fit import Fit
+
+FloatArray = NDArray[np.float64]
+
+RESPONSES = 5  # samples after a change, a number each
+DEPENDENT = 1e-6  # of the power of the columns, each of length 1: directions of less are not asked for
+
+
+def unexplained_responses(fit: Fit, chance: float) -> list[tuple[str, float]]:
+    """Return the further responses that the residuals show; of an explanation that holds one with this chance.
+
+    Each by its channel, "" for all together, and how much larger the root of its statistic is than its limit.
+    """
+    outputs, test = fit.simulator.outputs, fit.test()
+    across = [test.across(_changes(fit, j)) for j in range(len(outputs))]
+    groups = [*zip(outputs, across, strict=True)]
+    if len(outputs) > 1:
+        groups.append(("", np.hstack(across)))
+    found: list[tuple[str, float]] = []
+    for output, columns in groups:
+        norms = np.linalg.norm(columns, axis=0)
+        scale = np.where(norms > 0, 1 / np.where(norms > 0, norms, 1.0), 0.0)
+        power, axes = np.linalg.eigh((columns.T @ columns * scale).T * scale)
+        told = power > DEPENDENT
+        along = axes[:, told].T @ (scale * (columns.T @ test.left))
+        limit = chi_square_limit(max(1, int(told.sum())), chance / len(groups))
+        ratio = float(np.sqrt(np.sum(along**2 / power[told]) / limit))
+        if ratio > 1 and (output or not found):
+            found.append((output, ratio))
+    return found
+
+
+def _changes(fit: Fit, j: int) -> FloatArray:
+    """Return the first, second, ... differences of a channel's explained signal, (rows, q, RESPONSES)."""
+    result = np.zeros((*fit.shown.shape, RESPONSES))
+    for clock in fit.simulator.clocks:
+        change = np.nan_to_num(fit.shown[clock.rows, j])
+        for k in range(RESPONSES):
+            change = np.diff(change, prepend=change[:1])
+            result[clock.rows, j, k] = change
+    return result
