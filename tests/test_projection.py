@@ -1,4 +1,4 @@
-"""Triangular factors of columns: by their Gram matrix where that loses few digits, by Householder's method elsewhere."""
+"""Triangular factors: by the Gram matrix where that loses few digits, by Householder's method elsewhere."""
 
 import numpy as np
 import pytest
