@@ -4,7 +4,7 @@ from functools import cache
 
 import numpy as np
 from scipy.linalg import expm
-from scipy.signal import lfilter
+from scipy.signal import cont2discrete, lfilter
 
 from estimator.recordings.reading import recording_from_arrays
 
@@ -49,6 +49,12 @@ def lagged(y, tau):
     """Return y behind tau x' + x = y, held at a tenth of a sample."""
     a = np.exp(-H / FINE / tau)
     return lfilter([0.0, 1 - a], [1.0, -a], y)
+
+
+def butterworth(y, tau):
+    """Return y behind tau^2 x'' + sqrt(2) tau x' + x = y, held at a tenth of a sample."""
+    b, a, _ = cont2discrete(([1.0], [tau**2, np.sqrt(2) * tau, 1.0]), H / FINE)
+    return lfilter(b.ravel(), a, y)
 
 
 def late(y, by):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import cont2discrete, dlsim, lfilter
 
-from estimator.fitting.effects.low_pass import lagged
+from estimator.fitting.effects.low_pass import butterworth, lagged
 from estimator.fitting.recursion import recursion
 
 
@@ -25,14 +25,19 @@ def test_a_recursion_leaves_its_signal_as_it_was():
     assert np.array_equal(x, before)
 
 
-def test_a_low_pass_is_exact_between_the_samples_and_at_rest_before_the_first():
-    tau, h = 3e-3, 1e-3
+@pytest.mark.parametrize("tau", [3e-4, 3e-3, 5e-2])
+@pytest.mark.parametrize(
+    ("shown", "below"),
+    [(lagged, lambda tau: [tau, 1.0]), (butterworth, lambda tau: [tau**2, np.sqrt(2) * tau, 1.0])],
+)
+def test_a_low_pass_is_exact_between_the_samples_and_at_rest_before_the_first(shown, below, tau):
+    h = 1e-3
     y = 5.0 + np.cumsum(np.random.default_rng(2).standard_normal(300))
-    exact = cont2discrete(([1.0], [tau, 1.0]), h, method="foh")
+    exact = cont2discrete(([1.0], below(tau)), h, method="foh")
     _, right = dlsim(exact, y - y[0])
-    assert np.allclose(lagged(y, tau, h), y[0] + right[:, 0], rtol=0, atol=1e-12 * np.abs(y).max())
-    assert np.array_equal(lagged(np.full(20, 3.7), tau, h), np.full(20, 3.7))
-    assert lagged(y, 0.0, h) is y
+    assert np.allclose(shown(y, tau, h), y[0] + right[:, 0], rtol=0, atol=1e-11 * np.abs(y).max())
+    assert np.array_equal(shown(np.full(20, 3.7), tau, h), np.full(20, 3.7))
+    assert shown(y, 0.0, h) is y
 
 
 @pytest.mark.parametrize("c", [1, 2, 7])

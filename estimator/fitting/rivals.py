@@ -6,9 +6,11 @@ import dataclasses
 import itertools
 from collections.abc import Sequence
 
+import numpy as np
+
 from estimator.fitting.addition import Addition, alike, is_physical, is_switch, is_timing
 from estimator.fitting.explanation import ROUGH, Explanation, mirrored, renewed, without
-from estimator.fitting.explanation_noise import with_noise
+from estimator.fitting.explanation_noise import by_noise_of, with_noise
 from estimator.fitting.gauss_newton import solved
 from estimator.fitting.selection import PREDICTED_PART, Selection
 
@@ -16,6 +18,7 @@ RIVALS_WITHIN = 10.0  # of the criterion: explanations that are no further above
 PARALLEL = 0.9  # canonical correlation of an addition with one that is doubted: it is refitted as a rival
 RIVALS_REFITTED = 3  # rivals of an addition that are refitted, of each effect the likeliest
 MOST_WITHIN = 2  # additions of what happens within samples, each exchanged for every other of these
+ABSURD = 2 * float(np.log(100.0))  # of the criterion: what no bench does has a chance of 1 in 100, by a wrong clock
 EXCHANGES, EXCHANGED = 2, 0.1  # of an explanation for a more likely rival, at most; by which its criterion is lower
 
 
@@ -34,7 +37,38 @@ def settled(selection: Selection, explanation: Explanation) -> tuple[Explanation
         explanation = selection.at_best(selection.without_idle(best))
     else:
         rivals = alternatives(selection, explanation)
-    return explanation, rivals
+    sensible = _without_absurd(selection, explanation, rivals)
+    return (explanation, rivals) if sensible is None else (sensible, alternatives(selection, sensible))
+
+
+def _without_absurd(
+    selection: Selection, explanation: Explanation, rivals: Sequence[Explanation]
+) -> Explanation | None:
+    """Return an explanation without what no bench does, such as a delay before its input; None if none is near.
+
+    Effects that stand for others come in company: a filter for a mean, a delay to make up for it, a friction for the
+    rest. No single exchange leads back from there.
+    """
+    plan, n = selection.tests.base.plan, selection.tests.samples
+    values = dict(zip(explanation.fit.simulator.names, explanation.fit.values.tolist(), strict=True))
+    absurd = {
+        a.effect.name
+        for a in explanation.additions
+        if not a.effect.doubt and a.name in values and a.effect.doubted(a.name, values[a.name], plan)
+    }
+    if not absurd:
+        return None
+    others = [e for e in selection.effects if e.name not in absurd]
+    found = []
+    for bare in (explanation, *rivals):
+        for a in bare.additions:
+            if a.effect.name in absurd:
+                bare = without(bare, a)
+        grown = selection.at_best(selection.without_idle(selection.grown(bare, others)))
+        behind = grown.criterion(n) - by_noise_of(grown, explanation).criterion(n)
+        found.append((behind, grown))
+    behind, best = min(found, key=lambda f: f[0])
+    return best if behind < ABSURD else None
 
 
 def alternatives(selection: Selection, explanation: Explanation) -> list[Explanation]:
@@ -54,7 +88,7 @@ def alternatives(selection: Selection, explanation: Explanation) -> list[Explana
     simpler = [e for e in simpler if all(is_physical(e.fit, a) for a in e.additions)]
     found += [e for e in simpler if e.criterion(n) < explanation.criterion(n) + RIVALS_WITHIN]
     for addition in explanation.additions:
-        if addition.effect.name != "offset" and not addition.effect.is_line and not is_switch(addition):
+        if not addition.effect.is_line and not is_switch(addition):
             sharp_too = addition in within and len(within) <= MOST_WITHIN
             found += _exchanged(selection, explanation, addition, sharp_too=sharp_too)
     return found
@@ -78,7 +112,9 @@ def _exchanged(
     if own is addition and own.linear is not None:
         own = dataclasses.replace(own, across=bare.fit.test().across(own.linear.columns))
     tested = [a for a in tested if a.name != addition.name and (not a.effect.doubt or alike(a, own) > PARALLEL)]
-    likely = [a for a in tested if a.gain - a.penalty(n) > PREDICTED_PART * (lost - addition.penalty(n))]
+    needed = PREDICTED_PART * (lost - addition.penalty(n))
+    # What another FMU has moves the parameters so far that its score test tells little of it.
+    likely = [a for a in tested if a.gain - a.penalty(n) > (0.0 if a.effect.fmu else needed)]
     ranked = sorted(likely, key=lambda a: a.penalty(n) - a.gain)
     likely = list({a.effect.name: a for a in reversed(ranked)}.values())[::-1][:RIVALS_REFITTED]
     if sharp_too:

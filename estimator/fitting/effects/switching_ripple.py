@@ -60,14 +60,16 @@ class SwitchingRipple(Effect):
         if not taken and lines and _is_the_shafts(lines[0], fit, stretches):
             return ()
         unit = s.plan.unit("i")
+        seen = [later[rows] & fit.whitener.present[rows, j] for rows, _ in stretches]
         found = []
         for f in lines:
             columns = np.zeros((s.rows, len(s.outputs), 2 * len(stretches)))
             for e, (rows, time) in enumerate(stretches):
                 for part, wave in enumerate((np.cos, np.sin)):
                     columns[rows, j, 2 * e + part] = wave(2 * np.pi * f * time)
-            told = [c for c in range(columns.shape[2]) if np.sum(later & (columns[:, j, c] != 0)) >= STRETCH_ROWS // 2]
-            found.append(Linear(f"ripple i at {f:.6g} Hz", columns[:, :, told], (unit,) * len(told)))
+            told = [c for c in range(columns.shape[2]) if _waves(columns[:, j, c], stretches[c // 2][0][seen[c // 2]])]
+            if told:
+                found.append(Linear(f"ripple i at {f:.6g} Hz", columns[:, :, told], (unit,) * len(told)))
         return found
 
     def renewed(self, fit: Fit, group: Linear, coefficients: FloatArray) -> Linear | None:
@@ -77,6 +79,11 @@ class SwitchingRipple(Effect):
     def tell(self, name: str, value: float, plan: Plan) -> str:
         """Say where the line lies, and how large it is."""
         return f"i has a ripple at {name.split()[3]} Hz, as sampled, of amplitude {value:.3g} A: the driver's switching"
+
+
+def _waves(column: FloatArray, rows: NDArray[np.int64]) -> bool:
+    """Whether a line is seen as a wave: its mean square is 1/2; where a sensor shows every fourth row it may be 0."""
+    return len(rows) >= STRETCH_ROWS // 2 and float(np.var(column[rows])) > 0.25
 
 
 def _is_the_shafts(f: float, fit: Fit, stretches: Sequence[tuple[NDArray[np.int64], FloatArray]]) -> bool:
