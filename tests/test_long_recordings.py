@@ -8,7 +8,9 @@ from effect_bench import NOISE, TRUE
 
 from estimator.cases.case import Case, OutputSpec
 from estimator.estimating.estimate import estimate_recordings
-from estimator.fitting.explained import freed_by_the_case
+from estimator.fitting.effects.delay import Delay
+from estimator.fitting.effects.low_pass import LowPass
+from estimator.fitting.explained import explain, freed_by_the_case
 from estimator.fitting.fit import new_fit, refreshed
 from estimator.fitting.gauss_newton import solved
 from estimator.fitting.noise_model import NoiseModel
@@ -144,21 +146,24 @@ def test_of_a_short_recording_or_one_that_moves_at_its_end_all_rows_are_searched
     assert part_of(plan_of(recording_from_arrays("late", times, columns))) is None
 
 
-def test_what_is_known_of_a_solved_fit_is_not_simulated_again():
-    plan = plan_of(switched(2_000))
+def test_what_is_known_of_a_long_recordings_fit_is_not_simulated_again():
+    plan = plan_of(switched())
     with Workers(1) as crew:
         simulator = Simulator(plan, (), crew, {"i": 1.0, "w": 1.0})
         noise = NoiseModel.plain(np.array([NOISE["i"], NOISE["w"]]), (-1, -1))
         begun = new_fit(simulator, simulator.values({n: 1.01 * x for n, x in TRUE.items()}), plan.names, noise)
         found = solved(begun)
-        assert found.is_solved and not begun.is_solved
+        before, derivatives = crew.simulations, found.raw
+        assert crew.simulations == before + 2 * len(TRUE)  # central differences, when they are asked for
         before = crew.simulations
         again = solved(found, iterations=0)
-        assert crew.simulations == before and again.cost == found.cost
+        assert again.cost == found.cost and again.raw is derivatives and crew.simulations == before
         moved = solved(dataclasses.replace(found, values=found.values * 1.001), iterations=0)
-        assert crew.simulations > before and not np.array_equal(moved.raw, found.raw)
+        assert crew.simulations > before and not np.array_equal(moved.raw, derivatives)
+        own = simulator, found.where, found.values
+        assert found.slopes.known_of(*own) is derivatives
         simulator.between *= 2  # what filters show would be another
-        assert not found.is_solved
+        assert found.slopes.known_of(*own) is None
 
 
 def test_a_fit_by_another_noise_keeps_its_values_until_it_is_solved():
@@ -193,3 +198,37 @@ def test_more_trajectories_than_the_shared_memory_holds_are_each_what_it_is_alon
     assert batch.failed.tolist() == [k == 5 for k in range(8)] and np.isnan(batch.shown[5]).all()
     for name in ("costs", "steps", "shown"):
         assert np.array_equal(getattr(batch, name), np.concatenate([getattr(b, name) for b in alone]), equal_nan=True)
+
+
+def test_rivals_are_not_looked_for_where_the_explanation_is_not_wanted(monkeypatch):
+    plan, asked = plan_of(switched(2_000)), []
+    monkeypatch.setattr("estimator.fitting.explained.settled", lambda selection, best: asked.append(best) or (best, []))
+    begun, noise = np.array(list(TRUE.values())), np.array([NOISE["i"], NOISE["w"]])
+    with Workers(1) as crew:
+        for wanted in (False, True):
+            explain(
+                plan, crew, [begun], sigma={"i": 1.0, "w": 1.0}, deviations=noise, effects=(),
+                is_wanted=lambda checked, wanted=wanted: wanted and not checked.failures,
+            )  # fmt: skip
+            assert len(asked) == wanted
+
+
+def test_filters_are_tried_on_signals_that_are_simulated_once():
+    plan = plan_of(switched(2_000))
+    lags = LowPass("lag").nuisances(plan)
+    with Workers(1) as crew:
+        simulator = Simulator(plan, (*lags, *Delay().nuisances(plan)), crew, {"i": 1.0, "w": 1.0})
+        neutral = simulator.values(TRUE)
+        slow = neutral.copy()
+        slow[simulator.index[lags[0].name]] = 2 * STEP
+        other = neutral.copy()
+        other[simulator.index[lags[1].name]] = 3 * STEP
+        first = simulator.shown(slow[None, :]).copy()
+        before = crew.simulations
+        second = simulator.shown(other[None, :])
+        assert crew.simulations == before
+        simulator.shown(neutral[None, :])
+        simulator._late.clear()
+        anew = [simulator.shown(one[None, :]) for one in (other, slow)]
+        assert crew.simulations == before + 1 + simulator.between
+    assert np.array_equal(anew, [second, first]) and not np.array_equal(first, second)

@@ -22,6 +22,7 @@ from estimator.estimating.ending import finish
 from estimator.estimating.multistart import many_starts, needs_many
 from estimator.estimating.optimiser import Optimiser
 from estimator.estimating.session import Session
+from estimator.fitting.adequacy import Adequacy
 from estimator.fitting.effects import known_effects
 from estimator.fitting.explained import Explained, explain
 from estimator.fitting.explanation import Explanation
@@ -94,8 +95,11 @@ class _Attempts:
         values = known.fit.values[: len(self.plan.names)]
         deviations, at_bound = self.squares.deviations(values), self.squares.at_bound(values)
         polish = dataclasses.replace(polish, values=values, deviations=deviations, at_bound=at_bound)
-        explained = self._explained(polish, session.start, known=known.explanation)
-        return None if explained is None or (_is_poor(explained) and not _is_poor(known)) else (polish, explained)
+        good = not _is_poor(known.adequacy)
+        explained = self._explained(
+            polish, session.start, known=known.explanation, is_wanted=lambda checked: not (good and _is_poor(checked))
+        )
+        return None if explained is None or (good and _is_poor(explained.adequacy)) else (polish, explained)
 
     def found(self) -> tuple[LeastSquaresFit, Explained | None]:
         """Return the best fit and what it finds of the bench; None where it is exact."""
@@ -121,7 +125,7 @@ class _Attempts:
             polish = self._across_jumps(polish)
         explained = self._explained(polish, start)
         for nests, generations in WIDER:
-            if explained is None or not _is_poor(explained):
+            if explained is None or not _is_poor(explained.adequacy):
                 break
             tried = self._polished(self._searched(Space.full(box), polish.values, nests, generations))
             if not self._is_better(tried, polish):
@@ -203,7 +207,12 @@ class _Attempts:
         return float(weighted @ weighted) if np.isfinite(weighted).all() else np.inf
 
     def _explained(
-        self, polish: LeastSquaresFit, start: FloatArray, *, known: Explanation | None = None
+        self,
+        polish: LeastSquaresFit,
+        start: FloatArray,
+        *,
+        known: Explanation | None = None,
+        is_wanted: Callable[[Adequacy], bool] = lambda checked: True,
     ) -> Explained | None:
         """Find what the bench adds; None where the fit is exact, so that there is nothing to explain.
 
@@ -211,6 +220,8 @@ class _Attempts:
         ----------
         known : Explanation, optional
             Of a part of the rows: the descent begins there.
+        is_wanted : callable
+            As `explain`.
         """
         session, problem = self.session, self.problem
         session.account.enter("nuisances")
@@ -228,6 +239,7 @@ class _Attempts:
             enter=session.account.enter,
             known=known,
             briefly=self.briefly,
+            is_wanted=is_wanted,
         )
 
     def _other_starts(self, polish: LeastSquaresFit, start: FloatArray) -> list[FloatArray]:
@@ -255,9 +267,9 @@ class _Attempts:
         return bool(np.all(polish.deviations <= allowed))
 
 
-def _is_poor(explained: Explained) -> bool:
+def _is_poor(checked: Adequacy) -> bool:
     """Whether residuals are left that are far above their noise."""
-    return any(f.what == "size" and f.excess > MISFIT for f in explained.adequacy.failures)
+    return any(f.what == "size" and f.excess > MISFIT for f in checked.failures)
 
 
 def _log_likelihood(output: NDArray[np.int64], deviations: FloatArray) -> float:

@@ -135,6 +135,7 @@ def explain(
     enter: Callable[[str], None] = lambda phase: None,
     known: Explanation | None = None,
     briefly: bool = False,
+    is_wanted: Callable[[Adequacy], bool] = lambda checked: True,
 ) -> Explained:
     """Explain the recordings of a plan.
 
@@ -153,6 +154,8 @@ def explain(
         Of a part of the rows.
     briefly : bool
         Without rivals, and what else may be added: for a start.
+    is_wanted : callable
+        Whether an explanation that is so adequate is wanted: else what it costs most, its rivals, is not looked for.
     """
     late: tuple[str, ...] = ()
     if any(e.name == "latency of each edge" for e in effects):
@@ -165,13 +168,14 @@ def explain(
         if other.first_cost(starts) < selection.first_cost(starts):
             plan, selection, other = on_lines, other, selection
     explanation = selection.explain(starts, known)
+    checked = adequacy(explanation.fit, len(plan.names))
     rivals: list[Explanation] = []
     open_additions: Sequence[Addition] = ()
-    if not briefly:
+    if not briefly and is_wanted(checked):
         enter("rivals")
-        explanation, rivals = settled(selection, explanation)
-    checked = adequacy(explanation.fit, len(plan.names))
-    if not briefly:
+        likeliest, rivals = settled(selection, explanation)
+        if likeliest is not explanation:
+            explanation, checked = likeliest, adequacy(likeliest.fit, len(plan.names))
         if not checked.failures:  # else a wandering torque would be taken for what is missing
             wanders = with_wandering_torque(explanation)
             if wanders is not explanation:
@@ -295,7 +299,7 @@ def _explained(
     held = at_bound[:p] != 0
     values[:p][held] = fit.values[:p][held]
     rest = [k for k in range(len(names)) if k not in kept]
-    jacobian, residuals = fit.jacobian[:, kept], fit.z
+    jacobian, residuals = fit.jacobian[:, kept] if rest else fit.jacobian, fit.z
     if rest:
         q = np.linalg.qr(fit.jacobian[:, rest])[0]
         jacobian = jacobian - q @ (q.T @ jacobian)

@@ -71,21 +71,15 @@ def renewed(explanation: Explanation) -> Fit:
             continue
         at = sum(g.columns.shape[2] for g in groups[:k])
         own = slice(at, at + groups[k].columns.shape[2])
-        beside = slice(len(fit.free) + own.start, len(fit.free) + own.stop)
         bare = dataclasses.replace(
             fit,
             linear=tuple(g for g in groups if g is not groups[k]),
             coefficients=np.delete(fit.coefficients, own),
-            jacobian=np.delete(fit.jacobian, beside, axis=1),
-            raw=np.delete(fit.raw, beside, axis=2),
         )
         new = a.effect.renewed(bare, groups[k], fit.coefficients[own])
         if new is not None and new.columns.shape == groups[k].columns.shape:
             groups[k] = new
-    if not groups:
-        return fit
-    raw = np.concatenate([fit.raw[:, :, : len(fit.free)], *(g.columns for g in groups)], axis=2)
-    return dataclasses.replace(fit, linear=tuple(groups), raw=raw)
+    return dataclasses.replace(fit, linear=tuple(groups))
 
 
 def mirrored(explanation: Explanation, effects: Sequence[Effect], plan: Plan) -> list[Explanation]:

@@ -23,6 +23,7 @@ from estimator.fitting.noise_model import NoiseModel
 from estimator.fitting.projection import Projection, triangle
 from estimator.fitting.score_test import ScoreTest
 from estimator.fitting.simulator import Simulator
+from estimator.fitting.slopes import Slopes
 from estimator.fitting.whitener import Whitener
 from estimator.plans.parameters import SensorPlace
 
@@ -77,15 +78,10 @@ class Fit:
         Of the linear part.
     z : (rows q,) array
         Whitened residuals, measured less explained; zero where a sample is missing.
-    jacobian : (rows q, f + m) array
-        Whitened derivatives of what is explained by what is free, on its scale, then by the coefficients.
-    raw : (rows, q, f + m) array
-        The same before whitening.
+    slopes : Slopes
+        Derivatives of what is shown by what is free, on its scale.
     cost : float
         z'z.
-    solved_as : tuple or None
-        The simulator, its rows between samples, what is free and the values that `raw` has derivatives of, where they
-        are differences of simulations.
     """
 
     simulator: Simulator
@@ -96,21 +92,19 @@ class Fit:
     shown: FloatArray
     coefficients: FloatArray
     z: FloatArray
-    jacobian: FloatArray
-    raw: FloatArray
+    slopes: Slopes
     cost: float
-    solved_as: tuple[Simulator, int, tuple[str, ...], bytes] | None = None
 
     @property
-    def is_solved(self) -> bool:
-        """Whether what is shown, and its derivatives by what is free, are those at the values."""
-        known, s = self.solved_as, self.simulator
-        return known is not None and known[0] is s and known[1:] == (s.between, self.free, self.values.tobytes())
+    def raw(self) -> FloatArray:
+        """Derivatives, (rows, q, f + m), of what is explained by what is free, then by the coefficients."""
+        columns = [g.columns for g in self.linear]
+        return np.concatenate([self.slopes.raw, *columns], axis=2) if columns else self.slopes.raw
 
-    def as_solved(self) -> Fit:
-        """Return the fit as one whose derivatives are differences at its values."""
-        s = self.simulator
-        return dataclasses.replace(self, solved_as=(s, s.between, self.free, self.values.tobytes()))
+    @cached_property
+    def jacobian(self) -> FloatArray:
+        """The same whitened, (rows q, f + m)."""
+        return self.whitener.flat(self.raw)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -216,9 +210,8 @@ def new_fit(simulator: Simulator, values: FloatArray, free: Sequence[str], noise
         noise, simulator.clocks, ~np.isnan(simulator.measured), np.zeros_like(shown),
         np.ones_like(shown), np.ones(len(shown), dtype=bool), np.zeros_like(shown),
     )  # fmt: skip
-    none = np.zeros((shown.size, 0))
-    start = Fit(simulator, values, tuple(free), (), whitener, shown, np.zeros(0), np.zeros(shown.size), none,
-                np.zeros((*shown.shape, 0)), np.inf)  # fmt: skip
+    none = Slopes(None, known=np.zeros((*shown.shape, 0)))
+    start = Fit(simulator, values, tuple(free), (), whitener, shown, np.zeros(0), np.zeros(shown.size), none, np.inf)
     return with_level(start)
 
 
@@ -236,29 +229,19 @@ def with_level(fit: Fit) -> Fit:
     return dataclasses.replace(fit, whitener=whitener)
 
 
-def evaluated(
-    fit: Fit, values: FloatArray, shown: FloatArray, raw: FloatArray, columns: FloatArray, linear: Projection
-) -> Fit:
-    """Return the fit at a point, with its whitened residuals and derivatives; `linear`: of the columns, whitened."""
-    own = fit.whitener.flat(np.concatenate([misfit(fit, shown)[:, :, None], raw], axis=2))
-    b = linear.coefficients(own[:, 0])
-    z, jacobian = own[:, 0] - linear.columns @ b, own[:, 1:]
-    if len(b):
-        jacobian, raw = np.hstack([jacobian, linear.columns]), np.concatenate([raw, columns], axis=2)
-    return dataclasses.replace(
-        fit, values=values, shown=shown, coefficients=b, z=z, jacobian=jacobian, raw=raw,
-        cost=float(z @ z) if np.isfinite(z).all() else np.inf, solved_as=None,
-    )  # fmt: skip
+def evaluated(fit: Fit, values: FloatArray, shown: FloatArray, slopes: Slopes, linear: Projection) -> Fit:
+    """Return the fit at a point, with its whitened residuals; `linear`: on its columns, whitened."""
+    own = fit.whitener.flat(misfit(fit, shown)[:, :, None])[:, 0]
+    b = linear.coefficients(own)
+    z = own - linear.columns @ b
+    cost = float(z @ z) if np.isfinite(z).all() else np.inf
+    return dataclasses.replace(fit, values=values, shown=shown, coefficients=b, z=z, slopes=slopes, cost=cost)
 
 
 def refreshed(fit: Fit, whitener: Whitener) -> Fit:
-    """Return the fit with another whitener, its values unchanged: not its derivatives, which a solution whitens."""
-    own = whitener.flat(np.concatenate([misfit(fit, fit.shown)[:, :, None], fit.raw[:, :, len(fit.free) :]], axis=2))
-    linear = Projection(own[:, 1:])
-    b = linear.coefficients(own[:, 0])
-    z, none = own[:, 0] - linear.columns @ b, np.zeros((len(own), 0))
-    cost = float(z @ z) if np.isfinite(z).all() else np.inf
-    return dataclasses.replace(fit, whitener=whitener, coefficients=b, z=z, jacobian=none, cost=cost)
+    """Return the fit with another whitener, its values unchanged."""
+    linear = Projection(whitener.flat(linear_columns(fit.linear, fit.shown.shape)))
+    return evaluated(dataclasses.replace(fit, whitener=whitener), fit.values, fit.shown, fit.slopes, linear)
 
 
 def misfit(fit: Fit, shown: FloatArray) -> FloatArray:

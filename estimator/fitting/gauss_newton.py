@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.fitting.differences import DIFFERENCE_STEP
 from estimator.fitting.fit import Fit, evaluated, linear_columns, misfit
 from estimator.fitting.projection import Projection, triangle
-from estimator.fitting.simulator import CELLS
+from estimator.fitting.slopes import Point, Slopes
+from estimator.plans.part import LONG
 
 FloatArray = NDArray[np.float64]
 
@@ -28,14 +28,18 @@ def solved(fit: Fit, *, iterations: int = ITERATIONS, tolerance: float = 1e-3) -
     s, where, (low, high) = fit.simulator, fit.where, fit.bounds
     own = s.scaled(fit.values)[where]
     x = np.clip(own, low, high)
-    columns = linear_columns(fit.linear, fit.shown.shape)
-    linear = Projection(fit.whitener.flat(columns))
+    linear = Projection(fit.whitener.flat(linear_columns(fit.linear, fit.shown.shape)))
     longest, damping = longest_steps(fit), DAMPING[0]
-    raw = known = fit.raw[:, :, : len(where)] if fit.is_solved and np.array_equal(x, own) else None
+
+    def point(x: FloatArray, shown: FloatArray) -> Point:
+        return Point(s, where, placed(fit, x), x, low, high, shown)
+
+    unmoved = s.rows > LONG and np.array_equal(x, own)
+    raw = known = fit.slopes.known_of(s, where, fit.values) if unmoved else None
     shown = s.shown(placed(fit, x)[None, :])[0] if known is None else fit.shown
     cost = _cost(fit, shown, linear)
     for _ in range(iterations if len(where) and np.isfinite(cost) else 0):
-        raw = _differences(fit, x, shown, central=tolerance < 1e-6) if raw is None else raw
+        raw = point(x, shown).slopes(central=tolerance < 1e-6) if raw is None else raw
         a, g = _triangle(fit, linear, raw, shown)
         better = None
         while better is None and damping < DAMPING[1]:
@@ -59,9 +63,9 @@ def solved(fit: Fit, *, iterations: int = ITERATIONS, tolerance: float = 1e-3) -
         raw = None
         if gained < tolerance:
             break
-    if raw is None or (raw is not known and tolerance >= 1e-6):
-        raw = _differences(fit, x, shown, central=tolerance < 1e-2)
-    return evaluated(fit, placed(fit, x), shown, raw, columns, linear).as_solved()
+    end = point(x, shown)
+    told = raw if raw is known or tolerance < 1e-6 else None
+    return evaluated(fit, end.values, shown, Slopes(end, central=tolerance < 1e-2, known=told), linear)
 
 
 def longest_steps(fit: Fit) -> FloatArray:
@@ -76,13 +80,6 @@ def placed(fit: Fit, x: FloatArray) -> FloatArray:
     s, values = fit.simulator, fit.values.copy()
     values[fit.where] = s.unscaled(x, fit.where)
     return np.clip(values, s.lower, s.upper)
-
-
-def beside(fit: Fit, values: FloatArray, x: FloatArray) -> FloatArray:
-    """Return candidates, (f, p): values, (p,), each with one of what is free at its x, (f,), on its scale."""
-    points, where = np.repeat(values[None, :], len(x), axis=0), fit.where
-    points[np.arange(len(x)), where] = fit.simulator.unscaled(x, where)
-    return points
 
 
 def _cost(fit: Fit, shown: FloatArray, linear: Projection) -> float:
@@ -120,29 +117,3 @@ def _step(a: FloatArray, g: FloatArray, damping: float, x: FloatArray, low: Floa
         if not free.any():
             return np.zeros(len(x))
     return dx
-
-
-def _differences(fit: Fit, x: FloatArray, shown: FloatArray, *, central: bool) -> FloatArray:
-    """Return derivatives of what is shown by what is free, (rows, q, f), by one-sided or central differences."""
-    s, where, (low, high) = fit.simulator, fit.where, fit.bounds
-    f = len(where)
-    if not f:
-        return np.zeros((*shown.shape, 0))
-    h = np.where(s.log[where], DIFFERENCE_STEP, 10 * DIFFERENCE_STEP * s.size[where])
-    h = np.maximum(h, s.spacing(fit.values)[where] / (2 if central else 1))
-    ahead = np.where(x + h <= high, x + h, x - h)
-    behind = np.where((x - h >= low) & (ahead > x), x - h, x) if central else x
-    here = placed(fit, x)
-    points = [beside(fit, here, end) for end in ((ahead, behind) if central else (ahead,))]
-    result = np.zeros((*shown.shape, f))
-    many = max(1, CELLS // (s.rows * len(points)))  # of what is free, at once: of a long recording one by one
-    for part in (np.arange(f)[k : k + many] for k in range(0, f, many)):
-        ends = s.shown(np.concatenate([end[part] for end in points]))
-        for k, there, back in zip(part, ends, ends[len(part) :] if central else [shown] * len(part), strict=False):
-            width = ahead[k] - behind[k]
-            if not np.isfinite(back).all():
-                back, width = shown, ahead[k] - x[k]
-            if np.isfinite(there).all():
-                np.subtract(there, back, out=result[:, :, k])
-                result[:, :, k] /= width
-    return result

@@ -33,14 +33,14 @@ def information_parts(jacobian: FloatArray) -> tuple[FloatArray, FloatArray]:
     unseen = part(~seen)
     outside = np.linalg.norm(rows[~seen], axis=0) > OUTSIDE
     unseen *= np.outer(outside, outside)
-    dead = np.linalg.norm(jacobian, axis=0) == 0
+    dead = ~jacobian.any(axis=0)
     unseen[dead, dead] = np.inf
     return part(seen), unseen
 
 
 def scaled_svd(jacobian: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return the columns' lengths, (p,), 1 for a zero one, and singular values and rows of J over them."""
-    norms = np.linalg.norm(jacobian, axis=0)
+    norms = np.sqrt(np.einsum("nk,nk->k", jacobian, jacobian))  # copies nothing
     scale = np.where(norms == 0, 1.0, norms)
     _, singular, rows = np.linalg.svd(triangle(jacobian) / scale)
     return scale, singular, rows

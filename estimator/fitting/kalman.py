@@ -21,7 +21,7 @@ from estimator.stepping.library import KALMAN, check_installed
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-LARGEST_KEPT, MOST_KEPT = 4 << 20, 32 << 20  # bytes: of an array, so that long recordings give theirs back; of all
+LARGEST_KEPT, MOST_KEPT = 32 << 20, 256 << 20  # bytes: of an array, as many as glibc allows; of all of them
 
 
 def whiten(
@@ -125,8 +125,8 @@ def shorten(
 def filters() -> ctypes.CDLL:
     """Return the compiled filters; what arrays have left is kept for the next ones from then on.
 
-    An estimation makes thousands of arrays of 0.1 to 10 MB. glibc gives each back to the system at once and asks for it
-    anew, page by page: a tenth of a short estimate.
+    An estimation makes thousands of arrays of 0.1 to 30 MB. glibc gives each back to the system at once and asks for it
+    anew, page by page: a tenth of a short estimate, a fifth of a long one.
     """
     check_installed(KALMAN)
     library = ctypes.CDLL(str(KALMAN))

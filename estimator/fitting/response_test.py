@@ -31,16 +31,18 @@ def unexplained_responses(fit: Fit, chance: float) -> list[tuple[str, float]]:
     """
     outputs, test = fit.simulator.outputs, fit.test()
     across = [test.across(_changes(fit, j)) for j in range(len(outputs))]
-    groups = [*zip(outputs, across, strict=True)]
+    products = np.block([[one.T @ other for other in across] for one in across])
+    scores = np.concatenate([columns.T @ test.left for columns in across])
+    groups = [(output, slice(RESPONSES * j, RESPONSES * (j + 1))) for j, output in enumerate(outputs)]
     if len(outputs) > 1:
-        groups.append(("", np.hstack(across)))
+        groups.append(("", slice(None)))
     found: list[tuple[str, float]] = []
-    for output, columns in groups:
-        norms = np.linalg.norm(columns, axis=0)
+    for output, own in groups:
+        norms = np.sqrt(np.diag(products)[own])
         scale = np.where(norms > 0, 1 / np.where(norms > 0, norms, 1.0), 0.0)
-        power, axes = np.linalg.eigh((columns.T @ columns * scale).T * scale)
+        power, axes = np.linalg.eigh((products[own, own] * scale).T * scale)
         told = power > DEPENDENT
-        along = axes[:, told].T @ (scale * (columns.T @ test.left))
+        along = axes[:, told].T @ (scale * scores[own])
         limit = chi_square_limit(max(1, int(told.sum())), chance / len(groups))
         ratio = float(np.sqrt(np.sum(along**2 / power[told]) / limit))
         if ratio > 1 and (output or not found):

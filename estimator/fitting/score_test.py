@@ -25,7 +25,9 @@ class ScoreTest:
 
     def across(self, columns: FloatArray) -> FloatArray:
         """Return (rows, q, c) columns whitened, without their part that the fit explains, (rows q, c)."""
-        return self.rest(self.whitener.flat(columns))
+        whitened = self.whitener.flat(columns)
+        whitened -= self.basis @ (self.basis.T @ whitened)
+        return whitened
 
     def rest(self, whitened: FloatArray) -> FloatArray:
         """Return whitened columns, (rows q, c), without their part that the fit explains."""

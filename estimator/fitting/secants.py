@@ -6,9 +6,9 @@ import dataclasses
 
 import numpy as np
 
-from estimator.fitting.fit import Fit, evaluated
-from estimator.fitting.gauss_newton import beside, longest_steps, placed, solved
-from estimator.fitting.projection import Projection
+from estimator.fitting.fit import Fit
+from estimator.fitting.gauss_newton import longest_steps, placed, solved
+from estimator.fitting.slopes import Point, Slopes
 
 SECANTS, KINKED = 6, 0.7  # times that errors grow by secants; of a derivative: a smaller secant is taken
 WENT_ON = 0.01  # of z'z: a continued descent that ends this much lower is an improvement
@@ -27,8 +27,9 @@ def with_secants(fit: Fit) -> Fit:
         deviation = np.sqrt(np.maximum(np.diag(fit.covariance())[:f], 0.0))
         reach = np.where(np.isfinite(deviation) & (deviation > 0), deviation, 0.0)
         reach = np.minimum(reach, np.where(s.log[where], 0.5, longest_steps(fit)))
+        here = Point(s, where, fit.values, x, low, high, fit.shown)
         points = np.concatenate([np.minimum(x + reach, high), np.maximum(x - reach, low)])
-        shown = s.shown(np.concatenate([beside(fit, fit.values, end) for end in (points[:f], points[f:])]))
+        shown = s.shown(np.concatenate([here.beside(end) for end in (points[:f], points[f:])]))
         width = points - np.tile(x, 2)
         usable = (width != 0) & np.isfinite(shown).all(axis=(1, 2))
         change = np.where(usable[:, None, None], np.nan_to_num(shown) - fit.shown, 0.0).transpose(1, 2, 0)
@@ -38,9 +39,9 @@ def with_secants(fit: Fit) -> Fit:
         kinked = np.flatnonzero(norms.min(axis=0) < KINKED * np.linalg.norm(fit.jacobian[:, :f], axis=0))
         if not len(kinked):
             break
-        raw = fit.raw[:, :, :f].copy()
+        raw = fit.slopes.raw.copy()
         raw[:, :, kinked] = secants[:, :, side[kinked] * f + kinked]
-        fit = evaluated(fit, fit.values, fit.shown, raw, fit.raw[:, :, f:], Projection(fit.jacobian[:, f:]))
+        fit = dataclasses.replace(fit, slopes=Slopes(None, known=raw))
         for k in kinked.tolist():
             moved = x.copy()
             moved[k] = points[side[k] * f + k]

@@ -121,6 +121,7 @@ class Simulator:
     problem: Problem = field(init=False)
     between: int = field(init=False, default=SUBSTEPS)
     _late: dict[tuple[bytes, int, int], FloatArray] = field(init=False, default_factory=dict)
+    _phases: tuple[tuple[bytes, int], FloatArray] | None = field(init=False, default=None)
 
     def __post_init__(self) -> None:
         stepped = [n for n in self.nuisances if n.place is not None or n.target]
@@ -214,11 +215,11 @@ class Simulator:
         # A time-invariant model: with inputs later by a part of a row it shows what lies between.
         late = np.repeat(np.arange(between)[:, None] * steps / between, len(unique), axis=0)
         many = np.tile(unique, (between, 1))
-        signals = self.problem.signals(many, refine=refine, late=late if between > 1 else None)
+        signals = self._signals(many, refine, late if between > 1 else None)
         phases = signals[:, self._keep].reshape(between, len(unique), self.rows, -1)
         if len(unique) < len(candidates):
             phases = phases[:, which]
-        shown = phases[0]
+        shown = phases[0].copy() if between > 1 else phases[0]
         for nuisance in sorted(self._acts, key=lambda n: not n.between):  # filters before what a logger does
             j, column = self.outputs.index(nuisance.output), candidates[:, self.index[nuisance.name]]
             rows = phases[::-1].transpose(1, 2, 0, 3) if nuisance.between and between > 1 else shown[:, :, None, :]
@@ -229,6 +230,19 @@ class Simulator:
                     finer = nuisance.act(signal.ravel(), float(column[c]), clock.step / signal.shape[1])
                     shown[c, clock.rows, j] = finer[signal.shape[1] - 1 :: signal.shape[1]]
         return np.asarray(shown)
+
+    def _signals(self, many: FloatArray, refine: int, late: FloatArray | None) -> FloatArray:
+        """Return signals, (c, rows, q), not to be changed where they come late; those of one candidate are kept.
+
+        Filters are tried on it one after the other, where a recording is too long for all at once.
+        """
+        if late is None or len(late) > self.between:  # of several candidates
+            self._phases = None
+            return self.problem.signals(many, refine=refine, late=late)
+        key = many.tobytes(), refine
+        if self._phases is None or self._phases[0] != key:
+            self._phases = key, self.problem.signals(many, refine=refine, late=late)
+        return self._phases[1]
 
     def spacing(self, values: FloatArray) -> FloatArray:
         """Return by which steps, (p,), s, delays act on a candidate, (p,): a filter takes a signal from row to row.

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from estimator.cases.case_signals import run_value
 from estimator.fitting.explained import Explained
+from estimator.fitting.information import scaled_svd
 from estimator.fitting.least_squares_fit import LeastSquaresFit
 from estimator.judging.verdict import Judgement
 from estimator.plans.parameters import Parameter
@@ -163,10 +164,9 @@ def correlation(polish: LeastSquaresFit) -> FloatArray:
 def information(polish: LeastSquaresFit, names: tuple[str, ...]) -> dict[str, Any]:
     """Return eigenvalues of the Fisher information scaled to a diagonal of 1, and the direction of the least."""
     jacobian = polish.jacobian
-    norms = np.linalg.norm(jacobian, axis=0)
-    if not len(norms) or not np.all(norms > 0) or not np.isfinite(norms).all():
+    if not jacobian.shape[1] or not jacobian.any(axis=0).all() or not np.isfinite(jacobian).all():
         return {}
-    _, singular, rows = np.linalg.svd(jacobian / norms, full_matrices=False)
+    _, singular, rows = scaled_svd(jacobian)
     return {
         "eigenvalues": np.sort(singular**2).tolist(),
         "least_told": dict(zip(names, rows[-1].tolist(), strict=True)),

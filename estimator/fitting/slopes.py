@@ -1,0 +1,105 @@
+"""Derivatives of what sensors show by what is free, by differences, simulated when asked. Knows no noise and no fit.
+
+Most fits are only compared by their cost: nobody asks for the derivatives where they end.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.fitting.differences import DIFFERENCE_STEP
+from estimator.fitting.simulator import CELLS, Simulator
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """What is free of a simulator's values, at one point.
+
+    Attributes
+    ----------
+    where : (f,) array of int
+        Places of what is free among the simulator's names.
+    values : (p,) array
+        Of all names; what is free at `x`.
+    x, low, high : (f,) array
+        What is free, and its bounds, on its scale.
+    shown : (rows, q) array
+        What the sensors show there.
+    """
+
+    simulator: Simulator
+    where: NDArray[np.int_]
+    values: FloatArray
+    x: FloatArray
+    low: FloatArray
+    high: FloatArray
+    shown: FloatArray
+
+    def beside(self, x: FloatArray) -> FloatArray:
+        """Return candidates, (f, p), each with one of what is free at its x, (f,)."""
+        points = np.repeat(self.values[None, :], len(x), axis=0)
+        points[np.arange(len(x)), self.where] = self.simulator.unscaled(x, self.where)
+        return points
+
+    def slopes(self, *, central: bool) -> FloatArray:
+        """Return derivatives of what is shown by what is free, (rows, q, f), by one-sided or central differences."""
+        s, x, f = self.simulator, self.x, len(self.where)
+        result = np.zeros((*self.shown.shape, f))
+        if not f:
+            return result
+        h = np.where(s.log[self.where], DIFFERENCE_STEP, 10 * DIFFERENCE_STEP * s.size[self.where])
+        h = np.maximum(h, s.spacing(self.values)[self.where] / (2 if central else 1))
+        ahead = np.where(x + h <= self.high, x + h, x - h)
+        behind = np.where((x - h >= self.low) & (ahead > x), x - h, x) if central else x
+        points = [self.beside(end) for end in ((ahead, behind) if central else (ahead,))]
+        many = max(1, CELLS // (s.rows * len(points)))  # of what is free, at once: of a long recording one by one
+        for part in (np.arange(f)[k : k + many] for k in range(0, f, many)):
+            ends = s.shown(np.concatenate([end[part] for end in points]))
+            backs = ends[len(part) :] if central else [self.shown] * len(part)
+            for k, there, back in zip(part, ends[: len(part)], backs, strict=True):
+                width = ahead[k] - behind[k]
+                if not np.isfinite(back).all():
+                    back, width = self.shown, ahead[k] - x[k]
+                if np.isfinite(there).all():
+                    np.subtract(there, back, out=result[:, :, k])
+                    result[:, :, k] /= width
+        return result
+
+
+class Slopes:
+    """The derivatives of one point, (rows, q, f), when asked.
+
+    Parameters
+    ----------
+    point : Point or None
+        None: they are given, and no differences.
+    central : bool
+        By central differences.
+    known : (rows, q, f) array, optional
+        The derivatives, where they are known already.
+    """
+
+    def __init__(self, point: Point | None, *, central: bool = True, known: FloatArray | None = None) -> None:
+        self._point, self._central, self._between = point, central, 0 if point is None else point.simulator.between
+        if known is not None:
+            self.__dict__["raw"] = known
+
+    @cached_property
+    def raw(self) -> FloatArray:
+        """The derivatives, (rows, q, f)."""
+        assert self._point is not None
+        return self._point.slopes(central=self._central)
+
+    def known_of(self, simulator: Simulator, where: NDArray[np.int_], values: FloatArray) -> FloatArray | None:
+        """Return the derivatives if they are known, and are those of a simulator's values, (p,), by these places."""
+        own = self._point
+        if own is None or "raw" not in self.__dict__ or own.simulator is not simulator:
+            return None
+        same = self._between == simulator.between and np.array_equal(own.where, where)
+        return self.raw if same and np.array_equal(own.values, values) else None
