@@ -18,6 +18,7 @@ RIVALS_WITHIN = 10.0  # of the criterion: explanations that are no further above
 PARALLEL = 0.9  # canonical correlation of an addition with one that is doubted: it is refitted as a rival
 RIVALS_REFITTED = 3  # rivals of an addition that are refitted, of each effect the likeliest
 MOST_WITHIN = 2  # additions of what happens within samples, each exchanged for every other of these
+MOST_PAIRED = 3  # of them, for each pair of which one is tried
 ABSURD = 2 * float(np.log(100.0))  # of the criterion: what no bench does has a chance of 1 in 100, by a wrong clock
 EXCHANGES, EXCHANGED = 2, 0.1  # of an explanation for a more likely rival, at most; by which its criterion is lower
 
@@ -84,7 +85,7 @@ def alternatives(selection: Selection, explanation: Explanation) -> list[Explana
     sharp = [e for e in selection.effects if e.sharp and not e.is_line]
     grown = (selection.best_addition(e, sharp, set()) for e in twins)  # a mean of fewer samples and a filter
     found += [e for e in grown if e is not None and e.criterion(n) < explanation.criterion(n) + RIVALS_WITHIN]
-    simpler = _simpler(selection, explanation, within)
+    simpler = _simpler(selection, explanation, within) if len(within) <= MOST_PAIRED else []
     simpler = [e for e in simpler if all(is_physical(e.fit, a) for a in e.additions)]
     found += [e for e in simpler if e.criterion(n) < explanation.criterion(n) + RIVALS_WITHIN]
     for addition in explanation.additions:
