@@ -145,11 +145,9 @@ def users(library):
 def test_only_the_fmu_modules_know_fmpy():
     allowed = {
         "fmus.fmu",
-        "stepping.fmu_instance",
         "stepping.slow_path",
         "stepping.model_exchange",
         "stepping.equations",
-        "stepping.loading",
     }
     assert users("fmpy") == {f"estimator.{name}" for name in allowed}
 

@@ -9,8 +9,9 @@ from motors import CML050, RMCS2004, held_response, recording_of, step_recording
 from estimator.cases.case import ParameterSpec
 from estimator.errors import InputError
 from estimator.estimating.estimate import estimate_recordings
+from estimator.fitting.steiglitz_mcbride import steiglitz_mcbride
 from estimator.motor.integral_least_squares import integral_estimate
-from estimator.motor.steiglitz_mcbride import NoMotorError, steiglitz_mcbride
+from estimator.motor.transfer_functions import NoMotorError
 from estimator.recordings.reading import recording_from_arrays
 
 pytestmark = pytest.mark.usefixtures("shared_workers")

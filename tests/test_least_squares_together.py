@@ -1,5 +1,7 @@
 """Fits from several starts, whose simulations go together: what each would come to alone, with fewer batches."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -39,3 +41,18 @@ def test_fits_together_are_those_of_each_start_alone(monkeypatch, loss, at_once)
     squares = fitted(together, loss)
     each = [squares.deviations(values) for values in ends]
     assert np.array_equal(squares.deviations_of(ends), each)
+
+
+def test_a_fit_that_comes_next_to_a_known_optimum_ends_there_and_one_elsewhere_goes_on():
+    start, deviations = np.array([4.0, 5.0, 0.2]), np.array([0.01])
+    whole, short, elsewhere = [], [], []
+    squares = fitted(whole, "linear")
+    known = squares.polish(np.array([2.0, 3.0, 0.5]), deviations)
+    whole.clear()
+    values, _ = squares.fit(start, known.deviations)
+    ((end, cost),) = fitted(short, "linear").fits([start], known.deviations, known=known)
+    assert np.array_equal(end, known.values) and cost == known.cost
+    assert np.allclose(end, values, rtol=1e-6) and sum(short) < sum(whole)
+    far = dataclasses.replace(known, values=2 * known.values)
+    ((end, _),) = fitted(elsewhere, "linear").fits([start], known.deviations, known=far)
+    assert np.array_equal(end, values) and sum(elsewhere) == sum(whole)

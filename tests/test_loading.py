@@ -1,10 +1,12 @@
 """Why a library cannot be loaded: the loader's words become a sentence without paths."""
 
+import fmpy
 import pytest
 from foreign_fmus import foreign_fmu
 
 from estimator.fmus.fmu import describe
 from estimator.fmus.probe import probe
+from estimator.stepping.library import binaries
 from estimator.stepping.loading import why_not_loaded
 
 PREFIX = "Failed to load shared library {folder}/binaries/linux64/m.so. "
@@ -44,3 +46,7 @@ def test_a_library_under_another_name_is_told_with_the_name_that_is_there(tmp_pa
     fmu = foreign_fmu(tmp_path, change=[('modelIdentifier="foreign"', 'modelIdentifier="other"')])
     problem = probe(describe(fmu)).problem
     assert problem == "it does not run: it has no library other.so in binaries/linux64, only foreign.so"
+
+
+def test_the_folders_of_binaries_are_those_that_fmpy_looks_into():
+    assert [binaries(number) for number in "123"] == [fmpy.platform, fmpy.platform, fmpy.platform_tuple]

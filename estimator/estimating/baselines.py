@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.errors import InputError
+from estimator.fitting.steiglitz_mcbride import steiglitz_mcbride
 from estimator.motor.integral_least_squares import integral_estimate
 from estimator.motor.names import MOTOR
-from estimator.motor.steiglitz_mcbride import NoMotorError, steiglitz_mcbride
+from estimator.motor.transfer_functions import NoMotorError
 from estimator.plans.plan import Plan
 
 FloatArray = NDArray[np.float64]

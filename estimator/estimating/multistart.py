@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.fitting.least_squares_fit import LeastSquaresFit
+from estimator.fitting.steiglitz_mcbride import steiglitz_mcbride
 from estimator.motor.names import is_motor
 from estimator.motor.state_space import poles
-from estimator.motor.steiglitz_mcbride import NoMotorError, steiglitz_mcbride
+from estimator.motor.transfer_functions import NoMotorError
 from estimator.plans.parameters import Box
 from estimator.plans.plan import Plan
 from estimator.plans.space import Steady

@@ -173,7 +173,8 @@ class _Attempts:
         problem = self.problem
         output = problem.output_of_residual
         costs = problem.costs(starts)
-        fits = self.squares.fits(list(starts[np.argsort(costs)[:POLISHED]]), polish.deviations, tolerance=1e4)
+        best = list(starts[np.argsort(costs)[:POLISHED]])
+        fits = self.squares.fits(best, polish.deviations, tolerance=1e4, known=polish)
         ends = [values for values, _ in fits]
         deviations = self.squares.deviations_of(ends)
         found = [(_log_likelihood(output, d), values) for d, values in zip(deviations, ends, strict=True)]

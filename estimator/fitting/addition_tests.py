@@ -22,7 +22,7 @@ from estimator.plans.part import LONG
 FloatArray = NDArray[np.float64]
 
 TRIED_WHOLE = 3  # values of an integer nuisance parameter that are refitted
-HARDLY_MOVED = 1e-3  # of z'z: score tests of a long recording are not done again
+HARDLY_MOVED = 1e-3  # of z'z: score tests are not done again
 
 
 @dataclass(frozen=True)
@@ -38,12 +38,11 @@ class _Tested:
     found: list[Addition]
 
     def holds(self, fit: Fit, effects: Sequence[Effect]) -> bool:
-        """Whether it holds of a fit: the same, or of a long recording one whose values have hardly moved since."""
+        """Whether it holds of a fit: the same, or one whose values have hardly moved since."""
         if self.fit() is fit:
             return self.effects == tuple(effects)
         alike = self.simulator is fit.simulator and self.whitener is fit.whitener and self.names == fit.names
-        near = fit.simulator.rows > LONG and abs(self.cost - fit.cost) < HARDLY_MOVED
-        return alike and near and self.effects == tuple(effects)
+        return alike and abs(self.cost - fit.cost) < HARDLY_MOVED and self.effects == tuple(effects)
 
 
 @dataclass

@@ -31,6 +31,7 @@ REWEIGHTED = 0.02  # relative change of the deviations at which reweighting stop
 CLOSE, CLOSINGS = 0.02, 3  # of chi-square: an optimum no further above the least is accepted; attempts to come closer
 ROUNDING = 1e-12  # of a signal's deviation: rounding of a simulation
 NOISE_FREE = 1e-7  # of a signal's deviation: smaller residuals are numerical, not noise
+BESIDE, BESIDE_COST = 0.01, 1.0  # of a scaled parameter, of chi-square: a fit that comes so near goes to an optimum
 FAILED_RESIDUAL = 1e3  # what a failed simulation shows, in deviations
 AT_BOUND = 1e-6  # of the scaled width of the bounds
 
@@ -84,12 +85,19 @@ class LeastSquares:
         evaluations: int = 40,
         tolerance: float = 1.0,
         central: bool = False,
+        known: LeastSquaresFit | None = None,
     ) -> list[tuple[FloatArray, float]]:
-        """Return what `fit` does of every start; what they ask for is simulated together, step by step."""
+        """Return what `fit` does of every start; what they ask for is simulated together, step by step.
+
+        Parameters
+        ----------
+        known : LeastSquaresFit, optional
+            An optimum at the same deviations: a fit that comes next to it is taken to end there.
+        """
         many = max(1, TOGETHER // (len(self._output) * self.box.dimension))
         found: list[tuple[FloatArray, float]] = []
         for part in (starts[k : k + many] for k in range(0, len(starts), many)):
-            asking = [self._fit(s, deviations, evaluations, tolerance, central=central) for s in part]
+            asking = [self._fit(s, deviations, evaluations, tolerance, central=central, known=known) for s in part]
             ends: dict[int, tuple[FloatArray, float]] = {}
             answers: list[FloatArray | None] = [None] * len(part)
             while len(ends) < len(part):
@@ -109,7 +117,14 @@ class LeastSquares:
         return found
 
     def _fit(
-        self, start: FloatArray, deviations: FloatArray, evaluations: int, tolerance: float, *, central: bool
+        self,
+        start: FloatArray,
+        deviations: FloatArray,
+        evaluations: int,
+        tolerance: float,
+        *,
+        central: bool,
+        known: LeastSquaresFit | None,
     ) -> Generator[FloatArray, FloatArray, tuple[FloatArray, float]]:
         """Yield candidates, (c, p) in their units, whose residuals are asked; return the optimum and its cost."""
         weights = 1 / deviations[self._output]
@@ -129,23 +144,29 @@ class LeastSquares:
             ftol=1e-14 * tolerance,
             xtol=1e-11 * tolerance,
         )
-        known: dict[bytes, FloatArray] = {}
+        last: dict[bytes, FloatArray] = {}
         x, slope = next(asking)
         while True:
             if slope:
-                at = known[x.tobytes()]
+                at = last[x.tobytes()]
                 raw = yield differences.beside(self.box, x, central=central)
                 answer = differences.slopes(raw, self.box, x, weights, at, central=central)
                 answer = answer * rooted(at)[1][:, None] if self._robust else answer
             else:
                 at = self._weighed((yield self.box.unscaled(x)[None, :]), weights)[0]
-                known = {x.tobytes(): at}
+                last = {x.tobytes(): at}
                 answer = rooted(at)[0] if self._robust else at
+                if known is not None and self._is_beside(x, float(answer @ answer), known):
+                    return known.values, known.cost
             try:
                 x, slope = asking.send(answer)
             except StopIteration as end:
                 found, cost = end.value
                 return self.box.unscaled(found), cost
+
+    def _is_beside(self, x: FloatArray, cost: float, known: LeastSquaresFit) -> bool:
+        """Whether scaled parameters, (p,), are next to an optimum: hardly others, and hardly less likely."""
+        return abs(cost - known.cost) < BESIDE_COST and bool(np.all(np.abs(x - self.box.scaled(known.values)) < BESIDE))
 
     def deviations(self, values: FloatArray) -> FloatArray:
         """Return the residuals' deviations of each output at a point; the parameters cost degrees of freedom."""

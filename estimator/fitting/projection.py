@@ -38,8 +38,16 @@ class Projection:
 def triangle(columns: FloatArray) -> FloatArray:
     """Return the triangular factor r, (min(n, m), m), of columns, (n, m), = q r.
 
-    Of many rows, block by block, and of the blocks' factors again, which copies no whole column (Demmel et al. 2012).
+    By the Cholesky factor where that loses few digits; else, of many rows, block by block, and of the blocks' factors
+    again, which copies no whole column (Demmel et al. 2012).
     """
+    if 0 < columns.shape[1] < len(columns):
+        gram = columns.T @ columns
+        norms = np.sqrt(np.diag(gram))
+        if norms.all() and np.isfinite(norms).all():
+            scaled = gram / np.outer(norms, norms)
+            if np.linalg.eigvalsh(scaled)[0] > WELL_CONDITIONED:
+                return np.asarray(np.linalg.cholesky(scaled).T * norms)
     blocks = [np.linalg.qr(columns[k : k + BLOCK], mode="r") for k in range(0, max(len(columns), 1), BLOCK)]
     return np.asarray(blocks[0] if len(blocks) == 1 else np.linalg.qr(np.vstack(blocks), mode="r"))
 

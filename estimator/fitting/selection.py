@@ -50,6 +50,7 @@ REFITTED = 3  # additions refitted in a round
 PREDICTED_PART = 0.6  # of the best predicted fall of the criterion: with less an addition is not refitted
 # Factors about the first estimates: bounds of the fit while effects are missing.
 NEARBY = {"R": 5.0, "K": 4.0, "J": 6.0, "L": 50.0}
+NO_NOISE = 0.2  # of the noise's power as neighbours tell it: a first fit that is further from it misses something
 IDLE = 6.0  # times the penalty: an addition is refitted without if its Wald statistic is below
 
 
@@ -104,11 +105,38 @@ class Selection:
             Of a part of the rows: what it holds is not looked for again, and fitted to all of them.
         """
         bounds = self._held_near()
-        best = self._first(starts) if known is None else self._begun(known)
+        if known is None:
+            first = self._first(starts)
+            best = self._without_effects(first) or self._with_effects(first)
+        else:
+            best = self._with_effects(self._begun(known), sharp=False)  # the part has told what is sharp
+        if (shaken := with_jitter(best, self.differenced)) is not None:
+            best = self.without_idle(self.grown(shaken, self.effects))
+        best = min([best, *mirrored(best, self.effects, self.tests.base.plan)], key=lambda e: e.fit.cost)
+        for simulator in {id(s): s for s in (self.tests.base, best.fit.simulator)}.values():
+            p = len(self.tests.base.plan.names)
+            simulator.lower[:p], simulator.upper[:p] = bounds[0][:p], bounds[1][:p]
+        fine = with_fine_filters(best.fit) if best.fit.simulator is self.tests.base else best.fit
+        return self.at_best(dataclasses.replace(best, fit=fine))
+
+    def _without_effects(self, first: Explanation) -> Explanation | None:
+        """Return a first fit by its noise, where that is white and shows no effect; else None.
+
+        White noise contains none of what `_with_effects` looks for before it estimates the noise.
+        """
+        if abs(first.fit.cost / self.tests.samples - 1) > NO_NOISE or not find_windows(first.fit).enough:
+            return None
+        best = with_noise(first, self.differenced)
+        if not best.fit.whitener.is_white or self.best_addition(best, self.effects, set()) is not None:
+            return None
+        return best
+
+    def _with_effects(self, best: Explanation, *, sharp: bool = True) -> Explanation:
+        """Return the explanation with its noise and its effects; `sharp`: look for these before coloured noise."""
         lines = [e for e in self.effects if e.is_line]
         best = self.grown(best, lines, renew=False)  # before the noise, which would contain them
         if find_windows(best.fit).enough:
-            if known is None:  # else the part has told what is sharp
+            if sharp:
                 best = with_noise(best, self.differenced, colour=False)
                 best = self.grown(best, [e for e in self.effects if e.sharp], colour=False)
         else:  # a noise from residuals would contain missing effects: neighbours tell it first
@@ -121,14 +149,7 @@ class Selection:
             if best.names() == before:
                 break
             best = with_noise(best, self.differenced)
-        if (shaken := with_jitter(best, self.differenced)) is not None:
-            best = self.without_idle(self.grown(shaken, self.effects))
-        best = min([best, *mirrored(best, self.effects, self.tests.base.plan)], key=lambda e: e.fit.cost)
-        for simulator in {id(s): s for s in (self.tests.base, best.fit.simulator)}.values():
-            p = len(self.tests.base.plan.names)
-            simulator.lower[:p], simulator.upper[:p] = bounds[0][:p], bounds[1][:p]
-        fine = with_fine_filters(best.fit) if best.fit.simulator is self.tests.base else best.fit
-        return self.at_best(dataclasses.replace(best, fit=fine))
+        return best
 
     def at_best(self, best: Explanation) -> Explanation:
         """Return an explanation fitted to the end, without what that makes absurd."""

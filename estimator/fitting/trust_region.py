@@ -17,6 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.fitting.projection import triangle
+
 FloatArray = NDArray[np.float64]
 Steps = Generator[tuple[FloatArray, bool], FloatArray, tuple[FloatArray, float]]
 
@@ -229,7 +231,7 @@ def _to_radius(begin: FloatArray, way: FloatArray, radius: float) -> float:
 
 def _triangle(jacobian: FloatArray, r: FloatArray) -> FloatArray:
     """Return R of [J r] = Q R, (k, p + 1): it has all scalar products of the columns and the residuals."""
-    return np.asarray(np.linalg.qr(np.column_stack([jacobian, r]), mode="r"))
+    return triangle(np.column_stack([jacobian, r]))
 
 
 def _lengths(triangle: FloatArray) -> FloatArray:

@@ -108,6 +108,13 @@ class Whitener:
         return float(2 * np.sum(np.log(self._state_spaces[0])[self.present])) if self._grows else 0.0
 
     @property
+    def is_white(self) -> bool:
+        """Whether the noise is alike and independent in all samples of a channel, none of which is an outlier."""
+        short = any(len(a) for of_channels in self.noise.short for a, _ in of_channels)
+        plain = not (self._grows or self.noise.has_state or self.noise.jitter or short)
+        return plain and bool(np.all(self.inflate == 1.0))
+
+    @property
     def _grows(self) -> bool:
         """Whether the noise grows with the signals, anywhere: else g is 1."""
         return bool(self.noise.growth[:, 0].any())

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.conventions import MEDIAN_SIZE, SECOND_DIFFERENCE, STEP_DEVIATION
-from estimator.recordings.samples import filled, mean_of_known, median
+from estimator.recordings.samples import filled, mean_of_known, median, told_once
 
 FloatArray = NDArray[np.float64]
 
@@ -90,6 +90,7 @@ def find_excitation(v: FloatArray, outputs: Mapping[str, FloatArray]) -> Excitat
     return Excitation("several", merged[0] if merged else 0, float(v[0]), float(v[-1]), running)
 
 
+@told_once
 def noise_deviation(y: FloatArray) -> float:
     """Return the standard deviation of a signal's white noise, from its second differences.
 
@@ -114,6 +115,7 @@ def _input_noise(v: FloatArray) -> float:
     return median(np.abs(second)) / MEDIAN_SIZE / SECOND_DIFFERENCE if len(second) else 0.0
 
 
+@told_once
 def quantum(y: FloatArray) -> float:
     """Return the step of a quantised signal; 0 if it is not quantised.
 

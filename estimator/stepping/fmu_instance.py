@@ -1,24 +1,28 @@
-"""An FMU, loaded: fmpy loads and instantiates, ``stepper.c`` steps. Lives in a worker process; knows no search.
+"""An FMU, loaded, which ``stepper.c`` instantiates and steps. Lives in a worker process; knows no search, no fmpy.
 
-With ``fmu.py``, ``slow_path.py`` and ``equations.py`` the only module that knows FMI and fmpy. Where variables are real
-numbers the loop calls the FMU's own functions; others go through ``slow_path.py``, in the same loop.
+Where variables are real numbers the loop calls the functions of an FMU for co-simulation itself; others go through
+``slow_path.py`` and fmpy, whose import costs a worker 0.1 s, in the same loop.
 """
 
 from __future__ import annotations
 
 import ctypes
+import sys
 from collections.abc import Sequence
 from ctypes import POINTER, c_double, c_int64, c_uint32, c_void_p
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from estimator.stepping.equations import equations_of
+from estimator.stepping.fmu_library import CO_SIMULATION, co_simulation_library
 from estimator.stepping.layout import ExperimentLayout, JobLayout, positions
 from estimator.stepping.library import STEPPER
-from estimator.stepping.slow_path import CO_SIMULATION, Callbacks, SlowFmu, fmi1_callbacks
+from estimator.stepping.slow_path import Callbacks, SlowFmu, fmi1_callbacks
 from estimator.stepping.structures import (
     SETTING_TYPES,
     BatchStruct,
+    CallbacksStruct,
     ChainStruct,
     ExperimentStruct,
     Fmi3Struct,
@@ -80,9 +84,17 @@ class FmuInstance:
         self.stepper = stepper()
         self.callbacks = native_callbacks(self.stepper, self.log)
         self._kept: list[Any] = []
+        self.settings = self._settings(job)
+        self.fmu = self._fmu(job)
+        self.job = self._job(job, memory)
+
+    @cached_property
+    def slow(self) -> SlowFmu:
+        """The same FMU, driven by fmpy's methods."""
+        job = self.layout
         references = (*job.parameter_references, *job.input_references, *job.output_references)
         types = job.types or ("Real",) * len(references)
-        self.slow = SlowFmu(
+        return SlowFmu(
             folder=job.folder,
             identifier=job.identifier,
             guid=job.guid,
@@ -93,9 +105,6 @@ class FmuInstance:
             logger=self.stepper.stepper_log1,
             counts=job.counts,
         )
-        self.settings = self._settings(job)
-        self.fmu = self._fmu(job)
-        self.job = self._job(job, memory)
 
     def run(self, batch: BatchStruct) -> int:
         """Simulate candidates until none is left or the quota is reached; return how many this process did."""
@@ -112,7 +121,8 @@ class FmuInstance:
     def close(self) -> None:
         """Free the instance."""
         self.stepper.stepper_close(self.fmu)
-        self.slow.free()
+        if "slow" in vars(self):
+            self.slow.free()
 
     def _settings(self, job: JobLayout) -> Any:
         rows = []
@@ -147,7 +157,6 @@ class FmuInstance:
             for name, function in self._slow.functions.items():
                 setattr(fmu, name, _address(function))
             return fmu
-        dll = self.slow.fmu.dll
         if job.version.startswith("3"):
             fmu.resources = (str(Path(job.folder).resolve() / "resources") + "/").encode()
         if job.kind != CO_SIMULATION or job.version.startswith("1"):
@@ -158,6 +167,8 @@ class FmuInstance:
             )
             self.stepper.stepper_exchange(ctypes.byref(fmu), ctypes.byref(self._equations))
             return fmu
+        dll = co_simulation_library(job.folder, job.identifier, job.version[0])
+        self._kept.append(dll)
         if job.version.startswith("3"):
             self._fmi3 = self._fmi3_functions(dll)
             self.stepper.stepper_adapt(ctypes.byref(fmu), ctypes.byref(self._fmi3))
@@ -240,22 +251,15 @@ class FmuInstance:
         return ctypes.addressof(array)
 
 
-def native_callbacks(stepper: ctypes.CDLL, log: Log) -> Any:
+def native_callbacks(stepper: ctypes.CDLL, log: Log) -> CallbacksStruct:
     """Return FMI 2 callbacks that never enter Python: the stepper's logger, the C library's memory functions."""
-    from fmpy import calloc, free
-    from fmpy.fmi2 import (
-        fmi2CallbackAllocateMemoryTYPE,
-        fmi2CallbackFreeMemoryTYPE,
-        fmi2CallbackFunctions,
-        fmi2CallbackLoggerTYPE,
+    c = ctypes.cdll.msvcrt if sys.platform == "win32" else ctypes.CDLL(None)
+    return CallbacksStruct(
+        logger=_address(stepper.stepper_log),
+        allocate_memory=_address(c.calloc),
+        free_memory=_address(c.free),
+        environment=ctypes.addressof(log),
     )
-
-    callbacks = fmi2CallbackFunctions()
-    callbacks.logger = ctypes.cast(stepper.stepper_log, fmi2CallbackLoggerTYPE)
-    callbacks.allocateMemory = ctypes.cast(calloc, fmi2CallbackAllocateMemoryTYPE)
-    callbacks.freeMemory = ctypes.cast(free, fmi2CallbackFreeMemoryTYPE)
-    callbacks.componentEnvironment = ctypes.addressof(log)
-    return callbacks
 
 
 def _address(function: Any) -> int | None:

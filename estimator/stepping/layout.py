@@ -60,6 +60,11 @@ class JobLayout:
         """Whether the stepping loop calls the FMU's own functions; variables go by their value references then."""
         return all(t in FAST_TYPES for t in self.types)
 
+    @property
+    def needs_fmpy(self) -> bool:
+        """Whether fmpy loads the FMU: the loop itself does co-simulation of FMI 2.0 and 3.0."""
+        return not self.is_fast or self.kind != "co-simulation" or self.version.startswith("1")
+
 
 def types_of(types: Sequence[str]) -> tuple[str, ...]:
     """Return the types of a job's variables; nothing if the stepping loop knows them all."""

@@ -6,6 +6,8 @@ import re
 import struct
 from pathlib import Path
 
+from estimator.stepping.library import binaries
+
 _MACHINES = {0x03: "x86", 0x28: "ARM", 0x3E: "x86-64", 0xB7: "AArch64"}  # of ELF headers
 
 
@@ -40,10 +42,8 @@ def why_not_loaded(words: str, folder: str) -> str:
 
 def _platform(folder: str) -> str:
     """Return which of the folders of binaries is this machine's, as FMI 1.0 and 2.0 or as FMI 3.0 name them."""
-    import fmpy
-
-    names = [n for n in (fmpy.platform_tuple, fmpy.platform) if (Path(folder) / "binaries" / n).is_dir()]
-    return str((names or [fmpy.platform])[0])
+    names = [n for n in (binaries("3"), binaries("2")) if (Path(folder) / "binaries" / n).is_dir()]
+    return (names or [binaries("2")])[0]
 
 
 def _not_there(library: Path) -> str:

@@ -12,10 +12,10 @@ from collections.abc import Sequence
 from ctypes import CFUNCTYPE, POINTER, c_char_p, c_double, c_int, c_size_t, c_uint32, c_void_p
 from typing import Any
 
+from estimator.stepping.fmu_library import MODEL_EXCHANGE, FmuLibrary
 from estimator.stepping.loading import why_not_loaded
 from estimator.stepping.model_exchange import ModelExchange
 
-CO_SIMULATION, MODEL_EXCHANGE = "co-simulation", "model-exchange"
 FMI1_TYPES = {"Enumeration": "Integer"}
 FMI3_TYPES = {"Enumeration": "Int64"}
 
@@ -70,7 +70,9 @@ class SlowFmu:
             if not self.fmu.component:
                 raise RuntimeError("it gives no instance")
         elif self.version == "2":
-            self.fmu.instantiate(callbacks=self.callbacks)
+            from fmpy.fmi2 import fmi2CallbackFunctions
+
+            self.fmu.instantiate(callbacks=fmi2CallbackFunctions.from_buffer(self.callbacks))
         else:
             self.fmu.instantiate(logMessage=self._log)
 
@@ -201,55 +203,11 @@ def fmu_class(version: str, kind: str) -> Any:
 
         def _loadFunctions(self) -> None:  # noqa: N802 - fmpy's name
             library: Any = self.dll
-            self.dll: Any = _Library(library, needed(number, kind))
+            self.dll: Any = FmuLibrary(library, number, kind)
             super()._loadFunctions()
 
     Lenient.__name__ = base.__name__
     return Lenient
-
-
-# What a simulation calls, as the standards name it without their prefix; any other function may be missing.
-STATES = ("SetTime", "SetContinuousStates", "GetContinuousStates")
-NEEDED = {
-    "1": ("SetReal", "GetReal"),
-    "2": ("Instantiate", "FreeInstance", "SetupExperiment", "SetReal", "GetReal"),
-    "3": ("FreeInstance", "SetFloat64", "GetFloat64"),
-}
-MODES = ("EnterInitializationMode", "ExitInitializationMode")  # of FMI 2.0 and 3.0
-NEEDED_BY_KIND = {
-    ("1", CO_SIMULATION): ("InstantiateSlave", "FreeSlaveInstance", "InitializeSlave", "DoStep"),
-    ("1", MODEL_EXCHANGE): ("InstantiateModel", "FreeModelInstance", "Initialize", *STATES, "GetDerivatives"),
-    ("2", CO_SIMULATION): (*MODES, "DoStep"),
-    ("2", MODEL_EXCHANGE): (*MODES, *STATES, "GetDerivatives"),
-    ("3", CO_SIMULATION): ("InstantiateCoSimulation", *MODES, "DoStep"),
-    ("3", MODEL_EXCHANGE): ("InstantiateModelExchange", *MODES, *STATES, "GetContinuousStateDerivatives"),
-}
-
-
-def needed(version: str, kind: str) -> frozenset[str]:
-    """Return the functions that a simulation cannot do without, by their names in the standard."""
-    prefix = "fmi" if version == "1" else f"fmi{version}"
-    return frozenset(prefix + name for name in (*NEEDED[version], *NEEDED_BY_KIND[version, kind]))
-
-
-class _Library:
-    """A library in which a function that is missing and not needed is one that returns Error."""
-
-    def __init__(self, library: ctypes.CDLL, needed: frozenset[str]) -> None:
-        self._library, self._needed = library, needed
-        self._missing: dict[str, Any] = {}
-
-    def find(self, name: str) -> Any:
-        """Return a function, or None where it is missing."""
-        return getattr(self._library, name, None)
-
-    def __getattr__(self, name: str) -> Any:
-        try:
-            return getattr(self._library, name)
-        except AttributeError:
-            if name[name.rfind("fmi") :] in self._needed:
-                raise RuntimeError(f"its library has no function {name}") from None
-            return self._missing.setdefault(name, CFUNCTYPE(c_int)(lambda: 3))
 
 
 class Callbacks:

@@ -46,6 +46,18 @@ class FmuStruct(ctypes.Structure):
     ]
 
 
+class CallbacksStruct(ctypes.Structure):
+    """FMI 2.0's callbacks, as the standard orders them."""
+
+    _fields_ = [
+        ("logger", c_void_p),
+        ("allocate_memory", c_void_p),
+        ("free_memory", c_void_p),
+        ("step_finished", c_void_p),
+        ("environment", c_void_p),
+    ]
+
+
 class SettingStruct(ctypes.Structure):
     """A value that is no real number, set before every initialisation."""
 

@@ -20,7 +20,6 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
-from importlib import import_module
 from pathlib import Path
 from typing import IO, Any, NoReturn
 
@@ -48,8 +47,6 @@ def main() -> None:
     for standard in (0, 1):  # an FMU that reads or prints does so there
         os.dup2(nowhere, standard)
     orders = _orders(given, Path(sys.argv[1]))
-    with contextlib.suppress(ImportError):  # while the owner reads its recordings; who needs it says what is missing
-        import_module("fmpy.fmi2")
     answers.write(json.dumps({"started": True, "number": 0}) + "\n")  # from here on it is the FMU's time
     worker: _Worker | None = None
     kept: dict[int, _Worker] = {}  # of late, the last one last
@@ -176,7 +173,8 @@ class _Worker:
                     if self.loaded.run_one(batch, candidate=candidate, experiment=e) != FINISHED:
                         break
             return self._answer(recycle=candidate >= 0)
-        fmu_class(self.layout.version, self.layout.kind)  # imported before the fork, so that no child need do it
+        if self.layout.needs_fmpy:
+            fmu_class(self.layout.version, self.layout.kind)  # imported before the fork, so that no child need do it
         taker = stepper()
         ended = []
         while (candidate := int(taker.stepper_take(batch))) >= 0:

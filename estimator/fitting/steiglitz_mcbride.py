@@ -1,16 +1,11 @@
-"""Steiglitz-McBride on the recording: the paper's other method. Knows the linear motor, no FMU.
+"""Steiglitz-McBride on the recording: the paper's other method. Knows transfer functions of two outputs, no FMU.
 
 Both discrete transfer functions share their denominator, and both have a delay of one sample (held input):
 
     i(z) / v(z) = (b₁ z⁻¹ + b₂ z⁻²) / a(z)      w(z) / v(z) = (c₁ z⁻¹ + c₂ z⁻²) / a(z)      a = 1 + a₁ z⁻¹ + a₂ z⁻²
 
 Each pass filters v, i and w by 1 / a of the pass before and solves one linear least-squares problem for all six
-coefficients (Steiglitz & McBride 1965). The matrix logarithm of the discrete system gives the continuous one, and
-
-    i(s) / v(s) = (s/L + B/(JL)) / d(s)         w(s) / v(s) = K/(JL) / d(s)
-    d(s) = s² + (R/L + B/J) s + (R B + K²)/(JL)
-
-gives R, K, L, J, B. The small s term that noise leaves in the numerator of w is dropped.
+coefficients (Steiglitz & McBride 1965). motor/transfer_functions.py makes a motor of them.
 """
 
 from __future__ import annotations
@@ -18,16 +13,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.fitting.recursion import recursion
+from estimator.motor.transfer_functions import NoMotorError, motor_of
 from estimator.recordings.samples import filled
 
 FloatArray = NDArray[np.float64]
 
 PASSES = 60
 CONVERGED = 1e-10  # relative change of the denominator
-
-
-class NoMotorError(ValueError):
-    """The transfer functions found are not those of a motor."""
 
 
 def steiglitz_mcbride(
@@ -71,7 +64,7 @@ def steiglitz_mcbride(
             break
     if best is None:
         raise NoMotorError("Steiglitz-McBride finds no stable transfer function")
-    return _motor(best, step)
+    return motor_of(best, step)
 
 
 def _output_error(
@@ -91,45 +84,9 @@ def _output_error(
     return float(error_i @ error_i / sigma[0] ** 2 + error_w @ error_w / sigma[1] ** 2)
 
 
-def _motor(coefficients: FloatArray, step: float) -> dict[str, float]:
-    from scipy.linalg import logm
-
-    a1, a2, b1, b2, c1, c2 = coefficients
-    discrete = np.array([[-a1, -a2, 1.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-    poles = np.linalg.eigvals(discrete[:2, :2])
-    if np.any((np.abs(poles.imag) < 1e-12 * np.abs(poles)) & (poles.real <= 0)):
-        raise NoMotorError(
-            "Steiglitz-McBride finds a pole at or below zero, which no continuous motor has: the sampling is too slow"
-            " for this motor or the noise too strong; use method 'cuckoo'"
-        )
-    continuous = np.real(logm(discrete)) / step
-    A, g = continuous[:2, :2], continuous[:2, 2]
-    d1, d0 = -float(np.trace(A)), float(np.linalg.det(A))
-    adjugate = np.array([[-A[1, 1], A[0, 1]], [A[1, 0], -A[0, 0]]])
-    n1, n0 = (float(x) for x in (np.array([b1, b2]) @ g, np.array([b1, b2]) @ adjugate @ g))
-    k0 = float(np.array([c1, c2]) @ adjugate @ g)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        L = np.float64(1.0) / n1
-        friction = np.float64(n0) / n1  # B / J
-        R = L * (d1 - friction)
-        K = (d0 - R / L * friction) / k0
-        J = K / (k0 * L)
-        B = J * friction
-    found = {"R": float(R), "K": float(K), "L": float(L), "J": float(J), "B": float(B)}
-    wrong = [f"{name} = {value:.4g}" for name, value in found.items() if not (np.isfinite(value) and value > 0)]
-    if wrong:
-        raise NoMotorError(
-            f"Steiglitz-McBride finds {', '.join(wrong)}, which no motor has: the noise is too strong for it, or the"
-            " motor is not linear; use method 'cuckoo'"
-        )
-    return found
-
-
 def _all_pole(x: FloatArray, a: FloatArray) -> FloatArray:
     """Return x filtered by 1 / (1 + a₁ z⁻¹ + a₂ z⁻²)."""
-    from scipy.signal import lfilter
-
-    return np.asarray(lfilter([1.0], [1.0, *a], x))
+    return recursion([1.0], a, x)
 
 
 def _late(x: FloatArray, k: int) -> FloatArray:
