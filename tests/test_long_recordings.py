@@ -147,24 +147,19 @@ def test_of_a_short_recording_or_one_that_moves_at_its_end_all_rows_are_searched
     assert part_of(plan_of(recording_from_arrays("late", times, columns))) is None
 
 
-def test_what_is_known_of_a_long_recordings_fit_is_not_simulated_again():
-    plan = plan_of(switched())
+def test_derivatives_of_a_fit_are_simulated_when_they_are_asked_and_once():
+    plan = plan_of(switched(2_000))
     with Workers(1) as crew:
         simulator = Simulator(plan, (), crew, {"i": 1.0, "w": 1.0})
         noise = NoiseModel.plain(np.array([NOISE["i"], NOISE["w"]]), (-1, -1))
         begun = new_fit(simulator, simulator.values({n: 1.01 * x for n, x in TRUE.items()}), plan.names, noise)
         found = solved(begun)
         before, derivatives = crew.simulations, found.raw
-        assert crew.simulations == before + 2 * len(TRUE)  # central differences, when they are asked for
+        assert crew.simulations == before + 2 * len(TRUE)  # central differences
         before = crew.simulations
-        again = solved(found, iterations=0)
-        assert again.cost == found.cost and again.raw is derivatives and crew.simulations == before
-        moved = solved(dataclasses.replace(found, values=found.values * 1.001), iterations=0)
-        assert crew.simulations > before and not np.array_equal(moved.raw, derivatives)
-        own = simulator, found.where, found.values
-        assert found.slopes.known_of(*own) is derivatives
-        simulator.between *= 2  # what filters show would be another
-        assert found.slopes.known_of(*own) is None
+        louder = refreshed(found, found.whitener.of(dataclasses.replace(noise, white=2 * noise.white)))
+        assert louder.raw is derivatives and np.allclose(2 * louder.jacobian, found.jacobian)
+        assert crew.simulations == before
 
 
 def test_a_fit_by_another_noise_keeps_its_values_until_it_is_solved():

@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 from estimator.fitting.fit import Fit, evaluated, linear_columns, misfit
 from estimator.fitting.projection import Projection, triangle
 from estimator.fitting.slopes import Point, Slopes
-from estimator.plans.part import LONG
 
 FloatArray = NDArray[np.float64]
 
@@ -26,20 +25,18 @@ def solved(fit: Fit, *, iterations: int = ITERATIONS, tolerance: float = 1e-3) -
         Of z'z: the iteration ends when the predicted fall is smaller. 1 is one standard error.
     """
     s, where, (low, high) = fit.simulator, fit.where, fit.bounds
-    own = s.scaled(fit.values)[where]
-    x = np.clip(own, low, high)
+    x = np.clip(s.scaled(fit.values)[where], low, high)
     linear = Projection(fit.whitener.flat(linear_columns(fit.linear, fit.shown.shape)))
     longest, damping = longest_steps(fit), DAMPING[0]
 
     def point(x: FloatArray, shown: FloatArray) -> Point:
         return Point(s, where, placed(fit, x), x, low, high, shown)
 
-    unmoved = s.rows > LONG and np.array_equal(x, own)
-    raw = known = fit.slopes.known_of(s, where, fit.values) if unmoved else None
-    shown = s.shown(placed(fit, x)[None, :])[0] if known is None else fit.shown
+    shown = s.shown(placed(fit, x)[None, :])[0]
     cost = _cost(fit, shown, linear)
+    raw = None
     for _ in range(iterations if len(where) and np.isfinite(cost) else 0):
-        raw = point(x, shown).slopes(central=tolerance < 1e-6) if raw is None else raw
+        raw = point(x, shown).slopes(central=tolerance < 1e-6)
         a, g = _triangle(fit, linear, raw, shown)
         better = None
         while better is None and damping < DAMPING[1]:
@@ -63,9 +60,8 @@ def solved(fit: Fit, *, iterations: int = ITERATIONS, tolerance: float = 1e-3) -
         raw = None
         if gained < tolerance:
             break
-    end = point(x, shown)
-    told = raw if raw is known or tolerance < 1e-6 else None
-    return evaluated(fit, end.values, shown, Slopes(end, central=tolerance < 1e-2, known=told), linear)
+    end, known = point(x, shown), raw if tolerance < 1e-6 else None
+    return evaluated(fit, end.values, shown, Slopes(end, central=tolerance < 1e-2, known=known), linear)
 
 
 def longest_steps(fit: Fit) -> FloatArray:

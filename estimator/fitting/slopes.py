@@ -86,7 +86,7 @@ class Slopes:
     """
 
     def __init__(self, point: Point | None, *, central: bool = True, known: FloatArray | None = None) -> None:
-        self._point, self._central, self._between = point, central, 0 if point is None else point.simulator.between
+        self._point, self._central = point, central
         if known is not None:
             self.__dict__["raw"] = known
 
@@ -95,11 +95,3 @@ class Slopes:
         """The derivatives, (rows, q, f)."""
         assert self._point is not None
         return self._point.slopes(central=self._central)
-
-    def known_of(self, simulator: Simulator, where: NDArray[np.int_], values: FloatArray) -> FloatArray | None:
-        """Return the derivatives if they are known, and are those of a simulator's values, (p,), by these places."""
-        own = self._point
-        if own is None or "raw" not in self.__dict__ or own.simulator is not simulator:
-            return None
-        same = self._between == simulator.between and np.array_equal(own.where, where)
-        return self.raw if same and np.array_equal(own.values, values) else None
