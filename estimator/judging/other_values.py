@@ -51,7 +51,7 @@ def other_values(held: Fit, estimate: Estimate) -> OtherValues | None:
     rest = np.linalg.qr(fit.jacobian[:, n:])[0]
     own = fit.jacobian[:, :n] - rest @ (rest.T @ fit.jacobian[:, :n])
     information = own.T @ own
-    covariance = covariance + adequacy(fit, n).widened(fit)[:n, :n]
+    covariance = covariance + adequacy(fit, n, is_searched=False).widened(fit)[:n, :n]
     scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
     told, directions = np.linalg.eigh(information / np.outer(scale, scale))
     seen = told > LEAST_EIGENVALUE * told[-1]
