@@ -15,6 +15,7 @@ from estimator.fitting.fit import new_fit, refreshed
 from estimator.fitting.gauss_newton import solved
 from estimator.fitting.noise_model import NoiseModel
 from estimator.fitting.projection import BLOCK, triangle
+from estimator.fitting.selection import Selection
 from estimator.fitting.simulator import KEPT_ANSWERS, Simulator
 from estimator.fmus.fmu import describe
 from estimator.fmus.simulate import simulate
@@ -232,3 +233,22 @@ def test_filters_are_tried_on_signals_that_are_simulated_once():
         anew = [simulator.shown(one[None, :]) for one in (other, slow)]
         assert crew.simulations == before + 1 + simulator.between
     assert np.array_equal(anew, [second, first]) and not np.array_equal(first, second)
+
+
+def test_offsets_of_several_recordings_are_found_in_as_many_rounds_as_those_of_two(monkeypatch):
+    rounds: list[int] = []
+    best = Selection.best_addition
+
+    def counted(selection, explanation, effects, rejected):
+        rounds[-1] += 1
+        return best(selection, explanation, effects, rejected)
+
+    monkeypatch.setattr(Selection, "best_addition", counted)
+    offsets = (0.05, -0.08, 0.06, -0.04)
+    runs = [switched(1_500, seed=k, i=lambda y, t, off=off: y + off) for k, off in enumerate(offsets)]
+    for many in (2, 4):
+        rounds.append(0)
+        found = estimate_recordings([CASE], [runs[:many]], workers=1)[0]
+        told = [p.value for name, p in found.chain.items() if name.startswith("offset i")]
+        assert sorted(told) == pytest.approx(sorted(offsets[:many]), abs=0.005), found.effects
+    assert rounds[1] <= rounds[0]

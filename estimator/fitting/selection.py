@@ -4,7 +4,8 @@ By the criterion of explanation.py an effect that is not there is accepted with 
 n = 2 000, prior 0.2: chi-square above 10.8; benchmarks/combined.py measures the rate).
 
     fit what is free, estimate the noise from settled rows
-    repeat: score-test every addition; refit the best few; accept the best if the criterion falls
+    repeat: score-test every addition; refit the best few; accept the best if the criterion falls, and with it what
+            ranks beside it of the same effect in other samples, such as the offsets of several recordings
     drop additions that are no longer needed
 
 The noise is estimated again after every addition, from settled rows, so that it does not contain what an effect
@@ -14,6 +15,7 @@ explains.
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -23,7 +25,16 @@ from numpy.typing import NDArray
 from estimator.fitting.addition import Addition, has_its_needs, is_physical, wald, without_columns
 from estimator.fitting.addition_tests import AdditionTests
 from estimator.fitting.effects.base import Effect
-from estimator.fitting.explanation import ROUGH, Explanation, is_full, mirrored, moved_to, with_fine_filters, without
+from estimator.fitting.explanation import (
+    MOST_ADDITIONS,
+    ROUGH,
+    Explanation,
+    is_full,
+    mirrored,
+    moved_to,
+    with_fine_filters,
+    without,
+)
 from estimator.fitting.explanation_noise import by_noise_of, with_jitter, with_noise, with_noise_of_neighbours
 from estimator.fitting.fit import Fit, new_fit
 from estimator.fitting.gauss_newton import solved
@@ -244,8 +255,27 @@ class Selection:
             k = int(np.argmax(falls))
             if falls[k] > 0:
                 fit, addition = refits[k]
-                return Explanation(fit, (*explanation.additions, addition))
+                found = Explanation(fit, (*explanation.additions, addition))
+                return self._in_company(found, ranked, explanation) or found
             rejected |= {a.name for a in best_few}
+
+    def _in_company(self, found: Explanation, ranked: Sequence[Addition], before: Explanation) -> Explanation | None:
+        """Return what was found with what ranks beside it of its effect in other samples; None where that is no better.
+
+        Recordings fitted together have each its own offset: one a round would cost as many rounds as recordings.
+        """
+        addition = found.additions[-1]
+        beside = itertools.takewhile(lambda a: a.effect is addition.effect and a.linear is not None, ranked)
+        company = _apart([addition, *(a for a in beside if a is not addition)])
+        room = MOST_ADDITIONS - len(before.additions)
+        own = [a.linear for a in company[:room] if a.linear is not None]
+        if len(own) < 2:
+            return None
+        fit = dataclasses.replace(found.fit, linear=(*before.fit.linear, *own))
+        more = Explanation(solved(fit, iterations=ROUGH), (*before.additions, *company[:room]))
+        n = self.tests.samples
+        sound = all(is_physical(more.fit, a) for a in company[:room])
+        return more if sound and more.criterion(n) < found.criterion(n) else None
 
     def refitted(self, explanation: Explanation, addition: Addition) -> Fit:
         """Return the fit with an addition, from the start of the largest predicted fall."""
@@ -279,6 +309,20 @@ class Selection:
                     explanation, changed = with_noise(rest, self.differenced, again=True), True
                     break
         return explanation
+
+
+def _apart(additions: Sequence[Addition]) -> list[Addition]:
+    """Return those columns of a ranking that show in other samples than those before them."""
+    found: list[Addition] = []
+    taken: NDArray[np.bool_] = np.zeros(1, dtype=bool)
+    for a in additions:
+        if a.linear is None:
+            continue
+        there = a.linear.columns.any(axis=2)
+        if not np.any(there & taken):
+            taken = np.asarray(there | taken)
+            found.append(a)
+    return found
 
 
 def _seen(effect: Effect, name: str, simulator: Simulator) -> Addition:
