@@ -121,13 +121,15 @@ def _shift_without(jacobian: FloatArray, z: FloatArray, part: NDArray[np.bool_])
     return np.asarray(-scale * (axes @ (gain * pull)))
 
 
-def adequacy(fit: Fit, parameters: int) -> Adequacy:
+def adequacy(fit: Fit, parameters: int, *, is_searched: bool = True) -> Adequacy:
     """Test an explanation and return what fails.
 
     Parameters
     ----------
     parameters : int
         How many of the fit's names, the first ones, are the motor's.
+    is_searched : bool
+        Effects have been looked for: only then is it asked whether a further response is missing.
     """
     windows = find_windows(fit)
     z = fit.z.reshape(fit.shown.shape)
@@ -171,7 +173,7 @@ def adequacy(fit: Fit, parameters: int) -> Adequacy:
             failures.append(Failure("own values", name, output, ratio))
             excess[mask] = np.maximum(excess[mask], ratio**2)
             parts.append(mask)
-    for output, ratio in unexplained_responses(fit, FALSE_ALARM):
+    for output, ratio in unexplained_responses(fit, FALSE_ALARM) if is_searched else ():
         failures.append(Failure("response", " and ".join(outputs), output, ratio))
         mask = windows.onsets[:, None] & np.array([output in ("", y) for y in outputs])
         excess[mask] = np.maximum(excess[mask], ratio**2)

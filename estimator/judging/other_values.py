@@ -28,6 +28,8 @@ FloatArray = NDArray[np.float64]
 
 LEAST_EIGENVALUE = 1e-9  # of the largest, of the scaled information: smaller ones are numerical errors of differences
 
+LOST = 10.0  # times the noise: a fit that leaves as much has found no values, and nothing excuses the difference
+
 
 def other_values(held: Fit, estimate: Estimate) -> OtherValues | None:
     """Test whether the recordings of a fit contradict the estimate's values; None if nothing can be compared.
@@ -51,7 +53,9 @@ def other_values(held: Fit, estimate: Estimate) -> OtherValues | None:
     rest = np.linalg.qr(fit.jacobian[:, n:])[0]
     own = fit.jacobian[:, :n] - rest @ (rest.T @ fit.jacobian[:, :n])
     information = own.T @ own
-    covariance = covariance + adequacy(fit, n).widened(fit)[:n, :n]
+    checked = adequacy(fit, n, is_searched=False)
+    if not any(f.what == "size" and f.excess > LOST for f in checked.failures):
+        covariance = covariance + checked.widened(fit)[:n, :n]
     scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
     told, directions = np.linalg.eigh(information / np.outer(scale, scale))
     seen = told > LEAST_EIGENVALUE * told[-1]
