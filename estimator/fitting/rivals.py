@@ -19,6 +19,7 @@ PARALLEL = 0.9  # canonical correlation of an addition with one that is doubted:
 RIVALS_REFITTED = 3  # rivals of an addition that are refitted, of each effect the likeliest
 MOST_WITHIN = 2  # additions of what happens within samples, each exchanged for every other of these
 MOST_PAIRED = 3  # of them, for each pair of which one is tried
+MOST_ALIKE = 2  # additions of an effect that are exchanged: many recordings with an offset each tell it by themselves
 ABSURD = 2 * float(np.log(100.0))  # of the criterion: what no bench does has a chance of 1 in 100, by a wrong clock
 EXCHANGES, EXCHANGED = 2, 0.1  # of an explanation for a more likely rival, at most; by which its criterion is lower
 
@@ -89,7 +90,8 @@ def alternatives(selection: Selection, explanation: Explanation) -> list[Explana
     simpler = [e for e in simpler if all(is_physical(e.fit, a) for a in e.additions)]
     found += [e for e in simpler if e.criterion(n) < explanation.criterion(n) + RIVALS_WITHIN]
     for addition in explanation.additions:
-        if not addition.effect.is_line and not is_switch(addition):
+        own = sum(a.effect is addition.effect for a in explanation.additions)
+        if not addition.effect.is_line and not is_switch(addition) and own <= MOST_ALIKE:
             sharp_too = addition in within and len(within) <= MOST_WITHIN
             found += _exchanged(selection, explanation, addition, sharp_too=sharp_too)
     return found
