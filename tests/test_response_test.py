@@ -28,7 +28,7 @@ def test_its_false_alarms_are_as_many_as_asked(monkeypatch):
     failed = 0
     for _ in range(DRAWS):
         z = np.where(present, rng.standard_normal(fit.z.size), 0.0)
-        failed += bool(unexplained_responses(dataclasses.replace(fit, z=z), CHANCE))
+        failed += bool(unexplained_responses(dataclasses.replace(fit, z=z), CHANCE, (0, 1)))
     assert 1 <= failed <= 44
 
 

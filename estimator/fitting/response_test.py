@@ -12,6 +12,8 @@ chi-square number with as many degrees of freedom, if there is nothing (Rao 1948
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -24,13 +26,19 @@ RESPONSES = 5  # samples after a change, a number each
 DEPENDENT = 1e-6  # of the power of the columns, each of length 1: directions of less are not asked for
 
 
-def unexplained_responses(fit: Fit, chance: float) -> list[tuple[str, float]]:
+def unexplained_responses(fit: Fit, chance: float, channels: Sequence[int]) -> list[tuple[str, float]]:
     """Return the further responses that the residuals show; of an explanation that holds one with this chance.
 
     Each by its channel, "" for all together, and how much larger the root of its statistic is than its limit.
+
+    Parameters
+    ----------
+    channels : those that are tested, whose residuals are noise; of counts that are right to the count they are none
     """
-    outputs, test = fit.simulator.outputs, fit.test()
-    across = [test.across(_changes(fit, j)) for j in range(len(outputs))]
+    outputs, test = [fit.simulator.outputs[j] for j in channels], fit.test()
+    if not outputs:
+        return []
+    across = [test.across(_changes(fit, j)) for j in channels]
     products = np.block([[one.T @ other for other in across] for one in across])
     scores = np.concatenate([columns.T @ test.left for columns in across])
     groups = [(output, slice(RESPONSES * j, RESPONSES * (j + 1))) for j, output in enumerate(outputs)]

@@ -74,6 +74,7 @@ def co_simulation_library(folder: str, identifier: str, number: str) -> FmuLibra
         os.chdir(own)  # where some find the libraries that they need
         return FmuLibrary(ctypes.CDLL(str(path)), number, CO_SIMULATION)
     except OSError as error:
-        raise RuntimeError(why_not_loaded(str(error), folder)) from error
+        words = f"Failed to load shared library {path}. {error}" if path.is_file() else str(error)  # as fmpy says it
+        raise RuntimeError(why_not_loaded(words, folder)) from error
     finally:
         os.chdir(before)
