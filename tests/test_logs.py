@@ -10,7 +10,7 @@ from estimator.errors import RecordingError
 from estimator.recordings.files import recordings_in
 from estimator.recordings.motor_columns import motor_columns
 from estimator.recordings.read_as import ReadAs
-from estimator.recordings.reading import read_recording
+from estimator.recordings.reading import read_recording, read_recordings
 from estimator.recordings.understood import understood
 
 N = 60
@@ -241,6 +241,15 @@ def test_a_file_without_a_time_needs_its_rate(write):
     path = write("u,i,w", V, I, W)
     refused(path, "--column time=… says which it is, or --rate HZ that there is none")
     np.testing.assert_allclose(one(path, rate=100.0).time, np.arange(N) / 100, rtol=1e-12)
+
+
+def test_a_file_without_a_time_may_hold_several_tests(write):
+    """The last column was taken for the time where tests were told apart: the speed."""
+    both = [np.concatenate([x, x]) for x in (V, I, W)]
+    path = write("u,test,i,w", both[0], np.repeat([1, 2], N), *both[1:])
+    first, second = read_recordings(path, ReadAs(rate=100.0))
+    np.testing.assert_allclose(first.time, np.arange(N) / 100, rtol=1e-12)
+    np.testing.assert_allclose(second.time, np.arange(N, 2 * N) / 100, rtol=1e-12)
 
 
 def test_a_column_that_counts_the_rows_is_no_speed(write):

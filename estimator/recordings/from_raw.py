@@ -23,12 +23,17 @@ LARGEST_TIME = 1e20  # likewise: a clock shows up to 2e18 ns since 1970
 MOST_LEFT_OUT = 2  # rows at the start, of wrong stamps
 
 
+def timed(raw: RawTable, read_as: ReadAs) -> RawTable:
+    """Return a table with a time, its last column, where a rate says it."""
+    if read_as.rate is None:
+        return raw
+    times = np.arange(len(raw.columns[0]), dtype=np.float64) / read_as.rate
+    return replace(raw, texts=[*raw.texts, "time [s]"], columns=[*raw.columns, times], half_digit=None)
+
+
 def recording_of(raw: RawTable, read_as: ReadAs) -> Recording:
-    """Check the columns, convert them to SI, and put them on their clock."""
+    """Check the columns of a table that is `timed`, convert them to SI, and put them on their clock."""
     name = raw.name
-    if read_as.rate is not None:
-        times = np.arange(len(raw.columns[0]), dtype=np.float64) / read_as.rate
-        raw = replace(raw, texts=[*raw.texts, "time [s]"], columns=[*raw.columns, times], half_digit=None)
     if read_as.test is not None:
         raw, name = asked_test(raw, read_as), f"{raw.name} {read_as.test}"
     left_out = _first_rows(raw, read_as)

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from estimator.errors import RecordingError
 from estimator.recordings.columns import Columns
-from estimator.recordings.from_raw import recording_of
+from estimator.recordings.from_raw import recording_of, timed
 from estimator.recordings.raw_table import RawTable, check_finite, raw_columns, raw_table
 from estimator.recordings.read_as import AS_WRITTEN, ReadAs
 from estimator.recordings.recording import Recording
@@ -40,7 +40,7 @@ def read_recording(path: Path, read_as: ReadAs = AS_WRITTEN) -> Recording:
     >>> sorted(run.signals), run.step
     (['current', 'speed', 'voltage'], 0.001)
     """
-    return recording_of(raw_table(Path(path), read_as), read_as)
+    return recording_of(timed(raw_table(Path(path), read_as), read_as), read_as)
 
 
 def read_recordings(path: Path, read_as: ReadAs = AS_WRITTEN) -> list[Recording]:
@@ -56,7 +56,7 @@ def read_recordings(path: Path, read_as: ReadAs = AS_WRITTEN) -> list[Recording]
     RecordingError
         As `read_recording`.
     """
-    raw = raw_table(Path(path), read_as)
+    raw = timed(raw_table(Path(path), read_as), read_as)
     if read_as.test is not None:
         return [recording_of(raw, read_as)]
     labels = labels_of(raw)
@@ -83,7 +83,7 @@ def recording_from_columns(
     RecordingError
         There is no time, or something in a column is no sample.
     """
-    return recording_of(raw_columns(name, columns, path), read_as)
+    return recording_of(timed(raw_columns(name, columns, path), read_as), read_as)
 
 
 def recording_from_arrays(
