@@ -417,6 +417,13 @@ def test_a_line_that_the_samples_of_a_held_current_do_not_show_as_a_wave_is_none
     assert abs(found.value - true["K", -1]) < 4 * found.standard_error
 
 
+def test_an_inductance_that_no_sample_shows_is_not_told(tmp_path):
+    """An edge that a delay puts 5 us before a sample told L/R of 3 us to 47 %; it is 150 us, the interval 1 ms."""
+    result, _ = of_random_bench(1010333, tmp_path)
+    assert result.verdict == "doubtful" and result.parameters["L"].status == "not identified"
+    assert any("whatever its error; L/R is about" in reason for reason in result.reasons), result.reasons
+
+
 def test_one_delay_is_tried_in_place_of_a_delay_of_one_channel_and_a_lag_of_the_other(tmp_path):
     """Of a late recording with a lag of the current, three times the inductance was told, and called right."""
     result, true = of_random_bench(1008013, tmp_path)

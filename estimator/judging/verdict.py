@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 
+UNSEEN = 0.05  # of a sampling interval: exp(-20) of the current's rise is left one interval after an edge
 DOUBTFUL_ERROR = 0.25  # relative standard error: reported with the parameter, which is still an estimate
 TRADED = 0.98  # correlation of two parameters that one recording cannot separate
 PLAIN = ("offset", "delay", "delay of")  # effects whose value needs no sentence
@@ -174,6 +175,11 @@ def _identified(plan: Plan, values: Mapping[str, float], polish: LeastSquaresFit
             if has_winding and name == "L":
                 reason = f"{reason}; {_small_inductance(plan, values)}"
             statuses[name] = ParameterStatus("not identified", reason)
+        elif has_winding and name == "L" and _is_unseen(plan, values):
+            reason = (
+                f"cannot be told from this recording, whatever its standard error; {_small_inductance(plan, values)}"
+            )
+            statuses[name] = ParameterStatus("not identified", reason)
         elif relative > DOUBTFUL_ERROR:
             statuses[name] = ParameterStatus("doubtful", f"its standard error is {100 * relative:.0f} % of its value")
     return statuses
@@ -205,9 +211,20 @@ def _traded(plan: Plan, polish: LeastSquaresFit, statuses: Mapping[str, Paramete
     return [f"{one} and {other} stand in for each other (correlation {correlation:+.3f}); {remedy} one of them"]
 
 
+def _is_unseen(plan: Plan, values: Mapping[str, float]) -> bool:
+    """Whether the winding is so fast that no sample shows it, but by an edge that a delay puts right before one."""
+    R = _resistance(plan, values)
+    return bool(R) and time_constant(R, values["L"]) < UNSEEN * min(o.recording.step for o in plan.observed)
+
+
+def _resistance(plan: Plan, values: Mapping[str, float]) -> float:
+    """Return R, of several the first; 0 where there is none."""
+    return next((x for n, x in {**plan.fixed, **values}.items() if n == "R" or n.startswith("R ")), 0.0)
+
+
 def _small_inductance(plan: Plan, values: Mapping[str, float]) -> str:
     h = plan.observed[0].recording.step
-    R = next((x for n, x in {**plan.fixed, **values}.items() if n == "R" or n.startswith("R ")), None)
+    R = _resistance(plan, values)
     about = (
         f"L/R is about {time_constant(R, values['L']):.2g} s against a sampling interval of"
         if R
