@@ -421,7 +421,7 @@ def test_an_inductance_that_no_sample_shows_is_not_told(tmp_path):
     """An edge that a delay puts 5 us before a sample told L/R of 3 us to 47 %; it is 150 us, the interval 1 ms."""
     result, _ = of_random_bench(1010333, tmp_path)
     assert result.verdict == "doubtful" and result.parameters["L"].status == "not identified"
-    assert any("whatever its error; L/R is about" in reason for reason in result.reasons), result.reasons
+    assert any("whatever its standard error; L/R is about" in reason for reason in result.reasons), result.reasons
 
 
 def test_one_delay_is_tried_in_place_of_a_delay_of_one_channel_and_a_lag_of_the_other(tmp_path):
