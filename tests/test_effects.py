@@ -401,18 +401,14 @@ def test_friction_that_wanders_more_slowly_than_a_stretch_lasts_is_in_the_error_
     assert abs(found.value - true["B", -1]) < 4.5 * found.standard_error
 
 
-def test_an_offset_that_stands_for_a_drop_of_the_drive_gives_way_to_it(tmp_path):
-    """An offset of the current stood for 0.5 V that the drive loses: K was 54 standard errors off, and called right."""
-    result, true = of_random_bench(1007016, tmp_path)
-    assert "brush drop" in result.effects and "offset" not in result.effects
-    found = result.parameters["K"]
-    assert abs(found.value - true["K", -1]) < 4 * found.standard_error
-
-
-def test_a_line_that_the_samples_of_a_held_current_do_not_show_as_a_wave_is_none(tmp_path):
-    """At every fourth row a line at a quarter of the sampling rate is a constant, and took what tells R and K."""
-    result, true = of_random_bench(1007046, tmp_path)
-    assert "switching ripple" not in result.effects
+# An offset of the current stood for 0.5 V that the drive loses, and K was 54 standard errors off. At every fourth row
+# of a held current a line at a quarter of the sampling rate is a constant, and took what tells R and K.
+@pytest.mark.parametrize(("seed", "there", "stood_for_it"), [
+    (1007016, "brush drop", "offset"), (1007046, "brush drop", "switching ripple"),
+])  # fmt: skip
+def test_what_stood_for_another_effect_and_was_called_right_gives_way(seed, there, stood_for_it, tmp_path):
+    result, true = of_random_bench(seed, tmp_path)
+    assert there in result.effects and stood_for_it not in result.effects
     found = result.parameters["K"]
     assert abs(found.value - true["K", -1]) < 4 * found.standard_error
 

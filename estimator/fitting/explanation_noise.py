@@ -118,11 +118,12 @@ def with_wandering_torque(explanation: Explanation) -> Explanation:
 
     Settled rows alone, each stretch with a level of its own, hardly show friction that wanders more slowly than a
     stretch lasts, and it is what B's error is made of. In all rows the misfit of a transient may be taken for it:
-    whether an explanation is adequate must be asked before. Long recordings show it in their settled rows.
+    whether an explanation is adequate must be asked before. Long recordings show it in their settled rows; a speed
+    alone does not tell the usual torque.
     """
     fit = with_level(explanation.fit)
     machine, seat = machine_of(fit)
-    if machine is None or 1 not in seat or fit.simulator.rows > LONG:
+    if machine is None or not {0, 1} <= set(seat) or fit.simulator.rows > LONG:
         return explanation
     noise = dataclasses.replace(fit.whitener.noise, machine=machine, seat=seat)
     misfit = np.where(fit.whitener.present, fit.residuals(), 0.0)
@@ -130,7 +131,7 @@ def with_wandering_torque(explanation: Explanation) -> Explanation:
     stacked = np.where(fit.whitener.present[:, :, None], stacked, 0.0)
     likelihood = RestrictedLikelihood(fit.whitener.of(noise), stacked)
     without = dataclasses.replace(noise, torque=(0.0, 1.0))
-    (a, b), current = machine, np.abs(fit.shown[fit.whitener.moving, seat.index(0)]) if 0 in seat else np.ones(1)
+    (a, b), current = machine, np.abs(fit.shown[fit.whitener.moving, seat.index(0)])
     usual = abs(a[1, 0] / b[1]) * float(np.median(current)) if len(current) else 0.0
     starts = [dataclasses.replace(noise, torque=(size * usual, USUAL_TORQUE)) for size in WANDERING] + [noise]
     begun = min((s for s in starts if s.torque[0] > 0), key=likelihood.misfit, default=noise)

@@ -90,8 +90,8 @@ def alternatives(selection: Selection, explanation: Explanation) -> list[Explana
     simpler = [e for e in simpler if all(is_physical(e.fit, a) for a in e.additions)]
     found += [e for e in simpler if e.criterion(n) < explanation.criterion(n) + RIVALS_WITHIN]
     for addition in explanation.additions:
-        own = sum(a.effect is addition.effect for a in explanation.additions)
-        if not addition.effect.is_line and not is_switch(addition) and own <= MOST_ALIKE:
+        many = sum(a.effect is addition.effect for a in explanation.additions)
+        if not addition.effect.is_line and not is_switch(addition) and many <= MOST_ALIKE:
             sharp_too = addition in within and len(within) <= MOST_WITHIN
             found += _exchanged(selection, explanation, addition, sharp_too=sharp_too)
     return found

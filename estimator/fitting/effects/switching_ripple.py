@@ -67,7 +67,9 @@ class SwitchingRipple(Effect):
             for e, (rows, time) in enumerate(stretches):
                 for part, wave in enumerate((np.cos, np.sin)):
                     columns[rows, j, 2 * e + part] = wave(2 * np.pi * f * time)
-            told = [c for c in range(columns.shape[2]) if _waves(columns[:, j, c], stretches[c // 2][0][seen[c // 2]])]
+            told = [
+                c for c in range(columns.shape[2]) if _is_wave(columns[:, j, c], stretches[c // 2][0][seen[c // 2]])
+            ]
             if told:
                 found.append(Linear(f"ripple i at {f:.6g} Hz", columns[:, :, told], (unit,) * len(told)))
         return found
@@ -81,7 +83,7 @@ class SwitchingRipple(Effect):
         return f"i has a ripple at {name.split()[3]} Hz, as sampled, of amplitude {value:.3g} A: the driver's switching"
 
 
-def _waves(column: FloatArray, rows: NDArray[np.int64]) -> bool:
+def _is_wave(column: FloatArray, rows: NDArray[np.int64]) -> bool:
     """Whether a line is seen as a wave: its mean square is 1/2; where a sensor shows every fourth row it may be 0."""
     return len(rows) >= STRETCH_ROWS // 2 and float(np.var(column[rows])) > 0.25
 
