@@ -12,6 +12,7 @@ from estimator.fitting.clock import Clock
 from estimator.fitting.jitter import find_jitter
 from estimator.fitting.noise_estimate import fit_noise
 from estimator.fitting.noise_model import NoiseModel, held
+from estimator.fitting.restricted_likelihood import RestrictedLikelihood
 from estimator.fitting.score_test import ScoreTest
 from estimator.fitting.whitener import Whitener
 from estimator.plans.part import LONG
@@ -118,6 +119,15 @@ def test_a_torque_that_wanders_is_found_in_current_and_speed_at_once():
         times.append(noise.torque[1])
     assert np.mean(deviations) == pytest.approx(2e-4, rel=0.3)
     assert np.exp(np.mean(np.log(times))) == pytest.approx(0.1, rel=0.5)
+
+
+def test_a_noise_out_of_all_proportion_is_as_unlikely_as_can_be_and_no_error():
+    rng = np.random.default_rng(0)
+    stacked = np.concatenate([1e160 * rng.standard_normal((600, 2, 1)), rng.standard_normal((600, 2, 2))], axis=2)
+    usual = plain(1.0, 1.0)
+    coloured = dataclasses.replace(usual, slow=np.array([[1.0, 0.03], [1.0, 0.03]]))
+    likelihood = RestrictedLikelihood(whitener_of(usual, 600, 2), stacked)
+    assert likelihood.misfit(usual) == likelihood.misfit(coloured) == np.inf
 
 
 def test_noise_that_grows_with_the_signal_is_found():

@@ -66,6 +66,7 @@ def test_an_estimate_that_frees_a_delay_runs_on_a_terminal_and_writes_its_files(
     screen = check(Terminal("estimate", "delayed.csv", "-o", "out", cwd=bench).run())
     assert "delay" in screen.text and screen.drawings
     assert {"result.json", "report.html"} <= set(os.listdir(bench / "out"))
+    assert not any(f" {word} " in screen.text for word in ("outliers,", "wanders", "noise of")), "rounding is no noise"
 
 
 def test_a_refused_recording_is_told_on_a_terminal(bench):

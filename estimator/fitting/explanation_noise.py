@@ -12,9 +12,11 @@ from estimator.fitting.explanation import ROUGH, Explanation, renewed
 from estimator.fitting.fit import refreshed, with_level
 from estimator.fitting.gauss_newton import solved
 from estimator.fitting.jitter import find_jitter
+from estimator.fitting.least_squares import ROUNDING
 from estimator.fitting.motor_response import machine_of
 from estimator.fitting.noise_estimate import fit_noise
 from estimator.fitting.noise_growth import noise_of_neighbours
+from estimator.fitting.noise_model import NoiseModel
 from estimator.fitting.outliers import held_down
 from estimator.fitting.restricted_likelihood import USUAL_TORQUE, RestrictedLikelihood
 from estimator.fitting.windows import find_windows
@@ -64,6 +66,10 @@ def with_noise(
         noise = dataclasses.replace(noise, differenced=differenced)
     whitener = fit.whitener.of(noise)
     misfit = np.where(whitener.present, fit.residuals(), 0.0)
+    rounding = ROUNDING * fit.simulator.problem.spread
+    if np.all(np.sqrt(np.mean(misfit**2, axis=0)) < rounding):  # a simulation's own output: no noise is to be told
+        exact = dataclasses.replace(NoiseModel.plain(rounding, seat), machine=machine)
+        return dataclasses.replace(explanation, fit=solved(refreshed(fit, whitener.of(exact))))
     # Spectral lines take nothing of the noise.
     wide = [k for k, name in enumerate(fit.names) if not name.startswith("ripple ")]
     windows = find_windows(fit)

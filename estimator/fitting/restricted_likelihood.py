@@ -43,8 +43,11 @@ class RestrictedLikelihood:
         self._of_unit_noise: dict[bytes, tuple[FloatArray, float]] = {}  # by growth: products of each channel, logs
 
     def misfit(self, noise: NoiseModel) -> float:
-        """Return -2 log restricted likelihood, up to a constant."""
-        products, total = self._products(noise)
+        """Return -2 log restricted likelihood, up to a constant; inf where the noise is out of all proportion."""
+        with np.errstate(over="ignore", invalid="ignore"):  # as that of a recording without noise may be
+            products, total = self._products(noise)
+        if not np.all(np.isfinite(products)):
+            return np.inf
         value = total + float(products[0, 0])
         if len(products) > 1:
             information, along = products[1:, 1:], products[1:, 0]
