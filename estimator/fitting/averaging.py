@@ -128,7 +128,7 @@ def averaged(
     told, added = [], len(parts)
     deviation = np.sqrt(np.maximum(np.diag(covariance + untold)[:p], 1e-300))
     for rival in rivals:
-        behind = rival.criterion(samples) - explanation.criterion(samples)
+        behind = rival.evidence(samples) - explanation.evidence(samples)
         there, other = _beside(own, rival, fit.is_log[:p])
         parts.append((max(behind, 0.0), there, other))
         with np.errstate(invalid="ignore"):

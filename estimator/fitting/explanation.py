@@ -38,6 +38,27 @@ class Explanation:
         """Return the criterion, -2 log L at its noise and the penalties."""
         return self.fit.cost + sum(a.penalty(samples) for a in self.additions)
 
+    def evidence(self, samples: int) -> float:
+        """Return -2 log of its probability by Laplace's method; the usual size of a number is its prior deviation.
+
+        Unlike the criterion, which charges log n for each number, it charges little for one that the recordings hardly
+        tell, and which therefore leaves the parameters open. A number of no known size is charged log n.
+        """
+        fit, sizes = self.fit, self._sizes()
+        known = [k for k, name in enumerate(fit.names) if name in sizes and fit.at_bound[k] == 0]
+        s = np.array([sizes[fit.names[k]] for k in known])
+        told = np.linalg.pinv(fit.covariance_parts()[0][np.ix_(known, known)])
+        charge = float(np.linalg.slogdet(np.eye(len(s)) + told * np.outer(s, s))[1])
+        unknown = sum(a.numbers for a in self.additions if a.linear is not None and a.name not in sizes)
+        priors = sum(2 * float(np.log(a.tried / a.effect.prior)) for a in self.additions)
+        return fit.cost + charge + unknown * float(np.log(max(samples, 2))) + priors
+
+    def _sizes(self) -> dict[str, float]:
+        """Return the usual size of each addition of one number, and of the first of several that are tried, by name."""
+        step = {n.name: n.size for n in self.fit.simulator.nuisances}
+        found = {a.name: a.usual or step.get(a.name, 0.0) for a in self.additions}
+        return {name: abs(size) for name, size in found.items() if size}
+
 
 def is_full(explanation: Explanation) -> bool:
     """Whether an explanation has more additions of the last one's kind than are taken: spectral lines, or others."""

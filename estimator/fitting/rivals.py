@@ -19,6 +19,8 @@ PARALLEL = 0.9  # canonical correlation of an addition with one that is doubted:
 RIVALS_REFITTED = 3  # rivals of an addition that are refitted, of each effect the likeliest
 MOST_WITHIN = 2  # additions of what happens within samples, each exchanged for every other of these
 MOST_PAIRED = 3  # of them, for each pair of which one is tried
+MOST_FULLER, LEAST_GAIN = 4, 1.0  # rivals to which one more is added; fall of z'z by it that is worth a refit
+SAME = 0.1  # standard errors: explanations that are no further apart are one
 MOST_ALIKE = 2  # additions of an effect that are exchanged: many recordings with an offset each tell it by themselves
 ABSURD = 2 * float(np.log(100.0))  # of the criterion: what no bench does has a chance of 1 in 100, by a wrong clock
 EXCHANGES, EXCHANGED = 2, 0.1  # of an explanation for a more likely rival, at most; by which its criterion is lower
@@ -79,22 +81,50 @@ def alternatives(selection: Selection, explanation: Explanation) -> list[Explana
     A sharp one stands in for another, or for a short time constant of the model, far from where a derivative
     tells: those are always refitted.
     """
-    n = selection.tests.samples
     within = [a for a in explanation.additions if is_timing(a)]
     twins = mirrored(explanation, selection.effects, selection.tests.base.plan)
-    found = [e for e in twins if e.fit.cost - explanation.fit.cost < RIVALS_WITHIN]
-    sharp = [e for e in selection.effects if e.sharp and not e.is_line]
-    grown = (selection.best_addition(e, sharp, set()) for e in twins)  # a mean of fewer samples and a filter
-    found += [e for e in grown if e is not None and e.criterion(n) < explanation.criterion(n) + RIVALS_WITHIN]
-    simpler = _simpler(selection, explanation, within) if len(within) <= MOST_PAIRED else []
-    simpler = [e for e in simpler if all(is_physical(e.fit, a) for a in e.additions)]
-    found += [e for e in simpler if e.criterion(n) < explanation.criterion(n) + RIVALS_WITHIN]
+    found = [*twins, *(_simpler(selection, explanation, within) if len(within) <= MOST_PAIRED else [])]
     for addition in explanation.additions:
         many = sum(a.effect is addition.effect for a in explanation.additions)
         if not addition.effect.is_line and not is_switch(addition) and many <= MOST_ALIKE:
             sharp_too = addition in within and len(within) <= MOST_WITHIN
             found += _exchanged(selection, explanation, addition, sharp_too=sharp_too)
-    return found
+    found = [e for e in found if all(is_physical(e.fit, a) for a in e.additions)]
+    found += _fuller(selection, explanation, found)
+    n, rivals = selection.tests.samples, [explanation]
+    for e in sorted(found, key=lambda e: e.criterion(n)):
+        behind = min(e.criterion(n) - explanation.criterion(n), e.evidence(n) - explanation.evidence(n))
+        if behind < RIVALS_WITHIN and not any(_is_same(e, known) for known in rivals):
+            rivals.append(e)
+    return rivals[1:]
+
+
+def _is_same(one: Explanation, other: Explanation) -> bool:
+    """Whether two explanations are one, reached from two sides."""
+    if one.names() != other.names() or abs(one.fit.cost - other.fit.cost) > EXCHANGED:
+        return False
+    s, p = other.fit.simulator, len(other.fit.simulator.plan.names)
+    deviation = np.sqrt(np.diag(other.fit.covariance())[:p])
+    apart = np.abs(one.fit.simulator.scaled(one.fit.values) - s.scaled(other.fit.values))[:p]
+    return bool(np.all(apart <= SAME * deviation))
+
+
+def _fuller(selection: Selection, explanation: Explanation, rivals: Sequence[Explanation]) -> list[Explanation]:
+    """Return the explanation and its nearest rivals with one more addition of what happens within samples.
+
+    The criterion would not accept it, as its penalty is larger than what the recordings tell of it, and a score test
+    tells little of how far it then moves the parameters.
+    """
+    sharp = [e for e in selection.effects if e.sharp and not e.is_line]
+    near = sorted((e for e in rivals if any(is_timing(a) for a in e.additions)), key=lambda e: e.fit.cost)
+    found = []
+    for base in (explanation, *near[:MOST_FULLER]):
+        missing = base.fit.cost - explanation.fit.cost - RIVALS_WITHIN
+        tested = [a for a in selection.tests.additions(base, sharp) if is_timing(a) and a.gain > max(missing, LEAST_GAIN)]
+        for a in sorted(tested, key=lambda a: -a.gain)[:1]:
+            fuller = Explanation(selection.refitted(base, a), (*base.additions, a))
+            found.append(dataclasses.replace(fuller, fit=solved(fuller.fit)))
+    return [e for e in found if all(is_physical(e.fit, a) for a in e.additions)]
 
 
 def _exchanged(
@@ -123,14 +153,28 @@ def _exchanged(
     if sharp_too:
         likely += [a for a in tested if is_timing(a) and a not in likely]
     for other in likely:
+        other = _as_late(explanation, addition, other)
         rival = Explanation(selection.refitted(bare, other), (*bare.additions, other))
         if any(a.linear is not None for a in rival.additions):
             rival = dataclasses.replace(rival, fit=solved(renewed(rival), iterations=ROUGH))
         if rival.criterion(n) < explanation.criterion(n) + 2 * RIVALS_WITHIN:
             rival = dataclasses.replace(rival, fit=solved(rival.fit))
-        if rival.criterion(n) < explanation.criterion(n) + RIVALS_WITHIN and is_physical(rival.fit, other):
             found.append(rival)
     return found
+
+
+def _as_late(explanation: Explanation, addition: Addition, other: Addition) -> Addition:
+    """Return another addition with one more start where both make a channel late: as late, all else as it is.
+
+    Without the addition a short time constant of the model vanishes, and no refit leads back from there.
+    """
+    fit, s = explanation.fit, explanation.fit.simulator
+    channels = {n.channel for n in s.nuisances if n.name in (addition.name, other.name)}
+    if addition.effect.lateness * other.effect.lateness == 0 or len(channels) != 1:
+        return other
+    start = {name: float(fit.values[s.index[name]]) for name in fit.free if name != addition.name}
+    delay = addition.effect.lateness * float(fit.values[s.index[addition.name]])
+    return dataclasses.replace(other, starts=(*other.starts, {**start, other.name: delay / other.effect.lateness}))
 
 
 def _simpler(selection: Selection, explanation: Explanation, within: Sequence[Addition]) -> list[Explanation]:

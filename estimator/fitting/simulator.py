@@ -84,6 +84,11 @@ class Nuisance:
     needs: str = ""
     untold: bool = False
 
+    @property
+    def channel(self) -> str:
+        """The output that it acts on; "": it acts on all."""
+        return self.output or (self.place.output if self.place is not None else "")
+
     def parameter(self) -> Parameter:
         """Return it as a parameter of a plan."""
         targets = (self.target,) if self.target else ()

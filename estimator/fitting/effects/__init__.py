@@ -13,7 +13,7 @@ from estimator.fitting.effects.drive_drop import DriveDrop
 from estimator.fitting.effects.edge_latency import EdgeLatency
 from estimator.fitting.effects.gain import Gain
 from estimator.fitting.effects.lost_rows import LostRows
-from estimator.fitting.effects.low_pass import LowPass
+from estimator.fitting.effects.low_pass import FORMS, LowPass
 from estimator.fitting.effects.machine_effects import FrictionDrift, WindingWarms
 from estimator.fitting.effects.offset import Offset
 from estimator.fitting.effects.ripple import Ripple
@@ -28,9 +28,7 @@ from estimator.fitting.effects.voltage_transient import VoltageTransient
 EFFECTS: tuple[Effect, ...] = (
     Delay(),
     ChannelDelay(),
-    LowPass(),
-    LowPass(name="second-order lag"),
-    LowPass(name="Butterworth low-pass"),
+    *(LowPass(name=form, lateness=lateness) for form, (_, lateness, _) in FORMS.items()),
     Average(),
     MeanSpeed(),
     Offset(),

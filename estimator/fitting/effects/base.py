@@ -45,6 +45,8 @@ class Effect:
     is_one : bool
         Its groups exclude each other, as time constants of one lag do: in the average the likeliest stands for all.
     excludes : names of nuisances or columns begin with these where the effect makes no sense beside them
+    lateness : float
+        Mean delay of a signal for a unit of its number, s; 0: it has none, or not in proportion.
     """
 
     name: str
@@ -55,6 +57,7 @@ class Effect:
     is_line: bool = False
     is_one: bool = False
     excludes: tuple[str, ...] = ()
+    lateness: float = 0.0
 
     def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
         """Return the nuisance parameters that it may add to a plan."""

@@ -21,6 +21,7 @@ class ChannelDelay(Effect):
     name: str = "delay of"
     prior: float = 0.1
     sharp: bool = True
+    lateness: float = 1.0
 
     def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
         """Return one for each output, if there are several."""

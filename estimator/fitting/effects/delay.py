@@ -20,6 +20,7 @@ class Delay(Effect):
 
     name: str = "delay"
     sharp: bool = True
+    lateness: float = 1.0
 
     def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
         """Return one for each recording with an input that changes."""

@@ -74,6 +74,7 @@ class LowPass(Effect):
 
     name: str = "lag"
     sharp: bool = True
+    lateness: float = 1.0
 
     def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
         """Return one for each output without a declared filter."""
@@ -97,7 +98,7 @@ class LowPass(Effect):
         first = "lag of i"
         if tau <= 0 or first not in s.index:
             return ()
-        return ({"L": R * FORMS[self.name][1] * tau, name: 0.0, first: time_constant(R, L)},)
+        return ({"L": R * self.lateness * tau, name: 0.0, first: time_constant(R, L)},)
 
     def tell(self, name: str, value: float, plan: Plan) -> str:
         """Say which."""
