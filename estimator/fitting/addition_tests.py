@@ -134,6 +134,8 @@ class AdditionTests:
                 assert across is not None
                 scores = Scores.of(test, fit.jacobian, across, whitened[:, own])
                 gain, _ = test.gain(across)
+            elif group.least >= 0 > scores.along[0]:  # nothing has this sign
+                gain = 0.0
             addition = Addition(
                 effect, group.name, numbers, gain, linear=group,
                 scores=scores, across=across if kept else None,

@@ -31,6 +31,7 @@ TOLD_WITHIN = 6.0  # of the criterion: a rival that is further behind weighs les
 FARTHEST = 50.0  # of a logarithm: a rival's parameter is no further away
 TAIL = 0.01  # of the mixture: what weighs less together is left out
 DIFFERS = 1.0  # standard errors by which a rival must differ to be told
+MOSTLY_OPEN = 10.0  # by which its bar has grown where 99 % of a parameter's variance is what may be there besides
 
 
 @dataclass(frozen=True)
@@ -70,8 +71,29 @@ class Hidden:
 
 
 @dataclass(frozen=True)
+class Open:
+    """A parameter whose bar is nearly all made of what may be there besides the explanation.
+
+    Attributes
+    ----------
+    times : by so much its bar has grown
+    besides : names of what makes it so wide, the largest part first
+    """
+
+    parameter: str
+    times: float
+    besides: tuple[str, ...]
+
+
+@dataclass(frozen=True)
 class Averaged:
-    """Averaged values, (p,), and covariance, (p, p), on the parameters' scales; what may be hidden; differing rivals.
+    """Averaged values, (p,), and covariance, (p, p), on the parameters' scales, and what is told of the mixture.
+
+    Attributes
+    ----------
+    hidden : what may be hidden
+    rivals : those that differ
+    open : parameters that are told by what is thought likely rather than by the recordings
 
     Where the recordings determine only combinations of parameters, the covariance is that of these combinations.
     """
@@ -80,6 +102,7 @@ class Averaged:
     covariance: FloatArray
     hidden: tuple[Hidden, ...]
     rivals: tuple[Told, ...]
+    open: tuple[Open, ...]
 
 
 def averaged(
@@ -100,9 +123,12 @@ def averaged(
     own = fit.simulator.scaled(fit.values)[:p]
     parts: list[tuple[float, FloatArray, FloatArray]] = [(0.0, own, covariance[:p, :p])]
     among = covariance[np.ix_(inside, inside)]
-    hidden = []
+    hidden, besides = [], [""]
+    fuller = {
+        next(iter(more)) for r in rivals if len(more := r.names() - explanation.names()) == 1 and _holds(r, explanation)
+    }
     for a in _one_of_each(open_additions):
-        if a.scores is None:
+        if a.scores is None or a.name in fuller:  # its refit tells more
             continue
         known = a.linear is None or a.linear.size > 0
         unit = (a.linear.size or 1.0) if a.linear is not None else 1.0
@@ -125,16 +151,19 @@ def averaged(
         moved = -off[:p]
         charge += 2 * float(np.log(a.tried / a.effect.prior)) - gain
         parts.append((max(charge, 0.0), own + moved @ size, covariance[:p, :p] + moved @ spread @ moved.T))
+        besides.append(a.name)
     told, added = [], len(parts)
     deviation = np.sqrt(np.maximum(np.diag(covariance + untold)[:p], 1e-300))
     for rival in rivals:
         behind = rival.evidence(samples) - explanation.evidence(samples)
         there, other = _beside(own, rival, fit.is_log[:p])
         parts.append((max(behind, 0.0), there, other))
+        besides.append(" and ".join(sorted(rival.names() - explanation.names())))
         with np.errstate(invalid="ignore"):
             apart = np.abs(there - own) / np.where(np.isfinite(deviation), deviation, np.inf)
         other_number = _numbers(rival) != _numbers(explanation) and _effects(rival) == _effects(explanation)
-        if np.max(apart, initial=0.0) > DIFFERS and behind < TOLD_WITHIN and not other_number:  # the bars hold it
+        held = other_number or _holds(rival, explanation)  # by the bars alone
+        if np.max(apart, initial=0.0) > DIFFERS and behind < TOLD_WITHIN and not held:
             told.append((rival, len(parts) - 1, float(np.max(apart)), names[int(np.argmax(apart))], float(behind)))
     weights = np.exp(-0.5 * np.array([c for c, _, _ in parts]))
     weights[1:added] *= 1 + weights[added:].sum()  # what may be added may be so beside each rival
@@ -148,7 +177,24 @@ def averaged(
     total[held] = total[:, held] = 0.0
     told = [t for t in told if t[4] <= min(u[4] for u in told if _effects(u[0]) == _effects(t[0]))]  # of alike ones one
     rivals_told = tuple(Told(r, apart, name, behind, float(weights[k])) for r, k, apart, name, behind in told)
-    return Averaged(own, total, tuple(hidden), rivals_told)
+    moments = [w * ((x - own) ** 2 + np.diag(c)) for w, (_, x, c) in zip(weights, parts, strict=True)]
+    left_open = _open(names, np.sqrt(np.maximum(np.diag(total), 0.0)) / deviation, np.array(moments), besides)
+    return Averaged(own, total, tuple(hidden), rivals_told, left_open)
+
+
+def _holds(rival: Explanation, explanation: Explanation) -> bool:
+    """Whether a rival is the explanation with more."""
+    return explanation.names() < rival.names()
+
+
+def _open(names: Sequence[str], times: FloatArray, moments: FloatArray, besides: Sequence[str]) -> tuple[Open, ...]:
+    """Return the parameters of which the bars are mostly what may be there besides; `moments`: (parts, p)."""
+    found = []
+    for k in np.flatnonzero(times > MOSTLY_OPEN):
+        order = np.argsort(-moments[1:, k])[:2] + 1
+        largest = [besides[j] for j in order if moments[j, k] > 0.1 * moments[:, k].sum()]
+        found.append(Open(names[int(k)], float(times[k]), tuple(dict.fromkeys(filter(None, largest)))))
+    return tuple(found)
 
 
 def _beside(own: FloatArray, rival: Explanation, log: NDArray[np.bool_]) -> tuple[FloatArray, FloatArray]:
@@ -159,7 +205,11 @@ def _beside(own: FloatArray, rival: Explanation, log: NDArray[np.bool_]) -> tupl
     p = len(own)
     there = rival.fit.simulator.scaled(rival.fit.values)[:p]
     ratio = np.where(log, np.exp(np.clip(np.where(log, there - own, 0.0), -FARTHEST, FARTHEST)), 1.0)
-    told = rival.fit.covariance_parts()[0][:p, :p] * np.outer(ratio, ratio)
+    sizes, c = rival.sizes(), rival.fit.covariance_parts()[0]
+    known = [k for k, name in enumerate(rival.fit.names) if name in sizes]  # a usual size is a prior deviation
+    prior = np.diag([sizes[rival.fit.names[k]] ** 2 for k in known])
+    c = c - c[:, known] @ np.linalg.solve(c[np.ix_(known, known)] + prior, c[known])
+    told = c[:p, :p] * np.outer(ratio, ratio)
     return np.where(log, own + ratio - 1, there), told
 
 

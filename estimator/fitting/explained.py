@@ -12,9 +12,11 @@ from numpy.typing import NDArray
 from estimator.fitting.addition import Addition
 from estimator.fitting.addition_tests import AdditionTests
 from estimator.fitting.adequacy import Adequacy, adequacy
-from estimator.fitting.averaging import Hidden, Told, averaged
+from estimator.fitting.averaging import Hidden, Open, Told, averaged
 from estimator.fitting.between_runs import BetweenRuns, is_between_runs, of_fit, sentence
+from estimator.fitting.during import changes_during
 from estimator.fitting.effects.base import Effect
+from estimator.fitting.effects.voltage_noise import VoltageNoise, without_noise
 from estimator.fitting.explanation import Explanation
 from estimator.fitting.explanation_noise import by_noise_of, count_deviations, with_wandering_torque
 from estimator.fitting.fit import Fit
@@ -168,6 +170,13 @@ def explain(
         if other.first_cost(starts) < selection.first_cost(starts):
             plan, selection, other = on_lines, other, selection
     explanation = selection.explain(starts, known)
+    changed = [Found("latency of each edge", "", t, "") for t in late]
+    if (quiet := without_noise(explanation.fit, plan)) is not None:
+        changed += [f for f in _found(explanation, plan) if f.name == VoltageNoise.name]
+        rest = tuple(a for a in explanation.additions if a.name != VoltageNoise.name)
+        plan, begun = quiet, dataclasses.replace(explanation, additions=rest)
+        selection, other = _selection(plan, crew, sigma=sigma, deviations=deviations, effects=effects), None
+        explanation = selection.explain(starts, begun)
     checked = adequacy(explanation.fit, len(plan.names))
     rivals: list[Explanation] = []
     open_additions: Sequence[Addition] = ()
@@ -182,7 +191,6 @@ def explain(
                 rivals = [by_noise_of(wanders, rival) for rival in rivals]
             explanation = wanders
         open_additions = selection.tests.additions(explanation, selection.effects)
-    changed = [Found("latency of each edge", "", t, "") for t in late]
     if other is not None:  # with the inputs the other way from row to row
         turned = dataclasses.replace(explanation.fit, simulator=other.tests.base)
         rivals.append(dataclasses.replace(explanation, fit=solved(turned)))
@@ -290,7 +298,7 @@ def _explained(
     seen[:p, :p] = mean.covariance
     between = of_fit(fit, p)
     seen += (checked.widened(fit) + between.covariance)[np.ix_(kept, kept)]
-    seen[range(p), range(p)] += _during(explanation)
+    seen[range(p), range(p)] += changes_during(explanation)
     covariance = seen + unseen
     told = fit.estimates + [_told_from(fit).get(name, 0.0) for name in names]
     values = np.concatenate([fit.simulator.unscaled(_padded(mean.values, fit))[:p], told[reported]])
@@ -330,6 +338,7 @@ def _explained(
         found=(
             *changed,
             *_found(explanation, plan),
+            *_left_open(mean.open),
             *_varies(between, plan),
         ),
         rivals=tuple(_rival(told, explanation) for told in mean.rivals),
@@ -363,25 +372,18 @@ def _farthest(effect: NotVisible) -> float:
     return max(abs(bars) for _, bars in effect.off.values())
 
 
-def _during(explanation: Explanation) -> FloatArray:
-    """Return the variances, (p,), of parameters that change during a recording, about the mean that is estimated.
-
-    Any value between the first and the last is as good: a uniform distribution.
-    """
-    fit = explanation.fit
-    names = fit.simulator.plan.names
-    variances = np.zeros(len(names))
-    groups: dict[str, list[float]] = {}
-    for a in explanation.additions:
-        own = [x for n, x in zip(fit.names, fit.estimates.tolist(), strict=True) if n == a.name]
-        for name, change in (a.effect.changes(fit, own[0]) if own else {}).items():
-            groups.setdefault(name, []).append(change)
-    for name, changes in groups.items():
-        if name in names:
-            k = names.index(name)
-            scale = fit.values[k] if fit.simulator.log[k] else 1.0
-            variances[k] = max(x * x for x in changes) / 12 / scale**2
-    return np.where(fit.at_bound[: len(names)] == 0, variances, 0.0)
+def _left_open(parameters: Sequence[Open]) -> list[Found]:
+    """Return the parameters that the recordings hardly tell, as too much may be there besides, in words."""
+    found = []
+    for p in parameters:
+        told = (
+            f"the bar of {p.parameter} is {p.times:.0f} times what the recording would tell if nothing else were there"
+        )
+        besides = " or ".join(p.besides) or "what is not visible"
+        found.append(
+            Found("left open", p.parameter, told, f"{besides} may be; record two voltage levels, or declare it")
+        )
+    return found
 
 
 def _rms(values: FloatArray, present: NDArray[np.bool_]) -> FloatArray:

@@ -44,7 +44,7 @@ class Explanation:
         Unlike the criterion, which charges log n for each number, it charges little for one that the recordings hardly
         tell, and which therefore leaves the parameters open. A number of no known size is charged log n.
         """
-        fit, sizes = self.fit, self._sizes()
+        fit, sizes = self.fit, self.sizes()
         known = [k for k, name in enumerate(fit.names) if name in sizes and fit.at_bound[k] == 0]
         s = np.array([sizes[fit.names[k]] for k in known])
         told = np.linalg.pinv(fit.covariance_parts()[0][np.ix_(known, known)])
@@ -53,7 +53,7 @@ class Explanation:
         priors = sum(2 * float(np.log(a.tried / a.effect.prior)) for a in self.additions)
         return fit.cost + charge + unknown * float(np.log(max(samples, 2))) + priors
 
-    def _sizes(self) -> dict[str, float]:
+    def sizes(self) -> dict[str, float]:
         """Return the usual size of each addition of one number, and of the first of several that are tried, by name."""
         step = {n.name: n.size for n in self.fit.simulator.nuisances}
         found = {a.name: a.usual or step.get(a.name, 0.0) for a in self.additions}

@@ -225,7 +225,9 @@ def with_level(fit: Fit) -> Fit:
     for clock in fit.simulator.clocks:
         if len(clock.time) > 2:
             slope[clock.rows] = np.abs(np.gradient(shown[clock.rows], clock.time, axis=0))
-    whitener = dataclasses.replace(fit.whitener, level=level, moving=moving, slope=slope)
+    speed = shown[:, fit.simulator.outputs.index("w")] if "w" in fit.simulator.outputs else None
+    speed = None if speed is None else speed / max(float(np.max(np.abs(speed))), 1e-300)
+    whitener = dataclasses.replace(fit.whitener, level=level, moving=moving, slope=slope, speed=speed)
     return dataclasses.replace(fit, whitener=whitener)
 
 

@@ -120,7 +120,8 @@ def _fuller(selection: Selection, explanation: Explanation, rivals: Sequence[Exp
     found = []
     for base in (explanation, *near[:MOST_FULLER]):
         missing = base.fit.cost - explanation.fit.cost - RIVALS_WITHIN
-        tested = [a for a in selection.tests.additions(base, sharp) if is_timing(a) and a.gain > max(missing, LEAST_GAIN)]
+        tested = [a for a in selection.tests.additions(base, sharp) if is_timing(a)]
+        tested = [a for a in tested if a.gain > max(missing, LEAST_GAIN)]
         for a in sorted(tested, key=lambda a: -a.gain)[:1]:
             fuller = Explanation(selection.refitted(base, a), (*base.additions, a))
             found.append(dataclasses.replace(fuller, fit=solved(fuller.fit)))

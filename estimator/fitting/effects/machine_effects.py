@@ -18,6 +18,7 @@ from estimator.recordings.samples import median
 FloatArray = NDArray[np.float64]
 
 USUAL_DRIFT = 0.1  # of the friction
+USUAL_WARMING = 0.05  # of R, over a recording
 
 
 @dataclass(frozen=True)
@@ -57,7 +58,10 @@ class FrictionDrift(Effect):
 
 @dataclass(frozen=True)
 class WindingWarms(Effect):
-    """A resistance that grows with the heat that the current has made, Ohm from the first to the last row."""
+    """A resistance that grows with the heat that the current has made, Ohm from the first to the last row.
+
+    None falls: a winding cools within minutes, and while no current shows it.
+    """
 
     name: str = "winding warms"
     prior: float = 0.1
@@ -73,7 +77,8 @@ class WindingWarms(Effect):
         for clock in s.clocks:
             heat = np.cumsum(i[clock.rows] ** 2)
             voltage[clock.rows] = -i[clock.rows] * (heat / max(heat[-1], 1e-300) - 0.5)
-        return [Linear(self.name, response(fit, voltage=voltage)[:, :, None], ("Ohm",), size=0.05 * values["R"])]
+        columns = response(fit, voltage=voltage)[:, :, None]
+        return [Linear(self.name, columns, ("Ohm",), least=0.0, size=USUAL_WARMING * values["R"])]
 
     def changes(self, fit: Fit, coefficient: float) -> Mapping[str, float]:
         """Return the change of the resistance."""
@@ -81,7 +86,7 @@ class WindingWarms(Effect):
 
     def tell(self, name: str, value: float, plan: Plan) -> str:
         """Say by how much."""
-        return f"R changes by {value:+.3g} Ohm over a recording: the winding warms; R stands for the mean"
+        return f"R rises by {value:.3g} Ohm over a recording: the winding warms; R stands for the mean"
 
 
 def _usual_speed(fit: Fit) -> float:

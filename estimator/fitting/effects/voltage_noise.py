@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -18,6 +19,7 @@ FloatArray = NDArray[np.float64]
 
 LEAST_NOISE = 1e-6  # of the largest voltage: less is rounding
 LONG = 20  # rows of a level for each signal that its voltage may follow
+ALL_OF_IT, FAR = 0.05, 4.0  # from 1, absolute and in standard errors: all of the noise is the sensor's
 MOST_CHANGES = 3000  # changes, at most: more are a signal
 
 
@@ -31,20 +33,46 @@ class VoltageNoise(Effect):
 
     def linear(self, fit: Fit) -> Sequence[Linear]:
         """Return the response, with opposite sign, to what is noise in the logged voltage."""
-        s = fit.simulator
-        if motor_values(fit) is None:
-            return ()
-        v = s.inputs("v")
-        around = np.zeros(s.rows)
-        for clock in s.clocks:
-            around[clock.rows] = _noise(v[clock.rows], np.nan_to_num(fit.shown[clock.rows]))
-        if np.max(np.abs(around)) <= LEAST_NOISE * np.max(np.abs(v)):
+        around = _around(fit)
+        if not around.any():
             return ()
         return [Linear(self.name, response(fit, voltage=as_late(fit, -around))[:, :, None], ("",), least=0.3, most=1.3)]
 
     def tell(self, name: str, value: float, plan: Plan) -> str:
         """Say so."""
         return f"the logged voltage's noise does not reach the motor ({100 * value:.0f} % of it is the sensor's)"
+
+
+def without_noise(fit: Fit, plan: Plan) -> Plan | None:
+    """Return a plan with the voltages that the motor sees; None where their noise reaches it, or a part of it.
+
+    The column of `VoltageNoise` takes the noise out of what is simulated, but not out of its derivatives: of these a
+    response that is not there would tell L, as it is noise that changes in every row.
+    """
+    if VoltageNoise.name not in fit.names:
+        return None
+    k = fit.names.index(VoltageNoise.name)
+    off, deviation = fit.estimates[k] - 1.0, float(np.sqrt(fit.covariance()[k, k]))
+    if abs(off) > max(ALL_OF_IT, FAR * deviation):
+        return None
+    around = _around(fit)
+    observed = [
+        dataclasses.replace(o, inputs={**o.inputs, "v": o.inputs["v"] - around[clock.rows]}) if "v" in o.inputs else o
+        for o, clock in zip(plan.observed, fit.simulator.clocks, strict=True)
+    ]
+    return dataclasses.replace(plan, observed=tuple(observed))
+
+
+def _around(fit: Fit) -> FloatArray:
+    """Return the noise of the voltages, (rows,); zero where there is none, or the fit is no motor's."""
+    s = fit.simulator
+    around = np.zeros(s.rows)
+    if motor_values(fit) is None:
+        return around
+    v = s.inputs("v")
+    for clock in s.clocks:
+        around[clock.rows] = _noise(v[clock.rows], np.nan_to_num(fit.explained[clock.rows]))
+    return around if np.max(np.abs(around)) > LEAST_NOISE * np.max(np.abs(v)) else np.zeros(s.rows)
 
 
 def _noise(u: FloatArray, shown: FloatArray) -> FloatArray:
