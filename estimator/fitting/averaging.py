@@ -1,6 +1,6 @@
 """Model averaging: rivals, and additions not accepted, widen the standard errors by their weights. Knows no effect.
 
-Explanation m weighs exp(-c_m / 2), c_m its criterion above the best's. The values stay the best explanation's, so that
+Explanation m weighs exp(-c_m / 2), c_m its evidence above the best's. The values stay the best explanation's, so that
 what follows from them is consistent; their covariance is  sum w_m (C_m + (x_m - x)(x_m - x)')  about them (Buckland,
 Burnham and Augustin 1997; Hoeting et al. 1999), each parameter scaled to hold 95 % of the mixture. Of an addition that
 was not accepted the score test tells x_m and C_m without a refit. Its number has a usual size as prior deviation, so
@@ -31,7 +31,6 @@ TOLD_WITHIN = 6.0  # of the criterion: a rival that is further behind weighs les
 FARTHEST = 50.0  # of a logarithm: a rival's parameter is no further away
 TAIL = 0.01  # of the mixture: what weighs less together is left out
 DIFFERS = 1.0  # standard errors by which a rival must differ to be told
-MOSTLY_OPEN = 10.0  # by which its bar has grown where 99 % of a parameter's variance is what may be there besides
 
 
 @dataclass(frozen=True)
@@ -42,7 +41,7 @@ class Told:
     ----------
     apart : standard errors that it lies away, in the parameter that it moves most
     parameter : that parameter's name
-    behind : of the criterion, above the best explanation's; below 0 where it is the more likely one
+    behind : its evidence above the best explanation's; below 0 where it is the more likely one
     weight : its part of the mixture, of all that is left open
     """
 
@@ -71,29 +70,8 @@ class Hidden:
 
 
 @dataclass(frozen=True)
-class Open:
-    """A parameter whose bar is nearly all made of what may be there besides the explanation.
-
-    Attributes
-    ----------
-    times : by so much its bar has grown
-    besides : names of what makes it so wide, the largest part first
-    """
-
-    parameter: str
-    times: float
-    besides: tuple[str, ...]
-
-
-@dataclass(frozen=True)
 class Averaged:
-    """Averaged values, (p,), and covariance, (p, p), on the parameters' scales, and what is told of the mixture.
-
-    Attributes
-    ----------
-    hidden : what may be hidden
-    rivals : those that differ
-    open : parameters that are told by what is thought likely rather than by the recordings
+    """Averaged values, (p,), and covariance, (p, p), on the parameters' scales; what may be hidden; differing rivals.
 
     Where the recordings determine only combinations of parameters, the covariance is that of these combinations.
     """
@@ -102,7 +80,6 @@ class Averaged:
     covariance: FloatArray
     hidden: tuple[Hidden, ...]
     rivals: tuple[Told, ...]
-    open: tuple[Open, ...]
 
 
 def averaged(
@@ -123,7 +100,7 @@ def averaged(
     own = fit.simulator.scaled(fit.values)[:p]
     parts: list[tuple[float, FloatArray, FloatArray]] = [(0.0, own, covariance[:p, :p])]
     among = covariance[np.ix_(inside, inside)]
-    hidden, besides = [], [""]
+    hidden = []
     fuller = {
         next(iter(more)) for r in rivals if len(more := r.names() - explanation.names()) == 1 and _holds(r, explanation)
     }
@@ -151,14 +128,12 @@ def averaged(
         moved = -off[:p]
         charge += 2 * float(np.log(a.tried / a.effect.prior)) - gain
         parts.append((max(charge, 0.0), own + moved @ size, covariance[:p, :p] + moved @ spread @ moved.T))
-        besides.append(a.name)
     told, added = [], len(parts)
     deviation = np.sqrt(np.maximum(np.diag(covariance + untold)[:p], 1e-300))
     for rival in rivals:
         behind = rival.evidence(samples) - explanation.evidence(samples)
         there, other = _beside(own, rival, fit.is_log[:p])
         parts.append((max(behind, 0.0), there, other))
-        besides.append(" and ".join(sorted(rival.names() - explanation.names())))
         with np.errstate(invalid="ignore"):
             apart = np.abs(there - own) / np.where(np.isfinite(deviation), deviation, np.inf)
         other_number = _numbers(rival) != _numbers(explanation) and _effects(rival) == _effects(explanation)
@@ -177,24 +152,12 @@ def averaged(
     total[held] = total[:, held] = 0.0
     told = [t for t in told if t[4] <= min(u[4] for u in told if _effects(u[0]) == _effects(t[0]))]  # of alike ones one
     rivals_told = tuple(Told(r, apart, name, behind, float(weights[k])) for r, k, apart, name, behind in told)
-    moments = [w * ((x - own) ** 2 + np.diag(c)) for w, (_, x, c) in zip(weights, parts, strict=True)]
-    left_open = _open(names, np.sqrt(np.maximum(np.diag(total), 0.0)) / deviation, np.array(moments), besides)
-    return Averaged(own, total, tuple(hidden), rivals_told, left_open)
+    return Averaged(own, total, tuple(hidden), rivals_told)
 
 
 def _holds(rival: Explanation, explanation: Explanation) -> bool:
     """Whether a rival is the explanation with more."""
     return explanation.names() < rival.names()
-
-
-def _open(names: Sequence[str], times: FloatArray, moments: FloatArray, besides: Sequence[str]) -> tuple[Open, ...]:
-    """Return the parameters of which the bars are mostly what may be there besides; `moments`: (parts, p)."""
-    found = []
-    for k in np.flatnonzero(times > MOSTLY_OPEN):
-        order = np.argsort(-moments[1:, k])[:2] + 1
-        largest = [besides[j] for j in order if moments[j, k] > 0.1 * moments[:, k].sum()]
-        found.append(Open(names[int(k)], float(times[k]), tuple(dict.fromkeys(filter(None, largest)))))
-    return tuple(found)
 
 
 def _beside(own: FloatArray, rival: Explanation, log: NDArray[np.bool_]) -> tuple[FloatArray, FloatArray]:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from estimator.fitting.addition import Addition
 from estimator.fitting.addition_tests import AdditionTests
 from estimator.fitting.adequacy import Adequacy, adequacy
-from estimator.fitting.averaging import Hidden, Open, Told, averaged
+from estimator.fitting.averaging import Hidden, Told, averaged
 from estimator.fitting.between_runs import BetweenRuns, is_between_runs, of_fit, sentence
 from estimator.fitting.during import changes_during
 from estimator.fitting.effects.base import Effect
@@ -338,7 +338,6 @@ def _explained(
         found=(
             *changed,
             *_found(explanation, plan),
-            *_left_open(mean.open),
             *_varies(between, plan),
         ),
         rivals=tuple(_rival(told, explanation) for told in mean.rivals),
@@ -370,20 +369,6 @@ def _not_visible(
 
 def _farthest(effect: NotVisible) -> float:
     return max(abs(bars) for _, bars in effect.off.values())
-
-
-def _left_open(parameters: Sequence[Open]) -> list[Found]:
-    """Return the parameters that the recordings hardly tell, as too much may be there besides, in words."""
-    found = []
-    for p in parameters:
-        told = (
-            f"the bar of {p.parameter} is {p.times:.0f} times what the recording would tell if nothing else were there"
-        )
-        besides = " or ".join(p.besides) or "what is not visible"
-        found.append(
-            Found("left open", p.parameter, told, f"{besides} may be; record two voltage levels, or declare it")
-        )
-    return found
 
 
 def _rms(values: FloatArray, present: NDArray[np.bool_]) -> FloatArray:

@@ -54,10 +54,15 @@ class Explanation:
         return fit.cost + charge + unknown * float(np.log(max(samples, 2))) + priors
 
     def sizes(self) -> dict[str, float]:
-        """Return the usual size of each addition of one number, and of the first of several that are tried, by name."""
-        step = {n.name: n.size for n in self.fit.simulator.nuisances}
+        """Return the usual sizes of the numbers that were added, on their scales, where they are known, by name.
+
+        Of several numbers of an addition that is of the first; a time constant beside it is known to a factor of e.
+        """
+        s = self.fit.simulator
+        step = {n.name: n.size for n in s.nuisances}
         found = {a.name: a.usual or step.get(a.name, 0.0) for a in self.additions}
-        return {name: abs(size) for name, size in found.items() if size}
+        beside = {name for a in self.additions for name in a.free[1:] if s.log[s.index[name]]}
+        return {name: abs(size) for name, size in found.items() if size} | dict.fromkeys(beside, 1.0)
 
 
 def is_full(explanation: Explanation) -> bool:

@@ -19,7 +19,7 @@ PARALLEL = 0.9  # canonical correlation of an addition with one that is doubted:
 RIVALS_REFITTED = 3  # rivals of an addition that are refitted, of each effect the likeliest
 MOST_WITHIN = 2  # additions of what happens within samples, each exchanged for every other of these
 MOST_PAIRED = 3  # of them, for each pair of which one is tried
-MOST_FULLER, LEAST_GAIN = 4, 1.0  # rivals to which one more is added; fall of z'z by it that is worth a refit
+MOST_FULLER, LEAST_GAIN = 4, 3.0  # rivals to which one more is added; fall of z'z by it that is worth a refit
 SAME = 0.1  # standard errors: explanations that are no further apart are one
 MOST_ALIKE = 2  # additions of an effect that are exchanged: many recordings with an offset each tell it by themselves
 ABSURD = 2 * float(np.log(100.0))  # of the criterion: what no bench does has a chance of 1 in 100, by a wrong clock
@@ -118,9 +118,10 @@ def _fuller(selection: Selection, explanation: Explanation, rivals: Sequence[Exp
     sharp = [e for e in selection.effects if e.sharp and not e.is_line]
     near = sorted((e for e in rivals if any(is_timing(a) for a in e.additions)), key=lambda e: e.fit.cost)
     found = []
-    for base in (explanation, *near[:MOST_FULLER]):
+    for base in (*near[:MOST_FULLER], explanation):
         missing = base.fit.cost - explanation.fit.cost - RIVALS_WITHIN
-        tested = [a for a in selection.tests.additions(base, sharp) if is_timing(a)]
+        effects = selection.effects if base is explanation else sharp  # all of its own are known already
+        tested = [a for a in selection.tests.additions(base, effects) if is_timing(a)]
         tested = [a for a in tested if a.gain > max(missing, LEAST_GAIN)]
         for a in sorted(tested, key=lambda a: -a.gain)[:1]:
             fuller = Explanation(selection.refitted(base, a), (*base.additions, a))

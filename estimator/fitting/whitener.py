@@ -154,7 +154,8 @@ class Whitener:
                 phases = (RESTS, STARTS, RUNS)
             speeds: FloatArray | None = None
             if noise.torque[0] > 0 and self.speed is not None:
-                speeds, level = np.unique(np.round(self.speed[clock.rows] * SPEEDS) / SPEEDS, return_inverse=True)
+                before = self.speed[clock.rows][np.maximum(np.arange(len(moving)) - 1, 0)]  # at which a step begins
+                speeds, level = np.unique(np.round(before * SPEEDS) / SPEEDS, return_inverse=True)
                 index = (np.zeros(len(moving), dtype=np.int64) if index is None else index) * len(speeds) + level
             spaces = [
                 noise.states(dt, running, phase, speed)
