@@ -215,10 +215,15 @@ class Problem:
 
     def _values(self, candidates: FloatArray) -> FloatArray:
         """Return the FMU's parameters, then the sensors' values, (n, recordings, values)."""
-        free = candidates[:, self._column] * self._gain + self._shift
-        constant = np.broadcast_to(self._constant, (*free.shape[:2], len(self._constant)))
-        values = np.concatenate([free, constant], axis=2)
-        return np.concatenate([values, self._sensor_values(candidates)], axis=2) if self._has_sensors else values
+        recordings, free = self._column.shape
+        held = free + len(self._constant)
+        sensors = 1 + 3 * len(self.outputs) if self._has_sensors else 0
+        values = np.empty((len(candidates), recordings, held + sensors))
+        values[:, :, :free] = candidates[:, self._column] * self._gain + self._shift
+        values[:, :, free:held] = self._constant
+        if sensors:
+            values[:, :, held:] = self._sensor_values(candidates)
+        return values
 
     def _sensor_values(self, candidates: FloatArray) -> FloatArray:
         """Return the inputs' delay, then gain, offset and further delay of every output, (n, recordings, values)."""

@@ -310,17 +310,20 @@ class Workers:
     def _collect(
         self, values: FloatArray, costs: FloatArray, steps: IntArray, outcomes: IntArray, batch: Batch, *, refine: int
     ) -> None:
-        n, kinds = len(values), outcomes % 256
-        failed = (kinds != FINISHED) & (kinds != CUT_SHORT)
-        costs[failed] = np.inf
-        self.simulations += n
+        self.simulations += len(values)
         self.steps += int(steps.sum())
-        self.failed += int(failed.sum())
-        for index in np.flatnonzero(failed):
-            self._remember(int(index), int(outcomes[index]), values[index], done=int(steps[index]), refine=refine)
-        batch.costs[:], batch.steps[:], batch.failed[:] = costs, steps, failed
+        batch.costs[:], batch.steps[:], batch.failed[:] = costs, steps, False
         if batch.shown is not None:
             batch.shown[:] = self._views["shown"][: batch.shown.size].reshape(batch.shown.shape)
+        kinds = outcomes % 256
+        failed = np.flatnonzero((kinds != FINISHED) & (kinds != CUT_SHORT))
+        if not len(failed):
+            return
+        batch.costs[failed], batch.failed[failed] = np.inf, True
+        self.failed += len(failed)
+        for index in failed.tolist():
+            self._remember(index, int(outcomes[index]), values[index], done=int(steps[index]), refine=refine)
+        if batch.shown is not None:
             batch.shown[failed] = np.nan
 
     def _remember(self, index: int, outcome: int, values: FloatArray, *, done: int, refine: int) -> None:
