@@ -129,8 +129,8 @@ class Problem:
         """
         self._take_over()
         values = self._asked(candidates, late)
-        packed, which = _packed(values)
-        if len(packed) < len(values):
+        if len(values) > 1 and len(self.plan.observed) > 1 and len((asked := _packed(values))[0]) < len(values):
+            packed, which = asked
             batch = self.workers.run(packed, refine=refine, record=True)
             if not batch.failed.any():
                 assert batch.shown is not None
@@ -290,9 +290,7 @@ def _packed(values: FloatArray) -> tuple[FloatArray, IntArray]:
 
     The fewest: of every recording what is asked of it once.
     """
-    n, recordings, _ = values.shape
-    if recordings == 1 or n == 1:
-        return values, np.repeat(np.arange(n)[:, None], recordings, axis=1)
+    recordings = values.shape[1]
     found = [np.unique(values[:, e], axis=0, return_inverse=True) for e in range(recordings)]
     packed = np.empty((max(len(asked) for asked, _ in found), *values.shape[1:]))
     for e, (asked, _) in enumerate(found):

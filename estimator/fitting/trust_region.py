@@ -245,7 +245,7 @@ def _triangle(jacobian: FloatArray, r: FloatArray) -> FloatArray:
 
 
 def _lengths(triangle: FloatArray) -> FloatArray:
-    return np.asarray(np.linalg.norm(triangle[:, :-1], axis=0))
+    return np.asarray(np.sqrt((triangle[:, :-1] ** 2).sum(axis=0)))
 
 
 def _length(x: FloatArray) -> float:

@@ -95,7 +95,7 @@ class _ToldBy:
         self.inside = polish.at_bound == 0
         if not self.inside.any():
             return
-        jacobian = np.linalg.qr(polish.jacobian, mode="r")[:, self.inside]
+        jacobian = np.asarray(np.linalg.qr(polish.jacobian, mode="r"))[:, self.inside]
         self.scale, singular, rows = scaled_svd(jacobian)
         self.rows = rows[singular > RANK_TOLERANCE * singular[0]]
         self.known = information_parts(jacobian)[0]
