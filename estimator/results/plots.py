@@ -99,9 +99,9 @@ def png(fig: Figure, *, dpi: float = DPI) -> bytes:
 
     canvas, stream = FigureCanvasAgg(fig), io.BytesIO()
     fig.set_dpi(dpi)
-    canvas.draw()
-    opaque = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
-    opaque.save(stream, format="png", compress_level=COMPRESSED, dpi=(dpi, dpi))
+    canvas.draw()  # type: ignore[no-untyped-call]
+    drawn = np.asarray(canvas.buffer_rgba())  # type: ignore[no-untyped-call]
+    Image.fromarray(drawn).convert("RGB").save(stream, format="png", compress_level=COMPRESSED, dpi=(dpi, dpi))
     return stream.getvalue()
 
 
