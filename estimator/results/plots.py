@@ -97,10 +97,11 @@ def png(fig: Figure, *, dpi: float = DPI) -> bytes:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from PIL import Image
 
-    canvas, stream = FigureCanvasAgg(fig), io.BytesIO()
+    canvas, stream, own = FigureCanvasAgg(fig), io.BytesIO(), fig.get_dpi()
     fig.set_dpi(dpi)
     canvas.draw()  # type: ignore[no-untyped-call]
     drawn = np.asarray(canvas.buffer_rgba())  # type: ignore[no-untyped-call]
+    fig.set_dpi(own)
     Image.fromarray(drawn).convert("RGB").save(stream, format="png", compress_level=COMPRESSED, dpi=(dpi, dpi))
     return stream.getvalue()
 
