@@ -151,7 +151,7 @@ def _draw(
             _name_rows(axes, rows, title=comparison.name)
             left = axes
         else:
-            axes[0].set_title("enlarged", fontsize="medium", loc="left", y=1.0)
+            axes[0].set_title("enlarged", fontsize="medium", loc="left")
             _legend(axes, beside=left)
 
 
@@ -183,7 +183,7 @@ def _rule_as(lowest: Axes, others: Sequence[Axes]) -> None:
 
 def _name_rows(axes: Sequence[Axes], rows: Sequence[Panel], *, title: str) -> None:
     """Label the left column: title, quantity, name and unit."""
-    axes[0].set_title(short(title, 55), fontsize="medium", loc="left", y=1.0)
+    axes[0].set_title(short(title, 55), fontsize="medium", loc="left")
     for ax, panel in zip(axes, rows, strict=True):
         ax.set_ylabel(f"{short(panel.title, 26)}\n[{panel.unit or '-'}]", fontsize="small")
         ax.yaxis.set_label_coords(-LABEL / COLUMN, 0.5)
