@@ -170,7 +170,7 @@ def _column(fig: Figure, rows: Sequence[Panel], *, column: int, top: float) -> l
 
 
 def _rule_as(lowest: Axes, others: Sequence[Axes]) -> None:
-    """Draw the lines of the common time axis in the others; an axis of its own takes a third of a row's time."""
+    """Draw the lines of the common time axis in the others; axes of their own take a quarter of the drawing."""
     from matplotlib.collections import LineCollection
 
     first, last = lowest.get_xlim()
