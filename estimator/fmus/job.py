@@ -150,7 +150,7 @@ def laid_out(experiments: Sequence[Experiment]) -> tuple[tuple[ExperimentLayout,
         offsets = {}
         for name, numbers in _numbers(experiment):
             offsets[name] = end
-            end += numbers.size * numbers.itemsize
+            end += 8 * numbers.size  # doubles
         layouts.append(
             ExperimentLayout(
                 samples=len(experiment.measured),
