@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +21,8 @@ TERMS = 10_000  # of a continued fraction, at most: it needs some root of the de
 
 def normal_chance(x: FloatArray) -> FloatArray:
     """Return the chances that standard normal numbers are below x, of any shape."""
-    flat = [0.5 * math.erfc(-value / math.sqrt(2)) for value in x.ravel().tolist()]
+    erfc, root = math.erfc, math.sqrt(2)
+    flat = [0.5 * erfc(-value / root) for value in x.ravel().tolist()]
     return np.array(flat).reshape(x.shape)
 
 
@@ -50,6 +52,7 @@ def chi_square_beyond(degrees: int, x: float) -> float:
     return min(total, 1.0)
 
 
+@lru_cache(maxsize=256)
 def chi_square_limit(degrees: int, chance: float) -> float:
     """Return what chi-square is above by a chance."""
 
@@ -68,6 +71,7 @@ def f_beyond(above: float, below: float, x: float) -> float:
     return 1 - _beta_part(b, a, above * x / (below + above * x))
 
 
+@lru_cache(maxsize=256)
 def f_limit(above: float, below: float, chance: float) -> float:
     """Return what F is above by a chance."""
     a, b = 0.5 * above, 0.5 * below

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import contextlib
+from functools import cache
 from pathlib import Path
 
 DISTRIBUTION = "fmu-estimator"
 
 
+@cache
 def version() -> str:
     """Return the version of this package, also when it is run from its source tree without being installed."""
     from importlib.metadata import PackageNotFoundError

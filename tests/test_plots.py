@@ -102,7 +102,7 @@ def test_no_text_covers_another_or_leaves_the_figure(name):
 def shown_labels(axis, ax):
     """Return the tick labels that lie inside the axes and are switched on."""
     side = "labelbottom" if axis is ax.xaxis else "labelleft"
-    if not axis.get_tick_params()[side]:
+    if not (axis.get_visible() and axis.get_tick_params()[side]):
         return []
     low, high = sorted(axis.get_view_interval())
     return [
@@ -122,9 +122,24 @@ def test_a_figure_is_a_png_of_moderate_size_and_shows_its_colours(name):
         assert np.any(np.all(np.abs(image[:, :, :3] - rgb) < 0.01, axis=2)), colour
 
 
-def test_the_same_estimate_gives_the_same_png():
-    one, two = (plots.png(plots.comparison_figure(CASES["short"], noise=NOISE)) for _ in range(2))
-    assert one == two
+def test_the_same_estimate_gives_the_same_png_and_the_figure_stays_as_it_was():
+    figures = [plots.comparison_figure(CASES["short"], noise=NOISE) for _ in range(2)]
+    before = figures[0].get_dpi()
+    one, two, again = (plots.png(figure) for figure in (*figures, figures[0]))
+    assert one == two == again
+    assert figures[0].get_dpi() == before != plots.DPI
+
+
+def test_all_rows_of_a_column_have_the_lines_of_its_time_axis():
+    axes = plots.comparison_figure([comparison()], noise=NOISE).axes
+    for left in sorted({ax.get_position().x0 for ax in axes}):
+        *others, lowest = (ax for ax in axes if ax.get_position().x0 == left)
+        first, last = lowest.get_xlim()
+        ticks = [t for t in lowest.get_xticks() if first <= t <= last]
+        assert len(ticks) > 2
+        for ax in others:
+            (ruled,) = (c for c in ax.collections if len(c.get_segments()) == len(ticks))
+            assert [segment[0][0] for segment in ruled.get_segments()] == ticks
 
 
 def test_signals_have_their_quantity_name_and_unit_and_residuals_lie_below():

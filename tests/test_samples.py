@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from estimator.recordings.samples import REMEMBERED, told_once
+from estimator.recordings.samples import MULTIPLIED, REMEMBERED, sum_of_logs, told_once
 
 
 def test_a_number_of_a_signal_is_told_once_for_as_long_as_the_signal_is_the_same():
@@ -20,3 +20,10 @@ def test_a_number_of_a_signal_is_told_once_for_as_long_as_the_signal_is_the_same
     assert largest(y) == 9.0
     for k in range(2 * REMEMBERED):
         assert largest(y + k) == 9.0 + k
+
+
+def test_sums_of_logarithms_are_those_of_single_ones_up_to_where_a_product_overflows():
+    rng = np.random.default_rng(1)
+    for shape in ((3, 5), (2, 8 * MULTIPLIED + 3), (4, 100, 2)):
+        numbers = rng.choice([1e-30, 1.0, 1e30], shape) * rng.uniform(1, 2, shape)
+        np.testing.assert_allclose(sum_of_logs(numbers), np.log(numbers).sum(axis=1), rtol=1e-12, atol=1e-9)

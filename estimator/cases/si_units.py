@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from functools import lru_cache
 
 from estimator.fmus.fmu import FmuDescription, Variable
 from estimator.recordings.units import parse_unit
@@ -30,6 +31,7 @@ def in_si_units(description: FmuDescription) -> FmuDescription:
     return dataclasses.replace(description, variables=tuple(in_si(v) for v in description.variables))
 
 
+@lru_cache(maxsize=4096)
 def in_si(variable: Variable) -> Variable:
     """Return a variable with its unit, start and limits in SI; `factor` and `offset` lead there."""
     unit, factor, offset = si_unit(variable)

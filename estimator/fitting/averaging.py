@@ -120,7 +120,7 @@ def averaged(
         if a.gain <= 0 or power <= (VISIBLE if known else TOLD_POWER * whole):
             continue
         information = products + (np.eye(k) if known else 0.0)  # a usual size is a prior deviation of 1
-        spread = np.linalg.pinv(information)
+        spread = np.linalg.pinv(information) if k > 1 else 1 / information
         along = unit * a.scores.along
         size = spread @ along
         gain = float(along @ size)

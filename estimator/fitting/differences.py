@@ -33,10 +33,12 @@ def slopes(
     p, forward = len(x), _forward(box, x)
     raw = raw * weights
     ahead = raw[:p]
-    behind = raw[p:] if central else np.broadcast_to(at, ahead.shape)
+    behind = raw[p:] if central else at[None, :]
     differences = ahead - behind
     if np.isfinite(differences).all():
-        return np.ascontiguousarray((differences / (forward * (2.0 if central else 1.0))[:, None]).T)
+        differences /= (forward * (2.0 if central else 1.0))[:, None]
+        return np.ascontiguousarray(differences.T)
+    behind = np.broadcast_to(behind, ahead.shape)
     columns = []
     for j in range(p):
         good_ahead, good_behind = np.isfinite(ahead[j]).all(), np.isfinite(behind[j]).all()

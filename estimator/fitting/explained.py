@@ -26,8 +26,7 @@ from estimator.fitting.least_squares_fit import LeastSquaresFit
 from estimator.fitting.rivals import settled
 from estimator.fitting.selection import Selection
 from estimator.fitting.simulator import Nuisance, Simulator, per_recording
-from estimator.fmus.fmu import describe
-from estimator.fmus.probe import driven
+from estimator.fmus.probe import bundled_model
 from estimator.fmus.workers import Workers
 from estimator.motor.names import MOTOR
 from estimator.plans.parameters import Parameter, SensorPlace
@@ -251,7 +250,7 @@ class _Rivals:
         return is_linear_motor and {*plan.names, *plan.fixed} <= {*MOTOR, "v", "load"}
 
     def _simulator(self, name: str) -> Simulator:
-        plan = self.plan.on(driven(describe(name)))
+        plan = self.plan.on(bundled_model(name))
         has = plan.binding.own
         own = [n for e in self.effects if e.fmu == name for n in e.nuisances(self.plan) if n.target in has]
         return Simulator(plan, (*self.base.nuisances, *own), self.crew, self.sigma)

@@ -140,11 +140,12 @@ def with_wandering_torque(explanation: Explanation) -> Explanation:
     (a, b), current = machine, np.abs(fit.shown[fit.whitener.moving, seat.index(0)])
     usual = abs(a[1, 0] / b[1]) * float(np.median(current)) if len(current) else 0.0
     starts = [dataclasses.replace(noise, torque=(size * usual, USUAL_TORQUE)) for size in WANDERING] + [noise]
-    begun = min((s for s in starts if s.torque[0] > 0), key=likelihood.misfit, default=noise)
-    if usual == 0.0 or likelihood.misfit(begun) > likelihood.misfit(without):
+    tried = [(likelihood.misfit(s), s) for s in starts if s.torque[0] > 0]
+    least, begun = min(tried, key=lambda t: t[0], default=(np.inf, noise))
+    if usual == 0.0 or least > (still := likelihood.misfit(without)):
         return explanation
     found, value = likelihood.largest(begun, [("torque", 0)])
-    if value > likelihood.misfit(without) - WANDERS:
+    if value > still - WANDERS:
         return explanation
     return dataclasses.replace(explanation, fit=solved(refreshed(fit, fit.whitener.of(found))))
 

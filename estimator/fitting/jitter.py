@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.conventions import LEAST_FALL
+from estimator.recordings.samples import sum_of_logs
 
 FloatArray = NDArray[np.float64]
 
@@ -13,7 +14,6 @@ STEEP = 12  # samples, where the signals are steep, that tell a jitter
 NEIGHBOURS_ALIKE = 3.0  # standard deviations of their correlation: more is a misfit, no jitter
 CAPPED = 25.0  # square of a residual: a larger one counts as this
 TOGETHER = 1_000_000  # numbers that factors are tried on at once
-MULTIPLIED = 8  # variances whose product has one logarithm: no double overflows
 NOISE_FACTORS = np.geomspace(0.35, 1.2, 16)  # tried factors on a noise that was estimated with a jitter in it
 
 
@@ -47,7 +47,7 @@ def find_jitter(z: FloatArray, slope: FloatArray, step: float) -> tuple[float, F
         steep, costs = (jitter * moved) ** 2, []
         for factors in (NOISE_FACTORS[k : k + many] for k in range(0, len(NOISE_FACTORS), many)):
             variance = factors[:, None, None] ** 2 + steep
-            costs.append(_sum_of_logs(variance) + np.sum(np.minimum(hit / variance, CAPPED), axis=1))
+            costs.append(sum_of_logs(variance) + np.sum(np.minimum(hit / variance, CAPPED), axis=1))
         return np.asarray(np.concatenate(costs) + level)  # (sizes, q)
 
     costs = [misfits(t) for t in tried]
@@ -61,11 +61,3 @@ def find_jitter(z: FloatArray, slope: FloatArray, step: float) -> tuple[float, F
     if np.count_nonzero(steep) < STEEP or gain < 2 * LEAST_FALL or abs(alike) > NEIGHBOURS_ALIKE:
         return 0.0, np.ones(z.shape[1]), 0.0
     return best, np.where(steep.any(axis=0), sizes, 1.0), gain
-
-
-def _sum_of_logs(variance: FloatArray) -> FloatArray:
-    """Return the sums of the logarithms of (c, n, q) variances, (c, q): of products of a few, a logarithm is dear."""
-    whole = variance.shape[1] // MULTIPLIED * MULTIPLIED
-    few = variance[:, :whole].reshape(len(variance), MULTIPLIED, -1, variance.shape[2])
-    together, rest = np.log(np.prod(few, axis=1)), np.log(variance[:, whole:])
-    return np.asarray(np.sum(together, axis=1) + np.sum(rest, axis=1))

@@ -271,8 +271,9 @@ class LeastSquares:
     def _weighed(self, raw: FloatArray, weights: FloatArray) -> FloatArray:
         """Return residuals, (c, m), over their deviations; large ones where the simulation failed."""
         weighted = raw * weights
-        failed = ~np.isfinite(weighted).all(axis=1)
-        weighted[failed] = FAILED_RESIDUAL
+        sound = np.isfinite(weighted)
+        if not sound.all():
+            weighted[~sound.all(axis=1)] = FAILED_RESIDUAL
         return np.asarray(weighted)
 
 

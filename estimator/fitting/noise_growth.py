@@ -10,13 +10,14 @@ from numpy.typing import NDArray
 from estimator.conventions import LEAST_FALL, MEDIAN_SIZE, SECOND_DIFFERENCE, T_FREEDOM, T_MEDIAN
 from estimator.fitting.noise_model import NoiseModel, grown
 from estimator.fitting.whitener import Whitener
-from estimator.recordings.samples import median, medians
+from estimator.recordings.samples import median, medians, sum_of_logs
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 TOGETHER = 1_000_000  # numbers that growths are tried on at once
 DIFFERENCES = 8000  # second differences that tell the growth; of more than twice as many some are left out
+FARTHEST = 1e37  # of a square, in deviations: a larger one counts as this
 LOUD_SAMPLES = 25  # samples of a large signal, and as many below half of it: fewer do not show a growth
 
 
@@ -68,9 +69,11 @@ def growth_of(residuals: FloatArray, whitener: Whitener, j: int, sharp: BoolArra
             g = grown(some[:, None] * level, p)
             ratio = sizes / g
             unit = np.maximum(medians(ratio) / T_MEDIAN, floor)
-            far = np.log1p(ratio * ratio / (T_FREEDOM * unit**2)[:, None])
-            logs = np.sum(np.log(g), axis=1) + len(d) * np.log(unit)
-            found.append(2 * logs + (T_FREEDOM + 1) * np.sum(far, axis=1))
+            far = ratio * ratio
+            far /= (T_FREEDOM * unit**2)[:, None]
+            far = np.minimum(far, FARTHEST) + 1.0
+            logs = sum_of_logs(g) + len(d) * np.log(unit)
+            found.append(2 * logs + (T_FREEDOM + 1) * sum_of_logs(far))
         return np.concatenate(found)
 
     found = []

@@ -140,7 +140,7 @@ class NoiseModel:
         for _ in range(60 if phase == RUNS else 0):  # P = F P F' + Q by doubling
             more = step @ start @ step.T
             start = start + more
-            if np.trace(more) <= 1e-12 * np.trace(start):
+            if more.trace() <= 1e-12 * start.trace():
                 break
             step = step @ step
         readout = np.zeros((len(self.white), 3))

@@ -129,8 +129,8 @@ class Problem:
         """
         self._take_over()
         values = self._asked(candidates, late)
-        packed, which = _packed(values)
-        if len(packed) < len(values):
+        if len(values) > 1 and len(self.plan.observed) > 1 and len((asked := _packed(values))[0]) < len(values):
+            packed, which = asked
             batch = self.workers.run(packed, refine=refine, record=True)
             if not batch.failed.any():
                 assert batch.shown is not None
@@ -215,10 +215,15 @@ class Problem:
 
     def _values(self, candidates: FloatArray) -> FloatArray:
         """Return the FMU's parameters, then the sensors' values, (n, recordings, values)."""
-        free = candidates[:, self._column] * self._gain + self._shift
-        constant = np.broadcast_to(self._constant, (*free.shape[:2], len(self._constant)))
-        values = np.concatenate([free, constant], axis=2)
-        return np.concatenate([values, self._sensor_values(candidates)], axis=2) if self._has_sensors else values
+        recordings, free = self._column.shape
+        held = free + len(self._constant)
+        sensors = 1 + 3 * len(self.outputs) if self._has_sensors else 0
+        values = np.empty((len(candidates), recordings, held + sensors))
+        values[:, :, :free] = candidates[:, self._column] * self._gain + self._shift
+        values[:, :, free:held] = self._constant
+        if sensors:
+            values[:, :, held:] = self._sensor_values(candidates)
+        return values
 
     def _sensor_values(self, candidates: FloatArray) -> FloatArray:
         """Return the inputs' delay, then gain, offset and further delay of every output, (n, recordings, values)."""
@@ -285,9 +290,7 @@ def _packed(values: FloatArray) -> tuple[FloatArray, IntArray]:
 
     The fewest: of every recording what is asked of it once.
     """
-    n, recordings, _ = values.shape
-    if recordings == 1 or n == 1:
-        return values, np.repeat(np.arange(n)[:, None], recordings, axis=1)
+    recordings = values.shape[1]
     found = [np.unique(values[:, e], axis=0, return_inverse=True) for e in range(recordings)]
     packed = np.empty((max(len(asked) for asked, _ in found), *values.shape[1:]))
     for e, (asked, _) in enumerate(found):

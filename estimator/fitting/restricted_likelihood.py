@@ -6,6 +6,7 @@ Restricted: it allows for the degrees of freedom of the fitted parameters (Patte
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -40,23 +41,24 @@ class RestrictedLikelihood:
         norms = np.linalg.norm(stacked[:, :, 1:].reshape(-1, stacked.shape[2] - 1), axis=0)
         stacked[:, :, 1:] /= np.where(norms > 0, norms, 1.0)
         self.whitener, self.stacked = whitener, stacked
+        self._counts = whitener.present.sum(axis=0)
         self._of_unit_noise: dict[bytes, tuple[FloatArray, float]] = {}  # by growth: products of each channel, logs
 
     def misfit(self, noise: NoiseModel) -> float:
         """Return -2 log restricted likelihood, up to a constant; inf where the noise is out of all proportion."""
         with np.errstate(over="ignore", invalid="ignore"):  # as that of a recording without noise may be
             products, total = self._products(noise)
-        if not np.all(np.isfinite(products)):
-            return np.inf
+        if not np.isfinite(products).all():
+            return math.inf
         value = total + float(products[0, 0])
         if len(products) > 1:
             information, along = products[1:, 1:], products[1:, 0]
-            scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
-            eigen, vectors = np.linalg.eigh(information / np.outer(scale, scale))
+            scale = np.sqrt(np.maximum(information.diagonal(), 1e-300))
+            eigen, vectors = np.linalg.eigh(information / (scale[:, None] * scale))
             seen = eigen > 1e-9
-            along = (vectors.T @ (along / scale))[seen]
-            value += float(-np.sum(along**2 / eigen[seen]) + np.sum(np.log(eigen[seen])) + 2 * np.sum(np.log(scale)))
-        return value if np.isfinite(value) else np.inf
+            along, eigen = (vectors.T @ (along / scale))[seen], eigen[seen]
+            value += float(-(along**2 / eigen).sum() + np.log(eigen).sum() + 2 * np.log(scale).sum())
+        return value if math.isfinite(value) else math.inf
 
     def _products(self, noise: NoiseModel) -> tuple[FloatArray, float]:
         """Return the scalar products of the whitened columns, and the sum of log variances."""
@@ -71,8 +73,7 @@ class RestrictedLikelihood:
             self._of_unit_noise[key] = np.array([own.T @ own for own in whitened.transpose(1, 0, 2)]), total
         own, total = self._of_unit_noise[key]
         variance = np.maximum(noise.white**2, 1e-300)
-        counts = self.whitener.present.sum(axis=0)
-        return np.asarray((own / variance[:, None, None]).sum(axis=0)), total + float(counts @ np.log(variance))
+        return np.asarray((own / variance[:, None, None]).sum(axis=0)), total + float(self._counts @ np.log(variance))
 
     def largest(
         self, noise: NoiseModel, active: Sequence[Component], *, iterations: int = 12

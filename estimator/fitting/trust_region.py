@@ -11,6 +11,7 @@ lowers the model most. All iterates lie inside. It is the method of SciPy's ``le
 
 from __future__ import annotations
 
+import math
 from collections.abc import Generator
 from dataclasses import dataclass
 
@@ -52,7 +53,7 @@ def steps(x: FloatArray, *, low: FloatArray, high: FloatArray, evaluations: int,
     while True:
         model = _Model.at(x, triangle, low, high, 1 / lengths, len(r))
         if radius < 0:
-            radius = float(np.linalg.norm(x * lengths / np.sqrt(model.distance))) or 1.0
+            radius = _length(x * lengths / np.sqrt(model.distance)) or 1.0
         if model.steepness < LEAST_GRADIENT or left <= 0:
             break
         fell, ended = -1.0, False
@@ -61,7 +62,7 @@ def steps(x: FloatArray, *, low: FloatArray, high: FloatArray, evaluations: int,
             step, predicted = model.chosen(scaled, radius)
             tried = _inside(x + model.scale * step, low, high)
             there, left = (yield tried, False), left - 1
-            length = float(np.linalg.norm(step))
+            length = _length(step)
             if not np.isfinite(there).all():
                 radius = POOR * length
                 continue
@@ -73,8 +74,8 @@ def steps(x: FloatArray, *, low: FloatArray, high: FloatArray, evaluations: int,
                 radius = POOR * length
             elif ratio > GOOD and length > CUT * radius:
                 radius *= 2
-            moved = float(np.linalg.norm(model.scale * step))
-            ended = (fell < ftol * cost and ratio > POOR) or moved < xtol * (xtol + float(np.linalg.norm(x)))
+            moved = _length(model.scale * step)
+            ended = (fell < ftol * cost and ratio > POOR) or moved < xtol * (xtol + _length(x))
             if ended:
                 break
             damping *= before / radius
@@ -88,7 +89,7 @@ def steps(x: FloatArray, *, low: FloatArray, high: FloatArray, evaluations: int,
     return x, 2 * cost
 
 
-@dataclass(frozen=True)
+@dataclass
 class _Model:
     """The sum of squares about a point, quadratic in scaled steps: g's + s'(A'A + D)s / 2.
 
@@ -125,16 +126,20 @@ class _Model:
         """Return the model at x of a triangle, (p + 1, p + 1), of so many rows, and the sizes of parameters, (p,)."""
         p = len(x)
         gradient = triangle[:, :p].T @ triangle[:, p]
-        up, down = (gradient < 0) & np.isfinite(high), (gradient > 0) & np.isfinite(low)
+        up, down = (gradient < 0) & (high < np.inf), (gradient > 0) & (low > -np.inf)
         distance = np.where(up, high - x, np.where(down, x - low, 1.0))
-        slope = np.where(up, -1.0, np.where(down, 1.0, 0.0))
-        steepness = float(np.max(np.abs(gradient * distance)))
-        distance = np.where(up | down, distance / size, 1.0)
+        bounded = up | down
+        steepness = float(np.abs(gradient * distance).max())
+        distance = np.where(bounded, distance / size, 1.0)
         scale = np.sqrt(distance) * size
-        d = gradient * slope * size
-        a = triangle[:, :p] * scale
-        u, singular, rows = np.linalg.svd(np.vstack([a, np.diag(np.sqrt(d))]), full_matrices=False)
-        along = u[: len(a)].T @ triangle[:, p]
+        d = np.where(bounded, np.abs(gradient), 0.0) * size
+        k = len(triangle)
+        stacked = np.zeros((k + p, p))
+        a = stacked[:k]
+        np.multiply(triangle[:, :p], scale, out=a)
+        stacked[k:].ravel()[:: p + 1] = np.sqrt(d)
+        u, singular, rows = np.linalg.svd(stacked, full_matrices=False)
+        along = u[:k].T @ triangle[:, p]
         return cls(x, low, high, distance, scale, a, scale * gradient, d, steepness, singular, rows, along, count)
 
     def within(self, radius: float, damping: float) -> tuple[FloatArray, float]:
@@ -143,36 +148,39 @@ class _Model:
         full = bool(s[-1] > np.finfo(float).eps * self.count * s[0])
         if full:
             step = -self.rows.T @ (self.along / s)
-            if float(np.linalg.norm(step)) <= radius:
+            if _length(step) <= radius:
                 return step, 0.0
 
-        def beyond(damping: float) -> tuple[float, float]:
-            parts = weighted / (s**2 + damping)
-            length = float(np.linalg.norm(parts))
-            return length - radius, -float(np.sum(parts**2 / (s**2 + damping))) / length
+        squares = s**2
 
-        most, least = float(np.linalg.norm(weighted)) / radius, 0.0
+        def beyond(damping: float) -> tuple[float, float]:
+            damped = squares + damping
+            parts = weighted / damped
+            length = _length(parts)
+            return length - radius, -float((parts**2 / damped).sum()) / length
+
+        most, least = _length(weighted) / radius, 0.0
         if full:
             excess, slope = beyond(0.0)
             least = -excess / slope
         if not full and damping == 0.0:
-            damping = max(0.001 * most, np.sqrt(least * most))
+            damping = max(0.001 * most, math.sqrt(max(least * most, 0.0)))
         for _ in range(10):
             if not least <= damping <= most:
-                damping = max(0.001 * most, np.sqrt(least * most))
+                damping = max(0.001 * most, math.sqrt(max(least * most, 0.0)))
             excess, slope = beyond(damping)
             most = damping if excess < 0 else most
             least = max(least, damping - excess / slope)
             damping -= (excess + radius) / radius * excess / slope
             if abs(excess) < ON_RADIUS * radius:
                 break
-        step = -self.rows.T @ (weighted / (s**2 + damping))
-        return np.asarray(step * (radius / float(np.linalg.norm(step)))), float(damping)
+        step = -self.rows.T @ (weighted / (squares + damping))
+        return np.asarray(step * (radius / _length(step))), float(damping)
 
     def chosen(self, step: FloatArray, radius: float) -> tuple[FloatArray, float]:
         """Return the scaled step that stays inside and lowers the model most, and by how much it does."""
         whole = self.x + self.scale * step
-        if np.all((whole >= self.low) & (whole <= self.high)):
+        if ((whole >= self.low) & (whole <= self.high)).all():
             return step, -self._value(step)
         part = max(INSIDE, 1 - self.steepness)
         reached, hit = self._to_bound(self.x, self.scale * step)
@@ -189,7 +197,7 @@ class _Model:
             if first <= last:
                 found.append(step + self._best_along(back, first, last, begin=step) * back)
         down = -self.g
-        to_radius, (to_bound, _) = radius / float(np.linalg.norm(down)), self._to_bound(self.x, self.scale * down)
+        to_radius, (to_bound, _) = radius / _length(down), self._to_bound(self.x, self.scale * down)
         found.append(self._best_along(down, 0.0, part * to_bound if to_bound < to_radius else to_radius) * down)
         values = [self._value(f) for f in found]
         k = int(np.argmin(values))
@@ -225,20 +233,28 @@ def _to_radius(begin: FloatArray, way: FloatArray, radius: float) -> float:
     a, b, c = float(way @ way), float(begin @ way), float(begin @ begin) - radius**2
     if a == 0:
         return 0.0
-    q = -(b + np.copysign(np.sqrt(max(b * b - a * c, 0.0)), b))
+    q = -(b + math.copysign(math.sqrt(max(b * b - a * c, 0.0)), b))
     return float(max(q / a, c / q if q != 0 else 0.0))
 
 
 def _triangle(jacobian: FloatArray, r: FloatArray) -> FloatArray:
     """Return R of [J r] = Q R, (k, p + 1): it has all scalar products of the columns and the residuals."""
-    return triangle(np.column_stack([jacobian, r]))
+    both = np.empty((len(r), jacobian.shape[1] + 1))
+    both[:, :-1], both[:, -1] = jacobian, r
+    return triangle(both)
 
 
 def _lengths(triangle: FloatArray) -> FloatArray:
-    return np.asarray(np.linalg.norm(triangle[:, :-1], axis=0))
+    return np.asarray(np.sqrt((triangle[:, :-1] ** 2).sum(axis=0)))
+
+
+def _length(x: FloatArray) -> float:
+    return math.sqrt(float(x @ x))
 
 
 def _inside(x: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
     """Return a point that lies strictly between the bounds."""
+    if ((x > low) & (x < high)).all():
+        return x
     x = np.where(x <= low, np.nextafter(low, high), np.where(x >= high, np.nextafter(high, low), x))
     return np.asarray(np.where((x < low) | (x > high), 0.5 * (low + high), x))

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import mmap
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -143,27 +143,38 @@ class Batch:
         return Batch(self.costs[part], self.steps[part], self.failed[part], shown)
 
 
-def write_numbers(path: Path, experiments: Sequence[Experiment]) -> tuple[ExperimentLayout, ...]:
-    """Write the experiments' numbers to a file; return where each stands."""
-    layouts = []
-    with open(path, "wb") as file:
-        for experiment in experiments:
-            offsets = {}
-            for name in ("inputs", "measured", "weights", "times"):
-                if getattr(experiment, name) is None:
-                    continue
-                offsets[name] = file.tell()
-                file.write(np.ascontiguousarray(getattr(experiment, name), dtype=np.float64).tobytes())
-            layouts.append(
-                ExperimentLayout(
-                    samples=len(experiment.measured),
-                    substeps=experiment.substeps,
-                    start=experiment.start,
-                    interval=experiment.interval,
-                    complete=not np.isnan(experiment.measured).any(),
-                    chains=experiment.chains,
-                    **offsets,
-                )
+def laid_out(experiments: Sequence[Experiment]) -> tuple[tuple[ExperimentLayout, ...], int]:
+    """Return where the experiments' numbers stand in memory, and how many bytes they take."""
+    layouts, end = [], 0
+    for experiment in experiments:
+        offsets = {}
+        for name, numbers in _numbers(experiment):
+            offsets[name] = end
+            end += 8 * numbers.size  # doubles
+        layouts.append(
+            ExperimentLayout(
+                samples=len(experiment.measured),
+                substeps=experiment.substeps,
+                start=experiment.start,
+                interval=experiment.interval,
+                complete=not np.isnan(experiment.measured).any(),
+                chains=experiment.chains,
+                **offsets,
             )
-        file.write(bytes(8))  # never empty
-    return tuple(layouts)
+        )
+    return tuple(layouts), end + 8  # never empty
+
+
+def write_numbers(memory: mmap.mmap, experiments: Sequence[Experiment], layouts: Sequence[ExperimentLayout]) -> None:
+    """Write the experiments' numbers to where they stand."""
+    for experiment, layout in zip(experiments, layouts, strict=True):
+        for name, numbers in _numbers(experiment):
+            there = np.frombuffer(memory, count=numbers.size, offset=getattr(layout, name))
+            there.reshape(numbers.shape)[:] = numbers
+
+
+def _numbers(experiment: Experiment) -> Iterator[tuple[str, FloatArray]]:
+    """Yield the arrays that a worker reads, by name."""
+    for name in ("inputs", "measured", "weights", "times"):
+        if (numbers := getattr(experiment, name)) is not None:
+            yield name, numbers

@@ -14,10 +14,11 @@ import dataclasses
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cache
 from typing import Any
 
 from estimator.errors import FmuError
-from estimator.fmus.fmu import FmuDescription, check_usable, with_kind
+from estimator.fmus.fmu import FmuDescription, check_usable, describe, with_kind
 from estimator.fmus.probe_stages import Stages, Stopped
 from estimator.fmus.run_folder import RunFolder
 from estimator.stepping.library import check_installed
@@ -87,6 +88,12 @@ def disagreement(probes: Mapping[str, Probe]) -> str:
         f" {100 * apart:.2g} % of their range apart; the solver inside the co-simulation may be coarse, so try a finer"
         " step, or model-exchange"
     )
+
+
+@cache
+def bundled_model(name: str) -> FmuDescription:
+    """Return the description of a bundled model; that its FMU is that of its sources is looked at once."""
+    return describe(name)
 
 
 def driven(description: FmuDescription) -> FmuDescription:

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from estimator.errors import FmuError, SimulationError
 from estimator.fmus.archive import extract
 from estimator.fmus.fmu import FmuDescription, check_usable
-from estimator.fmus.job import Batch, Failure, Job, write_numbers
+from estimator.fmus.job import Batch, Failure, Job, laid_out, write_numbers
 from estimator.fmus.mailbox import Mailbox
 from estimator.fmus.process import IDLE, RUNNING, STARTING, Process, how_it_ended
 from estimator.fmus.run_folder import RunFolder
@@ -64,7 +64,7 @@ class _Loaded:
     memory: mmap.mmap
     order: dict[str, Any]
     files: tuple[Path, Path]
-    descriptor: int | None
+    descriptors: tuple[int, ...]
 
     def views(self) -> dict[str, NDArray[Any]]:
         """Return the fields of the memory as arrays, by name."""
@@ -84,8 +84,8 @@ class _Loaded:
 
     def release(self) -> None:
         """Remove the files: the memory goes when nobody uses it any more."""
-        if self.descriptor is not None:
-            os.close(self.descriptor)
+        for descriptor in self.descriptors:
+            os.close(descriptor)
         for file in self.files:
             with contextlib.suppress(OSError):  # still mapped: it goes with the folder
                 file.unlink()
@@ -181,9 +181,10 @@ class Workers:
             rows=rows,
         )
         key = self._jobs + 1
-        memory, shared_file, descriptor = _memory(shared.size, self._folder.path / f"shared-{key}")
-        numbers_file = self._folder.path / f"numbers-{key}"
-        layouts = write_numbers(numbers_file, job.experiments)
+        memory, shared_file, own = _memory(shared.size, self._folder.path / f"shared-{key}")
+        layouts, size = laid_out(job.experiments)
+        numbers, numbers_file, beside = _memory(size, self._folder.path / f"numbers-{key}")
+        write_numbers(numbers, job.experiments, layouts)
         layout = job.layout(str(folder), layouts)
         order = {
             "key": key,
@@ -193,7 +194,7 @@ class Workers:
             "numbers_file": str(numbers_file),
             "memory_limit": self.memory_limit,
         }
-        return _Loaded(job, shared, memory, order, (shared_file, numbers_file), descriptor)
+        return _Loaded(job, shared, memory, order, (shared_file, numbers_file), (*own, *beside))
 
     def run(
         self, values: FloatArray, *, bounds: FloatArray | None = None, refine: int = 1, record: bool = False
@@ -310,15 +311,14 @@ class Workers:
     def _collect(
         self, values: FloatArray, costs: FloatArray, steps: IntArray, outcomes: IntArray, batch: Batch, *, refine: int
     ) -> None:
-        n, kinds = len(values), outcomes % 256
-        failed = (kinds != FINISHED) & (kinds != CUT_SHORT)
-        costs[failed] = np.inf
-        self.simulations += n
+        self.simulations += len(values)
         self.steps += int(steps.sum())
-        self.failed += int(failed.sum())
-        for index in np.flatnonzero(failed):
-            self._remember(int(index), int(outcomes[index]), values[index], done=int(steps[index]), refine=refine)
-        batch.costs[:], batch.steps[:], batch.failed[:] = costs, steps, failed
+        failed = np.flatnonzero(((kinds := outcomes % 256) != FINISHED) & (kinds != CUT_SHORT))
+        self.failed += len(failed)
+        batch.costs[:], batch.steps[:], batch.failed[:] = costs, steps, False
+        batch.costs[failed], batch.failed[failed] = np.inf, True
+        for index in failed.tolist():
+            self._remember(index, int(outcomes[index]), values[index], done=int(steps[index]), refine=refine)
         if batch.shown is not None:
             batch.shown[:] = self._views["shown"][: batch.shown.size].reshape(batch.shown.shape)
             batch.shown[failed] = np.nan
@@ -421,7 +421,7 @@ class Workers:
         return self._job.description.path.name if self._job is not None else "the FMU"
 
 
-def _memory(size: int, file: Path) -> tuple[mmap.mmap, Path, int | None]:
+def _memory(size: int, file: Path) -> tuple[mmap.mmap, Path, tuple[int, ...]]:
     """Return memory that is shared, the file by which workers find it, and what is to be closed after use.
 
     On Linux the file lies in memory, and goes with its owner: of one on a disk each page that is used is written there.
@@ -431,8 +431,8 @@ def _memory(size: int, file: Path) -> tuple[mmap.mmap, Path, int | None]:
         own = Path(f"/proc/{os.getpid()}/fd/{descriptor}")
         if os.access(own, os.R_OK | os.W_OK):
             os.truncate(descriptor, size)
-            return mmap.mmap(descriptor, size), own, descriptor
+            return mmap.mmap(descriptor, size), own, (descriptor,)
         os.close(descriptor)
     with open(file, "w+b") as made:
         made.truncate(size)
-        return mmap.mmap(made.fileno(), size), file, None
+        return mmap.mmap(made.fileno(), size), file, ()

@@ -51,11 +51,11 @@ def told_quantities(
     if not is_motor(values) or values["R"] <= 0 or values["K"] == 0:
         return {}
     told = "L" in names and polish.at_bound[list(names).index("L")] == 0
-    result, triangle = {}, _triangle(polish)
+    result, told_by = {}, _ToldBy(polish)
     for name, (unit, quantity) in derived_quantities(values, with_winding=bool(told)).items():
         value = quantity(values)
         gradient = _gradient(quantity, values, names, log)
-        error = _standard_error(gradient, polish, triangle)
+        error = told_by.standard_error(gradient)
         if error is not None and np.isfinite(value) and error < USEFUL * abs(value):
             result[name] = DerivedQuantity(float(value), error, unit, budget.of(gradient) if budget else {})
     return result
@@ -75,37 +75,43 @@ def products(
     """
     if not determined:
         return {}
-    result, triangle = {}, _triangle(polish)
+    result, told_by = {}, _ToldBy(polish)
     for powers in determined:
 
         def product(of: Values, powers: Mapping[str, int] = powers) -> float:
             return float(np.prod([of[n] ** e for n, e in powers.items()]))
 
-        error = _standard_error(_gradient(product, values, names, log), polish, triangle)
+        error = told_by.standard_error(_gradient(product, values, names, log))
         if error is not None:
             unit = written({f"({units[n]})": e for n, e in powers.items()}) if all(units[n] for n in powers) else ""
             result[written(powers)] = DerivedQuantity(product(values), error, unit)
     return result
 
 
-def _triangle(polish: LeastSquaresFit) -> FloatArray:
-    """Return the triangular factor of a fit's Jacobian, (p, p): it has the same scalar products."""
-    return np.asarray(np.linalg.qr(polish.jacobian, mode="r"))
+class _ToldBy:
+    """What a fit tells of quantities; its Jacobian's triangular factor has the same scalar products, and is small."""
 
+    def __init__(self, polish: LeastSquaresFit) -> None:
+        self.inside = polish.at_bound == 0
+        if not self.inside.any():
+            return
+        jacobian = np.asarray(np.linalg.qr(polish.jacobian, mode="r"))[:, self.inside]
+        self.scale, singular, rows = scaled_svd(jacobian)
+        self.rows = rows[singular > RANK_TOLERANCE * singular[0]]
+        self.known = information_parts(jacobian)[0]
+        self.scores = polish.scores[np.ix_(self.inside, self.inside)]
 
-def _standard_error(gradient: FloatArray, polish: LeastSquaresFit, triangle: FloatArray) -> float | None:
-    """Return the standard error of a quantity with this (p,) gradient; None if it is not determined."""
-    inside = polish.at_bound == 0
-    if np.any(gradient[~inside] != 0) or not inside.any():
-        return None
-    jacobian, g = triangle[:, inside], gradient[inside]
-    scale, singular, rows = scaled_svd(jacobian)
-    rows, g_scaled = rows[singular > RANK_TOLERANCE * singular[0]], g / scale
-    if np.linalg.norm(g_scaled - (rows @ g_scaled) @ rows) > OUTSIDE * np.linalg.norm(g_scaled):
-        return None
-    a = information_parts(jacobian)[0] @ g
-    variance = float(a @ polish.scores[np.ix_(inside, inside)] @ a)
-    return float(np.sqrt(variance)) if variance > 0 else None  # below 0 by rounding: not determined
+    def standard_error(self, gradient: FloatArray) -> float | None:
+        """Return the standard error of a quantity with this (p,) gradient; None if it is not determined."""
+        if np.any(gradient[~self.inside] != 0) or not self.inside.any():
+            return None
+        g = gradient[self.inside]
+        scaled = g / self.scale
+        if np.linalg.norm(scaled - (self.rows @ scaled) @ self.rows) > OUTSIDE * np.linalg.norm(scaled):
+            return None
+        a = self.known @ g
+        variance = float(a @ self.scores @ a)
+        return float(np.sqrt(variance)) if variance > 0 else None  # below 0 by rounding: not determined
 
 
 def _gradient(

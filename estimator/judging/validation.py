@@ -25,7 +25,7 @@ from estimator.fitting.gauss_newton import solved
 from estimator.fitting.noise_model import NoiseModel
 from estimator.fitting.simulator import Nuisance, Simulator, per_recording
 from estimator.fmus.fmu import FmuDescription, describe, with_kind
-from estimator.fmus.probe import driven
+from estimator.fmus.probe import bundled_model, driven
 from estimator.fmus.workers import Workers
 from estimator.judging.other_values import other_values
 from estimator.judging.outcome import comparisons, figures
@@ -188,7 +188,7 @@ def _bench(plan: Plan, chain: Mapping[str, float]) -> tuple[FmuDescription, tupl
         if effect.fmu and not {n.name for n in own} & set(chain):
             continue
         if effect.fmu:
-            description = driven(describe(effect.fmu))
+            description = bundled_model(effect.fmu)
         nuisances = {**{n.name: n for n in own}, **nuisances}
     return description, tuple(nuisances.values())
 

@@ -53,8 +53,8 @@ def clipped(y: FloatArray) -> NDArray[np.bool_]:
 def _shown_anew(y: FloatArray) -> NDArray[np.int64]:
     """Return the rows at which a logger that shows each sample so many times shows another; of others all rows."""
     starts = np.flatnonzero(np.concatenate([[True], y[1:] != y[:-1]]))
-    lengths = np.diff([*starts, len(y)])
-    times = int(np.median(lengths)) if len(lengths) else 1
+    lengths = np.diff(starts, append=len(y))
+    times = int(median(lengths)) if len(lengths) else 1
     if times < 2 or np.mean(lengths == times) < EACH:
         return np.arange(len(y))
     return np.concatenate([np.arange(a, a + n, times) for a, n in zip(starts, lengths, strict=True)])

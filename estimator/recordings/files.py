@@ -58,5 +58,6 @@ def _names_several(path: Path) -> bool:
             lines = file.read(HEAD).decode("latin-1").splitlines()[:HEADER_LINES]
     except OSError:
         return False
-    rows = [line.split(mark) for line in lines for mark in ",;\t"]
+    # A line without letters names nothing.
+    rows = [line.split(mark) for line in lines if line.lower() != line.upper() for mark in ",;\t"]
     return any(len(row) > 2 and motors_named([parse_header(cell.strip(' "#%')).name for cell in row]) for row in rows)

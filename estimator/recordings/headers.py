@@ -6,6 +6,7 @@ import re
 import unicodedata
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 from estimator.recordings.units import Unit, parse_unit, unit_of
 
@@ -110,6 +111,7 @@ _NEVER_SUFFIX = frozenset({"min", "s", "m", "K", "N", "H", "W", "1", "-", "g", "
 _BRACKETS = re.compile(r"(?P<name>.*?)\s*(?:\[(?P<square>[^\[\]]*)\]|\((?P<round>[^()]*)\))", re.DOTALL)
 
 
+@lru_cache(maxsize=4096)
 def plain(name: str) -> str:
     """Return the form in which names are compared: ``"Armature Voltage"`` → ``"armature_voltage"``; no accents."""
     name = "".join(c for c in unicodedata.normalize("NFD", name) if not unicodedata.combining(c))
@@ -186,6 +188,7 @@ def assumed_unit_text(name: str) -> str | None:
     return None if quantity is None else _USUAL_UNITS.get(plain(name), unit_of(quantity).si)
 
 
+@lru_cache(maxsize=4096)
 def parse_header(text: str) -> Header:
     """Take a header apart: ``speed [rpm]``, ``speed (rpm)``, ``speed_rpm``, ``speed/rpm``, ``speed rpm``.
 

@@ -134,17 +134,17 @@ class _Measured:
         v, i, w = (self.signals[name] for name in ("v", "i", "w"))
         if not np.any(np.abs(np.diff(v))[LEAD:] > JUMP * np.ptp(v)):
             return None
-        as_read, turned = lag_misfit(self.time, i, w), lag_misfit(self.time, w, i)
-        if as_read > UNEXPLAINED and turned < EXPLAINED:
-            return Finding(
-                "exchanged",
-                f"{self.title}: current and speed look exchanged: what was read as the current follows what was read as"
-                f" the speed as a shaft follows its torque (misfit {100 * turned:.1g} % against {100 * as_read:.2g} %);"
-                f" exchange their headers, or say {self._option('i', 'w', 'A')} {self._option('w', 'i', 'rad/s')}",
-                is_fatal=True,
-                evidence=self._response("i", "w"),
-            )
-        return None
+        as_read = lag_misfit(self.time, i, w)
+        if as_read <= UNEXPLAINED or (turned := lag_misfit(self.time, w, i)) >= EXPLAINED:
+            return None
+        return Finding(
+            "exchanged",
+            f"{self.title}: current and speed look exchanged: what was read as the current follows what was read as"
+            f" the speed as a shaft follows its torque (misfit {100 * turned:.1g} % against {100 * as_read:.2g} %);"
+            f" exchange their headers, or say {self._option('i', 'w', 'A')} {self._option('w', 'i', 'rad/s')}",
+            is_fatal=True,
+            evidence=self._response("i", "w"),
+        )
 
     def lone(self) -> list[Finding]:
         """Find a few samples so large that nothing but a logger's error makes them."""

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 
 REMEMBERED = 64  # signals of which something is told
+MULTIPLIED = 8  # numbers whose product has one logarithm: below 1e38 no double overflows
 
 
 def filled(y: FloatArray) -> FloatArray:
@@ -41,6 +42,14 @@ def medians(rows: FloatArray) -> FloatArray:
     k = rows.shape[1] // 2
     part = np.partition(rows, k, axis=1)
     return part[:, k] if rows.shape[1] % 2 else (np.max(part[:, :k], axis=1) + part[:, k]) / 2
+
+
+def sum_of_logs(numbers: FloatArray) -> FloatArray:
+    """Return the sums of the logarithms of (m, n, ...) numbers, (m, ...): of products of a few, a logarithm is dear."""
+    whole = numbers.shape[1] // MULTIPLIED * MULTIPLIED
+    few = numbers[:, :whole].reshape(len(numbers), MULTIPLIED, -1, *numbers.shape[2:])
+    together, rest = np.log(np.prod(few, axis=1)), np.log(numbers[:, whole:])
+    return np.asarray(np.sum(together, axis=1) + np.sum(rest, axis=1))
 
 
 def mean_of_known(y: FloatArray) -> float:
