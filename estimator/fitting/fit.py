@@ -18,6 +18,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.fitting.in_parts import Columns, Made
 from estimator.fitting.information import information_parts
 from estimator.fitting.noise_model import NoiseModel
 from estimator.fitting.projection import Projection, triangle
@@ -102,9 +103,14 @@ class Fit:
         return np.concatenate([self.slopes.raw, *columns], axis=2) if columns else self.slopes.raw
 
     @cached_property
+    def whitened(self) -> Columns:
+        """The same whitened, (rows q, f + m); of a long recording not held."""
+        return self.whitener.whitened(self.slopes.raw, *(g.columns for g in self.linear))
+
+    @property
     def jacobian(self) -> FloatArray:
-        """The same whitened, (rows q, f + m)."""
-        return self.whitener.flat(self.raw)
+        """The same, held by who asks."""
+        return self.whitened[:]
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -172,7 +178,7 @@ class Fit:
         open_ones = (at_bound == 0) | (at_bound == -1) & self.is_log
         told, untold = np.zeros((2, len(at_bound), len(at_bound)))
         if open_ones.any():
-            parts = information_parts(triangle(self.jacobian[:, open_ones]))
+            parts = information_parts(triangle(_chosen(self.whitened, open_ones)))
             told[np.ix_(open_ones, open_ones)], untold[np.ix_(open_ones, open_ones)] = parts
         for part in (told, untold):
             part[at_bound != 0] = part[:, at_bound != 0] = 0.0
@@ -188,8 +194,8 @@ class Fit:
 
     @cached_property
     def _test(self) -> ScoreTest:
-        known = Projection(self.jacobian[:, self.at_bound == 0])
-        return ScoreTest(self.whitener, known.basis, known.rest(self.z))
+        known = Projection(_chosen(self.whitened, self.at_bound == 0))
+        return ScoreTest(self.whitener, known, known.rest(self.z))
 
     def once(self, told: Callable[[Fit], T]) -> T:
         """Return what a function tells of this fit, asked once; it is not to be changed."""
@@ -201,6 +207,13 @@ class Fit:
     @cached_property
     def _told(self) -> dict[Callable[[Fit], object], Any]:
         return {}
+
+
+def _chosen(columns: Columns, which: BoolArray) -> Columns:
+    """Return some of columns; of all no copy."""
+    if which.all():
+        return columns
+    return Made(lambda at: columns[at][:, which], len(columns)) if isinstance(columns, Made) else columns[:, which]
 
 
 def new_fit(simulator: Simulator, values: FloatArray, free: Sequence[str], noise: NoiseModel) -> Fit:

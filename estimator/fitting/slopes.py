@@ -67,8 +67,9 @@ class Point:
                 if not np.isfinite(back).all():
                     back, width = self.shown, ahead[k] - x[k]
                 if np.isfinite(there).all():
-                    np.subtract(there, back, out=result[:, :, k])
-                    result[:, :, k] /= width
+                    there -= back
+                    there /= width
+                    result[:, :, k] = there
         return result
 
 
