@@ -220,8 +220,8 @@ def new_fit(simulator: Simulator, values: FloatArray, free: Sequence[str], noise
     """Return a fit that has not been solved: a start."""
     shown = simulator.shown(values[None, :])[0]
     whitener = Whitener(
-        noise, simulator.clocks, ~np.isnan(simulator.measured), np.zeros_like(shown),
-        np.ones_like(shown), np.ones(len(shown), dtype=bool), np.zeros_like(shown),
+        noise, simulator.clocks, ~np.isnan(simulator.measured), *np.broadcast_arrays(0.0, 1.0, shown)[:2],
+        np.ones(len(shown), dtype=bool), np.broadcast_to(0.0, shown.shape),
     )  # fmt: skip
     none = Slopes(None, known=np.zeros((*shown.shape, 0)))
     start = Fit(simulator, values, tuple(free), (), whitener, shown, np.zeros(0), np.zeros(shown.size), none, np.inf)
@@ -230,16 +230,24 @@ def new_fit(simulator: Simulator, values: FloatArray, free: Sequence[str], noise
 
 def with_level(fit: Fit) -> Fit:
     """Return the fit whose noise follows the signals as they are simulated now."""
+    level = np.abs(fit.shown)
+    level[~np.isfinite(level)] = 0.0
+    largest = np.max(level, axis=0)
+    level /= np.where(largest > 0, largest, 1.0)
+    moving = np.logical_or.reduce([own > 1e-3 for own in level.T])
+    slope = slopes_in_time(fit) if fit.whitener.noise.jitter else np.broadcast_to(0.0, level.shape)
+    whitener = dataclasses.replace(fit.whitener, level=level, moving=moving, slope=slope)
+    return dataclasses.replace(fit, whitener=whitener)
+
+
+def slopes_in_time(fit: Fit) -> FloatArray:
+    """Return how steep the signals are as they are simulated now, (rows, q), in their units a second."""
     shown = np.where(np.isfinite(fit.shown), fit.shown, 0.0)
-    largest = np.max(np.abs(shown), axis=0)
-    level = np.abs(shown) / np.where(largest > 0, largest, 1.0)
-    moving = level.max(axis=1) > 1e-3
     slope = np.zeros_like(shown)
     for clock in fit.simulator.clocks:
         if len(clock.time) > 2:
             slope[clock.rows] = np.abs(np.gradient(shown[clock.rows], clock.time, axis=0))
-    whitener = dataclasses.replace(fit.whitener, level=level, moving=moving, slope=slope)
-    return dataclasses.replace(fit, whitener=whitener)
+    return slope
 
 
 def evaluated(fit: Fit, values: FloatArray, shown: FloatArray, slopes: Slopes, linear: Projection) -> Fit:

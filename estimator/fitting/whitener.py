@@ -40,7 +40,7 @@ class Whitener:
     moving : (rows,) array
         Whether the machine runs.
     slope : (rows, q) array
-        Of the signals, in their units a second.
+        Of the signals, in their units a second, where the noise has a jitter.
     """
 
     noise: NoiseModel

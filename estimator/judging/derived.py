@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from estimator.fitting.budget import Budget
 from estimator.fitting.information import OUTSIDE, RANK_TOLERANCE, information_parts, scaled_svd
 from estimator.fitting.least_squares_fit import LeastSquaresFit
+from estimator.fitting.projection import triangle
 from estimator.judging.scaling import written
 from estimator.motor.derived_quantities import derived_quantities
 from estimator.motor.names import is_motor
@@ -51,11 +52,11 @@ def told_quantities(
     if not is_motor(values) or values["R"] <= 0 or values["K"] == 0:
         return {}
     told = "L" in names and polish.at_bound[list(names).index("L")] == 0
-    result, triangle = {}, _triangle(polish)
+    result, factor = {}, triangle(polish.jacobian)
     for name, (unit, quantity) in derived_quantities(values, with_winding=bool(told)).items():
         value = quantity(values)
         gradient = _gradient(quantity, values, names, log)
-        error = _standard_error(gradient, polish, triangle)
+        error = _standard_error(gradient, polish, factor)
         if error is not None and np.isfinite(value) and error < USEFUL * abs(value):
             result[name] = DerivedQuantity(float(value), error, unit, budget.of(gradient) if budget else {})
     return result
@@ -75,30 +76,25 @@ def products(
     """
     if not determined:
         return {}
-    result, triangle = {}, _triangle(polish)
+    result, factor = {}, triangle(polish.jacobian)
     for powers in determined:
 
         def product(of: Values, powers: Mapping[str, int] = powers) -> float:
             return float(np.prod([of[n] ** e for n, e in powers.items()]))
 
-        error = _standard_error(_gradient(product, values, names, log), polish, triangle)
+        error = _standard_error(_gradient(product, values, names, log), polish, factor)
         if error is not None:
             unit = written({f"({units[n]})": e for n, e in powers.items()}) if all(units[n] for n in powers) else ""
             result[written(powers)] = DerivedQuantity(product(values), error, unit)
     return result
 
 
-def _triangle(polish: LeastSquaresFit) -> FloatArray:
-    """Return the triangular factor of a fit's Jacobian, (p, p): it has the same scalar products."""
-    return np.asarray(np.linalg.qr(polish.jacobian, mode="r"))
-
-
-def _standard_error(gradient: FloatArray, polish: LeastSquaresFit, triangle: FloatArray) -> float | None:
+def _standard_error(gradient: FloatArray, polish: LeastSquaresFit, factor: FloatArray) -> float | None:
     """Return the standard error of a quantity with this (p,) gradient; None if it is not determined."""
     inside = polish.at_bound == 0
     if np.any(gradient[~inside] != 0) or not inside.any():
         return None
-    jacobian, g = triangle[:, inside], gradient[inside]
+    jacobian, g = factor[:, inside], gradient[inside]
     scale, singular, rows = scaled_svd(jacobian)
     rows, g_scaled = rows[singular > RANK_TOLERANCE * singular[0]], g / scale
     if np.linalg.norm(g_scaled - (rows @ g_scaled) @ rows) > OUTSIDE * np.linalg.norm(g_scaled):
