@@ -12,8 +12,8 @@ from estimator.fitting.clock import Clock
 from estimator.fitting.jitter import find_jitter
 from estimator.fitting.noise_estimate import fit_noise
 from estimator.fitting.noise_model import NoiseModel, held
-from estimator.fitting.restricted_likelihood import RestrictedLikelihood
 from estimator.fitting.projection import Projection
+from estimator.fitting.restricted_likelihood import RestrictedLikelihood
 from estimator.fitting.score_test import ScoreTest
 from estimator.fitting.whitener import Whitener
 from estimator.plans.part import LONG

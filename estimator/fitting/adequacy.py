@@ -208,18 +208,17 @@ def _groups(
     return groups
 
 
-def _own_values(
-    jacobian: Columns, test: ScoreTest, mask: NDArray[np.bool_], parameters: int, chance: float
-) -> float:
+def _own_values(jacobian: Columns, test: ScoreTest, mask: NDArray[np.bool_], parameters: int, chance: float) -> float:
     """Return how much larger the score of own parameters in a part is than its quantile; its root."""
     spanned, left = test.known.spanned, test.left
-    information, products, along = np.zeros((parameters, parameters)), np.zeros((spanned.shape[1], parameters)), 0.0
+    information, products = np.zeros((parameters, parameters)), np.zeros((spanned.shape[1], parameters))
+    along = np.zeros(parameters)
     for at in (slice(k, k + AT_ONCE) for k in range(0, len(mask), AT_ONCE)):  # copies no whole column
         inside = mask[at]
         own = jacobian[at][inside, :parameters]
         information += own.T @ own
         products += spanned[at][inside].T @ own
-        along = along + own.T @ left[at][inside]
+        along += own.T @ left[at][inside]
     norms = np.sqrt(np.diag(information))
     told = norms > 0
     if not told.any():
@@ -228,7 +227,7 @@ def _own_values(
     known = test.known.of_products(products)[:, told] * scale
     # Singular values of what is across, squared.
     power, axes = np.linalg.eigh(information[np.ix_(told, told)] * np.outer(scale, scale) - known.T @ known)
-    along, told = np.asarray(along)[told] * scale, power > WINDOW_RANK_TOLERANCE**2
+    along, told = along[told] * scale, power > WINDOW_RANK_TOLERANCE**2
     if not told.any():
         return 0.0
     along = axes[:, told].T @ along

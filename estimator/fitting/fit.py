@@ -219,10 +219,9 @@ def _chosen(columns: Columns, which: BoolArray) -> Columns:
 def new_fit(simulator: Simulator, values: FloatArray, free: Sequence[str], noise: NoiseModel) -> Fit:
     """Return a fit that has not been solved: a start."""
     shown = simulator.shown(values[None, :])[0]
-    whitener = Whitener(
-        noise, simulator.clocks, ~np.isnan(simulator.measured), *np.broadcast_arrays(0.0, 1.0, shown)[:2],
-        np.ones(len(shown), dtype=bool), np.broadcast_to(0.0, shown.shape),
-    )  # fmt: skip
+    nothing, one = (np.broadcast_to(x, shown.shape) for x in (0.0, 1.0))
+    present, moving = ~np.isnan(simulator.measured), np.ones(len(shown), dtype=bool)
+    whitener = Whitener(noise, simulator.clocks, present, nothing, one, moving, nothing)
     none = Slopes(None, known=np.zeros((*shown.shape, 0)))
     start = Fit(simulator, values, tuple(free), (), whitener, shown, np.zeros(0), np.zeros(shown.size), none, np.inf)
     return with_level(start)
@@ -254,7 +253,7 @@ def evaluated(fit: Fit, values: FloatArray, shown: FloatArray, slopes: Slopes, l
     """Return the fit at a point, with its whitened residuals; `linear`: on its columns, whitened."""
     own = fit.whitener.flat(misfit(fit, shown)[:, :, None])[:, 0]
     b = linear.coefficients(own)
-    z = own - linear.columns @ b
+    z = own - linear.columns[:] @ b
     cost = float(z @ z) if np.isfinite(z).all() else np.inf
     return dataclasses.replace(fit, values=values, shown=shown, coefficients=b, z=z, slopes=slopes, cost=cost)
 

@@ -49,10 +49,10 @@ class Scaled(Made):
 
     def __getitem__(self, at: slice) -> FloatArray:
         factors = self._factors[at]
-        result = np.empty((len(factors), self.shape[1]))
+        result = np.empty((self.shape[1], len(factors)))
         for k, column in enumerate(column for own in self._columns for column in own.T):
-            np.multiply(column[at], factors, out=result[:, k])
-        return result
+            np.multiply(column[at], factors, out=result[k])
+        return result.T
 
     def products(self, at: slice, others: FloatArray) -> FloatArray:
         """Return the same; the factors go to the others, which may be fewer."""

@@ -76,7 +76,7 @@ def _capped(squares: FloatArray, factors: FloatArray) -> FloatArray:
         for k, (f,) in enumerate(factors):
             beyond = large[large > CAPPED * f]
             result[k, j] = (whole[j] - beyond.sum()) / f + CAPPED * len(beyond)
-    return result + len(squares) * np.log(factors)
+    return np.asarray(result + len(squares) * np.log(factors))
 
 
 def _sum_of_logs(variance: FloatArray) -> FloatArray:

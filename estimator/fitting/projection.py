@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TypeVar
+from typing import overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from estimator.fitting.in_parts import Columns, Made, parts, products
 
 FloatArray = NDArray[np.float64]
-AnyColumns = TypeVar("AnyColumns", FloatArray, Made)
 
 WELL_CONDITIONED, AT_ONCE = 1e-6, 1e-3  # least eigenvalue of a Gram matrix, its diagonal 1: by two steps, by one
 BLOCK = 20_000  # rows whose triangular factor is found at once
@@ -28,7 +27,7 @@ class Projection:
         self.columns = self.spanned = columns
         self.turned: FloatArray | None = None
         if isinstance(columns, Made) and (factor := factor_of_products(columns)) is not None:
-            self.factor, self.turned = factor, np.linalg.inv(factor)
+            self.factor, self.turned = factor, np.asarray(np.linalg.inv(factor))
             self.independent = np.arange(columns.shape[1])
             return
         basis, self.factor = orthonormal(columns[:])
@@ -46,7 +45,13 @@ class Projection:
         """Return products of the basis, (k, c) or (k,), with others, (n, c) or (n,)."""
         return self.of_products(products(self.spanned, others))
 
-    def rest(self, others: AnyColumns) -> AnyColumns:
+    @overload
+    def rest(self, others: FloatArray) -> FloatArray: ...
+
+    @overload
+    def rest(self, others: Columns) -> Columns: ...
+
+    def rest(self, others: Columns) -> Columns:
         """Return the remainder of others, (n, c) or (n,), after projection on the columns."""
         spanned = self.spanned
         if not spanned.shape[1]:

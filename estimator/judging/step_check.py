@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.fitting.explained import Explained
+from estimator.fitting.in_parts import Scaled
 from estimator.fitting.information import information_parts
 from estimator.fitting.least_squares_fit import LeastSquaresFit
 from estimator.fitting.problem import Problem
@@ -84,7 +85,8 @@ def shift(problem: Problem, polish: LeastSquaresFit, fine: FloatArray, explained
     inside = polish.at_bound == 0
     moved = np.zeros(len(polish.values))
     if inside.any():
-        r = triangle(np.column_stack([polish.jacobian[:, inside], change]))[:-1]
+        both = Scaled([polish.jacobian[:, inside], change[:, None]], np.broadcast_to(1.0, len(change)))
+        r = triangle(both)[:-1]
         moved[inside] = -np.linalg.lstsq(r[:, :-1], r[:, -1], rcond=None)[0]
     return moved
 
