@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 
 from estimator.fitting.in_parts import Columns, along, parts
 from estimator.fitting.projection import DEPENDENT, Projection, orthonormal
-from estimator.fitting.simulator import CELLS
 from estimator.fitting.whitener import Whitener
 
 FloatArray = NDArray[np.float64]
+
+TOGETHER = 250_000  # rows of columns that are made at once, at most
 
 
 @dataclass(frozen=True)
@@ -80,7 +81,7 @@ class ScoreTest:
 
     def scores_of(self, made: Callable[[FloatArray], FloatArray], values: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return scores and information, (c,) each, of columns, (rows, q, c), made of c values, some at once."""
-        many = max(1, CELLS // len(self.whitener.present))
+        many = max(1, TOGETHER // len(self.whitener.present))
         found = [self.scores(made(values[k : k + many])) for k in range(0, len(values), many)]
         along, power = (np.concatenate(part) for part in zip(*found, strict=True))
         return along, power
