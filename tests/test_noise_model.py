@@ -12,6 +12,7 @@ from estimator.fitting.clock import Clock
 from estimator.fitting.jitter import find_jitter
 from estimator.fitting.noise_estimate import fit_noise
 from estimator.fitting.noise_model import NoiseModel, held
+from estimator.fitting.projection import Projection
 from estimator.fitting.restricted_likelihood import RestrictedLikelihood
 from estimator.fitting.score_test import ScoreTest
 from estimator.fitting.whitener import Whitener
@@ -190,7 +191,7 @@ def test_the_score_test_of_an_effect_that_is_not_there_is_chi_square():
         fitted = whitener(np.cumsum(rng.standard_normal((400, 1, 3)), axis=0))[0].reshape(400, 3)
         basis = np.linalg.qr(fitted)[0]
         z = whitener(r[:, :, None])[0].ravel()
-        test = ScoreTest(whitener, basis, z - basis @ (basis.T @ z))
+        test = ScoreTest(whitener, Projection(basis), z - basis @ (basis.T @ z))
         gains.append(test.gain(test.across(rng.standard_normal((400, 1, 2))))[0])
     assert kstest(gains, "chi2", args=(2,)).pvalue > 1e-3
 
@@ -199,7 +200,7 @@ def test_the_score_test_tells_how_large_an_effect_is():
     r, whitener = coloured(8, 1000)
     column = np.sin(np.linspace(0, 30, 1000))[:, None, None]
     z = whitener((r + 0.2 * column[:, :, 0])[:, :, None])[0].ravel()
-    test = ScoreTest(whitener, np.zeros((1000, 0)), z)
+    test = ScoreTest(whitener, Projection(np.zeros((1000, 0))), z)
     gain, size = test.gain(test.across(column))
     assert gain > 20 and size[0] == pytest.approx(0.2, abs=4 * 0.2 / np.sqrt(gain))
 
@@ -208,7 +209,7 @@ def test_what_the_fit_explains_itself_is_no_effect():
     r, whitener = coloured(9, 500)
     column = np.linspace(0, 1, 500)[:, None, None]
     basis = np.linalg.qr(whitener(column)[0].reshape(500, 1))[0]
-    test = ScoreTest(whitener, basis, np.zeros(500))
+    test = ScoreTest(whitener, Projection(basis), np.zeros(500))
     assert test.gain(test.across(3 * column))[0] == 0.0
 
 
@@ -259,7 +260,7 @@ def test_the_scores_of_columns_of_a_few_rows_are_those_of_whole_columns(with_sta
     rng = np.random.default_rng(10)
     basis = np.linalg.qr(rng.standard_normal((600, 4)))[0]
     left = rng.standard_normal(600)
-    test = ScoreTest(whitener, basis, left - basis @ (basis.T @ left))
+    test = ScoreTest(whitener, Projection(basis), left - basis @ (basis.T @ left))
     few, whole = rng.standard_normal((60, 1, 3)), np.zeros((600, 1, 3))
     whole[290:350] = few
     across = test.across(whole)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from estimator.fitting.effects.base import Effect
 from estimator.fitting.fit import Fit, Linear
+from estimator.fitting.in_parts import Columns, products
 from estimator.fitting.score_test import ScoreTest
 
 FloatArray = NDArray[np.float64]
@@ -51,19 +52,19 @@ class Scores:
         return along**2 / power if power > NOTHING**2 else 0.0
 
     @classmethod
-    def of(cls, test: ScoreTest, jacobian: FloatArray, across: FloatArray, whitened: FloatArray) -> Scores:
+    def of(cls, test: ScoreTest, jacobian: Columns, across: FloatArray, whitened: FloatArray) -> Scores:
         """Return the scores of whitened columns, (rows q, k), without and with what the fit explains of them."""
         whole = float(np.vdot(whitened, whitened))
-        return cls(across.T @ test.left, across.T @ across, whole, jacobian.T @ whitened)
+        return cls(across.T @ test.left, across.T @ across, whole, products(jacobian, whitened))
 
     @classmethod
-    def of_each(cls, test: ScoreTest, jacobian: FloatArray, whitened: FloatArray) -> list[Scores]:
+    def of_each(cls, test: ScoreTest, jacobian: Columns, whitened: Columns) -> list[Scores]:
         """Return the scores of each of k whitened columns, (rows q, k), by itself."""
-        along, power, whole = test.of_whitened(whitened)
-        explained = jacobian.T @ whitened
+        told = test.of_whitened(whitened, jacobian=jacobian)
+        assert told.explained is not None
         return [
-            cls(along[k : k + 1], power[k : k + 1, None], float(whole[k]), explained[:, k : k + 1])
-            for k in range(len(power))
+            cls(told.along[k : k + 1], told.power[k : k + 1, None], float(told.whole[k]), told.explained[:, k : k + 1])
+            for k in range(len(told.power))
         ]
 
 

@@ -6,6 +6,7 @@ import dataclasses
 import weakref
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -120,19 +121,19 @@ class AdditionTests:
         """Yield groups of columns, each one of so many that are tried, score-tested; all are whitened together."""
         if not offered:
             return
-        whitened = fit.whitener(np.concatenate([group.columns for _, group, _ in offered], axis=2))[0]
-        whitened = whitened.reshape(fit.z.size, -1)
-        each = Scores.of_each(test, fit.jacobian, whitened)
+        whitened = fit.whitener.whitened(*(group.columns for _, group, _ in offered))
+        each = Scores.of_each(test, fit.whitened, whitened)
         at = 0
         for effect, group, tried in offered:
             numbers = group.columns.shape[2]
             own, scores, gain = slice(at, at + numbers), each[at], each[at].gain
             at += numbers
             kept = beside is not None and (effect.doubt or group.name == beside)
-            across = test.rest(whitened[:, own]) if numbers > 1 or kept else None
+            alone = whitened[:][:, own] if numbers > 1 or kept else None
+            across = test.known.rest(alone) if alone is not None else None
             if numbers > 1:
-                assert across is not None
-                scores = Scores.of(test, fit.jacobian, across, whitened[:, own])
+                assert alone is not None and across is not None
+                scores = Scores.of(test, fit.whitened, across, alone)
                 gain, _ = test.gain(across)
             elif group.least >= 0 > scores.along[0]:  # nothing has this sign
                 gain = 0.0
@@ -174,9 +175,8 @@ class AdditionTests:
         for first in range(0, len(rows), many):
             shown = simulator.shown(np.array(rows[first : first + many]))
             usable = np.asarray(np.isfinite(shown).all(axis=(1, 2)))
-            change = np.where(usable[:, None, None], shown - moved.shown, 0.0).transpose(1, 2, 0)
-            whitened = fit.whitener.flat(change)
-            scores = Scores.of_each(test, fit.jacobian, whitened)
+            whitened = fit.whitener.of_made(partial(_change, shown, moved.shown, usable))
+            scores = Scores.of_each(test, fit.whitened, whitened)
             for k, (w, t) in enumerate(owners[first : first + many]):
                 power = float(scores[k].information[0, 0])
                 size = float(scores[k].along[0]) / power if power > NOTHING else 0.0
@@ -185,7 +185,7 @@ class AdditionTests:
                 tested[w].append((gain, size, t))
                 if w not in best or gain > best[w][0]:
                     kept = beside is not None and (wanted[w][0].doubt or wanted[w][1].name == beside)
-                    best[w] = gain, scores[k], test.rest(whitened[:, k : k + 1]) if kept else None, t
+                    best[w] = gain, scores[k], test.known.rest(whitened[:][:, k : k + 1]) if kept else None, t
         for w, (effect, nuisance) in enumerate(wanted):
             found: list[tuple[float, tuple[Mapping[str, float], ...]]] = []
             for gain, size, t in tested[w]:
@@ -213,6 +213,11 @@ class AdditionTests:
                     scores=best[w][1], across=best[w][2], tried=len(nuisance.tries),
                     usual=reach, unit=nuisance.unit,
                 )  # fmt: skip
+
+
+def _change(shown: FloatArray, before: FloatArray, usable: NDArray[np.bool_], rows: slice) -> FloatArray:
+    """Return by how much tried signals, (c, rows, q), differ in some rows, (n, q, c); 0 of those that failed."""
+    return np.asarray(np.where(usable[:, None, None], shown[:, rows] - before[rows], 0.0).transpose(1, 2, 0))
 
 
 def _is_excluded(nuisance: Nuisance, taken: set[str]) -> bool:

@@ -24,7 +24,9 @@ from numpy.typing import NDArray
 from estimator.conventions import FALSE_ALARM, RESOLVED, SMALL_CORRELATION
 from estimator.distributions import chi_square_limit, f_limit, normal_quantile
 from estimator.fitting.fit import Fit
+from estimator.fitting.in_parts import AT_ONCE, Columns
 from estimator.fitting.response_test import unexplained_responses
+from estimator.fitting.score_test import ScoreTest
 from estimator.fitting.windows import Windows, find_windows
 
 FloatArray = NDArray[np.float64]
@@ -168,7 +170,7 @@ def adequacy(fit: Fit, parameters: int, *, is_searched: bool = True) -> Adequacy
                     excess[window.rows, j] = np.maximum(excess[window.rows, j], longer)
     test = fit.test()
     for name, output, mask in _groups(windows, outputs, z.shape):
-        ratio = _own_values(fit, test.left, test.basis, mask.ravel(), parameters, FALSE_ALARM / count)
+        ratio = _own_values(fit.whitened, test, mask.ravel(), parameters, FALSE_ALARM / count)
         if ratio > 1:
             failures.append(Failure("own values", name, output, ratio))
             excess[mask] = np.maximum(excess[mask], ratio**2)
@@ -206,26 +208,29 @@ def _groups(
     return groups
 
 
-def _own_values(
-    fit: Fit,
-    left: FloatArray,
-    basis: FloatArray,
-    mask: NDArray[np.bool_],
-    parameters: int,
-    chance: float,
-) -> float:
+def _own_values(jacobian: Columns, test: ScoreTest, mask: NDArray[np.bool_], parameters: int, chance: float) -> float:
     """Return how much larger the score of own parameters in a part is than its quantile; its root."""
-    columns = fit.jacobian[mask, :parameters]
-    norms = np.linalg.norm(columns, axis=0)
-    columns = columns[:, norms > 0] / norms[norms > 0]
-    if not columns.shape[1]:
-        return 0.0
-    known = basis[mask].T @ columns
-    power, axes = np.linalg.eigh(columns.T @ columns - known.T @ known)  # singular values of what is across, squared
-    told = power > WINDOW_RANK_TOLERANCE**2
+    spanned, left = test.known.spanned, test.left
+    information, products = np.zeros((parameters, parameters)), np.zeros((spanned.shape[1], parameters))
+    along = np.zeros(parameters)
+    for at in (slice(k, k + AT_ONCE) for k in range(0, len(mask), AT_ONCE)):  # copies no whole column
+        inside = mask[at]
+        own = jacobian[at][inside, :parameters]
+        information += own.T @ own
+        products += spanned[at][inside].T @ own
+        along += own.T @ left[at][inside]
+    norms = np.sqrt(np.diag(information))
+    told = norms > 0
     if not told.any():
         return 0.0
-    along = axes[:, told].T @ (columns.T @ left[mask])
+    scale = 1 / norms[told]
+    known = test.known.of_products(products)[:, told] * scale
+    # Singular values of what is across, squared.
+    power, axes = np.linalg.eigh(information[np.ix_(told, told)] * np.outer(scale, scale) - known.T @ known)
+    along, told = along[told] * scale, power > WINDOW_RANK_TOLERANCE**2
+    if not told.any():
+        return 0.0
+    along = axes[:, told].T @ along
     return float(np.sqrt(np.sum(along**2 / power[told]) / chi_square_limit(int(told.sum()), chance)))
 
 

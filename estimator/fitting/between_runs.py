@@ -172,6 +172,8 @@ def of_fit(fit: Fit, parameters: int) -> BetweenRuns:
 
     Deviations that an explanation estimates for each recording (effects/runs_differ.py) count as variation.
     """
+    if len(fit.simulator.clocks) < 2:
+        return BetweenRuns((), np.zeros((len(fit.at_bound), len(fit.at_bound))))
     own = np.array([is_between_runs(name) for name in fit.names])
     inside = np.flatnonzero((fit.at_bound == 0) & ~own)
     z = fit.z + fit.jacobian[:, own] @ fit.estimates[own]  # as if the runs were alike

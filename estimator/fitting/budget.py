@@ -98,7 +98,7 @@ def budget(fit: Fit, tolerances: Sequence[Tolerance], names: Sequence[str]) -> B
     triangle = np.asarray(np.linalg.qr(jacobian, mode="r"))
     moved[inside] = information_parts(triangle)[0] @ (jacobian.T @ whitened)
     test = fit.test()
-    across = whitened - test.basis @ (test.basis.T @ whitened)
+    across = test.known.rest(whitened)
     across[:, np.sum(across**2, axis=0) <= TOLD_POWER * np.sum(whitened**2, axis=0)] = 0.0
     variance = np.linalg.inv(np.eye(len(tolerances)) + across.T @ across)
     size = variance @ (across.T @ test.left)

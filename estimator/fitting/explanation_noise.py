@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from estimator.conventions import STEP_DEVIATION
 from estimator.fitting.explanation import ROUGH, Explanation, renewed
-from estimator.fitting.fit import refreshed, with_level
+from estimator.fitting.fit import refreshed, slopes_in_time, with_level
 from estimator.fitting.gauss_newton import solved
 from estimator.fitting.jitter import find_jitter
 from estimator.fitting.least_squares import ROUNDING
@@ -73,7 +73,7 @@ def with_noise(
     # Spectral lines take nothing of the noise.
     wide = [k for k, name in enumerate(fit.names) if not name.startswith("ripple ")]
     windows = find_windows(fit)
-    columns = fit.raw[:, :, wide]
+    columns = fit.raw if len(wide) == len(fit.names) else fit.raw[:, :, wide]
     s = fit.simulator
     found = fit_noise(
         whitener, misfit, columns, windows.settled, windows.sharp, colour=colour, again=again,
@@ -86,6 +86,7 @@ def with_noise(
 def with_jitter(explanation: Explanation, differenced: FloatArray) -> Explanation | None:
     """Return the explanation fitted with samples whose instants are not known exactly; None where they are."""
     fit = with_level(explanation.fit)
+    fit = dataclasses.replace(fit, whitener=dataclasses.replace(fit.whitener, slope=slopes_in_time(fit)))
     grows = fit.whitener.noise
     found = []
     for noise in (grows, dataclasses.replace(grows, growth=np.zeros_like(grows.growth) + [0.0, 2.0])):
@@ -95,7 +96,7 @@ def with_jitter(explanation: Explanation, differenced: FloatArray) -> Explanatio
         slope = np.where(whitener.present & fine, whitener.slope / deviation, 0.0)
         z = refreshed(fit, whitener).z.reshape(slope.shape)
         jitter, sizes, gain = find_jitter(z, slope, fit.simulator.clocks[0].step)
-        worse = float(np.sum(np.where(whitener.present, z * z + 2 * np.log(deviation), 0.0)))
+        worse = float(np.vdot(z, z) + 2 * np.sum(np.log(deviation), where=whitener.present))
         found.append((worse - gain, jitter, dataclasses.replace(noise, white=noise.white * sizes)))
         if not np.any(grows.growth[:, 0]):
             break

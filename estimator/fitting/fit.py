@@ -18,6 +18,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.fitting.in_parts import Columns, Made
 from estimator.fitting.information import information_parts
 from estimator.fitting.noise_model import NoiseModel
 from estimator.fitting.projection import Projection, triangle
@@ -102,9 +103,14 @@ class Fit:
         return np.concatenate([self.slopes.raw, *columns], axis=2) if columns else self.slopes.raw
 
     @cached_property
+    def whitened(self) -> Columns:
+        """The same whitened, (rows q, f + m); of a long recording not held."""
+        return self.whitener.whitened(self.slopes.raw, *(g.columns for g in self.linear))
+
+    @property
     def jacobian(self) -> FloatArray:
-        """The same whitened, (rows q, f + m)."""
-        return self.whitener.flat(self.raw)
+        """The same, held by who asks."""
+        return self.whitened[:]
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -172,7 +178,7 @@ class Fit:
         open_ones = (at_bound == 0) | (at_bound == -1) & self.is_log
         told, untold = np.zeros((2, len(at_bound), len(at_bound)))
         if open_ones.any():
-            parts = information_parts(triangle(self.jacobian[:, open_ones]))
+            parts = information_parts(triangle(_chosen(self.whitened, open_ones)))
             told[np.ix_(open_ones, open_ones)], untold[np.ix_(open_ones, open_ones)] = parts
         for part in (told, untold):
             part[at_bound != 0] = part[:, at_bound != 0] = 0.0
@@ -188,8 +194,8 @@ class Fit:
 
     @cached_property
     def _test(self) -> ScoreTest:
-        known = Projection(self.jacobian[:, self.at_bound == 0])
-        return ScoreTest(self.whitener, known.basis, known.rest(self.z))
+        known = Projection(_chosen(self.whitened, self.at_bound == 0))
+        return ScoreTest(self.whitener, known, known.rest(self.z))
 
     def once(self, told: Callable[[Fit], T]) -> T:
         """Return what a function tells of this fit, asked once; it is not to be changed."""
@@ -203,13 +209,19 @@ class Fit:
         return {}
 
 
+def _chosen(columns: Columns, which: BoolArray) -> Columns:
+    """Return some of columns; of all no copy."""
+    if which.all():
+        return columns
+    return Made(lambda at: columns[at][:, which], len(columns)) if isinstance(columns, Made) else columns[:, which]
+
+
 def new_fit(simulator: Simulator, values: FloatArray, free: Sequence[str], noise: NoiseModel) -> Fit:
     """Return a fit that has not been solved: a start."""
     shown = simulator.shown(values[None, :])[0]
-    whitener = Whitener(
-        noise, simulator.clocks, ~np.isnan(simulator.measured), np.zeros_like(shown),
-        np.ones_like(shown), np.ones(len(shown), dtype=bool), np.zeros_like(shown),
-    )  # fmt: skip
+    nothing, one = (np.broadcast_to(x, shown.shape) for x in (0.0, 1.0))
+    present, moving = ~np.isnan(simulator.measured), np.ones(len(shown), dtype=bool)
+    whitener = Whitener(noise, simulator.clocks, present, nothing, one, moving, nothing)
     none = Slopes(None, known=np.zeros((*shown.shape, 0)))
     start = Fit(simulator, values, tuple(free), (), whitener, shown, np.zeros(0), np.zeros(shown.size), none, np.inf)
     return with_level(start)
@@ -217,25 +229,39 @@ def new_fit(simulator: Simulator, values: FloatArray, free: Sequence[str], noise
 
 def with_level(fit: Fit) -> Fit:
     """Return the fit whose noise follows the signals as they are simulated now."""
+    level = np.abs(fit.shown)
+    level[~np.isfinite(level)] = 0.0
+    largest = np.max(level, axis=0)
+    level /= np.where(largest > 0, largest, 1.0)
+    moving = np.logical_or.reduce([own > 1e-3 for own in level.T])
+    slope = slopes_in_time(fit) if fit.whitener.noise.jitter else np.broadcast_to(0.0, level.shape)
+    whitener = dataclasses.replace(fit.whitener, level=level, moving=moving, slope=slope, speed=_speed(fit))
+    return dataclasses.replace(fit, whitener=whitener)
+
+
+def _speed(fit: Fit) -> FloatArray | None:
+    """Return the speed as it is simulated now over its largest, (rows,); None where no sensor shows it."""
+    if "w" not in fit.simulator.outputs:
+        return None
+    w = np.nan_to_num(fit.shown[:, fit.simulator.outputs.index("w")], posinf=0.0, neginf=0.0)
+    return np.asarray(w / max(float(np.max(np.abs(w))), 1e-300))
+
+
+def slopes_in_time(fit: Fit) -> FloatArray:
+    """Return how steep the signals are as they are simulated now, (rows, q), in their units a second."""
     shown = np.where(np.isfinite(fit.shown), fit.shown, 0.0)
-    largest = np.max(np.abs(shown), axis=0)
-    level = np.abs(shown) / np.where(largest > 0, largest, 1.0)
-    moving = level.max(axis=1) > 1e-3
     slope = np.zeros_like(shown)
     for clock in fit.simulator.clocks:
         if len(clock.time) > 2:
             slope[clock.rows] = np.abs(np.gradient(shown[clock.rows], clock.time, axis=0))
-    speed = shown[:, fit.simulator.outputs.index("w")] if "w" in fit.simulator.outputs else None
-    speed = None if speed is None else speed / max(float(np.max(np.abs(speed))), 1e-300)
-    whitener = dataclasses.replace(fit.whitener, level=level, moving=moving, slope=slope, speed=speed)
-    return dataclasses.replace(fit, whitener=whitener)
+    return slope
 
 
 def evaluated(fit: Fit, values: FloatArray, shown: FloatArray, slopes: Slopes, linear: Projection) -> Fit:
     """Return the fit at a point, with its whitened residuals; `linear`: on its columns, whitened."""
     own = fit.whitener.flat(misfit(fit, shown)[:, :, None])[:, 0]
     b = linear.coefficients(own)
-    z = own - linear.columns @ b
+    z = own - linear.columns[:] @ b
     cost = float(z @ z) if np.isfinite(z).all() else np.inf
     return dataclasses.replace(fit, values=values, shown=shown, coefficients=b, z=z, slopes=slopes, cost=cost)
 

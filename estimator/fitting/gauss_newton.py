@@ -88,8 +88,7 @@ def _cost(fit: Fit, shown: FloatArray, linear: Projection) -> float:
 
 def _triangle(fit: Fit, linear: Projection, raw: FloatArray, shown: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return a, (f, f), and g, (f,): |g - a dx| are the whitened residuals after a step, the linear part free."""
-    own = fit.whitener.flat(np.concatenate([raw, misfit(fit, shown)[:, :, None]], axis=2))
-    r = triangle(linear.rest(own))
+    r = triangle(linear.rest(fit.whitener.whitened(raw, misfit(fit, shown)[:, :, None])))
     f = raw.shape[2]
     square = np.zeros((f, f + 1))
     square[: len(r)] = r[:f]

@@ -13,6 +13,7 @@ FloatArray = NDArray[np.float64]
 STEEP = 12  # samples, where the signals are steep, that tell a jitter
 NEIGHBOURS_ALIKE = 3.0  # standard deviations of their correlation: more is a misfit, no jitter
 CAPPED = 25.0  # square of a residual: a larger one counts as this
+FAINT = 1e-4  # of the least variance: the largest variance by jitter that a series of two terms tells to 1e-12
 TOGETHER = 1_000_000  # numbers that factors are tried on at once
 NOISE_FACTORS = np.geomspace(0.35, 1.2, 16)  # tried factors on a noise that was estimated with a jitter in it
 
@@ -33,22 +34,26 @@ def find_jitter(z: FloatArray, slope: FloatArray, step: float) -> tuple[float, F
         The sampling interval, s.
     """
     tried = step * np.geomspace(3e-3, 0.5, 24)
-    squares = z * z
+    squares, factors = z * z, NOISE_FACTORS[:, None] ** 2
     # Rows whose slope is too small to change a sum of doubles cost the same at every jitter.
-    steep_rows = np.any((tried[-1] * slope) ** 2 > 1e-17 * NOISE_FACTORS[0] ** 2, axis=1)
-    flat = squares[~steep_rows]
-    level = np.array(
-        [len(flat) * np.log(f**2) + np.sum(np.minimum(flat / f**2, CAPPED), axis=0) for f in NOISE_FACTORS]
-    )
-    moved, hit = slope[steep_rows], squares[steep_rows]
+    ratio = np.max((tried[-1] * slope) ** 2, axis=1) / factors.min()
+    flat, large = ratio <= 1e-17, np.max(squares, axis=1) > CAPPED * factors.min()
+    level = _capped(squares[flat], factors)
+    faint = ~flat & ~large & (ratio <= FAINT)  # of small slopes a series of two terms: their moments are what counts
+    v, x = slope[faint] ** 2, squares[faint]
+    (v1, v2), (x0, x1, x2) = (v.sum(axis=0), (v * v).sum(axis=0)), ((x * v**k).sum(axis=0) for k in range(3))
+    level = level + len(v) * np.log(factors) + x0 / factors
+    exact = ~flat & ~faint
+    moved, hit = slope[exact], squares[exact]
     many = max(1, TOGETHER // max(hit.size, 1))
 
     def misfits(jitter: float) -> FloatArray:
-        steep, costs = (jitter * moved) ** 2, []
-        for factors in (NOISE_FACTORS[k : k + many] for k in range(0, len(NOISE_FACTORS), many)):
-            variance = factors[:, None, None] ** 2 + steep
+        steep, costs, u = (jitter * moved) ** 2, [], jitter**2
+        for some in (factors[k : k + many] for k in range(0, len(factors), many)):
+            variance = some[:, None] + steep
             costs.append(sum_of_logs(variance) + np.sum(np.minimum(hit / variance, CAPPED), axis=1))
-        return np.asarray(np.concatenate(costs) + level)  # (sizes, q)
+        series = u * (v1 - x1 / factors) / factors + u * u * (x2 / factors - v2 / 2) / factors**2
+        return np.asarray(np.concatenate(costs) + level + series)  # (sizes, q)
 
     costs = [misfits(t) for t in tried]
     k = int(np.argmin([c.min(axis=0).sum() for c in costs]))
@@ -61,3 +66,14 @@ def find_jitter(z: FloatArray, slope: FloatArray, step: float) -> tuple[float, F
     if np.count_nonzero(steep) < STEEP or gain < 2 * LEAST_FALL or abs(alike) > NEIGHBOURS_ALIKE:
         return 0.0, np.ones(z.shape[1]), 0.0
     return best, np.where(steep.any(axis=0), sizes, 1.0), gain
+
+
+def _capped(squares: FloatArray, factors: FloatArray) -> FloatArray:
+    """Return what squares, (n, q), cost at variances, (c, 1), that are theirs without a jitter, (c, q)."""
+    whole, result = squares.sum(axis=0), np.zeros((len(factors), squares.shape[1]))
+    for j, own in enumerate(squares.T):
+        large = own[own > CAPPED * factors.min()]
+        for k, (f,) in enumerate(factors):
+            beyond = large[large > CAPPED * f]
+            result[k, j] = (whole[j] - beyond.sum()) / f + CAPPED * len(beyond)
+    return np.asarray(result + len(squares) * np.log(factors))

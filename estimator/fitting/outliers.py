@@ -11,6 +11,7 @@ from estimator.conventions import MEDIAN_SIZE, T_FREEDOM
 from estimator.fitting.fit import Fit
 from estimator.recordings.samples import median
 
+FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 OUTLIER, OUTLIER_BESIDE = 4.5, 3.0  # standard deviations of an outlier, 1 of 147 000 normal values; of those beside one
@@ -29,14 +30,25 @@ def held_down(fit: Fit, onsets: BoolArray) -> Fit:
     present = fit.whitener.present
     usual = [median(own[here]) / MEDIAN_SIZE if here.any() else 1.0 for own, here in zip(z.T, present.T, strict=True)]
     least = np.where(fit.simulator.coarse, 1.0, 1e-3)  # the median of a few steps of a converter tells no size
-    z = z / np.clip(usual, least, 1.0)  # the noise is too large if outliers were in it
-    n = len(z)
-    far = np.vstack([np.zeros((2, z.shape[1])), z, np.zeros((2, z.shape[1]))])
-    one, *two = (np.maximum(far[2 + a : 2 + a + n], far[2 + b : 2 + b + n]) for a, b in ((-1, 1), (-2, 1), (-1, 2)))
-    steady = np.abs(np.gradient(fit.shown, axis=0)) < fit.whitener.noise.deviation(fit.whitener.level)
-    beside = np.where(steady, np.minimum(one, np.minimum(*two)), one)  # two neighbours in a transient may be a misfit
-    alone = (z > OUTLIER) & ((beside < OUTLIER_BESIDE) | (z > 4 * beside))
-    alone &= ~onsets[:, None]
-    alone &= np.abs(np.nan_to_num(fit.residuals())) > fit.simulator.steps  # a sensor's resolution is no outlier
-    inflate = np.where(alone, (T_FREEDOM + z * z) / (T_FREEDOM + 1), 1.0)
+    z /= np.clip(usual, least, 1.0)  # the noise is too large if outliers were in it
+    inflate = np.ones_like(z)
+    for j in range(z.shape[1]):
+        far = np.flatnonzero((z[:, j] > OUTLIER) & ~onsets)
+        own, shown = z[far, j], fit.shown[:, j]
+        before2, before, after, after2 = (_beside(z[:, j], far + k) for k in (-2, -1, 1, 2))
+        one = np.maximum(before, after)
+        two = np.minimum(np.maximum(before2, after), np.maximum(before, after2))
+        first, last = np.maximum(far - 1, 0), np.minimum(far + 1, len(shown) - 1)
+        deviation = fit.whitener.noise.deviation(fit.whitener.level[far])[:, j]
+        steady = np.abs(shown[last] - shown[first]) / np.maximum(last - first, 1) < deviation
+        beside = np.where(steady, np.minimum(one, two), one)  # two neighbours in a transient may be a misfit
+        alone = (beside < OUTLIER_BESIDE) | (own > 4 * beside)
+        if fit.simulator.steps[j] > 0:  # a sensor's resolution is no outlier
+            alone &= np.abs(np.nan_to_num(fit.residuals()[far, j])) > fit.simulator.steps[j]
+        inflate[far[alone], j] = (T_FREEDOM + own[alone] ** 2) / (T_FREEDOM + 1)
     return dataclasses.replace(fit, whitener=dataclasses.replace(fit.whitener, inflate=inflate))
+
+
+def _beside(z: FloatArray, at: NDArray[np.int64]) -> FloatArray:
+    """Return residuals, (n,), at some rows; 0 beyond the first and the last."""
+    return np.where((at >= 0) & (at < len(z)), z[np.clip(at, 0, len(z) - 1)], 0.0)

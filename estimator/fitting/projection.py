@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from typing import overload
+
 import numpy as np
 from numpy.typing import NDArray
+
+from estimator.fitting.in_parts import Columns, Made, parts, products
 
 FloatArray = NDArray[np.float64]
 
@@ -13,41 +17,82 @@ DEPENDENT = 1e-12  # of a column's norm: a smaller remainder is rounding
 
 
 class Projection:
-    """Projection on columns, (n, m), by an orthonormal basis; columns that depend on earlier ones are left out."""
+    """Projection on columns, (n, m), by an orthonormal basis; columns that depend on earlier ones are left out.
 
-    def __init__(self, columns: FloatArray) -> None:
-        self.columns = columns
-        self.basis, self.factor = orthonormal(columns)
+    The basis is held, in `spanned`; of columns that are not held it is `spanned` @ `turned`, `spanned` the columns
+    themselves, where their products lose few digits.
+    """
+
+    def __init__(self, columns: Columns) -> None:
+        self.columns = self.spanned = columns
+        self.turned: FloatArray | None = None
+        if isinstance(columns, Made) and (factor := factor_of_products(columns)) is not None:
+            self.factor, self.turned = factor, np.asarray(np.linalg.inv(factor))
+            self.independent = np.arange(columns.shape[1])
+            return
+        basis, self.factor = orthonormal(columns[:])
         own = np.abs(np.diag(self.factor)) > DEPENDENT * np.linalg.norm(self.factor, axis=0)
         self.independent = np.flatnonzero(own)
         if not own.all():
-            self.basis, self.factor = self.basis[:, own], self.factor[np.ix_(own, own)]
+            basis, self.factor = basis[:, own], self.factor[np.ix_(own, own)]
+        self.spanned = basis
 
-    def rest(self, others: FloatArray) -> FloatArray:
+    def of_products(self, found: FloatArray) -> FloatArray:
+        """Return products of the basis with columns, (k, c) or (k,), from those of `spanned`."""
+        return found if self.turned is None else np.asarray(self.turned.T @ found)
+
+    def along(self, others: Columns) -> FloatArray:
+        """Return products of the basis, (k, c) or (k,), with others, (n, c) or (n,)."""
+        return self.of_products(products(self.spanned, others))
+
+    @overload
+    def rest(self, others: FloatArray) -> FloatArray: ...
+
+    @overload
+    def rest(self, others: Columns) -> Columns: ...
+
+    def rest(self, others: Columns) -> Columns:
         """Return the remainder of others, (n, c) or (n,), after projection on the columns."""
-        return others - self.basis @ (self.basis.T @ others) if self.basis.shape[1] else others
+        spanned = self.spanned
+        if not spanned.shape[1]:
+            return others
+        along = self.along(others)
+        back = along if self.turned is None else self.turned @ along
+        if isinstance(others, Made):
+            return Made(lambda at: others[at] - spanned[at] @ back, len(others))
+        result = np.empty(others.shape)
+        for at in parts(spanned, others):
+            np.subtract(others[at], spanned[at] @ back, out=result[at])
+        return result
 
     def coefficients(self, r: FloatArray) -> FloatArray:
         """Return how much of each column, (m,), explains (n,) residuals best; 0 of dependent ones."""
         result = np.zeros(self.columns.shape[1])
         if len(self.independent):
-            result[self.independent] = np.linalg.solve(self.factor, self.basis.T @ r)
+            result[self.independent] = np.linalg.solve(self.factor, self.along(r))
         return result
 
 
-def triangle(columns: FloatArray) -> FloatArray:
-    """Return the triangular factor r, (min(n, m), m), of columns, (n, m), = q r.
-
-    By the Cholesky factor where that loses few digits; else, of many rows, block by block, and of the blocks' factors
-    again, which copies no whole column (Demmel et al. 2012).
-    """
+def factor_of_products(columns: Columns) -> FloatArray | None:
+    """Return the triangular factor, (m, m), of columns, (n, m), by their products; None where that loses digits."""
     if 0 < columns.shape[1] < len(columns):
-        gram = columns.T @ columns
+        gram = products(columns, columns)
         norms = np.sqrt(np.diag(gram))
         if norms.all() and np.isfinite(norms).all():
             scaled = gram / np.outer(norms, norms)
             if np.linalg.eigvalsh(scaled)[0] > WELL_CONDITIONED:
                 return np.asarray(np.linalg.cholesky(scaled).T * norms)
+    return None
+
+
+def triangle(columns: Columns) -> FloatArray:
+    """Return the triangular factor r, (min(n, m), m), of columns, (n, m), = q r.
+
+    By the Cholesky factor where that loses few digits; else, of many rows, block by block, and of the blocks' factors
+    again, which copies no whole column (Demmel et al. 2012).
+    """
+    if (factor := factor_of_products(columns)) is not None:
+        return factor
     blocks = [np.linalg.qr(columns[k : k + BLOCK], mode="r") for k in range(0, max(len(columns), 1), BLOCK)]
     return np.asarray(blocks[0] if len(blocks) == 1 else np.linalg.qr(np.vstack(blocks), mode="r"))
 

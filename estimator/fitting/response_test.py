@@ -13,12 +13,14 @@ chi-square number with as many degrees of freedom, if there is nothing (Rao 1948
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimator.distributions import chi_square_limit
 from estimator.fitting.fit import Fit
+from estimator.fitting.in_parts import products
 
 FloatArray = NDArray[np.float64]
 
@@ -38,17 +40,17 @@ def unexplained_responses(fit: Fit, chance: float, channels: Sequence[int]) -> l
     outputs, test = [fit.simulator.outputs[j] for j in channels], fit.test()
     if not outputs:
         return []
-    across = [test.across(_changes(fit, j)) for j in channels]
-    products = np.block([[one.T @ other for other in across] for one in across])
-    scores = np.concatenate([columns.T @ test.left for columns in across])
+    columns = fit.whitener.of_made(partial(_changes, fit, channels))
+    known = test.known.along(columns)
+    information, scores = products(columns, columns) - known.T @ known, products(columns, test.left)
     groups = [(output, slice(RESPONSES * j, RESPONSES * (j + 1))) for j, output in enumerate(outputs)]
     if len(outputs) > 1:
         groups.append(("", slice(None)))
     found: list[tuple[str, float]] = []
     for output, own in groups:
-        norms = np.sqrt(np.diag(products)[own])
+        norms = np.sqrt(np.diag(information)[own])
         scale = np.where(norms > 0, 1 / np.where(norms > 0, norms, 1.0), 0.0)
-        power, axes = np.linalg.eigh((products[own, own] * scale).T * scale)
+        power, axes = np.linalg.eigh((information[own, own] * scale).T * scale)
         told = power > DEPENDENT
         along = axes[:, told].T @ (scale * scores[own])
         limit = chi_square_limit(max(1, int(told.sum())), chance / len(groups))
@@ -58,12 +60,15 @@ def unexplained_responses(fit: Fit, chance: float, channels: Sequence[int]) -> l
     return found
 
 
-def _changes(fit: Fit, j: int) -> FloatArray:
-    """Return the first, second, ... differences of a channel's explained signal, (rows, q, RESPONSES)."""
-    result = np.zeros((*fit.shown.shape, RESPONSES))
+def _changes(fit: Fit, channels: Sequence[int], rows: slice) -> FloatArray:
+    """Return first, second, ... differences of each channel's explained signal, (n, q, all), at n rows."""
+    result = np.zeros((rows.stop - rows.start, fit.shown.shape[1], RESPONSES * len(channels)))
     for clock in fit.simulator.clocks:
-        change = np.nan_to_num(fit.shown[clock.rows, j])
-        for k in range(RESPONSES):
-            change = np.diff(change, prepend=change[:1])
-            result[clock.rows, j, k] = change
+        first, last = max(rows.start, clock.rows.start), min(rows.stop, clock.rows.stop)
+        begun = max(clock.rows.start, first - RESPONSES)  # the rows before of which differences are
+        for at, j in enumerate(channels if first < last else ()):
+            change = np.nan_to_num(fit.shown[begun:last, j])
+            for k in range(RESPONSES):
+                change = np.diff(change, prepend=change[:1])
+                result[first - rows.start : last - rows.start, j, RESPONSES * at + k] = change[first - begun :]
     return result

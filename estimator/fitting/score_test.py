@@ -8,48 +8,80 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.fitting.projection import DEPENDENT, orthonormal
-from estimator.fitting.simulator import CELLS
+from estimator.fitting.in_parts import Columns, along, parts
+from estimator.fitting.projection import DEPENDENT, Projection, orthonormal
 from estimator.fitting.whitener import Whitener
 
 FloatArray = NDArray[np.float64]
 
+TOGETHER = 250_000  # rows of columns that are made at once, at most
+
+
+@dataclass(frozen=True)
+class Told:
+    """Scores, information and squares, (c,) each, of whitened columns; their products with others, (f, c), if asked."""
+
+    along: FloatArray
+    power: FloatArray
+    whole: FloatArray
+    explained: FloatArray | None
+
 
 @dataclass(frozen=True)
 class ScoreTest:
-    """Score test: how far z'z falls with further columns, to first order, all else fitted again (Rao 1948)."""
+    """Score test: how far z'z falls with further columns, to first order, all else fitted again (Rao 1948).
+
+    Attributes
+    ----------
+    known : Projection
+        On what the fit explains, whitened.
+    left : (rows q,) array
+        Whitened residuals, without what the fit explains.
+    """
 
     whitener: Whitener
-    basis: FloatArray
+    known: Projection
     left: FloatArray
 
     def across(self, columns: FloatArray) -> FloatArray:
         """Return (rows, q, c) columns whitened, without their part that the fit explains, (rows q, c)."""
-        whitened = self.whitener.flat(columns)
-        whitened -= self.basis @ (self.basis.T @ whitened)
-        return whitened
-
-    def rest(self, whitened: FloatArray) -> FloatArray:
-        """Return whitened columns, (rows q, c), without their part that the fit explains."""
-        return np.asarray(whitened - self.basis @ (self.basis.T @ whitened))
+        return self.known.rest(self.whitener.flat(columns))
 
     def scores(self, columns: FloatArray, rows: slice = slice(None)) -> tuple[FloatArray, FloatArray]:
         """Return the scores and the information, (c,) each, of (n, q, c) columns that are zero beside their rows."""
-        rows, whitened = self.whitener.of_rows(columns, rows)
-        q = columns.shape[1]
-        along, power, _ = self.of_whitened(whitened, slice(rows.start * q, rows.stop * q))
-        return along, power
+        if rows == slice(None):
+            told = self.of_whitened(self.whitener.whitened(columns))
+        else:
+            rows, whitened = self.whitener.of_rows(columns, rows)
+            told = self.of_whitened(whitened, first=rows.start * columns.shape[1])
+        return told.along, told.power
 
-    def of_whitened(self, whitened: FloatArray, at: slice = slice(None)) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return scores, information and squares, (c,) each, of whitened columns, (m, c), that are zero elsewhere."""
-        known = self.basis[at].T @ whitened
-        whole = np.einsum("nk,nk->k", whitened, whitened)
+    def of_whitened(self, whitened: Columns, *, first: int = 0, jacobian: Columns | None = None) -> Told:
+        """Return what the test says of each of whitened columns, (m, c), that are zero beside m rows from the first.
+
+        Parameters
+        ----------
+        jacobian : (rows q, f) columns, optional
+            Whose products with them are told, too.
+        """
+        c, spanned = whitened.shape[1], self.known.spanned
+        products, scores, whole = np.zeros((spanned.shape[1], c)), np.zeros(c), np.zeros(c)
+        explained = None if jacobian is None else np.zeros((jacobian.shape[1], c))
+        for at in parts(whitened):
+            own, there = whitened[at], slice(first + at.start, first + at.stop)
+            products += along(spanned, there, own)
+            scores += own.T @ self.left[there]
+            whole += np.einsum("nk,nk->k", own, own)
+            if explained is not None and jacobian is not None and jacobian is not spanned:
+                explained += along(jacobian, there, own)
+        known = self.known.of_products(products)
         power = whole - np.einsum("nk,nk->k", known, known)
-        return whitened.T @ self.left[at], np.where(power > DEPENDENT * whole, power, 0.0), whole
+        power = np.where(power > DEPENDENT * whole, power, 0.0)
+        return Told(scores, power, whole, products if jacobian is spanned else explained)
 
     def scores_of(self, made: Callable[[FloatArray], FloatArray], values: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return scores and information, (c,) each, of columns, (rows, q, c), made of c values, some at once."""
-        many = max(1, CELLS // len(self.whitener.present))
+        many = max(1, TOGETHER // len(self.whitener.present))
         found = [self.scores(made(values[k : k + many])) for k in range(0, len(values), many)]
         along, power = (np.concatenate(part) for part in zip(*found, strict=True))
         return along, power

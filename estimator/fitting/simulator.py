@@ -27,7 +27,7 @@ from estimator.recordings.samples import median
 FloatArray = NDArray[np.float64]
 STANDSTILL_ROWS = 8  # rows without a count after which an encoder is taken to stand still: its error is constant there
 SUBSTEPS = 4  # rows that are simulated for one where a filter acts between them
-CELLS = 2_000_000  # rows that are simulated at once, at most
+CELLS = 500_000  # rows that are simulated at once, at most
 KEPT_ANSWERS, KEPT_VALUES = 16, 500_000  # that were asked of late; numbers in all of them, at most
 LONGEST_HOLD = 20  # rows for which a logger may repeat a sample
 LEAST_CHANGES, HELD_PART = 20, 0.98  # changes of a quantised channel; their part at every n-th row: it is held between

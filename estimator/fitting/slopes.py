@@ -50,9 +50,9 @@ class Point:
     def slopes(self, *, central: bool) -> FloatArray:
         """Return derivatives of what is shown by what is free, (rows, q, f), by one-sided or central differences."""
         s, x, f = self.simulator, self.x, len(self.where)
-        result = np.zeros((*self.shown.shape, f))
+        result = np.zeros((f, *self.shown.shape))  # column by column, as they are simulated
         if not f:
-            return result
+            return np.moveaxis(result, 0, 2)
         h = np.where(s.log[self.where], DIFFERENCE_STEP, 10 * DIFFERENCE_STEP * s.size[self.where])
         h = np.maximum(h, s.spacing(self.values)[self.where] / (2 if central else 1))
         ahead = np.where(x + h <= self.high, x + h, x - h)
@@ -67,9 +67,9 @@ class Point:
                 if not np.isfinite(back).all():
                     back, width = self.shown, ahead[k] - x[k]
                 if np.isfinite(there).all():
-                    np.subtract(there, back, out=result[:, :, k])
-                    result[:, :, k] /= width
-        return result
+                    np.subtract(there, back, out=result[k])
+                    result[k] /= width
+        return np.moveaxis(result, 0, 2)
 
 
 class Slopes:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 
 from estimator.fitting.autoregression import ORDERS
 from estimator.fitting.clock import Clock
+from estimator.fitting.in_parts import Columns, Made, Scaled
 from estimator.fitting.kalman import shorten, whiten
 from estimator.fitting.noise_model import RESTS, RUNS, STARTS, NoiseModel
 from estimator.plans.part import LONG
@@ -39,7 +41,7 @@ class Whitener:
     moving : (rows,) array
         Whether the machine runs.
     slope : (rows, q) array
-        Of the signals, in their units a second.
+        Of the signals, in their units a second, where the noise has a jitter.
     speed : (rows,) array, optional
         Of the machine, over its largest: friction that wanders does so in proportion. None: it is not known.
     """
@@ -69,7 +71,47 @@ class Whitener:
 
     def flat(self, columns: FloatArray) -> FloatArray:
         """Return (rows, q, c) columns whitened, (rows q, c)."""
+        if self.in_parts:
+            return self.whitened(columns)[:]
         return self(columns)[0].reshape(columns.shape[0] * columns.shape[1], -1)
+
+    def whitened(self, *columns: FloatArray) -> Columns:
+        """Return (rows, q, c) columns whitened, (rows q, all c); of a long recording, without a memory, not held."""
+        if self.in_parts:
+            return Scaled([c.reshape(self._scale.size, c.shape[2]) for c in columns], self._scale.ravel())
+        return self.flat(columns[0] if len(columns) == 1 else np.concatenate(columns, axis=2))
+
+    def of_made(self, made: Callable[[slice], FloatArray]) -> Columns:
+        """Return columns whitened, likewise, that are made: of a slice of rows (n, q, c) ones."""
+        rows, q = self.present.shape
+        if not self.in_parts:
+            return self.flat(made(slice(0, rows)))
+        factors = self._scale
+
+        def whitened(at: slice) -> FloatArray:  # which may begin and end amid a row
+            there = slice(at.start // q, -(-at.stop // q))
+            own = made(there)
+            for k in range(own.shape[2]):
+                own[:, :, k] *= factors[there]
+            return own.reshape(own.shape[0] * q, own.shape[2])[at.start - there.start * q :][: at.stop - at.start]
+
+        return Made(whitened, rows * q)
+
+    @cached_property
+    def in_parts(self) -> bool:
+        """Whether columns are whitened some rows at a time: the recording is long, and its noise has no memory."""
+        short = any(len(a) for of_channels in self.noise.short for a, _ in of_channels)
+        return len(self.present) > LONG and not (self.noise.has_state or short)
+
+    @cached_property
+    def _scale(self) -> FloatArray:
+        """One over the deviation of each sample, (rows, q), of noise without a memory; 0 where it is missing."""
+        g, white = self._sizes()
+        scale = 1 / (g * np.sqrt(white))
+        for short, here in zip(self.noise.short, (~self.moving, self.moving), strict=False):
+            scale[here] /= [deviation for _, deviation in short]
+        scale[~self.present] = 0.0
+        return np.asarray(scale)
 
     def of_rows(self, columns: FloatArray, rows: slice) -> tuple[slice, FloatArray]:
         """Return columns, (n, q, c), whitened that are zero beside the given rows of one recording, as (m, c).
@@ -84,6 +126,9 @@ class Whitener:
             whole = np.zeros((last, *columns.shape[1:]))
             whole[rows] = columns
             return slice(0, last), self(whole)[0].reshape(-1, columns.shape[2])
+        if self.in_parts:
+            factors = self._scale[first:end].reshape(-1, 1)
+            return slice(first, end), columns.reshape(len(factors), columns.shape[2]) * factors
         before, behind = (MEMORY, MEMORY) if self.noise.has_state else (0, max(ORDERS))
         clock = self.clocks[holding[0]]
         wide = slice(max(clock.rows.start, first - before), min(clock.rows.stop, end + behind))
@@ -133,15 +178,10 @@ class Whitener:
         self,
     ) -> tuple[FloatArray, FloatArray, list[tuple[NDArray[np.int64] | None, dict[str, FloatArray]]]]:
         """The scale and white variance of each sample, (rows, q); of each clock the step to each row, and `states`."""
-        noise = self.noise
-        g, running = noise.scale(self.level), np.ones(len(noise.white))
+        noise, (g, white) = self.noise, self._sizes()
+        running = np.ones(len(noise.white))
         if self._grows:
             running = np.array([median(x[p]) if p.any() else 1.0 for x, p in zip(g.T, self.present.T, strict=True)])
-        power = noise.white**2 + noise.differenced**2 + noise.slow[:, 0] ** 2
-        floor = np.maximum(LEAST_WHITE * power, 1e-300)
-        white = np.maximum(noise.white**2, floor) * self.inflate
-        if noise.jitter:
-            white += (noise.jitter * self.slope / g) ** 2
         variance = np.where(self.present, white, np.inf)
         found = []
         for clock in self.clocks:
@@ -165,6 +205,17 @@ class Whitener:
             arrays["initial"] = spaces[0 if index is None else int(index[0])]["initial"]
             found.append((index, {**arrays, "readout": spaces[0]["readout"]}))
         return g, variance, found
+
+    def _sizes(self) -> tuple[FloatArray, FloatArray]:
+        """Return the scale and white variance of each sample, (rows, q), as if none were missing."""
+        noise = self.noise
+        g = noise.scale(self.level)
+        power = noise.white**2 + noise.differenced**2 + noise.slow[:, 0] ** 2
+        floor = np.maximum(LEAST_WHITE * power, 1e-300)
+        white = np.maximum(noise.white**2, floor) * self.inflate
+        if noise.jitter:
+            white += (noise.jitter * self.slope / g) ** 2
+        return g, white
 
     def of(self, noise: NoiseModel) -> Whitener:
         """Return the whitener of another noise model."""

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from estimator.fitting.budget import Budget
 from estimator.fitting.information import OUTSIDE, RANK_TOLERANCE, information_parts, scaled_svd
 from estimator.fitting.least_squares_fit import LeastSquaresFit
+from estimator.fitting.projection import triangle
 from estimator.judging.scaling import written
 from estimator.motor.derived_quantities import derived_quantities
 from estimator.motor.names import is_motor
@@ -95,7 +96,7 @@ class _ToldBy:
         self.inside = polish.at_bound == 0
         if not self.inside.any():
             return
-        jacobian = np.asarray(np.linalg.qr(polish.jacobian, mode="r"))[:, self.inside]
+        jacobian = triangle(polish.jacobian)[:, self.inside]
         self.scale, singular, rows = scaled_svd(jacobian)
         self.rows = rows[singular > RANK_TOLERANCE * singular[0]]
         self.known = information_parts(jacobian)[0]
