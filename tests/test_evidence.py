@@ -1,0 +1,59 @@
+"""The evidence of an explanation, by Laplace's method, against the integral of a linear model in closed form."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from estimator.fitting.addition import Addition
+from estimator.fitting.effects.base import Effect
+from estimator.fitting.explanation import Explanation
+
+SIZE = 0.7  # usual size of the number that is added
+
+
+def explanation_of(y, columns, names, added):
+    """Return the least-squares fit of white noise of variance 1 as an explanation."""
+    covariance = np.linalg.inv(columns.T @ columns)
+    left = y - columns @ (covariance @ columns.T @ y)
+    fit = SimpleNamespace(
+        cost=float(left @ left), names=names, at_bound=np.zeros(len(names), dtype=int),
+        covariance_parts=lambda: (covariance, 0 * covariance), simulator=SimpleNamespace(nuisances=()),
+    )  # fmt: skip
+    return Explanation(fit, tuple(added))
+
+
+@pytest.mark.parametrize("told", [0.02, 0.3, 30.0])  # by the standard error of a number over its usual size
+def test_the_evidence_of_one_number_more_is_the_integral_over_it(told):
+    rng = np.random.default_rng(3)
+    n = 200
+    wide = rng.standard_normal((n, 2))
+    column = rng.standard_normal(n)
+    column -= wide @ np.linalg.lstsq(wide, column, rcond=None)[0] * 0.4  # a part of it is explained
+    apart = column - wide @ np.linalg.lstsq(wide, column, rcond=None)[0]
+    column /= np.linalg.norm(apart) * told * SIZE
+    y = wide @ [3.0, -2.0] + 0.5 * SIZE * column + rng.standard_normal(n)
+    addition = Addition(Effect("drift", prior=0.2), "drift", 1, 0.0, free=("drift",), usual=SIZE)
+    bare = explanation_of(y, wide, ("a", "b"), ())
+    more = explanation_of(y, np.column_stack([wide, column]), ("a", "b", "drift"), (addition,))
+    basis = np.linalg.qr(wide)[0]
+    left, column = y - basis @ (basis.T @ y), column - basis @ (basis.T @ column)
+    # p(y | more) / p(y | bare), the number's prior normal of deviation SIZE, those of a and b flat
+    power, along = float(column @ column), float(column @ left)
+    bayes_factor = -(along**2) / (power + SIZE**-2) + np.log(1 + SIZE**2 * power)
+    wanted = bayes_factor + 2 * np.log(1 / 0.2)
+    # The cost is the fit's, without the prior: by so much it lies below that of the most likely number.
+    slack = along**2 / power - along**2 / (power + SIZE**-2)
+    assert more.evidence(n) - bare.evidence(n) == pytest.approx(wanted - slack, abs=1e-9)
+    assert more.criterion(n) - bare.criterion(n) == pytest.approx(
+        more.fit.cost - bare.fit.cost + np.log(n) + 2 * np.log(5)
+    )
+
+
+def test_a_number_of_no_known_size_is_charged_as_by_the_criterion():
+    rng = np.random.default_rng(4)
+    columns, y = rng.standard_normal((100, 2)), rng.standard_normal(100)
+    line = SimpleNamespace(size=0.0)
+    addition = Addition(Effect("ripple", prior=0.5), "ripple", 1, 0.0, linear=line)
+    found = explanation_of(y, columns, ("a", "ripple"), (addition,))
+    assert found.evidence(100) == pytest.approx(found.criterion(100))
