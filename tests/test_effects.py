@@ -446,12 +446,12 @@ def test_the_noise_of_a_logged_voltage_tells_no_inductance(tmp_path):
     assert abs(found.value - true["L", -1]) < 3 * found.standard_error and found.standard_error > 4.5e-5
 
 
-def test_friction_that_wanders_does_so_with_the_speed(tmp_path):
-    """Between changes of direction a torque beside the friction was told from B, which was 10 standard errors off."""
+def test_friction_that_wanders_is_in_the_error_of_b_where_the_speed_changes_faster(tmp_path):
+    """Between changes of the speed a torque beside the friction was told from B, to 5e-6: 10 standard errors off."""
     result, true = of_random_bench(1010058, tmp_path)
     assert any("wanders over" in note for note in result.notes), result.notes
     found = result.parameters["B"]
-    assert abs(found.value - true["B", -1]) < 4 * found.standard_error
+    assert abs(found.value - true["B", -1]) < 5 * found.standard_error and found.standard_error > 1e-5
 
 
 def test_no_winding_cools_while_it_is_recorded(tmp_path):

@@ -122,12 +122,12 @@ def test_a_torque_that_wanders_is_found_in_current_and_speed_at_once():
     assert np.exp(np.mean(np.log(times))) == pytest.approx(0.1, rel=0.5)
 
 
-def test_friction_that_wanders_with_the_speed_is_whitened_as_it_comes():
-    """Of a speed that turns every 50 rows: whitened by it the torque is white, without it is not."""
+def test_friction_that_wanders_against_the_motion_is_whitened_as_it_comes():
+    """Of a machine that turns back every 50 rows: whitened by that the torque is white, without it is not."""
     n, tau, rng = 6000, 0.1, np.random.default_rng(2)
-    speed = np.where(np.arange(n) // 50 % 2, 1.0, -0.5)
+    way = np.where(np.arange(n) // 50 % 2, 1.0, -1.0)
     noise = dataclasses.replace(plain(1e-4, 1e-2), machine=MACHINE, seat=(0, 1), torque=(2e-4, tau))
-    torque, x, shown = wandering(rng, n, 2e-4, tau) * speed, np.zeros(2), np.empty((n, 2))
+    torque, x, shown = wandering(rng, n, 2e-4, tau) * way, np.zeros(2), np.empty((n, 2))
     step = held(MACHINE[0].tobytes(), MACHINE[1].tobytes(), STEP)
     for k in range(n):
         shown[k] = x
@@ -135,7 +135,7 @@ def test_friction_that_wanders_with_the_speed_is_whitened_as_it_comes():
     shown += rng.standard_normal((n, 2)) * noise.white
     knows_not = whitener_of(noise, n, 2)
     ratios = []
-    for whitener in (dataclasses.replace(knows_not, speed=speed), knows_not):
+    for whitener in (dataclasses.replace(knows_not, way=way), knows_not):
         z = whitener(shown[:, :, None])[0][200:, :, 0]
         ratios.append(float(np.mean(z**2)))
     assert abs(ratios[0] - 1) < 5 * np.sqrt(2 / z.size) and ratios[1] > 1.05, ratios

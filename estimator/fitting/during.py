@@ -25,8 +25,31 @@ def changes_during(explanation: Explanation) -> FloatArray:
         if name in names:
             k = names.index(name)
             variances[k] = max(x * x for x in changes) / 12 / _scale(fit, k) ** 2  # any value on the way is as good
+    if "B" in names:
+        k = names.index("B")
+        known = float(fit.covariance_parts()[0][k, k])  # at one speed it is in there
+        variances[k] += max(_friction_variance(fit) / _scale(fit, k) ** 2 - known, 0.0)
     return np.where(fit.at_bound[: len(names)] == 0, variances, 0.0)
 
 
 def _scale(fit: Fit, k: int) -> float:
     return float(fit.values[k]) if fit.simulator.log[k] else 1.0
+
+
+def _friction_variance(fit: Fit) -> float:
+    """Return the variance of B's mean over the recordings where the friction's torque wanders.
+
+    To the noise that is a torque of one size, which a speed that changes fast tells from B w. But it is the friction
+    itself that wanders, B with it: the mean of an Ornstein-Uhlenbeck process over a time T has the variance
+    s^2 2 (u - u^2 (1 - exp(-1 / u))), u its time constant over T (Gillespie 1996).
+    """
+    deviation, tau = fit.whitener.noise.torque
+    if deviation == 0 or "w" not in fit.simulator.outputs:
+        return 0.0
+    w, parts = fit.shown[:, fit.simulator.outputs.index("w")], []
+    for clock in fit.simulator.clocks:
+        runs = w[clock.rows][fit.whitener.moving[clock.rows]]
+        if len(runs):
+            u = tau / (len(runs) * clock.step)
+            parts.append(2 * (u - u * u * (1 - np.exp(-1 / u))) / float(np.mean(runs**2)))
+    return deviation**2 * float(np.mean(parts)) / len(parts) if parts else 0.0

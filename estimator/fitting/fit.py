@@ -235,16 +235,15 @@ def with_level(fit: Fit) -> Fit:
     level /= np.where(largest > 0, largest, 1.0)
     moving = np.logical_or.reduce([own > 1e-3 for own in level.T])
     slope = slopes_in_time(fit) if fit.whitener.noise.jitter else np.broadcast_to(0.0, level.shape)
-    whitener = dataclasses.replace(fit.whitener, level=level, moving=moving, slope=slope, speed=_speed(fit))
+    whitener = dataclasses.replace(fit.whitener, level=level, moving=moving, slope=slope, way=_way(fit))
     return dataclasses.replace(fit, whitener=whitener)
 
 
-def _speed(fit: Fit) -> FloatArray | None:
-    """Return the speed as it is simulated now over its largest, (rows,); None where no sensor shows it."""
+def _way(fit: Fit) -> FloatArray | None:
+    """Return in which way the machine turns as it is simulated, (rows,), 1 or -1; None: no sensor shows its speed."""
     if "w" not in fit.simulator.outputs:
         return None
-    w = np.nan_to_num(fit.shown[:, fit.simulator.outputs.index("w")], posinf=0.0, neginf=0.0)
-    return np.asarray(w / max(float(np.max(np.abs(w))), 1e-300))
+    return np.where(fit.shown[:, fit.simulator.outputs.index("w")] < 0, -1.0, 1.0)
 
 
 def slopes_in_time(fit: Fit) -> FloatArray:

@@ -97,7 +97,7 @@ def _settled_part(whitener: Whitener, settled: BoolArray) -> tuple[Whitener, NDA
     rows = np.concatenate(cut)
     narrowed = Whitener(
         whitener.noise, tuple(clocks), present[rows], whitener.level[rows], whitener.inflate[rows],
-        whitener.moving[rows], whitener.slope[rows], None if whitener.speed is None else whitener.speed[rows],
+        whitener.moving[rows], whitener.slope[rows], None if whitener.way is None else whitener.way[rows],
     )  # fmt: skip
     return narrowed, rows
 

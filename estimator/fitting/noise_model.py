@@ -40,8 +40,7 @@ class NoiseModel:
         c and p of g = (1 + (c |y| / max |y|)^p)^(1/p): 2 adds powers, 8 hardly grows before c |y| / max |y| = 1.
     slow : (q, 2) array
         Deviation and correlation time, s, of the slow part; 0: none.
-    torque : deviation at the largest speed, and correlation time, s, of the torque; in the unit of `machine`'s input;
-        0: none
+    torque : deviation and correlation time, s, of the torque; in the unit of `machine`'s input; 0: none
     machine : (2, 2) and (2,) arrays, or None
         A and b of d[i, w]/dt = A [i, w] + b torque.
     seat : (q,) array
@@ -88,7 +87,7 @@ class NoiseModel:
             power = power + np.array([(gain[s] * self.torque[0]) ** 2 if s >= 0 else 0.0 for s in self.seat])
         return np.asarray(self.scale(level) * np.sqrt(power))
 
-    def states(self, dt: float, running: FloatArray, phase: int, speed: float = 1.0) -> dict[str, FloatArray]:
+    def states(self, dt: float, running: FloatArray, phase: int, way: float = 1.0) -> dict[str, FloatArray]:
         """Return the state space at a step in s: transition (d, d), process (d, d), start (d, d), readout (q, d).
 
         Parameters
@@ -97,7 +96,7 @@ class NoiseModel:
             g while the machine runs.
         phase : RESTS, STARTS or RUNS
             A machine at rest has no wandering torque.
-        speed : over the largest: the torque is in proportion
+        way : 1 or -1, in which the machine turns: the torque is against it
         """
         q = len(self.white)
         blocks: list[tuple[FloatArray, FloatArray, FloatArray, FloatArray]] = []
@@ -112,7 +111,7 @@ class NoiseModel:
                 shift = np.array([[0.0, 0.0], [1.0, 0.0]])
                 blocks.append((shift, np.diag([v, 0.0]), np.diag([v, v]), np.hstack([unit, -unit])))
         if self.torque[0] > 0 and self.machine is not None:
-            blocks.append(self._machine_block(dt, running, phase, speed))
+            blocks.append(self._machine_block(dt, running, phase, way))
         d = sum(len(b[0]) for b in blocks)
         result = {name: np.zeros((d, d)) for name in ("transition", "process", "initial")}
         result["readout"] = np.zeros((q, d))
@@ -125,14 +124,14 @@ class NoiseModel:
         return result
 
     def _machine_block(
-        self, dt: float, running: FloatArray, phase: int, speed: float
+        self, dt: float, running: FloatArray, phase: int, way: float
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Return transition and process covariance of the machine with the wandering torque held over a step."""
         assert self.machine is not None
         a, b = self.machine
         f = np.exp(-dt / self.torque[1])
         transition = held(a.tobytes(), b.tobytes(), dt).copy()
-        transition[:2, 2] *= speed
+        transition[:2, 2] *= way
         transition[2, 2] = f
         v = self.torque[0] ** 2
         process = np.diag([0.0, 0.0, {RESTS: 0.0, STARTS: v, RUNS: v * (1 - f * f)}[phase]])

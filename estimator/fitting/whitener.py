@@ -22,7 +22,6 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 MEMORY = 1000  # rows over which a noise with a state remembers, in a long recording
-SPEEDS = 16  # to which parts of its largest the speed is rounded
 LEAST_WHITE = 1e-9  # of the residuals' variance: the least white part
 
 
@@ -42,8 +41,8 @@ class Whitener:
         Whether the machine runs.
     slope : (rows, q) array
         Of the signals, in their units a second, where the noise has a jitter.
-    speed : (rows,) array, optional
-        Of the machine, over its largest: friction that wanders does so in proportion. None: it is not known.
+    way : (rows,) array, optional
+        1 or -1, in which the machine turns: friction that wanders is against it. None: it is not known.
     """
 
     noise: NoiseModel
@@ -53,7 +52,7 @@ class Whitener:
     inflate: FloatArray
     moving: BoolArray
     slope: FloatArray
-    speed: FloatArray | None = None
+    way: FloatArray | None = None
 
     def __call__(self, columns: FloatArray) -> tuple[FloatArray, float]:
         """Return (rows, q, c) columns whitened, zero where a sample is missing, and the sum of log variances."""
@@ -192,15 +191,12 @@ class Whitener:
                 phase = np.where(moving, np.where(np.concatenate([[True], moving[:-1]]), RUNS, STARTS), RESTS)
                 index = (np.zeros(len(moving), dtype=np.int64) if index is None else index) * 3 + phase
                 phases = (RESTS, STARTS, RUNS)
-            speeds: FloatArray | None = None
-            if noise.torque[0] > 0 and self.speed is not None:
-                before = self.speed[clock.rows][np.maximum(np.arange(len(moving)) - 1, 0)]  # at which a step begins
-                speeds, level = np.unique(np.round(before * SPEEDS) / SPEEDS, return_inverse=True)
-                index = (np.zeros(len(moving), dtype=np.int64) if index is None else index) * len(speeds) + level
-            spaces = [
-                noise.states(dt, running, phase, speed)
-                for dt in steps for phase in phases for speed in ([1.0] if speeds is None else speeds.tolist())
-            ]  # fmt: skip
+            ways = (1.0,)
+            if noise.torque[0] > 0 and self.way is not None:
+                ways = (1.0, -1.0)
+                before = self.way[clock.rows][np.maximum(np.arange(len(moving)) - 1, 0)]  # at which a step begins
+                index = (np.zeros(len(moving), dtype=np.int64) if index is None else index) * 2 + (before < 0)
+            spaces = [noise.states(dt, running, phase, way) for dt in steps for phase in phases for way in ways]
             arrays = {name: np.array([s[name] for s in spaces]) for name in ("transition", "process")}
             arrays["initial"] = spaces[0 if index is None else int(index[0])]["initial"]
             found.append((index, {**arrays, "readout": spaces[0]["readout"]}))
