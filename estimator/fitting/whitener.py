@@ -191,7 +191,7 @@ class Whitener:
                 phase = np.where(moving, np.where(np.concatenate([[True], moving[:-1]]), RUNS, STARTS), RESTS)
                 index = (np.zeros(len(moving), dtype=np.int64) if index is None else index) * 3 + phase
                 phases = (RESTS, STARTS, RUNS)
-            ways = (1.0,)
+            ways: tuple[float, ...] = (1.0,)
             if noise.torque[0] > 0 and self.way is not None:
                 ways = (1.0, -1.0)
                 before = self.way[clock.rows][np.maximum(np.arange(len(moving)) - 1, 0)]  # at which a step begins
