@@ -108,6 +108,20 @@ def renewed(explanation: Explanation) -> Fit:
     return dataclasses.replace(fit, linear=tuple(groups))
 
 
+def reshaped(explanation: Explanation) -> Explanation:
+    """Return the explanation with those of its columns in another form that explain more in it."""
+    for a in explanation.additions:
+        fit = explanation.fit
+        group = next((g for g in fit.linear if g.name == a.name), None)
+        other = None if group is None else a.effect.reshaped(fit, group)
+        if other is None:
+            continue
+        tried = solved(dataclasses.replace(fit, linear=tuple(other if g is group else g for g in fit.linear)))
+        if tried.cost < fit.cost:
+            explanation = dataclasses.replace(explanation, fit=tried)
+    return explanation
+
+
 def mirrored(explanation: Explanation, effects: Sequence[Effect], plan: Plan) -> list[Explanation]:
     """Return the explanation at the equivalent values that an effect names, such as two lags exchanged."""
     found = []

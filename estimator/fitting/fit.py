@@ -51,6 +51,8 @@ class Linear:
         Of how many columns that exclude each other it is the likeliest.
     told_from : float
         What a coefficient of 0 is reported as: for a gain, 1.
+    unsteady : (rows, q, k) array, optional
+        What it may be in a transient beside what settled rows show of it, for a unit of each (unsteady.py).
     """
 
     name: str
@@ -61,6 +63,7 @@ class Linear:
     size: float = 0.0
     told_from: float = 0.0
     one_of: int = 1
+    unsteady: FloatArray | None = None
 
 
 @dataclass(frozen=True)

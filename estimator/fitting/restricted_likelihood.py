@@ -62,7 +62,7 @@ class RestrictedLikelihood:
 
     def _products(self, noise: NoiseModel) -> tuple[FloatArray, float]:
         """Return the scalar products of the whitened columns, and the sum of log variances."""
-        if noise.has_state or noise.jitter:
+        if noise.has_state or noise.jitter or self.whitener.shared is not None:
             whitened, total = self.whitener.of(noise)(self.stacked)
             flat = whitened.reshape(-1, whitened.shape[2])
             return flat.T @ flat, total

@@ -32,6 +32,7 @@ from estimator.fitting.explanation import (
     is_full,
     mirrored,
     moved_to,
+    reshaped,
     with_fine_filters,
     without,
 )
@@ -112,6 +113,7 @@ class Selection:
             best = self._with_effects(self._begun(known), sharp=False)  # the part has told what is sharp
         if (shaken := with_jitter(best, self.differenced)) is not None:
             best = self.without_idle(self.grown(shaken, self.effects))
+        best = reshaped(best)
         best = min([best, *mirrored(best, self.effects, self.tests.base.plan)], key=lambda e: e.fit.cost)
         for simulator in {id(s): s for s in (self.tests.base, best.fit.simulator)}.values():
             p = len(self.tests.base.plan.names)

@@ -43,6 +43,8 @@ class Whitener:
         Of the signals, in their units a second, where the noise has a jitter.
     way : (rows,) array, optional
         1 or -1, in which the machine turns: friction that wanders is against it. None: it is not known.
+    shared : (rows, q, k) array, optional
+        What errors that samples share, of variance 1 each, add to them beside their noise (unsteady.py).
     """
 
     noise: NoiseModel
@@ -53,9 +55,30 @@ class Whitener:
     moving: BoolArray
     slope: FloatArray
     way: FloatArray | None = None
+    shared: FloatArray | None = None
 
     def __call__(self, columns: FloatArray) -> tuple[FloatArray, float]:
         """Return (rows, q, c) columns whitened, zero where a sample is missing, and the sum of log variances."""
+        white, total = self._by_noise(columns)
+        if self._shared is None:
+            return white, total
+        along, shortened, log = self._shared
+        flat = white.reshape(len(along), -1)
+        flat -= along @ (shortened @ (along.T @ flat))
+        return white, total + log
+
+    @cached_property
+    def _shared(self) -> tuple[FloatArray, FloatArray, float] | None:
+        """The shared errors whitened, F, and M with (I + F F')^-1/2 = I - F M F'; log det (I + F F')."""
+        if self.shared is None:
+            return None
+        f = self._by_noise(self.shared)[0].reshape(-1, self.shared.shape[2])
+        sizes, axes = np.linalg.eigh(f.T @ f)
+        root = np.sqrt(1 + np.maximum(sizes, 0.0))
+        return f, (axes / (root * (1 + root))) @ axes.T, float(2 * np.sum(np.log(root)))
+
+    def _by_noise(self, columns: FloatArray) -> tuple[FloatArray, float]:
+        """Return the same without shared errors."""
         parts = []
         total = self._log_size
         for k, clock in enumerate(self.clocks):
@@ -121,7 +144,7 @@ class Whitener:
         last = len(self.present)
         first, end = rows.start or 0, last if rows.stop is None else rows.stop
         holding = [k for k, c in enumerate(self.clocks) if c.rows.start <= first and end <= c.rows.stop]
-        if not holding or (self.noise.has_state and last <= LONG):
+        if not holding or ((self.noise.has_state or self.shared is not None) and last <= LONG):
             whole = np.zeros((last, *columns.shape[1:]))
             whole[rows] = columns
             return slice(0, last), self(whole)[0].reshape(-1, columns.shape[2])
@@ -159,7 +182,7 @@ class Whitener:
     def is_white(self) -> bool:
         """Whether the noise is alike and independent in all samples of a channel, none of which is an outlier."""
         short = any(len(a) for of_channels in self.noise.short for a, _ in of_channels)
-        plain = not (self._grows or self.noise.has_state or self.noise.jitter or short)
+        plain = not (self._grows or self.noise.has_state or self.noise.jitter or short or self.shared is not None)
         return plain and bool(np.all(self.inflate == 1.0))
 
     @property

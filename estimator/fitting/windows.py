@@ -38,6 +38,7 @@ class Windows:
     settled : rows that the noise is estimated from
     sharp : the first parts of transients
     onsets : the first few rows after each edge
+    transients : of each recording the rows of each, from its edge to where it has settled
     enough : there are enough settled rows
     """
 
@@ -45,6 +46,7 @@ class Windows:
     settled: BoolArray
     sharp: BoolArray
     onsets: BoolArray
+    transients: tuple[tuple[NDArray[np.int64], ...], ...]
     enough: bool = True
 
 
@@ -57,6 +59,7 @@ def _windows(fit: Fit) -> Windows:
     s = fit.simulator
     settled, sharp, onsets = np.zeros((3, s.rows), dtype=bool)
     windows: list[Window] = []
+    transients: list[tuple[NDArray[np.int64], ...]] = []
     span = _spans(fit.shown)
     for e, (o, clock) in enumerate(zip(s.observed, s.clocks, strict=True)):
         n = len(o.recording.time)
@@ -64,7 +67,7 @@ def _windows(fit: Fit) -> Windows:
         edges = _edges(o.inputs, n, late)
         bounds = [0, *edges, n]
         of = f" of {o.recording.title}" if len(s.observed) > 1 else ""
-        early, rest = [], []
+        early, rest, whole = [], [], []
         for k, (first, last) in enumerate(zip(bounds[:-1], bounds[1:], strict=True)):
             part = fit.shown[clock.rows][first:last]
             if not len(part):
@@ -82,9 +85,11 @@ def _windows(fit: Fit) -> Windows:
             if k and end:
                 early.append(rows[:cut])
                 rest.append(rows[cut:end])
+                whole.append(rows[:end])
                 if len(edges) <= FEW_EDGES:
                     t = o.recording.time[min(max(first - late, 0), n - 1)]  # of the input
                     windows.append(Window(f"the response to the edge at t = {t:.4g} s{of}", rows[:end]))
+        transients.append(tuple(whole))
         if early:
             windows.append(Window(f"the first part of the transients{of}", np.concatenate(early)))
             sharp[windows[-1].rows] = True
@@ -96,7 +101,7 @@ def _windows(fit: Fit) -> Windows:
     enough = bool(settled.sum() >= min(SETTLED_ROWS, 0.5 * s.rows))
     if not enough:
         settled[:] = True
-    return Windows(tuple(w for w in windows if len(w.rows) >= EARLY_ROWS), settled, sharp, onsets, enough)
+    return Windows(tuple(w for w in windows if len(w.rows) >= EARLY_ROWS), settled, sharp, onsets, tuple(transients), enough)
 
 
 def _edges(inputs: object, n: int, late: int) -> list[int]:

@@ -71,6 +71,10 @@ class Effect:
         """Return a group's columns computed again at a fit's values and its coefficients; None: they do not change."""
         return next((g for g in self.linear(fit) if g.name == group.name), None)
 
+    def reshaped(self, fit: Fit, group: Linear) -> Linear | None:
+        """Return a group of another form that may explain more than it does; None: there is none."""
+        return None
+
     def always(self, fit: Fit) -> Sequence[Linear]:
         """Return the groups of columns that are free from the start, such as an encoder's phase."""
         return ()

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.conventions import STANDS_OUT
+from estimator.conventions import LEAST_FALL, STANDS_OUT
 from estimator.fitting.effects.base import USUAL, Effect
 from estimator.fitting.fit import Fit, Linear
 from estimator.fitting.shaft_angle import HIGHEST_ORDER
@@ -76,16 +77,37 @@ class Ripple(Effect):
             coarse = max(quantum(o.outputs[y]) for o in fit.simulator.observed)
             if coarse > 0 and self._amplitude(power[order - 1], z[:, j], level, fit, j) < LEAST_QUANTA * coarse:
                 continue  # the beat of the encoder's lines with the clock
-            shapes = (level, (np.abs(level) > STANDSTILL).astype(np.float64))  # as commutation, or as a load that turns
-            tried = [self.columns(fit, theta, shape, order, j) for shape in shapes]
-            test = fit.test()
-            gains = [test.gain(test.across(columns))[0] for columns in tried]
-            found.append(Linear(f"ripple {y} {order}", tried[int(np.argmax(gains))], self._units(fit, y)))
+            line = Linear(f"ripple {y} {order}", np.zeros((*z.shape, 0)), self._units(fit, y))
+            shapes, test = self._shapes(fit, line), fit.test()
+            likeliest = int(np.argmax([test.gain(test.across(columns))[0] for columns in shapes]))
+            found.append(dataclasses.replace(line, columns=shapes[likeliest], unsteady=shapes[1]))
         return found
 
     def renewed(self, fit: Fit, group: Linear, coefficients: FloatArray) -> Linear | None:
-        """Return None: a line stays as it is."""
-        return None
+        """Return the line as it is, of a signal and its sensor as they are simulated now."""
+        of_signal, of_one_size = self._shapes(fit, group)
+        columns = of_one_size if group.columns is group.unsteady else of_signal
+        return dataclasses.replace(group, columns=columns, unsteady=of_one_size)
+
+    def reshaped(self, fit: Fit, group: Linear) -> Linear | None:
+        """Return the line of one size for one as large as its signal, and the reverse, where that may explain more."""
+        if group.unsteady is None:
+            return None
+        of_signal, of_one_size = self._shapes(fit, group)
+        columns, test = of_signal if group.columns is group.unsteady else of_one_size, fit.test()
+        if test.gain(test.across(columns))[0] < LEAST_FALL:
+            return None
+        return dataclasses.replace(group, columns=columns, unsteady=of_one_size)
+
+    def _shapes(self, fit: Fit, group: Linear) -> tuple[FloatArray, FloatArray]:
+        """Return a line's columns as large as the signal, as of commutation, and of one size, as of a load."""
+        theta = angle_of(fit)
+        assert theta is not None  # the line was found by it
+        _, y, order = group.name.split(" ")  # as `linear` names it
+        j = fit.simulator.outputs.index(y)
+        level = fit.shown[:, j] / max(float(np.max(np.abs(fit.shown[:, j]))), 1e-300)
+        turns = (np.abs(level) > STANDSTILL).astype(np.float64)
+        return self.columns(fit, theta, level, int(order), j), self.columns(fit, theta, turns, int(order), j)
 
     def power(self, theta: FloatArray, z: FloatArray, fit: Fit) -> FloatArray:
         """Return how much of a whitened output each order explains, (orders,)."""

@@ -14,6 +14,7 @@ from estimator.fitting.effects.base import USUAL
 from estimator.fitting.effects.ripple import MOST_LINES, Ripple, angle_of, standing_out
 from estimator.fitting.fit import Fit, Linear
 from estimator.fitting.shaft_angle import LINE_CYCLES
+from estimator.fitting.windows import find_windows
 
 FloatArray = NDArray[np.float64]
 
@@ -70,7 +71,9 @@ class Commutation(Ripple):
             return ()
         j = outputs.index("i")
         taken = {int(w[2]) for g in fit.linear if (w := g.name.split(" "))[:2] == ["ripple", "i"] and len(w) == 3}
-        level, z = _level(fit, j), standing_out(fit)[:, j]
+        level, z, settled = _level(fit, j), standing_out(fit)[:, j], find_windows(fit).settled
+        if find_windows(fit).enough and np.sum(level[settled] ** 2) > np.sum(level[~settled] ** 2):
+            return ()  # settled rows tell its size better: it is a line
         power = self.power(theta, level * z, fit)
         power[[k - 1 for k in (*LOW_ORDERS, *taken)]] = 0.0
         power[: max(0, int(PERIODS_AT_EDGES / max(_turns_at_edges(theta, level, fit), 1e-9)))] = 0.0

@@ -1,0 +1,67 @@
+"""What a ripple may be in a transient beside what it is while the machine runs steadily. Estimates nothing.
+
+A ripple's size and phase are told by settled rows, hundreds of turns. In the first turns after an edge it is another:
+the resistance and the flux that change with the rotor's position act on other currents and speeds there, and the
+winding, which smooths a fast ripple, passes a slow one. One half wave may last as long as the current's rise, and what
+it adds is then taken for L, J or a limit of the drive.
+
+Each transient therefore has an error of its own with the ripple's wave, as large as the ripple, that fades as the
+signals settle. Cosine and sine of it are normal with a mean of 0: an error that samples share (whitener.py).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.fitting.fit import Fit
+from estimator.fitting.windows import FEW_EDGES, find_windows
+from estimator.plans.part import LONG
+
+FloatArray = NDArray[np.float64]
+
+AS_LARGE = 1.0  # of the ripple: the deviation of its change in a transient
+
+
+def with_unsteady(fit: Fit) -> Fit:
+    """Return the fit with the errors of its ripple in transients among its noise; of a long recording as it is."""
+    return dataclasses.replace(fit, whitener=dataclasses.replace(fit.whitener, shared=unsteady(fit)))
+
+
+def unsteady(fit: Fit) -> FloatArray | None:
+    """Return what errors of variance 1 add to the sensors, (rows, q, k): of each ripple in each transient two."""
+    if fit.simulator.rows > LONG:
+        return None
+    found, at, steady, fades = [], 0, find_windows(fit).settled & fit.whitener.moving, _fading(fit)
+    for group in fit.linear:
+        own = slice(at, at + group.columns.shape[2])
+        at = own.stop
+        if group.unsteady is None:
+            continue
+        for e, clock in enumerate(fit.simulator.clocks):
+            two, known = slice(2 * e, 2 * e + 2), steady[clock.rows]
+            shown = (group.columns[clock.rows][known][:, :, two] @ fit.coefficients[own][two]).ravel()
+            unit = group.unsteady[clock.rows][known][:, :, two].ravel()
+            size = AS_LARGE * np.sqrt(shown @ shown / max(unit @ unit, 1e-300))  # of cosine and sine each
+            for fade in fades:
+                wave = size * group.unsteady[:, :, two] * fade[:, None, None]
+                if wave.any():
+                    found.append(wave)
+    return np.concatenate(found, axis=2) if found else None
+
+
+def _fading(fit: Fit) -> list[FloatArray]:
+    """Return how far the signals are from settled, (rows,), 1 at most: in each transient, of many in all of them."""
+    found = []
+    for transients in find_windows(fit).transients:
+        own = []
+        for rows in transients:
+            away = np.abs(fit.shown[rows] - fit.shown[rows[-1]])
+            largest = np.max(away, axis=0)
+            fade = np.zeros(fit.simulator.rows)
+            fade[rows] = np.max(away / np.where(largest > 0, largest, 1.0), axis=1)
+            own.append(fade)
+        found += own if len(own) <= FEW_EDGES else [np.sum(own, axis=0)]
+    return found
