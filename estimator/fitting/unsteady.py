@@ -5,8 +5,9 @@ the resistance and the flux that change with the rotor's position act on other c
 winding, which smooths a fast ripple, passes a slow one. One half wave may last as long as the current's rise, and what
 it adds is then taken for L, J or a limit of the drive.
 
-Each transient therefore has an error of its own with the ripple's wave, as large as the ripple, that fades as the
-signals settle. Cosine and sine of it are normal with a mean of 0: an error that samples share (whitener.py).
+Each transient therefore has an error of its own with the ripple's wave, that fades as the signals settle: as large as
+the ripple, or larger by as much as the signal is larger than where it has settled, as a resistance that changes with
+the angle makes it. Cosine and sine of it are normal with a mean of 0: an error that samples share (whitener.py).
 """
 
 from __future__ import annotations
@@ -22,8 +23,6 @@ from estimator.plans.part import LONG
 
 FloatArray = NDArray[np.float64]
 
-AS_LARGE = 1.0  # of the ripple: the deviation of its change in a transient
-
 
 def with_unsteady(fit: Fit) -> Fit:
     """Return the fit with the errors of its ripple in transients among its noise; of a long recording as it is."""
@@ -34,22 +33,29 @@ def unsteady(fit: Fit) -> FloatArray | None:
     """Return what errors of variance 1 add to the sensors, (rows, q, k): of each ripple in each transient two."""
     if fit.simulator.rows > LONG:
         return None
-    found, at, steady, fades = [], 0, find_windows(fit).settled & fit.whitener.moving, _fading(fit)
+    found, at, fades = [], 0, _fading(fit)
+    steady, level = find_windows(fit).settled & fit.whitener.moving, np.abs(fit.shown)
     for group in fit.linear:
         own = slice(at, at + group.columns.shape[2])
         at = own.stop
         if group.unsteady is None:
             continue
         for e, clock in enumerate(fit.simulator.clocks):
-            two, known = slice(2 * e, 2 * e + 2), steady[clock.rows]
-            shown = (group.columns[clock.rows][known][:, :, two] @ fit.coefficients[own][two]).ravel()
-            unit = group.unsteady[clock.rows][known][:, :, two].ravel()
-            size = AS_LARGE * np.sqrt(shown @ shown / max(unit @ unit, 1e-300))  # of cosine and sine each
+            two, known = slice(2 * e, 2 * e + 2), np.arange(clock.rows.start, clock.rows.stop)[steady[clock.rows]]
+            usual = _size(level[known])
+            larger = np.maximum(level / np.where(usual > 0, usual, 1.0), 1.0)[:, :, None]
+            size = _size((group.columns[known][:, :, two] @ fit.coefficients[own][two]).ravel())
+            unit = np.sqrt(2) * _size(group.unsteady[known][:, :, two].ravel())  # cosine and sine share it
             for fade in fades:
-                wave = size * group.unsteady[:, :, two] * fade[:, None, None]
+                wave = group.unsteady[:, :, two] * (size / max(float(unit), 1e-300) * fade[:, None, None] * larger)
                 if wave.any():
                     found.append(wave)
     return np.concatenate(found, axis=2) if found else None
+
+
+def _size(x: FloatArray) -> FloatArray:
+    """Return the root mean square of numbers, (n,) or (n, q)."""
+    return np.asarray(np.sqrt(np.mean(x * x, axis=0))) if len(x) else np.zeros(x.shape[1:])
 
 
 def _fading(fit: Fit) -> list[FloatArray]:
