@@ -1,4 +1,7 @@
-"""First-order response of a DC motor to additional voltage or torque. Knows R, K, L, J, B; no FMU, no noise."""
+"""First-order response of a DC motor to additional voltage or torque. Knows R, K, L, J, B; no FMU, no noise.
+
+Where the drive opens the circuit at no voltage there is no current, and the motor coasts.
+"""
 
 from __future__ import annotations
 
@@ -18,6 +21,8 @@ from estimator.motor.state_space import matrices, sampled
 FloatArray = NDArray[np.float64]
 
 SEATS = {"i": 0, "w": 1, "angle": 2}
+TINY = 1e-9  # of one: of a shorter exponential the first order is exact
+COASTS = "coasts"  # 1: the drive opens the circuit where its command is zero
 
 
 def motor_values(fit: Fit) -> Mapping[str, float] | None:
@@ -50,18 +55,63 @@ def response(fit: Fit, *, voltage: FloatArray | None = None, torque: FloatArray 
     given = [(j, signal.reshape(s.rows, -1)) for j, signal in enumerate((voltage, torque)) if signal is not None]
     many = given[0][1].shape[1]
     result = np.zeros((s.rows, len(s.outputs), many))
+    opens = _opens(fit)
     for clock in s.clocks:
-        f, g, denominator = _discrete(fit, clock)
-        # x[k+1] = F x[k] + G u[k]  =>  D(z) x = z^-1 (G + z^-1 (F - tr F) G) u,  D = 1 - tr F z^-1 + det F z^-2
-        second = (f - np.trace(f) * np.eye(2)) @ g
-        states = np.zeros((clock.rows.stop - clock.rows.start, 2 * many))
+        inputs = np.zeros((clock.rows.stop - clock.rows.start, 2, many))
         for j, signals in given:
-            numerator = np.repeat([np.zeros(2), g[:, j], second[:, j]], many, axis=1)
-            states += recursion(numerator, denominator, np.tile(signals[clock.rows], 2))
+            inputs[:, j] = signals[clock.rows]
+        states = _states(fit, clock, inputs, opens[clock.rows])
         for k in range(many):
-            result[clock.rows, :, k] = _as_shown(fit, states[:, k::many].T, clock)
+            result[clock.rows, :, k] = _as_shown(fit, states[:, :, k].T, clock)
     one = all(signal is None or signal.ndim == 1 for signal in (voltage, torque))
     return result[:, :, 0] if one else result
+
+
+def _opens(fit: Fit) -> NDArray[np.bool_]:
+    """Return in which rows the drive has opened the circuit, (rows,)."""
+    s = fit.simulator
+    if COASTS not in s.index or fit.values[s.index[COASTS]] != 1.0:
+        return np.zeros(s.rows, dtype=bool)
+    return np.asarray(as_late(fit, (s.inputs("v") == 0).astype(np.float64)) > 0.5)
+
+
+def _states(fit: Fit, clock: Clock, inputs: FloatArray, opens: NDArray[np.bool_]) -> FloatArray:
+    """Return changes of current and speed, (n, 2, c), by changes of voltage and torque, (n, 2, c), held over rows."""
+    f, g, denominator = _discrete(fit, clock)
+    # x[k+1] = F x[k] + G u[k]  =>  D(z) x = z^-1 (G + z^-1 (F - tr F) G) u,  D = 1 - tr F z^-1 + det F z^-2
+    adjugate = f - np.trace(f) * np.eye(2)
+    second = adjugate @ g
+    kept, pushed = _coasting(fit, clock) if opens.any() else (0.0, 0.0)
+    n, _, many = inputs.shape
+    states, x = np.zeros((n, 2, many)), np.zeros((2, many))
+    bounds = [0, *(np.flatnonzero(np.diff(opens)) + 1).tolist(), n]
+    for first, last in zip(bounds[:-1], bounds[1:], strict=True):
+        u = inputs[first : last + 1]  # the last row's state is the next stretch's first
+        own = np.zeros((len(u), 2, many))
+        if opens[first]:
+            speed = recursion([0.0, pushed], [-kept], u[:, 1])
+            own[:, 1] = speed + x[1] * kept ** np.arange(len(u))[:, None]
+        else:
+            for j in range(2):
+                if u[:, j].any():
+                    numerator = np.repeat([np.zeros(2), g[:, j], second[:, j]], many, axis=1)
+                    own += recursion(numerator, denominator, np.tile(u[:, j], 2)).reshape(own.shape)
+            if x.any():
+                impulse = np.zeros((len(u), 2 * many))
+                impulse[0] = 1.0
+                own += recursion([x.ravel(), (adjugate @ x).ravel()], denominator, impulse).reshape(own.shape)
+        states[first:last] = own[: last - first]
+        x = own[-1].copy()
+    return states
+
+
+def _coasting(fit: Fit, clock: Clock) -> tuple[float, float]:
+    """Return how much of its speed a motor without current keeps over a row, and what 1 N.m against it adds."""
+    values = motor_values(fit)
+    assert values is not None
+    rate, step = values["B"] / values["J"], clock.step
+    kept = float(np.exp(-rate * step))
+    return kept, -(1 - kept) / values["B"] if rate * step > TINY else -step / values["J"]
 
 
 def pulse_response(fit: Fit, clock: Clock, begin: float, end: float) -> FloatArray:

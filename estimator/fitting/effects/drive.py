@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.fitting.effects.base import Effect
+from estimator.fitting.motor_response import COASTS
 from estimator.fitting.simulator import Nuisance
 from estimator.plans.plan import Observed, Plan
 from estimator.recordings.excitation import noise_deviation
@@ -197,7 +198,7 @@ class Coasting(Drive):
     """A drive that opens the circuit where its command is zero."""
 
     name: str = "coasting"
-    target: str = "coasts"
+    target: str = COASTS
     sentence: str = "the circuit is open where the voltage is zero: the motor coasts"
 
     def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
