@@ -51,8 +51,10 @@ class Linear:
         Of how many columns that exclude each other it is the likeliest.
     told_from : float
         What a coefficient of 0 is reported as: for a gain, 1.
+    form : int
+        Which of the forms that its effect knows the columns have.
     unsteady : (rows, q, k) array, optional
-        What it may be in a transient beside what settled rows show of it, for a unit of each (unsteady.py).
+        What it may be in a transient beside what settled rows show of it, of any size (unsteady.py).
     """
 
     name: str
@@ -63,6 +65,7 @@ class Linear:
     size: float = 0.0
     told_from: float = 0.0
     one_of: int = 1
+    form: int = 0
     unsteady: FloatArray | None = None
 
 

@@ -5,9 +5,9 @@ the resistance and the flux that change with the rotor's position act on other c
 winding, which smooths a fast ripple, passes a slow one. One half wave may last as long as the current's rise, and what
 it adds is then taken for L, J or a limit of the drive.
 
-Each transient therefore has an error of its own with the ripple's wave, that fades as the signals settle: as large as
-the ripple, or larger by as much as the signal is larger than where it has settled, as a resistance that changes with
-the angle makes it. Cosine and sine of it are normal with a mean of 0: an error that samples share (whitener.py).
+Each transient therefore has an error of its own with the ripple's wave, that fades as the signals settle. Its form is
+the effect's (ripple.py), its size such that settled rows would show as much as they show of the ripple. Cosine and sine
+of it are normal with a mean of 0: an error that samples share (whitener.py).
 """
 
 from __future__ import annotations
@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 
 from estimator.fitting.fit import Fit
 from estimator.fitting.windows import FEW_EDGES, find_windows
-from estimator.plans.part import LONG
 
 FloatArray = NDArray[np.float64]
 
@@ -31,31 +30,29 @@ def with_unsteady(fit: Fit) -> Fit:
 
 def unsteady(fit: Fit) -> FloatArray | None:
     """Return what errors of variance 1 add to the sensors, (rows, q, k): of each ripple in each transient two."""
-    if fit.simulator.rows > LONG:
+    if not any(group.unsteady is not None for group in fit.linear):
         return None
-    found, at, fades = [], 0, _fading(fit)
-    steady, level = find_windows(fit).settled & fit.whitener.moving, np.abs(fit.shown)
+    found, at, fades, steady = [], 0, _fading(fit), find_windows(fit).settled & fit.whitener.moving
     for group in fit.linear:
         own = slice(at, at + group.columns.shape[2])
         at = own.stop
         if group.unsteady is None:
             continue
+        channels = group.columns.any(axis=(0, 2))
         for e, clock in enumerate(fit.simulator.clocks):
             two, known = slice(2 * e, 2 * e + 2), np.arange(clock.rows.start, clock.rows.stop)[steady[clock.rows]]
-            usual = _size(level[known])
-            larger = np.maximum(level / np.where(usual > 0, usual, 1.0), 1.0)[:, :, None]
-            size = _size((group.columns[known][:, :, two] @ fit.coefficients[own][two]).ravel())
-            unit = np.sqrt(2) * _size(group.unsteady[known][:, :, two].ravel())  # cosine and sine share it
+            there = np.ix_(known, channels, np.arange(two.start, two.stop))
+            size, unit = _size(group.columns[there] @ fit.coefficients[own][two]), _size(group.unsteady[there])
             for fade in fades:
-                wave = group.unsteady[:, :, two] * (size / max(float(unit), 1e-300) * fade[:, None, None] * larger)
-                if wave.any():
+                wave = size / max(np.sqrt(2) * unit, 1e-300) * group.unsteady[:, :, two] * fade[:, None, None]
+                if wave.any():  # cosine and sine share the size
                     found.append(wave)
     return np.concatenate(found, axis=2) if found else None
 
 
-def _size(x: FloatArray) -> FloatArray:
-    """Return the root mean square of numbers, (n,) or (n, q)."""
-    return np.asarray(np.sqrt(np.mean(x * x, axis=0))) if len(x) else np.zeros(x.shape[1:])
+def _size(x: FloatArray) -> float:
+    """Return the root mean square of numbers."""
+    return float(np.sqrt(np.mean(x * x))) if x.size else 0.0
 
 
 def _fading(fit: Fit) -> list[FloatArray]:

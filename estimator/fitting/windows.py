@@ -101,7 +101,8 @@ def _windows(fit: Fit) -> Windows:
     enough = bool(settled.sum() >= min(SETTLED_ROWS, 0.5 * s.rows))
     if not enough:
         settled[:] = True
-    return Windows(tuple(w for w in windows if len(w.rows) >= EARLY_ROWS), settled, sharp, onsets, tuple(transients), enough)
+    tested = tuple(w for w in windows if len(w.rows) >= EARLY_ROWS)
+    return Windows(tested, settled, sharp, onsets, tuple(transients), enough)
 
 
 def _edges(inputs: object, n: int, late: int) -> list[int]:

@@ -12,8 +12,10 @@ from numpy.typing import NDArray
 from estimator.conventions import LEAST_FALL, STANDS_OUT
 from estimator.fitting.effects.base import USUAL, Effect
 from estimator.fitting.fit import Fit, Linear
+from estimator.fitting.motor_response import motor_values, response
 from estimator.fitting.shaft_angle import HIGHEST_ORDER
 from estimator.fitting.windows import find_windows
+from estimator.plans.part import LONG
 from estimator.plans.plan import Plan
 from estimator.recordings.excitation import quantum
 from estimator.recordings.samples import median
@@ -29,6 +31,7 @@ AT_ONCE = 10_000  # rows
 EIGHT = 8  # orders, of HIGHEST_ORDER, whose waves are kept
 STANDSTILL = 1e-3  # of the largest signal: less stands still
 MOST_LINES = 4  # an output, at most
+OF_SIGNAL, OF_ONE_SIZE, OF_RESISTANCE = range(3)  # forms of a line
 
 
 def angle_of(fit: Fit) -> FloatArray | None:
@@ -77,37 +80,57 @@ class Ripple(Effect):
             coarse = max(quantum(o.outputs[y]) for o in fit.simulator.observed)
             if coarse > 0 and self._amplitude(power[order - 1], z[:, j], level, fit, j) < LEAST_QUANTA * coarse:
                 continue  # the beat of the encoder's lines with the clock
-            line = Linear(f"ripple {y} {order}", np.zeros((*z.shape, 0)), self._units(fit, y))
-            shapes, test = self._shapes(fit, line), fit.test()
-            likeliest = int(np.argmax([test.gain(test.across(columns))[0] for columns in shapes]))
-            found.append(dataclasses.replace(line, columns=shapes[likeliest], unsteady=shapes[1]))
+            line, test = Linear(f"ripple {y} {order}", np.zeros((*z.shape, 0)), self._units(fit, y)), fit.test()
+            forms = [self._in_form(fit, line, form) for form in self._forms(fit, y)]
+            found.append(max(forms, key=lambda line: test.gain(test.across(line.columns))[0]))
         return found
 
     def renewed(self, fit: Fit, group: Linear, coefficients: FloatArray) -> Linear | None:
         """Return the line as it is, of a signal and its sensor as they are simulated now."""
-        of_signal, of_one_size = self._shapes(fit, group)
-        columns = of_one_size if group.columns is group.unsteady else of_signal
-        return dataclasses.replace(group, columns=columns, unsteady=of_one_size)
+        return self._in_form(fit, group, group.form)
 
     def reshaped(self, fit: Fit, group: Linear) -> Linear | None:
-        """Return the line of one size for one as large as its signal, and the reverse, where that may explain more."""
-        if group.unsteady is None:
-            return None
-        of_signal, of_one_size = self._shapes(fit, group)
-        columns, test = of_signal if group.columns is group.unsteady else of_one_size, fit.test()
-        if test.gain(test.across(columns))[0] < LEAST_FALL:
-            return None
-        return dataclasses.replace(group, columns=columns, unsteady=of_one_size)
+        """Return the line in the form that explains most beside its own, where that may explain more."""
+        others = [self._in_form(fit, group, form) for form in self._forms(fit, group.name.split(" ")[1]) if form != group.form]
+        test = fit.test()
+        gains = [test.gain(test.across(other.columns))[0] for other in others]
+        return others[int(np.argmax(gains))] if max(gains, default=0.0) > LEAST_FALL else None
 
-    def _shapes(self, fit: Fit, group: Linear) -> tuple[FloatArray, FloatArray]:
-        """Return a line's columns as large as the signal, as of commutation, and of one size, as of a load."""
+    def _forms(self, fit: Fit, y: str) -> tuple[int, ...]:
+        of_current = y == "i" and motor_values(fit) is not None
+        return (OF_SIGNAL, OF_ONE_SIZE, OF_RESISTANCE) if of_current else (OF_SIGNAL, OF_ONE_SIZE)
+
+    def _in_form(self, fit: Fit, line: Linear, form: int) -> Linear:
+        """Return a line as large as the signal, of one size, or as a resistance that changes with the angle makes it.
+
+        The last may be there in transients besides the others: there it does not follow from what settled rows show.
+        """
         theta = angle_of(fit)
         assert theta is not None  # the line was found by it
-        _, y, order = group.name.split(" ")  # as `linear` names it
+        _, y, order = line.name.split(" ")  # as `linear` names it
         j = fit.simulator.outputs.index(y)
         level = fit.shown[:, j] / max(float(np.max(np.abs(fit.shown[:, j]))), 1e-300)
         turns = (np.abs(level) > STANDSTILL).astype(np.float64)
-        return self.columns(fit, theta, level, int(order), j), self.columns(fit, theta, turns, int(order), j)
+        made = {
+            OF_SIGNAL: lambda: self.columns(fit, theta, level, int(order), j),
+            OF_ONE_SIZE: lambda: self.columns(fit, theta, turns, int(order), j),
+            OF_RESISTANCE: lambda: self._of_resistance(fit, theta, int(order), j),
+        }
+        last = made[self._forms(fit, y)[-1]]() if len(theta) <= LONG else None
+        columns = last if last is not None and form == self._forms(fit, y)[-1] else made[form]()
+        return dataclasses.replace(line, columns=columns, form=form, unsteady=last)
+
+    def _of_resistance(self, fit: Fit, theta: FloatArray, order: int, j: int) -> FloatArray:
+        """Return cosine and sine of an order of each recording, (rows, q, 2 a recording), of a relative resistance.
+
+        It is a voltage in proportion to the current, which moves the speed, too, and which the winding smooths the less
+        the slower the shaft turns.
+        """
+        voltage = np.zeros((len(theta), 2 * len(fit.simulator.clocks)))
+        for e, clock in enumerate(fit.simulator.clocks):
+            angle, current = order * theta[clock.rows], fit.shown[clock.rows, j]
+            voltage[clock.rows, 2 * e : 2 * e + 2] = np.column_stack([np.cos(angle), np.sin(angle)]) * current[:, None]
+        return response(fit, voltage=-voltage)
 
     def power(self, theta: FloatArray, z: FloatArray, fit: Fit) -> FloatArray:
         """Return how much of a whitened output each order explains, (orders,)."""
