@@ -87,12 +87,13 @@ class Ripple(Effect):
 
     def renewed(self, fit: Fit, group: Linear, coefficients: FloatArray) -> Linear | None:
         """Return the line as it is, of a signal and its sensor as they are simulated now."""
-        return self._in_form(fit, group, group.form)
+        own = (group.columns @ coefficients)[:, fit.simulator.outputs.index(group.name.split(" ")[1])]
+        return self._in_form(fit, group, group.form, own)
 
     def reshaped(self, fit: Fit, group: Linear) -> Linear | None:
         """Return the line in the form that explains most beside its own, where that may explain more."""
-        others = [self._in_form(fit, group, form) for form in self._forms(fit, group.name.split(" ")[1]) if form != group.form]
-        test = fit.test()
+        forms, test = self._forms(fit, group.name.split(" ")[1]), fit.test()
+        others = [self._in_form(fit, group, form) for form in forms if form != group.form]
         gains = [test.gain(test.across(other.columns))[0] for other in others]
         return others[int(np.argmax(gains))] if max(gains, default=0.0) > LEAST_FALL else None
 
@@ -100,10 +101,11 @@ class Ripple(Effect):
         of_current = y == "i" and motor_values(fit) is not None
         return (OF_SIGNAL, OF_ONE_SIZE, OF_RESISTANCE) if of_current else (OF_SIGNAL, OF_ONE_SIZE)
 
-    def _in_form(self, fit: Fit, line: Linear, form: int) -> Linear:
+    def _in_form(self, fit: Fit, line: Linear, form: int, own: FloatArray | float = 0.0) -> Linear:
         """Return a line as large as the signal, of one size, or as a resistance that changes with the angle makes it.
 
         The last may be there in transients besides the others: there it does not follow from what settled rows show.
+        `own` is what it adds to its signal, (rows,), where the fit's explanation does not hold it.
         """
         theta = angle_of(fit)
         assert theta is not None  # the line was found by it
@@ -114,13 +116,13 @@ class Ripple(Effect):
         made = {
             OF_SIGNAL: lambda: self.columns(fit, theta, level, int(order), j),
             OF_ONE_SIZE: lambda: self.columns(fit, theta, turns, int(order), j),
-            OF_RESISTANCE: lambda: self._of_resistance(fit, theta, int(order), j),
+            OF_RESISTANCE: lambda: self._of_resistance(fit, theta, int(order), fit.explained[:, j] + own),
         }
         last = made[self._forms(fit, y)[-1]]() if len(theta) <= LONG else None
         columns = last if last is not None and form == self._forms(fit, y)[-1] else made[form]()
         return dataclasses.replace(line, columns=columns, form=form, unsteady=last)
 
-    def _of_resistance(self, fit: Fit, theta: FloatArray, order: int, j: int) -> FloatArray:
+    def _of_resistance(self, fit: Fit, theta: FloatArray, order: int, current: FloatArray) -> FloatArray:
         """Return cosine and sine of an order of each recording, (rows, q, 2 a recording), of a relative resistance.
 
         It is a voltage in proportion to the current, which moves the speed, too, and which the winding smooths the less
@@ -128,8 +130,10 @@ class Ripple(Effect):
         """
         voltage = np.zeros((len(theta), 2 * len(fit.simulator.clocks)))
         for e, clock in enumerate(fit.simulator.clocks):
-            angle, current = order * theta[clock.rows], fit.shown[clock.rows, j]
-            voltage[clock.rows, 2 * e : 2 * e + 2] = np.column_stack([np.cos(angle), np.sin(angle)]) * current[:, None]
+            waves = np.column_stack([wave(order * theta[clock.rows]) for wave in (np.cos, np.sin)])
+            here = waves * current[clock.rows, None]
+            here[:-1] = 0.5 * (here[:-1] + here[1:])  # it is held over a row
+            voltage[clock.rows, 2 * e : 2 * e + 2] = here
         return response(fit, voltage=-voltage)
 
     def power(self, theta: FloatArray, z: FloatArray, fit: Fit) -> FloatArray:
