@@ -7,6 +7,8 @@ from numpy.typing import NDArray
 
 from estimator.fitting.explanation import Explanation
 from estimator.fitting.fit import Fit
+from estimator.fitting.unsteady import unsteady_sizes
+from estimator.fitting.windows import find_windows
 
 FloatArray = NDArray[np.float64]
 
@@ -29,6 +31,9 @@ def changes_during(explanation: Explanation) -> FloatArray:
         k = names.index("B")
         known = float(fit.covariance_parts()[0][k, k])  # at one speed it is in there
         variances[k] += max(_friction_variance(fit) / _scale(fit, k) ** 2 - known, 0.0)
+    if "L" in names:
+        k = names.index("L")
+        variances[k] += _inductance_variance(fit) * (1.0 if fit.simulator.log[k] else float(fit.values[k]) ** 2)
     return np.where(fit.at_bound[: len(names)] == 0, variances, 0.0)
 
 
@@ -53,3 +58,14 @@ def _friction_variance(fit: Fit) -> float:
             u = tau / (len(runs) * clock.step)
             parts.append(2 * (u - u * u * (1 - np.exp(-1 / u))) / float(np.mean(runs**2)))
     return deviation**2 * float(np.mean(parts)) / len(parts) if parts else 0.0
+
+
+def _inductance_variance(fit: Fit) -> float:
+    """Return the variance of L, relative, over the angles at which the shaft may stand at an edge.
+
+    The coil that a brush shorts is missing in L as it is in R, which makes the current's ripple. The current's rise
+    tells L, within a part of a turn: at the angle where the shaft stands then.
+    """
+    sizes = [np.mean(np.square(of)) for name, of in unsteady_sizes(fit).items() if name.startswith("ripple i ")]
+    edges = sum(len(transients) for transients in find_windows(fit).transients)
+    return float(sum(sizes)) / max(edges, 1)

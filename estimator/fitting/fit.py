@@ -54,7 +54,9 @@ class Linear:
     form : int
         Which of the forms that its effect knows the columns have.
     unsteady : (rows, q, k) array, optional
-        What it may be in a transient beside what settled rows show of it, of any size (unsteady.py).
+        What it may be in a transient beside what settled rows show of it (unsteady.py).
+    most_unsteady : float
+        Bound of the coefficients of that.
     """
 
     name: str
@@ -67,6 +69,7 @@ class Linear:
     one_of: int = 1
     form: int = 0
     unsteady: FloatArray | None = None
+    most_unsteady: float = np.inf
 
 
 @dataclass(frozen=True)

@@ -30,24 +30,42 @@ def with_unsteady(fit: Fit) -> Fit:
 
 def unsteady(fit: Fit) -> FloatArray | None:
     """Return what errors of variance 1 add to the sensors, (rows, q, k): of each ripple in each transient two."""
-    if not any(group.unsteady is not None for group in fit.linear):
-        return None
-    found, at, fades, steady = [], 0, _fading(fit), find_windows(fit).settled & fit.whitener.moving
+    sizes, found = unsteady_sizes(fit), list[FloatArray]()
+    fades = _fading(fit) if sizes else []
     for group in fit.linear:
-        own = slice(at, at + group.columns.shape[2])
-        at = own.stop
         if group.unsteady is None:
             continue
-        channels = group.columns.any(axis=(0, 2))
-        for e, clock in enumerate(fit.simulator.clocks):
-            two, known = slice(2 * e, 2 * e + 2), np.arange(clock.rows.start, clock.rows.stop)[steady[clock.rows]]
-            there = np.ix_(known, channels, np.arange(two.start, two.stop))
-            size, unit = _size(group.columns[there] @ fit.coefficients[own][two]), _size(group.unsteady[there])
-            for fade in fades:
-                wave = size / max(np.sqrt(2) * unit, 1e-300) * group.unsteady[:, :, two] * fade[:, None, None]
-                if wave.any():  # cosine and sine share the size
-                    found.append(wave)
+        for e, size in enumerate(sizes[group.name]):
+            waves = [size * _of_recording(group.unsteady, e) * fade[:, None, None] for fade in fades]
+            found += [wave for wave in waves if wave.any()]
     return np.concatenate(found, axis=2) if found else None
+
+
+def unsteady_sizes(fit: Fit) -> dict[str, list[float]]:
+    """Return the deviation of the coefficients of each ripple's change in a transient, by its name, of each recording.
+
+    By such a coefficient settled rows would show as much as they show of the ripple.
+    """
+    found, at = dict[str, list[float]](), 0
+    for group in fit.linear:
+        own = fit.coefficients[at : (at := at + group.columns.shape[2])]
+        if group.unsteady is None:
+            continue
+        channels, steady = group.columns.any(axis=(0, 2)), find_windows(fit).settled & fit.whitener.moving
+        found[group.name] = []
+        for e, clock in enumerate(fit.simulator.clocks):
+            there = np.zeros_like(steady)
+            there[clock.rows] = steady[clock.rows]
+            shown = _size((_of_recording(group.columns, e) @ _of_recording(own, e))[there][:, channels])
+            unit = _size(_of_recording(group.unsteady, e)[there][:, channels])
+            size = min(shown / max(np.sqrt(2) * unit, 1e-300), group.most_unsteady)  # cosine and sine share it
+            found[group.name].append(size)
+    return found
+
+
+def _of_recording(pairs: FloatArray, e: int) -> FloatArray:
+    """Return those of pairs along the last axis that are of a recording."""
+    return pairs[..., 2 * e : 2 * e + 2]
 
 
 def _size(x: FloatArray) -> float:
@@ -57,7 +75,7 @@ def _size(x: FloatArray) -> float:
 
 def _fading(fit: Fit) -> list[FloatArray]:
     """Return how far the signals are from settled, (rows,), 1 at most: in each transient, of many in all of them."""
-    found = []
+    found = list[FloatArray]()
     for transients in find_windows(fit).transients:
         own = []
         for rows in transients:

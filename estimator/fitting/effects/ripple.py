@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.conventions import LEAST_FALL, STANDS_OUT
+from estimator.fitting.commutated_winding import MOST_CHANGE, of_resistance
 from estimator.fitting.effects.base import USUAL, Effect
 from estimator.fitting.fit import Fit, Linear
-from estimator.fitting.motor_response import motor_values, response
+from estimator.fitting.motor_response import motor_values
 from estimator.fitting.shaft_angle import HIGHEST_ORDER
 from estimator.fitting.windows import find_windows
 from estimator.plans.part import LONG
@@ -105,36 +106,27 @@ class Ripple(Effect):
         """Return a line as large as the signal, of one size, or as a resistance that changes with the angle makes it.
 
         The last may be there in transients besides the others: there it does not follow from what settled rows show.
-        `own` is what it adds to its signal, (rows,), where the fit's explanation does not hold it.
+        `own` is what the line adds to its signal, (rows,), where the fit's explanation does not hold it.
         """
         theta = angle_of(fit)
         assert theta is not None  # the line was found by it
         _, y, order = line.name.split(" ")  # as `linear` names it
-        j = fit.simulator.outputs.index(y)
+        j, k, is_long = fit.simulator.outputs.index(y), int(order), len(theta) > LONG
         level = fit.shown[:, j] / max(float(np.max(np.abs(fit.shown[:, j]))), 1e-300)
         turns = (np.abs(level) > STANDSTILL).astype(np.float64)
-        made = {
-            OF_SIGNAL: lambda: self.columns(fit, theta, level, int(order), j),
-            OF_ONE_SIZE: lambda: self.columns(fit, theta, turns, int(order), j),
-            OF_RESISTANCE: lambda: self._of_resistance(fit, theta, int(order), fit.explained[:, j] + own),
-        }
-        last = made[self._forms(fit, y)[-1]]() if len(theta) <= LONG else None
-        columns = last if last is not None and form == self._forms(fit, y)[-1] else made[form]()
-        return dataclasses.replace(line, columns=columns, form=form, unsteady=last)
-
-    def _of_resistance(self, fit: Fit, theta: FloatArray, order: int, current: FloatArray) -> FloatArray:
-        """Return cosine and sine of an order of each recording, (rows, q, 2 a recording), of a relative resistance.
-
-        It is a voltage in proportion to the current, which moves the speed, too, and which the winding smooths the less
-        the slower the shaft turns.
-        """
-        voltage = np.zeros((len(theta), 2 * len(fit.simulator.clocks)))
-        for e, clock in enumerate(fit.simulator.clocks):
-            waves = np.column_stack([wave(order * theta[clock.rows]) for wave in (np.cos, np.sin)])
-            here = waves * current[clock.rows, None]
-            here[:-1] = 0.5 * (here[:-1] + here[1:])  # it is held over a row
-            voltage[clock.rows, 2 * e : 2 * e + 2] = here
-        return response(fit, voltage=-voltage)
+        if OF_RESISTANCE not in self._forms(fit, y):
+            constant = self.columns(fit, theta, turns, k, j)
+            columns = constant if form == OF_ONE_SIZE else self.columns(fit, theta, level, k, j)
+            return dataclasses.replace(line, columns=columns, form=form, unsteady=None if is_long else constant)
+        of_winding = None
+        if form == OF_RESISTANCE or not is_long:
+            of_winding = of_resistance(fit, theta, k, fit.explained[:, j] + own)
+        if form == OF_RESISTANCE and of_winding is not None:
+            columns = of_winding / max(float(np.max(np.hypot(of_winding[:, j, ::2], of_winding[:, j, 1::2]))), 1e-300)
+        else:
+            columns = self.columns(fit, theta, turns if form == OF_ONE_SIZE else level, k, j)
+        unsteady = None if is_long else of_winding
+        return dataclasses.replace(line, columns=columns, form=form, unsteady=unsteady, most_unsteady=MOST_CHANGE)
 
     def power(self, theta: FloatArray, z: FloatArray, fit: Fit) -> FloatArray:
         """Return how much of a whitened output each order explains, (orders,)."""

@@ -46,10 +46,10 @@ class SourceSag(Effect):
         current = fit.explained[:, s.outputs.index("i")]
         best = likeliest(*fit.test().scores_of(lambda some: _response(fit, current, some), taus))
         near = {max(0, best - STEPS_BESIDE), best, min(len(taus) - 1, best + STEPS_BESIDE)}
-        bounds = {"least": LEAST_SAG * values["R"], "most": values["R"], "size": USUAL_SAG * values["R"]}
+        r = values["R"]
         return [
             Linear(f"{self.name}, {taus[k]:.3g} s", _response(fit, current, taus[k : k + 1]), ("Ohm",),
-                   one_of=len(taus), **bounds)
+                   least=LEAST_SAG * r, most=r, size=USUAL_SAG * r, one_of=len(taus))
             for k in sorted(near, key=lambda k: abs(k - best))
         ]  # fmt: skip
 

@@ -1,0 +1,41 @@
+"""What a winding whose resistance changes with the shaft's angle shows. Knows a motor, no noise.
+
+A brush that touches two segments of the commutator shorts a coil: so many times a turn R falls by its share.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.fitting.fit import Fit
+from estimator.fitting.motor_response import motor_values, response
+
+FloatArray = NDArray[np.float64]
+
+MOST_CHANGE = 1 / 3  # of the winding: one coil of three, the fewest that a motor has
+
+
+def of_resistance(fit: Fit, theta: FloatArray, order: int, current: FloatArray) -> FloatArray:
+    """Return what the sensors show more, (rows, q, 2 a recording), where R is R (1 + a cos + b sin) for a, b of 1 each.
+
+    With the current that flows, its ripple included, (rows,) in A, the response is exact.
+    """
+    values, clocks = motor_values(fit), fit.simulator.clocks
+    assert values is not None
+    last = [clock.rows.stop - 1 for clock in clocks]
+    drop, angle = (0.5 * (signal + _next(signal, last)) for signal in (values["R"] * current, order * theta))
+    voltage = np.zeros((len(theta), 2 * len(clocks)))
+    for e, clock in enumerate(clocks):
+        waves = np.column_stack([wave(angle[clock.rows]) for wave in (np.cos, np.sin)])
+        voltage[clock.rows, 2 * e : 2 * e + 2] = -waves * drop[clock.rows, None]  # held over each row
+    return response(fit, voltage=voltage)
+
+
+def _next(signal: FloatArray, last: Sequence[int]) -> FloatArray:
+    """Return what a signal, (rows,), is a row later; in a recording's last row what it is there."""
+    later = np.concatenate([signal[1:], signal[-1:]])
+    later[last] = signal[last]
+    return later

@@ -1,0 +1,54 @@
+"""The linear response of a motor whose drive opens the circuit, against a step-by-step solution in closed form."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+from estimator.fitting.clock import Clock
+from estimator.fitting.motor_response import COASTS, response
+
+MOTOR = {"R": 2.0, "K": 0.05, "L": 3e-3, "J": 2e-5, "B": 4e-5}
+STEP = 1e-3
+VOLTAGE = np.r_[np.zeros(20), np.full(60, 6.0), np.zeros(50), np.full(40, -4.0), np.zeros(30)]
+
+
+def fit_of(coasts):
+    names = (*MOTOR, COASTS)
+    n = len(VOLTAGE)
+    simulator = SimpleNamespace(
+        plan=SimpleNamespace(fixed={}), names=names, index={name: k for k, name in enumerate(names)},
+        outputs=("i", "w"), observed=[SimpleNamespace(inputs={"v": VOLTAGE}, delay=0.0)], nuisances=(), rows=n,
+        clocks=(Clock(STEP * np.arange(n), slice(0, n)),), inputs=lambda name: VOLTAGE,
+    )  # fmt: skip
+    return SimpleNamespace(simulator=simulator, values=np.array([*MOTOR.values(), coasts]), delay=lambda e: 0.0)
+
+
+def solved(voltage, torque, coasts):
+    """Return current and speed, (n, 2), row after row: closed by the matrix exponential, open without current."""
+    r, k, inductance, j, b = MOTOR.values()
+    whole = np.zeros((4, 4))
+    whole[:2] = [[-r / inductance, -k / inductance, 1 / inductance, 0], [k / j, -b / j, 0, -1 / j]]
+    closed = expm(whole * STEP)[:2]
+    x, shown = np.zeros(2), []
+    for row, (v, t) in enumerate(zip(voltage, torque, strict=True)):
+        if coasts and VOLTAGE[row] == 0:
+            x[0] = 0.0
+            shown.append(x.copy())
+            x[1] = (x[1] + t / b) * np.exp(-b / j * STEP) - t / b
+        else:
+            shown.append(x.copy())
+            x = closed @ np.r_[x, v, t]
+    return np.array(shown)
+
+
+@pytest.mark.parametrize("coasts", [0.0, 1.0])
+def test_a_change_of_voltage_or_torque_moves_current_and_speed_as_the_equations_say(coasts):
+    t = STEP * np.arange(len(VOLTAGE))
+    drop, load = -np.sign(VOLTAGE), 1e-3 * np.cos(40 * t)
+    none = np.zeros(len(t))
+    both = response(fit_of(coasts), voltage=drop, torque=load)
+    np.testing.assert_allclose(both, solved(drop, load, coasts), rtol=1e-9, atol=1e-9)
+    two = response(fit_of(coasts), voltage=np.column_stack([drop, 2 * drop]))
+    np.testing.assert_allclose(two[:, :, 1], 2 * solved(drop, none, coasts), rtol=1e-9, atol=1e-9)
