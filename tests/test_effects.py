@@ -438,6 +438,22 @@ def test_what_comes_as_late_by_other_filters_is_in_the_errors(seed, name, instea
     assert abs(found.value - true[name, -1]) < 4 * found.standard_error
 
 
+def test_dry_friction_is_a_rival_of_a_filter_whatever_else_is_late_by_as_much(tmp_path):
+    """Other filters took all places of those that are refitted: B 116 standard errors off, and called right."""
+    result, true = of_random_bench(1012001, tmp_path)
+    assert result.verdict == "doubtful" and any("dry friction" in r.what for r in result.rivals), result.reasons
+    found = result.parameters["B"]
+    assert abs(found.value - true["B", -1]) < 4 * found.standard_error
+
+
+def test_a_drop_of_the_drive_is_none_while_the_motor_coasts(tmp_path):
+    """Its columns were of a closed circuit: L 6.1 standard errors off, and called right."""
+    result, true = of_random_bench(1010088, tmp_path)
+    for name in "RKLJB":
+        found = result.parameters[name]
+        assert abs(found.value - true[name, -1]) < 4 * found.standard_error, name
+
+
 def test_the_noise_of_a_logged_voltage_tells_no_inductance(tmp_path):
     """Its response, which is not there, was in the derivatives: L 4.4 standard errors off, a quarter of the bound."""
     result, true = of_random_bench(1010297, tmp_path)

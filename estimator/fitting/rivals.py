@@ -150,10 +150,10 @@ def _exchanged(
     needed = PREDICTED_PART * (lost - addition.penalty(n))
     # What another FMU has moves the parameters so far that its score test tells little of it.
     likely = [a for a in tested if a.gain - a.penalty(n) > (0.0 if a.effect.fmu else needed)]
-    ranked = sorted(likely, key=lambda a: a.penalty(n) - a.gain)
+    ranked = sorted((a for a in likely if not (sharp_too and is_timing(a))), key=lambda a: a.penalty(n) - a.gain)
     likely = list({a.effect.name: a for a in reversed(ranked)}.values())[::-1][:RIVALS_REFITTED]
     if sharp_too:
-        likely += [a for a in tested if is_timing(a) and a not in likely]
+        likely += [a for a in tested if is_timing(a)]
     for other in likely:
         other = _as_late(explanation, addition, other)
         rival = Explanation(selection.refitted(bare, other), (*bare.additions, other))
