@@ -23,6 +23,7 @@ from estimator.fitting.fit import Fit
 from estimator.fitting.gauss_newton import solved
 from estimator.fitting.latency import with_latencies
 from estimator.fitting.least_squares_fit import LeastSquaresFit
+from estimator.fitting.profile_widths import profile_widths
 from estimator.fitting.rivals import settled
 from estimator.fitting.selection import Selection
 from estimator.fitting.simulator import Nuisance, Simulator, per_recording
@@ -298,6 +299,10 @@ def _explained(
     between = of_fit(fit, p)
     seen += (checked.widened(fit) + between.covariance)[np.ix_(kept, kept)]
     seen[range(p), range(p)] += changes_during(explanation)
+    if any(a.effect.fmu for a in explanation.additions):  # which switches
+        wide = np.ones(len(kept))
+        wide[:p] = profile_widths(fit, p)
+        seen *= np.outer(wide, wide)
     covariance = seen + unseen
     told = fit.estimates + [_told_from(fit).get(name, 0.0) for name in names]
     values = np.concatenate([fit.simulator.unscaled(_padded(mean.values, fit))[:p], told[reported]])

@@ -19,7 +19,7 @@ from estimator.fitting.noise_growth import noise_of_neighbours
 from estimator.fitting.noise_model import NoiseModel
 from estimator.fitting.outliers import held_down
 from estimator.fitting.restricted_likelihood import USUAL_TORQUE, RestrictedLikelihood
-from estimator.fitting.unsteady import with_unsteady
+from estimator.fitting.shared_errors import with_shared_errors
 from estimator.fitting.windows import find_windows
 from estimator.plans.part import LONG
 from estimator.plans.plan import Plan
@@ -60,7 +60,7 @@ def with_noise(
     again : bool
         Keep the components of the noise, and estimate their parameters again.
     """
-    fit = with_unsteady(with_level(renewed(explanation)))
+    fit = with_shared_errors(with_level(renewed(explanation)))
     machine, seat = machine_of(fit)
     noise = dataclasses.replace(fit.whitener.noise, machine=machine, seat=seat)
     if not again:

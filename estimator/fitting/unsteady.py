@@ -7,12 +7,10 @@ it adds is then taken for L, J or a limit of the drive.
 
 Each transient therefore has an error of its own with the ripple's wave, that fades as the signals settle. Its form is
 the effect's (ripple.py), its size such that settled rows would show as much as they show of the ripple. Cosine and sine
-of it are normal with a mean of 0: an error that samples share (whitener.py).
+of it are normal with a mean of 0: an error that samples share (shared_errors.py).
 """
 
 from __future__ import annotations
-
-import dataclasses
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,13 +21,11 @@ from estimator.fitting.windows import FEW_EDGES, find_windows
 FloatArray = NDArray[np.float64]
 
 
-def with_unsteady(fit: Fit) -> Fit:
-    """Return the fit with the errors of its ripple in transients among its noise; of a long recording as it is."""
-    return dataclasses.replace(fit, whitener=dataclasses.replace(fit.whitener, shared=unsteady(fit)))
-
-
 def unsteady(fit: Fit) -> FloatArray | None:
-    """Return what errors of variance 1 add to the sensors, (rows, q, k): of each ripple in each transient two."""
+    """Return what errors of variance 1 add to the sensors, (rows, q, k): of each ripple in each transient two.
+
+    None: there is no ripple, or the recording is a long one.
+    """
     sizes, found = unsteady_sizes(fit), list[FloatArray]()
     fades = _fading(fit) if sizes else []
     for group in fit.linear:

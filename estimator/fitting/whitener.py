@@ -44,7 +44,7 @@ class Whitener:
     way : (rows,) array, optional
         1 or -1, in which the machine turns: friction that wanders is against it. None: it is not known.
     shared : (rows, q, k) array, optional
-        What errors that samples share, of variance 1 each, add to them beside their noise (unsteady.py).
+        What errors that samples share, of variance 1 each, add to them beside their noise (shared_errors.py).
     """
 
     noise: NoiseModel

@@ -44,6 +44,8 @@ class Observed:
         Its angle begins anywhere, not where the model's does: encoder counts, or a motor that runs already.
     read : what was read: FMU input or output → its column, the time last
     findings : what of it cannot be as it was read
+    uncertain : (n, k) array, optional
+        V: what k errors of variance 1 add to a motor's voltage, such as those of the means of its levels.
     """
 
     recording: Recording
@@ -57,6 +59,7 @@ class Observed:
     read: tuple[Understood, ...] = ()
     findings: tuple[Finding, ...] = ()
     rest: int = 0
+    uncertain: FloatArray | None = None
 
     @property
     def before(self) -> int:

@@ -14,13 +14,17 @@ from estimator.fitting.fit import Fit, Linear
 from estimator.fitting.latency import EDGE
 from estimator.fitting.motor_response import as_late, motor_values, response
 from estimator.plans.plan import Plan
+from estimator.recordings.excitation import noise_deviation
 
 FloatArray = NDArray[np.float64]
 
 LEAST_NOISE = 1e-6  # of the largest voltage: less is rounding
 LONG = 20  # rows of a level for each signal that its voltage may follow
 ALL_OF_IT, FAR = 0.05, 4.0  # from 1, absolute and in standard errors: all of the noise is the sensor's
-MOST_CHANGES = 3000  # changes, at most: more are a signal
+ABOVE_NOISE = 8.0  # deviations: a larger change of a noisy voltage is an edge
+MOST_CHANGES = 3000  # levels, at most: more are a signal
+MOST_LEVELS = 60  # of a recording, whose voltages have errors of their own: of more levels they average out
+DEPENDENT = 1e-6  # of the largest singular value: the current does not differ from the speed
 
 
 @dataclass(frozen=True)
@@ -53,14 +57,26 @@ def without_noise(fit: Fit, plan: Plan) -> Plan | None:
         return None
     k = fit.names.index(VoltageNoise.name)
     off, deviation = fit.estimates[k] - 1.0, float(np.sqrt(fit.covariance()[k, k]))
-    if abs(off) > max(ALL_OF_IT, FAR * deviation):
+    if off < -max(ALL_OF_IT, FAR * deviation):  # more than all of it is all of it
         return None
-    around = _around(fit)
-    observed = [
-        dataclasses.replace(o, inputs={**o.inputs, "v": o.inputs["v"] - around[clock.rows]}) if "v" in o.inputs else o
-        for o, clock in zip(plan.observed, fit.simulator.clocks, strict=True)
-    ]
+    around, observed = _around(fit), []
+    for o, clock in zip(plan.observed, fit.simulator.clocks, strict=True):
+        v, own = o.inputs["v"], around[clock.rows]
+        parts = _followed(v, np.nan_to_num(fit.explained[clock.rows]))
+        quiet = {**o.inputs, "v": v - own}
+        observed.append(dataclasses.replace(o, inputs=quiet, uncertain=_uncertain(own, parts)))
     return dataclasses.replace(plan, observed=tuple(observed))
+
+
+def _uncertain(around: FloatArray, parts: Sequence[tuple[slice, FloatArray]]) -> FloatArray | None:
+    """Return the errors of what a voltage follows, (n, k), told from noisy samples; None where they average out."""
+    if len(parts) > MOST_LEVELS:
+        return None
+    columns = np.zeros((len(around), sum(basis.shape[1] for _, basis in parts)))
+    k = 0
+    for level, basis in parts:
+        columns[level, k : (k := k + basis.shape[1])] = np.std(around) * basis
+    return columns
 
 
 def _around(fit: Fit) -> FloatArray:
@@ -86,15 +102,25 @@ def _noise(u: FloatArray, shown: FloatArray) -> FloatArray:
     shown : (n, q) array
         What the sensors show without noise.
     """
-    jumps = np.flatnonzero(np.abs(np.diff(u)) > EDGE * max(float(np.ptp(u)), 1e-300)) + 1
-    if len(jumps) > MOST_CHANGES:
+    parts = _followed(u, shown)
+    if len(parts) > MOST_CHANGES:
         return np.zeros(len(u))
-    result = np.empty(len(u))
-    for first, last in zip([0, *jumps], [*jumps, len(u)], strict=True):
-        part = u[first:last]
-        result[first:last] = part - np.mean(part)
-        if last - first >= LONG * (1 + shown.shape[1]):
-            columns = shown[first:last] - np.mean(shown[first:last], axis=0)
-            columns = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-            result[first:last] -= columns @ np.linalg.lstsq(columns, result[first:last], rcond=1e-6)[0]
+    result = u.copy()
+    for level, basis in parts:
+        result[level] -= basis @ (basis.T @ u[level])
     return result
+
+
+def _followed(u: FloatArray, shown: FloatArray) -> list[tuple[slice, FloatArray]]:
+    """Return the rows of each level of a voltage, and what it may follow there, orthonormal: (rows, k)."""
+    least = max(EDGE * float(np.ptp(u)), ABOVE_NOISE * noise_deviation(u), 1e-300)
+    jumps = (np.flatnonzero(np.abs(np.diff(u)) > least) + 1).tolist()
+    found = []
+    for first, last in zip([0, *jumps], [*jumps, len(u)], strict=True):
+        columns = np.ones((last - first, 1)) / np.sqrt(last - first)
+        if last - first >= LONG * (1 + shown.shape[1]):
+            moving = shown[first:last] - np.mean(shown[first:last], axis=0)
+            basis, sizes, _ = np.linalg.svd(moving / np.maximum(np.linalg.norm(moving, axis=0), 1e-300), False)
+            columns = np.column_stack([columns, basis[:, sizes > DEPENDENT]])
+        found.append((slice(first, last), columns))
+    return found
