@@ -463,7 +463,7 @@ def test_the_noise_of_a_logged_voltage_tells_no_inductance(tmp_path):
 
 
 def test_what_levels_of_a_noisy_voltage_are_is_known_to_their_noise(tmp_path):
-    """Of 0.3 V of noise, changes above 5 % of the voltage were edges; K was 4.5 standard errors off, and called right."""
+    """Noise of 0.3 V beyond 5 % of the range was an edge; K was 4.5 standard errors off, and called right."""
     result, true = of_random_bench(1012149, tmp_path)
     assert "drop of the drive" not in result.effects and "brush drop" not in result.effects, result.effects
     for name in "RKLJB":

@@ -16,12 +16,11 @@ from estimator.fitting.fit import Fit
 from estimator.fitting.recursion import recursion
 from estimator.motor.exponential import exponential
 from estimator.motor.names import MOTOR, is_motor
-from estimator.motor.state_space import matrices, sampled
+from estimator.motor.state_space import coasting, matrices, sampled
 
 FloatArray = NDArray[np.float64]
 
 SEATS = {"i": 0, "w": 1, "angle": 2}
-TINY = 1e-9  # of one: of a shorter exponential the first order is exact
 COASTS = "coasts"  # 1: the drive opens the circuit where its command is zero
 
 
@@ -81,7 +80,9 @@ def _states(fit: Fit, clock: Clock, inputs: FloatArray, opens: NDArray[np.bool_]
     # x[k+1] = F x[k] + G u[k]  =>  D(z) x = z^-1 (G + z^-1 (F - tr F) G) u,  D = 1 - tr F z^-1 + det F z^-2
     adjugate = f - np.trace(f) * np.eye(2)
     second = adjugate @ g
-    kept, pushed = _coasting(fit, clock) if opens.any() else (0.0, 0.0)
+    values = motor_values(fit)
+    assert values is not None
+    kept, pushed = coasting(values, clock.step)
     n, _, many = inputs.shape
     states, x = np.zeros((n, 2, many)), np.zeros((2, many))
     bounds = [0, *(np.flatnonzero(np.diff(opens)) + 1).tolist(), n]
@@ -103,15 +104,6 @@ def _states(fit: Fit, clock: Clock, inputs: FloatArray, opens: NDArray[np.bool_]
         states[first:last] = own[: last - first]
         x = own[-1].copy()
     return states
-
-
-def _coasting(fit: Fit, clock: Clock) -> tuple[float, float]:
-    """Return how much of its speed a motor without current keeps over a row, and what 1 N.m against it adds."""
-    values = motor_values(fit)
-    assert values is not None
-    rate, step = values["B"] / values["J"], clock.step
-    kept = float(np.exp(-rate * step))
-    return kept, -(1 - kept) / values["B"] if rate * step > TINY else -step / values["J"]
 
 
 def pulse_response(fit: Fit, clock: Clock, begin: float, end: float) -> FloatArray:

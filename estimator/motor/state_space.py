@@ -9,6 +9,7 @@ i/v = (J s + B)/D    w/v = K/D    w/load = −(L s + R)/D    i/load = K/D    D =
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
@@ -75,6 +76,15 @@ def sampled(values: Mapping[str, float], step: float) -> tuple[FloatArray, Float
     whole[:2, :2], whole[:2, 2:] = a, b
     over = exponential(whole * step)
     return over[:2, :2], over[:2, 2:]
+
+
+def coasting(values: Mapping[str, float], step: float) -> tuple[float, float]:
+    """Return of a motor without current how much of its speed is left after a step, s, and what 1 N.m against it adds.
+
+    Of x' = -B / J x - load / J, held over the step.
+    """
+    rate = values["B"] / values["J"]
+    return math.exp(-rate * step), math.expm1(-rate * step) / values["B"] if values["B"] > 0 else -step / values["J"]
 
 
 def transfer_functions(values: Mapping[str, float]) -> dict[str, tuple[list[float], list[float]]]:
