@@ -14,8 +14,9 @@ from scipy.linalg import expm
 from estimator.cases.case import Case, OutputSpec, ParameterSpec
 from estimator.cases.case_signals import RunSpec
 from estimator.estimating.estimate import estimate_recordings
+from estimator.fitting import explained
 from estimator.fitting.addition import Addition
-from estimator.fitting.effects import EFFECTS
+from estimator.fitting.effects import EFFECTS, voltage_noise
 from estimator.fitting.explanation import MOST_ADDITIONS, Explanation, is_full
 from estimator.recordings.reading import read_recording, recording_from_arrays
 
@@ -469,6 +470,20 @@ def test_what_levels_of_a_noisy_voltage_are_is_known_to_their_noise(tmp_path):
     for name in "RKLJB":
         found = result.parameters[name]
         assert abs(found.value - true[name, -1]) < 4 * found.standard_error, name
+
+
+@pytest.mark.parametrize("long", [100, 20_000])
+def test_levels_of_a_long_recording_take_no_memory_for_their_errors(long, monkeypatch, tmp_path):
+    told = []
+    monkeypatch.setattr(voltage_noise, "LONG", long)
+    monkeypatch.setattr(
+        explained, "without_noise", lambda *of: told.append(voltage_noise.without_noise(*of)) or told[-1]
+    )
+    result, true = of_random_bench(1012188, tmp_path)
+    uncertain = told[0].observed[0].uncertain
+    assert (uncertain is None) == (long == 100) and (uncertain is None or uncertain.shape[1] < 10)
+    found = result.parameters["K"]
+    assert abs(found.value - true["K", -1]) < 4 * found.standard_error
 
 
 def test_an_inductance_at_a_kink_of_a_limit_has_no_error_of_the_kink(tmp_path):

@@ -13,17 +13,18 @@ from estimator.fitting.effects.base import Effect
 from estimator.fitting.fit import Fit, Linear
 from estimator.fitting.latency import EDGE
 from estimator.fitting.motor_response import as_late, motor_values, response
+from estimator.plans.part import LONG
 from estimator.plans.plan import Plan
 from estimator.recordings.excitation import noise_deviation
 
 FloatArray = NDArray[np.float64]
 
 LEAST_NOISE = 1e-6  # of the largest voltage: less is rounding
-LONG = 20  # rows of a level for each signal that its voltage may follow
+LEAST_ROWS = 20  # of a level for each signal that its voltage may follow
 ALL_OF_IT, FAR = 0.05, 4.0  # from 1, absolute and in standard errors: all of the noise is the sensor's
 ABOVE_NOISE = 8.0  # deviations: a larger change of a noisy voltage is an edge
 MOST_CHANGES = 3000  # levels, at most: more are a signal
-MOST_LEVELS = 60  # of a recording, whose voltages have errors of their own: of more levels they average out
+MOST_LEVELS = 60  # of all recordings, whose voltages have errors of their own: of more levels they average out
 DEPENDENT = 1e-6  # of the largest singular value: the current does not differ from the speed
 
 
@@ -59,19 +60,18 @@ def without_noise(fit: Fit, plan: Plan) -> Plan | None:
     off, deviation = fit.estimates[k] - 1.0, float(np.sqrt(fit.covariance()[k, k]))
     if off < -max(ALL_OF_IT, FAR * deviation):  # more than all of it is all of it
         return None
-    around, observed = _around(fit), []
-    for o, clock in zip(plan.observed, fit.simulator.clocks, strict=True):
-        v, own = o.inputs["v"], around[clock.rows]
-        parts = _followed(v, np.nan_to_num(fit.explained[clock.rows]))
-        quiet = {**o.inputs, "v": v - own}
-        observed.append(dataclasses.replace(o, inputs=quiet, uncertain=_uncertain(own, parts)))
+    s, around, observed = fit.simulator, _around(fit), []
+    voltages, shown = s.inputs("v"), np.nan_to_num(fit.explained)
+    followed = [_followed(voltages[clock.rows], shown[clock.rows]) for clock in s.clocks]
+    is_told = s.rows <= LONG and sum(len(parts) for parts in followed) <= MOST_LEVELS
+    for o, clock, parts in zip(plan.observed, s.clocks, followed, strict=True):
+        quiet, own = {**o.inputs, "v": o.inputs["v"] - around[clock.rows]}, around[clock.rows]
+        observed.append(dataclasses.replace(o, inputs=quiet, uncertain=_uncertain(own, parts) if is_told else None))
     return dataclasses.replace(plan, observed=tuple(observed))
 
 
-def _uncertain(around: FloatArray, parts: Sequence[tuple[slice, FloatArray]]) -> FloatArray | None:
-    """Return the errors of what a voltage follows, (n, k), told from noisy samples; None where they average out."""
-    if len(parts) > MOST_LEVELS:
-        return None
+def _uncertain(around: FloatArray, parts: Sequence[tuple[slice, FloatArray]]) -> FloatArray:
+    """Return the errors in V of what a voltage follows, (n, k), as it is told from noisy samples, (n,)."""
     columns = np.zeros((len(around), sum(basis.shape[1] for _, basis in parts)))
     k = 0
     for level, basis in parts:
@@ -118,7 +118,7 @@ def _followed(u: FloatArray, shown: FloatArray) -> list[tuple[slice, FloatArray]
     found = []
     for first, last in zip([0, *jumps], [*jumps, len(u)], strict=True):
         columns = np.ones((last - first, 1)) / np.sqrt(last - first)
-        if last - first >= LONG * (1 + shown.shape[1]):
+        if last - first >= LEAST_ROWS * (1 + shown.shape[1]):
             moving = shown[first:last] - np.mean(shown[first:last], axis=0)
             basis, sizes, _ = np.linalg.svd(moving / np.maximum(np.linalg.norm(moving, axis=0), 1e-300), False)
             columns = np.column_stack([columns, basis[:, sizes > DEPENDENT]])
