@@ -11,7 +11,7 @@ from estimator.conventions import STEP_DEVIATION
 from estimator.fitting.explanation import ROUGH, Explanation, renewed
 from estimator.fitting.fit import refreshed, slopes_in_time, with_level
 from estimator.fitting.gauss_newton import solved
-from estimator.fitting.jitter import find_jitter
+from estimator.fitting.jitter import find_jitter, without_responses
 from estimator.fitting.least_squares import ROUNDING
 from estimator.fitting.motor_response import machine_of
 from estimator.fitting.noise_estimate import fit_noise
@@ -89,6 +89,7 @@ def with_jitter(explanation: Explanation, differenced: FloatArray) -> Explanatio
     fit = with_level(explanation.fit)
     fit = dataclasses.replace(fit, whitener=dataclasses.replace(fit.whitener, slope=slopes_in_time(fit)))
     grows = fit.whitener.noise
+    edges = [rows for transients in find_windows(fit).transients for rows in transients]
     found = []
     for noise in (grows, dataclasses.replace(grows, growth=np.zeros_like(grows.growth) + [0.0, 2.0])):
         whitener = fit.whitener.of(noise)
@@ -96,7 +97,7 @@ def with_jitter(explanation: Explanation, differenced: FloatArray) -> Explanatio
         fine = (fit.simulator.steps == 0) & (differenced == 0)  # quantised signals have other errors
         slope = np.where(whitener.present & fine, whitener.slope / deviation, 0.0)
         z = refreshed(fit, whitener).z.reshape(slope.shape)
-        jitter, sizes, gain = find_jitter(z, slope, fit.simulator.clocks[0].step)
+        jitter, sizes, gain = find_jitter(*without_responses(z, slope, edges), fit.simulator.clocks[0].step)
         worse = float(np.vdot(z, z) + 2 * np.sum(np.log(deviation), where=whitener.present))
         found.append((worse - gain, jitter, dataclasses.replace(noise, white=noise.white * sizes)))
         if not np.any(grows.growth[:, 0]):

@@ -256,12 +256,12 @@ def _way(fit: Fit) -> FloatArray | None:
 
 
 def slopes_in_time(fit: Fit) -> FloatArray:
-    """Return how steep the signals are as they are simulated now, (rows, q), in their units a second."""
+    """Return the slopes of the signals as they are simulated now, (rows, q), in their units a second."""
     shown = np.where(np.isfinite(fit.shown), fit.shown, 0.0)
     slope = np.zeros_like(shown)
     for clock in fit.simulator.clocks:
         if len(clock.time) > 2:
-            slope[clock.rows] = np.abs(np.gradient(shown[clock.rows], clock.time, axis=0))
+            slope[clock.rows] = np.gradient(shown[clock.rows], clock.time, axis=0)
     return slope
 
 

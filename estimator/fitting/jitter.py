@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,6 +15,8 @@ FloatArray = NDArray[np.float64]
 STEEP = 12  # samples, where the signals are steep, that tell a jitter
 NEIGHBOURS_ALIKE = 3.0  # standard deviations of their correlation: more is a misfit, no jitter
 CAPPED = 25.0  # square of a residual: a larger one counts as this
+RESPONSE = 12  # samples after an edge in which something that is alike after all edges is no jitter
+KNOWN = 0.9  # leverage: a residual of which so much is taken away tells nothing
 FAINT = 1e-4  # of the least variance: the largest variance by jitter that a series of two terms tells to 1e-12
 TOGETHER = 1_000_000  # numbers that factors are tried on at once
 NOISE_FACTORS = np.geomspace(0.35, 1.2, 16)  # tried factors on a noise that was estimated with a jitter in it
@@ -59,13 +63,36 @@ def find_jitter(z: FloatArray, slope: FloatArray, step: float) -> tuple[float, F
     k = int(np.argmin([c.min(axis=0).sum() for c in costs]))
     best, sizes = float(tried[k]), NOISE_FACTORS[costs[k].argmin(axis=0)]
     gain = float(misfits(0.0).min(axis=0).sum() - costs[k].min(axis=0).sum())
-    steep = best * slope > sizes
+    steep = best * np.abs(slope) > sizes
     both = steep[1:] & steep[:-1]
     scaled = np.clip(z / np.sqrt(sizes**2 + (best * slope) ** 2), -3, 3)
     alike = float(np.sum((scaled[1:] * scaled[:-1])[both])) / float(np.sqrt(max(1, int(np.sum(both)))))
     if np.count_nonzero(steep) < STEEP or gain < 2 * LEAST_FALL or abs(alike) > NEIGHBOURS_ALIKE:
         return 0.0, np.ones(z.shape[1]), 0.0
     return best, np.where(steep.any(axis=0), sizes, 1.0), gain
+
+
+def without_responses(
+    z: FloatArray, slope: FloatArray, transients: Sequence[NDArray[np.int64]]
+) -> tuple[FloatArray, FloatArray]:
+    """Return whitened residuals, and slopes, (rows, q) each, without what is alike after all edges.
+
+    A filter that nobody named leaves residuals in proportion to the slope as well, in the k-th sample after every edge
+    the same share of it: that mean is no jitter, and is taken away. What it takes of the variance is made up for
+    (studentized residuals, Cook and Weisberg 1982); a single edge tells no jitter in the samples that follow.
+    """
+    z, slope = z.copy(), slope.copy()
+    for k in range(RESPONSE):
+        rows = np.array([t[k] for t in transients if len(t) > k], dtype=np.int64)
+        steep = slope[rows]
+        power = np.sum(steep**2, axis=0)
+        power = np.where(power > 0, power, 1.0)
+        leverage = steep**2 / power
+        left = z[rows] - steep * (np.sum(steep * z[rows], axis=0) / power)
+        told = leverage < KNOWN
+        z[rows] = np.where(told, left / np.sqrt(np.maximum(1 - leverage, 1 - KNOWN)), 0.0)
+        slope[rows] = np.where(told, steep, 0.0)
+    return z, slope
 
 
 def _capped(squares: FloatArray, factors: FloatArray) -> FloatArray:
