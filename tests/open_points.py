@@ -21,8 +21,7 @@ OPEN = {
         "112.08 counts a sample: their rounding repeats, and the first rows ask for other parameters"
     ),
     "test_refusal.py::test_an_impossible_acceleration": "of six samples lost in the steepest part some three are told",
-    "test_nuisance.py::test_lost_samples_in_the_transient_are_named": "of five lost, parameters are 3.1 bars off",
-    "test_trust.py::test_lost_samples_of_a_logger_that_averages_are_put_back": "lost rows beside a mean are not found",
+    "test_trust.py::test_lost_samples_of_a_logger_that_averages_are_put_back": "a mean over the gap",
     "test_trust.py::test_a_wrong_assumption_is_named[half of the friction dry]": "one step: a lag is named",
     "test_trust.py::test_a_wrong_assumption_is_named[speed shown 0.5 to 3 ms late]": "a lag and dry friction are named",
     "test_trust.py::test_a_ripple_is_found_where_a_mean_takes_the_noise_at_another_order": (

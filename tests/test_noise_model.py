@@ -9,7 +9,7 @@ from scipy.stats import kstest
 
 from estimator.fitting.autoregression import autoregression
 from estimator.fitting.clock import Clock
-from estimator.fitting.jitter import find_jitter
+from estimator.fitting.jitter import find_jitter, without_responses
 from estimator.fitting.noise_estimate import fit_noise
 from estimator.fitting.noise_model import NoiseModel, held
 from estimator.fitting.projection import Projection
@@ -267,3 +267,20 @@ def test_the_scores_of_columns_of_a_few_rows_are_those_of_whole_columns(with_sta
     along, power = test.scores(few, slice(290, 350))
     assert np.allclose(along, across.T @ test.left, rtol=1e-10)
     assert np.allclose(power, np.sum(across**2, axis=0), rtol=1e-10)
+
+
+def test_what_is_alike_after_all_edges_is_a_response_and_no_jitter():
+    """Four edges of other sizes and signs: samples alone would take a response for a jitter."""
+    rng = np.random.default_rng(5)
+    edges = [np.arange(100 + 200 * e, 250 + 200 * e) for e in range(4)]
+    slope, response = np.zeros((900, 1)), np.zeros((900, 1))
+    for rows, size in zip(edges, (1.0, -2.0, 1.5, -0.7), strict=True):
+        slope[rows, 0] = 60 * size * np.exp(-np.arange(150) / 4) / STEP
+        response[rows[:8], 0] = slope[rows[:8], 0] * STEP * np.array([0.3, 0.1, -0.3, 0.2, 0.2, -0.1, -0.2, 0.1])
+    noise = rng.standard_normal((900, 1))
+    jitter = slope * 0.15 * STEP * rng.standard_normal((900, 1))
+    assert find_jitter(response + noise, slope, STEP)[0] > 0
+    assert find_jitter(*without_responses(response + noise, slope, edges), STEP)[0] == 0
+    assert find_jitter(*without_responses(jitter + noise, slope, edges), STEP)[0] == pytest.approx(0.15 * STEP, rel=0.4)
+    one = without_responses(jitter + noise, np.where(np.arange(900)[:, None] < 300, slope, 0.0), edges[:1])
+    assert find_jitter(*one, STEP)[0] == 0, "one edge does not tell them apart"

@@ -68,7 +68,11 @@ class Effect:
         return ()
 
     def renewed(self, fit: Fit, group: Linear, coefficients: FloatArray) -> Linear | None:
-        """Return a group's columns computed again at a fit's values and its coefficients; None: they do not change."""
+        """Return a group's columns computed again at a fit's values and its coefficients; None: they do not change.
+
+        The fit is without the group, its residuals are still with it: an effect whose `linear` looks for the likeliest
+        columns in them finds others, and says here how its own follow the fit.
+        """
         return next((g for g in self.linear(fit) if g.name == group.name), None)
 
     def reshaped(self, fit: Fit, group: Linear) -> Linear | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from estimator.fitting.clock import Clock
 from estimator.fitting.effects.base import SELDOM, Effect
-from estimator.fitting.fit import Fit, Linear
+from estimator.fitting.fit import Fit, Linear, refreshed
 from estimator.fitting.simulator import CELLS
 from estimator.fitting.windows import find_windows
 from estimator.plans.plan import Plan
@@ -21,6 +22,7 @@ IntArray = NDArray[np.int64]
 
 TRIED_ROWS = (1, 2, 4, 6, 9, 14, 20)
 NEAR_TRIED = 0.35  # of the tried rows: how near to them the answer must be
+NEARBY = 3  # rows, by which the number that explains most may differ from the last
 PLACES = 60  # that are tested, at most
 
 
@@ -29,47 +31,74 @@ class LostRows(Effect):
     """Rows that are missing before one row of a transient."""
 
     name: str = "lost rows"
+    sharp: bool = True
     prior: float = SELDOM / 10 / PLACES
     doubt: str = "rows are missing, or the clock is wrong: check the logger"
 
     def linear(self, fit: Fit) -> Sequence[Linear]:
         """Return the place where lost rows explain most of the residuals in the transients."""
-        s = fit.simulator
-        windows = find_windows(fit)
+        windows, ends = find_windows(fit), _ends(fit)
         settled = windows.settled
-        ends = np.zeros(s.rows, dtype=np.int64)
-        for clock in s.clocks:
-            moving = ~settled[clock.rows]
-            own = np.where(moving, len(moving), np.arange(1, len(moving) + 1))
-            # The transient of a row ends where its rows settle.
-            ends[clock.rows] = clock.rows.start + np.minimum.accumulate(own[::-1])[::-1]
         places = np.flatnonzero(~settled & ~windows.sharp)  # beside an edge it is the latency of the edge
-        places = places[:: max(1, len(places) // PLACES)]
+        stride = max(1, len(places) // PLACES)
         if not len(places) or settled.all() or any(g.name.startswith(self.name) for g in fit.linear):
             return ()
-        test = fit.test()
-        best, where = -1.0, (0, 0)
-        together = max(1, CELLS // fit.z.size)
-        for many in TRIED_ROWS:
-            for part in _parts(places, s.clocks, together):
-                rows = slice(int(part[0]), int(ends[part].max()))
-                along, power = test.scores(_columns(fit.shown, part, ends, many), rows)
-                gain = np.where(power > 1e-9, along**2 / np.maximum(power, 1e-9), 0.0)
-                near = np.abs(along / np.maximum(power, 1e-9) / many - 1) < NEAR_TRIED  # it says what it was made for
-                weighed = np.where(near, gain, 0.5 * gain)
-                k = int(np.argmax(weighed))
-                if weighed[k] > best:
-                    best, where = float(weighed[k]), (int(part[k]), many)
-        place, many = where
-        own = np.zeros((*fit.shown.shape, 1))
-        own[place : ends[place]] = _columns(fit.shown, np.array([place]), ends, many)
-        clock = next(c for c in s.clocks if c.rows.start <= place < c.rows.stop)
+        place, many = _likeliest(fit, places[::stride], ends, TRIED_ROWS)
+        if stride > 1:
+            place, many = _likeliest(fit, places[np.abs(places - place) < stride], ends, (many,))
+        clock = next(c for c in fit.simulator.clocks if c.rows.start <= place < c.rows.stop)
         t = clock.time[place - clock.rows.start]
+        own = _column(fit, place, ends, many)
         return [Linear(f"{self.name} at t = {t:.4g} s", own, ("rows",), least=FEWEST_ROWS, most=MOST_ROWS)]
+
+    def renewed(self, fit: Fit, group: Linear, coefficients: FloatArray) -> Linear | None:
+        """Return the change of the signals over as many rows as explain most, by the last fit, before the same row."""
+        place, ends = int(np.argmax(group.columns.any(axis=(1, 2)))), _ends(fit)
+        if ends[place] <= place:  # it has settled there
+            return None
+        few = max(1, round(float(np.clip(coefficients[0], 1.0, MOST_ROWS))) - NEARBY)
+        tried = range(few, min(few + 2 * NEARBY, int(MOST_ROWS)) + 1)
+        _, many = _likeliest(refreshed(fit, fit.whitener), np.array([place]), ends, tried)
+        return dataclasses.replace(group, columns=_column(fit, place, ends, many))
 
     def tell(self, name: str, value: float, plan: Plan) -> str:
         """Say how many, and where."""
         return f"{name}: some {value:.2g} rows seem to be missing there"
+
+
+def _likeliest(fit: Fit, places: IntArray, ends: IntArray, tried: Sequence[int]) -> tuple[int, int]:
+    """Return the row before which, and how many, lost rows explain most of the residuals."""
+    test, best, where = fit.test(), -1.0, (0, 0)
+    together = max(1, CELLS // fit.z.size)
+    for many in tried:
+        for part in _parts(places, fit.simulator.clocks, together):
+            rows = slice(int(part[0]), int(ends[part].max()))
+            along, power = test.scores(_columns(fit.shown, part, ends, many), rows)
+            gain = np.where(power > 1e-9, along**2 / np.maximum(power, 1e-9), 0.0)
+            near = np.abs(along / np.maximum(power, 1e-9) / many - 1) < NEAR_TRIED  # it says what it was made for
+            weighed = np.where(near, gain, 0.5 * gain)
+            k = int(np.argmax(weighed))
+            if weighed[k] > best:
+                best, where = float(weighed[k]), (int(part[k]), many)
+    return where
+
+
+def _ends(fit: Fit) -> IntArray:
+    """Return of every row where its transient ends, (rows,): a row that has settled is one."""
+    settled = find_windows(fit).settled
+    ends = np.zeros(len(settled), dtype=np.int64)
+    for clock in fit.simulator.clocks:
+        moving = ~settled[clock.rows]
+        own = np.where(moving, len(moving), np.arange(1, len(moving) + 1))
+        ends[clock.rows] = clock.rows.start + np.minimum.accumulate(own[::-1])[::-1]
+    return ends
+
+
+def _column(fit: Fit, place: int, ends: IntArray, many: int) -> FloatArray:
+    """Return the change by one row lost before a place, (rows, q, 1), up to the end of its transient."""
+    column = np.zeros((*fit.shown.shape, 1))
+    column[place : ends[place]] = _columns(fit.shown, np.array([place]), ends, many)
+    return column
 
 
 def _parts(places: IntArray, clocks: Sequence[Clock], most: int) -> Iterator[IntArray]:
