@@ -31,7 +31,6 @@ class LostRows(Effect):
     """Rows that are missing before one row of a transient."""
 
     name: str = "lost rows"
-    sharp: bool = True
     prior: float = SELDOM / 10 / PLACES
     doubt: str = "rows are missing, or the clock is wrong: check the logger"
 
