@@ -1,7 +1,7 @@
 """Pixels as a PNG file. Knows no drawing.
 
-Rows are told by their difference to the row above, whatever they show: to try other filters on each row takes twice
-the time and makes the file no smaller.
+Rows are told by their difference to the row above, whatever they show: to try other filters on each row takes more
+than twice the time and makes the file no smaller.
 """
 
 from __future__ import annotations
