@@ -35,8 +35,10 @@ def test_an_estimate_draws_in_a_process_what_it_draws_here(tmp_path, monkeypatch
     drawn = {}
     for name, how in (("here", figure_process.FigureProcess), ("there", Noted)):
         monkeypatch.setattr(figure_process, "FigureProcess", how)
-        assert main(["estimate", str(tmp_path / "step.csv"), "-o", str(tmp_path / name), "--quiet"]) == 0
-        drawn[name] = (tmp_path / name / "figure.png").read_bytes()
+        words = ["estimate", str(tmp_path / "step.csv"), "-o", str(tmp_path / name), "--quiet"]
+        assert main([*words, "--figures", "svg"]) == 0
+        drawn[name] = [(tmp_path / name / f"figure.{kind}").read_bytes() for kind in ("png", "svg")]
+        assert main(words) == 0, "a PNG alone asks for no process"
     assert len(started) == 1 and started[0].returncode == 0 and drawn["here"] == drawn["there"]
 
 

@@ -1,4 +1,4 @@
-"""Figures: what is drawn, and that no label covers another."""
+"""Figures of matplotlib: what is drawn, and that no label covers another."""
 
 import dataclasses
 import io
@@ -14,7 +14,7 @@ from made_estimates import comparison
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.image import imread
 
-from estimator.results import panels, plots
+from estimator.results import figure_layout, panels, plots
 from estimator.results.numbers import number_text
 from estimator.results.reason import Place
 from estimator.results.result import Comparison
@@ -115,8 +115,8 @@ def test_a_figure_is_a_png_of_moderate_size_and_shows_its_colours(name):
     content = plots.png(plots.comparison_figure(CASES[name], noise=NOISE))
     image = imread(io.BytesIO(content))
     assert len(content) < 500_000
-    assert image.shape[1] == int(plots.WIDTH * plots.DPI)
-    colours = [plots.MEASURED, plots.RESIDUAL, plots.SIMULATED]
+    assert image.shape[1] == int(figure_layout.WIDTH * plots.DPI)
+    colours = [figure_layout.MEASURED, figure_layout.RESIDUAL, figure_layout.SIMULATED]
     for colour in colours[: 1 if name == "not simulated" else 3]:
         rgb = np.array([int(colour[k : k + 2], 16) for k in (1, 3, 5)]) / 255
         assert np.any(np.all(np.abs(image[:, :, :3] - rgb) < 0.01, axis=2)), colour

@@ -5,19 +5,22 @@ import pytest
 from scipy.optimize import least_squares as scipys
 
 from estimator.fitting.recursion import recursion
-from estimator.fitting.trust_region import steps
+from estimator.fitting.trust_region import steps, triangle_of
 from estimator.motor.state_space import sampled
 
 
 def least_squares(residuals, jacobian, x, **more):
     """Return the optimum that is reached from x, and its sum of squares."""
-    asking, answer = steps(x, **more), None
+    asking, answer, known = steps(x, **more), None, {}
     while True:
         try:
             at, slope = asking.send(answer)
         except StopIteration as end:
             return end.value
-        answer = jacobian(at) if slope else residuals(at)
+        if slope:
+            answer = triangle_of(jacobian(at), known[at.tobytes()])
+        else:
+            answer = known[at.tobytes()] = residuals(at)
 
 
 TRUE = np.log([3.1363, 0.048774, 0.01307, 9.0e-6, 1.69e-4])  # R, K, L, J, B

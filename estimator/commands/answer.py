@@ -52,9 +52,9 @@ def say_whole(result: Estimate, *, unless: str) -> None:
 
 
 @contextlib.contextmanager
-def drawing(folder: OutputFolder | None) -> Iterator[Begin | None]:
-    """Load what draws while the estimation runs, if there is a folder to draw for."""
-    if folder is None:
+def drawing(figures: Sequence[str]) -> Iterator[Begin | None]:
+    """Load what draws figures for print while the estimation runs, if there are such."""
+    if not figures:
         yield None
         return
     from estimator.results.figure_process import FigureProcess

@@ -50,7 +50,10 @@ def _estimate(args: argparse.Namespace, case: Case) -> int:
         raise InputError("--figures needs a folder to write to; give one with -o")
     if args.signals and not args.output:
         raise InputError("--signals needs a folder to write to; give one with -o")
-    with OutputFolder(args.output) if args.output else contextlib.nullcontext() as folder, drawing(folder) as begin:
+    with (
+        OutputFolder(args.output) if args.output else contextlib.nullcontext() as folder,
+        drawing(args.figures) as begin,
+    ):
         result = estimated(
             case,
             workers=args.workers,

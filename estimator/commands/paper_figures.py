@@ -17,7 +17,8 @@ from estimator.cases.case import Case, SearchSpec
 from estimator.commands.drive import instants, stepped_voltage
 from estimator.commands.paper_bench import NOMINAL, STEP, STEP_AT, STOP, VOLTAGE, emulated_recording
 from estimator.recordings.reading import recording_from_arrays
-from estimator.results.plots import INPUT, MEASURED, RESIDUAL, SIMULATED, finish
+from estimator.results.figure_layout import INPUT, MEASURED, RESIDUAL, SIMULATED
+from estimator.results.plots import finish
 from estimator.results.result import Estimate, FloatArray
 
 if TYPE_CHECKING:

@@ -12,6 +12,7 @@ moves the parameters, is reported (`hidden`), and belongs into the tolerances.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -30,6 +31,8 @@ VISIBLE = 1.0  # of z'z, by an effect of usual size: a smaller one is not visibl
 TOLD_WITHIN = 6.0  # of the criterion: a rival that is further behind weighs less than 5 %
 FARTHEST = 50.0  # of a logarithm: a rival's parameter is no further away
 TAIL = 0.01  # of the mixture: what weighs less together is left out
+FAR = 40.0  # standard deviations, beyond which there is nothing
+FOUND, NEAR = 1e-14, 1e-9  # of half an interval, relative, and of what it holds: it is found
 DIFFERS = 1.0  # standard errors by which a rival must differ to be told
 
 
@@ -207,12 +210,22 @@ def _covering(
     some = weights > 0  # the others add nothing
     weights = weights[some]
     mean, deviation = np.array(means)[some], np.sqrt(np.maximum(np.array(variances)[some], 1e-300))
+    quantile = normal_quantile(0.5 + CONFIDENCE / 2)
     low, high = np.zeros(len(total)), np.max(np.abs(mean) + 10 * deviation, axis=0)
-    for _ in range(60):
-        middle = 0.5 * (low + high)
-        inside = weights @ (normal_chance((middle - mean) / deviation) - normal_chance((-middle - mean) / deviation))
-        low, high = np.where(inside < CONFIDENCE, middle, low), np.where(inside < CONFIDENCE, high, middle)
-    wanted = high / normal_quantile(0.5 + CONFIDENCE / 2)
+    wide = np.minimum(quantile * np.sqrt(np.maximum(np.diag(total), 1e-300)), high)
+    for _ in range(100):  # Newton's; where that leaves what is known to hold it, halves of that
+        ahead, behind = (np.clip(x / deviation, -FAR, FAR) for x in (wide - mean, wide + mean))
+        inside = weights @ (normal_chance(ahead) - normal_chance(-behind))
+        slope = weights @ ((np.exp(-0.5 * ahead**2) + np.exp(-0.5 * behind**2)) / deviation) / math.sqrt(2 * math.pi)
+        low, high = np.where(inside < CONFIDENCE, wide, low), np.where(inside < CONFIDENCE, high, wide)
+        step = (CONFIDENCE - inside) / np.maximum(slope, 1e-300)
+        still = np.abs(step) <= FOUND * wide
+        there = (still & (np.abs(inside - CONFIDENCE) < NEAR)) | (high - low <= FOUND * high)
+        if there.all():
+            break
+        lost = still | ~((wide + step >= low) & (wide + step <= high))
+        wide = np.where(there, wide, np.where(lost, 0.5 * (low + high), wide + step))
+    wanted = wide / quantile
     now = np.sqrt(np.maximum(np.diag(total), 1e-300))
     scale = np.where(np.diag(total) > 0, wanted / now, 1.0)
     return np.asarray(total * np.outer(scale, scale))

@@ -19,11 +19,15 @@ from estimator.conventions import HUBER, MEDIAN_SIZE
 from estimator.fitting import differences
 from estimator.fitting.information import information_parts
 from estimator.fitting.least_squares_fit import LeastSquaresFit
-from estimator.fitting.trust_region import steps
+from estimator.fitting.projection import factors_of_products
+from estimator.fitting.trust_region import steps, triangle_of
 from estimator.plans.parameters import Box
 
 FloatArray = NDArray[np.float64]
 Residuals = Callable[[FloatArray], FloatArray]
+# Of a fit: scaled parameters, (p,); its residuals there, (m,), over their deviations, where derivatives are asked, None
+# where residuals are.
+_Asked = tuple[FloatArray, FloatArray | None]
 
 TOGETHER = 2_000_000  # residuals that are simulated at once for several fits
 REWEIGHTINGS = 3
@@ -95,45 +99,70 @@ class LeastSquares:
             An optimum at the same deviations: a fit that comes next to it is taken to end there.
         """
         many = max(1, TOGETHER // (len(self._output) * self.box.dimension))
+        weights = 1 / deviations[self._output]
         found: list[tuple[FloatArray, float]] = []
         for part in (starts[k : k + many] for k in range(0, len(starts), many)):
-            asking = [self._fit(s, deviations, evaluations, tolerance, central=central, known=known) for s in part]
+            asking = [self._fit(start, evaluations, tolerance, known) for start in part]
             ends: dict[int, tuple[FloatArray, float]] = {}
             answers: list[FloatArray | None] = [None] * len(part)
             while len(ends) < len(part):
-                asked: dict[int, FloatArray] = {}
+                asked: dict[int, _Asked] = {}
                 for k, fit in enumerate(asking):
                     if k not in ends:
                         try:
                             asked[k] = fit.send(answers[k])  # type: ignore[arg-type]
                         except StopIteration as end:
                             ends[k] = end.value
-                if asked:
-                    raw = self._residuals(np.concatenate(list(asked.values())))
-                    edges = np.cumsum([0, *(len(points) for points in asked.values())])
-                    for k, first, last in zip(asked, edges[:-1], edges[1:], strict=True):
-                        answers[k] = raw[first:last]
+                for k, answer in zip(asked, self._answers(list(asked.values()), weights, central), strict=True):
+                    answers[k] = answer
             found += [ends[k] for k in range(len(part))]
         return found
 
+    def _answers(self, asked: Sequence[_Asked], weights: FloatArray, central: bool) -> list[FloatArray]:
+        """Return what several fits ask for; one batch of simulations tells it all."""
+        steep = [k for k, (_, at) in enumerate(asked) if at is not None]
+        flat = [k for k, (_, at) in enumerate(asked) if at is None]
+        points = [self.box.unscaled(np.array([asked[k][0] for k in flat]))] if flat else []
+        if steep:
+            x = np.array([asked[k][0] for k in steep])
+            points.append(differences.beside(self.box, x, central=central).reshape(-1, self.box.dimension))
+        if not points:
+            return []
+        raw = self._residuals(np.concatenate(points))
+        answers = dict(zip(flat, self._weighed(raw[: len(flat)], weights), strict=True))
+        if steep:
+            at = np.array([asked[k][1] for k in steep])
+            raw = raw[len(flat) :].reshape(len(steep), -1, len(weights))
+            answers |= zip(steep, self._triangles(raw, x, weights, at, central), strict=True)
+        return [answers[k] for k in range(len(asked))]
+
+    def _triangles(
+        self, raw: FloatArray, x: FloatArray, weights: FloatArray, at: FloatArray, central: bool
+    ) -> Sequence[FloatArray]:
+        """Return `triangle_of` derivatives and residuals, (k, m), of several fits at x, (k, p)."""
+        if len(x) > 1 and not central and not self._robust:
+            rows = differences.beside_residuals(raw, self.box, x, weights, at)
+            if rows is not None and (found := factors_of_products(rows)) is not None:
+                return list(found)
+        triangles = []
+        for own, place, there in zip(raw, x, at, strict=True):
+            jacobian = differences.slopes(own, self.box, place, weights, there, central=central)
+            if self._robust:
+                there, slopes = rooted(there)
+                jacobian = jacobian * slopes[:, None]
+            triangles.append(triangle_of(jacobian, there))
+        return triangles
+
     def _fit(
-        self,
-        start: FloatArray,
-        deviations: FloatArray,
-        evaluations: int,
-        tolerance: float,
-        *,
-        central: bool,
-        known: LeastSquaresFit | None,
-    ) -> Generator[FloatArray, FloatArray, tuple[FloatArray, float]]:
-        """Yield candidates, (c, p) in their units, whose residuals are asked; return the optimum and its cost."""
-        weights = 1 / deviations[self._output]
+        self, start: FloatArray, evaluations: int, tolerance: float, known: LeastSquaresFit | None
+    ) -> Generator[_Asked, FloatArray, tuple[FloatArray, float]]:
+        """Yield what is asked of scaled parameters; return the optimum, in their units, and its cost."""
         low, high = self.box.low, self.box.high
         margin = 1e-9 * (high - low)
         x = np.clip(self.box.scaled(start), low + margin, high - margin)
         free = high > low
         if not free.any():
-            own = self._weighed((yield self.box.unscaled(x)[None, :]), weights)[0]
+            own = yield x, None
             own = rooted(own)[0] if self._robust else own
             return np.array(start), float(own @ own)
         asking = steps(
@@ -148,12 +177,9 @@ class LeastSquares:
         x, slope = next(asking)
         while True:
             if slope:
-                at = last[x.tobytes()]
-                raw = yield differences.beside(self.box, x, central=central)
-                answer = differences.slopes(raw, self.box, x, weights, at, central=central)
-                answer = answer * rooted(at)[1][:, None] if self._robust else answer
+                answer = yield x, last[x.tobytes()]
             else:
-                at = self._weighed((yield self.box.unscaled(x)[None, :]), weights)[0]
+                at = yield x, None
                 last = {x.tobytes(): at}
                 answer = rooted(at)[0] if self._robust else at
                 if known is not None and self._is_beside(x, float(answer @ answer), known):

@@ -85,6 +85,20 @@ def factor_of_products(columns: Columns) -> FloatArray | None:
     return None
 
 
+def factors_of_products(rows: FloatArray) -> FloatArray | None:
+    """Return the same, (k, c, c), of k times c columns, (k, c, n), each a row; None where one of them loses digits."""
+    if rows.shape[1] >= rows.shape[2]:
+        return None
+    gram = rows @ rows.transpose(0, 2, 1)
+    norms = np.sqrt(np.diagonal(gram, axis1=1, axis2=2))
+    if not (norms.all() and np.isfinite(norms).all()):
+        return None
+    scaled = gram / (norms[:, :, None] * norms[:, None, :])
+    if not np.linalg.eigvalsh(scaled)[:, 0].min() > WELL_CONDITIONED:
+        return None
+    return np.asarray(np.linalg.cholesky(scaled).transpose(0, 2, 1) * norms[:, None, :])
+
+
 def triangle(columns: Columns) -> FloatArray:
     """Return the triangular factor r, (min(n, m), m), of columns, (n, m), = q r.
 

@@ -30,10 +30,10 @@ LEAST_GRADIENT = 1e-15
 
 
 def steps(x: FloatArray, *, low: FloatArray, high: FloatArray, evaluations: int, ftol: float, xtol: float) -> Steps:
-    """Yield points at which the residuals, or their jacobian, are asked; return the optimum and its sum of squares.
+    """Yield points at which residuals, or their derivatives, are asked; return the optimum and its sum of squares.
 
-    So that whoever solves several problems can answer them all at once. The jacobian, (m, p), is asked at the point at
-    which the residuals, (m,), were accepted last.
+    So that whoever solves several problems can answer them all at once. Derivatives are asked at the point at which the
+    residuals, (m,), were accepted last, as `triangle_of` them and these residuals.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ def steps(x: FloatArray, *, low: FloatArray, high: FloatArray, evaluations: int,
     """
     r = yield x, False
     cost, left, damping, radius = 0.5 * float(r @ r), evaluations - 1, 0.0, -1.0
-    triangle = _triangle((yield x, True), r)
+    triangle = yield x, True
     lengths = _lengths(triangle)
     lengths[lengths == 0] = 1.0
     while True:
@@ -82,7 +82,7 @@ def steps(x: FloatArray, *, low: FloatArray, high: FloatArray, evaluations: int,
         if fell > 0:
             x, r, cost = tried, there, new
             if not ended:
-                triangle = _triangle((yield x, True), r)
+                triangle = yield x, True
                 lengths = np.maximum(lengths, _lengths(triangle))
         if fell <= 0 or ended:
             break
@@ -237,8 +237,8 @@ def _to_radius(begin: FloatArray, way: FloatArray, radius: float) -> float:
     return float(max(q / a, c / q if q != 0 else 0.0))
 
 
-def _triangle(jacobian: FloatArray, r: FloatArray) -> FloatArray:
-    """Return R of [J r] = Q R, (k, p + 1): it has all scalar products of the columns and the residuals."""
+def triangle_of(jacobian: FloatArray, r: FloatArray) -> FloatArray:
+    """Return R of [J r] = Q R, (k, p + 1), J (m, p): it has all scalar products of the columns and the residuals."""
     both = np.empty((len(r), jacobian.shape[1] + 1))
     both[:, :-1], both[:, -1] = jacobian, r
     return triangle(both)

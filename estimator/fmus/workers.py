@@ -188,8 +188,8 @@ class Workers:
         layout = job.layout(str(folder), layouts)
         order = {
             "key": key,
-            "job": dataclasses.asdict(layout),
-            "shared": dataclasses.asdict(shared),
+            "job": {**vars(layout), "experiments": [vars(experiment) for experiment in layouts]},
+            "shared": vars(shared),
             "shared_file": str(shared_file),
             "numbers_file": str(numbers_file),
             "memory_limit": self.memory_limit,

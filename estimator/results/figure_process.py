@@ -103,7 +103,12 @@ def main() -> None:
 def _drawn(
     comparisons: Sequence[Comparison], noise: dict[str, float], places: Sequence[Place], kinds: Sequence[str]
 ) -> Files:
-    from estimator.results.plots import comparison_figure, rendered
+    from estimator.results.picture import comparison_png
 
-    figure = comparison_figure(comparisons, noise=noise, places=places)
-    return {f"figure.{kind}": rendered(figure, kind) for kind in kinds}
+    files = {"figure.png": comparison_png(comparisons, noise=noise, places=places)} if "png" in kinds else {}
+    if rest := [kind for kind in kinds if kind != "png"]:
+        from estimator.results.plots import comparison_figure, rendered
+
+        figure = comparison_figure(comparisons, noise=noise, places=places)
+        files |= {f"figure.{kind}": rendered(figure, kind) for kind in rest}
+    return files

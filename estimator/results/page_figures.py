@@ -16,6 +16,7 @@ from estimator.results.svg import Box, drawing, text
 PIXEL_BINS = 260  # of an envelope, at most: two pixels each
 LEFT, RIGHT, BOTTOM, HEAD = 58.0, 10.0, 40.0, 20.0  # pixels around and above each plot
 HEIGHTS: Mapping[Kind, float] = {"input": 34.0, "signal": 118.0, "residual": 58.0}
+ROOM: Mapping[Kind, float] = {"input": 0.06, "signal": 0.06, "residual": 0.12}  # of what a plot shows, beyond it
 UPWARDS: Mapping[Kind, int] = {"input": 2, "signal": 4, "residual": 3}
 MOST_CROSSES = 400  # of outliers in a drawing: more hide what they mark
 WIDTH = 640.0
@@ -81,7 +82,7 @@ def _row(
 ) -> list[str]:
     """Return one row: grid, band, lines, marks, and its title above."""
     seen = [line.within(start, end) for line in row.lines]
-    low, high = _range(row, seen)
+    low, high = row.span(seen, room=ROOM)
     box = Box(LEFT, top, width - LEFT - RIGHT, HEIGHTS[row.kind], start, end, low, high)
     parts = [text(LEFT, top - 6, f"{row.title} [{row.unit or '-'}]", style="title")]
     for place in places:
@@ -127,19 +128,6 @@ def _clipped(line: Line, start: float, end: float) -> Line:
         value = values[-1] if held and len(values) else np.interp(end, line.time, line.values)
         time, values = np.append(time, end), np.append(values, value)
     return Line(line.style, time, values)
-
-
-def _range(row: Panel, seen: Sequence[Line]) -> tuple[float, float]:
-    """Return the vertical range of a row."""
-    every = np.concatenate([line.values[np.isfinite(line.values)] for line in seen] or [np.zeros(0)])
-    low, high = (float(every.min()), float(every.max())) if every.size else (0.0, 1.0)
-    if row.kind == "residual":
-        largest = 1.12 * row.largest(seen)
-        return -largest, largest
-    if row.kind == "input":
-        low, high = min(low, 0.0), max(high, 0.0)
-    room = 0.06 * (high - low) or 0.5 * (abs(high) or 1.0)
-    return low - room, high + room
 
 
 def whiteness_charts(found: Sequence[Whiteness], *, interval: float) -> list[tuple[str, str, str]]:

@@ -84,6 +84,18 @@ class Panel:
         ]
         return max([self.band, *(float(y.max()) for y in rest if y.size)]) or 1.0
 
+    def span(self, seen: Sequence[Line], *, room: Mapping[Kind, float]) -> tuple[float, float]:
+        """Return the ends of the vertical axis that shows the lines seen, with so much room beyond them."""
+        if self.kind == "residual":
+            largest = (1 + room[self.kind]) * self.largest(seen)
+            return -largest, largest
+        every = np.concatenate([line.values[np.isfinite(line.values)] for line in seen] or [np.zeros(0)])
+        low, high = (float(every.min()), float(every.max())) if every.size else (0.0, 1.0)
+        if self.kind == "input":
+            low, high = min(low, 0.0), max(high, 0.0)
+        beyond = room[self.kind] * (high - low) or 0.5 * (abs(high) or 1.0)
+        return low - beyond, high + beyond
+
     @property
     def title(self) -> str:
         """What the row shows, in words: "current i", "residual"."""

@@ -64,10 +64,13 @@ class Result(Estimate):
         InputError
             There is nothing to draw: the estimate was refused before anything was simulated.
         """
-        figure = self._figure()
-        if figure is None:
+        from estimator.results.figure_process import drawable
+        from estimator.results.plots import comparison_figure
+
+        shown = drawable(self)
+        if not shown:
             raise InputError(f"there is nothing to plot: the estimate is {self.verdict} ({'; '.join(self.reasons)})")
-        return figure
+        return comparison_figure(shown, noise=self.noise, places=places_of(self.reasons))
 
     def to_dataframe(self) -> pd.DataFrame:
         """Return one row a quantity as pandas' DataFrame: the parameters, the measurement chain, what follows of them.
@@ -91,13 +94,6 @@ class Result(Estimate):
                 rows[name] = {"kind": kind, **{column: getattr(quantity, column, None) for column in columns}}
         frame = pd.DataFrame.from_dict(rows, orient="index", columns=["kind", *columns])
         return frame.rename_axis("name").astype({c: float for c in ("value", "standard_error", "lower", "upper")})
-
-    def _figure(self) -> Figure | None:
-        from estimator.results.figure_process import drawable
-        from estimator.results.plots import comparison_figure
-
-        shown = drawable(self)
-        return comparison_figure(shown, noise=self.noise, places=places_of(self.reasons)) if shown else None
 
     def save(self, folder: str | os.PathLike[str], *, figures: Sequence[str] = ()) -> tuple[Path, ...]:
         """Write result.json, report.html, parameters.ssv and figure.png to a folder; return their paths.
@@ -164,8 +160,7 @@ class Result(Estimate):
         return text_report(self).rstrip("\n")
 
     def _repr_html_(self) -> str:
-        from estimator.results.plots import png
+        from estimator.results.figure_process import draw
         from estimator.results.report_html import html_fragment
 
-        figure = self._figure()
-        return html_fragment(self, figure=None if figure is None else png(figure))
+        return html_fragment(self, figure=draw(self, ("png",)).get("figure.png"))

@@ -1,0 +1,52 @@
+"""Averaged explanations: what a mixture's standard errors hold."""
+
+import numpy as np
+import pytest
+
+from estimator.conventions import CONFIDENCE
+from estimator.distributions import normal_chance, normal_quantile
+from estimator.fitting.averaging import _covering
+
+
+def held(errors, weights, means, variances):
+    """Return how much of a mixture lies within 1.96 standard errors of zero, (p,)."""
+    half = normal_quantile(0.5 + CONFIDENCE / 2) * errors
+    parts = [
+        normal_chance((half - mean) / np.sqrt(variance)) - normal_chance((-half - mean) / np.sqrt(variance))
+        for mean, variance in zip(means, variances, strict=True)
+    ]
+    return weights @ np.array(parts)
+
+
+@pytest.mark.parametrize("far", [0.1, 1.0, 30.0, 1e6])
+def test_the_errors_of_a_mixture_hold_what_they_say_however_far_its_parts_lie(far):
+    rng = np.random.default_rng(5)
+    for _ in range(30):
+        weights = rng.dirichlet(np.full(6, 0.4))
+        weights[0] += 1e-6
+        weights /= weights.sum()
+        means = np.vstack([np.zeros(4), far * rng.standard_normal((5, 4))])
+        variances = 10.0 ** rng.uniform(-3, 1, (6, 4))
+        total = np.einsum("k,ki,kj->ij", weights, means, means) + np.diag(weights @ variances)
+        scaled = _covering(total, weights, list(means), list(variances))
+        assert held(np.sqrt(np.diag(scaled)), weights, means, variances) == pytest.approx(CONFIDENCE, abs=1e-9)
+        correlation, before = (c / np.sqrt(np.outer(np.diag(c), np.diag(c))) for c in (scaled, total))
+        assert correlation == pytest.approx(before, abs=1e-12)
+
+
+def test_of_one_explanation_the_errors_are_its_own():
+    variance = np.array([4.0, 1e-20, 0.0])
+    scaled = _covering(np.diag(variance), np.ones(1), [np.zeros(3)], [variance])
+    assert np.diag(scaled) == pytest.approx(variance, rel=1e-13)
+
+
+def test_an_error_ends_at_a_part_that_has_none_where_that_brings_what_is_missing():
+    means, variances = [np.zeros(1), np.array([7.0])], [np.ones(1), np.zeros(1)]
+    for chance, end in ((0.5, 7.0), (0.01, None)):
+        weights = np.array([1 - chance, chance])
+        total = np.array([[weights @ [1.0, 49.0]]])
+        half = normal_quantile(0.5 + CONFIDENCE / 2) * float(np.sqrt(_covering(total, weights, means, variances)[0, 0]))
+        if end is not None:
+            assert half == pytest.approx(end)
+        else:
+            assert (1 - chance) * (2 * normal_chance(np.array([half]))[0] - 1) == pytest.approx(CONFIDENCE)
