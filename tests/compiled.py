@@ -21,6 +21,7 @@ from typing import Any
 from fmu_build import compiler
 
 FOLDER = "FMU_ESTIMATOR_TESTS_COMPILED"  # the environment variable that names where libraries are kept
+QUICKLY = "FMU_ESTIMATOR_TESTS_QUICKLY"  # the environment variable by which compilers do not optimise: the same bits
 DAYS = 7  # that a library is kept that nobody takes
 run = subprocess.run  # as it is: some tests take it away
 
@@ -41,6 +42,8 @@ def forget(folder: Path) -> None:
 
 
 def _run(folder: Path, arguments: Sequence[str], **how: Any) -> subprocess.CompletedProcess[str]:
+    if QUICKLY in os.environ:
+        arguments = ["-O0" if word == "-O3" else word for word in arguments]
     output = arguments.index("-o") + 1
     kept = folder / _key(arguments[: output - 2], Path(arguments[output - 2]), arguments[output + 1 :])
     if kept.exists():

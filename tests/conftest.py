@@ -38,11 +38,14 @@ from estimator.results.result import Estimate  # noqa: E402
 
 ROOT = Path(__file__).resolve().parent.parent
 LONG = (  # the longest first, so that all workers end together
-    *("app_browser", "effects", "terminal", "quirks", "estimate", "chain", "containment", "watch", "trust", "nuisance"),
-    *("probe", "pytest_plugin", "batch", "fmu_build_sanitizers", "fmu_build_exchange", "plots", "end_to_end"),
-    *("python_fmu", "cluster", "app", "mapping", "paper_figures", "odd_recordings", "in_memory", "refusal", "check"),
-    *("fmu_build_importers", "fmu_build_errors", "starts", "api", "long_recordings", "between_runs", "cli", "combined"),
-    *("odd_drives", "kinds", "browser", "sources", "begin", "docs", "schema"),
+    *("effects", "app_browser", "trust", "chain", "nuisance", "terminal", "quirks", "fmu_build_sanitizers"),
+    *("containment", "pytest_plugin", "estimate", "batch", "long_recordings", "odd_recordings", "refusal"),
+    *("fmu_build_exchange", "check", "fmu_build_importers", "fmu_build_errors", "in_memory", "paper_figures"),
+    *("python_fmu", "cluster", "probe", "plots", "end_to_end", "add_a_method", "mapping", "app", "schema"),
+    *("drive_model", "between_runs", "integrator", "line_page", "response_test", "api", "combined", "cli"),
+    *("starts", "odd_drives", "fmu_build", "fmu_build_modes", "watch", "recording", "commutated_winding"),
+    *("sources", "small_things", "resample", "plain_noise", "kinds", "browser", "begin", "docs", "export"),
+    *("stepper_sensors", "noise_model", "kalman", "startup"),
 )
 FORKING = pytest.StashKey[Forking | None]()
 TOGETHER = {  # tests of several files that share estimates
@@ -180,6 +183,14 @@ def shared_workers() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         for module in ("estimating.estimate", "judging.validation", "fmus.simulate"):
             patch.setattr(f"estimator.{module}.Workers", _lent)
+        yield
+
+
+@pytest.fixture(scope="module")
+def compiled_quickly() -> Iterator[None]:
+    """Let compilers not optimise, a quarter of the time: for tests that ask what is computed. The bits are the same."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv(compiled.QUICKLY, "1")
         yield
 
 

@@ -18,6 +18,8 @@ from numpy.typing import NDArray
 
 import fmu_build
 
+pytestmark = pytest.mark.usefixtures("compiled_quickly")
+
 MODELS = Path(__file__).parent / "models"
 LINEAR_PART = {"dc_motor": ("i", "w", "angle"), "dc_motor_elastic": ("w2", "angle2", "i", "w", "angle")}
 

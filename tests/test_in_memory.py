@@ -176,7 +176,7 @@ def test_columns_and_units_are_those_of_the_command_line_for_files_and_tables(tm
     rows = zip(*PLAIN.values(), strict=True)
     path = tmp_path / "run.csv"
     path.write_text("t,u,first,n\n" + "\n".join(",".join(repr(float(x)) for x in row) for row in rows) + "\n")
-    said = {"columns": {"i": "first"}, "units": {"w": "rad/s"}, "workers": 1}
+    said = {"columns": {"i": "first"}, "units": {"w": "rad/s"}, "workers": 1, "method": "integral"}  # reading matters
     read = estimator.estimate_parameters(path, **said).read[0]["signals"]
     assert read["i"]["column"] == "first" and read["w"]["unit_from"] == "user"
     table = np.genfromtxt(path, delimiter=",", names=True)

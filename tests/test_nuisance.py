@@ -53,7 +53,7 @@ def test_a_clean_recording_frees_nothing(case_of, noisy):
     assert worst(result) < 5
 
 
-@pytest.mark.parametrize("late", [3, 77, 250])
+@pytest.mark.parametrize("late", [3, pytest.param(77, marks=pytest.mark.full), 250])
 def test_a_delay_is_found_and_estimated(case_of, noisy, late):
     voltage = np.concatenate([noisy.signals["voltage"][late:], np.full(late, 10.5)])
     result = run(case_of(), with_signals(noisy, voltage=voltage))
@@ -82,7 +82,7 @@ def test_a_logger_that_averages_is_found_out(case_of, noisy, samples):
     assert worst(result) < 3
 
 
-@pytest.mark.parametrize("late", [1, 3])
+@pytest.mark.parametrize("late", [1, pytest.param(3, marks=pytest.mark.full)])
 def test_a_current_that_comes_late_is_not_taken_for_lost_samples(case_of, noisy, late):
     current = np.concatenate([noisy.signals["current"][:late], noisy.signals["current"][:-late]])
     result = run(case_of(), with_signals(noisy, current=current))
@@ -94,7 +94,7 @@ def test_a_current_that_comes_late_is_not_taken_for_lost_samples(case_of, noisy,
     assert worst(result) < 3
 
 
-@pytest.mark.parametrize("samples", [2, 3])
+@pytest.mark.parametrize("samples", [pytest.param(2, marks=pytest.mark.full), 3])
 def test_a_mean_whose_noise_is_white_is_not_taken_for_lost_samples(case_of, samples):
     """The noise does not tell a mean from what else smooths and delays: it is named, or its rival is, with doubt."""
     clean, rng = step_recording(CML050), np.random.default_rng(5)

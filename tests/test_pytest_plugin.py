@@ -16,7 +16,10 @@ pytest_plugins = ["pytester"]
 
 EXAMPLE = Path(__file__).parent.parent / "examples" / "cml050_step.csv"
 # The entry point is blocked and the module named, so that it makes no difference whether the package is installed.
-PLUGIN = ("-p", "no:fmu-estimator", "-p", "estimator.pytest_plugin", "-p", "no:hypothesispytest", "-W", "error")
+PLUGIN = (
+    *("-p", "no:fmu-estimator", "-p", "estimator.pytest_plugin", "-W", "error"),
+    *("-p", "no:hypothesispytest", "-p", "no:anyio"),  # others, which take time to load
+)
 RECORDING = '[[recording]]\nfile = "motor.csv"\n'
 MET = '[expect]\nR = { value = 3.1363, within = "5 %" }\nK = { min = 0.04, max = 0.06 }\n'
 

@@ -38,7 +38,7 @@ NOISE = (2e-3, 0.2)
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory):
     path = tmp_path_factory.mktemp("recording") / "step.csv"
-    write_recording(step_recording(CML050, lead=0.05, duration=0.4), path)
+    write_recording(step_recording(CML050, lead=0.05, duration=0.25), path)
     return path
 
 

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from forked import run
 from made_estimates import estimate
 from test_report import check_contract
 
@@ -44,8 +45,7 @@ def with_cell(tmp_path: Path, column: int, value: str) -> Path:
 @pytest.mark.parametrize("value", ["1e308", "-1e308", "1e12"])
 def test_a_value_that_nothing_measures_is_one_sentence_and_json_stays_json(tmp_path, value):
     path = with_cell(tmp_path, 2, value)
-    command = [sys.executable, "-m", "estimator", "estimate", str(path), "--json"]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    done = run("estimate", str(path), "--json", cwd=ROOT)
     assert (done.returncode, done.stdout) == (2, "")
     said = f"run.csv line 12: current is {float(value):g}, which nothing measures; leave the cell of a missing sample"
     assert said in done.stderr and done.stderr.count("\n") == 1

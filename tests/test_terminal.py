@@ -143,7 +143,7 @@ def test_what_is_done_with_results_runs_on_a_terminal_and_fits_it(bench, columns
 
 
 @pytest.mark.parametrize(
-    ("file", "moments"), [("step.csv", 4), pytest.param(str(OFFSETS), 10, marks=pytest.mark.full)], ids=["4", "10"]
+    ("file", "moments"), [("step.csv", 3), pytest.param(str(OFFSETS), 10, marks=pytest.mark.full)], ids=["3", "10"]
 )
 def test_ctrl_c_at_any_moment_ends_in_one_sentence_and_leaves_nothing_behind(bench, file, moments):
     command = ["estimate", file, "-o", "interrupted"]
