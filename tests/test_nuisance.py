@@ -219,6 +219,17 @@ def test_lost_samples_in_the_transient_are_named(case_of, seed):
     assert worst(result) < 4
 
 
+def test_a_shaft_that_falls_into_a_detent_loses_no_rows(case_of):
+    """It stops sooner than the model, but from row to row its speed does not jump."""
+    voltage = np.where((np.arange(2000) >= 500) & (np.arange(2000) < 1200), 10.5, 0.0)
+    shown = held_response(CML050, voltage, step=1e-3)
+    slow = (np.arange(2000) >= 1200) & (shown[:, 1] < 60)
+    shown[slow, 1] = np.maximum(shown[slow, 1] - 0.5 * (60 - shown[slow, 1]), 0.0)
+    result = run(case_of(), recording_of("stops", np.arange(2000) * 1e-3, voltage, shown, noise=(0.02, 0.5), seed=4))
+    assert result.verdict == "doubtful"
+    assert not [name for name in result.chain if name.startswith("lost rows")], result.reasons
+
+
 def test_a_dip_of_the_voltage_follows_the_motor_as_it_is_fitted(case_of, monkeypatch, noisy):
     """Its columns are those of the final motor, although the residuals no longer hold what they explain."""
     held, whole = [], explained._explained

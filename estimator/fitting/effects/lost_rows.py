@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from estimator.fitting.clock import Clock
 from estimator.fitting.effects.base import SELDOM, Effect
-from estimator.fitting.fit import Fit, Linear, refreshed
+from estimator.fitting.fit import Fit, Linear, misfit, refreshed
 from estimator.fitting.simulator import CELLS
 from estimator.fitting.windows import find_windows
 from estimator.plans.plan import Plan
@@ -23,6 +23,10 @@ IntArray = NDArray[np.int64]
 TRIED_ROWS = (1, 2, 4, 6, 9, 14, 20)
 NEAR_TRIED = 0.35  # of the tried rows: how near to them the answer must be
 NEARBY = 3  # rows, by which the number that explains most may differ from the last
+BESIDE = 2  # rows on each side of a jump that tell its height, and as many that tell the slopes
+NEAR = 50  # rows before and behind that tell the noise of such steps
+USUAL = 1.4826  # standard deviations of a normal distribution in a median of its absolute values
+VISIBLE_JUMP = 4.0  # standard deviations: a larger one would be seen
 PLACES = 60  # that are tested, at most
 
 
@@ -48,6 +52,8 @@ class LostRows(Effect):
         clock = next(c for c in fit.simulator.clocks if c.rows.start <= place < c.rows.stop)
         t = clock.time[place - clock.rows.start]
         own = _column(fit, place, ends, many)
+        if not _may_jump(fit, place, own, many):
+            return ()
         return [Linear(f"{self.name} at t = {t:.4g} s", own, ("rows",), least=FEWEST_ROWS, most=MOST_ROWS)]
 
     def renewed(self, fit: Fit, group: Linear, coefficients: FloatArray) -> Linear | None:
@@ -80,6 +86,29 @@ def _likeliest(fit: Fit, places: IntArray, ends: IntArray, tried: Sequence[int])
             if weighed[k] > best:
                 best, where = float(weighed[k]), (int(part[k]), many)
     return where
+
+
+def _may_jump(fit: Fit, place: int, column: FloatArray, many: int) -> bool:
+    """Whether the measured signals jump before a row as they do where rows are lost; a jump below the noise may be one.
+
+    What the model does not explain, such as a shaft that falls into a detent as it comes to rest, drifts.
+    """
+    clock = next(c for c in fit.simulator.clocks if c.rows.start <= place < c.rows.stop)
+    at = place - clock.rows.start - 2 * BESIDE
+    if at < 0 or place + 2 * BESIDE > clock.rows.stop:
+        return True
+    measured = _steps(misfit(fit, fit.explained)[clock.rows])
+    deviation = USUAL * np.median(np.abs(measured[max(0, at - NEAR) : at + NEAR]), axis=0)
+    deviation = np.maximum(deviation, np.maximum(fit.simulator.steps, 1e-300))
+    expected = many * _steps(column[clock.rows, :, 0])[at] / deviation
+    seen = float(expected @ expected)
+    return seen < VISIBLE_JUMP**2 or float(expected @ (measured[at] / deviation)) > 0.5 * seen
+
+
+def _steps(signals: FloatArray) -> FloatArray:
+    """Return the steps, (n - 7, q), of (n, q) signals between 2 BESIDE rows and as many that follow, slopes left out."""
+    weights = np.repeat([0.5, -1.5, 1.5, -0.5], BESIDE) / BESIDE
+    return np.stack([np.convolve(signal, weights[::-1], "valid") for signal in signals.T], axis=1)
 
 
 def _ends(fit: Fit) -> IntArray:
