@@ -9,8 +9,6 @@ from motors import CML050, NAMES, held_response, recording_of, step_recording
 
 from estimator.cases.case import Case, Chebyshev1, OutputSpec
 from estimator.estimating.estimate import estimate_recordings
-from estimator.fitting import explained
-from estimator.fitting.explanation import renewed
 from estimator.recordings.reading import recording_from_arrays
 from estimator.recordings.recording import Recording
 
@@ -228,20 +226,6 @@ def test_a_shaft_that_falls_into_a_detent_loses_no_rows(case_of):
     result = run(case_of(), recording_of("stops", np.arange(2000) * 1e-3, voltage, shown, noise=(0.02, 0.5), seed=4))
     assert result.verdict == "doubtful"
     assert not [name for name in result.chain if name.startswith("lost rows")], result.reasons
-
-
-def test_a_dip_of_the_voltage_follows_the_motor_as_it_is_fitted(case_of, monkeypatch, noisy):
-    """Its columns are those of the final motor, although the residuals no longer hold what they explain."""
-    held, whole = [], explained._explained
-    monkeypatch.setattr(
-        explained, "_explained", lambda plan, best, *rest: held.append(best) or whole(plan, best, *rest)
-    )
-    monkeypatch.setenv("FMU_ESTIMATOR_WITHOUT", "sag,sag of the source")
-    run(case_of(), noisy_at(0.1, noisy))
-    (dip,) = [g for g in held[0].fit.linear if g.name.startswith("voltage dip")]
-    (now,) = [g for g in renewed(held[0]).linear if g.name == dip.name]
-    assert now is not dip
-    assert np.max(np.abs(now.columns - dip.columns)) < 1e-2 * np.max(np.abs(dip.columns))
 
 
 def test_the_speed_of_an_encoder_is_taken_as_a_mean_over_the_interval(case_of, noisy):

@@ -106,7 +106,7 @@ def _may_jump(fit: Fit, place: int, column: FloatArray, many: int) -> bool:
 
 
 def _steps(signals: FloatArray) -> FloatArray:
-    """Return the steps, (n - 7, q), of (n, q) signals between 2 BESIDE rows and as many that follow, slopes left out."""
+    """Return the steps, (n - 7, q), of (n, q) signals behind 2 BESIDE rows and before as many, slopes left out."""
     weights = np.repeat([0.5, -1.5, 1.5, -0.5], BESIDE) / BESIDE
     return np.stack([np.convolve(signal, weights[::-1], "valid") for signal in signals.T], axis=1)
 

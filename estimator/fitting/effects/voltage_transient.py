@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -60,11 +59,6 @@ class VoltageTransient(Effect):
                 one_of=len(taus),
             )
         ]
-
-    def renewed(self, fit: Fit, group: Linear, coefficients: FloatArray) -> Linear | None:
-        """Return the transient of the same time constant by the motor of the last fit."""
-        tau = float(group.name.removeprefix(f"{self.name} of ").removesuffix(" s"))
-        return dataclasses.replace(group, columns=self.sign * _response(fit, np.array([tau])))
 
     def tell(self, name: str, value: float, plan: Plan) -> str:
         """Say in which direction, by how much, and for how long."""
