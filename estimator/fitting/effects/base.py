@@ -71,7 +71,7 @@ class Effect:
         """Return a group's columns computed again at a fit's values and its coefficients; None: they do not change.
 
         The fit is without the group, its residuals are still with it: an effect whose `linear` looks for the likeliest
-        columns in them finds others, and says here how its own follow the fit.
+        columns in them may find others, and its own then stay as they are, unless it says here how they follow.
         """
         return next((g for g in self.linear(fit) if g.name == group.name), None)
 
