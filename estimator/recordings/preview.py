@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.errors import RecordingError
+from estimator.recordings.clipping import clipped, limit
 from estimator.recordings.excitation import (
     Excitation,
     find_delay,
@@ -18,7 +19,6 @@ from estimator.recordings.excitation import (
     lost_transient,
     noise_deviation,
     quantum,
-    saturation,
 )
 from estimator.recordings.finding import Finding
 from estimator.recordings.motor_columns import motor_columns
@@ -215,10 +215,11 @@ def _damage(recording: Recording, measured: Mapping[str, FloatArray], step: Exci
             continue
         if np.nanmax(y) == np.nanmin(y):
             still.append(f"the {title} is {float(np.nanmax(y)):.4g} {unit} from the first to the last sample")
-        if (clipped := saturation(y)) is not None:
-            first, run, value = clipped
-            since = f"{recording.time[first]:.6g} s"
-            still.append(f"the {title} is saturated at {value:.4g} {unit} for {run} samples from t = {since}")
+        if (rows := clipped(y)).any():
+            since, count = f"{recording.time[int(np.argmax(rows))]:.6g} s", int(rows.sum())
+            still.append(
+                f"the {title} is saturated at {limit(y, rows):.4g} {unit}, first at t = {since}: {count} samples"
+            )
     if step is not None and "w" in measured and (lost := lost_transient(step, measured["w"])) is not None:
         k, part = lost
         still.append(
