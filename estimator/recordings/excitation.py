@@ -65,8 +65,8 @@ def find_excitation(v: FloatArray, outputs: Mapping[str, FloatArray]) -> Excitat
         Measured outputs, NaN where missing.
     """
     span = float(np.ptp(v))
-    noise = _input_noise(v)
-    if span < NORMAL_SPAN * noise:  # no noise around a level spans so little of its own deviation
+    noise = _row_by_row(v)
+    if _is_restless(v, noise):
         return Excitation("several", 0, float(v[0]), float(v[-1]), not all(map(_starts_at_rest, outputs.values())))
     running = not all(_starts_at_rest(y) for y in outputs.values())
     threshold = max(LEVEL * max(span, 0.5 * float(np.max(np.abs(v)))), 6 * noise)
@@ -108,10 +108,21 @@ def noise_deviation(y: FloatArray) -> float:
     return max(float(deviation), quantum(y) / STEP_DEVIATION)
 
 
-def _input_noise(v: FloatArray) -> float:
-    """Return the deviation of an input's noise; 0 for levels that repeat exactly."""
+def input_noise(v: FloatArray) -> float:
+    """Return the deviation of an input's noise; 0 for levels that repeat exactly, and where it moves in every row."""
+    noise = _row_by_row(v)
+    return 0.0 if _is_restless(v, noise) else noise
+
+
+def _row_by_row(v: FloatArray) -> float:
+    """Return the deviation of what an input does from row to row, be it noise or not."""
     second = v[2:] - 2 * v[1:-1] + v[:-2]
     return median(np.abs(second)) / MEDIAN_SIZE / SECOND_DIFFERENCE if len(second) else 0.0
+
+
+def _is_restless(v: FloatArray, noise: float) -> bool:
+    """Return whether an input moves in every row: no noise around a level spans so little of its own deviation."""
+    return float(np.ptp(v)) < NORMAL_SPAN * noise
 
 
 @told_once
