@@ -57,6 +57,17 @@ def test_check_tells_columns_and_units_first_then_clock_step_levels_and_noise(fi
     assert any("a step from 0 to 10.5 V at t = 0.2 s" in line for line in lines)
 
 
+@pytest.mark.parametrize("levels", [(0.0, 12.0, 0.0), (0.0, 6.0, 12.0), (0.0, 12.0) * 4])
+def test_levels_of_a_voltage_that_was_set_are_no_noise_and_no_steps_of_a_converter(file, capsys, levels):
+    t, v = np.arange(200 * len(levels)) * 1e-3, np.repeat(levels, 200)
+    columns = {"v": v, "i": np.zeros(len(t)), "w": np.random.default_rng(1).standard_normal(len(t)) + 20 * v}
+    path = file("time [s],voltage [V],current [A],speed [rad/s]", t=t, **columns)
+    (found,) = json.loads(run(capsys, "check", path, "--json")[1])["recordings"]
+    assert [level["means"]["v"] for level in found["levels"]] == list(levels)
+    assert found["signals"]["v"]["noise"] == 0 and found["signals"]["v"]["quantum"] is None
+    assert found["signals"]["w"]["noise"] == pytest.approx(1, rel=0.2)
+
+
 def test_check_json_is_one_object_with_every_part(file, capsys):
     status, out, _ = run(capsys, "check", "--json", file("t,u,i,w"))
     (found,) = json.loads(out)["recordings"]

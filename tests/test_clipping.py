@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from estimator.recordings.clipping import clipped
+from estimator.recordings.clipping import clipped, limit
 
 T = np.arange(1000) * 1e-3
 RISE = 3.0 * (1 - np.exp(-np.maximum(T - 0.1, 0) / 0.05))
@@ -54,3 +54,39 @@ def test_missing_samples_do_not_matter():
     cut = np.minimum(noisy(RISE * np.exp(-np.maximum(T - 0.1, 0) / 0.1)), 1.0)
     cut[::7] = np.nan
     assert clipped(cut)[np.nan_to_num(cut) == 1.0].all()
+
+
+def timed_pulses(seed=2, mean=128):
+    """Return a speed that steps as firmware shows it: by the time of pulses, as a mean of many rows, to 0.01 rad/s."""
+    rng = np.random.default_rng(seed)
+    true = 71.0 + 25.0 * (1 - np.exp(-np.maximum(np.arange(1500) - 300, 0) / 80))
+    shown = np.empty(len(true))
+    angle, last, value = 0.0, 0, true[0]
+    for k, speed in enumerate(true):
+        angle += 1e-3 * speed * (1 + 0.1 * rng.standard_normal())
+        if angle >= np.pi:
+            value, last, angle = np.pi / max(1e-3, 1e-3 * (k - last)) if last else value, k, angle - np.pi
+        shown[k] = value
+    return np.round(np.convolve(np.pad(shown, (mean - 1, 0), mode="edge"), np.ones(mean) / mean, "valid"), 2)
+
+
+@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_mean_of_what_a_slow_encoder_counts_pauses_anywhere_and_is_not_cut(seed, sign):
+    speed = timed_pulses(seed)
+    assert not clipped(sign * speed).any()
+    assert not clipped(sign * speed[500:]).any()
+
+
+def test_a_converter_that_is_coarser_than_the_noise_is_found_at_its_range():
+    inrush = 3 * (np.exp(-np.maximum(T - 0.1, 0) / 0.1) - np.exp(-np.maximum(T - 0.1, 0) / 0.01))
+    shown = np.round(noisy(inrush, 0.002) / 0.01) * 0.01
+    found = clipped(np.minimum(shown, 1.0))
+    assert found[shown > 1.0].all() and not found[shown < 0.8].any() and not clipped(shown).any()
+
+
+def test_a_range_that_ends_above_zero_is_found_where_it_ends_alone():
+    dip = noisy(5 - RISE * np.exp(-np.maximum(T - 0.1, 0) / 0.1))
+    cut = np.maximum(dip, 4.0)
+    found = clipped(cut)
+    assert found[dip < 4.0].all() and not found[dip > 4.2].any() and limit(cut, found) == 4.0

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from motors import CML050, NAMES, RMCS2004, all_motors, held_response, recording_of, step_recording
 
+from estimator.cases.case import ParameterSpec
 from estimator.errors import InputError
 from estimator.estimating.estimate import estimate_recordings
 
@@ -19,6 +20,9 @@ RMSE_PRINTED = {  # Rodríguez-Abreo et al. 2021, text below Tables II and III: 
     ("RMCS2004", "paper"): {"w": 0.0099, "i": 0.0011},
     ("CML-050", "paper"): {"w": 0.0093, "i": 0.00016},
 }
+
+
+FAR = {"R": 20.0, "K": 20.0, "L": 1.0, "J": 1e3, "B": 1.0}  # times a motor's values: it stands still
 
 
 def estimates(case_of, recordings, *, seeds=None, method="cuckoo", workers=None, **search):
@@ -321,6 +325,14 @@ def test_what_a_saturated_sensor_cannot_show_is_left_out(case_of):
     assert e.verdict == "doubtful" and "saturated at 1.2" in e.reasons[0]
     for name, truth in CML050.parameters.items():
         assert abs(e.parameters[name].value - truth) < 5 * e.parameters[name].standard_error
+
+
+def test_what_explains_a_recording_worse_than_its_mean_is_refused_and_says_so_first(case_of):
+    recording = step_recording(CML050, noise=(0.005, 1.0), duration=1.0)
+    far = {n: ParameterSpec(n, m * CML050.parameters[n], 2 * m * CML050.parameters[n]) for n, m in FAR.items()}
+    (e,) = estimate_recordings([dataclasses.replace(case_of(), parameters=far)], [[recording]])
+    assert e.verdict == "refused" and e.reasons[0].startswith("the model explains i worse than its mean would (fit -")
+    assert e.reasons[1].startswith("the model explains w worse than its mean would") and not e.parameters
 
 
 def test_a_lost_transient_is_refused(case_of):

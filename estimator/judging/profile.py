@@ -90,8 +90,9 @@ class _Surroundings:
         base = float(own @ own)
         free = jacobian[:, j] - others @ (pseudo @ jacobian[:, j])
         # Correlated residuals make the standard error larger than the cost alone gives.
-        expected = self.polish.covariance[j, j] * float(free @ free)
-        scale = expected if np.isfinite(expected) and expected > 0 else 1.0
+        variance = float(self.polish.covariance[j, j])
+        expected = variance * float(free @ free) if np.isfinite(variance) else 0.0
+        scale = expected if expected > 0 else 1.0
         best = np.fmin(np.fmin(followed, refined), held)
         centre = int(np.searchsorted(steps, 0.0))
 

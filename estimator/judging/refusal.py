@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from estimator.motor.derived_quantities import largest_acceleration
 from estimator.plans.plan import Observed, Plan
-from estimator.recordings.excitation import find_settling, lost_transient, noise_deviation, saturation
+from estimator.recordings.excitation import find_settling, lost_transient, noise_deviation
 from estimator.recordings.finding import Finding
 from estimator.recordings.samples import filled, mean_of_known
 from estimator.results.reason import Place, Reason
@@ -62,7 +62,7 @@ def refusal(plan: Plan) -> list[str]:
         return reasons
     reasons += cut_transients(plan)
     for o in plan.observed:
-        reasons += _damaged(o, plan) + _unsigned(o) + _contradicted(o)
+        reasons += _unsigned(o) + _contradicted(o)
     return reasons
 
 
@@ -168,24 +168,6 @@ def _contradicted(o: Observed) -> list[str]:
                     f"{o.recording.title}: at the end the {what} is {final:.4g} {unit} under {v:.4g} V, which no motor"
                     f" without load does; check the sign of the {what} and of the voltage",
                     _place(o, name, -tail, -1),
-                )
-            )
-    return reasons
-
-
-def _damaged(o: Observed, plan: Plan) -> list[str]:
-    reasons: list[str] = []
-    title = o.recording.title
-    for name, y in o.outputs.items():
-        clipped = saturation(y) if name != "angle" else None
-        if clipped is not None:
-            first, run, value = clipped
-            unit = plan.unit(name)
-            reasons.append(
-                Reason(
-                    f"{title}: {name} is saturated at {value:.4g} {unit} for {run} samples from"
-                    f" t = {o.recording.time[first]:.6g} s; record again with a larger sensor range",
-                    _place(o, name, first, first + run - 1),
                 )
             )
     return reasons

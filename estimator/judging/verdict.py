@@ -1,6 +1,7 @@
 """The verdict on an estimate: ok, doubtful (why) or refused (why). Knows the data, the fit and the motor's poles.
 
-An estimate is refused if the transient is lost and R or J with it; all others are ok, or doubtful with reasons.
+An estimate is refused if the transient is lost and R or J with it, or if every output is explained worse than by its
+mean; all others are ok, or doubtful with reasons.
 Recordings that nothing can be estimated from are refused before (`refusal.py`).
 """
 
@@ -20,6 +21,7 @@ from estimator.judging.plain_noise import structured
 from estimator.judging.refusal import CONTRADICTED, lost_transients, refused_notes, slow_for_the_motor
 from estimator.judging.speed_against_angle import scales_at_odds
 from estimator.judging.step_check import StepCheck
+from estimator.judging.worse_than_means import worse_than_means
 from estimator.motor.names import MOTOR, has_motor, is_motor
 from estimator.motor.state_space import poles
 from estimator.motor.winding import time_constant
@@ -107,7 +109,8 @@ def judge(
     compared : Sequence of Comparison
         The recordings against the estimate, for methods whose fit tests no residuals.
     """
-    reasons: list[str] = []
+    worse = worse_than_means(plan, rmse, noise, spread)
+    reasons = list(worse)
     statuses: dict[str, ParameterStatus] = {}
     wide: dict[str, ParameterStatus] = {}
     if steady is not None and not steady.settling.settled:
@@ -131,6 +134,7 @@ def judge(
         reasons += step.reasons
         wrong = [*_doubts(explained), *scales_at_odds(plan), *_fast(plan, values), *_coasting(plan, explained)]
         reasons += wrong
+        wrong = [*worse, *wrong]
         if held := polish.at_given_bound(plan):
             wrong.append(f"{', '.join(held)} may not go where the recording wants it")
         if wrong:  # parameters that depend on it are not reliable
@@ -145,6 +149,8 @@ def judge(
     else:
         reasons += _above_noise(plan, rmse, noise, spread) or structured(compared)
         reasons += _fast(plan, values)
+    if len(worse) == len(plan.outputs):
+        return Judgement("refused", tuple(reasons), {}, (*refused_notes(plan), *_notes(plan, steady)))
     return Judgement(
         "doubtful" if reasons else "ok",
         tuple(reasons),
@@ -196,12 +202,12 @@ def _by_parameter(statuses: Mapping[str, ParameterStatus]) -> list[str]:
 def _traded(plan: Plan, polish: LeastSquaresFit, statuses: Mapping[str, ParameterStatus]) -> list[str]:
     """Name the two most correlated parameters, if one of them has a large standard error."""
     motor = [j for j, p in enumerate(plan.parameters) if p.place is None and polish.standard_errors[j] > 0]
-    deviation = np.sqrt(np.diag(polish.covariance))
+    deviation = np.sqrt(np.nan_to_num(np.diag(polish.covariance), posinf=0.0))  # 0: nothing is told of it
     pairs = [
         (float(polish.covariance[j, k] / (deviation[j] * deviation[k])), plan.names[k], plan.names[j])
         for j in motor
         for k in motor
-        if k < j and {plan.names[j], plan.names[k]} & set(statuses) and 0 < deviation[j] * deviation[k] < np.inf
+        if k < j and {plan.names[j], plan.names[k]} & set(statuses) and deviation[j] * deviation[k] > 0
     ]
     correlation, one, other = max(pairs, key=lambda pair: abs(pair[0]), default=(0.0, "", ""))
     if abs(correlation) < TRADED:

@@ -8,7 +8,7 @@ import numpy as np
 
 from estimator.plans.binding import Binding, Channels
 from estimator.plans.plan import Observed
-from estimator.recordings.clipping import clipped
+from estimator.recordings.clipping import clipped, limit
 from estimator.recordings.finding import Evidence, Finding
 from estimator.recordings.motor_columns import motor_columns
 from estimator.recordings.plausibility import implausible
@@ -17,7 +17,6 @@ from estimator.recordings.units import parse_unit
 
 MOTOR_SIGNALS = ("v", "i", "w", "angle")
 MOST_SATURATED = 0.3  # of a recording's samples: with more there is nothing to estimate from
-UNITS = {"i": "A", "w": "rad/s"}
 
 
 def with_reading(binding: Binding, channels: Channels, observed: Observed) -> Observed:
@@ -25,7 +24,8 @@ def with_reading(binding: Binding, channels: Channels, observed: Observed) -> Ob
     recording = observed.recording
     read = understood(recording, {**channels.inputs, **channels.outputs})
     if not binding.is_motor:
-        return dataclasses.replace(observed, read=tuple(_in_the_fmus_unit(binding, r) for r in read))
+        observed = dataclasses.replace(observed, read=tuple(_in_the_fmus_unit(binding, r) for r in read))
+        return _without_clipped(binding, observed)
     signals = {n: y for n, y in {**observed.inputs, **observed.outputs}.items() if n in MOTOR_SIGNALS}
     beside = motor_columns(recording, required=()).get("angle")
     if beside is not None and "angle" not in signals:
@@ -36,7 +36,7 @@ def with_reading(binding: Binding, channels: Channels, observed: Observed) -> Ob
     findings = implausible(recording.title, recording.time, signals, guessed=guessed, sure=sure, columns=columns)
     if "friction" in binding.parameters:
         findings = tuple(finding for finding in findings if finding.kind != "dead band")
-    return _without_clipped(dataclasses.replace(observed, read=read, findings=findings))
+    return _without_clipped(binding, dataclasses.replace(observed, read=read, findings=findings))
 
 
 def _in_the_fmus_unit(binding: Binding, read: Understood) -> Understood:
@@ -48,22 +48,22 @@ def _in_the_fmus_unit(binding: Binding, read: Understood) -> Understood:
     return dataclasses.replace(read, unit=own, unit_from="name" if own else "nobody")
 
 
-def _without_clipped(observed: Observed) -> Observed:
-    """Return a motor's recording without the samples at which a sensor is saturated, and with a word on them."""
+def _without_clipped(binding: Binding, observed: Observed) -> Observed:
+    """Return a recording without the samples at which a sensor is saturated, and with a word on them."""
     outputs, findings = dict(observed.outputs), [*observed.findings]
-    for name in {"i", "w"} & outputs.keys():
+    for name in sorted(outputs.keys() - {"angle"}):  # which has its largest value in each turn, where it begins again
         rows = clipped(outputs[name])
         if not rows.any():
             continue
         first, last = (float(t) for t in observed.recording.time[np.flatnonzero(rows)[[0, -1]]])
-        largest = float(np.nanmax(np.abs(outputs[name][rows])))
+        value = f"{limit(outputs[name], rows):.4g} {binding.signal(name).unit}"
         most = float(np.mean(rows)) > MOST_SATURATED
         what = f"{int(rows.sum())} samples" + (", too many to estimate from" if most else " are left out")
         outputs[name] = outputs[name] if most else np.where(rows, np.nan, outputs[name])
         findings.append(
             Finding(
                 "saturated",
-                f"{observed.recording.title}: {name} is saturated at {largest:.4g} {UNITS[name]}, first at"
+                f"{observed.recording.title}: {name} is saturated at {value}, first at"
                 f" t = {first:.6g} s: {what}; record again with a larger sensor range",
                 is_fatal=most,
                 evidence=(Evidence(name, first, last),),

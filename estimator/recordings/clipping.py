@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.conventions import MEDIAN_SIZE, SECOND_DIFFERENCE
-from estimator.recordings.excitation import noise_deviation, quantum, saturation
+from estimator.recordings.excitation import noise_deviation, quantum
 from estimator.recordings.samples import filled, median
 
 FloatArray = NDArray[np.float64]
@@ -14,6 +14,8 @@ FloatArray = NDArray[np.float64]
 LEAST = 3  # samples at the extreme value: two may be a logger's repeat
 EACH = 0.9  # of a logger's samples, each shown the same number of times
 REPEATS = 0.02  # of a signal's samples: a logger that repeats more than these says nothing at an extreme
+PAUSE = 4  # equal samples, at least
+CARRIED, CARRIED_SPAN = 4.0, 0.01  # times the noise or the converter's step; of the span: so far it would have gone on
 JUMP = 1e-3  # of the span: a signal that comes nearer than that, as one that settles does, is not cut
 HALF = 0.5
 COARSE = 3.0  # times the converter's step: noise below that repeats values anyhow
@@ -24,30 +26,50 @@ def clipped(y: FloatArray) -> NDArray[np.bool_]:
     """Return which samples, (n,), of a signal are clipped, and those beside them, whose noise was cut.
 
     A clipped signal repeats its extreme value exactly where its noise would not, or enters and leaves it with slopes
-    that would have carried it on.
+    that would have carried it on. One that also pauses between its extremes, as a mean of what a slow encoder counts
+    does, says nothing by it.
     """
     shown = _shown_anew(y)
     if len(shown) < len(y):
         return np.repeat(clipped(y[shown]), np.diff([*shown, len(y)]))
     result = np.zeros(len(y), dtype=bool)
-    top = saturation(y)
     extremes = float(np.nanmax(y)), float(np.nanmin(y))
     between = y[(y < extremes[0]) & (y > extremes[1])]
     repeats = np.count_nonzero(np.diff(between) == 0) > REPEATS * len(y)
     bends = np.sign(np.diff(between, 2))
     turns = np.count_nonzero(bends[1:] * bends[:-1] < 0) > HALF * len(bends)  # of noise 73 %, of a smooth signal few
     noisy = turns and not repeats and noise_deviation(between) > COARSE * quantum(between)
-    for value in extremes:
+    paused = _pauses(y, grain=max(quantum(y), noise_deviation(between)))
+    held = paused if paused <= {*extremes} else set()
+    for sign, value in zip((1.0, -1.0), extremes, strict=True):
         at = y == value
         beside = (np.append(at[1:], False) | np.insert(at[:-1], 0, False)) & ~at & ~np.isnan(y)
         leaves = beside.any() and median(np.abs(y[beside] - value)) > JUMP * (extremes[0] - extremes[1])
-        if (
-            np.count_nonzero(at) >= LEAST
-            and value != 0
-            and ((noisy and leaves) or (top is not None and top[2] == value))
-        ):
-            result |= at
-    return _with_neighbours(y, result) if result.any() else result
+        if np.count_nonzero(at) >= LEAST and value != 0 and ((noisy and leaves) or value in held):
+            result |= _with_neighbours(sign * y, at)
+    return result
+
+
+def limit(y: FloatArray, rows: NDArray[np.bool_]) -> float:
+    """Return the value at which a signal's clipped samples are cut: the one that most of them have."""
+    values, counts = np.unique(y[rows], return_counts=True)
+    return float(values[np.argmax(counts)])
+
+
+def _pauses(y: FloatArray, *, grain: float) -> set[float]:
+    """Return the values at which a signal stays though its slopes on both sides would have carried it on.
+
+    A rounded top, and what settles, is entered or left too slowly for that; at 0 things stand still.
+    """
+    starts = np.flatnonzero(np.concatenate([[True], y[1:] != y[:-1]]))
+    ends = np.append(starts[1:], len(y)) - 1
+    inside = (ends - starts + 1 >= PAUSE) & (starts >= 2) & (ends < len(y) - 2) & (y[starts] != 0)
+    starts, ends = starts[inside], ends[inside]
+    into, out = y[starts - 1] - y[starts - 2], y[ends + 2] - y[ends + 1]
+    on = (into * (y[starts] - y[starts - 1]) > 0) & (out * (y[ends + 1] - y[ends]) > 0)
+    beyond = np.minimum(np.abs(into), np.abs(out)) * (ends - starts + 1) / 2
+    span = float(np.nanmax(y) - np.nanmin(y))
+    return set(y[starts[on & (beyond > max(CARRIED * grain, CARRIED_SPAN * span))]].tolist())
 
 
 def _shown_anew(y: FloatArray) -> NDArray[np.int64]:
@@ -61,14 +83,14 @@ def _shown_anew(y: FloatArray) -> NDArray[np.int64]:
 
 
 def _with_neighbours(y: FloatArray, at: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return clipped samples with those around them that the noise may have brought below the limit."""
-    size, limit = np.abs(y), float(np.nanmax(np.abs(y[at])))
-    d = np.diff(np.where(at, np.nan, size), 2)[size[1:-1] > limit / 2]
+    """Return samples clipped at the largest value, with those around them that the noise may have brought below it."""
+    top, low = float(np.nanmax(y)), float(np.nanmin(y))
+    d = np.diff(np.where(at, np.nan, y), 2)[y[1:-1] > (top + low) / 2]
     d = d[~np.isnan(d)]
     noise = median(np.abs(d)) / MEDIAN_SIZE / SECOND_DIFFERENCE if len(d) else 0.0
-    padded = np.pad(filled(size), SMOOTH, mode="edge")
+    padded = np.pad(filled(y), SMOOTH, mode="edge")
     smooth = np.median(np.lib.stride_tricks.sliding_window_view(padded, 2 * SMOOTH + 1), axis=1)
-    near = at | (smooth > limit - NEAR * noise)
+    near = at | (smooth > top - NEAR * noise)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], near, [False]]).astype(np.int8)))
     result = np.zeros(len(y), dtype=bool)
     for first, last in zip(edges[::2], edges[1::2], strict=True):

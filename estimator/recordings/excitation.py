@@ -29,7 +29,6 @@ LOST_JUMP = 0.2  # of the response in one interval, alone: the transient lies be
 LOST_RATIO = 5.0
 ONSET, ONSET_SWING = 5.0, 0.01  # deviations of the noise; of the response: more is a response
 ONSET_BASE = 10  # samples before the step that tell the noise
-SATURATED_RUN = 4  # equal extreme samples
 
 
 @dataclass(frozen=True)
@@ -66,8 +65,8 @@ def find_excitation(v: FloatArray, outputs: Mapping[str, FloatArray]) -> Excitat
         Measured outputs, NaN where missing.
     """
     span = float(np.ptp(v))
-    noise = _input_noise(v)
-    if span < NORMAL_SPAN * noise:  # no noise around a level spans so little of its own deviation
+    noise = _row_by_row(v)
+    if _is_restless(v, noise):
         return Excitation("several", 0, float(v[0]), float(v[-1]), not all(map(_starts_at_rest, outputs.values())))
     running = not all(_starts_at_rest(y) for y in outputs.values())
     threshold = max(LEVEL * max(span, 0.5 * float(np.max(np.abs(v)))), 6 * noise)
@@ -109,10 +108,21 @@ def noise_deviation(y: FloatArray) -> float:
     return max(float(deviation), quantum(y) / STEP_DEVIATION)
 
 
-def _input_noise(v: FloatArray) -> float:
-    """Return the deviation of an input's noise; 0 for levels that repeat exactly."""
+def input_noise(v: FloatArray) -> float:
+    """Return the deviation of an input's noise; 0 for levels that repeat exactly, and where it moves in every row."""
+    noise = _row_by_row(v)
+    return 0.0 if _is_restless(v, noise) else noise
+
+
+def _row_by_row(v: FloatArray) -> float:
+    """Return the deviation of what an input does from row to row, be it noise or not."""
     second = v[2:] - 2 * v[1:-1] + v[:-2]
     return median(np.abs(second)) / MEDIAN_SIZE / SECOND_DIFFERENCE if len(second) else 0.0
+
+
+def _is_restless(v: FloatArray, noise: float) -> bool:
+    """Return whether an input moves in every row: no noise around a level spans so little of its own deviation."""
+    return float(np.ptp(v)) < NORMAL_SPAN * noise
 
 
 @told_once
@@ -235,35 +245,6 @@ def lost_transient(step: Excitation, y: FloatArray) -> tuple[int, float] | None:
     beyond = difference[k] > LOST_RATIO * neighbours + 6 * noise
     if difference[k] > LOST_JUMP * response and beyond and k >= step.index - 1:
         return k + 1, float(difference[k]) / response
-    return None
-
-
-def saturation(y: FloatArray) -> tuple[int, int, float] | None:
-    """Return first sample, length and value of a clipped extreme, or None.
-
-    A clipped signal repeats its extreme value exactly, and enters and leaves it with a slope that does not fit a
-    rounded top: the slopes on both sides would have carried it on by several times its quantisation and noise.
-    """
-    for sign in (1.0, -1.0):
-        x = sign * y
-        top = float(np.nanmax(x))
-        at_top = np.flatnonzero(x == top)
-        if len(at_top) < SATURATED_RUN or top == 0:
-            continue
-        first = int(at_top[0])
-        run = 1
-        while first + run < len(x) and x[first + run] == top:
-            run += 1
-        if run < SATURATED_RUN or first < 2 or first + run + 1 >= len(x):
-            continue
-        slope_in = x[first - 1] - x[first - 2]
-        slope_out = x[first + run] - x[first + run + 1]
-        beyond = min(slope_in, slope_out) * run / 2
-        below = x[np.isfinite(x) & (x < top)]
-        span = float(np.nanmax(x) - np.nanmin(x))
-        grain = max(quantum(y), noise_deviation(below), 1e-6 * span)
-        if np.isfinite(beyond) and beyond > 4 * grain and beyond > 0.01 * span:
-            return first, run, sign * top
     return None
 
 

@@ -10,15 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.errors import RecordingError
+from estimator.recordings.clipping import clipped, limit
 from estimator.recordings.excitation import (
+    LEVEL,
     Excitation,
     find_delay,
     find_excitation,
     find_settling,
+    input_noise,
     lost_transient,
     noise_deviation,
     quantum,
-    saturation,
 )
 from estimator.recordings.finding import Finding
 from estimator.recordings.motor_columns import motor_columns
@@ -96,8 +98,14 @@ def preview(recording: Recording, *, scale: Mapping[str, float] | None = None) -
     measured: dict[str, FloatArray] = {name: signals[name] for name in ("i", "w") if name in signals}
     if "angle" in signals and "w" not in signals:
         measured["w"] = np.gradient(filled(signals["angle"]), recording.time)
-    v = signals["v"]
-    excitation = None if np.isnan(v).all() else find_excitation(filled(v), measured)
+    v = filled(signals["v"]) if not np.isnan(signals["v"]).all() else None
+    excitation = None if v is None else find_excitation(v, measured)
+    noise = {name: noise_deviation(y) for name, y in signals.items()}
+    quanta = {name: q for name, y in signals.items() if (q := quantum(y)) > 0}
+    if v is not None:
+        noise["v"] = input_noise(v)
+        if noise["v"] == 0 and quanta.get("v", 0.0) > LEVEL * float(np.ptp(v)):
+            del quanta["v"]  # the distance of levels that were set
     step = excitation if excitation is not None and excitation.kind == "step" else None
     late = 0 if excitation is None else find_delay(excitation, measured)
     settling = None if step is None else find_settling(step, measured, interval=recording.step)
@@ -109,9 +117,9 @@ def preview(recording: Recording, *, scale: Mapping[str, float] | None = None) -
         excitation=excitation,
         delay=late * recording.step if late >= LATE else 0.0,
         settled=None if settling is None else settling.reason,
-        levels=_levels(recording, signals),
-        noise={name: noise_deviation(y) for name, y in signals.items()},
-        quanta={name: q for name, y in signals.items() if (q := quantum(y)) > 0},
+        levels=_levels(recording, signals, noise["v"]),
+        noise=noise,
+        quanta=quanta,
         found=_damage(recording, measured, step),
         findings=implausible(
             recording.title,
@@ -188,10 +196,10 @@ def _unused(recording: Recording, columns: Collection[str]) -> tuple[str, ...]:
     )
 
 
-def _levels(recording: Recording, signals: Mapping[str, FloatArray]) -> tuple[Level, ...]:
+def _levels(recording: Recording, signals: Mapping[str, FloatArray], noise: float) -> tuple[Level, ...]:
     """Return the stretches of constant voltage, and where the other signals are at their ends."""
     v = filled(signals["v"]) if not np.isnan(signals["v"]).all() else np.zeros(len(recording.time))
-    threshold = max(0.02 * float(np.ptp(v)), 6 * noise_deviation(v), 1e-9)
+    threshold = max(LEVEL * float(np.ptp(v)), 6 * noise, 1e-9)
     edges = [0, *(np.flatnonzero(np.abs(np.diff(v)) > threshold) + 1), len(v)]
     levels = []
     for first, last in zip(edges, edges[1:], strict=False):
@@ -215,10 +223,11 @@ def _damage(recording: Recording, measured: Mapping[str, FloatArray], step: Exci
             continue
         if np.nanmax(y) == np.nanmin(y):
             still.append(f"the {title} is {float(np.nanmax(y)):.4g} {unit} from the first to the last sample")
-        if (clipped := saturation(y)) is not None:
-            first, run, value = clipped
-            since = f"{recording.time[first]:.6g} s"
-            still.append(f"the {title} is saturated at {value:.4g} {unit} for {run} samples from t = {since}")
+        if (rows := clipped(y)).any():
+            since, count = f"{recording.time[int(np.argmax(rows))]:.6g} s", int(rows.sum())
+            still.append(
+                f"the {title} is saturated at {limit(y, rows):.4g} {unit}, first at t = {since}: {count} samples"
+            )
     if step is not None and "w" in measured and (lost := lost_transient(step, measured["w"])) is not None:
         k, part = lost
         still.append(
