@@ -150,6 +150,8 @@ typedef struct {
 typedef struct {
     double step; /* s: the communication step that the rest is for; NaN: none */
     double part; /* s: what one propagation covers of it: all, but where the model has modes */
+    bool whole; /* it was prepared while no margin depended on a state */
+    bool once; /* no swing after the first whole one need be looked at */
     bool lasting; /* all modes last for these inputs, and one propagation covers the step */
     Matrix growth;
     double change[N_STATES]; /* gain b, for the inputs as they are */

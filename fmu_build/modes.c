@@ -9,6 +9,10 @@
  * Steps are so short that what swings turns back at most once in one, and is bent upwards while it falls; so is what
  * dies away at two rates. A margin that falls at the start then lies above its tangent until it rises: where the tangent
  * stays above 0, so does the margin, and where it does not, Newton's method closes in upon the first root from before.
+ *
+ * The inputs are held over a step. Two states that swing into each other, and die away, then come nearest to any margin
+ * within their first whole swing: once that has passed without a change, the rest of the step is one. So is a step in
+ * which no margin depends on a state.
  */
 #include "integrator.c"
 
@@ -17,6 +21,7 @@
 #define MAX_CHANGES 10000  /* of mode in one communication step */
 #define MAX_ROUNDS 100     /* of changes at one instant */
 #define MAX_PROBES 200     /* in the search for one instant */
+#define WHOLE_SWING 5      /* parts: more than 2 pi / LONGEST_SWING */
 #define LONGEST_SWING 1.5  /* rad in one step: before its lowest point, a sine is bent upwards for a quarter turn */
 #define SLOPE_REACH 0.01   /* of a step: how far a margin is followed to see its slope */
 #define SETTLED 1e-6       /* of what a margin has fallen: a slope that is smaller may be that of a state at rest */
@@ -270,6 +275,34 @@ static double swing(const Matrix *a)
     return fastest;
 }
 
+/* Whether no later swing comes nearer to a margin than the first: of a linear model, two states alone swing, and die away,
+   and no margin that may end depends on another state. */
+static bool swings_die_away(const Matrix *a, const Values *values, const Margins *margins)
+{
+    double growth = 0;
+    int coupled = 0;
+    if (!MODEL_LINEAR) return false;
+    for (int i = 0; i < N_STATES; i++) {
+        bool drives = false, driven = false;
+        Values probe = *values;
+        Margins probed;
+        for (int j = 0; j < N_STATES; j++) {
+            drives = drives || (j != i && a->at[j][i] != 0);
+            driven = driven || (j != i && a->at[i][j] != 0);
+        }
+        if (drives && driven) {
+            coupled++;
+            growth += a->at[i][i];
+            continue;
+        }
+        probe.flat[model_state_places[i]] += model_table[model_state_places[i]].nominal;
+        model_switches(&probe, &probed);
+        for (int k = 0; k < N_MODES; k++)
+            if (margins->flat[k].lasts == 0 && probed.flat[k].margin != margins->flat[k].margin) return false;
+    }
+    return coupled == 2 && growth <= 0;
+}
+
 /* Make ready for a part of the step; what was computed for modes of late may serve again. */
 static bool modes_prepare_part(Propagator *propagator, const Matrix *a, const Values *values, double part)
 {
@@ -291,8 +324,9 @@ static bool modes_prepare_part(Propagator *propagator, const Matrix *a, const Va
     return true;
 }
 
-/* Make ready for parts of a communication step that are short enough; false if what is needed is not finite. */
-static bool modes_prepare(Propagator *propagator, const Values *values, double step)
+/* Make ready for parts of a communication step that are short enough, all of it where all modes last; false if what is
+   needed is not finite. */
+static bool modes_prepare(Propagator *propagator, const Values *values, double step, bool last)
 {
     Matrix a;
     double parts;
@@ -300,11 +334,13 @@ static bool modes_prepare(Propagator *propagator, const Values *values, double s
         linear_matrix(values, &a);
     else
         jacobian_by_differences(values, &a);
-    parts = ceil(larger_of(1, step * swing(&a) / LONGEST_SWING));
+    parts = last ? 1 : ceil(larger_of(1, step * swing(&a) / LONGEST_SWING));
     if (!(parts < MAX_CHANGES)) return false;
     if (MODEL_LINEAR && !modes_prepare_part(propagator, &a, values, step / parts)) return false;
     propagator->step = step;
     propagator->part = step / parts;
+    propagator->whole = last;
+    propagator->once = parts > 2 * WHOLE_SWING && swings_die_away(&a, values, &propagator->margins);
     return true;
 }
 
@@ -369,6 +405,26 @@ static bool modes_pass(Values *values, Propagator *propagator)
     return false;
 }
 
+/* The rest of a communication step after a whole swing in which no mode has changed: false, and none made, where a margin
+   is below 0 at its end. */
+static bool modes_rest(Values *values, Propagator *propagator, double left)
+{
+    const Matrix a = propagator->flows[propagator->flow].a;
+    const double part = propagator->part;
+    Values next = *values;
+    Margins ends;
+    bool done = modes_prepare_part(propagator, &a, values, left) && propagator_step(propagator, &next);
+    if (done) {
+        model_switches(&next, &ends);
+        for (int k = 0; k < N_MODES; k++) done = done && !(ends.flat[k].margin < 0);
+    }
+    if (done) {
+        *values = next;
+        propagator->margins = ends;
+    }
+    return modes_prepare_part(propagator, &a, values, part) && done;
+}
+
 /* One communication step through all changes of mode. False, and none made, where it does not end in a finite state or
    modes change without end. */
 static bool modes_integrate(Values *values, double step, Propagator *propagator)
@@ -378,21 +434,27 @@ static bool modes_integrate(Values *values, double step, Propagator *propagator)
     double left = step;
     bool changed = false;
     bool last = true;
+    int calm = 0; /* parts since the last change of mode */
     const bool settled = MODEL_LINEAR && propagator->step == step && propagator->settled;
     if (!settled && !modes_settle(&now, margins, &changed)) return false;
     if (changed) propagator->step = NAN;
     for (int k = 0; k < N_MODES; k++) last = last && margins->flat[k].lasts != 0;
+    const bool whole = last; /* no margin depends on a state */
+    if (whole != propagator->whole) propagator->step = NAN;
     for (int changes = 0; left > 0 && changes < MAX_CHANGES;) {
         Values next;
         Margins ends;
         double first, h;
-        if ((!MODEL_LINEAR || !(propagator->step == step)) && !modes_prepare(propagator, &now, step)) return false;
+        if ((!MODEL_LINEAR || !(propagator->step == step)) && !modes_prepare(propagator, &now, step, whole)) return false;
         Flow *const flow = &propagator->flows[propagator->flow];
         h = propagator->part < left * (1 - 1e-12) ? propagator->part : left;
         if (MODEL_LINEAR && fabs(h - propagator->part) <= 1e-12 * step && modes_pass(&now, propagator)) {
             left -= h;
+            calm++;
+            if (propagator->once && calm == WHOLE_SWING && left > h && modes_rest(&now, propagator, left)) left = 0;
             continue;
         }
+        calm++;
         if (!modes_keep(flow, &now, h, &next)) return false;
         first = modes_end(flow, &now, margins, &next, &ends, h);
         now = next;
@@ -402,6 +464,7 @@ static bool modes_integrate(Values *values, double step, Propagator *propagator)
         last = false;
         if (!modes_settle(&now, margins, &changed)) return false;
         propagator->step = NAN;
+        calm = 0;
         changes++;
     }
     if (left > 0) return false;

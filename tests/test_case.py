@@ -253,7 +253,12 @@ COMPLAINTS = {
     ),
     "an average of none": (
         '[outputs]\nw = { column = "w", average = 0 }\n' + RECORDING,
-        "line 2: outputs.w.average must be 1 to 64, not 0",
+        "line 2: outputs.w.average must be 1 to 256, not 0",
+    ),
+    "a filter of more coefficients than can be used": (
+        f'[outputs]\nw = {{ column = "w", filter = {{ coefficients = {{ b = {[1.0] * 64}, a = [64] }} }} }}\n'
+        + RECORDING,
+        "line 2: outputs.w.filter.coefficients.b has 64 coefficients, of which 33 at most can be used; a running mean",
     ),
     "an input between": (
         '[inputs]\nv = { column = "v", between = "cubic" }\n' + RECORDING,

@@ -170,6 +170,12 @@ def test_a_filter_of_ours_leaves_out_what_a_gap_reaches_into():
     close(result)
 
 
+def test_filters_of_more_sections_together_than_can_be_used_are_refused():
+    spec = {"filter": Coefficients((1.0,) * 33, (33.0,)), "both": LowPass("butterworth", 2, 80.0)}
+    with pytest.raises(CaseError, match="output 'w': its filters have 17 sections of second order together"):
+        found(with_outputs(w=spec), recorded(RUN))
+
+
 def test_gain_offset_delay_and_average_are_held_where_they_are_given():
     late = np.clip(np.arange(len(RUN.samples)) - np.arange(4)[:, None], 0, None)
     current = 1.1 * RUN.at("i", late=0.4e-3)[late].mean(axis=0) + 0.3

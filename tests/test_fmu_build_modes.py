@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -132,6 +133,31 @@ def test_long_steps_see_every_standstill_that_short_steps_see(motor: FmuInstance
         signals = {"v": list(v.repeat(parts)), "load": list(load.repeat(parts))}
         runs.append(motor.run(signals, OUTPUTS, step=35e-3 / parts)[parts - 1 :: parts])
     assert difference(runs[0], runs[2]) < 1e-9 and difference(runs[1], runs[2]) < 1e-9
+
+
+def swings(motor: FmuInstance, *, v: list[float], step: float, **changes: float) -> tuple[NDArray[np.float64], float]:
+    """Return what a motor that swings at 28 000 rad/s shows, and the least processor time of three runs, s."""
+    spent = []
+    for _ in range(3):
+        motor.fmi.reset()
+        motor.start(**DRY | {"R": 0.1, "K": 1.5, "L": 2e-3, "J": 1.4e-6, "B": 1e-6} | changes)
+        begun = time.process_time()
+        shown = motor.run({"v": v}, OUTPUTS, step=step)
+        spent.append(time.process_time() - begun)
+    return shown, min(spent)
+
+
+@pytest.mark.parametrize("changes", [{}, {"brush": 0.0}, {"friction": 0.0, "stiction": 0.0, "brush": 0.01}], ids=str)
+def test_a_step_of_many_swings_shows_what_short_steps_show(motor: FmuInstance, changes: dict[str, float]) -> None:
+    v = np.array([4.0, 5.0, -3.0, -3.1, 0.0, 1.0])
+    long, _ = swings(motor, v=v.tolist(), step=0.01, **changes)
+    short, _ = swings(motor, v=v.repeat(200).tolist(), step=0.01 / 200, **changes)
+    assert difference(long, short[199::200]) < 1e-9
+
+
+def test_a_step_of_a_thousand_swings_costs_little_more_than_one_of_few(motor: FmuInstance) -> None:
+    v = [5.0, 5.1] * 100
+    assert swings(motor, v=v, step=0.3)[1] < 4 * swings(motor, v=v, step=1e-5)[1]
 
 
 def test_a_held_motor_breaks_away_at_the_current_that_it_takes(motor: FmuInstance) -> None:

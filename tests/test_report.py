@@ -102,6 +102,8 @@ def test_json_of_a_failure_has_the_keys_of_the_contract():
         (3.13712, 0.00234, ("3.1371", "0.0023")),
         (3.13712, 0.0996, ("3.14", "0.10")),
         (3.13712, 2.0, ("3.1", "2.0")),
+        (0.0435, 442.0, ("0.043", "442")),  # no 0
+        (-0.4149, 33.0, ("-0.41", "33")),
         (123456.0, 234.0, ("123456", "230")),
         (9.0012e-6, 2.5e-9, ("9.0012e-06", "2.5e-09")),
         (3.1363, 3e-14, ("3.13630000", "3.0e-14")),
@@ -468,7 +470,7 @@ def test_the_two_noises_stand_in_one_table():
 
 def test_an_error_is_shown_wherever_it_is_known_and_no_digits_of_what_is_not_identified():
     vague = with_parameter(estimate(), "R", value=0.137593, standard_error=70.0)
-    assert report.estimate_texts(vague.parameters["R"]) == ("0", "70", "> 100 %")
+    assert report.estimate_texts(vague.parameters["R"]) == ("0.14", "70", "> 100 %")
     unknown = with_parameter(vague, "R", value=0.137593, standard_error=70.0, status="not identified")
     assert report.estimate_texts(unknown.parameters["R"]) == ("0.138", "", "> 100 %")
     for text in (report.text_report(unknown), html_report(unknown)):

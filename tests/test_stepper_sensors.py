@@ -9,6 +9,7 @@ from foreign_fmus import foreign_fmu
 from motors import CML050, held_response
 from test_stepper import NOMINAL, experiment, job_of, noisy_voltage
 
+from estimator.cases.case_signals import MAX_AVERAGE
 from estimator.fmus.fmu import describe
 from estimator.fmus.job import Job
 from estimator.fmus.workers import Workers
@@ -32,9 +33,12 @@ def shown(crew, values, **options):
     return crew.run(np.array(values).reshape(1, 1, -1), record=True, **options)
 
 
-def test_filters_averages_gains_and_offsets_are_those_of_the_reference(crew):
+@pytest.mark.parametrize("average", [4, MAX_AVERAGE])
+def test_filters_averages_gains_and_offsets_are_those_of_the_reference(crew, average):
     sections = chebyshev1_sections(order=5, ripple=0.5, cutoff=100, step=1e-3)
-    chained = dataclasses.replace(experiment(noisy_voltage(), np.zeros((300, 2))), chains=((4, ()), (1, sections)))
+    chained = dataclasses.replace(
+        experiment(noisy_voltage(), np.zeros((300, 2))), chains=((average, ()), (1, sections))
+    )
     crew.load(with_sensors(chained, outputs=("i", "angle"), sensors=(layout.IDENTITY, layout.MEAN)))
     values = np.concatenate([NOMINAL, [0.0, 1.02, 0.01, 0.0, 0.97, -3.0, 0.0]])
     np.testing.assert_allclose(shown(crew, values).shown[0], crew.reference(values), rtol=0, atol=1e-10)

@@ -108,6 +108,17 @@ def test_the_chance_of_recordings_of_the_motor_itself_is_uniform(made):
     assert min(chances) > 1e-3 and kstest(chances, "uniform").pvalue > 0.01
 
 
+def test_an_offset_of_the_estimate_is_fitted_to_a_speed_of_few_digits_too(made):
+    case, found = made
+    chain = dict(found.chain) | {"offset w": dataclasses.replace(found.parameters["K"], value=-40.0, unit="rad/s")}
+    columns = two_steps(8)
+    columns["speed [rad/s]"] = np.round(columns["speed [rad/s]"] - 40.0, 1)  # as it is printed, not counted
+    other = recording_from_arrays("few_digits", columns.pop("time [s]"), columns)
+    validation = validated(dataclasses.replace(found, chain=chain), case, recordings=[other]).validation
+    assert validation.chain["offset w"] == pytest.approx(-40.0, abs=0.5)
+    assert validation.rmse["w"] == pytest.approx(1.0, rel=0.1)
+
+
 def test_the_delay_of_a_channel_is_the_estimates_and_frees_none_of_the_recordings(made, other):
     case, result = made
     late = dataclasses.replace(result.parameters["R"], name="delay w", value=0.0)

@@ -14,12 +14,20 @@ from estimator.cases import keys
 from estimator.cases.keys import Key, Keys, Value
 from estimator.cases.strict_toml import Table
 from estimator.locked import Locked
-from estimator.recordings.filters import FAMILIES, MAX_ORDER, Chebyshev1, Coefficients, Filter, LowPass
+from estimator.recordings.filters import (
+    FAMILIES,
+    MAX_COEFFICIENTS,
+    MAX_ORDER,
+    Chebyshev1,
+    Coefficients,
+    Filter,
+    LowPass,
+)
 from estimator.recordings.read_as import AS_WRITTEN, ReadAs
 
 SENSORS = ("auto", "identity", "mean")
 BETWEEN = ("found", "held", "linear")
-MAX_AVERAGE = 64  # as in sensors.h
+MAX_AVERAGE = 256  # as in sensors.h
 REST, SETTLED, GIVEN = BEGINS = ("rest", "settled", "given")  # how a simulation begins
 
 
@@ -127,7 +135,7 @@ def _filter_value(spec: Filter) -> dict[str, Any]:
 
 
 def _filter(about: str) -> Key:
-    numbers = {"type": "array", "items": {"type": "number"}, "minItems": 1}
+    numbers = {"type": "array", "items": {"type": "number"}, "minItems": 1, "maxItems": MAX_COEFFICIENTS}
     coefficients = Keys(None, **{name: Key(_coefficients, numbers, required=True) for name in ("b", "a")})
     families = {family: inner.schema() for family, inner in {**_FILTERS, "coefficients": coefficients}.items()}
     schema = {"type": "object", "properties": families, "additionalProperties": False}
@@ -142,6 +150,12 @@ def _coefficients(table: Table, key: str) -> tuple[float, ...]:
         )
     from estimator.recordings.sensors import transfer_sections
 
+    if len(values) > MAX_COEFFICIENTS:
+        table.fail(
+            (key,),
+            f"{table.full(key)} has {len(values)} coefficients, of which {MAX_COEFFICIENTS} at most can be used;"
+            " a running mean is average = n, samples",
+        )
     coefficients = tuple(float(value) for value in values)
     if key == "a":
         try:

@@ -145,7 +145,7 @@ def _as_estimated(plan: Plan, estimate: Estimate, crew: Workers, sigma: Mapping[
         for o, name in zip(plan.observed, per_recording(plan, "offset angle"), strict=True)
         if "angle" in plan.outputs and o.has_phase
     }
-    linear = [g for g in Offset().linear(fit) if offsets[g.name] in shown or g.name in turned]
+    linear = [g for g in Offset().of_each_output(fit) if offsets[g.name] in shown or g.name in turned]
     return dataclasses.replace(fit, linear=tuple(linear))
 
 

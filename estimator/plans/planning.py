@@ -22,6 +22,7 @@ from estimator.plans.plan import ChainSpec, Observed, Plan
 from estimator.plans.reading import with_reading
 from estimator.recordings.excitation import noise_deviation, quantum
 from estimator.recordings.files import recordings_in
+from estimator.recordings.filters import MAX_SECTIONS, filter_sections
 from estimator.recordings.read_as import ReadAs
 from estimator.recordings.recording import Recording
 from estimator.stepping import layout
@@ -159,6 +160,12 @@ def _chains(binding: Binding, observed: tuple[Observed, ...]) -> dict[str, Chain
                         f"output {name!r}: the filter's cutoff {used.limit:g} Hz is not below half the sampling"
                         f" rate of {o.recording.title}, {0.5 / o.recording.step:g} Hz"
                     )
+        sections = max(sum(len(filter_sections(f, step=o.recording.step)) for f in filters) for o in observed)
+        if sections > MAX_SECTIONS:
+            raise CaseError(
+                f"output {name!r}: its filters have {sections} sections of second order together, of which"
+                f" {MAX_SECTIONS} at most can be used; give filters of lower order"
+            )
         chains[name] = ChainSpec(
             average=spec.average or 1,
             filters=filters,

@@ -20,6 +20,8 @@ FAMILIES = {
     "elliptic": ("ripple", "attenuation"),
 }
 MAX_ORDER = 20
+MAX_SECTIONS = 16  # of second order, of all filters of an output: as in sensors.h; more in a row lose their digits
+MAX_COEFFICIENTS = 2 * MAX_SECTIONS + 1  # of b, and of a
 
 
 @dataclass(frozen=True)

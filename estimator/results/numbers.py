@@ -12,12 +12,16 @@ ABSENT = "-"
 def value_texts(value: float, standard_error: float | None) -> tuple[str, str]:
     """Return value and standard error as text, the error with two digits and the value to the same place.
 
+    A value that is smaller than its error has two digits, too.
+
     The error's text is empty when it is not known.
 
     >>> value_texts(3.13712, 0.00234)
     ('3.1371', '0.0023')
     >>> value_texts(9.0012e-6, 2.5e-9)
     ('9.0012e-06', '2.5e-09')
+    >>> value_texts(0.0435, 442)
+    ('0.043', '442')
     """
     if not math.isfinite(value):
         return ABSENT, ""
@@ -25,10 +29,11 @@ def value_texts(value: float, standard_error: float | None) -> tuple[str, str]:
         return number_text(value), ""
     power = magnitude(value)
     place = magnitude(float(f"{standard_error:.1e}")) - 1 if standard_error > 0 else -math.inf
-    digits = int(min(max(power - place, 0), VALUE_DIGITS - 1))  # after the first one
+    fewest = 1 if 0 < abs(value) < standard_error else 0
+    digits = int(min(max(power - place, fewest), VALUE_DIGITS - 1))  # after the first one
     if _scientific(value):
         return f"{value:.{digits}e}", f"{standard_error:.1e}"
-    decimals = max(digits - power, 0) if place < 0 else 0
+    decimals = max(digits - power, 0) if place < 0 or fewest else 0
     shown = f"{value:.{decimals}f}"
     if -8 <= place <= 2 and decimals >= -place:
         return shown, f"{standard_error:.{max(-int(place), 0)}f}"

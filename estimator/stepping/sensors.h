@@ -17,7 +17,7 @@
    over the sampling interval that ends at the sample. */
 enum { IDENTITY = 0, MEAN = 1 };
 
-enum { MAX_AVERAGE = 64, MAX_SECTIONS = 16 };
+enum { MAX_AVERAGE = 256, MAX_SECTIONS = 16 };
 
 typedef struct {
     int64_t average;                           /* samples; 1: none */

@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 from ctypes import c_char, c_char_p, c_double, c_int64, c_uint64, c_void_p
 
-MAX_AVERAGE, MAX_SECTIONS = 64, 16  # as in sensors.h
+MAX_SECTIONS = 16  # as in sensors.h
 # Types of settings, as in fmi3_adapter.h.
 SETTING_TYPES = {"Integer": 0, "Boolean": 1, "String": 2, "Float32": 3, "Int8": 4, "UInt8": 5, "Int16": 6, "UInt16": 7}
 SETTING_TYPES |= {"Int32": 8, "UInt32": 9, "Int64": 10, "UInt64": 11}

@@ -27,6 +27,16 @@ class Offset(Effect):
 
     def linear(self, fit: Fit) -> Sequence[Linear]:
         """Return one for each output of each recording; a speed from encoder counts has none."""
+        plan = fit.simulator.plan
+        counted = {
+            name
+            for o, name in zip(plan.observed, per_recording(plan, "offset w"), strict=True)
+            if "w" in o.outputs and quantum(o.outputs["w"]) > 0
+        }
+        return [group for group in self.of_each_output(fit) if group.name not in counted]
+
+    def of_each_output(self, fit: Fit) -> Sequence[Linear]:
+        """Return one for each output of each recording, whatever its samples look like."""
         plan, found = fit.simulator.plan, list[Linear]()
         if not has_motor({*(p.quantity or p.name for p in plan.parameters), *plan.fixed}):
             return found
@@ -36,8 +46,6 @@ class Offset(Effect):
             for o, clock, name in zip(
                 plan.observed, fit.simulator.clocks, per_recording(plan, f"offset {y}"), strict=True
             ):
-                if y == "w" and quantum(o.outputs[y]) > 0:
-                    continue
                 columns = np.zeros((fit.simulator.rows, len(fit.simulator.outputs), 1))
                 columns[clock.rows, j, 0] = 1.0
                 size = 0.01 * float(np.nanmax(np.abs(o.outputs[y])))
