@@ -72,6 +72,13 @@ def test_roles_shorten_the_search_on_foreign_names(plain_fmu, recording):
     assert dimensions == [3, None]
 
 
+def test_a_parameter_that_starts_at_zero_is_bounded_by_its_usual_size(recording):
+    """Within 1e6 N.m, what the FMU allows, a friction of 1 N.m was at its lower bound, and tried at -0.1 N.m."""
+    case = dataclasses.replace(case_for_recording(recording), fmu="dc_motor_drive")
+    friction = next(p for p in plan_case(case, describe("dc_motor_drive")).parameters if p.name == "friction")
+    assert (friction.lower, friction.upper) == (0.0, pytest.approx(1e4 * 0.01))
+
+
 def test_without_roles_all_free_parameters_are_searched(plain_fmu, recording):
     text = CASE.replace("R = {{ fmu", "Ra = {{ min = 0.1, max = 30, fmu").replace("K = {{ fmu", "k = {{ fmu")
     e = estimate(read_case(foreign_case(plain_fmu, recording, text=text)))

@@ -105,7 +105,8 @@ def _parameter(spec: ParameterSpec, binding: Binding, guess: Mapping[str, float]
     allowed = _limits(targets, gains)
     box = PAPER_BOX.get(name, (None, None)) if is_paper else (None, None)
     given = [box[k] if limit is None else limit for k, limit in enumerate((spec.minimum, spec.maximum))]
-    lower, upper = _around(start, given, allowed, WIDTH.get(name, USUAL_WIDTH))
+    usual = _over(targets[0].nominal, abs(gains[0]))
+    lower, upper = _around(start, given, allowed, WIDTH.get(name, USUAL_WIDTH), usual)
     if lower is None or upper is None or not np.isfinite([lower, upper]).all():
         raise InputError(
             f"parameter {name!r} has no bounds and no positive start to put them around; give them with"
@@ -132,10 +133,18 @@ def _parameter(spec: ParameterSpec, binding: Binding, guess: Mapping[str, float]
     )
 
 
-def _around(start: float | None, given: Sequence[float | None], allowed: Limits, width: float) -> Limits:
-    """Return bounds: those that are given, else a factor around a start within what the FMU allows."""
+def _around(
+    start: float | None, given: Sequence[float | None], allowed: Limits, width: float, usual: float | None
+) -> Limits:
+    """Return bounds: those that are given, else a factor around a start within what the FMU allows.
+
+    Around a start of zero that is as many times the FMU's nominal value, `usual`, where it has one: within 1e6 N.m, any
+    friction is next to zero.
+    """
     (lower, upper), (low, high) = given, allowed
     is_positive = start is not None and start > 0
+    if start == 0 and usual is not None and usual > 0:
+        low, high = (None if end is None else max(-width * usual, min(width * usual, end)) for end in allowed)
     if lower is None:
         lower = start / width if start is not None and is_positive else low
         lower = max(lower, low) if lower is not None and low is not None else lower
