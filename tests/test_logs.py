@@ -63,7 +63,9 @@ def test_of_a_clock_that_jitters_a_single_late_sample_is_believed(write):
     assert not one(write("t,u,i,w", times, V, I, W)).even
 
 
-@pytest.mark.parametrize(("first", "left_out"), [((0.0, 0.0), 1), ((1.074, 0.0), 1), ((3.0, 1.0, 0.0), 2)])
+@pytest.mark.parametrize(
+    ("first", "left_out"), [((0.0, 0.0), 1), ((1.074, 0.0), 1), ((3.0, 1.0, 0.0), 2), ((0.0,) * 9, 8)]
+)
 def test_first_stamps_that_are_no_earlier_than_the_next_are_left_out(write, capsys, first, left_out):
     times = np.concatenate([first, T[1 : N + 1 - len(first)]])
     path = write("t,u,i,w", times, V, I, W)

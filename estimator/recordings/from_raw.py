@@ -100,7 +100,9 @@ def _first_rows(raw: RawTable, read_as: ReadAs) -> int:
     clock, _ = time_column(headers, raw.where, read_as)
     time = raw.columns[clock]
     falls = np.flatnonzero(np.diff(time) <= 0) + 1
-    return int(falls[-1]) if len(falls) and falls[-1] <= MOST_LEFT_OUT and time.size > MIN_SAMPLES + 2 else 0
+    alike = int(np.argmax(time != time[0]))  # rows of one time, as a logger that waits for its clock writes
+    most = min(max(MOST_LEFT_OUT, alike), time.size - MIN_SAMPLES - 3)
+    return int(falls[-1]) if len(falls) and falls[-1] <= most else 0
 
 
 def _unreadable(raw: RawTable, names: Sequence[str], clock: int, read_as: ReadAs) -> dict[int, str]:
