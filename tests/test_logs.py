@@ -75,6 +75,13 @@ def test_first_stamps_that_are_no_earlier_than_the_next_are_left_out(write, caps
     assert "left out: the next is stamped no later" in capsys.readouterr().out
 
 
+def test_seconds_under_a_header_of_microseconds_are_told_how_to_be_read(write):
+    times = T.copy()
+    times[20] += 5e-4
+    with pytest.raises(RecordingError, match="if the times of 'time_us' are seconds, say so with --unit time=s"):
+        one(write("time_us,u,i,w", times, V, I, W))
+
+
 def test_rows_at_the_end_without_a_time_are_no_samples(write):
     times = [f"{t:.2f}" for t in T[:-5]] + [""] * 5
     assert len(one(write("t,u,i,w", times, V, I, W)).time) == N - 5
