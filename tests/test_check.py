@@ -68,6 +68,15 @@ def test_levels_of_a_voltage_that_was_set_are_no_noise_and_no_steps_of_a_convert
     assert found["signals"]["w"]["noise"] == pytest.approx(1, rel=0.2)
 
 
+def test_check_adds_an_offset_behind_the_factor_as_estimate_does(file, bench, capsys):
+    path = file("time [s],voltage [V],current [A],speed [rad/s]")
+    status, out, _ = run(capsys, "check", path, "--scale", "i=2", "--offset", "i=0.5", "--json")
+    (found,) = json.loads(out)["recordings"]
+    assert status == 0 and found["signals"]["i"]["largest"] == pytest.approx(2 * np.max(bench["i"]) + 0.5, rel=1e-5)
+    status, _, err = run(capsys, "check", path, "--offset", "q=0.5")
+    assert status == 2 and "offset is given for 'q', which is no signal of run.csv that is used" in err
+
+
 def test_check_json_is_one_object_with_every_part(file, capsys):
     status, out, _ = run(capsys, "check", "--json", file("t,u,i,w"))
     (found,) = json.loads(out)["recordings"]

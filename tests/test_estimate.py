@@ -317,6 +317,14 @@ def test_a_voltage_that_never_changes_is_refused(case_of):
     assert not e.parameters and e.simulations == 0
 
 
+def test_of_a_motor_that_runs_at_one_voltage_nothing_is_said_to_start(case_of):
+    recording = step_recording(CML050, noise=(0.005, 1.0), duration=1.0)
+    settled = {n: y[-300:] for n, y in recording.signals.items()}
+    shown = np.column_stack([settled["current"], settled["speed"]])
+    (e,) = estimates(case_of, [recording_of("flat", recording.time[:300], settled["voltage"], shown)])
+    assert e.verdict == "refused" and "while nothing changes, so nothing is excited" in e.reasons[0]
+
+
 def test_what_a_saturated_sensor_cannot_show_is_left_out(case_of):
     recording = step_recording(CML050, noise=(0.005, 1.0))
     current = np.minimum(recording.signals["current"], 1.2)

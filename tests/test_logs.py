@@ -63,7 +63,9 @@ def test_of_a_clock_that_jitters_a_single_late_sample_is_believed(write):
     assert not one(write("t,u,i,w", times, V, I, W)).even
 
 
-@pytest.mark.parametrize(("first", "left_out"), [((0.0, 0.0), 1), ((1.074, 0.0), 1), ((3.0, 1.0, 0.0), 2)])
+@pytest.mark.parametrize(
+    ("first", "left_out"), [((0.0, 0.0), 1), ((1.074, 0.0), 1), ((3.0, 1.0, 0.0), 2), ((0.0,) * 9, 8)]
+)
 def test_first_stamps_that_are_no_earlier_than_the_next_are_left_out(write, capsys, first, left_out):
     times = np.concatenate([first, T[1 : N + 1 - len(first)]])
     path = write("t,u,i,w", times, V, I, W)
@@ -71,6 +73,13 @@ def test_first_stamps_that_are_no_earlier_than_the_next_are_left_out(write, caps
     assert recording.left_out == left_out and len(recording.time) == N - left_out
     assert main(["check", str(path)]) == 0
     assert "left out: the next is stamped no later" in capsys.readouterr().out
+
+
+def test_seconds_under_a_header_of_microseconds_are_told_how_to_be_read(write):
+    times = T.copy()
+    times[20] += 5e-4
+    with pytest.raises(RecordingError, match="if the times of 'time_us' are seconds, say so with --unit time=s"):
+        one(write("time_us,u,i,w", times, V, I, W))
 
 
 def test_rows_at_the_end_without_a_time_are_no_samples(write):

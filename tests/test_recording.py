@@ -107,6 +107,8 @@ DIALECTS: dict[str, str | bytes] = {
     "header with spaces in names, by spaces": PLAIN.replace("voltage", "armature voltage").replace(",", " "),
     "short names": with_header("t,u,i,w"),
     "German": with_header("Zeit [s],Spannung [V],Strom [A],Drehzahl [rad/s]"),
+    "German, a plain speed": with_header("Zeit [s],Spannung [V],Strom [A],Geschwindigkeit [rad/s]"),
+    "Portuguese": with_header("Tempo [s],Tensão [V],Corrente [A],Velocidade [rad/s]"),
     "capitals": with_header("TIME [s],VOLTAGE [V],CURRENT [A],SPEED [rad/s]"),
     "units after an underscore": with_header("time_s,voltage_V,current_A,speed_rad/s"),
     "units after a slash": with_header("t/s,U/V,I/A,ω/(rad/s)"),

@@ -30,14 +30,15 @@ def check(args: argparse.Namespace) -> int:
     for file in args.files:
         if file.endswith((".fmu", ".toml")):
             raise InputError(f"{file} is no recording; check looks at recordings alone, inspect at FMUs")
-    scale, read_as = unique(args.scale, option="--scale"), reading_of(args)
+    scale, offset = unique(args.scale, option="--scale"), unique(args.offset, option="--offset")
+    read_as = reading_of(args)
     with recordings_of(args.files, command="check") as paths:
         read = [
             replace(r, name=own + r.name.removeprefix(path.stem))
             for path, own in zip(paths, told_apart(paths), strict=True)
             for r in recordings_in(path, read_as)
         ]
-    previews = [preview(recording, scale=scale) for recording in read]
+    previews = [preview(recording, scale=scale, offset=offset) for recording in read]
     if args.output:
         _write(args.output, previews)
     if args.json:

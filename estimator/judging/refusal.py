@@ -48,8 +48,9 @@ def refusal(plan: Plan) -> list[str]:
             move = f"{' and '.join(moving)} move{'s' if len(moving) == 1 else ''}"
             return [Reason(f"the {drive} is zero throughout while {move}: {said}", throughout)]
         what = "is zero" if level == 0 else f"stays at {level:.4g}{' V' if is_motor else ''}"
+        idle = "nothing changes" if first.excitation.running else "the motor does not start"
         sentence = (
-            f"the {drive} {what} from the first to the last sample while the motor does not start, so nothing is"
+            f"the {drive} {what} from the first to the last sample while {idle}, so nothing is"
             f" excited; record a {drive} step from standstill"
             if is_motor
             else f"the {drive} {what} from the first to the last sample, so nothing is excited; record a step of it"

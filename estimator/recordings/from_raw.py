@@ -12,6 +12,7 @@ from estimator.recordings.headers import Header, assumed_unit, role_of
 from estimator.recordings.raw_table import RawTable
 from estimator.recordings.read_as import ReadAs
 from estimator.recordings.recording import MIN_SAMPLES, Recording
+from estimator.recordings.samples import median
 from estimator.recordings.tests_in_file import asked_test
 from estimator.recordings.time_column import time_column
 from estimator.recordings.time_grid import Clock, sampling_clock
@@ -20,6 +21,7 @@ from estimator.recordings.units import FloatArray
 LARGEST = 1e10  # in any unit: no sensor shows more, nor a counter of 32 bits
 DATED = 1e8  # s: a clock that begins later, some three years, counts from a date; it is told from its first row on
 LARGEST_TIME = 1e20  # likewise: a clock shows up to 2e18 ns since 1970
+TOO_FAST = 1e-7  # s, of a sampling interval: the header's unit is doubted
 MOST_LEFT_OUT = 2  # rows at the start, of wrong stamps
 
 
@@ -54,11 +56,18 @@ def recording_of(raw: RawTable, read_as: ReadAs) -> Recording:
     if time.size < MIN_SAMPLES:
         raise RecordingError(f"{raw.file} has {time.size} samples; at least {MIN_SAMPLES} are needed")
     seconds_per_unit, half_digit = time_unit.numerator / time_unit.denominator, raw.half_digit
-    ticks = sampling_clock(
-        time,
-        place=place,
-        half_digit=None if half_digit is None else lambda: half_digit(clock, seconds_per_unit),
-    )
+    try:
+        ticks = sampling_clock(
+            time,
+            place=place,
+            half_digit=None if half_digit is None else lambda: half_digit(clock, seconds_per_unit),
+        )
+    except RecordingError as error:
+        if clock in given or not 0 < median(np.diff(time)) < TOO_FAST:
+            raise
+        raise RecordingError(
+            f"{error}; if the times of {headers[clock].text!r} are seconds, say so with --unit time=s"
+        ) from None
     signals, units = {}, {}
     for j, (column, header) in enumerate(zip(names, headers, strict=True)):
         if j == clock:
@@ -100,7 +109,9 @@ def _first_rows(raw: RawTable, read_as: ReadAs) -> int:
     clock, _ = time_column(headers, raw.where, read_as)
     time = raw.columns[clock]
     falls = np.flatnonzero(np.diff(time) <= 0) + 1
-    return int(falls[-1]) if len(falls) and falls[-1] <= MOST_LEFT_OUT and time.size > MIN_SAMPLES + 2 else 0
+    alike = int(np.argmax(time != time[0]))  # rows of one time, as a logger that waits for its clock writes
+    most = min(max(MOST_LEFT_OUT, alike), time.size - MIN_SAMPLES - 3)
+    return int(falls[-1]) if len(falls) and falls[-1] <= most else 0
 
 
 def _unreadable(raw: RawTable, names: Sequence[str], clock: int, read_as: ReadAs) -> dict[int, str]:

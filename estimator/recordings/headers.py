@@ -43,13 +43,13 @@ _NAMES = {
     " millis micros elapsed",
     "v": "voltage armature_voltage motor_voltage terminal_voltage measured_voltage v u u_a v_a ua va"
     " u_m v_m um vm v_mot u_mot v_motor u_motor uin vin u_in v_in volts volt spannung ankerspannung"
-    " motor_v motor_volts motorspannung tension tensione tensao voltaje applied_voltage input_voltage"
+    " motor_v motor_volts motorspannung tension tensione tensao tensão tensión voltaje applied_voltage input_voltage"
     " supply_voltage v_supply v_cmd u_cmd voltage_command command_voltage commanded_voltage command cmd",
     "i": "current armature_current motor_current measured_current i i_a ia i_m im i_mot i_motor amps amp"
     " ampere amperes strom ankerstrom motorstrom courant corriente corrente ma"
     " motor_ma motor_amps",
     "w": "speed angular_speed angular_velocity motor_speed shaft_speed rotor_speed measured_speed omega ω w"
-    " w_m wm omega_m ω_m velocity motor_velocity speed_rpm rpm drehzahl winkelgeschwindigkeit vitesse"
+    " w_m wm omega_m ω_m velocity motor_velocity speed_rpm rpm drehzahl winkelgeschwindigkeit geschwindigkeit vitesse"
     " velocidad velocidade velocita n n_m vel ang_vel angvel motor_vel enc_vel"
     " motor_rpm shaft_rpm rotor_rpm wheel_rpm encoder_rpm enc_rpm measured_rpm actual_rpm",
     "angle": "angle theta θ phi φ position motor_angle shaft_angle rotor_angle encoder_angle angular_position"

@@ -71,12 +71,14 @@ class Preview:
     findings: tuple[Finding, ...]
 
 
-def preview(recording: Recording, *, scale: Mapping[str, float] | None = None) -> Preview:
+def preview(
+    recording: Recording, *, scale: Mapping[str, float] | None = None, offset: Mapping[str, float] | None = None
+) -> Preview:
     """Look at a motor's recording.
 
     Parameters
     ----------
-    scale : signal or column → factor on its samples
+    scale, offset : signal or column → factor on its samples, and what is added to them after it
 
     Raises
     ------
@@ -84,16 +86,17 @@ def preview(recording: Recording, *, scale: Mapping[str, float] | None = None) -
         There is neither a voltage nor anything that moves, two columns could be one signal, or a unit does not fit.
     """
     columns = motor_columns(recording, required=("v",), either=("i", "w"))
-    factors = dict(scale or {})
+    factors, added = dict(scale or {}), dict(offset or {})
     signals = {}
     for name, column in columns.items():
         factor = factors.pop(name, factors.pop(column, 1.0))
-        signals[name] = recording.signals[column] * factor
-    if factors:
-        raise RecordingError(
-            f"scale is given for {next(iter(factors))!r}, which is no signal of {recording.title} that is used"
-            f" ({', '.join(columns)})"
-        )
+        signals[name] = recording.signals[column] * factor + added.pop(name, added.pop(column, 0.0))
+    for what, unused in (("scale", factors), ("offset", added)):
+        if unused:
+            raise RecordingError(
+                f"{what} is given for {next(iter(unused))!r}, which is no signal of {recording.title} that is used"
+                f" ({', '.join(columns)})"
+            )
     read = understood(recording, columns)
     measured: dict[str, FloatArray] = {name: signals[name] for name in ("i", "w") if name in signals}
     if "angle" in signals and "w" not in signals:
