@@ -1,7 +1,7 @@
 """The verdict on an estimate: ok, doubtful (why) or refused (why). Knows the data, the fit and the motor's poles.
 
 An estimate is refused if the transient is lost and R or J with it, or if every output is explained worse than by its
-mean; all others are ok, or doubtful with reasons.
+mean and no given bound is the cause; all others are ok, or doubtful with reasons.
 Recordings that nothing can be estimated from are refused before (`refusal.py`).
 """
 
@@ -149,7 +149,7 @@ def judge(
     else:
         reasons += _above_noise(plan, rmse, noise, spread) or structured(compared)
         reasons += _fast(plan, values)
-    if len(worse) == len(plan.outputs):
+    if len(worse) == len(plan.outputs) and not (polish is not None and polish.at_given_bound(plan)):
         return Judgement("refused", tuple(reasons), {}, (*refused_notes(plan), *_notes(plan, steady)))
     return Judgement(
         "doubtful" if reasons else "ok",

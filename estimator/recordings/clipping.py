@@ -40,12 +40,13 @@ def clipped(y: FloatArray) -> NDArray[np.bool_]:
     turns = np.count_nonzero(bends[1:] * bends[:-1] < 0) > HALF * len(bends)  # of noise 73 %, of a smooth signal few
     noisy = turns and not repeats and noise_deviation(between) > COARSE * quantum(between)
     paused = _pauses(y, grain=max(quantum(y), noise_deviation(between)))
-    held = paused if paused <= {*extremes} else set()
+    only_there = {*y[paused].tolist()} <= {*extremes}
     for sign, value in zip((1.0, -1.0), extremes, strict=True):
         at = y == value
         beside = (np.append(at[1:], False) | np.insert(at[:-1], 0, False)) & ~at & ~np.isnan(y)
+        held = only_there and int(np.argmax(at)) in paused  # from when it is first there
         leaves = beside.any() and median(np.abs(y[beside] - value)) > JUMP * (extremes[0] - extremes[1])
-        if np.count_nonzero(at) >= LEAST and value != 0 and ((noisy and leaves) or value in held):
+        if np.count_nonzero(at) >= LEAST and value != 0 and ((noisy and leaves) or held):
             result |= _with_neighbours(sign * y, at)
     return result
 
@@ -56,8 +57,8 @@ def limit(y: FloatArray, rows: NDArray[np.bool_]) -> float:
     return float(values[np.argmax(counts)])
 
 
-def _pauses(y: FloatArray, *, grain: float) -> set[float]:
-    """Return the values at which a signal stays though its slopes on both sides would have carried it on.
+def _pauses(y: FloatArray, *, grain: float) -> NDArray[np.int64]:
+    """Return the samples from which a signal stays though its slopes on both sides would have carried it on.
 
     A rounded top, and what settles, is entered or left too slowly for that; at 0 things stand still.
     """
@@ -69,7 +70,7 @@ def _pauses(y: FloatArray, *, grain: float) -> set[float]:
     on = (into * (y[starts] - y[starts - 1]) > 0) & (out * (y[ends + 1] - y[ends]) > 0)
     beyond = np.minimum(np.abs(into), np.abs(out)) * (ends - starts + 1) / 2
     span = float(np.nanmax(y) - np.nanmin(y))
-    return set(y[starts[on & (beyond > max(CARRIED * grain, CARRIED_SPAN * span))]].tolist())
+    return np.asarray(starts[on & (beyond > max(CARRIED * grain, CARRIED_SPAN * span))])
 
 
 def _shown_anew(y: FloatArray) -> NDArray[np.int64]:

@@ -12,7 +12,7 @@ ABSENT = "-"
 def value_texts(value: float, standard_error: float | None) -> tuple[str, str]:
     """Return value and standard error as text, the error with two digits and the value to the same place.
 
-    A value that is smaller than its error has two digits, too.
+    A value that would be rounded to 0 has two digits, too.
 
     The error's text is empty when it is not known.
 
@@ -29,7 +29,7 @@ def value_texts(value: float, standard_error: float | None) -> tuple[str, str]:
         return number_text(value), ""
     power = magnitude(value)
     place = magnitude(float(f"{standard_error:.1e}")) - 1 if standard_error > 0 else -math.inf
-    fewest = 1 if 0 < abs(value) < standard_error else 0
+    fewest = 1 if value != 0 and power < place else 0  # else it would be shown as 0
     digits = int(min(max(power - place, fewest), VALUE_DIGITS - 1))  # after the first one
     if _scientific(value):
         return f"{value:.{digits}e}", f"{standard_error:.1e}"

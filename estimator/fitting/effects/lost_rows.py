@@ -99,7 +99,9 @@ def _may_jump(fit: Fit, place: int, column: FloatArray, many: int) -> bool:
         return True
     measured = _steps(misfit(fit, fit.explained)[clock.rows])
     deviation = USUAL * np.median(np.abs(measured[max(0, at - NEAR) : at + NEAR]), axis=0)
-    deviation = np.maximum(deviation, np.maximum(fit.simulator.steps, 1e-300))
+    deviation = np.maximum(deviation, fit.simulator.steps)
+    known = fit.whitener.present[place - 2 * BESIDE : place + 2 * BESIDE].all(axis=0) & (deviation > 0)
+    deviation = np.where(known, deviation, np.inf)
     expected = many * _steps(column[clock.rows, :, 0])[at] / deviation
     seen = float(expected @ expected)
     return seen < VISIBLE_JUMP**2 or float(expected @ (measured[at] / deviation)) > 0.5 * seen
