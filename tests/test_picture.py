@@ -3,15 +3,12 @@
 import dataclasses
 import io
 import itertools
-import os
-import subprocess
-import sys
 
 import numpy as np
 import pytest
 from matplotlib.image import imread
 from PIL import Image
-from test_plots import CASES, NOISE, ROOT, SIX
+from test_plots import CASES, NOISE, SIX, modules_of
 
 from estimator.results import canvas, figure_layout, picture, plots
 from estimator.results.canvas import Canvas, Field, mixed
@@ -73,11 +70,7 @@ def test_a_picture_loads_no_matplotlib():
         "import sys; from made_estimates import estimate; from estimator.results.figure_process import draw;"
         "draw(estimate(), ('png',)); print(*sys.modules)"
     )
-    path = os.pathsep.join(["tests", ".", *sys.path])
-    run = subprocess.run(
-        [sys.executable, "-c", code], cwd=ROOT, env={**os.environ, "PYTHONPATH": path}, capture_output=True, check=True
-    )
-    loaded = run.stdout.decode().split()
+    loaded = modules_of(code)
     assert "estimator.results.picture" in loaded and "matplotlib" not in loaded
 
 

@@ -164,16 +164,21 @@ def test_recordings_beyond_the_first_four_are_counted():
     assert [text.get_text() for text in figure.texts] == ["one more recording is not shown"]
 
 
+def modules_of(code):
+    """Return the modules that a program started anew prints."""
+    path = os.pathsep.join(["tests", ".", *sys.path])
+    run = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, env={**os.environ, "PYTHONPATH": path}, capture_output=True, check=True
+    )
+    return run.stdout.decode().split()
+
+
 def test_nothing_global_is_touched():
     code = (
         "import sys; from made_estimates import comparison; from estimator.results import plots;"
         "plots.png(plots.comparison_figure([comparison()])); print(*sys.modules)"
     )
-    path = os.pathsep.join(["tests", ".", *sys.path])
-    run = subprocess.run(
-        [sys.executable, "-c", code], cwd=ROOT, env={**os.environ, "PYTHONPATH": path}, capture_output=True, check=True
-    )
-    loaded = run.stdout.decode().split()
+    loaded = modules_of(code)
     assert "matplotlib.figure" in loaded and "matplotlib.pyplot" not in loaded
 
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.conventions import MEDIAN_SIZE
 from estimator.fitting.clock import Clock
 from estimator.fitting.effects.base import SELDOM, Effect
 from estimator.fitting.fit import Fit, Linear, misfit, refreshed
@@ -25,7 +26,6 @@ NEAR_TRIED = 0.35  # of the tried rows: how near to them the answer must be
 NEARBY = 3  # rows, by which the number that explains most may differ from the last
 BESIDE = 2  # rows on each side of a jump that tell its height, and as many that tell the slopes
 NEAR = 50  # rows before and behind that tell the noise of such steps
-USUAL = 1.4826  # standard deviations of a normal distribution in a median of its absolute values
 VISIBLE_JUMP = 4.0  # standard deviations: a larger one would be seen
 PLACES = 60  # that are tested, at most
 
@@ -49,7 +49,7 @@ class LostRows(Effect):
         place, many = _likeliest(fit, places[::stride], ends, TRIED_ROWS)
         if stride > 1:
             place, many = _likeliest(fit, places[np.abs(places - place) < stride], ends, (many,))
-        clock = next(c for c in fit.simulator.clocks if c.rows.start <= place < c.rows.stop)
+        clock = _clock_at(fit, place)
         t = clock.time[place - clock.rows.start]
         own = _column(fit, place, ends, many)
         if not _may_jump(fit, place, own, many):
@@ -93,18 +93,23 @@ def _may_jump(fit: Fit, place: int, column: FloatArray, many: int) -> bool:
 
     What the model does not explain, such as a shaft that falls into a detent as it comes to rest, drifts.
     """
-    clock = next(c for c in fit.simulator.clocks if c.rows.start <= place < c.rows.stop)
+    clock = _clock_at(fit, place)
     at = place - clock.rows.start - 2 * BESIDE
     if at < 0 or place + 2 * BESIDE > clock.rows.stop:
         return True
     measured = _steps(misfit(fit, fit.explained)[clock.rows])
-    deviation = USUAL * np.median(np.abs(measured[max(0, at - NEAR) : at + NEAR]), axis=0)
+    deviation = np.median(np.abs(measured[max(0, at - NEAR) : at + NEAR]), axis=0) / MEDIAN_SIZE
     deviation = np.maximum(deviation, fit.simulator.steps)
     known = fit.whitener.present[place - 2 * BESIDE : place + 2 * BESIDE].all(axis=0) & (deviation > 0)
     deviation = np.where(known, deviation, np.inf)
     expected = many * _steps(column[clock.rows, :, 0])[at] / deviation
     seen = float(expected @ expected)
     return seen < VISIBLE_JUMP**2 or float(expected @ (measured[at] / deviation)) > 0.5 * seen
+
+
+def _clock_at(fit: Fit, row: int) -> Clock:
+    """Return the clock of the recording that a row belongs to."""
+    return next(c for c in fit.simulator.clocks if c.rows.start <= row < c.rows.stop)
 
 
 def _steps(signals: FloatArray) -> FloatArray:
