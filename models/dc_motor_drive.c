@@ -4,6 +4,7 @@
  *     J dw/dt     = K i - B w - load - sign(w) friction
  *     dangle/dt   = w
  *     u = v - way sag,   way = sign(v),   where |v| > dead_band;   u = 0, way = 0 elsewhere
+ *     with supply_series = 1:   way = 1 everywhere, u = - sag where |v| <= dead_band
  *     supply_time dsag/dt = supply_resistance way i - sag
  *     w = 0 holds as long as |K i - load| <= friction + stiction
  *     i = 0 holds as long as |u - K w| <= brush, and with coasts = 1 as long as |v| <= dead_band
@@ -15,7 +16,8 @@
  * current_limit by whatever voltage that takes. It connects the supply to the motor the one way or the other: the source
  * v behind supply_resistance, with a capacitor that is charged to v before the motor draws current; supply_time is
  * resistance times capacitance, 0 without a capacitor. sag is what the current has taken off its voltage. A supply that
- * is regulated, and dips only until it has recovered, is one of negative resistance, with its size added to R.
+ * is regulated, and dips only until it has recovered, is one of negative resistance, with its size added to R. With
+ * supply_series it is an amplifier instead, whose output sags by the motor's current whatever it is to give.
  *
  * motion and conduction are 1 or -1 for the way of speed and current, 0 where they are held at zero, 2 where nothing could
  * hold them. limiting is 1 where the current is held at its limit, limiting_back where it is held at minus its limit.
@@ -41,6 +43,7 @@
     X(parameter, coasts,            0,        1,       0,      1,     "1",           "Whether no voltage means no current, 0 or 1") \
     X(parameter, supply_resistance, 0,        1,       -1e6,   1e6,   "Ohm",         "Resistance of the supply") \
     X(parameter, supply_time,       0,        0.01,    0,      1e6,   "s",           "Time constant of the supply") \
+    X(parameter, supply_series,     0,        1,       0,      1,     "1",           "Whether it is in series at any command, 0 or 1") \
     X(state,     i,                 0,        1,       -1e9,   1e9,   "A",           "Armature current") \
     X(state,     w,                 0,        100,     -1e9,   1e9,   "rad/s",       "Speed of the shaft") \
     X(state,     angle,             0,        1,       -1e12,  1e12,  "rad",         "Angle of the shaft") \
@@ -60,17 +63,22 @@ static bool is_open(const Variables *m)
     return m->command == 0 && m->coasts >= 0.5;
 }
 
+static bool is_in_series(const Variables *m)
+{
+    return m->supply_series >= 0.5;
+}
+
 /* The way of the supply, 0 where it is off or does not matter. */
 static double way(const Variables *m)
 {
-    return m->command == UNHELD ? 0 : m->command;
+    return is_in_series(m) ? 1 : m->command == UNHELD ? 0 : m->command;
 }
 
 /* What drives the current, but for the brushes. */
 static double driving_voltage(const Variables *m)
 {
     const double sag = m->supply_time > 0 ? m->sag : m->supply_resistance * way(m) * m->i;
-    const double u = m->command == 0 ? 0 : m->v - way(m) * sag;
+    const double u = (m->command == 0 ? 0 : m->v) - way(m) * sag;
     return u - m->R * m->i - m->K * m->w;
 }
 
@@ -87,7 +95,7 @@ static void derivatives(const Variables *m, Derivatives *d)
 
 static Switch commanded(const Variables *m)
 {
-    const bool matters = m->dead_band > 0 || m->coasts >= 0.5 || m->supply_resistance != 0;
+    const bool matters = m->dead_band > 0 || m->coasts >= 0.5 || (m->supply_resistance != 0 && !is_in_series(m));
     const double above = fabs(m->v) - m->dead_band;
     const double next = !matters ? UNHELD : !(above > 0) ? 0 : m->v > 0 ? 1 : -1;
     return (Switch){next != m->command ? -1 : next == UNHELD ? 1 : fabs(above), next, .lasts = 1};

@@ -14,7 +14,7 @@ from scipy.integrate import solve_ivp
 
 Vector = NDArray[np.float64]
 NEUTRAL = {"friction": 0.0, "stiction": 0.0, "brush": 0.0, "current_limit": 1e9, "dead_band": 0.0, "coasts": 0.0}
-NEUTRAL |= {"supply_resistance": 0.0, "supply_time": 0.0}
+NEUTRAL |= {"supply_resistance": 0.0, "supply_time": 0.0, "supply_series": 0.0}
 
 
 class DrivenMotor(DryMotor):
@@ -28,11 +28,11 @@ class DrivenMotor(DryMotor):
     def _step(self, v: float, load: float, step: float) -> None:
         p, time = self.p, 0.0
         way = 0 if abs(v) <= p["dead_band"] else (1 if v > 0 else -1)
-        is_open = way == 0 and p["coasts"] == 1
+        is_open, in_series = way == 0 and p["coasts"] == 1, p["supply_series"] == 1
 
         def terminal(x: Sequence[float]) -> float:
-            loss = x[3] if p["supply_time"] else p["supply_resistance"] * way * x[0]
-            return way * (abs(v) - loss)
+            loss = x[3] if p["supply_time"] else p["supply_resistance"] * (1 if in_series else way) * x[0]
+            return way * abs(v) - loss if in_series else way * (abs(v) - loss)
 
         def push_on_shaft(x: Sequence[float]) -> float:
             return p["K"] * x[0] - load
@@ -55,7 +55,8 @@ class DrivenMotor(DryMotor):
                 i, w, _angle, sag = x.tolist()
                 voltage = terminal([i, w, 0.0, sag]) - p["R"] * i - p["K"] * w - brushes * p["brush"]
                 torque = p["K"] * i - p["B"] * w - load - shaft * p["friction"]
-                charge = (p["supply_resistance"] * way * i - sag) / p["supply_time"] if p["supply_time"] else 0.0
+                drawn = p["supply_resistance"] * (1 if in_series else way) * i
+                charge = (drawn - sag) / p["supply_time"] if p["supply_time"] else 0.0
                 flows = brushes and not limiting and not is_open
                 return [voltage / p["L"] if flows else 0.0, torque / p["J"] if shaft else 0.0, w, charge]
 

@@ -28,6 +28,13 @@ EFFECTS = {
     "coasting": {"coasts": 1.0},
     "buffered supply": {"supply_resistance": 0.8, "supply_time": 0.02},
     "unbuffered supply": {"supply_resistance": 0.8},
+    "amplifier": {"supply_resistance": 0.8, "supply_time": 0.02, "supply_series": 1.0},
+    "amplifier with a dead band": {
+        "supply_resistance": 0.8,
+        "supply_time": 0.02,
+        "supply_series": 1.0,
+        "dead_band": 1.5,
+    },
     "regulated supply": {"supply_resistance": -0.8, "supply_time": 0.02},
 }
 EXCITATIONS = {  # V, each level for 60 ms

@@ -206,7 +206,9 @@ class AdditionTests:
                 gain = 0.0 if nuisance.untold else gain
                 if nuisance.whole:  # no derivative leads from one to the next
                     starts = tuple(start for _, several in found[:TRIED_WHOLE] for start in several)
-                free = () if nuisance.whole else (nuisance.name, *(nuisance.together[0] if nuisance.together else ()))
+                beside_it = nuisance.together[0] if nuisance.together else ()
+                whole = {n.name for n in simulator.nuisances if n.whole}
+                free = () if nuisance.whole else (nuisance.name, *(n for n in beside_it if n not in whole))
                 reach = 0.0 if nuisance.whole or nuisance.absolute else nuisance.tries[best[w][3]] - nuisance.neutral
                 yield Addition(
                     effect, nuisance.name, max(1, len(free)), gain, starts=starts, free=free,

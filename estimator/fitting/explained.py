@@ -24,7 +24,8 @@ from estimator.fitting.gauss_newton import solved
 from estimator.fitting.latency import with_latencies
 from estimator.fitting.least_squares_fit import LeastSquaresFit
 from estimator.fitting.profile_widths import profile_widths
-from estimator.fitting.rivals import settled
+from estimator.fitting.readings import Reading, readings
+from estimator.fitting.rivals import EXCHANGED, settled
 from estimator.fitting.selection import Selection
 from estimator.fitting.simulator import Nuisance, Simulator, per_recording
 from estimator.fmus.probe import bundled_model
@@ -40,6 +41,7 @@ REPORTED = SensorPlace("nuisance")  # of a nuisance parameter
 ENOUGH_RUNS = 4  # of fewer runs the spread is known no better than to its own size
 WIDE = 1e30  # bounds of a parameter that has none
 BEYOND = 4.0  # standard errors: what moves a parameter by more and is not visible is told
+UNDECIDED = 2.0  # times z'z of the better first fit: the other way to read the recordings may be the right one
 LINEAR_MOTOR = "dc_motor"  # that a bundled FMU with more effects may replace
 
 
@@ -162,20 +164,29 @@ def explain(
     late: tuple[str, ...] = ()
     if any(e.name == "latency of each edge" for e in effects):
         plan, late = with_latencies(plan)
-    selection = _selection(plan, crew, sigma=sigma, deviations=deviations, effects=effects)
-    moving, other = inputs_between(plan), None
-    if moving:
-        on_lines = dataclasses.replace(plan, case=dataclasses.replace(plan.case, linear=(*plan.case.linear, *moving)))
-        other = _selection(on_lines, crew, sigma=sigma, deviations=deviations, effects=effects)
-        if other.first_cost(starts) < selection.first_cost(starts):
-            plan, selection, other = on_lines, other, selection
+    ways: Sequence[Reading] = readings(plan)
+    selections = [_selection(r.plan, crew, sigma=sigma, deviations=deviations, effects=effects) for r in ways]
+    costs = [s.first_cost(starts) for s in selections] if len(ways) > 1 else [0.0]
+    order = np.argsort(costs, kind="stable").tolist()
+    ways, selections = [ways[k] for k in order], [selections[k] for k in order]
+    plan, selection = ways[0].plan, selections[0]
     explanation = selection.explain(starts, known)
+    if (
+        len(ways) > 1
+        and max(costs) < UNDECIDED * min(costs)
+        and _turned(explanation, selections[1]).fit.cost < explanation.fit.cost - EXCHANGED
+    ):
+        again, samples = selections[1].explain(starts), selection.tests.samples
+        if again.criterion(samples) < by_noise_of(again, explanation).criterion(samples):
+            ways, selections, explanation = ways[::-1], selections[::-1], again
+            plan, selection = ways[0].plan, selections[0]
     changed = [Found("latency of each edge", "", t, "") for t in late]
     if (quiet := without_noise(explanation.fit, plan)) is not None:
         changed += [f for f in _found(explanation, plan) if f.name == VoltageNoise.name]
         rest = tuple(a for a in explanation.additions if a.name != VoltageNoise.name)
         plan, begun = quiet, dataclasses.replace(explanation, additions=rest)
-        selection, other = _selection(plan, crew, sigma=sigma, deviations=deviations, effects=effects), None
+        selections = [_selection(plan, crew, sigma=sigma, deviations=deviations, effects=effects)]
+        selection = selections[0]
         explanation = selection.explain(starts, begun)
     checked = adequacy(explanation.fit, len(plan.names))
     rivals: list[Explanation] = []
@@ -191,25 +202,22 @@ def explain(
                 rivals = [by_noise_of(wanders, rival) for rival in rivals]
             explanation = wanders
         open_additions = selection.tests.additions(explanation, selection.effects)
-    if other is not None:  # with the inputs the other way from row to row
-        turned = dataclasses.replace(explanation.fit, simulator=other.tests.base)
-        rivals.append(dataclasses.replace(explanation, fit=solved(turned)))
-        told = f"between the rows: {', '.join(moving)} {_way(explanation, moving)}, which explains the recording better"
-        changed.append(Found("inputs between the rows", "", told, ""))
-    return _explained(plan, explanation, checked, rivals, open_additions, selection.tests.samples, changed)
+    turned = None
+    if len(selections) > 1:  # the other way to read the recordings, with all that was found
+        turned = _turned(explanation, selections[1])
+        rivals.append(turned)
+    if len(ways) > 1:
+        changed.append(Found(ways[0].effect, "", ways[0].told, ""))
+    samples = selection.tests.samples
+    return _explained(plan, explanation, checked, rivals, open_additions, samples, changed, (turned, ways))
 
 
-def _way(explanation: Explanation, moving: Sequence[str]) -> str:
-    """Return how inputs go from row to row."""
-    return "on a line" if set(moving) <= set(explanation.fit.simulator.plan.case.linear) else "held"
-
-
-def inputs_between(plan: Plan) -> tuple[str, ...]:
-    """Return the inputs of an FMU that is no motor that change in most rows, where the case does not say how."""
-    if plan.binding.is_motor:
-        return ()
-    open_ones = [n for n in plan.observed[0].inputs if n not in (*plan.case.linear, *plan.case.held)]
-    return tuple(n for n in open_ones if any(np.mean(np.diff(o.inputs[n]) != 0) > 0.5 for o in plan.observed))
+def _turned(explanation: Explanation, other: Selection) -> Explanation:
+    """Return an explanation fitted to recordings that are read the other way."""
+    far = next((a.effect.fmu for a in explanation.additions if a.effect.fmu), "")
+    simulator = other.tests.rivals(far) if far else other.tests.base
+    assert simulator is not None  # the first way has it
+    return dataclasses.replace(explanation, fit=solved(dataclasses.replace(explanation.fit, simulator=simulator)))
 
 
 def _selection(
@@ -287,6 +295,7 @@ def _explained(
     open_additions: Sequence[Addition],
     samples: int,
     changed: Sequence[Found],
+    other_way: tuple[Explanation | None, Sequence[Reading]],
 ) -> Explained:
     fit = explanation.fit
     p = len(plan.names)
@@ -344,7 +353,7 @@ def _explained(
             *_found(explanation, plan),
             *_varies(between, plan),
         ),
-        rivals=tuple(_rival(told, explanation) for told in mean.rivals),
+        rivals=tuple(_rival(told, explanation, other_way) for told in mean.rivals),
         not_visible=_not_visible(mean.hidden, plan.names, values[:p], errors[:p], log[:p]),
         adequacy=checked,
         explanation=explanation,
@@ -437,8 +446,13 @@ def _called(addition: Addition) -> str:
     return addition.name if addition.name.startswith(effect) else effect
 
 
-def _rival(told: Told, explanation: Explanation) -> Rival:
-    """Return a rival explanation with its parameters, and which recording would decide."""
+def _rival(told: Told, explanation: Explanation, other_way: tuple[Explanation | None, Sequence[Reading]]) -> Rival:
+    """Return a rival explanation with its parameters, and which recording would decide.
+
+    Parameters
+    ----------
+    other_way : the rival whose recordings are read the other way, and both ways, that of the explanation first
+    """
     rival = told.explanation
     instead = [a for a in rival.additions if a.name not in explanation.names()]
     replaced = [a for a in explanation.additions if a.name not in rival.names()]
@@ -446,10 +460,9 @@ def _rival(told: Told, explanation: Explanation) -> Rival:
     sharp = all(a.effect.sharp for a in (*instead, *replaced))
     remedy = "sample faster, or declare the sensor's filter" if sharp else "record two voltage levels, or measure it"
     what = f"{words} instead of {over}" if instead or replaced else "the same with other values"
-    there, here = (set(e.fit.simulator.plan.case.linear) for e in (rival, explanation))
-    if moving := sorted(there ^ here):
-        what = f"{', '.join(moving)} {_way(rival, moving)} from row to row instead of {_way(explanation, moving)}"
-        remedy = 'say which it is, between = "held" or "linear" under [inputs]'
+    turned, ways = other_way
+    if rival is turned:
+        what, remedy = f"{ways[1].way} instead of {ways[0].way}", ways[0].remedy
     return Rival(
         what=what,
         parameters=_rival_parameters(rival.fit),

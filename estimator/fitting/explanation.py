@@ -132,7 +132,8 @@ def mirrored(explanation: Explanation, effects: Sequence[Effect], plan: Plan) ->
             for name, value in known.items():
                 k = fit.simulator.index[name]
                 values[k] = np.clip(value, fit.simulator.lower[k], fit.simulator.upper[k])
-            other = next((n for n in known if n not in (*fit.free, addition.name)), None)
+            whole = {n.name for n in fit.simulator.nuisances if n.whole}
+            other = next((n for n in known if n not in (*fit.free, *whole, addition.name)), None)
             if other is not None:
                 effect = next(e for e in effects if other in {n.name for n in e.nuisances(plan)})
                 own = dataclasses.replace(addition, effect=effect, name=other, free=(other,))

@@ -260,10 +260,10 @@ class Problem:
         inputs = np.concatenate([at_rest, np.repeat(inputs[:1], observed.lead, axis=0), inputs])
         start = self.plan.description.default_experiment["start_time"] or 0.0
         times = None
-        if not recording.even:
+        if not recording.even or observed.taken is not None:
             first = observed.before * recording.step
             before = np.arange(observed.before) * recording.step
-            times = np.concatenate([before, recording.time - recording.time[0] + first]) + start
+            times = np.concatenate([before, observed.times - observed.times[0] + first]) + start
         return Experiment(
             start=start,
             interval=recording.step,

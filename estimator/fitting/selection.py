@@ -3,7 +3,8 @@
 By the criterion of explanation.py an effect that is not there is accepted with a chance of 1e-4 or less (k = 1,
 n = 2 000, prior 0.2: chi-square above 10.8; benchmarks/combined.py measures the rate).
 
-    fit what is free, estimate the noise from settled rows
+    fit what is free; what explains most of what it misses comes first
+    estimate the noise from settled rows
     repeat: score-test every addition; refit the best few; accept the best if the criterion falls, and with it what
             ranks beside it of the same effect in other samples, such as the offsets of several recordings
     drop additions that are no longer needed
@@ -52,6 +53,7 @@ PREDICTED_PART = 0.6  # of the best predicted fall of the criterion: with less a
 # Factors about the first estimates: bounds of the fit while effects are missing.
 NEARBY = {"R": 5.0, "K": 4.0, "J": 6.0, "L": 50.0}
 NO_NOISE = 0.2  # of the noise's power as neighbours tell it: a first fit that is further from it misses something
+MOST_OF_IT = 0.5  # of what is missed beyond the noise: what explains more is added before all else
 IDLE = 6.0  # times the penalty: an addition is refitted without if its Wald statistic is below
 
 
@@ -135,6 +137,7 @@ class Selection:
 
     def _with_effects(self, best: Explanation, *, sharp: bool = True) -> Explanation:
         """Return the explanation with its noise and its effects; `sharp`: look for these before coloured noise."""
+        best = self.grown(best, self.effects, renew=False, share=MOST_OF_IT)
         lines = [e for e in self.effects if e.is_line]
         best = self.grown(best, lines, renew=False)  # before the noise, which would contain them
         if find_windows(best.fit).enough:
@@ -217,11 +220,22 @@ class Selection:
         *,
         colour: bool = True,
         renew: bool = True,
+        share: float = 0.0,
     ) -> Explanation:
-        """Return the explanation with every addition that lowers the criterion, one after the other."""
+        """Return the explanation with every addition that lowers the criterion, one after the other.
+
+        Parameters
+        ----------
+        colour : bool
+            Whether the noise may be coloured.
+        renew : bool
+            Whether the noise is estimated again after each.
+        share : float
+            Of what is missed beyond the noise: an addition has to explain more, where more is missed than noise.
+        """
         n, rejected = self.tests.samples, set[str]()
         for _ in range(ROUNDS):
-            found = self.best_addition(explanation, effects, rejected)
+            found = self.best_addition(explanation, effects, rejected, share)
             if found is None or is_full(found):
                 break
             judged = with_noise(found, self.differenced, colour=colour, again=True) if renew else found
@@ -239,20 +253,23 @@ class Selection:
         return explanation
 
     def best_addition(
-        self, explanation: Explanation, effects: Sequence[Effect], rejected: set[str]
+        self, explanation: Explanation, effects: Sequence[Effect], rejected: set[str], share: float = 0.0
     ) -> Explanation | None:
         """Return the explanation with the addition that lowers the criterion most; None if none does."""
         n = self.tests.samples
+        least = share * (explanation.fit.cost - n)
+        if share and least < share * n:
+            return None
         while True:
             tested = [a for a in self.tests.additions(explanation, effects) if a.name not in rejected]
             ranked = sorted(tested, key=lambda a: a.penalty(n) - a.gain)
-            ranked = [a for a in ranked if a.gain > a.penalty(n)]
+            ranked = [a for a in ranked if a.gain > max(a.penalty(n), least)]
             if not ranked:
                 return None
             most = ranked[0].gain - ranked[0].penalty(n)
             best_few = [a for a in ranked[:REFITTED] if a.gain - a.penalty(n) > PREDICTED_PART * most]
             refits = [(self.refitted(explanation, a), a) for a in best_few]
-            falls = [explanation.fit.cost - f.cost - a.penalty(n) for f, a in refits]
+            falls = [explanation.fit.cost - f.cost - max(a.penalty(n), least) for f, a in refits]
             falls = [f if is_physical(fit, a) else -np.inf for f, (fit, a) in zip(falls, refits, strict=True)]
             k = int(np.argmax(falls))
             if falls[k] > 0:

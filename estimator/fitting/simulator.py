@@ -153,7 +153,7 @@ class Simulator:
         self._keep = slice(self.plan.observed[0].before, None) if len(self.plan.observed) == 1 else keep.astype(bool)
         edges = np.cumsum([0, *(len(o.recording.time) for o in self.plan.observed)])
         self.clocks = tuple(
-            Clock(o.recording.time, slice(int(a), int(b)))
+            Clock(o.times, slice(int(a), int(b)))
             for o, a, b in zip(self.plan.observed, edges[:-1], edges[1:], strict=True)
         )
         self.measured = np.concatenate([_without_repeats(o, self.outputs) for o in self.observed])

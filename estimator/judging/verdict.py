@@ -46,7 +46,6 @@ HIDDEN = {  # effects whose own names do not tell, or tell the same
     "lag": "low-pass",
     "second-order lag": "low-pass",
     "Butterworth low-pass": "low-pass",
-    "sag of the source": "sag",
     "brush drop": "drop of brushes or drive",
     "drop of the drive": "drop of brushes or drive",
 }

@@ -46,6 +46,8 @@ class Observed:
     findings : what of it cannot be as it was read
     uncertain : (n, k) array, optional
         V: what k errors of variance 1 add to a motor's voltage, such as those of the means of its levels.
+    taken : (n,) array, optional
+        s, when the rows were taken, where that is not what the clock says.
     """
 
     recording: Recording
@@ -60,6 +62,12 @@ class Observed:
     findings: tuple[Finding, ...] = ()
     rest: int = 0
     uncertain: FloatArray | None = None
+    taken: FloatArray | None = None
+
+    @property
+    def times(self) -> FloatArray:
+        """When the rows were taken, (n,), s."""
+        return self.recording.time if self.taken is None else self.taken
 
     @property
     def before(self) -> int:

@@ -19,7 +19,6 @@ from estimator.fitting.effects.offset import Offset
 from estimator.fitting.effects.ripple import Ripple
 from estimator.fitting.effects.ripple_of_few_turns import Commutation, Eccentricity
 from estimator.fitting.effects.runs_differ import RunsDiffer
-from estimator.fitting.effects.source_sag import SourceSag
 from estimator.fitting.effects.starting_motion import StartingMotion
 from estimator.fitting.effects.switching_ripple import SwitchingRipple
 from estimator.fitting.effects.voltage_noise import VoltageNoise
@@ -46,7 +45,6 @@ EFFECTS: tuple[Effect, ...] = (
     CurrentLimit(),
     Coasting(),
     Sag(),
-    SourceSag(),
     DeadBand(),
     DriveDrop(),
     RunsDiffer(),

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.fitting.effects.base import Effect
+from estimator.fitting.fit import Fit
 from estimator.fitting.motor_response import COASTS
 from estimator.fitting.simulator import Nuisance
 from estimator.plans.plan import Observed, Plan
@@ -225,29 +226,49 @@ class Coasting(Drive):
 
 @dataclass(frozen=True)
 class Sag(Drive):
-    """A supply whose voltage falls with the current, with the time constant of its capacitor."""
+    """A supply whose voltage falls with the current, with the time constant of its capacitor.
+
+    It stands behind a bridge, or is an amplifier: then it sags at any command, zero too.
+    """
 
     name: str = "sag"
     target: str = "supply_resistance"
     unit: str = "Ohm"
     prior: float = 0.05
-    sentence: str = "the supply sags: its resistance is {value:.3g} {unit}"
+    sentence: str = "the supply sags: its resistance is {value:.3g} Ohm"
     time_target: str = "supply_time"
+    series_target: str = "supply_series"
 
     def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
-        """Return resistance and time constant of the supply."""
+        """Return resistance and time constant of the supply, and whether it is an amplifier where that shows."""
         v, i = _largest(plan, "v"), _largest(plan, "i")
         if i <= 0:
             return ()
         size = 0.1 * v / i
         duration = max(float(o.recording.time[-1] - o.recording.time[0]) for o in plan.observed)
         taus = [tau for tau in (0.003, 0.02, 0.1) if tau < 0.3 * duration]
-        tries = [(part * size, tau) for part in (0.2, 1.0) for tau in taus]
+        ways = (0.0, 1.0) if self._shows_series(plan) else (0.0,)
+        together = tuple({self.time_target: tau, self.series_target: way} for way in ways for tau in taus)
         return [
             Nuisance(self.target, self.unit, 0.0, MOST_SAG * v / i, 0.0, 0.1 * size, target=self.target,
-                     tries=tuple(x for x, _ in tries), together=tuple({self.time_target: tau} for _, tau in tries)),
+                     tries=(0.5 * size,) * len(together), together=together),
             Nuisance(self.time_target, "s", 1e-4, 10.0, 0.01, 0.01, log=True, target=self.time_target),
+            Nuisance(self.series_target, "", 0.0, 1.0, 0.0, 1.0, target=self.series_target, whole=True),
         ]  # fmt: skip
+
+    def mirrored(self, fit: Fit, name: str) -> Sequence[Mapping[str, float]]:
+        """Return the supply of the other kind, where that shows."""
+        s = fit.simulator
+        if not self._shows_series(s.plan):
+            return ()
+        now = float(fit.values[s.index[self.series_target]])
+        return [{self.series_target: 1.0 - now}]
+
+    @staticmethod
+    def _shows_series(plan: Plan) -> bool:
+        """Whether a motor that is driven is then stopped, or turned back."""
+        voltages = [o.inputs["v"] for o in plan.observed if "v" in o.inputs]
+        return any(np.any((v[1:] * v[:-1] <= 0) & (v[:-1] != 0)) for v in voltages)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,102 @@
+"""What recordings may be read as in two ways, between which only a fit decides. Knows plans, no fit."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimator.plans.plan import Observed, Plan
+from estimator.recordings.repeated_rows import repeated_rows, written_once
+
+MOVING = 0.5  # of the rows in which an input changes: it does not go from level to level
+
+
+@dataclass(frozen=True)
+class Reading:
+    """A plan in one of two ways to read its recordings.
+
+    Attributes
+    ----------
+    effect : str
+        What is read in one of them; "": there is one way.
+    way : str
+        How, in words.
+    told : str
+        What was read of these recordings, where this way explains them better.
+    remedy : str
+        What would decide.
+    """
+
+    plan: Plan
+    effect: str = ""
+    way: str = ""
+    told: str = ""
+    remedy: str = ""
+
+
+def readings(plan: Plan) -> tuple[Reading, ...]:
+    """Return the ways to read the recordings of a plan, two at most, the usual one first."""
+    return _between_rows(plan) or _repeated(plan) or (Reading(plan),)
+
+
+def inputs_between(plan: Plan) -> tuple[str, ...]:
+    """Return the inputs of an FMU that is no motor that change in most rows, where the case does not say how."""
+    if plan.binding.is_motor:
+        return ()
+    open_ones = [n for n in plan.observed[0].inputs if n not in (*plan.case.linear, *plan.case.held)]
+    return tuple(n for n in open_ones if any(np.mean(np.diff(o.inputs[n]) != 0) > MOVING for o in plan.observed))
+
+
+def _between_rows(plan: Plan) -> tuple[Reading, ...]:
+    """Return inputs held from row to row, and on lines."""
+    moving = inputs_between(plan)
+    if not moving:
+        return ()
+    on_lines = dataclasses.replace(plan, case=dataclasses.replace(plan.case, linear=(*plan.case.linear, *moving)))
+    remedy = 'say which it is, between = "held" or "linear" under [inputs]'
+    names = ", ".join(moving)
+    return tuple(
+        Reading(
+            p, "inputs between the rows", f"{names} {way} from row to row",
+            f"between the rows: {names} {way}, which explains the recording better", remedy,
+        )
+        for p, way in ((plan, "held"), (on_lines, "on a line"))
+    )  # fmt: skip
+
+
+def _repeated(plan: Plan) -> tuple[Reading, ...]:
+    """Return rows that show the row before once more at their time, and rows that were written twice."""
+    found = [repeated_rows(o.inputs, o.outputs) for o in plan.observed]
+    if not any(map(len, found)) or not plan.description.capabilities.get(
+        "canHandleVariableCommunicationStepSize", True
+    ):
+        return ()
+    stale, once = [], []
+    for o, rows in zip(plan.observed, found, strict=True):
+        missing = {name: y.copy() for name, y in o.outputs.items()} if len(rows) else o.outputs
+        for y in missing.values() if len(rows) else ():
+            y[rows] = np.nan
+        stale.append(dataclasses.replace(o, outputs=missing))
+        taken = written_once(o.recording.time, rows) if len(rows) else o.taken
+        once.append(dataclasses.replace(stale[-1], taken=taken))
+    remedy = "record again with a logger that writes each row once"
+    where = _where(plan.observed, found)
+    return (
+        Reading(
+            dataclasses.replace(plan, observed=tuple(stale)), "repeated rows", "repeated rows at their time",
+            f"{where} the row before once more, and are left out; by the fit, the clock is right", remedy,
+        ),
+        Reading(
+            dataclasses.replace(plan, observed=tuple(once)), "repeated rows", "rows written twice",
+            f"{where} the row before once more, and are left out; by the fit, they were written twice, and what"
+            " follows was measured as many rows earlier than the clock says", remedy,
+        ),
+    )  # fmt: skip
+
+
+def _where(observed: tuple[Observed, ...], found: list[np.ndarray]) -> str:
+    """Say how many rows of which recordings."""
+    many = [f"{len(rows)} of {o.recording.title}" for o, rows in zip(observed, found, strict=True) if len(rows)]
+    return f"rows ({', '.join(many)}) show"
