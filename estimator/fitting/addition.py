@@ -51,6 +51,10 @@ class Scores:
         power, along = float(self.information[0, 0]), float(self.along[0])
         return along**2 / power if power > NOTHING**2 else 0.0
 
+    def scaled(self, times: float) -> Scores:
+        """Return the scores of columns that are so many times as large."""
+        return Scores(times * self.along, times**2 * self.information, times**2 * self.whole, times * self.explained)
+
     @classmethod
     def of(cls, test: ScoreTest, jacobian: Columns, across: FloatArray, whitened: FloatArray) -> Scores:
         """Return the scores of whitened columns, (rows q, k), without and with what the fit explains of them."""

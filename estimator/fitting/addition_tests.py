@@ -178,14 +178,17 @@ class AdditionTests:
             whitened = fit.whitener.of_made(partial(_change, shown, moved.shown, usable))
             scores = Scores.of_each(test, fit.whitened, whitened)
             for k, (w, t) in enumerate(owners[first : first + many]):
-                power = float(scores[k].information[0, 0])
-                size = float(scores[k].along[0]) / power if power > NOTHING else 0.0
+                times = _times(wanted[w][1], t)
+                told = scores[k].scaled(times)
+                power = float(told.information[0, 0])
+                size = float(told.along[0]) / power if power > NOTHING else 0.0
                 whole = 2 * size * power - power  # of a unit
                 gain = whole if wanted[w][1].whole else max(size**2 * power if size > 0 else 0.0, whole)
                 tested[w].append((gain, size, t))
                 if w not in best or gain > best[w][0]:
                     kept = beside is not None and (wanted[w][0].doubt or wanted[w][1].name == beside)
-                    best[w] = gain, scores[k], test.known.rest(whitened[:][:, k : k + 1]) if kept else None, t
+                    across = test.known.rest(times * whitened[:][:, k : k + 1]) if kept else None
+                    best[w] = gain, told, across, t
         for w, (effect, nuisance) in enumerate(wanted):
             found: list[tuple[float, tuple[Mapping[str, float], ...]]] = []
             for gain, size, t in tested[w]:
@@ -193,7 +196,7 @@ class AdditionTests:
                 if nuisance.whole or nuisance.absolute:
                     starts: tuple[Mapping[str, float], ...] = ({nuisance.name: nuisance.tries[t], **together},)
                 else:
-                    reach = nuisance.tries[t] - nuisance.neutral
+                    reach = _times(nuisance, t) * (nuisance.tries[t] - nuisance.neutral)
                     now = float(moved.values[simulator.index[nuisance.name]])
                     starts = tuple(
                         {nuisance.name: now + f * reach, **together}
@@ -207,14 +210,21 @@ class AdditionTests:
                 if nuisance.whole:  # no derivative leads from one to the next
                     starts = tuple(start for _, several in found[:TRIED_WHOLE] for start in several)
                 beside_it = nuisance.together[0] if nuisance.together else ()
-                whole = {n.name for n in simulator.nuisances if n.whole}
-                free = () if nuisance.whole else (nuisance.name, *(n for n in beside_it if n not in whole))
-                reach = 0.0 if nuisance.whole or nuisance.absolute else nuisance.tries[best[w][3]] - nuisance.neutral
+                switches = {n.name for n in simulator.nuisances if n.whole}
+                free = () if nuisance.whole else (nuisance.name, *(n for n in beside_it if n not in switches))
+                far = nuisance.whole or nuisance.absolute
+                reach = 0.0 if far else nuisance.tries[best[w][3]] - nuisance.neutral
                 yield Addition(
                     effect, nuisance.name, max(1, len(free)), gain, starts=starts, free=free,
                     scores=best[w][1], across=best[w][2], tried=len(nuisance.tries),
-                    usual=reach, unit=nuisance.unit,
+                    usual=_times(nuisance, best[w][3]) * reach, unit=nuisance.unit,
                 )  # fmt: skip
+
+
+def _times(nuisance: Nuisance, t: int) -> float:
+    """Return how many times as large as a try of it a nuisance parameter usually is."""
+    reach = nuisance.tries[t] - nuisance.neutral
+    return nuisance.usual / reach if nuisance.usual and reach else 1.0
 
 
 def _change(shown: FloatArray, before: FloatArray, usable: NDArray[np.bool_], rows: slice) -> FloatArray:

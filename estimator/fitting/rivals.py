@@ -113,19 +113,23 @@ def _fuller(selection: Selection, explanation: Explanation, rivals: Sequence[Exp
     """Return the explanation and its nearest rivals with one more addition of what happens within samples.
 
     The criterion would not accept it, as its penalty is larger than what the recordings tell of it, and a score test
-    tells little of how far it then moves the parameters.
+    tells little of how far it then moves the parameters. So it is with what another FMU has, such as a supply that
+    sags: of a resistance beside the winding's.
     """
+    n = selection.tests.samples
     sharp = [e for e in selection.effects if e.sharp and not e.is_line]
     near = sorted((e for e in rivals if any(is_timing(a) for a in e.additions)), key=lambda e: e.fit.cost)
     found = []
     for base in (*near[:MOST_FULLER], explanation):
         missing = base.fit.cost - explanation.fit.cost - RIVALS_WITHIN
         effects = selection.effects if base is explanation else sharp  # all of its own are known already
-        tested = [a for a in selection.tests.additions(base, effects) if is_timing(a)]
-        tested = [a for a in tested if a.gain > max(missing, LEAST_GAIN)]
-        for a in sorted(tested, key=lambda a: -a.gain)[:1]:
-            fuller = Explanation(selection.refitted(base, a), (*base.additions, a))
-            found.append(dataclasses.replace(fuller, fit=solved(fuller.fit)))
+        tested = [a for a in selection.tests.additions(base, effects) if a.gain > max(missing, LEAST_GAIN)]
+        timing = [a for a in tested if is_timing(a)]
+        far = [a for a in tested if a.effect.fmu and a.free and a.gain > a.penalty(n) - RIVALS_WITHIN]
+        for likely in (timing, far):
+            for a in sorted(likely, key=lambda a: -a.gain)[:1]:
+                fuller = Explanation(selection.refitted(base, a), (*base.additions, a))
+                found.append(dataclasses.replace(fuller, fit=solved(fuller.fit)))
     return [e for e in found if all(is_physical(e.fit, a) for a in e.additions)]
 
 

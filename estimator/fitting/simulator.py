@@ -60,6 +60,8 @@ class Nuisance:
     together : of each try, other nuisances that are set, and freed, with it
     excludes : names, or their beginnings, beside which it makes no sense
     needs : a name without which it makes no sense
+    usual : float
+        Its usual distance from neutral, where it is tried at less, for the sake of the derivative; 0: as it is tried.
     untold : bool
         No such recording tells it: it is never found, only told among what is not visible.
     """
@@ -82,6 +84,7 @@ class Nuisance:
     together: tuple[Mapping[str, float], ...] = ()
     excludes: tuple[str, ...] = ()
     needs: str = ""
+    usual: float = 0.0
     untold: bool = False
 
     @property

@@ -30,11 +30,11 @@ def repeated_rows(inputs: Mapping[str, FloatArray], outputs: Mapping[str, FloatA
         return np.zeros(0, dtype=np.int64)
     signals = [*inputs.values(), *outputs.values()]
     again = np.array([np.concatenate([[False], y[1:] == y[:-1]]) for y in signals])
-    both = again.all(axis=0)
+    both = np.asarray(again.all(axis=0))
     n, told = len(both), range(len(inputs), len(signals))
     expected = float(n)
     for j in told:
-        others = ~again[[k for k in told if k != j]].all(axis=0)
+        others = np.asarray(~again[[k for k in told if k != j]].all(axis=0))
         others[0] = False
         alone = float(np.mean(again[j, others])) if others.any() else 1.0
         expected *= max(_chance(signals[j]), alone)

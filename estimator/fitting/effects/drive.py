@@ -19,6 +19,7 @@ from estimator.recordings.samples import filled, median
 
 DRIVE = "dc_motor_drive"
 MOST_SAG = 0.4  # of the voltage at the largest current: more is an overload, or the winding's resistance
+TRIED_SAG = 0.005  # of a supply resistance that is large: about it signals change in proportion
 ONE_SIZE = 0.01  # voltages that differ by less, in parts, are of one size
 PLATEAU, HELD_ROWS, ABOVE = 3.0, 8, 1.2  # deviations; rows; times the usual current: a current that stays at its peak
 
@@ -251,7 +252,7 @@ class Sag(Drive):
         together = tuple({self.time_target: tau, self.series_target: way} for way in ways for tau in taus)
         return [
             Nuisance(self.target, self.unit, 0.0, MOST_SAG * v / i, 0.0, 0.1 * size, target=self.target,
-                     tries=(0.5 * size,) * len(together), together=together),
+                     tries=(TRIED_SAG * size,) * len(together), together=together, usual=0.5 * size),
             Nuisance(self.time_target, "s", 1e-4, 10.0, 0.01, 0.01, log=True, target=self.time_target),
             Nuisance(self.series_target, "", 0.0, 1.0, 0.0, 1.0, target=self.series_target, whole=True),
         ]  # fmt: skip
