@@ -46,6 +46,16 @@ def test_what_one_sensor_repeats_is_no_row():
     assert not repeated_rows(LEVELS, {"w": signals["i"]}).size  # nor where there is one
 
 
+def test_a_resting_current_that_repeats_by_chance_beside_a_speed_of_zero_is_no_row():
+    """As where a servomotor's current is a mean of a few of its converter's steps: 19 to 38 rows of 4 000."""
+    rng = np.random.default_rng(2)
+    rests = np.arange(4000) < 2000
+    i = np.where(rests, np.round(rng.standard_normal((4000, 2)), 1) @ [0.3, 0.47], rng.standard_normal(4000))
+    w = np.where(rests, 0.0, 100.0 + rng.standard_normal(4000))
+    assert np.sum((np.diff(i) == 0) & (np.diff(w) == 0)) > 0
+    assert not repeated_rows({"v": np.where(rests, 0.0, 6.0)}, {"i": i, "w": w}).size
+
+
 def test_a_sensor_that_is_read_more_often_than_it_measures_repeats_no_rows():
     signals = {name: np.repeat(y[::2], 2) for name, y in noisy().items()}
     assert not repeated_rows(LEVELS, signals).size
