@@ -30,7 +30,8 @@ def settled(selection: Selection, explanation: Explanation) -> tuple[Explanation
     """Return the explanation, exchanged for a rival as long as one is more likely, and its rivals."""
     n = selection.tests.samples
     for _ in range(EXCHANGES):
-        rivals = alternatives(selection, explanation)
+        found = _others(selection, explanation)
+        rivals = _nearest(selection, explanation, found)
         sound = [
             r for r in rivals if not any(a.effect.doubt and a.name not in explanation.names() for a in r.additions)
         ]
@@ -40,9 +41,12 @@ def settled(selection: Selection, explanation: Explanation) -> tuple[Explanation
         best = selection.grown(with_noise(best, selection.differenced, again=True), selection.effects)
         explanation = selection.at_best(selection.without_idle(best))
     else:
-        rivals = alternatives(selection, explanation)
+        found = _others(selection, explanation)
+    rivals = _with_fuller(selection, explanation, found)
     sensible = _without_absurd(selection, explanation, rivals)
-    return (explanation, rivals) if sensible is None else (sensible, alternatives(selection, sensible))
+    if sensible is None:
+        return explanation, rivals
+    return sensible, _with_fuller(selection, sensible, _others(selection, sensible))
 
 
 def _without_absurd(
@@ -75,8 +79,8 @@ def _without_absurd(
     return best if behind < ABSURD else None
 
 
-def alternatives(selection: Selection, explanation: Explanation) -> list[Explanation]:
-    """Return rivals: explanations, nearly as likely, in which another addition replaces one.
+def _others(selection: Selection, explanation: Explanation) -> list[Explanation]:
+    """Return other explanations, in which another addition replaces one, or one two.
 
     A sharp one stands in for another, or for a short time constant of the model, far from where a derivative
     tells: those are always refitted.
@@ -89,8 +93,16 @@ def alternatives(selection: Selection, explanation: Explanation) -> list[Explana
         if not addition.effect.is_line and not is_switch(addition) and many <= MOST_ALIKE:
             sharp_too = addition in within and len(within) <= MOST_WITHIN
             found += _exchanged(selection, explanation, addition, sharp_too=sharp_too)
-    found = [e for e in found if all(is_physical(e.fit, a) for a in e.additions)]
-    found += _fuller(selection, explanation, found)
+    return [e for e in found if all(is_physical(e.fit, a) for a in e.additions)]
+
+
+def _with_fuller(selection: Selection, explanation: Explanation, found: Sequence[Explanation]) -> list[Explanation]:
+    """Return the rivals among others, and among them with one more addition."""
+    return _nearest(selection, explanation, [*found, *_fuller(selection, explanation, found)])
+
+
+def _nearest(selection: Selection, explanation: Explanation, found: Sequence[Explanation]) -> list[Explanation]:
+    """Return the rivals among others, which are nearly as likely, the likeliest first, each once."""
     n, rivals = selection.tests.samples, [explanation]
     for e in sorted(found, key=lambda e: e.criterion(n)):
         behind = min(e.criterion(n) - explanation.criterion(n), e.evidence(n) - explanation.evidence(n))
