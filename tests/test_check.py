@@ -77,6 +77,19 @@ def test_check_adds_an_offset_behind_the_factor_as_estimate_does(file, bench, ca
     assert status == 2 and "offset is given for 'q', which is no signal of run.csv that is used" in err
 
 
+def test_check_tells_rows_that_a_logger_wrote_again(file, bench, capsys):
+    rows = np.sort(np.r_[np.arange(len(bench["t"])), [250, 300]])
+    again = {name: bench[name][rows] for name in "viw"} | {"t": np.arange(len(rows)) * 1e-3}
+    path = file("time [s],voltage [V],current [A],speed [rad/s]", **again)
+    assert ", 2 rows are the row before once more: an estimate leaves them out" in " ".join(
+        run(capsys, "check", path)[1].split()
+    )
+    (found,) = json.loads(run(capsys, "check", path, "--json")[1])["recordings"]
+    assert found["clock"]["repeated_rows"] == 2
+    plain = file("time [s],voltage [V],current [A],speed [rad/s]", name="plain.csv")
+    assert "once more" not in run(capsys, "check", plain)[1]
+
+
 def test_check_json_is_one_object_with_every_part(file, capsys):
     status, out, _ = run(capsys, "check", "--json", file("t,u,i,w"))
     (found,) = json.loads(out)["recordings"]

@@ -61,6 +61,8 @@ def preview_text(p: Preview) -> str:
         lines.append(f"  {first} left out: the next is stamped no later")
     clock = "even" if recording.even else "with jitter, each time taken as printed"
     missing = f", {recording.missing_rows} rows missing" if recording.missing_rows else ""
+    if p.repeated:
+        missing += f", {p.repeated} rows are the row before once more: an estimate leaves them out"
     lines += [
         "",
         f"  clock    {len(recording.time)} samples from {recording.time[0]:.6g} to {recording.time[-1]:.6g} s, every"

@@ -26,6 +26,7 @@ from estimator.recordings.finding import Finding
 from estimator.recordings.motor_columns import motor_columns
 from estimator.recordings.plausibility import implausible
 from estimator.recordings.recording import Recording
+from estimator.recordings.repeated_rows import repeated_rows
 from estimator.recordings.samples import filled
 from estimator.recordings.understood import Understood, understood
 
@@ -54,6 +55,7 @@ class Preview:
     ----------
     signals : "v", "i", "w", "angle", "load" → (n,) array, SI; those that there are
     read : what was read, the time last
+    repeated : rows that are the row before once more, noise and all
     unused : headers of the other columns, of which no signal was made
     """
 
@@ -69,6 +71,7 @@ class Preview:
     quanta: Mapping[str, float]
     found: tuple[str, ...]  # damage that shows: a signal that is clipped, a transient that is lost
     findings: tuple[Finding, ...]
+    repeated: int = 0
 
 
 def preview(
@@ -132,6 +135,7 @@ def preview(
             sure=frozenset(r.signal for r in read if r.unit_from == "user"),
             columns={r.signal: r.column for r in read},
         ),
+        repeated=len(_repeated(signals)),
     )
 
 
@@ -153,6 +157,7 @@ def preview_mapping(p: Preview) -> dict[str, Any]:
             "rate": 1 / recording.step,
             "even": recording.even,
             "missing_rows": recording.missing_rows,
+            "repeated_rows": p.repeated,
         },
         "excitation": None
         if e is None
@@ -187,6 +192,12 @@ def preview_mapping(p: Preview) -> dict[str, Any]:
             for f in p.findings
         ],
     }
+
+
+def _repeated(signals: Mapping[str, FloatArray]) -> NDArray[np.int64]:
+    """Return the rows that are the row before once more."""
+    driven = {name: y for name, y in signals.items() if name in ("v", "load")}
+    return repeated_rows(driven, {name: y for name, y in signals.items() if name not in driven})
 
 
 def _unused(recording: Recording, columns: Collection[str]) -> tuple[str, ...]:
