@@ -234,9 +234,10 @@ def test_offsets_of_several_recordings_are_found_in_as_many_rounds_as_those_of_t
     rounds: list[int] = []
     best = Selection.best_addition
 
-    def counted(selection, explanation, effects, rejected):
-        rounds[-1] += 1
-        return best(selection, explanation, effects, rejected)
+    def counted(selection, explanation, effects, rejected, share):
+        found = best(selection, explanation, effects, rejected, share)
+        rounds[-1] += found is not None
+        return found
 
     monkeypatch.setattr(Selection, "best_addition", counted)
     offsets = (0.05, -0.08, 0.06, -0.04)

@@ -127,9 +127,14 @@ def is_timing(addition: Addition) -> bool:
     return addition.effect.sharp and not addition.effect.is_line and addition.linear is None
 
 
+def is_held(fit: Fit) -> bool:
+    """Whether a motor parameter that never vanishes is at a bound of a fit."""
+    return any(end != 0 and name in NEVER_ZERO for name, end in zip(fit.names, fit.at_bound, strict=True))
+
+
 def is_physical(fit: Fit, addition: Addition) -> bool:
     """Whether an addition's values are within the bounds of its effect, and it takes no motor parameter's place."""
-    if any(end != 0 and name in NEVER_ZERO for name, end in zip(fit.names, fit.at_bound, strict=True)):
+    if is_held(fit):
         return False
     if addition.linear is not None:
         own = [x for n, x in zip(fit.names, fit.estimates, strict=True) if n.partition("#")[0] == addition.name]

@@ -61,14 +61,15 @@ def solved(fit: Fit, *, iterations: int = ITERATIONS, tolerance: float = 1e-3) -
                 damping *= 10
             else:
                 break
-        if better is None and simulated:
-            break
         if better is None:
-            raw = None
+            if simulated:
+                break
+            raw = None  # what was corrected tells no minimum
             continue
         gained = cost - better[2]
         if gained >= tolerance and not fine and AS_PREDICTED[0] < gained / predicted < AS_PREDICTED[1]:
-            raw, simulated = _corrected(raw, better[0] - x, better[1] - shown, a), False
+            _correct(raw, better[0] - x, better[1] - shown, a)
+            simulated = False
         else:
             raw = None
         x, shown, cost = better
@@ -78,13 +79,15 @@ def solved(fit: Fit, *, iterations: int = ITERATIONS, tolerance: float = 1e-3) -
     return evaluated(fit, end.values, shown, Slopes(end, central=tolerance < 1e-2, known=known), linear)
 
 
-def _corrected(raw: FloatArray, dx: FloatArray, change: FloatArray, a: FloatArray) -> FloatArray:
-    """Return derivatives, (rows, q, f), that differ least from `raw` and give the change, (rows, q), of a step, (f,).
+def _correct(raw: FloatArray, dx: FloatArray, change: FloatArray, a: FloatArray) -> None:
+    """Change derivatives, (rows, q, f), as little as gives the change, (rows, q), of a step, (f,), in their place.
 
-    Least as the whitened signals weigh what is free, of which `a`, (f, f), is the triangle.
+    As little as the whitened signals weigh what is free, of which `a`, (f, f), is the triangle.
     """
     weights = np.sum(a**2, axis=0) * dx
-    return np.asarray(raw + (change - raw @ dx)[:, :, None] * (weights / (weights @ dx)))
+    missed = (change - raw @ dx) / (weights @ dx)
+    for k, weight in enumerate(weights.tolist()):
+        raw[:, :, k] += weight * missed
 
 
 def longest_steps(fit: Fit) -> FloatArray:

@@ -23,7 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.fitting.addition import Addition, has_its_needs, is_physical, wald, without_columns
+from estimator.fitting.addition import Addition, has_its_needs, is_held, is_physical, wald, without_columns
 from estimator.fitting.addition_tests import AdditionTests
 from estimator.fitting.effects.base import Effect
 from estimator.fitting.explanation import (
@@ -231,7 +231,8 @@ class Selection:
         renew : bool
             Whether the noise is estimated again after each.
         share : float
-            Of what is missed beyond the noise: an addition has to explain more, where more is missed than noise.
+            Of what is missed beyond the noise: an addition has to explain more, where more is missed than noise, and
+            no bound is why.
         """
         n, rejected = self.tests.samples, set[str]()
         for _ in range(ROUNDS):
@@ -258,16 +259,18 @@ class Selection:
         """Return the explanation with the addition that lowers the criterion most; None if none does."""
         n = self.tests.samples
         least = share * (explanation.fit.cost - n)
-        if share and least < share * n:
+        if share and (least < share * n or is_held(explanation.fit)):
             return None
         while True:
             tested = [a for a in self.tests.additions(explanation, effects) if a.name not in rejected]
             ranked = sorted(tested, key=lambda a: a.penalty(n) - a.gain)
-            ranked = [a for a in ranked if a.gain > max(a.penalty(n), least)]
-            if not ranked:
+            ranked = [a for a in ranked if a.gain > a.penalty(n)]
+            if not ranked or ranked[0].gain <= least:
                 return None
             most = ranked[0].gain - ranked[0].penalty(n)
-            best_few = [a for a in ranked[:REFITTED] if a.gain - a.penalty(n) > PREDICTED_PART * most]
+            best_few = [
+                a for a in ranked[:REFITTED] if a.gain - a.penalty(n) > PREDICTED_PART * most and a.gain > least
+            ]
             refits = [(self.refitted(explanation, a), a) for a in best_few]
             falls = [explanation.fit.cost - f.cost - max(a.penalty(n), least) for f, a in refits]
             falls = [f if is_physical(fit, a) else -np.inf for f, (fit, a) in zip(falls, refits, strict=True)]

@@ -1,0 +1,50 @@
+"""Gauss-Newton steps whose derivatives are corrected instead of simulated again: the same minimum for less."""
+
+import numpy as np
+import pytest
+from effect_bench import NOISE, TRUE, lagged, recording
+
+from estimator.cases.case import Case, OutputSpec
+from estimator.fitting import gauss_newton
+from estimator.fitting.effects.low_pass import LowPass
+from estimator.fitting.fit import new_fit
+from estimator.fitting.noise_model import NoiseModel
+from estimator.fitting.simulator import Simulator
+from estimator.fmus.probe import bundled_model
+from estimator.fmus.workers import Workers
+from estimator.plans.planning import plan_case
+
+pytestmark = pytest.mark.usefixtures("shared_workers")
+
+CASE = Case(inputs={"v": "voltage"}, outputs={"i": OutputSpec("current"), "w": OutputSpec("speed")})
+
+
+def test_corrected_derivatives_give_the_change_of_the_step_and_are_changed_least():
+    rng = np.random.default_rng(1)
+    raw, dx, change = rng.standard_normal((50, 2, 4)), rng.standard_normal(4), rng.standard_normal((50, 2))
+    a = np.triu(rng.standard_normal((4, 4))) * [1.0, 1e3, 1e-3, 1.0]
+    corrected = raw.copy()
+    gauss_newton._correct(corrected, dx, change, a)
+    np.testing.assert_allclose(corrected @ dx, change, rtol=1e-9, atol=1e-9)
+    sizes = np.linalg.norm(a, axis=0)  # the least change of a row, each derivative by its size: by the pseudoinverse
+    least = (change - raw @ dx)[:, :, None] * np.linalg.pinv((dx * sizes)[:, None])[0] * sizes
+    np.testing.assert_allclose(corrected - raw, least, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-8])
+def test_the_minimum_is_that_of_derivatives_that_are_simulated_at_every_step(tolerance, monkeypatch):
+    plan = plan_case(CASE, bundled_model("dc_motor"), recordings=[recording("two levels", i=lambda y: lagged(y, 2e-3))])
+    noise = NoiseModel.plain(np.array([NOISE["i"], NOISE["w"]]), (-1, -1))
+    costs, simulations = [], []
+    for usual in (gauss_newton.AS_PREDICTED, (np.inf, np.inf)):  # the second corrects none
+        monkeypatch.setattr(gauss_newton, "AS_PREDICTED", usual)
+        with Workers(1) as crew:
+            nuisances = LowPass(name="lag").nuisances(plan)
+            simulator = Simulator(plan, nuisances, crew, {"i": 1.0, "w": 1.0})
+            start = simulator.values({n: 1.2 * x for n, x in TRUE.items()} | {"lag of i": 1e-3})
+            begun = new_fit(simulator, start, (*plan.names, "lag of i"), noise)
+            before = crew.simulations
+            costs.append(gauss_newton.solved(begun, tolerance=tolerance).cost)
+            simulations.append(crew.simulations - before)
+    assert costs[0] == pytest.approx(costs[1], abs=10 * tolerance)
+    assert simulations[0] < simulations[1] if tolerance == 1e-3 else simulations[0] == simulations[1]
