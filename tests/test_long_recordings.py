@@ -10,12 +10,13 @@ from estimator.cases.case import Case, OutputSpec
 from estimator.estimating.estimate import estimate_recordings
 from estimator.fitting.effects.delay import Delay
 from estimator.fitting.effects.low_pass import LowPass
-from estimator.fitting.explained import explain, freed_by_the_case
+from estimator.fitting.explained import explain
 from estimator.fitting.fit import new_fit, refreshed
 from estimator.fitting.gauss_newton import solved
 from estimator.fitting.noise_model import NoiseModel
 from estimator.fitting.projection import BLOCK, triangle
 from estimator.fitting.selection import Selection
+from estimator.fitting.selection_of_plan import freed_by_the_case
 from estimator.fitting.simulator import KEPT_ANSWERS, Simulator
 from estimator.fmus.fmu import describe
 from estimator.fmus.simulate import simulate

@@ -5,12 +5,12 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimator.fitting.addition import Addition
-from estimator.fitting.addition_tests import AdditionTests
 from estimator.fitting.adequacy import Adequacy, adequacy
 from estimator.fitting.averaging import Hidden, Told, averaged
 from estimator.fitting.between_runs import BetweenRuns, is_between_runs, of_fit, sentence
@@ -18,7 +18,7 @@ from estimator.fitting.during import changes_during
 from estimator.fitting.effects.base import Effect
 from estimator.fitting.effects.voltage_noise import VoltageNoise, without_noise
 from estimator.fitting.explanation import Explanation
-from estimator.fitting.explanation_noise import by_noise_of, count_deviations, with_wandering_torque
+from estimator.fitting.explanation_noise import by_noise_of, with_wandering_torque
 from estimator.fitting.fit import Fit
 from estimator.fitting.gauss_newton import solved
 from estimator.fitting.latency import with_latencies
@@ -27,10 +27,8 @@ from estimator.fitting.profile_widths import profile_widths
 from estimator.fitting.readings import Reading, readings
 from estimator.fitting.rivals import EXCHANGED, settled
 from estimator.fitting.selection import Selection
-from estimator.fitting.simulator import Nuisance, Simulator, per_recording
-from estimator.fmus.probe import bundled_model
+from estimator.fitting.selection_of_plan import selection_of
 from estimator.fmus.workers import Workers
-from estimator.motor.names import MOTOR
 from estimator.plans.parameters import Parameter, SensorPlace
 from estimator.plans.plan import Plan
 from estimator.results.result import NotVisible, Rival, RivalParameter
@@ -42,7 +40,6 @@ ENOUGH_RUNS = 4  # of fewer runs the spread is known no better than to its own s
 WIDE = 1e30  # bounds of a parameter that has none
 BEYOND = 4.0  # standard errors: what moves a parameter by more and is not visible is told
 UNDECIDED = 2.0  # times z'z of the better first fit: the other way to read the recordings may be the right one
-LINEAR_MOTOR = "dc_motor"  # that a bundled FMU with more effects may replace
 
 
 @dataclass(frozen=True)
@@ -164,29 +161,16 @@ def explain(
     late: tuple[str, ...] = ()
     if any(e.name == "latency of each edge" for e in effects):
         plan, late = with_latencies(plan)
-    ways: Sequence[Reading] = readings(plan)
-    selections = [_selection(r.plan, crew, sigma=sigma, deviations=deviations, effects=effects) for r in ways]
-    costs = [s.first_cost(starts) for s in selections] if len(ways) > 1 else [0.0]
-    order = np.argsort(costs, kind="stable").tolist()
-    ways, selections = [ways[k] for k in order], [selections[k] for k in order]
+    begin = partial(selection_of, crew=crew, sigma=sigma, deviations=deviations, effects=effects)
+    ways, selections, explanation = _as_read(plan, begin, starts, known)
     plan, selection = ways[0].plan, selections[0]
-    explanation = selection.explain(starts, known)
-    if (
-        len(ways) > 1
-        and max(costs) < UNDECIDED * min(costs)
-        and _turned(explanation, selections[1]).fit.cost < explanation.fit.cost - EXCHANGED
-    ):
-        again, samples = selections[1].explain(starts), selection.tests.samples
-        if again.criterion(samples) < by_noise_of(again, explanation).criterion(samples):
-            ways, selections, explanation = ways[::-1], selections[::-1], again
-            plan, selection = ways[0].plan, selections[0]
     changed = [Found("latency of each edge", "", t, "") for t in late]
     if (quiet := without_noise(explanation.fit, plan)) is not None:
         changed += [f for f in _found(explanation, plan) if f.name == VoltageNoise.name]
         rest = tuple(a for a in explanation.additions if a.name != VoltageNoise.name)
         plan, begun = quiet, dataclasses.replace(explanation, additions=rest)
-        selections = [_selection(plan, crew, sigma=sigma, deviations=deviations, effects=effects)]
-        selection = selections[0]
+        selection = begin(plan)
+        selections = [selection]
         explanation = selection.explain(starts, begun)
     checked = adequacy(explanation.fit, len(plan.names))
     rivals: list[Explanation] = []
@@ -212,79 +196,34 @@ def explain(
     return _explained(plan, explanation, checked, rivals, open_additions, samples, changed, (turned, ways))
 
 
+def _as_read(
+    plan: Plan, begin: Callable[[Plan], Selection], starts: Sequence[FloatArray], known: Explanation | None
+) -> tuple[Sequence[Reading], list[Selection], Explanation]:
+    """Return the ways to read the recordings, the likelier first, a selection for each, and what explains the first.
+
+    The first fit tells which; where it hardly does, and what was found is likelier by the other, both are explained.
+    """
+    ways: Sequence[Reading] = readings(plan)
+    selections = [begin(way.plan) for way in ways]
+    costs = [selection.first_cost(starts) for selection in selections] if len(ways) > 1 else [0.0]
+    order = np.argsort(costs, kind="stable").tolist()
+    ways, selections = [ways[k] for k in order], [selections[k] for k in order]
+    explanation, n = selections[0].explain(starts, known), selections[0].tests.samples
+    if len(ways) == 1 or max(costs) > UNDECIDED * min(costs):
+        return ways, selections, explanation
+    if _turned(explanation, selections[1]).fit.cost < explanation.fit.cost - EXCHANGED:
+        again = selections[1].explain(starts)
+        if again.criterion(n) < by_noise_of(again, explanation).criterion(n):
+            return ways[::-1], selections[::-1], again
+    return ways, selections, explanation
+
+
 def _turned(explanation: Explanation, other: Selection) -> Explanation:
     """Return an explanation fitted to recordings that are read the other way."""
     far = next((a.effect.fmu for a in explanation.additions if a.effect.fmu), "")
     simulator = other.tests.rivals(far) if far else other.tests.base
     assert simulator is not None  # the first way has it
     return dataclasses.replace(explanation, fit=solved(dataclasses.replace(explanation.fit, simulator=simulator)))
-
-
-def _selection(
-    plan: Plan,
-    crew: Workers,
-    *,
-    sigma: Mapping[str, float],
-    deviations: FloatArray,
-    effects: Sequence[Effect],
-) -> Selection:
-    """Return the selection of effects for a plan; arguments as for `explain`."""
-    own = [n for e in effects if not e.fmu for n in e.nuisances(plan)]
-    wanted = freed_by_the_case(plan)
-    own = [n for n in own if n.name not in {w.name for w in wanted}]
-    base = Simulator(plan, (*own, *wanted), crew, sigma)
-    tests = AdditionTests(base, _Rivals(plan, base, crew, sigma, effects))
-    always = tuple(n.name for n in wanted)
-    return Selection(tests, always, deviations, count_deviations(plan), tuple(effects))
-
-
-class _Rivals:
-    """Simulators of bundled FMUs that may stand in for the linear motor."""
-
-    def __init__(
-        self, plan: Plan, base: Simulator, crew: Workers, sigma: Mapping[str, float], effects: Sequence[Effect]
-    ) -> None:
-        self.effects = effects
-        self.plan, self.base, self.crew, self.sigma = plan, base, crew, sigma
-        self.known: dict[str, Simulator | None] = {}
-
-    def __call__(self, name: str) -> Simulator | None:
-        if name not in self.known:
-            self.known[name] = self._simulator(name) if self._can_stand_in() else None
-        return self.known[name]
-
-    def _can_stand_in(self) -> bool:
-        plan = self.plan
-        is_linear_motor = plan.description.is_bundled and plan.description.path.stem == LINEAR_MOTOR
-        return is_linear_motor and {*plan.names, *plan.fixed} <= {*MOTOR, "v", "load"}
-
-    def _simulator(self, name: str) -> Simulator:
-        plan = self.plan.on(bundled_model(name))
-        has = plan.binding.own
-        own = [n for e in self.effects if e.fmu == name for n in e.nuisances(self.plan) if n.target in has]
-        return Simulator(plan, (*self.base.nuisances, *own), self.crew, self.sigma)
-
-
-def freed_by_the_case(plan: Plan) -> list[Nuisance]:
-    """Return the values of the measurement chain that the case frees."""
-    found = []
-    for place in plan.wanted:
-        kind, e, y = place.kind, place.recording, place.output
-        h = min(o.recording.step for o in plan.observed)
-        if kind == "delay" and not y:
-            assert e is not None
-            name, start = per_recording(plan, "delay")[e], plan.observed[e].delay
-            found.append(Nuisance(name, "s", start - 20 * h, start + 20 * h, start, h, place=place))
-        elif kind == "delay":
-            found.append(Nuisance(f"delay {y}", "s", -20 * h, 20 * h, 0.0, h, place=place))
-        elif kind == "gain":
-            found.append(Nuisance(f"gain {y}", "", 0.1, 10.0, 1.0, 0.1, log=True, place=place))
-        else:
-            spread = max(float(np.nanmax(np.abs(o.outputs[y]))) for o in plan.observed)
-            name = f"offset {y}" if e is None else per_recording(plan, f"offset {y}")[e]
-            unit = plan.unit(y)
-            found.append(Nuisance(name, unit, -11 * spread, 11 * spread, 0.0, 0.01 * spread, place=place))
-    return found
 
 
 def _explained(

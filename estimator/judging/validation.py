@@ -19,10 +19,10 @@ from estimator.conventions import FALSE_ALARM
 from estimator.errors import SimulationError
 from estimator.fitting.effects import known_effects
 from estimator.fitting.effects.offset import Offset
-from estimator.fitting.explained import freed_by_the_case
 from estimator.fitting.fit import Fit, new_fit
 from estimator.fitting.gauss_newton import solved
 from estimator.fitting.noise_model import NoiseModel
+from estimator.fitting.selection_of_plan import freed_by_the_case
 from estimator.fitting.simulator import Nuisance, Simulator, per_recording
 from estimator.fmus.fmu import FmuDescription, describe, with_kind
 from estimator.fmus.probe import bundled_model, driven
