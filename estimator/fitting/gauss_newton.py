@@ -15,7 +15,7 @@ from estimator.fitting.slopes import Point, Slopes
 
 FloatArray = NDArray[np.float64]
 
-ITERATIONS = 25
+ITERATIONS, MOST_STEPS = 25, 4  # derivatives that are simulated; steps for each, on average
 DAMPING = (1e-3, 1e8)  # first, last
 AS_PREDICTED = (0.7, 1.5)  # of the predicted fall: then derivatives are corrected, not simulated again
 LONGEST_LOG_STEP, LONGEST_STEP = 1.0, 5.0  # longest step: of a logarithm; of a nuisance's typical sizes
@@ -26,6 +26,8 @@ def solved(fit: Fit, *, iterations: int = ITERATIONS, tolerance: float = 1e-3) -
 
     Parameters
     ----------
+    iterations : int
+        How often derivatives are simulated, at most.
     tolerance : float
         Of z'z: the iteration ends when the predicted fall is smaller. 1 is one standard error.
     """
@@ -39,10 +41,12 @@ def solved(fit: Fit, *, iterations: int = ITERATIONS, tolerance: float = 1e-3) -
 
     shown = s.shown(placed(fit, x)[None, :])[0]
     cost = _cost(fit, shown, linear)
-    raw, simulated, fine = None, True, tolerance < 1e-6
-    for _ in range(iterations if len(where) and np.isfinite(cost) else 0):
+    raw, simulated, fine, left = None, True, tolerance < 1e-6, iterations
+    for _ in range(MOST_STEPS * iterations if len(where) and np.isfinite(cost) else 0):
         if raw is None:
-            raw, simulated = point(x, shown).slopes(central=fine), True
+            if not left:
+                break
+            raw, simulated, left = point(x, shown).slopes(central=fine), True, left - 1
         a, g = _triangle(fit, linear, raw, shown)
         better, predicted = None, 0.0
         while better is None and damping < DAMPING[1]:

@@ -48,7 +48,7 @@ def unexplained_responses(fit: Fit, chance: float, channels: Sequence[int]) -> l
         groups.append(("", slice(None)))
     found: list[tuple[str, float]] = []
     for output, own in groups:
-        norms = np.sqrt(np.diag(information)[own])
+        norms = np.sqrt(np.maximum(np.diag(information)[own], 0.0))  # rounding
         scale = np.where(norms > 0, 1 / np.where(norms > 0, norms, 1.0), 0.0)
         power, axes = np.linalg.eigh((information[own, own] * scale).T * scale)
         told = power > DEPENDENT
