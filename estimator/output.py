@@ -42,8 +42,8 @@ class OutputFolder:
         missing = [folder for folder in (self.path, *self.path.parents) if not folder.exists()]
         try:
             for folder in reversed(missing):
-                folder.mkdir()
-                self._made.insert(0, folder)
+                if _made(folder):
+                    self._made.insert(0, folder)
             with tempfile.TemporaryFile(dir=self.path):
                 pass
             found = {entry.name for entry in self.path.iterdir()}
@@ -85,6 +85,17 @@ class OutputFolder:
         with contextlib.suppress(OSError):
             for folder in self._made:
                 folder.rmdir()
+
+
+def _made(folder: Path) -> bool:
+    """Make a folder; return whether it was made here and not, since it was looked for, by another run."""
+    try:
+        folder.mkdir()
+    except FileExistsError:
+        if folder.is_dir():
+            return False
+        raise
+    return True
 
 
 def _locked(folder: Path) -> int | None:

@@ -2,6 +2,7 @@
 
 import os
 import stat
+from pathlib import Path
 
 import pytest
 
@@ -99,3 +100,17 @@ def test_files_have_the_rights_of_any_new_file(tmp_path):
     (tmp_path / "plain").touch()
     write_files({tmp_path / "a": b""})
     assert (tmp_path / "a").stat().st_mode == (tmp_path / "plain").stat().st_mode
+
+
+def test_a_folder_that_another_run_makes_at_the_same_moment_is_used_and_left_to_it(tmp_path, monkeypatch):
+    make = Path.mkdir
+
+    def made_by_another_first(self, *args, **kwargs):
+        make(self)
+        make(self, *args, **kwargs)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Path, "mkdir", made_by_another_first)
+        folder = OutputFolder(tmp_path / "new" / "out").__enter__()
+    folder.__exit__()
+    assert (tmp_path / "new" / "out").is_dir()
