@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -319,18 +319,21 @@ class Selection:
         return solved(min(ready, key=lambda f: f.cost), iterations=ROUGH)
 
     def without_idle(self, explanation: Explanation) -> Explanation:
-        """Return the explanation without additions that are no longer needed beside others."""
-        n, changed = self.tests.samples, True
-        while changed and explanation.additions:
-            changed = False
-            for addition in explanation.additions:
-                if wald(explanation.fit, addition) > IDLE * addition.penalty(n):
-                    continue
-                rest = without(explanation, addition)
-                if rest.fit.cost - explanation.fit.cost < addition.penalty(n):
-                    explanation, changed = with_noise(rest, self.differenced, again=True), True
-                    break
-        return explanation
+        """Return the explanation without additions that are no longer needed beside others.
+
+        All are judged by the noise of the whole explanation: one that is estimated again after each would take in what
+        it has lost, and let go of the next.
+        """
+        n, slimmer = self.tests.samples, explanation
+        while idle := next((rest for rest in self._slimmer(slimmer) if rest.criterion(n) < slimmer.criterion(n)), None):
+            slimmer = idle
+        return explanation if slimmer is explanation else with_noise(slimmer, self.differenced, again=True)
+
+    def _slimmer(self, explanation: Explanation) -> Iterator[Explanation]:
+        """Return the explanation without each of those additions that may be idle."""
+        for addition in explanation.additions:
+            if wald(explanation.fit, addition) <= IDLE * addition.penalty(self.tests.samples):
+                yield without(explanation, addition)
 
 
 def _apart(additions: Sequence[Addition]) -> list[Addition]:

@@ -16,11 +16,12 @@ EXPLAINS = {"coasts": {"coasting"}, "dead band": {"dry friction", "dead band"}}
 
 def with_what_was_read(found: Estimate, plan: Plan) -> Estimate:
     """Return an estimate with what was read; implausible data make it doubtful, or show why it is refused."""
-    open_ones = (
+    open_ones = [
         (o, f) for o in plan.observed for f in o.findings if not EXPLAINS.get(f.kind, set()) & {*found.effects}
-    )
-    doubts = [implausible_reason(o, f) for o, f in open_ones if f.sentence not in found.reasons]
-    found = dataclasses.replace(found, read=what_was_read(plan))
+    ]
+    doubts = [implausible_reason(o, f) for o, f in open_ones if not f.is_harmless and f.sentence not in found.reasons]
+    told = [f.sentence for _, f in open_ones if f.is_harmless]
+    found = dataclasses.replace(found, read=what_was_read(plan), notes=(*told, *found.notes))
     if found.verdict == "refused":
         moved = any(o.excitation.kind != "none" for o in plan.observed)
         return found if found.comparisons or not moved else dataclasses.replace(found, comparisons=measured(plan))

@@ -58,14 +58,18 @@ def _without_clipped(binding: Binding, observed: Observed) -> Observed:
         first, last = (float(t) for t in observed.recording.time[np.flatnonzero(rows)[[0, -1]]])
         value = f"{limit(outputs[name], rows):.4g} {binding.signal(name).unit}"
         most = float(np.mean(rows)) > MOST_SATURATED
-        what = f"{int(rows.sum())} samples" + (", too many to estimate from" if most else " are left out")
+        what = f"{int(rows.sum())} samples" + (
+            ", too many to estimate from; record again with a larger sensor range"
+            if most
+            else " are left out; a larger sensor range shows more"
+        )
         outputs[name] = outputs[name] if most else np.where(rows, np.nan, outputs[name])
         findings.append(
             Finding(
                 "saturated",
-                f"{observed.recording.title}: {name} is saturated at {value}, first at"
-                f" t = {first:.6g} s: {what}; record again with a larger sensor range",
+                f"{observed.recording.title}: {name} is saturated at {value}, first at t = {first:.6g} s: {what}",
                 is_fatal=most,
+                is_harmless=not most,
                 evidence=(Evidence(name, first, last),),
             )
         )

@@ -23,10 +23,12 @@ class Finding:
     kind : "exchanged", "sign i", "unit w", "coasts", …
     sentence : what it looks like, with its evidence, and what puts it right
     is_fatal : nothing could be estimated from it
+    is_harmless : what it takes away is in the standard errors: it is told, and lowers no verdict
     evidence : where in the recording it shows
     """
 
     kind: str
     sentence: str
     is_fatal: bool = False
+    is_harmless: bool = False
     evidence: tuple[Evidence, ...] = ()
