@@ -184,7 +184,7 @@ class Whitener:
         """Whether the noise is alike and independent in all samples of a channel, but for a few outliers by chance."""
         short = any(len(a) for of_channels in self.noise.short for a, _ in of_channels)
         plain = not (self._grows or self.noise.has_state or self.noise.jitter or short or self.shared is not None)
-        return plain and np.count_nonzero(self.inflate != 1.0) <= BY_CHANCE * self.inflate.size
+        return plain and bool(np.count_nonzero(self.inflate != 1.0) <= BY_CHANCE * self.inflate.size)
 
     @property
     def _grows(self) -> bool:
