@@ -50,7 +50,8 @@ def main(argv: Sequence[str] | None = None, *, begins: Callable[[], None] | None
         sys.unraisablehook = interrupt_again
     make_printable()
     # The matrices here are small, and the cores simulate: more threads in the linear algebra only get in their way.
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    if "numpy" not in sys.modules:  # which reads it when it is loaded; later an estimation asks for one thread itself
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
         args = parse(arguments)
         args.command_line = shlex.join([PROGRAM, *arguments])

@@ -187,7 +187,7 @@ class Fit:
         open_ones = (at_bound == 0) | (at_bound == -1) & self.is_log
         told, untold = np.zeros((2, len(at_bound), len(at_bound)))
         if open_ones.any():
-            parts = information_parts(triangle(_chosen(self.whitened, open_ones)))
+            parts = information_parts(triangle(chosen(self.whitened, open_ones)))
             told[np.ix_(open_ones, open_ones)], untold[np.ix_(open_ones, open_ones)] = parts
         for part in (told, untold):
             part[at_bound != 0] = part[:, at_bound != 0] = 0.0
@@ -203,7 +203,7 @@ class Fit:
 
     @cached_property
     def _test(self) -> ScoreTest:
-        known = Projection(_chosen(self.whitened, self.at_bound == 0))
+        known = Projection(chosen(self.whitened, self.at_bound == 0))
         return ScoreTest(self.whitener, known, known.rest(self.z))
 
     def once(self, told: Callable[[Fit], T]) -> T:
@@ -217,8 +217,14 @@ class Fit:
     def _told(self) -> dict[Callable[[Fit], object], Any]:
         return {}
 
+    def forget(self) -> None:
+        """Give up the memory of what is told again when it is asked for, its derivatives among it."""
+        for name in ("whitened", "_covariance_parts", "_test", "_told"):
+            self.__dict__.pop(name, None)
+        self.slopes.forget()
 
-def _chosen(columns: Columns, which: BoolArray) -> Columns:
+
+def chosen(columns: Columns, which: BoolArray) -> Columns:
     """Return some of columns; of all no copy."""
     if which.all():
         return columns

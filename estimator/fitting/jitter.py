@@ -18,6 +18,7 @@ CAPPED = 25.0  # square of a residual: a larger one counts as this
 RESPONSE = 12  # samples after an edge in which something that is alike after all edges is no jitter
 KNOWN = 0.9  # leverage: a residual of which so much is taken away tells nothing
 FAINT = 1e-4  # of the least variance: the largest variance by jitter that a series of two terms tells to 1e-12
+FEWER = 0.7  # of the rows: below it the others are left out of the sums
 TOGETHER = 1_000_000  # numbers that factors are tried on at once
 NOISE_FACTORS = np.geomspace(0.35, 1.2, 16)  # tried factors on a noise that was estimated with a jitter in it
 
@@ -40,29 +41,31 @@ def find_jitter(z: FloatArray, slope: FloatArray, step: float) -> tuple[float, F
     tried = step * np.geomspace(3e-3, 0.5, 24)
     squares, factors = z * z, NOISE_FACTORS[:, None] ** 2
     # Rows whose slope is too small to change a sum of doubles cost the same at every jitter.
-    ratio = np.max((tried[-1] * slope) ** 2, axis=1) / factors.min()
-    flat, large = ratio <= 1e-17, np.max(squares, axis=1) > CAPPED * factors.min()
-    level = _capped(squares[flat], factors)
-    faint = ~flat & ~large & (ratio <= FAINT)  # of small slopes a series of two terms: their moments are what counts
-    v, x = slope[faint] ** 2, squares[faint]
-    (v1, v2), (x0, x1, x2) = (v.sum(axis=0), (v * v).sum(axis=0)), ((x * v**k).sum(axis=0) for k in range(3))
-    level = level + len(v) * np.log(factors) + x0 / factors
-    exact = ~flat & ~faint
-    moved, hit = slope[exact], squares[exact]
-    many = max(1, TOGETHER // max(hit.size, 1))
-
-    def misfits(jitter: float) -> FloatArray:
-        steep, costs, u = (jitter * moved) ** 2, [], jitter**2
+    ratio = np.max(slope**2, axis=1) / factors.min()
+    moving = ratio * tried[-1] ** 2 > 1e-17
+    level = _capped(squares[~moving], factors)
+    ratio[np.max(squares, axis=1) > CAPPED * factors.min()] = np.inf
+    ratio, v, x = ratio[moving], slope[moving] ** 2, squares[moving]
+    moments, costs = np.zeros((2, 2, z.shape[1])), []
+    for u in np.append(tried[::-1], 0.0) ** 2:
+        # Of small slopes, as they are at every smaller jitter, a series of two terms: their moments are what counts.
+        exact = ratio > FAINT / max(u, 1e-300)
+        if np.count_nonzero(exact) < FEWER * len(exact):
+            few, own = v[~exact], x[~exact]
+            level = level + len(few) * np.log(factors) + own.sum(axis=0) / factors
+            moments += [[(w * few).sum(axis=0) for w in (1.0, own)], [(w * few * few).sum(axis=0) for w in (0.5, own)]]
+            ratio, v, x = ratio[exact], v[exact], x[exact]
+        (v1, x1), (v2, x2) = moments
+        cost, many = [], max(1, TOGETHER // max(x.size, 1))
         for some in (factors[k : k + many] for k in range(0, len(factors), many)):
-            variance = some[:, None] + steep
-            costs.append(sum_of_logs(variance) + np.sum(np.minimum(hit / variance, CAPPED), axis=1))
-        series = u * (v1 - x1 / factors) / factors + u * u * (x2 / factors - v2 / 2) / factors**2
-        return np.asarray(np.concatenate(costs) + level + series)  # (sizes, q)
-
-    costs = [misfits(t) for t in tried]
-    k = int(np.argmin([c.min(axis=0).sum() for c in costs]))
-    best, sizes = float(tried[k]), NOISE_FACTORS[costs[k].argmin(axis=0)]
-    gain = float(misfits(0.0).min(axis=0).sum() - costs[k].min(axis=0).sum())
+            variance = some[:, None] + u * v
+            cost.append(sum_of_logs(variance) + np.sum(np.minimum(x / variance, CAPPED), axis=1))
+        series = u * (v1 - x1 / factors) / factors + u * u * (x2 / factors - v2) / factors**2
+        costs.append(np.concatenate(cost) + level + series)  # (sizes, q)
+    k = int(np.argmin([c.min(axis=0).sum() for c in costs[-2::-1]]))
+    found = costs[-2 - k]
+    best, sizes = float(tried[k]), NOISE_FACTORS[found.argmin(axis=0)]
+    gain = float(costs[-1].min(axis=0).sum() - found.min(axis=0).sum())
     steep = best * np.abs(slope) > sizes
     both = steep[1:] & steep[:-1]
     scaled = np.clip(z / np.sqrt(sizes**2 + (best * slope) ** 2), -3, 3)

@@ -84,7 +84,7 @@ class Problem:
         workers.load(self._job, keep_counts=keep_counts)
         lengths = [o.before + len(o.recording.time) for o in plan.observed]
         self._edges = np.cumsum([0, *lengths])
-        measured = np.concatenate([self._measured(o) for o in plan.observed])
+        measured = np.concatenate([o.compared for o in plan.observed])
         self._phased = self._without_phase()
         self._used = ~np.isnan(measured)
         spreads = []
@@ -103,7 +103,7 @@ class Problem:
     @cached_property
     def _measured_rows(self) -> FloatArray:
         """What is compared, (rows, outputs); 0 where a sample is missing."""
-        return np.asarray(np.nan_to_num(np.concatenate([self._measured(o) for o in self.plan.observed])))
+        return np.asarray(np.nan_to_num(np.concatenate([o.compared for o in self.plan.observed])))
 
     def costs(self, candidates: FloatArray, bounds: FloatArray | None = None) -> FloatArray:
         """Return the weighted sums of squares, (n,), of (n, p) candidates; infinity where cut short or failed."""
@@ -269,7 +269,7 @@ class Problem:
             interval=recording.step,
             substeps=_substeps(self.plan.case, recording),
             inputs=inputs,
-            measured=self._measured(observed),
+            measured=observed.compared,
             weights=np.array([1 / sigma[y] ** 2 for y in self.outputs]),
             chains=self._chains(recording.step),
             times=times,
@@ -279,10 +279,6 @@ class Problem:
         """Return an input in the FMU's unit."""
         variable = self.plan.binding.signal(name)
         return signal if variable.is_as_it_is else (signal - variable.offset) / variable.factor
-
-    def _measured(self, observed: Observed) -> FloatArray:
-        measured = np.column_stack([observed.outputs[y] for y in self.outputs])
-        return np.concatenate([np.full((observed.before, measured.shape[1]), np.nan), measured])
 
 
 def _packed(values: FloatArray) -> tuple[FloatArray, IntArray]:

@@ -108,11 +108,10 @@ class Selection:
             Of a part of the rows: what it holds is not looked for again, and fitted to all of them.
         """
         bounds = self._held_near()
-        if known is None:
-            first = self._first(starts)
-            best = self._without_effects(first) or self._with_effects(first)
-        else:
-            best = self._with_effects(self._begun(known), sharp=False)  # the part has told what is sharp
+        first = self._first(starts) if known is None else self._begun(known)
+        best = self._without_effects(first)
+        if best is None:
+            best = self._with_effects(first, sharp=known is None)  # the part has told what is sharp
         if (shaken := with_jitter(best, self.differenced)) is not None:
             best = self.without_idle(self.grown(shaken, self.effects))
         best = reshaped(best)
@@ -131,9 +130,10 @@ class Selection:
         if abs(first.fit.cost / self.tests.samples - 1) > NO_NOISE or not find_windows(first.fit).enough:
             return None
         best = with_noise(first, self.differenced)
-        if not best.fit.whitener.is_white or self.best_addition(best, self.effects, set()) is not None:
+        if not best.fit.whitener.is_white:
             return None
-        return best
+        first.fit.forget()  # of a million rows a quarter of what is held
+        return best if self.best_addition(best, self.effects, set()) is None else None
 
     def _with_effects(self, best: Explanation, *, sharp: bool = True) -> Explanation:
         """Return the explanation with its noise and its effects; `sharp`: look for these before coloured noise."""

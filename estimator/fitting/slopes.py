@@ -95,3 +95,8 @@ class Slopes:
         """The derivatives, (rows, q, f)."""
         assert self._point is not None
         return self._point.slopes(central=self._central)
+
+    def forget(self) -> None:
+        """Give up the memory of derivatives that can be simulated again."""
+        if self._point is not None:
+            self.__dict__.pop("raw", None)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.fitting.explained import Explained
+from estimator.fitting.fit import chosen
 from estimator.fitting.in_parts import Scaled
 from estimator.fitting.information import information_parts
 from estimator.fitting.least_squares_fit import LeastSquaresFit
@@ -85,7 +86,7 @@ def shift(problem: Problem, polish: LeastSquaresFit, fine: FloatArray, explained
     inside = polish.at_bound == 0
     moved = np.zeros(len(polish.values))
     if inside.any():
-        both = Scaled([polish.jacobian[:, inside], change[:, None]], np.broadcast_to(1.0, len(change)))
+        both = Scaled([chosen(polish.jacobian, inside)[:], change[:, None]], np.broadcast_to(1.0, len(change)))
         r = triangle(both)[:-1]
         moved[inside] = -np.linalg.lstsq(r[:, :-1], r[:, -1], rcond=None)[0]
     return moved
@@ -96,7 +97,7 @@ def _worst(plan: Plan, polish: LeastSquaresFit, moved: FloatArray) -> tuple[floa
     inside = polish.at_bound == 0
     deviation = np.sqrt(np.diag(polish.covariance))
     if inside.any():  # by the noise alone: a step that is too coarse may be why the errors are larger
-        alone = np.sqrt(np.diag(information_parts(triangle(polish.jacobian[:, inside]))[0]))
+        alone = np.sqrt(np.diag(information_parts(triangle(chosen(polish.jacobian, inside)))[0]))
         deviation[inside] = np.minimum(deviation[inside], np.where(alone > 0, alone, np.inf))
     found = []
     for j, p in enumerate(plan.parameters):  # what is estimated beside them follows

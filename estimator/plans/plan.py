@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,6 +74,12 @@ class Observed:
     def before(self) -> int:
         """Samples simulated before the first of the recording."""
         return self.lead + self.rest
+
+    @cached_property
+    def compared(self) -> FloatArray:
+        """Samples of the outputs, (before + n, q), NaN before the first of the recording; not to be changed."""
+        rows = np.column_stack(list(self.outputs.values()))
+        return np.concatenate([np.full((self.before, rows.shape[1]), np.nan), rows]) if self.before else rows
 
     def in_time(self) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
         """Return inputs and outputs, (n − d,) each, as if there were no delay, of d samples."""
