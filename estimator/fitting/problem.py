@@ -82,6 +82,7 @@ class Problem:
             scale=tuple((v.factor, v.offset) for v in read) if any(not v.is_as_it_is for v in read) else (),
         )
         workers.load(self._job, keep_counts=keep_counts)
+        assert all(tuple(o.outputs) == tuple(self.outputs) for o in plan.observed)  # as they are laid out
         lengths = [o.before + len(o.recording.time) for o in plan.observed]
         self._edges = np.cumsum([0, *lengths])
         measured = np.concatenate([o.compared for o in plan.observed])
