@@ -90,7 +90,7 @@ class Page:
                     return found
             except WebDriverException as error:
                 last = f", the driver {error.msg}"
-            time.sleep(0.1)
+            time.sleep(0.02)
         raise AssertionError(f"not within {limit} s{last}; the page says: {self.text[:1500]}")
 
     @property

@@ -345,7 +345,7 @@ def test_recordings_of_one_name_are_told_apart(several):
     recordings, late = several
     alike = [dataclasses.replace(r, name="run") for r in recordings[1:]]
     parameters = {"R": ParameterSpec("R", per_recording=True)}
-    result = found(runs_of(parameters=parameters), *alike)
+    result = found(runs_of(RunSpec(delay="free"), RunSpec(delay="free"), parameters=parameters), *alike)
     assert {"R run 1", "R run 2"} < set(result.parameters)
     near(result.chain["delay run 1"], late[1])
     near(result.chain["delay run 2"], late[2])

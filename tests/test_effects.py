@@ -374,6 +374,7 @@ def of_random_bench(seed, folder):
     return estimate_recordings([case], [recordings], workers=1)[0], bench.story
 
 
+@pytest.mark.full  # that a mean is found, of three lengths, is asked above; other rivals of filters below
 def test_a_mean_of_fewer_samples_and_a_filter_are_tried_in_place_of_a_mean(tmp_path):
     """Behind a mean of five and a low-pass of 0.36 ms, which a mean of six resembles, L was 5 standard errors off.
 
@@ -385,6 +386,7 @@ def test_a_mean_of_fewer_samples_and_a_filter_are_tried_in_place_of_a_mean(tmp_p
     assert abs(found.value - true["L", -1]) < 3 * found.standard_error
 
 
+@pytest.mark.full  # above, of the drive; the noise of a logged voltage is found below
 def test_one_step_shows_no_drop_of_the_brushes(tmp_path):
     """The noise of a logged voltage, which no current answers at rest, was told as a drop: K 5 standard errors off."""
     result, true = of_random_bench(1009200, tmp_path)
@@ -422,6 +424,7 @@ def test_an_inductance_that_no_sample_shows_is_not_told(tmp_path):
     assert any("whatever its standard error; L/R is about" in reason for reason in result.reasons), result.reasons
 
 
+@pytest.mark.full  # below, other filters and dry friction that come as late, of two seeds in half the time
 def test_one_delay_is_tried_in_place_of_a_delay_of_one_channel_and_a_lag_of_the_other(tmp_path):
     """Of a late recording with a lag of the current, three times the inductance was told, and called right."""
     result, true = of_random_bench(1008013, tmp_path)
@@ -525,6 +528,7 @@ def test_spectral_lines_take_no_places_of_other_effects():
     assert not is_full(Explanation(None, lines)) and is_full(Explanation(None, (*lines, lines[0])))
 
 
+@pytest.mark.full  # twelve seconds: that a supply sags is asked by test_trust.py, test_nuisance.py and above
 def test_a_supply_that_hardly_sags_is_in_the_error_of_the_resistance(tmp_path):
     """Tried at a resistance far above its own, at the kinks of a current limit, it was none: R 43 errors off, ok."""
     result, true = of_random_bench(305, tmp_path)

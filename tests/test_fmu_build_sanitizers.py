@@ -77,7 +77,7 @@ def test_every_model_compiles_without_a_warning(tmp_path: Path, model: str, fmi:
     assert done.returncode == 0, done.stderr[-3000:]
 
 
-SAMPLE = [("dc_motor_friction", fmi, 200) for fmi in VERSIONS]
+SAMPLE = [("dc_motor_friction", fmi, 100) for fmi in VERSIONS]
 LARGE = [pytest.param(model, fmi, 30_000, marks=full) for model in MODELS for fmi in VERSIONS]
 
 

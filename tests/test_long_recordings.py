@@ -241,9 +241,9 @@ def test_offsets_of_several_recordings_are_found_in_as_many_rounds_as_those_of_t
         return found
 
     monkeypatch.setattr(Selection, "best_addition", counted)
-    offsets = (0.05, -0.08, 0.06, -0.04)
-    runs = [switched(1_500, seed=k, i=lambda y, t, off=off: y + off) for k, off in enumerate(offsets)]
-    for many in (2, 4):
+    offsets = (0.05, -0.08, 0.06)
+    runs = [switched(1_200, seed=k, i=lambda y, t, off=off: y + off) for k, off in enumerate(offsets)]
+    for many in (2, 3):
         rounds.append(0)
         found = estimate_recordings([CASE], [runs[:many]], workers=1)[0]
         told = [p.value for name, p in found.chain.items() if name.startswith("offset i")]

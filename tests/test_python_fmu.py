@@ -34,7 +34,7 @@ file = "step.csv"
 
 def test_a_python_fmu_is_estimated_and_its_cost_is_said_before_the_search(tmp_path, monkeypatch):
     builder.FmuBuilder.build_FMU(str(Path(__file__).parent / "foreign" / "python_motor.py"), dest=str(tmp_path))
-    write_recording(step_recording(CML050, lead=0.01, duration=0.1), tmp_path / "step.csv")
+    write_recording(step_recording(CML050, lead=0.01, duration=0.1, interval=2e-3), tmp_path / "step.csv")
     (tmp_path / "motor.case.toml").write_text(CASE)
     monkeypatch.setattr("estimator.judging.sensitivities.LONG", 0.1)
     said = []
@@ -49,7 +49,7 @@ def test_a_python_fmu_is_estimated_and_its_cost_is_said_before_the_search(tmp_pa
 
 def test_its_cost_is_said_on_every_way_to_an_estimate(tmp_path, monkeypatch, capsys, caplog):
     builder.FmuBuilder.build_FMU(str(Path(__file__).parent / "foreign" / "python_motor.py"), dest=str(tmp_path))
-    write_recording(step_recording(CML050, lead=0.01, duration=0.1), tmp_path / "step.csv")
+    write_recording(step_recording(CML050, lead=0.01, duration=0.1, interval=2e-3), tmp_path / "step.csv")
     case = tmp_path / "motor.case.toml"
     case.write_text(CASE)
     monkeypatch.setattr("estimator.judging.sensitivities.LONG", 0.0)
