@@ -20,13 +20,12 @@ from estimator.fitting.effects.voltage_noise import VoltageNoise, without_noise
 from estimator.fitting.explanation import Explanation
 from estimator.fitting.explanation_noise import by_noise_of, with_wandering_torque
 from estimator.fitting.fit import Fit
-from estimator.fitting.gauss_newton import solved
 from estimator.fitting.latency import with_latencies
 from estimator.fitting.least_squares_fit import LeastSquaresFit
+from estimator.fitting.likelier_reading import likelier_reading, read_by
 from estimator.fitting.profile_widths import profile_widths
-from estimator.fitting.readings import Reading, readings
-from estimator.fitting.rivals import EXCHANGED, settled
-from estimator.fitting.selection import Selection
+from estimator.fitting.readings import Reading
+from estimator.fitting.rivals import settled
 from estimator.fitting.selection_of_plan import selection_of
 from estimator.fmus.workers import Workers
 from estimator.plans.parameters import Parameter, SensorPlace
@@ -39,7 +38,6 @@ REPORTED = SensorPlace("nuisance")  # of a nuisance parameter
 ENOUGH_RUNS = 4  # of fewer runs the spread is known no better than to its own size
 WIDE = 1e30  # bounds of a parameter that has none
 BEYOND = 4.0  # standard errors: what moves a parameter by more and is not visible is told
-UNDECIDED = 2.0  # times z'z of the better first fit: the other way to read the recordings may be the right one
 
 
 @dataclass(frozen=True)
@@ -162,7 +160,7 @@ def explain(
     if any(e.name == "latency of each edge" for e in effects):
         plan, late = with_latencies(plan)
     begin = partial(selection_of, crew=crew, sigma=sigma, deviations=deviations, effects=effects)
-    ways, selections, explanation = _as_read(plan, begin, starts, known)
+    ways, selections, explanation = likelier_reading(plan, begin, starts, known)
     plan, selection = ways[0].plan, selections[0]
     changed = [Found("latency of each edge", "", t, "") for t in late]
     if (quiet := without_noise(explanation.fit, plan)) is not None:
@@ -188,42 +186,12 @@ def explain(
         open_additions = selection.tests.additions(explanation, selection.effects)
     turned = None
     if len(selections) > 1:  # the other way to read the recordings, with all that was found
-        turned = _turned(explanation, selections[1])
+        turned = read_by(explanation, selections[1])
         rivals.append(turned)
     if len(ways) > 1:
         changed.append(Found(ways[0].effect, "", ways[0].told, ""))
     samples = selection.tests.samples
     return _explained(plan, explanation, checked, rivals, open_additions, samples, changed, (turned, ways))
-
-
-def _as_read(
-    plan: Plan, begin: Callable[[Plan], Selection], starts: Sequence[FloatArray], known: Explanation | None
-) -> tuple[Sequence[Reading], list[Selection], Explanation]:
-    """Return the ways to read the recordings, the likelier first, a selection for each, and what explains the first.
-
-    The first fit tells which; where it hardly does, and what was found is likelier by the other, both are explained.
-    """
-    ways: Sequence[Reading] = readings(plan)
-    selections = [begin(way.plan) for way in ways]
-    costs = [selection.first_cost(starts) for selection in selections] if len(ways) > 1 else [0.0]
-    order = np.argsort(costs, kind="stable").tolist()
-    ways, selections = [ways[k] for k in order], [selections[k] for k in order]
-    explanation, n = selections[0].explain(starts, known), selections[0].tests.samples
-    if len(ways) == 1 or max(costs) > UNDECIDED * min(costs):
-        return ways, selections, explanation
-    if _turned(explanation, selections[1]).fit.cost < explanation.fit.cost - EXCHANGED:
-        again = selections[1].explain(starts)
-        if again.criterion(n) < by_noise_of(again, explanation).criterion(n):
-            return ways[::-1], selections[::-1], again
-    return ways, selections, explanation
-
-
-def _turned(explanation: Explanation, other: Selection) -> Explanation:
-    """Return an explanation fitted to recordings that are read the other way."""
-    far = next((a.effect.fmu for a in explanation.additions if a.effect.fmu), "")
-    simulator = other.tests.rivals(far) if far else other.tests.base
-    assert simulator is not None  # the first way has it
-    return dataclasses.replace(explanation, fit=solved(dataclasses.replace(explanation.fit, simulator=simulator)))
 
 
 def _explained(

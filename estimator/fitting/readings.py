@@ -82,16 +82,16 @@ def _repeated(plan: Plan) -> tuple[Reading, ...]:
         taken = written_once(o.recording.time, rows) if len(rows) else o.taken
         once.append(dataclasses.replace(stale[-1], taken=taken))
     remedy = "record again with a logger that writes each row once"
-    where = _where(plan.observed, found)
+    seen = f"{_where(plan.observed, found)} the row before once more, and are left out; by the fit,"
     return (
         Reading(
             dataclasses.replace(plan, observed=tuple(stale)), "repeated rows", "repeated rows at their time",
-            f"{where} the row before once more, and are left out; by the fit, the clock is right", remedy,
+            f"{seen} the clock is right", remedy,
         ),
         Reading(
             dataclasses.replace(plan, observed=tuple(once)), "repeated rows", "rows written twice",
-            f"{where} the row before once more, and are left out; by the fit, they were written twice, and what"
-            " follows was measured as many rows earlier than the clock says", remedy,
+            f"{seen} they were written twice, and what follows was measured as many rows earlier than the clock says",
+            remedy,
         ),
     )  # fmt: skip
 
