@@ -19,7 +19,7 @@ from estimator.recordings.samples import filled, median
 
 DRIVE = "dc_motor_drive"
 MOST_SAG = 0.4  # of the voltage at the largest current: more is an overload, or the winding's resistance
-TRIED_SAG = 0.005  # of a supply resistance that is large: about it signals change in proportion
+TRIED = 0.005  # of a usual size: so near signals change in proportion
 ONE_SIZE = 0.01  # voltages that differ by less, in parts, are of one size
 PLATEAU, HELD_ROWS, ABOVE = 3.0, 8, 1.2  # deviations; rows; times the usual current: a current that stays at its peak
 
@@ -139,7 +139,10 @@ class BrushDrop(Drive):
             e.after for e in moves if e.kind == "step" and not e.running and abs(e.before) < ONE_SIZE * abs(e.after)
         ]
         alike = len(levels) == len(moves) and max(levels) - min(levels) < ONE_SIZE * max(map(abs, levels))
-        return [dataclasses.replace(n, untold=alike) for n in super().nuisances(plan)]
+        found = super().nuisances(plan)
+        # By its derivative: at its usual size the response is no longer linear in it, and would seem to tell it.
+        of_slope = [dataclasses.replace(n, tries=(TRIED * n.tries[0],), usual=n.tries[0], untold=True) for n in found]
+        return of_slope if alike else found
 
     def sizes(self, plan: Plan) -> tuple[float, ...]:
         """Return the voltage drop of carbon brushes, at most a part of the supply."""
@@ -252,7 +255,7 @@ class Sag(Drive):
         together = tuple({self.time_target: tau, self.series_target: way} for way in ways for tau in taus)
         return [
             Nuisance(self.target, self.unit, 0.0, MOST_SAG * v / i, 0.0, 0.1 * size, target=self.target,
-                     tries=(TRIED_SAG * size,) * len(together), together=together, usual=0.5 * size),
+                     tries=(TRIED * size,) * len(together), together=together, usual=0.5 * size),
             Nuisance(self.time_target, "s", 1e-4, 10.0, 0.01, 0.01, log=True, target=self.time_target),
             Nuisance(self.series_target, "", 0.0, 1.0, 0.0, 1.0, target=self.series_target, whole=True),
         ]  # fmt: skip
