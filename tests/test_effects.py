@@ -509,6 +509,16 @@ def test_a_drop_of_the_brushes_hides_at_one_voltage_beside_a_current_limit_too(t
     assert brush.size == pytest.approx(0.05 * 6.459, rel=1e-3) and brush.off["K"][0] == pytest.approx(0.05, rel=0.02)
 
 
+@pytest.mark.full  # beside the plain motor above
+def test_a_filter_beside_dry_friction_is_simulated_as_finely_as_beside_none(tmp_path):
+    """Behind a lag, with L/R of 0.15 samples and a dry friction, L was 12 standard errors off and called right."""
+    result, true = of_random_bench(1015049, tmp_path)
+    assert {"dry friction", "lag"} <= {*result.effects}
+    for name in ("R", "L"):
+        found = result.parameters[name]
+        assert abs(found.value - true[name, -1]) < 3 * found.standard_error
+
+
 def test_friction_that_wanders_is_in_the_error_of_b_where_the_speed_changes_faster(tmp_path):
     """Between changes of the speed a torque beside the friction was told from B, to 5e-6: 10 standard errors off."""
     result, true = of_random_bench(1010058, tmp_path)

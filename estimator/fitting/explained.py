@@ -25,7 +25,7 @@ from estimator.fitting.least_squares_fit import LeastSquaresFit
 from estimator.fitting.likelier_reading import likelier_reading, read_by
 from estimator.fitting.profile_widths import profile_widths
 from estimator.fitting.readings import Reading
-from estimator.fitting.rivals import settled
+from estimator.fitting.rivals import settled, simulated_finely
 from estimator.fitting.selection_of_plan import selection_of
 from estimator.fmus.workers import Workers
 from estimator.plans.parameters import Parameter, SensorPlace
@@ -48,6 +48,14 @@ class Found:
     name: str
     sentence: str
     doubt: str
+
+
+COARSE = Found(
+    "filters between the samples",
+    "",
+    "between two samples the current changes faster than what the filters show of it is simulated",
+    "L, and what the filters hide, may be further off than the standard errors say; sample faster",
+)
 
 
 @dataclass(frozen=True)
@@ -175,7 +183,9 @@ def explain(
     open_additions: Sequence[Addition] = ()
     if not briefly and is_wanted(checked):
         enter("rivals")
-        likeliest, rivals = settled(selection, explanation)
+        likeliest, rivals, is_fine = simulated_finely(selection, *settled(selection, explanation))
+        if not is_fine:
+            changed.append(COARSE)
         if likeliest is not explanation:
             explanation, checked = likeliest, adequacy(likeliest.fit, len(plan.names))
         if not checked.failures:  # else a wandering torque would be taken for what is missing

@@ -151,18 +151,27 @@ def moved_to(fit: Fit, simulator: Simulator) -> Fit:
     return dataclasses.replace(fit, simulator=simulator, values=values)
 
 
-def with_fine_filters(fit: Fit) -> Fit:
+def with_fine_filters(fit: Fit, *, most: int = DOUBLINGS) -> tuple[Fit, float]:
     """Return the fit on a simulator that simulates more rows between the samples if a filter there asks for it.
 
     Between two rows a signal may be curved, such as the current of a winding with a shorter time constant.
+
+    Parameters
+    ----------
+    most : int
+        Doublings of the rows, at most.
+
+    Returns
+    -------
+    The fit, and z'z of what the last doubling changed: what is left is less.
     """
-    s = fit.simulator
-    for _ in range(DOUBLINGS):
+    s, left = fit.simulator, 0.0
+    for _ in range(most):
         s.between *= 2
         finer = s.shown(fit.values[None, :])[0]
         change = fit.whitener(np.nan_to_num(finer - fit.shown)[:, :, None])[0]
-        if float(np.vdot(change, change)) < NO_CHANGE:
+        if (left := float(np.vdot(change, change))) < NO_CHANGE:
             s.between //= 2
             break
         fit = dataclasses.replace(fit, shown=finer)
-    return fit
+    return fit, left

@@ -9,10 +9,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from estimator.fitting.addition import Addition, alike, is_physical, is_switch, is_timing
-from estimator.fitting.explanation import ROUGH, Explanation, mirrored, renewed, without
+from estimator.fitting.explanation import ROUGH, Explanation, mirrored, renewed, with_fine_filters, without
 from estimator.fitting.explanation_noise import by_noise_of, with_noise
 from estimator.fitting.gauss_newton import solved
 from estimator.fitting.selection import PREDICTED_PART, Selection
+from estimator.plans.part import LONG
 
 RIVALS_WITHIN = 10.0  # of the criterion: explanations that are no further above the best are rivals
 PARALLEL = 0.9  # canonical correlation of an addition with one that is doubted: it is refitted as a rival
@@ -23,6 +24,8 @@ MOST_FULLER, LEAST_GAIN = 4, 3.0  # rivals to which one more is added; fall of z
 SAME = 0.1  # standard errors: explanations that are no further apart are one
 MOST_ALIKE = 2  # additions of an effect that are exchanged: many recordings with an offset each tell it by themselves
 ABSURD = 2 * float(np.log(100.0))  # of the criterion: what no bench does has a chance of 1 in 100, by a wrong clock
+MOST_ROWS = 140_000  # between the samples, of all recordings: with more a fit takes minutes where the FMU has modes
+MOST_LEFT = 10.0  # of z'z: what the last of them changes at most, ten times as much as the next would
 EXCHANGES, EXCHANGED = 2, 0.1  # of an explanation for a more likely rival, at most; by which its criterion is lower
 
 
@@ -47,6 +50,29 @@ def settled(selection: Selection, explanation: Explanation) -> tuple[Explanation
     if sensible is None:
         return explanation, rivals
     return sensible, _with_fuller(selection, sensible, _others(selection, sensible))
+
+
+def simulated_finely(
+    selection: Selection, explanation: Explanation, rivals: list[Explanation]
+) -> tuple[Explanation, list[Explanation], bool]:
+    """Return an explanation and its rivals fitted on rows between the samples that are fine enough for their filters.
+
+    While they are looked for, all of them are simulated as coarsely: what that costs one it costs the others.
+
+    Returns
+    -------
+    Explanation, rivals, and whether the rows are fine enough: more of them would move nothing by a standard error.
+    """
+    s = explanation.fit.simulator
+    if s.rows > LONG:
+        return explanation, rivals, True
+    fit, left = with_fine_filters(explanation.fit, most=max(1, int(np.log2(MOST_ROWS / (s.rows * s.between)))))
+    if fit is not explanation.fit:
+        for rival in rivals:
+            rival.fit.simulator.between = fit.simulator.between
+        explanation = selection.at_best(dataclasses.replace(explanation, fit=fit))
+        rivals = [dataclasses.replace(r, fit=solved(r.fit, iterations=ROUGH)) for r in rivals]
+    return explanation, rivals, left < MOST_LEFT
 
 
 def _without_absurd(

@@ -119,7 +119,7 @@ class Selection:
         for simulator in {id(s): s for s in (self.tests.base, best.fit.simulator)}.values():
             p = len(self.tests.base.plan.names)
             simulator.lower[:p], simulator.upper[:p] = bounds[0][:p], bounds[1][:p]
-        fine = with_fine_filters(best.fit) if best.fit.simulator is self.tests.base else best.fit
+        fine = with_fine_filters(best.fit)[0] if best.fit.simulator is self.tests.base else best.fit
         return self.at_best(dataclasses.replace(best, fit=fine))
 
     def _without_effects(self, first: Explanation) -> Explanation | None:
