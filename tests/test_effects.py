@@ -14,7 +14,7 @@ from scipy.linalg import expm
 from estimator.cases.case import Case, OutputSpec, ParameterSpec
 from estimator.cases.case_signals import RunSpec
 from estimator.estimating.estimate import estimate_recordings
-from estimator.fitting import explained
+from estimator.fitting import explained, rivals
 from estimator.fitting.addition import Addition
 from estimator.fitting.effects import EFFECTS, voltage_noise
 from estimator.fitting.explanation import MOST_ADDITIONS, Explanation, is_full
@@ -517,6 +517,13 @@ def test_a_filter_beside_dry_friction_is_simulated_as_finely_as_beside_none(tmp_
     for name in ("R", "L"):
         found = result.parameters[name]
         assert abs(found.value - true[name, -1]) < 3 * found.standard_error
+
+
+@pytest.mark.full  # as above
+def test_a_filter_that_cannot_be_simulated_finely_enough_is_a_doubt(tmp_path, monkeypatch):
+    monkeypatch.setattr(rivals, "MOST_ROWS", 1)
+    result, _ = of_random_bench(1015049, tmp_path)
+    assert result.verdict == "doubtful" and any("between two samples" in r for r in result.reasons), result.reasons
 
 
 def test_friction_that_wanders_is_in_the_error_of_b_where_the_speed_changes_faster(tmp_path):
