@@ -128,9 +128,11 @@ class ExactEffects:
         return told(done.x), covariance[:5, :5], 2.0 * float(done.cost)
 
     def without(self, names: tuple[str, ...]) -> Story:
-        """Return the true story without some effects."""
+        """Return the true story without some effects; a supply's resistance that is left out is the winding's."""
         gone = {key for name in names for key in self.bench.effects[name] if key[0] not in MOTOR}
-        return {key: value for key, value in self.bench.story.items() if key not in gone}
+        left = {key: value for key, value in self.bench.story.items() if key not in gone}
+        left["R", -1] += sum(self.bench.story[key] for key in gone if key[0] == "Rs")
+        return left
 
     def shows(self, names: tuple[str, ...]) -> float:
         """Return chi-square, to first order, that the motor without some effects leaves of the noise-free response."""
