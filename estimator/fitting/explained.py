@@ -225,10 +225,10 @@ def _explained(
     between = of_fit(fit, p)
     seen += (checked.widened(fit) + between.covariance)[np.ix_(kept, kept)]
     seen[range(p), range(p)] += changes_during(explanation)
-    if any(a.effect.fmu for a in explanation.additions):  # which switches
-        wide = np.ones(len(kept))
-        wide[:p] = profile_widths(fit, p)
-        seen *= np.outer(wide, wide)
+    further = profile_widths(fit, p, switches=any(a.effect.fmu for a in explanation.additions)) ** 2 - 1.0
+    own = np.diag(fit.covariance_parts()[0])[:p] / np.diag(seen)[:p].clip(1e-300)
+    wide = np.sqrt(1.0 + np.concatenate([further * own, np.zeros(len(reported))]))
+    seen *= np.outer(wide, wide)
     covariance = seen + unseen
     told = fit.estimates + [_told_from(fit).get(name, 0.0) for name in names]
     values = np.concatenate([fit.simulator.unscaled(_padded(mean.values, fit))[:p], told[reported]])

@@ -1,7 +1,8 @@
-"""How far a cost lets each parameter go, where a model that switches makes it no parabola. Knows one fit, no effect.
+"""How far a cost lets each parameter go, where it is no parabola. Knows one fit, no effect.
 
 A standard error is the curvature at the least cost. Where a limit or a friction begins to act between two samples, that
-is of a kink, and the cost hardly rises beyond it.
+is of a kink, and the cost hardly rises beyond it. Where an inductance is settled within a sampling interval, the cost
+hardly rises towards a smaller one.
 """
 
 from __future__ import annotations
@@ -12,33 +13,51 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.fitting.explanation import ROUGH
-from estimator.fitting.fit import Fit
+from estimator.fitting.fit import Fit, evaluated, linear_columns
 from estimator.fitting.gauss_newton import placed, solved
+from estimator.fitting.projection import Projection
 
 FloatArray = NDArray[np.float64]
 
 FAR = 4.0  # standard errors, at which the cost should have risen by their square
 FLAT = 0.5  # of that: a smaller rise is no parabola's
+STEEP = 0.75  # of that: so large a rise, with nothing fitted again, is taken for a parabola's
 DOUBLINGS = 5  # of the distance, until the cost has risen enough
 
 
-def profile_widths(fit: Fit, parameters: int) -> FloatArray:
+def profile_widths(fit: Fit, parameters: int, *, switches: bool) -> FloatArray:
     """Return factors, (parameters,), at least 1, on the standard errors of the first names.
 
-    With each a parameter reaches as far as its cost, all else fitted again, rises by FAR squared.
+    With each a parameter reaches as far as its cost, all else fitted again, rises by FAR squared. `switches`: whether
+    the model does; if not, only parameters whose cost is not steep with nothing fitted again are followed.
     """
     covariance = fit.covariance_parts()[0]
     deviation = np.sqrt(np.diag(covariance))
+    linear = Projection(fit.whitener.flat(linear_columns(fit.linear, fit.shown.shape)))
     factors = np.ones(parameters)
     for k in range(parameters):
         if deviation[k] > 0 and fit.at_bound[k] == 0:
-            sides = [_reach(fit, k, side, covariance[:, k] / deviation[k]) for side in (-1.0, 1.0)]
-            factors[k] = max(1.0, *sides)
+            along = covariance[:, k] / deviation[k]
+            sides = (-1.0, 1.0) if switches else _flat_sides(fit, along, linear)
+            factors[k] = max([1.0, *(_reach(fit, k, side, along) for side in sides)])
     return factors
 
 
+def _flat_sides(fit: Fit, along: FloatArray, linear: Projection) -> list[float]:
+    """Return the sides on which the cost rises by less than a parabola's, on the line by which all names move."""
+    (low, high), s, sides = fit.bounds, fit.simulator, (-1.0, 1.0)
+    x = s.scaled(fit.values)[fit.where]
+    values = [placed(fit, np.clip(x + side * FAR * along[: len(x)], low, high)) for side in sides]
+    shown = s.shown(np.stack(values))
+    costs = [evaluated(fit, v, one, fit.slopes, linear).cost for v, one in zip(values, shown, strict=True)]
+    return [side for side, cost in zip(sides, costs, strict=True) if cost - fit.cost < STEEP * FAR**2]
+
+
 def _reach(fit: Fit, k: int, side: float, along: FloatArray) -> float:
-    """Return how many times FAR standard errors a name goes to a side; `along`: by one of them all names move."""
+    """Return by how much a standard error is to be multiplied for one side; `along`: by one of them all names move.
+
+    What is estimated by its logarithm ends at zero: how far it goes is told of itself.
+    """
     low, high = fit.bounds
     x = fit.simulator.scaled(fit.values)[fit.where]
     free = tuple(name for name in fit.free if name != fit.free[k])
@@ -53,9 +72,9 @@ def _reach(fit: Fit, k: int, side: float, along: FloatArray) -> float:
         values = placed(fit, moved)
         here = solved(dataclasses.replace(here, values=values, free=free), iterations=ROUGH)
         rise = max(here.cost - fit.cost, 0.0)
-        if rise >= FLAT * FAR**2:
-            break
-        reached = far / np.sqrt(max(rise, 1.0))
-        if not low[k] < there < high[k]:
+        away = there - x[k]
+        away = abs(np.expm1(away) if fit.is_log[k] else away) / along[k]  # standard errors
+        reached = max(reached, away / np.sqrt(max(rise, 1.0)))
+        if rise >= FLAT * FAR**2 or not low[k] < there < high[k]:
             break
     return float(reached)
