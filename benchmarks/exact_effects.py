@@ -15,6 +15,10 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 TELLING = 16.0  # chi-square by which an effect has to show
+GAINS = {  # of a sensor that is left out: what the motor's parameters are multiplied by
+    "gain_i": {"R": -1, "L": -1, "J": 1, "B": 1},
+    "gain_v": {"R": -1, "K": -1, "L": -1, "J": -1, "B": -1},
+}
 PRIOR = {"B_run": 0.05, "K_run": 0.003}  # how much runs of a motor differ, relative
 Key = tuple[str, int]
 
@@ -128,10 +132,14 @@ class ExactEffects:
         return told(done.x), covariance[:5, :5], 2.0 * float(done.cost)
 
     def without(self, names: tuple[str, ...]) -> Story:
-        """Return the true story without some effects; a supply's resistance that is left out is the winding's."""
+        """Return the true story without some effects, where a fit begins: the motor that stands for gains exactly."""
         gone = {key for name in names for key in self.bench.effects[name] if key[0] not in MOTOR}
         left = {key: value for key, value in self.bench.story.items() if key not in gone}
         left["R", -1] += sum(self.bench.story[key] for key in gone if key[0] == "Rs")
+        for gain, power in GAINS.items():
+            size = 1.0 + sum(self.bench.story[key] for key in gone if key == (gain, -1))
+            for name, exponent in power.items():
+                left[name, -1] *= size**exponent
         return left
 
     def shows(self, names: tuple[str, ...]) -> float:
