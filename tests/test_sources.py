@@ -57,6 +57,7 @@ def test_recordings_on_both_sides_of_an_option_and_patterns_are_fitted_together(
         ("- --save-case x.case.toml", "- stands for stdin, but nothing is piped into it"),
         ("up.csv --out x", "unrecognized arguments: --out; did you mean '-o'?"),
         ("up.csv --outptu=x", "unrecognized arguments: --outptu; did you mean '-o'?"),
+        ("up.csv --ouput x", "unrecognized arguments: --ouput; did you mean '-o'?"),
     ],
 )
 def test_what_does_not_go_together_is_told(calls, capsys, monkeypatch, tmp_path, words, sentence):  # noqa: F811

@@ -125,7 +125,6 @@ def _check_words(parser: argparse.ArgumentParser, arguments: Sequence[str]) -> N
 
 def _meant(word: str, known: Sequence[str]) -> str:
     """Return a question for the nearest of the words that are known; empty if none is near."""
-    if word.startswith("--out") and "-o" in known:
-        return "; did you mean '-o'?"
-    nearest = get_close_matches(word, known, n=1, cutoff=0.7)
-    return f"; did you mean {nearest[0]!r}?" if nearest else ""
+    written = {"--output": "-o", "--out": "-o"} if "-o" in known else {}
+    nearest = get_close_matches(word, [*known, *written], n=1, cutoff=0.7)
+    return f"; did you mean {written.get(nearest[0], nearest[0])!r}?" if nearest else ""
