@@ -213,7 +213,6 @@ def _become(order: dict[str, Any], fds: Sequence[int]) -> int:
     for number, fd in zip((0, 1, 2, *order["keep"]), high, strict=True):
         os.dup2(fd, number)
         os.close(fd)
-    os.setsid()
     os.chdir(order["cwd"])
     os.environ.clear()
     os.environ.update(order["env"])
