@@ -95,6 +95,15 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
     return "mark.smoke" not in collection_path.read_text(encoding="utf-8") or None
 
 
+@pytest.hookimpl(wrapper=True)
+def pytest_make_collect_report(collector: pytest.Collector) -> Iterator[Any]:
+    """Let every other worker of pytest-xdist collect from the end: what one has rewritten the next one finds."""
+    report = yield
+    if isinstance(collector, pytest.Dir) and os.environ.get("PYTEST_XDIST_WORKER", "gw0")[-1] in "13579":
+        report.result.reverse()
+    return report
+
+
 def pytest_report_header() -> str:
     """Say what is left out though it is wanted."""
     return f"open points (expected failures, pytest -m open): {len(OPEN)}"
@@ -109,7 +118,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         if reason is not None:
             item.add_marker(pytest.mark.open)
             item.add_marker(pytest.mark.xfail(reason=f"open: {reason}", strict=False))
-    items.sort(key=_rank)
+    items.sort(key=lambda item: (_rank(item), item.path))
     if config.option.markexpr:
         return
     left = [item for item in items if item.get_closest_marker("full") or item.get_closest_marker("open")]

@@ -28,6 +28,17 @@ from forking import Fork, Forking, serve
 SOCKET = "FMU_ESTIMATOR_TESTS_COMMANDS"  # the environment variable that names the socket of the process that forks
 ANEW = "FMU_ESTIMATOR_TESTS_ANEW"  # the environment variable by which the app starts its commands as it always does
 LOADED = (
+    "estimator.cli",
+    "estimator.batches.batch",
+    "estimator.commands.argument_groups",
+    "estimator.commands.inspection",
+    "estimator.recordings.recording_mat",
+    "estimator.results.page_figures",
+    "estimator.results.picture",
+    "estimator.results.report_html",
+    "fmpy",
+    "fmu_build.export",
+    "jinja2",
     "estimator.commands.commands",
     "estimator.commands.checking",
     "estimator.commands.demo",
@@ -138,9 +149,11 @@ def main() -> int:
     import warm_workers
     from drawing import draw_here
 
+    from estimator.fmus.fmu import describe
     from estimator.results.plots import warm_up
 
     warm_up()
+    describe("dc_motor")
     draw_here()
     compiled.keep()
     warm_workers.take()
@@ -213,7 +226,6 @@ def _become(order: dict[str, Any], fds: Sequence[int]) -> int:
     for number, fd in zip((0, 1, 2, *order["keep"]), high, strict=True):
         os.dup2(fd, number)
         os.close(fd)
-    os.setsid()
     os.chdir(order["cwd"])
     os.environ.clear()
     os.environ.update(order["env"])

@@ -115,6 +115,8 @@ class Forking:
 def serve(number: int, become: Callable[[dict[str, Any], Sequence[int]], int]) -> int:
     """Fork a process for every order until standard input ends; tell who ordered it its pid, then how it ended.
 
+    Each begins a session of its own.
+
     Parameters
     ----------
     number : file descriptor
@@ -143,6 +145,9 @@ def serve(number: int, become: Callable[[dict[str, Any], Sequence[int]], int]) -
                 asker, _ = listener.accept()
                 content, fds, _, _ = socket.recv_fds(asker, *LARGEST)
                 if (pid := os.fork()) == 0:
+                    os.setsid()
+                    with contextlib.suppress(OSError):  # now that it can be killed with its group
+                        asker.send(str(os.getpid()).encode())
                     for other in (listener, asker, *(s for _, s in known.values())):
                         other.close()
                     for fd in known:
@@ -152,8 +157,6 @@ def serve(number: int, become: Callable[[dict[str, Any], Sequence[int]], int]) -
                     return become(json.loads(content), fds)
                 for fd in fds:
                     os.close(fd)
-                with contextlib.suppress(OSError):
-                    asker.send(str(pid).encode())
                 known[ended := os.pidfd_open(pid)] = pid, asker
                 events.register(ended, selectors.EVENT_READ)
 

@@ -35,7 +35,7 @@ def test_the_header_of_the_page_compiles_and_keeps_every_bit(tmp_path):
 
 def test_the_model_of_the_page_builds_and_agrees_with_its_closed_form(tmp_path):
     (tmp_path / "winding.c").write_text(code_of("own-model.md", "c"))
-    fmu = fmu_build.build(tmp_path / "winding.c")
+    fmu = fmu_build.build(tmp_path / "winding.c", output=tmp_path / "winding.fmu")
     times = np.arange(0.0, 0.05, 1e-3)
     shown = simulate(str(fmu), parameters={"R": 2.0}, inputs={"v": np.full(len(times), 10.0)}, times=times)
     current = 5.0 * -np.expm1(-times * 2.0 / 0.01)

@@ -83,14 +83,15 @@ class Page:
 
     def until(self, condition, *, limit=LONG):
         """Wait until something is so, and return it; what is not there yet, or drawn anew, is tried again."""
-        end, last = time.monotonic() + limit, ""
+        end, last, pause = time.monotonic() + limit, "", 0.01
         while time.monotonic() < end:
             try:
                 if found := condition():
                     return found
             except WebDriverException as error:
                 last = f", the driver {error.msg}"
-            time.sleep(0.02)
+            time.sleep(pause)
+            pause = min(1.5 * pause, 0.1)  # what takes long, as an estimate does, is not slowed by being asked for
         raise AssertionError(f"not within {limit} s{last}; the page says: {self.text[:1500]}")
 
     @property
@@ -301,8 +302,8 @@ def choose_fmu(page, folder, name):
 
 @pytest.fixture(scope="module")
 def slow_fmu(tmp_path_factory):
-    """Return an FMU by which the search of the paper, of 80 000 simulations, takes a minute: it sleeps."""
-    return faulty_fmu(tmp_path_factory.mktemp("slow"), EnterInitializationMode="usleep(5000);")
+    """Return an FMU by which the search of the paper, of 80 000 simulations, takes minutes: it sleeps."""
+    return faulty_fmu(tmp_path_factory.mktemp("slow"), EnterInitializationMode="usleep(2000);")
 
 
 def slow(page, folder, fmu):

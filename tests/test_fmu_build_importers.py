@@ -17,6 +17,7 @@ from test_docs import loaded
 import fmu_build
 from fmu_build.compiler import find_compiler
 
+pytestmark = pytest.mark.usefixtures("compiled_quickly")
 HERE = Path(__file__).parent
 importer_table = loaded(HERE.parent / "benchmarks" / "importer_table.py")
 

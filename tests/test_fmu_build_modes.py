@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 import fmu_build
 
+pytestmark = pytest.mark.usefixtures("compiled_quickly")
 FAN = Path(__file__).parent / "models" / "dc_motor_friction_fan.c"
 OUTPUTS = ("i", "w", "angle")
 MOTOR = {"R": 3.1363, "K": 0.048774, "L": 0.01307, "J": 9e-6, "B": 5e-5}

@@ -48,7 +48,7 @@ def driver(tmp_path: Path) -> Driver:
             assert old in text
             (tmp_path / name).write_text(text.replace(old, new))
         program = tmp_path / "fuzz"
-        defines = (f"-DFMI={fmi}", f'-DUNIT="{unit.name}"', f"-I{tmp_path}", "-g", "-O1")
+        defines = (f"-DFMI={fmi}", f'-DUNIT="{unit.name}"', f"-I{tmp_path}", "-g1", "-O0")
         done = compiled(DRIVER, program, *defines, *options)
         if done.returncode != 0 and "sanitize" in " ".join(options) and "fuzz_calls" not in done.stderr:
             pytest.skip(f"the compiler has no sanitizers: {done.stderr.strip().splitlines()[-1]}")

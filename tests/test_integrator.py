@@ -16,6 +16,7 @@ from scipy.integrate import solve_ivp
 
 import fmu_build
 
+pytestmark = pytest.mark.usefixtures("compiled_quickly")
 MODELS = Path(__file__).parent / "models"
 OUTPUTS = ("i", "w", "angle")
 PEAK = 24.0  # V

@@ -45,6 +45,11 @@ def noisy():
     return step_recording(CML050, noise=(0.02, 1.0), seed=3)
 
 
+@pytest.fixture(scope="module")
+def brief():
+    return step_recording(CML050, noise=(0.02, 1.0), seed=3, lead=0.4, duration=1.2)
+
+
 def test_a_clean_recording_frees_nothing(case_of, noisy):
     result = run(case_of(), noisy)
     assert set(result.parameters) == set(NAMES)
@@ -53,27 +58,27 @@ def test_a_clean_recording_frees_nothing(case_of, noisy):
 
 
 @pytest.mark.parametrize("late", [3, pytest.param(77, marks=pytest.mark.full), 250])
-def test_a_delay_is_found_and_estimated(case_of, noisy, late):
-    voltage = np.concatenate([noisy.signals["voltage"][late:], np.full(late, 10.5)])
-    result = run(case_of(), with_signals(noisy, voltage=voltage))
+def test_a_delay_is_found_and_estimated(case_of, brief, late):
+    voltage = np.concatenate([brief.signals["voltage"][late:], np.full(late, 10.5)])
+    result = run(case_of(), with_signals(brief, voltage=voltage))
     assert result.chain["delay"].value == pytest.approx(late * 1e-3, abs=2e-4)
     assert abs(result.chain["delay"].value - late * 1e-3) < 5 * result.chain["delay"].standard_error
     assert worst(result) < 5
 
 
-def test_offsets_are_found_and_estimated(case_of, noisy):
-    result = run(case_of(), with_signals(noisy, current=noisy.signals["current"] + 0.01))
+def test_offsets_are_found_and_estimated(case_of, brief):
+    result = run(case_of(), with_signals(brief, current=brief.signals["current"] + 0.01))
     offset = result.chain["offset i"]
     assert abs(offset.value - 0.01) < 5 * offset.standard_error
     assert worst(result) < 5
 
 
 @pytest.mark.parametrize("samples", [pytest.param(2, marks=pytest.mark.full), 4])
-def test_a_logger_that_averages_is_found_out(case_of, noisy, samples):
+def test_a_logger_that_averages_is_found_out(case_of, brief, samples):
     """A mean of two samples is as well told as half a sample's delay of that channel; one of four is not."""
-    padded = np.concatenate([np.zeros(samples - 1), noisy.signals["current"]])
+    padded = np.concatenate([np.zeros(samples - 1), brief.signals["current"]])
     mean = np.convolve(padded, np.full(samples, 1 / samples), "valid")
-    result = run(case_of(), with_signals(noisy, current=mean))
+    result = run(case_of(), with_signals(brief, current=mean))
     if samples > 2 or "delay of i" not in result.chain:
         assert f"i is a mean over the last {samples} samples" in " ".join(result.notes)
     else:
@@ -82,9 +87,9 @@ def test_a_logger_that_averages_is_found_out(case_of, noisy, samples):
 
 
 @pytest.mark.parametrize("late", [1, pytest.param(3, marks=pytest.mark.full)])
-def test_a_current_that_comes_late_is_not_taken_for_lost_samples(case_of, noisy, late):
-    current = np.concatenate([noisy.signals["current"][:late], noisy.signals["current"][:-late]])
-    result = run(case_of(), with_signals(noisy, current=current))
+def test_a_current_that_comes_late_is_not_taken_for_lost_samples(case_of, brief, late):
+    current = np.concatenate([brief.signals["current"][:late], brief.signals["current"][:-late]])
+    result = run(case_of(), with_signals(brief, current=current))
     assert result.verdict == "ok", result.reasons
     assert set(result.chain) == {"delay of i"}
     found = result.chain["delay of i"]
@@ -157,9 +162,9 @@ def test_a_current_that_drifts_is_slow_noise_and_widens_the_errors(case_of, nois
     assert worst(result) < 3
 
 
-def test_a_supply_that_sags_is_named(case_of, noisy):
+def test_a_supply_that_sags_is_named(case_of, brief):
     """Of one step a resistance of the supply explains it as well, with another K: both are told."""
-    result = run(case_of(), noisy_at(0.05, noisy))
+    result = run(case_of(), noisy_at(0.05, brief))
     assert result.verdict == "doubtful"
     assert "the supply sags" in " ".join(result.notes)
     (told,) = [rival for rival in result.rivals if rival.what.startswith("voltage dip")]
@@ -180,8 +185,8 @@ def noisy_at(sag, like):
     return recording_of("sag", like.time, np.where(k >= 500, 10.5, 0.0), shown, noise=(0.02, 1.0), seed=5)
 
 
-def test_a_voltage_that_is_too_high_at_the_step_is_not_said_to_sag(case_of, noisy):
-    result = run(case_of(), noisy_at(-0.1, noisy))
+def test_a_voltage_that_is_too_high_at_the_step_is_not_said_to_sag(case_of, brief):
+    result = run(case_of(), noisy_at(-0.1, brief))
     assert result.verdict == "doubtful"
     (told,) = [reason for reason in result.reasons if reason.startswith("voltage overshoot of")]
     assert "the motor's voltage is too high at first, by " in told

@@ -43,7 +43,10 @@ def test_no_text_covers_another_or_leaves_the_picture(name):
         assert apart, (one, other)
 
 
-@pytest.mark.parametrize("name", CASES)
+ALIKE = {"noisy", "short", "gap", "outliers and ripple", "not simulated"}  # by default: what is drawn, each once
+
+
+@pytest.mark.parametrize("name", [pytest.param(c, marks=() if c in ALIKE else pytest.mark.full) for c in CASES])
 def test_it_looks_as_the_figure_of_matplotlib(name):
     """Ticks and their labels may differ; lines do not."""
     own = picture.comparison_png(CASES[name], noise=NOISE)

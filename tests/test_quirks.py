@@ -207,7 +207,7 @@ def test_an_integer_output_is_compared(tmp_path):
 
 def test_euler_inside_gets_the_step_warning_and_the_right_answer_at_the_finer_step(tmp_path):
     noisy = tmp_path / "noisy.csv"
-    write_recording(step_recording(CML050, lead=0.02, duration=0.16, noise=NOISE, seed=3), noisy)
+    write_recording(step_recording(CML050, lead=0.02, duration=0.1, noise=NOISE, seed=3), noisy)
     fmu = foreign_fmu(tmp_path, "EULER")
     coarse = estimated(fmu, noisy)
     assert coarse.verdict == "doubtful" and worst(coarse) > 0.02
@@ -297,9 +297,9 @@ def test_an_fmu_that_crashes_always_is_told(tmp_path, recording, capsys, command
 
 
 def test_an_fmu_that_hangs_always_is_told(tmp_path, recording, monkeypatch):
-    monkeypatch.setattr("estimator.fmus.probe_stages.STAGE_LIMIT", 3.0)
+    monkeypatch.setattr("estimator.fmus.probe_stages.STAGE_LIMIT", 1.0)
     fmu = faulty_fmu(tmp_path, DoStep="for (;;) pause();")
-    with pytest.raises(FmuError, match=r"faulty.fmu cannot be used: it does not run: it does not come back within 3 s"):
+    with pytest.raises(FmuError, match=r"faulty.fmu cannot be used: it does not run: it does not come back within 1 s"):
         estimate(case_for_recording(recording, fmu=str(fmu)), workers=2)
 
 

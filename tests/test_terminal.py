@@ -81,7 +81,7 @@ def test_a_dumb_terminal_gets_no_live_line(bench):
 
 def test_the_live_line_fits_a_window_that_is_made_narrower_while_it_is_drawn(bench):
     (bench / "long.case.toml").write_text(
-        '[[recording]]\nfile = "step.csv"\n[search]\nmethod = "original"\niterations = 500\n'
+        '[[recording]]\nfile = "step.csv"\n[search]\nmethod = "original"\niterations = 250\n'
     )
     terminal = Terminal("estimate", "long.case.toml", cwd=bench, columns=200)
     seen: list[int] = []

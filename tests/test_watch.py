@@ -300,7 +300,7 @@ def test_the_command_line_watches_a_logger_that_writes_slowly_until_ctrl_c(logge
     command, heard = listener
     whole = EXAMPLE.read_bytes()
     (tmp_path / "line.case.toml").write_text('[search]\nnests = 4\niterations = 2\n[[recording]]\nfile = "*.csv"\n')
-    arguments = ["batch", "line.case.toml", "--watch", "logger", "-o", "out", "--then", command, "--settled", "3"]
+    arguments = ["batch", "line.case.toml", "--watch", "logger", "-o", "out", "--then", command, "--settled", "1.5"]
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "FMU_ESTIMATOR_DEBUG": "1"}
 
     def started():
@@ -325,7 +325,7 @@ def test_the_command_line_watches_a_logger_that_writes_slowly_until_ctrl_c(logge
                 for k in range(4):  # in four parts, each less than the time of rest apart
                     stream.write(whole[k * len(whole) // 4 : (k + 1) * len(whole) // 4])
                     stream.flush()
-                    time.sleep(0.5)
+                    time.sleep(0.4)
             heard_of(1, process)
             while not told(tmp_path / "out" / TOLD):  # killed before that, it would tell it once more
                 time.sleep(0.05)

@@ -58,7 +58,6 @@ def _become(order: dict[str, Any], fds: Sequence[int]) -> NoReturn:
     """Make this forked process one that was just started, and be a worker in it."""
     status = 1
     try:
-        os.setsid()
         for number, fd in enumerate((*fds, os.open(os.devnull, os.O_WRONLY))):
             os.dup2(fd, number)
             os.close(fd)
