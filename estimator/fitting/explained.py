@@ -23,7 +23,7 @@ from estimator.fitting.fit import Fit
 from estimator.fitting.latency import with_latencies
 from estimator.fitting.least_squares_fit import LeastSquaresFit
 from estimator.fitting.likelier_reading import likelier_reading, read_by
-from estimator.fitting.profile_widths import profile_widths
+from estimator.fitting.profile_widths import further_reach
 from estimator.fitting.readings import Reading
 from estimator.fitting.rivals import settled, simulated_finely
 from estimator.fitting.selection_of_plan import selection_of
@@ -225,10 +225,8 @@ def _explained(
     between = of_fit(fit, p)
     seen += (checked.widened(fit) + between.covariance)[np.ix_(kept, kept)]
     seen[range(p), range(p)] += changes_during(explanation)
-    further = profile_widths(fit, p, switches=any(a.effect.fmu for a in explanation.additions)) ** 2 - 1.0
-    own = np.diag(fit.covariance_parts()[0])[:p] / np.diag(seen)[:p].clip(1e-300)
-    wide = np.sqrt(1.0 + np.concatenate([further * own, np.zeros(len(reported))]))
-    seen *= np.outer(wide, wide)
+    switches = any(a.effect.fmu for a in explanation.additions)
+    seen += further_reach(fit, p, switches=switches)[np.ix_(kept, kept)]
     covariance = seen + unseen
     told = fit.estimates + [_told_from(fit).get(name, 0.0) for name in names]
     values = np.concatenate([fit.simulator.unscaled(_padded(mean.values, fit))[:p], told[reported]])

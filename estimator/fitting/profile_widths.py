@@ -25,11 +25,12 @@ STEEP = 0.75  # of that: so large a rise, with nothing fitted again, is taken fo
 DOUBLINGS = 5  # of the distance, until the cost has risen enough
 
 
-def profile_widths(fit: Fit, parameters: int, *, switches: bool) -> FloatArray:
-    """Return factors, (parameters,), at least 1, on the standard errors of the first names.
+def further_reach(fit: Fit, parameters: int, *, switches: bool) -> FloatArray:
+    """Return what the covariance of all names, (f + m, f + m), lacks for the first of them to reach as far as they may.
 
-    With each a parameter reaches as far as its cost, all else fitted again, rises by FAR squared. `switches`: whether
-    the model does; if not, only parameters whose cost is not steep with nothing fitted again are followed.
+    With it each goes as far as its cost, all else fitted again, rises by FAR squared, and takes the others along.
+    `switches`: whether the model does; if not, only parameters whose cost is not steep with nothing fitted again are
+    followed. What is not determined is told elsewhere.
     """
     covariance = fit.covariance_parts()[0]
     deviation = np.sqrt(np.diag(covariance))
@@ -40,7 +41,12 @@ def profile_widths(fit: Fit, parameters: int, *, switches: bool) -> FloatArray:
             along = covariance[:, k] / deviation[k]
             sides = (-1.0, 1.0) if switches else _flat_sides(fit, along, linear)
             factors[k] = max([1.0, *(_reach(fit, k, side, along) for side in sides)])
-    return factors
+    lacking = np.zeros_like(covariance)
+    for k in np.argsort(-factors, kind="stable"):
+        more = factors[k] ** 2 - 1.0 - lacking[k, k] / max(covariance[k, k], 1e-300)
+        if factors[k] > 1.0 and more > 0:
+            lacking += more * np.outer(covariance[:, k], covariance[:, k]) / covariance[k, k]
+    return lacking
 
 
 def _flat_sides(fit: Fit, along: FloatArray, linear: Projection) -> list[float]:
@@ -56,7 +62,8 @@ def _flat_sides(fit: Fit, along: FloatArray, linear: Projection) -> list[float]:
 def _reach(fit: Fit, k: int, side: float, along: FloatArray) -> float:
     """Return by how much a standard error is to be multiplied for one side; `along`: by one of them all names move.
 
-    What is estimated by its logarithm ends at zero: how far it goes is told of itself.
+    What is estimated by its logarithm ends at zero: how far it goes is told of itself. 1 where the cost stays as it is
+    to the end: then others make up for it, and its curvature is of what differences round.
     """
     low, high = fit.bounds
     x = fit.simulator.scaled(fit.values)[fit.where]
@@ -77,4 +84,7 @@ def _reach(fit: Fit, k: int, side: float, along: FloatArray) -> float:
         reached = max(reached, away / np.sqrt(max(rise, 1.0)))
         if rise >= FLAT * FAR**2 or not low[k] < there < high[k]:
             break
+    else:
+        if rise < 1.0:
+            return 1.0
     return float(reached)
