@@ -100,7 +100,8 @@ class AdditionTests:
         result += self._scored(fit, offered, test, beside=beside)
         for effect in effects:
             simulator = self.simulator(fit, effect)
-            own = effect.nuisances(self.base.plan) if simulator is not None else ()
+            plan = self.base.plan
+            own = (*effect.nuisances(plan), *effect.in_place_of_columns(plan)) if simulator is not None else ()
             for nuisance in own:
                 if nuisance.name in taken or not nuisance.tries or _is_excluded(nuisance, taken):
                     continue

@@ -144,11 +144,34 @@ def mirrored(explanation: Explanation, effects: Sequence[Effect], plan: Plan) ->
 
 
 def moved_to(fit: Fit, simulator: Simulator) -> Fit:
-    """Return a fit on another simulator that knows at least its names."""
+    """Return a fit on another simulator that knows at least its names, and may simulate what are columns here."""
     if simulator is fit.simulator:
         return fit
-    values = simulator.values(dict(zip(fit.simulator.names, fit.values.tolist(), strict=True)))
-    return dataclasses.replace(fit, simulator=simulator, values=values)
+    known = dict(zip(fit.simulator.names, fit.values.tolist(), strict=True))
+    groups = {g.name for g in fit.linear if g.name in simulator.index}
+    if not groups:
+        return dataclasses.replace(fit, simulator=simulator, values=simulator.values(known))
+    columns = dict(zip(fit.names[len(fit.free) :], fit.coefficients.tolist(), strict=True))
+    simulated = {name: x for name, x in columns.items() if name.partition("#")[0] in groups}
+    values = np.clip(simulator.values({**known, **simulated}), simulator.lower, simulator.upper)
+    return dataclasses.replace(
+        fit,
+        simulator=simulator,
+        values=values,
+        free=(*fit.free, *simulated),
+        linear=tuple(g for g in fit.linear if g.name not in groups),
+        coefficients=np.array([x for name, x in columns.items() if name not in simulated]),
+        shown=simulator.shown(values[None, :])[0],
+    )
+
+
+def with_added(explanation: Explanation, fit: Fit, addition: Addition) -> Explanation:
+    """Return an explanation with an addition, by its fit: what this simulates is no longer added as columns."""
+    additions = []
+    for a in (*explanation.additions, addition):
+        own = tuple(name for name in fit.free if name.partition("#")[0] == a.name)
+        additions.append(dataclasses.replace(a, linear=None, free=own) if a.linear is not None and own else a)
+    return Explanation(fit, tuple(additions))
 
 
 def with_fine_filters(fit: Fit, *, most: int = DOUBLINGS) -> tuple[Fit, float]:

@@ -74,8 +74,16 @@ def _opens(fit: Fit) -> NDArray[np.bool_]:
     return np.asarray(as_late(fit, (s.inputs("v") == 0).astype(np.float64)) > 0.5)
 
 
-def _states(fit: Fit, clock: Clock, inputs: FloatArray, opens: NDArray[np.bool_]) -> FloatArray:
-    """Return changes of current and speed, (n, 2, c), by changes of voltage and torque, (n, 2, c), held over rows."""
+def _states(
+    fit: Fit, clock: Clock, inputs: FloatArray, opens: NDArray[np.bool_], first_row: FloatArray | None = None
+) -> FloatArray:
+    """Return changes of current and speed, (n, 2, c), by changes of voltage and torque, (n, 2, c), held over rows.
+
+    Parameters
+    ----------
+    first_row : (2, c) array, optional
+        Changes in the first row.
+    """
     f, g, denominator = _discrete(fit, clock)
     # x[k+1] = F x[k] + G u[k]  =>  D(z) x = z^-1 (G + z^-1 (F - tr F) G) u,  D = 1 - tr F z^-1 + det F z^-2
     adjugate = f - np.trace(f) * np.eye(2)
@@ -84,7 +92,7 @@ def _states(fit: Fit, clock: Clock, inputs: FloatArray, opens: NDArray[np.bool_]
     assert values is not None
     kept, pushed = coasting(values, clock.step)
     n, _, many = inputs.shape
-    states, x = np.zeros((n, 2, many)), np.zeros((2, many))
+    states, x = np.zeros((n, 2, many)), np.zeros((2, many)) if first_row is None else first_row
     bounds = [0, *(np.flatnonzero(np.diff(opens)) + 1).tolist(), n]
     for first, last in zip(bounds[:-1], bounds[1:], strict=True):
         u = inputs[first : last + 1]  # the last row's state is the next stretch's first
@@ -134,18 +142,22 @@ def pulse_response(fit: Fit, clock: Clock, begin: float, end: float) -> FloatArr
     return _as_shown(fit, states, clock)
 
 
-def free_motion(fit: Fit, clock: Clock) -> FloatArray:
-    """Return the change of the sensors' signals, (n, q, 2), by 1 rad/s and by 1 A in a recording's first row."""
-    f, _, denominator = _discrete(fit, clock)
-    impulse = np.zeros(clock.rows.stop - clock.rows.start)
-    impulse[0] = 1.0
-    second = f - np.trace(f) * np.eye(2)
-    columns = []
-    for first in (1, 0):
-        above = [[float(row == first), second[row, first]] for row in range(2)]
-        states = np.array([recursion(numerator, denominator, impulse) for numerator in above])
-        columns.append(_as_shown(fit, states, clock))
-    return np.stack(columns, axis=2)
+def free_motion(fit: Fit, clock: Clock, *, opens_first: bool = False) -> FloatArray:
+    """Return the change of the sensors' signals, (n, q, 2), by 1 rad/s and by 1 A in a recording's first row.
+
+    Parameters
+    ----------
+    opens_first : bool
+        Whether a drive that opens the circuit at no voltage has done so before the first voltage too.
+    """
+    n, opens = clock.rows.stop - clock.rows.start, _opens(fit)[clock.rows]
+    if not opens_first:
+        driven = as_late(fit, (fit.simulator.inputs("v") != 0).astype(np.float64))[clock.rows] > 0.5
+        opens = opens & (np.cumsum(driven) > 0)
+    first = np.zeros((2, 2))
+    first[1, 0] = first[0, 1] = 1.0
+    states = _states(fit, clock, np.zeros((n, 2, 2)), opens, first)
+    return np.stack([_as_shown(fit, states[:, :, k].T, clock) for k in range(2)], axis=2)
 
 
 def as_late(fit: Fit, signal: FloatArray) -> FloatArray:

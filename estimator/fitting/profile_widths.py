@@ -40,7 +40,7 @@ def further_reach(fit: Fit, parameters: int, *, switches: bool) -> FloatArray:
         if deviation[k] > 0 and fit.at_bound[k] == 0:
             along = covariance[:, k] / deviation[k]
             sides = (-1.0, 1.0) if switches else _flat_sides(fit, along, linear)
-            factors[k] = max([1.0, *(_reach(fit, k, side, along) for side in sides)])
+            factors[k] = max([1.0, *(_reach(fit, k, side, along, switches=switches) for side in sides)])
     lacking = np.zeros_like(covariance)
     for k in np.argsort(-factors, kind="stable"):
         more = factors[k] ** 2 - 1.0 - lacking[k, k] / max(covariance[k, k], 1e-300)
@@ -59,11 +59,12 @@ def _flat_sides(fit: Fit, along: FloatArray, linear: Projection) -> list[float]:
     return [side for side, cost in zip(sides, costs, strict=True) if cost - fit.cost < STEEP * FAR**2]
 
 
-def _reach(fit: Fit, k: int, side: float, along: FloatArray) -> float:
+def _reach(fit: Fit, k: int, side: float, along: FloatArray, *, switches: bool) -> float:
     """Return by how much a standard error is to be multiplied for one side; `along`: by one of them all names move.
 
     What is estimated by its logarithm ends at zero: how far it goes is told of itself. 1 where the cost stays as it is
-    to the end: then others make up for it, and its curvature is of what differences round.
+    to the end: then others make up for it, and its curvature is of what differences round. A model that switches may
+    not show it at all where it does not move a switch: there it reaches as far as it was moved.
     """
     low, high = fit.bounds
     x = fit.simulator.scaled(fit.values)[fit.where]
@@ -85,6 +86,6 @@ def _reach(fit: Fit, k: int, side: float, along: FloatArray) -> float:
         if rise >= FLAT * FAR**2 or not low[k] < there < high[k]:
             break
     else:
-        if rise < 1.0:
+        if rise < 1.0 and not switches:
             return 1.0
     return float(reached)

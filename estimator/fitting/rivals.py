@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from estimator.fitting.addition import Addition, alike, is_physical, is_switch, is_timing
-from estimator.fitting.explanation import ROUGH, Explanation, mirrored, renewed, with_fine_filters, without
+from estimator.fitting.explanation import ROUGH, Explanation, mirrored, renewed, with_added, with_fine_filters, without
 from estimator.fitting.explanation_noise import by_noise_of, with_noise
 from estimator.fitting.gauss_newton import solved
 from estimator.fitting.selection import PREDICTED_PART, Selection
@@ -166,7 +166,7 @@ def _fuller(selection: Selection, explanation: Explanation, rivals: Sequence[Exp
         far = [a for a in tested if a.effect.fmu and a.free and a.gain > a.penalty(n) - RIVALS_WITHIN]
         for likely in (timing, far):
             for a in sorted(likely, key=lambda a: -a.gain)[:1]:
-                fuller = Explanation(selection.refitted(base, a), (*base.additions, a))
+                fuller = with_added(base, selection.refitted(base, a), a)
                 found.append(dataclasses.replace(fuller, fit=solved(fuller.fit)))
     return [e for e in found if all(is_physical(e.fit, a) for a in e.additions)]
 
@@ -198,7 +198,7 @@ def _exchanged(
         likely += [a for a in tested if is_timing(a)]
     for other in likely:
         other = _as_late(explanation, addition, other)
-        rival = Explanation(selection.refitted(bare, other), (*bare.additions, other))
+        rival = with_added(bare, selection.refitted(bare, other), other)
         if any(a.linear is not None for a in rival.additions):
             rival = dataclasses.replace(rival, fit=solved(renewed(rival), iterations=ROUGH))
         if rival.criterion(n) < explanation.criterion(n) + 2 * RIVALS_WITHIN:
@@ -235,6 +235,6 @@ def _simpler(selection: Selection, explanation: Explanation, within: Sequence[Ad
             if is_timing(a) and a.name not in (one.name, two.name)
         ]
         for other in sorted(tested, key=lambda a: -a.gain)[:1]:
-            simpler = Explanation(selection.refitted(bare, other), (*bare.additions, other))
+            simpler = with_added(bare, selection.refitted(bare, other), other)
             found += [simpler, *mirrored(simpler, selection.effects, selection.tests.base.plan)]
     return found

@@ -23,7 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.fitting.addition import Addition, has_its_needs, is_held, is_physical, wald, without_columns
+from estimator.fitting.addition import Addition, has_its_needs, is_held, is_physical, is_switch, wald, without_columns
 from estimator.fitting.addition_tests import AdditionTests
 from estimator.fitting.effects.base import Effect
 from estimator.fitting.explanation import (
@@ -34,6 +34,7 @@ from estimator.fitting.explanation import (
     mirrored,
     moved_to,
     reshaped,
+    with_added,
     with_fine_filters,
     without,
 )
@@ -54,6 +55,7 @@ PREDICTED_PART = 0.6  # of the best predicted fall of the criterion: with less a
 NEARBY = {"R": 5.0, "K": 4.0, "J": 6.0, "L": 50.0}
 NO_NOISE = 0.2  # of the noise's power as neighbours tell it: a first fit that is further from it misses something
 MOST_OF_IT = 0.5  # of what is missed beyond the noise: what explains more is added before all else
+SEEN = 1.0  # of z'z: by so much a switch that is seen may be worse than none
 IDLE = 6.0  # times the penalty: an addition is refitted without if its Wald statistic is below
 
 
@@ -189,7 +191,12 @@ class Selection:
                 open_ones = tuple(group for e in self.effects for group in e.always(fit))
                 fit = solved(dataclasses.replace(fit, linear=open_ones), iterations=ROUGH)
                 tried.append(Explanation(fit, tuple(additions)))
-        return min(tried, key=lambda e: e.criterion(self.tests.samples))
+        return min(tried, key=self._criterion_at_first)
+
+    def _criterion_at_first(self, explanation: Explanation) -> float:
+        """Return a criterion in which a switch that is seen needs no fit to tell it: what does is not yet there."""
+        n = self.tests.samples
+        return explanation.criterion(n) - sum(a.penalty(n) + SEEN for a in explanation.additions if is_switch(a))
 
     def _begun(self, known: Explanation) -> Explanation:
         """Return an explanation of a part of the rows, fitted to all of them."""
@@ -210,7 +217,7 @@ class Selection:
             found = self.tests.additions(best, [a.effect], beside=a.name)
             same = [b for b in found if b.name == a.name] or sorted(found, key=lambda b: -b.gain)[:1]
             for b in same:
-                best = Explanation(self.refitted(best, b), (*best.additions, without_columns(b)))
+                best = with_added(best, self.refitted(best, b), without_columns(b))
         return best
 
     def grown(
@@ -277,7 +284,7 @@ class Selection:
             k = int(np.argmax(falls))
             if falls[k] > 0:
                 fit, addition = refits[k]
-                found = Explanation(fit, (*explanation.additions, addition))
+                found = with_added(explanation, fit, addition)
                 return self._in_company(found, ranked, explanation) or found
             rejected |= {a.name for a in best_few}
 
@@ -286,17 +293,25 @@ class Selection:
 
         Recordings fitted together have each its own offset: one a round would cost as many rounds as recordings.
         """
-        addition = found.additions[-1]
-        beside = itertools.takewhile(lambda a: a.effect is addition.effect and a.linear is not None, ranked)
-        company = _apart([addition, *(a for a in beside if a is not addition)])
-        room = MOST_ADDITIONS - len(before.additions)
-        own = [a.linear for a in company[:room] if a.linear is not None]
-        if len(own) < 2:
+        addition, fit = found.additions[-1], found.fit
+        beside = [a for a in itertools.takewhile(lambda a: a.effect is addition.effect, ranked) if a is not addition]
+        room = MOST_ADDITIONS - len(found.additions)
+        if addition.linear is not None:
+            company = _apart([addition, *beside])[1 : 1 + room]
+            own = [a.linear for a in (addition, *company) if a.linear is not None]
+            fit = dataclasses.replace(fit, linear=(*before.fit.linear, *own))
+        else:
+            of_recordings = {n.name for n in fit.simulator.nuisances if n.recording is not None}
+            company = [a for a in beside if addition.name in of_recordings and a.name in of_recordings][:room]
+            started = {name: value for a in company for name, value in a.starts[0].items()}
+            values = fit.values.copy()
+            values[[fit.simulator.index[name] for name in started]] = list(started.values())
+            fit = dataclasses.replace(fit, values=values, free=(*fit.free, *(n for a in company for n in a.free)))
+        if not company:
             return None
-        fit = dataclasses.replace(found.fit, linear=(*before.fit.linear, *own))
-        more = Explanation(solved(fit, iterations=ROUGH), (*before.additions, *company[:room]))
+        more = Explanation(solved(fit, iterations=ROUGH), (*found.additions, *company))
         n = self.tests.samples
-        sound = all(is_physical(more.fit, a) for a in company[:room])
+        sound = all(is_physical(more.fit, a) for a in (addition, *company))
         return more if sound and more.criterion(n) < found.criterion(n) else None
 
     def refitted(self, explanation: Explanation, addition: Addition) -> Fit:
@@ -313,7 +328,7 @@ class Selection:
             for name, value in start.items():
                 k = simulator.index[name]
                 values[k] = np.clip(value, simulator.lower[k], simulator.upper[k])
-            begun.append(dataclasses.replace(moved, values=values, free=(*fit.free, *addition.free)))
+            begun.append(dataclasses.replace(moved, values=values, free=(*moved.free, *addition.free)))
         settling = ROUGH if not addition.free else 1
         ready = [solved(b, iterations=settling) for b in begun] if len(begun) > 1 else begun
         return solved(min(ready, key=lambda f: f.cost), iterations=ROUGH)

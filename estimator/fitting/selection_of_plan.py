@@ -64,6 +64,7 @@ class _Rivals:
         plan = self.plan.on(bundled_model(name))
         has = plan.binding.own
         own = [n for e in self.effects if e.fmu == name for n in e.nuisances(self.plan) if n.target in has]
+        own += [n for e in self.effects for n in e.in_place_of_columns(self.plan) if n.target in has]
         return Simulator(plan, (*self.base.nuisances, *own), self.crew, self.sigma)
 
 

@@ -48,7 +48,9 @@ class Nuisance:
     place : SensorPlace or None
         The stepper's setting that it is, if any.
     target : str
-        The FMU's parameter that it sets, if any.
+        The FMU's variable that it sets, if any.
+    recording : int or None
+        Which recording's it is, if it has a target; None: of all.
     output, act : what it does with one output's samples
     between : bool
         It acts on the signal between the samples too, as a filter before a converter does.
@@ -75,6 +77,7 @@ class Nuisance:
     log: bool = False
     place: SensorPlace | None = None
     target: str = ""
+    recording: int | None = None
     output: str = ""
     act: Act | None = None
     between: bool = False
@@ -96,8 +99,9 @@ class Nuisance:
         """Return it as a parameter of a plan."""
         targets = (self.target,) if self.target else ()
         return Parameter(
-            self.name, self.unit, self.lower, self.upper, self.log, targets, start=self.neutral, place=self.place
-        )
+            self.name, self.unit, self.lower, self.upper, self.log, targets, start=self.neutral, place=self.place,
+            recording=self.recording,
+        )  # fmt: skip
 
 
 @dataclass

@@ -67,6 +67,10 @@ class Effect:
         """Return groups of columns that may explain a fit's residuals."""
         return ()
 
+    def in_place_of_columns(self, plan: Plan) -> Sequence[Nuisance]:
+        """Return what replaces its columns in a bundled FMU with modes, whose response is no sum: of the same names."""
+        return ()
+
     def renewed(self, fit: Fit, group: Linear, coefficients: FloatArray) -> Linear | None:
         """Return a group's columns computed again at a fit's values and its coefficients; None: they do not change.
 

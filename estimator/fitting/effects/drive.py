@@ -207,25 +207,29 @@ class Coasting(Drive):
     sentence: str = "the circuit is open where the voltage is zero: the motor coasts"
 
     def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
-        """Return the switch, where the voltage returns to zero."""
+        """Return the switch, where the voltage returns to zero or the motor is seen to coast."""
         voltages = [o.inputs["v"] for o in plan.observed if "v" in o.inputs]
         back = any(np.any((v[1:] == 0) & (v[:-1] != 0)) for v in voltages)
         switch = Nuisance(self.target, "", 0.0, 1.0, 0.0, 1.0, target=self.target, tries=(1.0,), whole=True)
-        return [switch] if back else []
+        return [switch] if back or self.at_first_sight(plan) else []
 
     def at_first_sight(self, plan: Plan) -> Mapping[str, float]:
         """Return the switch where the current is zero at no voltage while the motor turns."""
-        for o in plan.observed:
-            if not {"i", "w"} <= set(o.outputs) or "v" not in o.inputs:
-                continue
-            w, i = filled(o.outputs["w"]), filled(o.outputs["i"])
-            turning = (o.inputs["v"] == 0) & (np.abs(w) > 0.2 * np.max(np.abs(w)))
-            turning[1:] &= o.inputs["v"][:-1] == 0
-            if np.sum(turning) >= HELD_ROWS:
-                away = np.sort(np.abs(i[turning]))[: int(0.8 * np.sum(turning))]
-                if np.median(away) < 0.02 * np.max(np.abs(i)) + 2 * noise_deviation(o.outputs["i"]):
-                    return {self.target: 1.0}
-        return {}
+        seen = any(coasts_in(o, np.ones(len(o.recording.time), dtype=bool)) for o in plan.observed)
+        return {self.target: 1.0} if seen else {}
+
+
+def coasts_in(o: Observed, rows: NDArray[np.bool_]) -> bool:
+    """Return whether a recording's motor is seen to turn without voltage and without current in some rows, (n,)."""
+    if not {"i", "w"} <= set(o.outputs) or "v" not in o.inputs:
+        return False
+    w, i = filled(o.outputs["w"]), filled(o.outputs["i"])
+    turning = rows & (o.inputs["v"] == 0) & (np.abs(w) > 0.2 * np.max(np.abs(w)))
+    turning[1:] &= o.inputs["v"][:-1] == 0
+    if np.sum(turning) < HELD_ROWS:
+        return False
+    away = np.sort(np.abs(i[turning]))[: int(0.8 * np.sum(turning))]
+    return bool(np.median(away) < 0.02 * np.max(np.abs(i)) + 2 * noise_deviation(o.outputs["i"]))
 
 
 @dataclass(frozen=True)

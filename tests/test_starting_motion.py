@@ -1,0 +1,72 @@
+"""A motor that moves before its voltage, whose motion is no sum: dry friction brakes it, an open circuit does not."""
+
+import numpy as np
+import pytest
+from dry_friction import DryMotor
+from motors import CML050, recording_of
+
+from estimator.estimating.estimate import estimate_recordings
+from estimator.fitting import profile_widths
+
+pytestmark = pytest.mark.usefixtures("shared_workers")
+
+STEP, FIRST = 1e-3, -60.0  # s; rad/s
+VOLTAGE = np.repeat([0.0, 10.5], [200, 600])
+DRY = {**CML050.parameters, "friction": 0.012, "stiction": 0.0, "brush": 0.0}
+
+
+def begun(motor, voltage):
+    """Return current and speed, (n, 2), of a motor that turns already; simulated without the project."""
+    motor.x = [-motor.p["K"] * FIRST / motor.p["R"], FIRST, 0.0]
+    motor.shaft, motor.brushes = -1, 1
+    first = motor.x[:2]
+    return np.vstack([[first], motor.response(voltage, np.zeros(len(voltage)), step=STEP)[:-1, :2]])
+
+
+def estimated(case_of, voltage, shown):
+    recording = recording_of("bench", STEP * np.arange(len(voltage)), voltage, shown, noise=(0.02, 1.0), seed=1)
+    (found,) = estimate_recordings([case_of("cuckoo")], [[recording]])
+    return found
+
+
+def worst(found, truth):
+    return max(abs(p.value - truth[name]) / p.standard_error for name, p in found.parameters.items())
+
+
+def test_dry_friction_brakes_a_motor_that_turns_before_its_voltage(case_of):
+    found = estimated(case_of, VOLTAGE, begun(DryMotor(dict(DRY)), VOLTAGE))
+    assert set(found.effects) == {"dry friction", "motion before the voltage"}, (found.effects, found.reasons)
+    assert found.verdict == "ok" and worst(found, DRY) < 4.5
+    speed, friction = found.chain["motion before the voltage"], found.chain["friction"]
+    assert abs(speed.value - FIRST) < 4.5 * speed.standard_error < 5
+    assert abs(friction.value - DRY["friction"]) < 4.5 * friction.standard_error < 0.3 * DRY["friction"]
+
+
+def test_a_motor_whose_circuit_is_open_coasts_before_its_voltage(case_of):
+    truth = CML050.parameters
+    driven = DryMotor({**truth, "friction": 0.0, "stiction": 0.0, "brush": 0.0})
+    coasting = FIRST * np.exp(-truth["B"] / truth["J"] * STEP * np.arange(201))  # by B alone
+    driven.x, driven.shaft, driven.brushes = [0.0, float(coasting[-1]), 0.0], 1, 1
+    rest = driven.response(VOLTAGE[200:], np.zeros(600), step=STEP)[:-1, :2]
+    shown = np.vstack([np.column_stack([np.zeros(201), coasting]), rest])
+    found = estimated(case_of, VOLTAGE, shown)
+    assert {"coasting", "motion before the voltage"} <= set(found.effects), (found.effects, found.reasons)
+    assert worst(found, truth) < 4.5
+
+
+def test_a_model_that_switches_is_followed_where_its_cost_is_flat(case_of, monkeypatch):
+    """A limit that is not reached moves nothing; a parameter that others make up for is told elsewhere."""
+    held = {}
+
+    def recorded(fit, parameters, *, switches):
+        held["fit"] = fit
+        return np.zeros((len(fit.names),) * 2)
+
+    monkeypatch.setattr("estimator.fitting.explained.further_reach", recorded)
+    estimated(case_of, VOLTAGE, begun(DryMotor(dict(DRY)), VOLTAGE))
+    fit = held["fit"]
+    monkeypatch.setattr(profile_widths, "solved", lambda moved, **_: fit)  # as if nothing rose
+    along = np.zeros(len(fit.names))
+    along[0] = 1e-3
+    assert profile_widths._reach(fit, 0, 1.0, along, switches=False) == 1.0
+    assert profile_widths._reach(fit, 0, 1.0, along, switches=True) > 100
