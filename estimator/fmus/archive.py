@@ -16,6 +16,7 @@ MAX_VARIABLES = 200_000  # of the description: some 4 s to read
 MAX_ATTRIBUTE = 20_000  # characters of a name, or of any other attribute but a start value
 MAX_RATIO = 1000  # of extracted to packed bytes: more is a bomb
 SMALL = 2**24  # bytes: too small to be a bomb
+NOT_RUN = ("documentation/", "sources/")  # an FMU finds its own files in resources/
 ENCODINGS = ("utf-8", "utf8", "utf-16", "us-ascii", "ascii", "iso-8859", "latin", "windows-125", "cp125")  # of the XML
 
 
@@ -83,9 +84,9 @@ def check_description(path: Path) -> None:
 
 
 def extract(path: Path, folder: Path) -> None:
-    """Extract the FMU into an existing empty folder."""
+    """Extract what an FMU is run with into an existing empty folder: all but what is for readers and compilers."""
     try:
         with zipfile.ZipFile(path) as archive:
-            archive.extractall(folder)
+            archive.extractall(folder, [name for name in archive.namelist() if not name.startswith(NOT_RUN)])
     except Exception as error:  # zipfile and its decompressors raise many kinds
         raise FmuError(f"{path.name} cannot be extracted: {one_line(error)}") from error
