@@ -38,6 +38,11 @@ def wavy(seed):
 PROBLEMS = {"Rosenbrock": rosenbrock, "bowl": bowl, "likelihood": likelihood, "wavy": wavy}
 
 
+def of_rows(value):
+    """Return values of points, (k,), of what tells the value of one."""
+    return lambda points: np.array([value(x) for x in points])
+
+
 def solve(name, seed, width, *, iterations=12, ftol=1e-6, step=1e-3):
     value = PROBLEMS[name](seed)
     x = np.random.default_rng(100 + seed).uniform(-1.5, 1.5, 4)
@@ -48,7 +53,7 @@ def solve(name, seed, width, *, iterations=12, ftol=1e-6, step=1e-3):
         asked.append(x.copy())
         return value(x)
 
-    own, least = minimise(told, x, low, high, step=step, iterations=iterations, ftol=ftol)
+    own, least = minimise(of_rows(told), x, low, high, step=step, iterations=iterations, ftol=ftol)
     assert np.all((own >= low) & (own <= high)) and least == value(own)
     mine, asked = asked, []
     theirs = minimize(told, x, method="L-BFGS-B", bounds=list(zip(low, high, strict=True)),
@@ -73,8 +78,8 @@ def test_its_steps_are_those_of_scipy(name, seed, width):
 def test_it_reaches_a_minimum_in_a_corner_of_the_bounds(seed):
     rng = np.random.default_rng(seed)
     centre = rng.uniform(2, 3, 3) * rng.choice([-1, 1], 3)
-    x, _ = minimise(lambda x: float(np.sum((x - centre) ** 2)), np.zeros(3), np.full(3, -1.0), np.ones(3), step=1e-4,
-                    iterations=50, ftol=1e-12)  # fmt: skip
+    x, _ = minimise(of_rows(lambda x: float(np.sum((x - centre) ** 2))), np.zeros(3), np.full(3, -1.0), np.ones(3),
+                    step=1e-4, iterations=50, ftol=1e-12)  # fmt: skip
     assert np.array_equal(x, np.sign(centre))
 
 
@@ -82,7 +87,7 @@ def test_a_value_that_is_infinite_beside_the_start_ends_it_there():
     def value(x):
         return float(x @ x) if np.all(x == 1.0) else np.inf
 
-    x, f = minimise(value, np.ones(2), np.zeros(2), np.full(2, 3.0), step=1e-3, iterations=9, ftol=1e-6)
+    x, f = minimise(of_rows(value), np.ones(2), np.zeros(2), np.full(2, 3.0), step=1e-3, iterations=9, ftol=1e-6)
     assert np.array_equal(x, np.ones(2)) and f == 2.0
 
 
@@ -90,7 +95,9 @@ def test_a_value_that_is_infinite_on_the_way_is_kept_away_from():
     def value(x):
         return float((x[0] - 2) ** 2 + x[1] ** 2) if x[0] < 1.3 else np.inf
 
-    x, f = minimise(value, np.array([0.0, 0.5]), np.full(2, -5.0), np.full(2, 5.0), step=1e-3, iterations=30, ftol=1e-9)
+    x, f = minimise(
+        of_rows(value), np.array([0.0, 0.5]), np.full(2, -5.0), np.full(2, 5.0), step=1e-3, iterations=30, ftol=1e-9
+    )
     assert 1.0 < x[0] < 1.3 and f < 1.0
 
 
@@ -100,6 +107,6 @@ def test_a_value_that_is_flat_to_its_last_digit_ends_it(digits):
         return round(float(np.sum((x - 0.3) ** 2)), digits)
 
     x, f = minimise(
-        value, np.array([2.0, -1.0]), np.full(2, -5.0), np.full(2, 5.0), step=1e-3, iterations=30, ftol=1e-12
+        of_rows(value), np.array([2.0, -1.0]), np.full(2, -5.0), np.full(2, 5.0), step=1e-3, iterations=30, ftol=1e-12
     )
     assert np.isfinite(f) and f <= value(np.array([2.0, -1.0])) and f == value(x)

@@ -189,7 +189,7 @@ def with_fine_filters(fit: Fit, *, most: int = DOUBLINGS) -> tuple[Fit, float]:
     The fit, and z'z of what the last doubling changed: what is left is less.
     """
     s, left = fit.simulator, 0.0
-    for _ in range(most):
+    for _ in range(most if s.filtered(fit.values[None, :]).any() else 0):
         s.between *= 2
         finer = s.shown(fit.values[None, :])[0]
         change = fit.whitener(np.nan_to_num(finer - fit.shown)[:, :, None])[0]

@@ -142,11 +142,14 @@ def with_wandering_torque(explanation: Explanation) -> Explanation:
     without = dataclasses.replace(noise, torque=(0.0, 1.0))
     (a, b), current = machine, np.abs(fit.shown[fit.whitener.moving, seat.index(0)])
     usual = abs(a[1, 0] / b[1]) * float(np.median(current)) if len(current) else 0.0
-    starts = [dataclasses.replace(noise, torque=(size * usual, USUAL_TORQUE)) for size in WANDERING] + [noise]
-    tried = [(likelihood.misfit(s), s) for s in starts if s.torque[0] > 0]
-    least, begun = min(tried, key=lambda t: t[0], default=(np.inf, noise))
-    if usual == 0.0 or least > (still := likelihood.misfit(without)):
+    starts = [dataclasses.replace(noise, torque=(size * usual, USUAL_TORQUE)) for size in WANDERING]
+    starts += [noise] if noise.torque[0] > 0 else []
+    if usual == 0.0:
         return explanation
+    *tried, still = likelihood.misfits([*starts, without]).tolist()
+    if min(tried) > still:
+        return explanation
+    begun = starts[int(np.argmin(tried))]
     found, value = likelihood.largest(begun, [("torque", 0)])
     if value > still - WANDERS:
         return explanation

@@ -265,8 +265,9 @@ class LeastSquares:
         """Return covariance and standard errors at a point, for given deviations of the outputs."""
         weights = 1 / deviations[self._output]
         x, at_bound = self.box.scaled(values), self.at_bound(values)
-        residuals = self._weighed(self._residuals(self.box.unscaled(x)[None, :]), weights)[0]
-        raw = self._residuals(differences.beside(self.box, x, central=True))
+        beside = differences.beside(self.box, x, central=True).reshape(-1, self.box.dimension)
+        raw = self._residuals(np.concatenate([self.box.unscaled(x)[None, :], beside]))
+        residuals, raw = self._weighed(raw[:1], weights)[0], raw[1:]
         jacobian = differences.slopes(raw, self.box, x, weights, residuals, central=True)
         inside = at_bound == 0
         p = len(values)

@@ -8,16 +8,19 @@ hardly rises towards a smaller one.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimator.fitting.explanation import ROUGH
-from estimator.fitting.fit import Fit, evaluated, linear_columns
+from estimator.fitting.fit import Fit, linear_columns, misfit
 from estimator.fitting.gauss_newton import placed, solved
 from estimator.fitting.projection import Projection
+from estimator.fitting.simulator import CELLS
 
 FloatArray = NDArray[np.float64]
+_Line = tuple[int, float, FloatArray]  # a name's place, a side, and by what all names move for a standard error of it
 
 FAR = 4.0  # standard errors, at which the cost should have risen by their square
 FLAT = 0.5  # of that: a smaller rise is no parabola's
@@ -34,6 +37,7 @@ def further_reach(fit: Fit, parameters: int, *, switches: bool) -> FloatArray:
     """
     covariance = fit.covariance_parts()[0]
     deviation = np.sqrt(np.diag(covariance))
+<<<<<<< HEAD
     linear = Projection(fit.whitener.flat(linear_columns(fit.linear, fit.shown.shape)))
     factors = np.ones(parameters)
     for k in range(parameters):
@@ -41,6 +45,13 @@ def further_reach(fit: Fit, parameters: int, *, switches: bool) -> FloatArray:
             along = covariance[:, k] / deviation[k]
             sides = (-1.0, 1.0) if switches else _flat_sides(fit, along, linear)
             factors[k] = max([1.0, *(_reach(fit, k, side, along, switches=switches) for side in sides)])
+=======
+    factors, at_bound = np.ones(parameters), fit.at_bound
+    moving = {k: covariance[:, k] / deviation[k] for k in range(parameters) if deviation[k] > 0 and at_bound[k] == 0}
+    lines = [(k, side, along) for k, along in moving.items() for side in (-1.0, 1.0)]
+    for k, side, along in lines if switches else _flat(fit, lines):
+        factors[k] = max(factors[k], _reach(fit, k, side, along))
+>>>>>>> fast15
     lacking = np.zeros_like(covariance)
     for k in np.argsort(-factors, kind="stable"):
         more = factors[k] ** 2 - 1.0 - lacking[k, k] / max(covariance[k, k], 1e-300)
@@ -49,14 +60,19 @@ def further_reach(fit: Fit, parameters: int, *, switches: bool) -> FloatArray:
     return lacking
 
 
-def _flat_sides(fit: Fit, along: FloatArray, linear: Projection) -> list[float]:
-    """Return the sides on which the cost rises by less than a parabola's, on the line by which all names move."""
-    (low, high), s, sides = fit.bounds, fit.simulator, (-1.0, 1.0)
+def _flat(fit: Fit, lines: Sequence[_Line]) -> list[_Line]:
+    """Return those lines by which all names move on which the cost rises by less than a parabola's."""
+    (low, high), s = fit.bounds, fit.simulator
     x = s.scaled(fit.values)[fit.where]
-    values = [placed(fit, np.clip(x + side * FAR * along[: len(x)], low, high)) for side in sides]
-    shown = s.shown(np.stack(values))
-    costs = [evaluated(fit, v, one, fit.slopes, linear).cost for v, one in zip(values, shown, strict=True)]
-    return [side for side, cost in zip(sides, costs, strict=True) if cost - fit.cost < STEEP * FAR**2]
+    linear = Projection(fit.whitener.flat(linear_columns(fit.linear, fit.shown.shape)))
+    flat, many = [], max(1, CELLS // s.rows)
+    for some in (lines[k : k + many] for k in range(0, len(lines), many)):
+        ends = [placed(fit, np.clip(x + side * FAR * along[: len(x)], low, high)) for _, side, along in some]
+        off = np.stack([misfit(fit, one) for one in s.shown(np.stack(ends))], axis=2)
+        whitened = fit.whitener.flat(off)
+        costs = [float(left @ left) for left in linear.rest(whitened).T]
+        flat += [line for line, cost in zip(some, costs, strict=True) if cost - fit.cost < STEEP * FAR**2]
+    return flat
 
 
 def _reach(fit: Fit, k: int, side: float, along: FloatArray, *, switches: bool) -> float:

@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
-Value = Callable[[FloatArray], float]
+Values = Callable[[FloatArray], FloatArray]
+Told = Callable[[FloatArray], tuple[float, FloatArray]]  # value and slopes
 
 KEPT = 10  # steps that the Hessian is made of
 SEARCHES = 20  # values that a line search asks for, at most
@@ -25,7 +26,7 @@ ROUNDING = float(np.finfo(float).eps)
 
 
 def minimise(
-    value: Value,
+    values: Values,
     x: FloatArray,
     low: FloatArray,
     high: FloatArray,
@@ -39,6 +40,8 @@ def minimise(
 
     Parameters
     ----------
+    values : callable
+        (k, n) points -> (k,) values.
     low, high : (n,) arrays
         Bounds, further apart than two steps.
     step : float
@@ -49,24 +52,22 @@ def minimise(
         It ends when a step lowers the value by less than ftol of it, or no variable has a larger slope than gtol.
     """
 
-    def slope(x: FloatArray, at: float) -> FloatArray:
-        result = np.empty(len(x))
-        for k in range(len(x)):
-            moved = x.copy()
-            moved[k] += step if x[k] + step <= high[k] else -step
-            result[k] = (value(moved) - at) / (moved[k] - x[k])
-        return result
+    def told(x: FloatArray) -> tuple[float, FloatArray]:
+        points = np.repeat(x[None, :], len(x) + 1, axis=0)
+        points[range(1, len(points)), range(len(x))] += np.where(x + step <= high, step, -step)
+        at = values(points)
+        with np.errstate(invalid="ignore"):
+            return float(at[0]), (at[1:] - at[0]) / (points[1:].diagonal() - x)
 
     x = np.clip(x, low, high)
-    f = value(x)
-    g = slope(x, f)
+    f, g = told(x)
     pairs: list[tuple[FloatArray, FloatArray]] = []
     done = 0
     while done < iterations and np.isfinite(g).all() and float(np.max(np.abs(x - np.clip(x - g, low, high)))) > gtol:
         hessian = _hessian(pairs, len(x))
         way = _model_minimum(x, g, hessian, low, high, newton=bool(pairs)) - x
         longest = _longest(x, way, low, high) if done else 1.0
-        found = _line_search(value, slope, x, f, g, way, longest) if g @ way < 0 else None
+        found = _line_search(told, x, f, g, way, longest) if g @ way < 0 else None
         if found is None:
             if not pairs:
                 break
@@ -144,8 +145,7 @@ def _longest(x: FloatArray, way: FloatArray, low: FloatArray, high: FloatArray) 
 
 
 def _line_search(
-    value: Value,
-    slope: Callable[[FloatArray, float], FloatArray],
+    told: Told,
     x: FloatArray,
     f: float,
     g: FloatArray,
@@ -165,8 +165,7 @@ def _line_search(
     stride = min(1.0, longest)
     for _ in range(SEARCHES):
         point = x + stride * way
-        there = value(point)
-        g_there = slope(point, there) if np.isfinite(there) else np.full(len(x), np.nan)
+        there, g_there = told(point)
         if not np.isfinite(g_there).all():
             stride = best[0] + 0.5 * (stride - best[0])
             continue

@@ -6,7 +6,6 @@ Restricted: it allows for the degrees of freedom of the fitted parameters (Patte
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -46,19 +45,22 @@ class RestrictedLikelihood:
 
     def misfit(self, noise: NoiseModel) -> float:
         """Return -2 log restricted likelihood, up to a constant; inf where the noise is out of all proportion."""
+        return float(self.misfits([noise])[0])
+
+    def misfits(self, noises: Sequence[NoiseModel]) -> FloatArray:
+        """Return the same of several noise models, (k,)."""
         with np.errstate(over="ignore", invalid="ignore"):  # as that of a recording without noise may be
-            products, total = self._products(noise)
-        if not np.isfinite(products).all():
-            return math.inf
-        value = total + float(products[0, 0])
-        if len(products) > 1:
-            information, along = products[1:, 1:], products[1:, 0]
-            scale = np.sqrt(np.maximum(information.diagonal(), 1e-300))
-            eigen, vectors = np.linalg.eigh(information / (scale[:, None] * scale))
-            seen = eigen > 1e-9
-            along, eigen = (vectors.T @ (along / scale))[seen], eigen[seen]
-            value += float(-(along**2 / eigen).sum() + np.log(eigen).sum() + 2 * np.log(scale).sum())
-        return value if math.isfinite(value) else math.inf
+            found = [self._products(noise) for noise in noises]
+            products, values = np.array([own for own, _ in found]), np.array([total for _, total in found])
+            values += products[:, 0, 0]
+        sound = np.asarray(np.isfinite(products).all(axis=(1, 2)))
+        if products.shape[1] > 1 and sound.any():
+            information, along = products[sound, 1:, 1:], products[sound, 1:, 0]
+            scale = np.sqrt(np.maximum(np.diagonal(information, axis1=1, axis2=2), 1e-300))
+            eigen, vectors = np.linalg.eigh(information / (scale[:, :, None] * scale[:, None, :]))
+            told = zip(eigen, vectors, along / scale, np.log(scale).sum(axis=1), strict=True)
+            values[sound] += [_charge(*own) for own in told]
+        return np.where(sound & np.isfinite(values), values, np.inf)
 
     def _products(self, noise: NoiseModel) -> tuple[FloatArray, float]:
         """Return the scalar products of the whitened columns, and the sum of log variances."""
@@ -93,12 +95,19 @@ class RestrictedLikelihood:
         high = np.maximum(high, low + 0.1)
         x0 = np.clip(x0, low, high)
 
-        def value(x: FloatArray) -> float:
-            unusual = (x[wanders] - np.log(USUAL_TORQUE)) / TORQUE_SPREAD
-            return self.misfit(_set(noise, active, x)) + float(unusual @ unusual)
+        def values(points: FloatArray) -> FloatArray:
+            unusual = (points[:, wanders] - np.log(USUAL_TORQUE)) / TORQUE_SPREAD
+            return np.asarray(self.misfits([_set(noise, active, x) for x in points]) + np.sum(unusual**2, axis=1))
 
-        x, found = minimise(value, x0, low, high, step=1e-3, iterations=iterations, ftol=1e-6)
+        x, found = minimise(values, x0, low, high, step=1e-3, iterations=iterations, ftol=1e-6)
         return _set(noise, active, x), found
+
+
+def _charge(eigen: FloatArray, vectors: FloatArray, along: FloatArray, log_scale: float) -> float:
+    """Return what fitted columns add: log det of their information less the fall of z'z, by its eigenvectors."""
+    seen = eigen > 1e-9
+    along, eigen = (vectors.T @ along)[seen], eigen[seen]
+    return float(-(along**2 / eigen).sum() + np.log(eigen).sum() + 2 * log_scale)
 
 
 def _get(noise: NoiseModel, component: Component) -> list[float]:

@@ -202,11 +202,16 @@ class Simulator:
             del self._late[next(iter(self._late))]
         return found.copy() if key in self._late else found
 
-    def _simulated(self, candidates: FloatArray, refine: int) -> FloatArray:
-        """Return the same, as the FMU tells it now."""
+    def filtered(self, candidates: FloatArray) -> NDArray[np.bool_]:
+        """Return which candidates, (c,), show a signal through a filter that acts between two rows."""
         filtered = np.zeros(len(candidates), dtype=bool)
         for n in self._acts if self.problem.has_sensors else ():
             filtered |= n.between & (candidates[:, self.index[n.name]] != n.neutral)
+        return filtered
+
+    def _simulated(self, candidates: FloatArray, refine: int) -> FloatArray:
+        """Return the same, as the FMU tells it now."""
+        filtered = self.filtered(candidates)
         alike = filtered.all() or not filtered.any()
         rows = self.between if filtered.any() else 1
         if alike and 0 < len(candidates) * self.rows * rows <= CELLS:

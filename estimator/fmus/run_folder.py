@@ -7,6 +7,7 @@ the next start can tell the folders that were left behind from those in use, and
 from __future__ import annotations
 
 import contextlib
+import os
 import shutil
 import sys
 import tempfile
@@ -46,7 +47,11 @@ class RunFolder:
 
 def remove_leftovers() -> None:
     """Remove the run folders of this user whose owner is gone."""
-    for folder in Path(tempfile.gettempdir()).glob(PREFIX + "*"):
+    place = tempfile.gettempdir()
+    for name in os.listdir(place):
+        if not name.startswith(PREFIX):
+            continue
+        folder = Path(place, name)
         lock = folder / LOCK
         with contextlib.suppress(OSError):
             if not lock.is_file():

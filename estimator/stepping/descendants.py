@@ -41,10 +41,12 @@ def marked(mark: str) -> set[int]:
     """Return the processes of this user, without this one, that carry a mark."""
     line = f"{MARK}={mark}".encode()
     found = set()
-    for entry in PROC.glob("[0-9]*"):
-        with contextlib.suppress(OSError):
-            if int(entry.name) != os.getpid() and line in (entry / "environ").read_bytes().split(b"\0"):
-                found.add(int(entry.name))
+    for pid in os.listdir(PROC) if PROC.is_dir() else ():
+        with contextlib.suppress(OSError, ValueError):  # it has ended, it is another user's, or it is none
+            if int(pid) != os.getpid():
+                with open(f"{PROC}/{pid}/environ", "rb", buffering=0) as environment:
+                    if line in environment.read().split(b"\0"):
+                        found.add(int(pid))
     return found
 
 
