@@ -37,21 +37,11 @@ def further_reach(fit: Fit, parameters: int, *, switches: bool) -> FloatArray:
     """
     covariance = fit.covariance_parts()[0]
     deviation = np.sqrt(np.diag(covariance))
-<<<<<<< HEAD
-    linear = Projection(fit.whitener.flat(linear_columns(fit.linear, fit.shown.shape)))
-    factors = np.ones(parameters)
-    for k in range(parameters):
-        if deviation[k] > 0 and fit.at_bound[k] == 0:
-            along = covariance[:, k] / deviation[k]
-            sides = (-1.0, 1.0) if switches else _flat_sides(fit, along, linear)
-            factors[k] = max([1.0, *(_reach(fit, k, side, along, switches=switches) for side in sides)])
-=======
     factors, at_bound = np.ones(parameters), fit.at_bound
     moving = {k: covariance[:, k] / deviation[k] for k in range(parameters) if deviation[k] > 0 and at_bound[k] == 0}
     lines = [(k, side, along) for k, along in moving.items() for side in (-1.0, 1.0)]
     for k, side, along in lines if switches else _flat(fit, lines):
-        factors[k] = max(factors[k], _reach(fit, k, side, along))
->>>>>>> fast15
+        factors[k] = max(factors[k], _reach(fit, k, side, along, switches=switches))
     lacking = np.zeros_like(covariance)
     for k in np.argsort(-factors, kind="stable"):
         more = factors[k] ** 2 - 1.0 - lacking[k, k] / max(covariance[k, k], 1e-300)

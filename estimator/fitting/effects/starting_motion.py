@@ -77,4 +77,4 @@ class StartingMotion(Effect):
 
 
 def _before_voltage(o: Observed) -> NDArray[np.bool_]:
-    return np.cumsum(o.inputs["v"] != 0) == 0
+    return np.asarray(np.cumsum(o.inputs["v"] != 0) == 0)
