@@ -6,7 +6,6 @@ from dry_friction import DryMotor
 from motors import CML050, recording_of
 
 from estimator.estimating.estimate import estimate_recordings
-from estimator.fitting import profile_widths
 
 pytestmark = pytest.mark.usefixtures("shared_workers")
 
@@ -52,21 +51,3 @@ def test_a_motor_whose_circuit_is_open_coasts_before_its_voltage(case_of):
     found = estimated(case_of, VOLTAGE, shown)
     assert {"coasting", "motion before the voltage"} <= set(found.effects), (found.effects, found.reasons)
     assert worst(found, truth) < 4.5
-
-
-def test_a_model_that_switches_is_followed_where_its_cost_is_flat(case_of, monkeypatch):
-    """A limit that is not reached moves nothing; a parameter that others make up for is told elsewhere."""
-    held = {}
-
-    def recorded(fit, parameters, *, switches):
-        held["fit"] = fit
-        return np.zeros((len(fit.names),) * 2)
-
-    monkeypatch.setattr("estimator.fitting.explained.further_reach", recorded)
-    estimated(case_of, VOLTAGE, begun(DryMotor(dict(DRY)), VOLTAGE))
-    fit = held["fit"]
-    monkeypatch.setattr(profile_widths, "solved", lambda moved, **_: fit)  # as if nothing rose
-    along = np.zeros(len(fit.names))
-    along[0] = 1e-3
-    assert profile_widths._reach(fit, 0, 1.0, along, switches=False) == 1.0
-    assert profile_widths._reach(fit, 0, 1.0, along, switches=True) > 100

@@ -41,7 +41,7 @@ def further_reach(fit: Fit, parameters: int, *, switches: bool) -> FloatArray:
     moving = {k: covariance[:, k] / deviation[k] for k in range(parameters) if deviation[k] > 0 and at_bound[k] == 0}
     lines = [(k, side, along) for k, along in moving.items() for side in (-1.0, 1.0)]
     for k, side, along in lines if switches else _flat(fit, lines):
-        factors[k] = max(factors[k], _reach(fit, k, side, along, switches=switches))
+        factors[k] = max(factors[k], _reach(fit, k, side, along))
     lacking = np.zeros_like(covariance)
     for k in np.argsort(-factors, kind="stable"):
         more = factors[k] ** 2 - 1.0 - lacking[k, k] / max(covariance[k, k], 1e-300)
@@ -65,12 +65,11 @@ def _flat(fit: Fit, lines: Sequence[_Line]) -> list[_Line]:
     return flat
 
 
-def _reach(fit: Fit, k: int, side: float, along: FloatArray, *, switches: bool) -> float:
+def _reach(fit: Fit, k: int, side: float, along: FloatArray) -> float:
     """Return by how much a standard error is to be multiplied for one side; `along`: by one of them all names move.
 
     What is estimated by its logarithm ends at zero: how far it goes is told of itself. 1 where the cost stays as it is
-    to the end: then others make up for it, and its curvature is of what differences round. A model that switches may
-    not show it at all where it does not move a switch: there it reaches as far as it was moved.
+    to the end: then others make up for it, and its curvature is of what differences round.
     """
     low, high = fit.bounds
     x = fit.simulator.scaled(fit.values)[fit.where]
@@ -92,6 +91,6 @@ def _reach(fit: Fit, k: int, side: float, along: FloatArray, *, switches: bool) 
         if rise >= FLAT * FAR**2 or not low[k] < there < high[k]:
             break
     else:
-        if rise < 1.0 and not switches:
+        if rise < 1.0:
             return 1.0
     return float(reached)
