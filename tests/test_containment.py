@@ -443,3 +443,16 @@ def test_control_c_ends_at_once_and_reports_the_best_so_far(tmp_path):
     assert "Traceback" not in errors
     assert "best so far" in errors + output
     assert not any(_alive(p) for p in children)
+
+
+def test_a_temporary_folder_that_may_be_written_but_not_listed_is_left_as_it_is(monkeypatch):
+    """Of mode 1733, as machines of many users have it."""
+    asked = []
+
+    def refused(place):
+        asked.append(place)
+        raise PermissionError(13, "Permission denied", place)
+
+    monkeypatch.setattr("os.listdir", refused)
+    remove_leftovers()
+    assert asked == [tempfile.gettempdir()]

@@ -47,8 +47,10 @@ class RunFolder:
 
 def remove_leftovers() -> None:
     """Remove the run folders of this user whose owner is gone."""
-    place = tempfile.gettempdir()
-    for name in os.listdir(place):
+    place, names = tempfile.gettempdir(), list[str]()
+    with contextlib.suppress(OSError):  # a folder that may be written, not listed
+        names = os.listdir(place)
+    for name in names:
         if not name.startswith(PREFIX):
             continue
         folder = Path(place, name)
