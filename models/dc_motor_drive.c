@@ -1,27 +1,32 @@
 /* DC motor with dry friction and brushes, behind a drive with a current limit and a dead band, at a supply that sags.
  *
  *     L di/dt     = u - R i - K w - sign(i) brush
- *     J dw/dt     = K i - B w - load - sign(w) friction
+ *     J dw/dt     = K i - B w - load - sign(w) (friction + stribeck_torque S(|w| / stribeck_speed))
+ *     S(x) = 0.55 max(1 - x, 0) + 0.45 max(1 - x / 3.2, 0)
  *     dangle/dt   = w
  *     u = v - way sag,   way = sign(v),   where |v| > dead_band;   u = 0, way = 0 elsewhere
  *     with supply_series = 1:   way = 1 everywhere, u = - sag where |v| <= dead_band
  *     supply_time dsag/dt = supply_resistance way i - sag
- *     w = 0 holds as long as |K i - load| <= friction + stiction
+ *     w = 0 holds as long as |K i - load| <= friction + stiction + stribeck_torque
  *     i = 0 holds as long as |u - K w| <= brush, and with coasts = 1 as long as |v| <= dead_band
  *     i = +-current_limit holds as long as u would drive it further
  *
  * All but R, K, L, J and B have no effect unless they are set: without them, this is dc_motor; with friction, stiction and
- * brush alone, dc_motor_friction. The drive takes v as its command. A command of no more than dead_band gives no voltage:
- * then it shorts the motor, or opens the circuit where coasts is 1: the current is zero at once. It holds the current at
- * current_limit by whatever voltage that takes. It connects the supply to the motor the one way or the other: the source
- * v behind supply_resistance, with a capacitor that is charged to v before the motor draws current; supply_time is
- * resistance times capacitance, 0 without a capacitor. sag is what the current has taken off its voltage. A supply that
- * is regulated, and dips only until it has recovered, is one of negative resistance, with its size added to R. With
- * supply_series it is an amplifier instead, whose output sags by the motor's current whatever it is to give.
+ * brush alone, dc_motor_friction. What stiction is larger than friction is gone as soon as the motor moves. stribeck_torque
+ * falls with the speed: S is within 0.07 of Stribeck's curve exp(-x), by lines, so that every mode is linear.
+ *
+ * The drive takes v as its command. A command of no more than dead_band gives no voltage: then it shorts the motor, or opens
+ * the circuit where coasts is 1: the current is zero at once. It holds the current at current_limit by whatever voltage that
+ * takes. It connects the supply to the motor the one way or the other: the source v behind supply_resistance, with a
+ * capacitor that is charged to v before the motor draws current; supply_time is resistance times capacitance, 0 without a
+ * capacitor. sag is what the current has taken off its voltage. A supply that is regulated, and dips only until it has
+ * recovered, is one of negative resistance, with its size added to R. With supply_series it is an amplifier instead, whose
+ * output sags by the motor's current whatever it is to give.
  *
  * motion and conduction are 1 or -1 for the way of speed and current, 0 where they are held at zero, 2 where nothing could
- * hold them. limiting is 1 where the current is held at its limit, limiting_back where it is held at minus its limit.
- * command is the way of the supply, 0 where there is no voltage, 2 where it does not matter.
+ * hold them. crawling and creeping are 1 at speeds below 1 and 3.2 times stribeck_speed. limiting is 1 where the current is
+ * held at its limit, limiting_back where it is held at minus its limit. command is the way of the supply, 0 where there is
+ * no voltage, 2 where it does not matter.
  */
 
 #define MODEL_LINEAR 1
@@ -37,6 +42,8 @@
     X(parameter, B,                 1.69e-4,  1e-4,    0,      1e6,   "N.m.s/rad",   "Viscous friction coefficient") \
     X(parameter, friction,          0,        0.01,    0,      1e6,   "N.m",         "Coulomb friction torque") \
     X(parameter, stiction,          0,        0.01,    0,      1e6,   "N.m",         "Torque to break away, above friction") \
+    X(parameter, stribeck_torque,   0,        0.01,    0,      1e6,   "N.m",         "Friction at rest that falls with the speed") \
+    X(parameter, stribeck_speed,    0,        10,      0,      1e6,   "rad/s",       "Speed at which a third of it is left") \
     X(parameter, brush,             0,        1,       0,      1e3,   "V",           "Voltage drop over the brushes") \
     X(parameter, current_limit,     1e9,      10,      1e-6,   1e9,   "A",           "Current that the drive lets pass; 1e9: any") \
     X(parameter, dead_band,         0,        1,       0,      1e6,   "V",           "Command up to which there is no voltage") \
@@ -49,6 +56,8 @@
     X(state,     angle,             0,        1,       -1e12,  1e12,  "rad",         "Angle of the shaft") \
     X(state,     sag,               0,        1,       -1e6,   1e6,   "V",           "Voltage that the supply has lost") \
     X(mode,      motion,            0,        1,       -1,     2,     "1",           "Way of the speed, 0 at standstill") \
+    X(mode,      crawling,          0,        1,       0,      1,     "1",           "1 below stribeck_speed") \
+    X(mode,      creeping,          0,        1,       0,      1,     "1",           "1 below 3.2 times stribeck_speed") \
     X(mode,      conduction,        0,        1,       -1,     2,     "1",           "Way of the current, 0 where it is blocked") \
     X(mode,      limiting,          0,        1,       0,      1,     "1",           "1 where the current is at its limit") \
     X(mode,      limiting_back,     0,        1,       0,      1,     "1",           "1 where it is at minus its limit") \
@@ -57,6 +66,8 @@
 #include "model.h"
 
 #define NO_LIMIT 1e9 /* A */
+#define STEEP 0.55   /* of stribeck_torque: what falls to nothing at stribeck_speed, by least squares */
+#define FURTHER 3.2  /* times that speed: where the rest has fallen to nothing */
 
 static bool is_open(const Variables *m)
 {
@@ -82,9 +93,17 @@ static double driving_voltage(const Variables *m)
     return u - m->R * m->i - m->K * m->w;
 }
 
+/* The friction torque that falls with the speed, against the motion: on two lines, one of them to FURTHER times the speed. */
+static double falling(const Variables *m)
+{
+    const double x = m->stribeck_speed > 0 ? m->w / m->stribeck_speed : 0;
+    const double steep = m->crawling == 0 ? 0 : STEEP * (m->motion - x);
+    return m->stribeck_torque * (steep + (m->creeping == 0 ? 0 : (1 - STEEP) * (m->motion - x / FURTHER)));
+}
+
 static void derivatives(const Variables *m, Derivatives *d)
 {
-    const double torque = m->K * m->i - m->B * m->w - m->load - m->motion * m->friction;
+    const double torque = m->K * m->i - m->B * m->w - m->load - m->motion * m->friction - falling(m);
     const bool held = m->conduction == 0 || m->limiting != 0 || m->limiting_back != 0 || is_open(m);
     const double drawn = m->supply_resistance * way(m) * m->i;
     d->i = held ? 0 : (driving_voltage(m) - m->conduction * m->brush) / m->L;
@@ -101,6 +120,14 @@ static Switch commanded(const Variables *m)
     return (Switch){next != m->command ? -1 : next == UNHELD ? 1 : fabs(above), next, .lasts = 1};
 }
 
+/* Whether the speed is below one to which stribeck_torque matters. */
+static Switch below(const Variables *m, double mode, double speed)
+{
+    const double margin = speed - fabs(m->w);
+    if (m->stribeck_torque == 0 || speed == 0) return (Switch){mode == 0 ? 1 : -1, 0, .lasts = 1};
+    return mode == 0 ? (Switch){-margin, 1} : (Switch){margin, 0};
+}
+
 /* The limit of a current that flows the one way, 1, or the other, -1. */
 static Switch limited(const Variables *m, double mode, double way)
 {
@@ -112,7 +139,9 @@ static Switch limited(const Variables *m, double mode, double way)
 
 static void switches(const Variables *m, Switches *s)
 {
-    s->motion = dry_friction(m->motion, m->w, m->K * m->i - m->load, m->friction + m->stiction);
+    s->motion = dry_friction(m->motion, m->w, m->K * m->i - m->load, m->friction + m->stiction + m->stribeck_torque);
+    s->crawling = below(m, m->crawling, m->stribeck_speed);
+    s->creeping = below(m, m->creeping, FURTHER * m->stribeck_speed);
     s->conduction = dry_friction(m->conduction, m->i, driving_voltage(m), m->brush);
     if (is_open(m) && m->brush > 0) s->conduction = (Switch){m->conduction == 0 ? 1 : -1, 0, .lasts = 1};
     s->limiting = limited(m, m->limiting, 1);

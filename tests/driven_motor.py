@@ -14,6 +14,7 @@ from scipy.integrate import solve_ivp
 
 Vector = NDArray[np.float64]
 NEUTRAL = {"friction": 0.0, "stiction": 0.0, "brush": 0.0, "current_limit": 1e9, "dead_band": 0.0, "coasts": 0.0}
+NEUTRAL |= {"stribeck_torque": 0.0, "stribeck_speed": 0.0}
 NEUTRAL |= {"supply_resistance": 0.0, "supply_time": 0.0, "supply_series": 0.0}
 
 
@@ -24,6 +25,7 @@ class DrivenMotor(DryMotor):
         super().__init__(NEUTRAL | parameters)
         self.x = [0.0, 0.0, 0.0, 0.0]  # i, w, angle, sag
         self.limiting = 0
+        self.breakaway += self.p["stribeck_torque"]
 
     def _step(self, v: float, load: float, step: float) -> None:
         p, time = self.p, 0.0
@@ -54,7 +56,9 @@ class DrivenMotor(DryMotor):
             ) -> list[float]:
                 i, w, _angle, sag = x.tolist()
                 voltage = terminal([i, w, 0.0, sag]) - p["R"] * i - p["K"] * w - brushes * p["brush"]
-                torque = p["K"] * i - p["B"] * w - load - shaft * p["friction"]
+                x = abs(w) / p["stribeck_speed"] if p["stribeck_speed"] else 4.0
+                left = p["stribeck_torque"] * (0.55 * max(1.0 - x, 0.0) + 0.45 * max(1.0 - x / 3.2, 0.0))
+                torque = p["K"] * i - p["B"] * w - load - shaft * (p["friction"] + left)
                 drawn = p["supply_resistance"] * (1 if in_series else way) * i
                 charge = (drawn - sag) / p["supply_time"] if p["supply_time"] else 0.0
                 flows = brushes and not limiting and not is_open

@@ -21,10 +21,11 @@ EXCITATIONS = {
 
 
 @cache
-def driven(excitation, friction=0.0, brush=0.0, source=0.0, slow=0.02):
+def driven(excitation, friction=0.0, brush=0.0, source=0.0, slow=0.02, stiction=0.0, falls=1.0):
     """Return time, voltage, current and speed at a tenth of a sample.
 
-    friction in N.m, drop of the brushes in V; resistance of the source in Ohm, and time constant of what it loses in s.
+    friction in N.m, drop of the brushes in V; resistance of the source in Ohm, and time constant of what it loses in s;
+    stiction in N.m, which falls as exp(-|w| / falls), in rad/s (Stribeck's curve).
     """
     dt = H / FINE
     time = np.arange(round(0.8 / dt) + 1) * dt
@@ -35,8 +36,9 @@ def driven(excitation, friction=0.0, brush=0.0, source=0.0, slow=0.02):
     x, lost = np.zeros((len(time), 2)), 0.0
     for k in range(len(time) - 1):
         i, w = x[k]
-        stands = abs(w) < 1e-9 and abs(K * i) <= friction
-        torque = -K * i if stands else -friction * np.sign(w if abs(w) >= 1e-9 else i)
+        holds = friction + stiction * np.exp(-abs(w) / falls)
+        stands = abs(w) < 1e-9 and abs(K * i) <= holds
+        torque = -K * i if stands else -holds * np.sign(w if abs(w) >= 1e-9 else i)
         volt = v[k] - brush * np.tanh(i / 1e-3) - lost
         lost += (source * i - lost) * dt / slow
         x[k + 1] = step[:2, :2] @ x[k] + step[:2, 2:] @ (volt, torque)

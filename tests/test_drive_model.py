@@ -22,6 +22,8 @@ OUTPUTS = ("i", "w", "angle")
 MOTOR = {"R": 3.1363, "K": 0.048774, "L": 0.01307, "J": 9e-6, "B": 1.69e-4}
 EFFECTS = {
     "friction": {"friction": 0.01, "stiction": 0.004},
+    "Stribeck": {"friction": 0.01, "stribeck_torque": 0.004, "stribeck_speed": 40.0},
+    "steep Stribeck": {"friction": 0.003, "stiction": 0.002, "stribeck_torque": 0.01, "stribeck_speed": 15.0},
     "brush": {"brush": 0.6},
     "limit": {"current_limit": 1.3},
     "dead band": {"dead_band": 1.5},
@@ -91,6 +93,7 @@ def test_each_effect_agrees_with_solve_ivp_from_event_to_event(
     [
         pytest.param(("friction", "brush", "limit"), id="friction, brush, limit"),
         pytest.param(("coasting", "dead band", "brush", "limit"), id="coasting, dead band, brush, limit"),
+        pytest.param(("coasting", "brush", "Stribeck"), id="coasting, brush, Stribeck"),
         pytest.param(("buffered supply", "limit", "friction"), id="supply, limit, friction"),
         pytest.param(("friction", "brush", "limit", "dead band", "coasting", "buffered supply"), id="all"),
     ],
@@ -173,6 +176,8 @@ def test_a_coasting_motor_has_no_current_at_once_and_slows_by_its_friction_alone
     [
         ("friction", 0.01),
         ("stiction", 0.004),
+        ("stribeck_torque", 0.004),
+        ("stribeck_speed", 40.0),
         ("brush", 0.6),
         ("current_limit", 1.3),
         ("supply_resistance", 0.8),
@@ -184,7 +189,7 @@ def test_a_coasting_motor_has_no_current_at_once_and_slows_by_its_friction_alone
 def test_signals_change_smoothly_with_each_parameter(motor: FmuInstance, name: str, at: float) -> None:
     """Differences over steps of 1e-6 and 1e-5 of a parameter agree: instants of events are exact, not rounded."""
     p = MOTOR.copy()
-    for effect in ("friction", "brush", "limit", "buffered supply"):
+    for effect in ("friction", "Stribeck", "brush", "limit", "buffered supply"):
         p |= EFFECTS[effect]
     assert p[name] == at
     v = held(EXCITATIONS["reversal"], steps=60)

@@ -8,7 +8,16 @@ from estimator.fitting.effects.average import Average, MeanSpeed
 from estimator.fitting.effects.base import SELDOM, Effect
 from estimator.fitting.effects.channel_delay import ChannelDelay
 from estimator.fitting.effects.delay import Delay
-from estimator.fitting.effects.drive import BreakAway, BrushDrop, Coasting, CurrentLimit, DeadBand, DryFriction, Sag
+from estimator.fitting.effects.drive import (
+    BreakAway,
+    BrushDrop,
+    Coasting,
+    CurrentLimit,
+    DeadBand,
+    DryFriction,
+    Sag,
+    StribeckFriction,
+)
 from estimator.fitting.effects.drive_drop import DriveDrop
 from estimator.fitting.effects.edge_latency import EdgeLatency
 from estimator.fitting.effects.gain import Gain
@@ -41,6 +50,7 @@ EFFECTS: tuple[Effect, ...] = (
     EdgeLatency(),
     DryFriction(),
     BreakAway(),
+    StribeckFriction(),
     BrushDrop(),
     CurrentLimit(),
     Coasting(),

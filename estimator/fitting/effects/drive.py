@@ -123,6 +123,31 @@ class BreakAway(Drive):
 
 
 @dataclass(frozen=True)
+class StribeckFriction(Drive):
+    """Friction that is larger at rest and falls while the motor gathers speed (Armstrong-Hélouvry et al. 1994)."""
+
+    name: str = "Stribeck friction"
+    prior: float = 0.1
+    target: str = "stribeck_torque"
+    unit: str = "N.m"
+    speed_target: str = "stribeck_speed"
+    sentence: str = "the friction is {value:.3g} {unit} larger at rest, and falls while the motor gathers speed"
+
+    def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
+        """Return the torque at rest beside dry friction, and the speed at which it has fallen."""
+        torque, top = _torque(plan), _largest(plan, "w")
+        if not torque or not top:
+            return ()
+        together = tuple({self.speed_target: part * top} for part in (0.02, 0.06, 0.18))
+        return [
+            Nuisance(self.target, self.unit, 0.0, self.most * torque, 0.0, 0.1 * torque, target=self.target,
+                     tries=(TRIED * torque,) * len(together), together=together, needs="friction", usual=0.3 * torque),
+            Nuisance(self.speed_target, "rad/s", 1e-3 * top, 0.5 * top, 0.06 * top, 0.01 * top, log=True,
+                     target=self.speed_target),
+        ]  # fmt: skip
+
+
+@dataclass(frozen=True)
 class BrushDrop(Drive):
     """Voltage that drops over the brushes."""
 
