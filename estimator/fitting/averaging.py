@@ -7,7 +7,8 @@ was not accepted the score test tells x_m and C_m without a refit. Its number ha
 that its penalty is log det (I + information), not log n (MacKay 1992). So an effect that the recording hardly shows,
 and that would move a parameter far, widens the standard errors although it was not accepted. An effect whose usual size
 would not show at all is left out: no such recording can tell it. Up to which size an effect hides, and how far it then
-moves the parameters, is reported (`hidden`), and belongs into the tolerances.
+moves the parameters, is reported (`hidden`), and belongs into the tolerances. The sizes of a torque that wanders which
+are left open are averaged over, too: with each the parameters have another covariance.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from estimator.conventions import CONFIDENCE, TOLD_POWER
 from estimator.distributions import normal_chance, normal_quantile
 from estimator.fitting.addition import Addition
 from estimator.fitting.explanation import Explanation
+from estimator.fitting.wandering_torque import OpenTorque
 
 FloatArray = NDArray[np.float64]
 
@@ -86,7 +88,11 @@ class Averaged:
 
 
 def averaged(
-    explanation: Explanation, open_additions: Sequence[Addition], rivals: Sequence[Explanation], samples: int
+    explanation: Explanation,
+    open_additions: Sequence[Addition],
+    rivals: Sequence[Explanation],
+    samples: int,
+    torques: Sequence[OpenTorque] = (),
 ) -> Averaged:
     """Return the parameters averaged over the explanations that are possible.
 
@@ -94,6 +100,7 @@ def averaged(
     ----------
     open_additions : what may still be added, with what the score test says
     rivals : other explanations, nearly as likely
+    torques : sizes of a torque that wanders which are left open
     """
     fit = explanation.fit
     names = fit.simulator.plan.names
@@ -131,6 +138,7 @@ def averaged(
         moved = -off[:p]
         charge += 2 * float(np.log(a.tried / a.effect.prior)) - gain
         parts.append((max(charge, 0.0), own + moved @ size, covariance[:p, :p] + moved @ spread @ moved.T))
+    parts += [(max(t.behind, 0.0), own, t.covariance) for t in torques]
     told, added = [], len(parts)
     deviation = np.sqrt(np.maximum(np.diag(covariance + untold)[:p], 1e-300))
     for rival in rivals:

@@ -30,7 +30,7 @@ def changes_during(explanation: Explanation) -> FloatArray:
     if "B" in names:
         k = names.index("B")
         known = float(fit.covariance_parts()[0][k, k])  # at one speed it is in there
-        variances[k] += max(_friction_variance(fit) / _scale(fit, k) ** 2 - known, 0.0)
+        variances[k] += max(friction_variance(fit) - known, 0.0)
     if "L" in names:
         k = names.index("L")
         variances[k] += _inductance_variance(fit) * (1.0 if fit.simulator.log[k] else float(fit.values[k]) ** 2)
@@ -41,8 +41,8 @@ def _scale(fit: Fit, k: int) -> float:
     return float(fit.values[k]) if fit.simulator.log[k] else 1.0
 
 
-def _friction_variance(fit: Fit) -> float:
-    """Return the variance of B's mean over the recordings where the friction's torque wanders.
+def friction_variance(fit: Fit) -> float:
+    """Return the variance of B's mean, on its scale, over the recordings where the friction's torque wanders.
 
     To the noise that is a torque of one size, which a speed that changes fast tells from B w. But it is the friction
     itself that wanders, B with it: the mean of an Ornstein-Uhlenbeck process over a time T has the variance
@@ -57,7 +57,8 @@ def _friction_variance(fit: Fit) -> float:
         if len(runs):
             u = tau / (len(runs) * clock.step)
             parts.append(2 * (u - u * u * (1 - np.exp(-1 / u))) / float(np.mean(runs**2)))
-    return deviation**2 * float(np.mean(parts)) / len(parts) if parts else 0.0
+    variance = deviation**2 * float(np.mean(parts)) / len(parts) if parts else 0.0
+    return variance / _scale(fit, fit.simulator.plan.names.index("B")) ** 2
 
 
 def _inductance_variance(fit: Fit) -> float:

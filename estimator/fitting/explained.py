@@ -18,7 +18,7 @@ from estimator.fitting.during import changes_during
 from estimator.fitting.effects.base import Effect
 from estimator.fitting.effects.voltage_noise import VoltageNoise, without_noise
 from estimator.fitting.explanation import Explanation
-from estimator.fitting.explanation_noise import by_noise_of, with_wandering_torque
+from estimator.fitting.explanation_noise import by_noise_of
 from estimator.fitting.fit import Fit
 from estimator.fitting.latency import with_latencies
 from estimator.fitting.least_squares_fit import LeastSquaresFit
@@ -27,6 +27,7 @@ from estimator.fitting.profile_widths import further_reach
 from estimator.fitting.readings import Reading
 from estimator.fitting.rivals import settled, simulated_finely
 from estimator.fitting.selection_of_plan import selection_of
+from estimator.fitting.wandering_torque import OpenTorque, hidden_torque, with_wandering_torque
 from estimator.fmus.workers import Workers
 from estimator.plans.parameters import Parameter, SensorPlace
 from estimator.plans.plan import Plan
@@ -79,6 +80,8 @@ class Explained:
     explanation : Explanation
     between : BetweenRuns
         What varies from recording to recording; part of the polish's covariance.
+    hidden_torque : float
+        A torque that wanders by as much would not show, and B's standard error holds it, N.m; 0: it is no part of that.
     """
 
     plan: Plan
@@ -91,6 +94,7 @@ class Explained:
     adequacy: Adequacy
     explanation: Explanation
     between: BetweenRuns
+    hidden_torque: float
 
     @property
     def fit(self) -> Fit:
@@ -181,6 +185,7 @@ def explain(
     checked = adequacy(explanation.fit, len(plan.names))
     rivals: list[Explanation] = []
     open_additions: Sequence[Addition] = ()
+    torques: Sequence[OpenTorque] = ()
     if not briefly and is_wanted(checked):
         enter("rivals")
         likeliest, rivals, is_fine = simulated_finely(selection, *settled(selection, explanation))
@@ -189,7 +194,7 @@ def explain(
         if likeliest is not explanation:
             explanation, checked = likeliest, adequacy(likeliest.fit, len(plan.names))
         if not checked.failures:  # else a wandering torque would be taken for what is missing
-            wanders = with_wandering_torque(explanation)
+            wanders, torques = with_wandering_torque(explanation)
             if wanders is not explanation:
                 rivals = [by_noise_of(wanders, rival) for rival in rivals]
             explanation = wanders
@@ -201,7 +206,7 @@ def explain(
     if len(ways) > 1:
         changed.append(Found(ways[0].effect, "", ways[0].told, ""))
     samples = selection.tests.samples
-    return _explained(plan, explanation, checked, rivals, open_additions, samples, changed, (turned, ways))
+    return _explained(plan, explanation, checked, rivals, (open_additions, torques), samples, changed, (turned, ways))
 
 
 def _explained(
@@ -209,14 +214,14 @@ def _explained(
     explanation: Explanation,
     checked: Adequacy,
     rivals: Sequence[Explanation],
-    open_additions: Sequence[Addition],
+    left_open: tuple[Sequence[Addition], Sequence[OpenTorque]],
     samples: int,
     changed: Sequence[Found],
     other_way: tuple[Explanation | None, Sequence[Reading]],
 ) -> Explained:
     fit = explanation.fit
     p = len(plan.names)
-    mean = averaged(explanation, open_additions, rivals, samples)
+    mean = averaged(explanation, left_open[0], rivals, samples, left_open[1])
     names = fit.names
     reported = [k for k, n in enumerate(names) if k >= p and not n.startswith("ripple ") and not is_between_runs(n)]
     kept = [*range(p), *reported]
@@ -273,6 +278,7 @@ def _explained(
         adequacy=checked,
         explanation=explanation,
         between=between,
+        hidden_torque=hidden_torque(left_open[1], fit),
     )
 
 

@@ -18,22 +18,14 @@ from estimator.fitting.noise_estimate import fit_noise
 from estimator.fitting.noise_growth import noise_of_neighbours
 from estimator.fitting.noise_model import NoiseModel
 from estimator.fitting.outliers import held_down
-from estimator.fitting.restricted_likelihood import USUAL_TORQUE, RestrictedLikelihood
 from estimator.fitting.shared_errors import with_shared_errors
 from estimator.fitting.windows import find_windows
-from estimator.plans.part import LONG
 from estimator.plans.plan import Plan
 from estimator.recordings.excitation import quantum
 from estimator.stepping import layout
 
 FloatArray = NDArray[np.float64]
 
-WANDERING = (
-    0.004,
-    0.012,
-    0.04,
-)  # of the usual torque: sizes from which the likeliest of a torque that wanders is looked for
-WANDERS = 4.0  # of -2 log L: it widens the bars, no more, so that it may be taken in by chance in 2 of 100 recordings
 QUIET = 0.1  # of the first estimate of the deviation: the noise is taken to be no less
 
 
@@ -120,40 +112,6 @@ def with_noise_of_neighbours(explanation: Explanation, differenced: FloatArray) 
     found = dataclasses.replace(found, white=white, growth=np.where(coarse[:, None], old.growth, found.growth))
     fit = held_down(refreshed(fit, fit.whitener.of(found)), windows.onsets)
     return dataclasses.replace(explanation, fit=solved(fit))
-
-
-def with_wandering_torque(explanation: Explanation) -> Explanation:
-    """Return the explanation fitted with a torque that wanders, as all rows show it; as it is where they show none.
-
-    Settled rows alone, each stretch with a level of its own, hardly show friction that wanders more slowly than a
-    stretch lasts, and it is what B's error is made of. In all rows the misfit of a transient may be taken for it:
-    whether an explanation is adequate must be asked before. Long recordings show it in their settled rows; a speed
-    alone does not tell the usual torque.
-    """
-    fit = with_level(explanation.fit)
-    machine, seat = machine_of(fit)
-    if machine is None or not {0, 1} <= set(seat) or fit.simulator.rows > LONG:
-        return explanation
-    noise = dataclasses.replace(fit.whitener.noise, machine=machine, seat=seat)
-    misfit = np.where(fit.whitener.present, fit.residuals(), 0.0)
-    stacked = np.concatenate([misfit[:, :, None], fit.raw], axis=2)
-    stacked = np.where(fit.whitener.present[:, :, None], stacked, 0.0)
-    likelihood = RestrictedLikelihood(fit.whitener.of(noise), stacked)
-    without = dataclasses.replace(noise, torque=(0.0, 1.0))
-    (a, b), current = machine, np.abs(fit.shown[fit.whitener.moving, seat.index(0)])
-    usual = abs(a[1, 0] / b[1]) * float(np.median(current)) if len(current) else 0.0
-    starts = [dataclasses.replace(noise, torque=(size * usual, USUAL_TORQUE)) for size in WANDERING]
-    starts += [noise] if noise.torque[0] > 0 else []
-    if usual == 0.0:
-        return explanation
-    *tried, still = likelihood.misfits([*starts, without]).tolist()
-    if min(tried) > still:
-        return explanation
-    begun = starts[int(np.argmin(tried))]
-    found, value = likelihood.largest(begun, [("torque", 0)])
-    if value > still - WANDERS:
-        return explanation
-    return dataclasses.replace(explanation, fit=solved(refreshed(fit, fit.whitener.of(found))))
 
 
 def by_noise_of(other: Explanation, explanation: Explanation) -> Explanation:

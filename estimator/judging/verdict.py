@@ -352,6 +352,10 @@ def _found(plan: Plan, explained: Explained | None) -> list[str]:
         notes.append(
             f"a torque of {noise.torque[0]:.2g} N.m that wanders over {noise.torque[1]:.2g} s moves current and speed"
         )
+    if explained.hidden_torque > 0:
+        notes.append(
+            f"a torque that wanders by {explained.hidden_torque:.2g} N.m would not show: the standard error of B holds it"
+        )
     if has_motor(plan.names) and "i" in plan.outputs:
         notes.append(
             "not visible in such a recording: a current that is shown 1 % too large (R and L are then 1 % too small, J"
