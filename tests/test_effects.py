@@ -412,7 +412,7 @@ def test_friction_that_wanders_more_slowly_than_a_stretch_lasts_is_in_the_error_
 
 @pytest.mark.parametrize("seed", [1018785, pytest.param(1016956, marks=pytest.mark.full)])
 def test_friction_that_may_wander_unseen_is_in_the_error_of_b(seed, tmp_path):
-    """B was 9.5 and 6 standard errors off: the recordings are too short to show a torque that wanders, or to exclude it."""
+    """B was 9.5 and 6 standard errors off: the recordings neither show nor exclude a torque that wanders."""
     result, true = of_random_bench(seed, tmp_path)
     assert any("that wanders" in note and "would not show" in note for note in result.notes), result.notes
     found = result.parameters["B"]

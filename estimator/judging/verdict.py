@@ -354,7 +354,8 @@ def _found(plan: Plan, explained: Explained | None) -> list[str]:
         )
     if explained.hidden_torque > 0:
         notes.append(
-            f"a torque that wanders by {explained.hidden_torque:.2g} N.m would not show: the standard error of B holds it"
+            f"a torque that wanders by {explained.hidden_torque:.2g} N.m would not show:"
+            " the standard error of B holds it"
         )
     if has_motor(plan.names) and "i" in plan.outputs:
         notes.append(
