@@ -59,8 +59,13 @@ class Page:
 
     def quiet(self):
         """Wait until the page has asked for all that it needs, got it and drawn it."""
-        drawn = "const done = arguments[0]; requestAnimationFrame(() => setTimeout(() => done(window.pending ?? 0), 0))"
-        self.until(lambda: [self.driver.execute_async_script(drawn) for _ in range(3)] == [0, 0, 0])
+        drawn = """const done = arguments[0], seen = [];
+            const look = () => requestAnimationFrame(() => setTimeout(() => {
+              seen.push(window.pending ?? 0);
+              if (seen.length < 3) look(); else done(seen);
+            }, 0));
+            look();"""
+        self.until(lambda: self.driver.execute_async_script(drawn) == [0, 0, 0])
 
     def take_off(self):
         """Take the only recording off the list."""
@@ -91,7 +96,7 @@ class Page:
             except WebDriverException as error:
                 last = f", the driver {error.msg}"
             time.sleep(pause)
-            pause = min(1.5 * pause, 0.1)  # what takes long, as an estimate does, is not slowed by being asked for
+            pause = min(1.5 * pause, 0.2)  # what takes long, as an estimate does, is not slowed by being asked for
         raise AssertionError(f"not within {limit} s{last}; the page says: {self.text[:1500]}")
 
     @property

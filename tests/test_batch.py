@@ -466,7 +466,9 @@ def test_a_mistake_where_tasks_come_from_ends_the_batch():
         list(worker_pool.run_here(tasks(), processes=1))
 
 
-@pytest.mark.parametrize(("how", "status"), [(signal.SIGINT, 130), (signal.SIGKILL, -9)])
+@pytest.mark.parametrize(
+    ("how", "status"), [pytest.param(signal.SIGINT, 130, marks=pytest.mark.full), (signal.SIGKILL, -9)]
+)
 def test_an_end_from_outside_leaves_no_process_behind(how, status, tmp_path):
     line_of(tmp_path / "line", 40)
     process = subprocess.Popen(

@@ -93,6 +93,7 @@ def own_cluster(tmp_path):
     made.close()
 
 
+@pytest.mark.full  # a killed worker is asked below
 def test_a_case_that_the_scheduler_cancels_is_sent_again(cluster, tmp_path):
     from distributed import Client
 

@@ -238,6 +238,7 @@ def test_a_shaft_that_falls_into_a_detent_loses_no_rows(case_of, monkeypatch, be
     assert not [name for name in result.chain if name.startswith("lost rows")], result.reasons
 
 
+@pytest.mark.full  # of an angle that becomes a speed: test_chain.py
 def test_the_speed_of_an_encoder_is_taken_as_a_mean_over_the_interval(case_of):
     noisy = step_recording(CML050, noise=(0.02, 1.0), seed=3, lead=0.2, duration=1.2)
     clean = step_recording(CML050, interval=1e-4, lead=0.2, duration=1.2).signals["speed"]

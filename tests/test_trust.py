@@ -204,6 +204,7 @@ def test_good_recordings_are_not_accused(hand):
         assert (entry["verdict"], entry["named"]) == ("ok", [])
 
 
+@pytest.mark.full  # that it is not refused: test_refusal.py
 def test_a_fast_motor_is_estimated_from_few_samples():
     bench = Bench(motor=random_motor(130))  # 3 045 rad/s, hardly damped: one basin in fifty starts
     recording = bench.record(130)
