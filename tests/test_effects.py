@@ -501,6 +501,15 @@ def test_the_noise_of_a_logged_voltage_tells_no_inductance(tmp_path):
     assert abs(found.value - true["L", -1]) < 4 * found.standard_error and found.standard_error > 3e-5
 
 
+def test_what_a_noisy_voltage_behind_a_source_does_between_two_rows_tells_no_inductance(tmp_path):
+    """It falls while the current rises, in a quarter of a sample: L was 14 standard errors off, and called right."""
+    result, true = of_random_bench(1019694, tmp_path)
+    found = result.parameters["L"]
+    assert result.verdict == "doubtful" and abs(found.value - true["L", -1]) < 3 * found.standard_error
+    near = result.parameters["K"]
+    assert abs(near.value - true["K", -1]) < 4 * near.standard_error
+
+
 @pytest.mark.full  # that levels have errors is asked below of one that is estimated in an eighth of the time
 def test_what_levels_of_a_noisy_voltage_are_is_known_to_their_noise(tmp_path):
     """Noise of 0.3 V beyond 5 % of the range was an edge; K was 4.5 standard errors off, and called right."""
@@ -520,7 +529,7 @@ def test_levels_of_a_long_recording_take_no_memory_for_their_errors(long, monkey
     )
     result, true = of_random_bench(1012188, tmp_path)
     uncertain = told[0].observed[0].uncertain
-    assert (uncertain is None) == (long == 100) and (uncertain is None or uncertain.shape[1] < 10)
+    assert (uncertain is None) == (long == 100) and (uncertain is None or uncertain.shape[1] <= 10)
     found = result.parameters["K"]
     assert abs(found.value - true["K", -1]) < 4 * found.standard_error
 

@@ -65,8 +65,10 @@ def without_noise(fit: Fit, plan: Plan) -> Plan | None:
     followed = [_followed(voltages[clock.rows], shown[clock.rows]) for clock in s.clocks]
     is_told = s.rows <= LONG and sum(len(parts) for parts in followed) <= MOST_LEVELS
     for o, clock, parts in zip(plan.observed, s.clocks, followed, strict=True):
-        quiet, own = {**o.inputs, "v": o.inputs["v"] - around[clock.rows]}, around[clock.rows]
-        observed.append(dataclasses.replace(o, inputs=quiet, uncertain=_uncertain(own, parts) if is_told else None))
+        own = around[clock.rows]
+        quiet = o.inputs["v"] - own
+        uncertain = np.column_stack([_uncertain(own, parts), _between_rows(quiet, parts)]) if is_told else None
+        observed.append(dataclasses.replace(o, inputs={**o.inputs, "v": quiet}, uncertain=uncertain))
     return dataclasses.replace(plan, observed=tuple(observed))
 
 
@@ -77,6 +79,18 @@ def _uncertain(around: FloatArray, parts: Sequence[tuple[slice, FloatArray]]) ->
     for level, basis in parts:
         columns[level, k : (k := k + basis.shape[1])] = np.std(around) * basis
     return columns
+
+
+def _between_rows(quiet: FloatArray, parts: Sequence[tuple[slice, FloatArray]]) -> FloatArray:
+    """Return the error in V, (n,), of a voltage that follows the current within the first interval of its levels.
+
+    It falls as fast as the current rises, of which few samples show the course; all edges err alike.
+    """
+    column = np.zeros(len(quiet))
+    for level, basis in parts:
+        if basis.shape[1] > 1:
+            column[level.start] = quiet[level.start + 1] - quiet[level.start]
+    return column
 
 
 def _around(fit: Fit) -> FloatArray:
