@@ -14,13 +14,12 @@ import numpy as np
 from estimator.fitting.addition import Addition
 from estimator.fitting.effects.base import Effect
 from estimator.fitting.fit import Fit
-from estimator.fitting.gauss_newton import solved
+from estimator.fitting.gauss_newton import ROUGH, ROUGHLY, solved
 from estimator.fitting.simulator import Simulator
 from estimator.plans.plan import Plan
 
 MOST_ADDITIONS = 12  # additions, spectral lines and others each
 NO_CHANGE, DOUBLINGS = 0.1, 2  # of z'z: a smaller change is negligible; doublings of the rows between samples, at most
-ROUGH = 8  # iterations of a fit that is only compared
 
 
 @dataclass(frozen=True)
@@ -71,8 +70,10 @@ def is_full(explanation: Explanation) -> bool:
     return sum(a.effect.is_line == lines for a in explanation.additions) > MOST_ADDITIONS
 
 
-def without(explanation: Explanation, addition: Addition, *, iterations: int = ROUGH) -> Explanation:
-    """Return the explanation, fitted again, without one of its additions."""
+def without(
+    explanation: Explanation, addition: Addition, *, iterations: int = ROUGH, limit: float = np.inf
+) -> Explanation:
+    """Return the explanation, fitted again, without one of its additions; iterations and limit as for `solved`."""
     fit = explanation.fit
     if addition.linear is not None:
         linear = tuple(g for g in fit.linear if g.name != addition.name)
@@ -85,7 +86,7 @@ def without(explanation: Explanation, addition: Addition, *, iterations: int = R
         free = tuple(n for n in fit.free if n not in addition.free)
         fit = dataclasses.replace(fit, values=values, free=free)
     rest = tuple(a for a in explanation.additions if a is not addition)
-    return Explanation(solved(fit, iterations=iterations), rest)
+    return Explanation(solved(fit, iterations=iterations, tolerance=ROUGHLY, limit=limit), rest)
 
 
 def renewed(explanation: Explanation) -> Fit:

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.conventions import STEP_DEVIATION
-from estimator.fitting.explanation import ROUGH, Explanation, renewed
+from estimator.fitting.explanation import Explanation, renewed
 from estimator.fitting.fit import refreshed, slopes_in_time, with_level
-from estimator.fitting.gauss_newton import solved
+from estimator.fitting.gauss_newton import solved, solved_roughly
 from estimator.fitting.jitter import find_jitter, without_responses
 from estimator.fitting.least_squares import ROUNDING
 from estimator.fitting.motor_response import machine_of
@@ -117,4 +117,4 @@ def with_noise_of_neighbours(explanation: Explanation, differenced: FloatArray) 
 def by_noise_of(other: Explanation, explanation: Explanation) -> Explanation:
     """Return an explanation fitted by another's noise: only so do their criteria compare."""
     fit = refreshed(explanation.fit, other.fit.whitener)
-    return dataclasses.replace(explanation, fit=solved(fit, iterations=ROUGH))
+    return dataclasses.replace(explanation, fit=solved_roughly(fit))

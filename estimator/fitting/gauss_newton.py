@@ -16,12 +16,19 @@ from estimator.fitting.slopes import Point, Slopes
 FloatArray = NDArray[np.float64]
 
 ITERATIONS, MOST_STEPS = 25, 4  # derivatives that are simulated; steps for each, on average
+ROUGH, ROUGHLY = 8, 1e-2  # of a fit that is only compared: derivatives that are simulated; tolerance
+HOPE = 4.0  # times the whole fall that derivatives predict: a fit that needs more to be wanted ends
 DAMPING = (1e-3, 1e8)  # first, last
 AS_PREDICTED = (0.7, 1.5)  # of the predicted fall: then derivatives are corrected, not simulated again
 LONGEST_LOG_STEP, LONGEST_STEP = 1.0, 5.0  # longest step: of a logarithm; of a nuisance's typical sizes
 
 
-def solved(fit: Fit, *, iterations: int = ITERATIONS, tolerance: float = 1e-3) -> Fit:
+def solved_roughly(fit: Fit, *, limit: float = np.inf) -> Fit:
+    """Return the fit near the least cost that is reached from where it stands: to be compared, not to be told."""
+    return solved(fit, iterations=ROUGH, tolerance=ROUGHLY, limit=limit)
+
+
+def solved(fit: Fit, *, iterations: int = ITERATIONS, tolerance: float = 1e-3, limit: float = np.inf) -> Fit:
     """Return the fit at the least cost that is reached from where it stands.
 
     Parameters
@@ -30,6 +37,8 @@ def solved(fit: Fit, *, iterations: int = ITERATIONS, tolerance: float = 1e-3) -
         How often derivatives are simulated, at most.
     tolerance : float
         Of z'z: the iteration ends when the predicted fall is smaller. 1 is one standard error.
+    limit : float
+        Of z'z: the iteration ends where it has no hope of less.
     """
     s, where, (low, high) = fit.simulator, fit.where, fit.bounds
     x = np.clip(s.scaled(fit.values)[where], low, high)
@@ -48,6 +57,8 @@ def solved(fit: Fit, *, iterations: int = ITERATIONS, tolerance: float = 1e-3) -
                 break
             raw, simulated, left = point(x, shown).slopes(central=fine), True, left - 1
         a, g = _triangle(fit, linear, raw, shown)
+        if simulated and left < iterations - 1 and cost - HOPE * float(g @ g) > limit:
+            break
         better, predicted = None, 0.0
         while better is None and damping < DAMPING[1]:
             dx = _step(a, g, damping, x, low, high)

@@ -13,9 +13,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.fitting.explanation import ROUGH
 from estimator.fitting.fit import Fit, linear_columns, misfit
-from estimator.fitting.gauss_newton import placed, solved
+from estimator.fitting.gauss_newton import placed, solved_roughly
 from estimator.fitting.projection import Projection
 from estimator.fitting.simulator import CELLS
 
@@ -83,7 +82,7 @@ def _reach(fit: Fit, k: int, side: float, along: FloatArray) -> float:
             moved = np.clip(x + side * far * along[: len(x)], low, high)
         moved[k] = there
         values = placed(fit, moved)
-        here = solved(dataclasses.replace(here, values=values, free=free), iterations=ROUGH)
+        here = solved_roughly(dataclasses.replace(here, values=values, free=free))
         rise = max(here.cost - fit.cost, 0.0)
         away = there - x[k]
         away = abs(np.expm1(away) if fit.is_log[k] else away) / along[k]  # standard errors

@@ -9,9 +9,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from estimator.fitting.addition import Addition, alike, is_physical, is_switch, is_timing
-from estimator.fitting.explanation import ROUGH, Explanation, mirrored, renewed, with_added, with_fine_filters, without
+from estimator.fitting.explanation import Explanation, mirrored, renewed, with_added, with_fine_filters, without
 from estimator.fitting.explanation_noise import by_noise_of, with_noise
-from estimator.fitting.gauss_newton import solved
+from estimator.fitting.gauss_newton import solved, solved_roughly
 from estimator.fitting.selection import PREDICTED_PART, Selection
 from estimator.plans.part import LONG
 
@@ -71,7 +71,7 @@ def simulated_finely(
         for rival in rivals:
             rival.fit.simulator.between = fit.simulator.between
         explanation = selection.at_best(dataclasses.replace(explanation, fit=fit))
-        rivals = [dataclasses.replace(r, fit=solved(r.fit, iterations=ROUGH)) for r in rivals]
+        rivals = [dataclasses.replace(r, fit=solved_roughly(r.fit)) for r in rivals]
     return explanation, rivals, left < MOST_LEFT
 
 
@@ -166,7 +166,8 @@ def _fuller(selection: Selection, explanation: Explanation, rivals: Sequence[Exp
         far = [a for a in tested if a.effect.fmu and a.free and a.gain > a.penalty(n) - RIVALS_WITHIN]
         for likely in (timing, far):
             for a in sorted(likely, key=lambda a: -a.gain)[:1]:
-                fuller = with_added(base, selection.refitted(base, a), a)
+                limit = explanation.fit.cost + 2 * RIVALS_WITHIN
+                fuller = with_added(base, selection.refitted(base, a, limit=limit), a)
                 found.append(dataclasses.replace(fuller, fit=solved(fuller.fit)))
     return [e for e in found if all(is_physical(e.fit, a) for a in e.additions)]
 
@@ -196,12 +197,14 @@ def _exchanged(
     likely = list({a.effect.name: a for a in reversed(ranked)}.values())[::-1][:RIVALS_REFITTED]
     if sharp_too:
         likely += [a for a in tested if is_timing(a)]
+    most = explanation.criterion(n) + 2 * RIVALS_WITHIN
     for other in likely:
         other = _as_late(explanation, addition, other)
-        rival = with_added(bare, selection.refitted(bare, other), other)
+        limit = most - other.penalty(n) - (bare.criterion(n) - bare.fit.cost)
+        rival = with_added(bare, selection.refitted(bare, other, limit=limit), other)
         if any(a.linear is not None for a in rival.additions):
-            rival = dataclasses.replace(rival, fit=solved(renewed(rival), iterations=ROUGH))
-        if rival.criterion(n) < explanation.criterion(n) + 2 * RIVALS_WITHIN:
+            rival = dataclasses.replace(rival, fit=solved_roughly(renewed(rival), limit=limit))
+        if rival.criterion(n) < most:
             rival = dataclasses.replace(rival, fit=solved(rival.fit))
             found.append(rival)
     return found

@@ -28,7 +28,6 @@ from estimator.fitting.addition_tests import AdditionTests
 from estimator.fitting.effects.base import Effect
 from estimator.fitting.explanation import (
     MOST_ADDITIONS,
-    ROUGH,
     Explanation,
     is_full,
     mirrored,
@@ -40,7 +39,7 @@ from estimator.fitting.explanation import (
 )
 from estimator.fitting.explanation_noise import by_noise_of, with_jitter, with_noise, with_noise_of_neighbours
 from estimator.fitting.fit import Fit, new_fit
-from estimator.fitting.gauss_newton import solved
+from estimator.fitting.gauss_newton import ROUGH, solved, solved_roughly
 from estimator.fitting.noise_model import NoiseModel
 from estimator.fitting.secants import with_secants
 from estimator.fitting.simulator import Simulator
@@ -189,7 +188,7 @@ class Selection:
                 free = (*s.plan.names, *self.always, *(n for a in additions for n in a.free))
                 fit = new_fit(simulator, simulator.values({**begun, **values}), free, plain)
                 open_ones = tuple(group for e in self.effects for group in e.always(fit))
-                fit = solved(dataclasses.replace(fit, linear=open_ones), iterations=ROUGH)
+                fit = solved_roughly(dataclasses.replace(fit, linear=open_ones))
                 tried.append(Explanation(fit, tuple(additions)))
         return min(tried, key=self._criterion_at_first)
 
@@ -208,7 +207,7 @@ class Selection:
         free = [n for n in there.free if n in simulator.index]  # all rows may rule out what the part allows
         fit = new_fit(simulator, values, free, there.whitener.noise)
         open_ones = tuple(group for e in self.effects for group in e.always(fit))
-        best = Explanation(solved(dataclasses.replace(fit, linear=open_ones), iterations=ROUGH))
+        best = Explanation(solved_roughly(dataclasses.replace(fit, linear=open_ones)))
         for a in known.additions:
             if a.linear is None:
                 own = (without_columns(a),) if a.name in simulator.index else ()
@@ -278,14 +277,14 @@ class Selection:
             best_few = [
                 a for a in ranked[:REFITTED] if a.gain - a.penalty(n) > PREDICTED_PART * most and a.gain > least
             ]
-            refits = [(self.refitted(explanation, a), a) for a in best_few]
-            falls = [explanation.fit.cost - f.cost - max(a.penalty(n), least) for f, a in refits]
-            falls = [f if is_physical(fit, a) else -np.inf for f, (fit, a) in zip(falls, refits, strict=True)]
-            k = int(np.argmax(falls))
-            if falls[k] > 0:
-                fit, addition = refits[k]
-                found = with_added(explanation, fit, addition)
-                return self._in_company(found, ranked, explanation) or found
+            best, fall = None, 0.0
+            for a in best_few:
+                least_cost = explanation.fit.cost - max(a.penalty(n), least)
+                fit = self.refitted(explanation, a, limit=least_cost - fall)
+                if least_cost - fit.cost > fall and is_physical(fit, a):
+                    best, fall = with_added(explanation, fit, a), least_cost - fit.cost
+            if best is not None:
+                return self._in_company(best, ranked, explanation) or best
             rejected |= {a.name for a in best_few}
 
     def _in_company(self, found: Explanation, ranked: Sequence[Addition], before: Explanation) -> Explanation | None:
@@ -309,16 +308,16 @@ class Selection:
             fit = dataclasses.replace(fit, values=values, free=(*fit.free, *(n for a in company for n in a.free)))
         if not company:
             return None
-        more = Explanation(solved(fit, iterations=ROUGH), (*found.additions, *company))
+        more = Explanation(solved_roughly(fit), (*found.additions, *company))
         n = self.tests.samples
         sound = all(is_physical(more.fit, a) for a in (addition, *company))
         return more if sound and more.criterion(n) < found.criterion(n) else None
 
-    def refitted(self, explanation: Explanation, addition: Addition) -> Fit:
-        """Return the fit with an addition, from the start of the largest predicted fall."""
+    def refitted(self, explanation: Explanation, addition: Addition, *, limit: float = np.inf) -> Fit:
+        """Return the fit with an addition, from the start of the largest predicted fall; limit as for `solved`."""
         fit = explanation.fit
         if addition.linear is not None:
-            return solved(dataclasses.replace(fit, linear=(*fit.linear, addition.linear)), iterations=ROUGH)
+            return solved_roughly(dataclasses.replace(fit, linear=(*fit.linear, addition.linear)), limit=limit)
         simulator = self.tests.simulator(fit, addition.effect)
         assert simulator is not None
         moved = moved_to(fit, simulator)
@@ -331,7 +330,7 @@ class Selection:
             begun.append(dataclasses.replace(moved, values=values, free=(*moved.free, *addition.free)))
         settling = ROUGH if not addition.free else 1
         ready = [solved(b, iterations=settling) for b in begun] if len(begun) > 1 else begun
-        return solved(min(ready, key=lambda f: f.cost), iterations=ROUGH)
+        return solved_roughly(min(ready, key=lambda f: f.cost), limit=limit)
 
     def without_idle(self, explanation: Explanation) -> Explanation:
         """Return the explanation without additions that are no longer needed beside others.
@@ -348,7 +347,8 @@ class Selection:
         """Return the explanation without each of those additions that may be idle."""
         for addition in explanation.additions:
             if wald(explanation.fit, addition) <= IDLE * addition.penalty(self.tests.samples):
-                yield without(explanation, addition)
+                least = explanation.fit.cost + addition.penalty(self.tests.samples)
+                yield without(explanation, addition, limit=least)
 
 
 def _apart(additions: Sequence[Addition]) -> list[Addition]:
