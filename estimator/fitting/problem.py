@@ -288,12 +288,19 @@ def _packed(values: FloatArray) -> tuple[FloatArray, IntArray]:
     The fewest: of every recording what is asked of it once.
     """
     recordings = values.shape[1]
-    found = [np.unique(values[:, e], axis=0, return_inverse=True) for e in range(recordings)]
+    found = [distinct(values[:, e]) for e in range(recordings)]
     packed = np.empty((max(len(asked) for asked, _ in found), *values.shape[1:]))
     for e, (asked, _) in enumerate(found):
         packed[:, e] = asked[0]
         packed[: len(asked), e] = asked
-    return packed, np.stack([which.ravel() for _, which in found], axis=1).astype(np.int64)
+    return packed, np.array([which for _, which in found], dtype=np.int64).T
+
+
+def distinct(rows: FloatArray) -> tuple[FloatArray, list[int]]:
+    """Return the rows, (n, p), that differ, in their order, and which of them each is."""
+    places: dict[bytes, int] = {}
+    which = [places.setdefault(row.tobytes(), len(places)) for row in rows]
+    return rows[[which.index(k) for k in range(len(places))]], which
 
 
 def _substeps(case: Case, recording: Recording) -> int:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.fitting.clock import Clock
-from estimator.fitting.problem import Problem
+from estimator.fitting.problem import Problem, distinct
 from estimator.fitting.shaft_angle import shaft_angle, unfolded_orders
 from estimator.fmus.workers import Workers
 from estimator.plans.parameters import Parameter, SensorPlace, scaled, unscaled
@@ -227,7 +227,7 @@ class Simulator:
 
     def _shown(self, candidates: FloatArray, refine: int, between: int) -> FloatArray:
         """Return the same; `between` rows are simulated for one, for what filters show."""
-        unique, which = _distinct(candidates[:, self._stepped])
+        unique, which = distinct(candidates[:, self._stepped])
         steps = np.array([clock.step for clock in self.clocks])
         # A time-invariant model: with inputs later by a part of a row it shows what lies between.
         late = np.repeat(np.arange(between)[:, None] * steps / between, len(unique), axis=0)
@@ -286,14 +286,6 @@ class Simulator:
     def inputs(self, name: str) -> FloatArray:
         """Return an input over all rows, (rows,); zero where no recording has it."""
         return np.concatenate([o.inputs.get(name, np.zeros(len(o.recording.time))) for o in self.observed])
-
-
-def _distinct(rows: FloatArray) -> tuple[FloatArray, list[int]]:
-    """Return the rows, (n, p), that differ, in their order, and which of them each is."""
-    places: dict[bytes, int] = {}
-    which = [places.setdefault(row.tobytes(), len(places)) for row in rows]
-    first = [which.index(k) for k in range(len(places))]
-    return rows[first], which
 
 
 def per_recording(plan: Plan, kind: str) -> Sequence[str]:
