@@ -123,9 +123,9 @@ static Switch commanded(const Variables *m)
 /* Whether the speed is below one to which stribeck_torque matters. */
 static Switch below(const Variables *m, double mode, double speed)
 {
-    const double margin = speed - fabs(m->w);
+    const double margin = speed - fabs(m->w), way = mode == 0 ? -1 : 1;
     if (m->stribeck_torque == 0 || speed == 0) return (Switch){mode == 0 ? 1 : -1, 0, .lasts = 1};
-    return mode == 0 ? (Switch){-margin, 1} : (Switch){margin, 0};
+    return (Switch){way * margin, mode == 0, .linear = way * (speed - m->motion * m->w), .most = INFINITY};
 }
 
 /* The limit of a current that flows the one way, 1, or the other, -1. */
@@ -133,8 +133,9 @@ static Switch limited(const Variables *m, double mode, double way)
 {
     const double further = way * driving_voltage(m) - m->brush; /* V */
     if (m->current_limit >= NO_LIMIT || is_open(m)) return (Switch){mode == 0 ? 1 : -1, 0, .lasts = 1};
-    if (mode != 0) return (Switch){further, 0};
-    return (Switch){way * m->i == m->current_limit && further > 0 ? -1 : m->current_limit - way * m->i, 1};
+    Switch s = linear_switch(mode == 0 ? m->current_limit - way * m->i : further, mode == 0);
+    if (mode == 0 && way * m->i == m->current_limit && further > 0) s.margin = -1;
+    return s;
 }
 
 static void switches(const Variables *m, Switches *s)
