@@ -2,8 +2,8 @@
 
     python benchmarks/step_cost.py [--rounds 9] [--candidates 200]
 
-A step here is one row: the inputs set where they change, a communication step, two outputs read and compared. Changes
-of mode are counted where the recorded signals show them, and cost much more than a row without.
+A step here is a communication step, and what comes with it: the inputs set where they change, two outputs read and
+compared. The voltage goes up and down in levels, so that some steps see changes of mode, which cost much more.
 """
 
 from __future__ import annotations
@@ -39,15 +39,20 @@ class Work:
     model: str = "dc_motor_drive"
     effects: dict[str, float] = field(default_factory=dict)
     voltage: FloatArray = field(default_factory=LEVELS.copy)
+    late: float = 0.0  # of a step, by which the current is shown late: two communication steps a row
 
 
 WORKS = (
     Work("linear motor", "dc_motor"),
     Work("linear motor, noisy voltage", "dc_motor", voltage=NOISY),
+    Work("linear motor, late current", "dc_motor", late=0.4),
+    Work("linear motor, noisy voltage, late current", "dc_motor", voltage=NOISY, late=0.4),
     Work("nothing set"),
     Work("nothing set, noisy voltage", voltage=NOISY),
     Work("dry friction", effects=DRY),
     Work("dry friction, noisy voltage", effects=DRY, voltage=NOISY),
+    Work("dry friction, late current", effects=DRY, late=0.4),
+    Work("dry friction, noisy voltage, late current", effects=DRY, voltage=NOISY, late=0.4),
     Work("dry friction, little inductance, noisy voltage", effects=DRY | {"L": 2e-5}, voltage=NOISY),
     Work("falling friction", effects=DRY | {"stribeck_torque": 0.004, "stribeck_speed": 40.0}),
     Work("brush drop", effects={"brush": 0.6}),
@@ -88,15 +93,17 @@ def job(work: Work) -> tuple[Job, FloatArray]:
         references("i", "w"),
         (IDENTITY, IDENTITY),
         (experiment,),
+        sensor_values=7 if work.late else 0,
     )
     return asked, np.array(list(parameters.values()))
 
 
-def candidates(values: FloatArray, count: int) -> FloatArray:
-    """Return parameters around the given ones, (count, 1, p); the first as given."""
+def candidates(values: FloatArray, count: int, late: float = 0.0) -> FloatArray:
+    """Return parameters around the given ones, (count, 1, p), and what the sensors show; the first as given."""
     rows = values * np.exp(0.1 * np.random.default_rng(1).standard_normal((count, len(values))))
     rows[0] = values
-    return rows[:, None, :]
+    sensors = [0.0, 1.0, 0.0, late * STEP, 1.0, 0.0, 0.0] if late else []
+    return np.column_stack([rows, np.tile(sensors, (count, 1))])[:, None, :]
 
 
 def processor_time(pid: int) -> float:
@@ -117,7 +124,7 @@ def main() -> None:
                 continue
             asked, values = job(work)
             workers.load(asked)
-            many = candidates(values, args.candidates)
+            many = candidates(values, args.candidates, work.late)
             taken = []
             for _ in range(1 + args.rounds):
                 begun = processor_time(workers.pids[0])

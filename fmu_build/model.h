@@ -106,6 +106,12 @@ typedef struct {
 static void switches(const Variables *m, Switches *s);
 static void enter(Variables *m);
 
+/* One that no state can end. */
+static inline Switch lasting_switch(double margin, double next)
+{
+    return (Switch){margin, next, 1, 0, 0};
+}
+
 /* One whose margin is linear in the states. */
 static inline Switch linear_switch(double margin, double next)
 {
@@ -118,8 +124,8 @@ static inline Switch linear_switch(double margin, double next)
    is no more than hold. Where hold is 0 it is UNHELD: its zeros are no events. */
 static inline Switch dry_friction(double mode, double x, double push, double hold)
 {
-    if (hold == 0) return (Switch){mode == UNHELD ? 1 : -1, UNHELD, 1};
-    if (mode == UNHELD) return (Switch){-1, x > 0 ? 1 : x < 0 ? -1 : 0, 1};
+    if (hold == 0) return lasting_switch(mode == UNHELD ? 1 : -1, UNHELD);
+    if (mode == UNHELD) return lasting_switch(-1, x > 0 ? 1 : x < 0 ? -1 : 0);
     if (mode != 0) return linear_switch(mode * x, 0);
     if (x != 0) return (Switch){-fabs(x), x > 0 ? 1 : -1, 0, push, hold}; /* it was set to move */
     return (Switch){hold - fabs(push), push > 0 ? 1 : -1, 0, push, hold};
