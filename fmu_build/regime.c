@@ -194,8 +194,15 @@ static Regime *solution_regime(Solution *s, const Values *values)
     return r;
 }
 
+/* With the model's functions inlined, of which much that is not looked at here falls away. */
+#if defined(__GNUC__)
+#define REGIME_FLATTENED __attribute__((flatten))
+#else
+#define REGIME_FLATTENED
+#endif
+
 /* Make ready for the inputs as they are: b, and which margins to watch; false where a mode is to change at once. */
-static bool regime_hold(Regime *r, Values *values, unsigned long inputs)
+REGIME_FLATTENED static bool regime_hold(Regime *r, Values *values, unsigned long inputs)
 {
     double x[N_STATES];
     Margins margins;
