@@ -15,7 +15,8 @@ from .errors import BuildError
 
 Kind = Literal["input", "parameter", "state", "output", "mode"]
 # Values by name, to the states' derivatives, the calculated outputs' values and the modes' margins by name; NaN where
-# they are not set.
+# they are not set. With .linear after it, a margin's name is that of what it is told to be made of, with .told that of
+# the margin that this makes.
 Equations = Callable[[Mapping[str, float]], dict[str, float]]
 
 
@@ -140,8 +141,14 @@ def loaded_model(library: Path, *, source: Path) -> Iterator[tuple[Model, Equati
             info.derivatives(values, results)
             switches = (_Switch * (len(modes) + 1))(*[_Switch(margin=math.nan)] * (len(modes) + 1))
             info.switches(values, switches)
-            margins = {name: switch.margin for name, switch in zip(modes, switches, strict=False)}
-            return dict(zip(rates, results, strict=True)) | margins
+            found = dict(zip(rates, results, strict=True))
+            for name, switch in zip(modes, switches, strict=False):
+                found[name] = switch.margin
+                if switch.lasts == 0 and switch.most != 0:
+                    folded = switch.most < math.inf
+                    found[f"{name}.linear"] = switch.linear
+                    found[f"{name}.told"] = switch.most - abs(switch.linear) if folded else switch.linear
+            return found
 
         yield model, equations
 

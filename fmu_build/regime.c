@@ -353,27 +353,28 @@ static inline bool regime_pass(const Regime *r, const Propagator *p, Values *val
     return true;
 }
 
-/* The propagator of a step that was made of late, for the inputs as they are; NULL: there is none, or a mode is to change. */
-static Propagator *solution_recall(Solution *s, Values *values, double step)
+/* The propagator of a step that was made of late, whether for the inputs as they are or not; that of the last step where
+   there is none. */
+static Propagator *solution_recall(const Solution *s, double step)
 {
     Regime *r = s->regime;
-    Propagator *p = s->propagator;
-    for (int k = 0; k < KNOWN && !(p->step == step) && r->begun; k++)
-        if (r->steps[k].step == step && r->steps[k].whole == p->whole) p = &r->steps[k];
-    if (!(p->step == step)) return NULL;
-    if (r->inputs != s->inputs && !regime_hold(r, values, s->inputs)) return NULL;
-    if (p->inputs != r->inputs) propagator_hold(p, r);
-    s->propagator = p;
-    return p;
+    for (int k = 0; k < KNOWN && r->begun; k++)
+        if (r->steps[k].step == step && r->steps[k].whole == s->propagator->whole) return &r->steps[k];
+    return s->propagator;
 }
 
 /* One communication step of which all is known, in which all modes last: false, and none made, where that is not seen at
    once. */
 static inline bool solution_step(Solution *s, Values *values, double step)
 {
-    const Propagator *p = s->propagator;
-    if (!(p->step == step) || p->inputs != s->inputs) p = solution_recall(s, values, step);
-    if (p == NULL) return false;
-    if (N_MODES > 0 && (p->part != step || !s->regime->told || p->whole != (s->regime->watching == 0))) return false;
-    return regime_pass(s->regime, p, values);
+    Regime *r = s->regime;
+    if (!(s->propagator->step == step)) s->propagator = solution_recall(s, step);
+    Propagator *p = s->propagator;
+    if (!(p->step == step)) return false;
+    if (p->inputs != s->inputs) {
+        if (r->inputs != s->inputs && !regime_hold(r, values, s->inputs)) return false;
+        propagator_hold(p, r);
+    }
+    if (N_MODES > 0 && (p->part != step || !r->told || p->whole != (r->watching == 0))) return false;
+    return regime_pass(r, p, values);
 }
