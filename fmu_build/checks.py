@@ -29,7 +29,8 @@ def check_model(model: Model, equations: Equations, *, source: Path) -> None:
         _check_variable(variable, source)
     for name, rate in equations(_start(model)).items():
         if not math.isfinite(rate):
-            what = f"s->{name}.margin" if name in {v.name for v in model.of_kind("mode")} else f"d->{name}"
+            mode = name.partition(".")[0] in {v.name for v in model.of_kind("mode")}
+            what = f"s->{name if '.' in name else name + '.margin'}" if mode else f"d->{name}"
             raise BuildError(
                 f"{source}: {what} is not set, or not finite at the start values; set it, or other start values"
             )
@@ -125,21 +126,36 @@ def _check_variable(variable: Variable, source: Path) -> None:
 
 
 def _check_linearity(model: Model, equations: Equations, source: Path) -> None:
-    """Check f(x1 + x2, u) - f(0, u) = f(x1, 0) - f(0, 0) + f(x2, 0) - f(0, 0) at random states and inputs."""
+    """Check f(x1 + x2, u) - f(0, u) = f(x1, 0) - f(0, 0) + f(x2, 0) - f(0, 0) at random states and inputs.
+
+    f: the derivatives, and what margins are told to be made of. Every other time parameters are random too: those that
+    start at 0 may take their modes away.
+    """
     rng = random.Random(1)
-    states, inputs = model.of_kind("state"), model.of_kind("input")
+    states, inputs, modes = (model.of_kind(kind) for kind in ("state", "input", "mode"))
     rest = _start(model) | {v.name: 0.0 for v in (*states, *inputs)}
-    for modes, _ in product(_combinations_of_modes(model), range(PROBES)):
-        zero = rest | modes
+    for combination, probe in product(_combinations_of_modes(model), range(PROBES)):
+        zero = rest | combination
         held = {v.name: _random_value(v, rng) for v in inputs}
         one, two = ({v.name: _random_value(v, rng) for v in states} for _ in range(2))
         both = {name: one[name] + two[name] for name in one}
+        if probe % 2 and modes:
+            zero |= {v.name: _random_value(v, rng) for v in model.of_kind("parameter")}
         terms = [equations(zero | held | both), equations(zero | held)]
         terms += [equations(zero | one), equations(zero | two), equations(zero)]
-        for state in states:
-            f = [term[state.name] for term in terms]
-            if not abs(f[0] - f[1] - f[2] - f[3] + 2 * f[4]) <= 1e-9 * sum(map(abs, f)):
-                raise BuildError(f"{source}: d->{state.name} is not linear in the states; say MODEL_LINEAR 0")
+        for name in (name for name in terms[0] if all(name in term for term in terms)):
+            f = [term[name] for term in terms]
+            if abs(f[0] - f[1] - f[2] - f[3] + 2 * f[4]) <= 1e-9 * sum(map(abs, f)):
+                continue
+            if name in {v.name for v in states}:
+                raise BuildError(f"{source}: d->{name} is not linear in the states; say MODEL_LINEAR 0")
+            if name.endswith(".linear"):
+                raise BuildError(f"{source}: s->{name} is not linear in the states; leave it and most out")
+        here = terms[0]
+        for name in (v.name for v in modes if f"{v.name}.told" in here):
+            apart = abs(here[name] - here[f"{name}.told"])
+            if min(here[v.name] for v in modes) >= 0 and apart > 1e-9 * (abs(here[name]) + abs(here[f"{name}.linear"])):
+                raise BuildError(f"{source}: s->{name}.margin is not what its linear and most say; set them alike")
 
 
 def _start(model: Model) -> dict[str, float]:

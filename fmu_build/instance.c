@@ -24,7 +24,6 @@
 #define INSTANCE_RARE
 #endif
 
-#define KNOWN 4        /* communication steps: an output that is late makes two in turn */
 #define TIME_LIMIT 1e9 /* s: beyond, microseconds drown in rounding */
 
 typedef enum { INSTANCE_OK = 0, INSTANCE_DISCARD = 2, INSTANCE_ERROR = 3 } Status; /* FMI's numbers */
@@ -53,8 +52,7 @@ typedef struct {
 
 typedef struct Instance {
     State state;
-    Propagator *propagator;  /* of the last communication step; its step is NaN where it does not follow from the state */
-    Propagator known[KNOWN]; /* for the same parameters; but for that one, inputs may have changed since */
+    Solution solution;       /* as far as it is computed for the parameters as they are */
     bool outputs_follow;     /* modes and calculated outputs follow from the other values */
     bool model_exchange;     /* the importer integrates */
     bool log_discard;
@@ -118,26 +116,6 @@ static inline double *instance_time(Instance *instance)
     return &instance->state.values.flat[N_VARIABLES];
 }
 
-/* What was computed does not follow from the state any more. */
-static void instance_forget(Instance *instance)
-{
-    instance->propagator = instance->known;
-    for (int k = 0; k < KNOWN; k++) instance->known[k].step = NAN;
-}
-
-/* Make ready for another communication step than the last; false if what is needed is not finite. */
-static bool instance_prepare(Instance *instance, double step)
-{
-    for (int k = 0; k < KNOWN; k++) {
-        if (!(instance->known[k].step == step)) continue;
-        instance->propagator = &instance->known[k];
-        propagator_hold_inputs(instance->propagator, &instance->state.values);
-        return true;
-    }
-    instance->propagator = &instance->known[(instance->propagator - instance->known + 1) % KNOWN];
-    return propagator_prepare(instance->propagator, &instance->state.values, step);
-}
-
 /* Modes follow from the start values; so they begin anew when these are set. */
 static void instance_reset_modes(Instance *instance)
 {
@@ -157,7 +135,7 @@ static void instance_reset(Instance *instance)
     instance->state.substep = 0;
     instance->state.stop_time = TIME_LIMIT;
     instance->state.phase = PHASE_INSTANTIATED;
-    instance_forget(instance);
+    solution_forget(&instance->solution);
     instance->outputs_follow = false;
 }
 
@@ -180,7 +158,7 @@ static bool instance_is_sane(const Instance *instance, const State *state)
 static void instance_restore(Instance *instance, const State *state)
 {
     instance->state = *state;
-    instance_forget(instance);
+    solution_forget(&instance->solution);
     instance->outputs_follow = false;
 }
 
@@ -212,7 +190,7 @@ static Status instance_enter(Instance *instance, Phase from, Phase to, const cha
 {
     if (instance->state.phase != (int64_t)from) return instance_refuse(instance, call);
     instance->state.phase = to;
-    instance_forget(instance);
+    solution_forget(&instance->solution);
     return INSTANCE_OK;
 }
 
@@ -224,7 +202,7 @@ static Status instance_settle(Instance *instance, bool *changed)
     if (N_MODES == 0) return INSTANCE_OK;
     if (!modes_settle(&instance->state.values, &margins, changed))
         return instance_report(instance, INSTANCE_ERROR, "the modes of the model change without end");
-    if (*changed) instance_forget(instance);
+    if (*changed) solution_forget(&instance->solution);
     if (*changed) instance->outputs_follow = false;
     return INSTANCE_OK;
 }
@@ -341,17 +319,15 @@ static Status instance_set(Instance *instance, const unsigned int *references, s
     for (size_t k = 0; k < count; k++) instance->state.values.flat[references[k]] = values[k];
     instance->outputs_follow = false;
     if (N_MODES > 0 && phase <= PHASE_INITIALIZATION) instance_reset_modes(instance);
-    if (!only_inputs)
-        instance_forget(instance);
-    else if (MODEL_LINEAR && !isnan(instance->propagator->step))
-        propagator_hold_inputs(instance->propagator, &instance->state.values);
+    instance->solution.inputs++;
+    if (!only_inputs) solution_forget(&instance->solution);
     return INSTANCE_OK;
 }
 
 INSTANCE_RARE static Status instance_fail(Instance *instance, double time)
 {
     instance->state.phase = PHASE_FAILED;
-    instance_forget(instance);
+    solution_forget(&instance->solution);
     return instance_report(instance, INSTANCE_ERROR, "the step from %g s did not end in a finite state", time);
 }
 
@@ -370,11 +346,10 @@ INSTANCE_RARE static Status instance_step_with_care(Instance *instance, double t
     if (fabs(step - state->step) <= 2 * DBL_EPSILON * larger_of(fabs(time), fabs(end))) step = state->step;
     state->step = step;
     if (N_MODES > 0) {
-        if (!modes_integrate(&state->values, step, instance->propagator)) return instance_fail(instance, time);
+        if (!modes_integrate(&instance->solution, &state->values, step)) return instance_fail(instance, time);
     } else if (MODEL_LINEAR) {
-        if (!(step == instance->propagator->step) && !instance_prepare(instance, step))
-            return instance_fail(instance, time);
-        if (!propagator_step(instance->propagator, &state->values)) return instance_fail(instance, time);
+        if (!solution_prepare(&instance->solution, &state->values, step, true)) return instance_fail(instance, time);
+        if (!propagator_step(instance->solution.propagator, &state->values)) return instance_fail(instance, time);
     } else {
         if (!rosenbrock_integrate(&state->values, step, &state->substep)) return instance_fail(instance, time);
     }
@@ -387,12 +362,12 @@ INSTANCE_RARE static Status instance_step_with_care(Instance *instance, double t
 static inline Status instance_step(Instance *instance, double time, double step)
 {
     const double end = time + step;
-    /* A step as long as the last one, nothing else changed but inputs: what could be wrong was looked at then. */
-    if (MODEL_LINEAR && (N_MODES == 0 || instance->propagator->lasting) &&
-        memcmp(&step, &instance->propagator->step, sizeof step) == 0 && end <= instance->state.stop_time) {
-        if (!propagator_step(instance->propagator, &instance->state.values)) return instance_fail(instance, time);
+    /* A step as long as one of late, nothing else changed but inputs: what could be wrong was looked at then. */
+    if (MODEL_LINEAR && end <= instance->state.stop_time &&
+        solution_step(&instance->solution, &instance->state.values, step)) {
+        instance->state.step = step;
         *instance_time(instance) = end;
-        if (N_OUTPUTS > 0) instance->outputs_follow = false;
+        instance->outputs_follow = N_OUTPUTS == 0; /* the modes do */
         return INSTANCE_OK;
     }
     return instance_step_with_care(instance, time, step);

@@ -133,46 +133,6 @@ static inline bool exponential(const Matrix *a, double scale, int levels, Expone
 
 /* ---- Linear models ---- */
 
-enum {
-    FLOWS = N_MODES > 0 ? 4 : 1,  /* of the modes of late */
-    HALVES = N_MODES > 0 ? 20 : 1 /* of a part of the step */
-};
-
-/* What was computed for a matrix: for parts of the step and their halves, quarters, ... */
-typedef struct {
-    double part; /* s; 0: none yet */
-    Matrix a;
-    double rate; /* 1/s: how fast the states drive each other */
-    bool known[HALVES];
-    Matrix growth[HALVES], gain[HALVES];
-} Flow;
-
-typedef struct {
-    double step; /* s: the communication step that the rest is for; NaN: none */
-    double part; /* s: what one propagation covers of it: all, but where the model has modes */
-    bool whole; /* it was prepared while no margin depended on a state */
-    bool once; /* no swing after the first whole one need be looked at */
-    bool lasting; /* all modes last for these inputs, and one propagation covers the step */
-    Matrix growth;
-    double change[N_STATES]; /* gain b, for the inputs as they are */
-    Matrix gain;
-    Flow flows[FLOWS];
-    int flow;     /* which of them it is */
-    bool settled; /* margins are those of the state as it is: no mode is to change */
-    Margins margins;
-} Propagator;
-
-/* The derivatives at x = 0: b. */
-static inline void propagator_hold_inputs(Propagator *p, const Values *values)
-{
-    Values at_zero = *values;
-    Rates rates;
-    p->lasting = p->settled = false;
-    for (int i = 0; i < N_STATES; i++) at_zero.flat[model_state_places[i]] = 0;
-    derivatives(&at_zero.named, &rates.named);
-    matrix_apply(&p->gain, rates.flat, p->change);
-}
-
 /* Where the motion has died away within the step, an entry of gain may be a small remainder of what it was on the way:
    the settled current beside the starting current, and doubling has rounded the latter. There, A gain = growth is
    solved by elimination, corrected twice (Skeel 1980: the second time, every entry has its own small relative error).
@@ -251,43 +211,6 @@ static void linear_matrix(const Values *values, Matrix *a)
         probe.flat[model_state_places[j]] = 0;
         for (int i = 0; i < N_STATES; i++) a->at[i][j] = rates.flat[i] - origin.flat[i];
     }
-}
-
-/* Compute all for the matrix of values and their inputs as they are; false if it is not finite. */
-static bool propagator_prepare_for(Propagator *p, const Matrix *a, const Values *values, double step)
-{
-    if (!propagation(a, step, &p->growth, &p->gain)) return false;
-    propagator_hold_inputs(p, values);
-    p->step = p->part = step;
-    return true;
-}
-
-static bool propagator_prepare(Propagator *p, const Values *values, double step)
-{
-    Matrix a;
-    linear_matrix(values, &a);
-    return propagator_prepare_for(p, &a, values, step);
-}
-
-/* One step; false, and none made, if the state would become infinite or NaN. Two sums a row: they do not wait for each
-   other. */
-static inline bool propagator_step(const Propagator *p, Values *values)
-{
-    double x[N_STATES], next[N_STATES];
-    double sum;
-    for (int i = 0; i < N_STATES; i++) x[i] = values->flat[model_state_places[i]];
-    for (int i = 0; i < N_STATES; i++) {
-        double even = p->growth.at[i][0] * x[0];
-        double odd = x[i] + p->change[i];
-        for (int j = 1; j < N_STATES; j += 2) odd += p->growth.at[i][j] * x[j];
-        for (int j = 2; j < N_STATES; j += 2) even += p->growth.at[i][j] * x[j];
-        next[i] = even + odd;
-    }
-    sum = next[0];
-    for (int i = 1; i < N_STATES; i++) sum += next[i];
-    if (!isfinite(sum)) return false;
-    for (int i = 0; i < N_STATES; i++) values->flat[model_state_places[i]] = next[i];
-    return true;
 }
 
 /* ---- Other models ---- */

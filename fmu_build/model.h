@@ -29,6 +29,9 @@
  * states that a mode holds, and this is repeated until no margin is below 0. Within modes, MODEL_LINEAR counts.
  * s->name.lasts is 1 where the margin follows from inputs, parameters and modes alone: then it is looked at between steps
  * only, and while all modes last, a step costs what it costs without modes.
+ * s->name.linear and s->name.most may tell a margin that is linear in the states, so that steps far from its end cost
+ * little: linear changes with the states at rates that modes and parameters alone determine, whatever the states, and the
+ * margin, where it is not below 0, is linear, most being INFINITY, or most - |linear|. Left out, most is 0: nothing is told.
  *
  * From the table come the structures below, the value references (a variable's place in the table) and
  * modelDescription.xml.
@@ -90,9 +93,9 @@ typedef struct {
 
 static void derivatives(const Variables *m, Derivatives *d);
 
-/* How far a mode is from its end, the one that follows, and whether (1) or not (0) no state can end it. */
+/* How far a mode is from its end, the one that follows, whether (1) or not (0) no state can end it, and what it is made of. */
 typedef struct {
-    double margin, next, lasts;
+    double margin, next, lasts, linear, most;
 } Switch;
 
 #if MODEL_MODES > 0
@@ -103,17 +106,29 @@ typedef struct {
 static void switches(const Variables *m, Switches *s);
 static void enter(Variables *m);
 
+/* One that no state can end. */
+static inline Switch lasting_switch(double margin, double next)
+{
+    return (Switch){margin, next, 1, 0, 0};
+}
+
+/* One whose margin is linear in the states. */
+static inline Switch linear_switch(double margin, double next)
+{
+    return (Switch){margin, next, 0, margin, INFINITY};
+}
+
 #define UNHELD 2 /* a mode: free either way */
 
 /* Dry friction on a rate x: it moves one way, 1, or the other, -1, or is held at 0, mode 0, while what drives it, push,
    is no more than hold. Where hold is 0 it is UNHELD: its zeros are no events. */
 static inline Switch dry_friction(double mode, double x, double push, double hold)
 {
-    if (hold == 0) return (Switch){mode == UNHELD ? 1 : -1, UNHELD, 1};
-    if (mode == UNHELD) return (Switch){-1, x > 0 ? 1 : x < 0 ? -1 : 0, 1};
-    if (mode != 0) return (Switch){mode * x, 0, 0};
-    if (x != 0) return (Switch){-fabs(x), x > 0 ? 1 : -1, 0}; /* it was set to move */
-    return (Switch){hold - fabs(push), push > 0 ? 1 : -1, 0};
+    if (hold == 0) return lasting_switch(mode == UNHELD ? 1 : -1, UNHELD);
+    if (mode == UNHELD) return lasting_switch(-1, x > 0 ? 1 : x < 0 ? -1 : 0);
+    if (mode != 0) return linear_switch(mode * x, 0);
+    if (x != 0) return (Switch){-fabs(x), x > 0 ? 1 : -1, 0, push, hold}; /* it was set to move */
+    return (Switch){hold - fabs(push), push > 0 ? 1 : -1, 0, push, hold};
 }
 #endif
 

@@ -15,7 +15,8 @@ from .errors import BuildError
 
 Kind = Literal["input", "parameter", "state", "output", "mode"]
 # Values by name, to the states' derivatives, the calculated outputs' values and the modes' margins by name; NaN where
-# they are not set.
+# they are not set. With .linear after it, a margin's name is that of what it is told to be made of, with .told that of
+# the margin that this makes.
 Equations = Callable[[Mapping[str, float]], dict[str, float]]
 
 
@@ -84,7 +85,13 @@ class _LogCategory(ctypes.Structure):  # instance.c
     _fields_ = [("name", ctypes.c_char_p), ("description", ctypes.c_char_p)]
 
 
-_Function = ctypes.CFUNCTYPE(None, ctypes.POINTER(ctypes.c_double), ctypes.POINTER(ctypes.c_double))
+class _Switch(ctypes.Structure):  # model.h
+    _fields_ = [(name, ctypes.c_double) for name in ("margin", "next", "lasts", "linear", "most")]
+
+
+_Values = ctypes.POINTER(ctypes.c_double)
+_Derivatives = ctypes.CFUNCTYPE(None, _Values, ctypes.POINTER(ctypes.c_double))
+_Switches = ctypes.CFUNCTYPE(None, _Values, ctypes.POINTER(_Switch))
 
 
 class _ModelInfo(ctypes.Structure):  # instance.c
@@ -94,8 +101,8 @@ class _ModelInfo(ctypes.Structure):  # instance.c
         ("log_categories", ctypes.c_int),
         ("table", ctypes.POINTER(_TableRow)),
         ("log_category", ctypes.POINTER(_LogCategory)),
-        ("derivatives", _Function),
-        ("switches", _Function),
+        ("derivatives", _Derivatives),
+        ("switches", _Switches),
     ]
 
 
@@ -132,11 +139,16 @@ def loaded_model(library: Path, *, source: Path) -> Iterator[tuple[Model, Equati
             values = (ctypes.c_double * (len(model.variables) + 1))(*(point[v.name] for v in model.variables))
             results = (ctypes.c_double * len(rates))(*[math.nan] * len(rates))
             info.derivatives(values, results)
-            switches = (ctypes.c_double * (3 * len(modes) + 3))(*[math.nan] * (3 * len(modes) + 3))
-            info.switches(values, switches)  # margin, next and lasts of each
-            return dict(zip(rates, results, strict=True)) | dict(
-                zip(modes, switches[: 3 * len(modes) : 3], strict=True)
-            )
+            switches = (_Switch * (len(modes) + 1))(*[_Switch(margin=math.nan)] * (len(modes) + 1))
+            info.switches(values, switches)
+            found = dict(zip(rates, results, strict=True))
+            for name, switch in zip(modes, switches, strict=False):
+                found[name] = switch.margin
+                if switch.lasts == 0 and switch.most != 0:
+                    folded = switch.most < math.inf
+                    found[f"{name}.linear"] = switch.linear
+                    found[f"{name}.told"] = switch.most - abs(switch.linear) if folded else switch.linear
+            return found
 
         yield model, equations
 

@@ -12,7 +12,7 @@ from .errors import BuildError
 HERE = Path(__file__).resolve().parent
 # The Python that describes a model, as it was when it was loaded: what runs, even if an upgrade changes the files.
 _RECIPE = {path.name: path.read_bytes() for path in HERE.glob("*.py")}
-_COMMON = ("model.h", "integrator.c", "modes.c", "instance.c", "sensitivity.c", "fmi.c")
+_COMMON = ("model.h", "integrator.c", "regime.c", "modes.c", "instance.c", "sensitivity.c", "fmi.c")
 GLUE = {fmi: (*_COMMON, f"fmi{fmi}.c") for fmi in (2, 3)}  # the code around the model, by version of FMI
 
 _UNIT = """\

@@ -112,41 +112,42 @@ static void derivatives(const Variables *m, Derivatives *d)
     d->sag = m->supply_time > 0 ? (drawn - m->sag) / m->supply_time : 0;
 }
 
-static Switch commanded(const Variables *m)
+/* Which way the supply is commanded to be. */
+static double commanded(const Variables *m)
 {
     const bool matters = m->dead_band > 0 || m->coasts >= 0.5 || (m->supply_resistance != 0 && !is_in_series(m));
-    const double above = fabs(m->v) - m->dead_band;
-    const double next = !matters ? UNHELD : !(above > 0) ? 0 : m->v > 0 ? 1 : -1;
-    return (Switch){next != m->command ? -1 : next == UNHELD ? 1 : fabs(above), next, .lasts = 1};
+    return !matters ? UNHELD : !(fabs(m->v) > m->dead_band) ? 0 : m->v > 0 ? 1 : -1;
 }
 
 /* Whether the speed is below one to which stribeck_torque matters. */
 static Switch below(const Variables *m, double mode, double speed)
 {
-    const double margin = speed - fabs(m->w);
-    if (m->stribeck_torque == 0 || speed == 0) return (Switch){mode == 0 ? 1 : -1, 0, .lasts = 1};
-    return mode == 0 ? (Switch){-margin, 1} : (Switch){margin, 0};
+    const double margin = speed - fabs(m->w), way = mode == 0 ? -1 : 1;
+    if (m->stribeck_torque == 0 || speed == 0) return lasting_switch(mode == 0 ? 1 : -1, 0);
+    return (Switch){way * margin, mode == 0, .linear = way * (speed - m->motion * m->w), .most = INFINITY};
 }
 
 /* The limit of a current that flows the one way, 1, or the other, -1. */
 static Switch limited(const Variables *m, double mode, double way)
 {
     const double further = way * driving_voltage(m) - m->brush; /* V */
-    if (m->current_limit >= NO_LIMIT || is_open(m)) return (Switch){mode == 0 ? 1 : -1, 0, .lasts = 1};
-    if (mode != 0) return (Switch){further, 0};
-    return (Switch){way * m->i == m->current_limit && further > 0 ? -1 : m->current_limit - way * m->i, 1};
+    if (m->current_limit >= NO_LIMIT || is_open(m)) return lasting_switch(mode == 0 ? 1 : -1, 0);
+    Switch s = linear_switch(mode == 0 ? m->current_limit - way * m->i : further, mode == 0);
+    if (mode == 0 && way * m->i == m->current_limit && further > 0) s.margin = -1;
+    return s;
 }
 
 static void switches(const Variables *m, Switches *s)
 {
+    const double command = commanded(m);
     s->motion = dry_friction(m->motion, m->w, m->K * m->i - m->load, m->friction + m->stiction + m->stribeck_torque);
     s->crawling = below(m, m->crawling, m->stribeck_speed);
     s->creeping = below(m, m->creeping, FURTHER * m->stribeck_speed);
     s->conduction = dry_friction(m->conduction, m->i, driving_voltage(m), m->brush);
-    if (is_open(m) && m->brush > 0) s->conduction = (Switch){m->conduction == 0 ? 1 : -1, 0, .lasts = 1};
+    if (is_open(m) && m->brush > 0) s->conduction = lasting_switch(m->conduction == 0 ? 1 : -1, 0);
     s->limiting = limited(m, m->limiting, 1);
     s->limiting_back = limited(m, m->limiting_back, -1);
-    s->command = commanded(m);
+    s->command = lasting_switch(command != m->command ? -1 : command == UNHELD ? 1 : fabs(fabs(m->v) - m->dead_band), command);
 }
 
 static void enter(Variables *m)

@@ -130,6 +130,21 @@ static void enter(Variables *m)
         ("s->way = dry", "s->away = dry", "'Switches' has no member named 'away'"),
         ("0, 1, -1, 1,", "0, 1, -1, 1e6,", "variable way is a mode from -1 to 1e.06; give it the few whole numbers"),
         ("(m->v - m->R", "(m->v - m->way * m->i * m->i - m->R", "d->i is not linear in the states"),
+        (
+            "dry_friction(m->way, m->i, m->v, 1)",
+            "linear_switch(1 + m->i * m->i, 0)",
+            "s->way.linear is not linear in the states",
+        ),
+        (
+            "dry_friction(m->way, m->i, m->v, 1)",
+            "linear_switch(1 + m->v * m->i, 0)",
+            "s->way.linear is not linear in the states",
+        ),
+        (
+            "dry_friction(m->way, m->i, m->v, 1)",
+            "(Switch){1 + m->i * m->i, 0, .linear = m->i, .most = INFINITY}",
+            "s->way.margin is not what its linear and most say",
+        ),
     ],
 )
 def test_fault_of_a_model_with_modes_is_one_sentence(tmp_path: Path, old: str, new: str, said: str) -> None:

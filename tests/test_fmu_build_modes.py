@@ -14,6 +14,7 @@ from fmu_instances import ERROR, FmuInstance, Opened, status
 from numpy.typing import NDArray
 
 import fmu_build
+from fmu_build.sources import find_source
 
 pytestmark = pytest.mark.usefixtures("compiled_quickly")
 FAN = Path(__file__).parent / "models" / "dc_motor_friction_fan.c"
@@ -84,6 +85,49 @@ def test_dry_friction_agrees_with_solve_ivp_for_many_motors(motor: FmuInstance) 
         motor.start(**p)
         found = motor.run({"v": v, "load": load}, OUTPUTS, step=step)
         assert difference(found, DryMotor(p).response(v, load, step=step)) < 1e-8, p
+
+
+def test_margins_of_which_nothing_is_told_give_the_same_bits(tmp_path: Path, motor: FmuInstance) -> None:
+    text = find_source("dc_motor_friction").read_text().replace("= dry_friction", "= untold")
+    untold = """#include "model.h"
+static Switch untold(double mode, double x, double push, double hold)
+{
+    Switch s = dry_friction(mode, x, push, hold);
+    s.linear = s.most = 0;
+    return s;
+}"""
+    model = tmp_path / "untold.c"
+    model.write_text(text.replace('#include "model.h"', untold))
+    v, load = held(LEVELS, steps=5), held(LOADS, steps=5)
+    motor.start(**DRY)
+    found = motor.run({"v": v, "load": load}, OUTPUTS, step=2e-3)
+    with Opened(fmu_build.build(model, output=tmp_path / "untold.fmu")) as opened:
+        other = opened.instance()
+        other.start(**DRY)
+        assert np.array_equal(other.run({"v": v, "load": load}, OUTPUTS, step=2e-3), found)
+
+
+def test_what_is_kept_of_modes_inputs_and_steps_changes_no_bit(motor: FmuInstance) -> None:
+    """A state that is restored before every step keeps nothing."""
+    rng = np.random.default_rng(4)
+    v = np.array(LEVELS).repeat(20) + rng.choice([0.0, 0.0, 0.3, -6.0], 20 * len(LEVELS))
+    steps = rng.choice([3e-4, 7e-4, 1e-3, 2e-3, 5e-3], len(v))
+    runs = []
+    for restores in (False, True):
+        motor.fmi.reset()
+        motor.start(**DRY)
+        shown, now = [], 0.0
+        for level, step in zip(v, steps, strict=True):
+            motor.set(v=level)
+            if restores:
+                state = motor.fmi.getFMUState()
+                motor.fmi.setFMUState(state)
+                motor.fmi.freeFMUState(state)
+            motor.step(now, step)
+            now += step
+            shown.append(motor.get(*OUTPUTS))
+        runs.append(np.array(shown))
+    assert np.array_equal(*runs)
 
 
 def test_modes_of_a_model_that_is_not_linear_agree_with_solve_ivp(tmp_path: Path) -> None:

@@ -30,6 +30,7 @@ typedef struct {
     double change;                /* s, when it begins to act */
     double lasts;                 /* s, until when the inputs that the FMU holds are right */
     int64_t next[MAX_OUTPUTS];    /* sample of each output to be read next */
+    double due[MAX_OUTPUTS];      /* s, when that is; infinity after the last */
     double *kept;                 /* [samples][outputs] as read, each at its own instant */
     double before[MAX_OUTPUTS];   /* even steps: as read a step ago */
     double held[MAX_INPUTS];
@@ -81,12 +82,8 @@ static double next_event(Timed *t, double now, double end) {
     double event = end;
     const double change = next_change(t, now);
     if (change < event - t->same) event = change;
-    for (size_t j = 0; j < t->outputs; j++) {
-        if (t->next[j] < t->samples) {
-            const double due = instant(t->run->experiment, t->next[j]) - t->late[j];
-            if (due > now + t->same && due < event - t->same) event = due;
-        }
-    }
+    for (size_t j = 0; j < t->outputs; j++)
+        if (t->due[j] > now + t->same && t->due[j] < event - t->same) event = t->due[j];
     return event;
 }
 
@@ -166,17 +163,21 @@ static fmi2Status hold_means(Timed *t, double from, double to) {
     return fmu->set_real(fmu->component, t->run->job->input_references, t->inputs, means);
 }
 
+/* When the next sample of an output is to be read. */
+static inline double due_next(const Timed *t, size_t output) {
+    return t->next[output] < t->samples ? instant(t->run->experiment, t->next[output]) - t->late[output] : INFINITY;
+}
+
 /* Keep what was read now, for all samples that are due. */
 static void keep(Timed *t, const double *read, double now, double a_step_ago) {
     const int even = t->run->job->even_steps && now > a_step_ago;
     for (size_t j = 0; j < t->outputs; j++) {
-        for (; t->next[j] < t->samples; t->next[j]++) {
-            const double due = instant(t->run->experiment, t->next[j]) - t->late[j];
+        while (t->due[j] <= now + t->same) {
             double value = read[j];
-            if (due > now + t->same) break;
-            if (even && due < now - t->same)
-                value = t->before[j] + (due - a_step_ago) / (now - a_step_ago) * (value - t->before[j]);
-            t->kept[(size_t)t->next[j] * t->outputs + j] = value;
+            if (even && t->due[j] < now - t->same)
+                value = t->before[j] + (t->due[j] - a_step_ago) / (now - a_step_ago) * (value - t->before[j]);
+            t->kept[(size_t)t->next[j]++ * t->outputs + j] = value;
+            t->due[j] = due_next(t, j);
         }
         t->before[j] = read[j];
     }
@@ -203,10 +204,13 @@ static int64_t step_over(Timed *t, int64_t k, int64_t *count) {
     double read[MAX_OUTPUTS];
     while (now < end) {
         const double stop = run->job->even_steps ? end : next_event(t, now, end);
-        const int64_t steps = stop == end && now == begin ? run->substeps : (int64_t)ceil((stop - now) / run->h - 1e-9);
-        const double h = usual_step(t, (stop - now) / (double)(steps > 0 ? steps : 1), now);
+        const double way = stop - now;
+        int64_t steps = 1;
+        if (stop == end && now == begin) steps = run->substeps;
+        else if (way > run->h) steps = (int64_t)ceil(way / run->h - 1e-9);
+        const double h = usual_step(t, steps > 1 ? way / (double)steps : way, now);
         fmi2Status status;
-        for (int64_t s = 0; s < (steps > 0 ? steps : 1); s++) {
+        for (int64_t s = 0; s < steps; s++) {
             status = hold_means(t, now + (double)s * h, now + (double)(s + 1) * h);
             if (status > fmi2Warning) return failed(IN_SET, status);
             status = fmu->do_step(fmu->component, now + (double)s * h, h, fmi2True);
@@ -281,6 +285,7 @@ static int64_t follow_events(Run *run) {
         t.delay = run->sensor_values[0];
         for (size_t j = 0; j < t.outputs; j++) t.late[j] = run->sensor_values[3 + 3 * j];
     }
+    for (size_t j = 0; j < t.outputs; j++) t.due[j] = due_next(&t, j);
     for (size_t j = 0; j < t.inputs; j++) t.goes_linearly = t.goes_linearly || goes_linearly(&t, j);
     t.tells_slopes = t.goes_linearly && fmu->set_derivatives != NULL;
     if (run->job->even_steps) t.tells_slopes = 0; /* an input may bend within a step */
