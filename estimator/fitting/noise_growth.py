@@ -18,6 +18,7 @@ BoolArray = NDArray[np.bool_]
 TOGETHER = 1_000_000  # numbers that growths are tried on at once
 DIFFERENCES = 8000  # second differences that tell the growth; of more than twice as many some are left out
 FARTHEST = 1e37  # of a square, in deviations: a larger one counts as this
+HOPELESS = 0.5  # of what a growth is charged: a coarse one that falls by no more is not looked at closely
 LOUD_SAMPLES = 25  # samples of a large signal, and as many below half of it: fewer do not show a growth
 
 
@@ -76,13 +77,15 @@ def growth_of(residuals: FloatArray, whitener: Whitener, j: int, sharp: BoolArra
             found.append(2 * logs + (T_FREEDOM + 1) * sum_of_logs(far))
         return np.concatenate(found)
 
-    found = []
+    best = (float(misfits(np.zeros(1), 2.0)[0]), 0.0, 2.0)
+    none = best[0]
     # Twice the charge: the squares of neighbours correlate by 0.44.
     for p, charge in ((2.0, 2 * LEAST_FALL), (8.0, 4 * LEAST_FALL)):
         coarse = np.geomspace(0.3, 300.0, 16) / loud
-        fine = coarse[np.argmin(misfits(coarse, p))] * np.geomspace(0.7, 1.43, 9)
-        reached = misfits(fine, p)
-        found.append((float(np.min(reached)) + charge, float(fine[np.argmin(reached)]), p))
-    best = min(found)
-    c, p = (best[1], best[2]) if best[0] < misfits(np.zeros(1), 2.0)[0] else (0.0, 2.0)
+        there = misfits(coarse, p)
+        if none - np.min(there) > HOPELESS * charge:
+            fine = coarse[np.argmin(there)] * np.geomspace(0.7, 1.43, 9)
+            reached = misfits(fine, p)
+            best = min(best, (float(np.min(reached)) + charge, float(fine[np.argmin(reached)]), p))
+    _, c, p = best
     return c, p, size(grown(c * level, p)) * T_MEDIAN / MEDIAN_SIZE / SECOND_DIFFERENCE

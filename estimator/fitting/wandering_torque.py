@@ -70,15 +70,31 @@ def with_wandering_torque(explanation: Explanation) -> tuple[Explanation, tuple[
     likelihood = RestrictedLikelihood(fit.whitener.of(noise), stacked)
     without = dataclasses.replace(noise, torque=(0.0, 1.0))
     sizes = [dataclasses.replace(noise, torque=(size * usual, USUAL_TORQUE)) for size in SIZES]
-    starts = [*sizes, noise] if noise.torque[0] > 0 else sizes
-    *tried, still = likelihood.misfits([*starts, without]).tolist()
+    still = likelihood.misfit(without)
+    tried = _misfits(likelihood, sizes, still)
+    starts = sizes[: len(tried)]
+    if noise.torque[0] > 0:
+        starts, tried = [*starts, noise], [*tried, likelihood.misfit(noise)]
     if min(tried) <= still:
         found, value = likelihood.largest(starts[int(np.argmin(tried))], [("torque", 0)])
         if value <= still - WANDERS:
             return dataclasses.replace(explanation, fit=solved(refreshed(fit, fit.whitener.of(found)))), ()
     if noise.torque[0] > 0:  # the settled rows show it
         return explanation, ()
-    return explanation, _left_open(fit, sizes, np.array(tried) - still)
+    return explanation, _left_open(fit, starts, np.array(tried) - still)
+
+
+def _misfits(likelihood: RestrictedLikelihood, sizes: Sequence[NoiseModel], still: float) -> list[float]:
+    """Return -2 log restricted likelihood of ever larger torques, as far as any of them may be as likely as none.
+
+    A size that is excluded and less likely than the one before it leaves larger ones less likely still.
+    """
+    found = [still]
+    for noise in sizes:
+        found.append(likelihood.misfit(noise))
+        if found[-1] - still > EXCLUDED and found[-1] > found[-2]:
+            break
+    return found[1:]
 
 
 def _left_open(fit: Fit, sizes: Sequence[NoiseModel], behind: FloatArray) -> tuple[OpenTorque, ...]:
