@@ -203,8 +203,10 @@ def _as_shown(fit: Fit, states: FloatArray, clock: Clock) -> FloatArray:
         else:
             shown = states[SEATS[y]]
         for nuisance in s.nuisances:
-            value = fit.values[s.index[nuisance.name]]
-            if nuisance.output == y and nuisance.act is not None and value != nuisance.neutral:
-                shown = nuisance.act(shown, float(value), clock.step)
+            if nuisance.output != y or nuisance.act is None:
+                continue
+            value = float(fit.values[s.index[nuisance.name]])
+            if value != nuisance.neutral:
+                shown = nuisance.act(shown, value, clock.step)
         columns.append(shown)
     return np.column_stack(columns)

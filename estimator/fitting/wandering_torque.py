@@ -98,9 +98,9 @@ def _misfits(likelihood: RestrictedLikelihood, sizes: Sequence[NoiseModel], stil
 
 
 def _left_open(fit: Fit, sizes: Sequence[NoiseModel], behind: FloatArray) -> tuple[OpenTorque, ...]:
-    """Return the sizes that are not excluded, `behind` no torque by -2 log restricted likelihood, (sizes,)."""
+    """Return those tried sizes that are not excluded, `behind` no torque by -2 log restricted likelihood, (sizes,)."""
     p = len(fit.simulator.plan.names)
-    prior = 2 * float(np.log(len(sizes) * (1 - USUAL) / USUAL))
+    prior = 2 * float(np.log(len(SIZES) * (1 - USUAL) / USUAL))
     found = []
     for noise, value in zip(sizes, behind.tolist(), strict=True):
         if value <= EXCLUDED:
