@@ -60,7 +60,7 @@ def find_jitter(z: FloatArray, slope: FloatArray, step: float) -> tuple[float, F
 
 
 def _costs(z: FloatArray, slope: FloatArray, tried: FloatArray) -> list[FloatArray]:
-    """Return -2 log L of each channel, (c, q), by each of the noise factors, at tried jitters, the largest first, and 0.
+    """Return -2 log L of each channel by each noise factor, (c, q), at tried jitters, the largest first, and at 0.
 
     Parameters
     ----------
