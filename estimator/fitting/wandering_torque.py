@@ -29,6 +29,7 @@ FloatArray = NDArray[np.float64]
 
 SIZES = (0.004, 0.012, 0.04, 0.12)  # of the usual torque, each as likely before a recording is seen
 WANDERS = 4.0  # of -2 log L: it widens the bars, no more, so that it may be taken in by chance in 2 of 100 recordings
+PROMISES = 0.25  # of that, by one of the sizes: between two of them, and by another time, it falls hardly further
 EXCLUDED = 5.0  # of -2 log L that a size is less likely than none: the average knows it no more
 
 
@@ -75,7 +76,7 @@ def with_wandering_torque(explanation: Explanation) -> tuple[Explanation, tuple[
     starts = sizes[: len(tried)]
     if noise.torque[0] > 0:
         starts, tried = [*starts, noise], [*tried, likelihood.misfit(noise)]
-    if min(tried) <= still:
+    if min(tried) <= still - PROMISES * WANDERS:
         found, value = likelihood.largest(starts[int(np.argmin(tried))], [("torque", 0)])
         if value <= still - WANDERS:
             return dataclasses.replace(explanation, fit=solved(refreshed(fit, fit.whitener.of(found)))), ()
