@@ -215,9 +215,9 @@ def _own_values(jacobian: Columns, test: ScoreTest, mask: NDArray[np.bool_], par
     along = np.zeros(parameters)
     for at in (slice(k, k + AT_ONCE) for k in range(0, len(mask), AT_ONCE)):  # copies no whole column
         inside = mask[at]
-        own = jacobian[at][inside, :parameters]
+        own = jacobian[at].compress(inside, axis=0)[:, :parameters]  # some ten times as quick as by an index
         information += own.T @ own
-        products += spanned[at][inside].T @ own
+        products += spanned[at].compress(inside, axis=0).T @ own
         along += own.T @ left[at][inside]
     norms = np.sqrt(np.diag(information))
     told = norms > 0

@@ -12,6 +12,7 @@ from estimator.conventions import LEAST_FALL
 FloatArray = NDArray[np.float64]
 
 ORDERS = (1, 2, 3, 4, 6, 8, 12, 16, 24)
+PLAINLY = 0.5  # of the fall that an order must bring: squares of correlations that are together no more bring none
 
 
 def autoregression(series: Sequence[FloatArray], count: int) -> tuple[FloatArray, float]:
@@ -23,6 +24,8 @@ def autoregression(series: Sequence[FloatArray], count: int) -> tuple[FloatArray
     power = sum(float(x @ x) for x in series) / max(count, 1)
     if count < 10 * most or power <= 0:
         return np.zeros(0), float(np.sqrt(power)) if power > 0 else 1.0
+    if _is_white(series, count, power):
+        return np.zeros(0), float(np.sqrt(power))
     best: tuple[float, FloatArray, float] = (0.0, np.zeros(0), power)
     a, error = np.zeros(0), power
     ahead, behind = list(series), list(series)
@@ -39,3 +42,14 @@ def autoregression(series: Sequence[FloatArray], count: int) -> tuple[FloatArray
         if order in ORDERS and score < best[0] - LEAST_FALL:
             best = (float(score), a.copy(), error)
     return best[1], float(np.sqrt(best[2]))
+
+
+def _is_white(series: Sequence[FloatArray], count: int, power: float) -> bool:
+    """Whether correlations over few samples are so small that no order can bring what it must.
+
+    Of small ones the squares are those of the reflections, each of which lowers -2 log L by so much a sample.
+    """
+    lags = range(1, max(ORDERS) + 1)
+    products = [sum(float(x[lag:] @ x[:-lag]) for x in series if len(x) > lag) for lag in lags]
+    falls = count * np.cumsum((np.array(products) / (count * power)) ** 2)
+    return bool(np.all(falls < PLAINLY * (LEAST_FALL + np.array(lags) * np.log(count))))

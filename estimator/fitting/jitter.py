@@ -12,6 +12,7 @@ from estimator.recordings.samples import sum_of_logs
 
 FloatArray = NDArray[np.float64]
 
+SOME = 3  # every one of so many jitters is tried first
 STEEP = 12  # samples, where the signals are steep, that tell a jitter
 NEIGHBOURS_ALIKE = 3.0  # standard deviations of their correlation: more is a misfit, no jitter
 CAPPED = 25.0  # square of a residual: a larger one counts as this
@@ -38,7 +39,35 @@ def find_jitter(z: FloatArray, slope: FloatArray, step: float) -> tuple[float, F
     step : float
         The sampling interval, s.
     """
-    tried = step * np.geomspace(3e-3, 0.5, 24)
+    tried, none = step * np.geomspace(3e-3, 0.5, 24), (0.0, np.ones(z.shape[1]), 0.0)
+    if np.count_nonzero(tried[-1] * np.abs(slope) > NOISE_FACTORS[0]) < STEEP:
+        return none
+    coarse = _costs(z, slope, tried[SOME - 1 :: SOME])
+    if coarse[-1].min(axis=0).sum() - min(c.min(axis=0).sum() for c in coarse) < LEAST_FALL:
+        return none  # between two of these it falls hardly further, and not by twice as much
+    costs = _costs(z, slope, tried)
+    k = int(np.argmin([c.min(axis=0).sum() for c in costs[-2::-1]]))
+    found = costs[-2 - k]
+    best, sizes = float(tried[k]), NOISE_FACTORS[found.argmin(axis=0)]
+    gain = float(costs[-1].min(axis=0).sum() - found.min(axis=0).sum())
+    steep = best * np.abs(slope) > sizes
+    both = steep[1:] & steep[:-1]
+    scaled = np.clip(z / np.sqrt(sizes**2 + (best * slope) ** 2), -3, 3)
+    alike = float(np.sum((scaled[1:] * scaled[:-1])[both])) / float(np.sqrt(max(1, int(np.sum(both)))))
+    if np.count_nonzero(steep) < STEEP or gain < 2 * LEAST_FALL or abs(alike) > NEIGHBOURS_ALIKE:
+        return none
+    return best, np.where(steep.any(axis=0), sizes, 1.0), gain
+
+
+def _costs(z: FloatArray, slope: FloatArray, tried: FloatArray) -> list[FloatArray]:
+    """Return -2 log L of each channel by each noise factor, (c, q), at tried jitters, the largest first, and at 0.
+
+    Parameters
+    ----------
+    z, slope : as `find_jitter`
+    tried : (n,) array
+        Increasing, s.
+    """
     squares, factors = z * z, NOISE_FACTORS[:, None] ** 2
     # Rows whose slope is too small to change a sum of doubles cost the same at every jitter.
     ratio = np.max(slope**2, axis=1) / factors.min()
@@ -62,17 +91,7 @@ def find_jitter(z: FloatArray, slope: FloatArray, step: float) -> tuple[float, F
             cost.append(sum_of_logs(variance) + np.sum(np.minimum(x / variance, CAPPED), axis=1))
         series = u * (v1 - x1 / factors) / factors + u * u * (x2 / factors - v2) / factors**2
         costs.append(np.concatenate(cost) + level + series)  # (sizes, q)
-    k = int(np.argmin([c.min(axis=0).sum() for c in costs[-2::-1]]))
-    found = costs[-2 - k]
-    best, sizes = float(tried[k]), NOISE_FACTORS[found.argmin(axis=0)]
-    gain = float(costs[-1].min(axis=0).sum() - found.min(axis=0).sum())
-    steep = best * np.abs(slope) > sizes
-    both = steep[1:] & steep[:-1]
-    scaled = np.clip(z / np.sqrt(sizes**2 + (best * slope) ** 2), -3, 3)
-    alike = float(np.sum((scaled[1:] * scaled[:-1])[both])) / float(np.sqrt(max(1, int(np.sum(both)))))
-    if np.count_nonzero(steep) < STEEP or gain < 2 * LEAST_FALL or abs(alike) > NEIGHBOURS_ALIKE:
-        return 0.0, np.ones(z.shape[1]), 0.0
-    return best, np.where(steep.any(axis=0), sizes, 1.0), gain
+    return costs
 
 
 def without_responses(

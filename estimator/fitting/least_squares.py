@@ -31,6 +31,7 @@ _Asked = tuple[FloatArray, FloatArray | None]
 
 TOGETHER = 2_000_000  # residuals that are simulated at once for several fits
 REWEIGHTINGS = 3
+TOLERANCE = 1e4  # times rounding's: a step that moves an optimum less than 1e-7 of itself is its last
 REWEIGHTED = 0.02  # relative change of the deviations at which reweighting stops
 CLOSE, CLOSINGS = 0.02, 3  # of chi-square: an optimum no further above the least is accepted; attempts to come closer
 ROUNDING = 1e-12  # of a signal's deviation: rounding of a simulation
@@ -76,10 +77,11 @@ class LeastSquares:
         deviations: FloatArray,
         *,
         evaluations: int = 40,
+        tolerance: float = 1.0,
         central: bool = False,
     ) -> tuple[FloatArray, float]:
         """Return the optimum, (p,) in the parameters' units, and its cost, for given deviations of the outputs."""
-        return self.fits([start], deviations, evaluations=evaluations, central=central)[0]
+        return self.fits([start], deviations, evaluations=evaluations, tolerance=tolerance, central=central)[0]
 
     def fits(
         self,
@@ -219,7 +221,7 @@ class LeastSquares:
 
     def polish(self, start: FloatArray, deviations: FloatArray) -> LeastSquaresFit:
         """Fit, estimate the deviations from the residuals, and repeat until they agree."""
-        values, _ = self.fit(start, deviations)
+        values, _ = self.fit(start, deviations, tolerance=TOLERANCE)
         for _ in range(REWEIGHTINGS):
             found = self.deviations(values)
             if np.all(found < NOISE_FREE * self._spread):
@@ -231,7 +233,7 @@ class LeastSquares:
             deviations = floored
             if np.max(ratio) / np.min(ratio) - 1 <= REWEIGHTED:
                 break
-            values, _ = self.fit(values, deviations)
+            values, _ = self.fit(values, deviations, tolerance=TOLERANCE)
         return self._closed_in(self.judge(values, deviations))
 
     def _closed_in(self, found: LeastSquaresFit) -> LeastSquaresFit:

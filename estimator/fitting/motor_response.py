@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from estimator.fitting.clock import Clock
 from estimator.fitting.fit import Fit
 from estimator.fitting.recursion import recursion
+from estimator.fitting.simulator import Act
 from estimator.motor.exponential import exponential
 from estimator.motor.names import MOTOR, is_motor
 from estimator.motor.state_space import coasting, matrices, sampled
@@ -54,13 +55,16 @@ def response(fit: Fit, *, voltage: FloatArray | None = None, torque: FloatArray 
     given = [(j, signal.reshape(s.rows, -1)) for j, signal in enumerate((voltage, torque)) if signal is not None]
     many = given[0][1].shape[1]
     result = np.zeros((s.rows, len(s.outputs), many))
-    opens = _opens(fit)
+    opens, seats = _opens(fit), [SEATS[y] for y in s.outputs]
+    plain = max(seats) < SEATS["angle"] and not any(_acting(fit, y) for y in s.outputs)
     for clock in s.clocks:
         inputs = np.zeros((clock.rows.stop - clock.rows.start, 2, many))
         for j, signals in given:
             inputs[:, j] = signals[clock.rows]
         states = _states(fit, clock, inputs, opens[clock.rows])
-        for k in range(many):
+        if plain:
+            result[clock.rows] = states[:, seats]
+        for k in () if plain else range(many):
             result[clock.rows, :, k] = _as_shown(fit, states[:, :, k].T, clock)
     one = all(signal is None or signal.ndim == 1 for signal in (voltage, torque))
     return result[:, :, 0] if one else result
@@ -202,9 +206,18 @@ def _as_shown(fit: Fit, states: FloatArray, clock: Clock) -> FloatArray:
             shown = (np.cumsum(states[1]) - 0.5 * (states[1] + states[1][0])) * clock.step
         else:
             shown = states[SEATS[y]]
-        for nuisance in s.nuisances:
-            value = fit.values[s.index[nuisance.name]]
-            if nuisance.output == y and nuisance.act is not None and value != nuisance.neutral:
-                shown = nuisance.act(shown, float(value), clock.step)
+        for act, value in _acting(fit, y):
+            shown = act(shown, value, clock.step)
         columns.append(shown)
     return np.column_stack(columns)
+
+
+def _acting(fit: Fit, output: str) -> list[tuple[Act, float]]:
+    """Return what acts on an output's samples, and with which value."""
+    s, found = fit.simulator, []
+    for nuisance in s.nuisances:
+        if nuisance.output == output and nuisance.act is not None:
+            value = float(fit.values[s.index[nuisance.name]])
+            if value != nuisance.neutral:
+                found.append((nuisance.act, value))
+    return found

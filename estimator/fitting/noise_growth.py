@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.conventions import LEAST_FALL, MEDIAN_SIZE, SECOND_DIFFERENCE, T_FREEDOM, T_MEDIAN
-from estimator.fitting.noise_model import NoiseModel, grown
+from estimator.fitting.noise_model import NoiseModel, grown, grown_squared
 from estimator.fitting.whitener import Whitener
 from estimator.recordings.samples import median, medians, sum_of_logs
 
@@ -18,6 +18,7 @@ BoolArray = NDArray[np.bool_]
 TOGETHER = 1_000_000  # numbers that growths are tried on at once
 DIFFERENCES = 8000  # second differences that tell the growth; of more than twice as many some are left out
 FARTHEST = 1e37  # of a square, in deviations: a larger one counts as this
+HOPELESS = 0.5  # of what a growth is charged: where a coarse one falls by no more, none is looked at closely
 LOUD_SAMPLES = 25  # samples of a large signal, and as many below half of it: fewer do not show a growth
 
 
@@ -63,26 +64,30 @@ def growth_of(residuals: FloatArray, whitener: Whitener, j: int, sharp: BoolArra
     if np.count_nonzero(level < loud / 2) < LOUD_SAMPLES:
         return 0.0, 2.0, size(np.ones_like(level)) * T_MEDIAN / MEDIAN_SIZE / SECOND_DIFFERENCE
 
+    squares, powers = sizes * sizes, level * level
+
     def misfits(c: FloatArray, p: float) -> FloatArray:
         together, found = max(1, TOGETHER // len(d)), []
         for some in (c[k : k + together] for k in range(0, len(c), together)):
-            g = grown(some[:, None] * level, p)
-            ratio = sizes / g
-            unit = np.maximum(medians(ratio) / T_MEDIAN, floor)
-            far = ratio * ratio
-            far /= (T_FREEDOM * unit**2)[:, None]
-            far = np.minimum(far, FARTHEST) + 1.0
-            logs = sum_of_logs(g) + len(d) * np.log(unit)
-            found.append(2 * logs + (T_FREEDOM + 1) * sum_of_logs(far))
+            g = grown_squared((some * some)[:, None] * powers, p)
+            ratio = squares / g
+            unit = np.maximum(medians(ratio) / T_MEDIAN**2, floor**2)
+            ratio /= (T_FREEDOM * unit)[:, None]
+            far = np.minimum(ratio, FARTHEST, out=ratio)
+            far += 1.0
+            found.append(sum_of_logs(g) + len(d) * np.log(unit) + (T_FREEDOM + 1) * sum_of_logs(far))
         return np.concatenate(found)
 
-    found = []
+    best = (float(misfits(np.zeros(1), 2.0)[0]), 0.0, 2.0)
+    none = best[0]
     # Twice the charge: the squares of neighbours correlate by 0.44.
     for p, charge in ((2.0, 2 * LEAST_FALL), (8.0, 4 * LEAST_FALL)):
         coarse = np.geomspace(0.3, 300.0, 16) / loud
-        fine = coarse[np.argmin(misfits(coarse, p))] * np.geomspace(0.7, 1.43, 9)
+        there = misfits(coarse, p)
+        if none - np.min(there) <= HOPELESS * charge:
+            break  # by the other form, too: what one of them tells the other tells nearly as well
+        fine = coarse[np.argmin(there)] * np.geomspace(0.7, 1.43, 9)
         reached = misfits(fine, p)
-        found.append((float(np.min(reached)) + charge, float(fine[np.argmin(reached)]), p))
-    best = min(found)
-    c, p = (best[1], best[2]) if best[0] < misfits(np.zeros(1), 2.0)[0] else (0.0, 2.0)
+        best = min(best, (float(np.min(reached)) + charge, float(fine[np.argmin(reached)]), p))
+    _, c, p = best
     return c, p, size(grown(c * level, p)) * T_MEDIAN / MEDIAN_SIZE / SECOND_DIFFERENCE

@@ -150,12 +150,19 @@ class NoiseModel:
 
 
 def grown(x: FloatArray, p: float) -> FloatArray:
-    """Return (1 + x^p)^(1/p) of numbers from 0; p is 2 or 8: products and roots are quicker than powers."""
+    """Return (1 + x^p)^(1/p) of numbers from 0; p is 2 or 8."""
+    return np.asarray(np.sqrt(grown_squared(x * x, p)))
+
+
+def grown_squared(square: FloatArray, p: float) -> FloatArray:
+    """Return the square of the same of numbers' squares: products and roots are quicker than powers."""
     if p == 2:
-        return np.asarray(np.sqrt(1 + x * x))
-    x = x * x
-    x = x * x
-    return np.asarray(np.sqrt(np.sqrt(np.sqrt(1 + x * x))))
+        return np.asarray(1 + square)
+    result = square * square
+    result *= result
+    result += 1.0
+    np.sqrt(result, out=result)
+    return np.asarray(np.sqrt(result, out=result))
 
 
 @lru_cache(maxsize=256)

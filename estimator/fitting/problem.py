@@ -85,16 +85,18 @@ class Problem:
         assert all(tuple(o.outputs) == tuple(self.outputs) for o in plan.observed)  # as they are laid out
         lengths = [o.before + len(o.recording.time) for o in plan.observed]
         self._edges = np.cumsum([0, *lengths])
-        measured = np.concatenate([o.compared for o in plan.observed])
         self._phased = self._without_phase()
-        self._used = ~np.isnan(measured)
+        self._used = ~np.isnan(np.concatenate([o.compared for o in plan.observed]))
+
+    @cached_property
+    def spread(self) -> FloatArray:
+        """The deviation of each measured output, (q,): its scale; of a constant one its size."""
+        measured = np.concatenate([o.compared for o in self.plan.observed])
         spreads = []
-        for j in range(len(self.outputs)):
-            column = measured[:, j]
+        for column in measured.T:
             spread = float(np.nanstd(column))
-            spread = spread if spread > 0 else max(abs(float(np.nanmean(column))), 1e-12)
-            spreads.append(spread)
-        self.spread = np.array(spreads)
+            spreads.append(spread if spread > 0 else max(abs(float(np.nanmean(column))), 1e-12))
+        return np.array(spreads)
 
     @cached_property
     def output_of_residual(self) -> IntArray:

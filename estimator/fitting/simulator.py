@@ -118,10 +118,6 @@ class Simulator:
 
     Attributes
     ----------
-    steps : (q,) array
-        By which the sensors resolve the outputs, in their units; 0: they are not quantised.
-    coarse : (q,) array
-        Whether an output's resolution is what its neighbours differ by, if they do: there its errors are no noise.
     between : int
         Rows that are simulated for one where a filter acts between them.
     """
@@ -163,10 +159,23 @@ class Simulator:
             Clock(o.times, slice(int(a), int(b)))
             for o, a, b in zip(self.plan.observed, edges[:-1], edges[1:], strict=True)
         )
-        self.measured = np.concatenate([_without_repeats(o, self.outputs) for o in self.observed])
-        self.rows = len(self.measured)
-        self.steps = np.array([max(quantum(o.outputs[y]) for o in self.observed) for y in self.outputs])
-        self.coarse = (self.steps > 0) & np.array([_repeats(o.outputs[y] for o in self.observed) for y in self.outputs])
+        self.rows = int(edges[-1])
+
+    @cached_property
+    def measured(self) -> FloatArray:
+        """What is compared, (rows, q); NaN where a sample is missing, or shown again."""
+        return np.concatenate([_without_repeats(o, self.outputs) for o in self.observed])
+
+    @cached_property
+    def steps(self) -> FloatArray:
+        """By which the sensors resolve the outputs, (q,), in their units; 0: they are not quantised."""
+        return np.array([max(quantum(o.outputs[y]) for o in self.observed) for y in self.outputs])
+
+    @cached_property
+    def coarse(self) -> NDArray[np.bool_]:
+        """Whether an output's resolution is what its neighbours differ by, if they do, (q,): then it is no noise."""
+        repeats = np.array([_repeats(o.outputs[y] for o in self.observed) for y in self.outputs])
+        return np.asarray((self.steps > 0) & repeats)
 
     @property
     def observed(self) -> tuple[Observed, ...]:

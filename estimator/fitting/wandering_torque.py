@@ -29,6 +29,7 @@ FloatArray = NDArray[np.float64]
 
 SIZES = (0.004, 0.012, 0.04, 0.12)  # of the usual torque, each as likely before a recording is seen
 WANDERS = 4.0  # of -2 log L: it widens the bars, no more, so that it may be taken in by chance in 2 of 100 recordings
+PROMISES = 0.25  # of that, by one of the sizes: between two of them, and by another time, it falls hardly further
 EXCLUDED = 5.0  # of -2 log L that a size is less likely than none: the average knows it no more
 
 
@@ -70,21 +71,37 @@ def with_wandering_torque(explanation: Explanation) -> tuple[Explanation, tuple[
     likelihood = RestrictedLikelihood(fit.whitener.of(noise), stacked)
     without = dataclasses.replace(noise, torque=(0.0, 1.0))
     sizes = [dataclasses.replace(noise, torque=(size * usual, USUAL_TORQUE)) for size in SIZES]
-    starts = [*sizes, noise] if noise.torque[0] > 0 else sizes
-    *tried, still = likelihood.misfits([*starts, without]).tolist()
-    if min(tried) <= still:
+    still = likelihood.misfit(without)
+    tried = _misfits(likelihood, sizes, still)
+    starts = sizes[: len(tried)]
+    if noise.torque[0] > 0:
+        starts, tried = [*starts, noise], [*tried, likelihood.misfit(noise)]
+    if min(tried) <= still - PROMISES * WANDERS:
         found, value = likelihood.largest(starts[int(np.argmin(tried))], [("torque", 0)])
         if value <= still - WANDERS:
             return dataclasses.replace(explanation, fit=solved(refreshed(fit, fit.whitener.of(found)))), ()
     if noise.torque[0] > 0:  # the settled rows show it
         return explanation, ()
-    return explanation, _left_open(fit, sizes, np.array(tried) - still)
+    return explanation, _left_open(fit, starts, np.array(tried) - still)
+
+
+def _misfits(likelihood: RestrictedLikelihood, sizes: Sequence[NoiseModel], still: float) -> list[float]:
+    """Return -2 log restricted likelihood of ever larger torques, as far as any of them may be as likely as none.
+
+    A size that is excluded and less likely than the one before it leaves larger ones less likely still.
+    """
+    found = [still]
+    for noise in sizes:
+        found.append(likelihood.misfit(noise))
+        if found[-1] - still > EXCLUDED and found[-1] > found[-2]:
+            break
+    return found[1:]
 
 
 def _left_open(fit: Fit, sizes: Sequence[NoiseModel], behind: FloatArray) -> tuple[OpenTorque, ...]:
-    """Return the sizes that are not excluded, `behind` no torque by -2 log restricted likelihood, (sizes,)."""
+    """Return those tried sizes that are not excluded, `behind` no torque by -2 log restricted likelihood, (sizes,)."""
     p = len(fit.simulator.plan.names)
-    prior = 2 * float(np.log(len(sizes) * (1 - USUAL) / USUAL))
+    prior = 2 * float(np.log(len(SIZES) * (1 - USUAL) / USUAL))
     found = []
     for noise, value in zip(sizes, behind.tolist(), strict=True):
         if value <= EXCLUDED:

@@ -313,14 +313,18 @@ class Workers:
     ) -> None:
         self.simulations += len(values)
         self.steps += int(steps.sum())
-        failed = np.flatnonzero(((kinds := outcomes % 256) != FINISHED) & (kinds != CUT_SHORT))
-        self.failed += len(failed)
         batch.costs[:], batch.steps[:], batch.failed[:] = costs, steps, False
-        batch.costs[failed], batch.failed[failed] = np.inf, True
-        for index in failed.tolist():
-            self._remember(index, int(outcomes[index]), values[index], done=int(steps[index]), refine=refine)
         if batch.shown is not None:
             batch.shown[:] = self._views["shown"][: batch.shown.size].reshape(batch.shown.shape)
+        kinds = outcomes % 256
+        failed = (kinds != FINISHED) & (kinds != CUT_SHORT)
+        if not failed.any():
+            return
+        self.failed += int(np.count_nonzero(failed))
+        batch.costs[failed], batch.failed[failed] = np.inf, True
+        for index in np.flatnonzero(failed).tolist():
+            self._remember(index, int(outcomes[index]), values[index], done=int(steps[index]), refine=refine)
+        if batch.shown is not None:
             batch.shown[failed] = np.nan
 
     def _remember(self, index: int, outcome: int, values: FloatArray, *, done: int, refine: int) -> None:

@@ -77,6 +77,8 @@ def _shown_anew(y: FloatArray) -> NDArray[np.int64]:
     """Return the rows at which a logger that shows each sample so many times shows another; of others all rows."""
     starts = np.flatnonzero(np.concatenate([[True], y[1:] != y[:-1]]))
     lengths = np.diff(starts, append=len(y))
+    if 2 * np.count_nonzero(lengths == 1) > len(lengths):  # their median is 1, which takes longer to find
+        return np.arange(len(y))
     times = int(median(lengths)) if len(lengths) else 1
     if times < 2 or np.mean(lengths == times) < EACH:
         return np.arange(len(y))

@@ -10,7 +10,7 @@ import ctypes
 import sys
 from collections.abc import Sequence
 from ctypes import POINTER, c_double, c_int64, c_uint32, c_void_p
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
 
@@ -56,6 +56,7 @@ FMI3_FUNCTIONS = {
 }
 
 
+@cache
 def stepper() -> ctypes.CDLL:
     """Return the stepping loop, loaded."""
     library = ctypes.CDLL(str(STEPPER))
