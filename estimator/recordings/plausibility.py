@@ -427,7 +427,8 @@ def _without_outliers(y: FloatArray) -> FloatArray:
     y = y[~np.isnan(y)]
     if len(y) < 5:
         return y
-    return np.asarray(np.median(np.column_stack([y[:-2], y[1:-1], y[2:]]), axis=1))
+    before, now, after = y[:-2], y[1:-1], y[2:]
+    return np.asarray(np.maximum(np.minimum(before, now), np.minimum(np.maximum(before, now), after)))
 
 
 def _is_decimal(step: float) -> bool:
