@@ -124,6 +124,8 @@ class Simulator:
         Whether an output's resolution is what its neighbours differ by, if they do: there its errors are no noise.
     between : int
         Rows that are simulated for one where a filter acts between them.
+    derivatives : (bytes, int), (rows, q, f) array
+        The central ones that were asked for last, by their points (slopes.py): a noise, a test and a fit ask in turn.
     """
 
     plan: Plan
@@ -132,6 +134,7 @@ class Simulator:
     sigma: Mapping[str, float]
     problem: Problem = field(init=False)
     between: int = field(init=False, default=SUBSTEPS)
+    derivatives: tuple[tuple[bytes, int], FloatArray] | None = field(init=False, default=None)
     _late: dict[tuple[bytes, int, int], FloatArray] = field(init=False, default_factory=dict)
     _phases: tuple[tuple[bytes, int], FloatArray] | None = field(init=False, default=None)
 
