@@ -333,9 +333,12 @@ static inline fmi2Status set_inputs(const Run *run, int64_t k, size_t inputs) {
 #define SPECIALISED static inline
 #endif
 
-/* Step and compare. The bare loop is for complete recordings of identity sensors whose trajectories are not kept: the
-   same sums in the same order, without the questions. */
-SPECIALISED int64_t follow(Run *run, const size_t outputs, const size_t inputs, const int bare) {
+/* What is asked at each sample: all; PLAIN, of sensors that show the outputs but for gains and offsets; or BARE, of
+   complete recordings of such without these, whose trajectories are not kept. The same sums in the same order. */
+enum { ALL, PLAIN, BARE };
+
+/* Step and compare. */
+SPECIALISED int64_t follow(Run *run, const size_t outputs, const size_t inputs, const int asked) {
     const Fmu *fmu = run->fmu;
     const Job *job = run->job;
     const Experiment *experiment = run->experiment;
@@ -344,7 +347,7 @@ SPECIALISED int64_t follow(Run *run, const size_t outputs, const size_t inputs, 
     fmi2GetRealTYPE *const get_real = fmu->get_real;
     fmi2DoStepTYPE *const do_step = fmu->do_step;
     const int64_t last = experiment->samples - 1;
-    const int64_t substeps = bare ? 1 : run->substeps;
+    const int64_t substeps = asked != ALL ? 1 : run->substeps;
     const double *measured = experiment->measured;
     const double start = experiment->start;
     const double h = run->h;
@@ -352,7 +355,8 @@ SPECIALISED int64_t follow(Run *run, const size_t outputs, const size_t inputs, 
     double weights[MAX_OUTPUTS];
     double read[MAX_OUTPUTS];
     static _Thread_local ChainState states[MAX_OUTPUTS];
-    const double *values = bare ? NULL : run->sensor_values;
+    const double *values = asked == BARE ? NULL : run->sensor_values;
+    double *shown = asked == BARE ? NULL : run->shown;
     double running = run->cost;
     int64_t outcome = FINISHED;
     int64_t count = 0;
@@ -365,14 +369,14 @@ SPECIALISED int64_t follow(Run *run, const size_t outputs, const size_t inputs, 
         }
         for (size_t j = 0; j < outputs; j++) {
             double value = read[j];
-            if (!bare) {
+            if (asked == ALL) {
                 if (job->scale != NULL) value = value * job->scale[2 * j] + job->scale[2 * j + 1];
                 const Chain *chain = experiment->chains != NULL ? experiment->chains + j : NULL;
                 value = sensor_shows(chain, &states[j], job->sensors[j], experiment->interval, k, value);
-                if (values != NULL) value = values[1 + 3 * j] * value + values[2 + 3 * j];
             }
-            if (!bare && run->shown != NULL) *run->shown++ = value;
-            if (bare || !isnan(measured[j])) {
+            if (values != NULL) value = values[1 + 3 * j] * value + values[2 + 3 * j];
+            if (shown != NULL) *shown++ = value;
+            if (asked == BARE || !isnan(measured[j])) {
                 const double residual = value - measured[j];
                 running += weights[j] * (residual * residual);
             }
@@ -392,7 +396,7 @@ SPECIALISED int64_t follow(Run *run, const size_t outputs, const size_t inputs, 
         for (int64_t s = 0; s < substeps; s++) {
             status = do_step(component, start + (double)count * h, h, fmi2True);
             count++;
-            if (!bare && fmu->restore_every_step) restore(run->saved);
+            if (asked == ALL && fmu->restore_every_step) restore(run->saved);
             if (status > fmi2Warning) break;
         }
         if (status > fmi2Warning) {
@@ -410,14 +414,14 @@ static int64_t simulate(Run *run, const double *values, Fmu *fmu) {
     const size_t outputs = (size_t)job->outputs;
     const size_t inputs = (size_t)job->inputs;
     int64_t outcome = initialise(fmu, job, run->experiment, values);
-    int bare = run->shown == NULL && run->substeps == 1 && !fmu->restore_every_step && run->experiment->complete &&
-               run->sensor_values == NULL && run->experiment->chains == NULL && job->scale == NULL;
+    int plain = run->substeps == 1 && !fmu->restore_every_step && run->experiment->chains == NULL && job->scale == NULL;
+    const int bare = run->shown == NULL && run->sensor_values == NULL && run->experiment->complete;
     if (outcome != FINISHED) return outcome;
     if (is_timed(run)) return follow_events(run);
-    for (size_t j = 0; j < outputs; j++) bare = bare && job->sensors[j] == IDENTITY;
-    if (bare && outputs == 2 && inputs == 1) return follow(run, 2, 1, 1);
-    if (bare) return follow(run, outputs, inputs, 1);
-    return follow(run, outputs, inputs, 0);
+    for (size_t j = 0; j < outputs; j++) plain = plain && job->sensors[j] == IDENTITY;
+    if (!plain) return follow(run, outputs, inputs, ALL);
+    if (outputs == 2 && inputs == 1) return bare ? follow(run, 2, 1, BARE) : follow(run, 2, 1, PLAIN);
+    return follow(run, outputs, inputs, PLAIN);
 }
 
 /* Simulate one experiment of a candidate, whose experiments before it cost `*cost`, and add to it. */
