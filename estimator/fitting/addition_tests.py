@@ -230,7 +230,10 @@ def _times(nuisance: Nuisance, t: int) -> float:
 
 def _change(shown: FloatArray, before: FloatArray, usable: NDArray[np.bool_], rows: slice) -> FloatArray:
     """Return by how much tried signals, (c, rows, q), differ in some rows, (n, q, c); 0 of those that failed."""
-    return np.asarray(np.where(usable[:, None, None], shown[:, rows] - before[rows], 0.0).transpose(1, 2, 0))
+    change = shown[:, rows] - before[rows]
+    if not usable.all():
+        change[~usable] = 0.0
+    return np.asarray(change.transpose(1, 2, 0))
 
 
 def _is_excluded(nuisance: Nuisance, taken: set[str]) -> bool:

@@ -203,10 +203,12 @@ static int64_t step_over(Timed *t, int64_t k, int64_t *count) {
     double read[MAX_OUTPUTS];
     while (now < end) {
         const double stop = run->job->even_steps ? end : next_event(t, now, end);
-        const int64_t steps = stop == end && now == begin ? run->substeps : (int64_t)ceil((stop - now) / run->h - 1e-9);
-        const double h = usual_step(t, (stop - now) / (double)(steps > 0 ? steps : 1), now);
+        int64_t steps = run->substeps;
         fmi2Status status;
-        for (int64_t s = 0; s < (steps > 0 ? steps : 1); s++) {
+        double h;
+        if (stop != end || now != begin) steps = stop - now > run->h ? (int64_t)ceil((stop - now) / run->h - 1e-9) : 1;
+        h = usual_step(t, steps > 1 ? (stop - now) / (double)steps : stop - now, now);
+        for (int64_t s = 0; s < steps; s++) {
             status = hold_means(t, now + (double)s * h, now + (double)(s + 1) * h);
             if (status > fmi2Warning) return failed(IN_SET, status);
             status = fmu->do_step(fmu->component, now + (double)s * h, h, fmi2True);
