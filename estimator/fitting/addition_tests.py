@@ -135,7 +135,7 @@ class AdditionTests:
             if numbers > 1:
                 assert alone is not None and across is not None
                 scores = Scores.of(test, fit.whitened, across, alone)
-                gain, _ = test.gain(across)
+                gain = test.gain(across)
             elif group.least >= 0 > scores.along[0]:  # nothing has this sign
                 gain = 0.0
             addition = Addition(
