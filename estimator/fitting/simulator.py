@@ -217,7 +217,7 @@ class Simulator:
         filtered = self.filtered(candidates)
         alike = filtered.all() or not filtered.any()
         rows = self.between if filtered.any() else 1
-        if alike and 0 < len(candidates) * self.rows * rows <= CELLS:
+        if alike and 0 < len(candidates) <= max(1, CELLS // (self.rows * rows)):
             return np.ascontiguousarray(self._shown(candidates, refine, rows))
         result = np.empty((len(candidates), self.rows, len(self.outputs)))
         for between in (False, True):
