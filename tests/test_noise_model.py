@@ -192,7 +192,7 @@ def test_the_score_test_of_an_effect_that_is_not_there_is_chi_square():
         basis = np.linalg.qr(fitted)[0]
         z = whitener(r[:, :, None])[0].ravel()
         test = ScoreTest(whitener, Projection(basis), z - basis @ (basis.T @ z))
-        gains.append(test.gain(test.across(rng.standard_normal((400, 1, 2))))[0])
+        gains.append(test.gain(test.across(rng.standard_normal((400, 1, 2)))))
     assert kstest(gains, "chi2", args=(2,)).pvalue > 1e-3
 
 
@@ -201,8 +201,9 @@ def test_the_score_test_tells_how_large_an_effect_is():
     column = np.sin(np.linspace(0, 30, 1000))[:, None, None]
     z = whitener((r + 0.2 * column[:, :, 0])[:, :, None])[0].ravel()
     test = ScoreTest(whitener, Projection(np.zeros((1000, 0))), z)
-    gain, size = test.gain(test.across(column))
-    assert gain > 20 and size[0] == pytest.approx(0.2, abs=4 * 0.2 / np.sqrt(gain))
+    gain, (along, power) = test.gain(test.across(column)), test.scores(column)
+    assert gain > 20 and along[0] / power[0] == pytest.approx(0.2, abs=4 * 0.2 / np.sqrt(gain))
+    assert gain == pytest.approx(along[0] ** 2 / power[0])
 
 
 def test_what_the_fit_explains_itself_is_no_effect():
@@ -210,7 +211,7 @@ def test_what_the_fit_explains_itself_is_no_effect():
     column = np.linspace(0, 1, 500)[:, None, None]
     basis = np.linalg.qr(whitener(column)[0].reshape(500, 1))[0]
     test = ScoreTest(whitener, Projection(basis), np.zeros(500))
-    assert test.gain(test.across(3 * column))[0] == 0.0
+    assert test.gain(test.across(3 * column)) == 0.0
 
 
 def test_an_autoregression_is_found_and_none_in_white_noise():

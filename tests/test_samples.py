@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from estimator.recordings.samples import MULTIPLIED, REMEMBERED, sum_of_logs, told_once
+from estimator.recordings.samples import MULTIPLIED, REMEMBERED, median, medians, sum_of_logs, told_once
 
 
 def test_a_number_of_a_signal_is_told_once_for_as_long_as_the_signal_is_the_same():
@@ -27,3 +27,11 @@ def test_sums_of_logarithms_are_those_of_single_ones_up_to_where_a_product_overf
     for shape in ((3, 5), (2, 8 * MULTIPLIED + 3), (4, 100, 2)):
         numbers = rng.choice([1e-30, 1.0, 1e30], shape) * rng.uniform(1, 2, shape)
         np.testing.assert_allclose(sum_of_logs(numbers), np.log(numbers).sum(axis=1), rtol=1e-12, atol=1e-9)
+
+
+def test_the_median_is_the_middle_one_or_between_the_two_in_the_middle():
+    rng = np.random.default_rng(2)
+    for n in (1, 2, 3, 4, 101, 1000):
+        for numbers in (rng.standard_normal(n), np.round(rng.standard_normal(n)), np.diff(1e-4 * np.arange(n + 1.0))):
+            assert median(numbers) == np.median(numbers) == medians(numbers[None, :])[0]
+    assert np.isnan(median(np.zeros(0))) and np.isnan(median(np.array([1.0, np.nan, 2.0])))

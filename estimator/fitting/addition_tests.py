@@ -135,7 +135,7 @@ class AdditionTests:
             if numbers > 1:
                 assert alone is not None and across is not None
                 scores = Scores.of(test, fit.whitened, across, alone)
-                gain, _ = test.gain(across)
+                gain = test.gain(across)
             elif group.least >= 0 > scores.along[0]:  # nothing has this sign
                 gain = 0.0
             addition = Addition(
@@ -230,7 +230,10 @@ def _times(nuisance: Nuisance, t: int) -> float:
 
 def _change(shown: FloatArray, before: FloatArray, usable: NDArray[np.bool_], rows: slice) -> FloatArray:
     """Return by how much tried signals, (c, rows, q), differ in some rows, (n, q, c); 0 of those that failed."""
-    return np.asarray(np.where(usable[:, None, None], shown[:, rows] - before[rows], 0.0).transpose(1, 2, 0))
+    change = shown[:, rows] - before[rows]
+    if not usable.all():
+        change[~usable] = 0.0
+    return np.asarray(change.transpose(1, 2, 0))
 
 
 def _is_excluded(nuisance: Nuisance, taken: set[str]) -> bool:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.fitting.in_parts import Columns, along, parts
-from estimator.fitting.projection import DEPENDENT, Projection, orthonormal
+from estimator.fitting.projection import DEPENDENT, Projection, triangle
 from estimator.fitting.whitener import Whitener
 
 FloatArray = NDArray[np.float64]
@@ -69,6 +69,8 @@ class ScoreTest:
         explained = None if jacobian is None else np.zeros((jacobian.shape[1], c))
         for at in parts(whitened):
             own, there = whitened[at], slice(first + at.start, first + at.stop)
+            if not own.any():  # settled, whatever a delay or a filter is
+                continue
             products += along(spanned, there, own)
             scores += own.T @ self.left[there]
             whole += np.einsum("nk,nk->k", own, own)
@@ -86,14 +88,14 @@ class ScoreTest:
         along, power = (np.concatenate(part) for part in zip(*found, strict=True))
         return along, power
 
-    def gain(self, across: FloatArray) -> tuple[float, FloatArray]:
-        """Return the fall of z'z, and the coefficients, of a group of columns, (rows q, k), as `across` gives them."""
-        q, r = orthonormal(across)
+    def gain(self, across: FloatArray) -> float:
+        """Return the fall of z'z by a group of columns, (rows q, k), as `across` gives them."""
+        r = triangle(across)
         size, norms = np.abs(np.diag(r)), np.linalg.norm(r, axis=0)
         if not np.all(size > 1e-6 * np.maximum(norms, 1e-300)) or not np.all(norms > 1e-9):
-            return 0.0, np.zeros(across.shape[1])
-        along = q.T @ self.left
-        return float(along @ along), np.asarray(np.linalg.solve(r, along))
+            return 0.0
+        along = np.linalg.solve(r.T, across.T @ self.left)
+        return float(along @ along)
 
 
 def likeliest(along: FloatArray, power: FloatArray) -> int:

@@ -120,6 +120,8 @@ class Simulator:
     ----------
     between : int
         Rows that are simulated for one where a filter acts between them.
+    derivatives : (bytes, int), (rows, q, f) array
+        The central ones that were asked for last, by their points (slopes.py): a noise, a test and a fit ask in turn.
     """
 
     plan: Plan
@@ -128,6 +130,7 @@ class Simulator:
     sigma: Mapping[str, float]
     problem: Problem = field(init=False)
     between: int = field(init=False, default=SUBSTEPS)
+    derivatives: tuple[tuple[bytes, int], FloatArray] | None = field(init=False, default=None)
     _late: dict[tuple[bytes, int, int], FloatArray] = field(init=False, default_factory=dict)
     _phases: tuple[tuple[bytes, int], FloatArray] | None = field(init=False, default=None)
 
@@ -223,7 +226,7 @@ class Simulator:
         filtered = self.filtered(candidates)
         alike = filtered.all() or not filtered.any()
         rows = self.between if filtered.any() else 1
-        if alike and 0 < len(candidates) * self.rows * rows <= CELLS:
+        if alike and 0 < len(candidates) <= max(1, CELLS // (self.rows * rows)):
             return np.ascontiguousarray(self._shown(candidates, refine, rows))
         result = np.empty((len(candidates), self.rows, len(self.outputs)))
         for between in (False, True):
@@ -237,19 +240,16 @@ class Simulator:
     def _shown(self, candidates: FloatArray, refine: int, between: int) -> FloatArray:
         """Return the same; `between` rows are simulated for one, for what filters show."""
         unique, which = distinct(candidates[:, self._stepped])
-        steps = np.array([clock.step for clock in self.clocks])
-        # A time-invariant model: with inputs later by a part of a row it shows what lies between.
-        late = np.repeat(np.arange(between)[:, None] * steps / between, len(unique), axis=0)
-        many = np.tile(unique, (between, 1))
-        signals = self._signals(many, refine, late if between > 1 else None)
-        phases = signals[:, self._keep].reshape(between, len(unique), self.rows, -1)
+        columns = [candidates[:, self.index[n.name]] != n.neutral for n in self._acts]
+        acting = [(n, np.flatnonzero(own)) for n, own in zip(self._acts, columns, strict=True) if own.any()]
+        phases = self._signals(unique, refine, between, kept=len(unique) == 1 and len(acting) > 0)
         if len(unique) < len(candidates):
             phases = phases[:, which]
-        shown = phases[0].copy() if between > 1 else phases[0]
-        for nuisance in sorted(self._acts, key=lambda n: not n.between):  # filters before what a logger does
+        shown = phases[0].copy() if acting else phases[0]
+        for nuisance, where in sorted(acting, key=lambda a: not a[0].between):  # filters before what a logger does
             j, column = self.outputs.index(nuisance.output), candidates[:, self.index[nuisance.name]]
             rows = phases[::-1].transpose(1, 2, 0, 3) if nuisance.between and between > 1 else shown[:, :, None, :]
-            for c in np.flatnonzero(column != nuisance.neutral):
+            for c in where:
                 for clock in self.clocks:
                     assert nuisance.act is not None
                     signal = rows[c, clock.rows, :, j]
@@ -257,18 +257,24 @@ class Simulator:
                     shown[c, clock.rows, j] = finer[signal.shape[1] - 1 :: signal.shape[1]]
         return np.asarray(shown)
 
-    def _signals(self, many: FloatArray, refine: int, late: FloatArray | None) -> FloatArray:
-        """Return signals, (c, rows, q), not to be changed where they come late; those of one candidate are kept.
+    def _signals(self, unique: FloatArray, refine: int, between: int, *, kept: bool) -> FloatArray:
+        """Return signals, (between, c, rows, q), each a part of a row later than the next; `kept`: not to be changed.
 
-        Filters are tried on it one after the other, where a recording is too long for all at once.
+        Filters and means are tried on those of one candidate one after the other, where a recording is too long for all
+        at once: they are kept until others are asked for.
         """
-        if late is None or len(late) > self.between:  # of several candidates
-            self._phases = None
-            return self.problem.signals(many, refine=refine, late=late)
-        key = many.tobytes(), refine
-        if self._phases is None or self._phases[0] != key:
-            self._phases = key, self.problem.signals(many, refine=refine, late=late)
-        return self._phases[1]
+        key = unique.tobytes(), refine
+        if kept and self._phases is not None and self._phases[0] == key and between in (1, len(self._phases[1])):
+            return self._phases[1][:between]
+        self._phases = None
+        steps = np.array([clock.step for clock in self.clocks])
+        # A time-invariant model: with inputs later by a part of a row it shows what lies between.
+        late = np.repeat(np.arange(between)[:, None] * steps / between, len(unique), axis=0) if between > 1 else None
+        signals = self.problem.signals(np.tile(unique, (between, 1)), refine=refine, late=late)
+        phases = signals[:, self._keep].reshape(between, len(unique), self.rows, -1)
+        if kept:
+            self._phases = key, phases
+        return phases
 
     def spacing(self, values: FloatArray) -> FloatArray:
         """Return by which steps, (p,), s, delays act on a candidate, (p,): a filter takes a signal from row to row.

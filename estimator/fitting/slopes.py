@@ -48,19 +48,23 @@ class Point:
         return points
 
     def slopes(self, *, central: bool) -> FloatArray:
-        """Return derivatives of what is shown by what is free, (rows, q, f), by one-sided or central differences."""
+        """Return derivatives of what is shown by what is free, (rows, q, f), by one-sided or central differences.
+
+        Central ones are remembered for as long as no others are asked for: they are not to be changed.
+        """
         s, x, f = self.simulator, self.x, len(self.where)
-        result = np.zeros((f, *self.shown.shape))  # column by column, as they are simulated
-        if not f:
-            return np.moveaxis(result, 0, 2)
         h = np.where(s.log[self.where], DIFFERENCE_STEP, 10 * DIFFERENCE_STEP * s.size[self.where])
         h = np.maximum(h, s.spacing(self.values)[self.where] / (2 if central else 1))
         ahead = np.where(x + h <= self.high, x + h, x - h)
         behind = np.where((x - h >= self.low) & (ahead > x), x - h, x) if central else x
-        points = [self.beside(end) for end in ((ahead, behind) if central else (ahead,))]
+        points = np.array([self.beside(end) for end in ((ahead, behind) if central else (ahead,))])
+        key = points.tobytes(), s.between
+        if central and s.derivatives is not None and s.derivatives[0] == key:
+            return s.derivatives[1]
+        result = np.zeros((f, *self.shown.shape))  # column by column, as they are simulated
         many = max(1, CELLS // (s.rows * len(points)))  # of what is free, at once: of a long recording one by one
         for part in (np.arange(f)[k : k + many] for k in range(0, f, many)):
-            ends = s.shown(np.concatenate([end[part] for end in points]))
+            ends = s.shown(np.concatenate(points[:, part]))
             backs = ends[len(part) :] if central else [self.shown] * len(part)
             for k, there, back in zip(part, ends[: len(part)], backs, strict=True):
                 width = ahead[k] - behind[k]
@@ -69,7 +73,10 @@ class Point:
                 if np.isfinite(there).all():
                     np.subtract(there, back, out=result[k])
                     result[k] /= width
-        return np.moveaxis(result, 0, 2)
+        found = np.moveaxis(result, 0, 2)
+        if central:
+            s.derivatives = key, found
+        return found
 
 
 class Slopes:

@@ -151,9 +151,12 @@ class _Measured:
         found = []
         for name, title in (("v", "voltage"), ("i", "current"), ("w", "speed")):
             sizes = np.abs(self.signals.get(name, np.zeros(0)))
-            largest = np.sort(sizes[~np.isnan(sizes)])[::-1][: LONE + 1]
-            count = int(np.sum(largest > ABOVE * largest[-1])) if len(largest) > LONE else 0
-            if count and largest[-1] > 0:
+            known = sizes[~np.isnan(sizes)]
+            if len(known) <= LONE:
+                continue
+            largest = np.partition(known, (-LONE - 1, -1))[-LONE - 1 :]  # the least of them first
+            count = int(np.sum(largest > ABOVE * largest[0]))
+            if count and largest[0] > 0:
                 k = int(np.nanargmax(sizes))
                 at = f"{self.signals[name][k]:.4g} at t = {self.time[k]:.6g} s"
                 what = f", one of {count} samples that are" if count > 1 else ","
@@ -163,7 +166,7 @@ class _Measured:
                         f"{self.title}: the {title} is {at}{what} more than {ABOVE:g} times as large as all others: an"
                         " error of the logger; leave such a cell empty",
                         is_fatal=True,  # it would be what the search fits
-                        evidence=(self._beyond(name, sizes, ABOVE * float(largest[-1])),),
+                        evidence=(self._beyond(name, sizes, ABOVE * float(largest[0])),),
                     )
                 )
         return found
@@ -427,7 +430,8 @@ def _without_outliers(y: FloatArray) -> FloatArray:
     y = y[~np.isnan(y)]
     if len(y) < 5:
         return y
-    return np.asarray(np.median(np.column_stack([y[:-2], y[1:-1], y[2:]]), axis=1))
+    before, now, after = y[:-2], y[1:-1], y[2:]
+    return np.asarray(np.maximum(np.minimum(before, now), np.minimum(np.maximum(before, now), after)))
 
 
 def _is_decimal(step: float) -> bool:

@@ -26,22 +26,22 @@ def filled(y: FloatArray) -> FloatArray:
 def median(y: FloatArray) -> float:
     """Return the median of (n,) numbers; NaN where one of them is, or none is there.
 
-    As np.median does, which takes twice as long for some thousand and loads numpy.ma to look for masked arrays.
+    As np.median does, which takes twice as long for some thousand and loads numpy.ma to look for masked arrays. About
+    two numbers also where one is asked for: numpy's partition about one takes three to forty times as long, the most of
+    numbers that nearly are alike, such as the steps of a clock.
     """
     if not len(y) or np.isnan(y).any():
         return float("nan")
     k = len(y) // 2
-    if len(y) % 2:
-        return float(np.partition(y, k)[k])
-    part = np.partition(y, k)
-    return float((np.max(part[:k]) + part[k]) / 2)
+    part = np.partition(y, (k - 1, k))
+    return float(part[k]) if len(y) % 2 else float((part[k - 1] + part[k]) / 2)
 
 
 def medians(rows: FloatArray) -> FloatArray:
     """Return the median of each row, (m,), of (m, n) numbers that are all there."""
     k = rows.shape[1] // 2
-    part = np.partition(rows, k, axis=1)
-    return part[:, k] if rows.shape[1] % 2 else (np.max(part[:, :k], axis=1) + part[:, k]) / 2
+    part = np.partition(rows, (k - 1, k), axis=1)
+    return part[:, k] if rows.shape[1] % 2 else (part[:, k - 1] + part[:, k]) / 2
 
 
 def sum_of_logs(numbers: FloatArray) -> FloatArray:

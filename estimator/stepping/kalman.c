@@ -340,7 +340,8 @@ static void recur_one(int64_t n, int64_t c, int64_t ahead, int64_t back, const d
     const double a0 = back > 0 ? a[0] : 0.0, a1 = back > 1 ? a[c] : 0.0;
     double last = 0.0, before = 0.0, x1 = 0.0, x2 = 0.0;
     for (int64_t j = 0; j < n; j++) {
-        const double now = b0 * x[j * c] + b1 * x1 + b2 * x2 - a0 * last - a1 * before;
+        double now = b0 * x[j * c] + b1 * x1 + b2 * x2 - a0 * last;
+        if (back > 1) now -= a1 * before; /* what each number waits for */
         x2 = x1;
         x1 = x[j * c];
         before = last;

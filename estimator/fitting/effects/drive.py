@@ -15,7 +15,7 @@ from estimator.fitting.motor_response import COASTS
 from estimator.fitting.simulator import Nuisance
 from estimator.plans.plan import Observed, Plan
 from estimator.recordings.excitation import noise_deviation
-from estimator.recordings.samples import filled, median
+from estimator.recordings.samples import filled, median, told_once
 
 DRIVE = "dc_motor_drive"
 MOST_SAG = 0.4  # of the voltage at the largest current: more is an overload, or the winding's resistance
@@ -47,10 +47,16 @@ def _torque(plan: Plan) -> float:
     """Return a torque, N.m, that is large for the motor: first estimate of its constant, times its usual current."""
     i = [np.abs(o.outputs["i"][_driven(o)]) for o in plan.observed if "i" in o.outputs]
     if any(x.size for x in i):
-        usual = float(np.nanmedian(np.concatenate(i)))
+        usual = _usual(np.concatenate(i))
     else:  # a tenth of the current at standstill
         usual = 0.1 * _largest(plan, "v") / plan.guess.get("R", np.inf)
     return plan.guess.get("K", 0.0) * usual
+
+
+@told_once
+def _usual(y: NDArray[np.float64]) -> float:
+    """Return the median of the samples, (n,), that are there: each of these effects asks for that of the current."""
+    return median(y[~np.isnan(y)])
 
 
 @dataclass(frozen=True)

@@ -83,7 +83,7 @@ class Ripple(Effect):
                 continue  # the beat of the encoder's lines with the clock
             line, test = Linear(f"ripple {y} {order}", np.zeros((*z.shape, 0)), self._units(fit, y)), fit.test()
             forms = [self._in_form(fit, line, form) for form in self._forms(fit, y)]
-            found.append(max(forms, key=lambda line: test.gain(test.across(line.columns))[0]))
+            found.append(max(forms, key=lambda line: test.gain(test.across(line.columns))))
         return found
 
     def renewed(self, fit: Fit, group: Linear, coefficients: FloatArray) -> Linear | None:
@@ -95,7 +95,7 @@ class Ripple(Effect):
         """Return the line in the form that explains most beside its own, where that may explain more."""
         forms, test = self._forms(fit, group.name.split(" ")[1]), fit.test()
         others = [self._in_form(fit, group, form) for form in forms if form != group.form]
-        gains = [test.gain(test.across(other.columns))[0] for other in others]
+        gains = [test.gain(test.across(other.columns)) for other in others]
         return others[int(np.argmax(gains))] if max(gains, default=0.0) > LEAST_FALL else None
 
     def _forms(self, fit: Fit, y: str) -> tuple[int, ...]:
