@@ -7,7 +7,7 @@ effect, which columns that exclude each other share.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -54,6 +54,19 @@ class Scores:
     def scaled(self, times: float) -> Scores:
         """Return the scores of columns that are so many times as large."""
         return Scores(times * self.along, times**2 * self.information, times**2 * self.whole, times * self.explained)
+
+    @classmethod
+    def apart(cls, each: Sequence[Scores], among: FloatArray, inside: NDArray[np.bool_]) -> Scores:
+        """Return the scores of columns together, each of which shows in rows where the others do not.
+
+        What they have in common is what the fit explains of them; `among` is the covariance, (f, f), of those of its
+        names that are `inside` their bounds.
+        """
+        explained = np.hstack([s.explained for s in each])
+        information = -explained[inside].T @ among @ explained[inside]
+        np.fill_diagonal(information, [float(s.information[0, 0]) for s in each])
+        whole = sum(s.whole for s in each)
+        return cls(np.concatenate([s.along for s in each]), information, whole, explained)
 
     @classmethod
     def of(cls, test: ScoreTest, jacobian: Columns, across: FloatArray, whitened: FloatArray) -> Scores:

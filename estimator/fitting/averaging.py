@@ -9,10 +9,14 @@ and that would move a parameter far, widens the standard errors although it was 
 would not show at all is left out: no such recording can tell it. Up to which size an effect hides, and how far it then
 moves the parameters, is reported (`hidden`), and belongs into the tolerances. The sizes of a torque that wanders which
 are left open are averaged over, too: with each the parameters have another covariance.
+
+What each recording has of its own, such as friction that drifts, is possible in one of them and in all of them: one
+alone may move no parameter, because the others hold it, where all together do.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -22,9 +26,11 @@ from numpy.typing import NDArray
 
 from estimator.conventions import CONFIDENCE, TOLD_POWER
 from estimator.distributions import normal_chance, normal_quantile
-from estimator.fitting.addition import Addition
+from estimator.fitting.addition import Addition, Scores
 from estimator.fitting.explanation import Explanation
+from estimator.fitting.simulator import per_recording
 from estimator.fitting.wandering_torque import OpenTorque
+from estimator.plans.plan import Plan
 
 FloatArray = NDArray[np.float64]
 
@@ -114,7 +120,8 @@ def averaged(
     fuller = {
         next(iter(more)) for r in rivals if len(more := r.names() - explanation.names()) == 1 and _holds(r, explanation)
     }
-    for a in _one_of_each(open_additions):
+    alone = _one_of_each(open_additions)
+    for a in (*alone, *_in_all_recordings(alone, fit.simulator.plan, among, inside)):
         if a.scores is None or a.name in fuller:  # its refit tells more
             continue
         known = a.linear is None or a.linear.size > 0
@@ -195,6 +202,36 @@ def _one_of_each(additions: Sequence[Addition]) -> list[Addition]:
         if key not in best or a.gain > best[key].gain:
             best[key] = a
     return list(best.values())
+
+
+def _in_all_recordings(
+    additions: Sequence[Addition], plan: Plan, among: FloatArray, inside: NDArray[np.bool_]
+) -> list[Addition]:
+    """Return what several recordings may have, each of its own size, as one addition of an effect.
+
+    Parameters
+    ----------
+    among : (f, f) array
+        Covariance of what is `inside` its bounds.
+    """
+    ends, kinds = per_recording(plan, ""), dict[str, list[Addition]]()
+    for a in additions:
+        end = next((e for e in ends if e and a.name.endswith(e)), "")
+        known = a.usual > 0 and a.scores is not None and a.numbers == 1 and a.gain > 0
+        if end and known:
+            kinds.setdefault(a.name.removesuffix(end), []).append(a)
+    found = []
+    for kind, several in kinds.items():
+        if len(several) > 1:
+            units = [a.linear.size if a.linear is not None else 1.0 for a in several]
+            each = [a.scores.scaled(unit) for a, unit in zip(several, units, strict=True) if a.scores is not None]
+            scores, tried = Scores.apart(each, among, inside), int(np.prod([a.tried for a in several]))
+            gain = sum(a.gain for a in several)
+            joint = dataclasses.replace(
+                several[0], name=kind, numbers=len(several), gain=gain, linear=None, scores=scores, tried=tried, usual=0.0
+            )
+            found.append(joint)
+    return found
 
 
 def _effects(explanation: Explanation) -> list[str]:

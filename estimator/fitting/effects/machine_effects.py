@@ -34,7 +34,7 @@ class FrictionDrift(Effect):
         values = motor_values(fit)
         if values is None or "w" not in s.outputs:
             return ()
-        usual = values["B"] * _usual_speed(fit)
+        usual = values["B"] * _usual_speed(fit) + values.get("friction", 0.0)  # dry friction drifts as well
         w = fit.shown[:, s.outputs.index("w")]
         found = []
         for clock, name in zip(s.clocks, per_recording(s.plan, self.name), strict=True):
