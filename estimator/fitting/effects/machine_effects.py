@@ -90,5 +90,7 @@ class WindingWarms(Effect):
 
 
 def _usual_speed(fit: Fit) -> float:
-    """Return the usual speed, rad/s."""
-    return median(np.abs(fit.shown[:, fit.simulator.outputs.index("w")]))
+    """Return the usual speed, rad/s, while a voltage drives the motor."""
+    s = fit.simulator
+    w, driven = np.abs(fit.shown[:, s.outputs.index("w")]), s.inputs("v") != 0
+    return median(w[driven] if driven.any() else w)
