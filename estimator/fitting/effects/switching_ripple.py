@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.conventions import STANDS_OUT
+from estimator.fitting.clock import interval_shown
 from estimator.fitting.effects.base import USUAL, Effect
 from estimator.fitting.effects.ripple import angle_of
 from estimator.fitting.fit import Fit, Linear
@@ -57,7 +58,7 @@ class SwitchingRipple(Effect):
         if len(taken) >= MOST_SWITCHING_LINES or not parts:
             return ()
         seen = [later[rows] & fit.whitener.present[rows, j] for rows, _ in stretches]
-        lines = _strongest(parts, s.clocks[0].step, taken, _interval(seen))
+        lines = _strongest(parts, s.clocks[0].step, taken, max(map(interval_shown, seen)))
         if not taken and lines and _is_the_shafts(lines[0], fit, stretches):
             return ()
         unit = s.plan.unit("i")
@@ -81,12 +82,6 @@ class SwitchingRipple(Effect):
     def tell(self, name: str, value: float, plan: Plan) -> str:
         """Say where the line lies, and how large it is."""
         return f"i has a ripple at {name.split()[3]} Hz, as sampled, of amplitude {value:.3g} A: the driver's switching"
-
-
-def _interval(seen: Sequence[NDArray[np.bool_]]) -> int:
-    """Return the usual distance of rows that show the current, (n,) of each stretch: a sensor may hold it."""
-    apart = np.concatenate([np.diff(np.flatnonzero(rows)) for rows in seen])
-    return round(median(apart)) if len(apart) else 1
 
 
 def _is_wave(column: FloatArray, rows: NDArray[np.int64]) -> bool:
