@@ -10,13 +10,12 @@ would not show at all is left out: no such recording can tell it. Up to which si
 moves the parameters, is reported (`hidden`), and belongs into the tolerances. The sizes of a torque that wanders which
 are left open are averaged over, too: with each the parameters have another covariance.
 
-What each recording has of its own, such as friction that drifts, is possible in one of them and in all of them: one
+What each recording has of its own, such as friction that drifts, is possible in one of them, and alike in all: one
 alone may move no parameter, because the others hold it, where all together do.
 """
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -34,7 +33,6 @@ from estimator.plans.plan import Plan
 
 FloatArray = NDArray[np.float64]
 
-OPEN = 4.0  # penalty of each number of an addition whose usual size is not known
 VISIBLE = 1.0  # of z'z, by an effect of usual size: a smaller one is not visible
 TOLD_WITHIN = 6.0  # of the criterion: a rival that is further behind weighs less than 5 %
 FARTHEST = 50.0  # of a logarithm: a rival's parameter is no further away
@@ -121,30 +119,21 @@ def averaged(
         next(iter(more)) for r in rivals if len(more := r.names() - explanation.names()) == 1 and _holds(r, explanation)
     }
     alone = _one_of_each(open_additions)
-    for a in (*alone, *_in_all_recordings(alone, fit.simulator.plan, among, inside)):
+    for a in (*alone, *_alike_in_recordings(alone, fit.simulator.plan, among, inside)):
         if a.scores is None or a.name in fuller:  # its refit tells more
             continue
-        known = a.linear is None or a.linear.size > 0
-        unit = (a.linear.size or 1.0) if a.linear is not None else 1.0
-        products = unit**2 * a.scores.information
-        power, whole = float(np.trace(products)), unit**2 * a.scores.whole
-        off = np.zeros((len(inside), len(products)))  # by which it moves the fit, if it is there and left out
-        off[inside] = unit * (among @ a.scores.explained[inside])
-        k = len(products)
-        if a.usual > 0 and k == 1:
+        scores = a.usual_scores
+        power = float(np.trace(scores.information))
+        off = np.zeros((len(inside), len(scores.along)))  # by which it moves the fit, if it is there and left out
+        off[inside] = among @ scores.explained[inside]
+        if a.usual > 0 and len(scores.along) == 1:
             part = min(1.0, float(np.sqrt(a.penalty(samples) / max(power, 1e-300))))
             hidden.append(Hidden(a, part * a.usual, part * off[:p, 0]))
-        if a.gain <= 0 or power <= (VISIBLE if known else TOLD_POWER * whole):
+        if a.gain <= 0 or power <= (VISIBLE if a.has_known_size else TOLD_POWER * scores.whole):
             continue
-        information = products + (np.eye(k) if known else 0.0)  # a usual size is a prior deviation of 1
-        spread = np.linalg.pinv(information) if k > 1 else 1 / information
-        along = unit * a.scores.along
-        size = spread @ along
-        gain = float(along @ size)
-        charge = float(np.linalg.slogdet(information)[1]) if known else OPEN * k
+        size, spread, behind = a.posterior()
         moved = -off[:p]
-        charge += 2 * float(np.log(a.tried / a.effect.prior)) - gain
-        parts.append((max(charge, 0.0), own + moved @ size, covariance[:p, :p] + moved @ spread @ moved.T))
+        parts.append((max(behind, 0.0), own + moved @ size, covariance[:p, :p] + moved @ spread @ moved.T))
     parts += [(max(t.behind, 0.0), own, t.covariance) for t in torques]
     told, added = [], len(parts)
     deviation = np.sqrt(np.maximum(np.diag(covariance + untold)[:p], 1e-300))
@@ -204,10 +193,10 @@ def _one_of_each(additions: Sequence[Addition]) -> list[Addition]:
     return list(best.values())
 
 
-def _in_all_recordings(
+def _alike_in_recordings(
     additions: Sequence[Addition], plan: Plan, among: FloatArray, inside: NDArray[np.bool_]
 ) -> list[Addition]:
-    """Return what several recordings may have, each of its own size, as one addition of an effect.
+    """Return what several recordings may have of the same size, in usual sizes, as one addition of an effect.
 
     Parameters
     ----------
@@ -223,14 +212,9 @@ def _in_all_recordings(
     found = []
     for kind, several in kinds.items():
         if len(several) > 1:
-            units = [a.linear.size if a.linear is not None else 1.0 for a in several]
-            each = [a.scores.scaled(unit) for a, unit in zip(several, units, strict=True) if a.scores is not None]
-            scores, tried = Scores.apart(each, among, inside), int(np.prod([a.tried for a in several]))
-            gain = sum(a.gain for a in several)
-            joint = dataclasses.replace(
-                several[0], name=kind, numbers=len(several), gain=gain, linear=None, scores=scores, tried=tried, usual=0.0
-            )
-            found.append(joint)
+            scores = Scores.alike([a.usual_scores for a in several], among, inside)
+            effect, tried = several[0].effect, max(a.tried for a in several)
+            found.append(Addition(effect, kind, 1, scores.gain, scores=scores, tried=tried))
     return found
 
 
