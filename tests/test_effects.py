@@ -208,6 +208,13 @@ def test_a_current_in_steps_far_above_its_noise_keeps_its_errors():
     assert not any("times as much at the largest signal" in note for note in result.notes), result.notes
 
 
+def test_a_slow_misfit_of_a_current_that_the_logger_holds_is_no_line():
+    """Shown at every fourth row it has images above half of that rate: lines of the switching, or the shaft's."""
+    t = np.arange(8001) * H / 10
+    result = run(recording("step", held_i=4, i=lambda y: y + 0.02 * (y != 0) * np.sin(2 * np.pi * 5 * t)))
+    assert worst(result) < 4.5 and not result.effects, (result.effects, result.notes)
+
+
 def test_a_quantised_current_that_the_logger_holds_for_some_rows_is_not_taken_for_a_late_one():
     result = run(recording("two levels", step_i=0.02, noise_i=1.0, held_i=4))
     assert worst(result) < 4.5 and result.verdict == "ok", (result.chain.keys(), result.reasons)
@@ -417,6 +424,22 @@ def test_friction_that_may_wander_unseen_is_in_the_error_of_b(seed, tmp_path):
     assert any("that wanders" in note and "would not show" in note for note in result.notes), result.notes
     found = result.parameters["B"]
     assert abs(found.value - true["B", -1]) < 4 * found.standard_error
+
+
+@pytest.mark.full  # four seconds: by itself in test_averaging.py
+def test_friction_that_drifts_in_all_recordings_is_in_the_error_of_b(tmp_path):
+    """B was 11 standard errors off: each of two staircases holds the drift of the other, alone it moves no B."""
+    result, true = of_random_bench(1015699, tmp_path)
+    found = result.parameters["B"]
+    assert abs(found.value - true["B", -1]) < 4 * found.standard_error
+
+
+def test_a_supply_that_sags_is_a_rival_of_a_winding_that_warms_though_the_criterion_would_accept_neither(tmp_path):
+    """R was 5.7 standard errors off: the sag, likelier to be there than the criterion says, was not fitted."""
+    result, true = of_random_bench(1017869, tmp_path)
+    found = result.parameters["R"]
+    assert abs(found.value - true["R", -1]) < 4 * found.standard_error
+    assert any(rival.what.startswith("sag instead of winding warms") for rival in result.rivals), result.rivals
 
 
 def test_friction_that_falls_while_the_motor_gathers_speed_is_found():
