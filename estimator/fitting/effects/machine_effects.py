@@ -34,7 +34,7 @@ class FrictionDrift(Effect):
         values = motor_values(fit)
         if values is None or "w" not in s.outputs:
             return ()
-        usual = values["B"] * _usual_speed(fit) + values.get("friction", 0.0)  # dry friction drifts as well
+        usual = usual_friction(fit, values)
         w = fit.shown[:, s.outputs.index("w")]
         found = []
         for clock, name in zip(s.clocks, per_recording(s.plan, self.name), strict=True):
@@ -87,6 +87,11 @@ class WindingWarms(Effect):
     def tell(self, name: str, value: float, plan: Plan) -> str:
         """Say by how much."""
         return f"R rises by {value:.3g} Ohm over a recording: the winding warms; R stands for the mean"
+
+
+def usual_friction(fit: Fit, values: Mapping[str, float]) -> float:
+    """Return the usual torque, N.m, of all friction by a motor's values, a dry part among it."""
+    return values["B"] * _usual_speed(fit) + values.get("friction", 0.0)
 
 
 def _usual_speed(fit: Fit) -> float:
