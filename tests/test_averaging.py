@@ -1,11 +1,17 @@
 """Averaged explanations: what a mixture's standard errors hold."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from estimator.conventions import CONFIDENCE
 from estimator.distributions import normal_chance, normal_quantile
-from estimator.fitting.averaging import _covering
+from estimator.fitting.addition import Addition, Scores
+from estimator.fitting.averaging import _covering, averaged
+from estimator.fitting.effects.base import Effect
+from estimator.fitting.explanation import Explanation
+from estimator.fitting.projection import Projection
 
 
 def held(errors, weights, means, variances):
@@ -50,3 +56,43 @@ def test_an_error_ends_at_a_part_that_has_none_where_that_brings_what_is_missing
             assert half == pytest.approx(end)
         else:
             assert (1 - chance) * (2 * normal_chance(np.array([half]))[0] - 1) == pytest.approx(CONFIDENCE)
+
+
+def explained(runs, columns, drifts, y):
+    """Return what a fit of white noise of variance 1 says of its parameters, and of a drift in each of some runs."""
+    covariance = np.linalg.inv(columns.T @ columns)
+    values, known = covariance @ columns.T @ y, Projection(columns)
+    recordings = [SimpleNamespace(recording=SimpleNamespace(name=f"run{k}")) for k in range(runs)]
+    names = tuple(f"x{k}" for k in range(columns.shape[1]))
+    plan = SimpleNamespace(names=names, observed=recordings)
+    simulator = SimpleNamespace(plan=plan, scaled=lambda x: x, nuisances=())
+    fit = SimpleNamespace(
+        simulator=simulator, values=values, names=names, at_bound=np.zeros(len(names), dtype=int), cost=0.0,
+        covariance_parts=lambda: (covariance, 0 * covariance), is_log=np.zeros(len(names), dtype=bool),
+    )  # fmt: skip
+    test, additions = SimpleNamespace(left=known.rest(y)), []
+    for k in range(runs):
+        scores = Scores.of(test, columns, known.rest(drifts[:, k : k + 1]), drifts[:, k : k + 1])
+        additions.append(Addition(Effect("drift"), f"drift run{k}", 1, scores.gain, scores=scores, usual=1.0))
+    return averaged(Explanation(fit), additions, [], len(y)), values
+
+
+def test_what_all_recordings_may_have_is_in_the_errors_though_each_alone_moves_nothing():
+    """A parameter of all that drifts as a torque does: one drift is held by the other recordings, all are it.
+
+    As often as it is said to be, all drift alike. 95 % of 300 intervals cover, and fewer than 273 with a chance of 1 in
+    1 000 (binomial); 78 % did.
+    """
+    rng = np.random.default_rng(6)
+    n, runs, covered = 300, 4, 0
+    drifts = np.kron(np.eye(runs), np.linspace(-0.5, 0.5, n)[:, None])
+    levels = np.kron(np.eye(runs), np.ones((n, 1)))
+    for _ in range(300):
+        slope = np.tile(np.linspace(-0.5, 0.5, n), runs) + 0.06 * rng.standard_normal(n * runs)
+        columns = np.column_stack([levels, slope])
+        size = rng.standard_normal() * (rng.uniform() < Effect("drift").prior)
+        y = columns @ np.ones(runs + 1) + drifts @ np.full(runs, size) + rng.standard_normal(n * runs)
+        mean, values = explained(runs, columns, drifts, y)
+        half = normal_quantile(0.5 + CONFIDENCE / 2) * np.sqrt(mean.covariance[-1, -1])
+        covered += abs(values[-1] - 1.0) < half
+    assert covered >= 273, covered

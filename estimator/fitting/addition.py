@@ -7,8 +7,9 @@ effect, which columns that exclude each other share.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,7 @@ from estimator.fitting.score_test import ScoreTest
 FloatArray = NDArray[np.float64]
 
 NEVER_ZERO = ("R", "K", "J")  # at a bound something else stands for it; L and B may vanish
+OPEN = 4.0  # penalty of each number whose usual size is not known, where it is averaged over
 NOTHING = 1e-9  # of the power of a change: the recordings do not show it
 
 
@@ -54,6 +56,19 @@ class Scores:
     def scaled(self, times: float) -> Scores:
         """Return the scores of columns that are so many times as large."""
         return Scores(times * self.along, times**2 * self.information, times**2 * self.whole, times * self.explained)
+
+    @classmethod
+    def alike(cls, each: Sequence[Scores], among: FloatArray, inside: NDArray[np.bool_]) -> Scores:
+        """Return the scores of the sum of single columns that show in different rows.
+
+        Parameters
+        ----------
+        among : (f, f) array
+            Covariance of those names of the fit that are `inside` their bounds.
+        """
+        whole, explained = sum(s.whole for s in each), np.sum([s.explained for s in each], axis=0)
+        left = whole - explained[inside].T @ among @ explained[inside]
+        return cls(np.sum([s.along for s in each], axis=0), np.maximum(left, 0.0), whole, explained)
 
     @classmethod
     def of(cls, test: ScoreTest, jacobian: Columns, across: FloatArray, whitened: FloatArray) -> Scores:
@@ -110,6 +125,34 @@ class Addition:
         """Return its penalty in the criterion."""
         one_of = self.tried if self.linear is not None else 1
         return self.numbers * float(np.log(max(samples, 2))) + 2 * float(np.log(one_of / self.effect.prior))
+
+    @property
+    def has_known_size(self) -> bool:
+        """Whether its numbers have a usual size, which is a prior deviation of each."""
+        return self.linear is None or self.linear.size > 0
+
+    @cached_property
+    def usual_scores(self) -> Scores:
+        """What its score test says of its columns for a usual size of each; for a unit where none is known."""
+        assert self.scores is not None
+        return self.scores.scaled(self.linear.size) if self.linear is not None and self.linear.size else self.scores
+
+    def posterior(self) -> tuple[FloatArray, FloatArray, float]:
+        """Return what its score test tells of it beside its prior.
+
+        Returns
+        -------
+        Its numbers, (k,), in usual sizes, their covariance, (k, k), and by how much the evidence with it is above that
+        without (`Explanation.evidence`).
+        """
+        scores, known = self.usual_scores, self.has_known_size
+        k = len(scores.information)
+        information = scores.information + (np.eye(k) if known else 0.0)
+        spread = np.linalg.pinv(information) if k > 1 else 1 / information
+        numbers = spread @ scores.along
+        charge = float(np.linalg.slogdet(information)[1]) if known else OPEN * k
+        charge += 2 * float(np.log(self.tried / self.effect.prior))
+        return numbers, spread, charge - float(scores.along @ numbers)
 
 
 def without_columns(addition: Addition) -> Addition:

@@ -9,6 +9,9 @@ and that would move a parameter far, widens the standard errors although it was 
 would not show at all is left out: no such recording can tell it. Up to which size an effect hides, and how far it then
 moves the parameters, is reported (`hidden`), and belongs into the tolerances. The sizes of a torque that wanders which
 are left open are averaged over, too: with each the parameters have another covariance.
+
+What each recording has of its own, such as friction that drifts, is possible in one of them, and alike in all: one
+alone may move no parameter, because the others hold it, where all together do.
 """
 
 from __future__ import annotations
@@ -22,13 +25,14 @@ from numpy.typing import NDArray
 
 from estimator.conventions import CONFIDENCE, TOLD_POWER
 from estimator.distributions import normal_chance, normal_quantile
-from estimator.fitting.addition import Addition
+from estimator.fitting.addition import Addition, Scores
 from estimator.fitting.explanation import Explanation
+from estimator.fitting.simulator import per_recording
 from estimator.fitting.wandering_torque import OpenTorque
+from estimator.plans.plan import Plan
 
 FloatArray = NDArray[np.float64]
 
-OPEN = 4.0  # penalty of each number of an addition whose usual size is not known
 VISIBLE = 1.0  # of z'z, by an effect of usual size: a smaller one is not visible
 TOLD_WITHIN = 6.0  # of the criterion: a rival that is further behind weighs less than 5 %
 FARTHEST = 50.0  # of a logarithm: a rival's parameter is no further away
@@ -114,30 +118,22 @@ def averaged(
     fuller = {
         next(iter(more)) for r in rivals if len(more := r.names() - explanation.names()) == 1 and _holds(r, explanation)
     }
-    for a in _one_of_each(open_additions):
+    alone = _one_of_each(open_additions)
+    for a in (*alone, *_alike_in_recordings(alone, fit.simulator.plan, among, inside)):
         if a.scores is None or a.name in fuller:  # its refit tells more
             continue
-        known = a.linear is None or a.linear.size > 0
-        unit = (a.linear.size or 1.0) if a.linear is not None else 1.0
-        products = unit**2 * a.scores.information
-        power, whole = float(np.trace(products)), unit**2 * a.scores.whole
-        off = np.zeros((len(inside), len(products)))  # by which it moves the fit, if it is there and left out
-        off[inside] = unit * (among @ a.scores.explained[inside])
-        k = len(products)
-        if a.usual > 0 and k == 1:
+        scores = a.usual_scores
+        power = float(np.trace(scores.information))
+        off = np.zeros((len(inside), len(scores.along)))  # by which it moves the fit, if it is there and left out
+        off[inside] = among @ scores.explained[inside]
+        if a.usual > 0 and len(scores.along) == 1:
             part = min(1.0, float(np.sqrt(a.penalty(samples) / max(power, 1e-300))))
             hidden.append(Hidden(a, part * a.usual, part * off[:p, 0]))
-        if a.gain <= 0 or power <= (VISIBLE if known else TOLD_POWER * whole):
+        if a.gain <= 0 or power <= (VISIBLE if a.has_known_size else TOLD_POWER * scores.whole):
             continue
-        information = products + (np.eye(k) if known else 0.0)  # a usual size is a prior deviation of 1
-        spread = np.linalg.pinv(information) if k > 1 else 1 / information
-        along = unit * a.scores.along
-        size = spread @ along
-        gain = float(along @ size)
-        charge = float(np.linalg.slogdet(information)[1]) if known else OPEN * k
+        size, spread, behind = a.posterior()
         moved = -off[:p]
-        charge += 2 * float(np.log(a.tried / a.effect.prior)) - gain
-        parts.append((max(charge, 0.0), own + moved @ size, covariance[:p, :p] + moved @ spread @ moved.T))
+        parts.append((max(behind, 0.0), own + moved @ size, covariance[:p, :p] + moved @ spread @ moved.T))
     parts += [(max(t.behind, 0.0), own, t.covariance) for t in torques]
     told, added = [], len(parts)
     deviation = np.sqrt(np.maximum(np.diag(covariance + untold)[:p], 1e-300))
@@ -195,6 +191,31 @@ def _one_of_each(additions: Sequence[Addition]) -> list[Addition]:
         if key not in best or a.gain > best[key].gain:
             best[key] = a
     return list(best.values())
+
+
+def _alike_in_recordings(
+    additions: Sequence[Addition], plan: Plan, among: FloatArray, inside: NDArray[np.bool_]
+) -> list[Addition]:
+    """Return what several recordings may have of the same size, in usual sizes, as one addition of an effect.
+
+    Parameters
+    ----------
+    among : (f, f) array
+        Covariance of what is `inside` its bounds.
+    """
+    ends, kinds = per_recording(plan, ""), dict[str, list[Addition]]()
+    for a in additions:
+        end = next((e for e in ends if e and a.name.endswith(e)), "")
+        known = a.usual > 0 and a.scores is not None and a.numbers == 1 and a.gain > 0
+        if end and known:
+            kinds.setdefault(a.name.removesuffix(end), []).append(a)
+    found = []
+    for kind, several in kinds.items():
+        if len(several) > 1:
+            scores = Scores.alike([a.usual_scores for a in several], among, inside)
+            effect, tried = several[0].effect, max(a.tried for a in several)
+            found.append(Addition(effect, kind, 1, scores.gain, scores=scores, tried=tried))
+    return found
 
 
 def _effects(explanation: Explanation) -> list[str]:

@@ -34,3 +34,9 @@ class Clock:
         ticks = np.round(dt / (0.02 * self.step)) * (0.02 * self.step)  # to 2 % of a step
         steps, index = np.unique(np.maximum(ticks, 0.02 * self.step), return_inverse=True)
         return steps, np.concatenate([[0], index]).astype(np.int64)
+
+
+def interval_shown(shown: NDArray[np.bool_]) -> int:
+    """Return the usual distance of the rows, (n,), that show a signal: a logger may hold it for some."""
+    rows = np.flatnonzero(shown)
+    return round(median(np.diff(rows))) if len(rows) > 1 else 1

@@ -38,10 +38,11 @@ class Explanation:
         return self.fit.cost + sum(a.penalty(samples) for a in self.additions)
 
     def evidence(self, samples: int) -> float:
-        """Return -2 log of its probability by Laplace's method; the usual size of a number is its prior deviation.
+        """Return -2 log of its probability by Laplace's method; the usual size of a number is its prior's scale.
 
         Unlike the criterion, which charges log n for each number, it charges little for one that the recordings hardly
-        tell, and which therefore leaves the parameters open. A number of no known size is charged log n.
+        tell, and which therefore leaves the parameters open. A number of no known size is charged log n. A number far
+        above its usual size is charged for that: a winding does not warm by a seventh while a motor starts.
         """
         fit, sizes = self.fit, self.sizes()
         known = [k for k, name in enumerate(fit.names) if name in sizes and fit.at_bound[k] == 0]
@@ -50,7 +51,22 @@ class Explanation:
         charge = float(np.linalg.slogdet(np.eye(len(s)) + told * np.outer(s, s))[1])
         unknown = sum(a.numbers for a in self.additions if a.linear is not None and a.name not in sizes)
         priors = sum(2 * float(np.log(a.tried / a.effect.prior)) for a in self.additions)
-        return fit.cost + charge + unknown * float(np.log(max(samples, 2))) + priors
+        return fit.cost + charge + unknown * float(np.log(max(samples, 2))) + priors + self._unusual()
+
+    def _unusual(self) -> float:
+        """Return -2 log of the prior of the sizes that were found, over that of small ones: Cauchy's (Jeffreys 1961).
+
+        Its tails are long, as usual sizes are known roughly. A number's standard error widens it: of one that is hardly
+        told the size is chance.
+        """
+        fit, s, total = self.fit, self.fit.simulator, 0.0
+        usual = {a.name: a.usual for a in self.additions if a.usual}
+        variances, neutral = np.diag(fit.covariance_parts()[0]), {n.name: n.neutral for n in s.nuisances}
+        for name, x, variance, is_log in zip(fit.names, fit.estimates, variances, fit.is_log, strict=True):
+            if name in usual and not is_log:
+                away = float(x) - neutral.get(name, 0.0)
+                total += 2 * float(np.log1p(away**2 / (usual[name] ** 2 + variance)))
+        return total
 
     def sizes(self) -> dict[str, float]:
         """Return the usual sizes of the numbers that were added, on their scales, where they are known, by name.

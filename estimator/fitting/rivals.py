@@ -191,9 +191,15 @@ def _exchanged(
         own = dataclasses.replace(own, across=bare.fit.test().across(own.linear.columns))
     tested = [a for a in tested if a.name != addition.name and (not a.effect.doubt or alike(a, own) > PARALLEL)]
     needed = PREDICTED_PART * (lost - addition.penalty(n))
-    # What another FMU has moves the parameters so far that its score test tells little of it.
-    likely = [a for a in tested if a.gain - a.penalty(n) > (0.0 if a.effect.fmu else needed)]
-    ranked = sorted((a for a in likely if not (sharp_too and is_timing(a))), key=lambda a: a.penalty(n) - a.gain)
+    # What another FMU has moves the parameters so far that its score test tells little of it, and has several numbers.
+    near = explanation.evidence(n) + RIVALS_WITHIN - bare.evidence(n)
+    behind = {a.name: a.posterior()[2] for a in tested if a.scores is not None}
+    likely = [
+        a
+        for a in tested
+        if a.gain - a.penalty(n) > (0.0 if a.effect.fmu else needed) or (a.effect.fmu and behind[a.name] < near)
+    ]
+    ranked = sorted((a for a in likely if not (sharp_too and is_timing(a))), key=lambda a: behind[a.name])
     likely = list({a.effect.name: a for a in reversed(ranked)}.values())[::-1][:RIVALS_REFITTED]
     if sharp_too:
         likely += [a for a in tested if is_timing(a)]

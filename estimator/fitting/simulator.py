@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.fitting.clock import Clock
+from estimator.fitting.clock import Clock, interval_shown
 from estimator.fitting.problem import Problem, distinct
 from estimator.fitting.shaft_angle import shaft_angle, unfolded_orders
 from estimator.fmus.workers import Workers
@@ -191,10 +191,14 @@ class Simulator:
         return shaft_angle(self.measured, self.outputs, self.clocks)
 
     @cached_property
-    def unfolded(self) -> tuple[NDArray[np.bool_], ...]:
-        """Which orders of the angle the sampling does not alias to a slow change, of each recording."""
+    def unfolded(self) -> tuple[tuple[NDArray[np.bool_], ...], ...]:
+        """Which orders of the angle the sampling does not alias to a slow change, of each output and recording."""
         assert self.angle is not None
-        return tuple(unfolded_orders(self.angle[clock.rows]) for clock in self.clocks)
+        angles = [self.angle[clock.rows] for clock in self.clocks]
+        every = [[interval_shown(~np.isnan(y[clock.rows])) for clock in self.clocks] for y in self.measured.T]
+        different = {(e, k) for own in every for e, k in enumerate(own)}
+        known = {(e, k): unfolded_orders(angles[e][::k]) for e, k in different}
+        return tuple(tuple(known[e, k] for e, k in enumerate(own)) for own in every)
 
     def values(self, known: Mapping[str, float]) -> FloatArray:
         """Return a candidate, (p,), of known values; nuisances that are not known are neutral."""

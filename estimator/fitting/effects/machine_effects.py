@@ -18,7 +18,7 @@ from estimator.recordings.samples import median
 FloatArray = NDArray[np.float64]
 
 USUAL_DRIFT = 0.1  # of the friction
-USUAL_WARMING = 0.05  # of R, over a recording
+USUAL_WARMING = 0.5  # of R in a second of the current at standstill: copper at 160 A/mm2, no heat lost
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class FrictionDrift(Effect):
         values = motor_values(fit)
         if values is None or "w" not in s.outputs:
             return ()
-        usual = values["B"] * _usual_speed(fit)
+        usual = usual_friction(fit, values)
         w = fit.shown[:, s.outputs.index("w")]
         found = []
         for clock, name in zip(s.clocks, per_recording(s.plan, self.name), strict=True):
@@ -73,12 +73,16 @@ class WindingWarms(Effect):
         if values is None or "i" not in s.outputs:
             return ()
         i = fit.shown[:, s.outputs.index("i")]
-        voltage = np.zeros(s.rows)
+        voltage, still = np.zeros(s.rows), float(np.max(np.abs(s.inputs("v")))) / values["R"]
+        if still == 0:
+            return ()
+        longest = 0.0  # s of the current at standstill that make as much heat
         for clock in s.clocks:
             heat = np.cumsum(i[clock.rows] ** 2)
+            longest = max(longest, float(heat[-1]) * clock.step / still**2)
             voltage[clock.rows] = -i[clock.rows] * (heat / max(heat[-1], 1e-300) - 0.5)
         columns = response(fit, voltage=voltage)[:, :, None]
-        return [Linear(self.name, columns, ("Ohm",), least=0.0, size=USUAL_WARMING * values["R"])]
+        return [Linear(self.name, columns, ("Ohm",), least=0.0, size=USUAL_WARMING * longest * values["R"])]
 
     def changes(self, fit: Fit, coefficient: float) -> Mapping[str, float]:
         """Return the change of the resistance."""
@@ -89,6 +93,13 @@ class WindingWarms(Effect):
         return f"R rises by {value:.3g} Ohm over a recording: the winding warms; R stands for the mean"
 
 
+def usual_friction(fit: Fit, values: Mapping[str, float]) -> float:
+    """Return the usual torque, N.m, of all friction by a motor's values, a dry part among it."""
+    return values["B"] * _usual_speed(fit) + values.get("friction", 0.0)
+
+
 def _usual_speed(fit: Fit) -> float:
-    """Return the usual speed, rad/s."""
-    return median(np.abs(fit.shown[:, fit.simulator.outputs.index("w")]))
+    """Return the usual speed, rad/s, while a voltage drives the motor."""
+    s = fit.simulator
+    w, driven = np.abs(fit.shown[:, s.outputs.index("w")]), s.inputs("v") != 0
+    return median(w[driven] if driven.any() else w)

@@ -70,7 +70,7 @@ class Ripple(Effect):
             if y == "angle" or len(taken) >= MOST_LINES:
                 continue
             level = fit.shown[:, j] / max(float(np.max(np.abs(fit.shown[:, j]))), 1e-300)
-            power = self.power(theta, z[:, j] * level, fit)
+            power = self.power(theta, z[:, j] * level, fit, j)
             power[[k - 1 for k in taken]] = 0.0
             best = float(np.max(power))
             order = int(np.argmax(power > AS_GOOD * best)) + 1
@@ -128,10 +128,10 @@ class Ripple(Effect):
         unsteady = None if is_long else of_winding
         return dataclasses.replace(line, columns=columns, form=form, unsteady=unsteady, most_unsteady=MOST_CHANGE)
 
-    def power(self, theta: FloatArray, z: FloatArray, fit: Fit) -> FloatArray:
+    def power(self, theta: FloatArray, z: FloatArray, fit: Fit, j: int) -> FloatArray:
         """Return how much of a whitened output each order explains, (orders,)."""
         total = np.zeros(HIGHEST_ORDER)
-        for clock, orders in zip(fit.simulator.clocks, fit.simulator.unfolded, strict=True):
+        for clock, orders in zip(fit.simulator.clocks, fit.simulator.unfolded[j], strict=True):
             own = z[clock.rows]
             there = np.flatnonzero(own)  # the others tell nothing
             turned, own = theta[clock.rows][there], own[there]

@@ -74,7 +74,7 @@ class Commutation(Ripple):
         level, z, settled = _level(fit, j), standing_out(fit)[:, j], find_windows(fit).settled
         if find_windows(fit).enough and np.sum(level[settled] ** 2) > np.sum(level[~settled] ** 2):
             return ()  # settled rows tell its size better: it is a line
-        power = self.power(theta, level * z, fit)
+        power = self.power(theta, level * z, fit, j)
         power[[k - 1 for k in (*LOW_ORDERS, *taken)]] = 0.0
         power[: max(0, int(PERIODS_AT_EDGES / max(_turns_at_edges(theta, level, fit), 1e-9)))] = 0.0
         if len(taken) >= MOST_LINES or not np.any(power):

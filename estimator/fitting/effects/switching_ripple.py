@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.conventions import STANDS_OUT
+from estimator.fitting.clock import interval_shown
 from estimator.fitting.effects.base import USUAL, Effect
 from estimator.fitting.effects.ripple import angle_of
 from estimator.fitting.fit import Fit, Linear
@@ -56,11 +57,11 @@ class SwitchingRipple(Effect):
         parts = [(t, z[rows, j]) for rows, t in stretches if np.sum(later[rows]) >= STRETCH_ROWS]
         if len(taken) >= MOST_SWITCHING_LINES or not parts:
             return ()
-        lines = _strongest(parts, s.clocks[0].step, taken)
+        seen = [later[rows] & fit.whitener.present[rows, j] for rows, _ in stretches]
+        lines = _strongest(parts, s.clocks[0].step, taken, max(map(interval_shown, seen)))
         if not taken and lines and _is_the_shafts(lines[0], fit, stretches):
             return ()
         unit = s.plan.unit("i")
-        seen = [later[rows] & fit.whitener.present[rows, j] for rows, _ in stretches]
         found = []
         for f in lines:
             columns = np.zeros((s.rows, len(s.outputs), 2 * len(stretches)))
@@ -99,19 +100,23 @@ def _is_the_shafts(f: float, fit: Fit, stretches: Sequence[tuple[NDArray[np.int6
     return any(abs(f - k * x) < WANDERS * k * x for x in turning for k in orders)
 
 
-def _strongest(parts: Sequence[tuple[FloatArray, FloatArray]], step: float, taken: Sequence[float]) -> list[float]:
+def _strongest(
+    parts: Sequence[tuple[FloatArray, FloatArray]], step: float, taken: Sequence[float], every: int
+) -> list[float]:
     """Return the frequency, Hz, of the line that stands out most, and that of the strongest harmonic of the first.
 
     Parameters
     ----------
     parts : times, s, and whitened residuals, (n,) arrays
     taken : frequencies of lines that are known
+    every : int
+        The current is shown at every so manieth row: above half of that rate are images only, of slow misfits too.
     """
     size = OVERSAMPLING * int(2 ** np.ceil(np.log2(max(len(own) for _, own in parts))))
     power = np.sum([2 * np.abs(np.fft.rfft(own, size)) ** 2 / len(own) for _, own in parts], axis=0)
     frequency = np.fft.rfftfreq(size, step)
     cycle = 1 / (step * min(len(own) for _, own in parts))  # Hz
-    power[frequency < STRETCH_CYCLES * cycle] = 0.0
+    power[(frequency < STRETCH_CYCLES * cycle) | (frequency > 0.5 / (every * step))] = 0.0
     for known in taken:
         power[np.abs(frequency - known) < 2 * cycle] = 0.0
     found = []
@@ -120,8 +125,8 @@ def _strongest(parts: Sequence[tuple[FloatArray, FloatArray]], step: float, take
     if np.any(near > 0) and power[k] > STANDS_OUT * median(near[near > 0]):
         found.append(_sharpened(float(frequency[k]), float(frequency[1]), parts))
     if taken:
-        folded = np.arange(2, HARMONICS + 1) * taken[0] * step
-        folded = np.abs(folded - np.round(folded)) / step
+        folded = np.arange(2, HARMONICS + 1) * taken[0] * every * step
+        folded = np.abs(folded - np.round(folded)) / (every * step)
         usable = [f for f in folded if f > 2 * cycle and all(abs(f - known) > cycle for known in (*taken, *found))]
         found += [max(usable, key=lambda f: float(_powers(np.array([f]), parts)[0]))] if usable else []
     return found
