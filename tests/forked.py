@@ -75,41 +75,32 @@ class Forked(Fork):
         terminal: bool = False,
         keep: Sequence[int] = (),
     ) -> None:
-        _server()
+        server()
         env = {**env, SOCKET: os.environ[SOCKET]}
         order = {"arguments": arguments, "cwd": str(cwd), "env": env, "terminal": terminal, "keep": list(keep)}
         super().__init__(SOCKET, order, (*streams, *keep))
 
 
-def run(*arguments: str, cwd: Path, given: bytes = b"") -> subprocess.CompletedProcess[str]:
-    """Run a command to its end, with a pipe as its standard input; return what it wrote, and its exit status."""
-    reads, writes = os.pipe()
-    with _files() as (out, errors):
-        streams = (reads, out.fileno(), errors.fileno())
-        command = Forked(*arguments, cwd=cwd, streams=streams, env=dict(os.environ))
-        os.close(reads)
-        with contextlib.suppress(BrokenPipeError), open(writes, "wb") as pipe:
-            pipe.write(given)
-        status = command.wait()
-        told = [os.pread(f.fileno(), os.fstat(f.fileno()).st_size, 0).decode() for f in (out, errors)]
-    return subprocess.CompletedProcess(arguments, status, *told)
+class Kept(Forked):
+    """A command whose outputs are kept until its end, but for those that a file descriptor gets."""
 
-
-@contextlib.contextmanager
-def _files() -> Any:
-    with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as errors:
-        yield out, errors
-
-
-class _OfTheApp(Forked):
-    """A command of the app: where its output is wanted, it is kept until the end."""
-
-    def __init__(self, command: Sequence[str], *, cwd: Path, env: dict[str, str], stderr: int, pass_fds: Any) -> None:
+    def __init__(
+        self,
+        *arguments: str,
+        cwd: Path,
+        env: dict[str, str] | None = None,
+        stdin: int | None = None,
+        stdout: int | None = None,
+        stderr: int | None = None,
+        keep: Sequence[int] = (),
+    ) -> None:
         self._output = [tempfile.TemporaryFile() for _ in range(2)]  # noqa: SIM115 (closed with the command)
-        out, errors = (file.fileno() for file in self._output)
         with open(os.devnull) as nothing:
-            streams = (nothing.fileno(), out, errors if stderr == subprocess.PIPE else stderr)
-            super().__init__(*command, cwd=cwd, streams=streams, env=env, keep=pass_fds)
+            own = (nothing.fileno(), *(file.fileno() for file in self._output))
+            given = (stdin, stdout, stderr)
+            first, second, third = (fd if to is None else to for to, fd in zip(given, own, strict=True))
+            streams, env = (first, second, third), dict(os.environ) if env is None else env
+            super().__init__(*arguments, cwd=cwd, streams=streams, env=env, keep=keep)
 
     def communicate(self, timeout: float | None = None) -> tuple[bytes, bytes]:
         """Wait for the end; return what it wrote."""
@@ -123,17 +114,30 @@ class _OfTheApp(Forked):
         super().__del__()
 
 
+def run(
+    *arguments: str, cwd: Path, given: bytes = b"", env: dict[str, str] | None = None, stdout: int | None = None
+) -> subprocess.CompletedProcess[str]:
+    """Run a command to its end, with a pipe as its standard input; return what it wrote, and its exit status."""
+    reads, writes = os.pipe()
+    command = Kept(*arguments, cwd=cwd, env=env, stdin=reads, stdout=stdout)
+    os.close(reads)
+    with contextlib.suppress(BrokenPipeError), open(writes, "wb") as pipe:
+        pipe.write(given)
+    told = [text.decode() for text in command.communicate()]
+    return subprocess.CompletedProcess(arguments, command.wait(), *told)
+
+
 @cache
-def _server() -> Forking | None:
+def server() -> Forking | None:
     """Return the process that forks, started where there is none yet."""
     return None if SOCKET in os.environ else Forking(SOCKET, __file__)
 
 
 def end() -> None:
     """End the process that forks, where this one has started it."""
-    if _server.cache_info().currsize and (server := _server()):
-        server.end()
-        _server.cache_clear()
+    if server.cache_info().currsize and (started := server()):
+        started.end()
+        server.cache_clear()
 
 
 def main() -> int:
@@ -174,8 +178,9 @@ def _fork_of_the_app() -> None:
     def started(arguments: Sequence[str], **how: Any) -> Any:
         if ANEW in os.environ:
             return subprocess.Popen(arguments, **how)
-        command = arguments[len(program.INTERPRETER) :]
-        return _OfTheApp(command, **{name: how.get(name, ()) for name in ("cwd", "env", "stderr", "pass_fds")})
+        command, errors = arguments[len(program.INTERPRETER) :], how.get("stderr", subprocess.PIPE)
+        errors = None if errors == subprocess.PIPE else errors
+        return Kept(*command, cwd=how["cwd"], env=how["env"], stderr=errors, keep=how.get("pass_fds", ()))
 
     names = {name: getattr(subprocess, name) for name in ("PIPE", "DEVNULL", "TimeoutExpired")}
     program.subprocess = types.SimpleNamespace(Popen=started, **names)  # type: ignore[assignment]
@@ -229,6 +234,7 @@ def _become(order: dict[str, Any], fds: Sequence[int]) -> int:
     os.chdir(order["cwd"])
     os.environ.clear()
     os.environ.update(order["env"])
+    sys.path[:0] = [folder for folder in os.environ.get("PYTHONPATH", "").split(os.pathsep) if folder]
     sys.argv = ["fmu-estimator", *order["arguments"]]
     sys.stdin = os.fdopen(0, closefd=False, encoding="utf-8")
     sys.stdout = os.fdopen(1, "w", buffering=1 if os.isatty(1) else -1, closefd=False, encoding="utf-8")

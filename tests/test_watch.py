@@ -10,7 +10,7 @@ import time
 from pathlib import Path
 
 import pytest
-from forked import Forked
+from forked import Kept
 
 from estimator.batches import watch as watching
 from estimator.batches.batch_folder import folder_name
@@ -305,14 +305,12 @@ def test_the_command_line_watches_a_logger_that_writes_slowly_until_ctrl_c(logge
 
     @contextlib.contextmanager
     def started():
-        with open(os.devnull) as nothing, open(tmp_path / "said", "w") as out, open(tmp_path / "wrong", "w") as wrong:
-            streams = (nothing.fileno(), out.fileno(), wrong.fileno())
-            process = Forked(*arguments, cwd=tmp_path, streams=streams, env=environment)
-            try:
-                yield process
-            finally:
-                process.kill()
-                process.wait()
+        process = Kept(*arguments, cwd=tmp_path, env=environment)
+        try:
+            yield process
+        finally:
+            process.kill()
+            process.wait()
 
     def heard_of(count, process):
         end = time.monotonic() + 180
@@ -333,8 +331,9 @@ def test_the_command_line_watches_a_logger_that_writes_slowly_until_ctrl_c(logge
         shutil.copy(EXAMPLE, logger / "m2.csv")
         heard_of(2, process)
         process.send_signal(signal.SIGINT)
-        assert process.wait(timeout=60) == 0, (tmp_path / "wrong").read_text()
+        said, complained = process.communicate(timeout=60)
+        assert process.returncode == 0, complained
     assert [name for name, *_ in told(heard)] == ["line[m1]", "line[m2]"]
-    assert (tmp_path / "said").read_text().startswith("line[m2]: ")
+    assert said.decode().startswith("line[m2]: ")
     assert 'data-case="line[m1]"' in (tmp_path / "out" / "index.html").read_text()
     assert sorted(file.name for file in logger.iterdir()) == ["m1.csv", "m2.csv"]
