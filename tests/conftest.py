@@ -87,6 +87,7 @@ def pytest_configure(config: pytest.Config) -> None:
             forked.server()  # one for all workers of pytest-xdist; else it is started where it is needed
     compiled.keep()
     warm_workers.take()
+    forked.take()
     drawing.draw_here()
 
 

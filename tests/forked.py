@@ -24,6 +24,7 @@ from pathlib import Path
 from typing import Any
 
 from forking import Fork, Forking, serve
+from warm_workers import Warm
 
 SOCKET = "FMU_ESTIMATOR_TESTS_COMMANDS"  # the environment variable that names the socket of the process that forks
 ANEW = "FMU_ESTIMATOR_TESTS_ANEW"  # the environment variable by which the app starts its commands as it always does
@@ -140,6 +141,20 @@ def end() -> None:
         server.cache_clear()
 
 
+def take() -> None:
+    """Let batches in this process, and in those forked from it, take case workers that are forked, where some are."""
+    from estimator.batches import worker_pool
+
+    names = {name: getattr(subprocess, name) for name in ("PIPE", "DEVNULL")}
+    worker_pool.subprocess = types.SimpleNamespace(Popen=_case_worker, **names)  # type: ignore[assignment]
+
+
+def _case_worker(arguments: Sequence[str], *, env: dict[str, str], **how: Any) -> Warm | subprocess.Popen[bytes]:
+    if SOCKET in os.environ:
+        return Warm((), env, name=SOCKET)
+    return subprocess.Popen(arguments, env=env, **how)
+
+
 def main() -> int:
     """Load the package, and fork a process for every order until they end; return the exit status of this process."""
     import importlib
@@ -161,11 +176,12 @@ def main() -> int:
     draw_here()
     compiled.keep()
     warm_workers.take()
+    take()
     own, answers = os.getpid(), tempfile.mkdtemp()
     with contextlib.suppress(ImportError):
         _fork_of_the_app()
         _keep_answers(Path(answers))
-    status = serve(int(sys.argv[1]), lambda order, fds: _ended(_become(order, fds)))
+    status = serve(int(sys.argv[1]), lambda order, fds: _ended((_become if "keep" in order else _serve)(order, fds)))
     if os.getpid() == own:
         shutil.rmtree(answers)
     return status
@@ -221,6 +237,20 @@ def _ended(status: int) -> int:
     except (OSError, ValueError):
         return status
     os._exit(status)
+
+
+def _serve(order: dict[str, Any], fds: Sequence[int]) -> int:
+    """Make this forked process a case worker that was just started."""
+    from estimator.batches import case_worker
+
+    for number, fd in enumerate((*fds, os.open(os.devnull, os.O_WRONLY))):
+        os.dup2(fd, number)
+        os.close(fd)
+    os.chdir(order["cwd"])
+    os.environ.clear()
+    os.environ.update(order["env"])
+    case_worker.main()
+    return 0
 
 
 def _become(order: dict[str, Any], fds: Sequence[int]) -> int:
