@@ -26,7 +26,7 @@ import forked  # noqa: E402
 import numpy as np  # noqa: E402
 import pytest  # noqa: E402
 import warm_workers  # noqa: E402
-from forking import Forking  # noqa: E402
+from forking import CAN_FORK, Forking  # noqa: E402
 from motors import Motor, recording_of, step_recording  # noqa: E402
 from open_points import OPEN  # noqa: E402
 
@@ -83,8 +83,11 @@ def pytest_configure(config: pytest.Config) -> None:
             os.environ[compiled.FOLDER] = str(folder := config.cache.mkdir("compiled"))
             compiled.forget(folder)
         config.stash[FORKING] = warm_workers.forking()
+        if getattr(config.option, "numprocesses", None) and CAN_FORK:
+            forked.server()  # one for all workers of pytest-xdist; else it is started where it is needed
     compiled.keep()
     warm_workers.take()
+    forked.take()
     drawing.draw_here()
 
 

@@ -1,6 +1,7 @@
-"""FMUs that misbehave on purpose: dc_motor.fmu rebuilt from its own sources with one function wrapped.
+"""FMUs that misbehave on purpose: dc_motor.fmu rebuilt from its own sources with some functions wrapped.
 
-The wrapper stands for the original and may call it as ``original_<name>``.
+The wrapper stands for the original and may call it as ``original_<name>``. What is wrapped is the same for all of them
+and compiled apart, so that it is compiled once.
 """
 
 from __future__ import annotations
@@ -62,29 +63,32 @@ def faulty_fmu(folder: Path, *, besides: str = "", **faults: str) -> Path:
     use the arguments and ``ORIGINAL``, the result of the wrapped function, and that return a value or fall through to
     returning ``ORIGINAL``.
     """
-    original = fmu_build.bundled("dc_motor")
     work = folder / "faulty"
     work.mkdir(parents=True)
-    with zipfile.ZipFile(original) as archive:
+    with zipfile.ZipFile(fmu_build.bundled("dc_motor")) as archive:
         archive.extractall(work)
-    names = ["fmi2" + name for name in faults]
+    sources = [work / "sources", fmi_headers()]
     (entry,) = [p for p in (work / "sources").glob("*_fmu.c")]
-    text = PRELUDE + "".join(f"#undef {name}\n#define {name} original_{name}\n" for name in names)
-    text += f'#include "{entry.name}"\n' + "".join(f"#undef {name}\n" for name in names)
-    for name, body in zip(names, faults.values(), strict=True):
-        kind, parameters, arguments = SIGNATURES[name]
-        text += (
-            f"{kind} {name}({parameters})\n{{\n"
-            f"#define ORIGINAL original_{name}({arguments})\n{body}\nreturn ORIGINAL;\n#undef ORIGINAL\n}}\n"
-        )
-    text += besides
-    source = work / "faulty.c"
-    source.write_text(text)
+    original, rest, source = work / "original.c", work / "original.o", work / "faulty.c"
+    renamed = "".join(f"#undef {name}\n#define {name} original_{name}\n" for name in SIGNATURES)
+    original.write_text(f'#include "fmi2Functions.h"\n{renamed}#include "{entry.name}"\n')
+    compile_library(original, rest, include=sources, options=(*QUICKLY, "-c"))
+    source.write_text(PRELUDE + "".join(_wrapper(name, faults.pop(name[4:], "")) for name in SIGNATURES) + besides)
+    assert not faults, f"SIGNATURES has no {', '.join(faults)}"
     library = work / "binaries" / fmpy.platform / ("dc_motor" + fmpy.sharedLibraryExtension)
-    compile_library(source, library, include=[work / "sources", fmi_headers()], options=QUICKLY)
+    compile_library(source, library, include=sources, options=(*QUICKLY, str(rest)))
     target = folder / "faulty.fmu"
     with zipfile.ZipFile(target, "w") as archive:
         for path in sorted(work.rglob("*")):
-            if path.is_file() and path != source:
+            if path.is_file() and path not in (original, source, rest):
                 archive.write(path, path.relative_to(work).as_posix())
     return target
+
+
+def _wrapper(name: str, body: str) -> str:
+    """Return the C of a function that wraps the original."""
+    kind, parameters, arguments = SIGNATURES[name]
+    return (
+        f"{kind} original_{name}({parameters});\n{kind} {name}({parameters})\n{{\n"
+        f"#define ORIGINAL original_{name}({arguments})\n{body}\nreturn ORIGINAL;\n#undef ORIGINAL\n}}\n"
+    )

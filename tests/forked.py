@@ -24,6 +24,7 @@ from pathlib import Path
 from typing import Any
 
 from forking import Fork, Forking, serve
+from warm_workers import Warm
 
 SOCKET = "FMU_ESTIMATOR_TESTS_COMMANDS"  # the environment variable that names the socket of the process that forks
 ANEW = "FMU_ESTIMATOR_TESTS_ANEW"  # the environment variable by which the app starts its commands as it always does
@@ -75,41 +76,32 @@ class Forked(Fork):
         terminal: bool = False,
         keep: Sequence[int] = (),
     ) -> None:
-        _server()
+        server()
         env = {**env, SOCKET: os.environ[SOCKET]}
         order = {"arguments": arguments, "cwd": str(cwd), "env": env, "terminal": terminal, "keep": list(keep)}
         super().__init__(SOCKET, order, (*streams, *keep))
 
 
-def run(*arguments: str, cwd: Path, given: bytes = b"") -> subprocess.CompletedProcess[str]:
-    """Run a command to its end, with a pipe as its standard input; return what it wrote, and its exit status."""
-    reads, writes = os.pipe()
-    with _files() as (out, errors):
-        streams = (reads, out.fileno(), errors.fileno())
-        command = Forked(*arguments, cwd=cwd, streams=streams, env=dict(os.environ))
-        os.close(reads)
-        with contextlib.suppress(BrokenPipeError), open(writes, "wb") as pipe:
-            pipe.write(given)
-        status = command.wait()
-        told = [os.pread(f.fileno(), os.fstat(f.fileno()).st_size, 0).decode() for f in (out, errors)]
-    return subprocess.CompletedProcess(arguments, status, *told)
+class Kept(Forked):
+    """A command whose outputs are kept until its end, but for those that a file descriptor gets."""
 
-
-@contextlib.contextmanager
-def _files() -> Any:
-    with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as errors:
-        yield out, errors
-
-
-class _OfTheApp(Forked):
-    """A command of the app: where its output is wanted, it is kept until the end."""
-
-    def __init__(self, command: Sequence[str], *, cwd: Path, env: dict[str, str], stderr: int, pass_fds: Any) -> None:
+    def __init__(
+        self,
+        *arguments: str,
+        cwd: Path,
+        env: dict[str, str] | None = None,
+        stdin: int | None = None,
+        stdout: int | None = None,
+        stderr: int | None = None,
+        keep: Sequence[int] = (),
+    ) -> None:
         self._output = [tempfile.TemporaryFile() for _ in range(2)]  # noqa: SIM115 (closed with the command)
-        out, errors = (file.fileno() for file in self._output)
         with open(os.devnull) as nothing:
-            streams = (nothing.fileno(), out, errors if stderr == subprocess.PIPE else stderr)
-            super().__init__(*command, cwd=cwd, streams=streams, env=env, keep=pass_fds)
+            own = (nothing.fileno(), *(file.fileno() for file in self._output))
+            given = (stdin, stdout, stderr)
+            first, second, third = (fd if to is None else to for to, fd in zip(given, own, strict=True))
+            streams, env = (first, second, third), dict(os.environ) if env is None else env
+            super().__init__(*arguments, cwd=cwd, streams=streams, env=env, keep=keep)
 
     def communicate(self, timeout: float | None = None) -> tuple[bytes, bytes]:
         """Wait for the end; return what it wrote."""
@@ -123,17 +115,44 @@ class _OfTheApp(Forked):
         super().__del__()
 
 
+def run(
+    *arguments: str, cwd: Path, given: bytes = b"", env: dict[str, str] | None = None, stdout: int | None = None
+) -> subprocess.CompletedProcess[str]:
+    """Run a command to its end, with a pipe as its standard input; return what it wrote, and its exit status."""
+    reads, writes = os.pipe()
+    command = Kept(*arguments, cwd=cwd, env=env, stdin=reads, stdout=stdout)
+    os.close(reads)
+    with contextlib.suppress(BrokenPipeError), open(writes, "wb") as pipe:
+        pipe.write(given)
+    told = [text.decode() for text in command.communicate()]
+    return subprocess.CompletedProcess(arguments, command.wait(), *told)
+
+
 @cache
-def _server() -> Forking | None:
+def server() -> Forking | None:
     """Return the process that forks, started where there is none yet."""
     return None if SOCKET in os.environ else Forking(SOCKET, __file__)
 
 
 def end() -> None:
     """End the process that forks, where this one has started it."""
-    if _server.cache_info().currsize and (server := _server()):
-        server.end()
-        _server.cache_clear()
+    if server.cache_info().currsize and (started := server()):
+        started.end()
+        server.cache_clear()
+
+
+def take() -> None:
+    """Let batches in this process, and in those forked from it, take case workers that are forked, where some are."""
+    from estimator.batches import worker_pool
+
+    names = {name: getattr(subprocess, name) for name in ("PIPE", "DEVNULL")}
+    worker_pool.subprocess = types.SimpleNamespace(Popen=_case_worker, **names)  # type: ignore[assignment]
+
+
+def _case_worker(arguments: Sequence[str], *, env: dict[str, str], **how: Any) -> Warm | subprocess.Popen[bytes]:
+    if SOCKET in os.environ:
+        return Warm((), env, name=SOCKET)
+    return subprocess.Popen(arguments, env=env, **how)
 
 
 def main() -> int:
@@ -157,11 +176,12 @@ def main() -> int:
     draw_here()
     compiled.keep()
     warm_workers.take()
+    take()
     own, answers = os.getpid(), tempfile.mkdtemp()
     with contextlib.suppress(ImportError):
         _fork_of_the_app()
         _keep_answers(Path(answers))
-    status = serve(int(sys.argv[1]), lambda order, fds: _ended(_become(order, fds)))
+    status = serve(int(sys.argv[1]), lambda order, fds: _ended((_become if "keep" in order else _serve)(order, fds)))
     if os.getpid() == own:
         shutil.rmtree(answers)
     return status
@@ -174,8 +194,9 @@ def _fork_of_the_app() -> None:
     def started(arguments: Sequence[str], **how: Any) -> Any:
         if ANEW in os.environ:
             return subprocess.Popen(arguments, **how)
-        command = arguments[len(program.INTERPRETER) :]
-        return _OfTheApp(command, **{name: how.get(name, ()) for name in ("cwd", "env", "stderr", "pass_fds")})
+        command, errors = arguments[len(program.INTERPRETER) :], how.get("stderr", subprocess.PIPE)
+        errors = None if errors == subprocess.PIPE else errors
+        return Kept(*command, cwd=how["cwd"], env=how["env"], stderr=errors, keep=how.get("pass_fds", ()))
 
     names = {name: getattr(subprocess, name) for name in ("PIPE", "DEVNULL", "TimeoutExpired")}
     program.subprocess = types.SimpleNamespace(Popen=started, **names)  # type: ignore[assignment]
@@ -218,6 +239,20 @@ def _ended(status: int) -> int:
     os._exit(status)
 
 
+def _serve(order: dict[str, Any], fds: Sequence[int]) -> int:
+    """Make this forked process a case worker that was just started."""
+    from estimator.batches import case_worker
+
+    for number, fd in enumerate((*fds, os.open(os.devnull, os.O_WRONLY))):
+        os.dup2(fd, number)
+        os.close(fd)
+    os.chdir(order["cwd"])
+    os.environ.clear()
+    os.environ.update(order["env"])
+    case_worker.main()
+    return 0
+
+
 def _become(order: dict[str, Any], fds: Sequence[int]) -> int:
     """Make this forked process one that was just started, and run the command in it."""
     high = [fcntl.fcntl(fd, fcntl.F_DUPFD, 64 + max(order["keep"], default=0)) for fd in fds]
@@ -229,6 +264,7 @@ def _become(order: dict[str, Any], fds: Sequence[int]) -> int:
     os.chdir(order["cwd"])
     os.environ.clear()
     os.environ.update(order["env"])
+    sys.path[:0] = [folder for folder in os.environ.get("PYTHONPATH", "").split(os.pathsep) if folder]
     sys.argv = ["fmu-estimator", *order["arguments"]]
     sys.stdin = os.fdopen(0, closefd=False, encoding="utf-8")
     sys.stdout = os.fdopen(1, "w", buffering=1 if os.isatty(1) else -1, closefd=False, encoding="utf-8")

@@ -1,6 +1,7 @@
 """Estimates made by hand, for the tests of what is shown and written."""
 
 import dataclasses
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,12 @@ UNITS = {"R": "Ohm", "K": "V.s/rad", "L": "H", "J": "kg.m2", "B": "N.m.s/rad"}
 
 def response(voltage: np.ndarray, *, step: float) -> tuple[np.ndarray, np.ndarray]:
     """Return current and speed of the motor at rest for a held voltage."""
+    i, w = _response(tuple(voltage.tolist()), step)
+    return i.copy(), w.copy()
+
+
+@cache  # most tests show the same step
+def _response(voltage: tuple[float, ...], step: float) -> tuple[np.ndarray, np.ndarray]:
     R, K, L, J, B = MOTOR.values()
     matrix = np.array([[-R / L, -K / L, 1 / L], [K / J, -B / J, 0], [0, 0, 0]])
     transition = expm(matrix * step)

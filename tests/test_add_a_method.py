@@ -3,11 +3,10 @@
 import json
 import os
 import re
-import subprocess
-import sys
 import tomllib
 from pathlib import Path
 
+import forked
 import pytest
 
 from estimator.errors import InputError
@@ -34,8 +33,7 @@ def installed(folder, *, code, project):
 
 
 def run(*arguments, env):
-    command = [sys.executable, "-m", "estimator", *arguments]
-    return subprocess.run(command, capture_output=True, text=True, env=env, cwd=ROOT)
+    return forked.run(*arguments, env=env, cwd=ROOT)
 
 
 @pytest.fixture

@@ -7,6 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import forked
 import numpy as np
 import pytest
 from made_estimates import estimate, with_parameter
@@ -58,12 +59,7 @@ def result():
 
 
 def test_it_finds_what_the_command_line_finds(result):
-    done = subprocess.run(
-        [sys.executable, "-m", "estimator", "estimate", str(EXAMPLE), "--json"],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-    )
+    done = forked.run("estimate", str(EXAMPLE), "--json", cwd=ROOT)
     told, printed = check_contract(result.to_json()), check_contract(done.stdout)
     for key in ("parameters", "verdict", "rmse", "simulations"):
         assert told[key] == printed[key]

@@ -23,10 +23,16 @@ def modules(package):
 
 
 @cache
+def nodes(path):
+    """Return all nodes of a module's syntax tree, the module itself first."""
+    return list(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
+
+
+@cache
 def imports(path):
     """Return what a module imports, at any depth of indentation: this project's modules, and what few may know."""
     found = set()
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in nodes(path):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module:
@@ -104,7 +110,7 @@ def named(node):
 def motor_formulas(path):
     """Return the lines of a module that list the motor's five parameters, or multiply or divide two of them."""
     found = []
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in nodes(path):
         if isinstance(node, ast.Tuple | ast.List | ast.Set):
             values = [e.value for e in node.elts if isinstance(e, ast.Constant)]
             found += [node.lineno] * (set("RKLJB") <= {v for v in values if isinstance(v, str)})
@@ -123,7 +129,7 @@ def test_only_the_motors_folder_knows_its_equations():
 
 def lookups(path):
     """Return the lines of a module that look a name up in an FMU's table of variables."""
-    found = [n for n in ast.walk(ast.parse(path.read_text(encoding="utf-8"))) if isinstance(n, ast.Attribute)]
+    found = [n for n in nodes(path) if isinstance(n, ast.Attribute)]
     called = [n for n in found if isinstance(n.value, ast.Name | ast.Attribute)]
     tables = [n for n in called if getattr(n.value, "id", getattr(n.value, "attr", "")) == "description"]
     return [n.lineno for n in tables if n.attr in ("variable", "variables", "of_causality")]
@@ -177,6 +183,6 @@ def test_a_statistical_convention_is_defined_once():
 
 def assigned(path):
     """Return the names that a module gives values to at its top."""
-    statements = ast.parse(path.read_text(encoding="utf-8")).body
+    statements = nodes(path)[0].body
     targets = [target for s in statements if isinstance(s, ast.Assign) for target in s.targets]
     return [name for target in targets for name in getattr(target, "elts", [target]) if isinstance(name, ast.Name)]

@@ -12,6 +12,7 @@ import sys
 import time
 from pathlib import Path
 
+import forked
 import numpy as np
 import psutil
 import pytest
@@ -344,7 +345,7 @@ def test_a_small_disk_that_is_really_full(cases, tmp_path):
 
 
 def command(folder, *arguments):
-    return [sys.executable, "-m", "estimator", "batch", "line.case.toml", "-o", str(folder), *arguments]
+    return ["batch", "line.case.toml", "-o", str(folder), *arguments]
 
 
 @pytest.mark.smoke
@@ -376,13 +377,7 @@ def killed_and_resumed(folder, out, *, kills, longest, rng):
     """Run the batch, kill it -9 at random moments, go on, and return how often it was killed while it ran."""
     hits = 0
     for _ in range(kills):
-        process = subprocess.Popen(
-            [*command(out), "--resume"],
-            cwd=folder,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-            env={**os.environ, "PYTHONPATH": str(ROOT)},
-        )
+        process = forked.Kept(*command(out), "--resume", cwd=folder)
         try:
             process.wait(timeout=rng.uniform(0.2, longest))
         except subprocess.TimeoutExpired:
@@ -393,13 +388,8 @@ def killed_and_resumed(folder, out, *, kills, longest, rng):
 
 
 def finished(folder, out):
-    subprocess.run(
-        [*command(out), "--resume"],
-        cwd=folder,
-        check=True,
-        capture_output=True,
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-    )
+    done = forked.run(*command(out), "--resume", cwd=folder)
+    assert done.returncode == 0, done.stderr
 
 
 @pytest.mark.parametrize(
@@ -472,7 +462,7 @@ def test_a_mistake_where_tasks_come_from_ends_the_batch():
 def test_an_end_from_outside_leaves_no_process_behind(how, status, tmp_path):
     line_of(tmp_path / "line", 40)
     process = subprocess.Popen(
-        command(tmp_path / "out"),
+        [sys.executable, "-m", "estimator", *command(tmp_path / "out")],
         cwd=tmp_path / "line",
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,

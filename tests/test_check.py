@@ -6,6 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import forked
 import numpy as np
 import pytest
 from motors import CML050, step_recording, write_recording
@@ -311,9 +312,8 @@ def test_check_takes_patterns_and_tells_recordings_of_one_name_apart(file, tmp_p
 
 
 def test_check_reads_stdin(file):
-    command = [sys.executable, "-m", "estimator", "check", "-"]
-    done = subprocess.run(command, input=file("t,u,i,n").read_bytes(), capture_output=True, check=True)
-    assert done.stdout.decode().startswith("stdin: v ← u")
+    done = forked.run("check", "-", cwd=Path.cwd(), given=file("t,u,i,n").read_bytes())
+    assert done.returncode == 0 and done.stdout.startswith("stdin: v ← u")
 
 
 def test_what_was_read_of_a_held_out_recording_is_told_too(file, bench, capsys):

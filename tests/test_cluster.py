@@ -6,21 +6,24 @@ import signal
 import subprocess
 import sys
 import time
+from importlib.util import find_spec
 
 import pytest
 from interrupts import takes_interrupts
 from test_batch import ROOT, TABLES, line_of, tables_of
 
 from estimator.batches.batch import gather, run_batch
+from estimator.batches.cluster import run_there
 from estimator.batches.worker_pool import run_here
 from estimator.cli import main
 from estimator.errors import InputError
 
-pytest.importorskip("distributed", reason="Dask is not installed: pip install 'fmu-estimator[cluster]'")
-
-from estimator.batches.cluster import run_there  # noqa: E402
-
-pytestmark = pytest.mark.filterwarnings("default")  # Dask's own
+pytestmark = [
+    pytest.mark.filterwarnings("default"),  # Dask's own
+    pytest.mark.skipif(  # found, not imported: only the worker of pytest-xdist that has these tests shall load it
+        find_spec("distributed") is None, reason="Dask is not installed: pip install 'fmu-estimator[cluster]'"
+    ),
+]
 
 
 def started(*arguments, folder):
@@ -69,20 +72,21 @@ class Cluster:
 
 
 @pytest.fixture(scope="module")
-def shared(tmp_path_factory):
-    made = Cluster(tmp_path_factory.mktemp("cluster"), 2)
+def scheduler(tmp_path_factory):
+    """Return a scheduler that has no workers before `cluster` was asked for."""
+    made = Cluster(tmp_path_factory.mktemp("cluster"), 0)
     yield made
     made.close()
 
 
 @pytest.fixture
-def cluster(shared):
+def cluster(scheduler):
     """Return a cluster of two workers that live."""
-    yield shared
-    lost = [w for w in shared.workers if w.poll() is not None]
-    for worker in lost:
-        shared.workers.remove(worker)
-        shared.one_more()
+    for lost in [w for w in scheduler.workers if w.poll() is not None]:
+        scheduler.workers.remove(lost)
+    while len(scheduler.workers) < 2:
+        scheduler.one_more()
+    return scheduler
 
 
 @pytest.fixture
@@ -91,6 +95,11 @@ def own_cluster(tmp_path):
     made = Cluster(tmp_path, 2)
     yield made
     made.close()
+
+
+def test_a_scheduler_without_workers_is_said(scheduler):  # the first of this file: later it has some
+    with pytest.raises(InputError, match=r"the scheduler has no workers; start some with: dask worker tcp://"):
+        run_there(scheduler.address)
 
 
 @pytest.mark.full  # a killed worker is asked below
@@ -205,22 +214,13 @@ def test_a_worker_may_have_several_threads(tmp_path):
 
 
 def test_no_scheduler_is_said(monkeypatch):
-    monkeypatch.setattr("estimator.batches.cluster.CONNECT", 1)
+    monkeypatch.setattr("estimator.batches.cluster.CONNECT", 0.2)
     with pytest.raises(
         InputError, match=r"^--dask tcp://127\.0\.0\.1:9: no scheduler answers there .* dask scheduler$"
     ):
         run_there("tcp://127.0.0.1:9")
     with pytest.raises(InputError, match=r"no scheduler answers there"):
         run_there("nonsense")
-
-
-def test_a_scheduler_without_workers_is_said(tmp_path):
-    alone = Cluster(tmp_path, 0)
-    try:
-        with pytest.raises(InputError, match=r"the scheduler has no workers; start some with: dask worker tcp://"):
-            run_there(alone.address)
-    finally:
-        alone.close()
 
 
 def test_without_dask_the_extra_is_named(monkeypatch):

@@ -1,7 +1,8 @@
 """The paper's figures, with small searches."""
 
+import io
 import re
-from pathlib import Path
+from contextlib import redirect_stderr, redirect_stdout
 
 import numpy as np
 import pytest
@@ -14,8 +15,25 @@ from estimator.results.plots import rendered
 
 
 @pytest.fixture(scope="module")
-def paper():
-    return paper_figures.paper_figures(nests=8, iterations=3, workers=1)
+def command(tmp_path_factory):
+    """Return what the command drew, the folder that it wrote, and what it said on both its outputs."""
+    folder = tmp_path_factory.mktemp("paper") / "figures"
+    drawn, out, err = [], io.StringIO(), io.StringIO()
+
+    def kept(**how):
+        drawn.append(made(**how))
+        return drawn[0]
+
+    made = paper_figures.paper_figures
+    with pytest.MonkeyPatch.context() as patch, redirect_stdout(out), redirect_stderr(err):
+        patch.setattr(paper_figures, "paper_figures", kept)
+        assert main(["demo", "--paper-figures", "--nests", "8", "--iterations", "3", "-o", str(folder)]) == 0
+    return drawn[0], folder, out.getvalue(), err.getvalue()
+
+
+@pytest.fixture(scope="module")
+def paper(command):
+    return command[0]
 
 
 def test_all_eight_figures_are_there_with_units_and_those_of_the_bench_say_that_it_is_emulated(paper):
@@ -54,17 +72,16 @@ def test_the_filter_is_a_chebyshev_filter_that_starts_settled():
 
 
 @pytest.mark.parametrize(("kind", "start"), [("png", b"\x89PNG"), ("svg", b"<?xml"), ("pdf", b"%PDF")])
-def test_a_figure_is_rendered_as_every_kind_and_always_to_the_same_bytes(paper, kind, start):
-    one, two = rendered(paper.figures[8], kind), rendered(paper.figures[8], kind)
-    assert one.startswith(start) and one == two
+def test_a_figure_is_rendered_as_every_kind_and_always_to_the_same_bytes(command, kind, start):
+    paper, folder, _, _ = command
+    written = (folder / f"figure8.{kind}").read_bytes()
+    assert written.startswith(start) and written == rendered(paper.figures[8], kind)
 
 
-def test_the_command_writes_them(tmp_path, capsys):
-    options = ["--paper-figures", "--nests", "4", "--iterations", "1", "-o", str(tmp_path / "figures")]
-    assert main(["demo", *options]) == 0
-    out, err = capsys.readouterr()
+def test_the_command_writes_them(command):
+    _, folder, out, err = command
     assert "RMCS2004, simulated, paper: errors R " in out and "CML-050, bench emulated: steiglitz-mcbride" in err
-    assert len(list(Path(tmp_path / "figures").iterdir())) == 24
+    assert len(list(folder.iterdir())) == 24
 
 
 def test_sizes_of_the_searches_without_the_figures_are_told(capsys):

@@ -119,39 +119,22 @@ def test_tests_can_be_selected_and_reported_as_ever(project):
     project("-q", "-k", "line and verdict").assert_outcomes(passed=1, deselected=4)
 
 
-CONFTEST = """
-import os, pathlib
-from estimator.batches import case_worker
-done = pathlib.Path(__file__).parent / "done"
-done.mkdir(exist_ok=True)
-original = case_worker.CaseWorker.estimate
-def counted(self, case, **kwargs):
-    with open(done / f"{case.name}-{os.getpid()}", "a") as file:
-        file.write("x")
-    return original(self, case, **kwargs)
-case_worker.CaseWorker.estimate = counted
-"""
+def test_a_case_is_estimated_once_whatever_it_feeds(project, monkeypatch):
+    done, original = [], CaseWorker.estimate
 
+    def counted(self, case, **how):
+        done.append(case.name)
+        return original(self, case, **how)
 
-def estimates_of(folder):
-    """Return {case name: [estimates made, one number a process]}."""
-    made = {}
-    for file in sorted((folder / "done").iterdir()):
-        made.setdefault(file.name.rsplit("-", 1)[0], []).append(len(file.read_text()))
-    return made
-
-
-def test_a_case_is_estimated_once_whatever_it_feeds(project):
-    (project.path / "conftest.py").write_text(CONFTEST)
+    monkeypatch.setattr(CaseWorker, "estimate", counted)
     (project.path / "test_own.py").write_text(
         "from estimator.cases.case import read_case\n"
         "def test_path(estimate):\n    assert estimate('line.case.toml').parameters['R'].value > 3\n"
         "def test_case(estimate):\n"
         "    assert estimate(read_case(__file__.replace('test_own.py', 'line.case.toml'))).verdict == 'ok'\n"
     )
-    result = project("-q", case=RECORDING + MET, subprocess=True)
-    result.assert_outcomes(passed=5)
-    assert estimates_of(project.path) == {"line": [1]}
+    project("-q", case=RECORDING + MET).assert_outcomes(passed=5)
+    assert done == ["line"]
 
 
 def test_the_fixture_wants_one_case(project):
@@ -165,6 +148,29 @@ def test_the_fixture_wants_one_case(project):
     project("-q").assert_outcomes(passed=1)
 
 
+CONFTEST = """
+import os, pathlib
+if "PYTEST_XDIST_WORKER" in os.environ:
+    from estimator.batches import case_worker
+    done = pathlib.Path(__file__).parent / "done"
+    done.mkdir(exist_ok=True)
+    original = case_worker.CaseWorker.estimate
+    def counted(self, case, **kwargs):
+        with open(done / f"{case.name}-{os.getpid()}", "a") as file:
+            file.write("x")
+        return original(self, case, **kwargs)
+    case_worker.CaseWorker.estimate = counted
+"""
+
+
+def estimates_of(folder):
+    """Return {case name: [estimates made, one number a process]}."""
+    made = {}
+    for file in sorted((folder / "done").iterdir()):
+        made.setdefault(file.name.rsplit("-", 1)[0], []).append(len(file.read_text()))
+    return made
+
+
 @pytest.mark.parametrize("dist", ["load", pytest.param("loadscope", marks=pytest.mark.full)])
 def test_a_case_stays_on_one_worker_of_xdist(dist, project):
     pytest.importorskip("xdist")
@@ -175,7 +181,7 @@ def test_a_case_stays_on_one_worker_of_xdist(dist, project):
         "import pytest\n@pytest.mark.parametrize('k', range(8))\ndef test(k): pass\n"
     )
     case = '[[recording]]\nfile = "motor_*.csv"\n' + MET + "standard_error = { R = 1 }\n"
-    result = project("-q", "-n", "2", "--dist", dist, case=case, subprocess=True)
+    result = project("-q", "-n", "2", "--dist", dist, case=case)
     result.assert_outcomes(passed=2 * 4 + 8)
     assert estimates_of(project.path) == {f"line[motor_{k}]": [1] for k in (1, 2)}
 

@@ -637,7 +637,7 @@ NAMES = st.one_of(
     st.sampled_from(
         ["voltage", "n", "current [A]", "speed [rad/s]", "U_a", "gain", "a, b [V]", 'the "x"', "n [1]", "x (y)", "a;b"]
     ),
-    st.text(st.characters(codec="latin-1", exclude_categories=["Cc"]), min_size=1, max_size=8),
+    st.text(st.characters(max_codepoint=0xFF, exclude_categories=["Cc"]), min_size=1, max_size=8),
 )
 
 

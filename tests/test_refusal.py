@@ -155,7 +155,7 @@ def test_a_response_that_has_not_settled_is_doubtful(case_of):
 def test_a_model_that_does_not_explain_the_data_is_doubtful(case_of, good):
     shown = good[1].copy()
     shown[:, 1] *= 1 - 0.1 * np.clip(shown[:, 1] / shown[:, 1].max(), 0, 1) ** 3  # no linear motor
-    result = run(case_of(), made(good[0], shown, noise=(0.01, 0.5)))
+    result = run(case_of(), made(good[0][:700], shown[:700], noise=(0.01, 0.5)))
     assert result.verdict == "doubtful"
     assert result.parameters
 
@@ -174,7 +174,7 @@ def test_the_windows_in_which_an_output_is_not_explained_are_one_sentence():
 def test_a_bound_that_is_wrong_is_blamed_and_not_the_bench(case_of):
     """The truth, 0.01307 H, is out of reach; whatever else would explain the residuals is not looked for."""
     case = dataclasses.replace(case_of("cuckoo"), parameters={"L": ParameterSpec("L", minimum=1e-4, maximum=0.01)})
-    (estimate,) = estimate_recordings([case], [[step_recording(CML050)]])
+    (estimate,) = estimate_recordings([case], [[step_recording(CML050, duration=1.0)]])
     assert estimate.verdict == "doubtful" and not estimate.chain
     assert any(r.startswith("L: the estimate lies at its upper bound 0.01; widen the bound") for r in estimate.reasons)
     assert not any("sag" in reason or "gain" in reason or "drift" in reason for reason in estimate.reasons)

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from forked import run
+from forked import Kept, run
 from made_estimates import estimate
 from test_report import check_contract
 
@@ -89,8 +89,8 @@ def test_a_folder_that_another_run_writes_to_is_told(tmp_path):
 
 
 def test_two_estimates_into_one_folder_at_once_give_one_result_and_one_sentence(tmp_path):
-    command = [sys.executable, "-m", "estimator", "estimate", str(RECORDING), "-o", str(tmp_path / "out"), "--json"]
-    both = [subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE) for _ in range(2)]
+    command = ("estimate", str(RECORDING), "-o", str(tmp_path / "out"), "--json")
+    both = [Kept(*command, cwd=ROOT) for _ in range(2)]
     ended = sorted((process.communicate(timeout=60), process.returncode) for process in both)
     (lost, status), (won, good) = ended
     if status == 0:

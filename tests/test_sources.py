@@ -1,7 +1,6 @@
 """What `estimate` may be given: several recordings, patterns, stdin; and what it says of anything else."""
 
 import io
-import subprocess
 import sys
 from pathlib import Path
 
@@ -17,11 +16,6 @@ pytestmark = pytest.mark.usefixtures("shared_workers")
 
 ROOT = Path(__file__).parent.parent
 RECORDING = ROOT / "examples" / "cml050_step.csv"
-
-
-def program(*arguments, stdout):
-    command = [sys.executable, "-m", "estimator", *arguments]
-    return subprocess.run(command, cwd=ROOT, stdout=stdout, stderr=subprocess.PIPE)
 
 
 def test_recordings_on_both_sides_of_an_option_and_patterns_are_fitted_together(calls, capsys, tmp_path):  # noqa: F811
@@ -135,14 +129,14 @@ def test_stdin_names_no_recording_for_a_case_file(tmp_path):
 )
 def test_a_full_disk_behind_stdout_is_one_sentence(arguments):
     with open("/dev/full", "w") as full:
-        done = program(*arguments, stdout=full)
-    told = b"fmu-estimator: stdout cannot be written (No space left on device); send it elsewhere\n"
+        done = forked.run(*arguments, cwd=ROOT, stdout=full.fileno())
+    told = "fmu-estimator: stdout cannot be written (No space left on device); send it elsewhere\n"
     assert (done.returncode, done.stderr) == (2, told)
 
 
 def test_a_full_disk_behind_stdout_does_not_keep_the_files_from_being_written(tmp_path):
     with open("/dev/full", "w") as full:
-        done = program("estimate", str(RECORDING), "-o", str(tmp_path / "out"), stdout=full)
+        done = forked.run("estimate", str(RECORDING), "-o", str(tmp_path / "out"), cwd=ROOT, stdout=full.fileno())
     assert done.returncode == 2 and (tmp_path / "out" / "result.json").exists()
 
 

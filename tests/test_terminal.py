@@ -17,20 +17,23 @@ from pseudo_terminal import Screen, Terminal
 from estimator.cli import main
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
-OFFSETS = EXAMPLES / "esp32_step.csv"  # its speed has an offset, which the estimate frees
+REAL = EXAMPLES / "esp32_step.csv"  # of which an estimate takes long
+OFFSET = 0.05  # A, of the current of `offset`
 MOTOR = ("--set", "R=3.1363", "--set", "K=0.048774", "--set", "L=0.01307", "--set", "J=9e-6", "--set", "B=1.69e-4")
 LATE = 3  # samples by which the voltage of `delayed` leads
 
 
 @pytest.fixture(scope="module")
 def bench(tmp_path_factory):
-    """Return a folder of recordings: step.csv, the same with a delay, and one without a step."""
+    """Return a folder of recordings: step.csv, the same with a delay, with an offset, and one without a step."""
     folder = tmp_path_factory.mktemp("bench")
     step = folder / "step.csv"
     assert main(["simulate", "dc_motor", *MOTOR, "--voltage-step", "10.5@0.1", "--stop", "0.6", "-o", str(step)]) == 0
     with open(step, newline="") as file:
         header, *rows = csv.reader(file)
-    column = next(j for j, text in enumerate(header) if text.startswith("v "))
+    column, current = (next(j for j, text in enumerate(header) if text.startswith(name)) for name in ("v ", "i "))
+    shifted = [[*row[:current], str(float(row[current]) + OFFSET), *row[current + 1 :]] for row in rows]
+    (folder / "offset.csv").write_text("\n".join(",".join(row) for row in [header, *shifted]) + "\n")
     voltage = [row[column] for row in rows]
     for row, early in zip(rows, [*voltage[LATE:], *voltage[-LATE:]], strict=True):
         row[column] = early
@@ -39,7 +42,7 @@ def bench(tmp_path_factory):
         row[column] = "0"
     (folder / "still.csv").write_text("\n".join(",".join(row) for row in [header, *rows]) + "\n")
     (folder / "cases").mkdir()
-    for name in ("step.csv", "delayed.csv"):
+    for name in ("step.csv", "offset.csv"):
         shutil.copy(folder / name, folder / "cases" / name)
     return folder
 
@@ -56,10 +59,10 @@ def check(screen: Screen, *, status: int = 0, columns: int = 80, whole: bool = T
 
 @pytest.mark.parametrize("columns", [80, pytest.param(200, marks=pytest.mark.full)])
 def test_an_estimate_that_frees_an_offset_runs_on_a_terminal(bench, columns):
-    screen = check(Terminal("estimate", str(OFFSETS), cwd=bench, columns=columns).run(), columns=columns)
-    assert "measurement" in screen.text and screen.drawings
+    screen = check(Terminal("estimate", "offset.csv", cwd=bench, columns=columns).run(), columns=columns)
+    assert "offset i" in screen.text and screen.drawings
     assert any("K " in drawing for drawing in screen.drawings) or columns == 80
-    assert screen.text[screen.text.index("read esp32") :].count("\n") < 40, "below it the prompt has room"
+    assert screen.text[screen.text.index("read offset") :].count("\n") < 40, "below it the prompt has room"
 
 
 def test_an_estimate_that_frees_a_delay_runs_on_a_terminal_and_writes_its_files(bench):
@@ -74,7 +77,7 @@ def test_a_refused_recording_is_told_on_a_terminal(bench):
 
 
 def test_a_dumb_terminal_gets_no_live_line(bench):
-    screen = check(Terminal("estimate", str(OFFSETS), cwd=bench, term="dumb").run())
+    screen = check(Terminal("estimate", "offset.csv", cwd=bench, term="dumb").run())
     assert screen.drawings == [] and "measurement" in screen.text
     assert "\r" not in screen.text.replace("\r\n", "")
 
@@ -98,7 +101,7 @@ def test_the_live_line_fits_a_window_that_is_made_narrower_while_it_is_drawn(ben
 
 
 def test_a_batch_runs_on_a_terminal(bench):
-    text = check(Terminal("batch", "cases/step.csv", "cases/delayed.csv", "-o", "batch", cwd=bench).run()).text
+    text = check(Terminal("batch", "cases/step.csv", "cases/offset.csv", "-o", "batch", cwd=bench).run()).text
     assert re.search(r"\rof 2 cases|\r\d of 2 cases", text) and "results.csv" in text
 
 
@@ -143,7 +146,7 @@ def test_what_is_done_with_results_runs_on_a_terminal_and_fits_it(bench, columns
 
 
 @pytest.mark.parametrize(
-    ("file", "moments"), [("step.csv", 3), pytest.param(str(OFFSETS), 10, marks=pytest.mark.full)], ids=["3", "10"]
+    ("file", "moments"), [("step.csv", 3), pytest.param(str(REAL), 10, marks=pytest.mark.full)], ids=["3", "10"]
 )
 def test_ctrl_c_at_any_moment_ends_in_one_sentence_and_leaves_nothing_behind(bench, file, moments):
     command = ["estimate", file, "-o", "interrupted"]
@@ -180,7 +183,7 @@ def test_on_a_full_disk_the_numbers_are_kept_and_the_whole_answer_is_on_the_term
         with contextlib.suppress(OSError), open(disk / "full", "wb", buffering=0) as stream:
             while stream.write(bytes(512)):
                 pass
-        told = said(Terminal("estimate", str(OFFSETS), "-o", str(disk / "two"), cwd=bench))
+        told = said(Terminal("estimate", "offset.csv", "-o", str(disk / "two"), cwd=bench))
         assert not (disk / "two").exists() and "alone is there" not in told
         whole = told.split("here is the whole answer:")[1]
         assert "± std. error" in whole and "simulations (" in whole and "No space left on device" in whole

@@ -1,16 +1,16 @@
 """A watched folder: half-written files, restarts, the page, and the command that is told (watch.py, incoming.py)."""
 
+import contextlib
 import json
 import os
 import shutil
 import signal
-import subprocess
 import sys
 import time
 from pathlib import Path
 
 import pytest
-from interrupts import takes_interrupts
+from forked import Kept
 
 from estimator.batches import watch as watching
 from estimator.batches.batch_folder import folder_name
@@ -300,18 +300,17 @@ def test_the_command_line_watches_a_logger_that_writes_slowly_until_ctrl_c(logge
     command, heard = listener
     whole = EXAMPLE.read_bytes()
     (tmp_path / "line.case.toml").write_text('[search]\nnests = 4\niterations = 2\n[[recording]]\nfile = "*.csv"\n')
-    arguments = ["batch", "line.case.toml", "--watch", "logger", "-o", "out", "--then", command, "--settled", "1.5"]
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), "FMU_ESTIMATOR_DEBUG": "1"}
+    arguments = ["batch", "line.case.toml", "--watch", "logger", "-o", "out", "--then", command, "--settled", "1"]
+    environment = {**os.environ, "FMU_ESTIMATOR_DEBUG": "1"}
 
+    @contextlib.contextmanager
     def started():
-        return subprocess.Popen(
-            [sys.executable, "-m", "estimator", *arguments],
-            cwd=tmp_path,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            env=environment,
-            preexec_fn=takes_interrupts,
-        )
+        process = Kept(*arguments, cwd=tmp_path, env=environment)
+        try:
+            yield process
+        finally:
+            process.kill()
+            process.wait()
 
     def heard_of(count, process):
         end = time.monotonic() + 180
@@ -320,26 +319,20 @@ def test_the_command_line_watches_a_logger_that_writes_slowly_until_ctrl_c(logge
             time.sleep(0.1)
 
     with started() as process:
-        try:
-            with (logger / "m1.csv").open("wb") as stream:
-                for k in range(4):  # in four parts, each less than the time of rest apart
-                    stream.write(whole[k * len(whole) // 4 : (k + 1) * len(whole) // 4])
-                    stream.flush()
-                    time.sleep(0.4)
-            heard_of(1, process)
-            while not told(tmp_path / "out" / TOLD):  # killed before that, it would tell it once more
-                time.sleep(0.05)
-        finally:
-            process.kill()
+        with (logger / "m1.csv").open("wb") as stream:
+            for k in range(4):  # in four parts, each less than the time of rest apart
+                time.sleep(0.25 if k else 0.0)
+                stream.write(whole[k * len(whole) // 4 : (k + 1) * len(whole) // 4])
+                stream.flush()
+        heard_of(1, process)
+        while not told(tmp_path / "out" / TOLD):  # killed before that, it would tell it once more
+            time.sleep(0.05)
     with started() as process:
-        try:
-            shutil.copy(EXAMPLE, logger / "m2.csv")
-            heard_of(2, process)
-            process.send_signal(signal.SIGINT)
-            said, complained = process.communicate(timeout=60)
-        finally:
-            process.kill()
-    assert process.returncode == 0, complained
+        shutil.copy(EXAMPLE, logger / "m2.csv")
+        heard_of(2, process)
+        process.send_signal(signal.SIGINT)
+        said, complained = process.communicate(timeout=60)
+        assert process.returncode == 0, complained
     assert [name for name, *_ in told(heard)] == ["line[m1]", "line[m2]"]
     assert said.decode().startswith("line[m2]: ")
     assert 'data-case="line[m1]"' in (tmp_path / "out" / "index.html").read_text()

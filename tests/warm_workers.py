@@ -22,11 +22,11 @@ start_anew = subprocess.Popen  # as it is: some tests take it away
 
 
 class Warm(Fork):
-    """A worker process that was forked, with pipes to and from it."""
+    """A process that was forked, with pipes to and from it: a worker, or what else the socket of that name is for."""
 
-    def __init__(self, arguments: Sequence[str], env: dict[str, str]) -> None:
+    def __init__(self, arguments: Sequence[str], env: dict[str, str], *, name: str = SOCKET) -> None:
         (reads, own_in), (own_out, writes) = os.pipe(), os.pipe()
-        super().__init__(SOCKET, {"arguments": arguments, "cwd": os.getcwd(), "env": env}, [reads, writes])
+        super().__init__(name, {"arguments": arguments, "cwd": os.getcwd(), "env": env}, [reads, writes])
         os.close(reads)
         os.close(writes)
         self.stdin: IO[bytes] = os.fdopen(own_in, "wb")
