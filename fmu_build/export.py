@@ -19,8 +19,8 @@ from .platforms import Platform, find_platforms, platform_folder, universal_bina
 from .sources import GLUE, beside, find_source, fmu_sources, unit_name
 
 _LICENCE_NOTE = """\
-The code around the model (model.h, integrator.c, modes.c, instance.c, sensitivity.c, fmi.c, fmi2.c, fmi3.c) is under
-the licence below. The model itself is its author's.
+The code around the model (model.h, integrator.c, regime.c, modes.c, instance.c, sensitivity.c, fmi.c, fmi2.c, fmi3.c)
+is under the licence below. The model itself is its author's.
 
 """
 

@@ -122,6 +122,18 @@ static double swing(const Matrix *a)
     return fastest;
 }
 
+/* How fast the states drive each other at most, 1/s. */
+static double exchange_rate(const Matrix *a)
+{
+    double fastest = 0;
+    for (int i = 0; i < N_STATES; i++) {
+        double sum = 0;
+        for (int j = 0; j < N_STATES; j++) sum += sqrt(fabs(a->at[i][j] * a->at[j][i]));
+        fastest = larger_of(fastest, sum);
+    }
+    return fastest;
+}
+
 /* Whether no later swing comes nearer to a margin than the first: of a linear model, two states alone swing, and die away,
    and no margin that may end depends on another state. */
 static bool swings_die_away(const Matrix *a, const Values *values)
@@ -180,13 +192,10 @@ static Regime *solution_regime(Solution *s, const Values *values)
     r = &s->regimes[(s->regime - s->regimes + 1) % REGIMES];
     for (int m = 0; m < N_MODES; m++) r->modes[m] = values->flat[model_mode_places[m]];
     linear_matrix(values, &r->a);
-    r->rate = 0;
-    for (int i = 0; i < (N_MODES > 0 ? N_STATES : 0); i++) {
-        double sum = 0;
-        for (int j = 0; j < N_STATES; j++) sum += sqrt(fabs(r->a.at[i][j] * r->a.at[j][i]));
-        r->rate = larger_of(r->rate, sum);
+    if (N_MODES > 0) {
+        r->rate = exchange_rate(&r->a);
+        margin_rates(values, r->rates);
     }
-    if (N_MODES > 0) margin_rates(values, r->rates);
     for (int k = 0; k < KNOWN; k++) r->steps[k].step = NAN;
     r->latest = 0;
     r->inputs = s->inputs - 1;
@@ -258,7 +267,7 @@ static inline void propagator_hold(Propagator *p, const Regime *r)
 /* Make ready for part / 2^k; false if what is needed is not finite. */
 static bool propagator_know(Propagator *p, const Matrix *a, int k)
 {
-    p->known[k] = p->known[k] || propagation(a, ldexp(p->part, -k), &p->growth[k], &p->gain[k]);
+    p->known[k] = p->known[k] || propagation(a, p->part / (1 << k), &p->growth[k], &p->gain[k]);
     return p->known[k];
 }
 
@@ -270,7 +279,8 @@ static Propagator *regime_step(Regime *r, const Values *values, double step, boo
     for (int k = 0; k < KNOWN && p == NULL; k++)
         if (r->steps[k].step == step && r->steps[k].whole == whole) p = &r->steps[k];
     if (p == NULL) {
-        const double parts = N_MODES == 0 || whole ? 1 : ceil(larger_of(1, step * swing(&r->a) / LONGEST_SWING));
+        double parts = 1;
+        if (N_MODES > 0 && !whole) parts = ceil(larger_of(1, step * swing(&r->a) / LONGEST_SWING));
         if (!(parts < MOST_PARTS)) return NULL;
         r->latest = (r->latest + 1) % KNOWN;
         p = &r->steps[r->latest];
@@ -284,7 +294,8 @@ static Propagator *regime_step(Regime *r, const Values *values, double step, boo
                 for (int i = 0; i < N_STATES; i++) rate += r->rates[k][i] * r->a.at[i][j];
                 p->tangents[k][j] = r->rates[k][j] + p->part * rate;
             }
-        p->once = N_MODES > 0 && parts > 2 * WHOLE_SWING && swings_die_away(&r->a, values);
+        p->once = false;
+        if (N_MODES > 0) p->once = parts > 2 * WHOLE_SWING && swings_die_away(&r->a, values);
         p->whole = whole;
         p->step = step;
         p->inputs = r->inputs - 1;

@@ -116,7 +116,7 @@ def test_all_effects_agree_with_solve_ivp_for_many_motors(motor: FmuInstance) ->
         p = {name: float(value * 10 ** rng.uniform(-0.5, 0.5)) for name, value in MOTOR.items()}
         for effect in rng.permutation(list(EFFECTS))[: rng.integers(1, 6)]:
             p |= {
-                name: value * (1 if name == "coasts" else rng.uniform(0.5, 2))
+                name: value * (1 if name in ("coasts", "supply_series") else rng.uniform(0.5, 2))
                 for name, value in EFFECTS[effect].items()
             }
         v, load = rng.uniform(-9, 9, 12).round(0).repeat(5).tolist(), rng.uniform(-0.03, 0.03, 12).repeat(5).tolist()
