@@ -107,7 +107,8 @@ class _Attempts:
         given = self._given_starts(start)
         steady = steady_state(self.plan)
         space = reduced_space(self.plan, box, steady) or Space.full(box)
-        polish = self._polished(self._searched(space, start, *nests_and_generations(self.plan)))
+        enough = MISFIT**2 * len(self.problem.output_of_residual) if self._is_usual() else -np.inf
+        polish = self._polished(self._searched(space, start, *nests_and_generations(self.plan), enough=enough))
         if any(spec.start is not None for spec in self.plan.case.parameters.values()):  # whatever the search says
             given = [start, *given]
         for other in given:
@@ -148,8 +149,21 @@ class _Attempts:
             given = [given[k] for k in np.argsort(self.problem.costs(np.array(given)))[:POLISHED]]
         return given
 
-    def _searched(self, space: Space, start: FloatArray, nests: int, generations: int) -> FloatArray:
-        """Search from nests of which a fifth lies around the start; return the best candidate."""
+    def _is_usual(self) -> bool:
+        """Whether the search is the default one: whoever asks for another, or for its size, gets all of it."""
+        search = self.plan.case.search
+        return search.method == CUCKOO and search.nests is None and search.iterations is None
+
+    def _searched(
+        self, space: Space, start: FloatArray, nests: int, generations: int, *, enough: float = -np.inf
+    ) -> FloatArray:
+        """Search from nests of which a fifth lies around the start; return the best candidate.
+
+        Parameters
+        ----------
+        enough : float
+            A cost at which the search ends: what is left is noise, and the polish does the rest.
+        """
         self.session.account.enter("search")
         rng, d = self.session.rng, space.box.dimension
         first = rng.random((nests, d))
@@ -159,7 +173,7 @@ class _Attempts:
         first[1 : 1 + near] = np.clip(home + 0.05 * rng.standard_normal((near, d)), 0.0, 1.0)
         optimiser = self._search(first, rng=rng)
         self.session.account.expect(nests * (1 + optimiser.asks * generations) + POLISHING)
-        return self.session.search(optimiser, space, generations)
+        return self.session.search(optimiser, space, generations, enough=enough)
 
     def _polished(self, start: FloatArray) -> LeastSquaresFit:
         self.session.account.enter("polish")

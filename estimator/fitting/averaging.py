@@ -109,7 +109,6 @@ def averaged(
     covariance, untold = fit.covariance_parts()
     own = fit.simulator.scaled(fit.values)[:p]
     parts: list[tuple[float, FloatArray, FloatArray]] = [(0.0, own, covariance[:p, :p])]
-    among = covariance[np.ix_(inside, inside)]
     hidden = []
     fuller = {
         next(iter(more)) for r in rivals if len(more := r.names() - explanation.names()) == 1 and _holds(r, explanation)
@@ -121,12 +120,11 @@ def averaged(
         unit = (a.linear.size or 1.0) if a.linear is not None else 1.0
         products = unit**2 * a.scores.information
         power, whole = float(np.trace(products)), unit**2 * a.scores.whole
-        off = np.zeros((len(inside), len(products)))  # by which it moves the fit, if it is there and left out
-        off[inside] = unit * (among @ a.scores.explained[inside])
+        off = unit * (covariance[:p] @ a.scores.explained)  # it moves the parameters, if it is there and left out
         k = len(products)
         if a.usual > 0 and k == 1:
             part = min(1.0, float(np.sqrt(a.penalty(samples) / max(power, 1e-300))))
-            hidden.append(Hidden(a, part * a.usual, part * off[:p, 0]))
+            hidden.append(Hidden(a, part * a.usual, part * off[:, 0]))
         if a.gain <= 0 or power <= (VISIBLE if known else TOLD_POWER * whole):
             continue
         information = products + (np.eye(k) if known else 0.0)  # a usual size is a prior deviation of 1
@@ -135,7 +133,7 @@ def averaged(
         size = spread @ along
         gain = float(along @ size)
         charge = float(np.linalg.slogdet(information)[1]) if known else OPEN * k
-        moved = -off[:p]
+        moved = -off
         charge += 2 * float(np.log(a.tried / a.effect.prior)) - gain
         parts.append((max(charge, 0.0), own + moved @ size, covariance[:p, :p] + moved @ spread @ moved.T))
     parts += [(max(t.behind, 0.0), own, t.covariance) for t in torques]
