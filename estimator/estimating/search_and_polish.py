@@ -41,6 +41,7 @@ FloatArray = NDArray[np.float64]
 ALPHA = 1.0  # size of the Lévy flights
 WIDER = ((30, 40), (60, 100))  # nests, generations of the searches that follow a poor polish
 STARTS, POLISHED = 400, 12  # where few samples show the transient; of these, and of many of the user's, are polished
+TRIED = 20  # simulations of the residuals by which a start is to come below the best: few need more than ten
 NARROWINGS, NARROWED = 4, 0.2  # searches where the outputs jump; each over so much of the last one's bounds
 BETTER = 0.999  # of the cost: less of an improvement is none
 START_L = 5.0  # times h R: start of L that cures the spurious optimum L → 0
@@ -188,7 +189,7 @@ class _Attempts:
         output = problem.output_of_residual
         costs = problem.costs(starts)
         best = list(starts[np.argsort(costs)[:POLISHED]])
-        fits = self.squares.fits(best, polish.deviations, tolerance=1e4, known=polish)
+        fits = self.squares.fits(best, polish.deviations, evaluations=TRIED, tolerance=1e4, known=polish)
         ends = [values for values, _ in fits]
         deviations = self.squares.deviations_of(ends)
         found = [(_log_likelihood(output, d), values) for d, values in zip(deviations, ends, strict=True)]
