@@ -35,7 +35,11 @@ class Killed(BaseException):
     pass
 
 
-SEARCHES = [("cuckoo", {}), ("paper", {"nests": 20, "iterations": 10}), ("differential-evolution", {"iterations": 5})]
+SEARCHES = [
+    ("cuckoo", {"iterations": 8}),
+    ("paper", {"nests": 20, "iterations": 10}),
+    ("differential-evolution", {"iterations": 5}),
+]
 
 
 @pytest.mark.parametrize(("method", "search"), SEARCHES)

@@ -204,6 +204,15 @@ def test_the_same_seed_gives_the_same_bits_for_any_number_of_workers(case_of, me
         assert (other.simulations, other.steps) == (found[0].simulations, found[0].steps)
 
 
+def test_a_search_ends_where_its_best_leaves_only_noise_unless_its_size_is_asked(case_of):
+    recording = noisy(CML050, 1)[0]
+    short, whole = (estimates(case_of, [recording], **search)[0] for search in ({}, {"nests": 10}))
+    assert [e.simulations_by_phase["search"] for e in (short, whole)] == [10, 10 * (1 + 2 * 8)]
+    bars = np.array([short.parameters[n].standard_error for n in NAMES])
+    apart = np.array([short.parameters[n].value - whole.parameters[n].value for n in NAMES])
+    assert np.all(np.abs(apart) < 1e-4 * bars)
+
+
 def test_another_seed_takes_another_path(case_of):
     recording = noisy(CML050, 1)[0]
     first, second = estimates(case_of, [recording] * 2, method="paper", seeds=[1, 2], nests=20, iterations=5)

@@ -41,6 +41,7 @@ FloatArray = NDArray[np.float64]
 ALPHA = 1.0  # size of the Lévy flights
 WIDER = ((30, 40), (60, 100))  # nests, generations of the searches that follow a poor polish
 STARTS, POLISHED = 400, 12  # where few samples show the transient; of these, and of many of the user's, are polished
+TRIED = 20  # simulations of the residuals by which a start is to come below the best: few need more than ten
 NARROWINGS, NARROWED = 4, 0.2  # searches where the outputs jump; each over so much of the last one's bounds
 BETTER = 0.999  # of the cost: less of an improvement is none
 START_L = 5.0  # times h R: start of L that cures the spurious optimum L → 0
@@ -107,7 +108,8 @@ class _Attempts:
         given = self._given_starts(start)
         steady = steady_state(self.plan)
         space = reduced_space(self.plan, box, steady) or Space.full(box)
-        polish = self._polished(self._searched(space, start, *nests_and_generations(self.plan)))
+        enough = MISFIT**2 * len(self.problem.output_of_residual) if self._is_usual() else -np.inf
+        polish = self._polished(self._searched(space, start, *nests_and_generations(self.plan), enough=enough))
         if any(spec.start is not None for spec in self.plan.case.parameters.values()):  # whatever the search says
             given = [start, *given]
         for other in given:
@@ -148,8 +150,21 @@ class _Attempts:
             given = [given[k] for k in np.argsort(self.problem.costs(np.array(given)))[:POLISHED]]
         return given
 
-    def _searched(self, space: Space, start: FloatArray, nests: int, generations: int) -> FloatArray:
-        """Search from nests of which a fifth lies around the start; return the best candidate."""
+    def _is_usual(self) -> bool:
+        """Whether the search is the default one: whoever asks for another, or for its size, gets all of it."""
+        search = self.plan.case.search
+        return search.method == CUCKOO and search.nests is None and search.iterations is None
+
+    def _searched(
+        self, space: Space, start: FloatArray, nests: int, generations: int, *, enough: float = -np.inf
+    ) -> FloatArray:
+        """Search from nests of which a fifth lies around the start; return the best candidate.
+
+        Parameters
+        ----------
+        enough : float
+            A cost at which the search ends: what is left is noise, and the polish does the rest.
+        """
         self.session.account.enter("search")
         rng, d = self.session.rng, space.box.dimension
         first = rng.random((nests, d))
@@ -159,7 +174,7 @@ class _Attempts:
         first[1 : 1 + near] = np.clip(home + 0.05 * rng.standard_normal((near, d)), 0.0, 1.0)
         optimiser = self._search(first, rng=rng)
         self.session.account.expect(nests * (1 + optimiser.asks * generations) + POLISHING)
-        return self.session.search(optimiser, space, generations)
+        return self.session.search(optimiser, space, generations, enough=enough)
 
     def _polished(self, start: FloatArray) -> LeastSquaresFit:
         self.session.account.enter("polish")
@@ -174,7 +189,7 @@ class _Attempts:
         output = problem.output_of_residual
         costs = problem.costs(starts)
         best = list(starts[np.argsort(costs)[:POLISHED]])
-        fits = self.squares.fits(best, polish.deviations, tolerance=1e4, known=polish)
+        fits = self.squares.fits(best, polish.deviations, evaluations=TRIED, tolerance=1e4, known=polish)
         ends = [values for values, _ in fits]
         deviations = self.squares.deviations_of(ends)
         found = [(_log_likelihood(output, d), values) for d, values in zip(deviations, ends, strict=True)]

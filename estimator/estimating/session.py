@@ -81,8 +81,8 @@ class Session:
         middle = self.problem.box.from_cube(np.full(self.problem.box.dimension, 0.5))
         return np.array([m if p.start is None else p.start for p, m in zip(self.plan.parameters, middle, strict=True)])
 
-    def search(self, optimiser: Optimiser, space: Space, generations: int) -> FloatArray:
-        """Run a search; return its best candidate, (p,)."""
+    def search(self, optimiser: Optimiser, space: Space, generations: int, *, enough: float = -np.inf) -> FloatArray:
+        """Run a search, to a cost that is enough; return its best candidate, (p,)."""
 
         def costs(points: FloatArray, bounds: FloatArray) -> FloatArray:
             return self.problem.costs(space.values(points), bounds)
@@ -98,6 +98,7 @@ class Session:
             costs,
             generations=generations,
             record=self.record,
+            stop=lambda search, _: search.best_cost <= enough,
             bounded=self.bounded,
             on_generation=on_generation,
         )

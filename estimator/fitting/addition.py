@@ -58,16 +58,16 @@ class Scores:
         return Scores(times * self.along, times**2 * self.information, times**2 * self.whole, times * self.explained)
 
     @classmethod
-    def alike(cls, each: Sequence[Scores], among: FloatArray, inside: NDArray[np.bool_]) -> Scores:
+    def alike(cls, each: Sequence[Scores], covariance: FloatArray) -> Scores:
         """Return the scores of the sum of single columns that show in different rows.
 
         Parameters
         ----------
-        among : (f, f) array
-            Covariance of those names of the fit that are `inside` their bounds.
+        covariance : (f + m, f + m) array
+            Of the fit's names; 0 of those at a bound.
         """
         whole, explained = sum(s.whole for s in each), np.sum([s.explained for s in each], axis=0)
-        left = whole - explained[inside].T @ among @ explained[inside]
+        left = whole - explained.T @ covariance @ explained
         return cls(np.sum([s.along for s in each], axis=0), np.maximum(left, 0.0), whole, explained)
 
     @classmethod

@@ -113,27 +113,24 @@ def averaged(
     covariance, untold = fit.covariance_parts()
     own = fit.simulator.scaled(fit.values)[:p]
     parts: list[tuple[float, FloatArray, FloatArray]] = [(0.0, own, covariance[:p, :p])]
-    among = covariance[np.ix_(inside, inside)]
     hidden = []
     fuller = {
         next(iter(more)) for r in rivals if len(more := r.names() - explanation.names()) == 1 and _holds(r, explanation)
     }
     alone = _one_of_each(open_additions)
-    for a in (*alone, *_alike_in_recordings(alone, fit.simulator.plan, among, inside)):
+    for a in (*alone, *_alike_in_recordings(alone, fit.simulator.plan, covariance)):
         if a.scores is None or a.name in fuller:  # its refit tells more
             continue
         scores = a.usual_scores
         power = float(np.trace(scores.information))
-        off = np.zeros((len(inside), len(scores.along)))  # by which it moves the fit, if it is there and left out
-        off[inside] = among @ scores.explained[inside]
+        off = covariance[:p] @ scores.explained  # by which it moves the parameters, if it is there and left out
         if a.usual > 0 and len(scores.along) == 1:
             part = min(1.0, float(np.sqrt(a.penalty(samples) / max(power, 1e-300))))
-            hidden.append(Hidden(a, part * a.usual, part * off[:p, 0]))
+            hidden.append(Hidden(a, part * a.usual, part * off[:, 0]))
         if a.gain <= 0 or power <= (VISIBLE if a.has_known_size else TOLD_POWER * scores.whole):
             continue
         size, spread, behind = a.posterior()
-        moved = -off[:p]
-        parts.append((max(behind, 0.0), own + moved @ size, covariance[:p, :p] + moved @ spread @ moved.T))
+        parts.append((max(behind, 0.0), own - off @ size, covariance[:p, :p] + off @ spread @ off.T))
     parts += [(max(t.behind, 0.0), own, t.covariance) for t in torques]
     told, added = [], len(parts)
     deviation = np.sqrt(np.maximum(np.diag(covariance + untold)[:p], 1e-300))
@@ -193,15 +190,13 @@ def _one_of_each(additions: Sequence[Addition]) -> list[Addition]:
     return list(best.values())
 
 
-def _alike_in_recordings(
-    additions: Sequence[Addition], plan: Plan, among: FloatArray, inside: NDArray[np.bool_]
-) -> list[Addition]:
+def _alike_in_recordings(additions: Sequence[Addition], plan: Plan, covariance: FloatArray) -> list[Addition]:
     """Return what several recordings may have of the same size, in usual sizes, as one addition of an effect.
 
     Parameters
     ----------
-    among : (f, f) array
-        Covariance of what is `inside` its bounds.
+    covariance : (f + m, f + m) array
+        Of the fit's names; 0 of those at a bound.
     """
     ends, kinds = per_recording(plan, ""), dict[str, list[Addition]]()
     for a in additions:
@@ -212,7 +207,7 @@ def _alike_in_recordings(
     found = []
     for kind, several in kinds.items():
         if len(several) > 1:
-            scores = Scores.alike([a.usual_scores for a in several], among, inside)
+            scores = Scores.alike([a.usual_scores for a in several], covariance)
             effect, tried = several[0].effect, max(a.tried for a in several)
             found.append(Addition(effect, kind, 1, scores.gain, scores=scores, tried=tried))
     return found
