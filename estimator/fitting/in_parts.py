@@ -57,6 +57,8 @@ class Scaled(Made):
     def products(self, at: slice, others: FloatArray) -> FloatArray:
         """Return the same; the factors go to the others, which may be fewer."""
         scaled = (others.T * self._factors[at]).T
+        if others.ndim == 2 and others.shape[1] == 1:  # one vector is multiplied quicker than one column
+            return np.concatenate([own[at].T @ scaled[:, 0] for own in self._columns])[:, None]
         return np.concatenate([own[at].T @ scaled for own in self._columns])
 
 

@@ -74,9 +74,9 @@ class NoiseModel:
         return bool(self.slow[:, 0].any() or self.differenced.any() or self.torque[0] > 0)
 
     def scale(self, level: FloatArray) -> FloatArray:
-        """Return g, (rows, q), at signals over their largest, (rows, q)."""
+        """Return g, (rows, q), at signals over their largest, (rows, q); not to be changed."""
         if not self.growth[:, 0].any():
-            return np.ones_like(level)
+            return np.broadcast_to(1.0, level.shape)
         return np.stack([grown(c * x, p) for x, (c, p) in zip(level.T, self.growth, strict=True)], axis=1)
 
     def deviation(self, level: FloatArray) -> FloatArray:

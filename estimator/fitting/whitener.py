@@ -130,11 +130,15 @@ class Whitener:
     def _scale(self) -> FloatArray:
         """One over the deviation of each sample, (rows, q), of noise without a memory; 0 where it is missing."""
         g, white = self._sizes()
-        scale = 1 / (g * np.sqrt(white))
+        deviation = np.sqrt(white, out=white)
+        if self._grows:
+            deviation *= g
+        scale = np.divide(1.0, deviation, out=deviation)
         for short, here in zip(self.noise.short, (~self.moving, self.moving), strict=False):
-            scale[here] /= [deviation for _, deviation in short]
-        scale[~self.present] = 0.0
-        return np.asarray(scale)
+            scale[here] /= [own for _, own in short]
+        if not self.present.all():
+            scale[~self.present] = 0.0
+        return scale
 
     def of_rows(self, columns: FloatArray, rows: slice) -> tuple[slice, FloatArray]:
         """Return columns, (n, q, c), whitened that are zero beside the given rows of one recording, as (m, c).

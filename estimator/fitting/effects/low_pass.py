@@ -31,8 +31,7 @@ def lagged(y: FloatArray, tau: float, h: float) -> FloatArray:
         return y
     a = np.exp(-h / tau)
     b0, b1 = 1 - (1 - a) * tau / h, (1 - a) * tau / h - a
-    level = float(y[0])
-    return level + recursion([b0, b1], [-a], y - level)  # the gain is 1: what was constant before is shown as it is
+    return _from_rest([b0, b1], [-a], y)
 
 
 def lagged_twice(y: FloatArray, tau: float, h: float) -> FloatArray:
@@ -44,8 +43,15 @@ def butterworth(y: FloatArray, tau: float, h: float) -> FloatArray:
     """Return y behind tau^2 x'' + sqrt(2) tau x' + x = y, exact for a signal on lines between its samples."""
     if tau <= 0:
         return y
+    return _from_rest(*_butterworth(h / tau), y)
+
+
+def _from_rest(b: Sequence[float], a: Sequence[float], y: FloatArray) -> FloatArray:
+    """Return y behind a recursion whose gain is 1: what was constant before the first sample is shown as it is."""
     level = float(y[0])
-    return level + recursion(*_butterworth(h / tau), y - level)
+    shown = recursion(b, a, y - level)
+    shown += level
+    return shown
 
 
 @lru_cache(maxsize=64)
