@@ -148,7 +148,7 @@ class Addition:
         scores, known = self.usual_scores, self.has_known_size
         k = len(scores.information)
         information = scores.information + (np.eye(k) if known else 0.0)
-        spread = np.linalg.pinv(information) if k > 1 else 1 / information
+        spread = np.asarray(np.linalg.pinv(information) if k > 1 else 1 / information)
         numbers = spread @ scores.along
         charge = float(np.linalg.slogdet(information)[1]) if known else OPEN * k
         charge += 2 * float(np.log(self.tried / self.effect.prior))
