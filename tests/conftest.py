@@ -38,14 +38,17 @@ from estimator.results.result import Estimate  # noqa: E402
 
 ROOT = Path(__file__).resolve().parent.parent
 LONG = (  # the longest first, so that all workers end together
-    *("effects", "app_browser", "trust", "chain", "nuisance", "terminal", "quirks", "fmu_build_sanitizers"),
-    *("containment", "pytest_plugin", "estimate", "batch", "long_recordings", "odd_recordings", "refusal"),
-    *("fmu_build_exchange", "check", "fmu_build_importers", "fmu_build_errors", "in_memory", "paper_figures"),
-    *("python_fmu", "cluster", "probe", "plots", "end_to_end", "add_a_method", "mapping", "app", "schema"),
-    *("drive_model", "between_runs", "integrator", "line_page", "response_test", "api", "combined", "cli"),
-    *("starts", "odd_drives", "fmu_build", "fmu_build_modes", "watch", "recording", "commutated_winding"),
-    *("sources", "small_things", "resample", "plain_noise", "kinds", "browser", "begin", "docs", "export"),
-    *("stepper_sensors", "noise_model", "kalman", "startup"),
+    *("app_browser", "effects", "chain", "estimate", "quirks", "trust", "terminal", "nuisance", "containment"),
+    *("long_recordings", "plots", "pytest_plugin", "fmu_build_errors", "drive_model", "mapping", "probe"),
+    *("fmu_build_sanitizers", "fmu_build_importers", "check", "odd_recordings", "refusal", "fmu_build", "combined"),
+    *("cluster", "batch", "end_to_end", "watch", "picture", "in_memory", "between_runs", "app", "paper_figures"),
+    *("cli", "integrator", "figure_signals", "kinds", "figure_process", "api", "fmu_build_exchange", "case"),
+    *("odd_drives", "stepper_sensors", "startup", "fmu_build_modes", "commutated_winding", "bounded", "archive"),
+    *("starts", "noise_model", "resample", "begin", "docs", "validation", "starting_motion", "add_a_method"),
+    *("recording", "architecture", "sources", "response_test", "kalman", "door", "python_fmu", "clean", "compare"),
+    *("scaling", "export", "fmu_build_calls3", "quasi_newton", "baselines", "handover", "jumps", "app_security"),
+    *("trust_region", "models", "simulate", "logs", "plausibility", "plain_noise", "budget", "messages"),
+    *("line_page", "tolerance", "stepper", "fmu_build_calls_alike", "checkpoint", "report", "init"),
 )
 FORKING = pytest.StashKey[Forking | None]()
 TOGETHER = {  # tests of several files that share estimates
