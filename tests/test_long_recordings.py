@@ -8,6 +8,7 @@ from effect_bench import NOISE, TRUE
 
 from estimator.cases.case import Case, OutputSpec
 from estimator.estimating.estimate import estimate_recordings
+from estimator.fitting.effects.average import Average
 from estimator.fitting.effects.delay import Delay
 from estimator.fitting.effects.low_pass import LowPass
 from estimator.fitting.explained import explain
@@ -160,7 +161,13 @@ def test_derivatives_of_a_fit_are_simulated_when_they_are_asked_and_once():
         before = crew.simulations
         louder = refreshed(found, found.whitener.of(dataclasses.replace(noise, white=2 * noise.white)))
         assert louder.raw is derivatives and np.allclose(2 * louder.jacobian, found.jacobian)
-        assert crew.simulations == before
+        simulator._late.clear()
+        asked = crew.simulations
+        again = solved(louder)  # which stays where it is
+        step, moved = crew.simulations - asked, dataclasses.replace(found.slopes._point, values=1.001 * found.values)
+        assert np.array_equal(again.raw, derivatives) and crew.simulations == asked + step
+        assert not np.array_equal(moved.slopes(central=True), derivatives) and crew.simulations > asked + step
+        assert asked == before
 
 
 def test_a_fit_by_another_noise_keeps_its_values_until_it_is_solved():
@@ -210,11 +217,11 @@ def test_rivals_are_not_looked_for_where_the_explanation_is_not_wanted(monkeypat
             assert len(asked) == wanted
 
 
-def test_filters_are_tried_on_signals_that_are_simulated_once():
+def test_filters_and_means_are_tried_on_signals_that_are_simulated_once():
     plan = plan_of(switched(2_000))
-    lags = LowPass("lag").nuisances(plan)
+    lags, mean = LowPass("lag").nuisances(plan), Average().nuisances(plan)[0]
     with Workers(1) as crew:
-        simulator = Simulator(plan, (*lags, *Delay().nuisances(plan)), crew, {"i": 1.0, "w": 1.0})
+        simulator = Simulator(plan, (*lags, mean, *Delay().nuisances(plan)), crew, {"i": 1.0, "w": 1.0})
         neutral = simulator.values(TRUE)
         slow = neutral.copy()
         slow[simulator.index[lags[0].name]] = 2 * STEP
@@ -223,8 +230,13 @@ def test_filters_are_tried_on_signals_that_are_simulated_once():
         first = simulator.shown(slow[None, :]).copy()
         before = crew.simulations
         second = simulator.shown(other[None, :])
+        averaged = neutral.copy()
+        averaged[simulator.index[mean.name]] = 3.0
+        shown = simulator.shown(averaged[None, :])[0]
         assert crew.simulations == before
-        simulator.shown(neutral[None, :])
+        plain = simulator.shown(neutral[None, :])[0]
+        assert np.allclose(shown[2:, 0], (plain[2:, 0] + plain[1:-1, 0] + plain[:-2, 0]) / 3)
+        assert np.array_equal(shown[:, 1], plain[:, 1])
         simulator._late.clear()
         anew = [simulator.shown(one[None, :]) for one in (other, slow)]
         assert crew.simulations == before + 1 + simulator.between
