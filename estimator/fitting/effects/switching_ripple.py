@@ -110,7 +110,7 @@ def _strongest(
     parts : times, s, and whitened residuals, (n,) arrays
     taken : frequencies of lines that are known
     every : int
-        The current is shown at every so manieth row: above half of that rate are images only, of slow misfits too.
+        Rows for one that shows the current: above half of that rate are images only, of slow misfits too.
     """
     size = OVERSAMPLING * int(2 ** np.ceil(np.log2(max(len(own) for _, own in parts))))
     power = np.sum([2 * np.abs(np.fft.rfft(own, size)) ** 2 / len(own) for _, own in parts], axis=0)
