@@ -28,7 +28,9 @@ def test_what_is_idle_is_told_by_the_noise_of_the_whole_explanation(monkeypatch)
         return of(estimated[-1], "again")
 
     monkeypatch.setattr(selection, "wald", lambda fit, addition: 0.0)
-    monkeypatch.setattr(selection, "without", lambda e, a: of("".join(sorted(e.names() - {a.name})), e.fit.noise))
+    monkeypatch.setattr(
+        selection, "without", lambda e, a, *, limit: of("".join(sorted(e.names() - {a.name})), e.fit.noise)
+    )
     monkeypatch.setattr(selection, "with_noise", with_noise)
     search = Selection(SimpleNamespace(samples=1000), (), None, None, ())
     slimmer = search.without_idle(of("abc", "first"))

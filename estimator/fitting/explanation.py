@@ -14,7 +14,7 @@ import numpy as np
 from estimator.fitting.addition import Addition
 from estimator.fitting.effects.base import Effect
 from estimator.fitting.fit import Fit
-from estimator.fitting.gauss_newton import ROUGH, ROUGHLY, solved
+from estimator.fitting.gauss_newton import ROUGH, solved
 from estimator.fitting.simulator import Simulator
 from estimator.plans.plan import Plan
 
@@ -102,7 +102,7 @@ def without(
         free = tuple(n for n in fit.free if n not in addition.free)
         fit = dataclasses.replace(fit, values=values, free=free)
     rest = tuple(a for a in explanation.additions if a is not addition)
-    return Explanation(solved(fit, iterations=iterations, tolerance=ROUGHLY, limit=limit), rest)
+    return Explanation(solved(fit, iterations=iterations, limit=limit), rest)
 
 
 def renewed(explanation: Explanation) -> Fit:

@@ -16,7 +16,7 @@ from estimator.fitting.slopes import Point, Slopes
 FloatArray = NDArray[np.float64]
 
 ITERATIONS, MOST_STEPS = 25, 4  # derivatives that are simulated; steps for each, on average
-ROUGH, ROUGHLY = 8, 1e-2  # of a fit that is only compared: derivatives that are simulated; tolerance
+ROUGH = 8  # derivatives that are simulated of a fit that is only compared
 HOPE = 4.0  # times the whole fall that derivatives predict: a fit that needs more to be wanted ends
 DAMPING = (1e-3, 1e8)  # first, last
 AS_PREDICTED = (0.7, 1.5)  # of the predicted fall: then derivatives are corrected, not simulated again
@@ -25,7 +25,7 @@ LONGEST_LOG_STEP, LONGEST_STEP = 1.0, 5.0  # longest step: of a logarithm; of a 
 
 def solved_roughly(fit: Fit, *, limit: float = np.inf) -> Fit:
     """Return the fit near the least cost that is reached from where it stands: to be compared, not to be told."""
-    return solved(fit, iterations=ROUGH, tolerance=ROUGHLY, limit=limit)
+    return solved(fit, iterations=ROUGH, limit=limit)
 
 
 def solved(fit: Fit, *, iterations: int = ITERATIONS, tolerance: float = 1e-3, limit: float = np.inf) -> Fit:
