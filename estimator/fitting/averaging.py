@@ -123,7 +123,10 @@ def averaged(
             continue
         scores = a.usual_scores
         power = float(np.trace(scores.information))
-        off = covariance[:p] @ scores.explained  # by which it moves the parameters, if it is there and left out
+        off = covariance @ scores.explained  # by which it moves the fit, if it is there and left out
+        explained = float(np.sum(scores.explained * off))
+        # No more than all of it, which rounding makes it where parameters stand in for each other.
+        off = off[:p] * np.sqrt(min(1.0, scores.whole / max(explained, 1e-300)))
         if a.usual > 0 and len(scores.along) == 1:
             part = min(1.0, float(np.sqrt(a.penalty(samples) / max(power, 1e-300))))
             hidden.append(Hidden(a, part * a.usual, part * off[:, 0]))
