@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from estimator.recordings.samples import MULTIPLIED, REMEMBERED, median, medians, sum_of_logs, told_once
+from estimator.recordings.samples import MULTIPLIED, REMEMBERED, median, medians, quantile, sum_of_logs, told_once
 
 
 def test_a_number_of_a_signal_is_told_once_for_as_long_as_the_signal_is_the_same():
@@ -35,3 +35,12 @@ def test_the_median_is_the_middle_one_or_between_the_two_in_the_middle():
         for numbers in (rng.standard_normal(n), np.round(rng.standard_normal(n)), np.diff(1e-4 * np.arange(n + 1.0))):
             assert median(numbers) == np.median(numbers) == medians(numbers[None, :])[0]
     assert np.isnan(median(np.zeros(0))) and np.isnan(median(np.array([1.0, np.nan, 2.0])))
+
+
+def test_a_quantile_is_that_of_the_numbers_that_are_there():
+    rng = np.random.default_rng(3)
+    for n in (1, 2, 7, 1000):
+        numbers = np.append(rng.standard_normal(n), np.nan)
+        for part in (0.0, 0.3, 0.995, 1.0):
+            np.testing.assert_allclose(quantile(numbers, part), np.nanquantile(numbers, part), rtol=1e-14)
+    assert np.isnan(quantile(np.array([np.nan]), 0.5))

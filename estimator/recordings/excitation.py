@@ -138,9 +138,8 @@ def quantum(y: FloatArray) -> float:
 def _lattice(y: FloatArray) -> float:
     """Return the distance of the levels that values lie on; 0 if they do not."""
     peak = float(np.max(np.abs(y), initial=0.0))
-    levels = np.unique(y)
-    differences = np.diff(levels)
-    differences = differences[differences > 1e-9 * peak]  # the rest is rounding
+    differences = np.diff(np.sort(y))
+    differences = differences[differences > 1e-9 * peak]  # the rest is one level, or rounding
     if len(differences) < 2 or len(differences) > 0.5 * len(y):
         return 0.0
     step = float(np.min(differences))

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from estimator.recordings.excitation import noise_deviation
 from estimator.recordings.finding import Evidence, Finding
 from estimator.recordings.lag import lag_misfit
-from estimator.recordings.samples import filled
+from estimator.recordings.samples import filled, quantile
 
 FloatArray = NDArray[np.float64]
 
@@ -51,7 +51,7 @@ def coasts(title: str, time: FloatArray, signals: Mapping[str, FloatArray]) -> F
     if not {"v", "i", "w"} <= signals.keys():
         return None
     v, i, w = (signals[name] for name in ("v", "i", "w"))
-    i_max, w_max = (float(np.nanquantile(np.abs(y), 0.995)) for y in (i, w))
+    i_max, w_max = (quantile(np.abs(y), 0.995) for y in (i, w))
     free = (np.abs(v) < NONE * np.nanmax(np.abs(v))) & (np.abs(w) > TURNS * w_max)
     if np.count_nonzero(free) < LASTS or noise_deviation(i) > NO_CURRENT * i_max:
         return None

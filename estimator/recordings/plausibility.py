@@ -21,7 +21,7 @@ from estimator.recordings.excitation import noise_deviation, quantum
 from estimator.recordings.finding import Evidence, Finding
 from estimator.recordings.lag import lag_misfit
 from estimator.recordings.odd_drives import coasts, dead_band, is_held
-from estimator.recordings.samples import filled, median
+from estimator.recordings.samples import filled, median, quantile
 
 FloatArray = NDArray[np.float64]
 
@@ -209,7 +209,7 @@ class _Measured:
         driven = (np.abs(v) > DRIVEN * np.nanmax(np.abs(v))) & ~np.isnan(y)
         if not driven.any():
             return False
-        most = float(np.nanquantile(np.abs(y), OUTLYING))
+        most = quantile(np.abs(y), OUTLYING)
         y = np.where(np.abs(y) > 4 * noise_deviation(y), np.clip(y, -most, most), 0.0)
         power = (v * y)[driven]
         whole = float(np.sum(np.abs(power)))

@@ -44,6 +44,15 @@ def medians(rows: FloatArray) -> FloatArray:
     return part[:, k] if rows.shape[1] % 2 else (part[:, k - 1] + part[:, k]) / 2
 
 
+def quantile(y: FloatArray, part: float) -> float:
+    """Return the quantile of those (n,) numbers that are there; NaN where none is.
+
+    As np.nanquantile does, which loads numpy.ma to look for masked arrays.
+    """
+    known = np.sort(y[~np.isnan(y)])
+    return float(np.interp(part * (len(known) - 1), np.arange(len(known)), known)) if len(known) else float("nan")
+
+
 def sum_of_logs(numbers: FloatArray) -> FloatArray:
     """Return the sums of the logarithms of (m, n, ...) numbers, (m, ...): of products of a few, a logarithm is dear."""
     whole = numbers.shape[1] // MULTIPLIED * MULTIPLIED

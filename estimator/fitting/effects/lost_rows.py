@@ -16,6 +16,7 @@ from estimator.fitting.fit import Fit, Linear, misfit, refreshed
 from estimator.fitting.simulator import CELLS
 from estimator.fitting.windows import find_windows
 from estimator.plans.plan import Plan
+from estimator.recordings.samples import medians
 
 FEWEST_ROWS, MOST_ROWS = 0.7, 30.0  # rows: a logger loses whole ones
 FloatArray = NDArray[np.float64]
@@ -98,7 +99,7 @@ def _may_jump(fit: Fit, place: int, column: FloatArray, many: int) -> bool:
     if at < 0 or place + 2 * BESIDE > clock.rows.stop:
         return True
     measured = _steps(misfit(fit, fit.explained)[clock.rows])
-    deviation = np.median(np.abs(measured[max(0, at - NEAR) : at + NEAR]), axis=0) / MEDIAN_SIZE
+    deviation = medians(np.abs(measured[max(0, at - NEAR) : at + NEAR]).T) / MEDIAN_SIZE
     deviation = np.maximum(deviation, fit.simulator.steps)
     known = fit.whitener.present[place - 2 * BESIDE : place + 2 * BESIDE].all(axis=0) & (deviation > 0)
     deviation = np.where(known, deviation, np.inf)
@@ -155,7 +156,7 @@ def _columns(shown: FloatArray, places: IntArray, ends: IntArray, many: int) -> 
     """
     rows = np.arange(places[0], ends[places].max())
     columns = np.zeros((len(rows), shown.shape[1], len(places)))
-    for end in np.unique(ends[places]).tolist():
+    for end in sorted(set(ends[places].tolist())):
         inside, own = rows[rows < end], ends[places] == end
         change = (shown[np.minimum(inside + many, end - 1)] - shown[inside]) / many
         after = inside[:, None] >= places[own]
