@@ -31,7 +31,7 @@ typedef fmi3FMUState Saved;
 static uint64_t seed;
 static unsigned long calls, successes;
 
-static unsigned int below(unsigned int n) /* xorshift64* */
+static unsigned int pick(unsigned int n) /* xorshift64* */
 {
     seed ^= seed >> 12, seed ^= seed << 25, seed ^= seed >> 27;
     return (unsigned int)((seed * 2685821657736338717u) >> 33) % n;
@@ -40,18 +40,18 @@ static unsigned int below(unsigned int n) /* xorshift64* */
 static double any_double(void)
 {
     static const double odd[] = {0, -0.0, -1, 1e-300, -1e300, 1e300, 1e10, NAN, INFINITY, -INFINITY, 5e-324};
-    if (below(2) == 0) return odd[below(sizeof odd / sizeof *odd)];
-    return (below(2001) - 1000.0) / (1 + below(1000));
+    if (pick(2) == 0) return odd[pick(sizeof odd / sizeof *odd)];
+    return (pick(2001) - 1000.0) / (1 + pick(1000));
 }
 
 static double any_step(void)
 {
-    return below(4) > 0 ? 1e-6 * (1 + below(10000)) : any_double();
+    return pick(4) > 0 ? 1e-6 * (1 + pick(10000)) : any_double();
 }
 
 static void *rarely_null(void *pointer)
 {
-    return below(12) == 0 ? NULL : pointer;
+    return pick(12) == 0 ? NULL : pointer;
 }
 
 static void fail(const char *what)
@@ -87,7 +87,7 @@ static Handle make(bool exchange, const char *token)
 {
     static const fmi2CallbackFunctions functions = {quiet, calloc, free, NULL, NULL};
     return fmi2Instantiate(rarely_null("motor"), exchange ? fmi2ModelExchange : fmi2CoSimulation, token, NULL,
-                           rarely_null((void *)&functions), 0, below(2) == 0);
+                           rarely_null((void *)&functions), 0, pick(2) == 0);
 }
 
 static void specific(Handle c, const unsigned int *vr, size_t n, double *values)
@@ -97,8 +97,8 @@ static void specific(Handle c, const unsigned int *vr, size_t n, double *values)
     fmi2EventInfo info;
     double known[WIDTH];
     for (int k = 0; k < WIDTH; k++) known[k] = any_double();
-    switch (below(15)) {
-    case 0: note(fmi2SetupExperiment(c, 0, 0, below(3) ? 0 : any_double(), below(2) == 0, any_double())); break;
+    switch (pick(15)) {
+    case 0: note(fmi2SetupExperiment(c, 0, 0, pick(3) ? 0 : any_double(), pick(2) == 0, any_double())); break;
     case 1: note(fmi2EnterInitializationMode(c)); break;
     case 2: note(fmi2NewDiscreteStates(c, rarely_null(&info))); break;
     case 3: finite(fmi2GetReal(c, vr, n, values), values, vr == NULL ? 0 : n); break;
@@ -108,8 +108,8 @@ static void specific(Handle c, const unsigned int *vr, size_t n, double *values)
     case 7: note(fmi2GetDirectionalDerivative(c, vr, n, rarely_null((void *)vr), n, rarely_null(known), values)); break;
     case 8: note(fmi2GetInteger(c, vr, n, numbers)); break;
     case 9: note(fmi2SetRealInputDerivatives(c, vr, n, numbers, values)); break;
-    case 10: note(fmi2GetRealStatus(c, (fmi2StatusKind)below(6), rarely_null(values))); break;
-    default: note(fmi2GetBooleanStatus(c, (fmi2StatusKind)below(6), rarely_null(yes))); break;
+    case 10: note(fmi2GetRealStatus(c, (fmi2StatusKind)pick(6), rarely_null(values))); break;
+    default: note(fmi2GetBooleanStatus(c, (fmi2StatusKind)pick(6), rarely_null(yes))); break;
     }
 }
 
@@ -131,10 +131,10 @@ static void quiet(void *environment, fmi3Status status, fmi3String category, fmi
 
 static Handle make(bool exchange, const char *token)
 {
-    fmi3LogMessageCallback log = below(2) == 0 ? quiet : NULL;
-    const bool on = below(2) == 0;
+    fmi3LogMessageCallback log = pick(2) == 0 ? quiet : NULL;
+    const bool on = pick(2) == 0;
     if (exchange) return fmi3InstantiateModelExchange("motor", token, NULL, 0, on, NULL, log);
-    return fmi3InstantiateCoSimulation(rarely_null("motor"), token, NULL, 0, on, 0, below(2) == 0, NULL, 0, NULL, log,
+    return fmi3InstantiateCoSimulation(rarely_null("motor"), token, NULL, 0, on, 0, pick(2) == 0, NULL, 0, NULL, log,
                                        NULL);
 }
 
@@ -143,12 +143,12 @@ static void specific(Handle c, const unsigned int *vr, size_t n, double *values)
     bool yes[5];
     double time;
     fmi3Int32 numbers[WIDTH] = {0};
-    const size_t m = below(6) ? n : below(WIDTH);
+    const size_t m = pick(6) ? n : pick(WIDTH);
     double known[WIDTH];
     for (int k = 0; k < WIDTH; k++) known[k] = any_double();
-    switch (below(17)) {
+    switch (pick(17)) {
     case 0: case 1:
-        note(fmi3EnterInitializationMode(c, 0, 0, below(3) ? 0 : any_double(), below(2) == 0, any_double()));
+        note(fmi3EnterInitializationMode(c, 0, 0, pick(3) ? 0 : any_double(), pick(2) == 0, any_double()));
         break;
     case 2:
         note(fmi3UpdateDiscreteStates(c, rarely_null(&yes[0]), &yes[1], &yes[2], rarely_null(&yes[3]), &yes[4],
@@ -200,43 +200,43 @@ static void any_call(Handle c, Saved saved[SAVED])
     static size_t kept;
     unsigned int references[WIDTH];
     double array[WIDTH];
-    const size_t n = below(3) ? below(3) : below(WIDTH + 1); /* few: then all are right more often */
+    const size_t n = pick(3) ? pick(3) : pick(WIDTH + 1); /* few: then all are right more often */
     unsigned int *vr = rarely_null(references);
     double *values = rarely_null(array);
-    Saved *state = &saved[below(SAVED)];
+    Saved *state = &saved[pick(SAVED)];
     size_t size = 0;
     for (int k = 0; k < WIDTH; k++) {
-        references[k] = below(20) ? below(N_VARIABLES + N_STATES + N_MODES + 3) : below(UINT32_MAX / 4) * 4;
+        references[k] = pick(20) ? pick(N_VARIABLES + N_STATES + N_MODES + 3) : pick(UINT32_MAX / 4) * 4;
         array[k] = any_double();
     }
-    switch (below(30)) { /* half of them go on */
+    switch (pick(30)) { /* half of them go on */
     case 0: note(F(ExitInitializationMode)(c)); break;
     case 1:
-        if (below(4) == 0) note(F(Terminate)(c));
+        if (pick(4) == 0) note(F(Terminate)(c));
         break;
     case 2:
-        if (below(4) == 0) note(F(Reset)(c));
+        if (pick(4) == 0) note(F(Reset)(c));
         break;
     case 3: note(F(EnterEventMode)(c)); break;
     case 4: note(F(EnterContinuousTimeMode)(c)); break;
     case 5: note(F(SetTime)(c, any_double())); break;
-    case 6: note(F(SetContinuousStates)(c, values, below(2) ? N_STATES : n)); break;
-    case 7: finite(F(GetContinuousStates)(c, values, below(2) ? N_STATES : n), values, 0); break;
+    case 6: note(F(SetContinuousStates)(c, values, pick(2) ? N_STATES : n)); break;
+    case 7: finite(F(GetContinuousStates)(c, values, pick(2) ? N_STATES : n), values, 0); break;
     case 8: finite(F(GetDerivatives)(c, values, N_STATES), values, N_STATES); break;
-    case 9: finite(F(GetEventIndicators)(c, values, below(2) ? N_MODES : n), values, N_MODES); break;
+    case 9: finite(F(GetEventIndicators)(c, values, pick(2) ? N_MODES : n), values, N_MODES); break;
     case 10: note(F(GetFMUstate)(c, rarely_null(state))); break;
     case 11: note(F(SetFMUstate)(c, *state)); break;
     case 12: note(F(FreeFMUstate)(c, rarely_null(state))); break;
     case 13:
         if (note(F(SerializedFMUstateSize)(c, *state, &size)) != 0 || size > BYTES) break;
-        if (note(F(SerializeFMUstate)(c, *state, rarely_null(bytes), below(3) ? size : below(BYTES) % size)) == 0)
+        if (note(F(SerializeFMUstate)(c, *state, rarely_null(bytes), pick(3) ? size : pick(BYTES) % size)) == 0)
             kept = size;
         break;
     case 14:
-        if (kept > 0 && below(2)) bytes[below((unsigned int)kept)] ^= (unsigned char)(1u << below(8));
-        note(F(DeSerializeFMUstate)(c, rarely_null(bytes), below(3) ? kept : below((unsigned int)kept + 1), state));
+        if (kept > 0 && pick(2)) bytes[pick((unsigned int)kept)] ^= (unsigned char)(1u << pick(8));
+        note(F(DeSerializeFMUstate)(c, rarely_null(bytes), pick(3) ? kept : pick((unsigned int)kept + 1), state));
         break;
-    case 15: note(F(SetDebugLogging)(c, below(2) == 0, below(2), (const char *const[]){rarely_null("logAll")})); break;
+    case 15: note(F(SetDebugLogging)(c, pick(2) == 0, pick(2), (const char *const[]){rarely_null("logAll")})); break;
     default: specific(c, vr, n, values); break;
     }
 }
@@ -257,10 +257,10 @@ static void sequence(void)
     Handle instances[INSTANCES] = {NULL};
     Saved saved[SAVED] = {NULL};
     double all[N_VARIABLES];
-    for (int k = 0; k < INSTANCES; k++) instances[k] = make(below(2) == 0, below(9) ? MODEL_GUID : rarely_null("{}"));
+    for (int k = 0; k < INSTANCES; k++) instances[k] = make(pick(2) == 0, pick(9) ? MODEL_GUID : rarely_null("{}"));
     for (int k = 0; k < INSTANCES; k++)
-        if (instances[k] != NULL && below(2) == 0) note(begin(instances[k]));
-    for (int k = 0; k < CALLS; k++) any_call(instances[below(INSTANCES)], saved);
+        if (instances[k] != NULL && pick(2) == 0) note(begin(instances[k]));
+    for (int k = 0; k < CALLS; k++) any_call(instances[pick(INSTANCES)], saved);
     for (int k = 0; k < INSTANCES; k++) {
         Handle c = instances[k];
         if (c == NULL) continue;
@@ -278,7 +278,7 @@ static void sequence(void)
 
 static void instance(void)
 {
-    Handle c = make(below(2) == 0, MODEL_GUID);
+    Handle c = make(pick(2) == 0, MODEL_GUID);
     Saved saved = NULL;
     if (c == NULL || begin(c) != 0) fail("no instance");
     if (!((Instance *)c)->model_exchange && step(c, 0, 1e-3) != 0) fail("no step");

@@ -122,7 +122,7 @@ def test_ten_thousand_instances_leave_nothing_behind(driver: Driver, model: str,
 @full
 @pytest.mark.parametrize("fmi", VERSIONS)
 def test_an_instance_that_is_not_freed_is_found(driver: Driver, fmi: int) -> None:
-    freed = "    free(slave);\n}" if fmi == 2 else "    free(instance);"
+    freed = "    free(component);\n}" if fmi == 2 else "    free(instance);"
     program = driver("dc_motor", fmi, *SANITIZERS, spoil=(f"fmi{fmi}.c", freed, "    (void)0;" + "}" * (fmi == 2)))
     done = subprocess.run([program, "1", "10", "instances"], capture_output=True, text=True)
     assert done.returncode != 0 and "LeakSanitizer" in done.stderr

@@ -271,7 +271,7 @@ def test_two_hundred_good_recordings_are_not_refused_and_two_at_most_accused(han
 @pytest.mark.full
 def test_random_motors_reach_the_optimum_and_none_is_falsely_sure(hand):
     found = entries(hand, "motors", "random motors", range(200))
-    reached = sum(e["reached"] < e["best"] + 0.05 for e in found)  # those that are refused, too
+    reached = sum(e.get("reached", np.inf) < e["best"] + 0.05 for e in found)  # of those that are refused, too
     assert reached >= 0.98 * len(found)
     for e in found:
         for n in NAMES if e["found"] else ():
