@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from motors import CML050, all_motors, held_response
+from motors import CML050, Motor, all_motors, held_response
 
 from estimator.recordings.plausibility import implausible
 
@@ -82,6 +82,16 @@ def test_a_sign_is_named_with_the_option_that_turns_it(turned, option, reverse):
     assert option in finding.sentence and finding.is_fatal
     assert {e.signal for e in finding.evidence} == set(turned)
     assert all(e.start >= 0.25 - 1e-3 for e in finding.evidence), "before the step nothing goes against anything"
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_one_sample_of_a_fast_oscillation_is_no_sign(seed):
+    """The current's first swing ends between two samples; what follows is positive, and lower than its noise."""
+    motor = Motor("light", 10.5, R=4.96, K=0.281, L=3.33e-3, J=6.63e-7, B=7.56e-5)
+    time, good = signals(motor, interval=1e-3)
+    shown = exact(motor, good["v"], 1e-3) + np.random.default_rng(seed).standard_normal((1500, 2)) * [0.02, 1.0]
+    assert shown[250:, 0].mean() > 0 > shown[250:254, 0].mean()
+    assert not [f for f in found(time, {**good, "i": shown[:, 0], "w": shown[:, 1]}) if f.kind.startswith("sign")]
 
 
 @pytest.mark.parametrize(

@@ -268,11 +268,14 @@ def test_two_hundred_good_recordings_are_not_refused_and_two_at_most_accused(han
     assert sum(e["verdict"] != "ok" or bool(e["named"]) for e in found) <= 2
 
 
-@pytest.mark.full
-def test_random_motors_reach_the_optimum_and_none_is_falsely_sure(hand):
-    found = entries(hand, "motors", "random motors", range(200))
-    reached = sum(e.get("reached", np.inf) < e["best"] + 0.05 for e in found)  # of those that are refused, too
-    assert reached >= 0.98 * len(found)
+@pytest.mark.parametrize(
+    "seeds", [[65, 128], pytest.param(range(200), marks=pytest.mark.full)], ids=["far from the first guess", "all"]
+)
+def test_random_motors_reach_the_optimum_and_none_is_falsely_sure(hand, seeds):
+    found = entries(hand, "motors", "random motors", seeds)
+    told = [e for e in found if e["verdict"] != "refused"]
+    assert len(told) >= 0.94 * len(found)
+    assert sum(e["reached"] < e["best"] + 0.05 for e in told) >= 0.97 * len(told)
     for e in found:
         for n in NAMES if e["found"] else ():
             value, error, status = e["found"][n]

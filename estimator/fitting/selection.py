@@ -80,10 +80,15 @@ class Selection:
     differenced: FloatArray
     effects: tuple[Effect, ...]
 
-    def _held_near(self) -> tuple[FloatArray, FloatArray]:
-        """Bound a motor's parameters near their first estimates; return the bounds that they had."""
+    def _held_near(self, starts: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray]:
+        """Bound a motor's parameters near their first estimates; return the bounds that they had.
+
+        A start that leaves only noise misses no effect, wherever it lies.
+        """
         s = self.tests.base
         before = s.lower.copy(), s.upper.copy()
+        if any(self._leaves_noise(start) for start in starts):
+            return before
         for k, name in enumerate(s.plan.names):
             near = s.plan.guess.get(name, 0.0)
             if name in NEARBY and near > 0 and s.log[k]:
@@ -91,9 +96,16 @@ class Selection:
                 s.upper[k] = min(s.upper[k], near * NEARBY[name])
         return before
 
+    def _leaves_noise(self, start: FloatArray) -> bool:
+        """Whether a start, (p,), explains the recordings but for their noise, by its first estimate."""
+        s = self.tests.base
+        noise = NoiseModel.plain(self.deviations, tuple(-1 for _ in s.outputs))
+        values = s.values(dict(zip(s.plan.names, start.tolist(), strict=True)))
+        return solved(new_fit(s, values, s.plan.names, noise), iterations=0).cost < (1 + NO_NOISE) * self.tests.samples
+
     def first_cost(self, starts: Sequence[FloatArray]) -> float:
         """Return z'z of the first fit, by the first estimate of the noise."""
-        lower, upper = self._held_near()
+        lower, upper = self._held_near(starts)
         cost = self._first(starts).fit.cost
         self.tests.base.lower[:], self.tests.base.upper[:] = lower, upper
         return cost
@@ -108,7 +120,7 @@ class Selection:
         known : Explanation, optional
             Of a part of the rows: what it holds is not looked for again, and fitted to all of them.
         """
-        bounds = self._held_near()
+        bounds = self._held_near(starts)
         first = self._first(starts) if known is None else self._begun(known)
         best = self._without_effects(first)
         if best is None:

@@ -52,6 +52,7 @@ PLAINLY = 0.2  # of a signal's largest sample: less is noise about zero
 NEARLY = 0.9  # of the largest sample: what is called the largest
 SETTLED = 0.1  # of a response: less is its end
 AGAINST = 0.3  # of ∫|v y| dt: so much of it negative is a sign
+SURE = 4.0  # deviations of noise: more is none
 OUTLYING = 0.98  # of the samples: larger ones count as that
 DRIVEN = 0.05  # of the largest voltage: less is none
 DECIMAL = 0.01  # of a digit: a quantum of 1, 2 or 5 × 10ⁿ is the print's
@@ -209,9 +210,11 @@ class _Measured:
         driven = (np.abs(v) > DRIVEN * np.nanmax(np.abs(v))) & ~np.isnan(y)
         if not driven.any():
             return False
-        most = quantile(np.abs(y), OUTLYING)
-        y = np.where(np.abs(y) > 4 * noise_deviation(y), np.clip(y, -most, most), 0.0)
-        power = (v * y)[driven]
+        most, noise = quantile(np.abs(y), OUTLYING), noise_deviation(y)
+        power = v * np.clip(y, -most, most)
+        if np.sum(power[driven]) > -SURE * noise * np.linalg.norm(v[driven]):
+            return False  # a few samples of a fast oscillation are none
+        power = power[driven & (np.abs(y) > SURE * noise)]
         whole = float(np.sum(np.abs(power)))
         return whole > 0 and float(np.sum(power)) < -AGAINST * whole
 
