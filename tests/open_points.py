@@ -14,27 +14,14 @@ OPEN = {
     "test_real_recording.py::test_speed_alone_tells_the_speed_per_volt_and_the_slow_time_constant": (
         "the speed per volt is 1.1 % off, within a bar of 12 %: a brush drop takes a part of it"
     ),
-    "test_odd_recordings.py::test_an_angle_of_a_motor_that_runs_already_may_begin_anywhere[levels0-counts]": (
-        "parameters within one bar, but an edge asks for values of its own by 1.1 times what chance allows: doubtful"
-    ),
     "test_odd_recordings.py::test_an_angle_of_a_motor_that_runs_already_may_begin_anywhere[levels2-counts]": (
         "112.08 counts a sample: their rounding repeats, and the first rows ask for other parameters"
     ),
     "test_refusal.py::test_an_impossible_acceleration": "of six samples lost in the steepest part some three are told",
     "test_trust.py::test_lost_samples_of_a_logger_that_averages_are_put_back": "a mean over the gap",
-    "test_trust.py::test_a_wrong_assumption_is_named[half of the friction dry]": "one step: a lag is named",
     "test_trust.py::test_a_wrong_assumption_is_named[speed shown 0.5 to 3 ms late]": "a lag and dry friction are named",
-    "test_trust.py::test_a_ripple_is_found_where_a_mean_takes_the_noise_at_another_order": (
-        "a lag and a delay stand for the mean of the current"
-    ),
-    "test_trust.py::test_a_drift_beside_a_ripple_and_a_mean_is_taken_out_by_the_weights_of_the_fit[247]": (
-        "B is 4.6 bars off in one of two seeds of the worst row"
-    ),
     "test_trust.py::test_a_gain_between_speed_and_angle_is_estimated_where_both_are_compared": (
         "the gain is right, a rival that differs is told besides"
-    ),
-    "test_trust.py::test_a_gain_and_a_dry_friction_that_explain_a_recording_as_well_are_both_told": (
-        "dry friction is told, the gain is not"
     ),
     "test_nuisance.py::test_ripple_locked_to_the_angle_is_taken_out": (
         "the order is found and named; its amplitude is told at the largest current, with the noise too large beside it"

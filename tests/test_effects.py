@@ -500,6 +500,14 @@ def test_one_delay_is_tried_in_place_of_a_delay_of_one_channel_and_a_lag_of_the_
 
 
 # Two lags for a lag and a delay: L 10 standard errors off. A lag for a delay: R 4.0. Both were called right.
+def test_a_mean_behind_a_lag_is_tried_in_place_of_a_filter_of_second_order(tmp_path):
+    """The criterion charges a number more for the two, and prefers the filter, with an L a third too large."""
+    result, true = of_random_bench(1021229, tmp_path)
+    assert any("lag of i and average i instead of" in r.what for r in result.rivals), result.reasons
+    found = result.parameters["L"]
+    assert abs(found.value - true["L", -1]) < 4 * found.standard_error
+
+
 @pytest.mark.parametrize(("seed", "name", "instead"), [
     pytest.param(1010211, "L", "delay of i", marks=pytest.mark.full),
     pytest.param(1010292, "R", "delay of i", marks=pytest.mark.full),  # below, dry friction in place of filters

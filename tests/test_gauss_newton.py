@@ -1,13 +1,16 @@
 """Gauss-Newton steps whose derivatives are corrected instead of simulated again: the same minimum for less."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from effect_bench import NOISE, TRUE, lagged, recording
 
-from estimator.cases.case import Case, OutputSpec
+from estimator.cases.case import Case, OutputSpec, ParameterSpec
 from estimator.fitting import gauss_newton
 from estimator.fitting.effects.low_pass import LowPass
 from estimator.fitting.fit import new_fit
+from estimator.fitting.gauss_newton import solved, solved_roughly
 from estimator.fitting.noise_model import NoiseModel
 from estimator.fitting.simulator import Simulator
 from estimator.fmus.probe import bundled_model
@@ -48,3 +51,18 @@ def test_the_minimum_is_that_of_derivatives_that_are_simulated_at_every_step(tol
             simulations.append(crew.simulations - before)
     assert costs[0] == pytest.approx(costs[1], abs=10 * tolerance)
     assert simulations[0] < simulations[1] if tolerance == 1e-3 else simulations[0] == simulations[1]
+
+
+def test_a_valley_that_is_curved_is_followed_to_its_lowest_point():
+    """Friction and B on a logarithm: the settled current holds their sum, and only a motor that starts tells them."""
+    free = {name: ParameterSpec(name) for name in TRUE} | {"friction": ParameterSpec("friction", 0.0, 0.1)}
+    case = dataclasses.replace(CASE, fmu="dc_motor_drive", parameters=free)
+    plan = plan_case(case, bundled_model("dc_motor_drive"), recordings=[recording("step", friction=0.014)])
+    noise = NoiseModel.plain(np.array([NOISE["i"], NOISE["w"]]), (-1, -1))
+    speed, costs = 161.0, []  # at which it settles
+    with Workers(1) as crew:
+        simulator = Simulator(plan, (), crew, {"i": 1.0, "w": 1.0})
+        for friction, solve in ((0.014, solved), (0.0005, solved_roughly), (0.025, solved_roughly)):
+            start = {**TRUE, "friction": friction, "B": TRUE["B"] + (0.014 - friction) / speed}
+            costs.append(solve(new_fit(simulator, simulator.values(start), plan.names, noise)).cost)
+    assert costs == pytest.approx(costs[:1] * 3, abs=0.01)

@@ -82,7 +82,8 @@ def test_a_false_optimum_is_left_before_the_chain_could_explain_it(hand, motor, 
     assert np.max(np.abs(deviations(found))) < 4
 
 
-@pytest.mark.parametrize("seed", [194, pytest.param(238, marks=pytest.mark.full)])
+@pytest.mark.full  # half a minute each
+@pytest.mark.parametrize("seed", [194, 238])
 def test_a_ripple_is_found_where_a_mean_takes_the_noise_at_another_order(hand, seed):
     """A mean over n samples leaves no noise at 1/n of the rate: an order there stands out however small it is."""
     found = entries(hand, "real", "RMCS2004, real bench", [seed])
@@ -90,7 +91,8 @@ def test_a_ripple_is_found_where_a_mean_takes_the_noise_at_another_order(hand, s
     assert np.max(np.abs(deviations(found))) < 4
 
 
-@pytest.mark.parametrize("seed", [247, pytest.param(156, marks=pytest.mark.full)])
+@pytest.mark.full  # half a minute each
+@pytest.mark.parametrize("seed", [247, 156])
 def test_a_drift_beside_a_ripple_and_a_mean_is_taken_out_by_the_weights_of_the_fit(hand, seed):
     """By the weights from before the ripple was taken out R is 8 and 7 standard errors off."""
     found = entries(hand, "real", "RMCS2004, real bench", [seed])

@@ -6,7 +6,7 @@ Its criterion is z'z of whitened residuals (-2 log L at a given noise) plus the 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,11 +14,12 @@ import numpy as np
 from estimator.fitting.addition import Addition
 from estimator.fitting.effects.base import Effect
 from estimator.fitting.fit import Fit
-from estimator.fitting.gauss_newton import ROUGH, solved
+from estimator.fitting.gauss_newton import ITERATIONS, ROUGH, solved
 from estimator.fitting.simulator import Simulator
 from estimator.plans.plan import Plan
 
 MOST_ADDITIONS = 12  # additions, spectral lines and others each
+MOST_IN_TWO = 2  # pairs in the place of an addition that are fitted to the end, of those that fit best
 NO_CHANGE, DOUBLINGS = 0.1, 2  # of z'z: a smaller change is negligible; doublings of the rows between samples, at most
 
 
@@ -141,23 +142,52 @@ def reshaped(explanation: Explanation) -> Explanation:
 
 def mirrored(explanation: Explanation, effects: Sequence[Effect], plan: Plan) -> list[Explanation]:
     """Return the explanation at the equivalent values that an effect names, such as two lags exchanged."""
+    return [
+        _at_values(explanation, a, known, effects, plan, ITERATIONS)
+        for a in explanation.additions
+        for known in a.effect.mirrored(explanation.fit, a.name)
+    ]
+
+
+def in_two(explanation: Explanation, effects: Sequence[Effect], plan: Plan) -> list[Explanation]:
+    """Return the explanation with two additions in the place of one that names such, such as a mean and a lag."""
     found = []
-    for addition in explanation.additions:
-        for known in addition.effect.mirrored(explanation.fit, addition.name):
-            fit, own = explanation.fit, addition
-            values = fit.values.copy()
-            for name, value in known.items():
-                k = fit.simulator.index[name]
-                values[k] = np.clip(value, fit.simulator.lower[k], fit.simulator.upper[k])
-            whole = {n.name for n in fit.simulator.nuisances if n.whole}
-            other = next((n for n in known if n not in (*fit.free, *whole, addition.name)), None)
-            if other is not None:
-                effect = next(e for e in effects if other in {n.name for n in e.nuisances(plan)})
-                own = dataclasses.replace(addition, effect=effect, name=other, free=(other,))
-                fit = dataclasses.replace(fit, free=(*(n for n in fit.free if n not in addition.free), other))
-            exchanged = solved(dataclasses.replace(fit, values=values))
-            found.append(Explanation(exchanged, tuple(own if a is addition else a for a in explanation.additions)))
-    return found
+    for a in explanation.additions:
+        rest = {other.name for other in explanation.additions if other is not a}
+        excluded = {n.name: n.excludes for n in explanation.fit.simulator.nuisances}
+        tried = [
+            _at_values(explanation, a, known, effects, plan, 1)
+            for known in a.effect.in_two(explanation.fit, a.name)
+            if not any(name.startswith(excluded.get(n, ()) or "?") for n in known for name in rest)
+        ]
+        found += sorted(tried, key=lambda e: e.fit.cost)[:MOST_IN_TWO]
+    return [dataclasses.replace(e, fit=solved(e.fit)) for e in found]
+
+
+def _at_values(
+    explanation: Explanation,
+    addition: Addition,
+    known: Mapping[str, float],
+    effects: Sequence[Effect],
+    plan: Plan,
+    iterations: int,
+) -> Explanation:
+    """Return the explanation at other values; nuisance parameters that come with them take an addition's place."""
+    fit, held = explanation.fit, {a.name for a in explanation.additions}
+    values, own = fit.values.copy(), []
+    for name, value in known.items():
+        k = fit.simulator.index[name]
+        values[k] = np.clip(value, fit.simulator.lower[k], fit.simulator.upper[k])
+    for new in (n for n in fit.simulator.nuisances if n.tries and n.name in known and n.name not in held):
+        effect = next(e for e in effects if new.name in {n.name for n in e.nuisances(plan)})
+        free = () if new.whole else (new.name,)
+        own.append(dataclasses.replace(addition, effect=effect, name=new.name, numbers=1, free=free))
+    if own:
+        freed = (n for a in own for n in a.free)
+        fit = dataclasses.replace(fit, free=(*(n for n in fit.free if n not in addition.free), *freed))
+    exchanged = solved(dataclasses.replace(fit, values=values), iterations=iterations)
+    places = [own if own and a is addition else [a] for a in explanation.additions]
+    return Explanation(exchanged, tuple(a for some in places for a in some))
 
 
 def moved_to(fit: Fit, simulator: Simulator) -> Fit:

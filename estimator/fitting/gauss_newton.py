@@ -2,6 +2,7 @@
 
 A step that falls about as far as its derivatives say leaves them nearly as they were: they are corrected by what it
 showed (Broyden 1965) instead of simulated again, f simulations of f values. A minimum is told by simulated ones only.
+A step that falls short is corrected by what bends beside it, as in a valley that is curved (Transtrum and Sethna 2012).
 """
 
 from __future__ import annotations
@@ -56,7 +57,7 @@ def solved(fit: Fit, *, iterations: int = ITERATIONS, tolerance: float = 1e-3, l
             if not left:
                 break
             raw, simulated, left = point(x, shown).slopes(central=fine), True, left - 1
-        a, g = _triangle(fit, linear, raw, shown)
+        a, g = _triangle(fit, linear, raw, misfit(fit, shown))
         if simulated and left < iterations - 1 and cost - HOPE * float(g @ g) > limit:
             break
         better, predicted = None, 0.0
@@ -69,6 +70,11 @@ def solved(fit: Fit, *, iterations: int = ITERATIONS, tolerance: float = 1e-3, l
                 break
             there = s.shown(placed(fit, tried)[None, :])[0]
             new = _cost(fit, there, linear)
+            if simulated and cost <= new < np.inf:
+                bent = np.where(fit.whitener.present, shown + raw @ (tried - x) - there, 0.0)
+                tried = np.clip(tried + _step(*_triangle(fit, linear, raw, bent), damping, tried, low, high), low, high)
+                there = s.shown(placed(fit, tried)[None, :])[0]
+                new = _cost(fit, there, linear)
             if new < cost:
                 better = tried, there, new
                 damping = max(damping / 10, 1e-9)
@@ -127,9 +133,9 @@ def _cost(fit: Fit, shown: FloatArray, linear: Projection) -> float:
     return float(r @ r)
 
 
-def _triangle(fit: Fit, linear: Projection, raw: FloatArray, shown: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return a, (f, f), and g, (f,): |g - a dx| are the whitened residuals after a step, the linear part free."""
-    r = triangle(linear.rest(fit.whitener.whitened(raw, misfit(fit, shown)[:, :, None])))
+def _triangle(fit: Fit, linear: Projection, raw: FloatArray, off: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return a, (f, f), and g, (f,): |g - a dx| is what a step leaves of a misfit, (rows, q), the linear part free."""
+    r = triangle(linear.rest(fit.whitener.whitened(raw, off[:, :, None])))
     f = raw.shape[2]
     square = np.zeros((f, f + 1))
     square[: len(r)] = r[:f]

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from estimator.fitting.addition import Addition, alike, is_physical, is_switch, is_timing
-from estimator.fitting.explanation import Explanation, mirrored, renewed, with_added, with_fine_filters, without
+from estimator.fitting.explanation import Explanation, in_two, mirrored, renewed, with_added, with_fine_filters, without
 from estimator.fitting.explanation_noise import by_noise_of, with_noise
 from estimator.fitting.gauss_newton import solved, solved_roughly
 from estimator.fitting.selection import PREDICTED_PART, Selection
@@ -113,6 +113,7 @@ def _others(selection: Selection, explanation: Explanation) -> list[Explanation]
     """
     within = [a for a in explanation.additions if is_timing(a)]
     twins = mirrored(explanation, selection.effects, selection.tests.base.plan)
+    twins += in_two(explanation, selection.effects, selection.tests.base.plan)
     found = [*twins, *(_simpler(selection, explanation, within) if len(within) <= MOST_PAIRED else [])]
     for addition in explanation.additions:
         many = sum(a.effect is addition.effect for a in explanation.additions)

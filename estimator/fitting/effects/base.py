@@ -98,6 +98,10 @@ class Effect:
         """
         return ()
 
+    def in_two(self, fit: Fit, name: str) -> Sequence[Mapping[str, float]]:
+        """Return values of two other nuisance parameters at which they do nearly what the named one does."""
+        return ()
+
     def changes(self, fit: Fit, coefficient: float) -> Mapping[str, float]:
         """Return by how much parameters change during a recording: what is estimated is their mean."""
         return {}

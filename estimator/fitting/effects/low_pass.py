@@ -106,6 +106,17 @@ class LowPass(Effect):
             return ()
         return ({"L": R * self.lateness * tau, name: 0.0, first: time_constant(R, L)},)
 
+    def in_two(self, fit: Fit, name: str) -> Sequence[Mapping[str, float]]:
+        """Return means of n samples behind a lag of first order, together as late as one of second order."""
+        s, y = fit.simulator, name.rpartition(" ")[2]
+        late, mean, first = self.lateness * float(fit.values[s.index[name]]), f"average {y}", f"lag of {y}"
+        if name == first or not {mean, first} <= set(s.index):
+            return ()
+        h = min(o.recording.step for o in s.plan.observed)
+        numbers = next(n for n in s.nuisances if n.name == mean).tries
+        lags = {n: late - 0.5 * (n - 1) * h for n in numbers}
+        return [{name: 0.0, mean: n, first: tau} for n, tau in lags.items() if tau > 0]
+
     def tell(self, name: str, value: float, plan: Plan) -> str:
         """Say which."""
         y = name.rpartition(" ")[2]
