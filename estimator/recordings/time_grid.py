@@ -134,10 +134,10 @@ def _without_grid(times: FloatArray, half_digit: Callable[[], FloatArray] | None
     """Return the clock of times that lie on no grid at all; None if they do but for a mistake or a pause."""
     steps = np.diff(times)
     usual = median(steps)
-    off = np.abs(steps / usual - np.round(steps / usual)) > JITTER
-    off |= steps < usual / 2
     if (steps <= 0).any() or (steps > PAUSE * usual).any():
         return None
+    off = np.abs(steps / usual - np.round(steps / usual)) > JITTER
+    off |= steps < usual / 2
     print_error = 0.0 if half_digit is None else 2 * median(half_digit())
     jitters = median(np.abs(steps - usual)) > max(EXACT * usual, print_error)
     if np.count_nonzero(off) < OFTEN and not jitters:
