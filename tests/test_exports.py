@@ -63,3 +63,54 @@ def test_a_guess_outside_of_what_the_fmu_allows_is_moved_to_its_end():
 
     assert [_within(guess, (0.0, 1000.0)) for guess in (None, -1.0, 2.0, 14803.0)] == [None, 0.0, 2.0, 1000.0]
     assert _within(14803.0, (None, None)) == 14803.0
+
+
+# Headers
+
+
+def test_of_a_scope_whose_channels_are_called_1_and_2_numbers_are_names_unless_the_time_is_counted_too(write, capsys):
+    path = write("x-axis,1,2", "second,Volt,Ampere", rows=zip(T, V, I, strict=True))
+    assert "(1 [Volt], 2 [Ampere]); say which it is with --column v=…" in run(capsys, "check", path)[2]
+    named = run(capsys, "check", path, "--column", "v=1", "--column", "i=2")[1]
+    assert named.startswith("log.csv: v ← 1 [Volt] · i ← 2 [Ampere] · time ← x-axis [second]")
+    counted = run(capsys, "check", path, "--column", "time=1", "--column", "v=2", "--column", "i=3")[1]
+    assert counted.startswith("log.csv: v ← column 2 (no unit: taken as V) · i ← column 3 (no unit: taken as A)")
+
+
+def test_a_header_of_nothing_but_units_is_one(write, capsys):
+    settings = ("Record Length,Analog:2001", "Sample Interval,Analog:0.001", "Source,CH1,CH2")
+    path = write(*settings, "Second,Volt,Ampere", rows=zip(T, V, I, strict=True))
+    assert run(capsys, "check", path)[1].startswith("log.csv: v ← Volt · i ← Ampere · time ← Second\n")
+
+
+@pytest.mark.parametrize(("begin", "comma", "cell"), [(0, ",", "{}"), (1, " ", '"{}"')], ids=["pandas", "R"])
+def test_rows_that_begin_with_their_number_need_no_name_for_it(write, capsys, begin, comma, cell):
+    numbered = ((cell.format(k), *row) for k, row in enumerate(zip(T, V, I, W, strict=True), start=begin))
+    path = write(comma.join(["time", "voltage", "current", "speed"]), rows=numbered, comma=comma)
+    told = run(capsys, "check", path)[1]
+    assert told.startswith("log.csv: v ← voltage ") and "not used: column 1\n" in told and "2001 samples" in told
+
+
+def test_decimal_commas_between_commas_are_no_row_numbers(write, capsys):
+    path = write("time,voltage", rows=((f"0,{k:03}", f"{k % 7}") for k in range(40)))
+    assert "with decimal commas, separate the columns by semicolons" in run(capsys, "check", path)[2]
+
+
+def test_a_header_that_is_written_anew_begins_another_test(write, capsys):
+    rows = [("time_ms", "pwm", "rpm") if k == 30 else (10.0 * (k % 30), 100.0, 5.0 * (k % 30)) for k in range(61)]
+    path = write("# Step 1", "time_ms,pwm,rpm", rows=rows)
+    out = run(capsys, "check", path, "--supply", "12/255")[1]
+    assert "log.csv 1: v ← pwm × 12/255 V · w ← rpm · time ← time_ms" in out and "\nlog.csv 2: " in out
+
+
+@pytest.mark.parametrize(
+    ("rows", "example"),
+    [
+        (zip(T, V, strict=True), "--column time=1 --column v=2"),
+        ((("", "", t, v) for t, v in zip(T, V, strict=True)), "--column time=3 --column v=4"),
+        (((v,) for v in V), "--column v=1 --rate HZ"),
+    ],
+)
+def test_the_example_of_columns_by_number_is_of_this_file(write, capsys, rows, example):
+    asked = run(capsys, "check", write(rows=rows))[2]
+    assert "there is no header" in asked and asked.endswith(f"as in {example}\n")

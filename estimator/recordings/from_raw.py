@@ -130,10 +130,11 @@ def _unreadable(raw: RawTable, names: Sequence[str], clock: int, read_as: ReadAs
         remedy = "every row needs its time" if j == clock else "leave the cell of a missing sample empty"
         return f"{raw.file} line {bad[j].line}: {names[j]} is not a number ({bad[j].text!r}); {remedy}"
 
-    numbers = [not np.isnan(column).all() for column in columns]
-    meant = {f"column {number}" for number in read_as.columns.values()} if read_as.by_number else set(names)
+    has_numbers = [not np.isnan(column).all() for column in columns]
+    numbers = read_as.numbers
+    meant = numbers | {f"column {number}" for number in numbers} if numbers else set(names)
     broken = [
-        j for j in bad if (numbers[j] and names[j] in meant) or j == clock
+        j for j in bad if (has_numbers[j] and names[j] in meant) or j == clock
     ]  # a column of nothing but text harms nobody until it is used
     if broken:
         raise RecordingError(not_a_number(min(broken, key=lambda j: bad[j].line)))

@@ -90,7 +90,8 @@ def _read_text(path: Path, read_as: ReadAs) -> RawTable:
         is_header=functools.partial(is_header, read_as=read_as),
         is_units=_are_units,
         complain=functools.partial(no_time, read_as=read_as),
-        is_bare=read_as.by_number,
+        numbers=read_as.numbers,
+        counted=read_as.columns.get("time") in read_as.numbers,
     )
     table = read_table(path, rules)
     texts = list(table.header)
@@ -102,7 +103,7 @@ def _read_text(path: Path, read_as: ReadAs) -> RawTable:
     def place(k: int) -> str:
         return f"{path.name} line {table.line[k]}"
 
-    where = path.name if read_as.by_number else f"{path.name} line {table.header_line}"
+    where = path.name if read_as.numbers else f"{path.name} line {table.header_line}"
     keep = [j for j, text in enumerate(texts) if text or not np.isnan(table.columns[j]).all() or j in table.bad]
     columns, bad, half_digits = list(table.columns), dict(table.bad), {}
     for j in keep:
