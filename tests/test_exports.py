@@ -114,3 +114,14 @@ def test_a_header_that_is_written_anew_begins_another_test(write, capsys):
 def test_the_example_of_columns_by_number_is_of_this_file(write, capsys, rows, example):
     asked = run(capsys, "check", write(rows=rows))[2]
     assert "there is no header" in asked and asked.endswith(f"as in {example}\n")
+
+
+# Words
+
+
+def test_a_batch_fills_in_a_pattern_as_an_estimate_does(write, capsys, tmp_path):
+    for k in (1, 2):
+        write("time,voltage,current,speed", rows=zip(T, V, I, W, strict=True), name=f"run_{k}.csv")
+    status, out, _ = run(capsys, "batch", tmp_path / "run_*.csv", "-o", tmp_path / "out", "--workers", "1")
+    assert status == 0 and "2 cases: 2 ok" in out
+    assert "no file matches" in run(capsys, "batch", tmp_path / "nothing_*.csv", "-o", tmp_path / "out")[2]
