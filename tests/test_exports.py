@@ -125,3 +125,10 @@ def test_a_batch_fills_in_a_pattern_as_an_estimate_does(write, capsys, tmp_path)
     status, out, _ = run(capsys, "batch", tmp_path / "run_*.csv", "-o", tmp_path / "out", "--workers", "1")
     assert status == 0 and "2 cases: 2 ok" in out
     assert "no file matches" in run(capsys, "batch", tmp_path / "nothing_*.csv", "-o", tmp_path / "out")[2]
+
+
+def test_a_rate_wins_over_times_that_were_printed_too_coarsely_as_the_refusal_says(write, capsys):
+    path = write("time [s],voltage [V],current [A],speed [rad/s]", rows=zip(T // 0.01 * 0.01, V, I, W, strict=True))
+    assert "or say with --rate HZ how often the rows were taken" in run(capsys, "check", path)[2]
+    status, out, _ = run(capsys, "check", path, "--rate", "1000")
+    assert status == 0 and "2001 samples from 0 to 2 s, every 0.001 s" in out and "not used: time as logged" in out

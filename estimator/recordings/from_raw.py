@@ -26,11 +26,12 @@ MOST_LEFT_OUT = 2  # rows at the start, of wrong stamps
 
 
 def timed(raw: RawTable, read_as: ReadAs) -> RawTable:
-    """Return a table with a time, its last column, where a rate says it."""
+    """Return a table with a time, its last column, where a rate says it; it wins over one of the file's own."""
     if read_as.rate is None:
         return raw
     times = np.arange(len(raw.columns[0]), dtype=np.float64) / read_as.rate
-    return replace(raw, texts=[*raw.texts, "time [s]"], columns=[*raw.columns, times], half_digit=None)
+    own = ["time as logged [s]" if text == "time [s]" else text for text in raw.texts]
+    return replace(raw, texts=[*own, "time [s]"], columns=[*raw.columns, times], half_digit=None)
 
 
 def recording_of(raw: RawTable, read_as: ReadAs) -> Recording:

@@ -171,7 +171,8 @@ def uniform_grid(
         k = int(np.argmax(steps <= 0)) + 1
         raise RecordingError(
             f"{place(k)}: time does not increase ({float(times[k]):.9g} s after {float(times[k - 1]):.9g} s);"
-            " each row needs a later time than the one before, printed with enough digits"
+            " each row needs a later time than the one before, printed with enough digits; or say with --rate HZ how"
+            " often the rows were taken"
         )
     centred = np.arange(n, dtype=np.float64) - (n - 1) / 2
     since = times - times[0]
