@@ -132,3 +132,10 @@ def test_a_rate_wins_over_times_that_were_printed_too_coarsely_as_the_refusal_sa
     assert "or say with --rate HZ how often the rows were taken" in run(capsys, "check", path)[2]
     status, out, _ = run(capsys, "check", path, "--rate", "1000")
     assert status == 0 and "2001 samples from 0 to 2 s, every 0.001 s" in out and "not used: time as logged" in out
+
+
+def test_no_signal_is_offered_as_the_time(write, capsys):
+    path = write("voltage [V],current [A],speed [rad/s]", rows=zip(V, I, W, strict=True))
+    assert (
+        "there is no time column (voltage [V], current [A], speed [rad/s]); one column" in run(capsys, "check", path)[2]
+    )

@@ -58,7 +58,7 @@ def raw_table(path: Path, read_as: ReadAs) -> RawTable:
     columns = read_columns(path)
     if columns is None:
         return _read_text(path, read_as)
-    return raw_columns(path.stem, columns, path)
+    return _with_times_at_the_end(raw_columns(path.stem, columns, path), read_as)
 
 
 def raw_columns(name: str, columns: Columns, path: Path | None) -> RawTable:
@@ -142,7 +142,8 @@ def _are_units(cells: Sequence[str]) -> bool:
 def _with_times_at_the_end(raw: RawTable, read_as: ReadAs) -> RawTable:
     """Return a file without the rows at its end that have no time: of other columns that are longer."""
     headers, _ = read_as.headers(raw.texts, where=raw.where)
-    if read_as.rate is not None or not is_header([header.name for header in headers], read_as=read_as):
+    is_timed = "time" in read_as.columns or is_header([header.name for header in headers], read_as=read_as)
+    if read_as.rate is not None or not is_timed:
         return raw
     clock, _ = time_column(headers, raw.where, read_as)
     known = np.flatnonzero(~np.isnan(raw.columns[clock]))

@@ -50,7 +50,9 @@ def is_header(cells: Sequence[str], *, read_as: ReadAs) -> bool:
 def no_time(where: str, cells: Sequence[str], *, read_as: ReadAs = AS_WRITTEN) -> NoReturn:
     """Raise the RecordingError of cells none of which is the time."""
     named = read_as.columns.get("time", "time [s]")
+    others = [role_of(parse_header(cell).name) not in (None, "time") for cell in cells]  # plainly other signals
+    free = [cell for cell, is_other in zip(cells, others, strict=True) if not is_other]
     raise RecordingError(
-        f"{where}: there is no time column{suggestion(named, cells)}; one column should be called time [s];"
+        f"{where}: there is no time column{suggestion(named, cells, among=free)}; one column should be called time [s];"
         " --column time=… says which it is, or --rate HZ that there is none"
     )
