@@ -139,3 +139,27 @@ def test_no_signal_is_offered_as_the_time(write, capsys):
     assert (
         "there is no time column (voltage [V], current [A], speed [rad/s]); one column" in run(capsys, "check", path)[2]
     )
+
+
+@pytest.mark.parametrize(
+    ("header", "told"),
+    [
+        (
+            "Zeit in s;Spannung in mV;Strom in A;Drehzahl in U/min",
+            "v ← Spannung in mV · i ← Strom in A · w ← Drehzahl in",
+        ),
+        (
+            "t in seconds;U in V;I in amps;n in rev/s",
+            "v ← U in V · i ← I in amps · w ← n in rev/s · time ← t in seconds",
+        ),
+        ("in s;C1 in V;C2 in A;C3", "there is no time column; did you mean 'in s'? (in s, C1 in V, C2 in A, C3)"),
+        ("时间(s);电压(V);电流(A);转速", "there is no time column; did you mean '时间(s)'? (时间(s), 电压(V), 电流(A)"),
+        (
+            "Time - Plot 0;Plot 1;Plot 2;Plot 3",
+            "there is no time column; did you mean 'Time - Plot 0'? (Time - Plot 0, Pl",
+        ),
+    ],
+)
+def test_units_in_words_and_names_between_semicolons(write, capsys, header, told):
+    path = write(header, rows=zip(T, V, I, W, strict=True), comma=";")
+    assert told in "".join(run(capsys, "check", path)[1:])

@@ -239,7 +239,13 @@ def _find_header(path: Path, lines: list[str], rules: HeaderRules) -> tuple[int,
         fits = _width(under, delimiter, len(cells)) == len(cells)
         return fits and (_is_numeric(under) or rules.is_units(_split(under, delimiter))), fits, len(cells) > 1
 
-    at, delimiter, cells = max(ways, key=likeliness)
+    best = max(ways, key=likeliness)
+    if not likeliness(best)[1]:  # by another delimiter a line of names is as wide as the numbers below it
+        for k in above:
+            for way in _splits(lines[k]):
+                if likeliness((k, *way)) == (True, True, True):
+                    rules.complain(f"{path.name} line {k + 1}", way[1])
+    at, delimiter, cells = best
     under = [_split(lines[k], delimiter) for k in content if k > at][:COUNTED]
     return at, delimiter, ["", *cells] if _are_counted(under, len(cells)) else cells
 

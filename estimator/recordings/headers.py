@@ -108,6 +108,7 @@ _SIDES = tuple(
 )
 _SIDE = frozenset(word for side in _SIDES for word in side)
 _NEVER_SUFFIX = frozenset({"min", "s", "m", "K", "N", "H", "W", "1", "-", "g", "inc", "turn", "count", "rev"})
+_IN = re.compile(r"(?P<name>.+?) in (?P<unit>.+)")
 _BRACKETS = re.compile(r"(?P<name>.*?)\s*(?:\[(?P<square>[^\[\]]*)\]|\((?P<round>[^()]*)\))", re.DOTALL)
 
 
@@ -190,7 +191,7 @@ def assumed_unit_text(name: str) -> str | None:
 
 @lru_cache(maxsize=4096)
 def parse_header(text: str) -> Header:
-    """Take a header apart: ``speed [rpm]``, ``speed (rpm)``, ``speed_rpm``, ``speed/rpm``, ``speed rpm``.
+    """Take a header apart: ``speed [rpm]``, ``speed (rpm)``, ``speed in rpm``, ``speed_rpm``, ``speed/rpm``.
 
     What stands in brackets at the end is a unit, known or not. After ``_``, ``/`` or a space it is one only
     if it is known and the name stays sensible without it: ``U_a`` and ``w_min`` are names, ``motor_rpm`` is both.
@@ -203,6 +204,9 @@ def parse_header(text: str) -> Header:
         if not inside:
             return Header(text, name or text, None, None)
         return Header(text, name or inside, parse_unit(inside), inside)
+    worded = _IN.fullmatch(text)
+    if worded and (unit := parse_unit(worded["unit"])):
+        return Header(text, worded["name"], unit, worded["unit"])
     for place in re.finditer(r"[_/ ]", text):
         name, suffix = text[: place.start()].strip(), text[place.end() :].strip()
         unit = parse_unit(suffix, symbols_only=True) or _small(name, suffix)
