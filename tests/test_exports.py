@@ -3,6 +3,7 @@
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 from motors import CML050, step_recording
 
@@ -130,6 +131,11 @@ def test_a_batch_fills_in_a_pattern_as_an_estimate_does(write, capsys, tmp_path)
 def test_a_rate_wins_over_times_that_were_printed_too_coarsely_as_the_refusal_says(write, capsys):
     path = write("time [s],voltage [V],current [A],speed [rad/s]", rows=zip(T // 0.01 * 0.01, V, I, W, strict=True))
     assert "or say with --rate HZ how often the rows were taken" in run(capsys, "check", path)[2]
+    for times in (T[::-1], np.sort(np.append(T[1:], T[9]))):  # reversed; one row twice: a rate would be wrong
+        other = write(
+            "time [s],voltage [V],current [A],speed [rad/s]", rows=zip(times, V, I, W, strict=True), name="b.csv"
+        )
+        assert run(capsys, "check", other)[2].endswith("printed with enough digits\n")
     status, out, _ = run(capsys, "check", path, "--rate", "1000")
     assert status == 0 and "2001 samples from 0 to 2 s, every 0.001 s" in out and "not used: time as logged" in out
 

@@ -169,10 +169,11 @@ def uniform_grid(
     steps = np.diff(times)
     if (steps <= 0).any():
         k = int(np.argmax(steps <= 0)) + 1
+        is_coarse = steps.min() == 0 and np.count_nonzero(steps == 0) >= OFTEN  # no rows that are there twice
         raise RecordingError(
             f"{place(k)}: time does not increase ({float(times[k]):.9g} s after {float(times[k - 1]):.9g} s);"
-            " each row needs a later time than the one before, printed with enough digits; or say with --rate HZ how"
-            " often the rows were taken"
+            " each row needs a later time than the one before, printed with enough digits"
+            + ("; or say with --rate HZ how often the rows were taken" if is_coarse else "")
         )
     centred = np.arange(n, dtype=np.float64) - (n - 1) / 2
     since = times - times[0]
