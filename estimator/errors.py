@@ -6,7 +6,7 @@ is the FMU's. Every message is one sentence that names the place and what would 
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
 
 
@@ -47,12 +47,13 @@ def to_install(extra: str) -> str:
     return f"install it with: pip install 'fmu-estimator[{extra}]'"
 
 
-def suggestion(name: str, known: Iterable[str]) -> str:
-    """Return ``"; did you mean 'R'? (R, K, L)"``: the nearest known name, then all of them."""
+def suggestion(name: str, known: Iterable[str], *, among: Sequence[str] | None = None) -> str:
+    """Return ``"; did you mean 'R'? (R, K, L)"``: the nearest known name, of those that may be meant, then all."""
     names = list(known)
-    nearest = get_close_matches(name, names, n=1, cutoff=0.5)
+    meant = names if among is None else among
+    nearest = get_close_matches(name, meant, n=1, cutoff=0.5)
     if not nearest:
-        nearest = [n for n in names if n.lower() == name.lower()]
+        nearest = [n for n in meant if n.lower() == name.lower()]
     listed = ", ".join(names[:20]) + (", …" if len(names) > 20 else "")
     return (f"; did you mean {nearest[0]!r}?" if nearest else "") + f" ({listed})"
 

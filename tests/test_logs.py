@@ -337,7 +337,7 @@ def test_a_scopes_settings_beside_the_samples_are_passed_over(tmp_path):
     lines += ["Source,CH1,,  -0.03,   0.3,"]
     lines += [f",,,  {0.01 * k:.2f},   {0.3 * k:.1f}," for k in range(-2, 40)]
     (tmp_path / "scope.csv").write_text("\n".join(lines))
-    with pytest.raises(RecordingError, match="line 1: there is no header above the numbers; .* --column time=1"):
+    with pytest.raises(RecordingError, match="line 1: there is no header above .* --column time=4 --column v=5"):
         read_recording(tmp_path / "scope.csv")
     recording = read_recording(tmp_path / "scope.csv", ReadAs(columns={"time": "4", "i": "5"}))
     assert len(recording.time) == 45

@@ -10,6 +10,7 @@ import pytest
 from test_recording_files import CURRENT, RPM, TIME, N, V, W
 
 from estimator.errors import RecordingError
+from estimator.recordings.read_as import ReadAs
 from estimator.recordings.reading import read_recording
 
 HEADER = ["time [s]", "voltage [V]", "current [A]", "speed [rpm]"]
@@ -68,6 +69,24 @@ def test_an_empty_cell_of_excel_is_a_missing_sample(tmp_path: Path) -> None:
     rows[7][2] = None
     recording = read_recording(xlsx(tmp_path / "run3.xlsx", [HEADER, *rows]))
     assert np.flatnonzero(np.isnan(recording.signal("current"))).tolist() == [7]
+
+
+@pytest.mark.parametrize(
+    ("rows", "said"),
+    [
+        (ROWS, ReadAs(columns={"time": "1", "v": "2"})),
+        ([["", "bench 4", "", ""], *ROWS], ReadAs(columns={"time": "column 1", "v": "bench 4"})),
+        ([HEADER[1:], ["V", "A", "rpm"], *(row[1:] for row in ROWS)], ReadAs(rate=1 / (ROWS[1][0] - ROWS[0][0]))),
+        ([*ROWS, *([None, *row[1:]] for row in ROWS)], ReadAs(columns={"time": "1", "v": "2"})),
+    ],
+    ids=["no header", "a header without a time", "no time", "a time that ends before the others"],
+)
+def test_an_excel_file_without_a_header_or_a_time_is_read_as_the_user_says(rows, said, tmp_path: Path) -> None:
+    path = xlsx(tmp_path / "run3.xlsx", rows)
+    assert "there is no time column (" in refused(path) and "--rate HZ" in refused(path)
+    recording = read_recording(path, said)
+    volts = recording.signals[recording.roles.get("v") or "voltage"]
+    assert volts == pytest.approx([row[1] for row in ROWS], rel=1e-15)
 
 
 def test_an_excel_file_that_does_not_do_is_told_in_a_sentence(tmp_path: Path) -> None:

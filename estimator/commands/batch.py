@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from estimator.commands.sources import filled_in
 from estimator.commands.terminal import FAILED, INTERRUPTED, OK, PROGRAM, complain, say
 from estimator.errors import InputError
 from estimator.estimating.progress import LiveLine, batch_line, is_live
@@ -29,7 +30,7 @@ def batch(args: argparse.Namespace) -> int:
         raise InputError("no case is given; give case files, folders of them, or recordings")
     from estimator.batches.batch import BatchProgress, gather, last_line, repeated, run_batch, with_reports
 
-    cases = gather([Path(source) for source in args.sources], report=args.report)
+    cases = gather(_sources(args), report=args.report)
     for _, outcome in cases.unread:
         complain(outcome.row["reasons"][0])
     kind: Kind | None = "monte-carlo" if args.monte_carlo else "bootstrap" if args.bootstrap else None
@@ -57,6 +58,11 @@ def batch(args: argparse.Namespace) -> int:
     return FAILED if result.verdicts.keys() - {"ok", "doubtful"} else OK
 
 
+def _sources(args: argparse.Namespace) -> list[Path]:
+    """Return the files and folders that are given, patterns filled in, as `estimate` does."""
+    return [Path(file) for word in args.sources for file in filled_in(word)]
+
+
 def _batch_command(args: argparse.Namespace) -> str:
     """Return the command of a batch without what says how it runs."""
     many = ["--monte-carlo", str(args.monte_carlo)] if args.monte_carlo else []
@@ -72,8 +78,7 @@ def _watch(args: argparse.Namespace) -> int:
     from estimator.batches.watch import Teller, watch
 
     settled = {} if args.settled is None else {"settled": args.settled}
-    sources = [Path(source) for source in args.sources]
-    incoming = Incoming(Path(args.watch), sources, Path(args.output), report=args.report, **settled)
+    incoming = Incoming(Path(args.watch), _sources(args), Path(args.output), report=args.report, **settled)
     teller = None if args.then is None else Teller(args.then)
     if not args.quiet:
         complain(f"watching {incoming.folder}; the page is {incoming.output / 'index.html'}; Ctrl-C ends it")

@@ -63,7 +63,7 @@ def expanded(words: Sequence[str], *, command: str = "estimate") -> list[str]:
     InputError
         A pattern matches nothing, a word is a folder, an FMU or given twice, or a case file is not alone.
     """
-    files = [file for word in words for file in _matches(word)]
+    files = [file for word in words for file in filled_in(word)]
     for file in files:
         if file.endswith(CASE_SUFFIX) and len(files) > 1:
             others = "each by itself" if all(f.endswith(CASE_SUFFIX) for f in files) else "alone"
@@ -85,7 +85,14 @@ def expanded(words: Sequence[str], *, command: str = "estimate") -> list[str]:
     return files
 
 
-def _matches(word: str) -> list[str]:
+def filled_in(word: str) -> list[str]:
+    """Return the files that a pattern means; a word that is none, or a file's name, alone.
+
+    Raises
+    ------
+    InputError
+        Nothing matches.
+    """
     if not glob.has_magic(word) or os.path.lexists(word):
         return [word]
     found = sorted(glob.glob(word))

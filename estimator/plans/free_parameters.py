@@ -99,10 +99,10 @@ def _parameter(spec: ParameterSpec, binding: Binding, guess: Mapping[str, float]
     name, is_paper = spec.name, binding.case.search.method in ("paper", "original")
     targets = [binding.target(variable) for variable in spec.fmu]
     gains = spec.gains or (1.0,) * len(targets)
-    start = spec.start if spec.start is not None else guess.get(name)
+    allowed = _limits(targets, gains)
+    start = spec.start if spec.start is not None else _within(guess.get(name), allowed)
     if start is None:
         start = spec.nominal if spec.nominal is not None else _over(_number(targets[0].start), gains[0])
-    allowed = _limits(targets, gains)
     box = PAPER_BOX.get(name, (None, None)) if is_paper else (None, None)
     given = [box[k] if limit is None else limit for k, limit in enumerate((spec.minimum, spec.maximum))]
     usual = _over(targets[0].nominal, abs(gains[0]))
@@ -152,6 +152,14 @@ def _around(
         upper = start * width if start is not None and is_positive else high
         upper = min(upper, high) if upper is not None and high is not None else upper
     return lower, upper
+
+
+def _within(guess: float | None, allowed: Limits) -> float | None:
+    """Return the value next to a guess that the FMU allows."""
+    if guess is None:
+        return None
+    low, high = allowed
+    return min(max(guess, -np.inf if low is None else low), np.inf if high is None else high)
 
 
 def _limits(targets: Sequence[Variable], gains: Sequence[float]) -> Limits:

@@ -22,6 +22,7 @@ from estimator.recordings.units import FloatArray
 
 HEADER_EXAMPLE = "time [s],voltage [V],current [A],speed [rad/s]"
 HEADER_LINES = 200  # the header is looked for in so many lines
+COUNTED = 20  # rows that show whether they are counted
 CHUNK = 16384  # rows converted at a time
 _MISSING = frozenset(("nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "1.#qnan", "-nan", "nan(ind)"))
 _SKIPPED = ("", "#", "%")  # first characters of empty lines and comments
@@ -46,7 +47,8 @@ class HeaderRules:
     is_header: Callable[[Sequence[str]], bool]
     is_units: Callable[[Sequence[str]], bool]  # the line below the header holds the units
     complain: Callable[[str, Sequence[str]], NoReturn]  # place, cells that come nearest: no line is a header
-    is_bare: bool = False  # there is no header: the columns are called "column 1", "column 2", …
+    numbers: frozenset[str] = frozenset()  # columns that are asked for by number: none are the header's own names
+    counted: bool = False  # the time is one of them: then none of them is a name
 
 
 @dataclass(frozen=True)
@@ -94,12 +96,15 @@ def read_table(path: Path, rules: HeaderRules) -> Table:
         lines.pop()  # rows of empty cells at the end
     if not lines:
         raise RecordingError(f"{path.name} is empty; it should begin with a header such as {HEADER_EXAMPLE}")
-    at, delimiter, header = _numbered(path, lines) if rules.is_bare else _find_header(path, lines, rules)
+    bare = rules.numbers and not _names_them(path, lines, rules)
+    at, delimiter, header = _numbered(path, lines) if bare else _find_header(path, lines, rules)
     rows = [k for k in range(at + 1, len(lines)) if lines[k].lstrip()[:1] not in _SKIPPED]
     units = None
+    again = set() if bare else {lines[at]}
     if rows and rules.is_units(unit_cells := _split(lines[rows[0]], delimiter)):
         units = tuple(unit_cells)
-        rows.pop(0)
+        again.add(lines[rows.pop(0)])
+    rows = [k for k in rows if lines[k] not in again]  # a logger that starts anew writes its header anew
     if not rows:
         raise RecordingError(f"{path.name} has no samples below line {at + 1}, {_short(lines[at])!r}")
     width = len(header)
@@ -138,7 +143,7 @@ def read_table(path: Path, rules: HeaderRules) -> Table:
 def _plain_table(path: Path, written: str, encoding: str, rules: HeaderRules) -> Table | None:
     """Read a long file of nothing but numbers below its header at once; None where it is another."""
     head = written.split("\n", HEADER_LINES)[:HEADER_LINES]
-    if len(head) < HEADER_LINES or rules.is_bare:
+    if len(head) < HEADER_LINES or rules.numbers:
         return None
     at, delimiter, header = _find_header(path, head, rules)
     first = at + 1
@@ -219,12 +224,12 @@ def _find_header(path: Path, lines: list[str], rules: HeaderRules) -> tuple[int,
             for delimiter, cells in _splits(line):
                 if rules.is_header(cells) and _width(lines[first], delimiter, len(cells)) == len(cells):
                     return k, delimiter, cells
-        _no_header(path, first)
+        _no_header(path, lines, first)
     ways = [(k, *way) for k in above for way in _splits(lines[k]) if rules.is_header(way[1])]
     if not ways:
         named = [cells for _, cells in _splits(lines[first]) if len(cells) > 1]
         if any(_numbers_in(cells) > 1 and 2 * _numbers_in(cells) > sum(map(bool, cells)) for cells in named):
-            _no_header(path, first)  # a word among numbers makes no header
+            _no_header(path, lines, first)  # a word among numbers makes no header
         rules.complain(f"{path.name} line {first + 1}", named[0] if named else [lines[first].strip()])
 
     def likeliness(way: tuple[int, str | None, Cells]) -> tuple[bool, bool, bool]:
@@ -234,14 +239,45 @@ def _find_header(path: Path, lines: list[str], rules: HeaderRules) -> tuple[int,
         fits = _width(under, delimiter, len(cells)) == len(cells)
         return fits and (_is_numeric(under) or rules.is_units(_split(under, delimiter))), fits, len(cells) > 1
 
-    return max(ways, key=likeliness)
+    best = max(ways, key=likeliness)
+    if not likeliness(best)[1]:  # by another delimiter a line of names is as wide as the numbers below it
+        for k in above:
+            for way in _splits(lines[k]):
+                if likeliness((k, *way)) == (True, True, True):
+                    rules.complain(f"{path.name} line {k + 1}", way[1])
+    at, delimiter, cells = best
+    under = [_split(lines[k], delimiter) for k in content if k > at][:COUNTED]
+    return at, delimiter, ["", *cells] if _are_counted(under, len(cells)) else cells
 
 
-def _no_header(path: Path, first: int) -> NoReturn:
+def _are_counted(rows: Sequence[Cells], width: int) -> bool:
+    """Tell whether rows begin with their number, which the header has no name for, as R and pandas write them."""
+    counts = [_bare(row[0]) for row in rows if len(_trimmed(row, width)) == width + 1]
+    return len(rows) > 1 and counts in ([str(k + begin) for k in range(len(rows))] for begin in (0, 1))
+
+
+def _no_header(path: Path, lines: list[str], first: int) -> NoReturn:
+    columns = _columns_of_numbers(path, lines)
+    example = "--column time={} --column v={}".format(*columns) if len(columns) > 1 else "--column v=1 --rate HZ"
     raise RecordingError(
         f"{path.name} line {first + 1}: there is no header above the numbers;"
-        f" name the columns, as in {HEADER_EXAMPLE}, or by their numbers, as in --column time=1 --column v=2"
+        f" name the columns, as in {HEADER_EXAMPLE}, or by their numbers, as in {example}"
     )
+
+
+def _columns_of_numbers(path: Path, lines: list[str]) -> list[int]:
+    """Return by number which columns of a file without a header hold nothing but numbers."""
+    at, delimiter, header = _numbered(path, lines)
+    rows = [_split(line, delimiter) for line in lines[at + 1 :] if line.lstrip()[:1] not in _SKIPPED]
+    whole = [row for row in rows[:HEADER_LINES] if len(row) >= len(header)]
+    return [j + 1 for j in range(len(header)) if all(_is_number(row[j]) for row in whole)]
+
+
+def _names_them(path: Path, lines: list[str], rules: HeaderRules) -> bool:
+    """Tell whether numbers by which columns are asked for are their names: channels 1 and 2 of a scope."""
+    with suppress(RecordingError):
+        return not rules.counted and rules.numbers <= {_bare(cell) for cell in _find_header(path, lines, rules)[2]}
+    return False
 
 
 def _numbered(path: Path, lines: list[str]) -> tuple[int, str | None, Cells]:

@@ -1,4 +1,4 @@
-"""Files of numbers that are no text: how each is known, and what reads it. Imports a reader only where it is needed.
+"""Files of numbers that are no plain text: how each is known, and what reads it. Imports a reader where it is needed.
 
 docs/add-a-format.md says how to add one.
 """
@@ -72,6 +72,12 @@ def _tdms(path: Path, head: bytes) -> Columns:
     return read_tdms(path)
 
 
+def _lvm(path: Path, head: bytes) -> Columns:
+    from estimator.recordings.recording_lvm import read_lvm
+
+    return read_lvm(path)
+
+
 def _is_xlsx(path: Path, head: bytes) -> bool:
     if not head.startswith((b"PK\x03\x04", b"\xd0\xcf\x11\xe0")):
         return False
@@ -102,6 +108,7 @@ FORMATS: tuple[Format, ...] = (
     Format((".parquet",), begins(b"PAR1"), _parquet),
     Format((".mf4", ".mdf", ".dat"), begins(b"MDF     ", b"UnFinMF "), _mdf),
     Format((".tdms",), begins(b"TDSm"), _tdms),
+    Format((".lvm",), begins(b"LabVIEW Measurement"), _lvm),
     Format((".xlsx",), _is_xlsx, _xlsx),
     Format((".mat",), _is_mat, _mat),
 )

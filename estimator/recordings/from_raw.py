@@ -26,11 +26,12 @@ MOST_LEFT_OUT = 2  # rows at the start, of wrong stamps
 
 
 def timed(raw: RawTable, read_as: ReadAs) -> RawTable:
-    """Return a table with a time, its last column, where a rate says it."""
+    """Return a table with a time, its last column, where a rate says it; it wins over one of the file's own."""
     if read_as.rate is None:
         return raw
     times = np.arange(len(raw.columns[0]), dtype=np.float64) / read_as.rate
-    return replace(raw, texts=[*raw.texts, "time [s]"], columns=[*raw.columns, times], half_digit=None)
+    own = ["time as logged [s]" if text == "time [s]" else text for text in raw.texts]
+    return replace(raw, texts=[*own, "time [s]"], columns=[*raw.columns, times], half_digit=None)
 
 
 def recording_of(raw: RawTable, read_as: ReadAs) -> Recording:
@@ -130,10 +131,11 @@ def _unreadable(raw: RawTable, names: Sequence[str], clock: int, read_as: ReadAs
         remedy = "every row needs its time" if j == clock else "leave the cell of a missing sample empty"
         return f"{raw.file} line {bad[j].line}: {names[j]} is not a number ({bad[j].text!r}); {remedy}"
 
-    numbers = [not np.isnan(column).all() for column in columns]
-    meant = {f"column {number}" for number in read_as.columns.values()} if read_as.by_number else set(names)
+    has_numbers = [not np.isnan(column).all() for column in columns]
+    numbers = read_as.numbers
+    meant = numbers | {f"column {number}" for number in numbers} if numbers else set(names)
     broken = [
-        j for j in bad if (numbers[j] and names[j] in meant) or j == clock
+        j for j in bad if (has_numbers[j] and names[j] in meant) or j == clock
     ]  # a column of nothing but text harms nobody until it is used
     if broken:
         raise RecordingError(not_a_number(min(broken, key=lambda j: bad[j].line)))

@@ -39,8 +39,8 @@ ROLE_TITLE = {
 }
 # Usual names per role, best first, as `plain` gives them. A measured voltage goes before a commanded one.
 _NAMES = {
-    "time": "time t zeit temps tiempo tempo t_now timestamp time_stamp elapsed_time seconds sec s ms us x_axis x_value"
-    " millis micros elapsed",
+    "time": "time t zeit temps tiempo tempo t_now timestamp time_stamp elapsed_time seconds second sec s ms us x_axis"
+    " x_value millis micros elapsed",
     "v": "voltage armature_voltage motor_voltage terminal_voltage measured_voltage v u u_a v_a ua va"
     " u_m v_m um vm v_mot u_mot v_motor u_motor uin vin u_in v_in volts volt spannung ankerspannung"
     " motor_v motor_volts motorspannung tension tensione tensao tensão tensión voltaje applied_voltage input_voltage"
@@ -108,6 +108,7 @@ _SIDES = tuple(
 )
 _SIDE = frozenset(word for side in _SIDES for word in side)
 _NEVER_SUFFIX = frozenset({"min", "s", "m", "K", "N", "H", "W", "1", "-", "g", "inc", "turn", "count", "rev"})
+_IN = re.compile(r"(?P<name>.+?) in (?P<unit>.+)")
 _BRACKETS = re.compile(r"(?P<name>.*?)\s*(?:\[(?P<square>[^\[\]]*)\]|\((?P<round>[^()]*)\))", re.DOTALL)
 
 
@@ -190,7 +191,7 @@ def assumed_unit_text(name: str) -> str | None:
 
 @lru_cache(maxsize=4096)
 def parse_header(text: str) -> Header:
-    """Take a header apart: ``speed [rpm]``, ``speed (rpm)``, ``speed_rpm``, ``speed/rpm``, ``speed rpm``.
+    """Take a header apart: ``speed [rpm]``, ``speed (rpm)``, ``speed in rpm``, ``speed_rpm``, ``speed/rpm``.
 
     What stands in brackets at the end is a unit, known or not. After ``_``, ``/`` or a space it is one only
     if it is known and the name stays sensible without it: ``U_a`` and ``w_min`` are names, ``motor_rpm`` is both.
@@ -203,6 +204,9 @@ def parse_header(text: str) -> Header:
         if not inside:
             return Header(text, name or text, None, None)
         return Header(text, name or inside, parse_unit(inside), inside)
+    worded = _IN.fullmatch(text)
+    if worded and (unit := parse_unit(worded["unit"])):
+        return Header(text, worded["name"], unit, worded["unit"])
     for place in re.finditer(r"[_/ ]", text):
         name, suffix = text[: place.start()].strip(), text[place.end() :].strip()
         unit = parse_unit(suffix, symbols_only=True) or _small(name, suffix)

@@ -40,7 +40,8 @@ LEAST_CURRENT = 1e-3  # A: a motor that turns takes more
 SLOWEST = (30.0, 6.0)  # s, time constant of the speed
 SLOW_CLOCK = (1.0, 0.15)  # s, sampling interval at which the speed's way from level to level is seen
 NO_CLOCK = (10.0, 0.95)  # s, sampling interval
-US_CLOCK, US_CONSTANT = 250.0, 3000.0  # s: beyond, milliseconds would be as odd
+US_CLOCK, US_CONSTANT = 250.0, 3000.0  # s: beyond, milliseconds would be as odd; a thousandfold, microseconds too
+QUICKEST = 1e-4  # s, time constant of the speed: the least motors without iron take a millisecond
 SLOW_CURRENT = 0.5  # s from a step to the peak of the current; an inductance is over in some 20 ms
 DUTY = (1.0, 100.0, 255.0, 1000.0, 1023.0, 4095.0, 65535.0)  # largest values of a duty cycle: part, percent, counts
 NO_VOLTAGE = 50.0  # V: without a unit, more is no voltage of a bench
@@ -339,16 +340,28 @@ class _Measured:
         return None
 
     def clock(self) -> Finding | None:
-        """Find milliseconds or microseconds that were read as seconds."""
+        """Find milliseconds, microseconds or nanoseconds that were read as seconds, and the reverse.
+
+        Of a step of many seconds, or a motor that takes an hour, no simulation comes to its end.
+        """
         step = median(np.diff(self.time))
         assumed = "time" in self.guessed
         constant = self._time_constant()
         peak = self._time_to_peak()
+        if 0 < constant < QUICKEST:
+            return Finding(
+                "unit time",
+                f"{self.title}: at a sampling interval of {step:.4g} s the speed follows with a time constant of"
+                f" {constant:.3g} s, which is no motor's: the unit of the time looks too small; say so with"
+                " --unit time=s, or say the unit again if it is right",
+                evidence=self._response("w"),
+            )
         slow = constant > SLOWEST[assumed] or (step > SLOW_CLOCK[assumed] and constant > 2 * step)
         if not (slow or peak > SLOW_CURRENT or step > NO_CLOCK[assumed]):
             return None
         moves = tuple(name for name in ("i", "w") if name in self.signals) if "v" in self.signals else ()
-        unit = "us" if step > US_CLOCK or constant > US_CONSTANT else "ms"
+        odd = max(step / US_CLOCK, constant / US_CONSTANT)
+        unit = "ms" if odd <= 1 else "us" if odd <= 1000 else "ns"
         lags = [f"the speed follows with a time constant of {constant:.3g} s"] if constant > 0 else []
         lags += [f"the current takes {peak:.3g} s to its peak"] if peak > SLOW_CURRENT else []
         seen = f" {' and '.join(lags)}" if lags else ""
@@ -356,6 +369,7 @@ class _Measured:
             "unit time",
             f"{self.title}: at a sampling interval of {step:.4g} s{seen}: the time looks like {unit}; say so with"
             f" --unit time={unit}, or --unit time=s if it is not",
+            is_fatal=odd > 1,
             evidence=self._response(*moves),
         )
 

@@ -58,7 +58,7 @@ def raw_table(path: Path, read_as: ReadAs) -> RawTable:
     columns = read_columns(path)
     if columns is None:
         return _read_text(path, read_as)
-    return raw_columns(path.stem, columns, path)
+    return _with_times_at_the_end(raw_columns(path.stem, columns, path), read_as)
 
 
 def raw_columns(name: str, columns: Columns, path: Path | None) -> RawTable:
@@ -90,7 +90,8 @@ def _read_text(path: Path, read_as: ReadAs) -> RawTable:
         is_header=functools.partial(is_header, read_as=read_as),
         is_units=_are_units,
         complain=functools.partial(no_time, read_as=read_as),
-        is_bare=read_as.by_number,
+        numbers=read_as.numbers,
+        counted=read_as.columns.get("time") in read_as.numbers,
     )
     table = read_table(path, rules)
     texts = list(table.header)
@@ -102,7 +103,7 @@ def _read_text(path: Path, read_as: ReadAs) -> RawTable:
     def place(k: int) -> str:
         return f"{path.name} line {table.line[k]}"
 
-    where = path.name if read_as.by_number else f"{path.name} line {table.header_line}"
+    where = path.name if read_as.numbers else f"{path.name} line {table.header_line}"
     keep = [j for j, text in enumerate(texts) if text or not np.isnan(table.columns[j]).all() or j in table.bad]
     columns, bad, half_digits = list(table.columns), dict(table.bad), {}
     for j in keep:
@@ -141,7 +142,8 @@ def _are_units(cells: Sequence[str]) -> bool:
 def _with_times_at_the_end(raw: RawTable, read_as: ReadAs) -> RawTable:
     """Return a file without the rows at its end that have no time: of other columns that are longer."""
     headers, _ = read_as.headers(raw.texts, where=raw.where)
-    if read_as.rate is not None or not is_header([header.name for header in headers], read_as=read_as):
+    is_timed = "time" in read_as.columns or is_header([header.name for header in headers], read_as=read_as)
+    if read_as.rate is not None or not is_timed:
         return raw
     clock, _ = time_column(headers, raw.where, read_as)
     known = np.flatnonzero(~np.isnan(raw.columns[clock]))

@@ -38,9 +38,9 @@ class ReadAs(Locked):
     supply: str | None = None
 
     @property
-    def by_number(self) -> bool:
-        """Whether a column is named by its number: the file has no header."""
-        return any(name.isdecimal() for name in self.columns.values())
+    def numbers(self) -> frozenset[str]:
+        """Columns that are named by their number: the file has no header, or its names are numbers."""
+        return frozenset(name for name in self.columns.values() if name.isdecimal())
 
     def with_(self, other: ReadAs) -> ReadAs:
         """Return this with what another says; that wins."""
@@ -95,7 +95,7 @@ class ReadAs(Locked):
         """Return which headers a name means: a column's own, or else a role's."""
         if name in self.columns:
             name = self.columns[name]
-        if name.isdecimal():
+        if name.isdecimal() and name not in {h.name for h in headers}:
             name = f"column {name}"
         exact = [j for j, h in enumerate(headers) if name in (h.text, h.name)]
         exact = exact or [j for j, h in enumerate(headers) if plain(name) in (plain(h.text), plain(h.name))]

@@ -14,6 +14,7 @@ import numpy as np
 from estimator.errors import RecordingError, to_install
 from estimator.recordings.columns import Columns
 from estimator.recordings.headers import parse_header, role_of
+from estimator.recordings.recording import MIN_SAMPLES
 from estimator.recordings.units import FloatArray, parse_unit
 
 MAGIC = b"PK\x03\x04"  # of any ZIP archive
@@ -38,7 +39,7 @@ def is_xlsx(path: Path, head: bytes) -> bool:
 
 
 def read_xlsx(path: Path, head: bytes) -> Columns:
-    """Read the one sheet that has a header with a time; dates and times of day become seconds since the first.
+    """Read the one sheet that has a header with a time, else the one of numbers; dates become seconds since the first.
 
     Raises
     ------
@@ -53,6 +54,7 @@ def read_xlsx(path: Path, head: bytes) -> Columns:
     except ImportError:
         raise RecordingError(f"{path.name} is an Excel file, which needs openpyxl; {to_install('xlsx')}") from None
     found: dict[str, tuple[int, list[Row]]] = {}
+    others: dict[str, tuple[int, list[Row]]] = {}
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of styles that openpyxl does not know
@@ -63,11 +65,14 @@ def read_xlsx(path: Path, head: bytes) -> Columns:
                     at = next((k for k, row in enumerate(rows[:HEADER_ROWS]) if _has_time(row)), None)
                     if at is not None:
                         found[sheet.title] = (at, rows)
+                    elif sum(map(_has_number, rows)) >= MIN_SAMPLES:
+                        others[sheet.title] = (_above_numbers(rows), rows)
             finally:
                 book.close()
     except Exception as error:  # openpyxl raises whatever it stumbles over
         words = " ".join(str(error).split())[:100] or type(error).__name__
         raise RecordingError(f"{path.name} is a damaged Excel file ({words}); save it again") from None
+    found = found or (others if len(others) == 1 else {})
     if not found:
         raise RecordingError(
             f"{path.name} has no sheet with a time column; give one a header such as time [s], voltage [V], current [A]"
@@ -80,7 +85,8 @@ def read_xlsx(path: Path, head: bytes) -> Columns:
 
 
 def _columns(where: str, at: int, rows: list[Row]) -> Columns:
-    texts = [_text(cell) for cell in rows[at]]
+    width = max(map(len, rows))
+    texts = [_text(cell) for cell in rows[at]] if at >= 0 else [f"column {j + 1}" for j in range(width)]
     first = at + 1
     if first < len(rows) and _are_units(rows[first]):
         for j, unit in enumerate(_text(cell).strip("[]() ") for cell in rows[first][: len(texts)]):
@@ -145,6 +151,17 @@ def _number(cell: Any) -> float:
 
 def _text(cell: Any) -> str:
     return "" if cell is None else str(cell).strip()
+
+
+def _has_number(row: Row) -> bool:
+    return any(isinstance(cell, (int, float)) for cell in row)
+
+
+def _above_numbers(rows: Sequence[Row]) -> int:
+    """Return the row of names above the first numbers, that of units passed over; -1 where there is none."""
+    first = next(k for k, row in enumerate(rows) if _has_number(row))
+    named = [k for k in range(first) if any(_text(cell) for cell in rows[k])]
+    return next((k for k in reversed(named) if not _are_units(rows[k])), -1)
 
 
 def _has_time(row: Row) -> bool:

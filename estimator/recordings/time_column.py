@@ -49,8 +49,14 @@ def is_header(cells: Sequence[str], *, read_as: ReadAs) -> bool:
 
 def no_time(where: str, cells: Sequence[str], *, read_as: ReadAs = AS_WRITTEN) -> NoReturn:
     """Raise the RecordingError of cells none of which is the time."""
-    named = read_as.columns.get("time", "time [s]")
+    headers = [parse_header(cell) for cell in cells]
+    free = [h for h in headers if role_of(h.name) in (None, "time")]  # no other signals
+    in_unit = [h.text for h in free if h.unit is not None and h.unit.quantity == "time"]
+    timed = in_unit or [h.text for h in free if rank_in_role(h.name, "time") is not None]
+    meant = [h.text for h in free if h.unit is None or h.text in timed]
+    usual = timed[0] if len(timed) == 1 else "time [s]"
+    near = suggestion(read_as.columns.get("time", usual), cells, among=meant)
     raise RecordingError(
-        f"{where}: there is no time column{suggestion(named, cells)}; one column should be called time [s];"
+        f"{where}: there is no time column{near}; one column should be called time [s];"
         " --column time=… says which it is, or --rate HZ that there is none"
     )

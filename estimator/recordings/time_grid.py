@@ -134,10 +134,10 @@ def _without_grid(times: FloatArray, half_digit: Callable[[], FloatArray] | None
     """Return the clock of times that lie on no grid at all; None if they do but for a mistake or a pause."""
     steps = np.diff(times)
     usual = median(steps)
-    off = np.abs(steps / usual - np.round(steps / usual)) > JITTER
-    off |= steps < usual / 2
     if (steps <= 0).any() or (steps > PAUSE * usual).any():
         return None
+    off = np.abs(steps / usual - np.round(steps / usual)) > JITTER
+    off |= steps < usual / 2
     print_error = 0.0 if half_digit is None else 2 * median(half_digit())
     jitters = median(np.abs(steps - usual)) > max(EXACT * usual, print_error)
     if np.count_nonzero(off) < OFTEN and not jitters:
@@ -169,9 +169,11 @@ def uniform_grid(
     steps = np.diff(times)
     if (steps <= 0).any():
         k = int(np.argmax(steps <= 0)) + 1
+        is_coarse = steps.min() == 0 and np.count_nonzero(steps == 0) >= OFTEN  # no rows that are there twice
         raise RecordingError(
             f"{place(k)}: time does not increase ({float(times[k]):.9g} s after {float(times[k - 1]):.9g} s);"
             " each row needs a later time than the one before, printed with enough digits"
+            + ("; or say with --rate HZ how often the rows were taken" if is_coarse else "")
         )
     centred = np.arange(n, dtype=np.float64) - (n - 1) / 2
     since = times - times[0]
