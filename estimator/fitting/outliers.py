@@ -15,6 +15,7 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 OUTLIER, OUTLIER_BESIDE = 4.5, 3.0  # standard deviations of an outlier, 1 of 147 000 normal values; of those beside one
+NEAR = 2  # rows: what shows in one row alone after an edge is no more than the signal changes in these
 
 
 def held_down(fit: Fit, onsets: BoolArray) -> Fit:
@@ -23,7 +24,8 @@ def held_down(fit: Fit, onsets: BoolArray) -> Fit:
     Parameters
     ----------
     onsets : (rows,) array
-        Rows after edges: residuals there are a misfit of the response, and no outliers.
+        Rows after edges: residuals there are a misfit of the response, and no outliers, but for those of a single sample
+        beyond all that is simulated near it: no delay and no filter shows that.
     """
     # As if no outlier had a lower weight yet.
     z = np.abs(fit.z.reshape(fit.shown.shape)) * np.sqrt(fit.whitener.inflate)
@@ -33,7 +35,7 @@ def held_down(fit: Fit, onsets: BoolArray) -> Fit:
     z /= np.clip(usual, least, 1.0)  # the noise is too large if outliers were in it
     inflate = np.ones_like(z)
     for j in range(z.shape[1]):
-        far = np.flatnonzero((z[:, j] > OUTLIER) & ~onsets)
+        far = np.flatnonzero(z[:, j] > OUTLIER)
         own, shown = z[far, j], fit.shown[:, j]
         before2, before, after, after2 = (_beside(z[:, j], far + k) for k in (-2, -1, 1, 2))
         one = np.maximum(before, after)
@@ -43,6 +45,10 @@ def held_down(fit: Fit, onsets: BoolArray) -> Fit:
         steady = np.abs(shown[last] - shown[first]) / np.maximum(last - first, 1) < deviation
         beside = np.where(steady, np.minimum(one, two), one)  # two neighbours in a transient may be a misfit
         alone = (beside < OUTLIER_BESIDE) | (own > 4 * beside)
+        for k in np.flatnonzero(alone & onsets[far]):
+            near = shown[max(far[k] - NEAR, 0) : far[k] + NEAR + 1]
+            away = max(near.min() - fit.simulator.measured[far[k], j], fit.simulator.measured[far[k], j] - near.max())
+            alone[k] = one[k] < OUTLIER_BESIDE and away > OUTLIER * deviation[k]
         if fit.simulator.steps[j] > 0:  # a sensor's resolution is no outlier
             alone &= np.abs(np.nan_to_num(fit.residuals()[far, j])) > fit.simulator.steps[j]
         inflate[far[alone], j] = (T_FREEDOM + own[alone] ** 2) / (T_FREEDOM + 1)
