@@ -80,6 +80,8 @@ class Whitener:
 
     def _by_noise(self, columns: FloatArray) -> tuple[FloatArray, float]:
         """Return the same without shared errors."""
+        if not self.remembers:
+            return self._scaled(columns, slice(None)), self._log_variances
         parts = []
         total = self._log_size
         for k, clock in enumerate(self.clocks):
@@ -121,10 +123,32 @@ class Whitener:
         return Made(whitened, rows * q)
 
     @cached_property
+    def remembers(self) -> bool:
+        """Whether the noise of a sample depends on those before it: else whitening divides by its deviation."""
+        short = any(len(a) for of_channels in self.noise.short for a, _ in of_channels)
+        return self.noise.has_state or short
+
+    @property
     def in_parts(self) -> bool:
         """Whether columns are whitened some rows at a time: the recording is long, and its noise has no memory."""
-        short = any(len(a) for of_channels in self.noise.short for a, _ in of_channels)
-        return len(self.present) > LONG and not (self.noise.has_state or short)
+        return len(self.present) > LONG and not self.remembers
+
+    def _scaled(self, columns: FloatArray, rows: slice) -> FloatArray:
+        """Return columns, (n, q, c), of some rows over the deviation of noise without a memory."""
+        white = columns * self._scale[rows, :, None]
+        if not self._complete:
+            white[~self.present[rows]] = 0.0
+        return white
+
+    @cached_property
+    def _complete(self) -> bool:
+        """Whether no sample is missing."""
+        return bool(self.present.all())
+
+    @cached_property
+    def _log_variances(self) -> float:
+        """The sum of the logarithms of the variances of noise without a memory."""
+        return float(-2 * np.sum(np.log(self._scale if self._complete else self._scale[self.present])))
 
     @cached_property
     def _scale(self) -> FloatArray:
@@ -136,7 +160,7 @@ class Whitener:
         scale = np.divide(1.0, deviation, out=deviation)
         for short, here in zip(self.noise.short, (~self.moving, self.moving), strict=False):
             scale[here] /= [own for _, own in short]
-        if not self.present.all():
+        if not self._complete:
             scale[~self.present] = 0.0
         return scale
 
@@ -153,9 +177,8 @@ class Whitener:
             whole = np.zeros((last, *columns.shape[1:]))
             whole[rows] = columns
             return slice(0, last), self(whole)[0].reshape(-1, columns.shape[2])
-        if self.in_parts:
-            factors = self._scale[first:end].reshape(-1, 1)
-            return slice(first, end), columns.reshape(len(factors), columns.shape[2]) * factors
+        if not self.remembers:
+            return slice(first, end), self._scaled(columns, slice(first, end)).reshape(-1, columns.shape[2])
         before, behind = (MEMORY, MEMORY) if self.noise.has_state else (0, max(ORDERS))
         clock = self.clocks[holding[0]]
         wide = slice(max(clock.rows.start, first - before), min(clock.rows.stop, end + behind))
@@ -186,8 +209,7 @@ class Whitener:
     @property
     def is_white(self) -> bool:
         """Whether the noise is alike and independent in all samples of a channel, but for a few outliers by chance."""
-        short = any(len(a) for of_channels in self.noise.short for a, _ in of_channels)
-        plain = not (self._grows or self.noise.has_state or self.noise.jitter or short or self.shared is not None)
+        plain = not (self._grows or self.remembers or self.noise.jitter or self.shared is not None)
         return plain and bool(np.count_nonzero(self.inflate != 1.0) <= BY_CHANCE * self.inflate.size)
 
     @property
