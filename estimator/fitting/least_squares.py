@@ -141,7 +141,8 @@ class LeastSquares:
                 points.append(differences.beside(self.box, x, central=central).reshape(-1, self.box.dimension))
             raw = self._residuals(np.concatenate(points))
             answers |= zip(flat, self._weighed(raw[: len(flat)], weights), strict=True)
-            beside |= zip(moved, raw[len(flat) :].reshape(len(moved), -1, len(weights)), strict=True)
+            each = self.box.dimension * (2 if central else 1)
+            beside |= zip(moved, raw[len(flat) :].reshape(len(moved), each, len(weights)), strict=True)
         if steep:
             x, at = (np.array(part) for part in zip(*(asked[k] for k in steep), strict=True))
             own = np.array([beside[k] for k in steep])

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,14 +68,19 @@ class NoiseModel:
         none = np.column_stack([np.zeros(q), np.full(q, 2.0)])
         return cls(white, np.zeros(q), none, np.column_stack([np.zeros(q), np.ones(q)]), seat=tuple(seat))
 
-    @property
+    @cached_property
     def has_state(self) -> bool:
         """Whether a sample's noise depends on all before it."""
         return bool(self.slow[:, 0].any() or self.differenced.any() or self.torque[0] > 0)
 
+    @cached_property
+    def grows(self) -> bool:
+        """Whether it grows with the signals, anywhere: else g is 1."""
+        return bool(self.growth[:, 0].any())
+
     def scale(self, level: FloatArray) -> FloatArray:
         """Return g, (rows, q), at signals over their largest, (rows, q); not to be changed."""
-        if not self.growth[:, 0].any():
+        if not self.grows:
             return np.broadcast_to(1.0, level.shape)
         return np.stack([grown(c * x, p) for x, (c, p) in zip(level.T, self.growth, strict=True)], axis=1)
 

@@ -155,7 +155,7 @@ class Whitener:
         """One over the deviation of each sample, (rows, q), of noise without a memory; 0 where it is missing."""
         g, white = self._sizes()
         deviation = np.sqrt(white, out=white)
-        if self._grows:
+        if self.noise.grows:
             deviation *= g
         scale = np.divide(1.0, deviation, out=deviation)
         for short, here in zip(self.noise.short, (~self.moving, self.moving), strict=False):
@@ -195,7 +195,7 @@ class Whitener:
         steps, arrays = spaces[k]
         start = self.clocks[k].rows.start
         own = None if steps is None else steps[rows.start - start : rows.stop - start]
-        scaled = columns / g[rows][:, :, None] if self._grows else columns
+        scaled = columns / g[rows][:, :, None] if self.noise.grows else columns
         white, log = whiten(scaled, variance[rows], steps=own, **arrays)
         if self.noise.short:
             shorten(white, self.present[rows], self.moving[rows], self.noise.short)
@@ -204,18 +204,13 @@ class Whitener:
     @cached_property
     def _log_size(self) -> float:
         """The sum of log g^2 of all samples."""
-        return float(2 * np.sum(np.log(self._state_spaces[0])[self.present])) if self._grows else 0.0
+        return float(2 * np.sum(np.log(self._state_spaces[0])[self.present])) if self.noise.grows else 0.0
 
     @property
     def is_white(self) -> bool:
         """Whether the noise is alike and independent in all samples of a channel, but for a few outliers by chance."""
-        plain = not (self._grows or self.remembers or self.noise.jitter or self.shared is not None)
+        plain = not (self.noise.grows or self.remembers or self.noise.jitter or self.shared is not None)
         return plain and bool(np.count_nonzero(self.inflate != 1.0) <= BY_CHANCE * self.inflate.size)
-
-    @property
-    def _grows(self) -> bool:
-        """Whether the noise grows with the signals, anywhere: else g is 1."""
-        return bool(self.noise.growth[:, 0].any())
 
     @cached_property
     def _counts(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -229,7 +224,7 @@ class Whitener:
         """The scale and white variance of each sample, (rows, q); of each clock the step to each row, and `states`."""
         noise, (g, white) = self.noise, self._sizes()
         running = np.ones(len(noise.white))
-        if self._grows:
+        if self.noise.grows:
             running = np.array([median(x[p]) if p.any() else 1.0 for x, p in zip(g.T, self.present.T, strict=True)])
         variance = np.where(self.present, white, np.inf)
         found = []
