@@ -92,7 +92,9 @@ class NoiseModel:
             power = power + np.array([(gain[s] * self.torque[0]) ** 2 if s >= 0 else 0.0 for s in self.seat])
         return np.asarray(self.scale(level) * np.sqrt(power))
 
-    def states(self, dt: float, running: FloatArray, phase: int, way: float = 1.0) -> dict[str, FloatArray]:
+    def states(
+        self, dt: float, running: FloatArray, phase: int, way: float = 1.0, *, begins: bool = True
+    ) -> dict[str, FloatArray]:
         """Return the state space at a step in s: transition (d, d), process (d, d), start (d, d), readout (q, d).
 
         Parameters
@@ -102,6 +104,8 @@ class NoiseModel:
         phase : RESTS, STARTS or RUNS
             A machine at rest has no wandering torque.
         way : 1 or -1, in which the machine turns: the torque is against it
+        begins : bool
+            Whether the start is asked for; else it may be anything.
         """
         q = len(self.white)
         blocks: list[tuple[FloatArray, FloatArray, FloatArray, FloatArray]] = []
@@ -116,7 +120,7 @@ class NoiseModel:
                 shift = np.array([[0.0, 0.0], [1.0, 0.0]])
                 blocks.append((shift, np.diag([v, 0.0]), np.diag([v, v]), np.hstack([unit, -unit])))
         if self.torque[0] > 0 and self.machine is not None:
-            blocks.append(self._machine_block(dt, running, phase, way))
+            blocks.append(self._machine_block(dt, running, phase, way, begins))
         d = sum(len(b[0]) for b in blocks)
         result = {name: np.zeros((d, d)) for name in ("transition", "process", "initial")}
         result["readout"] = np.zeros((q, d))
@@ -129,7 +133,7 @@ class NoiseModel:
         return result
 
     def _machine_block(
-        self, dt: float, running: FloatArray, phase: int, way: float
+        self, dt: float, running: FloatArray, phase: int, way: float, begins: bool
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Return transition and process covariance of the machine with the wandering torque held over a step."""
         assert self.machine is not None
@@ -141,7 +145,7 @@ class NoiseModel:
         v = self.torque[0] ** 2
         process = np.diag([0.0, 0.0, {RESTS: 0.0, STARTS: v, RUNS: v * (1 - f * f)}[phase]])
         start, step = process.copy(), transition.copy()
-        for _ in range(60 if phase == RUNS else 0):  # P = F P F' + Q by doubling
+        for _ in range(60 if phase == RUNS and begins else 0):  # P = F P F' + Q by doubling
             more = step @ start @ step.T
             start = start + more
             if more.trace() <= 1e-12 * start.trace():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -241,9 +242,12 @@ class Whitener:
                 ways = (1.0, -1.0)
                 before = self.way[clock.rows][np.maximum(np.arange(len(moving)) - 1, 0)]  # at which a step begins
                 index = (np.zeros(len(moving), dtype=np.int64) if index is None else index) * 2 + (before < 0)
-            spaces = [noise.states(dt, running, phase, way) for dt in steps for phase in phases for way in ways]
+            first, kinds = 0 if index is None else int(index[0]), itertools.product(steps, phases, ways)
+            spaces = [
+                noise.states(dt, running, phase, way, begins=k == first) for k, (dt, phase, way) in enumerate(kinds)
+            ]
             arrays = {name: np.array([s[name] for s in spaces]) for name in ("transition", "process")}
-            arrays["initial"] = spaces[0 if index is None else int(index[0])]["initial"]
+            arrays["initial"] = spaces[first]["initial"]
             found.append((index, {**arrays, "readout": spaces[0]["readout"]}))
         return g, variance, found
 
