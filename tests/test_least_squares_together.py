@@ -55,6 +55,7 @@ def test_a_fit_that_comes_next_to_a_known_optimum_ends_there_and_one_elsewhere_g
     ((end, cost),) = fitted(short, "linear").fits([start], known.deviations, known=known)
     assert np.array_equal(end, known.values) and cost == known.cost
     assert np.allclose(end, values, rtol=1e-6) and sum(short) < sum(whole)
+    assert len(short) == 3  # derivatives have told it before it was there, a fourth batch
     far = dataclasses.replace(known, values=2 * known.values)
     ((end, _),) = fitted(elsewhere, "linear").fits([start], known.deviations, known=far)
     assert np.array_equal(end, values) and sum(elsewhere) == sum(whole)

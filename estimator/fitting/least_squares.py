@@ -100,8 +100,8 @@ class LeastSquares:
         Parameters
         ----------
         known : LeastSquaresFit, optional
-            An optimum at the same deviations: a fit that comes next to it is taken to end there, one that comes no
-            nearer to its cost where it stands.
+            An optimum at the same deviations: a fit that comes next to it, or whose derivatives lead there, is taken
+            to end there, one that comes no nearer to its cost where it stands.
         """
         many = max(1, TOGETHER // (len(self._output) * self.box.dimension))
         weights = 1 / deviations[self._output]
@@ -192,6 +192,8 @@ class LeastSquares:
         while True:
             if slope:
                 answer = yield x, last[x.tobytes()]
+                if known is not None and self._leads_beside(x, answer, known):
+                    return known.values, known.cost
             else:
                 at = yield x, None
                 last = {x.tobytes(): at}
@@ -212,6 +214,13 @@ class LeastSquares:
     def _is_beside(self, x: FloatArray, cost: float, known: LeastSquaresFit) -> bool:
         """Whether scaled parameters, (p,), are next to an optimum: hardly others, and hardly less likely."""
         return abs(cost - known.cost) < BESIDE_COST and bool(np.all(np.abs(x - self.box.scaled(known.values)) < BESIDE))
+
+    def _leads_beside(self, x: FloatArray, triangle: FloatArray, known: LeastSquaresFit) -> bool:
+        """Whether derivatives at scaled parameters, by `triangle_of` them, predict a least next to an optimum."""
+        p, cost = len(x), float(triangle[-1, -1]) ** 2
+        if len(triangle) <= p or abs(cost - known.cost) >= BESIDE_COST:
+            return False
+        return self._is_beside(x - np.linalg.lstsq(triangle[:p, :p], triangle[:p, p], rcond=None)[0], cost, known)
 
     def deviations(self, values: FloatArray) -> FloatArray:
         """Return the residuals' deviations of each output at a point; the parameters cost degrees of freedom."""
