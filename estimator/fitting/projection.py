@@ -119,8 +119,10 @@ def orthonormal(columns: FloatArray) -> tuple[FloatArray, FloatArray]:
     For many columns it costs a quarter of Householder's method (Yamamoto et al. 2015).
     """
     n, m = columns.shape
+    if m == 0:
+        return columns, np.zeros((0, 0))
     gram = columns.T @ columns
-    for least in (AT_ONCE, WELL_CONDITIONED) if 0 < m < n else ():
+    for least in (AT_ONCE, WELL_CONDITIONED) if m < n else ():
         if (found := _factors(gram[None], least)) is not None:
             r = found[0]
             q = columns @ np.linalg.inv(r)
