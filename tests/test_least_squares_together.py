@@ -25,10 +25,12 @@ def fitted(batches, loss):
     return LeastSquares(residuals, box, output=np.zeros(50, dtype=np.int64), spread=np.ones(1), loss=loss)
 
 
+@pytest.mark.parametrize("soon", [0, 50_000])
 @pytest.mark.parametrize("at_once", [2_000_000, 300])
 @pytest.mark.parametrize("loss", ["linear", "huber"])
-def test_fits_together_are_those_of_each_start_alone(monkeypatch, loss, at_once):
+def test_fits_together_are_those_of_each_start_alone(monkeypatch, loss, at_once, soon):
     monkeypatch.setattr(least_squares, "TOGETHER", at_once)
+    monkeypatch.setattr(least_squares, "SOON", soon)
     rng, together, alone = np.random.default_rng(2), [], []
     starts = [np.array([2.0, 3.0, 0.5]) * np.exp(0.8 * rng.standard_normal(3)) for _ in range(7)]
     starts.append(np.array([2.0, 90.0, 0.5]))
@@ -53,6 +55,36 @@ def test_a_fit_that_comes_next_to_a_known_optimum_ends_there_and_one_elsewhere_g
     ((end, cost),) = fitted(short, "linear").fits([start], known.deviations, known=known)
     assert np.array_equal(end, known.values) and cost == known.cost
     assert np.allclose(end, values, rtol=1e-6) and sum(short) < sum(whole)
+    assert len(short) == 3  # derivatives have told it before it was there, a fourth batch
     far = dataclasses.replace(known, values=2 * known.values)
     ((end, _),) = fitted(elsewhere, "linear").fits([start], known.deviations, known=far)
     assert np.array_equal(end, values) and sum(elsewhere) == sum(whole)
+
+
+@pytest.mark.parametrize("central", [False, True])
+def test_derivatives_of_few_residuals_are_simulated_with_them_and_lead_to_the_same(monkeypatch, central):
+    start, found, batches = np.array([4.0, 5.0, 0.2]), [], []
+    for soon in (0, 50_000):
+        monkeypatch.setattr(least_squares, "SOON", soon)
+        batches.append([])
+        found.append(fitted(batches[-1], "linear").fit(start, np.array([0.01]), central=central))
+    assert np.array_equal(found[0][0], found[1][0]) and found[0][1] == found[1][1]
+    assert len(batches[1]) < 0.7 * len(batches[0]) and sum(batches[1]) >= sum(batches[0])
+
+
+def test_a_fit_that_stands_far_above_a_known_cost_ends_before_its_evaluations_are_spent():
+    def residuals(points):
+        asked.append(len(points))
+        x, y = points.T[:, :, None]
+        return np.concatenate([10 * (y - x**2), 1 - x + 0 * y, 0 * x + 3.0], axis=1)  # a bent valley
+
+    asked, start = [], np.array([-1.9, 3.5])
+    box = Box(np.array([-5.0, -5.0]), np.array([5.0, 5.0]), np.array([False, False]))
+    squares = LeastSquares(residuals, box, output=np.zeros(3, dtype=np.int64), spread=np.ones(1))
+    best = squares.judge(np.array([1.0, 1.0]), np.ones(1))
+    asked.clear()
+    ((reached, _),) = squares.fits([start], np.ones(1), known=best)
+    assert np.allclose(reached, best.values)  # slowly, but ever nearer
+    asked.clear()
+    ((_, cost),) = squares.fits([start], np.ones(1), known=dataclasses.replace(best, cost=best.cost - 1e4))
+    assert cost > best.cost - 1e-9 and len(asked) < 12

@@ -285,3 +285,22 @@ def test_what_is_alike_after_all_edges_is_a_response_and_no_jitter():
     assert find_jitter(*without_responses(jitter + noise, slope, edges), STEP)[0] == pytest.approx(0.15 * STEP, rel=0.4)
     one = without_responses(jitter + noise, np.where(np.arange(900)[:, None] < 300, slope, 0.0), edges[:1])
     assert find_jitter(*one, STEP)[0] == 0, "one edge does not tell them apart"
+
+
+def test_noise_without_a_memory_is_whitened_as_the_kalman_filter_does():
+    rng, n = np.random.default_rng(9), 40
+    growing = dataclasses.replace(plain(0.1, 2.0), growth=np.array([[1.5, 2.0], [0.0, 2.0]]))
+    noise = dataclasses.replace(growing, short=(((np.zeros(0), 1.1), (np.zeros(0), 1.0)),) * 2)
+    whitener = whitener_of(noise, n, q=2, level=rng.random((n, 2)), missing=[(3, 1), (20, 0)])
+    whitener.inflate[7, 0] = 30.0
+    columns = rng.standard_normal((n, 2, 3))
+    columns[3, 1] = np.nan
+    assert not whitener.remembers
+    white, log = whitener(columns)
+    filtered, rest = whitener._part(columns, slice(0, n), 0)
+    assert np.allclose(white, filtered, rtol=1e-14, atol=0) and not white[3, 1].any()
+    by_growth, by_size = whitener._log_size, 2 * np.log(1.1) * whitener.present[:, 0].sum()
+    assert log == pytest.approx(rest + by_growth + by_size, rel=1e-12)
+    rows = slice(10, 15)
+    where, some = whitener.of_rows(columns[rows], rows)
+    assert where == rows and np.array_equal(some, white[rows].reshape(10, 3))

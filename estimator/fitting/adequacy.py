@@ -213,7 +213,8 @@ def _own_values(jacobian: Columns, test: ScoreTest, mask: NDArray[np.bool_], par
     spanned, left = test.known.spanned, test.left
     information, products = np.zeros((parameters, parameters)), np.zeros((spanned.shape[1], parameters))
     along = np.zeros(parameters)
-    for at in (slice(k, k + AT_ONCE) for k in range(0, len(mask), AT_ONCE)):  # copies no whole column
+    first, end = int(mask.argmax()), len(mask) - int(mask[::-1].argmax())
+    for at in (slice(k, min(k + AT_ONCE, end)) for k in range(first, end, AT_ONCE)):  # copies no whole column
         inside = mask[at]
         own = jacobian[at].compress(inside, axis=0)[:, :parameters]  # some ten times as quick as by an index
         information += own.T @ own

@@ -147,11 +147,12 @@ def _step(a: FloatArray, g: FloatArray, damping: float, x: FloatArray, low: Floa
     free = np.ones(len(x), dtype=bool)
     dx = np.zeros(len(x))
     for _ in range(len(x)):
-        scale = np.linalg.norm(a[:, free], axis=0)
-        scale = np.where(scale > 0, scale, 1.0)
-        lhs = np.vstack([a[:, free], np.sqrt(damping) * np.diag(scale)])
+        own = a[:, free]
+        scale = np.sqrt(np.einsum("nk,nk->k", own, own))
+        scale[scale == 0] = 1.0
+        own = own / scale
         dx = np.zeros(len(x))
-        dx[free] = np.linalg.lstsq(lhs, np.concatenate([g, np.zeros(int(free.sum()))]), rcond=None)[0]
+        dx[free] = np.linalg.solve(own.T @ own + damping * np.eye(len(scale)), own.T @ g) / scale
         out = free & (((x <= low) & (dx < 0)) | ((x >= high) & (dx > 0)))
         if not out.any():
             break

@@ -10,7 +10,7 @@ is (JᵀJ)⁻¹ with a Jacobian of central differences.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +30,7 @@ Residuals = Callable[[FloatArray], FloatArray]
 _Asked = tuple[FloatArray, FloatArray | None]
 
 TOGETHER = 2_000_000  # residuals that are simulated at once for several fits
+SOON = 50_000  # residuals of the candidates beside a point: fewer are simulated with it, which a message more outweighs
 REWEIGHTINGS = 3
 TOLERANCE = 1e4  # times rounding's: a step that moves an optimum less than 1e-7 of itself is its last
 REWEIGHTED = 0.02  # relative change of the deviations at which reweighting stops
@@ -37,6 +38,7 @@ CLOSE, CLOSINGS = 0.02, 3  # of chi-square: an optimum no further above the leas
 ROUNDING = 1e-12  # of a signal's deviation: rounding of a simulation
 NOISE_FREE = 1e-7  # of a signal's deviation: smaller residuals are numerical, not noise
 BESIDE, BESIDE_COST = 0.01, 1.0  # of a scaled parameter, of chi-square: a fit that comes so near goes to an optimum
+STANDS = 5, 0.05  # evaluations; part of what it is above a known cost: a fit that comes no nearer in so many ends
 FAILED_RESIDUAL = 1e3  # what a failed simulation shows, in deviations
 AT_BOUND = 1e-6  # of the scaled width of the bounds
 
@@ -98,45 +100,54 @@ class LeastSquares:
         Parameters
         ----------
         known : LeastSquaresFit, optional
-            An optimum at the same deviations: a fit that comes next to it is taken to end there.
+            An optimum at the same deviations: a fit that comes next to it, or whose derivatives lead there, is taken
+            to end there, one that comes no nearer to its cost where it stands.
         """
         many = max(1, TOGETHER // (len(self._output) * self.box.dimension))
         weights = 1 / deviations[self._output]
         found: list[tuple[FloatArray, float]] = []
         for part in (starts[k : k + many] for k in range(0, len(starts), many)):
             asking = [self._fit(start, evaluations, tolerance, known) for start in part]
+            asked, beside = {k: next(fit) for k, fit in enumerate(asking)}, dict[int, FloatArray]()
             ends: dict[int, tuple[FloatArray, float]] = {}
-            answers: list[FloatArray | None] = [None] * len(part)
-            while len(ends) < len(part):
-                asked: dict[int, _Asked] = {}
-                for k, fit in enumerate(asking):
-                    if k not in ends:
-                        try:
-                            asked[k] = fit.send(answers[k])  # type: ignore[arg-type]
-                        except StopIteration as end:
-                            ends[k] = end.value
-                for k, answer in zip(asked, self._answers(list(asked.values()), weights, central), strict=True):
-                    answers[k] = answer
+            while asked:
+                for k, answer in self._answers(asked, beside, weights, central).items():
+                    try:
+                        asked[k] = asking[k].send(answer)
+                    except StopIteration as end:
+                        ends[k] = end.value
+                        del asked[k]
             found += [ends[k] for k in range(len(part))]
         return found
 
-    def _answers(self, asked: Sequence[_Asked], weights: FloatArray, central: bool) -> list[FloatArray]:
-        """Return what several fits ask for; one batch of simulations tells it all."""
-        steep = [k for k, (_, at) in enumerate(asked) if at is not None]
-        flat = [k for k, (_, at) in enumerate(asked) if at is None]
-        points = [self.box.unscaled(np.array([asked[k][0] for k in flat]))] if flat else []
+    def _answers(
+        self, asked: Mapping[int, _Asked], beside: dict[int, FloatArray], weights: FloatArray, central: bool
+    ) -> dict[int, FloatArray]:
+        """Return what several fits ask for, those first that need no simulation; one batch of simulations tells it.
+
+        Parameters
+        ----------
+        beside : fit -> raw residuals, (candidates, m), beside its last point, where they have been simulated
+        """
+        steep = [k for k, (_, at) in asked.items() if at is not None]
+        flat = [k for k, (_, at) in asked.items() if at is None]
+        soon = len(weights) * self.box.dimension <= SOON
+        answers: dict[int, FloatArray] = {}
+        if not (soon and steep):
+            moved = flat if soon else steep
+            points = [self.box.unscaled(np.array([asked[k][0] for k in flat]))] if flat else []
+            if moved:
+                x = np.array([asked[k][0] for k in moved])
+                points.append(differences.beside(self.box, x, central=central).reshape(-1, self.box.dimension))
+            raw = self._residuals(np.concatenate(points))
+            answers |= zip(flat, self._weighed(raw[: len(flat)], weights), strict=True)
+            each = self.box.dimension * (2 if central else 1)
+            beside |= zip(moved, raw[len(flat) :].reshape(len(moved), each, len(weights)), strict=True)
         if steep:
-            x = np.array([asked[k][0] for k in steep])
-            points.append(differences.beside(self.box, x, central=central).reshape(-1, self.box.dimension))
-        if not points:
-            return []
-        raw = self._residuals(np.concatenate(points))
-        answers = dict(zip(flat, self._weighed(raw[: len(flat)], weights), strict=True))
-        if steep:
-            at = np.array([asked[k][1] for k in steep])
-            raw = raw[len(flat) :].reshape(len(steep), -1, len(weights))
-            answers |= zip(steep, self._triangles(raw, x, weights, at, central), strict=True)
-        return [answers[k] for k in range(len(asked))]
+            x, at = (np.array(part) for part in zip(*(asked[k] for k in steep), strict=True))
+            own = np.array([beside[k] for k in steep])
+            answers |= zip(steep, self._triangles(own, x, weights, at, central), strict=True)
+        return answers
 
     def _triangles(
         self, raw: FloatArray, x: FloatArray, weights: FloatArray, at: FloatArray, central: bool
@@ -176,16 +187,24 @@ class LeastSquares:
             xtol=1e-11 * tolerance,
         )
         last: dict[bytes, FloatArray] = {}
+        least: list[tuple[float, FloatArray]] = []  # cost and place of the best until each evaluation
         x, slope = next(asking)
         while True:
             if slope:
                 answer = yield x, last[x.tobytes()]
+                if known is not None and self._leads_beside(x, answer, known):
+                    return known.values, known.cost
             else:
                 at = yield x, None
                 last = {x.tobytes(): at}
                 answer = rooted(at)[0] if self._robust else at
-                if known is not None and self._is_beside(x, float(answer @ answer), known):
-                    return known.values, known.cost
+                if known is not None:
+                    cost = float(answer @ answer)
+                    if self._is_beside(x, cost, known):
+                        return known.values, known.cost
+                    least.append((cost, x) if not least or cost < least[-1][0] else least[-1])
+                    if _stands([c for c, _ in least], known.cost):
+                        return self.box.unscaled(least[-1][1]), least[-1][0]
             try:
                 x, slope = asking.send(answer)
             except StopIteration as end:
@@ -195,6 +214,13 @@ class LeastSquares:
     def _is_beside(self, x: FloatArray, cost: float, known: LeastSquaresFit) -> bool:
         """Whether scaled parameters, (p,), are next to an optimum: hardly others, and hardly less likely."""
         return abs(cost - known.cost) < BESIDE_COST and bool(np.all(np.abs(x - self.box.scaled(known.values)) < BESIDE))
+
+    def _leads_beside(self, x: FloatArray, triangle: FloatArray, known: LeastSquaresFit) -> bool:
+        """Whether derivatives at scaled parameters, by `triangle_of` them, predict a least next to an optimum."""
+        p, cost = len(x), float(triangle[-1, -1]) ** 2
+        if len(triangle) <= p or abs(cost - known.cost) >= BESIDE_COST:
+            return False
+        return self._is_beside(x - np.linalg.lstsq(triangle[:p, :p], triangle[:p, p], rcond=None)[0], cost, known)
 
     def deviations(self, values: FloatArray) -> FloatArray:
         """Return the residuals' deviations of each output at a point; the parameters cost degrees of freedom."""
@@ -304,6 +330,12 @@ class LeastSquares:
         if not sound.all():
             weighted[~sound.all(axis=1)] = FAILED_RESIDUAL
         return np.asarray(weighted)
+
+
+def _stands(costs: Sequence[float], known: float) -> bool:
+    """Whether a fit has come hardly nearer to a known cost in its last evaluations, `costs` its least until each."""
+    evaluations, part = STANDS
+    return len(costs) > evaluations and costs[-1] - known > (1 - part) * max(costs[-1 - evaluations] - known, 0.0)
 
 
 def rooted(residuals: FloatArray) -> tuple[FloatArray, FloatArray]:

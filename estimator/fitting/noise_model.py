@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,14 +68,19 @@ class NoiseModel:
         none = np.column_stack([np.zeros(q), np.full(q, 2.0)])
         return cls(white, np.zeros(q), none, np.column_stack([np.zeros(q), np.ones(q)]), seat=tuple(seat))
 
-    @property
+    @cached_property
     def has_state(self) -> bool:
         """Whether a sample's noise depends on all before it."""
         return bool(self.slow[:, 0].any() or self.differenced.any() or self.torque[0] > 0)
 
+    @cached_property
+    def grows(self) -> bool:
+        """Whether it grows with the signals, anywhere: else g is 1."""
+        return bool(self.growth[:, 0].any())
+
     def scale(self, level: FloatArray) -> FloatArray:
         """Return g, (rows, q), at signals over their largest, (rows, q); not to be changed."""
-        if not self.growth[:, 0].any():
+        if not self.grows:
             return np.broadcast_to(1.0, level.shape)
         return np.stack([grown(c * x, p) for x, (c, p) in zip(level.T, self.growth, strict=True)], axis=1)
 
@@ -87,7 +92,9 @@ class NoiseModel:
             power = power + np.array([(gain[s] * self.torque[0]) ** 2 if s >= 0 else 0.0 for s in self.seat])
         return np.asarray(self.scale(level) * np.sqrt(power))
 
-    def states(self, dt: float, running: FloatArray, phase: int, way: float = 1.0) -> dict[str, FloatArray]:
+    def states(
+        self, dt: float, running: FloatArray, phase: int, way: float = 1.0, *, begins: bool = True
+    ) -> dict[str, FloatArray]:
         """Return the state space at a step in s: transition (d, d), process (d, d), start (d, d), readout (q, d).
 
         Parameters
@@ -97,6 +104,8 @@ class NoiseModel:
         phase : RESTS, STARTS or RUNS
             A machine at rest has no wandering torque.
         way : 1 or -1, in which the machine turns: the torque is against it
+        begins : bool
+            Whether the start is asked for; else it may be anything.
         """
         q = len(self.white)
         blocks: list[tuple[FloatArray, FloatArray, FloatArray, FloatArray]] = []
@@ -111,7 +120,7 @@ class NoiseModel:
                 shift = np.array([[0.0, 0.0], [1.0, 0.0]])
                 blocks.append((shift, np.diag([v, 0.0]), np.diag([v, v]), np.hstack([unit, -unit])))
         if self.torque[0] > 0 and self.machine is not None:
-            blocks.append(self._machine_block(dt, running, phase, way))
+            blocks.append(self._machine_block(dt, running, phase, way, begins))
         d = sum(len(b[0]) for b in blocks)
         result = {name: np.zeros((d, d)) for name in ("transition", "process", "initial")}
         result["readout"] = np.zeros((q, d))
@@ -124,7 +133,7 @@ class NoiseModel:
         return result
 
     def _machine_block(
-        self, dt: float, running: FloatArray, phase: int, way: float
+        self, dt: float, running: FloatArray, phase: int, way: float, begins: bool
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Return transition and process covariance of the machine with the wandering torque held over a step."""
         assert self.machine is not None
@@ -136,7 +145,7 @@ class NoiseModel:
         v = self.torque[0] ** 2
         process = np.diag([0.0, 0.0, {RESTS: 0.0, STARTS: v, RUNS: v * (1 - f * f)}[phase]])
         start, step = process.copy(), transition.copy()
-        for _ in range(60 if phase == RUNS else 0):  # P = F P F' + Q by doubling
+        for _ in range(60 if phase == RUNS and begins else 0):  # P = F P F' + Q by doubling
             more = step @ start @ step.T
             start = start + more
             if more.trace() <= 1e-12 * start.trace():

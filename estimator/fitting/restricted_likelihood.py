@@ -58,8 +58,10 @@ class RestrictedLikelihood:
             information, along = products[sound, 1:, 1:], products[sound, 1:, 0]
             scale = np.sqrt(np.maximum(np.diagonal(information, axis1=1, axis2=2), 1e-300))
             eigen, vectors = np.linalg.eigh(information / (scale[:, :, None] * scale[:, None, :]))
-            told = zip(eigen, vectors, along / scale, np.log(scale).sum(axis=1), strict=True)
-            values[sound] += [_charge(*own) for own in told]
+            seen = eigen > 1e-9
+            eigen, fall = np.where(seen, eigen, 1.0), ((along / scale)[:, None] @ vectors)[:, 0] ** 2
+            values[sound] += (np.log(eigen) - np.where(seen, fall, 0.0) / eigen).sum(axis=1)
+            values[sound] += 2 * np.log(scale).sum(axis=1)  # log det of their information less the fall of z'z
         return np.where(sound & np.isfinite(values), values, np.inf)
 
     def _products(self, noise: NoiseModel) -> tuple[FloatArray, float]:
@@ -101,13 +103,6 @@ class RestrictedLikelihood:
 
         x, found = minimise(values, x0, low, high, step=1e-3, iterations=iterations, ftol=1e-6)
         return _set(noise, active, x), found
-
-
-def _charge(eigen: FloatArray, vectors: FloatArray, along: FloatArray, log_scale: float) -> float:
-    """Return what fitted columns add: log det of their information less the fall of z'z, by its eigenvectors."""
-    seen = eigen > 1e-9
-    along, eigen = (vectors.T @ along)[seen], eigen[seen]
-    return float(-(along**2 / eigen).sum() + np.log(eigen).sum() + 2 * log_scale)
 
 
 def _get(noise: NoiseModel, component: Component) -> list[float]:

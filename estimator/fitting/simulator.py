@@ -220,10 +220,13 @@ class Simulator:
 
     def filtered(self, candidates: FloatArray) -> NDArray[np.bool_]:
         """Return which candidates, (c,), show a signal through a filter that acts between two rows."""
-        filtered = np.zeros(len(candidates), dtype=bool)
-        for n in self._acts if self.problem.has_sensors else ():
-            filtered |= n.between & (candidates[:, self.index[n.name]] != n.neutral)
-        return filtered
+        acting = self._acting(candidates)[:, [n.between for n in self._acts]]
+        return np.asarray(acting.any(axis=1) & self.problem.has_sensors)
+
+    def _acting(self, candidates: FloatArray) -> NDArray[np.bool_]:
+        """Return which of what acts on an output's samples does, (c, acts), of candidates."""
+        places = np.array([self.index[n.name] for n in self._acts], dtype=int)
+        return np.asarray(candidates[:, places] != self.neutral[places - len(self.plan.names)])
 
     def _simulated(self, candidates: FloatArray, refine: int) -> FloatArray:
         """Return the same, as the FMU tells it now."""
@@ -244,8 +247,8 @@ class Simulator:
     def _shown(self, candidates: FloatArray, refine: int, between: int) -> FloatArray:
         """Return the same; `between` rows are simulated for one, for what filters show."""
         unique, which = distinct(candidates[:, self._stepped])
-        columns = [candidates[:, self.index[n.name]] != n.neutral for n in self._acts]
-        acting = [(n, np.flatnonzero(own)) for n, own in zip(self._acts, columns, strict=True) if own.any()]
+        columns = self._acting(candidates)
+        acting = [(self._acts[k], np.flatnonzero(columns[:, k])) for k in np.flatnonzero(columns.any(axis=0))]
         phases = self._signals(unique, refine, between, kept=len(unique) == 1 and len(acting) > 0)
         if len(unique) < len(candidates):
             phases = phases[:, which]

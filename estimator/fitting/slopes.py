@@ -65,13 +65,13 @@ class Point:
         many = max(1, CELLS // (s.rows * len(points)))  # of what is free, at once: of a long recording one by one
         for part in (np.arange(f)[k : k + many] for k in range(0, f, many)):
             ends = s.shown(np.concatenate(points[:, part]))
-            backs = ends[len(part) :] if central else [self.shown] * len(part)
-            for k, there, back in zip(part, ends[: len(part)], backs, strict=True):
-                width = ahead[k] - behind[k]
-                if not np.isfinite(back).all():
-                    back, width = self.shown, ahead[k] - x[k]
-                if np.isfinite(there).all():
-                    np.subtract(there, back, out=result[k])
+            sound: NDArray[np.bool_] = np.asarray(np.isfinite(ends).all(axis=(1, 2)))
+            for j, k in enumerate(part):
+                back, width = self.shown, ahead[k] - x[k]
+                if central and sound[len(part) + j]:
+                    back, width = ends[len(part) + j], ahead[k] - behind[k]
+                if sound[j]:
+                    np.subtract(ends[j], back, out=result[k])
                     result[k] /= width
         found = np.moveaxis(result, 0, 2)
         if central:

@@ -10,6 +10,8 @@ coefficients (Steiglitz & McBride 1965). motor/transfer_functions.py makes a mot
 
 from __future__ import annotations
 
+import cmath
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -42,22 +44,26 @@ def steiglitz_mcbride(
     NoMotorError
         One sentence: no motor has these transfer functions.
     """
-    i, w = filled(i), filled(w)
-    a = np.zeros(2)
-    coefficients = np.zeros(6)
+    signals, weights = np.column_stack([v, filled(i), filled(w)]), 1 / np.array([1.0, *sigma])
+    a, shown = np.zeros(2), (signals * weights)[:, 1:]
     best, best_error = None, np.inf
+    filtered = _all_pole(signals, a) * weights
     for _ in range(PASSES):
-        vf, i_f, wf = (_all_pole(x, a) for x in (v, i, w))
-        top = np.column_stack([-_late(i_f, 1), -_late(i_f, 2), _late(vf, 1), _late(vf, 2), *2 * [np.zeros(len(v))]])
-        low = np.column_stack([-_late(wf, 1), -_late(wf, 2), *2 * [np.zeros(len(v))], _late(vf, 1), _late(vf, 2)])
-        matrix = np.concatenate([top / sigma[0], low / sigma[1]])
-        right = np.concatenate([i_f / sigma[0], wf / sigma[1]])
-        scale = np.linalg.norm(matrix, axis=0)
+        matrix = np.zeros((2, 6, len(v)))  # of current and speed, each over its deviation
+        for k in (1, 2):
+            for y in (0, 1):
+                matrix[y, k - 1, k:] = -filtered[:-k, 1 + y]
+                matrix[y, 2 * y + k + 1, k:] = filtered[:-k, 0] * weights[1 + y]
+        rows, right = np.concatenate(list(matrix), axis=1), filtered[:, 1:].T.ravel()
+        scale = np.linalg.norm(rows, axis=1)
         scale[scale == 0] = 1.0
-        coefficients = np.linalg.lstsq(matrix / scale, right, rcond=None)[0] / scale
+        coefficients = np.linalg.lstsq((rows / scale[:, None]).T, right, rcond=None)[0] / scale
         change = float(np.max(np.abs(coefficients[:2] - a)))
         a = _stable(coefficients[:2])
-        error = _output_error(coefficients, a, v=v, i=i, w=w, sigma=sigma)
+        filtered = _all_pole(signals, a) * weights
+        # The square error of the simulated transfer functions: the pass to keep is the best one.
+        late = np.column_stack([np.concatenate([np.zeros(k), filtered[:-k, 0]]) for k in (1, 2)])
+        error = float(np.sum((late @ coefficients[2:].reshape(2, 2).T * weights[1:] - shown) ** 2))
         if error < best_error:
             best, best_error = np.concatenate([a, coefficients[2:]]), error
         if change < CONVERGED:
@@ -67,34 +73,13 @@ def steiglitz_mcbride(
     return motor_of(best, step)
 
 
-def _output_error(
-    coefficients: FloatArray,
-    a: FloatArray,
-    *,
-    v: FloatArray,
-    i: FloatArray,
-    w: FloatArray,
-    sigma: tuple[float, float],
-) -> float:
-    """Return the weighted square error of the simulated transfer functions: the pass to keep is the best one."""
-    b, c = coefficients[2:4], coefficients[4:6]
-    vf = _all_pole(v, a)
-    error_i = b[0] * _late(vf, 1) + b[1] * _late(vf, 2) - i
-    error_w = c[0] * _late(vf, 1) + c[1] * _late(vf, 2) - w
-    return float(error_i @ error_i / sigma[0] ** 2 + error_w @ error_w / sigma[1] ** 2)
-
-
 def _all_pole(x: FloatArray, a: FloatArray) -> FloatArray:
     """Return x filtered by 1 / (1 + a₁ z⁻¹ + a₂ z⁻²)."""
     return recursion([1.0], a, x)
 
 
-def _late(x: FloatArray, k: int) -> FloatArray:
-    return np.concatenate([np.zeros(k), x[:-k]])
-
-
 def _stable(a: FloatArray) -> FloatArray:
     """Mirror poles outside the unit circle into it."""
-    poles = np.roots([1.0, *a])
-    poles = np.where(np.abs(poles) > 1, 1 / np.conj(np.where(poles == 0, 1.0, poles)), poles)
-    return np.real(np.poly(poles))[1:]
+    root = cmath.sqrt(0.25 * a[0] ** 2 - a[1])
+    p, q = (1 / z.conjugate() if abs(z) > 1 else z for z in (root - 0.5 * a[0], -root - 0.5 * a[0]))
+    return np.array([-(p + q).real, (p * q).real])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -80,6 +81,8 @@ class Whitener:
 
     def _by_noise(self, columns: FloatArray) -> tuple[FloatArray, float]:
         """Return the same without shared errors."""
+        if not self.remembers:
+            return self._scaled(columns, slice(None)), self._log_variances
         parts = []
         total = self._log_size
         for k, clock in enumerate(self.clocks):
@@ -121,22 +124,44 @@ class Whitener:
         return Made(whitened, rows * q)
 
     @cached_property
+    def remembers(self) -> bool:
+        """Whether the noise of a sample depends on those before it: else whitening divides by its deviation."""
+        short = any(len(a) for of_channels in self.noise.short for a, _ in of_channels)
+        return self.noise.has_state or short
+
+    @property
     def in_parts(self) -> bool:
         """Whether columns are whitened some rows at a time: the recording is long, and its noise has no memory."""
-        short = any(len(a) for of_channels in self.noise.short for a, _ in of_channels)
-        return len(self.present) > LONG and not (self.noise.has_state or short)
+        return len(self.present) > LONG and not self.remembers
+
+    def _scaled(self, columns: FloatArray, rows: slice) -> FloatArray:
+        """Return columns, (n, q, c), of some rows over the deviation of noise without a memory."""
+        white = columns * self._scale[rows, :, None]
+        if not self._complete:
+            white[~self.present[rows]] = 0.0
+        return white
+
+    @cached_property
+    def _complete(self) -> bool:
+        """Whether no sample is missing."""
+        return bool(self.present.all())
+
+    @cached_property
+    def _log_variances(self) -> float:
+        """The sum of the logarithms of the variances of noise without a memory."""
+        return float(-2 * np.sum(np.log(self._scale if self._complete else self._scale[self.present])))
 
     @cached_property
     def _scale(self) -> FloatArray:
         """One over the deviation of each sample, (rows, q), of noise without a memory; 0 where it is missing."""
         g, white = self._sizes()
         deviation = np.sqrt(white, out=white)
-        if self._grows:
+        if self.noise.grows:
             deviation *= g
         scale = np.divide(1.0, deviation, out=deviation)
         for short, here in zip(self.noise.short, (~self.moving, self.moving), strict=False):
             scale[here] /= [own for _, own in short]
-        if not self.present.all():
+        if not self._complete:
             scale[~self.present] = 0.0
         return scale
 
@@ -153,9 +178,8 @@ class Whitener:
             whole = np.zeros((last, *columns.shape[1:]))
             whole[rows] = columns
             return slice(0, last), self(whole)[0].reshape(-1, columns.shape[2])
-        if self.in_parts:
-            factors = self._scale[first:end].reshape(-1, 1)
-            return slice(first, end), columns.reshape(len(factors), columns.shape[2]) * factors
+        if not self.remembers:
+            return slice(first, end), self._scaled(columns, slice(first, end)).reshape(-1, columns.shape[2])
         before, behind = (MEMORY, MEMORY) if self.noise.has_state else (0, max(ORDERS))
         clock = self.clocks[holding[0]]
         wide = slice(max(clock.rows.start, first - before), min(clock.rows.stop, end + behind))
@@ -172,7 +196,7 @@ class Whitener:
         steps, arrays = spaces[k]
         start = self.clocks[k].rows.start
         own = None if steps is None else steps[rows.start - start : rows.stop - start]
-        scaled = columns / g[rows][:, :, None] if self._grows else columns
+        scaled = columns / g[rows][:, :, None] if self.noise.grows else columns
         white, log = whiten(scaled, variance[rows], steps=own, **arrays)
         if self.noise.short:
             shorten(white, self.present[rows], self.moving[rows], self.noise.short)
@@ -181,19 +205,13 @@ class Whitener:
     @cached_property
     def _log_size(self) -> float:
         """The sum of log g^2 of all samples."""
-        return float(2 * np.sum(np.log(self._state_spaces[0])[self.present])) if self._grows else 0.0
+        return float(2 * np.sum(np.log(self._state_spaces[0])[self.present])) if self.noise.grows else 0.0
 
     @property
     def is_white(self) -> bool:
         """Whether the noise is alike and independent in all samples of a channel, but for a few outliers by chance."""
-        short = any(len(a) for of_channels in self.noise.short for a, _ in of_channels)
-        plain = not (self._grows or self.noise.has_state or self.noise.jitter or short or self.shared is not None)
+        plain = not (self.noise.grows or self.remembers or self.noise.jitter or self.shared is not None)
         return plain and bool(np.count_nonzero(self.inflate != 1.0) <= BY_CHANCE * self.inflate.size)
-
-    @property
-    def _grows(self) -> bool:
-        """Whether the noise grows with the signals, anywhere: else g is 1."""
-        return bool(self.noise.growth[:, 0].any())
 
     @cached_property
     def _counts(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -207,7 +225,7 @@ class Whitener:
         """The scale and white variance of each sample, (rows, q); of each clock the step to each row, and `states`."""
         noise, (g, white) = self.noise, self._sizes()
         running = np.ones(len(noise.white))
-        if self._grows:
+        if self.noise.grows:
             running = np.array([median(x[p]) if p.any() else 1.0 for x, p in zip(g.T, self.present.T, strict=True)])
         variance = np.where(self.present, white, np.inf)
         found = []
@@ -224,9 +242,12 @@ class Whitener:
                 ways = (1.0, -1.0)
                 before = self.way[clock.rows][np.maximum(np.arange(len(moving)) - 1, 0)]  # at which a step begins
                 index = (np.zeros(len(moving), dtype=np.int64) if index is None else index) * 2 + (before < 0)
-            spaces = [noise.states(dt, running, phase, way) for dt in steps for phase in phases for way in ways]
+            first, kinds = 0 if index is None else int(index[0]), itertools.product(steps, phases, ways)
+            spaces = [
+                noise.states(dt, running, phase, way, begins=k == first) for k, (dt, phase, way) in enumerate(kinds)
+            ]
             arrays = {name: np.array([s[name] for s in spaces]) for name in ("transition", "process")}
-            arrays["initial"] = spaces[0 if index is None else int(index[0])]["initial"]
+            arrays["initial"] = spaces[first]["initial"]
             found.append((index, {**arrays, "readout": spaces[0]["readout"]}))
         return g, variance, found
 

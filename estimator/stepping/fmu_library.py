@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import os
 from ctypes import CFUNCTYPE, c_int
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -43,7 +44,6 @@ class FmuLibrary:
         prefix = "fmi" if number == "1" else f"fmi{number}"
         self._needed = frozenset(prefix + name for name in (*NEEDED[number], *NEEDED_BY_KIND[number, kind]))
         self._library = library
-        self._missing: dict[str, Any] = {}
 
     def find(self, name: str) -> Any:
         """Return a function, or None where it is missing."""
@@ -51,13 +51,16 @@ class FmuLibrary:
 
     def __getattr__(self, name: str) -> Any:
         try:
-            return getattr(self._library, name)
+            found = getattr(self._library, name)
         except AttributeError:
             if name[name.rfind("fmi") :] in self._needed:
                 raise RuntimeError(f"its library has no function {name}") from None
-            return self._missing.setdefault(name, CFUNCTYPE(c_int)(lambda: 3))
+            found = CFUNCTYPE(c_int)(lambda: 3)
+        setattr(self, name, found)  # to look for one that is missing takes 20 us
+        return found
 
 
+@cache
 def co_simulation_library(folder: str, identifier: str, number: str) -> FmuLibrary:
     """Return the library of an extracted FMU of FMI 2.0 or 3.0, loaded (and never unloaded).
 
