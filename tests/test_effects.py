@@ -242,6 +242,17 @@ def test_the_steps_of_a_coarse_converter_at_rest_are_no_outliers():
     assert not any("outlier" in note for note in result.notes), result.notes
 
 
+@pytest.mark.parametrize(("signal", "size"), [("speed", 40.0), ("current", -1.0)])
+def test_a_single_sample_beyond_what_the_response_shows_near_it_is_an_outlier_after_an_edge_too(signal, size):
+    recorded = recording("step")
+    samples = recorded.signals[signal].copy()
+    samples[101] += (
+        size  # a millisecond after the edge: no delay and no filter leaves the samples beside it as they are
+    )
+    result = run(dataclasses.replace(recorded, signals={**recorded.signals, signal: samples}))
+    assert result.verdict == "ok" and worst(result) < 4.5, result.reasons
+
+
 def test_dry_friction_is_a_rival_although_the_current_is_zero_in_most_rows():
     long = np.zeros(9000)  # of a coarse converter the median is then 0
 
