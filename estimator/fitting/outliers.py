@@ -24,8 +24,8 @@ def held_down(fit: Fit, onsets: BoolArray) -> Fit:
     Parameters
     ----------
     onsets : (rows,) array
-        Rows after edges: residuals there are a misfit of the response, and no outliers, but for those of a single sample
-        beyond all that is simulated near it: no delay and no filter shows that.
+        Rows after edges: residuals there are a misfit of the response, and no outliers, but for those of a single
+        sample beyond all that is simulated near it: no delay and no filter shows that.
     """
     # As if no outlier had a lower weight yet.
     z = np.abs(fit.z.reshape(fit.shown.shape)) * np.sqrt(fit.whitener.inflate)
