@@ -1,4 +1,4 @@
-"""Errors that samples share beside their noise: of ripple in transients, and of voltages. Estimates nothing."""
+"""Errors that samples share beside their noise: of ripple in transients, effects' forms, voltages. Estimates nothing."""
 
 from __future__ import annotations
 
@@ -16,9 +16,18 @@ FloatArray = NDArray[np.float64]
 
 def with_shared_errors(fit: Fit) -> Fit:
     """Return the fit with what errors of variance 1 add to its sensors, as they are simulated now."""
-    parts = [part for part in (unsteady(fit), _of_voltages(fit)) if part is not None]
+    parts = [part for part in (unsteady(fit), _of_forms(fit), _of_voltages(fit)) if part is not None]
     shared = np.concatenate(parts, axis=2) if parts else None
     return dataclasses.replace(fit, whitener=dataclasses.replace(fit.whitener, shared=shared))
+
+
+def _of_forms(fit: Fit) -> FloatArray | None:
+    """Return what is not known of the form of the columns, (rows, q, k), at their coefficients; None: nothing."""
+    found, at = list[FloatArray](), 0
+    for group in fit.linear:
+        own = fit.coefficients[at : (at := at + group.columns.shape[2])]
+        found += [group.uncertain * own] if group.uncertain is not None else []
+    return np.concatenate(found, axis=2) if found else None
 
 
 def _of_voltages(fit: Fit) -> FloatArray | None:

@@ -18,12 +18,16 @@ from estimator.recordings.samples import median
 FloatArray = NDArray[np.float64]
 
 USUAL_DRIFT = 0.1  # of the friction
+SHARE = 1 / np.sqrt(12.0)  # deviation of what is anywhere between 0 and 1
 USUAL_WARMING = 0.5  # of R in a second of the current at standstill: copper at 160 A/mm2, no heat lost
 
 
 @dataclass(frozen=True)
 class FrictionDrift(Effect):
-    """A friction torque that changes along a line over the recording, N.m from its first to its last row."""
+    """A friction torque that changes along a line over the recording, N.m from its first to its last row.
+
+    How much of it is dry, and how much grows with the speed, is not known: any share is as likely.
+    """
 
     name: str = "friction drift"
     prior: float = 0.1
@@ -34,14 +38,17 @@ class FrictionDrift(Effect):
         values = motor_values(fit)
         if values is None or "w" not in s.outputs:
             return ()
-        usual = usual_friction(fit, values)
+        size, speed = USUAL_DRIFT * usual_friction(fit, values), _usual_speed(fit)
         w = fit.shown[:, s.outputs.index("w")]
         found = []
         for clock, name in zip(s.clocks, per_recording(s.plan, self.name), strict=True):
-            torque = np.zeros(s.rows)
-            t = clock.time
-            torque[clock.rows] = np.sign(w[clock.rows]) * ((t - t[0]) / (t[-1] - t[0]) - 0.5)
-            found.append(Linear(name, response(fit, torque=torque)[:, :, None], ("N.m",), size=USUAL_DRIFT * usual))
+            torques = np.zeros((s.rows, 2))  # a mean of dry and viscous, and how far it is known
+            dry, t = np.sign(w[clock.rows]), clock.time
+            viscous = w[clock.rows] / speed if speed > 0 else dry
+            line = (t - t[0]) / (t[-1] - t[0]) - 0.5
+            torques[clock.rows] = np.column_stack([0.5 * (viscous + dry), SHARE * (viscous - dry)]) * line[:, None]
+            columns = response(fit, torque=torques)
+            found.append(Linear(name, columns[:, :, :1], ("N.m",), size=size, uncertain=columns[:, :, 1:]))
         return found
 
     def changes(self, fit: Fit, coefficient: float) -> Mapping[str, float]:
