@@ -275,7 +275,7 @@ def evaluated(fit: Fit, values: FloatArray, shown: FloatArray, slopes: Slopes, l
     """Return the fit at a point, with its whitened residuals; `linear`: on its columns, whitened."""
     own = fit.whitener.flat(misfit(fit, shown)[:, :, None])[:, 0]
     b = linear.coefficients(own)
-    z = own - linear.columns[:] @ b
+    z = own - linear.columns[:] @ b if len(b) else own
     cost = float(z @ z) if np.isfinite(z).all() else np.inf
     return dataclasses.replace(fit, values=values, shown=shown, coefficients=b, z=z, slopes=slopes, cost=cost)
 
@@ -288,7 +288,10 @@ def refreshed(fit: Fit, whitener: Whitener) -> Fit:
 
 def misfit(fit: Fit, shown: FloatArray) -> FloatArray:
     """Return measured less shown signals, (rows, q); 0 where a sample is missing."""
-    return np.where(fit.whitener.present, fit.simulator.measured - shown, 0.0)
+    off = fit.simulator.measured - shown
+    if not fit.whitener.present.all():
+        off[~fit.whitener.present] = 0.0
+    return np.asarray(off)
 
 
 def linear_columns(linear: Sequence[Linear], shape: tuple[int, ...]) -> FloatArray:

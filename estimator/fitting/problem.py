@@ -86,14 +86,19 @@ class Problem:
         lengths = [o.before + len(o.recording.time) for o in plan.observed]
         self._edges = np.cumsum([0, *lengths])
         self._phased = self._without_phase()
-        self._used = ~np.isnan(np.concatenate([o.compared for o in plan.observed]))
+        self._used = ~np.isnan(self._compared)
+
+    @property
+    def _compared(self) -> FloatArray:
+        """What is compared, (rows, outputs), NaN where a sample is missing; not to be changed."""
+        each = [o.compared for o in self.plan.observed]
+        return each[0] if len(each) == 1 else np.concatenate(each)
 
     @cached_property
     def spread(self) -> FloatArray:
         """The deviation of each measured output, (q,): its scale; of a constant one its size."""
-        measured = np.concatenate([o.compared for o in self.plan.observed])
         spreads = []
-        for column in measured.T:
+        for column in self._compared.T:
             spread = float(np.nanstd(column))
             spreads.append(spread if spread > 0 else max(abs(float(np.nanmean(column))), 1e-12))
         return np.array(spreads)
@@ -106,7 +111,7 @@ class Problem:
     @cached_property
     def _measured_rows(self) -> FloatArray:
         """What is compared, (rows, outputs); 0 where a sample is missing."""
-        return np.asarray(np.nan_to_num(np.concatenate([o.compared for o in self.plan.observed])))
+        return self._compared if self._used.all() else np.asarray(np.nan_to_num(self._compared))
 
     def costs(self, candidates: FloatArray, bounds: FloatArray | None = None) -> FloatArray:
         """Return the weighted sums of squares, (n,), of (n, p) candidates; infinity where cut short or failed."""

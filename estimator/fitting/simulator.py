@@ -167,7 +167,8 @@ class Simulator:
     @cached_property
     def measured(self) -> FloatArray:
         """What is compared, (rows, q); NaN where a sample is missing, or shown again."""
-        return np.concatenate([_without_repeats(o, self.outputs) for o in self.observed])
+        each = [_without_repeats(o, self.outputs) for o in self.observed]
+        return each[0] if len(each) == 1 else np.concatenate(each)
 
     @cached_property
     def steps(self) -> FloatArray:
@@ -279,6 +280,10 @@ class Simulator:
         if kept:
             self._phases = key, phases
         return phases
+
+    def forget(self) -> None:
+        """Give up the memory of the signals between two rows, which filters and means are tried on."""
+        self._phases = None
 
     def spacing(self, values: FloatArray) -> FloatArray:
         """Return by which steps, (p,), s, delays act on a candidate, (p,): a filter takes a signal from row to row.

@@ -49,8 +49,12 @@ def quantile(y: FloatArray, part: float) -> float:
 
     As np.nanquantile does, which loads numpy.ma to look for masked arrays.
     """
-    known = np.sort(y[~np.isnan(y)])
-    return float(np.interp(part * (len(known) - 1), np.arange(len(known)), known)) if len(known) else float("nan")
+    known = y[~np.isnan(y)]
+    if not len(known):
+        return float("nan")
+    at = part * (len(known) - 1)
+    around = [int(at), min(int(at) + 1, len(known) - 1)]
+    return float(np.interp(at, around, np.partition(known, around)[around]))
 
 
 def sum_of_logs(numbers: FloatArray) -> FloatArray:
