@@ -210,14 +210,16 @@ def _groups(
 
 def _own_values(jacobian: Columns, test: ScoreTest, mask: NDArray[np.bool_], parameters: int, chance: float) -> float:
     """Return how much larger the score of own parameters in a part is than its quantile; its root."""
-    spanned, left = test.known.spanned, test.left
+    spanned, left, alike = test.known.spanned, test.left, test.known.spanned is jacobian
     information, products = np.zeros((parameters, parameters)), np.zeros((spanned.shape[1], parameters))
     along = np.zeros(parameters)
     for at in (slice(k, k + AT_ONCE) for k in range(0, len(mask), AT_ONCE)):  # copies no whole column
         inside = mask[at]
-        own = jacobian[at].compress(inside, axis=0)[:, :parameters]  # some ten times as quick as by an index
+        own = jacobian[at].compress(inside, axis=0)  # some ten times as quick as by an index
+        others = own if alike else spanned[at].compress(inside, axis=0)
+        own = own[:, :parameters]
         information += own.T @ own
-        products += spanned[at].compress(inside, axis=0).T @ own
+        products += others.T @ own
         along += own.T @ left[at][inside]
     norms = np.sqrt(np.diag(information))
     told = norms > 0
