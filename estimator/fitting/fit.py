@@ -222,6 +222,7 @@ class Fit:
         for name in ("whitened", "_covariance_parts", "_test", "_told"):
             self.__dict__.pop(name, None)
         self.slopes.forget()
+        self.whitener.forget()
 
 
 def chosen(columns: Columns, which: BoolArray) -> Columns:

@@ -104,9 +104,10 @@ class Problem:
         return np.array(spreads)
 
     @cached_property
-    def output_of_residual(self) -> IntArray:
+    def output_of_residual(self) -> NDArray[np.int16]:
         """The output of each residual, (m,)."""
-        return np.asarray(np.broadcast_to(np.arange(len(self.outputs)), self._used.shape)[self._used], dtype=np.int64)
+        outputs = np.arange(len(self.outputs), dtype=np.int16)
+        return np.asarray(np.broadcast_to(outputs, self._used.shape)[self._used])
 
     @cached_property
     def _measured_rows(self) -> FloatArray:
@@ -262,10 +263,12 @@ class Problem:
     def _experiment(self, observed: Observed, sigma: Mapping[str, float]) -> Experiment:
         recording = observed.recording
         own = [self._own_unit(name, signal) for name, signal in observed.inputs.items()]
-        inputs = np.column_stack(own) if own else np.empty((len(recording.time), 0))
+        inputs = own[0][:, None] if len(own) == 1 else np.empty((len(recording.time), 0))
+        inputs = np.column_stack(own) if len(own) > 1 else inputs
         still = [self._own_unit(name, np.zeros(observed.rest)) for name in observed.inputs]
         at_rest = np.column_stack(still) if still else np.empty((observed.rest, 0))
-        inputs = np.concatenate([at_rest, np.repeat(inputs[:1], observed.lead, axis=0), inputs])
+        if observed.before:
+            inputs = np.concatenate([at_rest, np.repeat(inputs[:1], observed.lead, axis=0), inputs])
         start = self.plan.description.default_experiment["start_time"] or 0.0
         times = None
         if not recording.even or observed.taken is not None:

@@ -332,20 +332,21 @@ def _without_repeats(o: Observed, outputs: Sequence[str]) -> FloatArray:
     A channel that repeats values for a few rows, and is not quantised by a converter or an encoder, is held by the
     logger. A value that stays for longer is constant.
     """
-    rows = np.column_stack([o.outputs[y] for y in outputs])
+    rows = o.compared[o.before :]
+    held = np.zeros(rows.shape, dtype=bool)
     for j in range(rows.shape[1]):
         again = np.concatenate([[False], rows[1:, j] == rows[:-1, j]])
         lattice = again.any() and quantum(rows[:, j]) > 0
         if lattice and outputs[j] != "w":
-            rows[_held(again), j] = np.nan
+            held[:, j] = _held(again)
         if not again.any() or (lattice and outputs[j] != "w"):
             continue
         edges = np.flatnonzero(np.diff(np.concatenate([[False], again, [False]]).astype(np.int8)))
         for first, last in zip(edges[::2], edges[1::2], strict=True):
             stands = lattice and last - first >= STANDSTILL_ROWS and rows[first, j] == 0
             if stands or (not lattice and last - first <= LONGEST_HOLD):
-                rows[first:last, j] = np.nan
-    return rows
+                held[first:last, j] = True
+    return np.where(held, np.nan, rows) if held.any() else rows
 
 
 def _held(again: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -241,6 +241,11 @@ class Whitener:
             white += (noise.jitter * self.slope / g) ** 2
         return g, white
 
+    def forget(self) -> None:
+        """Give up the memory of what is made of the noise again when it is asked for."""
+        for name in ("_scale", "_state_spaces", "_shared"):
+            self.__dict__.pop(name, None)
+
     def of(self, noise: NoiseModel) -> Whitener:
         """Return the whitener of another noise model."""
         return dataclasses.replace(self, noise=noise)
