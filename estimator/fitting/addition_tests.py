@@ -6,7 +6,7 @@ import dataclasses
 import weakref
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,7 +62,7 @@ class AdditionTests:
     rivals: Callable[[str], Simulator | None]
     _tested: _Tested | None = field(init=False, default=None)
 
-    @property
+    @cached_property
     def samples(self) -> int:
         """How many samples are compared."""
         return int(np.sum(~np.isnan(self.base.measured)))

@@ -158,7 +158,9 @@ class Fit:
 
     @property
     def explained(self) -> FloatArray:
-        """What the sensors show, (rows, q), the linear part included."""
+        """What the sensors show, (rows, q), the linear part included; not to be changed."""
+        if not self.linear:
+            return self.shown
         return self.shown + linear_columns(self.linear, self.shown.shape) @ self.coefficients
 
     def delay(self, recording: int) -> float:

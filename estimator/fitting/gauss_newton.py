@@ -30,7 +30,9 @@ def solved_roughly(fit: Fit, *, limit: float = np.inf) -> Fit:
     return solved(fit, iterations=ROUGH, limit=limit)
 
 
-def solved(fit: Fit, *, iterations: int = ITERATIONS, tolerance: float = 1e-3, limit: float = np.inf) -> Fit:
+def solved(
+    fit: Fit, *, iterations: int = ITERATIONS, tolerance: float = 1e-3, limit: float = np.inf, told: bool = True
+) -> Fit:
     """Return the fit at the least cost that is reached from where it stands.
 
     Parameters
@@ -41,6 +43,8 @@ def solved(fit: Fit, *, iterations: int = ITERATIONS, tolerance: float = 1e-3, l
         Of z'z: the iteration ends when the predicted fall is smaller. 1 is one standard error.
     limit : float
         Of z'z: the iteration ends where it has no hope of less.
+    told : bool
+        Whether derivatives are simulated where it ends; if not, a fit by another noise is to begin there.
     """
     s, where, (low, high) = fit.simulator, fit.where, fit.bounds
     linear = Projection(fit.whitener.flat(linear_columns(fit.linear, fit.shown.shape)))
@@ -78,7 +82,7 @@ def solved(fit: Fit, *, iterations: int = ITERATIONS, tolerance: float = 1e-3, l
             else:
                 break
         if better is None:
-            if simulated:
+            if simulated or not told:
                 break
             raw = None  # what was corrected tells no minimum
             continue

@@ -208,7 +208,7 @@ class Selection:
         free = [n for n in there.free if n in simulator.index]  # all rows may rule out what the part allows
         fit = new_fit(simulator, values, free, there.whitener.noise)
         open_ones = tuple(group for e in self.effects for group in e.always(fit))
-        best = Explanation(solved_roughly(dataclasses.replace(fit, linear=open_ones)))
+        best = Explanation(solved(dataclasses.replace(fit, linear=open_ones), iterations=ROUGH, told=False))
         for a in known.additions:
             if a.linear is None:
                 own = (without_columns(a),) if a.name in simulator.index else ()

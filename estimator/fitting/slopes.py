@@ -66,8 +66,10 @@ class Point:
             return s.derivatives[1]
         result = np.zeros((f, *self.shown.shape))  # column by column, as they are simulated
         many = max(1, CELLS // (s.rows * len(points)))  # of what is free, at once: of a long recording one by one
+        room = max(1, CELLS // s.rows)
         for part in (np.arange(f)[k : k + many] for k in range(0, f, many)):
-            ends = s.shown(np.concatenate(points[:, part]))
+            asked = np.concatenate(points[:, part])
+            ends = [end for one in (asked[k : k + room] for k in range(0, len(asked), room)) for end in s.shown(one)]
             backs = ends[len(part) :] if central else [self.shown] * len(part)
             for k, there, back in zip(part, ends[: len(part)], backs, strict=True):
                 width = ahead[k] - behind[k]
