@@ -248,8 +248,9 @@ def new_fit(simulator: Simulator, values: FloatArray, free: Sequence[str], noise
 def with_level(fit: Fit) -> Fit:
     """Return the fit whose noise follows the signals as they are simulated now."""
     level = np.abs(fit.shown)
-    level[~np.isfinite(level)] = 0.0
-    largest = np.max(level, axis=0)
+    if not (known := np.isfinite(level)).all():
+        level[~known] = 0.0
+    largest = np.array([own.max() for own in level.T])  # of few columns ten times as quick as along the rows
     level /= np.where(largest > 0, largest, 1.0)
     moving = np.logical_or.reduce([own > 1e-3 for own in level.T])
     slope = slopes_in_time(fit) if fit.whitener.noise.jitter else np.broadcast_to(0.0, level.shape)

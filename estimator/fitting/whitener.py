@@ -87,8 +87,7 @@ class Whitener:
             total += log
             parts.append(white)
         result = parts[0] if len(parts) == 1 else np.concatenate(parts)
-        alike = all(s == 1.0 for short in self.noise.short for _, s in short)  # their logarithms are 0
-        for short, counts in () if alike else zip(self.noise.short, self._counts, strict=False):
+        for short, counts in () if self._alike else zip(self.noise.short, self._counts, strict=False):
             total += float(sum(2 * n * np.log(s) for n, (_, s) in zip(counts, short, strict=True)))
         return result, total
 
@@ -134,8 +133,9 @@ class Whitener:
         if self._grows:
             deviation *= g
         scale = np.divide(1.0, deviation, out=deviation)
-        for short, here in zip(self.noise.short, (~self.moving, self.moving), strict=False):
-            scale[here] /= [own for _, own in short]
+        if not self._alike:
+            at_rest, moving = ([own for _, own in short] for short in self.noise.short)
+            scale /= np.where(self.moving[:, None], moving, at_rest)
         if not self.present.all():
             scale[~self.present] = 0.0
         return scale
@@ -189,6 +189,11 @@ class Whitener:
         short = any(len(a) for of_channels in self.noise.short for a, _ in of_channels)
         plain = not (self._grows or self.noise.has_state or self.noise.jitter or short or self.shared is not None)
         return plain and bool(np.count_nonzero(self.inflate != 1.0) <= BY_CHANCE * self.inflate.size)
+
+    @property
+    def _alike(self) -> bool:
+        """Whether the noise is as large while the machine rests as while it runs, beside what grows."""
+        return all(s == 1.0 for short in self.noise.short for _, s in short)
 
     @property
     def _grows(self) -> bool:
