@@ -137,7 +137,7 @@ def adequacy(fit: Fit, parameters: int, *, is_searched: bool = True) -> Adequacy
     z = fit.z.reshape(fit.shown.shape)
     present = fit.whitener.present & (fit.whitener.inflate == 1.0)
     tails = _tails(z, present, windows)
-    known_by = np.maximum((windows.settled[:, None] & present).sum(axis=0), 2)  # samples that tell the noise
+    known_by = np.array([max(np.count_nonzero(windows.settled & own), 2) for own in present.T])  # that tell the noise
     outputs = fit.simulator.outputs
     count = 2 * len(windows.windows) * len(outputs) + len(windows.windows) + len(outputs)
     normal = normal_quantile(1 - FALSE_ALARM / count)

@@ -37,6 +37,11 @@ def median(y: FloatArray) -> float:
     return float(part[k]) if len(y) % 2 else float((part[k - 1] + part[k]) / 2)
 
 
+def median_of_known(y: FloatArray) -> float:
+    """Return the median of the samples that are there; NaN where none is."""
+    return median(y[~np.isnan(y)])
+
+
 def medians(rows: FloatArray) -> FloatArray:
     """Return the median of each row, (m,), of (m, n) numbers that are all there."""
     k = rows.shape[1] // 2
