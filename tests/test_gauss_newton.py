@@ -49,3 +49,18 @@ def test_the_minimum_is_that_of_derivatives_that_are_simulated_at_every_step(tol
             simulations.append(crew.simulations - before)
     assert costs[0] == pytest.approx(costs[1], abs=10 * tolerance)
     assert simulations[0] < simulations[1]
+
+
+def test_a_fit_that_another_noise_follows_simulates_no_derivatives_where_it_ends():
+    plan = plan_case(CASE, bundled_model("dc_motor"), recordings=[recording("two levels")])
+    noise = NoiseModel.plain(np.array([NOISE["i"], NOISE["w"]]), (-1, -1))
+    fits, simulations = [], []
+    for told in (True, False):
+        with Workers(1) as crew:
+            simulator = Simulator(plan, (), crew, {"i": 1.0, "w": 1.0})
+            begun = new_fit(simulator, simulator.values({n: 1.02 * x for n, x in TRUE.items()}), plan.names, noise)
+            before = crew.simulations
+            fits.append(gauss_newton.solved(begun, told=told))
+            simulations.append(crew.simulations - before)
+    assert fits[1].cost == pytest.approx(fits[0].cost, abs=0.01)
+    assert simulations[1] == simulations[0] - len(TRUE)
