@@ -48,3 +48,10 @@ def test_several_signals_have_the_recursion_of_each(b, a, c):
     each = np.column_stack([recursion(np.array(b) * k, a, np.ascontiguousarray(x[:, j])) for j, k in enumerate(own)])
     assert np.array_equal(recursion(np.outer(b, own), a, x), each)
     assert np.array_equal(recursion(b, a, x)[:, 0], recursion(b, a, np.ascontiguousarray(x[:, 0])))
+
+
+@pytest.mark.parametrize(("b", "a"), [([0.3], []), ([0.4, 0.1], [-0.5]), ([0.1, 0.2, 0.1], [-1.2, 0.5])])
+def test_a_recursion_in_place_is_the_same(b, a):
+    x = np.random.default_rng(1).standard_normal(500)
+    apart, own = recursion(b, a, x), x.copy()
+    assert recursion(b, a, own, in_place=True) is own and np.array_equal(own, apart)

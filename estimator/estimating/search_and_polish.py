@@ -287,7 +287,7 @@ def _is_poor(checked: Adequacy) -> bool:
     return any(f.what == "size" and f.excess > MISFIT for f in checked.failures)
 
 
-def _log_likelihood(output: NDArray[np.int64], deviations: FloatArray) -> float:
+def _log_likelihood(output: NDArray[np.int16], deviations: FloatArray) -> float:
     """Return −2 log likelihood, up to a constant, of normal noise; `output` is that of each residual."""
     counts = np.bincount(output, minlength=len(deviations))
     return float(np.sum(2 * counts * np.log(deviations)))

@@ -6,7 +6,7 @@ import dataclasses
 import weakref
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,7 +62,7 @@ class AdditionTests:
     rivals: Callable[[str], Simulator | None]
     _tested: _Tested | None = field(init=False, default=None)
 
-    @property
+    @cached_property
     def samples(self) -> int:
         """How many samples are compared."""
         return int(np.sum(~np.isnan(self.base.measured)))
@@ -190,6 +190,7 @@ class AdditionTests:
                     kept = beside is not None and (wanted[w][0].doubt or wanted[w][1].name == beside)
                     across = test.known.rest(times * whitened[:][:, k : k + 1]) if kept else None
                     best[w] = gain, told, across, t
+        simulator.forget()
         for w, (effect, nuisance) in enumerate(wanted):
             found: list[tuple[float, tuple[Mapping[str, float], ...]]] = []
             for gain, size, t in tested[w]:

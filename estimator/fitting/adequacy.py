@@ -137,7 +137,7 @@ def adequacy(fit: Fit, parameters: int, *, is_searched: bool = True) -> Adequacy
     z = fit.z.reshape(fit.shown.shape)
     present = fit.whitener.present & (fit.whitener.inflate == 1.0)
     tails = _tails(z, present, windows)
-    known_by = np.maximum((windows.settled[:, None] & present).sum(axis=0), 2)  # samples that tell the noise
+    known_by = np.array([max(np.count_nonzero(windows.settled & own), 2) for own in present.T])  # that tell the noise
     outputs = fit.simulator.outputs
     count = 2 * len(windows.windows) * len(outputs) + len(windows.windows) + len(outputs)
     normal = normal_quantile(1 - FALSE_ALARM / count)
@@ -210,15 +210,17 @@ def _groups(
 
 def _own_values(jacobian: Columns, test: ScoreTest, mask: NDArray[np.bool_], parameters: int, chance: float) -> float:
     """Return how much larger the score of own parameters in a part is than its quantile; its root."""
-    spanned, left = test.known.spanned, test.left
+    spanned, left, alike = test.known.spanned, test.left, test.known.spanned is jacobian
     information, products = np.zeros((parameters, parameters)), np.zeros((spanned.shape[1], parameters))
     along = np.zeros(parameters)
     first, end = int(mask.argmax()), len(mask) - int(mask[::-1].argmax())
     for at in (slice(k, min(k + AT_ONCE, end)) for k in range(first, end, AT_ONCE)):  # copies no whole column
         inside = mask[at]
-        own = jacobian[at].compress(inside, axis=0)[:, :parameters]  # some ten times as quick as by an index
+        own = jacobian[at].compress(inside, axis=0)  # some ten times as quick as by an index
+        others = own if alike else spanned[at].compress(inside, axis=0)
+        own = own[:, :parameters]
         information += own.T @ own
-        products += spanned[at].compress(inside, axis=0).T @ own
+        products += others.T @ own
         along += own.T @ left[at][inside]
     norms = np.sqrt(np.diag(information))
     told = norms > 0

@@ -306,7 +306,7 @@ def _farthest(effect: NotVisible) -> float:
 
 
 def _rms(values: FloatArray, present: NDArray[np.bool_]) -> FloatArray:
-    counts = np.maximum(present.sum(axis=0), 1)
+    counts = np.array([max(np.count_nonzero(own), 1) for own in present.T])
     return np.asarray(np.sqrt(np.sum(np.where(present, values, 0.0) ** 2, axis=0) / counts))
 
 

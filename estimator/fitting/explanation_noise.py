@@ -65,7 +65,7 @@ def with_noise(
         return dataclasses.replace(explanation, fit=solved(refreshed(fit, whitener.of(exact))))
     # Spectral lines take nothing of the noise.
     wide = [k for k, name in enumerate(fit.names) if not name.startswith("ripple ")]
-    windows = find_windows(fit)
+    windows = find_windows(explanation.fit)
     columns = fit.raw if len(wide) == len(fit.names) else fit.raw[:, :, wide]
     s = fit.simulator
     found = fit_noise(
@@ -81,7 +81,7 @@ def with_jitter(explanation: Explanation, differenced: FloatArray) -> Explanatio
     fit = with_level(explanation.fit)
     fit = dataclasses.replace(fit, whitener=dataclasses.replace(fit.whitener, slope=slopes_in_time(fit)))
     grows = fit.whitener.noise
-    edges = [rows for transients in find_windows(fit).transients for rows in transients]
+    edges = [rows for transients in find_windows(explanation.fit).transients for rows in transients]
     found = []
     for noise in (grows, dataclasses.replace(grows, growth=np.zeros_like(grows.growth) + [0.0, 2.0])):
         whitener = fit.whitener.of(noise)
@@ -104,7 +104,7 @@ def with_jitter(explanation: Explanation, differenced: FloatArray) -> Explanatio
 def with_noise_of_neighbours(explanation: Explanation, differenced: FloatArray) -> Explanation:
     """Return the explanation fitted by the noise that samples beside each other show."""
     fit = with_level(explanation.fit)
-    windows = find_windows(fit)
+    windows = find_windows(explanation.fit)
     misfit = np.where(fit.whitener.present, fit.residuals(), 0.0)
     old, found = fit.whitener.noise, noise_of_neighbours(fit.whitener, misfit, windows.sharp)
     coarse = (fit.simulator.steps > 0) | (differenced > 0)  # their noise is of steps, and no growth

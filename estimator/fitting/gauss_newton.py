@@ -1,8 +1,10 @@
 """A fit's least cost, by Gauss-Newton steps with Levenberg's damping, from differences. Knows no effect and no test.
 
 A step that falls about as far as its derivatives say leaves them nearly as they were: they are corrected by what it
-showed (Broyden 1965) instead of simulated again, f simulations of f values. A minimum is told by simulated ones only.
-A step that falls short is corrected by what bends beside it, as in a valley that is curved (Transtrum and Sethna 2012).
+showed (Broyden 1965) instead of simulated again, f simulations of f values. Near the minimum, where central ones are
+asked for, they are kept as they are. A minimum is told by simulated ones only; those that a fit knows are not simulated
+again. A step that falls short is corrected by what bends beside it, as in a valley that is curved (Transtrum and Sethna
+2012).
 """
 
 from __future__ import annotations
@@ -29,7 +31,9 @@ def solved_roughly(fit: Fit, *, limit: float = np.inf) -> Fit:
     return solved(fit, iterations=ROUGH, limit=limit)
 
 
-def solved(fit: Fit, *, iterations: int = ITERATIONS, tolerance: float = 1e-3, limit: float = np.inf) -> Fit:
+def solved(
+    fit: Fit, *, iterations: int = ITERATIONS, tolerance: float = 1e-3, limit: float = np.inf, told: bool = True
+) -> Fit:
     """Return the fit at the least cost that is reached from where it stands.
 
     Parameters
@@ -40,18 +44,19 @@ def solved(fit: Fit, *, iterations: int = ITERATIONS, tolerance: float = 1e-3, l
         Of z'z: the iteration ends when the predicted fall is smaller. 1 is one standard error.
     limit : float
         Of z'z: the iteration ends where it has no hope of less.
+    told : bool
+        Whether derivatives are simulated where it ends; if not, a fit by another noise is to begin there.
     """
     s, where, (low, high) = fit.simulator, fit.where, fit.bounds
-    x = np.clip(s.scaled(fit.values)[where], low, high)
     linear = Projection(fit.whitener.flat(linear_columns(fit.linear, fit.shown.shape)))
     longest, damping = longest_steps(fit), DAMPING[0]
 
     def point(x: FloatArray, shown: FloatArray) -> Point:
-        return Point(s, where, placed(fit, x), x, low, high, shown)
+        return Point(s, where, placed(fit, x), x, low, high, shown, s.between)
 
-    shown = s.shown(placed(fit, x)[None, :])[0]
-    cost = _cost(fit, shown, linear)
-    raw, simulated, fine, left = None, True, tolerance < 1e-6, iterations
+    simulated, fine, left = True, tolerance < 1e-6, iterations
+    x, shown, known = _begun(fit, central=fine)
+    cost, raw = _cost(fit, shown, linear), known
     for _ in range(MOST_STEPS * iterations if len(where) and np.isfinite(cost) else 0):
         if raw is None:
             if not left:
@@ -71,8 +76,10 @@ def solved(fit: Fit, *, iterations: int = ITERATIONS, tolerance: float = 1e-3, l
             there = s.shown(placed(fit, tried)[None, :])[0]
             new = _cost(fit, there, linear)
             if simulated and cost <= new < np.inf:
-                bent = np.where(fit.whitener.present, shown + raw @ (tried - x) - there, 0.0)
-                tried = np.clip(tried + _step(*_triangle(fit, linear, raw, bent), damping, tried, low, high), low, high)
+                bent = _triangle(
+                    fit, linear, raw, np.where(fit.whitener.present, shown + raw @ (tried - x) - there, 0.0)
+                )
+                tried = np.clip(tried + _step(*bent, damping, tried, low, high), low, high)
                 there = s.shown(placed(fit, tried)[None, :])[0]
                 new = _cost(fit, there, linear)
             if new < cost:
@@ -83,32 +90,44 @@ def solved(fit: Fit, *, iterations: int = ITERATIONS, tolerance: float = 1e-3, l
             else:
                 break
         if better is None:
-            if simulated:
+            if simulated or not told:
                 break
             raw = None  # what was corrected tells no minimum
             continue
         gained = cost - better[2]
-        if gained >= tolerance and not fine and AS_PREDICTED[0] < gained / predicted < AS_PREDICTED[1]:
-            _correct(raw, better[0] - x, better[1] - shown, a)
-            simulated = False
+        if gained >= tolerance and AS_PREDICTED[0] < gained / predicted < AS_PREDICTED[1]:
+            step = better[0] - x, better[1] - shown
+            raw, simulated = raw if fine else _corrected(raw, *step, a, own=raw is not known), False
         else:
             raw = None
         x, shown, cost = better
         if gained < tolerance and simulated:
             break
-    end, known = point(x, shown), raw if fine else None
+    end, known = point(x, shown), raw if fine and simulated else None
     return evaluated(fit, end.values, shown, Slopes(end, central=tolerance < 1e-2, known=known), linear)
 
 
-def _correct(raw: FloatArray, dx: FloatArray, change: FloatArray, a: FloatArray) -> None:
-    """Change derivatives, (rows, q, f), as little as gives the change, (rows, q), of a step, (f,), in their place.
+def _begun(fit: Fit, *, central: bool) -> tuple[FloatArray, FloatArray, FloatArray | None]:
+    """Return what is free, (f,), on its scale, what is shown there, and the derivatives, if the fit knows them."""
+    s, (low, high) = fit.simulator, fit.bounds
+    begun = fit.slopes.begun(s, fit.where, fit.values)
+    if begun is not None and np.all((begun.x >= low) & (begun.x <= high)):
+        return begun.x, begun.shown, fit.slopes.known(central=central)
+    x = np.clip(s.scaled(fit.values)[fit.where], low, high)
+    return x, s.shown(placed(fit, x)[None, :])[0], None
 
-    As little as the whitened signals weigh what is free, of which `a`, (f, f), is the triangle.
+
+def _corrected(raw: FloatArray, dx: FloatArray, change: FloatArray, a: FloatArray, *, own: bool) -> FloatArray:
+    """Return derivatives, (rows, q, f), changed as little as gives the change, (rows, q), of a step, (f,).
+
+    As little as the whitened signals weigh what is free, of which `a`, (f, f), is the triangle. `own`: in their place.
     """
     weights = np.sum(a**2, axis=0) * dx
     missed = (change - raw @ dx) / (weights @ dx)
+    raw = raw if own else raw.copy(order="K")
     for k, weight in enumerate(weights.tolist()):
         raw[:, :, k] += weight * missed
+    return raw
 
 
 def longest_steps(fit: Fit) -> FloatArray:

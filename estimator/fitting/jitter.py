@@ -68,27 +68,30 @@ def _costs(z: FloatArray, slope: FloatArray, tried: FloatArray) -> list[FloatArr
     tried : (n,) array
         Increasing, s.
     """
-    squares, factors = z * z, NOISE_FACTORS[:, None] ** 2
+    squares, v, factors = (z * z).T, (slope * slope).T, NOISE_FACTORS[:, None] ** 2
     # Rows whose slope is too small to change a sum of doubles cost the same at every jitter.
-    ratio = np.max(slope**2, axis=1) / factors.min()
+    ratio = np.maximum.reduce(list(v)) / factors.min()
     moving = ratio * tried[-1] ** 2 > 1e-17
-    level = _capped(squares[~moving], factors)
-    ratio[np.max(squares, axis=1) > CAPPED * factors.min()] = np.inf
-    ratio, v, x = ratio[moving], slope[moving] ** 2, squares[moving]
+    level = _capped(squares.compress(~moving, axis=1), factors)
+    ratio[np.maximum.reduce(list(squares)) > CAPPED * factors.min()] = np.inf
+    ratio, v, x = (own.compress(moving, axis=-1) for own in (ratio, v, squares))  # channel by channel: sums are quicker
     moments, costs = np.zeros((2, 2, z.shape[1])), []
     for u in np.append(tried[::-1], 0.0) ** 2:
         # Of small slopes, as they are at every smaller jitter, a series of two terms: their moments are what counts.
         exact = ratio > FAINT / max(u, 1e-300)
         if np.count_nonzero(exact) < FEWER * len(exact):
-            few, own = v[~exact], x[~exact]
-            level = level + len(few) * np.log(factors) + own.sum(axis=0) / factors
-            moments += [[(w * few).sum(axis=0) for w in (1.0, own)], [(w * few * few).sum(axis=0) for w in (0.5, own)]]
-            ratio, v, x = ratio[exact], v[exact], x[exact]
+            few, own = v.compress(~exact, axis=1), x.compress(~exact, axis=1)
+            level = level + few.shape[1] * np.log(factors) + own.sum(axis=1) / factors
+            moments += [[(w * few).sum(axis=1) for w in (1.0, own)], [(w * few * few).sum(axis=1) for w in (0.5, own)]]
+            ratio, v, x = (rest.compress(exact, axis=-1) for rest in (ratio, v, x))
         (v1, x1), (v2, x2) = moments
-        cost, many = [], max(1, TOGETHER // max(x.size, 1))
+        cost, many = [], max(1, TOGETHER // max(len(ratio), 1))
         for some in (factors[k : k + many] for k in range(0, len(factors), many)):
-            variance = some[:, None] + u * v
-            cost.append(sum_of_logs(variance) + np.sum(np.minimum(x / variance, CAPPED), axis=1))
+            told = []
+            for square, by_slope in zip(x, u * v, strict=True):
+                variance = some + by_slope
+                told.append(sum_of_logs(variance) + np.minimum(square / variance, CAPPED).sum(axis=1))
+            cost.append(np.stack(told, axis=1))
         series = u * (v1 - x1 / factors) / factors + u * u * (x2 / factors - v2) / factors**2
         costs.append(np.concatenate(cost) + level + series)  # (sizes, q)
     return costs
@@ -118,11 +121,11 @@ def without_responses(
 
 
 def _capped(squares: FloatArray, factors: FloatArray) -> FloatArray:
-    """Return what squares, (n, q), cost at variances, (c, 1), that are theirs without a jitter, (c, q)."""
-    whole, result = squares.sum(axis=0), np.zeros((len(factors), squares.shape[1]))
-    for j, own in enumerate(squares.T):
+    """Return what squares, (q, n), cost at variances, (c, 1), that are theirs without a jitter, (c, q)."""
+    whole, result = squares.sum(axis=1), np.zeros((len(factors), len(squares)))
+    for j, own in enumerate(squares):
         large = own[own > CAPPED * factors.min()]
         for k, (f,) in enumerate(factors):
             beyond = large[large > CAPPED * f]
             result[k, j] = (whole[j] - beyond.sum()) / f + CAPPED * len(beyond)
-    return np.asarray(result + len(squares) * np.log(factors))
+    return np.asarray(result + squares.shape[1] * np.log(factors))

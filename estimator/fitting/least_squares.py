@@ -66,7 +66,7 @@ class LeastSquares:
         residuals: Residuals,
         box: Box,
         *,
-        output: NDArray[np.int64],
+        output: NDArray[np.int16],
         spread: FloatArray,
         loss: str = "linear",
     ) -> None:

@@ -78,14 +78,14 @@ def _settled_part(whitener: Whitener, settled: BoolArray) -> tuple[Whitener, NDA
     for j in range(present.shape[1]):
         if present[:, j].sum() < min(SETTLED_SAMPLES, whitener.present[:, j].sum()):
             present[:, j] = whitener.present[:, j]
-    told = np.flatnonzero(present.any(axis=1))
+    told = np.flatnonzero(np.logical_or.reduce(list(present.T)))
     if len(told) > ROWS:  # of every recording its part
         keep = np.zeros(len(present), dtype=bool)
         for clock in whitener.clocks:
             inside = told[(told >= clock.rows.start) & (told < clock.rows.stop)]
             keep[inside[-max(1, ROWS * len(inside) // len(told)) :]] = True
         present &= keep[:, None]
-    used = np.flatnonzero(present.any(axis=1))
+    used = np.flatnonzero(np.logical_or.reduce(list(present.T)))
     cut, clocks, at = [], [], 0
     for clock in whitener.clocks:
         inside = used[(used >= clock.rows.start) & (used < clock.rows.stop)]

@@ -86,27 +86,33 @@ class Problem:
         lengths = [o.before + len(o.recording.time) for o in plan.observed]
         self._edges = np.cumsum([0, *lengths])
         self._phased = self._without_phase()
-        self._used = ~np.isnan(np.concatenate([o.compared for o in plan.observed]))
+        self._used = ~np.isnan(self._compared)
+
+    @property
+    def _compared(self) -> FloatArray:
+        """What is compared, (rows, outputs), NaN where a sample is missing; not to be changed."""
+        each = [o.compared for o in self.plan.observed]
+        return each[0] if len(each) == 1 else np.concatenate(each)
 
     @cached_property
     def spread(self) -> FloatArray:
         """The deviation of each measured output, (q,): its scale; of a constant one its size."""
-        measured = np.concatenate([o.compared for o in self.plan.observed])
         spreads = []
-        for column in measured.T:
+        for column in self._compared.T:
             spread = float(np.nanstd(column))
             spreads.append(spread if spread > 0 else max(abs(float(np.nanmean(column))), 1e-12))
         return np.array(spreads)
 
     @cached_property
-    def output_of_residual(self) -> IntArray:
+    def output_of_residual(self) -> NDArray[np.int16]:
         """The output of each residual, (m,)."""
-        return np.asarray(np.broadcast_to(np.arange(len(self.outputs)), self._used.shape)[self._used], dtype=np.int64)
+        outputs = np.arange(len(self.outputs), dtype=np.int16)
+        return np.asarray(np.broadcast_to(outputs, self._used.shape)[self._used])
 
     @cached_property
     def _measured_rows(self) -> FloatArray:
         """What is compared, (rows, outputs); 0 where a sample is missing."""
-        return np.asarray(np.nan_to_num(np.concatenate([o.compared for o in self.plan.observed])))
+        return self._compared if self._used.all() else np.asarray(np.nan_to_num(self._compared))
 
     def costs(self, candidates: FloatArray, bounds: FloatArray | None = None) -> FloatArray:
         """Return the weighted sums of squares, (n,), of (n, p) candidates; infinity where cut short or failed."""
@@ -257,10 +263,12 @@ class Problem:
     def _experiment(self, observed: Observed, sigma: Mapping[str, float]) -> Experiment:
         recording = observed.recording
         own = [self._own_unit(name, signal) for name, signal in observed.inputs.items()]
-        inputs = np.column_stack(own) if own else np.empty((len(recording.time), 0))
+        inputs = own[0][:, None] if len(own) == 1 else np.empty((len(recording.time), 0))
+        inputs = np.column_stack(own) if len(own) > 1 else inputs
         still = [self._own_unit(name, np.zeros(observed.rest)) for name in observed.inputs]
         at_rest = np.column_stack(still) if still else np.empty((observed.rest, 0))
-        inputs = np.concatenate([at_rest, np.repeat(inputs[:1], observed.lead, axis=0), inputs])
+        if observed.before:
+            inputs = np.concatenate([at_rest, np.repeat(inputs[:1], observed.lead, axis=0), inputs])
         start = self.plan.description.default_experiment["start_time"] or 0.0
         times = None
         if not recording.even or observed.taken is not None:

@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 
 from estimator.distributions import chi_square_limit
 from estimator.fitting.fit import Fit
-from estimator.fitting.in_parts import products
 
 FloatArray = NDArray[np.float64]
 
@@ -40,9 +39,7 @@ def unexplained_responses(fit: Fit, chance: float, channels: Sequence[int]) -> l
     outputs, test = [fit.simulator.outputs[j] for j in channels], fit.test()
     if not outputs:
         return []
-    columns = fit.whitener.of_made(partial(_changes, fit, channels))
-    known = test.known.along(columns)
-    information, scores = products(columns, columns) - known.T @ known, products(columns, test.left)
+    information, scores = test.together(fit.whitener.of_made(partial(_changes, fit, channels)))
     groups = [(output, slice(RESPONSES * j, RESPONSES * (j + 1))) for j, output in enumerate(outputs)]
     if len(outputs) > 1:
         groups.append(("", slice(None)))

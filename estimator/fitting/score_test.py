@@ -81,6 +81,18 @@ class ScoreTest:
         power = np.where(power > DEPENDENT * whole, power, 0.0)
         return Told(scores, power, whole, products if jacobian is spanned else explained)
 
+    def together(self, whitened: Columns) -> tuple[FloatArray, FloatArray]:
+        """Return the information, (c, c), and the scores, (c,), of whitened columns, (rows q, c)."""
+        c, spanned = whitened.shape[1], self.known.spanned
+        information, products, scores = np.zeros((c, c)), np.zeros((spanned.shape[1], c)), np.zeros(c)
+        for at in parts(whitened):  # each is made once
+            own = whitened[at]
+            information += own.T @ own
+            products += along(spanned, at, own)
+            scores += own.T @ self.left[at]
+        known = self.known.of_products(products)
+        return information - known.T @ known, scores
+
     def scores_of(self, made: Callable[[FloatArray], FloatArray], values: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return scores and information, (c,) each, of columns, (rows, q, c), made of c values, some at once."""
         many = max(1, TOGETHER // len(self.whitener.present))

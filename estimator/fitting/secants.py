@@ -27,7 +27,7 @@ def with_secants(fit: Fit) -> Fit:
         deviation = np.sqrt(np.maximum(np.diag(fit.covariance())[:f], 0.0))
         reach = np.where(np.isfinite(deviation) & (deviation > 0), deviation, 0.0)
         reach = np.minimum(reach, np.where(s.log[where], 0.5, longest_steps(fit)))
-        here = Point(s, where, fit.values, x, low, high, fit.shown)
+        here = Point(s, where, fit.values, x, low, high, fit.shown, s.between)
         points = np.concatenate([np.minimum(x + reach, high), np.maximum(x - reach, low)])
         shown = s.shown(np.concatenate([here.beside(end) for end in (points[:f], points[f:])]))
         width = points - np.tile(x, 2)

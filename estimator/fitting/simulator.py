@@ -22,7 +22,6 @@ from estimator.fmus.workers import Workers
 from estimator.plans.parameters import Parameter, SensorPlace, scaled, unscaled
 from estimator.plans.plan import Observed, Plan
 from estimator.recordings.excitation import quantum
-from estimator.recordings.samples import median
 
 FloatArray = NDArray[np.float64]
 STANDSTILL_ROWS = 8  # rows without a count after which an encoder is taken to stand still: its error is constant there
@@ -167,7 +166,8 @@ class Simulator:
     @cached_property
     def measured(self) -> FloatArray:
         """What is compared, (rows, q); NaN where a sample is missing, or shown again."""
-        return np.concatenate([_without_repeats(o, self.outputs) for o in self.observed])
+        each = [_without_repeats(o, self.outputs) for o in self.observed]
+        return each[0] if len(each) == 1 else np.concatenate(each)
 
     @cached_property
     def steps(self) -> FloatArray:
@@ -283,6 +283,10 @@ class Simulator:
             self._phases = key, phases
         return phases
 
+    def forget(self) -> None:
+        """Give up the memory of the signals between two rows, which filters and means are tried on."""
+        self._phases = None
+
     def spacing(self, values: FloatArray) -> FloatArray:
         """Return by which steps, (p,), s, delays act on a candidate, (p,): a filter takes a signal from row to row.
 
@@ -321,7 +325,7 @@ def per_recording(plan: Plan, kind: str) -> Sequence[str]:
 def _repeats(signals: Iterable[FloatArray]) -> bool:
     """Return whether most samples of signals, (n,) each, are as the one before."""
     changes = np.concatenate([np.diff(y[~np.isnan(y)]) for y in signals])
-    return len(changes) > 0 and median(np.abs(changes)) == 0.0
+    return 2 * int(np.count_nonzero(changes == 0)) > len(changes)
 
 
 def _without_repeats(o: Observed, outputs: Sequence[str]) -> FloatArray:
@@ -330,20 +334,21 @@ def _without_repeats(o: Observed, outputs: Sequence[str]) -> FloatArray:
     A channel that repeats values for a few rows, and is not quantised by a converter or an encoder, is held by the
     logger. A value that stays for longer is constant.
     """
-    rows = np.column_stack([o.outputs[y] for y in outputs])
+    rows = o.compared[o.before :]
+    held = np.zeros(rows.shape, dtype=bool)
     for j in range(rows.shape[1]):
         again = np.concatenate([[False], rows[1:, j] == rows[:-1, j]])
         lattice = again.any() and quantum(rows[:, j]) > 0
         if lattice and outputs[j] != "w":
-            rows[_held(again), j] = np.nan
+            held[:, j] = _held(again)
         if not again.any() or (lattice and outputs[j] != "w"):
             continue
         edges = np.flatnonzero(np.diff(np.concatenate([[False], again, [False]]).astype(np.int8)))
         for first, last in zip(edges[::2], edges[1::2], strict=True):
             stands = lattice and last - first >= STANDSTILL_ROWS and rows[first, j] == 0
             if stands or (not lattice and last - first <= LONGEST_HOLD):
-                rows[first:last, j] = np.nan
-    return rows
+                held[first:last, j] = True
+    return np.where(held, np.nan, rows) if held.any() else rows
 
 
 def _held(again: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -31,6 +31,8 @@ class Point:
         What is free, and its bounds, on its scale.
     shown : (rows, q) array
         What the sensors show there.
+    between : int
+        As the simulator's, when it showed that.
     """
 
     simulator: Simulator
@@ -40,6 +42,7 @@ class Point:
     low: FloatArray
     high: FloatArray
     shown: FloatArray
+    between: int
 
     def beside(self, x: FloatArray) -> FloatArray:
         """Return candidates, (f, p), each with one of what is free at its x, (f,)."""
@@ -63,9 +66,11 @@ class Point:
             return s.derivatives[1]
         result = np.zeros((f, *self.shown.shape))  # column by column, as they are simulated
         many = max(1, CELLS // (s.rows * len(points)))  # of what is free, at once: of a long recording one by one
+        room = max(1, CELLS // s.rows)
         for part in (np.arange(f)[k : k + many] for k in range(0, f, many)):
-            ends = s.shown(np.concatenate(points[:, part]))
-            sound: NDArray[np.bool_] = np.asarray(np.isfinite(ends).all(axis=(1, 2)))
+            asked = np.concatenate(points[:, part])
+            ends = [end for one in (asked[k : k + room] for k in range(0, len(asked), room)) for end in s.shown(one)]
+            sound = [bool(np.isfinite(end).all()) for end in ends]
             for j, k in enumerate(part):
                 back, width = self.shown, ahead[k] - x[k]
                 if central and sound[len(part) + j]:
@@ -102,6 +107,17 @@ class Slopes:
         """The derivatives, (rows, q, f)."""
         assert self._point is not None
         return self._point.slopes(central=self._central)
+
+    def begun(self, simulator: Simulator, where: NDArray[np.int_], values: FloatArray) -> Point | None:
+        """Return the point, if a simulator showed it at these values with the same free: it need not do so again."""
+        here = self._point
+        if here is None or here.simulator is not simulator or here.between != simulator.between:
+            return None
+        return here if np.array_equal(here.where, where) and np.array_equal(here.values, values) else None
+
+    def known(self, *, central: bool) -> FloatArray | None:
+        """Return the derivatives, if they are known, and central where these are asked for; not to be changed."""
+        return self.__dict__.get("raw") if self._central or not central else None
 
     def forget(self) -> None:
         """Give up the memory of derivatives that can be simulated again."""

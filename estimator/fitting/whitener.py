@@ -90,8 +90,7 @@ class Whitener:
             total += log
             parts.append(white)
         result = parts[0] if len(parts) == 1 else np.concatenate(parts)
-        alike = all(s == 1.0 for short in self.noise.short for _, s in short)  # their logarithms are 0
-        for short, counts in () if alike else zip(self.noise.short, self._counts, strict=False):
+        for short, counts in () if self._alike else zip(self.noise.short, self._counts, strict=False):
             total += float(sum(2 * n * np.log(s) for n, (_, s) in zip(counts, short, strict=True)))
         return result, total
 
@@ -159,8 +158,9 @@ class Whitener:
         if self.noise.grows:
             deviation *= g
         scale = np.divide(1.0, deviation, out=deviation)
-        for short, here in zip(self.noise.short, (~self.moving, self.moving), strict=False):
-            scale[here] /= [own for _, own in short]
+        if not self._alike:
+            at_rest, moving = ([own for _, own in short] for short in self.noise.short)
+            scale /= np.where(self.moving[:, None], moving, at_rest)
         if not self._complete:
             scale[~self.present] = 0.0
         return scale
@@ -213,6 +213,11 @@ class Whitener:
         plain = not (self.noise.grows or self.remembers or self.noise.jitter or self.shared is not None)
         return plain and bool(np.count_nonzero(self.inflate != 1.0) <= BY_CHANCE * self.inflate.size)
 
+    @property
+    def _alike(self) -> bool:
+        """Whether the noise is as large while the machine rests as while it runs, beside what grows."""
+        return all(s == 1.0 for short in self.noise.short for _, s in short)
+
     @cached_property
     def _counts(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Samples of each channel while the machine rests, and while it runs."""
@@ -261,6 +266,11 @@ class Whitener:
         if noise.jitter:
             white += (noise.jitter * self.slope / g) ** 2
         return g, white
+
+    def forget(self) -> None:
+        """Give up the memory of what is made of the noise again when it is asked for."""
+        for name in ("_scale", "_state_spaces", "_shared"):
+            self.__dict__.pop(name, None)
 
     def of(self, noise: NoiseModel) -> Whitener:
         """Return the whitener of another noise model."""

@@ -23,7 +23,6 @@ from estimator.plans.parameters import Box
 from estimator.results.result import CostProfile
 
 FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 Residuals = Callable[[FloatArray], FloatArray]
 
 REACH = 3.0  # standard errors to each side
@@ -32,7 +31,7 @@ WIDEST = np.log(2.0)  # reach of the logarithm of a parameter that the data do n
 
 
 def cost_profiles(
-    residuals: Residuals, box: Box, polish: LeastSquaresFit, *, names: Sequence[str], output: IntArray
+    residuals: Residuals, box: Box, polish: LeastSquaresFit, *, names: Sequence[str], output: NDArray[np.int16]
 ) -> dict[str, CostProfile]:
     """Return the cost profile of every parameter that has a standard error.
 

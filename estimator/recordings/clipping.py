@@ -34,6 +34,10 @@ def clipped(y: FloatArray) -> NDArray[np.bool_]:
         return np.repeat(clipped(y[shown]), np.diff([*shown, len(y)]))
     result = np.zeros(len(y), dtype=bool)
     extremes = float(np.nanmax(y)), float(np.nanmin(y))
+    ends = [(sign, value, y == value) for sign, value in zip((1.0, -1.0), extremes, strict=True) if value != 0]
+    ends = [(sign, value, at) for sign, value, at in ends if np.count_nonzero(at) >= LEAST]
+    if not ends:  # most noise
+        return result
     between = y[(y < extremes[0]) & (y > extremes[1])]
     repeats = np.count_nonzero(np.diff(between) == 0) > REPEATS * len(y)
     bends = np.sign(np.diff(between, 2))
@@ -41,12 +45,11 @@ def clipped(y: FloatArray) -> NDArray[np.bool_]:
     noisy = turns and not repeats and noise_deviation(between) > COARSE * quantum(between)
     paused = _pauses(y, grain=max(quantum(y), noise_deviation(between)))
     only_there = {*y[paused].tolist()} <= {*extremes}
-    for sign, value in zip((1.0, -1.0), extremes, strict=True):
-        at = y == value
+    for sign, value, at in ends:
         beside = (np.append(at[1:], False) | np.insert(at[:-1], 0, False)) & ~at & ~np.isnan(y)
         held = only_there and int(np.argmax(at)) in paused  # from when it is first there
         leaves = beside.any() and median(np.abs(y[beside] - value)) > JUMP * (extremes[0] - extremes[1])
-        if np.count_nonzero(at) >= LEAST and value != 0 and ((noisy and leaves) or held):
+        if (noisy and leaves) or held:
             result |= _with_neighbours(sign * y, at)
     return result
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from estimator.recordings.excitation import noise_deviation
 from estimator.recordings.finding import Evidence, Finding
 from estimator.recordings.lag import lag_misfit
-from estimator.recordings.samples import filled, quantile
+from estimator.recordings.samples import filled, median_of_known, quantile
 
 FloatArray = NDArray[np.float64]
 
@@ -56,8 +56,8 @@ def coasts(title: str, time: FloatArray, signals: Mapping[str, FloatArray]) -> F
     if np.count_nonzero(free) < LASTS or noise_deviation(i) > NO_CURRENT * i_max:
         return None
     standing = np.abs(w) < NONE * w_max
-    zero = float(np.nanmedian(i[standing])) if standing.any() else 0.0
-    if not float(np.nanmedian(np.abs(i - zero)[free])) < NO_CURRENT * i_max:
+    zero = median_of_known(i[standing]) if standing.any() else 0.0
+    if not median_of_known(np.abs(i - zero)[free]) < NO_CURRENT * i_max:
         return None
     first = int(np.argmax(free))
     return Finding(

@@ -37,6 +37,11 @@ def median(y: FloatArray) -> float:
     return float(part[k]) if len(y) % 2 else float((part[k - 1] + part[k]) / 2)
 
 
+def median_of_known(y: FloatArray) -> float:
+    """Return the median of the samples that are there; NaN where none is."""
+    return median(y[~np.isnan(y)])
+
+
 def medians(rows: FloatArray) -> FloatArray:
     """Return the median of each row, (m,), of (m, n) numbers that are all there."""
     k = rows.shape[1] // 2
@@ -49,8 +54,12 @@ def quantile(y: FloatArray, part: float) -> float:
 
     As np.nanquantile does, which loads numpy.ma to look for masked arrays.
     """
-    known = np.sort(y[~np.isnan(y)])
-    return float(np.interp(part * (len(known) - 1), np.arange(len(known)), known)) if len(known) else float("nan")
+    known = y[~np.isnan(y)]
+    if not len(known):
+        return float("nan")
+    at = part * (len(known) - 1)
+    around = [int(at), min(int(at) + 1, len(known) - 1)]
+    return float(np.interp(at, around, np.partition(known, around)[around]))
 
 
 def sum_of_logs(numbers: FloatArray) -> FloatArray:

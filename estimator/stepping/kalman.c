@@ -332,9 +332,9 @@ EXPORT void kalman_shorten(int64_t n, int64_t q, int64_t c, int64_t most, const 
 }
 
 /* The recursion of one signal of c, of which every c-th number is, with up to two numbers behind the first: all that it
-   remembers is kept at hand. */
+   remembers is kept at hand, so that y may be x. */
 static void recur_one(int64_t n, int64_t c, int64_t ahead, int64_t back, const double *b, const double *a,
-                      const double *restrict x, double *restrict y)
+                      const double *x, double *y)
 {
     const double b0 = ahead > 0 ? b[0] : 0.0, b1 = ahead > 1 ? b[c] : 0.0, b2 = ahead > 2 ? b[2 * c] : 0.0;
     const double a0 = back > 0 ? a[0] : 0.0, a1 = back > 1 ? a[c] : 0.0;
@@ -352,7 +352,7 @@ static void recur_one(int64_t n, int64_t c, int64_t ahead, int64_t back, const d
 /* Set y, (n, c), to the recursions y[j] = b[0] x[j] + b[1] x[j - 1] ... - a[0] y[j - 1] - a[1] y[j - 2] ..., all 0
    before; b: (ahead, c), a: (back, c). */
 EXPORT void recursion_run(int64_t n, int64_t c, int64_t ahead, int64_t back, const double *restrict b,
-                          const double *restrict a, const double *restrict x, double *y)
+                          const double *restrict a, const double *x, double *y)
 {
 #if defined(__SSE2__)
     const unsigned control = _mm_getcsr();

@@ -49,7 +49,7 @@ def butterworth(y: FloatArray, tau: float, h: float) -> FloatArray:
 def _from_rest(b: Sequence[float], a: Sequence[float], y: FloatArray) -> FloatArray:
     """Return y behind a recursion whose gain is 1: what was constant before the first sample is shown as it is."""
     level = float(y[0])
-    shown = recursion(b, a, y - level)
+    shown = recursion(b, a, y - level, in_place=True)
     shown += level
     return shown
 
