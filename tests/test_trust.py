@@ -242,6 +242,14 @@ def test_what_the_outputs_cannot_tell_is_said_before_the_search(outputs, untold,
     assert any("alone cannot tell" in reason and missing in reason for reason in result.reasons), result.reasons
 
 
+@pytest.mark.parametrize("seed", [0, 1])
+def test_whether_a_friction_that_drifts_is_dry_or_viscous_is_in_the_errors(seed):
+    """B drifts by a tenth: taken for a dry friction's drift alone, J was 2.1 standard errors off in both seeds."""
+    result = run(Bench(drift=0.1), seed)
+    assert "friction drift" in result.chain
+    assert abs(result.parameters["J"].value - CML050["J"]) < 1.2 * result.parameters["J"].standard_error
+
+
 def test_a_coloured_noise_is_told_and_the_errors_allow_for_it():
     recording = Bench().record(5)
     noise = np.zeros(len(recording.time))
