@@ -1,4 +1,4 @@
-"""Errors that samples share beside their noise: of ripple in transients, effects' forms, voltages. Estimates nothing."""
+"""Errors that samples share beside their noise: of ripple, of effects, of voltages. Estimates nothing."""
 
 from __future__ import annotations
 
