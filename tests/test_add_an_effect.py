@@ -9,7 +9,7 @@ from effect_bench import lagged, recording, worst
 
 from estimator.cases.case import Case, OutputSpec
 from estimator.estimating.estimate import estimate_recordings
-from estimator.fitting.effects import EFFECTS
+from estimator.explaining.effects import EFFECTS
 from estimator.fitting.fit import Linear
 from estimator.fitting.simulator import Nuisance
 

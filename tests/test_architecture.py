@@ -136,7 +136,7 @@ def lookups(path):
 
 
 def test_the_names_of_a_case_are_resolved_in_one_place():
-    rooms = [f"estimator.{room}" for room in ("plans", "fitting", "judging", "estimating")]
+    rooms = [f"estimator.{room}" for room in ("plans", "noise", "fitting", "explaining", "judging", "estimating")]
     assert {m for m, p in modules("estimator").items() if room_of(m) in rooms and lookups(p)} == {
         "estimator.plans.binding"
     }
@@ -159,7 +159,7 @@ def test_only_the_fmu_modules_know_fmpy():
 
 
 def test_only_a_worker_process_loads_a_library_but_for_the_whitening_filter():
-    assert {room_of(name) for name in users("ctypes") - {"estimator.fitting.kalman"}} == {"estimator.stepping"}
+    assert {room_of(name) for name in users("ctypes") - {"estimator.noise.kalman"}} == {"estimator.stepping"}
 
 
 def test_the_search_knows_neither_motor_nor_fmu():

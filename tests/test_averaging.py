@@ -7,10 +7,10 @@ import pytest
 
 from estimator.conventions import CONFIDENCE
 from estimator.distributions import normal_chance, normal_quantile
-from estimator.fitting.addition import Addition, Scores
-from estimator.fitting.averaging import _covering, averaged
-from estimator.fitting.effects.base import Effect
-from estimator.fitting.explanation import Explanation
+from estimator.explaining.addition import Addition, Scores
+from estimator.explaining.averaging import _covering, averaged
+from estimator.explaining.effects.base import Effect
+from estimator.explaining.explanation import Explanation
 from estimator.fitting.projection import Projection
 
 

@@ -5,7 +5,7 @@ import pytest
 from scipy.linalg import expm
 
 from estimator import estimate_parameters, recording_from_arrays
-from estimator.fitting.between_runs import between_runs, sentence
+from estimator.explaining.between_runs import between_runs, sentence
 
 pytestmark = pytest.mark.usefixtures("shared_workers")
 

@@ -8,8 +8,8 @@ from effect_bench import lagged, recording, worst
 
 from estimator.cases.case import Case, OutputSpec
 from estimator.estimating.estimate import estimate_recordings
-from estimator.fitting import selection
-from estimator.fitting.addition_tests import AdditionTests
+from estimator.explaining import selection
+from estimator.explaining.addition_tests import AdditionTests
 
 pytestmark = pytest.mark.usefixtures("shared_workers")
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from estimator.fitting.clock import Clock
 from estimator.fitting.motor_response import COASTS, response
+from estimator.noise.clock import Clock
 
 MOTOR = {"R": 2.0, "K": 0.05, "L": 3e-3, "J": 2e-5, "B": 4e-5}
 STEP = 1e-3

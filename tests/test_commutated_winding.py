@@ -11,10 +11,10 @@ from scipy.integrate import solve_ivp
 
 from estimator.cases.case import Case, OutputSpec
 from estimator.estimating.estimate import estimate_recordings
-from estimator.fitting.clock import Clock
-from estimator.fitting.commutated_winding import of_resistance
-from estimator.fitting.noise_model import NoiseModel
-from estimator.fitting.whitener import Whitener
+from estimator.explaining.commutated_winding import of_resistance
+from estimator.noise.clock import Clock
+from estimator.noise.noise_model import NoiseModel
+from estimator.noise.whitener import Whitener
 from estimator.recordings.reading import recording_from_arrays
 
 pytestmark = pytest.mark.usefixtures("shared_workers")

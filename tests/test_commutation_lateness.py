@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from estimator.fitting.clock import Clock
-from estimator.fitting.effects.ripple_of_few_turns import _powers
+from estimator.explaining.effects.ripple_of_few_turns import _powers
+from estimator.noise.clock import Clock
 
 
 @pytest.mark.parametrize("n", [3, 20, 900])

@@ -15,11 +15,11 @@ from scipy.linalg import expm
 from estimator.cases.case import Case, OutputSpec, ParameterSpec
 from estimator.cases.case_signals import RunSpec
 from estimator.estimating.estimate import estimate_recordings
-from estimator.fitting import explained, rivals
-from estimator.fitting.addition import Addition
-from estimator.fitting.effects import EFFECTS, voltage_noise
-from estimator.fitting.effects.machine_effects import usual_friction
-from estimator.fitting.explanation import MOST_ADDITIONS, Explanation, is_full
+from estimator.explaining import explained, rivals
+from estimator.explaining.addition import Addition
+from estimator.explaining.effects import EFFECTS, voltage_noise
+from estimator.explaining.effects.machine_effects import usual_friction
+from estimator.explaining.explanation import MOST_ADDITIONS, Explanation, is_full
 from estimator.recordings.reading import read_recording, recording_from_arrays
 
 pytestmark = pytest.mark.usefixtures("shared_workers")

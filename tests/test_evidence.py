@@ -5,9 +5,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from estimator.fitting.addition import Addition
-from estimator.fitting.effects.base import Effect
-from estimator.fitting.explanation import Explanation
+from estimator.explaining.addition import Addition
+from estimator.explaining.effects.base import Effect
+from estimator.explaining.explanation import Explanation
 
 SIZE = 0.7  # usual size of the number that is added
 

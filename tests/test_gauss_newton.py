@@ -7,14 +7,14 @@ import pytest
 from effect_bench import NOISE, TRUE, lagged, recording
 
 from estimator.cases.case import Case, OutputSpec, ParameterSpec
+from estimator.explaining.effects.low_pass import LowPass
 from estimator.fitting import gauss_newton
-from estimator.fitting.effects.low_pass import LowPass
 from estimator.fitting.fit import new_fit
 from estimator.fitting.gauss_newton import solved, solved_roughly
-from estimator.fitting.noise_model import NoiseModel
 from estimator.fitting.simulator import Simulator
 from estimator.fmus.probe import bundled_model
 from estimator.fmus.workers import Workers
+from estimator.noise.noise_model import NoiseModel
 from estimator.plans.planning import plan_case
 
 pytestmark = pytest.mark.usefixtures("shared_workers")

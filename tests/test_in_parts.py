@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from test_noise_model import plain, whitener_of
 
-from estimator.fitting import jitter
-from estimator.fitting.addition import Scores
-from estimator.fitting.in_parts import AT_ONCE, Made, Scaled, products
-from estimator.fitting.jitter import find_jitter
-from estimator.fitting.noise_model import NoiseModel
+from estimator.explaining.addition import Scores
 from estimator.fitting.projection import Projection, triangle
 from estimator.fitting.score_test import ScoreTest
+from estimator.noise import jitter
+from estimator.noise.in_parts import AT_ONCE, Made, Scaled, products
+from estimator.noise.jitter import find_jitter
+from estimator.noise.noise_model import NoiseModel
 from estimator.plans.part import LONG
 
 ROWS = 2 * AT_ONCE + 17  # of three channels: parts begin amid a row

@@ -7,8 +7,8 @@ from scipy.linalg import cholesky, expm, solve_triangular
 from scipy.stats import multivariate_normal
 
 from estimator.errors import InputError
-from estimator.fitting import kalman
-from estimator.fitting.kalman import whiten
+from estimator.noise import kalman
+from estimator.noise.kalman import whiten
 from estimator.stepping.library import STEPPER
 
 

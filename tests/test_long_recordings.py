@@ -8,20 +8,20 @@ from effect_bench import NOISE, TRUE
 
 from estimator.cases.case import Case, OutputSpec
 from estimator.estimating.estimate import estimate_recordings
-from estimator.fitting.effects.average import Average
-from estimator.fitting.effects.delay import Delay
-from estimator.fitting.effects.low_pass import LowPass
-from estimator.fitting.explained import explain
+from estimator.explaining.effects.average import Average
+from estimator.explaining.effects.delay import Delay
+from estimator.explaining.effects.low_pass import LowPass
+from estimator.explaining.explained import explain
+from estimator.explaining.selection import Selection
+from estimator.explaining.selection_of_plan import freed_by_the_case
 from estimator.fitting.fit import new_fit, refreshed
 from estimator.fitting.gauss_newton import solved
-from estimator.fitting.noise_model import NoiseModel
 from estimator.fitting.projection import BLOCK, triangle
-from estimator.fitting.selection import Selection
-from estimator.fitting.selection_of_plan import freed_by_the_case
 from estimator.fitting.simulator import KEPT_ANSWERS, Simulator
 from estimator.fmus.fmu import describe
 from estimator.fmus.simulate import simulate
 from estimator.fmus.workers import Workers
+from estimator.noise.noise_model import NoiseModel
 from estimator.plans.part import LONG, part_of
 from estimator.plans.planning import plan_case
 from estimator.recordings.reading import recording_from_arrays
@@ -206,7 +206,9 @@ def test_more_trajectories_than_the_shared_memory_holds_are_each_what_it_is_alon
 
 def test_rivals_are_not_looked_for_where_the_explanation_is_not_wanted(monkeypatch):
     plan, asked = plan_of(switched(2_000)), []
-    monkeypatch.setattr("estimator.fitting.explained.settled", lambda selection, best: asked.append(best) or (best, []))
+    monkeypatch.setattr(
+        "estimator.explaining.explained.settled", lambda selection, best: asked.append(best) or (best, [])
+    )
     begun, noise = np.array(list(TRUE.values())), np.array([NOISE["i"], NOISE["w"]])
     with Workers(1) as crew:
         for wanted in (False, True):

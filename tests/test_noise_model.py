@@ -7,15 +7,15 @@ import pytest
 from scipy.signal import lfilter
 from scipy.stats import kstest
 
-from estimator.fitting.autoregression import autoregression
-from estimator.fitting.clock import Clock
-from estimator.fitting.jitter import find_jitter, without_responses
-from estimator.fitting.noise_estimate import fit_noise
-from estimator.fitting.noise_model import NoiseModel, held
 from estimator.fitting.projection import Projection
-from estimator.fitting.restricted_likelihood import RestrictedLikelihood
 from estimator.fitting.score_test import ScoreTest
-from estimator.fitting.whitener import Whitener
+from estimator.noise.autoregression import autoregression
+from estimator.noise.clock import Clock
+from estimator.noise.jitter import find_jitter, without_responses
+from estimator.noise.noise_estimate import fit_noise
+from estimator.noise.noise_model import NoiseModel, held
+from estimator.noise.restricted_likelihood import RestrictedLikelihood
+from estimator.noise.whitener import Whitener
 from estimator.plans.part import LONG
 
 pytestmark = pytest.mark.usefixtures("shared_workers")

@@ -9,7 +9,7 @@ from motors import CML050, NAMES, held_response, recording_of, step_recording
 
 from estimator.cases.case import Case, Chebyshev1, OutputSpec
 from estimator.estimating.estimate import estimate_recordings
-from estimator.fitting.effects import EFFECTS
+from estimator.explaining.effects import EFFECTS
 from estimator.recordings.reading import recording_from_arrays
 from estimator.recordings.recording import Recording
 

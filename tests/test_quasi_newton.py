@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from estimator.fitting.quasi_newton import minimise
+from estimator.noise.quasi_newton import minimise
 
 
 def rosenbrock(seed):

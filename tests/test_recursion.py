@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.signal import cont2discrete, dlsim, lfilter
 
-from estimator.fitting.effects.low_pass import butterworth, lagged
-from estimator.fitting.recursion import recursion
+from estimator.explaining.effects.low_pass import butterworth, lagged
+from estimator.noise.recursion import recursion
 
 
 @pytest.mark.parametrize("n", [0, 1, 2, 3, 200, 20_000])

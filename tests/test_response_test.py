@@ -8,8 +8,8 @@ from effect_bench import butterworth, recording, worst
 
 from estimator.cases.case import Case, OutputSpec
 from estimator.estimating.estimate import estimate_recordings
-from estimator.fitting import explained
-from estimator.fitting.response_test import unexplained_responses
+from estimator.explaining import explained
+from estimator.explaining.response_test import unexplained_responses
 
 pytestmark = pytest.mark.usefixtures("shared_workers")
 

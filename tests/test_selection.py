@@ -4,11 +4,11 @@ from types import SimpleNamespace
 
 import pytest
 
-from estimator.fitting import selection
-from estimator.fitting.addition import Addition
-from estimator.fitting.effects import EFFECTS
-from estimator.fitting.explanation import Explanation
-from estimator.fitting.selection import Selection
+from estimator.explaining import selection
+from estimator.explaining.addition import Addition
+from estimator.explaining.effects import EFFECTS
+from estimator.explaining.explanation import Explanation
+from estimator.explaining.selection import Selection
 
 COSTS = {"abc": 100.0, "bc": 101.0, "ac": 1100.0, "ab": 1100.0, "b": 1102.0, "c": 1102.0, "a": 2100.0, "": 3000.0}
 

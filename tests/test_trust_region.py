@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares as scipys
 
-from estimator.fitting.recursion import recursion
 from estimator.fitting.trust_region import steps, triangle_of
 from estimator.motor.state_space import sampled
+from estimator.noise.recursion import recursion
 
 
 def least_squares(residuals, jacobian, x, **more):

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.estimating.session import Session
-from estimator.fitting.budget import Budget, applicable, budget, fit_at
-from estimator.fitting.explained import Explained
+from estimator.explaining.budget import Budget, applicable, budget, fit_at
+from estimator.explaining.explained import Explained
 from estimator.fitting.least_squares_fit import LeastSquaresFit
 from estimator.fitting.problem import Problem
 from estimator.fitting.winding_temperature import cold_resistances

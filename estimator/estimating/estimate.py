@@ -13,7 +13,7 @@ from estimator.estimating.one_thread import one_thread
 from estimator.estimating.progress import Progress
 from estimator.estimating.search_and_polish import search_and_polish
 from estimator.estimating.session import Session
-from estimator.fitting.budget import applicable
+from estimator.explaining.budget import applicable
 from estimator.fmus.fmu import FmuDescription, describe, with_kind
 from estimator.fmus.kinds import better_kind
 from estimator.fmus.probe import driven

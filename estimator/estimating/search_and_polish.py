@@ -1,8 +1,8 @@
 """The default method: a short search seeded from the data, a polish, the measurement chain, and again if that is poor.
 
 Few nests on logarithmic scales search first; all free parameters are then polished by weighted least squares, and what
-the bench adds is found (fitting/explained.py). Where that does not hold, it searches wider before it believes that the
-model is wrong.
+the bench adds is found (explaining/explained.py). Where that does not hold, it searches wider before it believes that
+the model is wrong.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ from estimator.estimating.ending import finish
 from estimator.estimating.multistart import many_starts, needs_many
 from estimator.estimating.optimiser import Optimiser
 from estimator.estimating.session import Session
-from estimator.fitting.adequacy import Adequacy
-from estimator.fitting.effects import known_effects
-from estimator.fitting.explained import Explained, explain
-from estimator.fitting.explanation import Explanation
+from estimator.explaining.adequacy import Adequacy
+from estimator.explaining.effects import known_effects
+from estimator.explaining.explained import Explained, explain
+from estimator.explaining.explanation import Explanation
 from estimator.fitting.least_squares import LeastSquares
 from estimator.fitting.least_squares_fit import LeastSquaresFit
 from estimator.fitting.problem import SIGMA_FLOOR

@@ -1,1 +1,1 @@
-"""Candidates to residuals, least squares, and what the measurement chain adds to a fit. Knows no search."""
+"""Candidates to residuals, and their least squares. Knows no effect and no search."""

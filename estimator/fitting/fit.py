@@ -18,14 +18,14 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.fitting.in_parts import Columns, Made
 from estimator.fitting.information import information_parts
-from estimator.fitting.noise_model import NoiseModel
 from estimator.fitting.projection import Projection, triangle
 from estimator.fitting.score_test import ScoreTest
 from estimator.fitting.simulator import Simulator
 from estimator.fitting.slopes import Slopes
-from estimator.fitting.whitener import Whitener
+from estimator.noise.in_parts import Columns, Made
+from estimator.noise.noise_model import NoiseModel
+from estimator.noise.whitener import Whitener
 from estimator.plans.parameters import SensorPlace
 
 FloatArray = NDArray[np.float64]

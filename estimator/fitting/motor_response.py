@@ -11,13 +11,13 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.fitting.clock import Clock
 from estimator.fitting.fit import Fit
-from estimator.fitting.recursion import recursion
 from estimator.fitting.simulator import Act
 from estimator.motor.exponential import exponential
 from estimator.motor.names import MOTOR, is_motor
 from estimator.motor.state_space import coasting, matrices, sampled
+from estimator.noise.clock import Clock
+from estimator.noise.recursion import recursion
 
 FloatArray = NDArray[np.float64]
 

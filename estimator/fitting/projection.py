@@ -7,8 +7,8 @@ from typing import overload
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.fitting.in_parts import Columns, Made, parts, products
-from estimator.fitting.kalman import filters
+from estimator.noise.in_parts import Columns, Made, parts, products
+from estimator.noise.kalman import filters
 
 FloatArray = NDArray[np.float64]
 

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.fitting.in_parts import Columns, along, parts
 from estimator.fitting.projection import DEPENDENT, Projection, triangle
-from estimator.fitting.whitener import Whitener
+from estimator.noise.in_parts import Columns, along, parts
+from estimator.noise.whitener import Whitener
 
 FloatArray = NDArray[np.float64]
 

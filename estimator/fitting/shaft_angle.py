@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.fitting.clock import Clock
+from estimator.noise.clock import Clock
 from estimator.recordings.excitation import noise_deviation
 from estimator.recordings.samples import filled
 

@@ -15,10 +15,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.fitting.clock import Clock, interval_shown
 from estimator.fitting.problem import Problem, distinct
 from estimator.fitting.shaft_angle import shaft_angle, unfolded_orders
 from estimator.fmus.workers import Workers
+from estimator.noise.clock import Clock, interval_shown
 from estimator.plans.parameters import Parameter, SensorPlace, scaled, unscaled
 from estimator.plans.plan import Observed, Plan
 from estimator.recordings.excitation import quantum

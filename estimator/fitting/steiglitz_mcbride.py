@@ -15,8 +15,8 @@ import cmath
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.fitting.recursion import recursion
 from estimator.motor.transfer_functions import NoMotorError, motor_of
+from estimator.noise.recursion import recursion
 from estimator.recordings.samples import filled
 
 FloatArray = NDArray[np.float64]

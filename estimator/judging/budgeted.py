@@ -8,8 +8,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from estimator.cases.tolerance import OFFERED
-from estimator.fitting.between_runs import BetweenRuns
-from estimator.fitting.budget import Budget
+from estimator.explaining.between_runs import BetweenRuns
+from estimator.explaining.budget import Budget
 from estimator.motor.names import has_motor
 from estimator.plans.plan import Plan
 from estimator.results.result import Estimate, ParameterEstimate, StandardUncertainty

@@ -16,7 +16,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.fitting.budget import Budget
+from estimator.explaining.budget import Budget
 from estimator.fitting.information import OUTSIDE, RANK_TOLERANCE, information_parts, scaled_svd
 from estimator.fitting.least_squares_fit import LeastSquaresFit
 from estimator.fitting.projection import triangle

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.fitting.explained import REPORTED, Explained
+from estimator.explaining.explained import REPORTED, Explained
 from estimator.fitting.problem import Problem
 from estimator.fmus.workers import Workers
 from estimator.plans.plan import ChainSpec, Observed, Plan

@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.distributions import chi_square_beyond
-from estimator.fitting.adequacy import adequacy
-from estimator.fitting.explanation import Explanation
-from estimator.fitting.explanation_noise import count_deviations, with_noise
+from estimator.explaining.adequacy import adequacy
+from estimator.explaining.explanation import Explanation
+from estimator.explaining.explanation_noise import count_deviations, with_noise
 from estimator.fitting.fit import Fit
 from estimator.fitting.gauss_newton import solved
 from estimator.results.result import Estimate, OtherValues

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.cases.case_signals import run_value
-from estimator.fitting.explained import Explained
+from estimator.explaining.explained import Explained
 from estimator.fitting.information import scaled_svd
 from estimator.fitting.least_squares_fit import LeastSquaresFit
 from estimator.judging.verdict import Judgement

@@ -7,14 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.fitting.explained import Explained
+from estimator.explaining.explained import Explained
 from estimator.fitting.fit import chosen
-from estimator.fitting.in_parts import Scaled
 from estimator.fitting.information import information_parts
 from estimator.fitting.least_squares_fit import LeastSquaresFit
 from estimator.fitting.problem import Problem
 from estimator.fitting.projection import triangle
 from estimator.fmus.probe import ignores_step
+from estimator.noise.in_parts import Scaled
 from estimator.plans.plan import Plan
 
 FloatArray = NDArray[np.float64]

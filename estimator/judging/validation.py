@@ -17,12 +17,11 @@ from numpy.typing import NDArray
 from estimator.cases.case import Case, RunSpec
 from estimator.conventions import FALSE_ALARM
 from estimator.errors import SimulationError
-from estimator.fitting.effects import known_effects
-from estimator.fitting.effects.offset import Offset
+from estimator.explaining.effects import known_effects
+from estimator.explaining.effects.offset import Offset
+from estimator.explaining.selection_of_plan import freed_by_the_case
 from estimator.fitting.fit import Fit, new_fit
 from estimator.fitting.gauss_newton import solved
-from estimator.fitting.noise_model import NoiseModel
-from estimator.fitting.selection_of_plan import freed_by_the_case
 from estimator.fitting.simulator import Nuisance, Simulator, per_recording
 from estimator.fmus.fmu import FmuDescription, describe, with_kind
 from estimator.fmus.probe import bundled_model, driven
@@ -30,6 +29,7 @@ from estimator.fmus.workers import Workers
 from estimator.judging.other_values import other_values
 from estimator.judging.outcome import comparisons, figures
 from estimator.judging.reading import what_was_read
+from estimator.noise.noise_model import NoiseModel
 from estimator.plans.noise_level import output_deviations
 from estimator.plans.plan import ChainSpec, Plan
 from estimator.plans.planning import plan_case

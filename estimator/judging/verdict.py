@@ -29,8 +29,8 @@ from estimator.plans.plan import Plan
 from estimator.results.result import Comparison, NotVisible, Status, Verdict
 
 if TYPE_CHECKING:
-    from estimator.fitting.adequacy import Failure
-    from estimator.fitting.explained import Explained
+    from estimator.explaining.adequacy import Failure
+    from estimator.explaining.explained import Explained
     from estimator.judging.identifiability import Identifiability
     from estimator.plans.space import Steady
 

@@ -333,7 +333,7 @@ class Estimate:
     derived : name → DerivedQuantity; gains and time constants, those that the recordings tell
     chain : what was estimated of the measurement chain (delay, offset i, …) → ParameterEstimate
     sensors : output name → what its sensor was taken for: sensor, average, filters, gain, offset, delay
-    effects : names of the effects that were found of the bench, as fitting/effects names them
+    effects : names of the effects that were found of the bench, as explaining/effects names them
     read : what was read, one mapping a recording: recording, signals (column, unit, who said it), text, implausible
     recordings : what was done to each recording, one mapping each (window, scale, offset, delay, temperature)
     correlation : (p, p) array over the free parameters in the order of `correlated`, or None

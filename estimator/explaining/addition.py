@@ -1,0 +1,224 @@
+"""An addition to an explanation: what it holds, what its score test says, what it costs. Knows no search.
+
+Its penalty is k log n + 2 log (1 / prior) for k numbers, n the samples: Schwarz's criterion with the prior of the
+effect, which columns that exclude each other share.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.explaining.effects.base import Effect
+from estimator.fitting.fit import Fit, Linear
+from estimator.fitting.score_test import ScoreTest
+from estimator.noise.in_parts import Columns, products
+
+FloatArray = NDArray[np.float64]
+
+NEVER_ZERO = ("R", "K", "J")  # at a bound something else stands for it; L and B may vanish
+OPEN = 4.0  # penalty of each number whose usual size is not known, where it is averaged over
+NOTHING = 1e-9  # of the power of a change: the recordings do not show it
+
+
+@dataclass(frozen=True)
+class Scores:
+    """What a score test says of k columns, for a unit of each: all that is needed of them beside a fit.
+
+    Attributes
+    ----------
+    along : (k,) array
+        A'r, A the whitened columns without their part that the fit explains, r what it leaves.
+    information : (k, k) array
+        A'A.
+    whole : float
+        Sum of squares of the whitened columns, W.
+    explained : (f + m, k) array
+        J'W, J the fit's derivatives.
+    """
+
+    along: FloatArray
+    information: FloatArray
+    whole: float
+    explained: FloatArray
+
+    @property
+    def gain(self) -> float:
+        """The fall of z'z by a single column."""
+        power, along = float(self.information[0, 0]), float(self.along[0])
+        return along**2 / power if power > NOTHING**2 else 0.0
+
+    def scaled(self, times: float) -> Scores:
+        """Return the scores of columns that are so many times as large."""
+        return Scores(times * self.along, times**2 * self.information, times**2 * self.whole, times * self.explained)
+
+    @classmethod
+    def alike(cls, each: Sequence[Scores], covariance: FloatArray) -> Scores:
+        """Return the scores of the sum of single columns that show in different rows.
+
+        Parameters
+        ----------
+        covariance : (f + m, f + m) array
+            Of the fit's names; 0 of those at a bound.
+        """
+        whole, explained = sum(s.whole for s in each), np.sum([s.explained for s in each], axis=0)
+        left = whole - explained.T @ covariance @ explained
+        return cls(np.sum([s.along for s in each], axis=0), np.maximum(left, 0.0), whole, explained)
+
+    @classmethod
+    def of(cls, test: ScoreTest, jacobian: Columns, across: FloatArray, whitened: FloatArray) -> Scores:
+        """Return the scores of whitened columns, (rows q, k), without and with what the fit explains of them."""
+        whole = float(np.vdot(whitened, whitened))
+        return cls(across.T @ test.left, across.T @ across, whole, products(jacobian, whitened))
+
+    @classmethod
+    def of_each(cls, test: ScoreTest, jacobian: Columns, whitened: Columns) -> list[Scores]:
+        """Return the scores of each of k whitened columns, (rows q, k), by itself."""
+        told = test.of_whitened(whitened, jacobian=jacobian)
+        assert told.explained is not None
+        return [
+            cls(told.along[k : k + 1], told.power[k : k + 1, None], float(told.whole[k]), told.explained[:, k : k + 1])
+            for k in range(len(told.power))
+        ]
+
+
+@dataclass(frozen=True)
+class Addition:
+    """A candidate addition to an explanation: nuisance parameters or columns.
+
+    Attributes
+    ----------
+    gain : float
+        The fall of z'z to first order.
+    starts : values of nuisance parameters at which a refit starts
+    free : nuisance parameters that it frees
+    linear : Linear or None
+    scores : Scores or None
+        What the score test says of its columns.
+    across : (rows q, k) array
+        Whitened columns without their part that the fit explains, for a unit of each, where they were asked for.
+    tried : int
+        Of how many tried values it is the best; of columns that exclude each other each is one of so many.
+    usual, unit : float, str
+        Its usual size, where it is of one number; 0: none is known.
+    """
+
+    effect: Effect
+    name: str
+    numbers: int
+    gain: float
+    starts: tuple[Mapping[str, float], ...] = ()
+    free: tuple[str, ...] = ()
+    linear: Linear | None = None
+    scores: Scores | None = None
+    across: FloatArray | None = None
+    tried: int = 1
+    usual: float = 0.0
+    unit: str = ""
+
+    def penalty(self, samples: int) -> float:
+        """Return its penalty in the criterion."""
+        one_of = self.tried if self.linear is not None else 1
+        return self.numbers * float(np.log(max(samples, 2))) + 2 * float(np.log(one_of / self.effect.prior))
+
+    @property
+    def has_known_size(self) -> bool:
+        """Whether its numbers have a usual size, which is a prior deviation of each."""
+        return self.linear is None or self.linear.size > 0
+
+    @cached_property
+    def usual_scores(self) -> Scores:
+        """What its score test says of its columns for a usual size of each; for a unit where none is known."""
+        assert self.scores is not None
+        return self.scores.scaled(self.linear.size) if self.linear is not None and self.linear.size else self.scores
+
+    def posterior(self) -> tuple[FloatArray, FloatArray, float]:
+        """Return what its score test tells of it beside its prior.
+
+        Returns
+        -------
+        Its numbers, (k,), in usual sizes, their covariance, (k, k), and by how much the evidence with it is above that
+        without (`Explanation.evidence`).
+        """
+        scores, known = self.usual_scores, self.has_known_size
+        k = len(scores.information)
+        information = scores.information + (np.eye(k) if known else 0.0)
+        spread = np.asarray(np.linalg.pinv(information) if k > 1 else 1 / information)
+        numbers = spread @ scores.along
+        charge = float(np.linalg.slogdet(information)[1]) if known else OPEN * k
+        charge += 2 * float(np.log(self.tried / self.effect.prior))
+        return numbers, spread, charge - float(scores.along @ numbers)
+
+
+def without_columns(addition: Addition) -> Addition:
+    """Return an addition without its columns."""
+    return dataclasses.replace(addition, scores=None, across=None)
+
+
+def is_switch(addition: Addition) -> bool:
+    """Whether an addition is a switch of the drive that the recordings show before any fit, such as an open circuit."""
+    return bool(np.isinf(addition.gain)) and not addition.free
+
+
+def is_timing(addition: Addition) -> bool:
+    """Whether an addition is a nuisance parameter of what happens within samples: a delay, a filter, a mean."""
+    return addition.effect.sharp and not addition.effect.is_line and addition.linear is None
+
+
+def is_held(fit: Fit) -> bool:
+    """Whether a motor parameter that never vanishes is at a bound of a fit."""
+    return any(end != 0 and name in NEVER_ZERO for name, end in zip(fit.names, fit.at_bound, strict=True))
+
+
+def is_physical(fit: Fit, addition: Addition) -> bool:
+    """Whether an addition's values are within the bounds of its effect, and it takes no motor parameter's place."""
+    if is_held(fit):
+        return False
+    if addition.linear is not None:
+        own = [x for n, x in zip(fit.names, fit.estimates, strict=True) if n.partition("#")[0] == addition.name]
+        return all(addition.linear.least <= x <= addition.linear.most for x in own)
+    s = fit.simulator
+    for name in addition.free:
+        k = s.index[name]
+        neutral, value = s.neutral[k - len(s.plan.names)], fit.values[k]
+        at_end = min(value - s.lower[k], s.upper[k] - value) <= 1e-6 * (s.upper[k] - s.lower[k])
+        if at_end and abs(value - neutral) > 1e-6 * (s.upper[k] - s.lower[k]):
+            return False
+    return True
+
+
+def has_its_needs(fit: Fit, addition: Addition) -> bool:
+    """Whether what an addition makes no sense without is there too."""
+    needs = [n.needs for n in fit.simulator.nuisances if n.name in addition.free and n.needs]
+    return set(needs) <= set(fit.free)
+
+
+def alike(one: Addition, other: Addition) -> float:
+    """Return the largest canonical correlation of two additions' columns, without what the fit explains."""
+    if one.across is None or other.across is None or len(one.across) != len(other.across):
+        return 0.0
+    first, second = (np.linalg.qr(a)[0] for a in (one.across, other.across))
+    return float(np.linalg.svd(first.T @ second, compute_uv=False)[0])
+
+
+def wald(fit: Fit, addition: Addition) -> float:
+    """Return the Wald statistic of an addition: the square of its numbers over their covariance."""
+    names = list(fit.names)
+    covariance, at_bound, estimates = fit.covariance(), fit.at_bound, fit.estimates
+    wanted = addition.free if addition.linear is None else tuple(
+        n for n in names if n.partition('#')[0] == addition.name and n not in fit.free
+    )  # fmt: skip
+    total = 0.0
+    for name in wanted:
+        k = names.index(name)
+        s = fit.simulator
+        neutral = s.neutral[s.index[name] - len(s.plan.names)] if name in s.index else 0.0
+        if at_bound[k] == 0 and covariance[k, k] > 0:
+            off = np.log(estimates[k] / neutral) if fit.is_log[k] else estimates[k] - neutral
+            total += float(off**2 / covariance[k, k])
+    return total if wanted else np.inf

@@ -1,0 +1,258 @@
+"""Model averaging: rivals, and additions not accepted, widen the standard errors by their weights. Knows no effect.
+
+Explanation m weighs exp(-c_m / 2), c_m its evidence above the best's. The values stay the best explanation's, so that
+what follows from them is consistent; their covariance is  sum w_m (C_m + (x_m - x)(x_m - x)')  about them (Buckland,
+Burnham and Augustin 1997; Hoeting et al. 1999), each parameter scaled to hold 95 % of the mixture. Of an addition that
+was not accepted the score test tells x_m and C_m without a refit. Its number has a usual size as prior deviation, so
+that its penalty is log det (I + information), not log n (MacKay 1992). So an effect that the recording hardly shows,
+and that would move a parameter far, widens the standard errors although it was not accepted. An effect whose usual size
+would not show at all is left out: no such recording can tell it. Up to which size an effect hides, and how far it then
+moves the parameters, is reported (`hidden`), and belongs into the tolerances. The sizes of a torque that wanders which
+are left open are averaged over, too: with each the parameters have another covariance.
+
+What each recording has of its own, such as friction that drifts, is possible in one of them, and alike in all: one
+alone may move no parameter, because the others hold it, where all together do.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.conventions import CONFIDENCE, TOLD_POWER
+from estimator.distributions import normal_chance, normal_quantile
+from estimator.explaining.addition import Addition, Scores
+from estimator.explaining.explanation import Explanation
+from estimator.explaining.wandering_torque import OpenTorque
+from estimator.fitting.simulator import per_recording
+from estimator.plans.plan import Plan
+
+FloatArray = NDArray[np.float64]
+
+VISIBLE = 1.0  # of z'z, by an effect of usual size: a smaller one is not visible
+TOLD_WITHIN = 6.0  # of the criterion: a rival that is further behind weighs less than 5 %
+FARTHEST = 50.0  # of a logarithm: a rival's parameter is no further away
+TAIL = 0.01  # of the mixture: what weighs less together is left out
+FAR = 40.0  # standard deviations, beyond which there is nothing
+FOUND, NEAR = 1e-14, 1e-9  # of half an interval, relative, and of what it holds: it is found
+DIFFERS = 1.0  # standard errors by which a rival must differ to be told
+
+
+@dataclass(frozen=True)
+class Told:
+    """A rival explanation that is nearly as likely and gives other parameters.
+
+    Attributes
+    ----------
+    apart : standard errors that it lies away, in the parameter that it moves most
+    parameter : that parameter's name
+    behind : its evidence above the best explanation's; below 0 where it is the more likely one
+    weight : its part of the mixture, of all that is left open
+    """
+
+    explanation: Explanation
+    apart: float
+    parameter: str
+    behind: float
+    weight: float
+
+
+@dataclass(frozen=True)
+class Hidden:
+    """An effect that the recordings do not show up to a size at which it would be accepted as likely as not.
+
+    Attributes
+    ----------
+    addition : with its usual size; what is hidden up to more is called unusual
+    size : that size, in the addition's unit, at most the usual one
+    moves : (p,) array
+        By so much the estimate is then off, on the parameters' scales.
+    """
+
+    addition: Addition
+    size: float
+    moves: FloatArray
+
+
+@dataclass(frozen=True)
+class Averaged:
+    """Averaged values, (p,), and covariance, (p, p), on the parameters' scales; what may be hidden; differing rivals.
+
+    Where the recordings determine only combinations of parameters, the covariance is that of these combinations.
+    """
+
+    values: FloatArray
+    covariance: FloatArray
+    hidden: tuple[Hidden, ...]
+    rivals: tuple[Told, ...]
+
+
+def averaged(
+    explanation: Explanation,
+    open_additions: Sequence[Addition],
+    rivals: Sequence[Explanation],
+    samples: int,
+    torques: Sequence[OpenTorque] = (),
+) -> Averaged:
+    """Return the parameters averaged over the explanations that are possible.
+
+    Parameters
+    ----------
+    open_additions : what may still be added, with what the score test says
+    rivals : other explanations, nearly as likely
+    torques : sizes of a torque that wanders which are left open
+    """
+    fit = explanation.fit
+    names = fit.simulator.plan.names
+    p = len(names)
+    inside = fit.at_bound == 0
+    covariance, untold = fit.covariance_parts()
+    own = fit.simulator.scaled(fit.values)[:p]
+    parts: list[tuple[float, FloatArray, FloatArray]] = [(0.0, own, covariance[:p, :p])]
+    hidden = []
+    fuller = {
+        next(iter(more)) for r in rivals if len(more := r.names() - explanation.names()) == 1 and _holds(r, explanation)
+    }
+    alone = _one_of_each(open_additions)
+    for a in (*alone, *_alike_in_recordings(alone, fit.simulator.plan, covariance)):
+        if a.scores is None or a.name in fuller:  # its refit tells more
+            continue
+        scores = a.usual_scores
+        power = float(np.trace(scores.information))
+        off = covariance @ scores.explained  # by which it moves the fit, if it is there and left out
+        explained = float(np.sum(scores.explained * off))
+        # No more than all of it, which rounding makes it where parameters stand in for each other.
+        off = off[:p] * np.sqrt(min(1.0, scores.whole / max(explained, 1e-300)))
+        if a.usual > 0 and len(scores.along) == 1:
+            part = min(1.0, float(np.sqrt(a.penalty(samples) / max(power, 1e-300))))
+            hidden.append(Hidden(a, part * a.usual, part * off[:, 0]))
+        if a.gain <= 0 or power <= (VISIBLE if a.has_known_size else TOLD_POWER * scores.whole):
+            continue
+        size, spread, behind = a.posterior()
+        parts.append((max(behind, 0.0), own - off @ size, covariance[:p, :p] + off @ spread @ off.T))
+    parts += [(max(t.behind, 0.0), own, t.covariance) for t in torques]
+    told, added = [], len(parts)
+    deviation = np.sqrt(np.maximum(np.diag(covariance + untold)[:p], 1e-300))
+    for rival in rivals:
+        behind = rival.evidence(samples) - explanation.evidence(samples)
+        there, other = _beside(own, rival, fit.is_log[:p])
+        parts.append((max(behind, 0.0), there, other))
+        with np.errstate(invalid="ignore"):
+            apart = np.abs(there - own) / np.where(np.isfinite(deviation), deviation, np.inf)
+        other_number = _numbers(rival) != _numbers(explanation) and _effects(rival) == _effects(explanation)
+        held = other_number or _holds(rival, explanation)  # by the bars alone
+        if np.max(apart, initial=0.0) > DIFFERS and behind < TOLD_WITHIN and not held:
+            told.append((rival, len(parts) - 1, float(np.max(apart)), names[int(np.argmax(apart))], float(behind)))
+    weights = np.exp(-0.5 * np.array([c for c, _, _ in parts]))
+    weights[1:added] *= 1 + weights[added:].sum()  # what may be added may be so beside each rival
+    weights /= weights.sum()
+    order = np.argsort(weights)
+    weights[order[np.cumsum(weights[order]) < TAIL]] = 0.0  # many small weights would change all correlations
+    weights /= weights.sum()
+    total = np.sum([w * (c + np.outer(x - own, x - own)) for w, (_, x, c) in zip(weights, parts, strict=True)], axis=0)
+    total = _covering(total, weights, [x - own for _, x, _ in parts], [np.diag(c) for _, _, c in parts])
+    held = ~inside[:p]
+    total[held] = total[:, held] = 0.0
+    told = [t for t in told if t[4] <= min(u[4] for u in told if _effects(u[0]) == _effects(t[0]))]  # of alike ones one
+    rivals_told = tuple(Told(r, apart, name, behind, float(weights[k])) for r, k, apart, name, behind in told)
+    return Averaged(own, total, tuple(hidden), rivals_told)
+
+
+def _holds(rival: Explanation, explanation: Explanation) -> bool:
+    """Whether a rival is the explanation with more."""
+    return explanation.names() < rival.names()
+
+
+def _beside(own: FloatArray, rival: Explanation, log: NDArray[np.bool_]) -> tuple[FloatArray, FloatArray]:
+    """Return a rival's values, (p,), and covariance, (p, p), on the scales of `own`, linear about it.
+
+    A parameter that vanishes in the rival is far away on a logarithmic scale, and as far as zero on its own.
+    """
+    p = len(own)
+    there = rival.fit.simulator.scaled(rival.fit.values)[:p]
+    ratio = np.where(log, np.exp(np.clip(np.where(log, there - own, 0.0), -FARTHEST, FARTHEST)), 1.0)
+    sizes, c = rival.sizes(), rival.fit.covariance_parts()[0]
+    known = [k for k, name in enumerate(rival.fit.names) if name in sizes]  # a usual size is a prior deviation
+    prior = np.diag([sizes[rival.fit.names[k]] ** 2 for k in known])
+    c = c - c[:, known] @ np.linalg.solve(c[np.ix_(known, known)] + prior, c[known])
+    told = c[:p, :p] * np.outer(ratio, ratio)
+    return np.where(log, own + ratio - 1, there), told
+
+
+def _one_of_each(additions: Sequence[Addition]) -> list[Addition]:
+    """Return the additions, but of an effect whose groups exclude each other only the likeliest."""
+    best: dict[str, Addition] = {}
+    for a in additions:
+        key = a.effect.name if a.effect.is_one else a.name
+        if key not in best or a.gain > best[key].gain:
+            best[key] = a
+    return list(best.values())
+
+
+def _alike_in_recordings(additions: Sequence[Addition], plan: Plan, covariance: FloatArray) -> list[Addition]:
+    """Return what several recordings may have of the same size, in usual sizes, as one addition of an effect.
+
+    Parameters
+    ----------
+    covariance : (f + m, f + m) array
+        Of the fit's names; 0 of those at a bound.
+    """
+    ends, kinds = per_recording(plan, ""), dict[str, list[Addition]]()
+    for a in additions:
+        end = next((e for e in ends if e and a.name.endswith(e)), "")
+        known = a.usual > 0 and a.scores is not None and a.numbers == 1 and a.gain > 0
+        if end and known:
+            kinds.setdefault(a.name.removesuffix(end), []).append(a)
+    found = []
+    for kind, several in kinds.items():
+        if len(several) > 1:
+            scores = Scores.alike([a.usual_scores for a in several], covariance)
+            effect, tried = several[0].effect, max(a.tried for a in several)
+            found.append(Addition(effect, kind, 1, scores.gain, scores=scores, tried=tried))
+    return found
+
+
+def _effects(explanation: Explanation) -> list[str]:
+    return sorted(a.effect.name for a in explanation.additions)
+
+
+def _numbers(explanation: Explanation) -> dict[str, float]:
+    """Return what was added, and of what is chosen, not fitted by derivatives, its number."""
+    s, values = explanation.fit.simulator, explanation.fit.values
+    whole = {n.name for n in s.nuisances if n.whole}
+    return {a.name: float(values[s.index[a.name]]) if a.name in whole else 0.0 for a in explanation.additions}
+
+
+def _covering(
+    total: FloatArray, weights: FloatArray, means: Sequence[FloatArray], variances: Sequence[FloatArray]
+) -> FloatArray:
+    """Return a mixture's covariance scaled so that 1.96 standard errors hold 95 % of it, as those of a normal one do.
+
+    Otherwise an unlikely rival far away would widen the interval without bound, and a likely one not enough.
+    """
+    some = weights > 0  # the others add nothing
+    weights = weights[some]
+    mean, deviation = np.array(means)[some], np.sqrt(np.maximum(np.array(variances)[some], 1e-300))
+    quantile = normal_quantile(0.5 + CONFIDENCE / 2)
+    low, high = np.zeros(len(total)), np.max(np.abs(mean) + 10 * deviation, axis=0)
+    wide = np.minimum(quantile * np.sqrt(np.maximum(np.diag(total), 1e-300)), high)
+    for _ in range(100):  # Newton's; where that leaves what is known to hold it, halves of that
+        ahead, behind = (np.clip(x / deviation, -FAR, FAR) for x in (wide - mean, wide + mean))
+        inside = weights @ (normal_chance(ahead) - normal_chance(-behind))
+        slope = weights @ ((np.exp(-0.5 * ahead**2) + np.exp(-0.5 * behind**2)) / deviation) / math.sqrt(2 * math.pi)
+        low, high = np.where(inside < CONFIDENCE, wide, low), np.where(inside < CONFIDENCE, high, wide)
+        step = (CONFIDENCE - inside) / np.maximum(slope, 1e-300)
+        still = np.abs(step) <= FOUND * wide
+        there = (still & (np.abs(inside - CONFIDENCE) < NEAR)) | (high - low <= FOUND * high)
+        if there.all():
+            break
+        lost = still | ~((wide + step >= low) & (wide + step <= high))
+        wide = np.where(there, wide, np.where(lost, 0.5 * (low + high), wide + step))
+    wanted = wide / quantile
+    now = np.sqrt(np.maximum(np.diag(total), 1e-300))
+    scale = np.where(np.diag(total) > 0, wanted / now, 1.0)
+    return np.asarray(total * np.outer(scale, scale))

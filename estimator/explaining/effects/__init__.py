@@ -1,0 +1,72 @@
+"""The effects that are known, in one table. FMU_ESTIMATOR_WITHOUT=NAME leaves one out, to test the verdict."""
+
+from __future__ import annotations
+
+import os
+
+from estimator.explaining.effects.average import Average, MeanSpeed
+from estimator.explaining.effects.base import SELDOM, Effect
+from estimator.explaining.effects.channel_delay import ChannelDelay
+from estimator.explaining.effects.delay import Delay
+from estimator.explaining.effects.drive import (
+    BreakAway,
+    BrushDrop,
+    Coasting,
+    CurrentLimit,
+    DeadBand,
+    DryFriction,
+    Sag,
+    StribeckFriction,
+)
+from estimator.explaining.effects.drive_drop import DriveDrop
+from estimator.explaining.effects.edge_latency import EdgeLatency
+from estimator.explaining.effects.gain import Gain
+from estimator.explaining.effects.lost_rows import LostRows
+from estimator.explaining.effects.low_pass import FORMS, LowPass
+from estimator.explaining.effects.machine_effects import FrictionDrift, WindingWarms
+from estimator.explaining.effects.offset import Offset
+from estimator.explaining.effects.ripple import Ripple
+from estimator.explaining.effects.ripple_of_few_turns import Commutation, Eccentricity
+from estimator.explaining.effects.runs_differ import RunsDiffer
+from estimator.explaining.effects.starting_motion import StartingMotion
+from estimator.explaining.effects.switching_ripple import SwitchingRipple
+from estimator.explaining.effects.voltage_noise import VoltageNoise
+from estimator.explaining.effects.voltage_transient import VoltageTransient
+
+EFFECTS: tuple[Effect, ...] = (
+    Delay(),
+    ChannelDelay(),
+    *(LowPass(name=form, lateness=lateness) for form, (_, lateness, _) in FORMS.items()),
+    Average(),
+    MeanSpeed(),
+    Offset(),
+    Gain(),
+    Ripple(),
+    SwitchingRipple(),
+    Eccentricity(),
+    Commutation(),
+    FrictionDrift(),
+    WindingWarms(),
+    EdgeLatency(),
+    DryFriction(),
+    BreakAway(),
+    StribeckFriction(),
+    BrushDrop(),
+    CurrentLimit(),
+    Coasting(),
+    Sag(),
+    DeadBand(),
+    DriveDrop(),
+    RunsDiffer(),
+    StartingMotion(),
+    VoltageNoise(),
+    VoltageTransient(),
+    VoltageTransient(name="voltage overshoot", sign=-1, prior=SELDOM / 1000),  # a supply that sags is as likely
+    LostRows(),
+)
+
+
+def known_effects() -> tuple[Effect, ...]:
+    """Return the effects, without those that FMU_ESTIMATOR_WITHOUT names, separated by commas."""
+    without = {name.strip() for name in os.environ.get("FMU_ESTIMATOR_WITHOUT", "").split(",")}
+    return tuple(e for e in EFFECTS if e.name not in without)

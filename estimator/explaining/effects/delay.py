@@ -1,0 +1,62 @@
+"""The outputs of a recording come later than its inputs: a command that reaches the motor late."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from estimator.explaining.effects.base import Effect
+from estimator.fitting.simulator import Nuisance, per_recording
+from estimator.plans.parameters import SensorPlace
+from estimator.plans.plan import Plan
+
+EARLY = 0.15  # samples before its input: a response that is earlier is impossible
+EARLIEST, LATEST = 10.0, 0.5  # samples before; of the recording's length after
+
+
+@dataclass(frozen=True)
+class Delay(Effect):
+    """A delay of all outputs of one recording behind its inputs, s."""
+
+    name: str = "delay"
+    sharp: bool = True
+    lateness: float = 1.0
+
+    def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
+        """Return one for each recording with an input that changes."""
+        found = []
+        for e, (o, name) in enumerate(zip(plan.observed, per_recording(plan, self.name), strict=True)):
+            if f"delay of {e}" in plan.declared or o.excitation.kind == "none" or not o.inputs:
+                continue
+            h = o.recording.step
+            longest = LATEST * float(o.recording.time[-1] - o.recording.time[0])
+            found.append(
+                Nuisance(
+                    name, "s", -EARLIEST * h, max(longest, 20 * h), 0.0, h,
+                    place=SensorPlace("delay", e), tries=(0.5 * h, 2 * h, -0.5 * h, -2 * h),
+                )
+            )  # fmt: skip
+        return found
+
+    def at_first_sight(self, plan: Plan) -> Mapping[str, float]:
+        """Return the delays at which the outputs leave their rest."""
+        names = per_recording(plan, self.name)
+        found = {}
+        for e, (o, name) in enumerate(zip(plan.observed, names, strict=True)):
+            moves = bool(o.inputs) and o.excitation.kind != "none"
+            if o.delay != 0 and f"delay of {e}" not in plan.declared and moves:
+                found[name] = o.delay
+        return found
+
+    def doubted(self, name: str, value: float, plan: Plan) -> str:
+        """Say that no motor responds before its input: the clock is wrong, or another effect is taken for a delay."""
+        if value < -EARLY * min(o.recording.step for o in plan.observed):
+            return (
+                f"no motor does; check the recording's clock, or declare it (delay = {value:.3g} under [[recording]])"
+            )
+        return ""
+
+    def tell(self, name: str, value: float, plan: Plan) -> str:
+        """Say how late, or how early."""
+        way = "before" if value < 0 else "after"
+        return f"{name}: the outputs come {1e3 * abs(value):.3g} ms {way} the input"

@@ -1,0 +1,328 @@
+"""Nonlinear effects of drive, supply, brushes and bearings, through the bundled FMU dc_motor_drive."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.explaining.effects.base import Effect
+from estimator.fitting.fit import Fit
+from estimator.fitting.motor_response import COASTS
+from estimator.fitting.simulator import Nuisance
+from estimator.plans.plan import Observed, Plan
+from estimator.recordings.excitation import noise_deviation
+from estimator.recordings.samples import filled, median, told_once
+
+DRIVE = "dc_motor_drive"
+MOST_SAG = 0.4  # of the voltage at the largest current: more is an overload, or the winding's resistance
+TRIED = 0.005  # of a usual size: so near signals change in proportion
+ONE_SIZE = 0.01  # voltages that differ by less, in parts, are of one size
+PLATEAU, HELD_ROWS, ABOVE = 3.0, 8, 1.2  # deviations; rows; times the usual current: a current that stays at its peak
+
+
+def _largest(plan: Plan, name: str) -> float:
+    """Return the largest size of an output or input in the recordings; 0 where there is none."""
+    signals = [{**o.inputs, **o.outputs}.get(name) for o in plan.observed]
+    return max((float(np.nanmax(np.abs(x))) for x in signals if x is not None), default=0.0)
+
+
+def is_of_one_size(v: NDArray[np.float64]) -> bool:
+    """Return whether a voltage, (n,), has one size wherever it is on, but for its sensor's noise; or is never on."""
+    sizes = np.abs(v)[np.abs(v) > 0.5 * np.max(np.abs(v), initial=0.0)]
+    noise = float(noise_deviation(v)) if len(v) else 0.0
+    return not len(sizes) or float(np.std(sizes)) < max(ONE_SIZE * float(np.mean(sizes)), 2 * noise)
+
+
+def _driven(o: Observed) -> NDArray[np.bool_]:
+    """Return the rows of a recording, (n,), that have a voltage; where none is recorded, all."""
+    v = o.inputs.get("v")
+    return np.ones(len(o.recording.time), dtype=bool) if v is None or not np.any(v) else v != 0
+
+
+def _torque(plan: Plan) -> float:
+    """Return a torque, N.m, that is large for the motor: first estimate of its constant, times its usual current."""
+    i = [np.abs(o.outputs["i"][_driven(o)]) for o in plan.observed if "i" in o.outputs]
+    if any(x.size for x in i):
+        usual = _usual(np.concatenate(i))
+    else:  # a tenth of the current at standstill
+        usual = 0.1 * _largest(plan, "v") / plan.guess.get("R", np.inf)
+    return plan.guess.get("K", 0.0) * usual
+
+
+@told_once
+def _usual(y: NDArray[np.float64]) -> float:
+    """Return the median of the samples, (n,), that are there: each of these effects asks for that of the current."""
+    return median(y[~np.isnan(y)])
+
+
+@dataclass(frozen=True)
+class Drive(Effect):
+    """One parameter of dc_motor_drive, neutral in the linear motor; at most so many times its largest size."""
+
+    fmu: str = DRIVE
+    target: str = ""
+    unit: str = ""
+    needs: str = ""
+    most: float = 20.0
+    sentence: str = "{name} is {value:.3g} {unit}"
+
+    def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
+        """Return the parameter, with sizes from the recordings."""
+        sizes = self.sizes(plan)
+        if not sizes or sizes[0] <= 0:
+            return ()
+        return [
+            Nuisance(
+                self.target,
+                self.unit,
+                0.0,
+                self.most * max(sizes),
+                0.0,
+                0.1 * sizes[0],
+                target=self.target,
+                tries=sizes,
+                needs=self.needs,
+            )
+        ]
+
+    def sizes(self, plan: Plan) -> tuple[float, ...]:
+        """Return sizes to try."""
+        return ()
+
+    def tell(self, name: str, value: float, plan: Plan) -> str:
+        """Say how large."""
+        return self.sentence.format(name=name, value=value, unit=self.unit)
+
+
+@dataclass(frozen=True)
+class DryFriction(Drive):
+    """Coulomb friction."""
+
+    name: str = "dry friction"
+    target: str = "friction"
+    unit: str = "N.m"
+    sentence: str = "the motor has a dry friction of {value:.3g} {unit} beside the viscous one"
+
+    def sizes(self, plan: Plan) -> tuple[float, ...]:
+        """Return parts of the torque of the usual current."""
+        return (0.3 * _torque(plan), 0.8 * _torque(plan))
+
+
+@dataclass(frozen=True)
+class BreakAway(Drive):
+    """Friction that is larger at standstill: there is dry friction, then."""
+
+    name: str = "break-away"
+    prior: float = 0.05
+    target: str = "stiction"
+    unit: str = "N.m"
+    needs: str = "friction"
+    sentence: str = "the motor breaks away at a torque that is {value:.3g} {unit} above its dry friction"
+
+    def sizes(self, plan: Plan) -> tuple[float, ...]:
+        """Return parts of the torque of the usual current."""
+        return (0.1 * _torque(plan), 0.5 * _torque(plan), 2.0 * _torque(plan))
+
+
+@dataclass(frozen=True)
+class StribeckFriction(Drive):
+    """Friction that is larger at rest and falls while the motor gathers speed (Armstrong-Hélouvry et al. 1994)."""
+
+    name: str = "Stribeck friction"
+    prior: float = 0.1
+    target: str = "stribeck_torque"
+    unit: str = "N.m"
+    speed_target: str = "stribeck_speed"
+    sentence: str = "the friction is {value:.3g} {unit} larger at rest, and falls while the motor gathers speed"
+
+    def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
+        """Return the torque at rest beside dry friction, and the speed at which it has fallen."""
+        torque, top = _torque(plan), _largest(plan, "w")
+        if not torque or not top:
+            return ()
+        together = tuple({self.speed_target: part * top} for part in (0.02, 0.06, 0.18))
+        return [
+            Nuisance(self.target, self.unit, 0.0, self.most * torque, 0.0, 0.1 * torque, target=self.target,
+                     tries=(TRIED * torque,) * len(together), together=together, needs="friction", usual=0.3 * torque),
+            Nuisance(self.speed_target, "rad/s", 1e-3 * top, 0.5 * top, 0.06 * top, 0.01 * top, log=True,
+                     target=self.speed_target),
+        ]  # fmt: skip
+
+
+@dataclass(frozen=True)
+class BrushDrop(Drive):
+    """Voltage that drops over the brushes."""
+
+    name: str = "brush drop"
+    target: str = "brush"
+    unit: str = "V"
+    most: float = 5.0  # more is no drop of brushes
+    sentence: str = "the brushes drop {value:.3g} {unit}"
+
+    def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
+        """Return the drop: after steps from rest to one voltage it is a gain of the voltage, which nothing tells."""
+        moves = [o.excitation for o in plan.observed]
+        levels = [
+            e.after for e in moves if e.kind == "step" and not e.running and abs(e.before) < ONE_SIZE * abs(e.after)
+        ]
+        alike = len(levels) == len(moves) and max(levels) - min(levels) < ONE_SIZE * max(map(abs, levels))
+        found = super().nuisances(plan)
+        # By its derivative: at its usual size the response is no longer linear in it, and would seem to tell it.
+        of_slope = [dataclasses.replace(n, tries=(TRIED * n.tries[0],), usual=n.tries[0], untold=True) for n in found]
+        return of_slope if alike else found
+
+    def sizes(self, plan: Plan) -> tuple[float, ...]:
+        """Return the voltage drop of carbon brushes, at most a part of the supply."""
+        return (min(0.5, 0.05 * _largest(plan, "v")),)
+
+
+@dataclass(frozen=True)
+class CurrentLimit(Drive):
+    """A drive that limits the current."""
+
+    name: str = "current limit"
+    target: str = "current_limit"
+    unit: str = "A"
+    sentence: str = "the drive limits the current to {value:.4g} {unit}"
+
+    def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
+        """Return the limit, at or a little below the largest current."""
+        peak = _largest(plan, "i")
+        if peak <= 0:
+            return ()
+        tries = tuple(part * peak for part in (0.98, 0.9, 0.8))
+        return [
+            Nuisance(
+                self.target, self.unit, 0.2 * peak, 3 * peak, 3 * peak, 0.02 * peak,
+                target=self.target, tries=tries, absolute=True,
+            )
+        ]  # fmt: skip
+
+    def at_first_sight(self, plan: Plan) -> Mapping[str, float]:
+        """Return the level at which the current stays at its largest while the speed goes on rising."""
+        levels = [level for o in plan.observed if (level := _plateau(o)) > 0]
+        return {self.target: max(levels)} if levels else {}
+
+
+def _plateau(o: Observed) -> float:
+    """Return the current at which a recording stays for a while at its peak; 0: it does not."""
+    if not {"i", "w"} <= set(o.outputs):
+        return 0.0
+    i, w = np.abs(filled(o.outputs["i"])), np.abs(filled(o.outputs["w"]))
+    noise = max(noise_deviation(o.outputs["i"]), 1e-3 * float(np.max(i)))
+    smooth = np.convolve(i, np.ones(3) / 3, mode="same")
+    top = float(np.max(smooth))
+    high = np.flatnonzero(smooth > top - max(PLATEAU * noise, 0.02 * top))
+    runs = np.split(high, np.flatnonzero(np.diff(high) > 2) + 1)
+    run = max(runs, key=len)
+    flows = i[i > 4 * noise]
+    if len(run) < HELD_ROWS or not len(flows) or top < ABOVE * median(flows):
+        return 0.0
+    rises = abs(float(w[run[-1]] - w[run[0]])) > 0.1 * float(np.max(w))
+    third = len(run) // 3
+    falls = abs(float(np.mean(i[run[:third]]) - np.mean(i[run[-third:]])))
+    flat = falls < 2 * noise / np.sqrt(len(run) / 3) + 0.01 * top
+    return float(np.median(i[run])) if rises and flat else 0.0
+
+
+@dataclass(frozen=True)
+class Coasting(Drive):
+    """A drive that opens the circuit where its command is zero."""
+
+    name: str = "coasting"
+    target: str = COASTS
+    sentence: str = "the circuit is open where the voltage is zero: the motor coasts"
+
+    def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
+        """Return the switch, where the voltage returns to zero or the motor is seen to coast."""
+        voltages = [o.inputs["v"] for o in plan.observed if "v" in o.inputs]
+        back = any(np.any((v[1:] == 0) & (v[:-1] != 0)) for v in voltages)
+        switch = Nuisance(self.target, "", 0.0, 1.0, 0.0, 1.0, target=self.target, tries=(1.0,), whole=True)
+        return [switch] if back or self.at_first_sight(plan) else []
+
+    def at_first_sight(self, plan: Plan) -> Mapping[str, float]:
+        """Return the switch where the current is zero at no voltage while the motor turns."""
+        seen = any(coasts_in(o, np.ones(len(o.recording.time), dtype=bool)) for o in plan.observed)
+        return {self.target: 1.0} if seen else {}
+
+
+def coasts_in(o: Observed, rows: NDArray[np.bool_]) -> bool:
+    """Return whether a recording's motor is seen to turn without voltage and without current in some rows, (n,)."""
+    if not {"i", "w"} <= set(o.outputs) or "v" not in o.inputs:
+        return False
+    w, i = filled(o.outputs["w"]), filled(o.outputs["i"])
+    turning = rows & (o.inputs["v"] == 0) & (np.abs(w) > 0.2 * np.max(np.abs(w)))
+    turning[1:] &= o.inputs["v"][:-1] == 0
+    if np.sum(turning) < HELD_ROWS:
+        return False
+    away = np.sort(np.abs(i[turning]))[: int(0.8 * np.sum(turning))]
+    return bool(np.median(away) < 0.02 * np.max(np.abs(i)) + 2 * noise_deviation(o.outputs["i"]))
+
+
+@dataclass(frozen=True)
+class Sag(Drive):
+    """A supply whose voltage falls with the current, with the time constant of its capacitor.
+
+    It stands behind a bridge, or is an amplifier: then it sags at any command, zero too.
+    """
+
+    name: str = "sag"
+    target: str = "supply_resistance"
+    unit: str = "Ohm"
+    prior: float = 0.05
+    sentence: str = "the supply sags: its resistance is {value:.3g} Ohm"
+    time_target: str = "supply_time"
+    series_target: str = "supply_series"
+
+    def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
+        """Return resistance and time constant of the supply, and whether it is an amplifier where that shows."""
+        v, i = _largest(plan, "v"), _largest(plan, "i")
+        if i <= 0:
+            return ()
+        size = 0.1 * v / i
+        duration = max(float(o.recording.time[-1] - o.recording.time[0]) for o in plan.observed)
+        taus = [tau for tau in (0.003, 0.02, 0.1) if tau < 0.3 * duration]
+        ways = (0.0, 1.0) if self._shows_series(plan) else (0.0,)
+        together = tuple({self.time_target: tau, self.series_target: way} for way in ways for tau in taus)
+        return [
+            Nuisance(self.target, self.unit, 0.0, MOST_SAG * v / i, 0.0, 0.1 * size, target=self.target,
+                     tries=(TRIED * size,) * len(together), together=together, usual=0.5 * size),
+            Nuisance(self.time_target, "s", 1e-4, 10.0, 0.01, 0.01, log=True, target=self.time_target),
+            Nuisance(self.series_target, "", 0.0, 1.0, 0.0, 1.0, target=self.series_target, whole=True),
+        ]  # fmt: skip
+
+    def mirrored(self, fit: Fit, name: str) -> Sequence[Mapping[str, float]]:
+        """Return the supply of the other kind, where that shows."""
+        s = fit.simulator
+        if not self._shows_series(s.plan):
+            return ()
+        now = float(fit.values[s.index[self.series_target]])
+        return [{self.series_target: 1.0 - now}]
+
+    @staticmethod
+    def _shows_series(plan: Plan) -> bool:
+        """Whether a motor that is driven is then stopped, or turned back."""
+        voltages = [o.inputs["v"] for o in plan.observed if "v" in o.inputs]
+        return any(np.any((v[1:] * v[:-1] <= 0) & (v[:-1] != 0)) for v in voltages)
+
+
+@dataclass(frozen=True)
+class DeadBand(Drive):
+    """A drive that gives no voltage for small commands."""
+
+    name: str = "dead band"
+    target: str = "dead_band"
+    prior: float = 0.05
+    sentence: str = "the drive gives no voltage for commands up to {value:.3g} V"
+
+    def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
+        """Return the threshold: it lies between two of the smallest voltages; where, is not determined."""
+        levels = np.unique([abs(x) for o in plan.observed for x in np.unique(o.inputs.get("v", []))])
+        levels = levels[levels > 0]
+        tries = tuple(1.001 * float(x) for x in levels[:2]) if 2 < len(levels) <= 20 else ()
+        threshold = Nuisance(self.target, "V", 0.0, 1e3, 0.0, 1.0, target=self.target, tries=tries, whole=True)
+        return [threshold] if tries else []

@@ -1,0 +1,40 @@
+"""The drive gives less than its command by a constant voltage: transistors and diodes, or a dead time of the bridge."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimator.explaining.effects.base import Effect
+from estimator.explaining.effects.drive import is_of_one_size
+from estimator.fitting.fit import Fit, Linear
+from estimator.fitting.motor_response import as_late, motor_values, response
+from estimator.plans.plan import Plan
+
+MOST_DROP = 0.5  # of the largest voltage
+USUAL_DROP = 0.05  # of it
+
+
+@dataclass(frozen=True)
+class DriveDrop(Effect):
+    """A voltage, V, that every command except zero is reduced by. A brush drop has the sign of the current instead."""
+
+    name: str = "drop of the drive"
+    prior: float = 0.1
+
+    def linear(self, fit: Fit) -> Sequence[Linear]:
+        """Return one for all recordings; at voltages of one size it is a gain of the voltage, which nothing tells."""
+        if motor_values(fit) is None:
+            return ()
+        v = fit.simulator.inputs("v")
+        if is_of_one_size(v):
+            return ()
+        largest = float(np.max(np.abs(v)))
+        columns = response(fit, voltage=as_late(fit, -np.sign(v)))[:, :, None]
+        return [Linear(self.name, columns, ("V",), least=0.0, most=MOST_DROP * largest, size=USUAL_DROP * largest)]
+
+    def tell(self, name: str, value: float, plan: Plan) -> str:
+        """Say how large."""
+        return f"the drive gives {value:.3g} V less than its command"

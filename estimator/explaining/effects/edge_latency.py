@@ -1,0 +1,72 @@
+"""Each change of the command reaches the motor with its own latency, as of a controller that reads it periodically."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.explaining.effects.base import Effect
+from estimator.fitting.fit import Fit, Linear
+from estimator.fitting.latency import EDGE, MOST_EDGES
+from estimator.fitting.motor_response import motor_values, pulse_response
+from estimator.plans.plan import Plan
+
+FloatArray = NDArray[np.float64]
+
+ROWS_AFTER = 8  # rows between an edge and the end, at least
+LEAST_DIFFERENCE = 1e-3  # of a row: the time difference of a derivative
+
+
+@dataclass(frozen=True)
+class EdgeLatency(Effect):
+    """Further delays, s, of the changes of the voltage after the first.
+
+    A column is the change of the signals by a later edge, over the time by which it is later. It is exact for a linear
+    motor at the latency that it is computed at, and is computed again when the latency is better known.
+    """
+
+    name: str = "latency of each edge"
+    prior: float = 0.05
+
+    def linear(self, fit: Fit) -> Sequence[Linear]:
+        """Return one group if the voltage has a few levels."""
+        if motor_values(fit) is None:
+            return ()
+        edges = _edges(fit)
+        return [self._group(fit, edges, np.zeros(len(edges)))] if edges else []
+
+    def renewed(self, fit: Fit, group: Linear, coefficients: FloatArray) -> Linear | None:
+        """Return the group at the latencies of the last fit."""
+        edges = _edges(fit)
+        return self._group(fit, edges, coefficients) if len(edges) == len(coefficients) else None
+
+    def _group(self, fit: Fit, edges: Sequence[tuple[int, int, float]], late: FloatArray) -> Linear:
+        s = fit.simulator
+        columns = np.zeros((s.rows, len(s.outputs), len(edges)))
+        for k, (e, row, change) in enumerate(edges):
+            clock = s.clocks[e]
+            by = late[k] if abs(late[k]) > LEAST_DIFFERENCE * clock.step else LEAST_DIFFERENCE * clock.step
+            at = clock.time[0] + row * clock.step + fit.delay(e)
+            columns[clock.rows, :, k] = -change / by * pulse_response(fit, clock, at, at + by)
+        return Linear(self.name, columns, ("s",) * len(edges), size=s.clocks[0].step)
+
+    def tell(self, name: str, value: float, plan: Plan) -> str:
+        """Say so."""
+        return "the changes of the voltage reach the motor at delays of their own"
+
+
+def _edges(fit: Fit) -> list[tuple[int, int, float]]:
+    """Return recording, row and size in V of each change after the first of a recording."""
+    s = fit.simulator
+    v, found = s.inputs("v"), []
+    for e, clock in enumerate(s.clocks):
+        rest = s.observed[e].rest  # a voltage that is on from the first row begins there
+        u = np.concatenate([np.zeros(rest), v[clock.rows]])
+        jumps = np.flatnonzero(np.abs(np.diff(u)) > EDGE * max(float(np.ptp(v)), 1e-300)) + 1
+        jumps = jumps[jumps <= len(u) - ROWS_AFTER]
+        if 2 <= len(jumps) <= MOST_EDGES:
+            found += [(e, int(k) - rest, float(u[k] - u[k - 1])) for k in jumps[1:]]
+    return found

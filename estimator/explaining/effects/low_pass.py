@@ -1,0 +1,123 @@
+"""A low-pass of first or second order in a channel: an amplifier, an anti-aliasing filter, an observer.
+
+Of second order are two equal lags, and Butterworth's, the usual anti-aliasing filter.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.explaining.effects.base import Effect
+from estimator.fitting.fit import Fit
+from estimator.fitting.simulator import Nuisance
+from estimator.motor.exponential import exponential
+from estimator.motor.winding import time_constant
+from estimator.noise.recursion import recursion
+from estimator.plans.plan import Plan
+
+FloatArray = NDArray[np.float64]
+
+LONGEST_LAG = 60.0  # samples
+
+
+def lagged(y: FloatArray, tau: float, h: float) -> FloatArray:
+    """Return y behind tau x' + x = y, exact for a signal on lines between its samples, at rest before the first."""
+    if tau <= 0:
+        return y
+    a = np.exp(-h / tau)
+    b0, b1 = 1 - (1 - a) * tau / h, (1 - a) * tau / h - a
+    return _from_rest([b0, b1], [-a], y)
+
+
+def lagged_twice(y: FloatArray, tau: float, h: float) -> FloatArray:
+    """Return y behind two equal lags."""
+    return lagged(lagged(y, tau, h), tau, h)
+
+
+def butterworth(y: FloatArray, tau: float, h: float) -> FloatArray:
+    """Return y behind tau^2 x'' + sqrt(2) tau x' + x = y, exact for a signal on lines between its samples."""
+    if tau <= 0:
+        return y
+    return _from_rest(*_butterworth(h / tau), y)
+
+
+def _from_rest(b: Sequence[float], a: Sequence[float], y: FloatArray) -> FloatArray:
+    """Return y behind a recursion whose gain is 1: what was constant before the first sample is shown as it is."""
+    level = float(y[0])
+    shown = recursion(b, a, y - level, in_place=True)
+    shown += level
+    return shown
+
+
+@lru_cache(maxsize=64)
+def _butterworth(step: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Return b (3,) and a (2,) of the recursion, of a step in units of the time constant."""
+    whole = np.zeros((4, 4))  # of [x, x', y, y'], y on a line over the step
+    whole[0, 1], whole[1, :3], whole[2, 3] = 1.0, (-1.0, -np.sqrt(2.0), 1.0), 1.0
+    after = exponential(whole * step)
+    f, last = after[:2, :2], after[:2, 3] / step
+    first = after[:2, 2] - last
+    trace, turned = float(np.trace(f)), f - np.trace(f) * np.eye(2)
+    b = last[0], first[0] + (turned @ last)[0], (turned @ first)[0]
+    return tuple(map(float, b)), (-trace, float(np.linalg.det(f)))
+
+
+FORMS: Mapping[str, tuple[Callable[[FloatArray, float, float], FloatArray], float, str]] = {
+    "lag": (lagged, 1.0, "a low-pass of first order"),
+    "second-order lag": (lagged_twice, 2.0, "a low-pass of second order"),
+    "Butterworth low-pass": (butterworth, np.sqrt(2.0), "a Butterworth low-pass of second order"),
+}  # of each: what the sensor shows, its delay in time constants, words
+
+
+@dataclass(frozen=True)
+class LowPass(Effect):
+    """A low-pass of one output, its time constant in s."""
+
+    name: str = "lag"
+    sharp: bool = True
+    lateness: float = 1.0
+
+    def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
+        """Return one for each output without a declared filter."""
+        h = min(o.recording.step for o in plan.observed)
+        return [
+            Nuisance(
+                f"{self.name} of {y}", "s", 0.0, LONGEST_LAG * h, 0.0, h,
+                output=y, act=FORMS[self.name][0], between=True,
+                tries=(0.3 * h, 1.5 * h, 6 * h), excludes=tuple(f"{form} of {y}" for form in FORMS),
+            )
+            for y in plan.outputs
+            if f"filter {y}" not in plan.declared and y != "angle"
+        ]  # fmt: skip
+
+    def mirrored(self, fit: Fit, name: str) -> Sequence[Mapping[str, float]]:
+        """Return the sensor's lag as the winding's, and the winding's as the sensor's, which is of first order."""
+        s = fit.simulator
+        if not name.endswith(" i") or not {"R", "L"} <= set(fit.free):
+            return ()
+        R, L, tau = (float(fit.values[s.index[n]]) for n in ("R", "L", name))
+        first = "lag of i"
+        if tau <= 0 or first not in s.index:
+            return ()
+        return ({"L": R * self.lateness * tau, name: 0.0, first: time_constant(R, L)},)
+
+    def in_two(self, fit: Fit, name: str) -> Sequence[Mapping[str, float]]:
+        """Return means of n samples behind a lag of first order, together as late as one of second order."""
+        s, y = fit.simulator, name.rpartition(" ")[2]
+        late, mean, first = self.lateness * float(fit.values[s.index[name]]), f"average {y}", f"lag of {y}"
+        if name == first or not {mean, first} <= set(s.index):
+            return ()
+        h = min(o.recording.step for o in s.plan.observed)
+        numbers = next(n for n in s.nuisances if n.name == mean).tries
+        lags = {n: late - 0.5 * (n - 1) * h for n in numbers}
+        return [{name: 0.0, mean: n, first: tau} for n, tau in lags.items() if tau > 0]
+
+    def tell(self, name: str, value: float, plan: Plan) -> str:
+        """Say which."""
+        y = name.rpartition(" ")[2]
+        return f"{y} is shown through {FORMS[self.name][2]} with a time constant of {1e3 * value:.3g} ms"

@@ -1,0 +1,65 @@
+"""A channel has an offset: an amplifier, a Hall sensor; an angle that begins anywhere.
+
+What a model that is no motor shows has one where the case says so (offset = "free"): beside free initial states an
+offset explains nearly any misfit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimator.explaining.effects.base import Effect
+from estimator.fitting.fit import Fit, Linear
+from estimator.fitting.simulator import per_recording
+from estimator.motor.names import has_motor
+from estimator.plans.plan import Plan
+from estimator.recordings.excitation import quantum
+
+
+@dataclass(frozen=True)
+class Offset(Effect):
+    """An offset of one output in one recording, in its unit."""
+
+    name: str = "offset"
+
+    def linear(self, fit: Fit) -> Sequence[Linear]:
+        """Return one for each output of each recording; a speed from encoder counts has none."""
+        plan = fit.simulator.plan
+        counted = {
+            name
+            for o, name in zip(plan.observed, per_recording(plan, "offset w"), strict=True)
+            if "w" in o.outputs and quantum(o.outputs["w"]) > 0
+        }
+        return [group for group in self.of_each_output(fit) if group.name not in counted]
+
+    def of_each_output(self, fit: Fit) -> Sequence[Linear]:
+        """Return one for each output of each recording, whatever its samples look like."""
+        plan, found = fit.simulator.plan, list[Linear]()
+        if not has_motor({*(p.quantity or p.name for p in plan.parameters), *plan.fixed}):
+            return found
+        for j, y in enumerate(fit.simulator.outputs):
+            if f"offset {y}" in plan.declared:
+                continue
+            for o, clock, name in zip(
+                plan.observed, fit.simulator.clocks, per_recording(plan, f"offset {y}"), strict=True
+            ):
+                columns = np.zeros((fit.simulator.rows, len(fit.simulator.outputs), 1))
+                columns[clock.rows, j, 0] = 1.0
+                size = 0.01 * float(np.nanmax(np.abs(o.outputs[y])))
+                found.append(Linear(name, columns, (plan.unit(y),), size=size))
+        return found
+
+    def always(self, fit: Fit) -> Sequence[Linear]:
+        """Return the phases of angles whose count begins anywhere."""
+        observed = fit.simulator.observed
+        names = per_recording(fit.simulator.plan, "offset angle")
+        phases = {name for o, name in zip(observed, names, strict=True) if o.has_phase and "angle" in o.outputs}
+        return [group for group in self.linear(fit) if group.name in phases]
+
+    def tell(self, name: str, value: float, plan: Plan) -> str:
+        """Say how large."""
+        y = name.split(" ")[1]
+        return f"{y} has an {name.replace(f'offset {y}', 'offset')} of {value:.3g} {plan.unit(y)}"

@@ -1,0 +1,80 @@
+"""The motor turns, or carries a current, when the recording begins, without a voltage as cause."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.explaining.effects.base import Effect
+from estimator.explaining.effects.drive import coasts_in
+from estimator.fitting.fit import Fit, Linear
+from estimator.fitting.motor_response import COASTS, free_motion, motor_values
+from estimator.fitting.simulator import Nuisance, per_recording
+from estimator.plans.plan import Observed, Plan
+
+UNITS = {"w": "rad/s", "i": "A"}
+FIRST_ROWS = 3  # rows whose mean is tried
+MOST, SIZE = 20.0, 0.02  # of a channel's largest sample: bounds; a typical change
+
+
+@dataclass(frozen=True)
+class StartingMotion(Effect):
+    """Speed and current in the first row beyond the model's, rad/s and A.
+
+    In a linear model they are columns. In an FMU with modes they are where its simulation begins: dry friction brakes
+    a motor that moves already. Beside a drive that opens the circuit at no voltage they are columns again, as it may
+    begin to do so with the first voltage only: the current before it tells.
+    """
+
+    name: str = "motion before the voltage"
+    sharp: bool = True
+    prior: float = 0.05
+
+    def linear(self, fit: Fit) -> Sequence[Linear]:
+        """Return the motor's free motion from the first row of each recording that begins at rest."""
+        s = fit.simulator
+        if motor_values(fit) is None:
+            return ()
+        names = per_recording(s.plan, self.name)
+        coasts = COASTS in s.index and fit.values[s.index[COASTS]] == 1.0
+        if names[0] in s.index and not coasts:
+            return ()
+        found = []
+        for o, clock, name in zip(s.observed, s.clocks, names, strict=True):
+            if not o.lead:
+                opens_first = coasts and coasts_in(o, _before_voltage(o))
+                units = (UNITS["w"],) if opens_first else (UNITS["w"], UNITS["i"])  # no current flows then
+                columns = np.zeros((s.rows, len(s.outputs), len(units)))
+                columns[clock.rows] = free_motion(fit, clock, opens_first=opens_first)[:, :, : len(units)]
+                found.append(Linear(name, columns, units))
+        return found
+
+    def in_place_of_columns(self, plan: Plan) -> Sequence[Nuisance]:
+        """Return speed and current with which the simulation of each recording begins, where both are measured."""
+        if not set(UNITS) <= set(plan.outputs):
+            return ()
+        largest = {y: max(float(np.nanmax(np.abs(o.outputs[y]))) for o in plan.observed) for y in UNITS}
+        found: list[Nuisance] = []
+        for e, (o, name) in enumerate(zip(plan.observed, per_recording(plan, self.name), strict=True)):
+            names = {"w": name, "i": f"{name}#1"}
+            first = {y: float(np.nan_to_num(np.mean(o.outputs[y][:FIRST_ROWS]))) for y in UNITS}
+            for y, own in names.items():
+                reach, is_tried = MOST * largest[y], y == "w" and first[y] != 0 and not o.lead
+                found.append(
+                    Nuisance(
+                        own, UNITS[y], -reach, reach, 0.0, SIZE * largest[y], target=y, recording=e,
+                        tries=(first[y],) if is_tried else (), together=({names["i"]: first["i"]},), excludes=(COASTS,),
+                    )
+                )  # fmt: skip
+        return found
+
+    def tell(self, name: str, value: float, plan: Plan) -> str:
+        """Say so."""
+        return f"{name}: the motor moves already in the first row; its speed and current there are estimated"
+
+
+def _before_voltage(o: Observed) -> NDArray[np.bool_]:
+    return np.asarray(np.cumsum(o.inputs["v"] != 0) == 0)

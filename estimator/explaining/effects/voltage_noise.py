@@ -1,0 +1,140 @@
+"""The logged voltage has a sensor's noise that the motor's voltage does not have: no input of the model."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.explaining.effects.base import Effect
+from estimator.fitting.fit import Fit, Linear
+from estimator.fitting.latency import EDGE
+from estimator.fitting.motor_response import as_late, motor_values, response
+from estimator.plans.part import LONG
+from estimator.plans.plan import Plan
+from estimator.recordings.excitation import noise_deviation
+
+FloatArray = NDArray[np.float64]
+
+LEAST_NOISE = 1e-6  # of the largest voltage: less is rounding
+LEAST_ROWS = 20  # of a level for each signal that its voltage may follow
+ALL_OF_IT, FAR = 0.05, 4.0  # from 1, absolute and in standard errors: all of the noise is the sensor's
+ABOVE_NOISE = 8.0  # deviations: a larger change of a noisy voltage is an edge
+MOST_CHANGES = 3000  # levels, at most: more are a signal
+MOST_LEVELS = 60  # of all recordings, whose voltages have errors of their own: of more levels they average out
+DEPENDENT = 1e-6  # of the largest singular value: the current does not differ from the speed
+
+
+@dataclass(frozen=True)
+class VoltageNoise(Effect):
+    """The part of the voltage's noise that the motor does not see, 0 to 1."""
+
+    name: str = "voltage noise"
+    prior: float = 0.1
+    sharp: bool = True  # delays and lags would explain a part of it
+
+    def linear(self, fit: Fit) -> Sequence[Linear]:
+        """Return the response, with opposite sign, to what is noise in the logged voltage."""
+        around = _around(fit)
+        if not around.any():
+            return ()
+        return [Linear(self.name, response(fit, voltage=as_late(fit, -around))[:, :, None], ("",), least=0.3, most=1.3)]
+
+    def tell(self, name: str, value: float, plan: Plan) -> str:
+        """Say so."""
+        return f"the logged voltage's noise does not reach the motor ({100 * value:.0f} % of it is the sensor's)"
+
+
+def without_noise(fit: Fit, plan: Plan) -> Plan | None:
+    """Return a plan with the voltages that the motor sees; None where their noise reaches it, or a part of it.
+
+    The column of `VoltageNoise` takes the noise out of what is simulated, but not out of its derivatives: of these a
+    response that is not there would tell L, as it is noise that changes in every row.
+    """
+    if VoltageNoise.name not in fit.names:
+        return None
+    k = fit.names.index(VoltageNoise.name)
+    off, deviation = fit.estimates[k] - 1.0, float(np.sqrt(fit.covariance()[k, k]))
+    if off < -max(ALL_OF_IT, FAR * deviation):  # more than all of it is all of it
+        return None
+    s, around, observed = fit.simulator, _around(fit), []
+    voltages, shown = s.inputs("v"), np.nan_to_num(fit.explained)
+    followed = [_followed(voltages[clock.rows], shown[clock.rows]) for clock in s.clocks]
+    is_told = s.rows <= LONG and sum(len(parts) for parts in followed) <= MOST_LEVELS
+    for o, clock, parts in zip(plan.observed, s.clocks, followed, strict=True):
+        own = around[clock.rows]
+        quiet = o.inputs["v"] - own
+        uncertain = np.column_stack([_uncertain(own, parts), _between_rows(quiet, parts)]) if is_told else None
+        observed.append(dataclasses.replace(o, inputs={**o.inputs, "v": quiet}, uncertain=uncertain))
+    return dataclasses.replace(plan, observed=tuple(observed))
+
+
+def _uncertain(around: FloatArray, parts: Sequence[tuple[slice, FloatArray]]) -> FloatArray:
+    """Return the errors in V of what a voltage follows, (n, k), as it is told from noisy samples, (n,)."""
+    columns = np.zeros((len(around), sum(basis.shape[1] for _, basis in parts)))
+    k = 0
+    for level, basis in parts:
+        columns[level, k : (k := k + basis.shape[1])] = np.std(around) * basis
+    return columns
+
+
+def _between_rows(quiet: FloatArray, parts: Sequence[tuple[slice, FloatArray]]) -> FloatArray:
+    """Return the error in V, (n,), of a voltage that follows the current within the first interval of its levels.
+
+    It falls as fast as the current rises, of which few samples show the course; all edges err alike.
+    """
+    column = np.zeros(len(quiet))
+    for level, basis in parts:
+        if basis.shape[1] > 1:
+            column[level.start] = quiet[level.start + 1] - quiet[level.start]
+    return column
+
+
+def _around(fit: Fit) -> FloatArray:
+    """Return the noise of the voltages, (rows,); zero where there is none, or the fit is no motor's."""
+    s = fit.simulator
+    around = np.zeros(s.rows)
+    if motor_values(fit) is None:
+        return around
+    v = s.inputs("v")
+    for clock in s.clocks:
+        around[clock.rows] = _noise(v[clock.rows], np.nan_to_num(fit.explained[clock.rows]))
+    return around if np.max(np.abs(around)) > LEAST_NOISE * np.max(np.abs(v)) else np.zeros(s.rows)
+
+
+def _noise(u: FloatArray, shown: FloatArray) -> FloatArray:
+    """Return the noise of a voltage, (n,): what of each level is no constant, and no part of current or speed.
+
+    A source sags in proportion to the current, and the voltage of a motor that coasts to its speed. Zero where it has
+    too many levels to have any.
+
+    Parameters
+    ----------
+    shown : (n, q) array
+        What the sensors show without noise.
+    """
+    parts = _followed(u, shown)
+    if len(parts) > MOST_CHANGES:
+        return np.zeros(len(u))
+    result = u.copy()
+    for level, basis in parts:
+        result[level] -= basis @ (basis.T @ u[level])
+    return result
+
+
+def _followed(u: FloatArray, shown: FloatArray) -> list[tuple[slice, FloatArray]]:
+    """Return the rows of each level of a voltage, and what it may follow there, orthonormal: (rows, k)."""
+    least = max(EDGE * float(np.ptp(u)), ABOVE_NOISE * noise_deviation(u), 1e-300)
+    jumps = (np.flatnonzero(np.abs(np.diff(u)) > least) + 1).tolist()
+    found = []
+    for first, last in zip([0, *jumps], [*jumps, len(u)], strict=True):
+        columns = np.ones((last - first, 1)) / np.sqrt(last - first)
+        if last - first >= LEAST_ROWS * (1 + shown.shape[1]):
+            moving = shown[first:last] - np.mean(shown[first:last], axis=0)
+            basis, sizes, _ = np.linalg.svd(moving / np.maximum(np.linalg.norm(moving, axis=0), 1e-300), False)
+            columns = np.column_stack([columns, basis[:, sizes > DEPENDENT]])
+        found.append((slice(first, last), columns))
+    return found

@@ -1,0 +1,409 @@
+"""From a least-squares fit to values, standard errors, effects found and rivals. Knows no verdict."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.explaining.addition import Addition
+from estimator.explaining.adequacy import Adequacy, adequacy
+from estimator.explaining.averaging import Hidden, Told, averaged
+from estimator.explaining.between_runs import BetweenRuns, is_between_runs, of_fit, sentence
+from estimator.explaining.during import changes_during
+from estimator.explaining.effects.base import Effect
+from estimator.explaining.effects.voltage_noise import VoltageNoise, without_noise
+from estimator.explaining.explanation import Explanation
+from estimator.explaining.explanation_noise import by_noise_of
+from estimator.explaining.likelier_reading import likelier_reading, read_by
+from estimator.explaining.profile_widths import further_reach
+from estimator.explaining.readings import Reading
+from estimator.explaining.rivals import settled, simulated_finely
+from estimator.explaining.selection_of_plan import selection_of
+from estimator.explaining.wandering_torque import OpenTorque, hidden_torque, with_wandering_torque
+from estimator.fitting.fit import Fit
+from estimator.fitting.latency import with_latencies
+from estimator.fitting.least_squares_fit import LeastSquaresFit
+from estimator.fmus.workers import Workers
+from estimator.plans.parameters import Parameter, SensorPlace
+from estimator.plans.plan import Plan
+from estimator.results.result import NotVisible, Rival, RivalParameter
+
+FloatArray = NDArray[np.float64]
+
+REPORTED = SensorPlace("nuisance")  # of a nuisance parameter
+ENOUGH_RUNS = 4  # of fewer runs the spread is known no better than to its own size
+WIDE = 1e30  # bounds of a parameter that has none
+BEYOND = 4.0  # standard errors: what moves a parameter by more and is not visible is told
+
+
+@dataclass(frozen=True)
+class Found:
+    """An effect that was found: name, size, a sentence, and why it makes the estimate doubtful, or ""."""
+
+    effect: str
+    name: str
+    sentence: str
+    doubt: str
+
+
+COARSE = Found(
+    "filters between the samples",
+    "",
+    "between two samples the current changes faster than what the filters show of it is simulated",
+    "L, and what the filters hide, may be further off than the standard errors say; sample faster",
+)
+
+
+@dataclass(frozen=True)
+class Explained:
+    """The best explanation of the recordings, and how certain it is.
+
+    Attributes
+    ----------
+    plan : Plan
+        The case's, its parameters followed by the nuisance parameters.
+    polish : LeastSquaresFit
+        Their values, standard errors and covariance, averaged over rivals; residuals and derivatives are whitened.
+    noise : (q,) array
+        Root mean square of each output's residuals, outliers left out.
+    at_rest : (q,) array
+        The same without the growth of the noise with the signals.
+    found : what was found of the bench
+    rivals : explanations that are nearly as likely and give other parameters
+    not_visible : what may be there unnoticed and moves a parameter far beyond its bar, the farthest first
+    adequacy : Adequacy
+    explanation : Explanation
+    between : BetweenRuns
+        What varies from recording to recording; part of the polish's covariance.
+    hidden_torque : float
+        A torque that wanders by as much would not show, and B's standard error holds it, N.m; 0: it is no part of that.
+    """
+
+    plan: Plan
+    polish: LeastSquaresFit
+    noise: FloatArray
+    at_rest: FloatArray
+    found: tuple[Found, ...]
+    rivals: tuple[Rival, ...]
+    not_visible: tuple[NotVisible, ...]
+    adequacy: Adequacy
+    explanation: Explanation
+    between: BetweenRuns
+    hidden_torque: float
+
+    @property
+    def fit(self) -> Fit:
+        """The best explanation's fit."""
+        return self.explanation.fit
+
+    def shown_rows(self) -> FloatArray:
+        """Return what the sensors show by the best explanation without ripple, (rows, q)."""
+        fit = self.fit
+        plain = [k for k, name in enumerate(fit.names[len(fit.free) :]) if not name.startswith("ripple ")]
+        return np.asarray(fit.shown + fit.raw[:, :, len(fit.free) :][:, :, plain] @ fit.coefficients[plain])
+
+    def shown(self) -> list[FloatArray]:
+        """Return the same, (n, q), one a recording."""
+        rows = self.shown_rows()
+        return [rows[clock.rows] for clock in self.fit.simulator.clocks]
+
+    def residuals(self, candidates: FloatArray) -> FloatArray:
+        """Return whitened residuals, (c, m), of candidates of the plan's parameters, (c, p); ripple as it is."""
+        fit = self.fit
+        s, columns = fit.simulator, fit.raw[:, :, len(fit.free) :]
+        names = [parameter.name for parameter in self.plan.parameters]
+        wide = np.repeat(fit.values[None, :], len(candidates), axis=0)
+        coefficients = np.repeat(fit.coefficients[None, :], len(candidates), axis=0)
+        linear = {name: k for k, name in enumerate(fit.names[len(fit.free) :])}
+        told_from = _told_from(fit)
+        for name, column in zip(names, candidates.T, strict=True):
+            if name in s.index:
+                wide[:, s.index[name]] = column
+            else:
+                coefficients[:, linear[name]] = column - told_from[name]
+        explained = s.shown(wide) + np.einsum("rqm,cm->crq", columns, coefficients)
+        off = np.where(fit.whitener.present, explained - s.measured, 0.0)
+        failed = np.asarray(~np.isfinite(off).all(axis=(1, 2)))
+        whitened = fit.whitener(np.where(failed[:, None, None], 0.0, off).transpose(1, 2, 0))[0]
+        result = whitened.reshape(-1, len(candidates)).T.copy()
+        result[failed] = np.nan
+        return result
+
+
+def explain(
+    plan: Plan,
+    crew: Workers,
+    starts: Sequence[FloatArray],
+    *,
+    sigma: Mapping[str, float],
+    deviations: FloatArray,
+    effects: Sequence[Effect],
+    enter: Callable[[str], None] = lambda phase: None,
+    known: Explanation | None = None,
+    briefly: bool = False,
+    is_wanted: Callable[[Adequacy], bool] = lambda checked: True,
+) -> Explained:
+    """Explain the recordings of a plan.
+
+    Parameters
+    ----------
+    starts : (p,) arrays
+        Of the plan's free parameters.
+    sigma : output -> float
+        As `Problem`.
+    deviations : (q,) array
+        Of each output's noise, a first estimate.
+    effects : the effects that may be found
+    enter : callable
+        Told the phase that begins.
+    known : Explanation, optional
+        Of a part of the rows.
+    briefly : bool
+        Without rivals, and what else may be added: for a start.
+    is_wanted : callable
+        Whether an explanation that is so adequate is wanted: else what it costs most, its rivals, is not looked for.
+    """
+    late: tuple[str, ...] = ()
+    if any(e.name == "latency of each edge" for e in effects):
+        plan, late = with_latencies(plan)
+    begin = partial(selection_of, crew=crew, sigma=sigma, deviations=deviations, effects=effects)
+    ways, selections, explanation = likelier_reading(plan, begin, starts, known)
+    plan, selection = ways[0].plan, selections[0]
+    changed = [Found("latency of each edge", "", t, "") for t in late]
+    if (quiet := without_noise(explanation.fit, plan)) is not None:
+        changed += [f for f in _found(explanation, plan) if f.name == VoltageNoise.name]
+        rest = tuple(a for a in explanation.additions if a.name != VoltageNoise.name)
+        plan, begun = quiet, dataclasses.replace(explanation, additions=rest)
+        selection = begin(plan)
+        selections = [selection]
+        explanation = selection.explain(starts, begun)
+    checked = adequacy(explanation.fit, len(plan.names))
+    rivals: list[Explanation] = []
+    open_additions: Sequence[Addition] = ()
+    torques: Sequence[OpenTorque] = ()
+    if not briefly and is_wanted(checked):
+        enter("rivals")
+        likeliest, rivals, is_fine = simulated_finely(selection, *settled(selection, explanation))
+        if not is_fine:
+            changed.append(COARSE)
+        if likeliest is not explanation:
+            explanation, checked = likeliest, adequacy(likeliest.fit, len(plan.names))
+        if not checked.failures:  # else a wandering torque would be taken for what is missing
+            wanders, torques = with_wandering_torque(explanation)
+            if wanders is not explanation:
+                rivals = [by_noise_of(wanders, rival) for rival in rivals]
+            explanation = wanders
+        open_additions = selection.tests.additions(explanation, selection.effects)
+    turned = None
+    if len(selections) > 1:  # the other way to read the recordings, with all that was found
+        turned = read_by(explanation, selections[1])
+        rivals.append(turned)
+    if len(ways) > 1:
+        changed.append(Found(ways[0].effect, "", ways[0].told, ""))
+    samples = selection.tests.samples
+    return _explained(plan, explanation, checked, rivals, (open_additions, torques), samples, changed, (turned, ways))
+
+
+def _explained(
+    plan: Plan,
+    explanation: Explanation,
+    checked: Adequacy,
+    rivals: Sequence[Explanation],
+    left_open: tuple[Sequence[Addition], Sequence[OpenTorque]],
+    samples: int,
+    changed: Sequence[Found],
+    other_way: tuple[Explanation | None, Sequence[Reading]],
+) -> Explained:
+    fit = explanation.fit
+    p = len(plan.names)
+    mean = averaged(explanation, left_open[0], rivals, samples, left_open[1])
+    names = fit.names
+    reported = [k for k, n in enumerate(names) if k >= p and not n.startswith("ripple ") and not is_between_runs(n)]
+    kept = [*range(p), *reported]
+    seen, unseen = (part[np.ix_(kept, kept)] for part in fit.covariance_parts())
+    seen[:p, :p] = mean.covariance
+    between = of_fit(fit, p)
+    seen += (checked.widened(fit) + between.covariance)[np.ix_(kept, kept)]
+    seen[range(p), range(p)] += changes_during(explanation)
+    switches = any(a.effect.fmu for a in explanation.additions)
+    seen += further_reach(fit, p, switches=switches)[np.ix_(kept, kept)]
+    covariance = seen + unseen
+    told = fit.estimates + [_told_from(fit).get(name, 0.0) for name in names]
+    values = np.concatenate([fit.simulator.unscaled(_padded(mean.values, fit))[:p], told[reported]])
+    log = fit.is_log[kept]
+    at_bound = fit.at_bound[kept]
+    held = at_bound[:p] != 0
+    values[:p][held] = fit.values[:p][held]
+    rest = [k for k in range(len(names)) if k not in kept]
+    jacobian, residuals = fit.jacobian[:, kept] if rest else fit.jacobian, fit.z
+    if rest:
+        q = np.linalg.qr(fit.jacobian[:, rest])[0]
+        jacobian = jacobian - q @ (q.T @ jacobian)
+    with np.errstate(invalid="ignore"):
+        errors = np.sqrt(np.diag(covariance)) * np.where(log, np.abs(values), 1.0)
+    information = jacobian.T @ jacobian
+    sizes, axes = np.linalg.eigh(seen)
+    scores = information @ axes * np.sqrt(np.maximum(sizes, 0.0))  # its square is never negative, as rounded as it is
+    whitener, left = fit.whitener, np.nan_to_num(fit.residuals())
+    usual = whitener.present & (whitener.inflate == 1.0)
+    polish = LeastSquaresFit(
+        values=values,
+        cost=fit.cost,
+        deviations=np.ones(len(plan.outputs)),
+        covariance=covariance,
+        standard_errors=errors,
+        at_bound=at_bound,
+        jacobian=jacobian,
+        residuals=-residuals,
+        scores=scores @ scores.T,
+    )
+    extended = dataclasses.replace(plan, parameters=(*plan.parameters, *(_parameter(fit, names[k]) for k in reported)))
+    return Explained(
+        plan=extended,
+        polish=polish,
+        noise=_rms(left, usual),
+        at_rest=_rms(left / whitener.noise.scale(whitener.level), usual),
+        found=(
+            *changed,
+            *_found(explanation, plan),
+            *_varies(between, plan),
+        ),
+        rivals=tuple(_rival(told, explanation, other_way) for told in mean.rivals),
+        not_visible=_not_visible(mean.hidden, plan.names, values[:p], errors[:p], log[:p]),
+        adequacy=checked,
+        explanation=explanation,
+        between=between,
+        hidden_torque=hidden_torque(left_open[1], fit),
+    )
+
+
+def _not_visible(
+    hidden: Sequence[Hidden], names: Sequence[str], values: FloatArray, errors: FloatArray, log: NDArray[np.bool_]
+) -> tuple[NotVisible, ...]:
+    """Return what hides in the recordings and would put a parameter far beyond its bar, the farthest first."""
+    found: dict[str, NotVisible] = {}
+    for h in hidden:
+        change = h.moves * np.where(log, np.abs(values), 1.0)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            bars = np.nan_to_num(change / errors, posinf=0.0, neginf=0.0)
+            parts = np.nan_to_num(change / np.abs(values), posinf=0.0, neginf=0.0)
+        order = [int(k) for k in np.argsort(-np.abs(bars)) if abs(bars[k]) > BEYOND]
+        name = h.addition.effect.name
+        if not order or (name in found and _farthest(found[name]) > abs(bars[order[0]])):
+            continue
+        off = {names[k]: (float(parts[k]), float(bars[k])) for k in order}
+        found[name] = NotVisible(name, h.size, h.addition.unit, off)
+    return tuple(sorted(found.values(), key=_farthest, reverse=True))
+
+
+def _farthest(effect: NotVisible) -> float:
+    return max(abs(bars) for _, bars in effect.off.values())
+
+
+def _rms(values: FloatArray, present: NDArray[np.bool_]) -> FloatArray:
+    counts = np.array([max(np.count_nonzero(own), 1) for own in present.T])
+    return np.asarray(np.sqrt(np.sum(np.where(present, values, 0.0) ** 2, axis=0) / counts))
+
+
+def _varies(between: BetweenRuns, plan: Plan) -> list[Found]:
+    """Return the parameters that vary between the recordings in words."""
+    runs = [o.recording.name for o in plan.observed]
+    few = f"{len(runs)} runs hardly tell by how much; record more" if len(runs) < ENOUGH_RUNS else ""
+    found = []
+    for v in (v for v in between.variations if v.told):
+        parameter = plan.parameters[v.parameter]
+        told = sentence(v, name=parameter.name, unit=parameter.unit, is_log=parameter.log, runs=runs)
+        found.append(Found("between runs", parameter.name, told, few))
+    return found
+
+
+def _told_from(fit: Fit) -> dict[str, float]:
+    """Return what a linear coefficient of 0 is reported as, by its name: a gain is then 1."""
+    groups = [g.told_from for g in fit.linear for _ in g.units]
+    return dict(zip(fit.names[len(fit.free) :], groups, strict=True))
+
+
+def _padded(scaled: FloatArray, fit: Fit) -> FloatArray:
+    whole = fit.simulator.scaled(fit.values).copy()
+    whole[: len(scaled)] = scaled
+    return whole
+
+
+def _parameter(fit: Fit, name: str) -> Parameter:
+    """Return a nuisance parameter as a parameter of the plan."""
+    s = fit.simulator
+    if name in s.index:
+        nuisance = s.nuisances[s.index[name] - len(s.plan.names)]
+        return dataclasses.replace(nuisance.parameter(), targets=(), place=REPORTED)
+    base, _, number = name.partition("#")
+    group = next(g for g in fit.linear if g.name == base)
+    unit = group.units[int(number or 0)]
+    return Parameter(name, unit, -WIDE, WIDE, log=False, targets=(), place=REPORTED)
+
+
+def _found(explanation: Explanation, plan: Plan) -> list[Found]:
+    """Return the additions of an explanation in words."""
+    fit, found = explanation.fit, []
+    estimates = dict(zip(fit.names, fit.estimates.tolist(), strict=True))
+    for a in explanation.additions:
+        if a.linear is not None:
+            own = [estimates[n] for n in fit.names if n.partition("#")[0] == a.name and n in estimates]
+            size = own[0] if len(own) == 1 else float(np.sqrt(2 * np.mean(np.square(own))))
+        else:
+            size = float(fit.values[fit.simulator.index[a.name]])
+        if told := a.effect.tell(a.name, size, plan):
+            found.append(Found(a.effect.name, a.name, told, a.effect.doubted(a.name, size, plan)))
+    return found
+
+
+def _called(addition: Addition) -> str:
+    """Return an addition's name, or its effect's, where its own is a parameter's of the FMU."""
+    effect = addition.effect.name
+    return addition.name if addition.name.startswith(effect) else effect
+
+
+def _rival(told: Told, explanation: Explanation, other_way: tuple[Explanation | None, Sequence[Reading]]) -> Rival:
+    """Return a rival explanation with its parameters, and which recording would decide.
+
+    Parameters
+    ----------
+    other_way : the rival whose recordings are read the other way, and both ways, that of the explanation first
+    """
+    rival = told.explanation
+    instead = [a for a in rival.additions if a.name not in explanation.names()]
+    replaced = [a for a in explanation.additions if a.name not in rival.names()]
+    words, over = (" and ".join(_called(a) for a in part) or "nothing more" for part in (instead, replaced))
+    sharp = all(a.effect.sharp for a in (*instead, *replaced))
+    remedy = "sample faster, or declare the sensor's filter" if sharp else "record two voltage levels, or measure it"
+    what = f"{words} instead of {over}" if instead or replaced else "the same with other values"
+    turned, ways = other_way
+    if rival is turned:
+        what, remedy = f"{ways[1].way} instead of {ways[0].way}", ways[0].remedy
+    return Rival(
+        what=what,
+        parameters=_rival_parameters(rival.fit),
+        differs_in=told.parameter,
+        estimated=float(explanation.fit.values[rival.fit.simulator.plan.names.index(told.parameter)]),
+        apart=told.apart,
+        behind=told.behind,
+        weight=told.weight,
+        decided_by=remedy,
+    )
+
+
+def _rival_parameters(fit: Fit) -> dict[str, RivalParameter]:
+    """Return the parameters of a plan as another explanation's fit gives them."""
+    plan = fit.simulator.plan
+    told, untold = fit.covariance_parts()
+    errors = np.sqrt(np.maximum(np.diag(told + untold), 0.0)) * np.where(fit.is_log, np.abs(fit.estimates), 1.0)
+    found = {}
+    for k, parameter in enumerate(plan.parameters):
+        known = fit.at_bound[k] == 0 and np.isfinite(errors[k])
+        value, error = float(fit.values[k]), float(errors[k]) if known else None
+        found[parameter.name] = RivalParameter(value, error, parameter.unit)
+    return found

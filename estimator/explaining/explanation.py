@@ -1,0 +1,247 @@
+"""An explanation: a fit and the additions that it holds, one taken away, renewed or mirrored. Knows no search.
+
+Its criterion is z'z of whitened residuals (-2 log L at a given noise) plus the penalties of its additions.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimator.explaining.addition import Addition
+from estimator.explaining.effects.base import Effect
+from estimator.fitting.fit import Fit
+from estimator.fitting.gauss_newton import ITERATIONS, ROUGH, solved
+from estimator.fitting.simulator import Simulator
+from estimator.plans.plan import Plan
+
+MOST_ADDITIONS = 12  # additions, spectral lines and others each
+MOST_IN_TWO = 2  # pairs in the place of an addition that are fitted to the end, of those that fit best
+NO_CHANGE, DOUBLINGS = 0.1, 2  # of z'z: a smaller change is negligible; doublings of the rows between samples, at most
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """A fit and the additions that it holds."""
+
+    fit: Fit
+    additions: tuple[Addition, ...] = ()
+
+    def names(self) -> set[str]:
+        """Return what was added."""
+        return {a.name for a in self.additions}
+
+    def criterion(self, samples: int) -> float:
+        """Return the criterion, -2 log L at its noise and the penalties."""
+        return self.fit.cost + sum(a.penalty(samples) for a in self.additions)
+
+    def evidence(self, samples: int) -> float:
+        """Return -2 log of its probability by Laplace's method; the usual size of a number is its prior's scale.
+
+        Unlike the criterion, which charges log n for each number, it charges little for one that the recordings hardly
+        tell, and which therefore leaves the parameters open. A number of no known size is charged log n. A number far
+        above its usual size is charged for that: a winding does not warm by a seventh while a motor starts.
+        """
+        fit, sizes = self.fit, self.sizes()
+        known = [k for k, name in enumerate(fit.names) if name in sizes and fit.at_bound[k] == 0]
+        s = np.array([sizes[fit.names[k]] for k in known])
+        told = np.linalg.pinv(fit.covariance_parts()[0][np.ix_(known, known)])
+        charge = float(np.linalg.slogdet(np.eye(len(s)) + told * np.outer(s, s))[1])
+        unknown = sum(a.numbers for a in self.additions if a.linear is not None and a.name not in sizes)
+        priors = sum(2 * float(np.log(a.tried / a.effect.prior)) for a in self.additions)
+        return fit.cost + charge + unknown * float(np.log(max(samples, 2))) + priors + self._unusual()
+
+    def _unusual(self) -> float:
+        """Return -2 log of the prior of the sizes that were found, over that of small ones: Cauchy's (Jeffreys 1961).
+
+        Its tails are long, as usual sizes are known roughly. A number's standard error widens it: of one that is hardly
+        told the size is chance.
+        """
+        fit, s, total = self.fit, self.fit.simulator, 0.0
+        usual = {a.name: a.usual for a in self.additions if a.usual}
+        variances, neutral = np.diag(fit.covariance_parts()[0]), {n.name: n.neutral for n in s.nuisances}
+        for name, x, variance, is_log in zip(fit.names, fit.estimates, variances, fit.is_log, strict=True):
+            if name in usual and not is_log:
+                away = float(x) - neutral.get(name, 0.0)
+                total += 2 * float(np.log1p(away**2 / (usual[name] ** 2 + variance)))
+        return total
+
+    def sizes(self) -> dict[str, float]:
+        """Return the usual sizes of the numbers that were added, on their scales, where they are known, by name.
+
+        Of several numbers of an addition that is of the first; a time constant beside it is known to a factor of e.
+        """
+        s = self.fit.simulator
+        step = {n.name: n.size for n in s.nuisances}
+        found = {a.name: a.usual or step.get(a.name, 0.0) for a in self.additions}
+        beside = {name for a in self.additions for name in a.free[1:] if s.log[s.index[name]]}
+        return {name: abs(size) for name, size in found.items() if size} | dict.fromkeys(beside, 1.0)
+
+
+def is_full(explanation: Explanation) -> bool:
+    """Whether an explanation has more additions of the last one's kind than are taken: spectral lines, or others."""
+    lines = explanation.additions[-1].effect.is_line
+    return sum(a.effect.is_line == lines for a in explanation.additions) > MOST_ADDITIONS
+
+
+def without(
+    explanation: Explanation, addition: Addition, *, iterations: int = ROUGH, limit: float = np.inf
+) -> Explanation:
+    """Return the explanation, fitted again, without one of its additions; iterations and limit as for `solved`."""
+    fit = explanation.fit
+    if addition.linear is not None:
+        linear = tuple(g for g in fit.linear if g.name != addition.name)
+        fit = dataclasses.replace(fit, linear=linear)
+    else:
+        values = fit.values.copy()
+        for name in {addition.name, *addition.free}:
+            k = fit.simulator.index[name]
+            values[k] = fit.simulator.neutral[k - len(fit.simulator.plan.names)]
+        free = tuple(n for n in fit.free if n not in addition.free)
+        fit = dataclasses.replace(fit, values=values, free=free)
+    rest = tuple(a for a in explanation.additions if a is not addition)
+    return Explanation(solved(fit, iterations=iterations, limit=limit), rest)
+
+
+def renewed(explanation: Explanation) -> Fit:
+    """Return the fit with the columns of its additions computed again at its values."""
+    fit, groups = explanation.fit, list(explanation.fit.linear)
+    for a in explanation.additions:
+        k = next((k for k, g in enumerate(groups) if g.name == a.name), None)
+        if a.linear is None or k is None:
+            continue
+        at = sum(g.columns.shape[2] for g in groups[:k])
+        own = slice(at, at + groups[k].columns.shape[2])
+        bare = dataclasses.replace(
+            fit,
+            linear=tuple(g for g in groups if g is not groups[k]),
+            coefficients=np.delete(fit.coefficients, own),
+        )
+        new = a.effect.renewed(bare, groups[k], fit.coefficients[own])
+        if new is not None and new.columns.shape == groups[k].columns.shape:
+            groups[k] = new
+    return dataclasses.replace(fit, linear=tuple(groups))
+
+
+def reshaped(explanation: Explanation) -> Explanation:
+    """Return the explanation with those of its columns in another form that explain more in it."""
+    for a in explanation.additions:
+        fit = explanation.fit
+        group = next((g for g in fit.linear if g.name == a.name), None)
+        other = None if group is None else a.effect.reshaped(fit, group)
+        if other is None:
+            continue
+        tried = solved(dataclasses.replace(fit, linear=tuple(other if g is group else g for g in fit.linear)))
+        if tried.cost < fit.cost:
+            explanation = dataclasses.replace(explanation, fit=tried)
+    return explanation
+
+
+def mirrored(explanation: Explanation, effects: Sequence[Effect], plan: Plan) -> list[Explanation]:
+    """Return the explanation at the equivalent values that an effect names, such as two lags exchanged."""
+    return [
+        _at_values(explanation, a, known, effects, plan, ITERATIONS)
+        for a in explanation.additions
+        for known in a.effect.mirrored(explanation.fit, a.name)
+    ]
+
+
+def in_two(explanation: Explanation, effects: Sequence[Effect], plan: Plan) -> list[Explanation]:
+    """Return the explanation with two additions in the place of one that names such, such as a mean and a lag."""
+    found = []
+    for a in explanation.additions:
+        rest = {other.name for other in explanation.additions if other is not a}
+        excluded = {n.name: n.excludes for n in explanation.fit.simulator.nuisances}
+        tried = [
+            _at_values(explanation, a, known, effects, plan, 1)
+            for known in a.effect.in_two(explanation.fit, a.name)
+            if not any(name.startswith(excluded.get(n, ()) or "?") for n in known for name in rest)
+        ]
+        found += sorted(tried, key=lambda e: e.fit.cost)[:MOST_IN_TWO]
+    return [dataclasses.replace(e, fit=solved(e.fit)) for e in found]
+
+
+def _at_values(
+    explanation: Explanation,
+    addition: Addition,
+    known: Mapping[str, float],
+    effects: Sequence[Effect],
+    plan: Plan,
+    iterations: int,
+) -> Explanation:
+    """Return the explanation at other values; nuisance parameters that come with them take an addition's place."""
+    fit, held = explanation.fit, {a.name for a in explanation.additions}
+    values, own = fit.values.copy(), []
+    for name, value in known.items():
+        k = fit.simulator.index[name]
+        values[k] = np.clip(value, fit.simulator.lower[k], fit.simulator.upper[k])
+    for new in (n for n in fit.simulator.nuisances if n.tries and n.name in known and n.name not in held):
+        effect = next(e for e in effects if new.name in {n.name for n in e.nuisances(plan)})
+        free = () if new.whole else (new.name,)
+        own.append(dataclasses.replace(addition, effect=effect, name=new.name, numbers=1, free=free))
+    if own:
+        freed = (n for a in own for n in a.free)
+        fit = dataclasses.replace(fit, free=(*(n for n in fit.free if n not in addition.free), *freed))
+    exchanged = solved(dataclasses.replace(fit, values=values), iterations=iterations)
+    places = [own if own and a is addition else [a] for a in explanation.additions]
+    return Explanation(exchanged, tuple(a for some in places for a in some))
+
+
+def moved_to(fit: Fit, simulator: Simulator) -> Fit:
+    """Return a fit on another simulator that knows at least its names, and may simulate what are columns here."""
+    if simulator is fit.simulator:
+        return fit
+    known = dict(zip(fit.simulator.names, fit.values.tolist(), strict=True))
+    groups = {g.name for g in fit.linear if g.name in simulator.index}
+    if not groups:
+        return dataclasses.replace(fit, simulator=simulator, values=simulator.values(known))
+    columns = dict(zip(fit.names[len(fit.free) :], fit.coefficients.tolist(), strict=True))
+    simulated = {name: x for name, x in columns.items() if name.partition("#")[0] in groups}
+    values = np.clip(simulator.values({**known, **simulated}), simulator.lower, simulator.upper)
+    return dataclasses.replace(
+        fit,
+        simulator=simulator,
+        values=values,
+        free=(*fit.free, *simulated),
+        linear=tuple(g for g in fit.linear if g.name not in groups),
+        coefficients=np.array([x for name, x in columns.items() if name not in simulated]),
+        shown=simulator.shown(values[None, :])[0],
+    )
+
+
+def with_added(explanation: Explanation, fit: Fit, addition: Addition) -> Explanation:
+    """Return an explanation with an addition, by its fit: what this simulates is no longer added as columns."""
+    additions = []
+    for a in (*explanation.additions, addition):
+        own = tuple(name for name in fit.free if name.partition("#")[0] == a.name)
+        additions.append(dataclasses.replace(a, linear=None, free=own) if a.linear is not None and own else a)
+    return Explanation(fit, tuple(additions))
+
+
+def with_fine_filters(fit: Fit, *, most: int = DOUBLINGS) -> tuple[Fit, float]:
+    """Return the fit on a simulator that simulates more rows between the samples if a filter there asks for it.
+
+    Between two rows a signal may be curved, such as the current of a winding with a shorter time constant.
+
+    Parameters
+    ----------
+    most : int
+        Doublings of the rows, at most.
+
+    Returns
+    -------
+    The fit, and z'z of what the last doubling changed: what is left is less.
+    """
+    s, left = fit.simulator, 0.0
+    for _ in range(most if s.filtered(fit.values[None, :]).any() else 0):
+        s.between *= 2
+        finer = s.shown(fit.values[None, :])[0]
+        change = fit.whitener(np.nan_to_num(finer - fit.shown)[:, :, None])[0]
+        if (left := float(np.vdot(change, change))) < NO_CHANGE:
+            s.between //= 2
+            break
+        fit = dataclasses.replace(fit, shown=finer)
+    return fit, left

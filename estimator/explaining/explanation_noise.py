@@ -1,0 +1,120 @@
+"""The noise of an explanation, estimated from what it leaves of the recordings. Knows no search and adds no effect."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.conventions import STEP_DEVIATION
+from estimator.explaining.explanation import Explanation, renewed
+from estimator.explaining.shared_errors import with_shared_errors
+from estimator.fitting.fit import refreshed, slopes_in_time, with_level
+from estimator.fitting.gauss_newton import solved, solved_roughly
+from estimator.fitting.least_squares import ROUNDING
+from estimator.fitting.motor_response import machine_of
+from estimator.fitting.outliers import held_down
+from estimator.fitting.windows import find_windows
+from estimator.noise.jitter import find_jitter, without_responses
+from estimator.noise.noise_estimate import fit_noise
+from estimator.noise.noise_growth import noise_of_neighbours
+from estimator.noise.noise_model import NoiseModel
+from estimator.plans.plan import Plan
+from estimator.recordings.excitation import quantum
+from estimator.stepping import layout
+
+FloatArray = NDArray[np.float64]
+
+QUIET = 0.1  # of the first estimate of the deviation: the noise is taken to be no less
+
+
+def count_deviations(plan: Plan) -> FloatArray:
+    """Return the deviation of the counts that each output differences, (q,), in its unit; 0: it shows no counts."""
+    found = np.zeros(len(plan.outputs))
+    for k, y in enumerate(plan.outputs):
+        if plan.sensors[y] == layout.MEAN:
+            found[k] = max(quantum(o.outputs[y]) for o in plan.observed) / STEP_DEVIATION
+    return found
+
+
+def with_noise(
+    explanation: Explanation, differenced: FloatArray, *, colour: bool = True, again: bool = False
+) -> Explanation:
+    """Return the explanation with its noise estimated, or estimated again, and fitted with it.
+
+    Parameters
+    ----------
+    differenced : (q,) array
+        As `count_deviations`.
+    colour : bool
+        Whether the noise may be coloured.
+    again : bool
+        Keep the components of the noise, and estimate their parameters again.
+    """
+    fit = with_shared_errors(with_level(renewed(explanation)))
+    machine, seat = machine_of(fit)
+    noise = dataclasses.replace(fit.whitener.noise, machine=machine, seat=seat)
+    if not again:
+        noise = dataclasses.replace(noise, differenced=differenced)
+    whitener = fit.whitener.of(noise)
+    misfit = np.where(whitener.present, fit.residuals(), 0.0)
+    rounding = ROUNDING * fit.simulator.problem.spread
+    if np.all(np.sqrt(np.mean(misfit**2, axis=0)) < rounding):  # a simulation's own output: no noise is to be told
+        exact = dataclasses.replace(NoiseModel.plain(rounding, seat), machine=machine)
+        return dataclasses.replace(explanation, fit=solved(refreshed(fit, whitener.of(exact))))
+    # Spectral lines take nothing of the noise.
+    wide = [k for k, name in enumerate(fit.names) if not name.startswith("ripple ")]
+    windows = find_windows(explanation.fit)
+    columns = fit.raw if len(wide) == len(fit.names) else fit.raw[:, :, wide]
+    s = fit.simulator
+    found = fit_noise(
+        whitener, misfit, columns, windows.settled, windows.sharp, colour=colour, again=again,
+        resolution=np.where(s.coarse & (differenced == 0), s.steps, 0.0),
+    )  # fmt: skip
+    fit = held_down(refreshed(fit, whitener.of(found)), windows.onsets)
+    return dataclasses.replace(explanation, fit=solved(fit))
+
+
+def with_jitter(explanation: Explanation, differenced: FloatArray) -> Explanation | None:
+    """Return the explanation fitted with samples whose instants are not known exactly; None where they are."""
+    fit = with_level(explanation.fit)
+    fit = dataclasses.replace(fit, whitener=dataclasses.replace(fit.whitener, slope=slopes_in_time(fit)))
+    grows = fit.whitener.noise
+    edges = [rows for transients in find_windows(explanation.fit).transients for rows in transients]
+    found = []
+    for noise in (grows, dataclasses.replace(grows, growth=np.zeros_like(grows.growth) + [0.0, 2.0])):
+        whitener = fit.whitener.of(noise)
+        deviation = noise.deviation(whitener.level)
+        fine = (fit.simulator.steps == 0) & (differenced == 0)  # quantised signals have other errors
+        slope = np.where(whitener.present & fine, whitener.slope / deviation, 0.0)
+        z = refreshed(fit, whitener).z.reshape(slope.shape)
+        jitter, sizes, gain = find_jitter(*without_responses(z, slope, edges), fit.simulator.clocks[0].step)
+        worse = float(np.vdot(z, z) + 2 * np.sum(np.log(deviation), where=whitener.present))
+        found.append((worse - gain, jitter, dataclasses.replace(noise, white=noise.white * sizes)))
+        if not np.any(grows.growth[:, 0]):
+            break
+    _, jitter, noise = min(found, key=lambda f: f[0])
+    if jitter == 0.0:
+        return None
+    whitener = fit.whitener.of(dataclasses.replace(noise, jitter=jitter))
+    return dataclasses.replace(explanation, fit=solved(refreshed(fit, whitener)))
+
+
+def with_noise_of_neighbours(explanation: Explanation, differenced: FloatArray) -> Explanation:
+    """Return the explanation fitted by the noise that samples beside each other show."""
+    fit = with_level(explanation.fit)
+    windows = find_windows(explanation.fit)
+    misfit = np.where(fit.whitener.present, fit.residuals(), 0.0)
+    old, found = fit.whitener.noise, noise_of_neighbours(fit.whitener, misfit, windows.sharp)
+    coarse = (fit.simulator.steps > 0) | (differenced > 0)  # their noise is of steps, and no growth
+    white = np.where(coarse, old.white, np.maximum(found.white, QUIET * old.white))
+    found = dataclasses.replace(found, white=white, growth=np.where(coarse[:, None], old.growth, found.growth))
+    fit = held_down(refreshed(fit, fit.whitener.of(found)), windows.onsets)
+    return dataclasses.replace(explanation, fit=solved(fit))
+
+
+def by_noise_of(other: Explanation, explanation: Explanation) -> Explanation:
+    """Return an explanation fitted by another's noise: only so do their criteria compare."""
+    fit = refreshed(explanation.fit, other.fit.whitener)
+    return dataclasses.replace(explanation, fit=solved_roughly(fit))

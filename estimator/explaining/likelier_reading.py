@@ -1,0 +1,60 @@
+"""Which of the ways to read recordings is the likelier, by what the effects explain. Knows no effect."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.explaining.explanation import Explanation
+from estimator.explaining.explanation_noise import by_noise_of
+from estimator.explaining.readings import Reading, readings
+from estimator.explaining.rivals import EXCHANGED
+from estimator.explaining.selection import Selection
+from estimator.fitting.gauss_newton import solved
+from estimator.plans.plan import Plan
+
+FloatArray = NDArray[np.float64]
+
+UNDECIDED = 2.0  # times z'z of the better first fit: the other way to read the recordings may be the right one
+
+
+def likelier_reading(
+    plan: Plan, begin: Callable[[Plan], Selection], starts: Sequence[FloatArray], known: Explanation | None
+) -> tuple[Sequence[Reading], list[Selection], Explanation]:
+    """Return the ways to read the recordings, the likelier first, a selection for each, and what explains the first.
+
+    The first fit tells which; where it hardly does, and what was found is likelier by the other, both are explained.
+
+    Parameters
+    ----------
+    begin : callable
+        Returns the selection of effects for a plan.
+    starts : (p,) arrays
+        Of the plan's free parameters.
+    known : Explanation, optional
+        Of a part of the rows.
+    """
+    ways: Sequence[Reading] = readings(plan)
+    selections = [begin(way.plan) for way in ways]
+    costs = [selection.first_cost(starts) for selection in selections] if len(ways) > 1 else [0.0]
+    order = np.argsort(costs, kind="stable").tolist()
+    ways, selections = [ways[k] for k in order], [selections[k] for k in order]
+    explanation, n = selections[0].explain(starts, known), selections[0].tests.samples
+    if len(ways) == 1 or max(costs) > UNDECIDED * min(costs):
+        return ways, selections, explanation
+    if read_by(explanation, selections[1]).fit.cost < explanation.fit.cost - EXCHANGED:
+        again = selections[1].explain(starts)
+        if again.criterion(n) < by_noise_of(again, explanation).criterion(n):
+            return ways[::-1], selections[::-1], again
+    return ways, selections, explanation
+
+
+def read_by(explanation: Explanation, other: Selection) -> Explanation:
+    """Return an explanation fitted to recordings that are read the other way."""
+    far = next((a.effect.fmu for a in explanation.additions if a.effect.fmu), "")
+    simulator = other.tests.rivals(far) if far else other.tests.base
+    assert simulator is not None  # the first way has it
+    return dataclasses.replace(explanation, fit=solved(dataclasses.replace(explanation.fit, simulator=simulator)))

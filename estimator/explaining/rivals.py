@@ -1,0 +1,258 @@
+"""Rivals of an explanation: others, nearly as likely, in which another addition replaces one. Averages nothing."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from collections.abc import Sequence
+
+import numpy as np
+
+from estimator.explaining.addition import Addition, alike, is_physical, is_switch, is_timing
+from estimator.explaining.explanation import (
+    Explanation,
+    in_two,
+    mirrored,
+    renewed,
+    with_added,
+    with_fine_filters,
+    without,
+)
+from estimator.explaining.explanation_noise import by_noise_of, with_noise
+from estimator.explaining.selection import PREDICTED_PART, Selection
+from estimator.fitting.gauss_newton import solved, solved_roughly
+from estimator.plans.part import LONG
+
+RIVALS_WITHIN = 10.0  # of the criterion: explanations that are no further above the best are rivals
+PARALLEL = 0.9  # canonical correlation of an addition with one that is doubted: it is refitted as a rival
+RIVALS_REFITTED = 3  # rivals of an addition that are refitted, of each effect the likeliest
+MOST_WITHIN = 2  # additions of what happens within samples, each exchanged for every other of these
+MOST_PAIRED = 3  # of them, for each pair of which one is tried
+MOST_FULLER, LEAST_GAIN = 4, 3.0  # rivals to which one more is added; fall of z'z by it that is worth a refit
+SAME = 0.1  # standard errors: explanations that are no further apart are one
+MOST_ALIKE = 2  # additions of an effect that are exchanged: many recordings with an offset each tell it by themselves
+ABSURD = 2 * float(np.log(100.0))  # of the criterion: what no bench does has a chance of 1 in 100, by a wrong clock
+MOST_ROWS = 140_000  # between the samples, of all recordings: with more a fit takes minutes where the FMU has modes
+MOST_LEFT = 10.0  # of z'z: what the last of them changes at most, ten times as much as the next would
+EXCHANGES, EXCHANGED = 2, 0.1  # of an explanation for a more likely rival, at most; by which its criterion is lower
+
+
+def settled(selection: Selection, explanation: Explanation) -> tuple[Explanation, list[Explanation]]:
+    """Return the explanation, exchanged for a rival as long as one is more likely, and its rivals."""
+    n = selection.tests.samples
+    for _ in range(EXCHANGES):
+        found = _others(selection, explanation)
+        rivals = _nearest(selection, explanation, found)
+        sound = [
+            r for r in rivals if not any(a.effect.doubt and a.name not in explanation.names() for a in r.additions)
+        ]
+        best = min(sound, key=lambda e: e.criterion(n), default=explanation)
+        if best.criterion(n) > explanation.criterion(n) - EXCHANGED:
+            break
+        best = selection.grown(with_noise(best, selection.differenced, again=True), selection.effects)
+        explanation = selection.at_best(selection.without_idle(best))
+    else:
+        found = _others(selection, explanation)
+    rivals = _with_fuller(selection, explanation, found)
+    sensible = _without_absurd(selection, explanation, rivals)
+    if sensible is None:
+        return explanation, rivals
+    return sensible, _with_fuller(selection, sensible, _others(selection, sensible))
+
+
+def simulated_finely(
+    selection: Selection, explanation: Explanation, rivals: list[Explanation]
+) -> tuple[Explanation, list[Explanation], bool]:
+    """Return an explanation and its rivals fitted on rows between the samples that are fine enough for their filters.
+
+    While they are looked for, all of them are simulated as coarsely: what that costs one it costs the others.
+
+    Returns
+    -------
+    Explanation, rivals, and whether the rows are fine enough: more of them would move nothing by a standard error.
+    """
+    s = explanation.fit.simulator
+    if s.rows > LONG:
+        return explanation, rivals, True
+    fit, left = with_fine_filters(explanation.fit, most=max(1, int(np.log2(MOST_ROWS / (s.rows * s.between)))))
+    if fit is not explanation.fit:
+        for rival in rivals:
+            rival.fit.simulator.between = fit.simulator.between
+        explanation = selection.at_best(dataclasses.replace(explanation, fit=fit))
+        rivals = [dataclasses.replace(r, fit=solved_roughly(r.fit)) for r in rivals]
+    return explanation, rivals, left < MOST_LEFT
+
+
+def _without_absurd(
+    selection: Selection, explanation: Explanation, rivals: Sequence[Explanation]
+) -> Explanation | None:
+    """Return an explanation without what no bench does, such as a delay before its input; None if none is near.
+
+    Effects that stand for others come in company: a filter for a mean, a delay to make up for it, a friction for the
+    rest. No single exchange leads back from there.
+    """
+    plan, n = selection.tests.base.plan, selection.tests.samples
+    values = dict(zip(explanation.fit.simulator.names, explanation.fit.values.tolist(), strict=True))
+    absurd = {
+        a.effect.name
+        for a in explanation.additions
+        if not a.effect.doubt and a.name in values and a.effect.doubted(a.name, values[a.name], plan)
+    }
+    if not absurd:
+        return None
+    others = [e for e in selection.effects if e.name not in absurd]
+    found = []
+    for bare in (explanation, *rivals):
+        for a in bare.additions:
+            if a.effect.name in absurd:
+                bare = without(bare, a)
+        grown = selection.at_best(selection.without_idle(selection.grown(bare, others)))
+        behind = grown.criterion(n) - by_noise_of(grown, explanation).criterion(n)
+        found.append((behind, grown))
+    behind, best = min(found, key=lambda f: f[0])
+    return best if behind < ABSURD else None
+
+
+def _others(selection: Selection, explanation: Explanation) -> list[Explanation]:
+    """Return other explanations, in which another addition replaces one, or one two.
+
+    A sharp one stands in for another, or for a short time constant of the model, far from where a derivative
+    tells: those are always refitted.
+    """
+    within = [a for a in explanation.additions if is_timing(a)]
+    twins = mirrored(explanation, selection.effects, selection.tests.base.plan)
+    twins += in_two(explanation, selection.effects, selection.tests.base.plan)
+    found = [*twins, *(_simpler(selection, explanation, within) if len(within) <= MOST_PAIRED else [])]
+    for addition in explanation.additions:
+        many = sum(a.effect is addition.effect for a in explanation.additions)
+        if not addition.effect.is_line and not is_switch(addition) and many <= MOST_ALIKE:
+            sharp_too = addition in within and len(within) <= MOST_WITHIN
+            found += _exchanged(selection, explanation, addition, sharp_too=sharp_too)
+    return [e for e in found if all(is_physical(e.fit, a) for a in e.additions)]
+
+
+def _with_fuller(selection: Selection, explanation: Explanation, found: Sequence[Explanation]) -> list[Explanation]:
+    """Return the rivals among others, and among them with one more addition."""
+    return _nearest(selection, explanation, [*found, *_fuller(selection, explanation, found)])
+
+
+def _nearest(selection: Selection, explanation: Explanation, found: Sequence[Explanation]) -> list[Explanation]:
+    """Return the rivals among others, which are nearly as likely, the likeliest first, each once."""
+    n, rivals = selection.tests.samples, [explanation]
+    for e in sorted(found, key=lambda e: e.criterion(n)):
+        behind = min(e.criterion(n) - explanation.criterion(n), e.evidence(n) - explanation.evidence(n))
+        if behind < RIVALS_WITHIN and not any(_is_same(e, known) for known in rivals):
+            rivals.append(e)
+    return rivals[1:]
+
+
+def _is_same(one: Explanation, other: Explanation) -> bool:
+    """Whether two explanations are one, reached from two sides."""
+    if one.names() != other.names() or abs(one.fit.cost - other.fit.cost) > EXCHANGED:
+        return False
+    s, p = other.fit.simulator, len(other.fit.simulator.plan.names)
+    deviation = np.sqrt(np.diag(other.fit.covariance())[:p])
+    apart = np.abs(one.fit.simulator.scaled(one.fit.values) - s.scaled(other.fit.values))[:p]
+    return bool(np.all(apart <= SAME * deviation))
+
+
+def _fuller(selection: Selection, explanation: Explanation, rivals: Sequence[Explanation]) -> list[Explanation]:
+    """Return the explanation and its nearest rivals with one more addition of what happens within samples.
+
+    The criterion would not accept it, as its penalty is larger than what the recordings tell of it, and a score test
+    tells little of how far it then moves the parameters. So it is with what another FMU has, such as a supply that
+    sags: of a resistance beside the winding's.
+    """
+    n = selection.tests.samples
+    sharp = [e for e in selection.effects if e.sharp and not e.is_line]
+    near = sorted((e for e in rivals if any(is_timing(a) for a in e.additions)), key=lambda e: e.fit.cost)
+    found = []
+    for base in (*near[:MOST_FULLER], explanation):
+        missing = base.fit.cost - explanation.fit.cost - RIVALS_WITHIN
+        effects = selection.effects if base is explanation else sharp  # all of its own are known already
+        tested = [a for a in selection.tests.additions(base, effects) if a.gain > max(missing, LEAST_GAIN)]
+        timing = [a for a in tested if is_timing(a)]
+        far = [a for a in tested if a.effect.fmu and a.free and a.gain > a.penalty(n) - RIVALS_WITHIN]
+        for likely in (timing, far):
+            for a in sorted(likely, key=lambda a: -a.gain)[:1]:
+                limit = explanation.fit.cost + 2 * RIVALS_WITHIN
+                fuller = with_added(base, selection.refitted(base, a, limit=limit), a)
+                found.append(dataclasses.replace(fuller, fit=solved(fuller.fit)))
+    return [e for e in found if all(is_physical(e.fit, a) for a in e.additions)]
+
+
+def _exchanged(
+    selection: Selection, explanation: Explanation, addition: Addition, *, sharp_too: bool
+) -> list[Explanation]:
+    """Return the explanation with another addition in the place of one, where that is nearly as likely.
+
+    Parameters
+    ----------
+    sharp_too : bool
+        Whether all that happens within samples is refitted, whatever the score test predicts.
+    """
+    n, found = selection.tests.samples, []
+    bare = without(explanation, addition)
+    lost = bare.fit.cost - explanation.fit.cost
+    tested = [a for a in selection.tests.additions(bare, selection.effects, beside=addition.name) if a.gain > 0]
+    own = next((a for a in tested if a.name == addition.name), addition)
+    if own is addition and own.linear is not None:
+        own = dataclasses.replace(own, across=bare.fit.test().across(own.linear.columns))
+    tested = [a for a in tested if a.name != addition.name and (not a.effect.doubt or alike(a, own) > PARALLEL)]
+    needed = PREDICTED_PART * (lost - addition.penalty(n))
+    # What another FMU has moves the parameters so far that its score test tells little of it, and has several numbers.
+    near = explanation.evidence(n) + RIVALS_WITHIN - bare.evidence(n)
+    behind = {a.name: a.posterior()[2] for a in tested if a.scores is not None}
+    likely = [
+        a
+        for a in tested
+        if a.gain - a.penalty(n) > (0.0 if a.effect.fmu else needed) or (a.effect.fmu and behind[a.name] < near)
+    ]
+    ranked = sorted((a for a in likely if not (sharp_too and is_timing(a))), key=lambda a: behind[a.name])
+    likely = list({a.effect.name: a for a in reversed(ranked)}.values())[::-1][:RIVALS_REFITTED]
+    if sharp_too:
+        likely += [a for a in tested if is_timing(a)]
+    most = explanation.criterion(n) + 2 * RIVALS_WITHIN
+    for other in likely:
+        other = _as_late(explanation, addition, other)
+        limit = most - other.penalty(n) - (bare.criterion(n) - bare.fit.cost)
+        rival = with_added(bare, selection.refitted(bare, other, limit=limit), other)
+        if any(a.linear is not None for a in rival.additions):
+            rival = dataclasses.replace(rival, fit=solved_roughly(renewed(rival), limit=limit))
+        if rival.criterion(n) < most:
+            rival = dataclasses.replace(rival, fit=solved(rival.fit))
+            found.append(rival)
+    return found
+
+
+def _as_late(explanation: Explanation, addition: Addition, other: Addition) -> Addition:
+    """Return another addition with one more start where both make a channel late: as late, all else as it is.
+
+    Without the addition a short time constant of the model vanishes, and no refit leads back from there.
+    """
+    fit, s = explanation.fit, explanation.fit.simulator
+    channels = {n.channel for n in s.nuisances if n.name in (addition.name, other.name)}
+    if addition.effect.lateness * other.effect.lateness == 0 or len(channels) != 1:
+        return other
+    start = {name: float(fit.values[s.index[name]]) for name in fit.free if name != addition.name}
+    delay = addition.effect.lateness * float(fit.values[s.index[addition.name]])
+    return dataclasses.replace(other, starts=(*other.starts, {**start, other.name: delay / other.effect.lateness}))
+
+
+def _simpler(selection: Selection, explanation: Explanation, within: Sequence[Addition]) -> list[Explanation]:
+    """Return the explanation with one addition in the place of two of those within samples, also mirrored.
+
+    A delay of the current beside a lag of the speed stand for a delay of both.
+    """
+    found = []
+    for one, two in itertools.combinations(within, 2):
+        bare = without(without(explanation, one, iterations=0), two)
+        tested = [
+            a
+            for a in selection.tests.additions(bare, selection.effects)
+            if is_timing(a) and a.name not in (one.name, two.name)
+        ]
+        for other in sorted(tested, key=lambda a: -a.gain)[:1]:
+            simpler = with_added(bare, selection.refitted(bare, other), other)
+            found += [simpler, *mirrored(simpler, selection.effects, selection.tests.base.plan)]
+    return found

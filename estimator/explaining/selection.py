@@ -1,0 +1,393 @@
+"""Selection of effects: all are score-tested at once, the best refitted with their rivals. Knows no effect.
+
+By the criterion of explanation.py an effect that is not there is accepted with a chance of 1e-4 or less (k = 1,
+n = 2 000, prior 0.2: chi-square above 10.8; benchmarks/combined.py measures the rate).
+
+    fit what is free; what explains most of what it misses comes first
+    estimate the noise from settled rows
+    repeat: score-test every addition; refit the best few; accept the best if the criterion falls, and with it what
+            ranks beside it of the same effect in other samples, such as the offsets of several recordings
+    drop additions that are no longer needed
+
+The noise is estimated again after every addition, from settled rows, so that it does not contain what an effect
+explains.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.explaining.addition import (
+    Addition,
+    has_its_needs,
+    is_held,
+    is_physical,
+    is_switch,
+    wald,
+    without_columns,
+)
+from estimator.explaining.addition_tests import AdditionTests
+from estimator.explaining.effects.base import Effect
+from estimator.explaining.explanation import (
+    MOST_ADDITIONS,
+    Explanation,
+    is_full,
+    mirrored,
+    moved_to,
+    reshaped,
+    with_added,
+    with_fine_filters,
+    without,
+)
+from estimator.explaining.explanation_noise import by_noise_of, with_jitter, with_noise, with_noise_of_neighbours
+from estimator.fitting.fit import Fit, new_fit
+from estimator.fitting.gauss_newton import ROUGH, solved, solved_roughly
+from estimator.fitting.secants import with_secants
+from estimator.fitting.simulator import Simulator
+from estimator.fitting.windows import find_windows
+from estimator.noise.noise_model import NoiseModel
+
+FloatArray = NDArray[np.float64]
+
+ROUNDS = 20  # of additions accepted or rejected, at most
+REFITTED = 3  # additions refitted in a round
+PREDICTED_PART = 0.6  # of the best predicted fall of the criterion: with less an addition is not refitted
+# Factors about the first estimates: bounds of the fit while effects are missing.
+NEARBY = {"R": 5.0, "K": 4.0, "J": 6.0, "L": 50.0}
+NO_NOISE = 0.2  # of the noise's power as neighbours tell it: a first fit that is further from it misses something
+MOST_OF_IT = 0.5  # of what is missed beyond the noise: what explains more is added before all else
+SEEN = 1.0  # of z'z: by so much a switch that is seen may be worse than none
+IDLE = 6.0  # times the penalty: an addition is refitted without if its Wald statistic is below
+
+
+@dataclass
+class Selection:
+    """The search for an explanation.
+
+    Parameters
+    ----------
+    tests : AdditionTests
+        Of what may be added.
+    always : names of nuisance parameters that are free from the start
+    deviations : (q,) array
+        Of the noise, a first estimate.
+    differenced : (q,) array
+        Deviation of the counts that a channel differences; 0: it shows no counts.
+    effects : those that may be found
+    """
+
+    tests: AdditionTests
+    always: tuple[str, ...]
+    deviations: FloatArray
+    differenced: FloatArray
+    effects: tuple[Effect, ...]
+
+    def _held_near(self, starts: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray]:
+        """Bound a motor's parameters near their first estimates; return the bounds that they had.
+
+        A start that leaves only noise misses no effect, wherever it lies.
+        """
+        s = self.tests.base
+        before = s.lower.copy(), s.upper.copy()
+        if any(self._leaves_noise(start) for start in starts):
+            return before
+        for k, name in enumerate(s.plan.names):
+            near = s.plan.guess.get(name, 0.0)
+            if name in NEARBY and near > 0 and s.log[k]:
+                s.lower[k] = max(s.lower[k], near / NEARBY[name])
+                s.upper[k] = min(s.upper[k], near * NEARBY[name])
+        return before
+
+    def _leaves_noise(self, start: FloatArray) -> bool:
+        """Whether a start, (p,), explains the recordings but for their noise, by its first estimate."""
+        s = self.tests.base
+        noise = NoiseModel.plain(self.deviations, tuple(-1 for _ in s.outputs))
+        values = s.values(dict(zip(s.plan.names, start.tolist(), strict=True)))
+        return solved(new_fit(s, values, s.plan.names, noise), iterations=0).cost < (1 + NO_NOISE) * self.tests.samples
+
+    def first_cost(self, starts: Sequence[FloatArray]) -> float:
+        """Return z'z of the first fit, by the first estimate of the noise."""
+        lower, upper = self._held_near(starts)
+        cost = self._first(starts).fit.cost
+        self.tests.base.lower[:], self.tests.base.upper[:] = lower, upper
+        return cost
+
+    def explain(self, starts: Sequence[FloatArray], known: Explanation | None = None) -> Explanation:
+        """Return the best explanation.
+
+        Parameters
+        ----------
+        starts : (p,) arrays
+            Of the plan's free parameters.
+        known : Explanation, optional
+            Of a part of the rows: what it holds is not looked for again, and fitted to all of them.
+        """
+        bounds = self._held_near(starts)
+        first = self._first(starts) if known is None else self._begun(known)
+        best = self._without_effects(first)
+        if best is None:
+            best = self._with_effects(first, sharp=known is None)  # the part has told what is sharp
+        del first  # of a million rows a tenth of what is held
+        if (shaken := with_jitter(best, self.differenced)) is not None:
+            best = self.without_idle(self.grown(shaken, self.effects))
+        best = reshaped(best)
+        best = min([best, *mirrored(best, self.effects, self.tests.base.plan)], key=lambda e: e.fit.cost)
+        for simulator in {id(s): s for s in (self.tests.base, best.fit.simulator)}.values():
+            p = len(self.tests.base.plan.names)
+            simulator.lower[:p], simulator.upper[:p] = bounds[0][:p], bounds[1][:p]
+        fine = with_fine_filters(best.fit)[0] if best.fit.simulator is self.tests.base else best.fit
+        return self.at_best(dataclasses.replace(best, fit=fine))
+
+    def _without_effects(self, first: Explanation) -> Explanation | None:
+        """Return a first fit by its noise, where that is white and shows no effect; else None.
+
+        White noise contains none of what `_with_effects` looks for before it estimates the noise.
+        """
+        if abs(first.fit.cost / self.tests.samples - 1) > NO_NOISE or not find_windows(first.fit).enough:
+            return None
+        best = with_noise(first, self.differenced)
+        if not best.fit.whitener.is_white:
+            return None
+        first.fit.forget()  # of a million rows a quarter of what is held
+        return best if self.best_addition(best, self.effects, set()) is None else None
+
+    def _with_effects(self, best: Explanation, *, sharp: bool = True) -> Explanation:
+        """Return the explanation with its noise and its effects; `sharp`: look for these before coloured noise."""
+        best = self.grown(best, self.effects, renew=False, share=MOST_OF_IT)
+        lines = [e for e in self.effects if e.is_line]
+        best = self.grown(best, lines, renew=False)  # before the noise, which would contain them
+        if find_windows(best.fit).enough:
+            if sharp:
+                best = with_noise(best, self.differenced, colour=False)
+                best = self.grown(best, [e for e in self.effects if e.sharp], colour=False)
+        else:  # a noise from residuals would contain missing effects: neighbours tell it first
+            best = with_noise_of_neighbours(best, self.differenced)
+            best = self.grown(best, self.effects, renew=False)
+        best = with_noise(best, self.differenced)
+        for _ in range(2):  # effects and noise depend on each other
+            before = best.names()
+            best = self.without_idle(self.grown(best, self.effects))
+            if best.names() == before:
+                break
+            best = with_noise(best, self.differenced)
+        return best
+
+    def at_best(self, best: Explanation) -> Explanation:
+        """Return an explanation fitted to the end, without what that makes absurd."""
+        final = solved(best.fit, tolerance=1e-8)
+        while absurd := [a for a in best.additions if not (is_physical(final, a) and has_its_needs(final, a))]:
+            best = without(dataclasses.replace(best, fit=final), absurd[-1])
+            final = solved(best.fit, tolerance=1e-8)
+        return dataclasses.replace(best, fit=final if final.simulator is self.tests.base else with_secants(final))
+
+    def _first(self, starts: Sequence[FloatArray]) -> Explanation:
+        """Return the best first fit: from every start, with and without effects that are seen before a fit."""
+        s = self.tests.base
+        plain = NoiseModel.plain(self.deviations, tuple(-1 for _ in s.outputs))
+        seen = [(e, e.at_first_sight(s.plan)) for e in self.effects]
+        own = [(e, {n: v for n, v in known.items() if n in s.index}) for e, known in seen if not e.fmu]
+        far = [(e, known) for e, known in seen if e.fmu and known]
+        tried = []
+        for start in starts:
+            begun = dict(zip(s.plan.names, start.tolist(), strict=True))
+            for held in ([], far) if far else ([],):
+                additions = [_seen(e, name, s) for e, known in own for name in known]
+                simulator = s
+                for e, known in held:
+                    rival = self.tests.rivals(e.fmu)
+                    if rival is not None and set(known) <= set(rival.index):
+                        simulator = rival
+                        additions += [_seen(e, name, rival) for name in known]
+                names = {a.name for a in additions}
+                values = {n: v for _, known in (*own, *held) for n, v in known.items() if n in names}
+                free = (*s.plan.names, *self.always, *(n for a in additions for n in a.free))
+                fit = new_fit(simulator, simulator.values({**begun, **values}), free, plain)
+                open_ones = tuple(group for e in self.effects for group in e.always(fit))
+                fit = solved_roughly(dataclasses.replace(fit, linear=open_ones))
+                tried.append(Explanation(fit, tuple(additions)))
+        return min(tried, key=self._criterion_at_first)
+
+    def _criterion_at_first(self, explanation: Explanation) -> float:
+        """Return a criterion in which a switch that is seen needs no fit to tell it: what does is not yet there."""
+        n = self.tests.samples
+        return explanation.criterion(n) - sum(a.penalty(n) + SEEN for a in explanation.additions if is_switch(a))
+
+    def _begun(self, known: Explanation) -> Explanation:
+        """Return an explanation of a part of the rows, fitted to all of them."""
+        there, wanted = known.fit, next((a.effect.fmu for a in known.additions if a.effect.fmu), "")
+        simulator = self.tests.rivals(wanted) if wanted else self.tests.base
+        assert simulator is not None  # the part had it
+        values = simulator.values(dict(zip(there.simulator.names, there.values.tolist(), strict=True)))
+        values = np.clip(values, simulator.lower, simulator.upper)
+        free = [n for n in there.free if n in simulator.index]  # all rows may rule out what the part allows
+        fit = new_fit(simulator, values, free, there.whitener.noise)
+        open_ones = tuple(group for e in self.effects for group in e.always(fit))
+        best = Explanation(solved(dataclasses.replace(fit, linear=open_ones), iterations=ROUGH, told=False))
+        for a in known.additions:
+            if a.linear is None:
+                own = (without_columns(a),) if a.name in simulator.index else ()
+                best = dataclasses.replace(best, additions=(*best.additions, *own))
+                continue
+            found = self.tests.additions(best, [a.effect], beside=a.name)
+            same = [b for b in found if b.name == a.name] or sorted(found, key=lambda b: -b.gain)[:1]
+            for b in same:
+                best = with_added(best, self.refitted(best, b), without_columns(b))
+        return best
+
+    def grown(
+        self,
+        explanation: Explanation,
+        effects: Sequence[Effect],
+        *,
+        colour: bool = True,
+        renew: bool = True,
+        share: float = 0.0,
+    ) -> Explanation:
+        """Return the explanation with every addition that lowers the criterion, one after the other.
+
+        Parameters
+        ----------
+        colour : bool
+            Whether the noise may be coloured.
+        renew : bool
+            Whether the noise is estimated again after each.
+        share : float
+            Of what is missed beyond the noise: an addition has to explain more, where more is missed than noise, and
+            no bound is why.
+        """
+        n, rejected = self.tests.samples, set[str]()
+        for _ in range(ROUNDS):
+            found = self.best_addition(explanation, effects, rejected, share)
+            if found is None or is_full(found):
+                break
+            judged = with_noise(found, self.differenced, colour=colour, again=True) if renew else found
+            absurd = [a for a in judged.additions if not is_physical(judged.fit, a)]
+            if judged.additions[-1] in absurd:
+                rejected.add(found.additions[-1].name)
+                continue
+            for a in absurd:  # the new one has taken its place
+                judged = without(judged, a)
+            if absurd and judged.criterion(n) > by_noise_of(judged, explanation).criterion(n):
+                rejected.add(found.additions[-1].name)  # or it has not
+                continue
+            explanation = judged
+            rejected.clear()
+        return explanation
+
+    def best_addition(
+        self, explanation: Explanation, effects: Sequence[Effect], rejected: set[str], share: float = 0.0
+    ) -> Explanation | None:
+        """Return the explanation with the addition that lowers the criterion most; None if none does."""
+        n = self.tests.samples
+        least = share * (explanation.fit.cost - n)
+        if share and (least < share * n or is_held(explanation.fit)):
+            return None
+        while True:
+            tested = [a for a in self.tests.additions(explanation, effects) if a.name not in rejected]
+            ranked = sorted(tested, key=lambda a: a.penalty(n) - a.gain)
+            ranked = [a for a in ranked if a.gain > a.penalty(n)]
+            if not ranked or ranked[0].gain <= least:
+                return None
+            most = ranked[0].gain - ranked[0].penalty(n)
+            best_few = [
+                a for a in ranked[:REFITTED] if a.gain - a.penalty(n) > PREDICTED_PART * most and a.gain > least
+            ]
+            best, fall = None, 0.0
+            for a in best_few:
+                least_cost = explanation.fit.cost - max(a.penalty(n), least)
+                fit = self.refitted(explanation, a, limit=least_cost - fall)
+                if least_cost - fit.cost > fall and is_physical(fit, a):
+                    best, fall = with_added(explanation, fit, a), least_cost - fit.cost
+            if best is not None:
+                return self._in_company(best, ranked, explanation) or best
+            rejected |= {a.name for a in best_few}
+
+    def _in_company(self, found: Explanation, ranked: Sequence[Addition], before: Explanation) -> Explanation | None:
+        """Return what was found with what ranks beside it of its effect in other samples; None where that is no better.
+
+        Recordings fitted together have each its own offset: one a round would cost as many rounds as recordings.
+        """
+        addition, fit = found.additions[-1], found.fit
+        beside = [a for a in itertools.takewhile(lambda a: a.effect is addition.effect, ranked) if a is not addition]
+        room = MOST_ADDITIONS - len(found.additions)
+        if addition.linear is not None:
+            company = _apart([addition, *beside])[1 : 1 + room]
+            own = [a.linear for a in (addition, *company) if a.linear is not None]
+            fit = dataclasses.replace(fit, linear=(*before.fit.linear, *own))
+        else:
+            of_recordings = {n.name for n in fit.simulator.nuisances if n.recording is not None}
+            company = [a for a in beside if addition.name in of_recordings and a.name in of_recordings][:room]
+            started = {name: value for a in company for name, value in a.starts[0].items()}
+            values = fit.values.copy()
+            values[[fit.simulator.index[name] for name in started]] = list(started.values())
+            fit = dataclasses.replace(fit, values=values, free=(*fit.free, *(n for a in company for n in a.free)))
+        if not company:
+            return None
+        more = Explanation(solved_roughly(fit), (*found.additions, *company))
+        n = self.tests.samples
+        sound = all(is_physical(more.fit, a) for a in (addition, *company))
+        return more if sound and more.criterion(n) < found.criterion(n) else None
+
+    def refitted(self, explanation: Explanation, addition: Addition, *, limit: float = np.inf) -> Fit:
+        """Return the fit with an addition, from the start of the largest predicted fall; limit as for `solved`."""
+        fit = explanation.fit
+        if addition.linear is not None:
+            return solved_roughly(dataclasses.replace(fit, linear=(*fit.linear, addition.linear)), limit=limit)
+        simulator = self.tests.simulator(fit, addition.effect)
+        assert simulator is not None
+        moved = moved_to(fit, simulator)
+        begun = []
+        for start in addition.starts:
+            values = moved.values.copy()
+            for name, value in start.items():
+                k = simulator.index[name]
+                values[k] = np.clip(value, simulator.lower[k], simulator.upper[k])
+            begun.append(dataclasses.replace(moved, values=values, free=(*moved.free, *addition.free)))
+        settling = ROUGH if not addition.free else 1
+        ready = [solved(b, iterations=settling) for b in begun] if len(begun) > 1 else begun
+        return solved_roughly(min(ready, key=lambda f: f.cost), limit=limit)
+
+    def without_idle(self, explanation: Explanation) -> Explanation:
+        """Return the explanation without additions that are no longer needed beside others.
+
+        All are judged by the noise of the whole explanation: one that is estimated again after each would take in what
+        it has lost, and let go of the next.
+        """
+        n, slimmer = self.tests.samples, explanation
+        while idle := next((rest for rest in self._slimmer(slimmer) if rest.criterion(n) < slimmer.criterion(n)), None):
+            slimmer = idle
+        return explanation if slimmer is explanation else with_noise(slimmer, self.differenced, again=True)
+
+    def _slimmer(self, explanation: Explanation) -> Iterator[Explanation]:
+        """Return the explanation without each of those additions that may be idle."""
+        for addition in explanation.additions:
+            if wald(explanation.fit, addition) <= IDLE * addition.penalty(self.tests.samples):
+                least = explanation.fit.cost + addition.penalty(self.tests.samples)
+                yield without(explanation, addition, limit=least)
+
+
+def _apart(additions: Sequence[Addition]) -> list[Addition]:
+    """Return those columns of a ranking that show in other samples than those before them."""
+    found: list[Addition] = []
+    taken: NDArray[np.bool_] = np.zeros(1, dtype=bool)
+    for a in additions:
+        if a.linear is None:
+            continue
+        there = a.linear.columns.any(axis=2)
+        if not np.any(there & taken):
+            taken = np.asarray(there | taken)
+            found.append(a)
+    return found
+
+
+def _seen(effect: Effect, name: str, simulator: Simulator) -> Addition:
+    """Return an addition that the recordings show before any fit."""
+    nuisance = next(n for n in simulator.nuisances if n.name == name)
+    free = () if nuisance.whole else (name,)
+    return Addition(effect, name, 1, np.inf, free=free)

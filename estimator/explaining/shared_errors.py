@@ -1,0 +1,45 @@
+"""Errors that samples share beside their noise: of ripple, of effects, of voltages. Estimates nothing."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.explaining.unsteady import unsteady
+from estimator.fitting.fit import Fit
+from estimator.fitting.motor_response import as_late, motor_values, response
+
+FloatArray = NDArray[np.float64]
+
+
+def with_shared_errors(fit: Fit) -> Fit:
+    """Return the fit with what errors of variance 1 add to its sensors, as they are simulated now."""
+    parts = [part for part in (unsteady(fit), _of_forms(fit), _of_voltages(fit)) if part is not None]
+    shared = np.concatenate(parts, axis=2) if parts else None
+    return dataclasses.replace(fit, whitener=dataclasses.replace(fit.whitener, shared=shared))
+
+
+def _of_forms(fit: Fit) -> FloatArray | None:
+    """Return what is not known of the form of the columns, (rows, q, k), at their coefficients; None: nothing."""
+    found, at = list[FloatArray](), 0
+    for group in fit.linear:
+        own = fit.coefficients[at : (at := at + group.columns.shape[2])]
+        found += [group.uncertain * own] if group.uncertain is not None else []
+    return np.concatenate(found, axis=2) if found else None
+
+
+def _of_voltages(fit: Fit) -> FloatArray | None:
+    """Return what the errors of a motor's voltages add, (rows, q, k); None: they have none."""
+    s = fit.simulator
+    known = [(o.uncertain, clock.rows) for o, clock in zip(s.observed, s.clocks, strict=True)]
+    if motor_values(fit) is None or all(own is None for own, _ in known):
+        return None
+    columns = []
+    for own, rows in known:
+        if own is not None:
+            voltage = np.zeros((s.rows, own.shape[1]))
+            voltage[rows] = own
+            columns.append(voltage)
+    return response(fit, voltage=as_late(fit, np.concatenate(columns, axis=1)))

@@ -1,0 +1,122 @@
+"""A torque that wanders, such as friction does: found in all rows, or left open. Adds no effect.
+
+Settled rows alone, each stretch with a level of its own, hardly show friction that wanders more slowly than a stretch
+lasts, and it is what B's error is made of. So all rows are asked, by the restricted likelihood of a few sizes. Where
+one is clearly likelier than none, it is part of the noise. Where the recordings leave it open, as short ones do, each
+size is another noise that is possible, to be averaged over.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.explaining.during import friction_variance
+from estimator.explaining.effects.base import USUAL
+from estimator.explaining.explanation import Explanation
+from estimator.fitting.fit import Fit, refreshed, with_level
+from estimator.fitting.gauss_newton import solved
+from estimator.fitting.motor_response import machine_of
+from estimator.noise.noise_model import NoiseModel
+from estimator.noise.restricted_likelihood import USUAL_TORQUE, RestrictedLikelihood
+from estimator.plans.part import LONG
+
+FloatArray = NDArray[np.float64]
+
+SIZES = (0.004, 0.012, 0.04, 0.12)  # of the usual torque, each as likely before a recording is seen
+WANDERS = 4.0  # of -2 log L: it widens the bars, no more, so that it may be taken in by chance in 2 of 100 recordings
+PROMISES = 0.25  # of that, by one of the sizes: between two of them, and by another time, it falls hardly further
+EXCLUDED = 5.0  # of -2 log L that a size is less likely than none: the average knows it no more
+
+
+@dataclass(frozen=True)
+class OpenTorque:
+    """A size of the torque that wanders which the recordings leave open.
+
+    Attributes
+    ----------
+    deviation : its standard deviation, N.m
+    behind : -2 log of its probability above that of no such torque
+    covariance : (p, p) array
+        Of the plan's parameters with it, on their scales.
+    """
+
+    deviation: float
+    behind: float
+    covariance: FloatArray
+
+
+def with_wandering_torque(explanation: Explanation) -> tuple[Explanation, tuple[OpenTorque, ...]]:
+    """Return the explanation fitted with a torque that wanders, as it is where none shows, and what is left open.
+
+    In all rows the misfit of a transient may be taken for it: whether an explanation is adequate must be asked before.
+    Long recordings show it in their settled rows; a speed alone does not tell the usual torque.
+    """
+    fit = with_level(explanation.fit)
+    machine, seat = machine_of(fit)
+    if machine is None or not {0, 1} <= set(seat) or fit.simulator.rows > LONG:
+        return explanation, ()
+    noise = dataclasses.replace(fit.whitener.noise, machine=machine, seat=seat)
+    (a, b), current = machine, np.abs(fit.shown[fit.whitener.moving, seat.index(0)])
+    usual = abs(a[1, 0] / b[1]) * float(np.median(current)) if len(current) else 0.0
+    if usual == 0.0:
+        return explanation, ()
+    misfit = np.where(fit.whitener.present, fit.residuals(), 0.0)
+    stacked = np.concatenate([misfit[:, :, None], fit.raw], axis=2)
+    stacked = np.where(fit.whitener.present[:, :, None], stacked, 0.0)
+    likelihood = RestrictedLikelihood(fit.whitener.of(noise), stacked)
+    without = dataclasses.replace(noise, torque=(0.0, 1.0))
+    sizes = [dataclasses.replace(noise, torque=(size * usual, USUAL_TORQUE)) for size in SIZES]
+    still = likelihood.misfit(without)
+    tried = _misfits(likelihood, sizes, still)
+    starts = sizes[: len(tried)]
+    if noise.torque[0] > 0:
+        starts, tried = [*starts, noise], [*tried, likelihood.misfit(noise)]
+    if min(tried) <= still - PROMISES * WANDERS:
+        found, value = likelihood.largest(starts[int(np.argmin(tried))], [("torque", 0)])
+        if value <= still - WANDERS:
+            return dataclasses.replace(explanation, fit=solved(refreshed(fit, fit.whitener.of(found)))), ()
+    if noise.torque[0] > 0:  # the settled rows show it
+        return explanation, ()
+    return explanation, _left_open(fit, starts, np.array(tried) - still)
+
+
+def _misfits(likelihood: RestrictedLikelihood, sizes: Sequence[NoiseModel], still: float) -> list[float]:
+    """Return -2 log restricted likelihood of ever larger torques, as far as any of them may be as likely as none.
+
+    A size that is excluded and less likely than the one before it leaves larger ones less likely still.
+    """
+    found = [still]
+    for noise in sizes:
+        found.append(likelihood.misfit(noise))
+        if found[-1] - still > EXCLUDED and found[-1] > found[-2]:
+            break
+    return found[1:]
+
+
+def _left_open(fit: Fit, sizes: Sequence[NoiseModel], behind: FloatArray) -> tuple[OpenTorque, ...]:
+    """Return those tried sizes that are not excluded, `behind` no torque by -2 log restricted likelihood, (sizes,)."""
+    p = len(fit.simulator.plan.names)
+    prior = 2 * float(np.log(len(SIZES) * (1 - USUAL) / USUAL))
+    found = []
+    for noise, value in zip(sizes, behind.tolist(), strict=True):
+        if value <= EXCLUDED:
+            wanders = refreshed(fit, fit.whitener.of(noise))
+            covariance = wanders.covariance_parts()[0][:p, :p].copy()
+            k = wanders.names.index("B") if "B" in wanders.names else None
+            if k is not None:
+                covariance[k, k] = max(covariance[k, k], friction_variance(wanders))
+            found.append(OpenTorque(noise.torque[0], value + prior, covariance))
+    return tuple(found)
+
+
+def hidden_torque(torques: Sequence[OpenTorque], fit: Fit) -> float:
+    """Return the largest torque left open, N.m, by which B's averaged variance is twice its own, or more; 0: none."""
+    k = fit.names.index("B") if "B" in fit.names else None
+    own = 0.0 if k is None else float(fit.covariance_parts()[0][k, k])
+    told = [t for t in torques if k is not None and np.exp(-0.5 * t.behind) * t.covariance[k, k] > own]
+    return max((t.deviation for t in told), default=0.0)

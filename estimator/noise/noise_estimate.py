@@ -1,0 +1,237 @@
+"""Noise models estimated from residuals: the components that the data show, and their numbers. Knows no FMU.
+
+The parameters of the model have the largest restricted likelihood over the settled rows: a misfit of a transient is not
+taken for noise. A component is added as long as -2 log L falls enough.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.conventions import LEAST_FALL, STEP_DEVIATION
+from estimator.noise.autoregression import autoregression
+from estimator.noise.clock import Clock
+from estimator.noise.noise_growth import growth_of
+from estimator.noise.noise_model import NoiseModel
+from estimator.noise.restricted_likelihood import Component, RestrictedLikelihood
+from estimator.noise.whitener import Whitener
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+ROWS = 4000  # settled rows that the noise is estimated from, at most
+SETTLED_SAMPLES = 100  # settled samples of a channel; with fewer all rows are used
+BLOCK_LENGTHS = (2, 8, 32, 128, 512)  # samples whose means show slow correlation
+COLOURED = 5.0  # standard deviations of a block's mean square: of white noise less than once in 1e5
+STRETCH, MOST_STRETCHES = 20, 12  # rows of a stretch that has a level of its own; stretches, at most
+
+
+def fit_noise(
+    whitener: Whitener,
+    residuals: FloatArray,
+    columns: FloatArray,
+    settled: BoolArray,
+    sharp: BoolArray,
+    *,
+    resolution: FloatArray | None = None,
+    colour: bool = True,
+    again: bool = False,
+) -> NoiseModel:
+    """Return the noise model of the largest restricted likelihood.
+
+    Parameters
+    ----------
+    whitener : Whitener
+        Of an initial noise model; its machine is used.
+    residuals : (rows, q) array
+    columns : (rows, q, c) array
+        Their derivatives by what is free.
+    settled : (rows,) array
+        Rows that the noise is estimated from.
+    sharp : (rows,) array
+        First parts of transients, where a misfit is most likely.
+    resolution : (q,) array, optional
+        Step of a sensor that is too coarse for its errors to be noise: they are up to half of it. 0: it is fine.
+    colour : bool
+        Look for slow parts, for a wandering torque, and for correlation over few samples.
+    again : bool
+        Keep the components of the whitener's noise, and estimate their parameters again.
+    """
+    part, rows = _settled_part(whitener, settled)
+    stacked = np.concatenate([residuals[rows, :, None], columns[rows], _levels(part)], axis=2)
+    stacked = np.where(part.present[:, :, None], stacked, 0.0)
+    growth = np.array([growth_of(residuals[:, j], whitener, j, sharp)[:2] for j in range(residuals.shape[1])])
+    resolution = np.zeros(len(growth)) if resolution is None else resolution
+    growth[resolution > 0] = 0.0, 2.0
+    choice = _Choice(RestrictedLikelihood(part, stacked), colour=colour, growth=growth)
+    found = choice.again() if again else choice.best()
+    return dataclasses.replace(found, white=np.maximum(found.white, resolution / STEP_DEVIATION))
+
+
+def _settled_part(whitener: Whitener, settled: BoolArray) -> tuple[Whitener, NDArray[np.int64]]:
+    """Return the whitener of the rows that the noise is estimated from, and these rows."""
+    present = whitener.present & settled[:, None]
+    for j in range(present.shape[1]):
+        if present[:, j].sum() < min(SETTLED_SAMPLES, whitener.present[:, j].sum()):
+            present[:, j] = whitener.present[:, j]
+    told = np.flatnonzero(np.logical_or.reduce(list(present.T)))
+    if len(told) > ROWS:  # of every recording its part
+        keep = np.zeros(len(present), dtype=bool)
+        for clock in whitener.clocks:
+            inside = told[(told >= clock.rows.start) & (told < clock.rows.stop)]
+            keep[inside[-max(1, ROWS * len(inside) // len(told)) :]] = True
+        present &= keep[:, None]
+    used = np.flatnonzero(np.logical_or.reduce(list(present.T)))
+    cut, clocks, at = [], [], 0
+    for clock in whitener.clocks:
+        inside = used[(used >= clock.rows.start) & (used < clock.rows.stop)]
+        if len(inside):
+            part = np.arange(inside[0], inside[-1] + 1)
+            cut.append(part)
+            clocks.append(Clock(clock.time[part - clock.rows.start], slice(at, at + len(part))))
+            at += len(part)
+    rows = np.concatenate(cut)
+    narrowed = Whitener(
+        whitener.noise, tuple(clocks), present[rows], whitener.level[rows], whitener.inflate[rows],
+        whitener.moving[rows], whitener.slope[rows], None if whitener.way is None else whitener.way[rows],
+    )  # fmt: skip
+    return narrowed, rows
+
+
+def _levels(whitener: Whitener) -> FloatArray:
+    """Return a constant for each channel and stretch, (rows, q, c): a misfit of a level is not taken for noise."""
+    told = np.asarray(whitener.present.any(axis=1))
+    breaks = set((np.flatnonzero(told[1:] != told[:-1]) + 1).tolist())
+    starts = sorted({0, *breaks, *(c.rows.start for c in whitener.clocks)})
+    q = whitener.present.shape[1]
+    columns: list[FloatArray] = []
+    for first, last in zip(starts, [*starts[1:], len(told)], strict=True):
+        for j in range(q):
+            if told[first] and last - first >= STRETCH and len(columns) < MOST_STRETCHES:
+                column = np.zeros((len(told), q))
+                column[first:last, j] = 1.0
+                columns.append(column)
+    return np.stack(columns, axis=2) if columns else np.zeros((len(told), q, 0))
+
+
+class _Choice:
+    """The components of a noise model: those of before, or those that lower the restricted likelihood enough."""
+
+    def __init__(self, likelihood: RestrictedLikelihood, *, colour: bool, growth: FloatArray) -> None:
+        self.likelihood, self.colour, self.growth = likelihood, colour, growth
+        self.whitener, self.stacked = likelihood.whitener, likelihood.stacked
+        self.first = dataclasses.replace(self.whitener.noise, short=())
+        self.q = self.stacked.shape[1]
+
+    def again(self) -> NoiseModel:
+        """Estimate the parameters of the present components again."""
+        noise = dataclasses.replace(self.first, growth=self.growth)
+        active = [("differenced" if noise.differenced[j] > 0 else "white", j) for j in range(self.q)]
+        active += [("slow", j) for j in range(self.q) if noise.slow[j, 0] > 0]
+        active += [("torque", 0)] if noise.torque[0] > 0 else []
+        return self._with_short(self.likelihood.largest(noise, active, iterations=6)[0])
+
+    def best(self) -> NoiseModel:
+        """Add components as long as -2 log L falls enough, then the short autoregression."""
+        known = [self.stacked[:, j, 0][self.whitener.present[:, j]] for j in range(self.q)]
+        spread = np.array([max(float(np.sqrt(np.mean(x * x))), 1e-300) if len(x) else 1.0 for x in known])
+        differenced = self.first.differenced > 0
+        noise = dataclasses.replace(
+            self.first,
+            white=np.where(differenced, 1e-3, 1.0) * spread,
+            differenced=np.where(differenced, spread / np.sqrt(2), 0.0),
+            growth=np.column_stack([np.zeros(self.q), np.full(self.q, 2.0)]),
+            slow=np.column_stack([np.zeros(self.q), np.ones(self.q)]),
+            torque=(0.0, 1.0),
+        )
+        active = [("differenced" if differenced[j] else "white", j) for j in range(self.q)]
+        noise, value = self.likelihood.largest(noise, active)
+        if np.any(self.growth[:, 0] > 0):
+            noise, value = self.likelihood.largest(dataclasses.replace(noise, growth=self.growth), active)
+        for _ in range(3 if self.colour else 0):
+            options = self._slow_options(noise, active)
+            begun = [(*self.likelihood.largest(start, [c], iterations=5), c) for start, c in options]
+            best = min(begun, key=lambda r: r[1], default=None)
+            if best is None or best[1] > value:
+                break
+            more = [*active, best[2]]
+            found, reached = self.likelihood.largest(best[0], more)
+            if reached > value - LEAST_FALL:
+                break
+            noise, value, active = found, reached, more
+        return self._with_short(noise)
+
+    def _slow_options(self, noise: NoiseModel, active: Sequence[Component]) -> list[tuple[NoiseModel, Component]]:
+        """Return starts with one more slow component, where the whitened residuals are not white."""
+        whitened, _ = self.whitener.of(noise)(self.stacked[:, :, :1])
+        options = []
+        for j in range(self.q):
+            size = _colour_scale(whitened[:, j, 0], self.whitener.present[:, j], self.whitener.clocks)
+            if size is None:
+                continue
+            block, share = size
+            tau = 0.5 * block * self.whitener.clocks[0].step
+            deviation = np.sqrt(noise.white[j] ** 2 + noise.differenced[j] ** 2)
+            if ("slow", j) not in active:
+                slow = noise.slow.copy()
+                slow[j] = np.sqrt(share) * deviation, tau
+                options.append((dataclasses.replace(noise, slow=slow), ("slow", j)))
+            if noise.machine is not None and noise.seat[j] >= 0 and ("torque", 0) not in active:
+                gain = abs(float(np.linalg.solve(*noise.machine)[noise.seat[j]]))
+                torque = (np.sqrt(share) * deviation / gain, max(tau, 10 * self.whitener.clocks[0].step))
+                options.append((dataclasses.replace(noise, torque=torque), ("torque", 0)))
+        return options
+
+    def _with_short(self, noise: NoiseModel) -> NoiseModel:
+        """Return the noise with the remaining correlation over few samples."""
+        if not self.colour:
+            return noise
+        whitened, _ = self.whitener.of(noise)(self.stacked)
+        flat = whitened.reshape(-1, whitened.shape[2])
+        beta = np.linalg.lstsq(flat[:, 1:], flat[:, 0], rcond=1e-9)[0] if flat.shape[1] > 1 else np.zeros(0)
+        left = whitened[:, :, 0] - whitened[:, :, 1:] @ beta
+        moving = self.whitener.moving
+        running = self._short(left, moving)
+        counts = self.whitener.present[~moving].sum(axis=0)
+        resting = self._short(left, ~moving)
+        at_rest = tuple(a if n >= SETTLED_SAMPLES else b for n, a, b in zip(counts, resting, running, strict=True))
+        return dataclasses.replace(noise, short=(at_rest, running))
+
+    def _short(self, left: FloatArray, where: BoolArray) -> tuple[tuple[FloatArray, float], ...]:
+        """Return the short autoregression of each channel, from these rows."""
+        result = []
+        for j in range(self.q):
+            present = self.whitener.present[:, j] & where
+            series = [np.where(present[c.rows], left[c.rows, j], 0.0) for c in self.whitener.clocks]
+            n = int(present.sum())
+            coefficients, deviation = autoregression(series, n)
+            if not len(coefficients) and abs(deviation**2 - 1) < COLOURED * np.sqrt(2 / max(n, 1)):
+                deviation = 1.0  # the size of the largest likelihood allows for the fitted columns
+            result.append((coefficients, deviation))
+        return tuple(result)
+
+
+def _colour_scale(z: FloatArray, present: BoolArray, clocks: Sequence[Clock]) -> tuple[int, float] | None:
+    """Return the block, in samples, whose means are most too large, and their share of the variance; None if none."""
+    best, found = COLOURED, None
+    power = float(np.mean(z[present] ** 2)) if present.any() else 0.0
+    for block in BLOCK_LENGTHS:
+        means = []
+        for clock in clocks:
+            x, p = z[clock.rows], present[clock.rows]
+            n = len(x) // block
+            counts = p[: n * block].reshape(n, block).sum(axis=1)
+            sums = np.where(p, x, 0.0)[: n * block].reshape(n, block).sum(axis=1)
+            means.append((sums / np.sqrt(np.maximum(counts, 1)))[counts > block // 2])
+        squares = np.concatenate(means) ** 2
+        if len(squares) < 4 or power == 0:
+            continue
+        ratio = float(np.mean(squares)) / power
+        excess = (ratio - 1) * np.sqrt(len(squares) / 2)
+        if excess > best:
+            best, found = excess, (block, min((ratio - 1) / block, 1.0))
+    return found

@@ -1,0 +1,277 @@
+"""Columns of all recordings whitened by a noise model, whole or some rows of them. Estimates nothing."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.noise.autoregression import ORDERS
+from estimator.noise.clock import Clock
+from estimator.noise.in_parts import Columns, Made, Scaled
+from estimator.noise.kalman import shorten, whiten
+from estimator.noise.noise_model import RESTS, RUNS, STARTS, NoiseModel
+from estimator.plans.part import LONG
+from estimator.recordings.samples import median
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+MEMORY = 1000  # rows over which a noise with a state remembers, in a long recording
+LEAST_WHITE = 1e-9  # of the residuals' variance: the least white part
+BY_CHANCE = 2e-5  # of the samples: no more outliers come of white noise, three times as many as are expected
+
+
+@dataclass(frozen=True)
+class Whitener:
+    """Whitens columns by a noise model, over all recordings.
+
+    Attributes
+    ----------
+    present : (rows, q) array
+        Which samples are there.
+    level : (rows, q) array
+        The signals over their largest.
+    inflate : (rows, q) array
+        Factor on the white variance of single samples: outliers.
+    moving : (rows,) array
+        Whether the machine runs.
+    slope : (rows, q) array
+        Of the signals, in their units a second, where the noise has a jitter.
+    way : (rows,) array, optional
+        1 or -1, in which the machine turns: friction that wanders is against it. None: it is not known.
+    shared : (rows, q, k) array, optional
+        What errors that samples share, of variance 1 each, add to them beside their noise (shared_errors.py).
+    """
+
+    noise: NoiseModel
+    clocks: tuple[Clock, ...]
+    present: BoolArray
+    level: FloatArray
+    inflate: FloatArray
+    moving: BoolArray
+    slope: FloatArray
+    way: FloatArray | None = None
+    shared: FloatArray | None = None
+
+    def __call__(self, columns: FloatArray) -> tuple[FloatArray, float]:
+        """Return (rows, q, c) columns whitened, zero where a sample is missing, and the sum of log variances."""
+        white, total = self._by_noise(columns)
+        if self._shared is None:
+            return white, total
+        along, shortened, log = self._shared
+        flat = white.reshape(len(along), -1)
+        flat -= along @ (shortened @ (along.T @ flat))
+        return white, total + log
+
+    @cached_property
+    def _shared(self) -> tuple[FloatArray, FloatArray, float] | None:
+        """The shared errors whitened, F, and M with (I + F F')^-1/2 = I - F M F'; log det (I + F F')."""
+        if self.shared is None:
+            return None
+        f = self._by_noise(self.shared)[0].reshape(-1, self.shared.shape[2])
+        sizes, axes = np.linalg.eigh(f.T @ f)
+        root = np.sqrt(1 + np.maximum(sizes, 0.0))
+        return f, (axes / (root * (1 + root))) @ axes.T, float(2 * np.sum(np.log(root)))
+
+    def _by_noise(self, columns: FloatArray) -> tuple[FloatArray, float]:
+        """Return the same without shared errors."""
+        if not self.remembers:
+            return self._scaled(columns, slice(None)), self._log_variances
+        parts = []
+        total = self._log_size
+        for k, clock in enumerate(self.clocks):
+            white, log = self._part(columns[clock.rows], clock.rows, k)
+            total += log
+            parts.append(white)
+        result = parts[0] if len(parts) == 1 else np.concatenate(parts)
+        for short, counts in () if self._alike else zip(self.noise.short, self._counts, strict=False):
+            total += float(sum(2 * n * np.log(s) for n, (_, s) in zip(counts, short, strict=True)))
+        return result, total
+
+    def flat(self, columns: FloatArray) -> FloatArray:
+        """Return (rows, q, c) columns whitened, (rows q, c)."""
+        if self.in_parts:
+            return self.whitened(columns)[:]
+        return self(columns)[0].reshape(columns.shape[0] * columns.shape[1], -1)
+
+    def whitened(self, *columns: FloatArray) -> Columns:
+        """Return (rows, q, c) columns whitened, (rows q, all c); of a long recording, without a memory, not held."""
+        if self.in_parts:
+            return Scaled([c.reshape(self._scale.size, c.shape[2]) for c in columns], self._scale.ravel())
+        return self.flat(columns[0] if len(columns) == 1 else np.concatenate(columns, axis=2))
+
+    def of_made(self, made: Callable[[slice], FloatArray]) -> Columns:
+        """Return columns whitened, likewise, that are made: of a slice of rows (n, q, c) ones."""
+        rows, q = self.present.shape
+        if not self.in_parts:
+            return self.flat(made(slice(0, rows)))
+        factors = self._scale
+
+        def whitened(at: slice) -> FloatArray:  # which may begin and end amid a row
+            there = slice(at.start // q, -(-at.stop // q))
+            own = made(there)
+            for k in range(own.shape[2]):
+                own[:, :, k] *= factors[there]
+            return own.reshape(own.shape[0] * q, own.shape[2])[at.start - there.start * q :][: at.stop - at.start]
+
+        return Made(whitened, rows * q)
+
+    @cached_property
+    def remembers(self) -> bool:
+        """Whether the noise of a sample depends on those before it: else whitening divides by its deviation."""
+        short = any(len(a) for of_channels in self.noise.short for a, _ in of_channels)
+        return self.noise.has_state or short
+
+    @property
+    def in_parts(self) -> bool:
+        """Whether columns are whitened some rows at a time: the recording is long, and its noise has no memory."""
+        return len(self.present) > LONG and not self.remembers
+
+    def _scaled(self, columns: FloatArray, rows: slice) -> FloatArray:
+        """Return columns, (n, q, c), of some rows over the deviation of noise without a memory."""
+        white = columns * self._scale[rows, :, None]
+        if not self._complete:
+            white[~self.present[rows]] = 0.0
+        return white
+
+    @cached_property
+    def _complete(self) -> bool:
+        """Whether no sample is missing."""
+        return bool(self.present.all())
+
+    @cached_property
+    def _log_variances(self) -> float:
+        """The sum of the logarithms of the variances of noise without a memory."""
+        return float(-2 * np.sum(np.log(self._scale if self._complete else self._scale[self.present])))
+
+    @cached_property
+    def _scale(self) -> FloatArray:
+        """One over the deviation of each sample, (rows, q), of noise without a memory; 0 where it is missing."""
+        g, white = self._sizes()
+        deviation = np.sqrt(white, out=white)
+        if self.noise.grows:
+            deviation *= g
+        scale = np.divide(1.0, deviation, out=deviation)
+        if not self._alike:
+            at_rest, moving = ([own for _, own in short] for short in self.noise.short)
+            scale /= np.where(self.moving[:, None], moving, at_rest)
+        if not self._complete:
+            scale[~self.present] = 0.0
+        return scale
+
+    def of_rows(self, columns: FloatArray, rows: slice) -> tuple[slice, FloatArray]:
+        """Return columns, (n, q, c), whitened that are zero beside the given rows of one recording, as (m, c).
+
+        Noise without a state leaves them zero beyond some rows: these alone, the slice, are whitened. In a long
+        recording noise with a state is taken to forget within MEMORY rows.
+        """
+        last = len(self.present)
+        first, end = rows.start or 0, last if rows.stop is None else rows.stop
+        holding = [k for k, c in enumerate(self.clocks) if c.rows.start <= first and end <= c.rows.stop]
+        if not holding or ((self.noise.has_state or self.shared is not None) and last <= LONG):
+            whole = np.zeros((last, *columns.shape[1:]))
+            whole[rows] = columns
+            return slice(0, last), self(whole)[0].reshape(-1, columns.shape[2])
+        if not self.remembers:
+            return slice(first, end), self._scaled(columns, slice(first, end)).reshape(-1, columns.shape[2])
+        before, behind = (MEMORY, MEMORY) if self.noise.has_state else (0, max(ORDERS))
+        clock = self.clocks[holding[0]]
+        wide = slice(max(clock.rows.start, first - before), min(clock.rows.stop, end + behind))
+        padded = np.zeros((wide.stop - wide.start, *columns.shape[1:]))
+        padded[first - wide.start : end - wide.start] = columns
+        return wide, self._part(padded, wide, holding[0])[0].reshape(-1, columns.shape[2])
+
+    def _part(self, columns: FloatArray, rows: slice, k: int) -> tuple[FloatArray, float]:
+        """Return columns, (n, q, c), of n rows of clock k, whitened as if the noise had its usual state before.
+
+        The second is the sum of the logarithms of the innovations' variances, before the short autoregression.
+        """
+        g, variance, spaces = self._state_spaces
+        steps, arrays = spaces[k]
+        start = self.clocks[k].rows.start
+        own = None if steps is None else steps[rows.start - start : rows.stop - start]
+        scaled = columns / g[rows][:, :, None] if self.noise.grows else columns
+        white, log = whiten(scaled, variance[rows], steps=own, **arrays)
+        if self.noise.short:
+            shorten(white, self.present[rows], self.moving[rows], self.noise.short)
+        return white, log
+
+    @cached_property
+    def _log_size(self) -> float:
+        """The sum of log g^2 of all samples."""
+        return float(2 * np.sum(np.log(self._state_spaces[0])[self.present])) if self.noise.grows else 0.0
+
+    @property
+    def is_white(self) -> bool:
+        """Whether the noise is alike and independent in all samples of a channel, but for a few outliers by chance."""
+        plain = not (self.noise.grows or self.remembers or self.noise.jitter or self.shared is not None)
+        return plain and bool(np.count_nonzero(self.inflate != 1.0) <= BY_CHANCE * self.inflate.size)
+
+    @property
+    def _alike(self) -> bool:
+        """Whether the noise is as large while the machine rests as while it runs, beside what grows."""
+        return all(s == 1.0 for short in self.noise.short for _, s in short)
+
+    @cached_property
+    def _counts(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Samples of each channel while the machine rests, and while it runs."""
+        return self.present[~self.moving].sum(axis=0), self.present[self.moving].sum(axis=0)
+
+    @cached_property
+    def _state_spaces(
+        self,
+    ) -> tuple[FloatArray, FloatArray, list[tuple[NDArray[np.int64] | None, dict[str, FloatArray]]]]:
+        """The scale and white variance of each sample, (rows, q); of each clock the step to each row, and `states`."""
+        noise, (g, white) = self.noise, self._sizes()
+        running = np.ones(len(noise.white))
+        if self.noise.grows:
+            running = np.array([median(x[p]) if p.any() else 1.0 for x, p in zip(g.T, self.present.T, strict=True)])
+        variance = np.where(self.present, white, np.inf)
+        found = []
+        for clock in self.clocks:
+            steps, index = clock.steps
+            phases: tuple[int, ...] = (RUNS,)
+            moving = self.moving[clock.rows]
+            if noise.torque[0] > 0 and not moving.all():
+                phase = np.where(moving, np.where(np.concatenate([[True], moving[:-1]]), RUNS, STARTS), RESTS)
+                index = (np.zeros(len(moving), dtype=np.int64) if index is None else index) * 3 + phase
+                phases = (RESTS, STARTS, RUNS)
+            ways: tuple[float, ...] = (1.0,)
+            if noise.torque[0] > 0 and self.way is not None:
+                ways = (1.0, -1.0)
+                before = self.way[clock.rows][np.maximum(np.arange(len(moving)) - 1, 0)]  # at which a step begins
+                index = (np.zeros(len(moving), dtype=np.int64) if index is None else index) * 2 + (before < 0)
+            first, kinds = 0 if index is None else int(index[0]), itertools.product(steps, phases, ways)
+            spaces = [
+                noise.states(dt, running, phase, way, begins=k == first) for k, (dt, phase, way) in enumerate(kinds)
+            ]
+            arrays = {name: np.array([s[name] for s in spaces]) for name in ("transition", "process")}
+            arrays["initial"] = spaces[first]["initial"]
+            found.append((index, {**arrays, "readout": spaces[0]["readout"]}))
+        return g, variance, found
+
+    def _sizes(self) -> tuple[FloatArray, FloatArray]:
+        """Return the scale and white variance of each sample, (rows, q), as if none were missing."""
+        noise = self.noise
+        g = noise.scale(self.level)
+        power = noise.white**2 + noise.differenced**2 + noise.slow[:, 0] ** 2
+        floor = np.maximum(LEAST_WHITE * power, 1e-300)
+        white = np.maximum(noise.white**2, floor) * self.inflate
+        if noise.jitter:
+            white += (noise.jitter * self.slope / g) ** 2
+        return g, white
+
+    def forget(self) -> None:
+        """Give up the memory of what is made of the noise again when it is asked for."""
+        for name in ("_scale", "_state_spaces", "_shared"):
+            self.__dict__.pop(name, None)
+
+    def of(self, noise: NoiseModel) -> Whitener:
+        """Return the whitener of another noise model."""
+        return dataclasses.replace(self, noise=noise)
