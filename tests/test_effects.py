@@ -15,7 +15,7 @@ from scipy.linalg import expm
 from estimator.cases.case import Case, OutputSpec, ParameterSpec
 from estimator.cases.case_signals import RunSpec
 from estimator.estimating.estimate import estimate_recordings
-from estimator.explaining import explained, rivals
+from estimator.explaining import explained, likelier_reading, rivals
 from estimator.explaining.addition import Addition
 from estimator.explaining.effects import EFFECTS, voltage_noise
 from estimator.explaining.effects.machine_effects import usual_friction
@@ -511,6 +511,18 @@ def test_one_delay_is_tried_in_place_of_a_delay_of_one_channel_and_a_lag_of_the_
 
 
 # Two lags for a lag and a delay: L 10 standard errors off. A lag for a delay: R 4.0. Both were called right.
+def test_recordings_are_read_the_other_way_with_the_fmu_that_the_fit_has(monkeypatch):
+    """An effect of another FMU that was dropped again leaves its FMU behind: of other names (seed 1022562)."""
+    named = {stem: SimpleNamespace(plan=SimpleNamespace(description=SimpleNamespace(path=Path(stem + ".fmu"))))
+             for stem in ("dc_motor", "dc_motor_drive")}  # fmt: skip
+    other = SimpleNamespace(tests=SimpleNamespace(base=named["dc_motor"], rivals=named.__getitem__))
+    monkeypatch.setattr(likelier_reading, "solved", lambda fit: fit)
+    monkeypatch.setattr(likelier_reading.dataclasses, "replace", lambda x, **new: SimpleNamespace(**vars(x) | new))
+    for simulator in named.values():
+        explanation = SimpleNamespace(fit=SimpleNamespace(simulator=simulator), additions=())
+        assert likelier_reading.read_by(explanation, other).fit.simulator is simulator
+
+
 def test_a_mean_behind_a_lag_is_tried_in_place_of_a_filter_of_second_order(tmp_path):
     """The criterion charges a number more for the two, and prefers the filter, with an L a third too large."""
     result, true = of_random_bench(1021229, tmp_path)

@@ -54,7 +54,7 @@ def likelier_reading(
 
 def read_by(explanation: Explanation, other: Selection) -> Explanation:
     """Return an explanation fitted to recordings that are read the other way."""
-    far = next((a.effect.fmu for a in explanation.additions if a.effect.fmu), "")
-    simulator = other.tests.rivals(far) if far else other.tests.base
+    own, base = explanation.fit.simulator.plan.description.path.stem, other.tests.base
+    simulator = base if own == base.plan.description.path.stem else other.tests.rivals(own)
     assert simulator is not None  # the first way has it
     return dataclasses.replace(explanation, fit=solved(dataclasses.replace(explanation.fit, simulator=simulator)))
