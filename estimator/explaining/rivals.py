@@ -21,6 +21,7 @@ from estimator.explaining.explanation import (
 from estimator.explaining.explanation_noise import by_noise_of, with_noise
 from estimator.explaining.selection import PREDICTED_PART, Selection
 from estimator.fitting.gauss_newton import solved, solved_roughly
+from estimator.motor.winding import time_constant
 from estimator.plans.part import LONG
 
 RIVALS_WITHIN = 10.0  # of the criterion: explanations that are no further above the best are rivals
@@ -29,6 +30,7 @@ RIVALS_REFITTED = 3  # rivals of an addition that are refitted, of each effect t
 MOST_WITHIN = 2  # additions of what happens within samples, each exchanged for every other of these
 MOST_PAIRED = 3  # of them, for each pair of which one is tried
 MOST_FULLER, LEAST_GAIN = 4, 3.0  # rivals to which one more is added; fall of z'z by it that is worth a refit
+FEW_SAMPLES, OTHER_INDUCTANCES = 2.0, (0.2, 5.0)  # of L / R; times L
 SAME = 0.1  # standard errors: explanations that are no further apart are one
 MOST_ALIKE = 2  # additions of an effect that are exchanged: many recordings with an offset each tell it by themselves
 ABSURD = 2 * float(np.log(100.0))  # of the criterion: what no bench does has a chance of 1 in 100, by a wrong clock
@@ -122,6 +124,7 @@ def _others(selection: Selection, explanation: Explanation) -> list[Explanation]
     within = [a for a in explanation.additions if is_timing(a)]
     twins = mirrored(explanation, selection.effects, selection.tests.base.plan)
     twins += in_two(explanation, selection.effects, selection.tests.base.plan)
+    twins += _with_other_inductances(explanation)
     found = [*twins, *(_simpler(selection, explanation, within) if len(within) <= MOST_PAIRED else [])]
     for addition in explanation.additions:
         many = sum(a.effect is addition.effect for a in explanation.additions)
@@ -129,6 +132,22 @@ def _others(selection: Selection, explanation: Explanation) -> list[Explanation]
             sharp_too = addition in within and len(within) <= MOST_WITHIN
             found += _exchanged(selection, explanation, addition, sharp_too=sharp_too)
     return [e for e in found if all(is_physical(e.fit, a) for a in e.additions)]
+
+
+def _with_other_inductances(explanation: Explanation) -> list[Explanation]:
+    """Return the explanation from starts with other inductances: where few samples show it, L may have two minima."""
+    fit, s = explanation.fit, explanation.fit.simulator
+    if not {"R", "L"} <= set(fit.free):
+        return []
+    R, L = (float(fit.values[s.index[name]]) for name in ("R", "L"))
+    if time_constant(R, L) > FEW_SAMPLES * min(clock.step for clock in s.clocks):
+        return []
+    found = []
+    for factor in OTHER_INDUCTANCES:
+        values = fit.values.copy()
+        values[s.index["L"]] = factor * L
+        found.append(dataclasses.replace(explanation, fit=solved(dataclasses.replace(fit, values=values))))
+    return found
 
 
 def _with_fuller(selection: Selection, explanation: Explanation, found: Sequence[Explanation]) -> list[Explanation]:

@@ -108,11 +108,14 @@ def solved(
 
 
 def _begun(fit: Fit, *, central: bool) -> tuple[FloatArray, FloatArray, FloatArray | None]:
-    """Return what is free, (f,), on its scale, what is shown there, and the derivatives, if the fit knows them."""
+    """Return what is free, (f,), on its scale, what is shown there, and the derivatives, if the fit knows central ones.
+
+    One-sided ones are simulated again: where a delay stands before a filter, they are others a little further on.
+    """
     s, (low, high) = fit.simulator, fit.bounds
     begun = fit.slopes.begun(s, fit.where, fit.values)
     if begun is not None and np.all((begun.x >= low) & (begun.x <= high)):
-        return begun.x, begun.shown, fit.slopes.known(central=central)
+        return begun.x, begun.shown, fit.slopes.known(central=True) if central else None
     x = np.clip(s.scaled(fit.values)[fit.where], low, high)
     return x, s.shown(placed(fit, x)[None, :])[0], None
 
