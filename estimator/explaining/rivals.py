@@ -30,7 +30,7 @@ RIVALS_REFITTED = 3  # rivals of an addition that are refitted, of each effect t
 MOST_WITHIN = 2  # additions of what happens within samples, each exchanged for every other of these
 MOST_PAIRED = 3  # of them, for each pair of which one is tried
 MOST_FULLER, LEAST_GAIN = 4, 3.0  # rivals to which one more is added; fall of z'z by it that is worth a refit
-FEW_SAMPLES, OTHER_INDUCTANCES = 2.0, (0.2, 5.0)  # of L / R; times L
+OTHER_INDUCTANCE, BETWEEN = 5.0, 0.4  # times L; samples of L / R, of which one minimum is below, the other above
 SAME = 0.1  # standard errors: explanations that are no further apart are one
 MOST_ALIKE = 2  # additions of an effect that are exchanged: many recordings with an offset each tell it by themselves
 ABSURD = 2 * float(np.log(100.0))  # of the criterion: what no bench does has a chance of 1 in 100, by a wrong clock
@@ -124,7 +124,7 @@ def _others(selection: Selection, explanation: Explanation) -> list[Explanation]
     within = [a for a in explanation.additions if is_timing(a)]
     twins = mirrored(explanation, selection.effects, selection.tests.base.plan)
     twins += in_two(explanation, selection.effects, selection.tests.base.plan)
-    twins += _with_other_inductances(explanation)
+    twins += _with_other_inductance(explanation)
     found = [*twins, *(_simpler(selection, explanation, within) if len(within) <= MOST_PAIRED else [])]
     for addition in explanation.additions:
         many = sum(a.effect is addition.effect for a in explanation.additions)
@@ -134,20 +134,18 @@ def _others(selection: Selection, explanation: Explanation) -> list[Explanation]
     return [e for e in found if all(is_physical(e.fit, a) for a in e.additions)]
 
 
-def _with_other_inductances(explanation: Explanation) -> list[Explanation]:
-    """Return the explanation from starts with other inductances: where few samples show it, L may have two minima."""
+def _with_other_inductance(explanation: Explanation) -> list[Explanation]:
+    """Return the explanation from a start with another inductance: below a sampling interval L may have two minima."""
     fit, s = explanation.fit, explanation.fit.simulator
     if not {"R", "L"} <= set(fit.free):
         return []
-    R, L = (float(fit.values[s.index[name]]) for name in ("R", "L"))
-    if time_constant(R, L) > FEW_SAMPLES * min(clock.step for clock in s.clocks):
+    samples = time_constant(*(float(fit.values[s.index[n]]) for n in "RL")) / min(clock.step for clock in s.clocks)
+    if samples > 1.0:
         return []
-    found = []
-    for factor in OTHER_INDUCTANCES:
-        values = fit.values.copy()
-        values[s.index["L"]] = factor * L
-        found.append(dataclasses.replace(explanation, fit=solved(dataclasses.replace(fit, values=values))))
-    return found
+    values = fit.values.copy()
+    values[s.index["L"]] *= OTHER_INDUCTANCE if samples < BETWEEN else 1 / OTHER_INDUCTANCE
+    other = solved(dataclasses.replace(fit, values=values), limit=fit.cost + 2 * RIVALS_WITHIN)
+    return [dataclasses.replace(explanation, fit=other)]
 
 
 def _with_fuller(selection: Selection, explanation: Explanation, found: Sequence[Explanation]) -> list[Explanation]:
