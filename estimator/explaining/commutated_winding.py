@@ -15,7 +15,16 @@ from estimator.fitting.motor_response import motor_values, response
 
 FloatArray = NDArray[np.float64]
 
-MOST_CHANGE = 1 / 3  # of the winding: one coil of three, the fewest that a motor has
+MOST_AT_ALL = 2.5  # as most_change counts: five coils and wide brushes, or three and narrow ones
+
+
+def most_change(order: int) -> float:
+    """Return the largest amplitude of an order, over the winding's mean resistance, that brushes on a commutator make.
+
+    2 n times a turn one of n coils is shorted, or two instead of one. By the second R falls by 1 / (n - 2), half of the
+    time: of which, over the mean, the wave of that order is 2 / pi / (n - 2.5).
+    """
+    return 2 / np.pi / max(MOST_AT_ALL, order / 2 - 2.5)
 
 
 def of_resistance(fit: Fit, theta: FloatArray, order: int, current: FloatArray) -> FloatArray:

@@ -64,9 +64,10 @@ def friction_variance(fit: Fit) -> float:
 def _inductance_variance(fit: Fit) -> float:
     """Return the variance of L, relative, over the angles at which the shaft may stand at an edge.
 
-    The coil that a brush shorts is missing in L as it is in R, which makes the current's ripple. The current's rise
-    tells L, within a part of a turn: at the angle where the shaft stands then.
+    The coil that a brush shorts is missing in L as it is in R, which makes the current's ripple, but L goes with the
+    square of the turns: twice as much. The current's rise tells L, within a part of a turn: at the angle where the
+    shaft stands then.
     """
     sizes = [np.mean(np.square(of)) for name, of in unsteady_sizes(fit).items() if name.startswith("ripple i ")]
     edges = sum(len(transients) for transients in find_windows(fit).transients)
-    return float(sum(sizes)) / max(edges, 1)
+    return 2**2 * float(sum(sizes)) / max(edges, 1)

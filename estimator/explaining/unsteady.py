@@ -7,10 +7,13 @@ it adds is then taken for L, J or a limit of the drive.
 
 Each transient therefore has an error of its own with the ripple's wave, that fades as the signals settle. Its form is
 the effect's (ripple.py), its size such that settled rows would show as much as they show of the ripple. Cosine and sine
-of it are normal with a mean of 0: an error that samples share (shared_errors.py).
+of it are normal with a mean of 0: an error that samples share (shared_errors.py). Where that form would have to be
+larger than is possible, it is as large as is possible, and another is there beside it.
 """
 
 from __future__ import annotations
+
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,41 +25,47 @@ FloatArray = NDArray[np.float64]
 
 
 def unsteady(fit: Fit) -> FloatArray | None:
-    """Return what errors of variance 1 add to the sensors, (rows, q, k): of each ripple in each transient two.
+    """Return what errors of variance 1 add to the sensors, (rows, q, k): of each ripple in each transient two or four.
 
     None: there is no ripple, or the recording is a long one.
     """
-    sizes, found = unsteady_sizes(fit), list[FloatArray]()
-    fades = _fading(fit) if sizes else []
-    for group in fit.linear:
-        if group.unsteady is None:
-            continue
-        for e, size in enumerate(sizes[group.name]):
-            waves = [size * _of_recording(group.unsteady, e) * fade[:, None, None] for fade in fades]
-            found += [wave for wave in waves if wave.any()]
+    found = list[FloatArray]()
+    fades = _fading(fit) if any(group.unsteady is not None for group in fit.linear) else []
+    for _, pairs in _of_ripples(fit):
+        waves = [size * pair * fade[:, None, None] for size, pair in pairs for fade in fades]
+        found += [wave for wave in waves if wave.any()]
     return np.concatenate(found, axis=2) if found else None
 
 
 def unsteady_sizes(fit: Fit) -> dict[str, list[float]]:
     """Return the deviation of the coefficients of each ripple's change in a transient, by its name, of each recording.
 
-    By such a coefficient settled rows would show as much as they show of the ripple.
+    By such a coefficient settled rows would show as much as they show of the ripple, if no bound is below it.
     """
-    found, at = dict[str, list[float]](), 0
+    found = dict[str, list[float]]()
+    for name, pairs in _of_ripples(fit):
+        found.setdefault(name, []).append(pairs[0][0])
+    return found
+
+
+def _of_ripples(fit: Fit) -> Iterator[tuple[str, list[tuple[float, FloatArray]]]]:
+    """Yield, of each ripple and recording, its name and its forms in transients: their deviations, cosine and sine."""
+    at, steady = 0, find_windows(fit).settled & fit.whitener.moving
     for group in fit.linear:
         own = fit.coefficients[at : (at := at + group.columns.shape[2])]
         if group.unsteady is None:
             continue
-        channels, steady = group.columns.any(axis=(0, 2)), find_windows(fit).settled & fit.whitener.moving
-        found[group.name] = []
+        channels = group.columns.any(axis=(0, 2))
         for e, clock in enumerate(fit.simulator.clocks):
             there = np.zeros_like(steady)
             there[clock.rows] = steady[clock.rows]
-            shown = _size((_of_recording(group.columns, e) @ _of_recording(own, e))[there][:, channels])
-            unit = _size(_of_recording(group.unsteady, e)[there][:, channels])
-            size = min(shown / max(np.sqrt(2) * unit, 1e-300), group.most_unsteady)  # cosine and sine share it
-            found[group.name].append(size)
-    return found
+            rows = np.ix_(there, channels)
+            shown = _size((_of_recording(group.columns, e) @ _of_recording(own, e))[rows])
+            forms = [_of_recording(form, e) for form in (group.unsteady, group.beyond) if form is not None]
+            sizes = [shown / max(2**0.5 * _size(form[rows]), 1e-300) for form in forms]  # cosine and sine share it
+            enough = sizes[0] <= group.most_unsteady
+            sizes[0] = min(sizes[0], group.most_unsteady)
+            yield group.name, list(zip(sizes, forms, strict=True))[: 1 if enough else 2]
 
 
 def _of_recording(pairs: FloatArray, e: int) -> FloatArray:

@@ -57,6 +57,8 @@ class Linear:
         What it may be in a transient beside what settled rows show of it (unsteady.py).
     most_unsteady : float
         Bound of the coefficients of that.
+    beyond : (rows, q, k) array, optional
+        What it may be besides where settled rows show more than that bound allows.
     uncertain : (rows, q, k) array, optional
         Deviation of the columns: what a coefficient of 1 adds is known as well as that.
     """
@@ -72,6 +74,7 @@ class Linear:
     form: int = 0
     unsteady: FloatArray | None = None
     most_unsteady: float = np.inf
+    beyond: FloatArray | None = None
     uncertain: FloatArray | None = None
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.conventions import LEAST_FALL, STANDS_OUT
-from estimator.explaining.commutated_winding import MOST_CHANGE, of_resistance
+from estimator.explaining.commutated_winding import most_change, of_resistance
 from estimator.explaining.effects.base import USUAL, Effect
 from estimator.fitting.fit import Fit, Linear
 from estimator.fitting.motor_response import motor_values
@@ -105,7 +105,8 @@ class Ripple(Effect):
     def _in_form(self, fit: Fit, line: Linear, form: int, own: FloatArray | float = 0.0) -> Linear:
         """Return a line as large as the signal, of one size, or as a resistance that changes with the angle makes it.
 
-        The last may be there in transients besides the others: there it does not follow from what settled rows show.
+        The last may be there in transients besides the others, and one of one size where settled rows show more than it
+        can make: there neither follows from what settled rows show.
         `own` is what the line adds to its signal, (rows,), where the fit's explanation does not hold it.
         """
         theta = angle_of(fit)
@@ -115,18 +116,22 @@ class Ripple(Effect):
         level = fit.shown[:, j] / max(float(np.max(np.abs(fit.shown[:, j]))), 1e-300)
         turns = (np.abs(level) > STANDSTILL).astype(np.float64)
         if OF_RESISTANCE not in self._forms(fit, y):
-            constant = self.columns(fit, theta, turns, k, j)
-            columns = constant if form == OF_ONE_SIZE else self.columns(fit, theta, level, k, j)
-            return dataclasses.replace(line, columns=columns, form=form, unsteady=None if is_long else constant)
-        of_winding = None
+            one_size = self.columns(fit, theta, turns, k, j)
+            columns = one_size if form == OF_ONE_SIZE else self.columns(fit, theta, level, k, j)
+            return dataclasses.replace(line, columns=columns, form=form, unsteady=None if is_long else one_size)
+        of_winding = constant = None
         if form == OF_RESISTANCE or not is_long:
             of_winding = of_resistance(fit, theta, k, fit.explained[:, j] + own)
+        if form == OF_ONE_SIZE or not is_long:
+            constant = self.columns(fit, theta, turns, k, j)
         if form == OF_RESISTANCE and of_winding is not None:
             columns = of_winding / max(float(np.max(np.hypot(of_winding[:, j, ::2], of_winding[:, j, 1::2]))), 1e-300)
+        elif form == OF_ONE_SIZE and constant is not None:
+            columns = constant
         else:
-            columns = self.columns(fit, theta, turns if form == OF_ONE_SIZE else level, k, j)
-        unsteady = None if is_long else of_winding
-        return dataclasses.replace(line, columns=columns, form=form, unsteady=unsteady, most_unsteady=MOST_CHANGE)
+            columns = self.columns(fit, theta, level, k, j)
+        line = dataclasses.replace(line, columns=columns, form=form, most_unsteady=most_change(k) / 2**0.5)
+        return line if is_long else dataclasses.replace(line, unsteady=of_winding, beyond=constant)
 
     def power(self, theta: FloatArray, z: FloatArray, fit: Fit, j: int) -> FloatArray:
         """Return how much of a whitened output each order explains, (orders,)."""
