@@ -18,6 +18,7 @@ from estimator.errors import RecordingError
 from estimator.recordings.delimited import CHUNK
 from estimator.recordings.headers import assumed_unit
 from estimator.recordings.motor_columns import motor_columns
+from estimator.recordings.read_as import ReadAs
 from estimator.recordings.reading import read_recording, recording_from_arrays
 from estimator.recordings.recording import MIN_SAMPLES, Recording
 from estimator.recordings.units import parse_unit
@@ -236,6 +237,81 @@ def test_time_may_start_anywhere(tmp_path: Path) -> None:
     rows = [f"{k / 1000 - 0.5:.3f},{row.partition(',')[2]}" for k, row in enumerate(ROWS)]
     recording = read(tmp_path, "\n".join([HEADER, *rows]))
     assert recording.time.tolist() == [-0.5 + k * 0.001 for k in range(N)]
+
+
+NAMES, UNITS, COMMENTS = "time,voltage,current,speed", "s,V,A,rad/s", 'clock,"supply, 24 V",10x clamp,'
+
+
+@pytest.mark.parametrize(
+    "head",
+    [
+        [NAMES, UNITS, COMMENTS],
+        [NAMES, COMMENTS, UNITS],
+        ["Motor 5", NAMES, COMMENTS, f"({UNITS.replace(',', '),(')})", ""],
+        [HEADER, COMMENTS],
+    ],
+)
+@pytest.mark.parametrize("repeats", [1, 6])  # few rows, and many, which are read at once
+def test_lines_of_units_and_comments_may_stand_below_the_names(head: list[str], repeats: int, tmp_path: Path) -> None:
+    rows = [f"{k / 1000:.3f},{row.split(',', 1)[1]}" for k, row in enumerate(ROWS * repeats)]
+    recording = read(tmp_path, "\n".join([*head, *rows]) + "\n")
+    columns = motor_columns(recording)
+    assert len(recording.time) == N * repeats and recording.step == 0.001
+    assert recording.signals[columns["w"]][:N].tolist() == SPEED.tolist()
+
+
+def test_a_row_of_words_among_numbers_is_no_comment(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match=r"line 3: time is not a number \('error'\)"):
+        read(tmp_path, "\n".join([HEADER, ROWS[0], "error,error,error,error", *ROWS[1:]]))
+
+
+def printed(form: str, *, stamped: bool = False) -> list[str]:
+    """Return what an Arduino prints, a line a row; `stamped` as the Serial Monitor does."""
+    signals = zip(TIME, VOLTAGE, CURRENT, SPEED, strict=True)
+    lines = [form.format(t=1000 * t, v=v, i=i, w=w) for t, v, i, w in signals]
+    return (
+        [f"23:59:59.{980 + k:03d} -> {x}" if k < 20 else f"00:00:00.{k - 20:03d} -> {x}" for k, x in enumerate(lines)]
+        if stamped
+        else lines
+    )
+
+
+SPACED, COMMAS = "voltage:{v:g} current:{i:.4f} speed:{w:.3f}", "Motor voltage: {v:g}, current: {i:.4f}, speed: {w:.3f}"
+
+
+@pytest.mark.parametrize(
+    "lines",
+    [
+        printed(f"millis:{{t:.0f}} {SPACED}"),
+        printed(f"{COMMAS}, t [ms]: {{t:.0f}}"),
+        printed(SPACED, stamped=True),
+        printed(COMMAS.replace(", ", "\t"), stamped=True),
+        printed(f"millis:{{t:.0f}},{COMMAS}", stamped=True),  # the Arduino's own clock goes before the Monitor's
+        ["23:59:59.900 -> voltage,current,speed", *printed("{v:g},{i:.4f},{w:.3f}", stamped=True)],
+    ],
+)
+def test_what_an_arduino_prints_is_read(lines: list[str], tmp_path: Path) -> None:
+    check(read(tmp_path, "\n".join(lines) + "\n"))
+
+
+def test_what_is_cut_off_or_said_between_the_lines_of_an_arduino_is_left_out(tmp_path: Path) -> None:
+    lines = printed(f"millis:{{t:.0f}} {SPACED}")
+    check(read(tmp_path, "\n".join(["age:0.0 speed:1", *lines[:9], "Motor on!", *lines[9:], "millis:40 volt"])))
+
+
+def test_of_an_arduino_s_lines_the_right_one_is_named(tmp_path: Path) -> None:
+    lines = printed(f"millis:{{t:.0f}} {SPACED}")
+    lines[30] = lines[20]
+    with pytest.raises(RecordingError, match="line 31: "):
+        read(tmp_path, "\n".join(lines))
+
+
+def test_stamps_are_read_in_a_column_that_is_named_by_its_number(tmp_path: Path) -> None:
+    path = save(tmp_path, "\n".join(printed("{v:g},{i:.4f},{w:.3f}", stamped=True)))
+    with pytest.raises(RecordingError, match="--column time=1 --column v=2"):
+        read_recording(path)
+    found = read_recording(path, ReadAs(columns={"time": "1", "v": "2", "i": "3", "w": "4"}))
+    assert found.step == 0.001 and found.signals["column 4"].tolist() == SPEED.tolist()
 
 
 def test_a_file_longer_than_a_chunk_is_read_whole(tmp_path: Path) -> None:
