@@ -1,7 +1,7 @@
 """The verdict on an estimate: ok, doubtful (why) or refused (why). Knows the data, the fit and the motor's poles.
 
-An estimate is refused if the transient is lost and R or J with it, or if every output is explained worse than by its
-mean and no given bound is the cause; all others are ok, or doubtful with reasons.
+An estimate is refused if the transient is lost and R or J with it, or if the model describes no output better than its
+mean would; all others are ok, or doubtful with reasons.
 Recordings that nothing can be estimated from are refused before (`refusal.py`).
 """
 
@@ -21,7 +21,7 @@ from estimator.judging.plain_noise import structured
 from estimator.judging.refusal import CONTRADICTED, lost_transients, refused_notes, slow_for_the_motor
 from estimator.judging.speed_against_angle import scales_at_odds
 from estimator.judging.step_check import StepCheck
-from estimator.judging.worse_than_means import worse_than_means
+from estimator.judging.worse_than_means import describes_nothing, worse_than_means
 from estimator.motor.names import MOTOR, has_motor, is_motor
 from estimator.motor.state_space import poles
 from estimator.motor.winding import time_constant
@@ -108,6 +108,9 @@ def judge(
     compared : Sequence of Comparison
         The recordings against the estimate, for methods whose fit tests no residuals.
     """
+    held = () if polish is None else polish.at_given_bound(plan)
+    if nothing := describes_nothing(plan, rmse, noise, spread, held=held):
+        return Judgement("refused", tuple(nothing), {}, (*refused_notes(plan), *_notes(plan, steady)))
     worse = worse_than_means(plan, rmse, noise, spread)
     reasons = list(worse)
     statuses: dict[str, ParameterStatus] = {}
@@ -134,7 +137,7 @@ def judge(
         wrong = [*_doubts(explained), *scales_at_odds(plan), *_fast(plan, values), *_coasting(plan, explained)]
         reasons += wrong
         wrong = [*worse, *wrong]
-        if held := polish.at_given_bound(plan):
+        if held:
             wrong.append(f"{', '.join(held)} may not go where the recording wants it")
         if wrong:  # parameters that depend on it are not reliable
             for name in set(plan.names) & set(MOTOR) - set(statuses):
@@ -148,8 +151,6 @@ def judge(
     else:
         reasons += _above_noise(plan, rmse, noise, spread) or structured(compared)
         reasons += _fast(plan, values)
-    if len(worse) == len(plan.outputs) and not (polish is not None and polish.at_given_bound(plan)):
-        return Judgement("refused", tuple(reasons), {}, (*refused_notes(plan), *_notes(plan, steady)))
     return Judgement(
         "doubtful" if reasons else "ok",
         tuple(reasons),
