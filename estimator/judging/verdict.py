@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.conventions import MISFIT, NUMERICAL, USELESS_ERROR
+from estimator.conventions import MISFIT, NOTHING_TOLD, NUMERICAL, USELESS_ERROR
 from estimator.fitting.least_squares_fit import LeastSquaresFit
 from estimator.judging.coasting import coasting
 from estimator.judging.plain_noise import structured
@@ -155,7 +155,7 @@ def judge(
         "doubtful" if reasons else "ok",
         tuple(reasons),
         statuses,
-        (*_notes(plan, steady), *_found(plan, explained), *_by_parameter(wide), *step.notes),
+        (*_notes(plan, steady), *_found(plan, explained, statuses), *_by_parameter(wide), *step.notes),
     )
 
 
@@ -163,11 +163,11 @@ def _identified(plan: Plan, values: Mapping[str, float], polish: LeastSquaresFit
     statuses = {}
     has_winding = has_motor({*(p.quantity or p.name for p in plan.parameters), *plan.fixed})
     for j, parameter in enumerate(plan.parameters):
-        if parameter.place is not None:
-            continue
         name, value = parameter.name, values[parameter.name]
         error = polish.standard_errors[j]
         relative = error / abs(value) if value else np.inf
+        if parameter.place is not None and not NOTHING_TOLD * abs(value) < error < np.inf:
+            continue  # of an offset near 0 that is known to be, the error is no part of the value
         if polish.at_bound[j] != 0:
             side = "lower" if polish.at_bound[j] < 0 else "upper"
             bound = parameter.lower if side == "lower" else parameter.upper
@@ -176,8 +176,8 @@ def _identified(plan: Plan, values: Mapping[str, float], polish: LeastSquaresFit
                 reason = _small_inductance(plan, values)
             statuses[name] = ParameterStatus("not identified", reason)
         elif not relative < USELESS_ERROR:
-            size = f"{100 * relative:.0f} %" if np.isfinite(relative) and relative < 100 else "more than 100 times"
-            reason = f"cannot be told from this recording: the standard error is {size} of the value"
+            size = f"{100 * relative:.0f} % of" if relative < NOTHING_TOLD else "more than 100 times"
+            reason = f"cannot be told from this recording: the standard error is {size} the value"
             if has_winding and name == "L":
                 reason = f"{reason}; {_small_inductance(plan, values)}"
             statuses[name] = ParameterStatus("not identified", reason)
@@ -325,12 +325,13 @@ def _doubts(explained: Explained | None) -> list[str]:
     return [*found, *(rival.sentence() for rival in explained.rivals)]
 
 
-def _found(plan: Plan, explained: Explained | None) -> list[str]:
-    """Say what was found of the bench, what the noise is like, and what no such recording tells."""
+def _found(plan: Plan, explained: Explained | None, statuses: Mapping[str, ParameterStatus]) -> list[str]:
+    """Say what was found of the bench and is told, what the noise is like, and what no such recording tells."""
     if explained is None:
         return []
     tabled = set(plan.names)  # those are in a table, with their standard errors
-    notes = [f.sentence for f in explained.found if not (f.effect in PLAIN and f.name in tabled)]
+    found = [f for f in explained.found if f.name not in statuses]
+    notes = [f.sentence for f in found if not (f.effect in PLAIN and f.name in tabled)]
     noise, whitener = explained.fit.whitener.noise, explained.fit.whitener
     for j, name in enumerate(plan.outputs):
         unit = plan.unit(name)

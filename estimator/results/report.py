@@ -199,7 +199,12 @@ def _estimate_rows(
 
 
 def estimate_texts(parameter: ParameterEstimate) -> tuple[str, str, str]:
-    """Return value, standard error and percent as text; of what is not identified a few digits, and no error."""
+    """Return value, standard error and percent as text.
+
+    Of what is not identified a few digits and no error; nothing where it has no error: any value fits as well.
+    """
+    if parameter.status == "not identified" and parameter.standard_error is None and parameter.at_bound is None:
+        return ABSENT, "", ""
     value, error = value_texts(parameter.value, parameter.standard_error)
     relative = relative_text(parameter.standard_error, parameter.value)
     if error and parameter.standard_error is not None and parameter.standard_error > abs(parameter.value):
