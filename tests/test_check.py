@@ -78,6 +78,32 @@ def test_check_adds_an_offset_behind_the_factor_as_estimate_does(file, bench, ca
     assert status == 2 and "offset is given for 'q', which is no signal of run.csv that is used" in err
 
 
+def test_check_writes_a_copy_that_needs_no_option_and_says_what_it_changed(file, bench, capsys, tmp_path):
+    path = file("t_ms,u_mV,i,n,note", t=1e3 * bench["t"], v=1e3 * bench["v"], i=-bench["i"], z=0 * bench["v"])
+    out = tmp_path / "mended.csv"
+    assert main(["check", str(path), "--scale", "i=-1", "--mend", str(out)]) == 0
+    told = capsys.readouterr().out.split("mended.csv holds ")[1]
+    for words in ("u_mV, mV made V", "← i, taken as A, which nobody said", "← n, rpm made rad/s, which nobody said",
+                  "t_ms, ms made s", "i: × -1", "does not use them: note"):  # fmt: skip
+        assert words in told, told
+    assert main(["check", str(out), "--json"]) == 0
+    again = json.loads(capsys.readouterr().out)["recordings"][0]
+    assert again["read"]["text"] == "v ← voltage [V] · i ← current [A] · w ← speed [rad/s] · time ← time [s]"
+    mended, read = read_recording(out), read_recording(path)
+    assert mended.signals["current"].tolist() == (-1 * read.signals["i"]).tolist()
+    assert mended.signals["speed"].tolist() == read.signals["n"].tolist()
+    assert mended.step == read.step and mended.time.tolist() == read.time.tolist()
+
+
+def test_a_copy_is_of_one_recording_and_not_in_its_place(file, capsys, tmp_path):
+    one, other = file("t,u,i,w"), file("t,u,i,w", name="other.csv")
+    before = one.read_bytes()
+    assert main(["check", str(one), "--mend", str(one)]) == 2
+    assert "is the recording itself" in capsys.readouterr().err and one.read_bytes() == before
+    assert main(["check", str(one), str(other), "--mend", str(tmp_path / "new.csv")]) == 2
+    assert "writes one recording" in capsys.readouterr().err and not (tmp_path / "new.csv").exists()
+
+
 def test_check_tells_rows_that_a_logger_wrote_again(file, bench, capsys):
     rows = np.sort(np.r_[np.arange(len(bench["t"])), [250, 300]])
     again = {name: bench[name][rows] for name in "viw"} | {"t": np.arange(len(rows)) * 1e-3}
