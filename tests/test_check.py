@@ -269,6 +269,12 @@ def estimate(capsys, *words):
     return status, json.loads(out)
 
 
+def test_thousands_of_volts_may_be_millivolts(file, bench, capsys):
+    main(["check", str(file("t,u,i,w", v=1e3 * bench["v"])), "--json"])
+    (found,) = json.loads(capsys.readouterr().out)["recordings"][0]["implausible"]
+    assert "in counts of 65535, or like mV" in found["sentence"] and "v=mV if millivolts" in found["sentence"]
+
+
 def test_an_estimate_tells_what_was_read_first(file, capsys):
     status, out, _ = run(capsys, "estimate", file("t,u,i,n [1/min]"), "--unit", "w=rad/s", "--workers", 1)
     assert status == 0

@@ -260,6 +260,61 @@ def test_lines_of_units_and_comments_may_stand_below_the_names(head: list[str], 
     assert recording.signals[columns["w"]][:N].tolist() == SPEED.tolist()
 
 
+@pytest.mark.parametrize(
+    ("header", "encoding"),
+    [
+        ("时间(s),电压(V),电流(A),转速(rad/s)", "utf-8"),
+        ("时间（s）,电压/V,电流/A,角速度(rad/s)", "gb18030"),
+        ("時間[s],電圧[V],電流[A],速度[rad/s]", "shift_jis"),
+        ("時間[s],電壓[V],電流[A],轉速[rad/s]", "big5"),
+    ],
+)
+def test_chinese_and_japanese_headers_are_read_as_their_systems_write_them(
+    header: str, encoding: str, tmp_path: Path
+) -> None:
+    check(read(tmp_path, with_header(header).encode(encoding)))
+    assert assumed_unit("转速") == assumed_unit("回転数") == parse_unit("转/分") == parse_unit("rpm")
+
+
+@pytest.mark.parametrize("end", [["End of test"], ["", "Mean,10.5,1.2,88", '"Std","1","2","3"'], ["# end", "Done."]])
+def test_words_behind_the_samples_are_no_samples(end: list[str], tmp_path: Path) -> None:
+    check(read(tmp_path, "\n".join([HEADER, *ROWS, *end])))
+
+
+def speeds(folder: Path, cell: str, *, mark: str, delimiter: str) -> list[float]:
+    """Return the speed of rows whose other numbers have a decimal mark, and whose last speed is a cell."""
+    rows = [delimiter.join((f"0{mark}{k:03d}", f"5{mark}5", cell if k == 19 else f"9{mark}5")) for k in range(20)]
+    header = delimiter.join(("time [s]", "voltage [V]", "speed [rad/s]"))
+    return read(folder, "\n".join([header, *rows])).signals["speed"].tolist()
+
+
+@pytest.mark.parametrize(("cell", "mark", "delimiter"), [('"1,040.2"', ".", ","), ("1.040,2", ",", ";")])
+def test_thousands_are_parted_where_both_marks_say_so(cell: str, mark: str, delimiter: str, tmp_path: Path) -> None:
+    assert speeds(tmp_path, cell, mark=mark, delimiter=delimiter) == [9.5] * 19 + [1040.2]
+
+
+@pytest.mark.parametrize(
+    ("cell", "mark", "delimiter"), [('"1,040"', ".", ","), ("1.040", ",", ";"), ("1.040,2", ".", ";")]
+)
+def test_what_may_be_thousands_or_a_decimal_is_never_guessed(
+    cell: str, mark: str, delimiter: str, tmp_path: Path
+) -> None:
+    with pytest.raises(RecordingError, match="speed is not a number"):
+        speeds(tmp_path, cell, mark=mark, delimiter=delimiter)
+
+
+def test_an_american_date_and_time_is_a_clock(tmp_path: Path) -> None:
+    stamps = [
+        f"3/2/2026 {'11:59:59' if k < 20 else '12:00:00'}.{(980 + k) % 1000:03d} {'AM' if k < 20 else 'pm'}"
+        for k in range(N)
+    ]
+    check(
+        read(
+            tmp_path, "\n".join([HEADER, *(f"{s},{row.split(',', 1)[1]}" for s, row in zip(stamps, ROWS, strict=True))])
+        )
+    )
+
+
 def test_a_row_of_words_among_numbers_is_no_comment(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match=r"line 3: time is not a number \('error'\)"):
         read(tmp_path, "\n".join([HEADER, ROWS[0], "error,error,error,error", *ROWS[1:]]))
@@ -385,9 +440,9 @@ COMPLAINTS: dict[str, tuple[str | bytes, str]] = {
         "\n".join([HEADER, *(f"12:00:{k}.0,1,1,1" for k in range(N))]),
         "run3.csv line 2: time is not a number ('12:00:0.0')",
     ),
-    "thousands in a decimal comma file": (
-        row(9, "0.009,10.5,X,3").replace(",", ";").replace(".", ",").replace("X", "1.500,5"),
-        "run3.csv line 11: current is not a number ('1.500,5')",
+    "thousands that may be a decimal point": (
+        row(9, "0.009,10.5,X,3").replace(",", ";").replace(".", ",").replace("X", "1.500"),
+        "run3.csv line 11: current is not a number ('1.500')",
     ),
     "a decimal point in a decimal comma file": (
         row(9, "0.009,10.5,X,3").replace(",", ";").replace(".", ",").replace("X", "1.5"),

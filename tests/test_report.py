@@ -494,3 +494,13 @@ def test_what_has_an_error_far_beyond_it_is_no_measurement(error, told):
     assert (found.status, found.standard_error) == (("ok", error) if told else ("not identified", None))
     assert estimate_texts(found) == (("0.43", "0.80", "> 100 %") if told else ("-", "", ""))
     assert told or "more than 100 times the value" in found.reason
+
+
+def test_an_ok_says_what_hangs_on_a_unit_that_nobody_said():
+    told = {"column": "n", "unit": "rpm", "unit_from": "name"}
+    guessed = dataclasses.replace(estimate(), read=({"recording": "a", "text": "", "signals": {"w": told}},))
+    assert report.meaning(guessed).endswith(" K, J, B hold if 'n' is in rpm, which nobody said.")
+    said = dataclasses.replace(
+        guessed, read=({"recording": "a", "text": "", "signals": {"w": {**told, "unit_from": "user"}}},)
+    )
+    assert report.meaning(said) == report.MEANINGS["ok"]

@@ -37,6 +37,12 @@ _KEEP = {
 }
 _CONTROL = bytes(set(range(32)) - set(b"\t\n\v\f\r\x1a\x1b"))  # never in a text
 _LIKE_A_NUMBER = re.compile(r"[-+]?[.,]?\d[-+\d.,:/eETZ ]*")  # or a time of day, or a date
+_TIMES = {word.encode(code): code for word, code in (("时间", "gb18030"), ("時間", "big5"), ("時間", "shift_jis"))}
+_HEAD = 4096  # bytes within which a word for the time tells how a Chinese or Japanese file is written
+_THOUSANDS = {  # decimal mark → a number in which the other one parts thousands: by both marks, no doubt
+    ".": re.compile(r"[-+]?\d{1,3}(?:,\d{3})+\.\d+"),
+    ",": re.compile(r"[-+]?\d{1,3}(?:\.\d{3})+,\d+"),
+}
 _TOKENS = re.compile(r'"[^"]*"|\S+')
 _BRACKETED = re.compile(r"\s*([^\[\]()]+(?:\[[^\[\]]*\]|\([^()]*\)))")
 
@@ -105,6 +111,9 @@ def read_table(path: Path, rules: HeaderRules) -> Table:
     units, words = (None, 0) if bare else _words_below(lines, rows, delimiter, rules)
     again = set() if bare else {lines[k] for k in (at, *rows[:words])}
     rows = [k for k in rows if lines[k] not in again]  # a logger that starts anew writes its header anew
+    if rows and not _begins_with_a_word(lines[rows[0]]):
+        while _begins_with_a_word(lines[rows[-1]]):
+            rows.pop()  # "End of test", "Mean,12.0,…"
     if not rows:
         raise RecordingError(f"{path.name} has no samples below line {at + 1}, {_short(lines[at])!r}")
     width = len(header)
@@ -185,6 +194,11 @@ def _words_below(
     return units, words
 
 
+def _begins_with_a_word(line: str) -> bool:
+    first = re.match(r'[\s"]*([^\W\d][^\s,;"]*)', line)
+    return first is not None and _is_word(first[1])
+
+
 def _is_word(cell: str) -> bool:
     return bool(cell) and cell.lower() not in _MISSING
 
@@ -217,6 +231,7 @@ def _read_text(path: Path) -> tuple[str, str]:
         encodings = ("utf-16",)
     elif len(data) != len(data.translate(None, _CONTROL)):
         raise RecordingError(f"{path.name} is not a text file; export the recording as CSV")
+    encodings = (*(code for word, code in _TIMES.items() if word in data[:_HEAD]), *encodings)
     for encoding in encodings:
         try:
             text = data.decode(encoding)
@@ -437,6 +452,8 @@ def _numbers(cells: Sequence[str], decimal: str) -> tuple[FloatArray, int | None
 
 
 def _number(text: str, decimal: str) -> float | None:
+    if _THOUSANDS[decimal].fullmatch(text):
+        text = text.replace("." if decimal == "," else ",", "")
     if "_" in text or (decimal == "," and "." in text):
         return None
     try:

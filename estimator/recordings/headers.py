@@ -40,24 +40,29 @@ ROLE_TITLE = {
 # Usual names per role, best first, as `plain` gives them. A measured voltage goes before a commanded one.
 _NAMES = {
     "time": "time t zeit temps tiempo tempo t_now timestamp time_stamp elapsed_time seconds second sec s ms us x_axis"
-    " x_value millis micros elapsed",
+    " x_value millis micros elapsed 时间 時間",
     "v": "voltage armature_voltage motor_voltage terminal_voltage measured_voltage v u u_a v_a ua va"
     " u_m v_m um vm v_mot u_mot v_motor u_motor uin vin u_in v_in volts volt spannung ankerspannung"
     " motor_v motor_volts motorspannung tension tensione tensao tensão tensión voltaje applied_voltage input_voltage"
-    " supply_voltage v_supply v_cmd u_cmd voltage_command command_voltage commanded_voltage command cmd",
+    " 电压 電圧 電壓 电枢电压 supply_voltage v_supply v_cmd u_cmd voltage_command command_voltage commanded_voltage"
+    " command cmd",
     "i": "current armature_current motor_current measured_current i i_a ia i_m im i_mot i_motor amps amp"
-    " ampere amperes strom ankerstrom motorstrom courant corriente corrente ma"
+    " ampere amperes strom ankerstrom motorstrom courant corriente corrente 电流 電流 电枢电流 ma"
     " motor_ma motor_amps",
     "w": "speed angular_speed angular_velocity motor_speed shaft_speed rotor_speed measured_speed omega ω w"
     " w_m wm omega_m ω_m velocity motor_velocity speed_rpm rpm drehzahl winkelgeschwindigkeit geschwindigkeit vitesse"
     " velocidad velocidade velocita n n_m vel ang_vel angvel motor_vel enc_vel"
-    " motor_rpm shaft_rpm rotor_rpm wheel_rpm encoder_rpm enc_rpm measured_rpm actual_rpm",
+    " motor_rpm shaft_rpm rotor_rpm wheel_rpm encoder_rpm enc_rpm measured_rpm actual_rpm"
+    " 转速 轉速 回転数 回転速度 角速度 速度",
     "angle": "angle theta θ phi φ position motor_angle shaft_angle rotor_angle encoder_angle angular_position"
-    " motor_position theta_m winkel drehwinkel pos",
+    " motor_position theta_m winkel drehwinkel pos 角度 转角 位置",
     "load": "load load_torque torque_load external_torque t_l tl tau_l m_l lastmoment",
 }
 # Names whose usual unit is another than SI: a guess that is worth making, reported, and overruled by a unit.
-_USUAL_UNITS = dict.fromkeys(("n", "n_m", "drehzahl"), "rpm") | {"millis": "ms", "micros": "us"}
+_USUAL_UNITS = dict.fromkeys(("n", "n_m", "drehzahl", "转速", "轉速", "回転数", "回転速度"), "rpm") | {
+    "millis": "ms",
+    "micros": "us",
+}
 USUAL_NAMES = {role: tuple(names.split()) for role, names in _NAMES.items()}
 _ROLE_OF = {name: role for role, names in USUAL_NAMES.items() for name in names}
 # Words that tell the part of a longer name: "shaft speed raw". Setpoints and limits have another part.
@@ -108,6 +113,7 @@ _SIDES = tuple(
 )
 _SIDE = frozenset(word for side in _SIDES for word in side)
 _NEVER_SUFFIX = frozenset({"min", "s", "m", "K", "N", "H", "W", "1", "-", "g", "inc", "turn", "count", "rev"})
+_WIDE = str.maketrans("（）［］／", "()[]/")  # as Chinese and Japanese headers have them
 _IN = re.compile(r"(?P<name>.+?) in (?P<unit>.+)")
 _BRACKETS = re.compile(r"(?P<name>.*?)\s*(?:\[(?P<square>[^\[\]]*)\]|\((?P<round>[^()]*)\))", re.DOTALL)
 
@@ -196,7 +202,7 @@ def parse_header(text: str) -> Header:
     What stands in brackets at the end is a unit, known or not. After ``_``, ``/`` or a space it is one only
     if it is known and the name stays sensible without it: ``U_a`` and ``w_min`` are names, ``motor_rpm`` is both.
     """
-    text = " ".join(text.split())
+    text = " ".join(text.translate(_WIDE).split())
     brackets = _BRACKETS.fullmatch(text)
     if brackets:
         inside = (brackets["square"] if brackets["square"] is not None else brackets["round"]).strip()

@@ -103,7 +103,7 @@ _WORDS: tuple[tuple[str, float, float, float, str], ...] = (
         math.pi,
         30,
         0,
-        "rpm r/min rev/min revs/min 1/min min-1 /min u/min tr/min rot/min turns/min",
+        "rpm r/min rev/min revs/min 1/min min-1 /min u/min tr/min rot/min turns/min 转/分 转/分钟",
     ),
     ("angular speed", 1e3 * math.pi, 30, 0, "krpm"),
     ("angular speed", 2 * math.pi, 1, 0, "rps r/s rev/s revs/s rev/sec turns/s turn/s rot/s"),

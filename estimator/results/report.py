@@ -37,7 +37,17 @@ def meaning(estimate: Estimate) -> str:
     free = [p for p in estimate.parameters.values() if p.free]
     if estimate.verdict == "ok" and free and all(p.standard_error is None for p in free):
         return WITHOUT_ERRORS
-    return MEANINGS[estimate.verdict]
+    return MEANINGS[estimate.verdict] + (_guessed_speed(estimate) if estimate.verdict == "ok" else "")
+
+
+def _guessed_speed(estimate: Estimate) -> str:
+    """Say what depends on the unit of a speed or angle that nobody said: any unit fits as well."""
+    for read in estimate.read:
+        for signal, told in read.get("signals", {}).items():
+            names = [n for n in ("K", "J", "B") if n in estimate.parameters]
+            if names and signal in ("w", "angle") and told["unit_from"] == "name":
+                return f" {', '.join(names)} hold if {told['column']!r} is in {told['unit']}, which nobody said."
+    return ""
 
 
 def text_report(estimate: Estimate, *, width: int | None = None, lines: int | None = None, rest: str = REST) -> str:

@@ -17,7 +17,14 @@ const COLORS = ["--c2", "--c3", "--c4", "--c5", "--c6", "--c1"];
 // What a verdict means, as the report says it.
 function meaning(r) {
   const free = Object.values(r.parameters).filter((p) => p.free !== false);
-  return r.verdict === "ok" && free.length && free.every((p) => p.standard_error == null) ? WITHOUT_ERRORS : SAYS[r.verdict];
+  if (r.verdict === "ok" && free.length && free.every((p) => p.standard_error == null)) return WITHOUT_ERRORS;
+  return SAYS[r.verdict] + (r.verdict === "ok" ? guessedSpeed(r) : "");
+}
+
+function guessedSpeed(r) {
+  const names = ["K", "J", "B"].filter((n) => n in r.parameters);
+  const guess = r.read.flatMap((read) => Object.entries(read.signals ?? {})).find(([n, told]) => ["w", "angle"].includes(n) && told.unit_from === "name");
+  return guess && names.length ? ` ${names.join(", ")} hold if '${guess[1].column}' is in ${guess[1].unit}, which nobody said.` : "";
 }
 
 export class ResultsPage {
