@@ -504,3 +504,17 @@ def test_an_ok_says_what_hangs_on_a_unit_that_nobody_said():
         guessed, read=({"recording": "a", "text": "", "signals": {"w": {**told, "unit_from": "user"}}},)
     )
     assert report.meaning(said) == report.MEANINGS["ok"]
+
+
+def test_a_table_that_is_too_wide_goes_on_below_itself():
+    header, rows = (
+        ["name", "value", "error", "", "unit"],
+        [["R", "3.14", "± 0.01", "", "Ohm"], ["K", "0.05", "± 0.1", "", "V"]],
+    )
+    whole = report.table(header, rows, right=(1,))
+    assert report.table(header, rows, right=(1,), width=len(whole[0])) == whole
+    parts = "\n".join(report.table(header, rows, right=(1,), width=14)).split("\n\n")
+    assert [part.split("\n")[0].split() for part in parts] == [["name", "value"], ["name", "error"], ["name", "unit"]]
+    assert all(len(line) <= 14 for part in parts for line in part.split("\n"))
+    made = report.text_report(estimate(), width=40, lines=30)
+    assert all(len(line) <= 40 for line in made.split("\n")), made

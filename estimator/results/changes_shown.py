@@ -18,11 +18,11 @@ COLOURS = """<style>.f{fill:#fff}text{font:12px system-ui,sans-serif;fill:#222}.
 .differs .point,.differs .arrow{fill:#d55e00}</style>"""
 
 
-def changes_text(found: Changes) -> str:
-    """Return what changed as lines: a sentence, a table, repeatability, notes."""
-    lines = [summary(found), "", *table(*change_rows(found), right=(1, 3, 4, 5))]
+def changes_text(found: Changes, *, width: int | None = None) -> str:
+    """Return what changed as lines: a sentence, a table (of so many characters), repeatability, notes."""
+    lines = [summary(found), "", *table(*change_rows(found), right=(1, 3, 4, 5), width=width)]
     if rows := repeatability_rows(found)[1]:
-        lines += ["", *table(repeatability_rows(found)[0], rows, right=(1, 2, 3, 4, 5))]
+        lines += ["", *table(repeatability_rows(found)[0], rows, right=(1, 2, 3, 4, 5), width=width)]
     if found.joint:
         lines += ["", *joint_lines(found)]
     if found.notes:
