@@ -215,6 +215,16 @@ def test_output_that_cannot_be_written_is_an_error(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["folder.fmu"]
 
 
+def test_on_a_disk_that_cannot_be_written_the_output_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refused(*_: object, **__: object) -> None:
+        raise OSError(30, "Read-only file system")
+
+    monkeypatch.setattr("fmu_build.export.zipfile.ZipFile", refused)
+    monkeypatch.setattr(Path, "unlink", refused)
+    with pytest.raises(BuildError, match=r"x\.fmu: cannot be written: Read-only file system"):
+        _write_archive(tmp_path / "x.fmu", {})
+
+
 def test_no_compiler_is_one_sentence_with_the_remedy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("CC", raising=False)
     monkeypatch.setenv("PATH", str(tmp_path))
