@@ -16,6 +16,7 @@ import fmu_build
 import fmu_build.compiler
 import fmu_build.platforms
 from fmu_build import BuildError
+from fmu_build.export import _write_archive
 from fmu_build.model import loaded_model
 
 MODEL = """\
