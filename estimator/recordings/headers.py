@@ -117,6 +117,9 @@ _WIDE = str.maketrans("（）［］／", "()[]/")  # as Chinese and Japanese hea
 _IN = re.compile(r"(?P<name>.+?) in (?P<unit>.+)")
 _BRACKETS = re.compile(r"(?P<name>.*?)\s*(?:\[(?P<square>[^\[\]]*)\]|\((?P<round>[^()]*)\))", re.DOTALL)
 
+_WITHIN = re.compile(r"(?P<name>[^\[\]()]+?)\s*[\[(](?P<unit>[^\[\]()]*)[\])](?P<rest>[^\[\]()]+)")  # "i (A) left"
+_FACTOR = re.compile(r"\s*[x×*/]\s*\d")
+
 
 @lru_cache(maxsize=4096)
 def plain(name: str) -> str:
@@ -199,7 +202,8 @@ def assumed_unit_text(name: str) -> str | None:
 def parse_header(text: str) -> Header:
     """Take a header apart: ``speed [rpm]``, ``speed (rpm)``, ``speed in rpm``, ``speed_rpm``, ``speed/rpm``.
 
-    What stands in brackets at the end is a unit, known or not. After ``_``, ``/`` or a space it is one only
+    What stands in brackets at the end is a unit, known or not; further on it is one if it is known, and ``(A) x10`` is
+    one that nobody knows. After ``_``, ``/`` or a space it is one only
     if it is known and the name stays sensible without it: ``U_a`` and ``w_min`` are names, ``motor_rpm`` is both.
     """
     text = " ".join(text.translate(_WIDE).split())
@@ -210,6 +214,11 @@ def parse_header(text: str) -> Header:
         if not inside:
             return Header(text, name or text, None, None)
         return Header(text, name or inside, parse_unit(inside), inside)
+    within = _WITHIN.fullmatch(text)
+    if within and (unit := parse_unit(within["unit"])):
+        if _FACTOR.match(within["rest"]):
+            return Header(text, within["name"], None, f"{within['unit']}{within['rest']}")
+        return Header(text, f"{within['name']} {within['rest'].strip(' *:;,')}".strip(), unit, within["unit"])
     worded = _IN.fullmatch(text)
     if worded and (unit := parse_unit(worded["unit"])):
         return Header(text, worded["name"], unit, worded["unit"])
@@ -230,13 +239,17 @@ def _small(name: str, suffix: str) -> Unit | None:
     if len(suffix) != 1 or len(plain(name)) < 3:
         return None
     unit = parse_unit(suffix)
-    quantities = [ROLE_QUANTITY[role] for role in ROLE_QUANTITY if rank_in_role(name, role) is not None]
-    return unit if unit and unit.quantity in quantities else None
+    return unit if unit and unit.quantity in _quantities(name) else None
+
+
+def _quantities(name: str) -> set[str]:
+    """Return the quantities that a longer name may stand for: ``"motor speed left"`` → an angular speed."""
+    return {quantity for role, quantity in ROLE_QUANTITY.items() if rank_in_role(name, role) is not None}
 
 
 def _is_suffix(name: str, separator: str, suffix: str, unit: Unit) -> bool:
     quantity = quantity_of(name)
-    if quantity == unit.quantity or (len(suffix) == 1 and _small(name, suffix) is not None):
+    if unit.quantity in {quantity, *_quantities(name)} or (len(suffix) == 1 and _small(name, suffix) is not None):
         return True
     if separator == " " or suffix in _NEVER_SUFFIX:
         return False
