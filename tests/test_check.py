@@ -284,6 +284,12 @@ def test_an_estimate_tells_what_was_read_first(file, capsys):
     assert out.splitlines()[1] == "" and out.splitlines()[2].startswith("OK")
 
 
+def test_where_the_speed_is_missing_an_estimate_names_what_it_did_not_use(file, bench, capsys):
+    path = file("t,u,i,tacho [V]", w=0.01 * bench["w"])
+    main(["estimate", str(path), "--fix", "K=0.0488"])
+    assert "time ← t (no unit: taken as s) · not used: tacho [V]" in capsys.readouterr().out
+
+
 def test_an_estimate_of_implausible_data_is_doubtful_with_the_sentence(file, bench, capsys):
     status, found = estimate(capsys, file("t,u,i,w", i=1e3 * bench["i"]))
     assert (status, found["verdict"]) == (0, "doubtful")

@@ -69,6 +69,7 @@ def test_an_unknown_unit_in_brackets_is_kept_as_text() -> None:
         ("speed (motor 1) rpm", "speed (motor 1)", "rpm"),
         ("motor speed left rpm", "motor speed left", "rpm"),
         ("Drehzahl in Upm", "Drehzahl", "Upm"),
+        ("Speed_%", "Speed", "%"),
     ],
 )
 def test_a_unit_further_on_in_a_header_is_one(text: str, name: str, unit: str) -> None:

@@ -224,7 +224,7 @@ def parse_header(text: str) -> Header:
         return Header(text, worded["name"], unit, worded["unit"])
     for place in re.finditer(r"[_/ ]", text):
         name, suffix = text[: place.start()].strip(), text[place.end() :].strip()
-        unit = parse_unit(suffix, symbols_only=True) or _small(name, suffix)
+        unit = parse_unit(suffix, symbols_only=suffix != "%") or _small(name, suffix)
         if name and unit and quantity_of(name) is None and quantity_of(text) == unit.quantity:
             return Header(text, text, unit, suffix)  # "motor_rpm": without its unit the name says nothing
         if name and unit and _is_suffix(name, place[0], suffix, unit):
