@@ -202,7 +202,7 @@ def _estimate_rows(
                 relative,
                 parameter.unit,
                 "" if nominal is None else number_text(nominal),
-                "" if nominal is None else deviation_text(parameter.value, nominal),
+                "" if nominal is None or not parameter.is_told else deviation_text(parameter.value, nominal),
                 parameter_note(parameter, said=said),
             ]
         )
@@ -214,7 +214,7 @@ def estimate_texts(parameter: ParameterEstimate) -> tuple[str, str, str]:
 
     Of what is not identified a few digits and no error; nothing where it has no error: any value fits as well.
     """
-    if parameter.status == "not identified" and parameter.standard_error is None and parameter.at_bound is None:
+    if not parameter.is_told:
         return ABSENT, "", ""
     value, error = value_texts(parameter.value, parameter.standard_error)
     relative = relative_text(parameter.standard_error, parameter.value)
