@@ -205,6 +205,11 @@ def test_check_writes_a_figure_of_each_file_and_json(file, tmp_path, capsys):
     [
         ("t,u,current A,current B", (), "run.csv has two columns for the current, 'current A' and 'current B'; say"),
         ("t,x,i,w", (), "run.csv has no voltage column"),
+        (
+            "t,u,i,speed",
+            ("--unit", "speed=rmp"),
+            "'rmp', given for 'speed', is not a known unit; use one of rad/s, rpm",
+        ),
         ("t,u,i,w", ("--unit", "w=furlong"), "'furlong', given for 'w', is not a known unit; use one of rad/s, rpm"),
         ("t,u,i,w", ("--unit", "speed2=rpm"), "there is no column 'speed2' to give a unit"),
         ("t,u,i,w", ("--unit", "w=A"), "'A' is no unit of angular speed"),
