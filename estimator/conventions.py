@@ -32,4 +32,5 @@ LEAST_FALL = 10.0  # of -2 log L, by which a component of the noise must lower i
 
 # What a recording tells
 USELESS_ERROR = 0.5  # relative standard error: a parameter or quantity is not identified
+NOTHING_TOLD = 100.0  # relative standard error: the recording says nothing of the value, not even its power of ten
 TOLD_POWER = 0.003  # of an effect's power: if less is left beside the parameters, no such recording tells it

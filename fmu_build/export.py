@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import tempfile
 import uuid
@@ -124,5 +125,6 @@ def _write_archive(target: Path, content: Mapping[str, bytes]) -> None:
                 archive.writestr(entry, data)
         os.replace(temporary, target)
     except OSError as error:
-        temporary.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):  # on a disk that cannot be written, not even that
+            temporary.unlink(missing_ok=True)
         raise BuildError(f"{target}: cannot be written: {error.strerror}") from error

@@ -78,6 +78,32 @@ def test_check_adds_an_offset_behind_the_factor_as_estimate_does(file, bench, ca
     assert status == 2 and "offset is given for 'q', which is no signal of run.csv that is used" in err
 
 
+def test_check_writes_a_copy_that_needs_no_option_and_says_what_it_changed(file, bench, capsys, tmp_path):
+    path = file("t_ms,u_mV,i,n,note", t=1e3 * bench["t"], v=1e3 * bench["v"], i=-bench["i"], z=0 * bench["v"])
+    out = tmp_path / "mended.csv"
+    assert main(["check", str(path), "--scale", "i=-1", "--mend", str(out)]) == 0
+    told = capsys.readouterr().out.split("mended.csv holds ")[1]
+    for words in ("u_mV, mV made V", "← i, taken as A, which nobody said", "← n, rpm made rad/s, which nobody said",
+                  "t_ms, ms made s", "i: × -1", "does not use them: note"):  # fmt: skip
+        assert words in told, told
+    assert main(["check", str(out), "--json"]) == 0
+    again = json.loads(capsys.readouterr().out)["recordings"][0]
+    assert again["read"]["text"] == "v ← voltage [V] · i ← current [A] · w ← speed [rad/s] · time ← time [s]"
+    mended, read = read_recording(out), read_recording(path)
+    assert mended.signals["current"].tolist() == (-1 * read.signals["i"]).tolist()
+    assert mended.signals["speed"].tolist() == read.signals["n"].tolist()
+    assert mended.step == read.step and mended.time.tolist() == read.time.tolist()
+
+
+def test_a_copy_is_of_one_recording_and_not_in_its_place(file, capsys, tmp_path):
+    one, other = file("t,u,i,w"), file("t,u,i,w", name="other.csv")
+    before = one.read_bytes()
+    assert main(["check", str(one), "--mend", str(one)]) == 2
+    assert "is the recording itself" in capsys.readouterr().err and one.read_bytes() == before
+    assert main(["check", str(one), str(other), "--mend", str(tmp_path / "new.csv")]) == 2
+    assert "writes one recording" in capsys.readouterr().err and not (tmp_path / "new.csv").exists()
+
+
 def test_check_tells_rows_that_a_logger_wrote_again(file, bench, capsys):
     rows = np.sort(np.r_[np.arange(len(bench["t"])), [250, 300]])
     again = {name: bench[name][rows] for name in "viw"} | {"t": np.arange(len(rows)) * 1e-3}
@@ -179,6 +205,11 @@ def test_check_writes_a_figure_of_each_file_and_json(file, tmp_path, capsys):
     [
         ("t,u,current A,current B", (), "run.csv has two columns for the current, 'current A' and 'current B'; say"),
         ("t,x,i,w", (), "run.csv has no voltage column"),
+        (
+            "t,u,i,speed",
+            ("--unit", "speed=rmp"),
+            "'rmp', given for 'speed', is not a known unit; use one of rad/s, rpm",
+        ),
         ("t,u,i,w", ("--unit", "w=furlong"), "'furlong', given for 'w', is not a known unit; use one of rad/s, rpm"),
         ("t,u,i,w", ("--unit", "speed2=rpm"), "there is no column 'speed2' to give a unit"),
         ("t,u,i,w", ("--unit", "w=A"), "'A' is no unit of angular speed"),
@@ -243,6 +274,12 @@ def estimate(capsys, *words):
     return status, json.loads(out)
 
 
+def test_thousands_of_volts_may_be_millivolts(file, bench, capsys):
+    main(["check", str(file("t,u,i,w", v=1e3 * bench["v"])), "--json"])
+    (found,) = json.loads(capsys.readouterr().out)["recordings"][0]["implausible"]
+    assert "in counts of 65535, or like mV" in found["sentence"] and "v=mV if millivolts" in found["sentence"]
+
+
 def test_an_estimate_tells_what_was_read_first(file, capsys):
     status, out, _ = run(capsys, "estimate", file("t,u,i,n [1/min]"), "--unit", "w=rad/s", "--workers", 1)
     assert status == 0
@@ -250,6 +287,12 @@ def test_an_estimate_tells_what_was_read_first(file, capsys):
         "read run: v ← u (no unit: taken as V) · i ← i (no unit: taken as A) · w ← n [rad/s] (unit as"
     )
     assert out.splitlines()[1] == "" and out.splitlines()[2].startswith("OK")
+
+
+def test_where_the_speed_is_missing_an_estimate_names_what_it_did_not_use(file, bench, capsys):
+    path = file("t,u,i,tacho [V]", w=0.01 * bench["w"])
+    main(["estimate", str(path), "--fix", "K=0.0488"])
+    assert "time ← t (no unit: taken as s) · not used: tacho [V]" in capsys.readouterr().out
 
 
 def test_an_estimate_of_implausible_data_is_doubtful_with_the_sentence(file, bench, capsys):

@@ -110,7 +110,7 @@ def fails(capsys, *arguments: str, status: int = 2) -> str:
             "estimate",
             "the following arguments are required: CASE.case.toml|RECORDING; see fmu-estimator estimate --help",
         ),
-        ("estimate x --foo", "unrecognized arguments: --foo; see fmu-estimator --help"),
+        ("estimate x --foo", "unrecognized arguments: --foo; see fmu-estimator estimate --help"),
         ("estimate x --metod paper", "unrecognized arguments: --metod; did you mean '--method'?"),
         ("estimate --fixx=L=1 x", "unrecognized arguments: --fixx; did you mean '--fix'?"),
         ("--verson", "unrecognized arguments: --verson; did you mean '--version'?"),

@@ -345,18 +345,18 @@ def test_what_a_saturated_sensor_cannot_show_is_left_out(case_of):
         assert abs(e.parameters[name].value - truth) < 5 * e.parameters[name].standard_error
 
 
-def test_what_explains_a_recording_worse_than_its_mean_is_refused_and_says_so_first(case_of, monkeypatch):
-    """Here only given bounds lead there; with them it is doubtful, as they may be what is wrong."""
+def test_what_explains_a_recording_worse_than_its_mean_is_refused_in_one_sentence(case_of, monkeypatch):
+    """Here only given bounds lead there: they are named."""
     recording = step_recording(CML050, noise=(0.005, 1.0), duration=1.0)
     far = {n: ParameterSpec(n, m * CML050.parameters[n], 2 * m * CML050.parameters[n]) for n, m in FAR.items()}
     case = dataclasses.replace(case_of(), parameters=far)
     found = estimate_recordings([case], [[recording]])
     monkeypatch.setattr(LeastSquaresFit, "at_given_bound", lambda self, plan: ())
     found += estimate_recordings([case], [[recording]])
-    assert [e.verdict for e in found] == ["doubtful", "refused"] and not found[1].parameters
     for e in found:
-        assert e.reasons[0].startswith("the model explains i worse than its mean would (fit -")
-        assert e.reasons[1].startswith("the model explains w worse than its mean would")
+        assert e.verdict == "refused" and not e.parameters and len(e.reasons) == 1
+        assert e.reasons[0].startswith("the model does not describe the recording: its best fit is no better")
+    assert ["widen the bounds of R" in e.reasons[0] for e in found] == [True, False]
 
 
 def test_a_lost_transient_is_refused(case_of):

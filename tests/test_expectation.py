@@ -152,6 +152,14 @@ def test_a_refused_estimate_fails_what_is_expected_of_its_parameters():
     assert results[2].sentence == "the estimate has no output 'x' (i)"
 
 
+def test_of_what_the_recording_does_not_tell_no_value_passes():
+    made = estimate_of(errors=None, R=3.0)
+    untold = dataclasses.replace(made.parameters["R"], status="not identified", reason="any value fits as well")
+    made = dataclasses.replace(made, parameters={"R": untold})
+    (_, check) = checks({"R": Expectation("R", 3.0, fraction=0.05)}, Limits(), made)
+    assert (check.outcome, check.sentence) == ("undecided", "R is not identified: any value fits as well")
+
+
 def test_a_parameter_at_a_bound_has_no_standard_error_to_limit():
     results = checks({}, Limits(standard_error={"R": Expectation("R", absolute=1.0)}), estimate_of(errors=None, R=1.0))
     assert results[1].sentence == "R has no standard error, expected at most 1 Ohm"

@@ -16,6 +16,7 @@ import fmu_build
 import fmu_build.compiler
 import fmu_build.platforms
 from fmu_build import BuildError
+from fmu_build.export import _write_archive
 from fmu_build.model import loaded_model
 
 MODEL = """\
@@ -213,6 +214,16 @@ def test_output_that_cannot_be_written_is_an_error(tmp_path: Path) -> None:
     with pytest.raises(BuildError, match=r"folder.fmu: cannot be written"):
         fmu_build.build("dc_motor", output=tmp_path / "folder.fmu")
     assert [path.name for path in tmp_path.iterdir()] == ["folder.fmu"]
+
+
+def test_on_a_disk_that_cannot_be_written_the_output_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refused(*_: object, **__: object) -> None:
+        raise OSError(30, "Read-only file system")
+
+    monkeypatch.setattr("fmu_build.export.zipfile.ZipFile", refused)
+    monkeypatch.setattr(Path, "unlink", refused)
+    with pytest.raises(BuildError, match=r"x\.fmu: cannot be written: Read-only file system"):
+        _write_archive(tmp_path / "x.fmu", {})
 
 
 def test_no_compiler_is_one_sentence_with_the_remedy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,6 +10,7 @@ from estimator.recordings.headers import (
     rank_in_role,
     role_of,
 )
+from estimator.recordings.units import parse_unit
 
 
 @pytest.mark.parametrize(
@@ -58,6 +59,28 @@ def test_a_name_without_a_unit_stays_whole(text: str) -> None:
 def test_an_unknown_unit_in_brackets_is_kept_as_text() -> None:
     header = parse_header("speed [furlong/fortnight]")
     assert (header.name, header.unit, header.unit_text) == ("speed", None, "furlong/fortnight")
+
+
+@pytest.mark.parametrize(
+    ("text", "name", "unit"),
+    [
+        ("Current (mA)*", "Current", "mA"),
+        ("Voltage (V) left", "Voltage left", "V"),
+        ("speed (motor 1) rpm", "speed (motor 1)", "rpm"),
+        ("motor speed left rpm", "motor speed left", "rpm"),
+        ("Drehzahl in Upm", "Drehzahl", "Upm"),
+        ("Speed_%", "Speed", "%"),
+    ],
+)
+def test_a_unit_further_on_in_a_header_is_one(text: str, name: str, unit: str) -> None:
+    header = parse_header(text)
+    assert (header.name, header.unit_text) == (name, unit) and header.unit == parse_unit(unit) is not None
+
+
+@pytest.mark.parametrize("text", ["Current (A) x10", "Current [A] *100", "Current (A)/10"])
+def test_a_factor_behind_a_unit_makes_it_none_that_is_known(text: str) -> None:
+    header = parse_header(text)
+    assert header.name == "Current" and header.unit is None and header.unit_text
 
 
 def test_empty_brackets_say_nothing() -> None:

@@ -18,6 +18,7 @@ from estimator.errors import RecordingError
 from estimator.recordings.delimited import CHUNK
 from estimator.recordings.headers import assumed_unit
 from estimator.recordings.motor_columns import motor_columns
+from estimator.recordings.read_as import ReadAs
 from estimator.recordings.reading import read_recording, recording_from_arrays
 from estimator.recordings.recording import MIN_SAMPLES, Recording
 from estimator.recordings.units import parse_unit
@@ -238,6 +239,136 @@ def test_time_may_start_anywhere(tmp_path: Path) -> None:
     assert recording.time.tolist() == [-0.5 + k * 0.001 for k in range(N)]
 
 
+NAMES, UNITS, COMMENTS = "time,voltage,current,speed", "s,V,A,rad/s", 'clock,"supply, 24 V",10x clamp,'
+
+
+@pytest.mark.parametrize(
+    "head",
+    [
+        [NAMES, UNITS, COMMENTS],
+        [NAMES, COMMENTS, UNITS],
+        ["Motor 5", NAMES, COMMENTS, f"({UNITS.replace(',', '),(')})", ""],
+        [HEADER, COMMENTS],
+    ],
+)
+@pytest.mark.parametrize("repeats", [1, 6])  # few rows, and many, which are read at once
+def test_lines_of_units_and_comments_may_stand_below_the_names(head: list[str], repeats: int, tmp_path: Path) -> None:
+    rows = [f"{k / 1000:.3f},{row.split(',', 1)[1]}" for k, row in enumerate(ROWS * repeats)]
+    recording = read(tmp_path, "\n".join([*head, *rows]) + "\n")
+    columns = motor_columns(recording)
+    assert len(recording.time) == N * repeats and recording.step == 0.001
+    assert recording.signals[columns["w"]][:N].tolist() == SPEED.tolist()
+
+
+@pytest.mark.parametrize(
+    ("header", "encoding"),
+    [
+        ("时间(s),电压(V),电流(A),转速(rad/s)", "utf-8"),
+        ("时间（s）,电压/V,电流/A,角速度(rad/s)", "gb18030"),
+        ("時間[s],電圧[V],電流[A],速度[rad/s]", "shift_jis"),
+        ("時間[s],電壓[V],電流[A],轉速[rad/s]", "big5"),
+    ],
+)
+def test_chinese_and_japanese_headers_are_read_as_their_systems_write_them(
+    header: str, encoding: str, tmp_path: Path
+) -> None:
+    check(read(tmp_path, with_header(header).encode(encoding)))
+    assert assumed_unit("转速") == assumed_unit("回転数") == parse_unit("转/分") == parse_unit("rpm")
+
+
+@pytest.mark.parametrize("end", [["End of test"], ["", "Mean,10.5,1.2,88", '"Std","1","2","3"'], ["# end", "Done."]])
+def test_words_behind_the_samples_are_no_samples(end: list[str], tmp_path: Path) -> None:
+    check(read(tmp_path, "\n".join([HEADER, *ROWS, *end])))
+
+
+def speeds(folder: Path, cell: str, *, mark: str, delimiter: str) -> list[float]:
+    """Return the speed of rows whose other numbers have a decimal mark, and whose last speed is a cell."""
+    rows = [delimiter.join((f"0{mark}{k:03d}", f"5{mark}5", cell if k == 19 else f"9{mark}5")) for k in range(20)]
+    header = delimiter.join(("time [s]", "voltage [V]", "speed [rad/s]"))
+    return read(folder, "\n".join([header, *rows])).signals["speed"].tolist()
+
+
+@pytest.mark.parametrize(("cell", "mark", "delimiter"), [('"1,040.2"', ".", ","), ("1.040,2", ",", ";")])
+def test_thousands_are_parted_where_both_marks_say_so(cell: str, mark: str, delimiter: str, tmp_path: Path) -> None:
+    assert speeds(tmp_path, cell, mark=mark, delimiter=delimiter) == [9.5] * 19 + [1040.2]
+
+
+@pytest.mark.parametrize(
+    ("cell", "mark", "delimiter"), [('"1,040"', ".", ","), ("1.040", ",", ";"), ("1.040,2", ".", ";")]
+)
+def test_what_may_be_thousands_or_a_decimal_is_never_guessed(
+    cell: str, mark: str, delimiter: str, tmp_path: Path
+) -> None:
+    with pytest.raises(RecordingError, match="speed is not a number"):
+        speeds(tmp_path, cell, mark=mark, delimiter=delimiter)
+
+
+def test_an_american_date_and_time_is_a_clock(tmp_path: Path) -> None:
+    stamps = [
+        f"3/2/2026 {'11:59:59' if k < 20 else '12:00:00'}.{(980 + k) % 1000:03d} {'AM' if k < 20 else 'pm'}"
+        for k in range(N)
+    ]
+    check(
+        read(
+            tmp_path, "\n".join([HEADER, *(f"{s},{row.split(',', 1)[1]}" for s, row in zip(stamps, ROWS, strict=True))])
+        )
+    )
+
+
+def test_a_row_of_words_among_numbers_is_no_comment(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match=r"line 3: time is not a number \('error'\)"):
+        read(tmp_path, "\n".join([HEADER, ROWS[0], "error,error,error,error", *ROWS[1:]]))
+
+
+def printed(form: str, *, stamped: bool = False) -> list[str]:
+    """Return what an Arduino prints, a line a row; `stamped` as the Serial Monitor does."""
+    signals = zip(TIME, VOLTAGE, CURRENT, SPEED, strict=True)
+    lines = [form.format(t=1000 * t, v=v, i=i, w=w) for t, v, i, w in signals]
+    return (
+        [f"23:59:59.{980 + k:03d} -> {x}" if k < 20 else f"00:00:00.{k - 20:03d} -> {x}" for k, x in enumerate(lines)]
+        if stamped
+        else lines
+    )
+
+
+SPACED, COMMAS = "voltage:{v:g} current:{i:.4f} speed:{w:.3f}", "Motor voltage: {v:g}, current: {i:.4f}, speed: {w:.3f}"
+
+
+@pytest.mark.parametrize(
+    "lines",
+    [
+        printed(f"millis:{{t:.0f}} {SPACED}"),
+        printed(f"{COMMAS}, t [ms]: {{t:.0f}}"),
+        printed(SPACED, stamped=True),
+        printed(COMMAS.replace(", ", "\t"), stamped=True),
+        printed(f"millis:{{t:.0f}},{COMMAS}", stamped=True),  # the Arduino's own clock goes before the Monitor's
+        ["23:59:59.900 -> voltage,current,speed", *printed("{v:g},{i:.4f},{w:.3f}", stamped=True)],
+    ],
+)
+def test_what_an_arduino_prints_is_read(lines: list[str], tmp_path: Path) -> None:
+    check(read(tmp_path, "\n".join(lines) + "\n"))
+
+
+def test_what_is_cut_off_or_said_between_the_lines_of_an_arduino_is_left_out(tmp_path: Path) -> None:
+    lines = printed(f"millis:{{t:.0f}} {SPACED}")
+    check(read(tmp_path, "\n".join(["age:0.0 speed:1", *lines[:9], "Motor on!", *lines[9:], "millis:40 volt"])))
+
+
+def test_of_an_arduino_s_lines_the_right_one_is_named(tmp_path: Path) -> None:
+    lines = printed(f"millis:{{t:.0f}} {SPACED}")
+    lines[30] = lines[20]
+    with pytest.raises(RecordingError, match="line 31: "):
+        read(tmp_path, "\n".join(lines))
+
+
+def test_stamps_are_read_in_a_column_that_is_named_by_its_number(tmp_path: Path) -> None:
+    path = save(tmp_path, "\n".join(printed("{v:g},{i:.4f},{w:.3f}", stamped=True)))
+    with pytest.raises(RecordingError, match="--column time=1 --column v=2"):
+        read_recording(path)
+    found = read_recording(path, ReadAs(columns={"time": "1", "v": "2", "i": "3", "w": "4"}))
+    assert found.step == 0.001 and found.signals["column 4"].tolist() == SPEED.tolist()
+
+
 def test_a_file_longer_than_a_chunk_is_read_whole(tmp_path: Path) -> None:
     n = 2 * CHUNK + 5
     rows = [f"{k / 1000:.3f},{k % 7},{k % 11},{k % 13}" for k in range(n)]
@@ -309,9 +440,9 @@ COMPLAINTS: dict[str, tuple[str | bytes, str]] = {
         "\n".join([HEADER, *(f"12:00:{k}.0,1,1,1" for k in range(N))]),
         "run3.csv line 2: time is not a number ('12:00:0.0')",
     ),
-    "thousands in a decimal comma file": (
-        row(9, "0.009,10.5,X,3").replace(",", ";").replace(".", ",").replace("X", "1.500,5"),
-        "run3.csv line 11: current is not a number ('1.500,5')",
+    "thousands that may be a decimal point": (
+        row(9, "0.009,10.5,X,3").replace(",", ";").replace(".", ",").replace("X", "1.500"),
+        "run3.csv line 11: current is not a number ('1.500')",
     ),
     "a decimal point in a decimal comma file": (
         row(9, "0.009,10.5,X,3").replace(",", ";").replace(".", ",").replace("X", "1.5"),

@@ -7,6 +7,7 @@ import pickle
 import re
 from decimal import Decimal
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,8 +15,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from made_estimates import MOTOR, comparison, estimate, profiles, with_parameter
 
+from estimator.explaining.explained import REPORTED
+from estimator.judging.outcome import parameter_estimates
+from estimator.judging.verdict import Judgement, _identified
+from estimator.plans.parameters import Parameter
 from estimator.results import numbers, report
 from estimator.results.reason import Place, Reason
+from estimator.results.report import estimate_texts
 from estimator.results.report_html import html_report
 from estimator.results.residuals import recording_fits, whiteness
 from estimator.results.result import Rival, RivalParameter, Validation
@@ -475,3 +481,40 @@ def test_an_error_is_shown_wherever_it_is_known_and_no_digits_of_what_is_not_ide
     assert report.estimate_texts(unknown.parameters["R"]) == ("0.138", "", "> 100 %")
     for text in (report.text_report(unknown), html_report(unknown)):
         assert "0.138" in text and "> 100 %" in text.replace("&gt;", ">") and "0.137593" not in text.split("Bounds")[0]
+
+
+@pytest.mark.parametrize(("error", "told"), [(2.7e11, False), (0.8, True)])
+def test_what_has_an_error_far_beyond_it_is_no_measurement(error, told):
+    """A friction of the measurement chain; an offset near 0 that is known to be near it stays one."""
+    friction = Parameter("friction", "N.m", 0.0, 1.0, log=False, targets=(), place=REPORTED)
+    polish = SimpleNamespace(standard_errors=np.array([error]), at_bound=np.array([0]))
+    plan = SimpleNamespace(parameters=(friction,), fixed={})
+    statuses = _identified(plan, {"friction": 0.43}, polish)
+    found = parameter_estimates(plan, np.array([0.43]), polish, Judgement("doubtful", (), statuses))["friction"]
+    assert (found.status, found.standard_error) == (("ok", error) if told else ("not identified", None))
+    assert estimate_texts(found) == (("0.43", "0.80", "> 100 %") if told else ("-", "", ""))
+    assert told or "more than 100 times the value" in found.reason
+
+
+def test_an_ok_says_what_hangs_on_a_unit_that_nobody_said():
+    told = {"column": "n", "unit": "rpm", "unit_from": "name"}
+    guessed = dataclasses.replace(estimate(), read=({"recording": "a", "text": "", "signals": {"w": told}},))
+    assert report.meaning(guessed).endswith(" K, J, B hold if 'n' is in rpm, which nobody said.")
+    said = dataclasses.replace(
+        guessed, read=({"recording": "a", "text": "", "signals": {"w": {**told, "unit_from": "user"}}},)
+    )
+    assert report.meaning(said) == report.MEANINGS["ok"]
+
+
+def test_a_table_that_is_too_wide_goes_on_below_itself():
+    header, rows = (
+        ["name", "value", "error", "", "unit"],
+        [["R", "3.14", "± 0.01", "", "Ohm"], ["K", "0.05", "± 0.1", "", "V"]],
+    )
+    whole = report.table(header, rows, right=(1,))
+    assert report.table(header, rows, right=(1,), width=len(whole[0])) == whole
+    parts = "\n".join(report.table(header, rows, right=(1,), width=14)).split("\n\n")
+    assert [part.split("\n")[0].split() for part in parts] == [["name", "value"], ["name", "error"], ["name", "unit"]]
+    assert all(len(line) <= 14 for part in parts for line in part.split("\n"))
+    made = report.text_report(estimate(), width=40, lines=30)
+    assert all(len(line) <= 40 for line in made.split("\n")), made

@@ -64,6 +64,7 @@ def test_a_tolerance_is_read_in_the_units_of_its_kind(source, text, size, unit):
         ("i gain", "1 V", "the tolerance 'i gain' cannot be in 'V'; write '1 %', or '1 % (k=2)'"),
         ("brush drop", "1 %", "the tolerance 'brush drop' cannot be in '%'; write '0.5 V'"),
         ("temperature", "warm", "the tolerance 'temperature' cannot be 'warm'; write '5 K'"),
+        ("i gain", "1", "the tolerance 'i gain' is 1, a share: 100 %; write '1 %', or '100 %' if so much is meant"),
         ("i gain", "0 %", "the tolerance 'i gain' is '0 %', which must be above 0"),
         ("i gain", "1 % (k=0)", "which must be above 0"),
         ("i gain", "-1 %", "cannot be '-1 %'"),

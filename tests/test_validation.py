@@ -156,3 +156,8 @@ def test_the_command_tells_of_the_validation(other, capsys, tmp_path):
     assert "Validation, on recordings that were not used for the fit:\n  - i: RMSE 0.0" in capsys.readouterr().out
     page = (tmp_path / "out" / "report.html").read_text()
     assert "Validation: recordings that were not used for the fit" in page and "two_steps: measured" in page
+
+
+def test_a_recording_that_is_fitted_to_does_not_validate_the_fit(capsys):
+    assert main(["estimate", str(EXAMPLE), "--validate", str(EXAMPLE)]) == 2
+    assert "cml050_step.csv is fitted to, so it cannot validate the fit" in capsys.readouterr().err

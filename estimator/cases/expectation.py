@@ -192,6 +192,8 @@ def _parameter(expectation: Expectation, limits: Limits, estimate: Estimate) -> 
     found = estimate.parameters.get(expectation.name)
     if found is None:
         return Check(expectation.name, "fail", _absent("parameter", expectation.name, estimate.parameters, estimate))
+    if not found.is_told:
+        return Check(expectation.name, "undecided", f"{expectation.name} is not identified: {found.reason}")
     return compare(
         expectation.name,
         expectation,

@@ -25,6 +25,7 @@ SOURCES: Mapping[str, tuple[str, ...]] = {  # what it is given in, the usual fir
     "dry friction": ("ratio", "torque"),  # of the viscous friction at the highest speed, or N.m
     "temperature": ("temperature",),
 }
+LARGEST_SHARE = 0.2  # of a gain, as a bare number: percent are meant
 EXAMPLES = {"resistance": "0.05 Ohm", "voltage": "0.5 V", "ratio": "1 %", "temperature": "5 K"}
 OFFERED = {  # the default set: usual shunts, encoders and supplies, carbon brushes, a winding in a room
     "i gain": "1 %",
@@ -181,6 +182,9 @@ def _tolerance(source: str, given: str | float, *, offered: bool = False) -> Tol
     coverage = float(match[3]) if match[3] else None
     if not 0 < size < math.inf or coverage == 0:
         raise CaseError(f"the tolerance {source!r} is {text!r}, which must be above 0; write {remedy}")
+    if is_gain and not match[2] and size >= LARGEST_SHARE:
+        said = f"the tolerance {source!r} is {text}, a share: {100 * size:g} %"
+        raise CaseError(f"{said}; write '{text} %', or '{100 * size:g} %' if so much is meant")
     if quantity != "ratio":
         from estimator.recordings.units import SI_UNIT
 

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import contextlib
-import shutil
-import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from estimator.commands.terminal import FAILED, OK, say
+from estimator.commands.terminal import FAILED, OK, columns, say
 from estimator.errors import InputError
-from estimator.estimating.progress import is_terminal
 from estimator.output import OutputFolder
 
 if TYPE_CHECKING:
@@ -33,20 +30,19 @@ def text_of(result: Estimate, *, folder: str | None = None) -> str:
     """Return the result as text: whole into a file or a pipe, a screen of it on a terminal."""
     from estimator.results.report import REST, text_report
 
-    if not is_terminal(sys.stdout):
+    if (width := columns()) is None:
         return text_report(result)
-    columns = shutil.get_terminal_size().columns
     rest = REST if folder is None else f"in {Path(folder) / 'report.html'}"
-    return text_report(result, width=columns, lines=SCREEN, rest=rest)
+    return text_report(result, width=width, lines=SCREEN, rest=rest)
 
 
 def say_whole(result: Estimate, *, unless: str) -> None:
     """Give a person all of a result whose files could not be written, where a screen of it was given before."""
     from estimator.results.report import text_report
 
-    if not is_terminal(sys.stdout):
+    if (width := columns()) is None:
         return
-    whole = text_report(result, width=shutil.get_terminal_size().columns)
+    whole = text_report(result, width=width)
     if whole != unless:
         say(f"\nNot all could be written, so here is the whole answer:\n\n{whole}")
 

@@ -30,6 +30,7 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
         args.sources += [word for word in left if not word.startswith("-")]
         left = [word for word in left if word.startswith("-")]
     if left:
+        parser.prog = f"{parser.prog} {args.command}"  # whose --help tells them
         parser.error(f"unrecognized arguments: {' '.join(left)}")
     return args
 

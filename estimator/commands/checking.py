@@ -6,6 +6,7 @@ import argparse
 import json
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -41,10 +42,16 @@ def check(args: argparse.Namespace) -> int:
     previews = [preview(recording, scale=scale, offset=offset) for recording in read]
     if args.output:
         _write(args.output, previews)
+    mended = []
+    if args.mend:
+        from estimator.commands.mending import mend
+
+        mended = mend(previews, Path(args.mend), scale=scale, offset=offset)
     if args.json:
         say(_json(previews))
     else:
         say_lines("\n".join(map(preview_text, previews)))
+        say_lines("".join(f"{line}\n" for line in ["", *mended] if mended))
     return OK
 
 
@@ -105,6 +112,7 @@ def preview_text(p: Preview) -> str:
             "",
             "Implausible:",
             *(f"  - {sentence}" for sentence in (*p.found, *(f.sentence for f in p.findings))),
+            "Once the options are right, --mend OUT.csv writes a copy that needs none.",
         ]
     return "\n".join(lines) + "\n"
 

@@ -8,7 +8,7 @@ import time
 from pathlib import Path
 
 from estimator.commands.sources import CASE_SUFFIX
-from estimator.commands.terminal import FAILED, OK, complain, say, say_lines
+from estimator.commands.terminal import FAILED, OK, columns, complain, say, say_lines
 from estimator.errors import InputError
 from estimator.output import OutputFolder, write_files
 
@@ -100,7 +100,7 @@ def compare(args: argparse.Namespace) -> int:
     if args.json:
         say(text)
     else:
-        say_lines(changes_text(found))
+        say_lines(changes_text(found, width=columns()))
     return FAILED if found.differing else OK
 
 

@@ -175,6 +175,7 @@ and what of it is implausible. No FMU is loaded. Exit status: 0 read; 2 not, wit
             f"{PROGRAM} check step.csv --unit w=rpm --scale i=-1",
             f"{PROGRAM} check run_1.csv run_2.csv --json",
             f"{PROGRAM} check step.csv -o preview",
+            f"{PROGRAM} check step.csv --unit w=rpm --mend mended.csv",
         ],
         module="checking",
     )
@@ -187,3 +188,4 @@ and what of it is implausible. No FMU is loaded. Exit status: 0 read; 2 not, wit
     add("--offset", type=assignment, metavar="NAME=VALUE", help="added after it, as for estimate", **REPEATABLE)
     add("--json", action="store_true", help="print one JSON object instead of text")
     add("-o", dest="output", type=path, metavar="DIR", help="write check.json and a figure of each recording")
+    add("--mend", type=path, metavar="OUT.csv", help="write what is read as CSV: SI units, one clock, usual headings")

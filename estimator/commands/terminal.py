@@ -34,9 +34,14 @@ def say(text: str) -> None:
         raise StdoutFull(f"stdout cannot be written ({error.strerror or error}); send it elsewhere") from error
 
 
+def columns() -> int | None:
+    """Return how many characters a line of the terminal has; None where stdout is none."""
+    return shutil.get_terminal_size().columns if is_terminal(sys.stdout) else None
+
+
 def say_lines(text: str) -> None:
     """Write text to stdout; on a terminal, lines that are too long for it are broken, and what follows is indented."""
-    width = shutil.get_terminal_size().columns if is_terminal(sys.stdout) else None
+    width = columns()
     say("\n".join(part for line in text.split("\n") for part in broken(line, width)))
 
 

@@ -10,6 +10,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.conventions import NOTHING_TOLD
 from estimator.explaining.addition import Addition
 from estimator.explaining.adequacy import Adequacy, adequacy
 from estimator.explaining.averaging import Hidden, Told, averaged
@@ -403,7 +404,7 @@ def _rival_parameters(fit: Fit) -> dict[str, RivalParameter]:
     errors = np.sqrt(np.maximum(np.diag(told + untold), 0.0)) * np.where(fit.is_log, np.abs(fit.estimates), 1.0)
     found = {}
     for k, parameter in enumerate(plan.parameters):
-        known = fit.at_bound[k] == 0 and np.isfinite(errors[k])
+        known = fit.at_bound[k] == 0 and errors[k] <= NOTHING_TOLD * abs(fit.values[k])
         value, error = float(fit.values[k]), float(errors[k]) if known else None
         found[parameter.name] = RivalParameter(value, error, parameter.unit)
     return found

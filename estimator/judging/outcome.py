@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.cases.case_signals import run_value
+from estimator.conventions import NOTHING_TOLD
 from estimator.explaining.explained import Explained
 from estimator.fitting.information import scaled_svd
 from estimator.fitting.least_squares_fit import LeastSquaresFit
@@ -34,7 +35,8 @@ def parameter_estimates(
         if polish is not None:
             at_bound = {-1: "lower", 1: "upper"}.get(int(polish.at_bound[j]))
             raw = float(polish.standard_errors[j])
-            error = raw if np.isfinite(raw) and at_bound is None else None
+            is_told = np.isfinite(raw) and not (status and raw > NOTHING_TOLD * abs(values[j]))
+            error = raw if is_told and at_bound is None else None
         else:
             width = parameter.upper - parameter.lower
             if values[j] - parameter.lower <= 1e-9 * width:

@@ -7,7 +7,8 @@ from typing import Any
 
 from estimator.judging.outcome import measured
 from estimator.judging.refusal import implausible_reason
-from estimator.plans.plan import Plan
+from estimator.plans.plan import Observed, Plan
+from estimator.recordings.understood import not_used
 from estimator.results.result import Estimate
 
 # Implausible data, and effects that explain them: no reason for doubt if one of these is estimated.
@@ -35,8 +36,18 @@ def what_was_read(plan: Plan) -> tuple[dict[str, Any], ...]:
         {
             "recording": o.recording.name,
             "signals": {u.signal: {k: v for k, v in u.mapping().items() if k != "signal"} for u in o.read},
-            "text": " · ".join(u.text() for u in o.read),
+            "text": " · ".join([*(u.text() for u in o.read), *_not_used(o)]),
             "implausible": [finding.sentence for finding in o.findings],
         }
         for o in plan.observed
     )
+
+
+def _not_used(o: Observed) -> list[str]:
+    """Say which columns are not used where a motor's current or motion is missing: it may be one of them."""
+    signals, recording = {u.signal for u in o.read}, o.recording
+    if "v" not in signals or ("i" in signals and signals & {"w", "angle"}):
+        return []
+    read = {u.column for u in o.read}
+    rest = not_used(recording, [c for c, header in recording.headers.items() if header in read or c in recording.made])
+    return [f"not used: {', '.join(rest)}"] if rest else []

@@ -1,7 +1,7 @@
 """The verdict on an estimate: ok, doubtful (why) or refused (why). Knows the data, the fit and the motor's poles.
 
-An estimate is refused if the transient is lost and R or J with it, or if every output is explained worse than by its
-mean and no given bound is the cause; all others are ok, or doubtful with reasons.
+An estimate is refused if the transient is lost and R or J with it, or if the model describes no output better than its
+mean would; all others are ok, or doubtful with reasons.
 Recordings that nothing can be estimated from are refused before (`refusal.py`).
 """
 
@@ -14,14 +14,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.conventions import MISFIT, NUMERICAL, USELESS_ERROR
+from estimator.conventions import MISFIT, NOTHING_TOLD, NUMERICAL, USELESS_ERROR
 from estimator.fitting.least_squares_fit import LeastSquaresFit
 from estimator.judging.coasting import coasting
 from estimator.judging.plain_noise import structured
 from estimator.judging.refusal import CONTRADICTED, lost_transients, refused_notes, slow_for_the_motor
 from estimator.judging.speed_against_angle import scales_at_odds
 from estimator.judging.step_check import StepCheck
-from estimator.judging.worse_than_means import worse_than_means
+from estimator.judging.worse_than_means import describes_nothing, worse_than_means
 from estimator.motor.names import MOTOR, has_motor, is_motor
 from estimator.motor.state_space import poles
 from estimator.motor.winding import time_constant
@@ -108,6 +108,9 @@ def judge(
     compared : Sequence of Comparison
         The recordings against the estimate, for methods whose fit tests no residuals.
     """
+    held = () if polish is None else polish.at_given_bound(plan)
+    if nothing := describes_nothing(plan, rmse, noise, spread, held=held):
+        return Judgement("refused", tuple(nothing), {}, (*refused_notes(plan), *_notes(plan, steady)))
     worse = worse_than_means(plan, rmse, noise, spread)
     reasons = list(worse)
     statuses: dict[str, ParameterStatus] = {}
@@ -134,7 +137,7 @@ def judge(
         wrong = [*_doubts(explained), *scales_at_odds(plan), *_fast(plan, values), *_coasting(plan, explained)]
         reasons += wrong
         wrong = [*worse, *wrong]
-        if held := polish.at_given_bound(plan):
+        if held:
             wrong.append(f"{', '.join(held)} may not go where the recording wants it")
         if wrong:  # parameters that depend on it are not reliable
             for name in set(plan.names) & set(MOTOR) - set(statuses):
@@ -148,13 +151,11 @@ def judge(
     else:
         reasons += _above_noise(plan, rmse, noise, spread) or structured(compared)
         reasons += _fast(plan, values)
-    if len(worse) == len(plan.outputs) and not (polish is not None and polish.at_given_bound(plan)):
-        return Judgement("refused", tuple(reasons), {}, (*refused_notes(plan), *_notes(plan, steady)))
     return Judgement(
         "doubtful" if reasons else "ok",
         tuple(reasons),
         statuses,
-        (*_notes(plan, steady), *_found(plan, explained), *_by_parameter(wide), *step.notes),
+        (*_notes(plan, steady), *_found(plan, explained, statuses), *_by_parameter(wide), *step.notes),
     )
 
 
@@ -162,11 +163,11 @@ def _identified(plan: Plan, values: Mapping[str, float], polish: LeastSquaresFit
     statuses = {}
     has_winding = has_motor({*(p.quantity or p.name for p in plan.parameters), *plan.fixed})
     for j, parameter in enumerate(plan.parameters):
-        if parameter.place is not None:
-            continue
         name, value = parameter.name, values[parameter.name]
         error = polish.standard_errors[j]
         relative = error / abs(value) if value else np.inf
+        if parameter.place is not None and not NOTHING_TOLD * abs(value) < error < np.inf:
+            continue  # of an offset near 0 that is known to be, the error is no part of the value
         if polish.at_bound[j] != 0:
             side = "lower" if polish.at_bound[j] < 0 else "upper"
             bound = parameter.lower if side == "lower" else parameter.upper
@@ -175,8 +176,8 @@ def _identified(plan: Plan, values: Mapping[str, float], polish: LeastSquaresFit
                 reason = _small_inductance(plan, values)
             statuses[name] = ParameterStatus("not identified", reason)
         elif not relative < USELESS_ERROR:
-            size = f"{100 * relative:.0f} %" if np.isfinite(relative) and relative < 100 else "more than 100 times"
-            reason = f"cannot be told from this recording: the standard error is {size} of the value"
+            size = f"{100 * relative:.0f} % of" if relative < NOTHING_TOLD else "more than 100 times"
+            reason = f"cannot be told from this recording: the standard error is {size} the value"
             if has_winding and name == "L":
                 reason = f"{reason}; {_small_inductance(plan, values)}"
             statuses[name] = ParameterStatus("not identified", reason)
@@ -324,12 +325,13 @@ def _doubts(explained: Explained | None) -> list[str]:
     return [*found, *(rival.sentence() for rival in explained.rivals)]
 
 
-def _found(plan: Plan, explained: Explained | None) -> list[str]:
-    """Say what was found of the bench, what the noise is like, and what no such recording tells."""
+def _found(plan: Plan, explained: Explained | None, statuses: Mapping[str, ParameterStatus]) -> list[str]:
+    """Say what was found of the bench and is told, what the noise is like, and what no such recording tells."""
     if explained is None:
         return []
     tabled = set(plan.names)  # those are in a table, with their standard errors
-    notes = [f.sentence for f in explained.found if not (f.effect in PLAIN and f.name in tabled)]
+    found = [f for f in explained.found if f.name not in statuses]
+    notes = [f.sentence for f in found if not (f.effect in PLAIN and f.name in tabled)]
     noise, whitener = explained.fit.whitener.noise, explained.fit.whitener
     for j, name in enumerate(plan.outputs):
         unit = plan.unit(name)

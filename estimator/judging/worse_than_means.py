@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -9,6 +11,9 @@ from estimator.conventions import MISFIT
 from estimator.plans.plan import Plan
 
 FloatArray = NDArray[np.float64]
+
+
+NOTHING = 0.95  # of a signal's deviation is left: the model says nothing of it that its mean does not
 
 
 def worse_than_means(plan: Plan, rmse: FloatArray, noise: FloatArray, spread: FloatArray) -> list[str]:
@@ -20,9 +25,35 @@ def worse_than_means(plan: Plan, rmse: FloatArray, noise: FloatArray, spread: Fl
         What is left of each output, the deviation of its noise as the data show it, and of the signal.
     """
     return [
-        f"the model explains {name} worse than its mean would (fit {100 * (1 - error / width):.3g} %): it is off by"
-        f" {error:.3g} {plan.unit(name)} of a signal that spreads by {width:.3g} {plan.unit(name)}; check columns,"
-        " units, clock and bounds, or estimate with another model"
+        f"the model explains {name} worse than its mean would (fit {_fit(error, width)}): it is off by {error:.3g}"
+        f" {plan.unit(name)} of a signal that spreads by {width:.3g} {plan.unit(name)}; check columns, units, clock and"
+        " bounds, or estimate with another model"
         for name, error, width, own in zip(plan.outputs, rmse, spread, noise, strict=True)
         if error > max(width, MISFIT * own)
     ]
+
+
+def describes_nothing(
+    plan: Plan, rmse: FloatArray, noise: FloatArray, spread: FloatArray, *, held: Sequence[str]
+) -> list[str]:
+    """Return a sentence where no output is explained better than by its mean, and one worse; none elsewhere.
+
+    Parameters
+    ----------
+    rmse, noise, spread
+        As of `worse_than_means`.
+    held
+        Parameters at a bound that the case gives.
+    """
+    if not worse_than_means(plan, rmse, noise, spread) or np.any(rmse < NOTHING * spread):
+        return []
+    fits = [f"{name} {_fit(e, width)}" for name, e, width in zip(plan.outputs, rmse, spread, strict=True)]
+    bounds = f"widen the bounds of {', '.join(held)}, which it would leave; or " if held else ""
+    return [
+        "the model does not describe the recording: its best fit is no better than the mean of each output (fit:"
+        f" {', '.join(fits)}); {bounds}check columns, units and clock, or estimate with another model"
+    ]
+
+
+def _fit(error: float, width: float) -> str:
+    return f"{100 * (1 - error / width):.3g} %"

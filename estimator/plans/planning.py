@@ -55,6 +55,7 @@ def plan_case(
     if recordings is None:
         case, recordings = read_case(case)
     runs = [case.run(k) for k in range(len(recordings))]
+    _check_held_out(recordings, runs)
     taken = [k for k, run in enumerate(runs) if run.validate == held_out]
     if not taken:
         raise CaseError('the case names no recording; add [[recording]] with file = "run.csv"')
@@ -89,6 +90,15 @@ def plan_case(
         wanted=_wanted(binding, runs),
         temperatures=tuple(run.temperature for run in runs),
     )
+
+
+def _check_held_out(recordings: Sequence[Recording], runs: Sequence[RunSpec]) -> None:
+    """Complain where samples that are fitted to are to show how well the fit predicts others."""
+    whole = [(r.path, r.name, run.window) for r, run in zip(recordings, runs, strict=True)]
+    fitted = [key for key, run in zip(whole, runs, strict=True) if not run.validate]
+    for recording, key, run in zip(recordings, whole, runs, strict=True):
+        if run.validate and recording.path is not None and key in fitted:
+            raise CaseError(f"{recording.title} is fitted to, so it cannot validate the fit; give another recording")
 
 
 def _told_apart(recordings: Sequence[Recording]) -> Sequence[Recording]:

@@ -17,11 +17,13 @@ import numpy as np
 
 from estimator.errors import RecordingError
 from estimator.recordings.plain_text import plain_columns
+from estimator.recordings.serial_lines import are_serial, delimited_lines
 from estimator.recordings.suffixes import SUFFIXES
 from estimator.recordings.units import FloatArray
 
 HEADER_EXAMPLE = "time [s],voltage [V],current [A],speed [rad/s]"
 HEADER_LINES = 200  # the header is looked for in so many lines
+WORDS_BELOW = 3  # lines between the names and the numbers, at most: of units, of comments
 COUNTED = 20  # rows that show whether they are counted
 CHUNK = 16384  # rows converted at a time
 _MISSING = frozenset(("nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "1.#qnan", "-nan", "nan(ind)"))
@@ -34,6 +36,13 @@ _KEEP = {
     None: "to leave the cell of a missing sample empty, separate the columns by commas",
 }
 _CONTROL = bytes(set(range(32)) - set(b"\t\n\v\f\r\x1a\x1b"))  # never in a text
+_LIKE_A_NUMBER = re.compile(r"[-+]?[.,]?\d[-+\d.,:/eETZ ]*")  # or a time of day, or a date
+_TIMES = {word.encode(code): code for word, code in (("时间", "gb18030"), ("時間", "big5"), ("時間", "shift_jis"))}
+_HEAD = 4096  # bytes within which a word for the time tells how a Chinese or Japanese file is written
+_THOUSANDS = {  # decimal mark → a number in which the other one parts thousands: by both marks, no doubt
+    ".": re.compile(r"[-+]?\d{1,3}(?:,\d{3})+\.\d+"),
+    ",": re.compile(r"[-+]?\d{1,3}(?:\.\d{3})+,\d+"),
+}
 _TOKENS = re.compile(r'"[^"]*"|\S+')
 _BRACKETED = re.compile(r"\s*([^\[\]()]+(?:\[[^\[\]]*\]|\([^()]*\)))")
 
@@ -65,7 +74,7 @@ class Table:
 
     header: tuple[str, ...]
     header_line: int
-    units: tuple[str, ...] | None  # a line of units below the header
+    units: Sequence[str] | None  # a line of units below the header
     columns: tuple[FloatArray, ...]  # each (n,); NaN where a cell is empty or bad
     bad: dict[int, BadCell]  # column → its first cell that is no number
     line: Sequence[int]  # (n,) line number of each row
@@ -91,7 +100,7 @@ def read_table(path: Path, rules: HeaderRules) -> Table:
     written, encoding = _read_text(path)
     if (plain := _plain_table(path, written, encoding, rules)) is not None:
         return plain
-    lines = written.split("\n")
+    lines, is_labelled = delimited_lines(written.split("\n"), rules.is_header)
     while lines and not lines[-1].strip(_EMPTY):
         lines.pop()  # rows of empty cells at the end
     if not lines:
@@ -99,12 +108,12 @@ def read_table(path: Path, rules: HeaderRules) -> Table:
     bare = rules.numbers and not _names_them(path, lines, rules)
     at, delimiter, header = _numbered(path, lines) if bare else _find_header(path, lines, rules)
     rows = [k for k in range(at + 1, len(lines)) if lines[k].lstrip()[:1] not in _SKIPPED]
-    units = None
-    again = set() if bare else {lines[at]}
-    if rows and rules.is_units(unit_cells := _split(lines[rows[0]], delimiter)):
-        units = tuple(unit_cells)
-        again.add(lines[rows.pop(0)])
+    units, words = (None, 0) if bare else _words_below(lines, rows, delimiter, rules)
+    again = set() if bare else {lines[k] for k in (at, *rows[:words])}
     rows = [k for k in rows if lines[k] not in again]  # a logger that starts anew writes its header anew
+    if rows and not _begins_with_a_word(lines[rows[0]]):
+        while _begins_with_a_word(lines[rows[-1]]):
+            rows.pop()  # "End of test", "Mean,12.0,…"
     if not rows:
         raise RecordingError(f"{path.name} has no samples below line {at + 1}, {_short(lines[at])!r}")
     width = len(header)
@@ -135,7 +144,7 @@ def read_table(path: Path, rules: HeaderRules) -> Table:
         units=units,
         columns=tuple(values),
         bad=bad,
-        line=[k + 1 for k in rows],
+        line=[k + (not is_labelled) for k in rows],
         text=text,
     )
 
@@ -143,16 +152,13 @@ def read_table(path: Path, rules: HeaderRules) -> Table:
 def _plain_table(path: Path, written: str, encoding: str, rules: HeaderRules) -> Table | None:
     """Read a long file of nothing but numbers below its header at once; None where it is another."""
     head = written.split("\n", HEADER_LINES)[:HEADER_LINES]
-    if len(head) < HEADER_LINES or rules.numbers:
+    if len(head) < HEADER_LINES or rules.numbers or are_serial(head):
         return None
     at, delimiter, header = _find_header(path, head, rules)
-    first = at + 1
-    if delimiter is None or first + 1 >= len(head):
+    if delimiter is None:
         return None
-    units = None
-    if rules.is_units(unit_cells := _split(head[first], delimiter)):
-        units = tuple(unit_cells)
-        first += 1
+    units, words = _words_below(head, range(at + 1, len(head)), delimiter, rules)
+    first = at + 1 + words
     values = plain_columns(
         path,
         written,
@@ -171,6 +177,30 @@ def _plain_table(path: Path, written: str, encoding: str, rules: HeaderRules) ->
             yield _split(line, delimiter)[column]
 
     return Table(tuple(header), at + 1, units, tuple(values), {}, range(first + 1, first + n + 1), text)
+
+
+def _words_below(
+    lines: list[str], rows: Sequence[int], delimiter: str | None, rules: HeaderRules
+) -> tuple[Cells | None, int]:
+    """Return the units that stand below the header, and how many rows there hold words: units, comments."""
+    units, words = None, 0
+    for k in rows[:WORDS_BELOW]:
+        cells = _split(lines[k], delimiter)
+        if units is None and rules.is_units(cells):
+            units = cells
+        elif any(_LIKE_A_NUMBER.fullmatch(cell) for cell in cells) or not any(map(_is_word, cells)):
+            break
+        words += 1
+    return units, words
+
+
+def _begins_with_a_word(line: str) -> bool:
+    first = re.match(r'[\s"]*([^\W\d][^\s,;"]*)', line)
+    return first is not None and _is_word(first[1])
+
+
+def _is_word(cell: str) -> bool:
+    return bool(cell) and cell.lower() not in _MISSING
 
 
 def _meant(path: Path) -> str:
@@ -201,6 +231,7 @@ def _read_text(path: Path) -> tuple[str, str]:
         encodings = ("utf-16",)
     elif len(data) != len(data.translate(None, _CONTROL)):
         raise RecordingError(f"{path.name} is not a text file; export the recording as CSV")
+    encodings = (*(code for word, code in _TIMES.items() if word in data[:_HEAD]), *encodings)
     for encoding in encodings:
         try:
             text = data.decode(encoding)
@@ -233,11 +264,12 @@ def _find_header(path: Path, lines: list[str], rules: HeaderRules) -> tuple[int,
         rules.complain(f"{path.name} line {first + 1}", named[0] if named else [lines[first].strip()])
 
     def likeliness(way: tuple[int, str | None, Cells]) -> tuple[bool, bool, bool]:
-        """Rate a header: as wide as the line below, numbers or units in that one, more than one cell."""
+        """Rate a header: as wide as the line below, names above numbers or units, more than one cell."""
         k, delimiter, cells = way
         under = lines[below[k]] if k in below else ""
         fits = _width(under, delimiter, len(cells)) == len(cells)
-        return fits and (_is_numeric(under) or rules.is_units(_split(under, delimiter))), fits, len(cells) > 1
+        is_above = _is_numeric(under) or rules.is_units(_split(under, delimiter))
+        return fits and is_above and not rules.is_units(cells), fits, len(cells) > 1
 
     best = max(ways, key=likeliness)
     if not likeliness(best)[1]:  # by another delimiter a line of names is as wide as the numbers below it
@@ -270,7 +302,11 @@ def _columns_of_numbers(path: Path, lines: list[str]) -> list[int]:
     at, delimiter, header = _numbered(path, lines)
     rows = [_split(line, delimiter) for line in lines[at + 1 :] if line.lstrip()[:1] not in _SKIPPED]
     whole = [row for row in rows[:HEADER_LINES] if len(row) >= len(header)]
-    return [j + 1 for j in range(len(header)) if all(_is_number(row[j]) for row in whole)]
+    return [
+        j + 1
+        for j in range(len(header))
+        if all(_is_number(row[j]) or ":" in row[j] and _LIKE_A_NUMBER.fullmatch(row[j]) for row in whole)
+    ]
 
 
 def _names_them(path: Path, lines: list[str], rules: HeaderRules) -> bool:
@@ -416,6 +452,8 @@ def _numbers(cells: Sequence[str], decimal: str) -> tuple[FloatArray, int | None
 
 
 def _number(text: str, decimal: str) -> float | None:
+    if _THOUSANDS[decimal].fullmatch(text):
+        text = text.replace("." if decimal == "," else ",", "")
     if "_" in text or (decimal == "," and "." in text):
         return None
     try:

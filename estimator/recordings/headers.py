@@ -40,24 +40,29 @@ ROLE_TITLE = {
 # Usual names per role, best first, as `plain` gives them. A measured voltage goes before a commanded one.
 _NAMES = {
     "time": "time t zeit temps tiempo tempo t_now timestamp time_stamp elapsed_time seconds second sec s ms us x_axis"
-    " x_value millis micros elapsed",
+    " x_value millis micros elapsed 时间 時間",
     "v": "voltage armature_voltage motor_voltage terminal_voltage measured_voltage v u u_a v_a ua va"
     " u_m v_m um vm v_mot u_mot v_motor u_motor uin vin u_in v_in volts volt spannung ankerspannung"
     " motor_v motor_volts motorspannung tension tensione tensao tensão tensión voltaje applied_voltage input_voltage"
-    " supply_voltage v_supply v_cmd u_cmd voltage_command command_voltage commanded_voltage command cmd",
+    " 电压 電圧 電壓 电枢电压 supply_voltage v_supply v_cmd u_cmd voltage_command command_voltage commanded_voltage"
+    " command cmd",
     "i": "current armature_current motor_current measured_current i i_a ia i_m im i_mot i_motor amps amp"
-    " ampere amperes strom ankerstrom motorstrom courant corriente corrente ma"
+    " ampere amperes strom ankerstrom motorstrom courant corriente corrente 电流 電流 电枢电流 ma"
     " motor_ma motor_amps",
     "w": "speed angular_speed angular_velocity motor_speed shaft_speed rotor_speed measured_speed omega ω w"
     " w_m wm omega_m ω_m velocity motor_velocity speed_rpm rpm drehzahl winkelgeschwindigkeit geschwindigkeit vitesse"
     " velocidad velocidade velocita n n_m vel ang_vel angvel motor_vel enc_vel"
-    " motor_rpm shaft_rpm rotor_rpm wheel_rpm encoder_rpm enc_rpm measured_rpm actual_rpm",
+    " motor_rpm shaft_rpm rotor_rpm wheel_rpm encoder_rpm enc_rpm measured_rpm actual_rpm"
+    " 转速 轉速 回転数 回転速度 角速度 速度",
     "angle": "angle theta θ phi φ position motor_angle shaft_angle rotor_angle encoder_angle angular_position"
-    " motor_position theta_m winkel drehwinkel pos",
+    " motor_position theta_m winkel drehwinkel pos 角度 转角 位置",
     "load": "load load_torque torque_load external_torque t_l tl tau_l m_l lastmoment",
 }
 # Names whose usual unit is another than SI: a guess that is worth making, reported, and overruled by a unit.
-_USUAL_UNITS = dict.fromkeys(("n", "n_m", "drehzahl"), "rpm") | {"millis": "ms", "micros": "us"}
+_USUAL_UNITS = dict.fromkeys(("n", "n_m", "drehzahl", "转速", "轉速", "回転数", "回転速度"), "rpm") | {
+    "millis": "ms",
+    "micros": "us",
+}
 USUAL_NAMES = {role: tuple(names.split()) for role, names in _NAMES.items()}
 _ROLE_OF = {name: role for role, names in USUAL_NAMES.items() for name in names}
 # Words that tell the part of a longer name: "shaft speed raw". Setpoints and limits have another part.
@@ -108,8 +113,12 @@ _SIDES = tuple(
 )
 _SIDE = frozenset(word for side in _SIDES for word in side)
 _NEVER_SUFFIX = frozenset({"min", "s", "m", "K", "N", "H", "W", "1", "-", "g", "inc", "turn", "count", "rev"})
+_WIDE = str.maketrans("（）［］／", "()[]/")  # as Chinese and Japanese headers have them
 _IN = re.compile(r"(?P<name>.+?) in (?P<unit>.+)")
 _BRACKETS = re.compile(r"(?P<name>.*?)\s*(?:\[(?P<square>[^\[\]]*)\]|\((?P<round>[^()]*)\))", re.DOTALL)
+
+_WITHIN = re.compile(r"(?P<name>[^\[\]()]+?)\s*[\[(](?P<unit>[^\[\]()]*)[\])](?P<rest>[^\[\]()]+)")  # "i (A) left"
+_FACTOR = re.compile(r"\s*[x×*/]\s*\d")
 
 
 @lru_cache(maxsize=4096)
@@ -193,10 +202,11 @@ def assumed_unit_text(name: str) -> str | None:
 def parse_header(text: str) -> Header:
     """Take a header apart: ``speed [rpm]``, ``speed (rpm)``, ``speed in rpm``, ``speed_rpm``, ``speed/rpm``.
 
-    What stands in brackets at the end is a unit, known or not. After ``_``, ``/`` or a space it is one only
+    What stands in brackets at the end is a unit, known or not; further on it is one if it is known, and ``(A) x10`` is
+    one that nobody knows. After ``_``, ``/`` or a space it is one only
     if it is known and the name stays sensible without it: ``U_a`` and ``w_min`` are names, ``motor_rpm`` is both.
     """
-    text = " ".join(text.split())
+    text = " ".join(text.translate(_WIDE).split())
     brackets = _BRACKETS.fullmatch(text)
     if brackets:
         inside = (brackets["square"] if brackets["square"] is not None else brackets["round"]).strip()
@@ -204,12 +214,17 @@ def parse_header(text: str) -> Header:
         if not inside:
             return Header(text, name or text, None, None)
         return Header(text, name or inside, parse_unit(inside), inside)
+    within = _WITHIN.fullmatch(text)
+    if within and (unit := parse_unit(within["unit"])):
+        if _FACTOR.match(within["rest"]):
+            return Header(text, within["name"], None, f"{within['unit']}{within['rest']}")
+        return Header(text, f"{within['name']} {within['rest'].strip(' *:;,')}".strip(), unit, within["unit"])
     worded = _IN.fullmatch(text)
     if worded and (unit := parse_unit(worded["unit"])):
         return Header(text, worded["name"], unit, worded["unit"])
     for place in re.finditer(r"[_/ ]", text):
         name, suffix = text[: place.start()].strip(), text[place.end() :].strip()
-        unit = parse_unit(suffix, symbols_only=True) or _small(name, suffix)
+        unit = parse_unit(suffix, symbols_only=suffix != "%") or _small(name, suffix)
         if name and unit and quantity_of(name) is None and quantity_of(text) == unit.quantity:
             return Header(text, text, unit, suffix)  # "motor_rpm": without its unit the name says nothing
         if name and unit and _is_suffix(name, place[0], suffix, unit):
@@ -224,13 +239,17 @@ def _small(name: str, suffix: str) -> Unit | None:
     if len(suffix) != 1 or len(plain(name)) < 3:
         return None
     unit = parse_unit(suffix)
-    quantities = [ROLE_QUANTITY[role] for role in ROLE_QUANTITY if rank_in_role(name, role) is not None]
-    return unit if unit and unit.quantity in quantities else None
+    return unit if unit and unit.quantity in _quantities(name) else None
+
+
+def _quantities(name: str) -> set[str]:
+    """Return the quantities that a longer name may stand for: ``"motor speed left"`` → an angular speed."""
+    return {quantity for role, quantity in ROLE_QUANTITY.items() if rank_in_role(name, role) is not None}
 
 
 def _is_suffix(name: str, separator: str, suffix: str, unit: Unit) -> bool:
     quantity = quantity_of(name)
-    if quantity == unit.quantity or (len(suffix) == 1 and _small(name, suffix) is not None):
+    if unit.quantity in {quantity, *_quantities(name)} or (len(suffix) == 1 and _small(name, suffix) is not None):
         return True
     if separator == " " or suffix in _NEVER_SUFFIX:
         return False

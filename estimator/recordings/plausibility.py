@@ -44,6 +44,7 @@ US_CLOCK, US_CONSTANT = 250.0, 3000.0  # s: beyond, milliseconds would be as odd
 QUICKEST = 1e-4  # s, time constant of the speed: the least motors without iron take a millisecond
 SLOW_CURRENT = 0.5  # s from a step to the peak of the current; an inductance is over in some 20 ms
 DUTY = (1.0, 100.0, 255.0, 1000.0, 1023.0, 4095.0, 65535.0)  # largest values of a duty cycle: part, percent, counts
+LEAST_MILLIVOLTS = 1000.0  # a motor turns at that
 NO_VOLTAGE = 50.0  # V: without a unit, more is no voltage of a bench
 
 EXPLAINED, UNEXPLAINED = 0.3, 0.7  # of a signal's deviation, misfit of an order that fits, and of one that does not
@@ -267,12 +268,14 @@ class _Measured:
         if part or counted or (assumed and (largest > NO_VOLTAGE or (duty is not None and duty >= 100.0))):
             full = 1.0 if part else next((f for f in DUTY[1:] if largest <= f), DUTY[-1])
             unit = {1.0: "1 (a part of the supply)", 100.0: "percent"}.get(full, f"counts of {full:g}")
+            way = "VOLTS" if full == 1 else f"VOLTS/{full:g}"
+            remedy = f"give the supply's volts as a factor, --scale v={way}, or --unit v=V if they are volts"
+            if largest >= LEAST_MILLIVOLTS and largest not in DUTY:
+                unit, remedy = f"{unit}, or like mV", f"{remedy}, v=mV if millivolts"
             return Finding(
                 "unit v",
-                f"{self.title}: the voltage goes up to {largest:.4g} V: it looks like a duty cycle, in {unit}; give"
-                " the supply's volts as a factor, --scale v=VOLTS"
-                + ("" if full == 1 else f"/{full:g}")
-                + ", or --unit v=V if they are volts",
+                f"{self.title}: the voltage goes up to {largest:.4g} V: it looks like a duty cycle, in {unit};"
+                f" {remedy}",
                 evidence=(self._beyond("v", v, NEARLY * largest),),
             )
         return None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -28,7 +28,7 @@ from estimator.recordings.plausibility import implausible
 from estimator.recordings.recording import Recording
 from estimator.recordings.repeated_rows import repeated_rows
 from estimator.recordings.samples import filled
-from estimator.recordings.understood import Understood, understood
+from estimator.recordings.understood import Understood, not_used, understood
 
 FloatArray = NDArray[np.float64]
 
@@ -119,7 +119,7 @@ def preview(
         recording=recording,
         signals=signals,
         read=read,
-        unused=_unused(recording, columns.values()),
+        unused=not_used(recording, columns.values()),
         excitation=excitation,
         delay=late * recording.step if late >= LATE else 0.0,
         settled=None if settling is None else settling.reason,
@@ -198,16 +198,6 @@ def _repeated(signals: Mapping[str, FloatArray]) -> NDArray[np.int64]:
     """Return the rows that are the row before once more."""
     driven = {name: y for name, y in signals.items() if name in ("v", "load")}
     return repeated_rows(driven, {name: y for name, y in signals.items() if name not in driven})
-
-
-def _unused(recording: Recording, columns: Collection[str]) -> tuple[str, ...]:
-    """Return the headers of columns that are no signal and that none was made of."""
-    sources = [part for c in columns for part in recording.made.get(c, "").split(" × ")]
-    return tuple(
-        h
-        for c, h in recording.headers.items()
-        if c not in columns and not any(part == h or part.startswith(f"{h}/") for part in sources)
-    )
 
 
 def _levels(recording: Recording, signals: Mapping[str, FloatArray], noise: float) -> tuple[Level, ...]:

@@ -108,7 +108,8 @@ def _read_text(path: Path, read_as: ReadAs) -> RawTable:
     columns, bad, half_digits = list(table.columns), dict(table.bad), {}
     for j in keep:
         header = parse_header(texts[j])
-        if j in bad and role_of(header.name) == "time" and (seconds := seconds_since_first(table.text(j))) is not None:
+        is_clock = role_of(header.name) == "time" or read_as.columns.get("time") in (header.name, str(j + 1))
+        if j in bad and is_clock and (seconds := seconds_since_first(table.text(j))) is not None:
             columns[j], half_digits[j] = seconds
             texts[j] = f"{header.name} [s]"
             del bad[j]

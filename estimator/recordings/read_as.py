@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, fields, replace
 
 from estimator.errors import RecordingError, suggestion
 from estimator.locked import Locked
-from estimator.recordings.headers import ROLE_QUANTITY, Header, parse_header, plain, rank_in_role
+from estimator.recordings.headers import ROLE_QUANTITY, Header, parse_header, plain, quantity_of, rank_in_role
 from estimator.recordings.units import examples, parse_unit
 
 
@@ -64,7 +64,8 @@ class ReadAs(Locked):
         for name, unit_text in self.units.items():
             unit = parse_unit(unit_text)
             if unit is None:
-                wanted = f"; use one of {examples(ROLE_QUANTITY[name])}" if name in ROLE_QUANTITY else ""
+                quantity = ROLE_QUANTITY.get(name) or quantity_of(name)
+                wanted = f"; use one of {examples(quantity)}" if quantity else ""
                 raise RecordingError(f"{where}: {unit_text!r}, given for {name!r}, is not a known unit{wanted}")
             found = self._named(name, headers)
             if not found:

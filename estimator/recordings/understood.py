@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from typing import Any, Literal
@@ -57,6 +57,16 @@ def understood(recording: Recording, columns: Mapping[str, str]) -> tuple[Unders
     found = [_of(recording, signal, recording.headers[column], column) for signal, column in columns.items()]
     clock = _of(recording, "time", recording.clock, "time")
     return (*found, replace(clock, since=_since(recording.origin)) if recording.origin else clock)
+
+
+def not_used(recording: Recording, columns: Collection[str]) -> tuple[str, ...]:
+    """Return the headers of columns that are no signal and that none was made of."""
+    sources = [part for c in columns for part in recording.made.get(c, "").split(" × ")]
+    return tuple(
+        h
+        for c, h in recording.headers.items()
+        if c not in columns and not any(part == h or part.startswith(f"{h}/") for part in sources)
+    )
 
 
 def _since(origin: float) -> str:

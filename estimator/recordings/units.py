@@ -97,13 +97,14 @@ _WORDS: tuple[tuple[str, float, float, float, str], ...] = (
     ("voltage", 1, 1e3, 0, "millivolt millivolts"),
     ("current", 1, 1, 0, "a amp amps ampere amperes"),
     ("current", 1, 1e3, 0, "milliamp milliamps milliampere milliamperes"),
-    ("angular speed", 1, 1, 0, "rad/s rad/sec rads/s rad.s-1 rads rads/sec radian/s radians/s"),
+    ("angular speed", 1, 1, 0, "rad/s rad/sec rads/s rad.s-1 rads rads/sec radian/s radians/s radps"),
     (
         "angular speed",
         math.pi,
         30,
         0,
-        "rpm r/min rev/min revs/min 1/min min-1 /min u/min tr/min rot/min turns/min",
+        "rpm r/min rev/min revs/min 1/min min-1 /min u/min tr/min rot/min turns/min upm umdr/min"
+        " umdrehungen/min 转/分 转/分钟",
     ),
     ("angular speed", 1e3 * math.pi, 30, 0, "krpm"),
     ("angular speed", 2 * math.pi, 1, 0, "rps r/s rev/s revs/s rev/sec turns/s turn/s rot/s"),

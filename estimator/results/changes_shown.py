@@ -5,24 +5,25 @@ from __future__ import annotations
 from typing import Any
 
 from estimator.results.changes import Changes, Quantity
-from estimator.results.numbers import value_texts
+from estimator.results.numbers import magnitude, value_texts
 from estimator.results.pages import asset, drawn, page
 from estimator.results.report import json_ready, table
 from estimator.results.svg import Bar, axis_marks, bar_limit, bar_marks, drawing, text
 
 ROW, GAP, NAMES, VALUES, TOP = 20.0, 8.0, 190.0, 170.0, 26.0  # pixels of the figure
 BARS, EDGE = 320.0, 8.0
+LEAST_PERCENT, MOST_PERCENT = 1e-4, 1e4  # errors that are written without a power of ten
 COLOURS = """<style>.f{fill:#fff}text{font:12px system-ui,sans-serif;fill:#222}.bar1{stroke:#0072b2;stroke-width:5}
 .bar2{stroke:#0072b2;stroke-width:1.5}.point,.arrow{fill:#0072b2}.axis,.grid{stroke:#999}path{fill:none}
 .differs text{fill:#b34700;font-weight:600}.differs .bar1,.differs .bar2{stroke:#d55e00}
 .differs .point,.differs .arrow{fill:#d55e00}</style>"""
 
 
-def changes_text(found: Changes) -> str:
-    """Return what changed as lines: a sentence, a table, repeatability, notes."""
-    lines = [summary(found), "", *table(*change_rows(found), right=(1, 3, 4, 5))]
+def changes_text(found: Changes, *, width: int | None = None) -> str:
+    """Return what changed as lines: a sentence, a table (of so many characters), repeatability, notes."""
+    lines = [summary(found), "", *table(*change_rows(found), right=(1, 3, 4, 5), width=width)]
     if rows := repeatability_rows(found)[1]:
-        lines += ["", *table(repeatability_rows(found)[0], rows, right=(1, 2, 3, 4, 5))]
+        lines += ["", *table(repeatability_rows(found)[0], rows, right=(1, 2, 3, 4, 5), width=width)]
     if found.joint:
         lines += ["", *joint_lines(found)]
     if found.notes:
@@ -70,7 +71,12 @@ def change_text(percent: float, error: float) -> str:
 
     >>> change_text(4.1234, 0.612)
     '+4.12 % ± 0.61 %'
+    >>> change_text(-2.3e-5, 0.1)
+    '+0.00 % ± 0.10 %'
     """
+    if LEAST_PERCENT <= error < MOST_PERCENT:
+        places = max(1 - magnitude(error), 0)
+        return f"{percent:+z.{places}f} % ± {error:.{places}f} %"
     value, bar_ = value_texts(percent, error)
     return f"{'' if value.startswith('-') else '+'}{value} % ± {bar_} %"
 

@@ -37,7 +37,17 @@ def meaning(estimate: Estimate) -> str:
     free = [p for p in estimate.parameters.values() if p.free]
     if estimate.verdict == "ok" and free and all(p.standard_error is None for p in free):
         return WITHOUT_ERRORS
-    return MEANINGS[estimate.verdict]
+    return MEANINGS[estimate.verdict] + (_guessed_speed(estimate) if estimate.verdict == "ok" else "")
+
+
+def _guessed_speed(estimate: Estimate) -> str:
+    """Say what depends on the unit of a speed or angle that nobody said: any unit fits as well."""
+    for read in estimate.read:
+        for signal, told in read.get("signals", {}).items():
+            names = [n for n in ("K", "J", "B") if n in estimate.parameters]
+            if names and signal in ("w", "angle") and told["unit_from"] == "name":
+                return f" {', '.join(names)} hold if {told['column']!r} is in {told['unit']}, which nobody said."
+    return ""
 
 
 def text_report(estimate: Estimate, *, width: int | None = None, lines: int | None = None, rest: str = REST) -> str:
@@ -46,14 +56,14 @@ def text_report(estimate: Estimate, *, width: int | None = None, lines: int | No
     Parameters
     ----------
     width : int, optional
-        Sentences are broken to so many characters; tables are not.
+        Sentences are broken to so many characters; a table that is wider goes on below itself.
     lines : int, optional
         Lines of the screen: notes, then what is derived, then what was read of further recordings, then reasons are
         left out until it fits.
     rest : str
         Where what is left out can be read.
     """
-    blocks = _blocks(estimate)
+    blocks = _blocks(estimate, width)
     if lines is None:
         return _joined(blocks, width) + "\n"
     for kind, least in (("notes", 0), ("failures", 0), ("derived", 0), ("read", FEWEST), ("reasons", FEWEST)):
@@ -71,6 +81,7 @@ class _Block:
     kind: str
     title: str
     items: tuple[str, ...]
+    rows: int = 0  # of a table
     is_list: bool = True
     left_out: str = ""
 
@@ -83,7 +94,7 @@ class _Block:
     def shortened(self, excess: int, *, width: int | None, least: int, rest: str) -> _Block:
         """Return the block so many lines shorter, or as short as it may be, and where the rest stands."""
         if not self.is_list:
-            return replace(self, items=(), title="", left_out=f"{len(self.items) - 1} derived quantities: {rest}")
+            return replace(self, items=(), title="", left_out=f"{self.rows} derived quantities: {rest}")
         goal = len(self.lines(width)) - excess
         short = self
         for kept in range(len(self.items) - 1, least - 1, -1):
@@ -97,11 +108,11 @@ class _Block:
         return short
 
 
-def _blocks(estimate: Estimate) -> list[_Block]:
+def _blocks(estimate: Estimate, width: int | None) -> list[_Block]:
     """Return the parts of the text, in their order."""
 
     def rows(kind: str, found: tuple[list[str], list[list[str]]], right: Sequence[int]) -> _Block:
-        return _Block(kind, "", tuple(table(*found, right=right)), is_list=False)
+        return _Block(kind, "", tuple(table(*found, right=right, width=width)), len(found[1]), is_list=False)
 
     verdict = f"{TITLES[estimate.verdict].upper()}: {meaning(estimate)}"
     blocks = [_Block("reasons", verdict, estimate.reasons)]
@@ -191,7 +202,7 @@ def _estimate_rows(
                 relative,
                 parameter.unit,
                 "" if nominal is None else number_text(nominal),
-                "" if nominal is None else deviation_text(parameter.value, nominal),
+                "" if nominal is None or not parameter.is_told else deviation_text(parameter.value, nominal),
                 parameter_note(parameter, said=said),
             ]
         )
@@ -199,7 +210,12 @@ def _estimate_rows(
 
 
 def estimate_texts(parameter: ParameterEstimate) -> tuple[str, str, str]:
-    """Return value, standard error and percent as text; of what is not identified a few digits, and no error."""
+    """Return value, standard error and percent as text.
+
+    Of what is not identified a few digits and no error; nothing where it has no error: any value fits as well.
+    """
+    if not parameter.is_told:
+        return ABSENT, "", ""
     value, error = value_texts(parameter.value, parameter.standard_error)
     relative = relative_text(parameter.standard_error, parameter.value)
     if error and parameter.standard_error is not None and parameter.standard_error > abs(parameter.value):
@@ -423,15 +439,27 @@ def json_ready(thing: Any) -> Any:
     return str(thing)
 
 
-def table(header: Sequence[str], rows: Iterable[Sequence[str]], *, right: Sequence[int] = ()) -> list[str]:
-    """Return aligned lines; empty columns are dropped, the columns in `right` are set flush right."""
-    rows = [list(row) for row in rows]
-    used = [k for k in range(len(header)) if any(row[k] for row in rows)]
-    lines = []
-    widths = {k: max(len(row[k]) for row in [list(header), *rows]) for k in used}
-    for row in [list(header), *rows]:
-        cells = [row[k].rjust(widths[k]) if k in right else row[k].ljust(widths[k]) for k in used]
-        lines.append("  ".join(cells).rstrip())
+def table(
+    header: Sequence[str], rows: Iterable[Sequence[str]], *, right: Sequence[int] = (), width: int | None = None
+) -> list[str]:
+    """Return aligned lines; empty columns are dropped, the columns in `right` are set flush right.
+
+    A table that is wider than `width` goes on below itself, with its first column again.
+    """
+    rows = [list(header), *map(list, rows)]
+    used = [k for k in range(len(header)) if any(row[k] for row in rows[1:])]
+    widths = {k: max(len(row[k]) for row in rows) for k in used}
+    parts = [used[:1]]
+    for k in used[1:]:
+        if width is not None and len(parts[-1]) > 1 and sum(2 + widths[j] for j in (*parts[-1], k)) - 2 > width:
+            parts.append(used[:1])
+        parts[-1].append(k)
+    lines: list[str] = []
+    for part in parts:
+        lines += [""] if lines else []
+        for row in rows:
+            cells = [row[k].rjust(widths[k]) if k in right else row[k].ljust(widths[k]) for k in part]
+            lines.append("  ".join(cells).rstrip())
     return lines
 
 

@@ -220,7 +220,7 @@ def _estimate_row(p: ParameterEstimate, entry: Bar | None, limit: float, estimat
 
 def _bar(p: ParameterEstimate) -> Bar | None:
     """Return a parameter's bar around itself; None for one that has neither an error nor a nominal value."""
-    if not p.free or not math.isfinite(p.value) or p.value == 0:
+    if not p.free or not p.is_told or not math.isfinite(p.value) or p.value == 0:
         return None
     error = _percent(p.standard_error, p.value)
     mark = None if p.nominal is None else 100 * (p.nominal - p.value) / abs(p.value)

@@ -81,6 +81,11 @@ class ParameterEstimate:
         return None if self.standard_error is None else math.hypot(self.standard_error, *self.budget.values())
 
     @property
+    def is_told(self) -> bool:
+        """Whether the recording says anything of it: not, if its value is one of many that fit as well."""
+        return self.status != "not identified" or self.standard_error is not None or self.at_bound is not None
+
+    @property
     def set_in_fmu(self) -> tuple[Setting, ...]:
         """What it sets in the FMU."""
         return (Setting(self.name, self.value, self.unit),) if self.settings is None else self.settings

@@ -17,7 +17,14 @@ const COLORS = ["--c2", "--c3", "--c4", "--c5", "--c6", "--c1"];
 // What a verdict means, as the report says it.
 function meaning(r) {
   const free = Object.values(r.parameters).filter((p) => p.free !== false);
-  return r.verdict === "ok" && free.length && free.every((p) => p.standard_error == null) ? WITHOUT_ERRORS : SAYS[r.verdict];
+  if (r.verdict === "ok" && free.length && free.every((p) => p.standard_error == null)) return WITHOUT_ERRORS;
+  return SAYS[r.verdict] + (r.verdict === "ok" ? guessedSpeed(r) : "");
+}
+
+function guessedSpeed(r) {
+  const names = ["K", "J", "B"].filter((n) => n in r.parameters);
+  const guess = r.read.flatMap((read) => Object.entries(read.signals ?? {})).find(([n, told]) => ["w", "angle"].includes(n) && told.unit_from === "name");
+  return guess && names.length ? ` ${names.join(", ")} hold if '${guess[1].column}' is in ${guess[1].unit}, which nobody said.` : "";
 }
 
 export class ResultsPage {
@@ -122,7 +129,8 @@ export class ResultsPage {
         el("thead", {}, el("tr", {}, [["parameter"], ["estimate", "n"], ["± standard error", "n"], ["", "n"], ["unit"], [`to ± ${show(100 * reach, 2)} %`], ["note"]].map(([t, c]) => el("th", { class: c, scope: "col" }, t)))),
         el("tbody", {}, rows.map(([name, p]) => {
           const useless = p.standard_error > Math.abs(p.value), unknown = useless && p.status === "not identified";
-          const [value, error] = unknown ? [show(p.value, 3), ""] : withError(p.value, p.standard_error);
+          const untold = p.status === "not identified" && p.standard_error == null && p.at_bound == null;
+          const [value, error] = untold ? ["-", ""] : unknown ? [show(p.value, 3), ""] : withError(p.value, p.standard_error);
           return el("tr", {}, el("th", { scope: "row" }, name), el("td", { class: "n" }, value), el("td", { class: "n" }, error ? `± ${error}` : p.free === false ? "fixed" : "not known"),
             el("td", { class: "n" }, useless ? "> 100 %" : percent(p.standard_error, p.value)), el("td", {}, p.unit), el("td", { class: "bars" }, bar(relative([name, p]), reach, p)),
             el("td", { class: "text" }, [p.at_bound ? `at its ${p.at_bound} bound` : null, p.status !== "ok" ? p.status : null, said.some((t) => String(t).includes(p.reason)) ? null : p.reason, p.nominal ? `nominal ${show(p.nominal)}` : null].filter(Boolean).join("; ")));
