@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import weakref
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -109,8 +110,9 @@ class AdditionTests:
                 if nuisance.name not in simulator.index:
                     continue
                 by_simulator.setdefault(id(simulator), (simulator, []))[1].append((effect, nuisance))
-        for simulator, wanted in by_simulator.values():
-            result += self._tried(fit, simulator, wanted, test, beside=beside)
+        # The fit's own simulator last: it was loaded for the fit, and is asked next.
+        tried = [list(self._tried(fit, s, wanted, test, beside=beside)) for s, wanted in [*by_simulator.values()][::-1]]
+        result += itertools.chain.from_iterable(tried[::-1])
         if beside is None:
             known = weakref.ref(fit), fit.simulator, fit.whitener, fit.names, fit.cost, tuple(effects)
             self._tested = _Tested(*known, result)
