@@ -88,6 +88,7 @@ class AdditionTests:
         if beside is None and self._tested is not None and self._tested.holds(fit, effects):
             return self._tested.found
         test, long = fit.test(), fit.simulator.rows > LONG
+        simulators = [self.simulator(fit, effect) for effect in effects]  # a rival FMU is loaded beside what follows
         result: list[Addition] = []
         taken = {*fit.free, *(g.name for g in fit.linear), *explanation.names()}
         by_simulator: dict[int, tuple[Simulator, list[tuple[Effect, Nuisance]]]] = {}
@@ -99,8 +100,7 @@ class AdditionTests:
             while long and offered:  # their columns are not held together
                 result += self._scored(fit, [offered.pop(0)], test, beside=beside)
         result += self._scored(fit, offered, test, beside=beside)
-        for effect in effects:
-            simulator = self.simulator(fit, effect)
+        for effect, simulator in zip(effects, simulators, strict=True):
             plan = self.base.plan
             own = (*effect.nuisances(plan), *effect.in_place_of_columns(plan)) if simulator is not None else ()
             for nuisance in own:
