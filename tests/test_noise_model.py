@@ -304,15 +304,3 @@ def test_noise_without_a_memory_is_whitened_as_the_kalman_filter_does():
     rows = slice(10, 15)
     where, some = whitener.of_rows(columns[rows], rows)
     assert where == rows and np.array_equal(some, white[rows].reshape(10, 3))
-
-
-@pytest.mark.parametrize("slow", [0.0, 0.5])
-def test_the_coefficients_of_a_likelihood_are_those_of_least_squares(slow):
-    rng = np.random.default_rng(12)
-    residuals, columns = rng.standard_normal((300, 2, 1)), rng.standard_normal((300, 2, 4)) * [1.0, 1e3, 1e-3, 1.0]
-    columns[:, :, 3] = columns[:, :, 0]  # not told apart
-    noise = dataclasses.replace(plain(0.5, 2.0), slow=np.array([[slow, 0.01], [0.0, 1.0]]))
-    likelihood = RestrictedLikelihood(whitener_of(noise, 300, 2), np.concatenate([residuals, columns], axis=2))
-    whitened = whitener_of(noise, 300, 2)(likelihood.stacked)[0].reshape(600, 5)
-    least = np.linalg.lstsq(whitened[:, 1:], whitened[:, 0], rcond=1e-9)[0]
-    np.testing.assert_allclose(likelihood.coefficients(noise), least, rtol=1e-8)

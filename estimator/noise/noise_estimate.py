@@ -191,7 +191,9 @@ class _Choice:
         if not self.colour:
             return noise
         whitened, _ = self.whitener.of(noise)(self.stacked)
-        left = whitened[:, :, 0] - whitened[:, :, 1:] @ self.likelihood.coefficients(noise)
+        flat = whitened.reshape(-1, whitened.shape[2])
+        beta = np.linalg.lstsq(flat[:, 1:], flat[:, 0], rcond=1e-9)[0] if flat.shape[1] > 1 else np.zeros(0)
+        left = whitened[:, :, 0] - whitened[:, :, 1:] @ beta
         moving = self.whitener.moving
         running = self._short(left, moving)
         counts = self.whitener.present[~moving].sum(axis=0)

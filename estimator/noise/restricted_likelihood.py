@@ -22,7 +22,6 @@ SHORTEST_TORQUE = 0.02  # s, correlation time of a wandering torque: shorter one
 # The same, s, and the deviation of its logarithm: a normal prior. Stretches shorter than it show a random walk, as
 # likely by 0.02 s as by 1 s, but the friction is known four times better by the shorter.
 USUAL_TORQUE, TORQUE_SPREAD = 0.3, 1.0
-SEEN = 1e-9  # of the largest information: directions of less are not determined
 LONGEST_SLOW = 0.25  # of the longest recording: a channel's longer correlation time is a drift, no noise
 
 
@@ -59,16 +58,11 @@ class RestrictedLikelihood:
             information, along = products[sound, 1:, 1:], products[sound, 1:, 0]
             scale = np.sqrt(np.maximum(np.diagonal(information, axis1=1, axis2=2), 1e-300))
             eigen, vectors = np.linalg.eigh(information / (scale[:, :, None] * scale[:, None, :]))
-            seen = eigen > SEEN
+            seen = eigen > 1e-9
             eigen, fall = np.where(seen, eigen, 1.0), ((along / scale)[:, None] @ vectors)[:, 0] ** 2
             values[sound] += (np.log(eigen) - np.where(seen, fall, 0.0) / eigen).sum(axis=1)
             values[sound] += 2 * np.log(scale).sum(axis=1)  # log det of their information less the fall of z'z
         return np.where(sound & np.isfinite(values), values, np.inf)
-
-    def coefficients(self, noise: NoiseModel) -> FloatArray:
-        """Return how much of each derivative, (c,), explains the residuals best by a noise model."""
-        products, _ = self._products(noise)
-        return np.asarray(np.linalg.lstsq(products[1:, 1:], products[1:, 0], rcond=SEEN)[0])
 
     def _products(self, noise: NoiseModel) -> tuple[FloatArray, float]:
         """Return the scalar products of the whitened columns, and the sum of log variances."""
