@@ -10,10 +10,12 @@ import numpy as np
 import pytest
 from motors import CML050, NAMES, RMCS2004, all_motors, held_response, recording_of, step_recording
 
+import fmu_build
 from estimator.cases.case import ParameterSpec
 from estimator.errors import InputError
 from estimator.estimating.estimate import estimate_recordings
 from estimator.fitting.least_squares_fit import LeastSquaresFit
+from estimator.fmus.workers import Workers
 
 BOTH = pytest.mark.parametrize("motor", [RMCS2004, CML050], ids=lambda m: m.name)
 
@@ -211,6 +213,18 @@ def test_a_search_ends_where_its_best_leaves_only_noise_unless_its_size_is_asked
     bars = np.array([short.parameters[n].standard_error for n in NAMES])
     apart = np.array([short.parameters[n].value - whole.parameters[n].value for n in NAMES])
     assert np.all(np.abs(apart) < 1e-4 * bars)
+
+
+def test_a_clean_step_loads_a_rival_fmu_once_and_looks_for_its_own_once(case_of, monkeypatch):
+    loads, looks, load, bundled = [], [], Workers.load, fmu_build.bundled
+    monkeypatch.setattr(
+        Workers, "load", lambda crew, job, **k: (loads.append(job.description.path.stem), load(crew, job, **k))
+    )
+    monkeypatch.setattr(fmu_build, "bundled", lambda name: (looks.append(name), bundled(name))[1])
+    estimates(case_of, noisy(CML050, 2))
+    plain, drive = "dc_motor", "dc_motor_drive"
+    assert loads == [plain, plain, drive, plain] * 2  # to search, to explain, a rival's tests, the own's
+    assert len(looks) == len(set(looks))
 
 
 def test_another_seed_takes_another_path(case_of):

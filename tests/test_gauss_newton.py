@@ -82,3 +82,25 @@ def test_a_fit_that_another_noise_follows_simulates_no_derivatives_where_it_ends
             simulations.append(crew.simulations - before)
     assert fits[1].cost == pytest.approx(fits[0].cost, abs=0.01)
     assert simulations[1] == simulations[0] - len(TRUE)
+
+
+def test_a_fit_that_is_led_to_a_known_least_ends_there_and_to_no_other():
+    plan = plan_case(CASE, bundled_model("dc_motor"), recordings=[recording("two levels")])
+    noise = NoiseModel.plain(np.array([NOISE["i"], NOISE["w"]]), (-1, -1))
+    with Workers(1) as crew:
+        simulator = Simulator(plan, (), crew, {"i": 1.0, "w": 1.0})
+        known = solved(new_fit(simulator, simulator.values(TRUE), plan.names, noise), tolerance=1e-8)
+        known.covariance()
+        begun = new_fit(simulator, simulator.values({**TRUE, "L": 3 * TRUE["L"]}), plan.names, noise)
+        before = crew.simulations
+        assert solved(begun, beside=known) is known
+        led = crew.simulations - before
+        anew = Simulator(plan, (), crew, {"i": 1.0, "w": 1.0})  # which remembers nothing of that
+        assert solved(dataclasses.replace(begun, simulator=anew)).cost == pytest.approx(known.cost, abs=1e-3)
+        assert led < crew.simulations - before - led
+        k = simulator.index["L"]
+        apart = known.values * np.exp(5 * np.sqrt(np.diag(known.covariance())[k]) * (np.arange(len(known.values)) == k))
+        for other in (dataclasses.replace(known, values=apart), dataclasses.replace(known, cost=known.cost - 5)):
+            other.covariance()
+            assert solved(begun, beside=other).cost == pytest.approx(known.cost, abs=1e-3)
+            assert solved(begun, beside=other) is not other

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from motors import CML050, Motor, all_motors, held_response
 
+from estimator.recordings.lag import lag_misfit
 from estimator.recordings.plausibility import implausible
 
 SI = frozenset()
@@ -192,3 +193,11 @@ def test_a_few_samples_that_are_far_above_all_others_are_named_as_the_loggers_er
     assert "one of 3 samples that are more than 300 times" in named.sentence
     lone[700:706] = 1e5  # longer than an error: something else
     assert not [f for f in found(time, {**y, "i": lone}) if f.kind == "lone i"]
+
+
+def test_a_misfit_that_is_enough_is_not_made_smaller_and_one_that_is_not_is_as_small_as_can_be():
+    time, own = signals(BENCH[0], interval=time_constant(BENCH[0]) / 20)
+    for drive, y in (("i", "w"), ("w", "i")):
+        least = lag_misfit(time, own[drive], own[y])
+        assert least <= lag_misfit(time, own[drive], own[y], enough=2 * least) <= 2 * least
+        assert lag_misfit(time, own[drive], own[y], enough=0.5 * least) == least

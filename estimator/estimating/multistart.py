@@ -29,6 +29,7 @@ FAST = 0.5  # of 1 / sampling interval: a faster pole shows in few samples
 UNSURE = 0.1  # relative standard error
 LEAST, MOST = 0.005, 100.0  # sampling intervals of the time constants
 OTHERS = 8  # inductances
+NEAR = 1e-6  # of a transfer function's denominator: a start need be no nearer
 
 
 def needs_many(plan: Plan, polish: LeastSquaresFit) -> bool:
@@ -73,7 +74,8 @@ def _direct(plan: Plan) -> list[FloatArray]:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)  # of a logarithm near its branch
-            found = steiglitz_mcbride(o.inputs["v"], o.outputs["i"], o.outputs["w"], step=o.recording.step, sigma=sigma)
+            v, i, w = o.inputs["v"], o.outputs["i"], o.outputs["w"]
+            found = steiglitz_mcbride(v, i, w, step=o.recording.step, sigma=sigma, converged=NEAR)
     except (NoMotorError, np.linalg.LinAlgError):
         return []
     return [np.array([found[name] for name in plan.names])]

@@ -190,7 +190,9 @@ class _Attempts:
         costs = problem.costs(starts)
         best = list(starts[np.argsort(costs)[:POLISHED]])
         fits = self.squares.fits(best, polish.deviations, evaluations=TRIED, tolerance=1e4, known=polish)
-        ends = [values for values, _ in fits]
+        ends = [values for values, _ in fits if values is not polish.values]
+        if not ends:
+            return polish
         deviations = self.squares.deviations_of(ends)
         found = [(_log_likelihood(output, d), values) for d, values in zip(deviations, ends, strict=True)]
         lowest, values = min(found, key=lambda f: f[0])

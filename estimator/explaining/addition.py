@@ -7,6 +7,7 @@ effect, which columns that exclude each other share.
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -124,7 +125,7 @@ class Addition:
     def penalty(self, samples: int) -> float:
         """Return its penalty in the criterion."""
         one_of = self.tried if self.linear is not None else 1
-        return self.numbers * float(np.log(max(samples, 2))) + 2 * float(np.log(one_of / self.effect.prior))
+        return self.numbers * math.log(max(samples, 2)) + 2 * math.log(one_of / self.effect.prior)
 
     @property
     def has_known_size(self) -> bool:
@@ -151,7 +152,7 @@ class Addition:
         spread = np.asarray(np.linalg.pinv(information) if k > 1 else 1 / information)
         numbers = spread @ scores.along
         charge = float(np.linalg.slogdet(information)[1]) if known else OPEN * k
-        charge += 2 * float(np.log(self.tried / self.effect.prior))
+        charge += 2 * math.log(self.tried / self.effect.prior)
         return numbers, spread, charge - float(scores.along @ numbers)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import weakref
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -87,6 +88,7 @@ class AdditionTests:
         if beside is None and self._tested is not None and self._tested.holds(fit, effects):
             return self._tested.found
         test, long = fit.test(), fit.simulator.rows > LONG
+        simulators = [self.simulator(fit, effect) for effect in effects]  # a rival FMU is loaded beside what follows
         result: list[Addition] = []
         taken = {*fit.free, *(g.name for g in fit.linear), *explanation.names()}
         by_simulator: dict[int, tuple[Simulator, list[tuple[Effect, Nuisance]]]] = {}
@@ -98,8 +100,7 @@ class AdditionTests:
             while long and offered:  # their columns are not held together
                 result += self._scored(fit, [offered.pop(0)], test, beside=beside)
         result += self._scored(fit, offered, test, beside=beside)
-        for effect in effects:
-            simulator = self.simulator(fit, effect)
+        for effect, simulator in zip(effects, simulators, strict=True):
             plan = self.base.plan
             own = (*effect.nuisances(plan), *effect.in_place_of_columns(plan)) if simulator is not None else ()
             for nuisance in own:
@@ -109,8 +110,9 @@ class AdditionTests:
                 if nuisance.name not in simulator.index:
                     continue
                 by_simulator.setdefault(id(simulator), (simulator, []))[1].append((effect, nuisance))
-        for simulator, wanted in by_simulator.values():
-            result += self._tried(fit, simulator, wanted, test, beside=beside)
+        # The fit's own simulator last: it was loaded for the fit, and is asked next.
+        tried = [list(self._tried(fit, s, wanted, test, beside=beside)) for s, wanted in [*by_simulator.values()][::-1]]
+        result += itertools.chain.from_iterable(tried[::-1])
         if beside is None:
             known = weakref.ref(fit), fit.simulator, fit.whitener, fit.names, fit.cost, tuple(effects)
             self._tested = _Tested(*known, result)

@@ -216,8 +216,8 @@ def _own_values(jacobian: Columns, test: ScoreTest, mask: NDArray[np.bool_], par
     first, end = int(mask.argmax()), len(mask) - int(mask[::-1].argmax())
     for at in (slice(k, min(k + AT_ONCE, end)) for k in range(first, end, AT_ONCE)):  # copies no whole column
         inside = mask[at]
-        own = jacobian[at].compress(inside, axis=0)  # some ten times as quick as by an index
-        others = own if alike else spanned[at].compress(inside, axis=0)
+        own = _picked(jacobian[at], inside)
+        others = own if alike else _picked(spanned[at], inside)
         own = own[:, :parameters]
         information += own.T @ own
         products += others.T @ own
@@ -235,6 +235,11 @@ def _own_values(jacobian: Columns, test: ScoreTest, mask: NDArray[np.bool_], par
         return 0.0
     along = axes[:, told].T @ along
     return float(np.sqrt(np.sum(along**2 / power[told]) / chi_square_limit(int(told.sum()), chance)))
+
+
+def _picked(columns: FloatArray, inside: NDArray[np.bool_]) -> FloatArray:
+    """Return some rows, of all no copy; some ten times as quick as by an index."""
+    return columns if inside.all() else columns.compress(inside, axis=0)
 
 
 def _tails(z: FloatArray, present: NDArray[np.bool_], windows: Windows) -> FloatArray:

@@ -288,11 +288,11 @@ def _not_visible(
 ) -> tuple[NotVisible, ...]:
     """Return what hides in the recordings and would put a parameter far beyond its bar, the farthest first."""
     found: dict[str, NotVisible] = {}
-    for h in hidden:
-        change = h.moves * np.where(log, np.abs(values), 1.0)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            bars = np.nan_to_num(change / errors, posinf=0.0, neginf=0.0)
-            parts = np.nan_to_num(change / np.abs(values), posinf=0.0, neginf=0.0)
+    change = np.reshape([h.moves for h in hidden], (-1, len(values))) * np.where(log, np.abs(values), 1.0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        all_bars = np.nan_to_num(change / errors, posinf=0.0, neginf=0.0)
+        all_parts = np.nan_to_num(change / np.abs(values), posinf=0.0, neginf=0.0)
+    for h, bars, parts in zip(hidden, all_bars, all_parts, strict=True):
         order = [int(k) for k in np.argsort(-np.abs(bars)) if abs(bars[k]) > BEYOND]
         name = h.addition.effect.name
         if not order or (name in found and _farthest(found[name]) > abs(bars[order[0]])):

@@ -46,7 +46,7 @@ from estimator.explaining.explanation import (
     without,
 )
 from estimator.explaining.explanation_noise import by_noise_of, with_jitter, with_noise, with_noise_of_neighbours
-from estimator.fitting.fit import Fit, new_fit
+from estimator.fitting.fit import Fit, new_fit, refreshed
 from estimator.fitting.gauss_newton import ROUGH, solved, solved_roughly
 from estimator.fitting.secants import with_secants
 from estimator.fitting.simulator import Simulator
@@ -109,7 +109,8 @@ class Selection:
         s = self.tests.base
         noise = NoiseModel.plain(self.deviations, tuple(-1 for _ in s.outputs))
         values = s.values(dict(zip(s.plan.names, start.tolist(), strict=True)))
-        return solved(new_fit(s, values, s.plan.names, noise), iterations=0).cost < (1 + NO_NOISE) * self.tests.samples
+        begun = new_fit(s, values, s.plan.names, noise)
+        return refreshed(begun, begun.whitener).cost < (1 + NO_NOISE) * self.tests.samples
 
     def first_cost(self, starts: Sequence[FloatArray]) -> float:
         """Return z'z of the first fit, by the first estimate of the noise."""

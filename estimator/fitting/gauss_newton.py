@@ -22,6 +22,7 @@ ITERATIONS, MOST_STEPS = 25, 4  # derivatives that are simulated; steps for each
 ROUGH = 8  # derivatives that are simulated of a fit that is only compared
 HOPE = 4.0  # times the whole fall that derivatives predict: a fit that needs more to be wanted ends
 DAMPING = (1e-3, 1e8)  # first, last
+BESIDE = 1.0  # of z'z, and standard errors: a fit that is led so near to a known least goes there
 AS_PREDICTED = (0.7, 1.5)  # of the predicted fall: then derivatives are corrected, not simulated again
 LONGEST_LOG_STEP, LONGEST_STEP = 1.0, 5.0  # longest step: of a logarithm; of a nuisance's typical sizes
 
@@ -32,7 +33,13 @@ def solved_roughly(fit: Fit, *, limit: float = np.inf) -> Fit:
 
 
 def solved(
-    fit: Fit, *, iterations: int = ITERATIONS, tolerance: float = 1e-3, limit: float = np.inf, told: bool = True
+    fit: Fit,
+    *,
+    iterations: int = ITERATIONS,
+    tolerance: float = 1e-3,
+    limit: float = np.inf,
+    told: bool = True,
+    beside: Fit | None = None,
 ) -> Fit:
     """Return the fit at the least cost that is reached from where it stands.
 
@@ -46,49 +53,29 @@ def solved(
         Of z'z: the iteration ends where it has no hope of less.
     told : bool
         Whether derivatives are simulated where it ends; if not, a fit by another noise is to begin there.
+    beside : Fit, optional
+        A least cost by the same noise, with the same free: returned where derivatives lead next to it.
     """
     s, where, (low, high) = fit.simulator, fit.where, fit.bounds
-    linear = Projection(fit.whitener.flat(linear_columns(fit.linear, fit.shown.shape)))
-    longest, damping = longest_steps(fit), DAMPING[0]
+    descent = _Descent(fit, tolerance)
 
     def point(x: FloatArray, shown: FloatArray) -> Point:
         return Point(s, where, placed(fit, x), x, low, high, shown, s.between)
 
     simulated, fine, left = True, tolerance < 1e-6, iterations
     x, shown, known = _begun(fit, central=fine)
-    cost, raw = _cost(fit, shown, linear), known
+    cost, raw = descent.cost(shown), known
     for _ in range(MOST_STEPS * iterations if len(where) and np.isfinite(cost) else 0):
         if raw is None:
             if not left:
                 break
             raw, simulated, left = point(x, shown).slopes(central=fine), True, left - 1
-        a, g = _triangle(fit, linear, raw, misfit(fit, shown))
+        a, g = descent.triangle(raw, misfit(fit, shown))
         if simulated and left < iterations - 1 and cost - HOPE * float(g @ g) > limit:
             break
-        better, predicted = None, 0.0
-        while better is None and damping < DAMPING[1]:
-            dx = _step(a, g, damping, x, low, high)
-            dx *= min(1.0, float(np.min(longest / np.maximum(np.abs(dx), 1e-300))))
-            tried = np.clip(x + dx, low, high)
-            predicted = float(g @ g - np.sum((g - a @ (tried - x)) ** 2))
-            if predicted < tolerance:
-                break
-            there = s.shown(placed(fit, tried)[None, :])[0]
-            new = _cost(fit, there, linear)
-            if simulated and cost <= new < np.inf:
-                bent = _triangle(
-                    fit, linear, raw, np.where(fit.whitener.present, shown + raw @ (tried - x) - there, 0.0)
-                )
-                tried = np.clip(tried + _step(*bent, damping, tried, low, high), low, high)
-                there = s.shown(placed(fit, tried)[None, :])[0]
-                new = _cost(fit, there, linear)
-            if new < cost:
-                better = tried, there, new
-                damping = max(damping / 10, 1e-9)
-            elif simulated:
-                damping *= 10
-            else:
-                break
+        if beside is not None and _leads_to(beside, x, cost, a, g):
+            return beside
+        better, predicted = descent.lower(x, shown, cost, raw, (a, g), simulated=simulated)
         if better is None:
             if simulated or not told:
                 break
@@ -104,7 +91,82 @@ def solved(
         if gained < tolerance and simulated:
             break
     end, known = point(x, shown), raw if fine and simulated else None
-    return evaluated(fit, end.values, shown, Slopes(end, central=tolerance < 1e-2, known=known), linear)
+    return evaluated(fit, end.values, shown, Slopes(end, central=tolerance < 1e-2, known=known), descent.linear)
+
+
+class _Descent:
+    """Steps of a fit, damped as far as the last ones asked for; the linear part is at its best at every point."""
+
+    def __init__(self, fit: Fit, tolerance: float) -> None:
+        self.fit, self.tolerance = fit, tolerance
+        self.linear = Projection(fit.whitener.flat(linear_columns(fit.linear, fit.shown.shape)))
+        (self.low, self.high), self.longest, self.damping = fit.bounds, longest_steps(fit), DAMPING[0]
+
+    def lower(
+        self,
+        x: FloatArray,
+        shown: FloatArray,
+        cost: float,
+        raw: FloatArray,
+        triangle: tuple[FloatArray, FloatArray],
+        *,
+        simulated: bool,
+    ) -> tuple[tuple[FloatArray, FloatArray, float] | None, float]:
+        """Return a point of less cost, what is shown there and its cost, and the predicted fall; None: there is none.
+
+        Derivatives that are not `simulated` are tried once.
+        """
+        a, g = triangle
+        while self.damping < DAMPING[1]:
+            dx = _step(a, g, self.damping, x, self.low, self.high)
+            dx *= min(1.0, float(np.min(self.longest / np.maximum(np.abs(dx), 1e-300))))
+            tried = np.clip(x + dx, self.low, self.high)
+            predicted = float(g @ g - np.sum((g - a @ (tried - x)) ** 2))
+            if predicted < self.tolerance:
+                break
+            there = self.shown(tried)
+            new = self.cost(there)
+            if simulated and cost <= new < np.inf:
+                off = np.where(self.fit.whitener.present, shown + raw @ (tried - x) - there, 0.0)
+                bent = _step(*self.triangle(raw, off), self.damping, tried, self.low, self.high)
+                tried = np.clip(tried + bent, self.low, self.high)
+                there = self.shown(tried)
+                new = self.cost(there)
+            if new < cost:
+                self.damping = max(self.damping / 10, 1e-9)
+                return (tried, there, new), predicted
+            if not simulated:
+                break
+            self.damping *= 10
+        return None, 0.0
+
+    def shown(self, x: FloatArray) -> FloatArray:
+        """Return what the sensors show, (rows, q), at what is free, (f,), on its scale."""
+        return np.asarray(self.fit.simulator.shown(placed(self.fit, x)[None, :])[0])
+
+    def cost(self, shown: FloatArray) -> float:
+        """Return z'z at simulated signals; infinity where the FMU failed."""
+        if not np.isfinite(shown).all():
+            return float(np.inf)
+        r = self.linear.rest(self.fit.whitener.flat(misfit(self.fit, shown)[:, :, None])[:, 0])
+        return float(r @ r)
+
+    def triangle(self, raw: FloatArray, off: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return a, (f, f), and g, (f,): |g - a dx| is what a step leaves of a misfit, (rows, q)."""
+        r = triangle(self.linear.rest(self.fit.whitener.whitened(raw, off[:, :, None])))
+        f = raw.shape[2]
+        square = np.zeros((f, f + 1))
+        square[: len(r)] = r[:f]
+        return square[:, :f], square[:, f]
+
+
+def _leads_to(known: Fit, x: FloatArray, cost: float, a: FloatArray, g: FloatArray) -> bool:
+    """Whether derivatives at what is free, (f,), predict a least next to a known one, as low and not apart from it."""
+    if abs(cost - float(g @ g) - known.cost) > BESIDE:
+        return False
+    s, free = known.simulator, known.at_bound[: len(x)] == 0
+    ahead = x + np.linalg.lstsq(a, g, rcond=None)[0] - s.scaled(known.values)[known.where]
+    return bool(free.all() and np.all(np.abs(ahead) < BESIDE * np.sqrt(np.diag(known.covariance_parts()[0])[: len(x)])))
 
 
 def _begun(fit: Fit, *, central: bool) -> tuple[FloatArray, FloatArray, FloatArray | None]:
@@ -145,23 +207,6 @@ def placed(fit: Fit, x: FloatArray) -> FloatArray:
     s, values = fit.simulator, fit.values.copy()
     values[fit.where] = s.unscaled(x, fit.where)
     return np.clip(values, s.lower, s.upper)
-
-
-def _cost(fit: Fit, shown: FloatArray, linear: Projection) -> float:
-    """Return z'z at simulated signals, the linear part at its best; infinity where the FMU failed."""
-    if not np.isfinite(shown).all():
-        return float(np.inf)
-    r = linear.rest(fit.whitener.flat(misfit(fit, shown)[:, :, None])[:, 0])
-    return float(r @ r)
-
-
-def _triangle(fit: Fit, linear: Projection, raw: FloatArray, off: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return a, (f, f), and g, (f,): |g - a dx| is what a step leaves of a misfit, (rows, q), the linear part free."""
-    r = triangle(linear.rest(fit.whitener.whitened(raw, off[:, :, None])))
-    f = raw.shape[2]
-    square = np.zeros((f, f + 1))
-    square[: len(r)] = r[:f]
-    return square[:, :f], square[:, f]
 
 
 def _step(a: FloatArray, g: FloatArray, damping: float, x: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:

@@ -236,23 +236,33 @@ class Problem:
 
     def _sensor_values(self, candidates: FloatArray) -> FloatArray:
         """Return the inputs' delay, then gain, offset and further delay of every output, (n, recordings, values)."""
-        plan, q = self.plan, len(self.outputs)
-        values = np.zeros((len(candidates), len(plan.observed), 1 + 3 * q))
+        usual, placed = self._sensors
+        values = np.repeat(usual[None], len(candidates), axis=0)
+        for j, where, at in placed:
+            values[:, where, at] = candidates[:, j, None]
+        earliest = np.minimum(values[:, :, 3::3].min(axis=2), 0.0)  # an output is shown late, never early
+        values[:, :, 0] += earliest
+        values[:, :, 3::3] -= earliest[:, :, None]
+        return values
+
+    @cached_property
+    def _sensors(self) -> tuple[FloatArray, list[tuple[int, slice, int]]]:
+        """The sensors' values where none is free, (recordings, values); the place of each parameter that is one."""
+        plan = self.plan
+        usual = np.zeros((len(plan.observed), 1 + 3 * len(self.outputs)))
         chains = [plan.chains.get(y, ChainSpec()) for y in self.outputs]
-        values[:, :, 0] = [o.delay for o in plan.observed]
-        values[:, :, 1:] = [x for chain in chains for x in (chain.gain, chain.offset, chain.delay)]
-        for p, column in zip(self.parameters, candidates.T, strict=True):
+        usual[:, 0] = [o.delay for o in plan.observed]
+        usual[:, 1:] = [x for chain in chains for x in (chain.gain, chain.offset, chain.delay)]
+        placed = []
+        for j, p in enumerate(self.parameters):
             if p.place is None:
                 continue
             where = slice(None) if p.place.recording is None else slice(p.place.recording, p.place.recording + 1)
             at = 0
             if p.place.output:
                 at = 1 + 3 * self.outputs.index(p.place.output) + ("gain", "offset", "delay").index(p.place.kind)
-            values[:, where, at] = column[:, None]
-        earliest = np.minimum(values[:, :, 3::3].min(axis=2), 0.0)  # an output is shown late, never early
-        values[:, :, 0] += earliest
-        values[:, :, 3::3] -= earliest[:, :, None]
-        return values
+            placed.append((j, where, at))
+        return usual, placed
 
     def _chains(self, step: float) -> tuple[tuple[int, tuple[Section, ...]], ...]:
         specs = [self.plan.chains.get(y, ChainSpec()) for y in self.outputs]

@@ -144,6 +144,9 @@ class Simulator:
         self.index = {name: k for k, name in enumerate(self.names)}
         self._stepped = [*range(len(self.plan.names)), *(self.index[n.name] for n in stepped)]
         self._acts = [n for n in self.nuisances if n.act is not None]
+        self._act_places = np.array([self.index[n.name] for n in self._acts], dtype=int)
+        self._idle = np.array([n.neutral for n in self._acts])
+        self._filters = np.array([n.between for n in self._acts], dtype=bool)
         specs = [(p.lower, p.upper, p.log) for p in self.plan.parameters]
         specs += [(n.lower, n.upper, n.log) for n in self.nuisances]
         self.lower = np.array([s[0] for s in specs])
@@ -220,13 +223,11 @@ class Simulator:
 
     def filtered(self, candidates: FloatArray) -> NDArray[np.bool_]:
         """Return which candidates, (c,), show a signal through a filter that acts between two rows."""
-        acting = self._acting(candidates)[:, [n.between for n in self._acts]]
-        return np.asarray(acting.any(axis=1) & self.problem.has_sensors)
+        return np.asarray(self._acting(candidates)[:, self._filters].any(axis=1) & self.problem.has_sensors)
 
     def _acting(self, candidates: FloatArray) -> NDArray[np.bool_]:
         """Return which of what acts on an output's samples does, (c, acts), of candidates."""
-        places = np.array([self.index[n.name] for n in self._acts], dtype=int)
-        return np.asarray(candidates[:, places] != self.neutral[places - len(self.plan.names)])
+        return np.asarray(candidates[:, self._act_places] != self._idle)
 
     def _simulated(self, candidates: FloatArray, refine: int) -> FloatArray:
         """Return the same, as the FMU tells it now."""

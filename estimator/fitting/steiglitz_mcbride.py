@@ -22,11 +22,17 @@ from estimator.recordings.samples import filled
 FloatArray = NDArray[np.float64]
 
 PASSES = 60
-CONVERGED = 1e-10  # relative change of the denominator
+CONVERGED = 1e-10  # change of the denominator
 
 
 def steiglitz_mcbride(
-    v: FloatArray, i: FloatArray, w: FloatArray, *, step: float, sigma: tuple[float, float]
+    v: FloatArray,
+    i: FloatArray,
+    w: FloatArray,
+    *,
+    step: float,
+    sigma: tuple[float, float],
+    converged: float = CONVERGED,
 ) -> dict[str, float]:
     """Return R, K, L, J, B [SI] from voltage, current and speed of a motor that starts from rest.
 
@@ -38,6 +44,8 @@ def steiglitz_mcbride(
         s, sampling interval.
     sigma : (float, float)
         Deviations of the noise of i and w, which weigh them.
+    converged : float
+        Change of the denominator by a pass that is the last one.
 
     Raises
     ------
@@ -66,7 +74,7 @@ def steiglitz_mcbride(
         error = float(np.sum((late @ coefficients[2:].reshape(2, 2).T * weights[1:] - shown) ** 2))
         if error < best_error:
             best, best_error = np.concatenate([a, coefficients[2:]]), error
-        if change < CONVERGED:
+        if change < converged:
             break
     if best is None:
         raise NoMotorError("Steiglitz-McBride finds no stable transfer function")

@@ -13,7 +13,7 @@ import math
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -172,7 +172,8 @@ def find_fmu(fmu: str | Path) -> Path:
 
     if text in fmu_build.bundled_names():
         try:
-            return fmu_build.bundled(text)
+            known = _bundled(text)
+            return known if known.is_file() else fmu_build.bundled(text)
         except fmu_build.BuildError as error:
             raise FmuError(f"the bundled model {text!r} cannot be built: {error}") from error
     if path.is_dir():
@@ -180,6 +181,14 @@ def find_fmu(fmu: str | Path) -> Path:
     if path.suffix == ".fmu" or len(path.parts) > 1:
         raise FmuError(f"{fmu}: no such file; give an .fmu file or a bundled model's name")
     raise FmuError(f"no FMU {text!r}: no such file, and no bundled model{suggestion(text, fmu_build.bundled_names())}")
+
+
+@cache
+def _bundled(name: str) -> Path:
+    """Return the path of a bundled model's FMU; that it is that of its sources is looked at once."""
+    import fmu_build
+
+    return fmu_build.bundled(name)
 
 
 def describe(fmu: str | Path, *, validate: bool = False) -> FmuDescription:

@@ -12,10 +12,11 @@ FloatArray = NDArray[np.float64]
 THIN = 4000  # samples that are looked at
 
 
-def lag_misfit(time: FloatArray, drive: FloatArray, y: FloatArray) -> float:
+def lag_misfit(time: FloatArray, drive: FloatArray, y: FloatArray, *, enough: float = 0.0) -> float:
     """Return how badly y, (n,), is what dy/dt = a drive − b y − c makes of the drive: 1 for not at all.
 
     The misfit is relative to the deviation of y; a is positive, b is not negative; the equation is fitted integrated.
+    One that is `enough` is told as it is, though it may be made smaller.
     """
     stride = max(1, len(time) // THIN)
     h = np.diff(time)
@@ -36,4 +37,6 @@ def lag_misfit(time: FloatArray, drive: FloatArray, y: FloatArray) -> float:
         if solution[0] <= 0 or (len(columns) > 1 and columns[1] is fallen and solution[1] < 0):
             continue
         best = min(best, float(np.std(y - rows / scale @ solution)) / spread)
+        if best <= enough:
+            break
     return best

@@ -36,7 +36,7 @@ def is_held(title: str, time: FloatArray, signals: Mapping[str, FloatArray]) -> 
     i, w = _known(signals["i"]), _known(signals["w"])
     if np.ptp(w) == 0 or np.ptp(w) > MOVES * noise_deviation(w) or np.ptp(i) < 3 * MOVES * noise_deviation(i):
         return None
-    if lag_misfit(time, filled(signals["v"]), signals["i"]) > WINDING:
+    if lag_misfit(time, filled(signals["v"]), signals["i"], enough=WINDING) > WINDING:
         return None
     return Finding(
         "held",

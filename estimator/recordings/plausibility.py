@@ -137,7 +137,7 @@ class _Measured:
         v, i, w = (self.signals[name] for name in ("v", "i", "w"))
         if not np.any(np.abs(np.diff(v))[LEAD:] > JUMP * np.ptp(v)):
             return None
-        as_read = lag_misfit(self.time, i, w)
+        as_read = lag_misfit(self.time, i, w, enough=UNEXPLAINED)
         if as_read <= UNEXPLAINED or (turned := lag_misfit(self.time, w, i)) >= EXPLAINED:
             return None
         return Finding(

@@ -141,13 +141,13 @@ class FmuInstance:
         return settings
 
     def _fmu(self, job: JobLayout) -> FmuStruct:
-        resources = (Path(job.folder).resolve() / "resources").as_uri()
+        resources = _resources(job.folder)
         fmu = FmuStruct(
             reinstantiate=int(job.reinstantiate),
             component=None,
             instance_name=job.identifier.encode(),
             guid=job.guid.encode(),
-            resources=resources.encode(),
+            resources=resources.as_uri().encode(),
             callbacks=ctypes.addressof(self.callbacks),
         )
         if not job.is_fast:
@@ -159,7 +159,7 @@ class FmuInstance:
                 setattr(fmu, name, _address(function))
             return fmu
         if job.version.startswith("3"):
-            fmu.resources = (str(Path(job.folder).resolve() / "resources") + "/").encode()
+            fmu.resources = f"{resources}/".encode()
         if job.kind != CO_SIMULATION or job.version.startswith("1"):
             if job.version.startswith("1"):
                 self.callbacks = fmi1_callbacks(self.stepper.stepper_log1)
@@ -174,12 +174,10 @@ class FmuInstance:
             self._fmi3 = self._fmi3_functions(dll)
             self.stepper.stepper_adapt(ctypes.byref(fmu), ctypes.byref(self._fmi3))
             return fmu
-        for field, name in FMI2_FUNCTIONS.items():
-            setattr(fmu, field, _address(getattr(dll, f"fmi2{name}")))
+        for field, address in _fmi2_functions(dll).items():
+            setattr(fmu, field, address)
         if job.interpolates:
             fmu.set_derivatives = _address(getattr(dll, "fmi2SetRealInputDerivatives", None))
-        for field, name in FMI2_SETTERS.items():
-            setattr(fmu, field, _address(getattr(dll, f"fmi2{name}", None)))
         return fmu
 
     def _fmi3_functions(self, dll: Any) -> Fmi3Struct:
@@ -252,9 +250,27 @@ class FmuInstance:
         return ctypes.addressof(array)
 
 
+@cache
+def _resources(folder: str) -> Path:
+    """Return the folder of an extracted FMU's resources."""
+    return Path(folder).resolve() / "resources"
+
+
+@cache
+def _fmi2_functions(dll: Any) -> dict[str, int | None]:
+    """Return the addresses of a library's functions of FMI 2.0; None: it has no such setter."""
+    found = {field: _address(getattr(dll, f"fmi2{name}")) for field, name in FMI2_FUNCTIONS.items()}
+    return found | {field: _address(getattr(dll, f"fmi2{name}", None)) for field, name in FMI2_SETTERS.items()}
+
+
+@cache
+def _c_library() -> ctypes.CDLL:
+    return ctypes.cdll.msvcrt if sys.platform == "win32" else ctypes.CDLL(None)
+
+
 def native_callbacks(stepper: ctypes.CDLL, log: Log) -> CallbacksStruct:
     """Return FMI 2 callbacks that never enter Python: the stepper's logger, the C library's memory functions."""
-    c = ctypes.cdll.msvcrt if sys.platform == "win32" else ctypes.CDLL(None)
+    c = _c_library()
     return CallbacksStruct(
         logger=_address(stepper.stepper_log),
         allocate_memory=_address(c.calloc),
