@@ -145,7 +145,7 @@ def _with_other_inductance(explanation: Explanation) -> list[Explanation]:
     values = fit.values.copy()
     values[s.index["L"]] *= OTHER_INDUCTANCE if samples < BETWEEN else 1 / OTHER_INDUCTANCE
     other = solved(dataclasses.replace(fit, values=values), limit=fit.cost + 2 * RIVALS_WITHIN, beside=fit)
-    return [] if other is fit else [dataclasses.replace(explanation, fit=other)]
+    return [dataclasses.replace(explanation, fit=other)]
 
 
 def _with_fuller(selection: Selection, explanation: Explanation, found: Sequence[Explanation]) -> list[Explanation]:
