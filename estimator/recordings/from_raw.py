@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -22,6 +23,7 @@ LARGEST = 1e10  # in any unit: no sensor shows more, nor a counter of 32 bits
 DATED = 1e8  # s: a clock that begins later, some three years, counts from a date; it is told from its first row on
 LARGEST_TIME = 1e20  # likewise: a clock shows up to 2e18 ns since 1970
 TOO_FAST = 1e-7  # s, of a sampling interval: the header's unit is doubted
+_THOUSANDS = re.compile(r"[-+]?\d{1,3}([.,]\d{3})+")  # or a decimal mark that the other numbers do not have
 MOST_LEFT_OUT = 2  # rows at the start, of wrong stamps
 
 
@@ -129,6 +131,8 @@ def _unreadable(raw: RawTable, names: Sequence[str], clock: int, read_as: ReadAs
         if j in held:
             return f"{raw.file}: column {names[j]!r} holds {held[j]}, not numbers; export it as numbers"
         remedy = "every row needs its time" if j == clock else "leave the cell of a missing sample empty"
+        if _THOUSANDS.fullmatch(bad[j].text):
+            remedy = "write it without a mark between thousands, or all numbers with the same decimal mark"
         return f"{raw.file} line {bad[j].line}: {names[j]} is not a number ({bad[j].text!r}); {remedy}"
 
     has_numbers = [not np.isnan(column).all() for column in columns]
