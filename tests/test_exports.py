@@ -159,7 +159,10 @@ def test_no_signal_is_offered_as_the_time(write, capsys):
             "v ← U in V · i ← I in amps · w ← n in rev/s · time ← t in seconds",
         ),
         ("in s;C1 in V;C2 in A;C3", "there is no time column; did you mean 'in s'? (in s, C1 in V, C2 in A, C3)"),
-        ("时间(s);电压(V);电流(A);转速", "v ← 电压(V) · i ← 电流(A) · w ← 转速 (no unit: taken as rpm) · time ← 时间(s)"),
+        (
+            "时间(s);电压(V);电流(A);转速",
+            "v ← 电压(V) · i ← 电流(A) · w ← 转速 (no unit: taken as rpm) · time ← 时间(s)",
+        ),
         (
             "Time - Plot 0;Plot 1;Plot 2;Plot 3",
             "there is no time column; did you mean 'Time - Plot 0'? (Time - Plot 0, Pl",
