@@ -203,8 +203,8 @@ def parse_header(text: str) -> Header:
     """Take a header apart: ``speed [rpm]``, ``speed (rpm)``, ``speed in rpm``, ``speed_rpm``, ``speed/rpm``.
 
     What stands in brackets at the end is a unit, known or not; further on it is one if it is known, and ``(A) x10`` is
-    one that nobody knows. After ``_``, ``/`` or a space it is one only
-    if it is known and the name stays sensible without it: ``U_a`` and ``w_min`` are names, ``motor_rpm`` is both.
+    one that nobody knows. After ``_``, ``/`` or a space it is one only if it is known and the name stays sensible
+    without it: ``U_a`` and ``w_min`` are names, ``motor_rpm`` is both.
     """
     text = " ".join(text.translate(_WIDE).split())
     brackets = _BRACKETS.fullmatch(text)
