@@ -489,6 +489,9 @@ def test_what_has_an_error_far_beyond_it_is_no_measurement(error, told):
     friction = Parameter("friction", "N.m", 0.0, 1.0, log=False, targets=(), place=REPORTED)
     polish = SimpleNamespace(standard_errors=np.array([error]), at_bound=np.array([0]))
     plan = SimpleNamespace(parameters=(friction,), fixed={})
+    assert not _identified(
+        plan, {"friction": 1e-9}, SimpleNamespace(standard_errors=np.array([0.1]), at_bound=np.array([0]))
+    )
     statuses = _identified(plan, {"friction": 0.43}, polish)
     found = parameter_estimates(plan, np.array([0.43]), polish, Judgement("doubtful", (), statuses))["friction"]
     assert (found.status, found.standard_error) == (("ok", error) if told else ("not identified", None))

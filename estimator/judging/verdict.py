@@ -166,7 +166,8 @@ def _identified(plan: Plan, values: Mapping[str, float], polish: LeastSquaresFit
         name, value = parameter.name, values[parameter.name]
         error = polish.standard_errors[j]
         relative = error / abs(value) if value else np.inf
-        if parameter.place is not None and not NOTHING_TOLD * abs(value) < error < np.inf:
+        most = max(NOTHING_TOLD * abs(value), parameter.upper - parameter.lower)
+        if parameter.place is not None and not most < error < np.inf:
             continue  # of an offset near 0 that is known to be, the error is no part of the value
         if polish.at_bound[j] != 0:
             side = "lower" if polish.at_bound[j] < 0 else "upper"
