@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,13 +31,42 @@ ORDERS_NEARBY = 12  # on either side: by the median of their powers an order is 
 AT_ONCE = 2_000  # rows: their waves stay in a processor's cache
 EIGHT = 8  # orders, of HIGHEST_ORDER, whose waves are kept
 STANDSTILL = 1e-3  # of the largest signal: less stands still
+TURNS = 0.05  # of the largest speed: where it is less, an error of the angle is not known
 MOST_LINES = 4  # an output, at most
 OF_SIGNAL, OF_ONE_SIZE, OF_RESISTANCE = range(3)  # forms of a line
 
 
 def angle_of(fit: Fit) -> FloatArray | None:
-    """Return the shaft's angle, rad, (rows,), integrated from the measured speed; None where there is none."""
-    return fit.simulator.angle
+    """Return the shaft's angle, rad, (rows,), integrated from the measured speed; None where there is none.
+
+    What ripples add to the speed is taken away: an encoder that shows the speed w as
+    w (1 + a cos k theta) shows theta + a / k sin k theta.
+    By that angle the mean of the ripple is not 0 over time, but -a / 2 of its amplitude: K would be a² / 2 off.
+    """
+    return fit.once(_angle)
+
+
+def _angle(fit: Fit) -> FloatArray | None:
+    return _less(fit, fit.simulator.angle, zip(fit.linear, _of_each(fit.linear, fit.coefficients), strict=True))
+
+
+def _less(fit: Fit, theta: FloatArray | None, lines: Iterable[tuple[Linear, FloatArray]]) -> FloatArray | None:
+    """Return an angle less what those lines that are in the speed add to it, of their coefficients."""
+    for line, coefficients in lines:
+        words = line.name.split(" ")  # as `linear` names it
+        if theta is None or words[:2] != ["ripple", "w"] or len(words) != 3:
+            continue
+        j = fit.simulator.outputs.index("w")
+        w = fit.shown[:, j]
+        turned = np.column_stack([-coefficients[1::2], coefficients[::2]]).ravel()  # a quarter of a wave later
+        turns = np.abs(w) > TURNS * float(np.max(np.abs(w)))
+        theta = theta - np.where(turns, line.columns[:, j] @ turned / (int(words[2]) * np.where(turns, w, 1.0)), 0.0)
+    return theta
+
+
+def _of_each(lines: Sequence[Linear], coefficients: FloatArray) -> list[FloatArray]:
+    """Return the coefficients of each of lines."""
+    return np.split(coefficients, np.cumsum([line.columns.shape[2] for line in lines])[:-1]) if lines else []
 
 
 def standing_out(fit: Fit) -> FloatArray:
@@ -82,19 +111,21 @@ class Ripple(Effect):
             if coarse > 0 and self._amplitude(power[order - 1], z[:, j], level, fit, j) < LEAST_QUANTA * coarse:
                 continue  # the beat of the encoder's lines with the clock
             line, test = Linear(f"ripple {y} {order}", np.zeros((*z.shape, 0)), self._units(fit, y)), fit.test()
-            forms = [self._in_form(fit, line, form) for form in self._forms(fit, y)]
+            forms = [self._in_form(fit, theta, line, form) for form in self._forms(fit, y)]
             found.append(max(forms, key=lambda line: test.gain(test.across(line.columns))))
         return found
 
     def renewed(self, fit: Fit, group: Linear, coefficients: FloatArray) -> Linear | None:
         """Return the line as it is, of a signal and its sensor as they are simulated now."""
+        theta = _less(fit, angle_of(fit), [(group, coefficients)])
         own = (group.columns @ coefficients)[:, fit.simulator.outputs.index(group.name.split(" ")[1])]
-        return self._in_form(fit, group, group.form, own)
+        return None if theta is None else self._in_form(fit, theta, group, group.form, own)
 
     def reshaped(self, fit: Fit, group: Linear) -> Linear | None:
         """Return the line in the form that explains most beside its own, where that may explain more."""
-        forms, test = self._forms(fit, group.name.split(" ")[1]), fit.test()
-        others = [self._in_form(fit, group, form) for form in forms if form != group.form]
+        theta, forms, test = angle_of(fit), self._forms(fit, group.name.split(" ")[1]), fit.test()
+        assert theta is not None  # the line was found by it
+        others = [self._in_form(fit, theta, group, form) for form in forms if form != group.form]
         gains = [test.gain(test.across(other.columns)) for other in others]
         return others[int(np.argmax(gains))] if max(gains, default=0.0) > LEAST_FALL else None
 
@@ -102,15 +133,13 @@ class Ripple(Effect):
         of_current = y == "i" and motor_values(fit) is not None
         return (OF_SIGNAL, OF_ONE_SIZE, OF_RESISTANCE) if of_current else (OF_SIGNAL, OF_ONE_SIZE)
 
-    def _in_form(self, fit: Fit, line: Linear, form: int, own: FloatArray | float = 0.0) -> Linear:
+    def _in_form(self, fit: Fit, theta: FloatArray, line: Linear, form: int, own: FloatArray | float = 0.0) -> Linear:
         """Return a line as large as the signal, of one size, or as a resistance that changes with the angle makes it.
 
         The last may be there in transients besides the others, and one of one size where settled rows show more than it
         can make: there neither follows from what settled rows show.
         `own` is what the line adds to its signal, (rows,), where the fit's explanation does not hold it.
         """
-        theta = angle_of(fit)
-        assert theta is not None  # the line was found by it
         _, y, order = line.name.split(" ")  # as `linear` names it
         j, k, is_long = fit.simulator.outputs.index(y), int(order), len(theta) > LONG
         level = fit.shown[:, j] / max(float(np.max(np.abs(fit.shown[:, j]))), 1e-300)
