@@ -26,7 +26,8 @@ USUAL_WARMING = 0.5  # of R in a second of the current at standstill: copper at 
 class FrictionDrift(Effect):
     """A friction torque that changes along a line over the recording, N.m from its first to its last row.
 
-    How much of it is dry, and how much grows with the speed, is not known: any share is as likely.
+    It is zero in the middle of the turns: B stands for the mean of all of them. How much of it is dry, and how much
+    grows with the speed, is not known: any share is as likely.
     """
 
     name: str = "friction drift"
@@ -45,7 +46,8 @@ class FrictionDrift(Effect):
             torques = np.zeros((s.rows, 2))  # a mean of dry and viscous, and how far it is known
             dry, t = np.sign(w[clock.rows]), clock.time
             viscous = w[clock.rows] / speed if speed > 0 else dry
-            line = (t - t[0]) / (t[-1] - t[0]) - 0.5
+            line, turned = (t - t[0]) / (t[-1] - t[0]), np.abs(w[clock.rows])
+            line -= float(turned @ line / turned.sum()) if turned.any() else 0.5
             torques[clock.rows] = np.column_stack([0.5 * (viscous + dry), SHARE * (viscous - dry)]) * line[:, None]
             columns = response(fit, torque=torques)
             found.append(Linear(name, columns[:, :, :1], ("N.m",), size=size, uncertain=columns[:, :, 1:]))
