@@ -36,6 +36,7 @@ MOST_ALIKE = 2  # additions of an effect that are exchanged: many recordings wit
 ABSURD = 2 * float(np.log(100.0))  # of the criterion: what no bench does has a chance of 1 in 100, by a wrong clock
 MOST_ROWS = 140_000  # between the samples, of all recordings: with more a fit takes minutes where the FMU has modes
 MOST_LEFT = 10.0  # of z'z: what the last of them changes at most, ten times as much as the next would
+FURTHER = 100.0  # of the criterion: what another FMU has is given another timing where it is no further behind
 EXCHANGES, EXCHANGED = 2, 0.1  # of an explanation for a more likely rival, at most; by which its criterion is lower
 
 
@@ -230,16 +231,32 @@ def _exchanged(
     if sharp_too:
         likely += [a for a in tested if is_timing(a)]
     most = explanation.criterion(n) + 2 * RIVALS_WITHIN
+    beside_timing = any(is_timing(a) for a in bare.additions)
     for other in likely:
         other = _as_late(explanation, addition, other)
-        limit = most - other.penalty(n) - (bare.criterion(n) - bare.fit.cost)
+        further = FURTHER if other.effect.fmu and beside_timing else 0.0
+        limit = most + further - other.penalty(n) - (bare.criterion(n) - bare.fit.cost)
         rival = with_added(bare, selection.refitted(bare, other, limit=limit), other)
         if any(a.linear is not None for a in rival.additions):
             rival = dataclasses.replace(rival, fit=solved_roughly(renewed(rival), limit=limit))
+        if most <= rival.criterion(n) < most + further:
+            rival = _retimed(selection, rival, addition)
         if rival.criterion(n) < most:
             rival = dataclasses.replace(rival, fit=solved(rival.fit))
             found.append(rival)
     return found
+
+
+def _retimed(selection: Selection, rival: Explanation, gone: Addition) -> Explanation:
+    """Return a rival with another addition within samples than the one that is gone, and without what that makes idle.
+
+    Dry friction stands for a delay of the speed: what then makes the current late is another than beside the delay.
+    """
+    tested = [a for a in selection.tests.additions(rival, selection.effects) if is_timing(a) and a.name != gone.name]
+    for a in sorted(tested, key=lambda a: -a.gain)[:1]:
+        if a.gain > LEAST_GAIN:
+            return selection.without_idle(with_added(rival, selection.refitted(rival, a), a))
+    return rival
 
 
 def _as_late(explanation: Explanation, addition: Addition, other: Addition) -> Addition:
