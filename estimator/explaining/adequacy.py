@@ -142,7 +142,10 @@ def adequacy(fit: Fit, parameters: int, *, is_searched: bool = True) -> Adequacy
     count = 2 * len(windows.windows) * len(outputs) + len(windows.windows) + len(outputs)
     normal = normal_quantile(1 - FALSE_ALARM / count)
     failures, excess, parts = [], np.ones_like(z), []
-    resolved = np.abs(np.nan_to_num(fit.residuals())) > RESOLVED * fit.simulator.steps
+    left, steps = np.abs(np.nan_to_num(fit.residuals())), fit.simulator.steps
+    resolved = left > RESOLVED * steps
+    # At a steady speed errors of counts repeat themselves: they are alike unless more than a count is left.
+    dithered = left > np.where(fit.whitener.noise.differenced > 0, 2 * RESOLVED * steps, -1.0)
     for window in windows.windows:
         for j, output in enumerate(outputs):
             known = present[window.rows, j]
@@ -161,7 +164,7 @@ def adequacy(fit: Fit, parameters: int, *, is_searched: bool = True) -> Adequacy
                 parts.append(_samples(z, window.rows, j))
             pairs = known[1:] & known[:-1] & (np.diff(window.rows) == 1)
             m = int(pairs.sum())
-            if m >= 8:
+            if m >= 8 and np.any(dithered[window.rows, j]):
                 alike = float(np.sum((own[1:] * own[:-1])[pairs])) / m
                 if abs(alike) > max(normal / np.sqrt(m) * square, SMALL_CORRELATION):
                     failures.append(Failure("neighbours", window.name, output, alike / max(square, 1e-300)))

@@ -69,7 +69,7 @@ def with_noise(
     columns = fit.raw if len(wide) == len(fit.names) else fit.raw[:, :, wide]
     s = fit.simulator
     found = fit_noise(
-        whitener, misfit, columns, windows.settled, windows.sharp, colour=colour, again=again,
+        whitener, misfit, columns, windows.settled, windows.sharp, colour=colour, again=again, counts=differenced,
         resolution=np.where(s.coarse & (differenced == 0), s.steps, 0.0),
     )  # fmt: skip
     fit = held_down(refreshed(fit, whitener.of(found)), windows.onsets)

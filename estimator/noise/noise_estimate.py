@@ -38,6 +38,7 @@ def fit_noise(
     sharp: BoolArray,
     *,
     resolution: FloatArray | None = None,
+    counts: FloatArray | None = None,
     colour: bool = True,
     again: bool = False,
 ) -> NoiseModel:
@@ -56,6 +57,9 @@ def fit_noise(
         First parts of transients, where a misfit is most likely.
     resolution : (q,) array, optional
         Step of a sensor that is too coarse for its errors to be noise: they are up to half of it. 0: it is fine.
+    counts : (q,) array, optional
+        Deviation of the counts that a channel differences: at a steady speed their errors repeat themselves, and seem
+        to be less. 0: it shows no counts.
     colour : bool
         Look for slow parts, for a wandering torque, and for correlation over few samples.
     again : bool
@@ -69,7 +73,9 @@ def fit_noise(
     growth[resolution > 0] = 0.0, 2.0
     choice = _Choice(RestrictedLikelihood(part, stacked), colour=colour, growth=growth)
     found = choice.again() if again else choice.best()
-    return dataclasses.replace(found, white=np.maximum(found.white, resolution / STEP_DEVIATION))
+    differenced = found.differenced if counts is None else np.maximum(found.differenced, counts)
+    white = np.maximum(found.white, resolution / STEP_DEVIATION)
+    return dataclasses.replace(found, white=white, differenced=differenced)
 
 
 def _settled_part(whitener: Whitener, settled: BoolArray) -> tuple[Whitener, NDArray[np.int64]]:
@@ -195,16 +201,21 @@ class _Choice:
         beta = np.linalg.lstsq(flat[:, 1:], flat[:, 0], rcond=1e-9)[0] if flat.shape[1] > 1 else np.zeros(0)
         left = whitened[:, :, 0] - whitened[:, :, 1:] @ beta
         moving = self.whitener.moving
-        running = self._short(left, moving)
+        # At a steady speed the errors of counts repeat themselves; in transients, which are not asked, they do not.
+        steady = noise.differenced > 0
+        running = self._short(left, moving, steady)
         counts = self.whitener.present[~moving].sum(axis=0)
-        resting = self._short(left, ~moving)
+        resting = self._short(left, ~moving, steady)
         at_rest = tuple(a if n >= SETTLED_SAMPLES else b for n, a, b in zip(counts, resting, running, strict=True))
         return dataclasses.replace(noise, short=(at_rest, running))
 
-    def _short(self, left: FloatArray, where: BoolArray) -> tuple[tuple[FloatArray, float], ...]:
-        """Return the short autoregression of each channel, from these rows."""
+    def _short(self, left: FloatArray, where: BoolArray, white: BoolArray) -> tuple[tuple[FloatArray, float], ...]:
+        """Return the short autoregression of each channel, from these rows; of those that are white none."""
         result = []
         for j in range(self.q):
+            if white[j]:
+                result.append((np.zeros(0), 1.0))
+                continue
             present = self.whitener.present[:, j] & where
             series = [np.where(present[c.rows], left[c.rows, j], 0.0) for c in self.whitener.clocks]
             n = int(present.sum())
