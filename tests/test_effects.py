@@ -466,6 +466,16 @@ def test_filters_do_not_take_the_place_of_a_supply_that_sags_among_what_is_fitte
     assert "sag" in result.effects and "winding warms" not in result.effects, result.effects
 
 
+def test_dry_friction_and_a_late_current_are_a_rival_of_a_delay_and_a_filter(tmp_path):
+    """J was 55 and B 20 standard errors off, ok: two had to be exchanged at once, and one was as likely as the other."""
+    result, true = of_random_bench(1023206, tmp_path)
+    assert result.verdict == "doubtful"
+    assert any("friction" in rival.what for rival in result.rivals), result.rivals
+    for name in ("J", "B"):
+        found = result.parameters[name]
+        assert abs(found.value - true[name, -1]) < 4 * found.standard_error
+
+
 def test_friction_that_falls_while_the_motor_gathers_speed_is_found():
     """B was 6 standard errors off: break-away was found, which is gone as soon as the motor moves."""
     result = run(recording("two levels", friction=4e-3, stiction=6e-3, falls=40.0))

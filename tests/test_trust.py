@@ -82,6 +82,29 @@ def test_a_false_optimum_is_left_before_the_chain_could_explain_it(hand, motor, 
     assert np.max(np.abs(deviations(found))) < 4
 
 
+@pytest.mark.parametrize("motor", MOTORS)
+def test_counts_at_a_steady_speed_are_not_doubted(hand, motor):
+    """Their errors repeat themselves there: taken for a colour of the noise, they made that of transients too small."""
+    found = entries(hand, "coverage", f"{motor}, differenced counts", [0, 1, 4])
+    assert [e["verdict"] for e in found] == ["ok"] * 3
+    assert np.max(np.abs(deviations(found))) < 4
+
+
+def test_an_eccentric_encoder_moves_no_k():
+    """Its ripple has a mean of 0 by the angle that it shows, of a / 2 of its amplitude a over time: K was 1.2e-3 off."""
+    bench = Bench(current_noise=0.0, speed_noise=0.0, lines=100_000, duration=2.5)
+    share = 0.05
+    whole = dataclasses.replace(bench, speed_ripple=share * float(bench.response(np.array([2.0]))[1][0]), speed_order=1)
+    found = run(whole)
+    assert found.parameters["K"].value == pytest.approx(CML050["K"], rel=share**2 / 20)
+
+
+def test_a_friction_that_drifts_stands_for_its_mean_over_the_turns():
+    """The rest before the voltage is no part of it: with half a second of it B was 0.6 % too large."""
+    found = run(Bench(drift=0.05, lines=1000))
+    assert found.parameters["B"].value == pytest.approx(CML050["B"], rel=2e-3)
+
+
 @pytest.mark.full  # ten seconds each
 @pytest.mark.parametrize("seed", [15, 19])
 def test_a_ripple_that_is_seen_in_a_transient_only_is_no_motors(hand, seed):
