@@ -467,7 +467,7 @@ def test_filters_do_not_take_the_place_of_a_supply_that_sags_among_what_is_fitte
 
 
 def test_dry_friction_and_a_late_current_are_a_rival_of_a_delay_and_a_filter(tmp_path):
-    """J was 55 and B 20 standard errors off, ok: two had to be exchanged at once, and one was as likely as the other."""
+    """J was 55 and B 20 standard errors off, ok: two had to be exchanged at once."""
     result, true = of_random_bench(1023206, tmp_path)
     assert result.verdict == "doubtful"
     assert any("friction" in rival.what for rival in result.rivals), result.rivals
