@@ -91,7 +91,7 @@ def test_counts_at_a_steady_speed_are_not_doubted(hand, motor):
 
 
 def test_an_eccentric_encoder_moves_no_k():
-    """Over time its ripple has a mean of 0, by the angle that it shows one of half its size squared: K was 1.2e-3 off."""
+    """By the angle that it shows its ripple has a mean that is not 0: K was 1.2e-3 off."""
     bench = Bench(current_noise=0.0, speed_noise=0.0, lines=100_000, duration=2.5)
     share = 0.05
     whole = dataclasses.replace(bench, speed_ripple=share * float(bench.response(np.array([2.0]))[1][0]), speed_order=1)

@@ -5,7 +5,7 @@ independent, with variance 1:
 
     size        mean of z^2, Fisher's F with the window's samples and those that tell the noise (its variance by the
                 tails that settled rows show)
-    neighbours  sum of z_k z_k+1, over the root of their number, standard normal
+    neighbours  sum of z_k z_k+1, over the root of their number, standard normal (not of errors that repeat themselves)
     own values  score test of parameters of the window's own, by its rows of the Jacobian (Hausman 1978)
 
 Besides, whether the sensors answer to changes as it is explained, over all windows (response_test.py). An explanation
@@ -142,10 +142,8 @@ def adequacy(fit: Fit, parameters: int, *, is_searched: bool = True) -> Adequacy
     count = 2 * len(windows.windows) * len(outputs) + len(windows.windows) + len(outputs)
     normal = normal_quantile(1 - FALSE_ALARM / count)
     failures, excess, parts = [], np.ones_like(z), []
-    left, steps = np.abs(np.nan_to_num(fit.residuals())), fit.simulator.steps
-    resolved = left > RESOLVED * steps
-    # At a steady speed errors of counts repeat themselves: they are alike unless more than a count is left.
-    dithered = left > np.where(fit.whitener.noise.differenced > 0, 2 * RESOLVED * steps, -1.0)
+    resolved = np.abs(np.nan_to_num(fit.residuals())) > RESOLVED * fit.simulator.steps
+    repeats = fit.whitener.noise.repeats or (False,) * len(outputs)
     for window in windows.windows:
         for j, output in enumerate(outputs):
             known = present[window.rows, j]
@@ -164,7 +162,7 @@ def adequacy(fit: Fit, parameters: int, *, is_searched: bool = True) -> Adequacy
                 parts.append(_samples(z, window.rows, j))
             pairs = known[1:] & known[:-1] & (np.diff(window.rows) == 1)
             m = int(pairs.sum())
-            if m >= 8 and np.any(dithered[window.rows, j]):
+            if m >= 8 and not repeats[j]:
                 alike = float(np.sum((own[1:] * own[:-1])[pairs])) / m
                 if abs(alike) > max(normal / np.sqrt(m) * square, SMALL_CORRELATION):
                     failures.append(Failure("neighbours", window.name, output, alike / max(square, 1e-300)))

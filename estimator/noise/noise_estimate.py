@@ -17,6 +17,7 @@ from estimator.noise.autoregression import autoregression
 from estimator.noise.clock import Clock
 from estimator.noise.noise_growth import growth_of
 from estimator.noise.noise_model import NoiseModel
+from estimator.noise.repeating import repeat_themselves
 from estimator.noise.restricted_likelihood import Component, RestrictedLikelihood
 from estimator.noise.whitener import Whitener
 
@@ -201,19 +202,21 @@ class _Choice:
         beta = np.linalg.lstsq(flat[:, 1:], flat[:, 0], rcond=1e-9)[0] if flat.shape[1] > 1 else np.zeros(0)
         left = whitened[:, :, 0] - whitened[:, :, 1:] @ beta
         moving = self.whitener.moving
-        # At a steady speed the errors of counts repeat themselves; in transients, which are not asked, they do not.
-        steady = noise.differenced > 0
-        running = self._short(left, moving, steady)
+        of_each = [[np.where(there[c.rows], left[c.rows, j], 0.0) for c in self.whitener.clocks]
+                   for j, there in enumerate((self.whitener.present & moving[:, None]).T)]  # fmt: skip
+        repeats = tuple(repeat_themselves(own) for own in of_each)
+        told = np.array([not own for own in repeats]) & (noise.differenced == 0)  # counts' noise is known
+        running = self._short(left, moving, told)
         counts = self.whitener.present[~moving].sum(axis=0)
-        resting = self._short(left, ~moving, steady)
+        resting = self._short(left, ~moving, told)
         at_rest = tuple(a if n >= SETTLED_SAMPLES else b for n, a, b in zip(counts, resting, running, strict=True))
-        return dataclasses.replace(noise, short=(at_rest, running))
+        return dataclasses.replace(noise, short=(at_rest, running), repeats=repeats)
 
-    def _short(self, left: FloatArray, where: BoolArray, white: BoolArray) -> tuple[tuple[FloatArray, float], ...]:
-        """Return the short autoregression of each channel, from these rows; of those that are white none."""
+    def _short(self, left: FloatArray, where: BoolArray, told: BoolArray) -> tuple[tuple[FloatArray, float], ...]:
+        """Return the short autoregression of each channel, from these rows; none where they do not tell the colour."""
         result = []
         for j in range(self.q):
-            if white[j]:
+            if not told[j]:
                 result.append((np.zeros(0), 1.0))
                 continue
             present = self.whitener.present[:, j] & where

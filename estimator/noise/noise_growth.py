@@ -19,6 +19,7 @@ TOGETHER = 1_000_000  # numbers that growths are tried on at once
 DIFFERENCES = 8000  # second differences that tell the growth; of more than twice as many some are left out
 FARTHEST = 1e37  # of a square, in deviations: a larger one counts as this
 HOPELESS = 0.5  # of what a growth is charged: where a coarse one falls by no more, none is looked at closely
+SILENT = 1e-3  # of the noise of a machine that runs: an encoder has none at rest, which tells of no growth
 LOUD_SAMPLES = 25  # samples of a large signal, and as many below half of it: fewer do not show a growth
 
 
@@ -42,7 +43,7 @@ def growth_of(residuals: FloatArray, whitener: Whitener, j: int, sharp: BoolArra
     sharp : (rows,) array
         First parts of transients.
     """
-    sizes, levels = [], []
+    sizes, levels, moves = [], [], []
     for clock in whitener.clocks:
         x, known = residuals[clock.rows], whitener.present[clock.rows, j] & ~sharp[clock.rows]
         if len(x) < 3:
@@ -50,6 +51,9 @@ def growth_of(residuals: FloatArray, whitener: Whitener, j: int, sharp: BoolArra
         told = known[2:] & known[1:-1] & known[:-2]
         sizes.append((x[2:] - 2 * x[1:-1] + x[:-2])[told])
         levels.append(whitener.level[clock.rows, j][1:-1][told])
+        moves.append(whitener.moving[clock.rows][1:-1][told])
+    if _is_silent(sizes, moves):
+        sizes, levels = ([own[there] for own, there in zip(all_, moves, strict=True)] for all_ in (sizes, levels))
     d, level = np.concatenate([*sizes, np.zeros(0)]), np.concatenate([*levels, np.zeros(0)])
     if len(d) > 2 * DIFFERENCES:
         d, level = d[:: len(d) // DIFFERENCES], level[:: len(d) // DIFFERENCES]
@@ -91,3 +95,14 @@ def growth_of(residuals: FloatArray, whitener: Whitener, j: int, sharp: BoolArra
         best = min(best, (float(np.min(reached)) + charge, float(fine[np.argmin(reached)]), p))
     _, c, p = best
     return c, p, size(grown(c * level, p)) * T_MEDIAN / MEDIAN_SIZE / SECOND_DIFFERENCE
+
+
+def _is_silent(differences: list[FloatArray], moves: list[BoolArray]) -> bool:
+    """Whether a channel shows no noise while the machine is at rest."""
+    sizes, running = (
+        np.abs(np.concatenate([*differences, np.zeros(0)])),
+        np.concatenate([*moves, np.zeros(0, dtype=bool)]),
+    )
+    if running.all() or not running.any():
+        return False
+    return median(sizes[~running]) <= SILENT * median(sizes[running])

@@ -49,6 +49,7 @@ class NoiseModel:
         Deviation of the instants at which the samples were taken, s: noise in proportion to the slope.
     short : of the machine at rest and running, of each channel: coefficients of the short autoregression,
         and its innovation's deviation
+    repeats : whether a channel's errors repeat themselves at a steady speed (repeating.py)
     """
 
     white: FloatArray
@@ -60,6 +61,7 @@ class NoiseModel:
     seat: tuple[int, ...] = ()
     jitter: float = 0.0
     short: tuple[tuple[tuple[FloatArray, float], ...], ...] = ()
+    repeats: tuple[bool, ...] = ()
 
     @classmethod
     def plain(cls, white: FloatArray, seat: Sequence[int]) -> NoiseModel:
