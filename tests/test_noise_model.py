@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from scipy.signal import lfilter
+from scipy.signal import cheby1, lfilter, sosfilt
 from scipy.stats import kstest
 
 from estimator.fitting.projection import Projection
@@ -14,6 +14,7 @@ from estimator.noise.clock import Clock
 from estimator.noise.jitter import find_jitter, without_responses
 from estimator.noise.noise_estimate import fit_noise
 from estimator.noise.noise_model import NoiseModel, held
+from estimator.noise.repeating import repeat_themselves
 from estimator.noise.restricted_likelihood import RestrictedLikelihood
 from estimator.noise.whitener import Whitener
 from estimator.plans.part import LONG
@@ -304,3 +305,22 @@ def test_noise_without_a_memory_is_whitened_as_the_kalman_filter_does():
     rows = slice(10, 15)
     where, some = whitener.of_rows(columns[rows], rows)
     assert where == rows and np.array_equal(some, white[rows].reshape(10, 3))
+
+
+def test_errors_of_counts_at_a_steady_speed_repeat_themselves_and_filtered_noise_does_not():
+    rng = np.random.default_rng(1)
+    steady = np.diff(np.floor(81.3731 * np.arange(2000) + 0.2)) - 81.3731
+    changing = np.diff(np.floor(81.3731 * np.arange(2000) + 1e-3 * np.arange(2000) ** 2)) - 81.3731
+    white = rng.standard_normal(2000)
+    smooth = sosfilt(cheby1(4, 0.5, 0.2, output="sos"), white)
+    assert repeat_themselves([steady])
+    assert repeat_themselves([sosfilt(cheby1(4, 0.5, 0.2, output="sos"), steady)])
+    assert not any(repeat_themselves([x]) for x in (changing - changing.mean(), white, smooth, np.cumsum(white)))
+
+
+def test_random_noise_is_not_taken_for_one_that_repeats_itself():
+    """In 1000 series of any colour none."""
+    rng = np.random.default_rng(2)
+    for k in range(1000):
+        x = rng.standard_normal(rng.integers(240, 2000))
+        assert not repeat_themselves([lfilter([1.0], [1.0, -rng.uniform(-0.95, 0.95)], x)]), k

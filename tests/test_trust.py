@@ -90,6 +90,15 @@ def test_counts_at_a_steady_speed_are_not_doubted(hand, motor):
     assert np.max(np.abs(deviations(found))) < 4
 
 
+@pytest.mark.parametrize("motor", MOTORS)
+def test_the_papers_bench_behind_its_filter_is_not_doubted(hand, motor):
+    """Behind a filter counts are lines at a steady speed, and nothing at rest: no colour, and no growth."""
+    found = entries(hand, "bound", f"{motor}, filtered speed", [1, 3])
+    assert [e["verdict"] for e in found] == ["ok"] * 2
+    assert all(set(e["named"]) <= {"ripple"} for e in found)
+    assert np.max(np.abs(deviations(found))) < 4
+
+
 def test_an_eccentric_encoder_moves_no_k():
     """By the angle that it shows its ripple has a mean that is not 0: K was 1.2e-3 off."""
     bench = Bench(current_noise=0.0, speed_noise=0.0, lines=100_000, duration=2.5)

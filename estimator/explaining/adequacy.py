@@ -176,7 +176,8 @@ def adequacy(fit: Fit, parameters: int, *, is_searched: bool = True) -> Adequacy
             failures.append(Failure("own values", name, output, ratio))
             excess[mask] = np.maximum(excess[mask], ratio**2)
             parts.append(mask)
-    noisy = [j for j in range(len(outputs)) if not fit.simulator.steps[j] or bool(np.any(resolved[:, j]))]
+    white = np.logical_not(repeats) | (fit.whitener.noise.differenced > 0)  # as far as is known
+    noisy = [j for j in range(len(outputs)) if white[j] and (not fit.simulator.steps[j] or np.any(resolved[:, j]))]
     for output, ratio in unexplained_responses(fit, FALSE_ALARM, noisy if is_searched else ()):
         failures.append(Failure("response", " and ".join(outputs), output, ratio))
         mask = windows.onsets[:, None] & np.array([output in ("", y) for y in outputs])

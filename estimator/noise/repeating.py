@@ -15,12 +15,12 @@ from estimator.conventions import STANDS_OUT
 
 FloatArray = NDArray[np.float64]
 
-FEWEST_CYCLES = 10  # in a series: what is slower is a drift
+FEWEST_CYCLES = 10  # in a series: what is slower is a drift; likewise of what alternates, beside half of the rate
 NEARBY, BESIDE = (
     12,
     2,
 )  # places of a spectrum on either side by whose median a line is told, and those that a line fills
-SHORTEST = 8 * NEARBY  # samples
+SHORTEST = 240  # samples: of fewer no autoregression is estimated
 
 
 def repeat_themselves(series: Sequence[FloatArray]) -> bool:
@@ -40,5 +40,5 @@ def _are_lines(power: FloatArray) -> NDArray[np.bool_]:
     around = np.lib.stride_tricks.sliding_window_view(wide, 2 * NEARBY + 1)
     beside = np.abs(np.arange(-NEARBY, NEARBY + 1)) > BESIDE
     found = power > STANDS_OUT * np.median(around[:, beside], axis=1)
-    found[:FEWEST_CYCLES] = False
+    found[:FEWEST_CYCLES] = found[-FEWEST_CYCLES:] = False
     return np.asarray(found)
