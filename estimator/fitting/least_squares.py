@@ -32,13 +32,12 @@ _Asked = tuple[FloatArray, FloatArray | None]
 TOGETHER = 2_000_000  # residuals that are simulated at once for several fits
 SOON = 50_000  # residuals of the candidates beside a point: fewer are simulated with it, which a message more outweighs
 REWEIGHTINGS = 3
+FTOL, XTOL = 1e-14, 1e-11  # of the cost, of a point: times a tolerance, a smaller change ends a fit
 TOLERANCE = 1e4  # times rounding's: a step that moves an optimum less than 1e-7 of itself is its last
 REWEIGHTED = 0.02  # relative change of the deviations at which reweighting stops
 CLOSE, CLOSINGS = 0.02, 3  # of chi-square: an optimum no further above the least is accepted; attempts to come closer
 ROUNDING = 1e-12  # of a signal's deviation: rounding of a simulation
 NOISE_FREE = 1e-7  # of a signal's deviation: smaller residuals are numerical, not noise
-BESIDE, BESIDE_COST = 0.01, 1.0  # of a scaled parameter, of chi-square: a fit that comes so near goes to an optimum
-STANDS = 5, 0.05  # evaluations; part of what it is above a known cost: a fit that comes no nearer in so many ends
 FAILED_RESIDUAL = 1e3  # what a failed simulation shows, in deviations
 AT_BOUND = 1e-6  # of the scaled width of the bounds
 
@@ -183,44 +182,27 @@ class LeastSquares:
             low=low,
             high=np.where(free, high, low + 1e-12),
             evaluations=evaluations,
-            ftol=1e-14 * tolerance,
-            xtol=1e-11 * tolerance,
+            ftol=FTOL * tolerance,
+            xtol=XTOL * tolerance,
+            known=None if known is None else (self.box.scaled(known.values), known.cost),
         )
         last: dict[bytes, FloatArray] = {}
-        least: list[tuple[float, FloatArray]] = []  # cost and place of the best until each evaluation
         x, slope = next(asking)
         while True:
             if slope:
                 answer = yield x, last[x.tobytes()]
-                if known is not None and self._leads_beside(x, answer, known):
-                    return known.values, known.cost
             else:
                 at = yield x, None
                 last = {x.tobytes(): at}
                 answer = rooted(at)[0] if self._robust else at
-                if known is not None:
-                    cost = float(answer @ answer)
-                    if self._is_beside(x, cost, known):
-                        return known.values, known.cost
-                    least.append((cost, x) if not least or cost < least[-1][0] else least[-1])
-                    if _stands([c for c, _ in least], known.cost):
-                        return self.box.unscaled(least[-1][1]), least[-1][0]
             try:
                 x, slope = asking.send(answer)
             except StopIteration as end:
+                if end.value is None:
+                    assert known is not None
+                    return known.values, known.cost
                 found, cost = end.value
                 return self.box.unscaled(found), cost
-
-    def _is_beside(self, x: FloatArray, cost: float, known: LeastSquaresFit) -> bool:
-        """Whether scaled parameters, (p,), are next to an optimum: hardly others, and hardly less likely."""
-        return abs(cost - known.cost) < BESIDE_COST and bool(np.all(np.abs(x - self.box.scaled(known.values)) < BESIDE))
-
-    def _leads_beside(self, x: FloatArray, triangle: FloatArray, known: LeastSquaresFit) -> bool:
-        """Whether derivatives at scaled parameters, by `triangle_of` them, predict a least next to an optimum."""
-        p, cost = len(x), float(triangle[-1, -1]) ** 2
-        if len(triangle) <= p or abs(cost - known.cost) >= BESIDE_COST:
-            return False
-        return self._is_beside(x - np.linalg.lstsq(triangle[:p, :p], triangle[:p, p], rcond=None)[0], cost, known)
 
     def deviations(self, values: FloatArray) -> FloatArray:
         """Return the residuals' deviations of each output at a point; the parameters cost degrees of freedom."""
@@ -330,12 +312,6 @@ class LeastSquares:
         if not sound.all():
             weighted[~sound.all(axis=1)] = FAILED_RESIDUAL
         return np.asarray(weighted)
-
-
-def _stands(costs: Sequence[float], known: float) -> bool:
-    """Whether a fit has come hardly nearer to a known cost in its last evaluations, `costs` its least until each."""
-    evaluations, part = STANDS
-    return len(costs) > evaluations and costs[-1] - known > (1 - part) * max(costs[-1 - evaluations] - known, 0.0)
 
 
 def rooted(residuals: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -1,5 +1,5 @@
-/* kalman: the exact whitening of linear Gaussian noise, column by column; recursions; small factors; kept memory.
- * Knows neither motors nor FMUs.
+/* kalman: the exact whitening of linear Gaussian noise, column by column; recursions; small factors; the steps of
+ * fits; kept memory. Knows neither motors nor FMUs.
  *
  *     x_0 ~ N(0, initial)
  *     x_j = F x_(j-1) + N(0, Q)                 F, Q: of the time step that ends in row j
@@ -25,6 +25,8 @@
 #if defined(__GLIBC__)
 #include <malloc.h>
 #endif
+
+#include "trust_region.h"
 
 #if defined(_WIN32)
 #define EXPORT __declspec(dllexport)
@@ -394,6 +396,48 @@ EXPORT int64_t gram_factors(int64_t k, int64_t m, double least, const double *gr
                 for (int64_t j = i; j < m; j++) r[i * m + j] *= sqrt(gram[j * m + j]);
         }
     return 1;
+}
+
+/* A fit by trust_region.h and its numbers, in memory of the caller's. */
+typedef struct {
+    TrustRegion fit;
+    double numbers[];
+} OwnFit;
+
+/* Bytes of memory that a fit of p parameters needs. */
+EXPORT int64_t fit_bytes(int64_t p)
+{
+    return (int64_t)sizeof(OwnFit) + trust_region_numbers(p) * (int64_t)sizeof(double);
+}
+
+/* Write where the fit is asked, or has ended, and its cost there, to [p + 1]. */
+static int64_t pointed(const OwnFit *own, int64_t asked, double *point)
+{
+    const TrustRegion *fit = &own->fit;
+    memcpy(point, asked == ASKS_RESIDUALS ? fit->tried : fit->x, (size_t)fit->p * sizeof(double));
+    point[fit->p] = fit->cost;
+    return asked;
+}
+
+/* Begin a fit at the point; bounds, and the optimum that is known, or NULL, stay the caller's. Returns what is asked. */
+EXPORT int64_t fit_begin(OwnFit *own, int64_t p, int64_t evaluations, double ftol, double xtol, const double *low,
+                         const double *high, const double *known, double known_cost, double *point)
+{
+    own->fit = (TrustRegion){.p = p, .evaluations = evaluations, .ftol = ftol, .xtol = xtol, .low = low, .high = high,
+                             .known = known, .known_cost = known_cost};
+    return pointed(own, trust_region_begin(&own->fit, point, own->numbers), point);
+}
+
+/* Take the sum of squares of so many residuals at the point, and go on to the next. */
+EXPORT int64_t fit_take_cost(OwnFit *own, double cost, int64_t count, double *point)
+{
+    return pointed(own, take_cost(&own->fit, cost, count), point);
+}
+
+/* The same of derivatives and residuals, as a triangle. */
+EXPORT int64_t fit_take_slopes(OwnFit *own, const double *triangle, int64_t rows, double *point)
+{
+    return pointed(own, take_slopes(&own->fit, triangle, rows), point);
 }
 
 /* Keep freed blocks up to a size, and free memory up to another, in bytes, for this process: glibc alone is asked. */
