@@ -25,6 +25,9 @@ from estimator.plans.parameters import Box
 
 FloatArray = NDArray[np.float64]
 Residuals = Callable[[FloatArray], FloatArray]
+# Scaled starts, (k, p), weights of the outputs, and what `trust_region.steps` takes -> where each fit ends, as
+# `Problem.fits` tells.
+Whole = Callable[..., Sequence[tuple[FloatArray, float] | None] | None]
 # Of a fit: scaled parameters, (p,); its residuals there, (m,), over their deviations, where derivatives are asked, None
 # where residuals are.
 _Asked = tuple[FloatArray, FloatArray | None]
@@ -58,6 +61,8 @@ class LeastSquares:
         Standard deviation of each measured output: its scale.
     loss : "linear" or "huber"
         Beyond HUBER deviations a residual counts in proportion, no longer by its square (Huber 1964).
+    whole : callable, optional
+        Does whole fits of few residuals, or returns None.
     """
 
     def __init__(
@@ -68,8 +73,9 @@ class LeastSquares:
         output: NDArray[np.int16],
         spread: FloatArray,
         loss: str = "linear",
+        whole: Whole | None = None,
     ) -> None:
-        self._robust = loss == "huber"
+        self._robust, self._whole = loss == "huber", whole
         self._residuals, self.box, self._output, self._spread = residuals, box, output, spread
 
     def fit(
@@ -102,6 +108,9 @@ class LeastSquares:
             An optimum at the same deviations: a fit that comes next to it, or whose derivatives lead there, is taken
             to end there, one that comes no nearer to its cost where it stands.
         """
+        told = None if central else self._told_whole(starts, deviations, evaluations, tolerance, known)
+        if told is not None:
+            return told
         many = max(1, TOGETHER // (len(self._output) * self.box.dimension))
         weights = 1 / deviations[self._output]
         found: list[tuple[FloatArray, float]] = []
@@ -118,6 +127,38 @@ class LeastSquares:
                         del asked[k]
             found += [ends[k] for k in range(len(part))]
         return found
+
+    def _told_whole(
+        self,
+        starts: Sequence[FloatArray],
+        deviations: FloatArray,
+        evaluations: int,
+        tolerance: float,
+        known: LeastSquaresFit | None,
+    ) -> list[tuple[FloatArray, float]] | None:
+        """Return the ends of fits that are done in one go; None where they are not."""
+        if self._whole is None or self._robust or len(self._output) * self.box.dimension > SOON:
+            return None
+        own = None if known is None else (self.box.scaled(known.values), known.cost)
+        begun = np.array([self._inside(start) for start in starts])
+        limits = {"evaluations": evaluations, "ftol": FTOL * tolerance, "xtol": XTOL * tolerance}
+        found = self._whole(begun, 1 / deviations, **limits, known=own)
+        if found is None:
+            return None
+        ends = []
+        for end in found:
+            if end is None:
+                assert known is not None
+                ends.append((known.values, known.cost))
+            else:
+                ends.append((self.box.unscaled(end[0]), end[1]))
+        return ends
+
+    def _inside(self, start: FloatArray) -> FloatArray:
+        """Return a start, (p,), on the parameters' scales, inside the bounds."""
+        low, high = self.box.low, self.box.high
+        margin = 1e-9 * (high - low)
+        return np.asarray(np.clip(self.box.scaled(start), low + margin, high - margin))
 
     def _answers(
         self, asked: Mapping[int, _Asked], beside: dict[int, FloatArray], weights: FloatArray, central: bool
@@ -169,9 +210,7 @@ class LeastSquares:
         self, start: FloatArray, evaluations: int, tolerance: float, known: LeastSquaresFit | None
     ) -> Generator[_Asked, FloatArray, tuple[FloatArray, float]]:
         """Yield what is asked of scaled parameters; return the optimum, in their units, and its cost."""
-        low, high = self.box.low, self.box.high
-        margin = 1e-9 * (high - low)
-        x = np.clip(self.box.scaled(start), low + margin, high - margin)
+        low, high, x = self.box.low, self.box.high, self._inside(start)
         free = high > low
         if not free.any():
             own = yield x, None

@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 
 from estimator.cases.case import Case
 from estimator.errors import CaseError
+from estimator.fitting.differences import DIFFERENCE_STEP
+from estimator.fitting.trust_region import ENDED_AT_KNOWN
 from estimator.fitting.winding_temperature import warmth
 from estimator.fmus.job import Batch, Experiment, Job
 from estimator.fmus.workers import Workers
@@ -20,7 +22,7 @@ from estimator.plans.parameters import Box
 from estimator.plans.plan import ChainSpec, Observed, Plan
 from estimator.recordings.recording import Recording
 from estimator.recordings.sensors import Section
-from estimator.stepping.layout import types_of
+from estimator.stepping.layout import FitsLayout, types_of
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -166,6 +168,63 @@ class Problem:
     def residuals(self, candidates: FloatArray) -> FloatArray:
         """Return simulated minus measured, (n, m), in the outputs' units, missing samples left out; NaN if failed."""
         return self.compared(self.signals(candidates))
+
+    def fits(
+        self,
+        starts: FloatArray,
+        weights: FloatArray,
+        *,
+        evaluations: int,
+        ftol: float,
+        xtol: float,
+        known: tuple[FloatArray, float] | None = None,
+    ) -> list[tuple[FloatArray, float] | None] | None:
+        """Do least-squares fits in the worker processes, from start to end.
+
+        Parameters
+        ----------
+        starts : (k, p) array
+            On the parameters' scales, inside their bounds.
+        weights : (q,) array
+            On each output's residuals.
+        known : optional
+            An optimum, (p,), on the scales, and its cost, as in `trust_region.steps`.
+
+        Returns
+        -------
+        Where each ended, (p,), on the scales, and its cost; None: at the known optimum. None altogether where a
+        simulation failed, or where candidates are more than the FMU's parameters, times, beside others.
+        """
+        job, placed = self._job, any(p.place is not None for p in self.parameters)
+        if placed or self._phased or job.fresh_process or not np.all(self.box.high > self.box.low):
+            return None
+        self._take_over()
+        free, values = self._column.shape[1], self._values(starts[:1])[0]
+        column, gain, shift = np.full(values.shape, -1), np.zeros(values.shape), values.copy()
+        column[:, :free], gain[:, :free], shift[:, :free] = self._column, self._gain, self._shift
+        found = self.workers.fit(
+            FitsLayout(
+                starts=tuple(tuple(start) for start in starts.tolist()),
+                evaluations=evaluations,
+                ftol=ftol,
+                xtol=xtol,
+                least_step=DIFFERENCE_STEP,
+                low=tuple(self.box.low.tolist()),
+                high=tuple(self.box.high.tolist()),
+                lower=tuple(self.box.lower.tolist()),
+                upper=tuple(self.box.upper.tolist()),
+                log=tuple(self.box.log.tolist()),
+                column=tuple(column.ravel().tolist()),
+                gain=tuple(gain.ravel().tolist()),
+                shift=tuple(shift.ravel().tolist()),
+                weights=tuple(weights.tolist()),
+                known=None if known is None else tuple(known[0].tolist()),
+                known_cost=0.0 if known is None else known[1],
+            )
+        )
+        if found is None:
+            return None
+        return [None if how == ENDED_AT_KNOWN else (np.array(x), cost) for x, cost, how in found]
 
     def compared(self, shown: FloatArray) -> FloatArray:
         """Return (c, rows, outputs) trajectories minus the measured ones, (c, m), as `residuals` does."""

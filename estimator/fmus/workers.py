@@ -35,6 +35,7 @@ from estimator.stepping.layout import (
     MAX_SIGNALS,
     PENDING,
     TIMED_OUT,
+    FitsLayout,
     is_of_step,
     outcome_sentence,
 )
@@ -89,6 +90,20 @@ class _Loaded:
         for file in self.files:
             with contextlib.suppress(OSError):  # still mapped: it goes with the folder
                 file.unlink()
+
+
+@dataclasses.dataclass
+class _Watch:
+    """How long workers have been waited for, and which claim each had when."""
+
+    started: float = dataclasses.field(default_factory=time.monotonic)
+    looked: float = dataclasses.field(default_factory=time.monotonic)
+    claims: dict[int, tuple[int, float]] = dataclasses.field(default_factory=dict)
+
+    @property
+    def seconds(self) -> float:
+        """Since it was started."""
+        return time.monotonic() - self.started
 
 
 class Workers:
@@ -230,6 +245,45 @@ class Workers:
             self._run_part(values[part], limits[part], batch.of(part), refine=refine)
         return batch
 
+    def fit(self, fits: FitsLayout) -> list[tuple[list[float], float, int]] | None:
+        """Do whole least-squares fits of the job, each in one process.
+
+        Returns
+        -------
+        Where each ended, its cost and how (`trust_region.h`); None where a simulation has failed, which a run of
+        candidates would tell.
+
+        Raises
+        ------
+        SimulationError
+            The FMU cannot even be loaded.
+        """
+        watch, lost = _Watch(), False
+        self._claims[:] = NO_CLAIM
+        while not (idle := [p for p in self._processes.values() if p.state == IDLE]):
+            self._hear(watch)
+        asked: dict[Process, range] = {}
+        for k, process in enumerate(idle[: len(fits.starts)]):
+            asked[process] = range(k, len(fits.starts), len(idle))
+            own = dataclasses.replace(fits, starts=fits.starts[k :: len(idle)])
+            process.state = RUNNING
+            process.send({"fit": vars(own)})
+        found: dict[int, tuple[list[float], float, int]] = {}
+        while asked:
+            heard = self._hear(watch)
+            if heard is None or heard[0] not in asked:
+                continue
+            process, message = heard
+            if message is not None:
+                self.simulations += message["simulations"]
+                self.steps += message["steps"]
+                found |= zip(asked[process], message["fits"] or (), strict=False)
+            lost = lost or message is None or message["fits"] is None
+            del asked[process]
+        self._busy += watch.seconds
+        self._start_more(0.0)
+        return None if lost else [found[k] for k in range(len(fits.starts))]
+
     def reference(self, values: FloatArray, *, experiment: int = 0, refine: int = 1) -> FloatArray:
         """Simulate one candidate, (parameters,), by fmpy's methods alone; return (n, outputs)."""
         order = {"reference": True, "values": list(values), "experiment": experiment, "refine": refine}
@@ -286,8 +340,7 @@ class Workers:
         costs[:], steps[:], outcomes[:] = np.inf, 0, PENDING
         self._counter[0] = 0
         self._order["run"] = {"candidates": n, "refine": refine, "record": record}
-        started = looked = time.monotonic()
-        watch: dict[int, tuple[int, float]] = {}
+        watch = _Watch()
         while True:
             for process in list(self._processes.values()):
                 if process.state == IDLE and self._counter[0] < n:
@@ -295,16 +348,8 @@ class Workers:
                     process.send({"run": self._order["run"]})
             if self._counter[0] >= n and not any(p.state == RUNNING for p in self._processes.values()):
                 break
-            with contextlib.suppress(queue.Empty):
-                self._handle(*self._messages.get(timeout=TICK), outcomes=outcomes)
-            now = time.monotonic()
-            if now - looked >= TICK:
-                looked = now
-                self._end_the_overdue(watch, now)
-                self._start_more(now - started)
-                if self.on_tick is not None:
-                    self.on_tick()
-        self._busy += time.monotonic() - started
+            self._hear(watch, outcomes)
+        self._busy += watch.seconds
         self._start_more(0.0)
         self._collect(values, costs, steps, outcomes, batch, refine=refine)
 
@@ -336,6 +381,21 @@ class Workers:
             return
         step = self._job.step(done - 1, refine=refine) if is_of_step(outcome) else None
         self.failures.append(Failure(reason, tuple(values.ravel().tolist()), step))
+
+    def _hear(self, watch: _Watch, outcomes: IntArray | None = None) -> tuple[Process, dict[str, Any] | None] | None:
+        """Wait a moment for an answer, heed and return it; None: there was none. Look at the clock now and then."""
+        heard = None
+        with contextlib.suppress(queue.Empty):
+            heard = self._messages.get(timeout=TICK)
+            self._handle(*heard, outcomes=outcomes)
+        now = time.monotonic()
+        if now - watch.looked >= TICK:
+            watch.looked = now
+            self._end_the_overdue(watch.claims, now)
+            self._start_more(watch.seconds)
+            if self.on_tick is not None:
+                self.on_tick()
+        return heard
 
     def _handle(self, process: Process, message: dict[str, Any] | None, *, outcomes: IntArray | None = None) -> None:
         if self._processes.get(process.slot) is not process:

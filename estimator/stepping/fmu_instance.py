@@ -16,7 +16,7 @@ from typing import Any
 
 from estimator.stepping.equations import equations_of
 from estimator.stepping.fmu_library import CO_SIMULATION, co_simulation_library
-from estimator.stepping.layout import ExperimentLayout, JobLayout, positions
+from estimator.stepping.layout import ExperimentLayout, FitsLayout, JobLayout, positions
 from estimator.stepping.library import STEPPER
 from estimator.stepping.slow_path import Callbacks, SlowFmu, fmi1_callbacks
 from estimator.stepping.structures import (
@@ -25,6 +25,7 @@ from estimator.stepping.structures import (
     CallbacksStruct,
     ChainStruct,
     ExperimentStruct,
+    FitsStruct,
     Fmi3Struct,
     FmuStruct,
     JobStruct,
@@ -65,6 +66,8 @@ def stepper() -> ctypes.CDLL:
     library.stepper_run.argtypes = pointers
     library.stepper_take.argtypes = pointers[2:]
     library.stepper_run_one.argtypes = [*pointers, c_int64, c_int64]
+    library.stepper_fit.restype = c_int64
+    library.stepper_fit.argtypes = [*pointers[:2], c_void_p, POINTER(FitsStruct)]
     library.stepper_close.restype = None
     library.stepper_close.argtypes = pointers[:1]
     return library
@@ -118,6 +121,36 @@ class FmuInstance:
     def run_one(self, batch: BatchStruct, *, candidate: int, experiment: int) -> int:
         """Simulate one experiment of a candidate; return its outcome."""
         return int(self.stepper.stepper_run_one(self.fmu, self.job, batch, candidate, experiment))
+
+    def fit(self, fits: FitsLayout, *, claim: int) -> tuple[list[tuple[list[float], float, int]] | None, int, int]:
+        """Do whole fits, each simulation claimed at an address.
+
+        Returns
+        -------
+        Where each ended, its cost and how, None where a simulation has failed; simulations and steps that were done.
+        """
+        p, n = len(fits.low), len(fits.starts)
+        numbers: dict[str, Sequence[float]] = {"start": [x for row in fits.starts for x in row]}
+        numbers |= {name: getattr(fits, name) for name in ("low", "high", "lower", "upper", "gain", "shift", "weights")}
+        numbers |= {"known": fits.known} if fits.known is not None else {}
+        whole: dict[str, Sequence[int]] = {"log": fits.log, "column": fits.column}
+        given: dict[str, Any] = {name: (c_double * len(values))(*values) for name, values in numbers.items()}
+        given |= {name: (c_int64 * len(values))(*values) for name, values in whole.items()}
+        ends, costs, ended = (c_double * (n * p))(), (c_double * n)(), (c_int64 * n)()
+        given |= {"ends": ends, "costs": costs, "ended": ended}
+        own = FitsStruct(
+            starts=n,
+            parameters=p,
+            evaluations=fits.evaluations,
+            ftol=fits.ftol,
+            xtol=fits.xtol,
+            least_step=fits.least_step,
+            known_cost=fits.known_cost,
+            **{name: ctypes.addressof(array) for name, array in given.items()},
+        )
+        sound = self.stepper.stepper_fit(self.fmu, self.job, claim, own)
+        found = [(ends[k * p : (k + 1) * p], costs[k], ended[k]) for k in range(n)]
+        return found if sound else None, own.simulations, own.steps
 
     def close(self) -> None:
         """Free the instance."""

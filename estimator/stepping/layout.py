@@ -66,6 +66,32 @@ class JobLayout:
         return not self.is_fast or self.kind != "co-simulation" or self.version.startswith("1")
 
 
+@dataclass(frozen=True)
+class FitsLayout:
+    """Whole least-squares fits of a job as they travel to a worker; ``fits.h`` says what each field means.
+
+    Parameters are on their scales, but for `lower` and `upper`. `column`, `gain` and `shift` are of all values of a
+    candidate, recording by recording.
+    """
+
+    starts: tuple[tuple[float, ...], ...]
+    evaluations: int
+    ftol: float
+    xtol: float
+    least_step: float
+    low: tuple[float, ...]
+    high: tuple[float, ...]
+    lower: tuple[float, ...]
+    upper: tuple[float, ...]
+    log: tuple[bool, ...]
+    column: tuple[int, ...]
+    gain: tuple[float, ...]
+    shift: tuple[float, ...]
+    weights: tuple[float, ...]
+    known: tuple[float, ...] | None = None
+    known_cost: float = 0.0
+
+
 def types_of(types: Sequence[str]) -> tuple[str, ...]:
     """Return the types of a job's variables; nothing if the stepping loop knows them all."""
     return () if all(t in FAST_TYPES for t in types) else tuple(types)

@@ -218,4 +218,34 @@ class BatchStruct(ctypes.Structure):
     ]
 
 
+class FitsStruct(ctypes.Structure):
+    """Whole fits, of ``fits.h``."""
+
+    _fields_ = [
+        ("starts", c_int64),
+        ("parameters", c_int64),
+        ("evaluations", c_int64),
+        ("ftol", c_double),
+        ("xtol", c_double),
+        ("least_step", c_double),
+        ("known_cost", c_double),
+        ("known", c_void_p),
+        ("start", c_void_p),
+        ("low", c_void_p),
+        ("high", c_void_p),
+        ("lower", c_void_p),
+        ("upper", c_void_p),
+        ("log", c_void_p),
+        ("column", c_void_p),
+        ("gain", c_void_p),
+        ("shift", c_void_p),
+        ("weights", c_void_p),
+        ("ends", c_void_p),
+        ("costs", c_void_p),
+        ("ended", c_void_p),
+        ("simulations", c_int64),
+        ("steps", c_int64),
+    ]
+
+
 assert ctypes.sizeof(c_uint64) == ctypes.sizeof(c_void_p), "the stepping loop needs a 64-bit platform"
