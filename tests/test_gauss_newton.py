@@ -27,7 +27,8 @@ def test_corrected_derivatives_give_the_change_of_the_step_and_are_changed_least
     raw, dx, change = rng.standard_normal((50, 2, 4)), rng.standard_normal(4), rng.standard_normal((50, 2))
     a = np.triu(rng.standard_normal((4, 4))) * [1.0, 1e3, 1e-3, 1.0]
     before = raw.copy()
-    corrected = gauss_newton._corrected(raw, dx, change, a, own=False)
+    weights = np.sum(a**2, axis=0) * dx
+    corrected = gauss_newton._corrected(raw, dx, change, weights / (weights @ dx), own=False)
     assert np.array_equal(raw, before)
     np.testing.assert_allclose(corrected @ dx, change, rtol=1e-9, atol=1e-9)
     sizes = np.linalg.norm(a, axis=0)  # the least change of a row, each derivative by its size: by the pseudoinverse
