@@ -6,12 +6,16 @@ that a fit knows are not simulated again.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 from estimator.fitting.fit import Fit, evaluated, linear_columns, misfit
+from estimator.fitting.least_squares import SOON
 from estimator.fitting.projection import Projection, triangle
-from estimator.fitting.slopes import Point, Slopes
+from estimator.fitting.slopes import Point, Slopes, difference_steps
 from estimator.noise.kalman import filters
 
 FloatArray = NDArray[np.float64]
@@ -55,13 +59,27 @@ def solved(
     """
     s, where, (low, high) = fit.simulator, fit.where, fit.bounds
     fine = tolerance < FINE
-    x, shown, known = _begun(fit, central=fine)
     misfits = _Misfits(fit)
 
     def point(x: FloatArray, shown: FloatArray) -> Point:
         return Point(s, where, placed(fit, x), x, low, high, shown, s.between)
 
-    steps = _Steps(fit, iterations=iterations, fine=fine, told=told, tolerance=tolerance, limit=limit, beside=beside)
+    def end_at(x: FloatArray, shown: FloatArray, known: FloatArray | None) -> Fit:
+        end = point(x, shown)
+        return evaluated(fit, end.values, shown, Slopes(end, central=tolerance < 1e-2, known=known), misfits.linear)
+
+    limits: dict[str, Any] = {
+        "iterations": iterations,
+        "fine": fine,
+        "told": told,
+        "tolerance": tolerance,
+        "limit": limit,
+    }
+    if (found := _told_whole(fit, beside, limits)) is not None:
+        x, at_known, shown, known = found
+        return beside if at_known and beside is not None else end_at(x, shown, known)
+    x, shown, known = _begun(fit, central=fine)
+    steps = _Steps(fit, beside=beside, **limits)
     raw, there = known, shown
     asked = steps.begin(x, misfits.cost(shown), known is not None)
     while asked not in (DONE, DONE_BESIDE):
@@ -85,8 +103,38 @@ def solved(
         return beside
     if steps.has_moved:
         shown = there
-    end, known = point(steps.x, shown), raw if fine and steps.knows_derivatives else None
-    return evaluated(fit, end.values, shown, Slopes(end, central=tolerance < 1e-2, known=known), misfits.linear)
+    return end_at(steps.x, shown, raw if fine and steps.knows_derivatives else None)
+
+
+def _told_whole(
+    fit: Fit, beside: Fit | None, limits: Mapping[str, Any]
+) -> tuple[FloatArray, bool, FloatArray, FloatArray | None] | None:
+    """Return the end of a descent that a worker process does in one go, as `Simulator.descend`; None where it does not.
+
+    It does where few samples, of noise without a memory, are compared with signals as the stepper shows them.
+    """
+    s, w, where = fit.simulator, fit.whitener, fit.where
+    if fit.linear or w.remembers or w.shared is not None or not 0 < fit.shown.size * len(where) <= SOON:
+        return None
+    x = np.clip(s.scaled(fit.values)[where], *fit.bounds)
+    h = difference_steps(s, where, np.zeros(len(where)))
+    known = None if beside is None else [tuple(part.tolist()) for part in _least(beside, len(where))]
+    least_part, most_part = AS_PREDICTED
+    return s.descend(
+        placed(fit, x),
+        where,
+        w.scale,
+        x=tuple(x.tolist()),
+        rounds=MOST_STEPS * limits["iterations"],
+        least_part=least_part,
+        most_part=most_part,
+        longest=tuple(longest_steps(fit).tolist()),
+        steps=tuple(h.tolist()),
+        known=known and known[0],
+        bars=known and known[1],
+        known_cost=0.0 if beside is None else beside.cost,
+        **limits,
+    )
 
 
 class _Steps:

@@ -35,6 +35,7 @@ from estimator.stepping.layout import (
     MAX_SIGNALS,
     PENDING,
     TIMED_OUT,
+    DescentLayout,
     FitsLayout,
     is_of_step,
     outcome_sentence,
@@ -258,31 +259,63 @@ class Workers:
         SimulationError
             The FMU cannot even be loaded.
         """
-        watch, lost = _Watch(), False
-        self._claims[:] = NO_CLAIM
+        idle = self._idle()
+        parts = [dataclasses.replace(fits, starts=fits.starts[k :: len(idle)]) for k in range(len(idle))]
+        orders = {p: {"fit": vars(part)} for p, part in zip(idle, parts, strict=True) if part.starts}
+        found = self._done(orders)
+        if any(of_one is None for of_one in found):
+            return None
+        return [found[k % len(idle)][k // len(idle)] for k in range(len(fits.starts))]
+
+    def descend(
+        self, descent: DescentLayout, weights: FloatArray
+    ) -> tuple[list[float], float, int, FloatArray, FloatArray | None] | None:
+        """Do a descent of the job, of samples that are weighed, (rows, outputs), in one process.
+
+        Returns
+        -------
+        Where it ended, its cost, how (`gauss_newton.h`), what is shown there, (rows, outputs), and the derivatives of
+        that, (parameters, rows, outputs), or None; None altogether as `fit`, or where memory has no room.
+        """
+        p, size = len(descent.x), weights.size
+        if 1 + p > self._shared.shown_capacity:
+            return None
+        shown = self._views["shown"]
+        idle = self._idle()[0]
+        shown[:size] = weights.ravel()
+        (found,) = self._done({idle: {"descend": vars(descent)}})
+        if found is None:
+            return None
+        x, cost, ended, knows = found
+        derivatives = shown[size : (1 + p) * size].reshape(p, *weights.shape).copy() if knows else None
+        return x, cost, ended, shown[:size].reshape(weights.shape).copy(), derivatives
+
+    def _idle(self) -> list[Process]:
+        """Return the processes that may be asked, at least one."""
+        watch = _Watch()
         while not (idle := [p for p in self._processes.values() if p.state == IDLE]):
             self._hear(watch)
-        asked: dict[Process, range] = {}
-        for k, process in enumerate(idle[: len(fits.starts)]):
-            asked[process] = range(k, len(fits.starts), len(idle))
-            own = dataclasses.replace(fits, starts=fits.starts[k :: len(idle)])
+        return idle
+
+    def _done(self, orders: dict[Process, dict[str, Any]]) -> list[Any]:
+        """Give orders, one a process, and return what each has found; None where a simulation has failed."""
+        watch, found = _Watch(), dict[Process, Any]()
+        self._claims[:] = NO_CLAIM
+        for process, order in orders.items():
             process.state = RUNNING
-            process.send({"fit": vars(own)})
-        found: dict[int, tuple[list[float], float, int]] = {}
-        while asked:
+            process.send(order)
+        while len(found) < len(orders):
             heard = self._hear(watch)
-            if heard is None or heard[0] not in asked:
+            if heard is None or heard[0] not in orders:
                 continue
             process, message = heard
             if message is not None:
                 self.simulations += message["simulations"]
                 self.steps += message["steps"]
-                found |= zip(asked[process], message["fits"] or (), strict=False)
-            lost = lost or message is None or message["fits"] is None
-            del asked[process]
+            found[process] = None if message is None else message["found"]
         self._busy += watch.seconds
         self._start_more(0.0)
-        return None if lost else [found[k] for k in range(len(fits.starts))]
+        return [found[process] for process in orders]
 
     def reference(self, values: FloatArray, *, experiment: int = 0, refine: int = 1) -> FloatArray:
         """Simulate one candidate, (parameters,), by fmpy's methods alone; return (n, outputs)."""

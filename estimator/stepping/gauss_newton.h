@@ -1,4 +1,4 @@
-/* gauss_newton: the least sum of squares from a start, by Gauss-Newton steps with Levenberg's damping. Knows arrays only.
+/* gauss_newton: the least squares from a start, by Gauss-Newton steps with Levenberg's damping. Knows arrays only.
  *
  * A step that falls about as far as its derivatives say leaves them nearly as they were: they are corrected by what it
  * showed (Broyden 1965) instead of simulated again, f simulations of f values. Near the minimum, where central ones are

@@ -66,19 +66,13 @@ class JobLayout:
         return not self.is_fast or self.kind != "co-simulation" or self.version.startswith("1")
 
 
-@dataclass(frozen=True)
-class FitsLayout:
-    """Whole least-squares fits of a job as they travel to a worker; ``fits.h`` says what each field means.
+@dataclass(frozen=True, kw_only=True)
+class Placing:
+    """Where parameters go in a job's candidates; ``fits.h`` says what each field means.
 
-    Parameters are on their scales, but for `lower` and `upper`. `column`, `gain` and `shift` are of all values of a
-    candidate, recording by recording.
+    `column`, `gain` and `shift` are of all values of a candidate, recording by recording.
     """
 
-    starts: tuple[tuple[float, ...], ...]
-    evaluations: int
-    ftol: float
-    xtol: float
-    least_step: float
     low: tuple[float, ...]
     high: tuple[float, ...]
     lower: tuple[float, ...]
@@ -87,8 +81,39 @@ class FitsLayout:
     column: tuple[int, ...]
     gain: tuple[float, ...]
     shift: tuple[float, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class FitsLayout(Placing):
+    """Whole least-squares fits of a job as they travel to a worker."""
+
+    starts: tuple[tuple[float, ...], ...]
+    evaluations: int
+    ftol: float
+    xtol: float
+    least_step: float
     weights: tuple[float, ...]
     known: tuple[float, ...] | None = None
+    known_cost: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class DescentLayout(Placing):
+    """A descent as it travels to a worker; the weights of its samples stand in shared memory."""
+
+    x: tuple[float, ...]
+    iterations: int
+    rounds: int
+    fine: bool
+    told: bool
+    tolerance: float
+    limit: float
+    least_part: float
+    most_part: float
+    longest: tuple[float, ...]
+    steps: tuple[float, ...]
+    known: tuple[float, ...] | None = None
+    bars: tuple[float, ...] | None = None
     known_cost: float = 0.0
 
 

@@ -28,6 +28,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "gauss_newton.h"
 #include "model_exchange.h"
 #include "fmi2Functions.h"
 #include "fmi3_adapter.h"

@@ -40,7 +40,7 @@ typedef struct {
     int64_t p;           /* parameters */
     int64_t count;       /* residuals */
     int64_t evaluations; /* that are left */
-    double ftol, xtol;   /* the fit ends when its cost falls by less than ftol of itself, or x moves by less than xtol */
+    double ftol, xtol;   /* it ends when its cost falls by less than ftol of itself, or x moves by less than xtol */
     const double *low, *high; /* [p] */
     const double *known;      /* [p]; NULL: none */
     double known_cost;
@@ -48,7 +48,7 @@ typedef struct {
     int64_t asked, seen, tried_once;
     double cost, damping, radius, steepness, predicted, length, best_cost;
     double least[STANDING + 1]; /* the least cost until each of the last evaluations, the last one first */
-    double *x, *lengths, *distance, *scale, *g, *d, *squares, *weighted, *tried, *step, *best; /* [p] each */
+    double *x, *lengths, *distance, *scale, *g, *d, *squares, *weighted, *tried, *step, *best;
     double *scaled, *back, *way, *found; /* [p] each, [3 p] for found */
     double *turn;   /* [p][p]: right singular vectors, column by column */
     double *a;      /* [p][p + 1]: the model's matrix, column by column */
