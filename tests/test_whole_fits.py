@@ -34,10 +34,11 @@ class Counted:
         return found
 
 
-def squares_of(crew, *, fmu="dc_motor", recordings=(RUN,), case=None):
+def squares_of(crew, *, fmu="dc_motor", recordings=(RUN,), case=None, bundled=True):
     """Return least squares by single candidates, and by whole fits, and what counts these."""
     case = dataclasses.replace(case or Case(), fmu=str(fmu), recordings=())
-    plan = plan_case(case, describe(fmu), recordings=list(recordings))
+    description = dataclasses.replace(describe(fmu), is_bundled=bundled)
+    plan = plan_case(case, description, recordings=list(recordings))
     problem = Problem(plan, crew, sigma={"i": 1.0, "w": 1.0})
     counted = Counted(problem.fits)
     own = {"output": problem.output_of_residual, "spread": problem.spread}
@@ -107,14 +108,23 @@ def test_whole_fits_know_an_optimum_and_are_the_same_by_any_number_of_workers():
         pytest.param(f"{IF_BAD} for (;;) {{}}", id="hang", marks=pytest.mark.full),
     ],
 )
-def test_where_a_simulation_fails_the_fits_are_done_by_single_candidates(tmp_path, what):
+def test_where_a_simulation_fails_the_fits_are_done_by_single_candidates(tmp_path, what, monkeypatch):
     fmu = faulty_fmu(tmp_path, SetReal=MARK, DoStep=what)
     parameters = {n: ParameterSpec(n) for n in NAMES} | {"L": ParameterSpec("L", 0.001, 0.1)}
     case = Case(parameters=parameters)
     starts = [TRUE * [1, 1, 2, 1, 1], TRUE * [1.1, 1, 1, 1, 1]]  # the first fails: L is above 0.02
     with Workers(1, time_limit=1.0) as crew:
         single, whole, counted, _ = squares_of(crew, fmu=fmu, case=case)
+        monkeypatch.setattr(crew, "fit", tried := Counted(crew.fit))
         found, expected = whole.fits(starts, DEVIATIONS), single.fits(starts, DEVIATIONS)
-    assert counted.told == [False]
+    assert counted.told == tried.told == [False]
     assert [x.tolist() for x, _ in found] == [x.tolist() for x, _ in expected]
     assert found[1][1] < 1.3 * len(RUN.time) * 2
+
+
+def test_an_fmu_that_is_not_the_packages_is_simulated_candidate_by_candidate(tmp_path):
+    with Workers(1) as crew:
+        fmu = faulty_fmu(tmp_path, DoStep="return ORIGINAL;")
+        _, whole, counted, _ = squares_of(crew, fmu=fmu, bundled=False)
+        whole.fit(TRUE, DEVIATIONS)
+    assert counted.told == [False]

@@ -251,9 +251,11 @@ class Problem:
     def _placing(self, values: FloatArray, free: Sequence[int], box: Box) -> dict[str, Any] | None:
         """Return where what is free of a candidate, (p,), goes, as `Placing` says; None where it is not in its values.
 
-        An output's own delay also moves the others, where it is below 0.
+        An output's own delay also moves the others, where it is below 0. None, too, of an FMU that is not the
+        package's: its simulations may be slow, and then they are better dealt out among many processes.
         """
-        if self._job.fresh_process or not np.all(box.high > box.low):
+        known = self.plan.description.is_bundled and not self._job.fresh_process
+        if not known or not np.all(box.high > box.low):
             return None
         shift = self._values(values[None, :])[0]
         column, gain = np.full(shift.shape, -1), np.zeros(shift.shape)
