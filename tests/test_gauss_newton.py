@@ -7,15 +7,18 @@ import pytest
 from effect_bench import NOISE, TRUE, lagged, recording
 
 from estimator.cases.case import Case, OutputSpec, ParameterSpec
+from estimator.explaining.effects.channel_delay import ChannelDelay
+from estimator.explaining.effects.delay import Delay
 from estimator.explaining.effects.low_pass import LowPass
 from estimator.fitting import gauss_newton
-from estimator.fitting.fit import new_fit
+from estimator.fitting.fit import Linear, new_fit
 from estimator.fitting.gauss_newton import solved, solved_roughly
 from estimator.fitting.simulator import Simulator
 from estimator.fmus.probe import bundled_model
 from estimator.fmus.workers import Workers
 from estimator.noise.noise_model import NoiseModel
 from estimator.plans.planning import plan_case
+from estimator.recordings.reading import recording_from_arrays
 
 pytestmark = pytest.mark.usefixtures("shared_workers")
 
@@ -27,7 +30,8 @@ def test_corrected_derivatives_give_the_change_of_the_step_and_are_changed_least
     raw, dx, change = rng.standard_normal((50, 2, 4)), rng.standard_normal(4), rng.standard_normal((50, 2))
     a = np.triu(rng.standard_normal((4, 4))) * [1.0, 1e3, 1e-3, 1.0]
     before = raw.copy()
-    corrected = gauss_newton._corrected(raw, dx, change, a, own=False)
+    weights = np.sum(a**2, axis=0) * dx
+    corrected = gauss_newton._corrected(raw, dx, change, weights / (weights @ dx), own=False)
     assert np.array_equal(raw, before)
     np.testing.assert_allclose(corrected @ dx, change, rtol=1e-9, atol=1e-9)
     sizes = np.linalg.norm(a, axis=0)  # the least change of a row, each derivative by its size: by the pseudoinverse
@@ -104,3 +108,91 @@ def test_a_fit_that_is_led_to_a_known_least_ends_there_and_to_no_other():
             other.covariance()
             assert solved(begun, beside=other).cost == pytest.approx(known.cost, abs=1e-3)
             assert solved(begun, beside=other) is not other
+
+
+DELAYED = "delay"
+LAGGED = "lag of i"
+
+
+def _lost(recording):
+    """Return a recording without some samples of its current."""
+    current = recording.signals["current"].copy()
+    current[120:140] = np.nan
+    shown = {"voltage [V]": recording.signals["voltage"], "current [A]": current,
+             "speed [rad/s]": recording.signals["speed"]}  # fmt: skip
+    return recording_from_arrays("lost", recording.time, shown)
+
+
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-8])
+@pytest.mark.parametrize(
+    ("fmu", "freed", "run"),
+    [
+        ("dc_motor", (), recording("two levels", rows=slice(0, 600))),
+        ("dc_motor", (DELAYED,), recording("two levels", rows=slice(0, 600))),
+        ("dc_motor", (), _lost(recording("two levels", rows=slice(0, 600)))),
+        ("dc_motor_drive", ("friction",), recording("two levels", rows=slice(0, 600), friction=0.014)),
+    ],
+    ids=["plain", "a delay is free", "samples are missing", "friction is free"],
+)
+def test_a_descent_in_the_worker_is_that_of_single_candidates(fmu, freed, run, tolerance, monkeypatch):
+    free = {name: ParameterSpec(name) for name in TRUE}
+    free |= {"friction": ParameterSpec("friction", 0.0, 0.1)} if "friction" in freed else {}
+    plan = plan_case(dataclasses.replace(CASE, fmu=fmu, parameters=free), bundled_model(fmu), recordings=[run])
+    noise = NoiseModel.plain(np.array([NOISE["i"], NOISE["w"]]), (-1, -1))
+    fits, messages = [], []
+    for soon in (0, gauss_newton.SOON):
+        monkeypatch.setattr(gauss_newton, "SOON", soon)
+        with Workers(1) as crew:
+            simulator = Simulator(plan, Delay().nuisances(plan), crew, {"i": 1.0, "w": 1.0})
+            start = {n: 1.2 * x for n, x in TRUE.items()} | {n: 0.01 if n == "friction" else 5e-4 for n in freed}
+            wanted = (*plan.names, *(n for n in freed if n not in plan.names))
+            begun = new_fit(simulator, simulator.values(start), wanted, noise)
+            sent = []
+            monkeypatch.setattr(crew._processes[0], "send", _counting(crew._processes[0].send, sent))
+            fits.append(solved(begun, tolerance=tolerance))
+            messages.append(len(sent))
+            there = simulator.shown(fits[-1].values[None, :])[0]
+            np.testing.assert_allclose(fits[-1].shown, there, rtol=1e-9, atol=1e-9)
+            if soon == 0:
+                bars = np.sqrt(np.diag(fits[0].covariance()))[: len(fits[0].where)]
+            if tolerance == 1e-8:
+                told = fits[-1].slopes.raw
+                fits[-1].slopes.forget()
+                np.testing.assert_allclose(told, fits[-1].slopes.raw, rtol=1e-6, atol=1e-6 * np.abs(told).max())
+    one, other = fits
+    moved = simulator.scaled(one.values)[one.where] - simulator.scaled(other.values)[one.where]
+    assert other.cost == pytest.approx(one.cost, abs=10 * tolerance)
+    assert np.all(np.abs(moved) < 3 * np.sqrt(tolerance) * bars)
+    assert messages[1] == 1 < messages[0] / 4
+
+
+def _counting(send, sent):
+    def counted(order):
+        sent.append(order)
+        send(order)
+
+    return counted
+
+
+def test_what_a_worker_cannot_do_alone_is_done_by_single_candidates():
+    run = recording("two levels", i=lambda y: lagged(y, 2e-3), rows=slice(0, 600))
+    plan = plan_case(CASE, bundled_model("dc_motor"), recordings=[run])
+    noise = NoiseModel.plain(np.array([NOISE["i"], NOISE["w"]]), (-1, -1))
+    with Workers(1) as crew:
+        nuisances = (*LowPass(name="lag").nuisances(plan), *ChannelDelay().nuisances(plan))
+        simulator = Simulator(plan, nuisances, crew, {"i": 1.0, "w": 1.0})
+        bare = new_fit(simulator, simulator.values(TRUE), plan.names, noise)
+        assert gauss_newton._told_whole(bare, None, LIMITS) is not None
+        for name in (LAGGED, "delay of i"):  # a filter, and a delay that may turn into one of the other output
+            wider = dataclasses.replace(bare, free=(*bare.free, name))
+            assert gauss_newton._told_whole(wider, None, LIMITS) is None
+        column = Linear("offset i", np.ones((*bare.shown.shape, 1)), ("A",))
+        assert gauss_newton._told_whole(dataclasses.replace(bare, linear=(column,)), None, LIMITS) is None
+        slow = dataclasses.replace(noise, slow=np.array([[0.01, 0.1], [0.0, 1.0]]))
+        coloured = dataclasses.replace(bare, whitener=bare.whitener.of(slow))
+        assert gauss_newton._told_whole(coloured, None, LIMITS) is None
+        filtered = dataclasses.replace(bare, values=simulator.values({**TRUE, LAGGED: 2e-3}))
+        assert gauss_newton._told_whole(filtered, None, LIMITS) is None
+
+
+LIMITS = {"iterations": 25, "fine": False, "told": True, "tolerance": 1e-3, "limit": np.inf}

@@ -14,6 +14,7 @@ from estimator.explaining.effects.low_pass import LowPass
 from estimator.explaining.explained import explain
 from estimator.explaining.selection import Selection
 from estimator.explaining.selection_of_plan import freed_by_the_case
+from estimator.fitting import gauss_newton
 from estimator.fitting.fit import new_fit, refreshed
 from estimator.fitting.gauss_newton import solved
 from estimator.fitting.projection import BLOCK, triangle
@@ -149,7 +150,8 @@ def test_of_a_short_recording_or_one_that_moves_at_its_end_all_rows_are_searched
     assert part_of(plan_of(recording_from_arrays("late", times, columns))) is None
 
 
-def test_derivatives_of_a_fit_are_simulated_when_they_are_asked_and_once():
+def test_derivatives_of_a_fit_are_simulated_when_they_are_asked_and_once(monkeypatch):
+    monkeypatch.setattr(gauss_newton, "SOON", 0)  # by single candidates, as of many rows
     plan = plan_of(switched(2_000))
     with Workers(1) as crew:
         simulator = Simulator(plan, (), crew, {"i": 1.0, "w": 1.0})

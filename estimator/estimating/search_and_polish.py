@@ -69,6 +69,7 @@ class _Attempts:
             output=session.problem.output_of_residual,
             spread=session.problem.spread,
             loss=session.plan.case.search.loss,
+            whole=session.problem.fits,
         )
         noise = np.array([session.noise[y][0] for y in session.problem.outputs])
         self.floor = np.maximum(noise, 1e-12 * session.problem.spread)

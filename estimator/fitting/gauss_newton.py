@@ -1,30 +1,31 @@
 """A fit's least cost, by Gauss-Newton steps with Levenberg's damping, from differences. Knows no effect and no test.
 
-A step that falls about as far as its derivatives say leaves them nearly as they were: they are corrected by what it
-showed (Broyden 1965) instead of simulated again, f simulations of f values. Near the minimum, where central ones are
-asked for, they are kept as they are. A minimum is told by simulated ones only; those that a fit knows are not simulated
-again. A step that falls short is corrected by what bends beside it, as in a valley that is curved (Transtrum and Sethna
-2012).
+The steps are ``stepping/gauss_newton.h``'s: that says when derivatives are simulated, corrected or kept. Derivatives
+that a fit knows are not simulated again.
 """
 
 from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimator.fitting.fit import Fit, evaluated, linear_columns, misfit
+from estimator.fitting.least_squares import SOON
 from estimator.fitting.projection import Projection, triangle
-from estimator.fitting.slopes import Point, Slopes
+from estimator.fitting.slopes import Point, Slopes, difference_steps
+from estimator.noise.kalman import filters
 
 FloatArray = NDArray[np.float64]
 
 ITERATIONS, MOST_STEPS = 25, 4  # derivatives that are simulated; steps for each, on average
 ROUGH = 8  # derivatives that are simulated of a fit that is only compared
-HOPE = 4.0  # times the whole fall that derivatives predict: a fit that needs more to be wanted ends
-DAMPING = (1e-3, 1e8)  # first, last
-BESIDE = 1.0  # of z'z, and standard errors: a fit that is led so near to a known least goes there
 AS_PREDICTED = (0.7, 1.5)  # of the predicted fall: then derivatives are corrected, not simulated again
+FINE = 1e-6  # of a tolerance: with less derivatives are central
 LONGEST_LOG_STEP, LONGEST_STEP = 1.0, 5.0  # longest step: of a logarithm; of a nuisance's typical sizes
+ASKS_NEW, ASKS_CORRECTED, ASKS_COST, ASKS_BENT, DONE, DONE_BESIDE = range(6)  # as in gauss_newton.h
 
 
 def solved_roughly(fit: Fit, *, limit: float = np.inf) -> Fit:
@@ -57,92 +58,173 @@ def solved(
         A least cost by the same noise, with the same free: returned where derivatives lead next to it.
     """
     s, where, (low, high) = fit.simulator, fit.where, fit.bounds
-    descent = _Descent(fit, tolerance)
+    fine = tolerance < FINE
+    misfits = _Misfits(fit)
 
     def point(x: FloatArray, shown: FloatArray) -> Point:
         return Point(s, where, placed(fit, x), x, low, high, shown, s.between)
 
-    simulated, fine, left = True, tolerance < 1e-6, iterations
+    def end_at(x: FloatArray, shown: FloatArray, known: FloatArray | None) -> Fit:
+        end = point(x, shown)
+        return evaluated(fit, end.values, shown, Slopes(end, central=tolerance < 1e-2, known=known), misfits.linear)
+
+    limits: dict[str, Any] = {
+        "iterations": iterations,
+        "fine": fine,
+        "told": told,
+        "tolerance": tolerance,
+        "limit": limit,
+    }
+    if (found := _told_whole(fit, beside, limits)) is not None:
+        x, at_known, shown, known = found
+        return beside if at_known and beside is not None else end_at(x, shown, known)
     x, shown, known = _begun(fit, central=fine)
-    cost, raw = descent.cost(shown), known
-    for _ in range(MOST_STEPS * iterations if len(where) and np.isfinite(cost) else 0):
-        if raw is None:
-            if not left:
-                break
-            raw, simulated, left = point(x, shown).slopes(central=fine), True, left - 1
-        a, g = descent.triangle(raw, misfit(fit, shown))
-        if simulated and left < iterations - 1 and cost - HOPE * float(g @ g) > limit:
-            break
-        if beside is not None and _leads_to(beside, x, cost, a, g):
-            return beside
-        better, predicted = descent.lower(x, shown, cost, raw, (a, g), simulated=simulated)
-        if better is None:
-            if simulated or not told:
-                break
-            raw = None  # what was corrected tells no minimum
+    steps = _Steps(fit, beside=beside, **limits)
+    raw, there = known, shown
+    asked = steps.begin(x, misfits.cost(shown), known is not None)
+    while asked not in (DONE, DONE_BESIDE):
+        if steps.has_moved:
+            change, shown = there - shown, there
+        if asked == ASKS_COST:
+            there = np.asarray(s.shown(placed(fit, steps.tried)[None, :])[0])
+            asked = steps.take_cost(misfits.cost(there))
             continue
-        gained = cost - better[2]
-        if gained >= tolerance and AS_PREDICTED[0] < gained / predicted < AS_PREDICTED[1]:
-            step = better[0] - x, better[1] - shown
-            raw, simulated = raw if fine else _corrected(raw, *step, a, own=raw is not known), False
-        else:
-            raw = None
-        x, shown, cost = better
-        if gained < tolerance and simulated:
-            break
-    end, known = point(x, shown), raw if fine and simulated else None
-    return evaluated(fit, end.values, shown, Slopes(end, central=tolerance < 1e-2, known=known), descent.linear)
+        if asked == ASKS_NEW:
+            raw = point(steps.x, shown).slopes(central=fine)
+        assert raw is not None
+        if asked == ASKS_CORRECTED and steps.corrects:
+            raw = _corrected(raw, steps.step, change, steps.correction, own=raw is not known)
+        off = misfit(fit, shown)
+        if asked == ASKS_BENT:
+            off = np.where(fit.whitener.present, shown + raw @ (steps.tried - steps.x) - there, 0.0)
+        asked = steps.take_triangle(*misfits.triangle(raw, off), bends=asked == ASKS_BENT)
+    if asked == DONE_BESIDE:
+        assert beside is not None
+        return beside
+    if steps.has_moved:
+        shown = there
+    return end_at(steps.x, shown, raw if fine and steps.knows_derivatives else None)
 
 
-class _Descent:
-    """Steps of a fit, damped as far as the last ones asked for; the linear part is at its best at every point."""
+def _told_whole(
+    fit: Fit, beside: Fit | None, limits: Mapping[str, Any]
+) -> tuple[FloatArray, bool, FloatArray, FloatArray | None] | None:
+    """Return the end of a descent that a worker process does in one go, as `Simulator.descend`; None where it does not.
 
-    def __init__(self, fit: Fit, tolerance: float) -> None:
-        self.fit, self.tolerance = fit, tolerance
-        self.linear = Projection(fit.whitener.flat(linear_columns(fit.linear, fit.shown.shape)))
-        (self.low, self.high), self.longest, self.damping = fit.bounds, longest_steps(fit), DAMPING[0]
+    It does where few samples, of noise without a memory, are compared with signals as the stepper shows them.
+    """
+    s, w, where = fit.simulator, fit.whitener, fit.where
+    if fit.linear or w.remembers or w.shared is not None or not 0 < fit.shown.size * len(where) <= SOON:
+        return None
+    x = np.clip(s.scaled(fit.values)[where], *fit.bounds)
+    h = difference_steps(s, where, np.zeros(len(where)))
+    known = None if beside is None else [tuple(part.tolist()) for part in _least(beside, len(where))]
+    least_part, most_part = AS_PREDICTED
+    return s.descend(
+        placed(fit, x),
+        where,
+        w.scale,
+        x=tuple(x.tolist()),
+        rounds=MOST_STEPS * limits["iterations"],
+        least_part=least_part,
+        most_part=most_part,
+        longest=tuple(longest_steps(fit).tolist()),
+        steps=tuple(h.tolist()),
+        known=known and known[0],
+        bars=known and known[1],
+        known_cost=0.0 if beside is None else beside.cost,
+        **limits,
+    )
 
-    def lower(
+
+class _Steps:
+    """The steps of a descent as they are asked; attributes tell where it stands."""
+
+    def __init__(
         self,
-        x: FloatArray,
-        shown: FloatArray,
-        cost: float,
-        raw: FloatArray,
-        triangle: tuple[FloatArray, FloatArray],
+        fit: Fit,
         *,
-        simulated: bool,
-    ) -> tuple[tuple[FloatArray, FloatArray, float] | None, float]:
-        """Return a point of less cost, what is shown there and its cost, and the predicted fall; None: there is none.
+        iterations: int,
+        fine: bool,
+        told: bool,
+        tolerance: float,
+        limit: float,
+        beside: Fit | None,
+    ) -> None:
+        f, self._filters = len(fit.where), filters()
+        self._f = f
+        self._own = np.empty(self._filters.descent_bytes(f) // 8 + 1)
+        self._point = np.zeros(4 * f + 4)
+        given = [*fit.bounds, longest_steps(fit), *(() if beside is None else _least(beside, f))]
+        self._kept = [np.ascontiguousarray(array, dtype=np.float64) for array in given]  # while they are pointed to
+        places = [*(array.ctypes.data for array in self._kept), None, None][:5]
+        cost = 0.0 if beside is None else beside.cost
+        whole = f, iterations, MOST_STEPS * iterations, int(fine), int(told)
+        self._limits = (*whole, tolerance, limit, *AS_PREDICTED, *places, cost)
+        self._places = self._own.ctypes.data, self._point.ctypes.data
 
-        Derivatives that are not `simulated` are tried once.
-        """
-        a, g = triangle
-        while self.damping < DAMPING[1]:
-            dx = _step(a, g, self.damping, x, self.low, self.high)
-            dx *= min(1.0, float(np.min(self.longest / np.maximum(np.abs(dx), 1e-300))))
-            tried = np.clip(x + dx, self.low, self.high)
-            predicted = float(g @ g - np.sum((g - a @ (tried - x)) ** 2))
-            if predicted < self.tolerance:
-                break
-            there = self.shown(tried)
-            new = self.cost(there)
-            if simulated and cost <= new < np.inf:
-                off = np.where(self.fit.whitener.present, shown + raw @ (tried - x) - there, 0.0)
-                bent = _step(*self.triangle(raw, off), self.damping, tried, self.low, self.high)
-                tried = np.clip(tried + bent, self.low, self.high)
-                there = self.shown(tried)
-                new = self.cost(there)
-            if new < cost:
-                self.damping = max(self.damping / 10, 1e-9)
-                return (tried, there, new), predicted
-            if not simulated:
-                break
-            self.damping *= 10
-        return None, 0.0
+    def begin(self, x: FloatArray, cost: float, known: bool) -> int:
+        """Begin at x, (f,), of a cost; `known`: derivatives are, too. Return what is asked."""
+        own, point = self._places
+        self._point[self._f : 2 * self._f] = x
+        return int(self._filters.descent_begin(own, *self._limits, cost, int(known), point))
 
-    def shown(self, x: FloatArray) -> FloatArray:
-        """Return what the sensors show, (rows, q), at what is free, (f,), on its scale."""
-        return np.asarray(self.fit.simulator.shown(placed(self.fit, x)[None, :])[0])
+    def take_triangle(self, a: FloatArray, g: FloatArray, *, bends: bool) -> int:
+        """Take a, (f, f), and g, (f,), as gauss_newton.h says."""
+        own, point = self._places
+        a, g = np.ascontiguousarray(a), np.ascontiguousarray(g)
+        return int(self._filters.descent_take_triangle(own, a.ctypes.data, g.ctypes.data, int(bends), point))
+
+    def take_cost(self, cost: float) -> int:
+        """Take the cost at the tried point."""
+        own, point = self._places
+        return int(self._filters.descent_take_cost(own, cost, point))
+
+    def _row(self, k: int) -> FloatArray:
+        return self._point[k * self._f : (k + 1) * self._f].copy()
+
+    @property
+    def tried(self) -> FloatArray:
+        """What is tried, (f,)."""
+        return self._row(0)
+
+    @property
+    def x(self) -> FloatArray:
+        """Where it stands, (f,)."""
+        return self._row(1)
+
+    @property
+    def step(self) -> FloatArray:
+        """The last step, (f,)."""
+        return self._row(2)
+
+    @property
+    def correction(self) -> FloatArray:
+        """How much of what that missed goes into each derivative, (f,)."""
+        return self._row(3)
+
+    @property
+    def has_moved(self) -> bool:
+        """Whether it stands where it has just tried."""
+        return bool(self._point[-3])
+
+    @property
+    def corrects(self) -> bool:
+        """Whether derivatives are corrected by the last step."""
+        return bool(self._point[-2])
+
+    @property
+    def knows_derivatives(self) -> bool:
+        """Whether derivatives were simulated where it stands."""
+        return bool(self._point[-1])
+
+
+class _Misfits:
+    """The misfit of a fit at any signals, whitened; the linear part is at its best at every point."""
+
+    def __init__(self, fit: Fit) -> None:
+        self.fit = fit
+        self.linear = Projection(fit.whitener.flat(linear_columns(fit.linear, fit.shown.shape)))
 
     def cost(self, shown: FloatArray) -> float:
         """Return z'z at simulated signals; infinity where the FMU failed."""
@@ -160,13 +242,11 @@ class _Descent:
         return square[:, :f], square[:, f]
 
 
-def _leads_to(known: Fit, x: FloatArray, cost: float, a: FloatArray, g: FloatArray) -> bool:
-    """Whether derivatives at what is free, (f,), predict a least next to a known one, as low and not apart from it."""
-    if abs(cost - float(g @ g) - known.cost) > BESIDE:
-        return False
-    s, free = known.simulator, known.at_bound[: len(x)] == 0
-    ahead = x + np.linalg.lstsq(a, g, rcond=None)[0] - s.scaled(known.values)[known.where]
-    return bool(free.all() and np.all(np.abs(ahead) < BESIDE * np.sqrt(np.diag(known.covariance_parts()[0])[: len(x)])))
+def _least(known: Fit, f: int) -> tuple[FloatArray, FloatArray]:
+    """Return where a known fit's f free values are, on their scales, and their bars: none at a bound."""
+    free = known.at_bound[:f] == 0
+    bars = np.sqrt(np.diag(known.covariance_parts()[0])[:f])
+    return known.simulator.scaled(known.values)[known.where], bars if free.all() else np.zeros(f)
 
 
 def _begun(fit: Fit, *, central: bool) -> tuple[FloatArray, FloatArray, FloatArray | None]:
@@ -182,13 +262,17 @@ def _begun(fit: Fit, *, central: bool) -> tuple[FloatArray, FloatArray, FloatArr
     return x, s.shown(placed(fit, x)[None, :])[0], None
 
 
-def _corrected(raw: FloatArray, dx: FloatArray, change: FloatArray, a: FloatArray, *, own: bool) -> FloatArray:
-    """Return derivatives, (rows, q, f), changed as little as gives the change, (rows, q), of a step, (f,).
+def _corrected(raw: FloatArray, dx: FloatArray, change: FloatArray, weights: FloatArray, *, own: bool) -> FloatArray:
+    """Return derivatives, (rows, q, f), corrected so that they give the change, (rows, q), of a step, (f,).
 
-    As little as the whitened signals weigh what is free, of which `a`, (f, f), is the triangle. `own`: in their place.
+    Parameters
+    ----------
+    weights : (f,) array
+        How much of what is missed goes into each: weights @ dx is 1.
+    own : bool
+        In their place.
     """
-    weights = np.sum(a**2, axis=0) * dx
-    missed = (change - raw @ dx) / (weights @ dx)
+    missed = change - raw @ dx
     raw = raw if own else raw.copy(order="K")
     for k, weight in enumerate(weights.tolist()):
         raw[:, :, k] += weight * missed
@@ -207,23 +291,3 @@ def placed(fit: Fit, x: FloatArray) -> FloatArray:
     s, values = fit.simulator, fit.values.copy()
     values[fit.where] = s.unscaled(x, fit.where)
     return np.clip(values, s.lower, s.upper)
-
-
-def _step(a: FloatArray, g: FloatArray, damping: float, x: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
-    """Return the damped step that minimises |g - a dx|; zero for parameters at a bound that would leave it."""
-    free = np.ones(len(x), dtype=bool)
-    dx = np.zeros(len(x))
-    for _ in range(len(x)):
-        own = a[:, free]
-        scale = np.sqrt(np.einsum("nk,nk->k", own, own))
-        scale[scale == 0] = 1.0
-        own = own / scale
-        dx = np.zeros(len(x))
-        dx[free] = np.linalg.solve(own.T @ own + damping * np.eye(len(scale)), own.T @ g) / scale
-        out = free & (((x <= low) & (dx < 0)) | ((x >= high) & (dx > 0)))
-        if not out.any():
-            break
-        free &= ~out
-        if not free.any():
-            return np.zeros(len(x))
-    return dx

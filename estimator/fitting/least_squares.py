@@ -25,6 +25,9 @@ from estimator.plans.parameters import Box
 
 FloatArray = NDArray[np.float64]
 Residuals = Callable[[FloatArray], FloatArray]
+# Scaled starts, (k, p), weights of the outputs, and what `trust_region.steps` takes -> where each fit ends, as
+# `Problem.fits` tells.
+Whole = Callable[..., Sequence[tuple[FloatArray, float] | None] | None]
 # Of a fit: scaled parameters, (p,); its residuals there, (m,), over their deviations, where derivatives are asked, None
 # where residuals are.
 _Asked = tuple[FloatArray, FloatArray | None]
@@ -32,13 +35,12 @@ _Asked = tuple[FloatArray, FloatArray | None]
 TOGETHER = 2_000_000  # residuals that are simulated at once for several fits
 SOON = 50_000  # residuals of the candidates beside a point: fewer are simulated with it, which a message more outweighs
 REWEIGHTINGS = 3
+FTOL, XTOL = 1e-14, 1e-11  # of the cost, of a point: times a tolerance, a smaller change ends a fit
 TOLERANCE = 1e4  # times rounding's: a step that moves an optimum less than 1e-7 of itself is its last
 REWEIGHTED = 0.02  # relative change of the deviations at which reweighting stops
 CLOSE, CLOSINGS = 0.02, 3  # of chi-square: an optimum no further above the least is accepted; attempts to come closer
 ROUNDING = 1e-12  # of a signal's deviation: rounding of a simulation
 NOISE_FREE = 1e-7  # of a signal's deviation: smaller residuals are numerical, not noise
-BESIDE, BESIDE_COST = 0.01, 1.0  # of a scaled parameter, of chi-square: a fit that comes so near goes to an optimum
-STANDS = 5, 0.05  # evaluations; part of what it is above a known cost: a fit that comes no nearer in so many ends
 FAILED_RESIDUAL = 1e3  # what a failed simulation shows, in deviations
 AT_BOUND = 1e-6  # of the scaled width of the bounds
 
@@ -59,6 +61,8 @@ class LeastSquares:
         Standard deviation of each measured output: its scale.
     loss : "linear" or "huber"
         Beyond HUBER deviations a residual counts in proportion, no longer by its square (Huber 1964).
+    whole : callable, optional
+        Does whole fits of few residuals, or returns None.
     """
 
     def __init__(
@@ -69,8 +73,9 @@ class LeastSquares:
         output: NDArray[np.int16],
         spread: FloatArray,
         loss: str = "linear",
+        whole: Whole | None = None,
     ) -> None:
-        self._robust = loss == "huber"
+        self._robust, self._whole = loss == "huber", whole
         self._residuals, self.box, self._output, self._spread = residuals, box, output, spread
 
     def fit(
@@ -103,6 +108,9 @@ class LeastSquares:
             An optimum at the same deviations: a fit that comes next to it, or whose derivatives lead there, is taken
             to end there, one that comes no nearer to its cost where it stands.
         """
+        told = None if central else self._told_whole(starts, deviations, evaluations, tolerance, known)
+        if told is not None:
+            return told
         many = max(1, TOGETHER // (len(self._output) * self.box.dimension))
         weights = 1 / deviations[self._output]
         found: list[tuple[FloatArray, float]] = []
@@ -119,6 +127,38 @@ class LeastSquares:
                         del asked[k]
             found += [ends[k] for k in range(len(part))]
         return found
+
+    def _told_whole(
+        self,
+        starts: Sequence[FloatArray],
+        deviations: FloatArray,
+        evaluations: int,
+        tolerance: float,
+        known: LeastSquaresFit | None,
+    ) -> list[tuple[FloatArray, float]] | None:
+        """Return the ends of fits that are done in one go; None where they are not."""
+        if self._whole is None or self._robust or len(self._output) * self.box.dimension > SOON:
+            return None
+        own = None if known is None else (self.box.scaled(known.values), known.cost)
+        begun = np.array([self._inside(start) for start in starts])
+        limits = {"evaluations": evaluations, "ftol": FTOL * tolerance, "xtol": XTOL * tolerance}
+        found = self._whole(begun, 1 / deviations, **limits, known=own)
+        if found is None:
+            return None
+        ends = []
+        for end in found:
+            if end is None:
+                assert known is not None
+                ends.append((known.values, known.cost))
+            else:
+                ends.append((self.box.unscaled(end[0]), end[1]))
+        return ends
+
+    def _inside(self, start: FloatArray) -> FloatArray:
+        """Return a start, (p,), on the parameters' scales, inside the bounds."""
+        low, high = self.box.low, self.box.high
+        margin = 1e-9 * (high - low)
+        return np.asarray(np.clip(self.box.scaled(start), low + margin, high - margin))
 
     def _answers(
         self, asked: Mapping[int, _Asked], beside: dict[int, FloatArray], weights: FloatArray, central: bool
@@ -170,9 +210,7 @@ class LeastSquares:
         self, start: FloatArray, evaluations: int, tolerance: float, known: LeastSquaresFit | None
     ) -> Generator[_Asked, FloatArray, tuple[FloatArray, float]]:
         """Yield what is asked of scaled parameters; return the optimum, in their units, and its cost."""
-        low, high = self.box.low, self.box.high
-        margin = 1e-9 * (high - low)
-        x = np.clip(self.box.scaled(start), low + margin, high - margin)
+        low, high, x = self.box.low, self.box.high, self._inside(start)
         free = high > low
         if not free.any():
             own = yield x, None
@@ -183,44 +221,27 @@ class LeastSquares:
             low=low,
             high=np.where(free, high, low + 1e-12),
             evaluations=evaluations,
-            ftol=1e-14 * tolerance,
-            xtol=1e-11 * tolerance,
+            ftol=FTOL * tolerance,
+            xtol=XTOL * tolerance,
+            known=None if known is None else (self.box.scaled(known.values), known.cost),
         )
         last: dict[bytes, FloatArray] = {}
-        least: list[tuple[float, FloatArray]] = []  # cost and place of the best until each evaluation
         x, slope = next(asking)
         while True:
             if slope:
                 answer = yield x, last[x.tobytes()]
-                if known is not None and self._leads_beside(x, answer, known):
-                    return known.values, known.cost
             else:
                 at = yield x, None
                 last = {x.tobytes(): at}
                 answer = rooted(at)[0] if self._robust else at
-                if known is not None:
-                    cost = float(answer @ answer)
-                    if self._is_beside(x, cost, known):
-                        return known.values, known.cost
-                    least.append((cost, x) if not least or cost < least[-1][0] else least[-1])
-                    if _stands([c for c, _ in least], known.cost):
-                        return self.box.unscaled(least[-1][1]), least[-1][0]
             try:
                 x, slope = asking.send(answer)
             except StopIteration as end:
+                if end.value is None:
+                    assert known is not None
+                    return known.values, known.cost
                 found, cost = end.value
                 return self.box.unscaled(found), cost
-
-    def _is_beside(self, x: FloatArray, cost: float, known: LeastSquaresFit) -> bool:
-        """Whether scaled parameters, (p,), are next to an optimum: hardly others, and hardly less likely."""
-        return abs(cost - known.cost) < BESIDE_COST and bool(np.all(np.abs(x - self.box.scaled(known.values)) < BESIDE))
-
-    def _leads_beside(self, x: FloatArray, triangle: FloatArray, known: LeastSquaresFit) -> bool:
-        """Whether derivatives at scaled parameters, by `triangle_of` them, predict a least next to an optimum."""
-        p, cost = len(x), float(triangle[-1, -1]) ** 2
-        if len(triangle) <= p or abs(cost - known.cost) >= BESIDE_COST:
-            return False
-        return self._is_beside(x - np.linalg.lstsq(triangle[:p, :p], triangle[:p, p], rcond=None)[0], cost, known)
 
     def deviations(self, values: FloatArray) -> FloatArray:
         """Return the residuals' deviations of each output at a point; the parameters cost degrees of freedom."""
@@ -330,12 +351,6 @@ class LeastSquares:
         if not sound.all():
             weighted[~sound.all(axis=1)] = FAILED_RESIDUAL
         return np.asarray(weighted)
-
-
-def _stands(costs: Sequence[float], known: float) -> bool:
-    """Whether a fit has come hardly nearer to a known cost in its last evaluations, `costs` its least until each."""
-    evaluations, part = STANDS
-    return len(costs) > evaluations and costs[-1] - known > (1 - part) * max(costs[-1 - evaluations] - known, 0.0)
 
 
 def rooted(residuals: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -7,12 +7,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimator.cases.case import Case
 from estimator.errors import CaseError
+from estimator.fitting.differences import DIFFERENCE_STEP
+from estimator.fitting.trust_region import ENDED_AT_KNOWN
 from estimator.fitting.winding_temperature import warmth
 from estimator.fmus.job import Batch, Experiment, Job
 from estimator.fmus.workers import Workers
@@ -20,11 +23,12 @@ from estimator.plans.parameters import Box
 from estimator.plans.plan import ChainSpec, Observed, Plan
 from estimator.recordings.recording import Recording
 from estimator.recordings.sensors import Section
-from estimator.stepping.layout import types_of
+from estimator.stepping.layout import DescentLayout, FitsLayout, types_of
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
+DONE_BESIDE = 5  # as in gauss_newton.h
 SIGMA_FLOOR = 1e-3  # of a signal's deviation: the least noise that the search assumes
 
 
@@ -166,6 +170,116 @@ class Problem:
     def residuals(self, candidates: FloatArray) -> FloatArray:
         """Return simulated minus measured, (n, m), in the outputs' units, missing samples left out; NaN if failed."""
         return self.compared(self.signals(candidates))
+
+    def fits(
+        self,
+        starts: FloatArray,
+        weights: FloatArray,
+        *,
+        evaluations: int,
+        ftol: float,
+        xtol: float,
+        known: tuple[FloatArray, float] | None = None,
+    ) -> list[tuple[FloatArray, float] | None] | None:
+        """Do least-squares fits in the worker processes, from start to end.
+
+        Parameters
+        ----------
+        starts : (k, p) array
+            On the parameters' scales, inside their bounds.
+        weights : (q,) array
+            On each output's residuals.
+        known : optional
+            An optimum, (p,), on the scales, and its cost, as in `trust_region.steps`.
+
+        Returns
+        -------
+        Where each ended, (p,), on the scales, and its cost; None: at the known optimum. None altogether where a
+        simulation failed, or where candidates are more than the FMU's parameters, times, beside others.
+        """
+        placing = self._placing(starts[0], list(range(self.box.dimension)), self.box)
+        if placing is None or self._phased:
+            return None
+        self._take_over()
+        found = self.workers.fit(
+            FitsLayout(
+                **placing,
+                starts=tuple(tuple(start) for start in starts.tolist()),
+                evaluations=evaluations,
+                ftol=ftol,
+                xtol=xtol,
+                least_step=DIFFERENCE_STEP,
+                weights=tuple(weights.tolist()),
+                known=None if known is None else tuple(known[0].tolist()),
+                known_cost=0.0 if known is None else known[1],
+            )
+        )
+        if found is None:
+            return None
+        return [None if how == ENDED_AT_KNOWN else (np.array(x), cost) for x, cost, how in found]
+
+    def descend(
+        self, values: FloatArray, free: Sequence[int], box: Box, weights: FloatArray, **limits: Any
+    ) -> tuple[FloatArray, bool, FloatArray, FloatArray | None] | None:
+        """Do a descent of what is free in a worker process.
+
+        Parameters
+        ----------
+        values : (p,) array
+            A candidate.
+        free : places among the parameters of what is free
+        box : of that
+        weights : (rows, outputs) array
+            On the misfit of each sample; 0 where one is missing.
+        limits : what else `DescentLayout` takes
+
+        Returns
+        -------
+        Where it ended, (f,), on the scales, whether that is the least cost that is known, what is shown there,
+        (rows, outputs), and the derivatives of that, (f, rows, outputs), or None; None altogether as `fits`.
+        """
+        placing = self._placing(values, free, box)
+        if placing is None:
+            return None
+        self._take_over()
+        found = self.workers.descend(DescentLayout(**placing, **limits), weights)
+        if found is None:
+            return None
+        x, _, how, shown, derivatives = found
+        return np.array(x), how == DONE_BESIDE, shown, derivatives
+
+    def _placing(self, values: FloatArray, free: Sequence[int], box: Box) -> dict[str, Any] | None:
+        """Return where what is free of a candidate, (p,), goes, as `Placing` says; None where it is not in its values.
+
+        An output's own delay also moves the others, where it is below 0. None, too, of an FMU that is not the
+        package's: its simulations may be slow, and then they are better dealt out among many processes.
+        """
+        known = self.plan.description.is_bundled and not self._job.fresh_process
+        if not known or not np.all(box.high > box.low):
+            return None
+        shift = self._values(values[None, :])[0]
+        column, gain = np.full(shift.shape, -1), np.zeros(shift.shape)
+        many, held = self._column.shape[1], self._column.shape[1] + len(self._constant)
+        for k, j in enumerate(free):
+            own = self._column == j
+            column[:, :many][own], gain[:, :many][own] = k, np.broadcast_to(self._gain, own.shape)[own]
+            shift[:, :many][own] = np.broadcast_to(self._shift, own.shape)[own]
+        for j, where, at in self._sensors[1] if self._has_sensors else ():
+            if j in free and at % 3 == 0 and at > 0:
+                return None
+            if j in free:
+                column[where, held + at], gain[where, held + at] = list(free).index(j), 1.0
+                shift[where, held + at] -= values[j]
+        return {
+            "low": tuple(box.low.tolist()),
+            "high": tuple(box.high.tolist()),
+            "lower": tuple(box.lower.tolist()),
+            "upper": tuple(box.upper.tolist()),
+            "log": tuple(box.log.tolist()),
+            "column": tuple(column.ravel().tolist()),
+            "gain": tuple(gain.ravel().tolist()),
+            "shift": tuple(shift.ravel().tolist()),
+        }
 
     def compared(self, shown: FloatArray) -> FloatArray:
         """Return (c, rows, outputs) trajectories minus the measured ones, (c, m), as `residuals` does."""

@@ -11,6 +11,7 @@ import dataclasses
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +20,7 @@ from estimator.fitting.problem import Problem, distinct
 from estimator.fitting.shaft_angle import shaft_angle, unfolded_orders
 from estimator.fmus.workers import Workers
 from estimator.noise.clock import Clock, interval_shown
-from estimator.plans.parameters import Parameter, SensorPlace, scaled, unscaled
+from estimator.plans.parameters import Box, Parameter, SensorPlace, scaled, unscaled
 from estimator.plans.plan import Observed, Plan
 from estimator.recordings.excitation import quantum
 
@@ -283,6 +284,35 @@ class Simulator:
         if kept:
             self._phases = key, phases
         return phases
+
+    def descend(
+        self, values: FloatArray, where: NDArray[np.int_], weights: FloatArray, **limits: Any
+    ) -> tuple[FloatArray, bool, FloatArray, FloatArray | None] | None:
+        """Do a descent of what is free, by its places, in a worker process; None where that is not possible there.
+
+        Parameters
+        ----------
+        weights : (rows, q) array
+            On the misfit of each sample; 0 where one is missing.
+        limits : as `Problem.descend`
+
+        Returns
+        -------
+        As `Problem.descend`, without the lead, and the derivatives as (rows, q, f).
+        """
+        stepped = {k: j for j, k in enumerate(self._stepped)}
+        if self._acting(values[None, :]).any() or not set(where.tolist()) <= stepped.keys():
+            return None
+        box = Box(self.lower[where], self.upper[where], self.log[where])
+        wide = np.zeros((sum(o.before + len(o.recording.time) for o in self.observed), len(self.outputs)))
+        wide[self._keep] = weights
+        free = [stepped[k] for k in where.tolist()]
+        found = self.problem.descend(values[self._stepped], free, box, wide, **limits)
+        if found is None:
+            return None
+        x, beside, shown, derivatives = found
+        own = None if derivatives is None else np.moveaxis(derivatives[:, self._keep], 0, 2)
+        return x, beside, shown[self._keep], own
 
     def forget(self) -> None:
         """Give up the memory of the signals between two rows, which filters and means are tried on."""

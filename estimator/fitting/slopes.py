@@ -56,8 +56,7 @@ class Point:
         Central ones are remembered for as long as no others are asked for: they are not to be changed.
         """
         s, x, f = self.simulator, self.x, len(self.where)
-        h = np.where(s.log[self.where], DIFFERENCE_STEP, 10 * DIFFERENCE_STEP * s.size[self.where])
-        h = np.maximum(h, s.spacing(self.values)[self.where] / (2 if central else 1))
+        h = difference_steps(s, self.where, s.spacing(self.values)[self.where] / (2 if central else 1))
         ahead = np.where(x + h <= self.high, x + h, x - h)
         behind = np.where((x - h >= self.low) & (ahead > x), x - h, x) if central else x
         points = np.array([self.beside(end) for end in ((ahead, behind) if central else (ahead,))])
@@ -82,6 +81,11 @@ class Point:
         if central:
             s.derivatives = key, found
         return found
+
+
+def difference_steps(s: Simulator, where: NDArray[np.int_], least: FloatArray) -> FloatArray:
+    """Return the steps of differences, (f,), of some of a simulator's names, on their scales; no less than `least`."""
+    return np.maximum(np.where(s.log[where], DIFFERENCE_STEP, 10 * DIFFERENCE_STEP * s.size[where]), least)
 
 
 class Slopes:

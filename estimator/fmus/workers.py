@@ -35,6 +35,8 @@ from estimator.stepping.layout import (
     MAX_SIGNALS,
     PENDING,
     TIMED_OUT,
+    DescentLayout,
+    FitsLayout,
     is_of_step,
     outcome_sentence,
 )
@@ -89,6 +91,20 @@ class _Loaded:
         for file in self.files:
             with contextlib.suppress(OSError):  # still mapped: it goes with the folder
                 file.unlink()
+
+
+@dataclasses.dataclass
+class _Watch:
+    """How long workers have been waited for, and which claim each had when."""
+
+    started: float = dataclasses.field(default_factory=time.monotonic)
+    looked: float = dataclasses.field(default_factory=time.monotonic)
+    claims: dict[int, tuple[int, float]] = dataclasses.field(default_factory=dict)
+
+    @property
+    def seconds(self) -> float:
+        """Since it was started."""
+        return time.monotonic() - self.started
 
 
 class Workers:
@@ -230,6 +246,77 @@ class Workers:
             self._run_part(values[part], limits[part], batch.of(part), refine=refine)
         return batch
 
+    def fit(self, fits: FitsLayout) -> list[tuple[list[float], float, int]] | None:
+        """Do whole least-squares fits of the job, each in one process.
+
+        Returns
+        -------
+        Where each ended, its cost and how (`trust_region.h`); None where a simulation has failed, which a run of
+        candidates would tell.
+
+        Raises
+        ------
+        SimulationError
+            The FMU cannot even be loaded.
+        """
+        idle = self._idle()
+        parts = [dataclasses.replace(fits, starts=fits.starts[k :: len(idle)]) for k in range(len(idle))]
+        orders = {p: {"fit": vars(part)} for p, part in zip(idle, parts, strict=True) if part.starts}
+        found = self._done(orders)
+        if any(of_one is None for of_one in found):
+            return None
+        return [found[k % len(idle)][k // len(idle)] for k in range(len(fits.starts))]
+
+    def descend(
+        self, descent: DescentLayout, weights: FloatArray
+    ) -> tuple[list[float], float, int, FloatArray, FloatArray | None] | None:
+        """Do a descent of the job, of samples that are weighed, (rows, outputs), in one process.
+
+        Returns
+        -------
+        Where it ended, its cost, how (`gauss_newton.h`), what is shown there, (rows, outputs), and the derivatives of
+        that, (parameters, rows, outputs), or None; None altogether as `fit`, or where memory has no room.
+        """
+        p, size = len(descent.x), weights.size
+        if 1 + p > self._shared.shown_capacity:
+            return None
+        shown = self._views["shown"]
+        idle = self._idle()[0]
+        shown[:size] = weights.ravel()
+        (found,) = self._done({idle: {"descend": vars(descent)}})
+        if found is None:
+            return None
+        x, cost, ended, knows = found
+        derivatives = shown[size : (1 + p) * size].reshape(p, *weights.shape).copy() if knows else None
+        return x, cost, ended, shown[:size].reshape(weights.shape).copy(), derivatives
+
+    def _idle(self) -> list[Process]:
+        """Return the processes that may be asked, at least one."""
+        watch = _Watch()
+        while not (idle := [p for p in self._processes.values() if p.state == IDLE]):
+            self._hear(watch)
+        return idle
+
+    def _done(self, orders: dict[Process, dict[str, Any]]) -> list[Any]:
+        """Give orders, one a process, and return what each has found; None where a simulation has failed."""
+        watch, found = _Watch(), dict[Process, Any]()
+        self._claims[:] = NO_CLAIM
+        for process, order in orders.items():
+            process.state = RUNNING
+            process.send(order)
+        while len(found) < len(orders):
+            heard = self._hear(watch)
+            if heard is None or heard[0] not in orders:
+                continue
+            process, message = heard
+            if message is not None:
+                self.simulations += message["simulations"]
+                self.steps += message["steps"]
+            found[process] = None if message is None else message["found"]
+        self._busy += watch.seconds
+        self._start_more(0.0)
+        return [found[process] for process in orders]
+
     def reference(self, values: FloatArray, *, experiment: int = 0, refine: int = 1) -> FloatArray:
         """Simulate one candidate, (parameters,), by fmpy's methods alone; return (n, outputs)."""
         order = {"reference": True, "values": list(values), "experiment": experiment, "refine": refine}
@@ -286,8 +373,7 @@ class Workers:
         costs[:], steps[:], outcomes[:] = np.inf, 0, PENDING
         self._counter[0] = 0
         self._order["run"] = {"candidates": n, "refine": refine, "record": record}
-        started = looked = time.monotonic()
-        watch: dict[int, tuple[int, float]] = {}
+        watch = _Watch()
         while True:
             for process in list(self._processes.values()):
                 if process.state == IDLE and self._counter[0] < n:
@@ -295,16 +381,8 @@ class Workers:
                     process.send({"run": self._order["run"]})
             if self._counter[0] >= n and not any(p.state == RUNNING for p in self._processes.values()):
                 break
-            with contextlib.suppress(queue.Empty):
-                self._handle(*self._messages.get(timeout=TICK), outcomes=outcomes)
-            now = time.monotonic()
-            if now - looked >= TICK:
-                looked = now
-                self._end_the_overdue(watch, now)
-                self._start_more(now - started)
-                if self.on_tick is not None:
-                    self.on_tick()
-        self._busy += time.monotonic() - started
+            self._hear(watch, outcomes)
+        self._busy += watch.seconds
         self._start_more(0.0)
         self._collect(values, costs, steps, outcomes, batch, refine=refine)
 
@@ -336,6 +414,21 @@ class Workers:
             return
         step = self._job.step(done - 1, refine=refine) if is_of_step(outcome) else None
         self.failures.append(Failure(reason, tuple(values.ravel().tolist()), step))
+
+    def _hear(self, watch: _Watch, outcomes: IntArray | None = None) -> tuple[Process, dict[str, Any] | None] | None:
+        """Wait a moment for an answer, heed and return it; None: there was none. Look at the clock now and then."""
+        heard = None
+        with contextlib.suppress(queue.Empty):
+            heard = self._messages.get(timeout=TICK)
+            self._handle(*heard, outcomes=outcomes)
+        now = time.monotonic()
+        if now - watch.looked >= TICK:
+            watch.looked = now
+            self._end_the_overdue(watch.claims, now)
+            self._start_more(watch.seconds)
+            if self.on_tick is not None:
+                self.on_tick()
+        return heard
 
     def _handle(self, process: Process, message: dict[str, Any] | None, *, outcomes: IntArray | None = None) -> None:
         if self._processes.get(process.slot) is not process:

@@ -130,7 +130,7 @@ def filters() -> ctypes.CDLL:
     """
     check_installed(KALMAN)
     library = ctypes.CDLL(str(KALMAN))
-    if not hasattr(library, "gram_factors"):
+    if not hasattr(library, "descent_begin"):
         raise InputError(f"{KALMAN} is of an older version: install fmu-estimator again by pip, which compiles it")
     library.kalman_whiten.restype = ctypes.c_int64
     library.kalman_whiten.argtypes = [ctypes.c_int64] * 5 + [ctypes.c_void_p] * 9
@@ -140,6 +140,19 @@ def filters() -> ctypes.CDLL:
     library.recursion_run.argtypes = [ctypes.c_int64] * 4 + [ctypes.c_void_p] * 4
     library.gram_factors.restype = ctypes.c_int64
     library.gram_factors.argtypes = [ctypes.c_int64] * 2 + [ctypes.c_double] + [ctypes.c_void_p] * 2
+    library.fit_bytes.restype = library.fit_begin.restype = ctypes.c_int64
+    library.fit_take_cost.restype = library.fit_take_slopes.restype = ctypes.c_int64
+    library.fit_bytes.argtypes = [ctypes.c_int64]
+    whole, real, place = ctypes.c_int64, ctypes.c_double, ctypes.c_void_p
+    library.fit_begin.argtypes = [place, whole, whole, real, real, place, place, place, real, place]
+    library.fit_take_cost.argtypes = [place, real, whole, place]
+    library.fit_take_slopes.argtypes = [place, place, whole, place]
+    library.descent_bytes.restype = library.descent_begin.restype = ctypes.c_int64
+    library.descent_take_triangle.restype = library.descent_take_cost.restype = ctypes.c_int64
+    library.descent_bytes.argtypes = [whole]
+    library.descent_begin.argtypes = [place, *[whole] * 5, *[real] * 4, *[place] * 5, real, real, whole, place]
+    library.descent_take_triangle.argtypes = [place, place, place, whole, place]
+    library.descent_take_cost.argtypes = [place, real, place]
     library.memory_keep.restype = None
     library.memory_keep.argtypes = [ctypes.c_int] * 2
     library.memory_keep(LARGEST_KEPT, MOST_KEPT)

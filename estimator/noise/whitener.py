@@ -103,7 +103,7 @@ class Whitener:
     def whitened(self, *columns: FloatArray) -> Columns:
         """Return (rows, q, c) columns whitened, (rows q, all c); of a long recording, without a memory, not held."""
         if self.in_parts:
-            return Scaled([c.reshape(self._scale.size, c.shape[2]) for c in columns], self._scale.ravel())
+            return Scaled([c.reshape(self.scale.size, c.shape[2]) for c in columns], self.scale.ravel())
         return self.flat(columns[0] if len(columns) == 1 else np.concatenate(columns, axis=2))
 
     def of_made(self, made: Callable[[slice], FloatArray]) -> Columns:
@@ -111,7 +111,7 @@ class Whitener:
         rows, q = self.present.shape
         if not self.in_parts:
             return self.flat(made(slice(0, rows)))
-        factors = self._scale
+        factors = self.scale
 
         def whitened(at: slice) -> FloatArray:  # which may begin and end amid a row
             there = slice(at.start // q, -(-at.stop // q))
@@ -135,7 +135,7 @@ class Whitener:
 
     def _scaled(self, columns: FloatArray, rows: slice) -> FloatArray:
         """Return columns, (n, q, c), of some rows over the deviation of noise without a memory."""
-        white = columns * self._scale[rows, :, None]
+        white = columns * self.scale[rows, :, None]
         if not self._complete:
             white[~self.present[rows]] = 0.0
         return white
@@ -148,10 +148,10 @@ class Whitener:
     @cached_property
     def _log_variances(self) -> float:
         """The sum of the logarithms of the variances of noise without a memory."""
-        return float(-2 * np.sum(np.log(self._scale if self._complete else self._scale[self.present])))
+        return float(-2 * np.sum(np.log(self.scale if self._complete else self.scale[self.present])))
 
     @cached_property
-    def _scale(self) -> FloatArray:
+    def scale(self) -> FloatArray:
         """One over the deviation of each sample, (rows, q), of noise without a memory; 0 where it is missing."""
         g, white = self._sizes()
         deviation = np.sqrt(white, out=white)
@@ -269,7 +269,7 @@ class Whitener:
 
     def forget(self) -> None:
         """Give up the memory of what is made of the noise again when it is asked for."""
-        for name in ("_scale", "_state_spaces", "_shared"):
+        for name in ("scale", "_state_spaces", "_shared"):
             self.__dict__.pop(name, None)
 
     def of(self, noise: NoiseModel) -> Whitener:

@@ -16,7 +16,7 @@ from typing import Any
 
 from estimator.stepping.equations import equations_of
 from estimator.stepping.fmu_library import CO_SIMULATION, co_simulation_library
-from estimator.stepping.layout import ExperimentLayout, JobLayout, positions
+from estimator.stepping.layout import DescentLayout, ExperimentLayout, FitsLayout, JobLayout, Placing, positions
 from estimator.stepping.library import STEPPER
 from estimator.stepping.slow_path import Callbacks, SlowFmu, fmi1_callbacks
 from estimator.stepping.structures import (
@@ -24,11 +24,14 @@ from estimator.stepping.structures import (
     BatchStruct,
     CallbacksStruct,
     ChainStruct,
+    DescentStruct,
     ExperimentStruct,
+    FitsStruct,
     Fmi3Struct,
     FmuStruct,
     JobStruct,
     Log,
+    PlacesStruct,
     SettingStruct,
 )
 
@@ -65,6 +68,9 @@ def stepper() -> ctypes.CDLL:
     library.stepper_run.argtypes = pointers
     library.stepper_take.argtypes = pointers[2:]
     library.stepper_run_one.argtypes = [*pointers, c_int64, c_int64]
+    library.stepper_fit.restype = library.stepper_descend.restype = c_int64
+    library.stepper_fit.argtypes = [*pointers[:2], c_void_p, POINTER(FitsStruct)]
+    library.stepper_descend.argtypes = [*pointers[:2], c_void_p, POINTER(DescentStruct)]
     library.stepper_close.restype = None
     library.stepper_close.argtypes = pointers[:1]
     return library
@@ -118,6 +124,47 @@ class FmuInstance:
     def run_one(self, batch: BatchStruct, *, candidate: int, experiment: int) -> int:
         """Simulate one experiment of a candidate; return its outcome."""
         return int(self.stepper.stepper_run_one(self.fmu, self.job, batch, candidate, experiment))
+
+    def fit(self, fits: FitsLayout, *, claim: int) -> dict[str, Any]:
+        """Do whole fits, each simulation claimed at an address; return where each ended, its cost and how.
+
+        None where a simulation has failed; with simulations and steps that were done.
+        """
+        p, n = len(fits.low), len(fits.starts)
+        start, known = [x for row in fits.starts for x in row], fits.known
+        ends, costs, ended = (c_double * (n * p))(), (c_double * n)(), (c_int64 * n)()
+        given = {"start": _doubles(start), "weights": _doubles(fits.weights), "known": known and _doubles(known)}
+        places, kept = _places(fits)
+        own = FitsStruct(
+            places=places,
+            starts=n,
+            evaluations=fits.evaluations,
+            ftol=fits.ftol,
+            xtol=fits.xtol,
+            least_step=fits.least_step,
+            known_cost=fits.known_cost,
+            **_addresses({**given, "ends": ends, "costs": costs, "ended": ended}),
+        )
+        sound = self.stepper.stepper_fit(self.fmu, self.job, claim, own)
+        del kept
+        found = [(ends[k * p : (k + 1) * p], costs[k], ended[k]) for k in range(n)]
+        return _done(own.places, found if sound else None)
+
+    def descend(self, descent: DescentLayout, *, claim: int, samples: int) -> dict[str, Any]:
+        """Do a descent, by weights at an address, where what is shown is written; return as `fit`.
+
+        Where it ended, its cost, how, and whether derivatives are written behind what is shown.
+        """
+        x = _doubles(descent.x)
+        given: dict[str, Any] = {"x": x, "longest": _doubles(descent.longest), "steps": _doubles(descent.steps)}
+        given |= {"known": descent.known and _doubles(descent.known), "bars": descent.bars and _doubles(descent.bars)}
+        places, kept = _places(descent)
+        names = ("iterations", "rounds", "fine", "told", "tolerance", "limit", "least_part", "most_part", "known_cost")
+        limits = {name: getattr(descent, name) for name in names}
+        own = DescentStruct(places=places, samples=samples, **limits, **_addresses(given))
+        sound = self.stepper.stepper_descend(self.fmu, self.job, claim, own)
+        del kept
+        return _done(own.places, (list(x), own.cost, own.ended, bool(own.knows)) if sound else None)
 
     def close(self) -> None:
         """Free the instance."""
@@ -248,6 +295,27 @@ class FmuInstance:
         array = (kind * max(1, len(values)))(*values)
         self._kept.append(array)
         return ctypes.addressof(array)
+
+
+def _done(places: PlacesStruct, found: Any) -> dict[str, Any]:
+    return {"found": found, "simulations": places.simulations, "steps": places.steps}
+
+
+def _places(placing: Placing) -> tuple[PlacesStruct, dict[str, Any]]:
+    """Return where parameters go, and what that points to."""
+    kept = {name: _doubles(getattr(placing, name)) for name in ("low", "high", "lower", "upper", "gain", "shift")}
+    kept |= {
+        name: (c_int64 * len(values))(*values) for name, values in (("log", placing.log), ("column", placing.column))
+    }
+    return PlacesStruct(parameters=len(placing.low), **_addresses(kept)), kept
+
+
+def _doubles(values: Sequence[float]) -> Any:
+    return (c_double * len(values))(*values)
+
+
+def _addresses(arrays: dict[str, Any]) -> dict[str, int]:
+    return {name: ctypes.addressof(array) for name, array in arrays.items() if array is not None}
 
 
 @cache

@@ -66,6 +66,57 @@ class JobLayout:
         return not self.is_fast or self.kind != "co-simulation" or self.version.startswith("1")
 
 
+@dataclass(frozen=True, kw_only=True)
+class Placing:
+    """Where parameters go in a job's candidates; ``fits.h`` says what each field means.
+
+    `column`, `gain` and `shift` are of all values of a candidate, recording by recording.
+    """
+
+    low: tuple[float, ...]
+    high: tuple[float, ...]
+    lower: tuple[float, ...]
+    upper: tuple[float, ...]
+    log: tuple[bool, ...]
+    column: tuple[int, ...]
+    gain: tuple[float, ...]
+    shift: tuple[float, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class FitsLayout(Placing):
+    """Whole least-squares fits of a job as they travel to a worker."""
+
+    starts: tuple[tuple[float, ...], ...]
+    evaluations: int
+    ftol: float
+    xtol: float
+    least_step: float
+    weights: tuple[float, ...]
+    known: tuple[float, ...] | None = None
+    known_cost: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class DescentLayout(Placing):
+    """A descent as it travels to a worker; the weights of its samples stand in shared memory."""
+
+    x: tuple[float, ...]
+    iterations: int
+    rounds: int
+    fine: bool
+    told: bool
+    tolerance: float
+    limit: float
+    least_part: float
+    most_part: float
+    longest: tuple[float, ...]
+    steps: tuple[float, ...]
+    known: tuple[float, ...] | None = None
+    bars: tuple[float, ...] | None = None
+    known_cost: float = 0.0
+
+
 def types_of(types: Sequence[str]) -> tuple[str, ...]:
     """Return the types of a job's variables; nothing if the stepping loop knows them all."""
     return () if all(t in FAST_TYPES for t in types) else tuple(types)

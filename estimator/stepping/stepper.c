@@ -25,12 +25,15 @@
 #include <stdatomic.h>
 #include <stdint.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
+#include "gauss_newton.h"
 #include "model_exchange.h"
 #include "fmi2Functions.h"
 #include "fmi3_adapter.h"
 #include "sensors.h"
+#include "trust_region.h"
 
 #if defined(_WIN32)
 #define EXPORT __declspec(dllexport)
@@ -478,6 +481,23 @@ static int64_t candidate(Fmu *fmu, const Job *job, const Batch *batch, int64_t i
     return finish(batch, index, outcome, cost);
 }
 
+/* The same; what the FMU has changed is restored, and the candidate is simulated again where it may matter. */
+static int64_t sound_candidate(Fmu *fmu, const Job *job, const Batch *batch, int64_t index,
+                               const FloatingPoint *saved) {
+    int64_t outcome = candidate(fmu, job, batch, index, saved);
+    if (is_changed(saved)) {
+        restore(saved);
+        if (!fmu->restore_every_step) {
+            fmu->restore_every_step = 1;
+            outcome = candidate(fmu, job, batch, index, saved);
+            restore(saved);
+        }
+    }
+    return outcome;
+}
+
+#include "fits.h"
+
 /* Take the next candidate and return its index; -1: none is left. */
 EXPORT int64_t stepper_take(const Batch *batch) {
     int64_t index = atomic_fetch_add(batch->next, 1);
@@ -510,18 +530,8 @@ EXPORT int64_t stepper_run(Fmu *fmu, const Job *job, const Batch *batch) {
     remember(&saved);
     while (done < batch->quota) {
         int64_t index = stepper_take(batch);
-        int64_t outcome;
         if (index < 0) break;
-        outcome = candidate(fmu, job, batch, index, &saved);
-        if (is_changed(&saved)) {
-            restore(&saved);
-            if (!fmu->restore_every_step) {
-                fmu->restore_every_step = 1;
-                outcome = candidate(fmu, job, batch, index, &saved);
-                restore(&saved);
-            }
-        }
-        batch->outcomes[index] = outcome;
+        batch->outcomes[index] = sound_candidate(fmu, job, batch, index, &saved);
         *batch->claim = -1;
         done++;
     }

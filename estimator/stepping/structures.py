@@ -218,4 +218,68 @@ class BatchStruct(ctypes.Structure):
     ]
 
 
+class PlacesStruct(ctypes.Structure):
+    """Where parameters go in candidates, of ``fits.h``."""
+
+    _fields_ = [
+        ("parameters", c_int64),
+        ("low", c_void_p),
+        ("high", c_void_p),
+        ("lower", c_void_p),
+        ("upper", c_void_p),
+        ("log", c_void_p),
+        ("column", c_void_p),
+        ("gain", c_void_p),
+        ("shift", c_void_p),
+        ("simulations", c_int64),
+        ("steps", c_int64),
+    ]
+
+
+class FitsStruct(ctypes.Structure):
+    """Whole fits, of ``fits.h``."""
+
+    _fields_ = [
+        ("places", PlacesStruct),
+        ("starts", c_int64),
+        ("evaluations", c_int64),
+        ("ftol", c_double),
+        ("xtol", c_double),
+        ("least_step", c_double),
+        ("known_cost", c_double),
+        ("known", c_void_p),
+        ("start", c_void_p),
+        ("weights", c_void_p),
+        ("ends", c_void_p),
+        ("costs", c_void_p),
+        ("ended", c_void_p),
+    ]
+
+
+class DescentStruct(ctypes.Structure):
+    """A descent, of ``fits.h``."""
+
+    _fields_ = [
+        ("places", PlacesStruct),
+        ("iterations", c_int64),
+        ("rounds", c_int64),
+        ("fine", c_int64),
+        ("told", c_int64),
+        ("tolerance", c_double),
+        ("limit", c_double),
+        ("least_part", c_double),
+        ("most_part", c_double),
+        ("known_cost", c_double),
+        ("known", c_void_p),
+        ("bars", c_void_p),
+        ("longest", c_void_p),
+        ("steps", c_void_p),
+        ("x", c_void_p),
+        ("samples", c_void_p),
+        ("cost", c_double),
+        ("ended", c_int64),
+        ("knows", c_int64),
+    ]
+
+
 assert ctypes.sizeof(c_uint64) == ctypes.sizeof(c_void_p), "the stepping loop needs a 64-bit platform"

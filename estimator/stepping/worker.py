@@ -25,7 +25,7 @@ from typing import IO, Any, NoReturn
 
 from estimator.stepping.descendants import MARK, adopt, end_all
 from estimator.stepping.fmu_instance import FmuInstance, stepper
-from estimator.stepping.layout import CRASHED, FINISHED, ExperimentLayout, JobLayout
+from estimator.stepping.layout import CRASHED, FINISHED, DescentLayout, ExperimentLayout, FitsLayout, JobLayout
 from estimator.stepping.reference import reference_trajectories
 from estimator.stepping.shared_memory import ENTRY, SharedMemory
 from estimator.stepping.slow_path import fmu_class
@@ -73,6 +73,8 @@ def main() -> None:
                 answer = {"stage": _stage(prober, order["probe"])}
             elif worker is None:
                 answer = {"error": "no FMU loaded"}
+            elif "fit" in order or "descend" in order:
+                answer = worker.fit(order)
             else:
                 answer = worker.run(order["run"])
         except Exception as error:
@@ -148,6 +150,16 @@ class _Worker:
             full = self._too_large()
         full = full or self._too_large()
         return self._answer(recycle=full)
+
+    def fit(self, order: dict[str, Any]) -> dict[str, Any]:
+        """Do whole fits, or a descent."""
+        claim = self._shared_address + self.shared.claims + self.index * ENTRY
+        if "fit" in order:
+            done = self.loaded.fit(FitsLayout(**order["fit"]), claim=claim)
+        else:
+            samples = self._shared_address + self.shared.shown
+            done = self.loaded.descend(DescentLayout(**order["descend"]), claim=claim, samples=samples)
+        return {**self._answer(recycle=self._too_large()), **done}
 
     @property
     def loaded(self) -> FmuInstance:
