@@ -282,7 +282,7 @@ def _measured(
     header_unit = recording.units.get(recording.column(column), "")
     is_angle = spec.sensor == "mean" and unit == "rad/s" and header_unit == "rad"
     if spec.counts is not None:
-        if header_unit not in ("", "?", "1", "count"):
+        if header_unit not in ("", "?", "1", "count", "count/s"):
             raise RecordingError(
                 f"{recording.title}: column {column!r} is in {header_unit}, so counts a turn do not fit it;"
                 " leave counts out"
@@ -293,7 +293,7 @@ def _measured(
         if header_unit == "rad" and starts_again(signal):
             signal = _added_up(recording, column, signal)
     signal = _corrected(signal, name, column, run)
-    if is_angle or (spec.counts is not None and spec.sensor == "mean"):
+    if is_angle or (spec.counts is not None and spec.sensor == "mean" and header_unit != "count/s"):
         signal = np.concatenate([[np.nan], np.diff(signal) / np.diff(recording.time)])
     elif name == "angle":
         signal = _without_rest(signal)

@@ -134,6 +134,7 @@ def preview(
             guessed=frozenset(r.signal for r in read if r.is_guess),
             sure=frozenset(r.signal for r in read if r.unit_from == "user"),
             columns={r.signal: r.column for r in read},
+            units={r.signal: r.unit for r in read},
         ),
         repeated=len(_repeated(signals)),
     )
