@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from estimator.cases.case import read_case
+from estimator.cases.case import case_for_recording, read_case
 from estimator.cli import main
 from estimator.errors import RecordingError
 from estimator.fmus.fmu import describe
@@ -73,9 +73,54 @@ def test_first_stamps_that_are_no_earlier_than_the_next_are_left_out(write, caps
     times = np.concatenate([first, T[1 : N + 1 - len(first)]])
     path = write("t,u,i,w", times, V, I, W)
     recording = one(path)
-    assert recording.left_out == left_out and len(recording.time) == N - left_out
+    assert len(recording.time) == N - left_out
     assert main(["check", str(path)]) == 0
-    assert "left out: the next is stamped no later" in capsys.readouterr().out
+    first = "the first row is" if left_out == 1 else f"the first {left_out} rows are"
+    assert f"{first} left out: the next is stamped no later" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("end", "told"),
+    [
+        ("\n", ()),
+        ("", ()),
+        ("\nEnd of test\n", ("line 62, below the last row, is left out: 'End of test'",)),
+        ("\n^CTraceback:\n  File x\n", ("lines 62 to 63, below the last row, are left out: '^CTraceback:', …",)),
+        ("\n0.6,6", ("line 62, the last row, is cut off and left out: '0.6,6'",)),
+        ("\n0.6,6,0.1\n", ("line 62, the last row, is cut off and left out: '0.6,6,0.1'",)),
+        ("\n0.6,6,0.1,1e-", ("line 62, the last row, is cut off and left out: '0.6,6,0.1,1e-'",)),
+        (
+            "\n0.6,6,0.1\nstopped\n",
+            (
+                "line 62, the last row, is cut off and left out: '0.6,6,0.1'",
+                "line 63, below the last row, is left out: 'stopped'",
+            ),
+        ),
+        ("\n,6,0.1,9\n,6,0.1,9\n", ("2 rows at the end without a time are left out",)),
+    ],
+)
+def test_what_of_a_files_end_is_no_row_is_told_everywhere(write, capsys, end, told):
+    path = write("t,u,i,w", T, V, I, W)
+    path.write_text(path.read_text().rstrip("\n") + end)
+    recording = one(path)
+    assert recording.not_read == told and len(recording.time) == N
+    np.testing.assert_allclose(recording.signals["w"], W, rtol=1e-8)
+    assert main(["check", str(path)]) == 0
+    shown = capsys.readouterr().out
+    assert all(f"  {sentence}\n" in shown for sentence in told)
+    assert main(["check", str(path), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["recordings"][0]["read"]["left_out"] == list(told)
+    case = case_for_recording(path, fmu="dc_motor")
+    notes = plan_case(case, describe("dc_motor")).notes
+    assert all(f"log.csv: {sentence}" in notes for sentence in told)
+
+
+@pytest.mark.parametrize("end", ["\n0.6,6,0.1\n0.61,6,0.1,9\n", "\n0.6,6,0.1,1e-\n"])
+def test_a_row_that_is_short_in_the_middle_or_a_cell_that_was_ended_is_an_error(write, end):
+    path = write("t,u,i,w", T, V, I, W)
+    path.write_text(path.read_text().rstrip("\n") + end)
+    with pytest.raises(RecordingError, match="line 62"):
+        one(path)
 
 
 def test_seconds_under_a_header_of_microseconds_are_told_how_to_be_read(write):

@@ -63,9 +63,7 @@ def preview_text(p: Preview) -> str:
         lines.append(f"  not used: {', '.join(p.unused)}")
     if guessed := [how_to_overrule(r) for r in p.read if r.unit_from == "name"]:
         lines.append(f"  another unit is said with {', '.join(guessed)}")
-    if recording.left_out:
-        first = "the first row is" if recording.left_out == 1 else f"the first {recording.left_out} rows are"
-        lines.append(f"  {first} left out: the next is stamped no later")
+    lines += [f"  {sentence}" for sentence in recording.not_read]
     clock = "even" if recording.even else "with jitter, each time taken as printed"
     missing = f", {recording.missing_rows} rows missing" if recording.missing_rows else ""
     if p.repeated:

@@ -149,6 +149,7 @@ def preview_mapping(p: Preview) -> dict[str, Any]:
             "signals": {r.signal: {k: x for k, x in r.mapping().items() if k != "signal"} for r in p.read},
             "text": " · ".join(r.text() for r in p.read),
             "unused": list(p.unused),
+            "left_out": list(recording.not_read),
         },
         "clock": {
             "samples": len(recording.time),
