@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from pathlib import Path
+
+import numpy as np
 
 from estimator.cases.case import PARAMETER, ParameterSpec
 from estimator.cases.case_signals import InputSpec, input_value
@@ -11,15 +14,19 @@ from estimator.cases.roles import guess_roles
 from estimator.cases.si_units import in_si
 from estimator.cases.strict_toml import to_key, to_toml
 from estimator.fmus.fmu import FmuDescription, Variable
+from estimator.motor.integral_least_squares import integral_estimate, sane
 from estimator.motor.names import MOTOR
+from estimator.motor.winding import possible_inductance
 from estimator.recordings.headers import ROLE_TITLE
 from estimator.recordings.motor_columns import motor_columns
 from estimator.recordings.recording import Recording
 
 MARK = "# TODO"  # what could not be guessed
 WIDTH = 100.0  # factor either way of the start
+WIDE = {"J": 1e3, "B": 1e4}  # of a motor's that single recordings tell less well
 SHOWN = 30  # other variables that are listed
 FEW = 6  # parameters of an FMU that is no motor: no more, and all are estimated
+Range = tuple[float, float, float]
 _MOTOR_NAMES = "  # a name R, K, L, J or B says what it is in a motor; fmu says what the FMU calls it"
 
 
@@ -64,7 +71,7 @@ def case_text(description: FmuDescription, recording: Recording, *, fmu: str, fo
         *_signals(("i", motion), roles, columns, variables, causality="output", required=needed[1], more=shown),
         "",
         f"[parameters]{_MOTOR_NAMES if roles else ''}",
-        *_parameters(roles, variables),
+        *_parameters(roles, variables, _ranges(columns, recording)),
         *_fixed(roles, {*columns, *given}, variables),
         "",
         "[[recording]]",
@@ -114,12 +121,31 @@ def _signal(role: str, column: str, name: str) -> str:
     return to_toml(input_value(InputSpec(column, fmu="" if name == role else name)))
 
 
-def _parameters(roles: dict[str, tuple[str, ...]], variables: dict[str, Variable]) -> list[str]:
+def _ranges(columns: Mapping[str, str], recording: Recording) -> dict[str, Range]:
+    """Return least, start and largest of a motor's parameters as the recording says; empty where it says none."""
+    if not {"v", "i", "w"} <= columns.keys():
+        return {}
+    v, i, w = (recording.signals[columns[role]] for role in ("v", "i", "w"))
+    if np.isnan(v).any() or not all(np.nanmax(np.abs(y), initial=0.0) > 0 for y in (v, i, w)):
+        return {}
+    guess = sane(integral_estimate(v, i, w, step=recording.step), v, i, w, step=recording.step)
+    found = {n: (x / WIDE.get(n, WIDTH), x, x * WIDE.get(n, WIDTH)) for n, x in guess.items()}
+    possible = possible_inductance(guess["R"], v, i, step=recording.step)
+    if possible is not None:
+        low, high = possible
+        found["L"] = (low, min(max(guess["L"], low), high), high)
+    return found
+
+
+def _parameters(
+    roles: dict[str, tuple[str, ...]], variables: dict[str, Variable], ranges: Mapping[str, Range]
+) -> list[str]:
     rows = []
     taken = {name for role in MOTOR for name in roles.get(role, ())}
     for role in MOTOR if roles else ():
         if names := roles.get(role):
-            rows.append(f"{role} = {_parameter(role, names, variables[names[0]])}  # {_told(variables[names[0]])}")
+            variable = variables[names[0]]
+            rows.append(f"{role} = {_parameter(role, names, variable, ranges.get(role))}  # {_told(variable)}")
         else:
             rows.append(f'# {role} = {{ min = ?, max = ?, fmu = "?" }}  {MARK}: nothing looks like it')
     rest = [v for n, v in variables.items() if v.causality == "parameter" and v.is_real and n not in taken]
@@ -135,10 +161,16 @@ def _parameters(roles: dict[str, tuple[str, ...]], variables: dict[str, Variable
     return rows
 
 
-def _parameter(name: str, targets: tuple[str, ...], variable: Variable) -> str:
+def _parameter(name: str, targets: tuple[str, ...], variable: Variable, told: Range | None = None) -> str:
+    """Return a parameter within the FMU's limits and what the recording tells of it, or else around its own start."""
     start = variable.start if isinstance(variable.start, float) else variable.nominal
     low, high = variable.minimum, variable.maximum
-    if start is not None and start > 0:
+    least, begin, largest = told if told is not None and variable.unit else (0.0, 0.0, 0.0)
+    allowed = max(least, -np.inf if low is None else low), min(largest, np.inf if high is None else high)
+    if allowed[0] < allowed[1]:
+        low, high = allowed
+        start = min(max(float(f"{begin:.4g}"), low), high)
+    elif start is not None and start > 0:
         low = start / WIDTH if low is None else max(low, start / WIDTH)
         high = start * WIDTH if high is None else min(high, start * WIDTH)
     elif start is not None and start < 0:

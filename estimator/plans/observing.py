@@ -45,8 +45,8 @@ def observe(binding: Binding, channels: Channels, recording: Recording, run: Run
     told = [*(f"{recording.title}: {sentence}" for sentence in recording.not_read), *told, *more]
     has_phase = "angle" in measured and quantum(measured["angle"]) > 0
     if not driven:  # the FMU moves by itself, as the motor did
-        by_itself = Excitation("several", 0, 0.0, 0.0, False)
-        return Observed(recording, driven, measured, by_itself, 0, notes=tuple(told), has_phase=has_phase)
+        free = Excitation("several", 0, 0.0, 0.0, False)
+        return Observed(recording, driven, measured, free, 0, notes=tuple(told), has_phase=has_phase)
     is_motor = binding.is_motor
     if is_motor and "angle" in measured:
         measured["angle"], more = _from_zero(recording, measured["angle"])
