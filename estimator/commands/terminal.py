@@ -50,7 +50,7 @@ def broken(line: str, width: int | None) -> list[str]:
     if width is None or len(line) <= width:
         return [line]
     start = len(line) - len(line.lstrip())
-    fact = re.match(r"(?: *- |[^ ]+(?: [^ ]+)*  +(?=[^ ]))", line)  # an item of a list, or what follows a fact's name
+    fact = re.match(r"(?: *- | *[^ ]+(?: [^ ]+)*  +(?=[^ ]))", line)  # an item of a list, or what follows a fact's name
     indent = min(fact.end() if fact else start + 2, width // 2)
     found = textwrap.wrap(
         line[start:], max(width, 20), initial_indent=" " * start, subsequent_indent=" " * indent,
