@@ -150,3 +150,24 @@ def test_a_file_of_several_tests_is_guessed_by_its_columns(folder, tmp_path, cap
     assert main(["init", "dc_motor", str(folder / "step.csv")]) == 0
     usual = tomllib.loads(capsys.readouterr().out)
     assert alone["outputs"] == usual["outputs"] and alone["inputs"] == usual["inputs"]
+
+
+COUNTED = "micros,U [V],I [mA],encoder [counts]\n" + "".join(
+    f"{1000 * k},{6 * (k > 4)},{200 * (k > 4) * (0.1 + 0.9**k):.2f},{2 * max(k - 5, 0) ** 2}\n" for k in range(40)
+)
+
+
+def test_how_the_file_is_read_is_asked_for_and_written_into_the_case(tmp_path, capsys):
+    log = tmp_path / "log.csv"
+    log.write_text(COUNTED)
+    assert main(["init", "dc_motor", str(log)]) == 0
+    told = capsys.readouterr().out
+    assert "no column looks like speed ('encoder' counts an encoder: init again with --counts 4000)" in told
+    case = tmp_path / "log.case.toml"
+    assert main(["init", "dc_motor", str(log), "--counts", "2048", "--unit", "i=A", "-o", str(case)]) == 0
+    guessed = tomllib.loads(case.read_text())
+    assert guessed["outputs"] == {"i": "I", "angle": "encoder"}
+    assert guessed["recording"] == [{"file": "log.csv", "units": {"i": "A"}, "counts": 2048}]
+    assert guessed["parameters"]["R"]["min"] < 6 / 200 < guessed["parameters"]["R"]["max"], "of amperes"
+    assert read_case(case).run(0).read_as.counts == 2048
+    assert guessed["parameters"]["J"]["max"] != pytest.approx(9e-4), "by the angle's slope, not around the FMU's start"

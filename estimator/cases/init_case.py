@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from estimator.cases.case import PARAMETER, ParameterSpec
-from estimator.cases.case_signals import InputSpec, input_value
+from estimator.cases.case_signals import InputSpec, RunSpec, input_value, run_value
 from estimator.cases.roles import guess_roles
 from estimator.cases.si_units import in_si
 from estimator.cases.strict_toml import to_key, to_toml
@@ -18,19 +18,24 @@ from estimator.motor.integral_least_squares import integral_estimate, sane
 from estimator.motor.names import MOTOR
 from estimator.motor.winding import possible_inductance
 from estimator.recordings.headers import ROLE_TITLE
-from estimator.recordings.motor_columns import motor_columns
+from estimator.recordings.motor_columns import counting, motor_columns
+from estimator.recordings.read_as import AS_WRITTEN, ReadAs
 from estimator.recordings.recording import Recording
+from estimator.recordings.samples import filled
 
 MARK = "# TODO"  # what could not be guessed
 WIDTH = 100.0  # factor either way of the start
 WIDE = {"J": 1e3, "B": 1e4}  # of a motor's that single recordings tell less well
 SHOWN = 30  # other variables that are listed
 FEW = 6  # parameters of an FMU that is no motor: no more, and all are estimated
+NOTHING: Mapping[str, str] = {}
 Range = tuple[float, float, float]
 _MOTOR_NAMES = "  # a name R, K, L, J or B says what it is in a motor; fmu says what the FMU calls it"
 
 
-def case_text(description: FmuDescription, recording: Recording, *, fmu: str, folder: Path) -> str:
+def case_text(
+    description: FmuDescription, recording: Recording, *, fmu: str, folder: Path, read_as: ReadAs = AS_WRITTEN
+) -> str:
     """Return the text of a case file.
 
     Parameters
@@ -39,6 +44,8 @@ def case_text(description: FmuDescription, recording: Recording, *, fmu: str, fo
         As the user gave it: a file or a bundled model's name.
     folder : Path
         In which the case file will lie: paths are relative to it.
+    read_as : ReadAs
+        How the recording was read beyond what its header says.
     """
     variables = {v.name: in_si(v) for v in description.variables}
     roles = guess_roles(description)
@@ -50,6 +57,8 @@ def case_text(description: FmuDescription, recording: Recording, *, fmu: str, fo
     driven = [_alike_line(variables[n], c) for n, c in given.items() if variables[n].causality == "input"]
     shown = [_alike_line(variables[n], c) for n, c in given.items() if variables[n].causality != "input"]
     needed = (("v",), ("i", motion)) if roles else ((), ())
+    encoder = counting(recording, columns.values()) if motion not in columns else None
+    hints = {} if encoder is None else {motion: f" ({encoder!r} counts an encoder: init again with --counts 4000)"}
     lines = [
         f"# Guessed from {description.path.name} ({description.generation_tool}, FMI {description.fmi_version}) and"
         f" {recording.title}.",
@@ -68,7 +77,9 @@ def case_text(description: FmuDescription, recording: Recording, *, fmu: str, fo
         *_signals(("v", "load"), roles, columns, variables, causality="input", required=needed[0], more=driven),
         "",
         "[outputs]",
-        *_signals(("i", motion), roles, columns, variables, causality="output", required=needed[1], more=shown),
+        *_signals(
+            ("i", motion), roles, columns, variables, causality="output", required=needed[1], more=shown, hints=hints
+        ),
         "",
         f"[parameters]{_MOTOR_NAMES if roles else ''}",
         *_parameters(roles, variables, _ranges(columns, recording)),
@@ -76,6 +87,7 @@ def case_text(description: FmuDescription, recording: Recording, *, fmu: str, fo
         "",
         "[[recording]]",
         f"file = {to_toml(_relative(recording.path or Path(f'{recording.name}.csv'), folder))}",
+        *(f"{key} = {to_toml(value)}" for key, value in run_value(RunSpec(read_as=read_as)).items()),
         "",
         "[search]",
         "seed = 1",
@@ -95,6 +107,7 @@ def _signals(
     causality: str,
     required: tuple[str, ...],
     more: list[str],
+    hints: Mapping[str, str] = NOTHING,
 ) -> list[str]:
     rows = list(more)
     others = [n for n, v in variables.items() if v.causality == causality and v.is_real][:SHOWN]
@@ -103,7 +116,8 @@ def _signals(
         if column is not None and name:
             rows.append(f"{role} = {_signal(role, column, name)}  # {_told(variables[name])}")
         elif role in required and (column is not None or name) and not more:
-            missing = f"no column looks like {ROLE_TITLE[role]}" if column is None else "no variable looks like it"
+            missing = f"no column looks like {ROLE_TITLE[role]}{hints.get(role, '')}"
+            missing = missing if column is None else "no variable looks like it"
             text = _signal(role, column or "?", name or "?")
             rows.append(f"# {role} = {text}  {MARK}: {missing}; the FMU has {', '.join(others) or 'none'}")
     if not rows and not others and causality == "input":
@@ -123,9 +137,12 @@ def _signal(role: str, column: str, name: str) -> str:
 
 def _ranges(columns: Mapping[str, str], recording: Recording) -> dict[str, Range]:
     """Return least, start and largest of a motor's parameters as the recording says; empty where it says none."""
-    if not {"v", "i", "w"} <= columns.keys():
+    signals = {role: recording.signals[column] for role, column in columns.items()}
+    if "angle" in signals and not np.isnan(signals["angle"]).all():
+        signals.setdefault("w", np.gradient(filled(signals["angle"]), recording.time))
+    if not {"v", "i", "w"} <= signals.keys():
         return {}
-    v, i, w = (recording.signals[columns[role]] for role in ("v", "i", "w"))
+    v, i, w = (signals[role] for role in ("v", "i", "w"))
     if np.isnan(v).any() or not all(np.nanmax(np.abs(y), initial=0.0) > 0 for y in (v, i, w)):
         return {}
     guess = sane(integral_estimate(v, i, w, step=recording.step), v, i, w, step=recording.step)

@@ -59,7 +59,7 @@ def motor_columns(
         column = None if role == "time" else _of_role(recording, role, wanted=role in (*required, *either))
         if column is not None:
             found[role] = column
-    if "w" in either and not {"w", "angle"} & found.keys() and (counts := _counting(recording, found.values())):
+    if "w" in either and not {"w", "angle"} & found.keys() and (counts := counting(recording, found.values())):
         raise RecordingError(_lines_of_an_encoder(recording, counts))
     lacking = [role for role in (*required, *either) if role not in found and not (role == "w" and "angle" in found)]
     for role in lacking:
@@ -172,7 +172,7 @@ def _several(recording: Recording, several: Sequence[str]) -> str:
     return f"{recording.title} holds several motors, {', '.join(several)}; say which: {choices}"
 
 
-def _counting(recording: Recording, taken: Collection[str]) -> str | None:
+def counting(recording: Recording, taken: Collection[str]) -> str | None:
     """Return a column that seems to hold an encoder's counts, or counts a second."""
     for column, text in recording.headers.items():
         words = set(plain(parse_header(text).name).split("_"))
