@@ -499,6 +499,13 @@ def test_what_has_an_error_far_beyond_it_is_no_measurement(error, told):
     assert told or "more than 100 times the value" in found.reason
 
 
+def test_marks_beside_the_bars_are_explained_where_they_are_drawn():
+    plain = estimate()
+    assert "upright line" not in html_report(plain) and "A diamond" not in html_report(plain)
+    near = with_parameter(plain, "R", lower=3.132, nominal=3.138)
+    assert "An upright line is a bound. A diamond is the nominal value." in html_report(near)
+
+
 def test_an_ok_says_what_hangs_on_a_unit_that_nobody_said():
     told = {"column": "n", "unit": "rpm", "unit_from": "name"}
     guessed = dataclasses.replace(estimate(), read=({"recording": "a", "text": "", "signals": {"w": told}},))
