@@ -80,6 +80,14 @@ def test_the_bounds_hold_every_real_motor_and_l_is_no_larger_than_the_currents_r
     assert guessed["L"]["max"] < 50 * max(motor.L, motor.R * step), "a slower current rises less from row to row"
 
 
+def test_of_a_variable_without_a_unit_whose_start_no_such_motor_has_the_fmus_start_says_the_bounds(folder):
+    change = [('<Real unit="H" start="0.012"', '<Real start="12"')]
+    fmu = foreign_fmu(folder / "bare", change=change)
+    text = case_text(describe(fmu), read_recording(folder / "step.csv"), fmu=str(fmu), folder=folder)
+    guessed = tomllib.loads(text)["parameters"]["L"]
+    assert guessed["start"] == 12.0 and guessed["min"] == 0.12, "12 mH, in an FMU that says no unit"
+
+
 def test_an_angle_stands_for_the_speed_where_no_speed_was_measured(folder):
     encoder = folder / "encoder.csv"
     rows = "".join(f"{k / 1000},{10 * (k > 5)},{k / 100},{k / 10}\n" for k in range(20))

@@ -499,6 +499,12 @@ def test_what_has_an_error_far_beyond_it_is_no_measurement(error, told):
     assert told or "more than 100 times the value" in found.reason
 
 
+def test_one_note_that_is_left_out_is_one_note():
+    made = estimate(notes=("a first thing " * 20,), failures=("once " * 60,))
+    text = report.text_report(made, width=60, lines=20)
+    assert "Failed simulations: 1 note, " in text and "1 notes" not in text
+
+
 def test_marks_beside_the_bars_are_explained_where_they_are_drawn():
     plain = estimate()
     assert "upright line" not in html_report(plain) and "A diamond" not in html_report(plain)

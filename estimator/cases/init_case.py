@@ -182,7 +182,9 @@ def _parameter(name: str, targets: tuple[str, ...], variable: Variable, told: Ra
     """Return a parameter within the FMU's limits and what the recording tells of it, or else around its own start."""
     start = variable.start if isinstance(variable.start, float) else variable.nominal
     low, high = variable.minimum, variable.maximum
-    least, begin, largest = told if told is not None and variable.unit else (0.0, 0.0, 0.0)
+    least, begin, largest = told if told is not None else (0.0, 0.0, 0.0)
+    if not variable.unit and start is not None and not least <= start <= largest:
+        least = largest = 0.0  # in whatever unit it is
     allowed = max(least, -np.inf if low is None else low), min(largest, np.inf if high is None else high)
     if allowed[0] < allowed[1]:
         low, high = allowed

@@ -130,7 +130,9 @@ class _Block:
         for kept in range(len(self.items) - 1, least - 1, -1):
             told = f"… {len(self.items) - kept} more: {rest}"
             if kept == 0:
-                short = replace(self, title="", items=(), left_out=f"{self.title} {len(self.items)} notes, {rest}")
+                short = replace(
+                    self, title="", items=(), left_out=f"{self.title} {_count(len(self.items), 'note')}, {rest}"
+                )
             else:
                 short = replace(self, items=self.items[:kept], left_out=told)
             if len(short.lines(width)) <= goal:
