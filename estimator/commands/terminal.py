@@ -12,6 +12,8 @@ import textwrap
 from estimator.estimating.progress import is_terminal
 
 PROGRAM = "fmu-estimator"
+ASCII = ("+/-", "-", "...", ".", "x", "->", "<-", "<=", ">=", "Ohm", "u")
+SPELLED = dict(zip("±−…·×→←≤≥Ωµ", ASCII, strict=True))
 OK, FAILED, BAD_INPUT, INTERRUPTED, CLOSED = 0, 1, 2, 130, 141  # exit statuses
 
 
@@ -79,12 +81,10 @@ def make_printable() -> None:
         return
     import codecs
 
-    spelled = {"±": "+/-", "−": "-", "…": "...", "·": ".", "×": "x", "→": "->", "≤": "<=", "≥": ">=", "Ω": "Ohm"}
-
     def spell(error: UnicodeError) -> tuple[str, int]:
         if not isinstance(error, UnicodeEncodeError):
             raise error
-        return "".join(spelled.get(c, "?") for c in error.object[error.start : error.end]), error.end
+        return "".join(SPELLED.get(c, "?") for c in error.object[error.start : error.end]), error.end
 
     codecs.register_error("fmu-estimator-spelled", spell)
     sys.stdout.reconfigure(errors="fmu-estimator-spelled")
