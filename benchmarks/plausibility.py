@@ -157,8 +157,11 @@ TROUBLES: dict[str, tuple[str, Callable[[Signals], Signals | None]]] = {
     "current and speed exchanged": ("exchanged", exchanged),
     "sign of the current": ("sign", scaled("i", -1)),
     "sign of the speed": ("sign", scaled("w", -1)),
+    "nothing, in mV and mA": ("", lambda good: good),
     "mA as A": ("unit i", scaled("i", 1e3)),
     "A as mA": ("unit i", scaled("i", 1e-3)),
+    "mV as V": ("unit v", scaled("v", 1e3)),
+    "V as mV": ("unit v", scaled("v", 1e-3)),
     "rpm as rad/s": ("unit w", scaled("w", RPM)),
     "rpm as rad/s, angle beside": ("unit w", beside_angle),
     "deg/s as rad/s": ("unit w", scaled("w", DEGREES)),
@@ -171,6 +174,11 @@ TROUBLES: dict[str, tuple[str, Callable[[Signals], Signals | None]]] = {
     "duty to exactly 100 as V": ("unit v", duty(100.0, reach=1.0)),
     "duty to exactly 255 as V": ("unit v", duty(255.0, reach=1.0)),
 }
+UNITS = {  # trouble → units that the header says, where they are not SI
+    "nothing, in mV and mA": {"v": "mV", "i": "mA"},
+    "A as mA": {"i": "mA"},
+    "V as mV": {"v": "mV"},
+}
 
 
 def main(count: int) -> None:
@@ -181,7 +189,7 @@ def main(count: int) -> None:
     for title, (kind, spoil) in TROUBLES.items():
         rng = np.random.default_rng(1)
         tally: Counter[str] = Counter()
-        for _ in range(count if not kind else count // 4):
+        for _ in range(count if title == "nothing" else count // 4):
             good, is_dry = recording(rng, known)
             spoiled = spoil(good)
             if spoiled is None:
@@ -189,7 +197,8 @@ def main(count: int) -> None:
             tally["all"] += 1
             time = spoiled.pop("time")
             for case, guessed in (("said", frozenset[str]()), ("not said", NOBODY)):
-                kinds = {f.kind for f in implausible("recording", time, spoiled, guessed=guessed)}
+                units = {} if guessed else UNITS.get(title, {})
+                kinds = {f.kind for f in implausible("recording", time, spoiled, guessed=guessed, units=units)}
                 kinds -= {"dead band"} if is_dry else set()  # which it has
                 named = {k for k in kinds if kind and k.startswith(kind)}
                 tally[case] += bool(named)

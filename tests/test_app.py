@@ -3,7 +3,6 @@
 import json
 import shutil
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,7 +11,6 @@ from made_estimates import comparison, estimate
 
 pytest.importorskip("starlette", reason="the extra app is not installed")
 
-from estimator import app as app_folder  # noqa: E402
 from estimator.app.outcomes import Outcomes  # noqa: E402
 from estimator.app.place import Place  # noqa: E402
 from estimator.app.series import Series, gaps, nearest, outliers, spectrum, view  # noqa: E402
@@ -23,7 +21,6 @@ from estimator.commands.arguments import command_line  # noqa: E402
 from estimator.errors import InputError  # noqa: E402
 from estimator.estimating.progress import Progress  # noqa: E402
 from estimator.estimating.progress_stream import ProgressStream, progress_mapping  # noqa: E402
-from estimator.results.report import MEANINGS, WITHOUT_ERRORS  # noqa: E402
 from estimator.results.result import Validation  # noqa: E402
 from estimator.results.signals import read_signals, signals_file  # noqa: E402
 
@@ -520,9 +517,3 @@ def test_the_app_without_its_extra_says_what_to_install(capsys, monkeypatch):
     monkeypatch.delitem(sys.modules, "estimator.app.server", raising=False)
     assert main(["app"]) == 2
     assert "pip install 'fmu-estimator[app]'" in capsys.readouterr().err
-
-
-def test_the_page_says_of_a_verdict_what_the_report_says():
-    page = (Path(app_folder.__file__).parent / "page" / "results.js").read_text()
-    assert all(f'{verdict}: "{meaning}"' in page for verdict, meaning in MEANINGS.items())
-    assert f'"{WITHOUT_ERRORS}"' in page

@@ -4,6 +4,7 @@ import base64
 import itertools
 import json
 import os
+import re
 import shutil
 import time
 
@@ -583,6 +584,7 @@ SIDEWAYS = """return [...document.querySelectorAll(".scroll")].filter((e) => e.s
 
 def test_on_a_phone_values_bars_and_rivals_are_seen_without_scrolling_sideways(page, driver, folder):
     told = {"verdict": "doubtful", "reasons": ["it may sag"], "rmse": {"i": 0.1, "w": 1.0}, "noise": {"i": 0.1}}
+    told |= {"meaning": "An estimate with known weaknesses.", "sample_noise": {"i": 0.0234, "w": 0.5}}
     values = {"R": 3.0, "K": 0.05, "J": 9.1e-6}
     told["parameters"] = {n: {"value": x, "standard_error": 0.01 * x, "unit": "Ohm", "status": "ok", "free": True,
                               "reason": "it may sag"} for n, x in values.items()}  # fmt: skip
@@ -598,6 +600,8 @@ def test_on_a_phone_values_bars_and_rivals_are_seen_without_scrolling_sideways(p
     assert (
         "To decide: record two voltage levels." in page.text and "K" in page.text and "0.05300 ± 0.00010" in page.text
     )
+    assert "An estimate with known weaknesses." in page.text, "the sentence of the result itself"
+    assert re.search(r"residual 0\.1\b.*noise 0\.0234", " ".join(page.text.split())), "as the report calls them"
     assert page.text.count("it may sag") == 1, "what the verdict says is not said again of each parameter"
     assert page.js(SIDEWAYS) == []
     bars = page.js("return [...document.querySelectorAll('#rivals tbody .bar')].map((b) => b.getBoundingClientRect())")

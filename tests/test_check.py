@@ -1,6 +1,7 @@
 """The command check, and what an estimate tells of what was read."""
 
 import json
+import re
 import shlex
 import subprocess
 import sys
@@ -10,6 +11,7 @@ import forked
 import numpy as np
 import pytest
 from motors import CML050, step_recording, write_recording
+from pseudo_terminal import Terminal
 
 from estimator.cli import main
 from estimator.commands.checking import preview_text
@@ -144,6 +146,19 @@ def test_check_breaks_its_sentences_to_the_terminals_width(file, bench):
     parts = [part for line in whole.splitlines() for part in broken(line, 80)]
     assert max(map(len, parts)) <= 80 and " ".join(parts).split() == whole.split()
     assert broken("GUID        " + "x " * 50, 60)[1].startswith(" " * 12 + "x"), "under what it belongs to"
+
+
+def test_the_tables_of_check_fit_a_narrow_terminal_and_go_on_below_with_their_first_column(file, tmp_path):
+    screen = Terminal("check", str(file("t,u,i,w")), cwd=tmp_path, columns=40).run()
+    lines = screen.text.replace("\r", "").split("\n")
+    assert screen.status == 0 and max(map(len, lines)) <= 40
+    tables = [part.strip("\n").split("\n") for part in "\n".join(lines).split("\n\n") if part.lstrip().startswith("le")]
+    assert len(tables) > 2, "what was measured, and the levels, which are wider"
+    assert "\n           " in screen.text.replace("\r", ""), "what follows a fact is under it"
+    for first, *rows in tables:
+        ends = [m.end() for m in re.finditer(r"\S+( \[\S+\])?", first)]
+        assert rows and all(len(row) <= max(ends) for row in rows), "each number under its heading"
+        assert all(row[: ends[0]].strip() for row in rows), "the row's name again"
 
 
 def test_a_clock_that_counts_from_a_date_is_told_from_its_first_row_on(file, bench, capsys):

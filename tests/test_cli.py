@@ -424,13 +424,13 @@ def test_output_to_a_closed_pipe_is_status_141_and_silent(tmp_path):
 def test_an_ascii_terminal_gets_the_report_spelled_out():
     code = (
         "import sys, estimator.estimating.estimate as e; sys.path.insert(0, 'tests'); import made_estimates as m;"
-        "e.estimate = lambda case, **_: m.estimate(reasons=('3 Ω ≥ 2, ☃',));"
+        "e.estimate = lambda case, **_: m.estimate(reasons=('3 Ω ≥ 2, ☃, w ← n, 5 µA',));"
         "from estimator.cli import main; sys.exit(main(['estimate', 'x.csv']))"
     )
     environment = {**os.environ, "PYTHONIOENCODING": "ascii"}
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, env=environment)
     assert (done.returncode, done.stderr) == (0, "")
-    assert "+/- 0.0031" in done.stdout and "3 Ohm >= 2, ?" in done.stdout
+    assert "+/- 0.0031" in done.stdout and "3 Ohm >= 2, ?, w <- n, 5 uA" in done.stdout
 
 
 # --- progress ------------------------------------------------------------------------------------------------------

@@ -1,10 +1,11 @@
 """`init` guesses a case file that runs, or says what it could not guess."""
 
 import tomllib
+from pathlib import Path
 
 import pytest
 from foreign_fmus import foreign_fmu
-from motors import CML050, NAMES, step_recording, write_recording
+from motors import CML050, NAMES, all_motors, step_recording, write_recording
 
 from estimator.cases.case import read_case
 from estimator.cases.init_case import case_text
@@ -41,7 +42,7 @@ def test_the_bundled_motor_keeps_its_names(folder, capsys):
     assert set(guessed["parameters"]) == set(NAMES) and guessed["fixed"] == {"load": 0.0}
 
 
-def test_bounds_come_from_the_fmus_limits_and_starts(folder):
+def test_bounds_come_from_the_fmus_limits_and_the_recording_and_without_one_from_starts(folder):
     change = [
         ('(valueReference="0"[^>]*><Real unit="Ohm" start="3.0")', r'\1 min="0.5" max="8"'),
         ('(valueReference="1"[^>]*><Real unit="H") start="0.012"', r'\1 nominal="0.02"'),
@@ -50,10 +51,41 @@ def test_bounds_come_from_the_fmus_limits_and_starts(folder):
     fmu = foreign_fmu(folder / "limits", change=change)
     text = case_text(describe(fmu), read_recording(folder / "step.csv"), fmu=str(fmu), folder=folder)
     guessed = tomllib.loads(text)["parameters"]
+    assert (guessed["R"]["min"], guessed["R"]["max"]) == (0.5, 8.0)
+    assert all(guessed[n]["start"] == pytest.approx(CML050.parameters[n], rel=0.1) for n in NAMES)
+    assert "TODO" not in text.split("\n", 2)[2]
+    silent = folder / "silent.csv"
+    silent.write_text("time [s],voltage [V],current [A],speed [rad/s]\n" + "".join(f"{k},0,0,0\n" for k in range(20)))
+    text = case_text(describe(fmu), read_recording(silent), fmu=str(fmu), folder=folder)
+    guessed = tomllib.loads(text)["parameters"]
     assert guessed["R"] == {"min": 0.5, "max": 8.0, "start": 3.0, "fmu": "motor.Ra"}
     assert guessed["L"] == {"min": 2e-4, "max": 2.0, "start": 0.02, "fmu": "motor.La"}
     assert guessed["J"] == {"fmu": "motor.Jm"}
     assert [line for line in text.splitlines() if line.startswith("J = ")][0].count("TODO: give min and max") == 1
+
+
+@pytest.mark.parametrize("motor", all_motors(), ids=lambda m: m.name)
+@pytest.mark.parametrize("interval", [1e-4, 1e-3, None])
+def test_the_bounds_hold_every_real_motor_and_l_is_no_larger_than_the_currents_rise_allows(motor, interval):
+    """At 10 kHz, 1 kHz, and twenty samples a time constant of the speed; coreless ones have 0.002 to 0.2 mH."""
+    slow = motor.R * motor.J / (motor.K**2 + motor.R * motor.B)
+    step = interval or slow / 20
+    if slow < 3 * step or slow > 1e4 * step:
+        pytest.skip("too fast or too slow a clock for this motor")
+    noise = (0.005 * motor.voltage / motor.R, 0.005 * motor.voltage / motor.K)
+    recording = step_recording(motor, lead=20 * step, duration=6 * slow + 20 * step, interval=step, noise=noise)
+    guessed = tomllib.loads(case_text(describe("dc_motor"), recording, fmu="dc_motor", folder=Path()))["parameters"]
+    for name, value in motor.parameters.items():
+        assert guessed[name]["min"] < value < guessed[name]["max"], name
+    assert guessed["L"]["max"] < 50 * max(motor.L, motor.R * step), "a slower current rises less from row to row"
+
+
+def test_of_a_variable_without_a_unit_whose_start_no_such_motor_has_the_fmus_start_says_the_bounds(folder):
+    change = [('<Real unit="H" start="0.012"', '<Real start="12"')]
+    fmu = foreign_fmu(folder / "bare", change=change)
+    text = case_text(describe(fmu), read_recording(folder / "step.csv"), fmu=str(fmu), folder=folder)
+    guessed = tomllib.loads(text)["parameters"]["L"]
+    assert guessed["start"] == 12.0 and guessed["min"] == 0.12, "12 mH, in an FMU that says no unit"
 
 
 def test_an_angle_stands_for_the_speed_where_no_speed_was_measured(folder):
@@ -126,3 +158,24 @@ def test_a_file_of_several_tests_is_guessed_by_its_columns(folder, tmp_path, cap
     assert main(["init", "dc_motor", str(folder / "step.csv")]) == 0
     usual = tomllib.loads(capsys.readouterr().out)
     assert alone["outputs"] == usual["outputs"] and alone["inputs"] == usual["inputs"]
+
+
+COUNTED = "micros,U [V],I [mA],encoder [counts]\n" + "".join(
+    f"{1000 * k},{6 * (k > 4)},{200 * (k > 4) * (0.1 + 0.9**k):.2f},{2 * max(k - 5, 0) ** 2}\n" for k in range(40)
+)
+
+
+def test_how_the_file_is_read_is_asked_for_and_written_into_the_case(tmp_path, capsys):
+    log = tmp_path / "log.csv"
+    log.write_text(COUNTED)
+    assert main(["init", "dc_motor", str(log)]) == 0
+    told = capsys.readouterr().out
+    assert "no column looks like speed ('encoder' counts an encoder: init again with --counts 4000)" in told
+    case = tmp_path / "log.case.toml"
+    assert main(["init", "dc_motor", str(log), "--counts", "2048", "--unit", "i=A", "-o", str(case)]) == 0
+    guessed = tomllib.loads(case.read_text())
+    assert guessed["outputs"] == {"i": "I", "angle": "encoder"}
+    assert guessed["recording"] == [{"file": "log.csv", "units": {"i": "A"}, "counts": 2048}]
+    assert guessed["parameters"]["R"]["min"] < 6 / 200 < guessed["parameters"]["R"]["max"], "of amperes"
+    assert read_case(case).run(0).read_as.counts == 2048
+    assert guessed["parameters"]["J"]["max"] != pytest.approx(9e-4), "by the angle's slope, not around the FMU's start"

@@ -5,8 +5,11 @@ import json
 import numpy as np
 import pytest
 
+from estimator.cases.case import case_for_recording, read_case
 from estimator.cli import main
 from estimator.errors import RecordingError
+from estimator.fmus.fmu import describe
+from estimator.plans.planning import plan_case
 from estimator.recordings.files import recordings_in
 from estimator.recordings.motor_columns import motor_columns
 from estimator.recordings.read_as import ReadAs
@@ -70,9 +73,54 @@ def test_first_stamps_that_are_no_earlier_than_the_next_are_left_out(write, caps
     times = np.concatenate([first, T[1 : N + 1 - len(first)]])
     path = write("t,u,i,w", times, V, I, W)
     recording = one(path)
-    assert recording.left_out == left_out and len(recording.time) == N - left_out
+    assert len(recording.time) == N - left_out
     assert main(["check", str(path)]) == 0
-    assert "left out: the next is stamped no later" in capsys.readouterr().out
+    first = "the first row is" if left_out == 1 else f"the first {left_out} rows are"
+    assert f"{first} left out: the next is stamped no later" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("end", "told"),
+    [
+        ("\n", ()),
+        ("", ()),
+        ("\nEnd of test\n", ("line 62, below the last row, is left out: 'End of test'",)),
+        ("\n^CTraceback:\n  File x\n", ("lines 62 to 63, below the last row, are left out: '^CTraceback:', …",)),
+        ("\n0.6,6", ("line 62, the last row, is cut off and left out: '0.6,6'",)),
+        ("\n0.6,6,0.1\n", ("line 62, the last row, is cut off and left out: '0.6,6,0.1'",)),
+        ("\n0.6,6,0.1,1e-", ("line 62, the last row, is cut off and left out: '0.6,6,0.1,1e-'",)),
+        (
+            "\n0.6,6,0.1\nstopped\n",
+            (
+                "line 62, the last row, is cut off and left out: '0.6,6,0.1'",
+                "line 63, below the last row, is left out: 'stopped'",
+            ),
+        ),
+        ("\n,6,0.1,9\n,6,0.1,9\n", ("2 rows at the end without a time are left out",)),
+    ],
+)
+def test_what_of_a_files_end_is_no_row_is_told_everywhere(write, capsys, end, told):
+    path = write("t,u,i,w", T, V, I, W)
+    path.write_text(path.read_text().rstrip("\n") + end)
+    recording = one(path)
+    assert recording.not_read == told and len(recording.time) == N
+    np.testing.assert_allclose(recording.signals["w"], W, rtol=1e-8)
+    assert main(["check", str(path)]) == 0
+    shown = capsys.readouterr().out
+    assert all(f"  {sentence}\n" in shown for sentence in told)
+    assert main(["check", str(path), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["recordings"][0]["read"]["left_out"] == list(told)
+    case = case_for_recording(path, fmu="dc_motor")
+    notes = plan_case(case, describe("dc_motor")).notes
+    assert all(f"log.csv: {sentence}" in notes for sentence in told)
+
+
+@pytest.mark.parametrize("end", ["\n0.6,6,0.1\n0.61,6,0.1,9\n", "\n0.6,6,0.1,1e-\n"])
+def test_a_row_that_is_short_in_the_middle_or_a_cell_that_was_ended_is_an_error(write, end):
+    path = write("t,u,i,w", T, V, I, W)
+    path.write_text(path.read_text().rstrip("\n") + end)
+    with pytest.raises(RecordingError, match="line 62"):
+        one(path)
 
 
 def test_seconds_under_a_header_of_microseconds_are_told_how_to_be_read(write):
@@ -259,6 +307,49 @@ def test_a_file_without_a_time_may_hold_several_tests(write):
     first, second = read_recordings(path, ReadAs(rate=100.0))
     np.testing.assert_allclose(first.time, np.arange(N) / 100, rtol=1e-12)
     np.testing.assert_allclose(second.time, np.arange(N, 2 * N) / 100, rtol=1e-12)
+
+
+@pytest.mark.parametrize("heading", ["speed [ticks/s]", "w (counts/s)", "encoder counts/s", "ticks_per_sec", "pulse/s"])
+def test_counts_a_second_are_a_speed_once_a_turn_is_known(write, heading):
+    path = write(f"t,u,i,{heading}", T, V, I, W / (2 * np.pi) * 2000)
+    refused(path, f"{heading!r} counts the lines of an encoder; say how many make a turn with --counts 4000")
+    refused(path, f'in a case file: w = {{ column = "{heading}", counts = 4000 }}')
+    recording = one(path, counts=2000)
+    column = motor_columns(recording)["w"]
+    np.testing.assert_allclose(recording.signals[column], W, rtol=1e-7)
+    assert understood(recording, {"w": column})[0].text() == f"w ← {heading}, 2000 counts a turn"
+
+
+def test_a_case_takes_counts_a_second_of_a_speed_that_is_a_mean_and_differences_none(write):
+    path = write("t,u,i,ticks/s", T, V, I, W / (2 * np.pi) * 2000)
+    case = path.with_name("a.case.toml")
+    said = 'w = { column = "ticks/s", counts = 2000, sensor = "mean" }'
+    case.write_text(f'[inputs]\nv = "u"\n[outputs]\ni = "i"\n{said}\n[[recording]]\nfile = "log.csv"\n')
+    (observed,) = plan_case(read_case(case), describe("dc_motor")).observed
+    np.testing.assert_allclose(observed.outputs["w"], W, rtol=1e-7)
+
+
+@pytest.mark.parametrize("heading", ["abs(i)", "|i|", "abs(current) [A]", "|I| (A)", "ABS( i_a )"])
+def test_a_current_without_its_sign_is_refused_until_the_user_says_that_it_never_turns(write, heading):
+    path = write(f"t,u,{heading},w", T, V, I, W)
+    refused(path, f"{heading!r} is a current without its sign")
+    np.testing.assert_allclose(one(path, columns={"i": heading}).signals[heading.split(" [")[0].split(" (")[0]], I)
+    signed = one(write(f"t,u,{heading},i,w", T, V, I, I, W))
+    assert motor_columns(signed)["i"] == "i"
+
+
+def test_whole_numbers_that_are_raw_and_have_no_unit_are_refused_with_how_to_scale_them(write, capsys):
+    """A converter of 10 bits, in the middle at no current; without "raw", or with a unit, it is what it says."""
+    path = write("time [s],voltage [V],Current_raw,speed [rad/s]", T, V, np.round(I / 0.005) + 512, W)
+    assert main(["check", str(path)]) == 0
+    told = capsys.readouterr().out
+    assert "'Current_raw' has whole numbers and no unit" in told and "512 in the first row" in told
+    assert told.count("  - ") == 1 and "--scale i=FACTOR" in told, "no other unit is told of counts"
+    assert main(["check", str(path), "--scale", "i=0.005", "--offset", "i=-2.56"]) == 0
+    assert "whole numbers" not in capsys.readouterr().out
+    smooth = write("time [s],voltage [V],Current_raw,speed [rad/s]", T, V, I, W, name="smooth.csv")
+    assert main(["check", str(smooth)]) == 0
+    assert "whole numbers" not in capsys.readouterr().out
 
 
 def test_a_column_that_counts_the_rows_is_no_speed(write):

@@ -125,6 +125,39 @@ def test_milliamperes_under_a_header_in_amperes_are_doubted_and_a_large_motor_is
     assert finding.kind == "unit i" and "--unit i=mA" in finding.sentence and none == ()
 
 
+@pytest.mark.parametrize(
+    ("signal", "unit", "factor", "told"),
+    [
+        ("i", "mA", 1e-3, "a winding of 4.5 kΩ: it looks like A that were read as mA; say so with --unit i=A"),
+        ("v", "mV", 1e-3, "it looks like V that were read as mV; say so with --unit v=V"),
+        ("v", "V", 1e3, "up to 1.05e+04 V: it looks like mV; say so with --unit v=mV"),
+    ],
+)
+def test_a_thousandfold_under_a_header_that_says_its_unit_is_doubted_alone(signal, unit, factor, told):
+    time, good = signals(CML050, interval=1e-3)
+    wrong = {**good, signal: factor * good[signal]}
+    units = {"v": "V", "i": "A", "w": "rad/s", "time": "s"} | {signal: unit}
+    (finding,) = found(time, wrong, units=units)
+    assert finding.kind == f"unit {signal}" and told in finding.sentence and not finding.is_fatal
+    assert found(time, good, units=units) == () == found(time, wrong, units=units, sure=frozenset({signal}))
+
+
+def test_whole_milliamperes_under_a_header_in_amperes_are_doubted_and_amperes_are_not():
+    """A coreless motor of 21 ohm takes 0.29 A from 6 V: 290 "A" are no more than large motors take, but whole."""
+    time, good = signals(next(m for m in BENCH if m.name == "6V coreless micro"), interval=2e-4)
+    whole = np.round(1e3 * good["i"])
+    (finding,) = found(time, {**good, "i": whole})
+    assert finding.kind == "unit i" and "it looks like mA" in finding.sentence
+    assert found(time, {**good, "i": whole + 0.004 * good["w"]}) == () == found(time, good)
+
+
+@pytest.mark.parametrize("coarse", [1, 20], ids=["the rise of the current shows", "it does not"])
+def test_real_motors_whose_current_is_in_milliamperes_are_plausible(coarse):
+    for seed, motor in enumerate(BENCH):
+        time, good = signals(motor, interval=coarse * time_constant(motor) / 20, seed=seed)
+        assert found(time, good, units={"v": "mV", "i": "mA"}) == (), motor.name
+
+
 def test_what_the_user_said_again_is_doubted_no_more():
     time, good = signals(CML050, interval=1e-3)
     wrong = {**good, "w": 57.3 * good["w"]}

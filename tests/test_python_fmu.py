@@ -1,6 +1,7 @@
 """An FMU that this project did not compile: pythonfmu's, whose model is Python and slow."""
 
 import re
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -58,6 +59,19 @@ def test_its_cost_is_said_on_every_way_to_an_estimate(tmp_path, monkeypatch, cap
         assert "one simulation of this FMU takes" in capsys.readouterr().err
     estimate_parameters(case, method="integral")
     assert "one simulation of this FMU takes" in caplog.text
+
+
+def test_init_gives_d_the_part_that_is_left_and_bounds_from_the_recording_though_no_variable_has_a_unit(
+    tmp_path, capsys
+):
+    builder.FmuBuilder.build_FMU(str(Path(__file__).parent / "foreign" / "python_motor.py"), dest=str(tmp_path))
+    write_recording(step_recording(CML050, lead=0.01, duration=0.1, interval=2e-3), tmp_path / "step.csv")
+    case = tmp_path / "motor.case.toml"
+    assert main(["init", str(tmp_path / "PythonMotor.fmu"), str(tmp_path / "step.csv"), "-o", str(case)]) == 0
+    assert capsys.readouterr().out == f"{case}\n", "nothing is left to fill in"
+    guessed = tomllib.loads(case.read_text())["parameters"]
+    assert {name: p["fmu"] for name, p in guessed.items()} == {"R": "Ra", "K": "Kt", "L": "La", "J": "Jm", "B": "d"}
+    assert guessed["L"]["min"] == pytest.approx(1e-4 * 2e-3 * CML050.R, rel=0.3)
 
 
 def test_inspect_runs_it(tmp_path, capsys):

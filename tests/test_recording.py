@@ -459,7 +459,6 @@ COMPLAINTS: dict[str, tuple[str | bytes, str]] = {
         "run3.csv line 11 has too few cells (2, the header has 4); leave the cell of a missing sample empty, but keep"
         " its comma",
     ),
-    "cut off at the end": (PLAIN + "0.040,10.5", "run3.csv line 42 has too few cells (2, the header has 4)"),
     "too few cells between spaces": (
         row(9, "0.009,10.5").replace(",", " "),
         "line 11 has too few cells (2, the header has 4); to leave the cell of a missing sample empty, separate the",

@@ -164,8 +164,8 @@ def test_the_windows_in_which_an_output_is_not_explained_are_one_sentence():
     size = [Failure("size", window, "w", excess) for window, excess in (("the start", 7.24), ("the rest", 3.1))]
     alone, other = Failure("size", "the start", "i", 2.0), Failure("neighbours", "the rest", "w", 0.3)
     assert unexplained([size[0], alone, size[1], other]) == [
-        "the model does not explain w: the residuals, whitened, are 7.2 times the noise in the start, 3.1 times in the"
-        " rest",
+        "the model does not explain w: the residuals, whitened, are 7.2 times the noise found in the start, 3.1 times"
+        " in the rest",
         alone.sentence,
         other.sentence,
     ]

@@ -499,6 +499,19 @@ def test_what_has_an_error_far_beyond_it_is_no_measurement(error, told):
     assert told or "more than 100 times the value" in found.reason
 
 
+def test_one_note_that_is_left_out_is_one_note():
+    made = estimate(notes=("a first thing " * 20,), failures=("once " * 60,))
+    text = report.text_report(made, width=60, lines=20)
+    assert "Failed simulations: 1 note, " in text and "1 notes" not in text
+
+
+def test_marks_beside_the_bars_are_explained_where_they_are_drawn():
+    plain = estimate()
+    assert "upright line" not in html_report(plain) and "A diamond" not in html_report(plain)
+    near = with_parameter(plain, "R", lower=3.132, nominal=3.138)
+    assert "An upright line is a bound. A diamond is the nominal value." in html_report(near)
+
+
 def test_an_ok_says_what_hangs_on_a_unit_that_nobody_said():
     told = {"column": "n", "unit": "rpm", "unit_from": "name"}
     guessed = dataclasses.replace(estimate(), read=({"recording": "a", "text": "", "signals": {"w": told}},))
@@ -506,7 +519,30 @@ def test_an_ok_says_what_hangs_on_a_unit_that_nobody_said():
     said = dataclasses.replace(
         guessed, read=({"recording": "a", "text": "", "signals": {"w": {**told, "unit_from": "user"}}},)
     )
-    assert report.meaning(said) == report.MEANINGS["ok"]
+    assert report.meaning(said) == f"{report.MEANINGS['ok']}, and {report.SMALL}."
+
+
+def test_the_sentence_of_an_ok_says_of_the_residuals_what_the_table_shows():
+    """Residuals of 0.02 A and 1 rad/s, by the recording's own noise and by one that is smaller."""
+    same = estimate(sample_noise={"i": 0.0185, "w": 1.4})
+    assert report.meaning(same) == f"{report.MEANINGS['ok']}, and {report.SMALL}."
+    grown = estimate(sample_noise={"i": 0.0045, "w": 1.4})
+    told = report.meaning(grown)
+    assert "small" not in told and "wanders (those of i 4.4 times the noise that the recording alone shows" in told
+    assert " ".join(report.text_report(grown, width=60).split()).startswith(f"OK: {told}")
+    assert told in " ".join(" ".join(parsed(html_report(grown)).text).split())
+    assert json.loads(report.to_json(grown))["meaning"] == told
+    searched = dataclasses.replace(grown, noise={}, sample_noise={"i": 0.01, "w": 0.5})
+    for name in MOTOR:
+        searched = with_parameter(searched, name, standard_error=None)
+    assert report.meaning(searched).startswith("The residuals pass as noise (those of i 2 times, those of w 2 times")
+
+
+def test_residuals_of_rounding_are_as_small_as_no_noise():
+    exact = estimate(noise={"i": 1e-9, "w": 1e-9}, sample_noise={"i": 0.0, "w": 0.0}, fit_percent={"i": 100, "w": 100})
+    assert report.SMALL in report.meaning(exact)
+    none = dataclasses.replace(exact, noise={"i": 1e-2, "w": 1e-9}, fit_percent={"i": 99.0, "w": 100})
+    assert "(those of i far above the noise" in report.meaning(none)
 
 
 def test_a_table_that_is_too_wide_goes_on_below_itself():

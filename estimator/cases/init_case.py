@@ -3,27 +3,39 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from pathlib import Path
 
+import numpy as np
+
 from estimator.cases.case import PARAMETER, ParameterSpec
-from estimator.cases.case_signals import InputSpec, input_value
+from estimator.cases.case_signals import InputSpec, RunSpec, input_value, run_value
 from estimator.cases.roles import guess_roles
 from estimator.cases.si_units import in_si
 from estimator.cases.strict_toml import to_key, to_toml
 from estimator.fmus.fmu import FmuDescription, Variable
+from estimator.motor.integral_least_squares import integral_estimate, sane
 from estimator.motor.names import MOTOR
+from estimator.motor.winding import possible_inductance
 from estimator.recordings.headers import ROLE_TITLE
-from estimator.recordings.motor_columns import motor_columns
+from estimator.recordings.motor_columns import counting, motor_columns
+from estimator.recordings.read_as import AS_WRITTEN, ReadAs
 from estimator.recordings.recording import Recording
+from estimator.recordings.samples import filled
 
 MARK = "# TODO"  # what could not be guessed
 WIDTH = 100.0  # factor either way of the start
+WIDE = {"J": 1e3, "B": 1e4}  # of a motor's that single recordings tell less well
 SHOWN = 30  # other variables that are listed
 FEW = 6  # parameters of an FMU that is no motor: no more, and all are estimated
+NOTHING: Mapping[str, str] = {}
+Range = tuple[float, float, float]
 _MOTOR_NAMES = "  # a name R, K, L, J or B says what it is in a motor; fmu says what the FMU calls it"
 
 
-def case_text(description: FmuDescription, recording: Recording, *, fmu: str, folder: Path) -> str:
+def case_text(
+    description: FmuDescription, recording: Recording, *, fmu: str, folder: Path, read_as: ReadAs = AS_WRITTEN
+) -> str:
     """Return the text of a case file.
 
     Parameters
@@ -32,6 +44,8 @@ def case_text(description: FmuDescription, recording: Recording, *, fmu: str, fo
         As the user gave it: a file or a bundled model's name.
     folder : Path
         In which the case file will lie: paths are relative to it.
+    read_as : ReadAs
+        How the recording was read beyond what its header says.
     """
     variables = {v.name: in_si(v) for v in description.variables}
     roles = guess_roles(description)
@@ -43,6 +57,8 @@ def case_text(description: FmuDescription, recording: Recording, *, fmu: str, fo
     driven = [_alike_line(variables[n], c) for n, c in given.items() if variables[n].causality == "input"]
     shown = [_alike_line(variables[n], c) for n, c in given.items() if variables[n].causality != "input"]
     needed = (("v",), ("i", motion)) if roles else ((), ())
+    encoder = counting(recording, columns.values()) if motion not in columns else None
+    hints = {} if encoder is None else {motion: f" ({encoder!r} counts an encoder: init again with --counts 4000)"}
     lines = [
         f"# Guessed from {description.path.name} ({description.generation_tool}, FMI {description.fmi_version}) and"
         f" {recording.title}.",
@@ -61,14 +77,17 @@ def case_text(description: FmuDescription, recording: Recording, *, fmu: str, fo
         *_signals(("v", "load"), roles, columns, variables, causality="input", required=needed[0], more=driven),
         "",
         "[outputs]",
-        *_signals(("i", motion), roles, columns, variables, causality="output", required=needed[1], more=shown),
+        *_signals(
+            ("i", motion), roles, columns, variables, causality="output", required=needed[1], more=shown, hints=hints
+        ),
         "",
         f"[parameters]{_MOTOR_NAMES if roles else ''}",
-        *_parameters(roles, variables),
+        *_parameters(roles, variables, _ranges(columns, recording)),
         *_fixed(roles, {*columns, *given}, variables),
         "",
         "[[recording]]",
         f"file = {to_toml(_relative(recording.path or Path(f'{recording.name}.csv'), folder))}",
+        *(f"{key} = {to_toml(value)}" for key, value in run_value(RunSpec(read_as=read_as)).items()),
         "",
         "[search]",
         "seed = 1",
@@ -88,6 +107,7 @@ def _signals(
     causality: str,
     required: tuple[str, ...],
     more: list[str],
+    hints: Mapping[str, str] = NOTHING,
 ) -> list[str]:
     rows = list(more)
     others = [n for n, v in variables.items() if v.causality == causality and v.is_real][:SHOWN]
@@ -96,7 +116,8 @@ def _signals(
         if column is not None and name:
             rows.append(f"{role} = {_signal(role, column, name)}  # {_told(variables[name])}")
         elif role in required and (column is not None or name) and not more:
-            missing = f"no column looks like {ROLE_TITLE[role]}" if column is None else "no variable looks like it"
+            missing = f"no column looks like {ROLE_TITLE[role]}{hints.get(role, '')}"
+            missing = missing if column is None else "no variable looks like it"
             text = _signal(role, column or "?", name or "?")
             rows.append(f"# {role} = {text}  {MARK}: {missing}; the FMU has {', '.join(others) or 'none'}")
     if not rows and not others and causality == "input":
@@ -114,12 +135,34 @@ def _signal(role: str, column: str, name: str) -> str:
     return to_toml(input_value(InputSpec(column, fmu="" if name == role else name)))
 
 
-def _parameters(roles: dict[str, tuple[str, ...]], variables: dict[str, Variable]) -> list[str]:
+def _ranges(columns: Mapping[str, str], recording: Recording) -> dict[str, Range]:
+    """Return least, start and largest of a motor's parameters as the recording says; empty where it says none."""
+    signals = {role: recording.signals[column] for role, column in columns.items()}
+    if "angle" in signals and not np.isnan(signals["angle"]).all():
+        signals.setdefault("w", np.gradient(filled(signals["angle"]), recording.time))
+    if not {"v", "i", "w"} <= signals.keys():
+        return {}
+    v, i, w = (signals[role] for role in ("v", "i", "w"))
+    if np.isnan(v).any() or not all(np.nanmax(np.abs(y), initial=0.0) > 0 for y in (v, i, w)):
+        return {}
+    guess = sane(integral_estimate(v, i, w, step=recording.step), v, i, w, step=recording.step)
+    found = {n: (x / WIDE.get(n, WIDTH), x, x * WIDE.get(n, WIDTH)) for n, x in guess.items()}
+    possible = possible_inductance(guess["R"], v, i, step=recording.step)
+    if possible is not None:
+        low, high = possible
+        found["L"] = (low, min(max(guess["L"], low), high), high)
+    return found
+
+
+def _parameters(
+    roles: dict[str, tuple[str, ...]], variables: dict[str, Variable], ranges: Mapping[str, Range]
+) -> list[str]:
     rows = []
     taken = {name for role in MOTOR for name in roles.get(role, ())}
     for role in MOTOR if roles else ():
         if names := roles.get(role):
-            rows.append(f"{role} = {_parameter(role, names, variables[names[0]])}  # {_told(variables[names[0]])}")
+            variable = variables[names[0]]
+            rows.append(f"{role} = {_parameter(role, names, variable, ranges.get(role))}  # {_told(variable)}")
         else:
             rows.append(f'# {role} = {{ min = ?, max = ?, fmu = "?" }}  {MARK}: nothing looks like it')
     rest = [v for n, v in variables.items() if v.causality == "parameter" and v.is_real and n not in taken]
@@ -135,10 +178,18 @@ def _parameters(roles: dict[str, tuple[str, ...]], variables: dict[str, Variable
     return rows
 
 
-def _parameter(name: str, targets: tuple[str, ...], variable: Variable) -> str:
+def _parameter(name: str, targets: tuple[str, ...], variable: Variable, told: Range | None = None) -> str:
+    """Return a parameter within the FMU's limits and what the recording tells of it, or else around its own start."""
     start = variable.start if isinstance(variable.start, float) else variable.nominal
     low, high = variable.minimum, variable.maximum
-    if start is not None and start > 0:
+    least, begin, largest = told if told is not None else (0.0, 0.0, 0.0)
+    if not variable.unit and start is not None and not least <= start <= largest:
+        least = largest = 0.0  # in whatever unit it is
+    allowed = max(least, -np.inf if low is None else low), min(largest, np.inf if high is None else high)
+    if allowed[0] < allowed[1]:
+        low, high = allowed
+        start = min(max(float(f"{begin:.4g}"), low), high)
+    elif start is not None and start > 0:
         low = start / WIDTH if low is None else max(low, start / WIDTH)
         high = start * WIDTH if high is None else min(high, start * WIDTH)
     elif start is not None and start < 0:

@@ -43,9 +43,20 @@ def guess_roles(description: FmuDescription) -> dict[str, tuple[str, ...]]:
 
     A variable is given to one role only. Nothing where the FMU does not look like a motor: a lone `b` is no friction.
     """
-    found = _best(description)
+    found = _with_the_last(description, _best(description))
     electrical = {"R", "K", "L"} & set(found)
     return found if electrical and len(set(MOTOR) & set(found)) >= LEAST else {}
+
+
+def _with_the_last(description: FmuDescription, found: dict[str, tuple[str, ...]]) -> dict[str, tuple[str, ...]]:
+    """Give a motor's last part to a name that alone says nothing: `d`, the only such one left beside R, K, L and J."""
+    missing = [role for role in MOTOR if role not in found]
+    taken = {name for names in found.values() for name in names}
+    left = [v for v in description.variables if v.causality == "parameter" and v.is_real and v.name not in taken]
+    if len(missing) != 1 or missing[0] not in VAGUE:
+        return found
+    named = [v.name for v in left if not v.unit and re.fullmatch(VAGUE[missing[0]], v.name.lower().rpartition(".")[2])]
+    return {**found, missing[0]: (named[0],)} if len(named) == 1 else found
 
 
 def _best(description: FmuDescription) -> dict[str, tuple[str, ...]]:

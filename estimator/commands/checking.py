@@ -14,15 +14,17 @@ import numpy as np
 from estimator.cases.expansion import told_apart
 from estimator.commands.options import reading_of, unique
 from estimator.commands.sources import recordings_of
-from estimator.commands.terminal import OK, say, say_lines
+from estimator.commands.terminal import OK, columns, say, say_lines
 from estimator.errors import InputError
 from estimator.recordings.files import recordings_in
 from estimator.recordings.preview import MOST_LEVELS, Preview, preview, preview_mapping
 from estimator.recordings.understood import how_to_overrule
+from estimator.results.report import table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+INDENT = "  "
 UNITS = {"v": "V", "i": "A", "w": "rad/s", "angle": "rad", "load": "N.m"}
 
 
@@ -50,22 +52,20 @@ def check(args: argparse.Namespace) -> int:
     if args.json:
         say(_json(previews))
     else:
-        say_lines("\n".join(map(preview_text, previews)))
+        say_lines("\n".join(preview_text(p, width=columns()) for p in previews))
         say_lines("".join(f"{line}\n" for line in ["", *mended] if mended))
     return OK
 
 
-def preview_text(p: Preview) -> str:
-    """Return a preview as lines: what was read first, what is implausible last."""
+def preview_text(p: Preview, *, width: int | None = None) -> str:
+    """Return a preview as lines: what was read first, what is implausible last; its tables within a width."""
     recording = p.recording
     lines = [f"{recording.title}: {' · '.join(r.text() for r in p.read)}"]
     if p.unused:
         lines.append(f"  not used: {', '.join(p.unused)}")
     if guessed := [how_to_overrule(r) for r in p.read if r.unit_from == "name"]:
         lines.append(f"  another unit is said with {', '.join(guessed)}")
-    if recording.left_out:
-        first = "the first row is" if recording.left_out == 1 else f"the first {recording.left_out} rows are"
-        lines.append(f"  {first} left out: the next is stamped no later")
+    lines += [f"  {sentence}" for sentence in recording.not_read]
     clock = "even" if recording.even else "with jitter, each time taken as printed"
     missing = f", {recording.missing_rows} rows missing" if recording.missing_rows else ""
     if p.repeated:
@@ -90,7 +90,7 @@ def preview_text(p: Preview) -> str:
         ]
         for name, y in p.signals.items()
     ]
-    lines += ["", *_table(header, rows)]
+    lines += ["", *_table(header, rows, width)]
     if p.levels:
         names = [name for name in ("v", "i", "w", "load") if name in p.signals]
         header = ["level", "from [s]", "to [s]", *(f"{name} [{UNITS[name]}]" for name in names), "w [rpm]"]
@@ -104,7 +104,7 @@ def preview_text(p: Preview) -> str:
             ]
             for k, level in enumerate(p.levels[:MOST_LEVELS])
         ]
-        lines += ["", *_table(header, rows)]
+        lines += ["", *_table(header, rows, width)]
         if len(p.levels) > MOST_LEVELS:
             lines.append(f"  and {len(p.levels) - MOST_LEVELS} more levels")
     if p.found or p.findings:
@@ -130,10 +130,10 @@ def _excitation(p: Preview) -> str:
     return f"a step from {e.before:.4g} to {e.after:.4g} V at t = {p.recording.time[e.index]:.6g} s{late}{running}"
 
 
-def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
-    used = [j for j in range(len(header)) if any(row[j] for row in rows)]
-    widths = [max(len(row[j]) for row in (header, *rows)) for j in used]
-    return ["  " + "  ".join(row[j].rjust(w) for j, w in zip(used, widths, strict=True)) for row in (header, *rows)]
+def _table(header: Sequence[str], rows: Sequence[Sequence[str]], width: int | None) -> list[str]:
+    inside = None if width is None else width - len(INDENT)
+    found = table(header, rows, right=range(len(header)), width=inside)
+    return [INDENT + line if line else "" for line in found]
 
 
 def _json(previews: Sequence[Preview]) -> str:

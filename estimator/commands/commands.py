@@ -38,6 +38,7 @@ def inspect(args: argparse.Namespace) -> int:
 def init(args: argparse.Namespace) -> int:
     """Guess a case file and give its text."""
     from estimator.cases.init_case import case_text
+    from estimator.commands.options import reading_of
     from estimator.fmus.fmu import describe
     from estimator.recordings.files import recordings_in
 
@@ -47,8 +48,9 @@ def init(args: argparse.Namespace) -> int:
     if output is not None and output.exists():
         raise InputError(f"{output} is there already; give another name with -o, or remove it")
     folder = Path.cwd() if output is None else output.absolute().parent
-    recording = recordings_in(Path(args.recording))[0]  # of several tests: their columns are alike
-    text = case_text(describe(args.fmu), recording, fmu=args.fmu, folder=folder)
+    read_as = reading_of(args)
+    recording = recordings_in(Path(args.recording), read_as)[0]  # of several tests: their columns are alike
+    text = case_text(describe(args.fmu), recording, fmu=args.fmu, folder=folder, read_as=read_as)
     if output is None:
         say(text)
         return OK

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from estimator.commands.argument_groups import REPEATABLE, add_kind, command
+from estimator.commands.argument_groups import REPEATABLE, add_kind, add_reading, command
 from estimator.commands.argument_values import assignment, fmi, level_at, names, path, positive
 from estimator.commands.terminal import PROGRAM
 
@@ -75,6 +75,7 @@ which parameters to estimate and between which bounds. What could not be guessed
     )
     init.add_argument("fmu", type=path, metavar="FMU", help="an .fmu file or a bundled model's name")
     init.add_argument("recording", type=path, metavar="RECORDING", help="a recording")
+    add_reading(init.add_argument_group("how the file is read").add_argument)
     init.add_argument(
         "-o", dest="output", type=path, metavar="OUT.case.toml", help="write there instead of to the terminal"
     )

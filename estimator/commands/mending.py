@@ -41,8 +41,7 @@ def mend(
     changed += [f"{name}: {added:+g}, as you said" for name, added in offset.items()]
     if p.unused:
         changed.append(f"left out, as the program does not use them: {', '.join(p.unused)}")
-    if p.recording.left_out:
-        changed.append(f"the first {p.recording.left_out} rows are left out: the next is stamped no later")
+    changed += p.recording.not_read
     if p.recording.missing_rows:
         changed.append(f"{p.recording.missing_rows} rows that are missing are there, with empty cells")
     if p.recording.origin:

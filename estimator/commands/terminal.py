@@ -12,6 +12,8 @@ import textwrap
 from estimator.estimating.progress import is_terminal
 
 PROGRAM = "fmu-estimator"
+ASCII = ("+/-", "-", "...", ".", "x", "->", "<-", "<=", ">=", "Ohm", "u")
+SPELLED = dict(zip("±−…·×→←≤≥Ωµ", ASCII, strict=True))
 OK, FAILED, BAD_INPUT, INTERRUPTED, CLOSED = 0, 1, 2, 130, 141  # exit statuses
 
 
@@ -50,7 +52,7 @@ def broken(line: str, width: int | None) -> list[str]:
     if width is None or len(line) <= width:
         return [line]
     start = len(line) - len(line.lstrip())
-    fact = re.match(r"(?: *- |[^ ]+(?: [^ ]+)*  +(?=[^ ]))", line)  # an item of a list, or what follows a fact's name
+    fact = re.match(r"(?: *- | *[^ ]+(?: [^ ]+)*  +(?=[^ ]))", line)  # an item of a list, or what follows a fact's name
     indent = min(fact.end() if fact else start + 2, width // 2)
     found = textwrap.wrap(
         line[start:], max(width, 20), initial_indent=" " * start, subsequent_indent=" " * indent,
@@ -79,12 +81,10 @@ def make_printable() -> None:
         return
     import codecs
 
-    spelled = {"±": "+/-", "−": "-", "…": "...", "·": ".", "×": "x", "→": "->", "≤": "<=", "≥": ">=", "Ω": "Ohm"}
-
     def spell(error: UnicodeError) -> tuple[str, int]:
         if not isinstance(error, UnicodeEncodeError):
             raise error
-        return "".join(spelled.get(c, "?") for c in error.object[error.start : error.end]), error.end
+        return "".join(SPELLED.get(c, "?") for c in error.object[error.start : error.end]), error.end
 
     codecs.register_error("fmu-estimator-spelled", spell)
     sys.stdout.reconfigure(errors="fmu-estimator-spelled")

@@ -56,7 +56,8 @@ class Failure:
             )
         where = f"{self.output} in {self.window}" if self.output else self.window
         if self.what == "size":
-            return f"the model does not explain {where}: the residuals, whitened, are {self.excess:.1f} times the noise"
+            many = f"{self.excess:.1f} times the noise found"
+            return f"the model does not explain {where}: the residuals, whitened, are {many}"
         if self.what == "neighbours":
             return f"the residuals of {where} are no plain noise: neighbours are alike (correlation {self.excess:+.2f})"
         return (

@@ -269,7 +269,7 @@ def unexplained(failures: Sequence[Failure]) -> list[str]:
             others = [f"{f.excess:.1f} times in {f.window}" for f in alike[1:]]
             reasons.append(
                 f"the model does not explain {failure.output}: the residuals, whitened, are {failure.excess:.1f} times"
-                f" the noise in {failure.window}, {', '.join(others)}"
+                f" the noise found in {failure.window}, {', '.join(others)}"
             )
     return reasons
 

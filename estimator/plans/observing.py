@@ -42,10 +42,11 @@ def observe(binding: Binding, channels: Channels, recording: Recording, run: Run
     _check_channels(run, channels, recording)
     recording, driven, told = _driven(binding, recording, channels.inputs, run)
     measured, more = _compared(binding, recording, channels.outputs, run)
-    told += more
+    told = [*(f"{recording.title}: {sentence}" for sentence in recording.not_read), *told, *more]
     has_phase = "angle" in measured and quantum(measured["angle"]) > 0
     if not driven:  # the FMU moves by itself, as the motor did
-        return Observed(recording, driven, measured, Excitation("several", 0, 0.0, 0.0, False), 0, has_phase=has_phase)
+        free = Excitation("several", 0, 0.0, 0.0, False)
+        return Observed(recording, driven, measured, free, 0, notes=tuple(told), has_phase=has_phase)
     is_motor = binding.is_motor
     if is_motor and "angle" in measured:
         measured["angle"], more = _from_zero(recording, measured["angle"])
@@ -282,7 +283,7 @@ def _measured(
     header_unit = recording.units.get(recording.column(column), "")
     is_angle = spec.sensor == "mean" and unit == "rad/s" and header_unit == "rad"
     if spec.counts is not None:
-        if header_unit not in ("", "?", "1", "count"):
+        if header_unit not in ("", "?", "1", "count", "count/s"):
             raise RecordingError(
                 f"{recording.title}: column {column!r} is in {header_unit}, so counts a turn do not fit it;"
                 " leave counts out"
@@ -293,7 +294,7 @@ def _measured(
         if header_unit == "rad" and starts_again(signal):
             signal = _added_up(recording, column, signal)
     signal = _corrected(signal, name, column, run)
-    if is_angle or (spec.counts is not None and spec.sensor == "mean"):
+    if is_angle or (spec.counts is not None and spec.sensor == "mean" and header_unit != "count/s"):
         signal = np.concatenate([[np.nan], np.diff(signal) / np.diff(recording.time)])
     elif name == "angle":
         signal = _without_rest(signal)

@@ -30,10 +30,15 @@ def with_reading(binding: Binding, channels: Channels, observed: Observed) -> Ob
     beside = motor_columns(recording, required=()).get("angle")
     if beside is not None and "angle" not in signals:
         signals["angle"] = recording.signals[beside]
-    guessed = frozenset(r.signal for r in read if r.is_guess)
-    sure = frozenset(r.signal for r in read if r.unit_from == "user")
-    columns = {r.signal: r.column for r in read}
-    findings = implausible(recording.title, recording.time, signals, guessed=guessed, sure=sure, columns=columns)
+    findings = implausible(
+        recording.title,
+        recording.time,
+        signals,
+        guessed=frozenset(r.signal for r in read if r.is_guess),
+        sure=frozenset(r.signal for r in read if r.unit_from == "user"),
+        columns={r.signal: r.column for r in read},
+        units={r.signal: r.unit for r in read},
+    )
     if "friction" in binding.parameters:
         findings = tuple(finding for finding in findings if finding.kind != "dead band")
     return _without_clipped(binding, dataclasses.replace(observed, read=read, findings=findings))

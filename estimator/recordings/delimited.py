@@ -79,6 +79,7 @@ class Table:
     bad: dict[int, BadCell]  # column → its first cell that is no number
     line: Sequence[int]  # (n,) line number of each row
     text: Callable[[int], Iterator[str]]  # column → its n cells as written
+    not_read: tuple[str, ...] = ()  # what of the lines below the header is no row, in sentences
 
 
 def read_table(path: Path, rules: HeaderRules) -> Table:
@@ -100,7 +101,8 @@ def read_table(path: Path, rules: HeaderRules) -> Table:
     written, encoding = _read_text(path)
     if (plain := _plain_table(path, written, encoding, rules)) is not None:
         return plain
-    lines, is_labelled = delimited_lines(written.split("\n"), rules.is_header)
+    as_written = written.split("\n")
+    lines, is_labelled = delimited_lines(as_written, rules.is_header)
     while lines and not lines[-1].strip(_EMPTY):
         lines.pop()  # rows of empty cells at the end
     if not lines:
@@ -111,13 +113,23 @@ def read_table(path: Path, rules: HeaderRules) -> Table:
     units, words = (None, 0) if bare else _words_below(lines, rows, delimiter, rules)
     again = set() if bare else {lines[k] for k in (at, *rows[:words])}
     rows = [k for k in rows if lines[k] not in again]  # a logger that starts anew writes its header anew
+    below: list[int] = []
     if rows and not _begins_with_a_word(lines[rows[0]]):
         while _begins_with_a_word(lines[rows[-1]]):
-            rows.pop()  # "End of test", "Mean,12.0,…"
+            below.insert(0, rows.pop())  # "End of test", "Mean,12.0,…"
     if not rows:
         raise RecordingError(f"{path.name} has no samples below line {at + 1}, {_short(lines[at])!r}")
     width = len(header)
     decimal = _decimal_mark(lines, rows, delimiter)
+    first = 0 if is_labelled else 1  # number of the first line
+    not_read = _said_between(as_written, lines[is_labelled:])
+    if len(rows) > 1:
+        before, last = (_trimmed(_split(lines[k], delimiter), width) for k in rows[-2:])
+        is_open = rows[-1] == len(lines) - 1 and not written.endswith("\n")
+        if _is_cut(before, last, width=width, decimal=decimal, is_open=is_open):
+            cut = rows.pop()
+            not_read.append(f"line {cut + first}, the last row, is cut off and left out: {_short(lines[cut])!r}")
+    not_read += _said_below([k + first for k in below], [lines[k] for k in below])
     values = np.empty((width, len(rows)))
     bad: dict[int, BadCell] = {}
     for start in range(0, len(rows), CHUNK):
@@ -144,9 +156,37 @@ def read_table(path: Path, rules: HeaderRules) -> Table:
         units=units,
         columns=tuple(values),
         bad=bad,
-        line=[k + (not is_labelled) for k in rows],
+        line=[k + first for k in rows],
         text=text,
+        not_read=tuple(not_read),
     )
+
+
+def _is_cut(before: Cells, last: Cells, *, width: int, decimal: str, is_open: bool) -> bool:
+    """Tell whether the last row is a part of one, as of a logger that was stopped; open: without a line end."""
+    if len(before) != width or len(last) > width:
+        return False
+    end = _bare(last[-1])
+    ends_midway = _number(end, decimal) is None and _number(f"{end}0", decimal) is not None  # "1e-"
+    return len(last) < width or (is_open and bool(end) and ends_midway)
+
+
+def _said_below(numbers: list[int], lines: list[str]) -> list[str]:
+    """Say which lines below the last row are none."""
+    if not lines:
+        return []
+    if len(lines) == 1:
+        return [f"line {numbers[0]}, below the last row, is left out: {_short(lines[0])!r}"]
+    return [f"lines {numbers[0]} to {numbers[-1]}, below the last row, are left out: {_short(lines[0])!r}, …"]
+
+
+def _said_between(written: list[str], read: list[str]) -> list[str]:
+    """Say which lines of what an Arduino printed hold anything else than the others."""
+    said = [k for k, (line, kept) in enumerate(zip(written, read, strict=False)) if line.strip() and not kept.strip()]
+    if not said:
+        return []
+    first = f"line {said[0] + 1}, {_short(written[said[0]].strip())!r},"
+    return [f"{first} is no row and left out" if len(said) == 1 else f"{first} and {len(said) - 1} more are no rows"]
 
 
 def _plain_table(path: Path, written: str, encoding: str, rules: HeaderRules) -> Table | None:
@@ -195,7 +235,7 @@ def _words_below(
 
 
 def _begins_with_a_word(line: str) -> bool:
-    first = re.match(r'[\s"]*([^\W\d][^\s,;"]*)', line)
+    first = re.match(r'[\s"^]*([^\W\d][^\s,;"]*)', line)
     return first is not None and _is_word(first[1])
 
 

@@ -42,7 +42,11 @@ def recording_of(raw: RawTable, read_as: ReadAs) -> Recording:
     if read_as.test is not None:
         raw, name = asked_test(raw, read_as), f"{raw.name} {read_as.test}"
     left_out = _first_rows(raw, read_as)
-    raw = raw.rows(left_out, len(raw.columns[0])) if left_out else raw
+    not_read = raw.not_read
+    if left_out:
+        raw = raw.rows(left_out, len(raw.columns[0]))
+        first = "the first row is" if left_out == 1 else f"the first {left_out} rows are"
+        not_read = (f"{first} left out: the next is stamped no later", *not_read)
     columns, where, place = raw.columns, raw.where, raw.place
     headers, given = read_as.headers(raw.texts, where=where)
     written = [header.text for header in headers]
@@ -99,7 +103,7 @@ def recording_of(raw: RawTable, read_as: ReadAs) -> Recording:
         unreadable={names[j]: told for j, told in unreadable.items()},
         even=ticks.even,
         missing_rows=ticks.time.size - time.size,
-        left_out=left_out,
+        not_read=not_read,
         clock=_header_text(headers[clock], clock in given),
         given_units=tuple("time" if j == clock else names[j] for j in sorted(given)),
         roles={role: names[j] for role, j in places.items()},

@@ -118,6 +118,7 @@ _IN = re.compile(r"(?P<name>.+?) in (?P<unit>.+)")
 _BRACKETS = re.compile(r"(?P<name>.*?)\s*(?:\[(?P<square>[^\[\]]*)\]|\((?P<round>[^()]*)\))", re.DOTALL)
 
 _WITHIN = re.compile(r"(?P<name>[^\[\]()]+?)\s*[\[(](?P<unit>[^\[\]()]*)[\])](?P<rest>[^\[\]()]+)")  # "i (A) left"
+_ABSOLUTE = re.compile(r"(?:abs ?\( ?([^()|]+?) ?\)|\| ?([^()|]+?) ?\|)", re.IGNORECASE)  # "abs(i)", "|i|"
 _FACTOR = re.compile(r"\s*[x×*/]\s*\d")
 
 
@@ -165,6 +166,12 @@ def is_secondary(name: str) -> bool:
     return bool(_SECONDARY & frozenset(plain(name).split("_")))
 
 
+def absolute_of(name: str) -> str | None:
+    """Return the name of which a name says the absolute value: ``"abs(i)"``, ``"|i|"`` → ``"i"``; None for others."""
+    found = _ABSOLUTE.fullmatch(name)
+    return None if found is None else found[1] or found[2]
+
+
 def rank_in_role(name: str, role: str) -> int | None:
     """Return how usual a name is for a role (0 is the most usual), or None if it is not."""
     key = _usual(plain(name))
@@ -208,7 +215,7 @@ def parse_header(text: str) -> Header:
     """
     text = " ".join(text.translate(_WIDE).split())
     brackets = _BRACKETS.fullmatch(text)
-    if brackets:
+    if brackets and not _ABSOLUTE.fullmatch(text):
         inside = (brackets["square"] if brackets["square"] is not None else brackets["round"]).strip()
         name = brackets["name"].strip().removesuffix("/").strip()
         if not inside:
@@ -222,6 +229,8 @@ def parse_header(text: str) -> Header:
     worded = _IN.fullmatch(text)
     if worded and (unit := parse_unit(worded["unit"])):
         return Header(text, worded["name"], unit, worded["unit"])
+    if len(text) > 1 and (unit := parse_unit(text, symbols_only=True)):
+        return Header(text, text, unit, text)  # "rpm", "amps", "ticks_per_sec": the unit is the name
     for place in re.finditer(r"[_/ ]", text):
         name, suffix = text[: place.start()].strip(), text[place.end() :].strip()
         unit = parse_unit(suffix, symbols_only=suffix != "%") or _small(name, suffix)
@@ -229,8 +238,6 @@ def parse_header(text: str) -> Header:
             return Header(text, text, unit, suffix)  # "motor_rpm": without its unit the name says nothing
         if name and unit and _is_suffix(name, place[0], suffix, unit):
             return Header(text, name, unit, suffix)
-    if len(text) > 1 and (unit := parse_unit(text, symbols_only=True)):
-        return Header(text, text, unit, text)  # "rpm", "amps": the unit is the name
     return Header(text, text, None, None)
 
 
@@ -251,6 +258,8 @@ def _is_suffix(name: str, separator: str, suffix: str, unit: Unit) -> bool:
     quantity = quantity_of(name)
     if unit.quantity in {quantity, *_quantities(name)} or (len(suffix) == 1 and _small(name, suffix) is not None):
         return True
+    if unit.quantity == "count rate":
+        return True  # "encoder counts/s"
     if separator == " " or suffix in _NEVER_SUFFIX:
         return False
     # "current_V" is a current in volts, to be complained of; "U_A" is an armature voltage.

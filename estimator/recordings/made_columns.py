@@ -83,19 +83,28 @@ def _turned(recording: Recording, per_turn: float) -> Recording:
 
 
 def _counted(recording: Recording, counts: float) -> Recording:
-    """Return an encoder's counts as an angle."""
+    """Return an encoder's counts as an angle, and counts a second as a speed."""
+    rates = [c for c in recording.signals if recording.units[c] == "count/s"]
     columns = [c for c in recording.signals if is_counts(recording, c)]
-    if not columns:
+    if not columns and not rates:
         columns = [c for c in recording.signals if recording.roles.get("angle") == c]
-    if not columns:
+    if not columns and not rates:
         known = ", ".join(recording.headers.values())
         raise RecordingError(f"{recording.title} has no column of counts ({known}); say which, with --column angle=…")
-    for column in columns:
-        angle = recording.signals[column] * (2 * math.pi / counts)
-        recording = _with(recording, column, angle, "rad", f"{recording.headers[column]}, {counts:g} counts a turn")
+    for column in (*columns, *rates):
+        turned = recording.signals[column] * (2 * math.pi / counts)
+        unit = "rad/s" if column in rates else "rad"
+        recording = _with(recording, column, turned, unit, f"{recording.headers[column]}, {counts:g} counts a turn")
     if "angle" not in recording.roles and len(columns) == 1:
         recording = replace(recording, roles={**recording.roles, "angle": columns[0]})
+    if "w" not in recording.roles and len(rates) == 1 and not _speeds(recording):
+        recording = replace(recording, roles={**recording.roles, "w": rates[0]})
     return recording
+
+
+def _speeds(recording: Recording) -> list[str]:
+    """Return the columns that have a speed's name."""
+    return [c for c, text in recording.headers.items() if rank_in_role(parse_header(text).name, "w") is not None]
 
 
 def is_counts(recording: Recording, column: str) -> bool:

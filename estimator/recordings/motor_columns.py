@@ -14,6 +14,7 @@ from estimator.recordings.headers import (
     ROLE_QUANTITY,
     ROLE_TITLE,
     USUAL_NAMES,
+    absolute_of,
     assumed_unit,
     is_secondary,
     motors_named,
@@ -58,12 +59,16 @@ def motor_columns(
         column = None if role == "time" else _of_role(recording, role, wanted=role in (*required, *either))
         if column is not None:
             found[role] = column
-    if "w" in either and not {"w", "angle"} & found.keys() and (counts := _counting(recording, found.values())):
-        raise RecordingError(
-            f"{recording.title}: {counts!r} counts the lines of an encoder; say how many make a turn with --counts 4000"
-            f' (of quadrature, four a line), or in a case file: angle = {{ column = "{counts}", counts = 4000 }}'
-        )
+    if "w" in either and not {"w", "angle"} & found.keys() and (counts := counting(recording, found.values())):
+        raise RecordingError(_lines_of_an_encoder(recording, counts))
     lacking = [role for role in (*required, *either) if role not in found and not (role == "w" and "angle" in found)]
+    for role in lacking:
+        if unsigned := _without_sign(recording, role):
+            raise RecordingError(
+                f"{recording.title}: {unsigned!r} is a {ROLE_TITLE[role]} without its sign, and its noise about zero is"
+                " all on one side; log it with its sign, or, where it never turns, say so with --column"
+                f" {shlex.quote(f'{role}={unsigned}')}"
+            )
     meant = {role: _meant(recording, role, found.values(), by_unit=role in either or role == "v") for role in lacking}
     nothing = bool(either) and not {*either, "angle"} & found.keys()
     missing = [role for role in lacking if role in required or meant[role] or nothing]
@@ -93,7 +98,9 @@ def _of_role(recording: Recording, role: str, *, wanted: bool) -> str | None:
             raise SeveralMotorsError(_several(recording, several), several)
         raise RecordingError(_two(recording, role, good[0], other))
     if ranked and not good and wanted:
-        raise RecordingError(faults[ranked[0][1]] or "")
+        first = ranked[0][1]
+        is_rate = recording.units.get(first) == "count/s" and role == "w"
+        raise RecordingError(_lines_of_an_encoder(recording, first) if is_rate else faults[first] or "")
     return good[0] if good else None
 
 
@@ -165,12 +172,31 @@ def _several(recording: Recording, several: Sequence[str]) -> str:
     return f"{recording.title} holds several motors, {', '.join(several)}; say which: {choices}"
 
 
-def _counting(recording: Recording, taken: Collection[str]) -> str | None:
-    """Return the header of a column that seems to hold an encoder's counts."""
+def counting(recording: Recording, taken: Collection[str]) -> str | None:
+    """Return a column that seems to hold an encoder's counts, or counts a second."""
     for column, text in recording.headers.items():
         words = set(plain(parse_header(text).name).split("_"))
-        bare = recording.units[column] in ("", "count") and column in recording.signals
-        if column not in taken and bare and (recording.units[column] == "count" or "encoder" in words):
+        counted = recording.units[column] in ("count", "count/s")
+        bare = (counted or recording.units[column] == "") and column in recording.signals
+        if column not in taken and bare and (counted or "encoder" in words):
+            return column
+    return None
+
+
+def _lines_of_an_encoder(recording: Recording, column: str) -> str:
+    """Say of a column that holds an encoder's counts, or counts a second, how they become an angle or a speed."""
+    text, signal = recording.headers[column], "w" if recording.units[column] == "count/s" else "angle"
+    return (
+        f"{recording.title}: {text!r} counts the lines of an encoder; say how many make a turn with --counts 4000"
+        f' (of quadrature, four a line), or in a case file: {signal} = {{ column = "{text}", counts = 4000 }}'
+    )
+
+
+def _without_sign(recording: Recording, role: str) -> str | None:
+    """Return the header of a column that holds the absolute values of a role's signal."""
+    for text in recording.headers.values():
+        of = absolute_of(parse_header(text).name)
+        if of is not None and rank_in_role(parse_header(of).name, role) is not None:
             return text
     return None
 

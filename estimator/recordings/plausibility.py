@@ -19,9 +19,11 @@ from numpy.typing import NDArray
 
 from estimator.recordings.excitation import noise_deviation, quantum
 from estimator.recordings.finding import Evidence, Finding
+from estimator.recordings.headers import parse_header, plain
 from estimator.recordings.lag import lag_misfit
 from estimator.recordings.odd_drives import coasts, dead_band, is_held
 from estimator.recordings.samples import filled, median, quantile
+from estimator.recordings.units import parse_unit
 
 FloatArray = NDArray[np.float64]
 
@@ -37,6 +39,8 @@ LEVELS, HELD = 3, 5  # sizes of a voltage that has several; samples of one
 LARGEST_CURRENT = (150.0, 30.0)  # A, and
 LEAST_RESISTANCE = (0.008, 0.025)  # Ω, of the largest voltage over the largest current
 LEAST_CURRENT = 1e-3  # A: a motor that turns takes more
+RISING = 2.0  # of the settled current: a larger one is that of a rotor that hardly turns yet
+MOST_RESISTANCE = (20_000.0, 2000.0)  # Ω, of a motor without load, and of a rotor that hardly turns: windings have 1000
 SLOWEST = (30.0, 6.0)  # s, time constant of the speed
 SLOW_CLOCK = (1.0, 0.15)  # s, sampling interval at which the speed's way from level to level is seen
 NO_CLOCK = (10.0, 0.95)  # s, sampling interval
@@ -45,6 +49,7 @@ QUICKEST = 1e-4  # s, time constant of the speed: the least motors without iron 
 SLOW_CURRENT = 0.5  # s from a step to the peak of the current; an inductance is over in some 20 ms
 DUTY = (1.0, 100.0, 255.0, 1000.0, 1023.0, 4095.0, 65535.0)  # largest values of a duty cycle: part, percent, counts
 LEAST_MILLIVOLTS = 1000.0  # a motor turns at that
+VOLTS = (0.2, 1000.0)  # behind less no motor turns, and no bench has more
 NO_VOLTAGE = 50.0  # V: without a unit, more is no voltage of a bench
 
 EXPLAINED, UNEXPLAINED = 0.3, 0.7  # of a signal's deviation, misfit of an order that fits, and of one that does not
@@ -58,6 +63,7 @@ SURE = 4.0  # deviations of noise: more is none
 OUTLYING = 0.98  # of the samples: larger ones count as that
 DRIVEN = 0.05  # of the largest voltage: less is none
 DECIMAL = 0.01  # of a digit: a quantum of 1, 2 or 5 × 10ⁿ is the print's
+RAW = frozenset({"raw", "adc"})  # words of a heading
 LONE, ABOVE = 3, 300.0  # samples, times as large as all others: no motor's
 LINES, WHOLE = (16, 20_000), 0.02  # of an encoder a turn; of a count
 
@@ -72,6 +78,7 @@ def implausible(
     guessed: frozenset[str] = frozenset(),
     sure: frozenset[str] = frozenset(),
     columns: Mapping[str, str] | None = None,
+    units: Mapping[str, str] | None = None,
 ) -> tuple[Finding, ...]:
     """Find what of a motor's signals cannot be as it was read.
 
@@ -84,26 +91,27 @@ def implausible(
     guessed : those of them, and "time", whose unit nobody said
     sure : those whose unit the user said again, so that it is not doubted
     columns : signal → header of its column, for the options that are named
+    units : signal → unit that its samples were in
     """
     known = {
         name: y for name, y in signals.items() if np.count_nonzero(~np.isnan(y)) > 2 and np.nanmax(y) != np.nanmin(y)
     }
     if not {"i", "w", "angle"} & known.keys():
         return ()
-    measured = _Measured(
-        title, time, {**known, **{n: y for n, y in signals.items() if n == "v"}}, guessed, columns or {}
-    )
+    voltage = {n: y for n, y in signals.items() if n == "v"}
+    measured = _Measured(title, time, {**known, **voltage}, guessed, columns or {}, units or {})
     signs = measured.signs()
     exchanged = None if signs else measured.exchanged()
     if exchanged is not None:
         return (exchanged,)  # of columns that are others, nothing else is true
-    duty = measured.voltage()
+    doubted = measured.voltage()
     found = [
         *signs,
         *measured.lone(),
-        duty,
-        measured.speed(is_duty=duty is not None),
-        measured.current(),
+        *measured.raw(),
+        doubted,
+        measured.speed(is_volts=doubted is None),
+        measured.current(is_volts=doubted is None),
         measured.clock(),
     ]
     found += [
@@ -111,7 +119,11 @@ def implausible(
         coasts(title, time, known),
         dead_band(title, time, known),
     ]
-    return tuple(f for f in found if f is not None and f.kind not in {f"unit {name}" for name in sure})
+    first: dict[str, Finding] = {}  # of what is a converter's counts, no other unit is told
+    for f in found:
+        if f is not None and f.kind not in {f"unit {name}" for name in sure}:
+            first.setdefault(f.kind, f)
+    return tuple(first.values())
 
 
 class _Measured:
@@ -124,8 +136,10 @@ class _Measured:
         signals: Mapping[str, FloatArray],
         guessed: frozenset[str],
         columns: Mapping[str, str],
+        units: Mapping[str, str],
     ) -> None:
         self.title, self.time, self.signals, self.guessed, self.columns = title, time, signals, guessed, columns
+        self._small = {n for n, text in units.items() if (unit := parse_unit(text)) and unit.denominator > 1}
 
     def exchanged(self) -> Finding | None:
         """Find current and speed exchanged: the shaft integrates the torque, J dw/dt = K i − B w, never the reverse.
@@ -172,6 +186,30 @@ class _Measured:
                         evidence=(self._beyond(name, sizes, ABOVE * float(largest[0])),),
                     )
                 )
+        return found
+
+    def raw(self) -> list[Finding]:
+        """Find a converter's counts: whole numbers under a heading that says they are raw, and no unit."""
+        found = []
+        for name, title in (("i", "current"), ("w", "speed")):
+            header = self.columns.get(name, "")
+            words = frozenset(plain(parse_header(header).name).split("_"))
+            if name not in self.guessed or not words & RAW or name not in self.signals:
+                continue
+            y = self.signals[name]
+            if quantum(y) < 1.0:
+                continue
+            found.append(
+                Finding(
+                    f"unit {name}",
+                    f"{self.title}: {header!r} has whole numbers and no unit, so they look like counts of a converter"
+                    f" that shows the {title}, {y[0]:.4g} in the first row: say what one is worth with --scale"
+                    f" {name}=FACTOR and --offset {name}=NUMBER, which is added behind it, or --unit {name}="
+                    f"{'mA' if name == 'i' else 'rpm'} if they are none",
+                    is_fatal=True,
+                    evidence=(self._evidence(name),),
+                )
+            )
         return found
 
     def _option(self, signal: str, other: str, unit: str) -> str:
@@ -249,13 +287,27 @@ class _Measured:
         return tuple(self._evidence(name, first - 1, min(last, len(v) - 1)) for name in names)
 
     def voltage(self) -> Finding | None:
-        """Find a duty cycle that was read as volts."""
+        """Find a duty cycle that was read as volts, and volts as millivolts, or the reverse."""
         if "v" not in self.signals:
             return None
         v = np.abs(self.signals["v"])
         largest = float(np.nanmax(v))
         if largest == 0:
             return None
+        if "v" in self._small and largest < VOLTS[0]:
+            return Finding(
+                "unit v",
+                f"{self.title}: the voltage stays below {1e3 * largest:.3g} mV while the motor moves: it looks like V"
+                " that were read as mV; say so with --unit v=V, or --unit v=mV if not",
+                evidence=(self._beyond("v", v, NEARLY * largest),),
+            )
+        if "v" not in self.guessed and largest > VOLTS[1] and largest not in DUTY:
+            return Finding(
+                "unit v",
+                f"{self.title}: the voltage goes up to {largest:.4g} V: it looks like mV; say so with --unit v=mV, or"
+                " --unit v=V if not",
+                evidence=(self._beyond("v", v, NEARLY * largest),),
+            )
         assumed = "v" in self.guessed
         duty = next((full for full in DUTY if 0.995 * full < largest <= full), None)
         fastest = FULL_PER_VOLT if duty == 1.0 else FASTEST_PER_VOLT[0]
@@ -280,14 +332,14 @@ class _Measured:
             )
         return None
 
-    def speed(self, *, is_duty: bool) -> Finding | None:
-        """Find rpm or degrees that were read as radians; of a duty cycle the speed for a volt says nothing."""
+    def speed(self, *, is_volts: bool) -> Finding | None:
+        """Find rpm or degrees that were read as radians; of what is no voltage the speed for a volt says nothing."""
         if "w" not in self.signals:
             return None
         w = self.signals["w"]
         assumed = "w" in self.guessed
         top = float(np.nanmax(np.abs(_without_outliers(w))))
-        per_volt = 0.0 if is_duty else self._speed_per_volt()
+        per_volt = self._speed_per_volt() if is_volts else 0.0
         turning = (self._beyond("w", np.abs(w), NEARLY * top),)
         if (unit := self._beside_angle(w)) is not None:
             return Finding(
@@ -317,16 +369,16 @@ class _Measured:
             evidence=turning,
         )
 
-    def current(self) -> Finding | None:
+    def current(self, *, is_volts: bool) -> Finding | None:
         """Find milliamperes that were read as amperes, and the reverse."""
         if "i" not in self.signals:
             return None
-        i = _without_outliers(self.signals["i"])
-        assumed = "i" in self.guessed
-        largest = float(np.nanmax(np.abs(i)))
+        i = np.abs(_without_outliers(self.signals["i"]))
+        largest = float(np.nanmax(i))
+        narrow = "i" in self.guessed or quantum(self.signals["i"]) >= 1.0  # whole amperes no sensor shows
         largest_at = (self._beyond("i", np.abs(self.signals["i"]), NEARLY * largest),)
         volts = float(np.nanmax(np.abs(self.signals["v"]))) if "v" in self.signals else 0.0
-        if largest > LARGEST_CURRENT[assumed] and volts < LEAST_RESISTANCE[assumed] * largest:
+        if largest > LARGEST_CURRENT[narrow] and volts < LEAST_RESISTANCE[narrow] * largest:
             return Finding(
                 "unit i",
                 f"{self.title}: the current goes up to {largest:.4g} A at {volts:.3g} V, a winding of"
@@ -338,6 +390,15 @@ class _Measured:
                 "unit i",
                 f"{self.title}: the current stays below {1e6 * largest:.3g} µA while the motor turns: it looks like A"
                 " that were read as mA; say so with --unit i=A",
+                evidence=largest_at,
+            )
+        rising = largest > RISING * median(i[-max(5, len(i) // 10) :])
+        if "i" in self._small and is_volts and volts > MOST_RESISTANCE[rising] * largest:
+            return Finding(
+                "unit i",
+                f"{self.title}: the current stays below {1e3 * largest:.3g} mA at {volts:.3g} V, a winding of"
+                f" {volts / largest / 1e3:.2g} kΩ: it looks like A that were read as mA; say so with --unit i=A, or"
+                " --unit i=mA if not",
                 evidence=largest_at,
             )
         return None

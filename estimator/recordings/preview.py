@@ -134,6 +134,7 @@ def preview(
             guessed=frozenset(r.signal for r in read if r.is_guess),
             sure=frozenset(r.signal for r in read if r.unit_from == "user"),
             columns={r.signal: r.column for r in read},
+            units={r.signal: r.unit for r in read},
         ),
         repeated=len(_repeated(signals)),
     )
@@ -148,6 +149,7 @@ def preview_mapping(p: Preview) -> dict[str, Any]:
             "signals": {r.signal: {k: x for k, x in r.mapping().items() if k != "signal"} for r in p.read},
             "text": " · ".join(r.text() for r in p.read),
             "unused": list(p.unused),
+            "left_out": list(recording.not_read),
         },
         "clock": {
             "samples": len(recording.time),

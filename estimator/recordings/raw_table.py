@@ -36,6 +36,7 @@ class RawTable:
     texts_in: Mapping[int, str] = field(default_factory=dict)
     half_digit: Callable[[int, float], FloatArray] | None = None
     text: Callable[[int], Iterator[str]] | None = None  # column → its cells as written
+    not_read: tuple[str, ...] = ()  # what of the file is no row of it, in sentences
 
     @property
     def file(self) -> str:
@@ -129,6 +130,7 @@ def _read_text(path: Path, read_as: ReadAs) -> RawTable:
         bad={new: bad[j] for new, j in enumerate(keep) if j in bad},
         half_digit=half_digit,
         text=lambda new: table.text(keep[new]),
+        not_read=table.not_read,
     )
     return _with_times_at_the_end(raw, read_as)
 
@@ -150,4 +152,6 @@ def _with_times_at_the_end(raw: RawTable, read_as: ReadAs) -> RawTable:
     known = np.flatnonzero(~np.isnan(raw.columns[clock]))
     if clock in raw.bad or len(known) < MIN_SAMPLES or int(known[-1]) + 1 != len(known):
         return raw
-    return raw.rows(0, len(known))
+    more = len(raw.columns[clock]) - len(known)
+    told = f"{more} row{'s' if more > 1 else ''} at the end without a time {'are' if more > 1 else 'is'} left out"
+    return replace(raw.rows(0, len(known)), not_read=(*raw.not_read, *([told] if more else ())))

@@ -36,7 +36,7 @@ class Recording(Locked):
     even: bool = True  # the times are equidistant
     missing_rows: int = 0  # rows that the file lacks, as its times show; their samples are NaN
     made: Mapping[str, str] = field(default_factory=dict)  # column that follows from others → from which
-    left_out: int = 0  # rows before the first whose time is before the next
+    not_read: tuple[str, ...] = ()  # what of the file's lines is left out, in sentences
     clock: str = "time [s]"  # header of the time, as written
     given_units: tuple[str, ...] = ()  # columns whose unit the user said, not their header; "time" too
     roles: Mapping[str, str] = field(default_factory=dict)  # role → column, as the user said

@@ -52,6 +52,7 @@ SI_UNIT = {
     "temperature": "K",
     "ratio": "1",
     "count": "count",
+    "count rate": "count/s",
     "resistance": "Ohm",
     "inductance": "H",
     "inertia": "kg.m2",
@@ -88,6 +89,7 @@ _SYMBOLS = {
 }
 
 # Words in any case: (quantity, numerator, denominator, offset, spellings).
+_COUNTS = "count counts cnt cnts tick ticks pulse pulses inc incs"
 _WORDS: tuple[tuple[str, float, float, float, str], ...] = (
     ("time", 1, 1, 0, "s sec secs second seconds"),
     ("time", 1, 1e3, 0, "msec msecs millisecond milliseconds"),
@@ -117,7 +119,8 @@ _WORDS: tuple[tuple[str, float, float, float, str], ...] = (
     ("temperature", 1, 1, 273.15, "degc celsius"),
     ("ratio", 1, 1, 0, "1 -"),
     ("ratio", 1, 100, 0, "% percent pct"),
-    ("count", 1, 1, 0, "count counts cnt cnts tick ticks pulse pulses inc incs"),
+    ("count", 1, 1, 0, _COUNTS),
+    ("count rate", 1, 1, 0, " ".join(f"{c}/{s}" for c in _COUNTS.split() for s in ("s", "sec", "second"))),
     ("mass", 1, 1e3, 0, "g"),
 )
 

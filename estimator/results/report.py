@@ -9,6 +9,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+from estimator.conventions import NUMERICAL
 from estimator.results.budget_table import budget_line, budget_mapping
 from estimator.results.numbers import ABSENT, deviation_text, magnitude, number_text, relative_text, value_texts
 from estimator.results.reason import places_of
@@ -16,28 +17,57 @@ from estimator.results.result import Estimate, NotVisible, OtherValues, Paramete
 
 TITLES: Mapping[Verdict, str] = {"ok": "OK", "doubtful": "Doubtful", "refused": "Refused"}
 MEANINGS: Mapping[Verdict, str] = {
-    "ok": "Every free parameter is identified, and the residuals are as small as the noise.",
+    "ok": "Every free parameter is identified",
     "doubtful": "An estimate with known weaknesses; read the reasons before using it.",
     "refused": "No estimate that could be relied on.",
 }
-WITHOUT_ERRORS = "The residuals are as small as the noise; this method gives no standard errors."
+SMALL = "the residuals are as small as the noise"
+ALIKE = 1.2  # residuals over noise: up to that they are called as small
 READ = "Read:"
 REST = "in the report that -o DIR writes, and with --json"  # where what a screen leaves out stands
 SIGNAL_WORDS = (
-    "RMSE: measured minus simulated, all samples. Residual: its standard deviation without outliers, and without the"
-    " ripple and drift that were found. Noise: from sample to sample, by the recording alone;"
-    " of noise that wanders it is less than the residual, of rounded samples it may be more."
+    "RMSE: measured minus simulated, all samples. Residual: its standard deviation without outliers, without samples of"
+    " a sensor that stands still, and without the ripple and drift that were found. Noise: by the recording alone, at"
+    " rest or from sample to sample; of noise that grows with the motion or wanders it is less than the residual, of"
+    " rounded samples it may be more."
 )
 UNIDENTIFIED_DIGITS = 3
 FEWEST = 3  # reasons, and recordings read, that a screen shows, however many there are
 
 
 def meaning(estimate: Estimate) -> str:
-    """Return what the verdict means, in a sentence."""
+    """Return what the verdict means, in a sentence or two; of residuals no other than the table of the fit shows."""
+    if estimate.verdict != "ok":
+        return MEANINGS[estimate.verdict]
     free = [p for p in estimate.parameters.values() if p.free]
-    if estimate.verdict == "ok" and free and all(p.standard_error is None for p in free):
-        return WITHOUT_ERRORS
-    return MEANINGS[estimate.verdict] + (_guessed_speed(estimate) if estimate.verdict == "ok" else "")
+    larger = _above_sample_noise(estimate)
+    if free and all(p.standard_error is None for p in free):
+        told = f"the residuals pass as noise ({larger})" if larger else SMALL
+        return f"{told[0].upper()}{told[1:]}; this method gives no standard errors."
+    if not larger:
+        return f"{MEANINGS['ok']}, and {SMALL}.{_guessed_speed(estimate)}"
+    return (
+        f"{MEANINGS['ok']}, and the residuals pass as noise that grows with the motion or"
+        f" wanders ({larger}); the standard errors hold it.{_guessed_speed(estimate)}"
+    )
+
+
+def _above_sample_noise(estimate: Estimate) -> str:
+    """Say how much larger the residuals are than the noise that the recording alone shows; "" where they are not.
+
+    Of a simulation's own output neither is any noise.
+    """
+    times = []
+    for name, rmse in estimate.rmse.items():
+        shown = estimate.sample_noise.get(name, math.nan)
+        found = estimate.noise.get(name, rmse)
+        is_exact = 100 - estimate.fit_percent.get(name, math.nan) < 100 * NUMERICAL
+        if found > ALIKE * shown and not is_exact:
+            size = f"{number_text(found / shown, digits=2)} times" if shown else "far above"
+            times.append(f"those of {name} {size}")
+    if not times:
+        return ""
+    return f"{', '.join(times)} the noise that the recording alone shows, at rest or from sample to sample"
 
 
 def _guessed_speed(estimate: Estimate) -> str:
@@ -100,7 +130,9 @@ class _Block:
         for kept in range(len(self.items) - 1, least - 1, -1):
             told = f"… {len(self.items) - kept} more: {rest}"
             if kept == 0:
-                short = replace(self, title="", items=(), left_out=f"{self.title} {len(self.items)} notes, {rest}")
+                short = replace(
+                    self, title="", items=(), left_out=f"{self.title} {_count(len(self.items), 'note')}, {rest}"
+                )
             else:
                 short = replace(self, items=self.items[:kept], left_out=told)
             if len(short.lines(width)) <= goal:
@@ -363,6 +395,7 @@ def to_mapping(estimate: Estimate) -> dict[str, Any]:
             correlation[name] = dict(zip(estimate.correlated, row, strict=True))
     mapping = {
         "verdict": estimate.verdict,
+        "meaning": meaning(estimate),
         "about": estimate.about,
         "reasons": estimate.reasons,
         "places": [

@@ -54,6 +54,7 @@ PROFILE_WORDS = (
     "A rise of 1 is one standard error. Where the blue line is a parabola, the error bars hold; where it is flat to one"
     " side, the data set a limit on that side only. Far steeper with the others held: see the correlation."
 )
+MARK_WORDS = {"bound": "An upright line is a bound.", "nominal": "A diamond is the nominal value."}
 BAR_WORDS = "± is one standard error: what noise alone does. A sensor's gain or offset error comes on top."
 RESIDUAL_WORDS = (
     "Without outliers, and without the ripple and drift that were found. Of white noise 95 % of the correlations lie"
@@ -116,7 +117,7 @@ def html_report(estimate: Estimate, *, command: str = "", checksums: Mapping[str
         **_verdict(estimate),
         parts=parts,
         axis=axis,
-        bar_words=BAR_WORDS if axis else "",
+        bar_words=_bar_words(parts) if axis else "",
         transient=_transient(shown, places, fitted=bool(estimate.parameters)),
         budget=_budget(estimate),
         signals=_signals(estimate),
@@ -183,6 +184,12 @@ def _units(estimate: Estimate) -> dict[str, str]:
 
 
 # --- what is on the first screen ------------------------------------------------------------------------------------
+
+
+def _bar_words(parts: list[_Part]) -> str:
+    """Say what the bars are, and the marks beside them, where there are some."""
+    bars = "".join(row.bar for part in parts for row in part.rows)
+    return " ".join([BAR_WORDS, *(words for style, words in MARK_WORDS.items() if f'class="{style}"' in bars)])
 
 
 def _parameters(estimate: Estimate) -> tuple[list[_Part], str]:

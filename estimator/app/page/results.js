@@ -6,26 +6,7 @@ import { count, duration, percent, show, withError } from "./numbers.js";
 import { Local, Plot, Remote } from "./plot.js";
 import { panelsOf } from "./signals.js";
 
-const SAYS = {
-  ok: "Every free parameter is identified, and the residuals are as small as the noise.",
-  doubtful: "An estimate with known weaknesses; read the reasons before using it.",
-  refused: "No estimate that could be relied on.",
-};
-const WITHOUT_ERRORS = "The residuals are as small as the noise; this method gives no standard errors.";
 const COLORS = ["--c2", "--c3", "--c4", "--c5", "--c6", "--c1"];
-
-// What a verdict means, as the report says it.
-function meaning(r) {
-  const free = Object.values(r.parameters).filter((p) => p.free !== false);
-  if (r.verdict === "ok" && free.length && free.every((p) => p.standard_error == null)) return WITHOUT_ERRORS;
-  return SAYS[r.verdict] + (r.verdict === "ok" ? guessedSpeed(r) : "");
-}
-
-function guessedSpeed(r) {
-  const names = ["K", "J", "B"].filter((n) => n in r.parameters);
-  const guess = r.read.flatMap((read) => Object.entries(read.signals ?? {})).find(([n, told]) => ["w", "angle"].includes(n) && told.unit_from === "name");
-  return guess && names.length ? ` ${names.join(", ")} hold if '${guess[1].column}' is in ${guess[1].unit}, which nobody said.` : "";
-}
 
 export class ResultsPage {
   constructor(app) {
@@ -91,7 +72,7 @@ export class ResultsPage {
     this.same(`fmu-estimator export ${quoted(outcome.name)}`);
     const reasons = r.reasons ?? [];
     replace(this.detail,
-      el("section", { class: `verdict ${r.verdict}`, "aria-label": "Verdict" }, el("h2", {}, `${outcome.name}: ${r.verdict}`), el("p", {}, meaning(r)),
+      el("section", { class: `verdict ${r.verdict}`, "aria-label": "Verdict" }, el("h2", {}, `${outcome.name}: ${r.verdict}`), el("p", {}, r.meaning ?? ""),
         reasons.length ? el("ul", {}, reasons.map((t, k) => el("li", {}, String(t), this.shows(outcome, k)))) : null),
       Object.keys(r.parameters ?? {}).length ? this.parameters(r) : null,
       this.rivals(r),
@@ -212,12 +193,12 @@ export class ResultsPage {
     if (!rows.length) return null;
     const v = r.validation, units = Object.assign({}, ...outcome.signals.map((s) => s.units));
     const per = outcome.signals.length > 1 ? outcome.signals : [];
-    const heads = ["RMSE", "fit", "noise", ...(v ? ["RMSE on the validation", "its fit"] : []), ...per.map((s) => `RMSE of ${s.name}`)];
+    const heads = ["RMSE", "residual", "noise", "fit", ...(v ? ["RMSE on the validation", "its fit"] : []), ...per.map((s) => `RMSE of ${s.name}`)];
     return el("section", { "aria-label": "Fit" }, el("h2", {}, v ? "Fit and validation" : "Fit"), el("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Table of the fit" }, el("table", { class: "stacked" },
       el("thead", {}, el("tr", {}, ["output", ...heads].map((t, k) => el("th", { class: k ? "n" : null, scope: "col" }, t)))),
       el("tbody", {}, rows.map(([name, rmse]) => {
         const unit = units[name] ?? "", with_ = (x) => (x === undefined || x === null ? "–" : `${show(x, 4)} ${unit}`);
-        return el("tr", {}, el("th", { scope: "row" }, name), ...[with_(rmse), `${show(r.fit_percent?.[name], 4)} %`, with_(r.noise?.[name]),
+        return el("tr", {}, el("th", { scope: "row" }, name), ...[with_(rmse), with_(r.noise?.[name]), with_(r.sample_noise?.[name]), `${show(r.fit_percent?.[name], 4)} %`,
           ...(v ? [with_(v.rmse?.[name]), `${show(v.fit_percent?.[name], 4)} %`] : []), ...per.map((s) => with_(s.rmse[name]))].map((t, k) => el("td", { class: "n" }, el("span", { class: "narrow muted" }, `${heads[k]} `), t)));
       })))));
   }
