@@ -7,7 +7,7 @@ import itertools
 import weakref
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property, partial
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -177,8 +177,8 @@ class AdditionTests:
         best: dict[int, tuple[float, Scores, FloatArray | None, int]] = {}
         for first in range(0, len(rows), many):
             shown = simulator.shown(np.array(rows[first : first + many]))
-            usable = np.asarray(np.isfinite(shown).all(axis=(1, 2)))
-            whitened = fit.whitener.of_made(partial(_change, shown, moved.shown, usable))
+            signals = [own if np.isfinite(own).all() else moved.shown for own in shown]  # one that failed shows nothing
+            whitened = fit.whitener.changes(signals, moved.shown)
             scores = Scores.of_each(test, fit.whitened, whitened)
             for k, (w, t) in enumerate(owners[first : first + many]):
                 times = _times(wanted[w][1], t)
@@ -229,14 +229,6 @@ def _times(nuisance: Nuisance, t: int) -> float:
     """Return how many times as large as a try of it a nuisance parameter usually is."""
     reach = nuisance.tries[t] - nuisance.neutral
     return nuisance.usual / reach if nuisance.usual and reach else 1.0
-
-
-def _change(shown: FloatArray, before: FloatArray, usable: NDArray[np.bool_], rows: slice) -> FloatArray:
-    """Return by how much tried signals, (c, rows, q), differ in some rows, (n, q, c); 0 of those that failed."""
-    change = shown[:, rows] - before[rows]
-    if not usable.all():
-        change[~usable] = 0.0
-    return np.asarray(change.transpose(1, 2, 0))
 
 
 def _is_excluded(nuisance: Nuisance, taken: set[str]) -> bool:

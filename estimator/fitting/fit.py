@@ -23,7 +23,7 @@ from estimator.fitting.projection import Projection, triangle
 from estimator.fitting.score_test import ScoreTest
 from estimator.fitting.simulator import Simulator
 from estimator.fitting.slopes import Slopes
-from estimator.noise.in_parts import Columns, Made
+from estimator.noise.in_parts import Columns, Made, Scaled
 from estimator.noise.noise_model import NoiseModel
 from estimator.noise.whitener import Whitener
 from estimator.plans.parameters import SensorPlace
@@ -237,6 +237,8 @@ def chosen(columns: Columns, which: BoolArray) -> Columns:
     """Return some of columns; of all no copy."""
     if which.all():
         return columns
+    if isinstance(columns, Scaled):
+        return columns.chosen(which)
     return Made(lambda at: columns[at][:, which], len(columns)) if isinstance(columns, Made) else columns[:, which]
 
 

@@ -86,7 +86,7 @@ def shift(problem: Problem, polish: LeastSquaresFit, fine: FloatArray, explained
     inside = polish.at_bound == 0
     moved = np.zeros(len(polish.values))
     if inside.any():
-        both = Scaled([chosen(polish.jacobian, inside)[:], change[:, None]], np.broadcast_to(1.0, len(change)))
+        both = Scaled([*chosen(polish.jacobian, inside)[:].T, change], np.broadcast_to(1.0, len(change)))
         r = triangle(both)[:-1]
         moved[inside] = -np.linalg.lstsq(r[:, :-1], r[:, -1], rcond=None)[0]
     return moved

@@ -130,7 +130,7 @@ def filters() -> ctypes.CDLL:
     """
     check_installed(KALMAN)
     library = ctypes.CDLL(str(KALMAN))
-    if not hasattr(library, "gram_factors"):
+    if not hasattr(library, "scaled_products"):
         raise InputError(f"{KALMAN} is of an older version: install fmu-estimator again by pip, which compiles it")
     library.kalman_whiten.restype = ctypes.c_int64
     library.kalman_whiten.argtypes = [ctypes.c_int64] * 5 + [ctypes.c_void_p] * 9
@@ -140,6 +140,13 @@ def filters() -> ctypes.CDLL:
     library.recursion_run.argtypes = [ctypes.c_int64] * 4 + [ctypes.c_void_p] * 4
     library.gram_factors.restype = ctypes.c_int64
     library.gram_factors.argtypes = [ctypes.c_int64] * 2 + [ctypes.c_double] + [ctypes.c_void_p] * 2
+    library.scaled_gram.restype = None
+    library.scaled_gram.argtypes = [ctypes.c_int64, ctypes.c_void_p, ctypes.c_int64, *[ctypes.c_void_p] * 4]
+    library.scaled_products.restype = None
+    library.scaled_products.argtypes = [
+        ctypes.c_int64, *[ctypes.c_void_p] * 2, ctypes.c_int64, *[ctypes.c_void_p] * 2, ctypes.c_int64,
+        *[ctypes.c_void_p] * 3,
+    ]  # fmt: skip
     library.memory_keep.restype = None
     library.memory_keep.argtypes = [ctypes.c_int] * 2
     library.memory_keep(LARGEST_KEPT, MOST_KEPT)
