@@ -146,7 +146,8 @@ class AdditionTests:
                 tried=tried, usual=group.size if numbers == 1 else 0.0, unit=group.units[0],
             )  # fmt: skip
             if fit.simulator.rows > LONG and beside is None and gain <= addition.penalty(self.samples):
-                few = dataclasses.replace(group, columns=np.zeros((0, *group.columns.shape[1:])))  # it is not fitted
+                none = np.zeros((0, *group.columns.shape[1:]))  # it is not fitted
+                few = dataclasses.replace(group, columns=none, unsteady=None, beyond=None, uncertain=None)
                 addition = dataclasses.replace(addition, linear=few)
             yield addition
 

@@ -1,5 +1,5 @@
-/* kalman: the exact whitening of linear Gaussian noise, column by column; recursions; products of long columns; small
- * factors; kept memory. Knows neither motors nor FMUs.
+/* kalman: the exact whitening of linear Gaussian noise, column by column; recursions, those of a motor's
+ * two states among them; products of long columns; small factors; kept memory. Knows no FMU.
  *
  *     x_0 ~ N(0, initial)
  *     x_j = F x_(j-1) + N(0, Q)                 F, Q: of the time step that ends in row j
@@ -368,6 +368,33 @@ EXPORT void recursion_run(int64_t n, int64_t c, int64_t ahead, int64_t back, con
                 for (int64_t k = 0; k < c; k++) to[k] += b[l * c + k] * x[(j - l) * c + k];
             for (int64_t l = 0; l < back && l < j; l++)
                 for (int64_t k = 0; k < c; k++) to[k] -= a[l * c + k] * y[(j - 1 - l) * c + k];
+        }
+    }
+#if defined(__SSE2__)
+    _mm_setcsr(control);
+#endif
+}
+
+/* States of a motor, current and speed, x[0] = start, x[j + 1] = F x[j] + G u[j], of c inputs each, (n, c) voltages and
+   torques, NULL: none of these; where the circuit is open there is no current, and the speed w[j + 1] = coasting[0] w[j]
+   + coasting[1] torque[j]. Set shown, (n, q, c), to those that q seats name, 0 or 1. start: (2, c); f, g: (2, 2). */
+EXPORT void response_run(int64_t n, int64_t q, int64_t c, const double *f, const double *g, const double *coasting,
+                         const unsigned char *open, const double *voltage, const double *torque, const double *start,
+                         const int64_t *seats, double *shown)
+{
+#if defined(__SSE2__)
+    const unsigned control = _mm_getcsr();
+    _mm_setcsr(control | FLUSH_TO_ZERO);
+#endif
+    for (int64_t l = 0; l < c; l++) {
+        double x[2] = {start[l], start[c + l]};
+        for (int64_t j = 0; j < n; j++) {
+            const double v = voltage ? voltage[j * c + l] : 0.0, t = torque ? torque[j * c + l] : 0.0;
+            if (open[j]) x[0] = 0.0;
+            for (int64_t k = 0; k < q; k++) shown[(j * q + k) * c + l] = x[seats[k]];
+            const double i = open[j] ? 0.0 : f[0] * x[0] + f[1] * x[1] + (g[0] * v + g[1] * t);
+            x[1] = open[j] ? coasting[0] * x[1] + coasting[1] * t : f[2] * x[0] + f[3] * x[1] + (g[2] * v + g[3] * t);
+            x[0] = i;
         }
     }
 #if defined(__SSE2__)
