@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.fitting.fit import Fit, evaluated, linear_columns, misfit
+from estimator.fitting.fit import Fit, cost_of, evaluated, linear_columns, misfit
 from estimator.fitting.projection import Projection, triangle
 from estimator.fitting.slopes import Point, Slopes
 
@@ -40,6 +40,7 @@ def solved(
     limit: float = np.inf,
     told: bool = True,
     beside: Fit | None = None,
+    left: bool = False,
 ) -> Fit:
     """Return the fit at the least cost that is reached from where it stands.
 
@@ -55,6 +56,8 @@ def solved(
         Whether derivatives are simulated where it ends; if not, a fit by another noise is to begin there.
     beside : Fit, optional
         A least cost by the same noise, with the same free: returned where derivatives lead next to it.
+    left : bool
+        The fit that it begins at is asked nothing more: its memory is given up.
     """
     s, where, (low, high) = fit.simulator, fit.where, fit.bounds
     descent = _Descent(fit, tolerance)
@@ -62,16 +65,18 @@ def solved(
     def point(x: FloatArray, shown: FloatArray) -> Point:
         return Point(s, where, placed(fit, x), x, low, high, shown, s.between)
 
-    simulated, fine, left = True, tolerance < 1e-6, iterations
-    x, shown, known = _begun(fit, central=fine)
-    cost, raw = descent.cost(shown), known
+    simulated, fine, rest, own = True, tolerance < 1e-6, iterations, False
+    x, shown, raw = _begun(fit)
+    if left:
+        fit.forget()
+    cost = descent.cost(shown)
     for _ in range(MOST_STEPS * iterations if len(where) and np.isfinite(cost) else 0):
         if raw is None:
-            if not left:
+            if not rest:
                 break
-            raw, simulated, left = point(x, shown).slopes(central=fine), True, left - 1
+            raw, simulated, rest, own = point(x, shown).slopes(central=fine), True, rest - 1, True
         a, g = descent.triangle(raw, misfit(fit, shown))
-        if simulated and left < iterations - 1 and cost - HOPE * float(g @ g) > limit:
+        if simulated and rest < iterations - 1 and cost - HOPE * float(g @ g) > limit:
             break
         if beside is not None and _leads_to(beside, x, cost, a, g):
             return beside
@@ -84,7 +89,9 @@ def solved(
         gained = cost - better[2]
         if gained >= tolerance and AS_PREDICTED[0] < gained / predicted < AS_PREDICTED[1]:
             step = better[0] - x, better[1] - shown
-            raw, simulated = raw if fine else _corrected(raw, *step, a, own=raw is not known), False
+            if not fine:
+                raw, own = _corrected(raw, *step, a, own=own), True
+            simulated = False
         else:
             raw = None
         x, shown, cost = better
@@ -148,8 +155,7 @@ class _Descent:
         """Return z'z at simulated signals; infinity where the FMU failed."""
         if not np.isfinite(shown).all():
             return float(np.inf)
-        r = self.linear.rest(self.fit.whitener.flat(misfit(self.fit, shown)[:, :, None])[:, 0])
-        return float(r @ r)
+        return cost_of(self.fit, shown, self.linear)
 
     def triangle(self, raw: FloatArray, off: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return a, (f, f), and g, (f,): |g - a dx| is what a step leaves of a misfit, (rows, q)."""
@@ -169,7 +175,7 @@ def _leads_to(known: Fit, x: FloatArray, cost: float, a: FloatArray, g: FloatArr
     return bool(free.all() and np.all(np.abs(ahead) < BESIDE * np.sqrt(np.diag(known.covariance_parts()[0])[: len(x)])))
 
 
-def _begun(fit: Fit, *, central: bool) -> tuple[FloatArray, FloatArray, FloatArray | None]:
+def _begun(fit: Fit) -> tuple[FloatArray, FloatArray, FloatArray | None]:
     """Return what is free, (f,), on its scale, what is shown there, and the derivatives, if the fit knows central ones.
 
     One-sided ones are simulated again: where a delay stands before a filter, they are others a little further on.
@@ -177,7 +183,7 @@ def _begun(fit: Fit, *, central: bool) -> tuple[FloatArray, FloatArray, FloatArr
     s, (low, high) = fit.simulator, fit.bounds
     begun = fit.slopes.begun(s, fit.where, fit.values)
     if begun is not None and np.all((begun.x >= low) & (begun.x <= high)):
-        return begun.x, begun.shown, fit.slopes.known(central=True) if central else None
+        return begun.x, begun.shown, fit.slopes.known(central=True)
     x = np.clip(s.scaled(fit.values)[fit.where], low, high)
     return x, s.shown(placed(fit, x)[None, :])[0], None
 

@@ -53,7 +53,8 @@ class Scaled(Made):
     columns : sequence of (n,) arrays
     factors : (n,) array
     before : (n,) array, optional
-        What is taken from each: they are its changes. Rows in which nothing changes cost nearly nothing.
+        What is taken from each: they are its changes. Rows in which nothing changes cost nearly nothing; where the
+        factor is 0, a number may be missing.
     """
 
     def __init__(self, columns: Sequence[FloatArray], factors: FloatArray, before: FloatArray | None = None) -> None:
@@ -63,11 +64,12 @@ class Scaled(Made):
     def __getitem__(self, at: slice) -> FloatArray:
         factors = self.factors[at]
         result = np.empty((len(self.columns), len(factors)))
-        for own, column in zip(result, self.columns, strict=True):
-            if self.before is None:
-                np.multiply(column[at], factors, out=own)
-            else:
-                np.multiply(np.subtract(column[at], self.before[at], out=own), factors, out=own)
+        firsts, strides = _places([column[at] for column in self.columns])
+        before = None if self.before is None else self.before[at].ctypes.data
+        for k in range(len(result)):
+            filters().scaled_column(
+                len(factors), factors.ctypes.data, int(firsts[k]), int(strides[k]), before, result[k].ctypes.data
+            )
         return result.T
 
     def products(self, at: slice, others: FloatArray) -> FloatArray:
@@ -103,6 +105,10 @@ class Scaled(Made):
                 d, firsts.ctypes.data, strides.ctypes.data, told.ctypes.data,
             )  # fmt: skip
         return found[:, :d].T, found[:, d], found[:, d + 1]
+
+    def squares(self) -> FloatArray:
+        """Return the scalar product of each with itself, (c,)."""
+        return self.beside(Scaled([], self.factors), self.factors)[2]
 
     def chosen(self, which: NDArray[np.bool_]) -> Scaled:
         """Return some of the columns."""

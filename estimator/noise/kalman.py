@@ -130,7 +130,7 @@ def filters() -> ctypes.CDLL:
     """
     check_installed(KALMAN)
     library = ctypes.CDLL(str(KALMAN))
-    if not hasattr(library, "response_run"):
+    if not hasattr(library, "scaled_column"):
         raise InputError(f"{KALMAN} is of an older version: install fmu-estimator again by pip, which compiles it")
     library.kalman_whiten.restype = ctypes.c_int64
     library.kalman_whiten.argtypes = [ctypes.c_int64] * 5 + [ctypes.c_void_p] * 9
@@ -142,6 +142,8 @@ def filters() -> ctypes.CDLL:
     library.response_run.argtypes = [ctypes.c_int64] * 3 + [ctypes.c_void_p] * 9
     library.gram_factors.restype = ctypes.c_int64
     library.gram_factors.argtypes = [ctypes.c_int64] * 2 + [ctypes.c_double] + [ctypes.c_void_p] * 2
+    library.scaled_column.restype = None
+    library.scaled_column.argtypes = [ctypes.c_int64, *[ctypes.c_void_p] * 2, ctypes.c_int64, *[ctypes.c_void_p] * 2]
     library.scaled_gram.restype = None
     library.scaled_gram.argtypes = [ctypes.c_int64, ctypes.c_void_p, ctypes.c_int64, *[ctypes.c_void_p] * 4]
     library.scaled_products.restype = None

@@ -433,7 +433,8 @@ typedef struct {
     int64_t stride;
 } Column;
 
-/* Set `to` to m rows of a column from row j, less those of another, if any, times their factors. */
+/* Set `to` to m rows of a column from row j, times their factors; or to what they are more than another's, which a
+   factor of 0 leaves out, whatever the number is. */
 static void scaled_rows(Column column, const double *before, const double *factors, int64_t j, size_t m,
                         double *restrict to)
 {
@@ -441,7 +442,7 @@ static void scaled_rows(Column column, const double *before, const double *facto
     const size_t stride = (size_t)column.stride;
     if (before) {
         const double *restrict less = before + j;
-        for (size_t l = 0; l < m; l++) to[l] = (from[l * stride] - less[l]) * f[l];
+        for (size_t l = 0; l < m; l++) to[l] = f[l] == 0 ? 0 : (from[l * stride] - less[l]) * f[l];
     } else if (stride == 1) {
         for (size_t l = 0; l < m; l++) to[l] = from[l] * f[l];
     } else {
@@ -457,6 +458,13 @@ static double product(const double *restrict a, const double *restrict b, size_t
         for (size_t k = 0; k < LANES; k++) sums[k] += a[l + k] * b[l + k];
     for (; l < m; l++) sums[0] += a[l] * b[l];
     return ((sums[0] + sums[1]) + (sums[2] + sums[3])) + ((sums[4] + sums[5]) + (sums[6] + sums[7]));
+}
+
+/* Set `to`, (n), to a column, or its change, each row times its factor. */
+EXPORT void scaled_column(int64_t n, const double *factors, const double *column, int64_t stride, const double *before,
+                          double *to)
+{
+    scaled_rows((Column){column, stride}, before, factors, 0, (size_t)n, to);
 }
 
 /* Set found, (c, c), to the products of columns of n rows, each row times its factor. The room holds c CHUNK numbers. */

@@ -46,7 +46,10 @@ class FrictionDrift(Effect):
             viscous = w[clock.rows] / speed if speed > 0 else dry
             line = (t - t[0]) / (t[-1] - t[0]) - 0.5
             torques = np.zeros((2, s.rows))  # a mean of dry and viscous, and how far it is known
-            torques[0, clock.rows], torques[1, clock.rows] = 0.5 * (viscous + dry) * line, SHARE * (viscous - dry) * line
+            torques[0, clock.rows], torques[1, clock.rows] = (
+                0.5 * (viscous + dry) * line,
+                SHARE * (viscous - dry) * line,
+            )
             columns, uncertain = (response(fit, torque=torque)[:, :, None] for torque in torques)
             found.append(Linear(name, columns, ("N.m",), size=size, uncertain=uncertain))
         return found
