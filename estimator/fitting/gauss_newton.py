@@ -66,7 +66,7 @@ def solved(
         return Point(s, where, placed(fit, x), x, low, high, shown, s.between)
 
     simulated, fine, rest, own = True, tolerance < 1e-6, iterations, False
-    x, shown, raw = _begun(fit)
+    x, shown, raw = _begun(fit, central=fine)
     if left:
         fit.forget()
     cost = descent.cost(shown)
@@ -175,7 +175,7 @@ def _leads_to(known: Fit, x: FloatArray, cost: float, a: FloatArray, g: FloatArr
     return bool(free.all() and np.all(np.abs(ahead) < BESIDE * np.sqrt(np.diag(known.covariance_parts()[0])[: len(x)])))
 
 
-def _begun(fit: Fit) -> tuple[FloatArray, FloatArray, FloatArray | None]:
+def _begun(fit: Fit, *, central: bool) -> tuple[FloatArray, FloatArray, FloatArray | None]:
     """Return what is free, (f,), on its scale, what is shown there, and the derivatives, if the fit knows central ones.
 
     One-sided ones are simulated again: where a delay stands before a filter, they are others a little further on.
@@ -183,7 +183,7 @@ def _begun(fit: Fit) -> tuple[FloatArray, FloatArray, FloatArray | None]:
     s, (low, high) = fit.simulator, fit.bounds
     begun = fit.slopes.begun(s, fit.where, fit.values)
     if begun is not None and np.all((begun.x >= low) & (begun.x <= high)):
-        return begun.x, begun.shown, fit.slopes.known(central=True)
+        return begun.x, begun.shown, fit.slopes.known(central=True) if central else None
     x = np.clip(s.scaled(fit.values)[fit.where], low, high)
     return x, s.shown(placed(fit, x)[None, :])[0], None
 

@@ -59,7 +59,7 @@ def response(fit: Fit, *, voltage: FloatArray | None = None, torque: FloatArray 
     opens, seats = _opens(fit), [SEATS[y] for y in s.outputs]
     plain = max(seats) < SEATS["angle"] and not any(_acting(fit, y) for y in s.outputs)
     for clock in s.clocks:
-        own = tuple(None if signals is None else signals[clock.rows] for signals in given)
+        own = [None if signals is None else signals[clock.rows] for signals in given]
         if plain:
             _states(fit, clock, own, opens[clock.rows], np.zeros((2, many)), (seats, result[clock.rows]))
             continue
@@ -81,7 +81,7 @@ def _opens(fit: Fit) -> NDArray[np.bool_]:
 def _states(
     fit: Fit,
     clock: Clock,
-    inputs: tuple[FloatArray | None, FloatArray | None],
+    inputs: Sequence[FloatArray | None],
     opens: NDArray[np.bool_],
     first_row: FloatArray,
     shown: tuple[Sequence[int], FloatArray] | None = None,
