@@ -93,6 +93,28 @@ def test_a_score_test_beside_columns_in_parts_says_what_one_beside_held_columns_
     assert test.of_whitened(whitener.whitened(columns)).power[2] == 0.0
 
 
+def test_products_of_changes_are_those_of_columns_that_are_held():
+    whitener = long_whitener(NOISES["grows"])
+    rng = np.random.default_rng(6)
+    before, slopes = rng.standard_normal((ROWS, 3)), rng.standard_normal((ROWS, 3, 4))
+    faint = np.where(np.arange(ROWS)[:, None] % 5_000 < 1_500, 1.0, 1e-15)  # settled, but for rounding
+    signals = [before + faint * rng.standard_normal((ROWS, 3)) for _ in range(2)] + [before]
+    held = whitener.flat(np.stack(signals, axis=2) - before[:, :, None])
+    jacobian, left = whitener.whitened(slopes), rng.standard_normal(3 * ROWS)
+    changes = whitener.changes(signals, before)
+    assert isinstance(changes, Scaled) and np.allclose(changes[:], held, rtol=1e-12, atol=1e-15)
+    along, scores, squares = changes.beside(jacobian, left)
+    assert np.allclose(along, jacobian[:].T @ held, rtol=1e-9, atol=1e-9)
+    assert np.allclose(scores, held.T @ left, rtol=1e-9, atol=1e-9)
+    assert np.allclose(squares, np.sum(held**2, axis=0), rtol=1e-12) and np.array_equal(changes.squares(), squares)
+    assert np.allclose(products(jacobian, jacobian), jacobian[:].T @ jacobian[:], rtol=1e-12, atol=1e-9)
+    missing = before.copy()
+    missing[5] = np.nan  # of a row that is missing
+    assert np.array_equal(
+        whitener.changes([missing], signals[0]).squares(), changes.chosen(np.arange(3) == 0).squares()
+    )
+
+
 def test_a_score_test_of_a_long_recording_holds_no_columns():
     whitener = long_whitener(NOISES["white"])
     slopes = np.random.default_rng(4).standard_normal((ROWS, 3, 6))

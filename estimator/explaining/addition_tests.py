@@ -7,7 +7,7 @@ import itertools
 import weakref
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property, partial
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -146,7 +146,8 @@ class AdditionTests:
                 tried=tried, usual=group.size if numbers == 1 else 0.0, unit=group.units[0],
             )  # fmt: skip
             if fit.simulator.rows > LONG and beside is None and gain <= addition.penalty(self.samples):
-                few = dataclasses.replace(group, columns=np.zeros((0, *group.columns.shape[1:])))  # it is not fitted
+                none = np.zeros((0, *group.columns.shape[1:]))  # it is not fitted
+                few = dataclasses.replace(group, columns=none, unsteady=None, beyond=None, uncertain=None)
                 addition = dataclasses.replace(addition, linear=few)
             yield addition
 
@@ -177,8 +178,8 @@ class AdditionTests:
         best: dict[int, tuple[float, Scores, FloatArray | None, int]] = {}
         for first in range(0, len(rows), many):
             shown = simulator.shown(np.array(rows[first : first + many]))
-            usable = np.asarray(np.isfinite(shown).all(axis=(1, 2)))
-            whitened = fit.whitener.of_made(partial(_change, shown, moved.shown, usable))
+            signals = [own if np.isfinite(own).all() else moved.shown for own in shown]  # one that failed shows nothing
+            whitened = fit.whitener.changes(signals, moved.shown)
             scores = Scores.of_each(test, fit.whitened, whitened)
             for k, (w, t) in enumerate(owners[first : first + many]):
                 times = _times(wanted[w][1], t)
@@ -229,14 +230,6 @@ def _times(nuisance: Nuisance, t: int) -> float:
     """Return how many times as large as a try of it a nuisance parameter usually is."""
     reach = nuisance.tries[t] - nuisance.neutral
     return nuisance.usual / reach if nuisance.usual and reach else 1.0
-
-
-def _change(shown: FloatArray, before: FloatArray, usable: NDArray[np.bool_], rows: slice) -> FloatArray:
-    """Return by how much tried signals, (c, rows, q), differ in some rows, (n, q, c); 0 of those that failed."""
-    change = shown[:, rows] - before[rows]
-    if not usable.all():
-        change[~usable] = 0.0
-    return np.asarray(change.transpose(1, 2, 0))
 
 
 def _is_excluded(nuisance: Nuisance, taken: set[str]) -> bool:

@@ -30,6 +30,7 @@ from estimator.fitting.fit import Fit
 from estimator.fitting.latency import with_latencies
 from estimator.fitting.least_squares_fit import LeastSquaresFit
 from estimator.fmus.workers import Workers
+from estimator.noise.in_parts import Columns, products
 from estimator.plans.parameters import Parameter, SensorPlace
 from estimator.plans.plan import Plan
 from estimator.results.result import NotVisible, Rival, RivalParameter
@@ -241,13 +242,14 @@ def _explained(
     held = at_bound[:p] != 0
     values[:p][held] = fit.values[:p][held]
     rest = [k for k in range(len(names)) if k not in kept]
-    jacobian, residuals = fit.jacobian[:, kept] if rest else fit.jacobian, fit.z
+    jacobian: Columns = fit.whitened
     if rest:
-        q = np.linalg.qr(fit.jacobian[:, rest])[0]
+        q = np.linalg.qr(jacobian[:][:, rest])[0]
+        jacobian = jacobian[:][:, kept]
         jacobian = jacobian - q @ (q.T @ jacobian)
     with np.errstate(invalid="ignore"):
         errors = np.sqrt(np.diag(covariance)) * np.where(log, np.abs(values), 1.0)
-    information = jacobian.T @ jacobian
+    information = products(jacobian, jacobian)
     sizes, axes = np.linalg.eigh(seen)
     scores = information @ axes * np.sqrt(np.maximum(sizes, 0.0))  # its square is never negative, as rounded as it is
     whitener, left = fit.whitener, np.nan_to_num(fit.residuals())
@@ -260,7 +262,7 @@ def _explained(
         standard_errors=errors,
         at_bound=at_bound,
         jacobian=jacobian,
-        residuals=-residuals,
+        residuals=-fit.z,
         scores=scores @ scores.T,
     )
     extended = dataclasses.replace(plan, parameters=(*plan.parameters, *(_parameter(fit, names[k]) for k in reported)))

@@ -181,7 +181,7 @@ class Selection:
 
     def at_best(self, best: Explanation) -> Explanation:
         """Return an explanation fitted to the end, without what that makes absurd."""
-        final = solved(best.fit, tolerance=1e-8)
+        final = solved(best.fit, tolerance=1e-8, left=True)
         while absurd := [a for a in best.additions if not (is_physical(final, a) and has_its_needs(final, a))]:
             best = without(dataclasses.replace(best, fit=final), absurd[-1])
             final = solved(best.fit, tolerance=1e-8)

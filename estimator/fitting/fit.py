@@ -23,7 +23,7 @@ from estimator.fitting.projection import Projection, triangle
 from estimator.fitting.score_test import ScoreTest
 from estimator.fitting.simulator import Simulator
 from estimator.fitting.slopes import Slopes
-from estimator.noise.in_parts import Columns, Made
+from estimator.noise.in_parts import Columns, Made, Scaled
 from estimator.noise.noise_model import NoiseModel
 from estimator.noise.whitener import Whitener
 from estimator.plans.parameters import SensorPlace
@@ -237,6 +237,8 @@ def chosen(columns: Columns, which: BoolArray) -> Columns:
     """Return some of columns; of all no copy."""
     if which.all():
         return columns
+    if isinstance(columns, Scaled):
+        return columns.chosen(which)
     return Made(lambda at: columns[at][:, which], len(columns)) if isinstance(columns, Made) else columns[:, which]
 
 
@@ -283,7 +285,7 @@ def slopes_in_time(fit: Fit) -> FloatArray:
 
 def evaluated(fit: Fit, values: FloatArray, shown: FloatArray, slopes: Slopes, linear: Projection) -> Fit:
     """Return the fit at a point, with its whitened residuals; `linear`: on its columns, whitened."""
-    own = fit.whitener.flat(misfit(fit, shown)[:, :, None])[:, 0]
+    own = whitened_misfit(fit, shown)[:][:, 0]
     b = linear.coefficients(own)
     z = own - linear.columns[:] @ b if len(b) else own
     cost = float(z @ z) if np.isfinite(z).all() else np.inf
@@ -294,6 +296,22 @@ def refreshed(fit: Fit, whitener: Whitener) -> Fit:
     """Return the fit with another whitener, its values unchanged."""
     linear = Projection(whitener.flat(linear_columns(fit.linear, fit.shown.shape)))
     return evaluated(dataclasses.replace(fit, whitener=whitener), fit.values, fit.shown, fit.slopes, linear)
+
+
+def cost_of(fit: Fit, shown: FloatArray, linear: Projection) -> float:
+    """Return z'z at what is shown, (rows, q), of which nothing failed; `linear`: as of `evaluated`, at its best."""
+    own = whitened_misfit(fit, shown)
+    if isinstance(own, Scaled) and not linear.columns.shape[1]:
+        return float(own.squares()[0])
+    r = linear.rest(own[:][:, 0])
+    return float(r @ r)
+
+
+def whitened_misfit(fit: Fit, shown: FloatArray) -> Columns:
+    """Return measured less shown signals whitened, (rows q, 1)."""
+    if fit.whitener.in_parts:
+        return fit.whitener.changes([fit.simulator.measured], shown)
+    return fit.whitener.flat(misfit(fit, shown)[:, :, None])
 
 
 def misfit(fit: Fit, shown: FloatArray) -> FloatArray:

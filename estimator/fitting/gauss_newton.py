@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.fitting.fit import Fit, evaluated, linear_columns, misfit
+from estimator.fitting.fit import Fit, cost_of, evaluated, linear_columns, misfit
 from estimator.fitting.least_squares import SOON
 from estimator.fitting.projection import Projection, triangle
 from estimator.fitting.slopes import Point, Slopes, difference_steps
@@ -41,6 +41,7 @@ def solved(
     limit: float = np.inf,
     told: bool = True,
     beside: Fit | None = None,
+    left: bool = False,
 ) -> Fit:
     """Return the fit at the least cost that is reached from where it stands.
 
@@ -56,6 +57,8 @@ def solved(
         Whether derivatives are simulated where it ends; if not, a fit by another noise is to begin there.
     beside : Fit, optional
         A least cost by the same noise, with the same free: returned where derivatives lead next to it.
+    left : bool
+        The fit that it begins at is asked nothing more: its memory is given up.
     """
     s, where, (low, high) = fit.simulator, fit.where, fit.bounds
     fine = tolerance < FINE
@@ -79,6 +82,8 @@ def solved(
         x, at_known, shown, known = found
         return beside if at_known and beside is not None else end_at(x, shown, known)
     x, shown, known = _begun(fit, central=fine)
+    if left:
+        fit.forget()
     steps = _Steps(fit, beside=beside, **limits)
     raw, there = known, shown
     asked = steps.begin(x, misfits.cost(shown), known is not None)
@@ -230,8 +235,7 @@ class _Misfits:
         """Return z'z at simulated signals; infinity where the FMU failed."""
         if not np.isfinite(shown).all():
             return float(np.inf)
-        r = self.linear.rest(self.fit.whitener.flat(misfit(self.fit, shown)[:, :, None])[:, 0])
-        return float(r @ r)
+        return cost_of(self.fit, shown, self.linear)
 
     def triangle(self, raw: FloatArray, off: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return a, (f, f), and g, (f,): |g - a dx| is what a step leaves of a misfit, (rows, q)."""

@@ -290,7 +290,7 @@ class LeastSquares:
         determine some combination of the parameters a thousand times better than another.
         """
         for _ in range(0 if self._robust else CLOSINGS):
-            inside = found.jacobian[:, found.at_bound == 0]
+            inside = found.jacobian[:][:, found.at_bound == 0]
             noisy = np.any(found.deviations > NOISE_FREE * self._spread)
             if not noisy or not inside.shape[1] or not np.isfinite(inside).all():
                 break

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.noise.in_parts import Columns
 from estimator.plans.plan import Plan
 
 FloatArray = NDArray[np.float64]
@@ -30,7 +31,7 @@ class LeastSquaresFit:
         In the parameters' units; infinity where not determined, 0 at a bound.
     at_bound : (p,) array
         −1 lower, 1 upper, 0 free.
-    jacobian : (m, p) array
+    jacobian : (m, p) columns
         Of the weighted residuals by the scaled parameters.
     residuals : (m,) array
         Weighted.
@@ -45,7 +46,7 @@ class LeastSquaresFit:
     covariance: FloatArray
     standard_errors: FloatArray
     at_bound: NDArray[np.int64]
-    jacobian: FloatArray
+    jacobian: Columns
     residuals: FloatArray
     scores: FloatArray
 

@@ -5,7 +5,7 @@ Where the drive opens the circuit at no voltage there is no current, and the mot
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -17,6 +17,7 @@ from estimator.motor.exponential import exponential
 from estimator.motor.names import MOTOR, is_motor
 from estimator.motor.state_space import coasting, matrices, sampled
 from estimator.noise.clock import Clock
+from estimator.noise.kalman import filters
 from estimator.noise.recursion import recursion
 
 FloatArray = NDArray[np.float64]
@@ -52,19 +53,18 @@ def response(fit: Fit, *, voltage: FloatArray | None = None, torque: FloatArray 
         V; N.m against positive speed. Or (rows, c), c of them, which change the signals by (rows, q, c).
     """
     s = fit.simulator
-    given = [(j, signal.reshape(s.rows, -1)) for j, signal in enumerate((voltage, torque)) if signal is not None]
-    many = given[0][1].shape[1]
+    given = [None if signal is None else signal.reshape(s.rows, -1) for signal in (voltage, torque)]
+    many = max(signals.shape[1] for signals in given if signals is not None)
     result = np.zeros((s.rows, len(s.outputs), many))
     opens, seats = _opens(fit), [SEATS[y] for y in s.outputs]
     plain = max(seats) < SEATS["angle"] and not any(_acting(fit, y) for y in s.outputs)
     for clock in s.clocks:
-        inputs = np.zeros((clock.rows.stop - clock.rows.start, 2, many))
-        for j, signals in given:
-            inputs[:, j] = signals[clock.rows]
-        states = _states(fit, clock, inputs, opens[clock.rows])
+        own = [None if signals is None else signals[clock.rows] for signals in given]
         if plain:
-            result[clock.rows] = states[:, seats]
-        for k in () if plain else range(many):
+            _states(fit, clock, own, opens[clock.rows], np.zeros((2, many)), (seats, result[clock.rows]))
+            continue
+        states = _states(fit, clock, own, opens[clock.rows], np.zeros((2, many)))
+        for k in range(many):
             result[clock.rows, :, k] = _as_shown(fit, states[:, :, k].T, clock)
     one = all(signal is None or signal.ndim == 1 for signal in (voltage, torque))
     return result[:, :, 0] if one else result
@@ -79,42 +79,31 @@ def _opens(fit: Fit) -> NDArray[np.bool_]:
 
 
 def _states(
-    fit: Fit, clock: Clock, inputs: FloatArray, opens: NDArray[np.bool_], first_row: FloatArray | None = None
+    fit: Fit,
+    clock: Clock,
+    inputs: Sequence[FloatArray | None],
+    opens: NDArray[np.bool_],
+    first_row: FloatArray,
+    shown: tuple[Sequence[int], FloatArray] | None = None,
 ) -> FloatArray:
-    """Return changes of current and speed, (n, 2, c), by changes of voltage and torque, (n, 2, c), held over rows.
+    """Return changes of current and speed, (n, 2, c), by changes of voltage and torque, (n, c), held over rows.
 
     Parameters
     ----------
-    first_row : (2, c) array, optional
+    first_row : (2, c) array
         Changes in the first row.
+    shown : q seats and a (n, q, c) array, contiguous, optional
+        Which of both are wanted, in which order, and where they go.
     """
-    f, g, denominator = _discrete(fit, clock)
-    # x[k+1] = F x[k] + G u[k]  =>  D(z) x = z^-1 (G + z^-1 (F - tr F) G) u,  D = 1 - tr F z^-1 + det F z^-2
-    adjugate = f - np.trace(f) * np.eye(2)
-    second = adjugate @ g
+    f, g, _ = _discrete(fit, clock)
     values = motor_values(fit)
     assert values is not None
-    kept, pushed = coasting(values, clock.step)
-    n, _, many = inputs.shape
-    states, x = np.zeros((n, 2, many)), np.zeros((2, many)) if first_row is None else first_row
-    bounds = [0, *(np.flatnonzero(np.diff(opens)) + 1).tolist(), n]
-    for first, last in zip(bounds[:-1], bounds[1:], strict=True):
-        u = inputs[first : last + 1]  # the last row's state is the next stretch's first
-        own = np.zeros((len(u), 2, many))
-        if opens[first]:
-            speed = recursion([0.0, pushed], [-kept], u[:, 1])
-            own[:, 1] = speed + x[1] * kept ** np.arange(len(u))[:, None]
-        else:
-            for j in range(2):
-                if u[:, j].any():
-                    numerator = np.repeat([np.zeros(2), g[:, j], second[:, j]], many, axis=1)
-                    own += recursion(numerator, denominator, np.tile(u[:, j], 2)).reshape(own.shape)
-            if x.any():
-                impulse = np.zeros((len(u), 2 * many))
-                impulse[0] = 1.0
-                own += recursion([x.ravel(), (adjugate @ x).ravel()], denominator, impulse).reshape(own.shape)
-        states[first:last] = own[: last - first]
-        x = own[-1].copy()
+    (n,), many = opens.shape, first_row.shape[1]
+    seats, states = ((0, 1), np.empty((n, 2, many))) if shown is None else shown
+    signals = [None if u is None else np.ascontiguousarray(u, dtype=np.float64) for u in inputs]
+    given = (*map(np.ascontiguousarray, (f, g, np.array(coasting(values, clock.step)), opens)), *signals)
+    arrays = (*given, np.ascontiguousarray(first_row, dtype=np.float64), np.array(seats, dtype=np.int64), states)
+    filters().response_run(n, len(seats), many, *(None if a is None else a.ctypes.data for a in arrays))
     return states
 
 
@@ -154,13 +143,13 @@ def free_motion(fit: Fit, clock: Clock, *, opens_first: bool = False) -> FloatAr
     opens_first : bool
         Whether a drive that opens the circuit at no voltage has done so before the first voltage too.
     """
-    n, opens = clock.rows.stop - clock.rows.start, _opens(fit)[clock.rows]
+    opens = _opens(fit)[clock.rows]
     if not opens_first:
         driven = as_late(fit, (fit.simulator.inputs("v") != 0).astype(np.float64))[clock.rows] > 0.5
         opens = opens & (np.cumsum(driven) > 0)
     first = np.zeros((2, 2))
     first[1, 0] = first[0, 1] = 1.0
-    states = _states(fit, clock, np.zeros((n, 2, 2)), opens, first)
+    states = _states(fit, clock, (None, None), opens, first)
     return np.stack([_as_shown(fit, states[:, :, k].T, clock) for k in range(2)], axis=2)
 
 

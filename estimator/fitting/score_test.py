@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.fitting.projection import DEPENDENT, Projection, triangle
-from estimator.noise.in_parts import Columns, along, parts
+from estimator.noise.in_parts import Columns, Scaled, along, parts
 from estimator.noise.whitener import Whitener
 
 FloatArray = NDArray[np.float64]
@@ -65,17 +65,22 @@ class ScoreTest:
             Whose products with them are told, too.
         """
         c, spanned = whitened.shape[1], self.known.spanned
-        products, scores, whole = np.zeros((spanned.shape[1], c)), np.zeros(c), np.zeros(c)
         explained = None if jacobian is None else np.zeros((jacobian.shape[1], c))
-        for at in parts(whitened):
-            own, there = whitened[at], slice(first + at.start, first + at.stop)
-            if not own.any():  # settled, whatever a delay or a filter is
-                continue
-            products += along(spanned, there, own)
-            scores += own.T @ self.left[there]
-            whole += np.einsum("nk,nk->k", own, own)
-            if explained is not None and jacobian is not None and jacobian is not spanned:
-                explained += along(jacobian, there, own)
+        if isinstance(whitened, Scaled) and isinstance(spanned, Scaled) and isinstance(jacobian, Scaled | None):
+            products, scores, whole = whitened.beside(spanned, self.left)
+            if jacobian is not None and jacobian is not spanned:
+                explained = whitened.beside(jacobian, self.left)[0]
+        else:
+            products, scores, whole = np.zeros((spanned.shape[1], c)), np.zeros(c), np.zeros(c)
+            for at in parts(whitened):
+                own, there = whitened[at], slice(first + at.start, first + at.stop)
+                if not own.any():  # settled, whatever a delay or a filter is
+                    continue
+                products += along(spanned, there, own)
+                scores += own.T @ self.left[there]
+                whole += np.einsum("nk,nk->k", own, own)
+                if explained is not None and jacobian is not None and jacobian is not spanned:
+                    explained += along(jacobian, there, own)
         known = self.known.of_products(products)
         power = whole - np.einsum("nk,nk->k", known, known)
         power = np.where(power > DEPENDENT * whole, power, 0.0)

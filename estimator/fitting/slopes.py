@@ -63,6 +63,8 @@ class Point:
         key = points.tobytes(), s.between
         if central and s.derivatives is not None and s.derivatives[0] == key:
             return s.derivatives[1]
+        if central:
+            s.derivatives = None
         result = np.zeros((f, *self.shown.shape))  # column by column, as they are simulated
         many = max(1, CELLS // (s.rows * len(points)))  # of what is free, at once: of a long recording one by one
         room = max(1, CELLS // s.rows)

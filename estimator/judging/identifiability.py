@@ -74,7 +74,7 @@ def _unmoving(problem: Problem, start: FloatArray) -> FloatArray:
     names, none = problem.plan.names, np.zeros((0, len(start)))
     best: FloatArray | None = None
     for away in (0.0, SECOND_POINT):
-        jacobian = squares.judge(_tilted(problem, start, away), problem.spread).jacobian
+        jacobian = squares.judge(_tilted(problem, start, away), problem.spread).jacobian[:]
         norms = np.linalg.norm(jacobian, axis=0)
         if not np.isfinite(jacobian).all() or not norms.all():
             return none  # not simulated, or without influence: reported elsewhere

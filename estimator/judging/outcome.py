@@ -14,6 +14,7 @@ from estimator.conventions import NOTHING_TOLD
 from estimator.explaining.explained import Explained
 from estimator.fitting.information import scaled_svd
 from estimator.fitting.least_squares_fit import LeastSquaresFit
+from estimator.fitting.projection import triangle
 from estimator.judging.verdict import Judgement
 from estimator.plans.parameters import Parameter
 from estimator.plans.plan import ChainSpec, Plan
@@ -165,10 +166,12 @@ def correlation(polish: LeastSquaresFit) -> FloatArray:
 
 def information(polish: LeastSquaresFit, names: tuple[str, ...]) -> dict[str, Any]:
     """Return eigenvalues of the Fisher information scaled to a diagonal of 1, and the direction of the least."""
-    jacobian = polish.jacobian
-    if not jacobian.shape[1] or not jacobian.any(axis=0).all() or not np.isfinite(jacobian).all():
+    if not polish.jacobian.shape[1]:
         return {}
-    _, singular, rows = scaled_svd(jacobian)
+    r = triangle(polish.jacobian)
+    if not r.any(axis=0).all() or not np.isfinite(r).all():
+        return {}
+    _, singular, rows = scaled_svd(r)
     return {
         "eigenvalues": np.sort(singular**2).tolist(),
         "least_told": dict(zip(names, rows[-1].tolist(), strict=True)),

@@ -66,7 +66,7 @@ class _Surroundings:
 
     def profile(self, j: int) -> CostProfile:
         """Simulate the profile of one parameter."""
-        values, jacobian = self.polish.values, self.polish.jacobian
+        values, jacobian = self.polish.values, self.polish.jacobian[:]
         x = self.box.scaled(values)
         steps = np.linspace(-self.reach(j), self.reach(j), 2 * POINTS + 1)
         steps = steps[steps != 0]

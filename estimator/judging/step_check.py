@@ -14,7 +14,7 @@ from estimator.fitting.least_squares_fit import LeastSquaresFit
 from estimator.fitting.problem import Problem
 from estimator.fitting.projection import triangle
 from estimator.fmus.probe import ignores_step
-from estimator.noise.in_parts import Scaled
+from estimator.noise.in_parts import products
 from estimator.plans.plan import Plan
 
 FloatArray = NDArray[np.float64]
@@ -86,9 +86,10 @@ def shift(problem: Problem, polish: LeastSquaresFit, fine: FloatArray, explained
     inside = polish.at_bound == 0
     moved = np.zeros(len(polish.values))
     if inside.any():
-        both = Scaled([chosen(polish.jacobian, inside)[:], change[:, None]], np.broadcast_to(1.0, len(change)))
-        r = triangle(both)[:-1]
-        moved[inside] = -np.linalg.lstsq(r[:, :-1], r[:, -1], rcond=None)[0]
+        jacobian = chosen(polish.jacobian, inside)
+        r = triangle(jacobian)  # r' r x = J' change, either of which may be singular
+        along = np.linalg.lstsq(r.T, products(jacobian, change), rcond=None)[0]
+        moved[inside] = -np.linalg.lstsq(r, along, rcond=None)[0]
     return moved
 
 

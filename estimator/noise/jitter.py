@@ -75,6 +75,7 @@ def _costs(z: FloatArray, slope: FloatArray, tried: FloatArray) -> list[FloatArr
     level = _capped(squares.compress(~moving, axis=1), factors)
     ratio[np.maximum.reduce(list(squares)) > CAPPED * factors.min()] = np.inf
     ratio, v, x = (own.compress(moving, axis=-1) for own in (ratio, v, squares))  # channel by channel: sums are quicker
+    del squares
     moments, costs = np.zeros((2, 2, z.shape[1])), []
     for u in np.append(tried[::-1], 0.0) ** 2:
         # Of small slopes, as they are at every smaller jitter, a series of two terms: their moments are what counts.

@@ -130,7 +130,7 @@ def filters() -> ctypes.CDLL:
     """
     check_installed(KALMAN)
     library = ctypes.CDLL(str(KALMAN))
-    if not hasattr(library, "descent_begin"):
+    if not hasattr(library, "descent_begin") or not hasattr(library, "scaled_column"):
         raise InputError(f"{KALMAN} is of an older version: install fmu-estimator again by pip, which compiles it")
     library.kalman_whiten.restype = ctypes.c_int64
     library.kalman_whiten.argtypes = [ctypes.c_int64] * 5 + [ctypes.c_void_p] * 9
@@ -138,6 +138,8 @@ def filters() -> ctypes.CDLL:
     library.kalman_shorten.argtypes = [ctypes.c_int64] * 4 + [ctypes.c_void_p] * 6
     library.recursion_run.restype = None
     library.recursion_run.argtypes = [ctypes.c_int64] * 4 + [ctypes.c_void_p] * 4
+    library.response_run.restype = None
+    library.response_run.argtypes = [ctypes.c_int64] * 3 + [ctypes.c_void_p] * 9
     library.gram_factors.restype = ctypes.c_int64
     library.gram_factors.argtypes = [ctypes.c_int64] * 2 + [ctypes.c_double] + [ctypes.c_void_p] * 2
     library.fit_bytes.restype = library.fit_begin.restype = ctypes.c_int64
@@ -153,6 +155,15 @@ def filters() -> ctypes.CDLL:
     library.descent_begin.argtypes = [place, *[whole] * 5, *[real] * 4, *[place] * 5, real, real, whole, place]
     library.descent_take_triangle.argtypes = [place, place, place, whole, place]
     library.descent_take_cost.argtypes = [place, real, place]
+    library.scaled_column.restype = None
+    library.scaled_column.argtypes = [ctypes.c_int64, *[ctypes.c_void_p] * 2, ctypes.c_int64, *[ctypes.c_void_p] * 2]
+    library.scaled_gram.restype = None
+    library.scaled_gram.argtypes = [ctypes.c_int64, ctypes.c_void_p, ctypes.c_int64, *[ctypes.c_void_p] * 4]
+    library.scaled_products.restype = None
+    library.scaled_products.argtypes = [
+        ctypes.c_int64, *[ctypes.c_void_p] * 2, ctypes.c_int64, *[ctypes.c_void_p] * 2, ctypes.c_int64,
+        *[ctypes.c_void_p] * 3,
+    ]  # fmt: skip
     library.memory_keep.restype = None
     library.memory_keep.argtypes = [ctypes.c_int] * 2
     library.memory_keep(LARGEST_KEPT, MOST_KEPT)

@@ -87,11 +87,13 @@ class NoiseModel:
         return np.stack([grown(c * x, p) for x, (c, p) in zip(level.T, self.growth, strict=True)], axis=1)
 
     def deviation(self, level: FloatArray) -> FloatArray:
-        """Return the deviation of each sample, (rows, q), all parts together."""
+        """Return the deviation of each sample, (rows, q), all parts together; not to be changed."""
         power = self.white**2 + 2 * self.differenced**2 + self.slow[:, 0] ** 2
         if self.torque[0] > 0 and self.machine is not None:
             gain = np.abs(np.linalg.solve(self.machine[0], self.machine[1]))
             power = power + np.array([(gain[s] * self.torque[0]) ** 2 if s >= 0 else 0.0 for s in self.seat])
+        if not self.grows:
+            return np.broadcast_to(np.sqrt(power), level.shape)
         return np.asarray(self.scale(level) * np.sqrt(power))
 
     def states(

@@ -43,14 +43,17 @@ class FrictionDrift(Effect):
         w = fit.shown[:, s.outputs.index("w")]
         found = []
         for clock, name in zip(s.clocks, per_recording(s.plan, self.name), strict=True):
-            torques = np.zeros((s.rows, 2))  # a mean of dry and viscous, and how far it is known
             dry, t = np.sign(w[clock.rows]), clock.time
             viscous = w[clock.rows] / speed if speed > 0 else dry
             line, turned = (t - t[0]) / (t[-1] - t[0]), np.abs(w[clock.rows])
             line -= float(turned @ line / turned.sum()) if turned.any() else 0.5
-            torques[clock.rows] = np.column_stack([0.5 * (viscous + dry), SHARE * (viscous - dry)]) * line[:, None]
-            columns = response(fit, torque=torques)
-            found.append(Linear(name, columns[:, :, :1], ("N.m",), size=size, uncertain=columns[:, :, 1:]))
+            torques = np.zeros((2, s.rows))  # a mean of dry and viscous, and how far it is known
+            torques[0, clock.rows], torques[1, clock.rows] = (
+                0.5 * (viscous + dry) * line,
+                SHARE * (viscous - dry) * line,
+            )
+            columns, uncertain = (response(fit, torque=torque)[:, :, None] for torque in torques)
+            found.append(Linear(name, columns, ("N.m",), size=size, uncertain=uncertain))
         return found
 
     def changes(self, fit: Fit, coefficient: float) -> Mapping[str, float]:
