@@ -177,7 +177,7 @@ def _segments(bench: Bench, rec: Recording, tell: Callable[[str], float]) -> tup
         times, volts, opened = np.r_[0.0, times], np.r_[0.0, volts], np.r_[0, opened]
     if frequency := tell("pwm"):
         pieces: list[tuple[float, float, int]] = []
-        ends = np.r_[times[1:], rec.rows * rec.h]
+        ends = np.minimum(np.r_[times[1:], np.inf], rec.rows * rec.h)  # a fit may try an edge far behind the last row
         for start, end, v, o in zip(times, ends, volts, opened, strict=True):
             duty = abs(v) / bench.supply
             pieces.append((float(start), 0.0 if 0 < duty < 1 else float(v), int(o)))
