@@ -50,9 +50,8 @@ def unsteady_sizes(fit: Fit) -> dict[str, list[float]]:
 
 def _of_ripples(fit: Fit) -> Iterator[tuple[str, list[tuple[float, FloatArray]]]]:
     """Yield, of each ripple and recording, its name and its forms in transients: their deviations, cosine and sine."""
-    at, steady = 0, find_windows(fit).settled & fit.whitener.moving
-    for group in fit.linear:
-        own = fit.coefficients[at : (at := at + group.columns.shape[2])]
+    steady = find_windows(fit).settled & fit.whitener.moving
+    for group, own in fit.linear_parts:
         if group.unsteady is None:
             continue
         channels = group.columns.any(axis=(0, 2))

@@ -163,6 +163,12 @@ class Fit:
         return np.concatenate([self.simulator.log[self.where], np.zeros(len(self.coefficients), dtype=bool)])
 
     @property
+    def linear_parts(self) -> list[tuple[Linear, FloatArray]]:
+        """Each group of columns with its own coefficients, (k,)."""
+        ends = np.cumsum([g.columns.shape[2] for g in self.linear])
+        return list(zip(self.linear, np.split(self.coefficients, ends[:-1]), strict=True)) if self.linear else []
+
+    @property
     def explained(self) -> FloatArray:
         """What the sensors show, (rows, q), the linear part included; not to be changed."""
         if not self.linear:

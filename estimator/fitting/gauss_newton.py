@@ -17,6 +17,7 @@ from estimator.fitting.least_squares import SOON
 from estimator.fitting.projection import Projection, triangle
 from estimator.fitting.slopes import Point, Slopes, difference_steps
 from estimator.noise.kalman import filters
+from estimator.stepping.layout import ASKS_BENT, ASKS_CORRECTED, ASKS_COST, ASKS_NEW, DONE, DONE_BESIDE
 
 FloatArray = NDArray[np.float64]
 
@@ -25,7 +26,6 @@ ROUGH = 8  # derivatives that are simulated of a fit that is only compared
 AS_PREDICTED = (0.7, 1.5)  # of the predicted fall: then derivatives are corrected, not simulated again
 FINE = 1e-6  # of a tolerance: with less derivatives are central
 LONGEST_LOG_STEP, LONGEST_STEP = 1.0, 5.0  # longest step: of a logarithm; of a nuisance's typical sizes
-ASKS_NEW, ASKS_CORRECTED, ASKS_COST, ASKS_BENT, DONE, DONE_BESIDE = range(6)  # as in gauss_newton.h
 
 
 def solved_roughly(fit: Fit, *, limit: float = np.inf) -> Fit:

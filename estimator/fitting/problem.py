@@ -23,12 +23,11 @@ from estimator.plans.parameters import Box
 from estimator.plans.plan import ChainSpec, Observed, Plan
 from estimator.recordings.recording import Recording
 from estimator.recordings.sensors import Section
-from estimator.stepping.layout import DescentLayout, FitsLayout, types_of
+from estimator.stepping.layout import DONE_BESIDE, DescentLayout, FitsLayout, types_of
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-DONE_BESIDE = 5  # as in gauss_newton.h
 SIGMA_FLOOR = 1e-3  # of a signal's deviation: the least noise that the search assumes
 
 

@@ -16,10 +16,8 @@ from estimator.conventions import STANDS_OUT
 FloatArray = NDArray[np.float64]
 
 FEWEST_CYCLES = 10  # in a series: what is slower is a drift; likewise of what alternates, beside half of the rate
-NEARBY, BESIDE = (
-    12,
-    2,
-)  # places of a spectrum on either side by whose median a line is told, and those that a line fills
+NEARBY = 12  # places of a spectrum on either side, by whose median a line is told
+BESIDE = 2  # of them on either side that a line fills
 SHORTEST = 240  # samples: of fewer no autoregression is estimated
 
 

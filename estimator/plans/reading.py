@@ -11,7 +11,7 @@ from estimator.plans.plan import Observed
 from estimator.recordings.clipping import clipped, limit
 from estimator.recordings.finding import Evidence, Finding
 from estimator.recordings.motor_columns import motor_columns
-from estimator.recordings.plausibility import implausible
+from estimator.recordings.plausibility import implausible_as_read
 from estimator.recordings.understood import Understood, understood
 from estimator.recordings.units import parse_unit
 
@@ -30,15 +30,7 @@ def with_reading(binding: Binding, channels: Channels, observed: Observed) -> Ob
     beside = motor_columns(recording, required=()).get("angle")
     if beside is not None and "angle" not in signals:
         signals["angle"] = recording.signals[beside]
-    findings = implausible(
-        recording.title,
-        recording.time,
-        signals,
-        guessed=frozenset(r.signal for r in read if r.is_guess),
-        sure=frozenset(r.signal for r in read if r.unit_from == "user"),
-        columns={r.signal: r.column for r in read},
-        units={r.signal: r.unit for r in read},
-    )
+    findings = implausible_as_read(recording.title, recording.time, signals, read)
     if "friction" in binding.parameters:
         findings = tuple(finding for finding in findings if finding.kind != "dead band")
     return _without_clipped(binding, dataclasses.replace(observed, read=read, findings=findings))

@@ -12,7 +12,7 @@ How often a detector is wrong on good recordings, and how often it finds what it
 from __future__ import annotations
 
 import shlex
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,7 @@ from estimator.recordings.headers import parse_header, plain
 from estimator.recordings.lag import lag_misfit
 from estimator.recordings.odd_drives import coasts, dead_band, is_held
 from estimator.recordings.samples import filled, median, quantile
+from estimator.recordings.understood import Understood
 from estimator.recordings.units import parse_unit
 
 FloatArray = NDArray[np.float64]
@@ -68,6 +69,21 @@ LONE, ABOVE = 3, 300.0  # samples, times as large as all others: no motor's
 LINES, WHOLE = (16, 20_000), 0.02  # of an encoder a turn; of a count
 
 _PER_TURN = {"rpm": 60.0, "deg/s": 360.0, "rev/s": 1.0}
+
+
+def implausible_as_read(
+    title: str, time: FloatArray, signals: Mapping[str, FloatArray], read: Sequence[Understood]
+) -> tuple[Finding, ...]:
+    """Find what of a motor's signals cannot be as it was read, by what is known of how; arguments as `implausible`."""
+    return implausible(
+        title,
+        time,
+        signals,
+        guessed=frozenset(r.signal for r in read if r.is_guess),
+        sure=frozenset(r.signal for r in read if r.unit_from == "user"),
+        columns={r.signal: r.column for r in read},
+        units={r.signal: r.unit for r in read},
+    )
 
 
 def implausible(

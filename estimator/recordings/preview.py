@@ -24,7 +24,7 @@ from estimator.recordings.excitation import (
 )
 from estimator.recordings.finding import Finding
 from estimator.recordings.motor_columns import motor_columns
-from estimator.recordings.plausibility import implausible
+from estimator.recordings.plausibility import implausible_as_read
 from estimator.recordings.recording import Recording
 from estimator.recordings.repeated_rows import repeated_rows
 from estimator.recordings.samples import filled
@@ -127,15 +127,7 @@ def preview(
         noise=noise,
         quanta=quanta,
         found=_damage(recording, measured, step),
-        findings=implausible(
-            recording.title,
-            recording.time,
-            signals,
-            guessed=frozenset(r.signal for r in read if r.is_guess),
-            sure=frozenset(r.signal for r in read if r.unit_from == "user"),
-            columns={r.signal: r.column for r in read},
-            units={r.signal: r.unit for r in read},
-        ),
+        findings=implausible_as_read(recording.title, recording.time, signals, read),
         repeated=len(_repeated(signals)),
     )
 

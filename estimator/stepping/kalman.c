@@ -1,5 +1,5 @@
-/* kalman: the exact whitening of linear Gaussian noise, column by column; recursions, those of a motor's
- * two states among them; products of long columns; small factors; the steps of fits; kept memory. Knows no FMU.
+/* kalman: the exact whitening of linear Gaussian noise, column by column; factors of small matrices; kept memory.
+ * Knows no FMU. What else the program does over all rows, or in steps, is in the headers that are included at the end.
  *
  *     x_0 ~ N(0, initial)
  *     x_j = F x_(j-1) + N(0, Q)                 F, Q: of the time step that ends in row j
@@ -25,9 +25,6 @@
 #if defined(__GLIBC__)
 #include <malloc.h>
 #endif
-
-#include "gauss_newton.h"
-#include "trust_region.h"
 
 #if defined(_WIN32)
 #define EXPORT __declspec(dllexport)
@@ -334,77 +331,6 @@ EXPORT void kalman_shorten(int64_t n, int64_t q, int64_t c, int64_t most, const 
         }
 }
 
-/* The recursion of one signal of c, of which every c-th number is, with up to two numbers behind the first: all that it
-   remembers is kept at hand, so that y may be x. */
-static void recur_one(int64_t n, int64_t c, int64_t ahead, int64_t back, const double *b, const double *a,
-                      const double *x, double *y)
-{
-    const double b0 = ahead > 0 ? b[0] : 0.0, b1 = ahead > 1 ? b[c] : 0.0, b2 = ahead > 2 ? b[2 * c] : 0.0;
-    const double a0 = back > 0 ? a[0] : 0.0, a1 = back > 1 ? a[c] : 0.0;
-    double last = 0.0, before = 0.0, x1 = 0.0, x2 = 0.0;
-    for (int64_t j = 0; j < n; j++) {
-        double now = b0 * x[j * c] + b1 * x1 + b2 * x2 - a0 * last;
-        if (back > 1) now -= a1 * before; /* what each number waits for */
-        x2 = x1;
-        x1 = x[j * c];
-        before = last;
-        y[j * c] = last = now;
-    }
-}
-
-/* Set y, (n, c), to the recursions y[j] = b[0] x[j] + b[1] x[j - 1] ... - a[0] y[j - 1] - a[1] y[j - 2] ..., all 0
-   before; b: (ahead, c), a: (back, c). */
-EXPORT void recursion_run(int64_t n, int64_t c, int64_t ahead, int64_t back, const double *restrict b,
-                          const double *restrict a, const double *x, double *y)
-{
-#if defined(__SSE2__)
-    const unsigned control = _mm_getcsr();
-    _mm_setcsr(control | FLUSH_TO_ZERO);
-#endif
-    if (c < 4 && ahead <= 3 && back <= 2) {
-        for (int64_t k = 0; k < c; k++) recur_one(n, c, ahead, back, b + k, a + k, x + k, y + k);
-    } else {
-        for (int64_t j = 0; j < n; j++) {
-            double *restrict to = y + j * c;
-            for (int64_t k = 0; k < c; k++) to[k] = 0.0;
-            for (int64_t l = 0; l < ahead && l <= j; l++)
-                for (int64_t k = 0; k < c; k++) to[k] += b[l * c + k] * x[(j - l) * c + k];
-            for (int64_t l = 0; l < back && l < j; l++)
-                for (int64_t k = 0; k < c; k++) to[k] -= a[l * c + k] * y[(j - 1 - l) * c + k];
-        }
-    }
-#if defined(__SSE2__)
-    _mm_setcsr(control);
-#endif
-}
-
-/* States of a motor, current and speed, x[0] = start, x[j + 1] = F x[j] + G u[j], of c inputs each, (n, c) voltages and
-   torques, NULL: none of these; where the circuit is open there is no current, and the speed w[j + 1] = coasting[0] w[j]
-   + coasting[1] torque[j]. Set shown, (n, q, c), to those that q seats name, 0 or 1. start: (2, c); f, g: (2, 2). */
-EXPORT void response_run(int64_t n, int64_t q, int64_t c, const double *f, const double *g, const double *coasting,
-                         const unsigned char *open, const double *voltage, const double *torque, const double *start,
-                         const int64_t *seats, double *shown)
-{
-#if defined(__SSE2__)
-    const unsigned control = _mm_getcsr();
-    _mm_setcsr(control | FLUSH_TO_ZERO);
-#endif
-    for (int64_t l = 0; l < c; l++) {
-        double x[2] = {start[l], start[c + l]};
-        for (int64_t j = 0; j < n; j++) {
-            const double v = voltage ? voltage[j * c + l] : 0.0, t = torque ? torque[j * c + l] : 0.0;
-            if (open[j]) x[0] = 0.0;
-            for (int64_t k = 0; k < q; k++) shown[(j * q + k) * c + l] = x[seats[k]];
-            const double i = open[j] ? 0.0 : f[0] * x[0] + f[1] * x[1] + (g[0] * v + g[1] * t);
-            x[1] = open[j] ? coasting[0] * x[1] + coasting[1] * t : f[2] * x[0] + f[3] * x[1] + (g[2] * v + g[3] * t);
-            x[0] = i;
-        }
-    }
-#if defined(__SSE2__)
-    _mm_setcsr(control);
-#endif
-}
-
 /* Set upper triangles r, (k, m, m), to the factors of matrices of products, r' r = gram, (k, m, m), each; 0 where one of
    them, its diagonal scaled to 1, has an eigenvalue that is not above `least`, or is of no numbers. */
 EXPORT int64_t gram_factors(int64_t k, int64_t m, double least, const double *gram, double *r)
@@ -426,191 +352,6 @@ EXPORT int64_t gram_factors(int64_t k, int64_t m, double least, const double *gr
     return 1;
 }
 
-/* A fit by trust_region.h and its numbers, in memory of the caller's. */
-typedef struct {
-    TrustRegion fit;
-    double numbers[];
-} OwnFit;
-
-/* Bytes of memory that a fit of p parameters needs. */
-EXPORT int64_t fit_bytes(int64_t p)
-{
-    return (int64_t)sizeof(OwnFit) + trust_region_numbers(p) * (int64_t)sizeof(double);
-}
-
-/* Write where the fit is asked, or has ended, and its cost there, to [p + 1]. */
-static int64_t pointed(const OwnFit *own, int64_t asked, double *point)
-{
-    const TrustRegion *fit = &own->fit;
-    memcpy(point, asked == ASKS_RESIDUALS ? fit->tried : fit->x, (size_t)fit->p * sizeof(double));
-    point[fit->p] = fit->cost;
-    return asked;
-}
-
-/* Begin a fit at the point; bounds, and the optimum that is known, or NULL, stay the caller's. Returns what is asked. */
-EXPORT int64_t fit_begin(OwnFit *own, int64_t p, int64_t evaluations, double ftol, double xtol, const double *low,
-                         const double *high, const double *known, double known_cost, double *point)
-{
-    own->fit = (TrustRegion){.p = p, .evaluations = evaluations, .ftol = ftol, .xtol = xtol, .low = low, .high = high,
-                             .known = known, .known_cost = known_cost};
-    return pointed(own, trust_region_begin(&own->fit, point, own->numbers), point);
-}
-
-/* Take the sum of squares of so many residuals at the point, and go on to the next. */
-EXPORT int64_t fit_take_cost(OwnFit *own, double cost, int64_t count, double *point)
-{
-    return pointed(own, take_cost(&own->fit, cost, count), point);
-}
-
-/* The same of derivatives and residuals, as a triangle. */
-EXPORT int64_t fit_take_slopes(OwnFit *own, const double *triangle, int64_t rows, double *point)
-{
-    return pointed(own, take_slopes(&own->fit, triangle, rows), point);
-}
-
-/* The same by gauss_newton.h. */
-typedef struct {
-    GaussNewton fit;
-    double numbers[];
-} OwnDescent;
-
-/* Bytes of memory that it needs. */
-EXPORT int64_t descent_bytes(int64_t f)
-{
-    return (int64_t)sizeof(OwnDescent) + gauss_newton_numbers(f) * (int64_t)sizeof(double);
-}
-
-/* Write what was tried, where it stands, the last step and its correction, [4][f], and [4]: the cost there, whether it
-   has moved, whether derivatives are corrected, whether they are those that were simulated there. */
-static int64_t stood(const OwnDescent *own, int64_t asked, double *point)
-{
-    const GaussNewton *fit = &own->fit;
-    const double *rows[] = {fit->tried, fit->x, fit->dx, fit->bend};
-    for (int64_t k = 0; k < 4; k++) memcpy(point + k * fit->f, rows[k], (size_t)fit->f * sizeof(double));
-    point += 4 * fit->f;
-    point[0] = fit->cost;
-    point[1] = (double)fit->moved;
-    point[2] = (double)fit->corrects;
-    point[3] = (double)(fit->have && fit->simulated);
-    return asked;
-}
-
-/* Begin where the point stands; all arrays but that stay the caller's. Returns what is asked. */
-EXPORT int64_t descent_begin(OwnDescent *own, int64_t f, int64_t iterations, int64_t rounds, int64_t fine, int64_t told,
-                             double tolerance, double limit, double least_part, double most_part,
-                             const double *low, const double *high, const double *longest, const double *known, const double *bars, double known_cost,
-                             double cost, int64_t have, double *point)
-{
-    own->fit = (GaussNewton){.f = f, .iterations = iterations, .rounds = rounds, .fine = fine, .told = told,
-                             .tolerance = tolerance, .limit = limit, .least_part = least_part,
-                             .most_part = most_part, .low = low, .high = high, .longest = longest,
-                             .known = known, .bars = bars, .known_cost = known_cost};
-    return stood(own, gauss_newton_begin(&own->fit, point + f, cost, have, own->numbers), point);
-}
-
-/* Take a, (f, f), and g, (f,), of the derivatives and a misfit; `bends`: of what bends beside the tried point. */
-EXPORT int64_t descent_take_triangle(OwnDescent *own, const double *a, const double *g, int64_t bends, double *point)
-{
-    return stood(own, take_triangle(&own->fit, a, g, bends != 0), point);
-}
-
-/* Take the cost at the tried point, and go on. */
-EXPORT int64_t descent_take_cost(OwnDescent *own, double cost, double *point)
-{
-    return stood(own, take_tried(&own->fit, cost), point);
-}
-
-#define ROUNDING 1e-12 /* of a column's largest rows: less is none of it */
-
-enum { CHUNK = 512, LANES = 8 }; /* rows that stay in the nearest cache; sums that do not wait for each other */
-
-/* A column of many rows, of which every `stride`-th number is. */
-typedef struct {
-    const double *first;
-    int64_t stride;
-} Column;
-
-/* Set `to` to m rows of a column from row j, times their factors; or to what they are more than another's, which a
-   factor of 0 leaves out, whatever the number is. */
-static void scaled_rows(Column column, const double *before, const double *factors, int64_t j, size_t m,
-                        double *restrict to)
-{
-    const double *restrict from = column.first + j * column.stride, *restrict f = factors + j;
-    const size_t stride = (size_t)column.stride;
-    if (before) {
-        const double *restrict less = before + j;
-        for (size_t l = 0; l < m; l++) to[l] = f[l] == 0 ? 0 : (from[l * stride] - less[l]) * f[l];
-    } else if (stride == 1) {
-        for (size_t l = 0; l < m; l++) to[l] = from[l] * f[l];
-    } else {
-        for (size_t l = 0; l < m; l++) to[l] = from[l * stride] * f[l];
-    }
-}
-
-static double product(const double *restrict a, const double *restrict b, size_t m)
-{
-    double sums[LANES] = {0};
-    size_t l = 0;
-    for (; l + LANES <= m; l += LANES)
-        for (size_t k = 0; k < LANES; k++) sums[k] += a[l + k] * b[l + k];
-    for (; l < m; l++) sums[0] += a[l] * b[l];
-    return ((sums[0] + sums[1]) + (sums[2] + sums[3])) + ((sums[4] + sums[5]) + (sums[6] + sums[7]));
-}
-
-/* Set `to`, (n), to a column, or its change, each row times its factor. */
-EXPORT void scaled_column(int64_t n, const double *factors, const double *column, int64_t stride, const double *before,
-                          double *to)
-{
-    scaled_rows((Column){column, stride}, before, factors, 0, (size_t)n, to);
-}
-
-/* Set found, (c, c), to the products of columns of n rows, each row times its factor. The room holds c CHUNK numbers. */
-EXPORT void scaled_gram(int64_t n, const double *factors, int64_t c, const double *const *columns,
-                        const int64_t *strides, double *room, double *found)
-{
-    memset(found, 0, (size_t)(c * c) * sizeof *found);
-    for (int64_t j = 0; j < n; j += CHUNK) {
-        const size_t m = (size_t)(n - j < CHUNK ? n - j : CHUNK);
-        if (product(factors + j, factors + j, m) == 0) continue;
-        for (int64_t k = 0; k < c; k++) {
-            double *own = room + k * CHUNK;
-            scaled_rows((Column){columns[k], strides[k]}, NULL, factors, j, m, own);
-            for (int64_t l = 0; l <= k; l++) found[k * c + l] += product(own, room + l * CHUNK, m);
-        }
-    }
-    for (int64_t k = 0; k < c; k++)
-        for (int64_t l = 0; l < k; l++) found[l * c + k] = found[k * c + l];
-}
-
-/* Of one column, less another if that is not NULL, of n rows, each row times its factor: set found, (c + 2), to the
-   products with c columns, times the same factors, with `left`, (n), as it is, and with itself. Where it has settled, but
-   for rounding, nothing else is read. */
-EXPORT void scaled_products(int64_t n, const double *factors, const double *column, int64_t stride,
-                            const double *before, const double *left, int64_t c, const double *const *columns,
-                            const int64_t *strides, double *found)
-{
-    double own[CHUNK], twice[CHUNK], room[CHUNK], most = 0;
-    memset(found, 0, (size_t)(c + 2) * sizeof *found);
-    for (int64_t j = 0; j < n; j += CHUNK) {
-        const size_t m = (size_t)(n - j < CHUNK ? n - j : CHUNK);
-        scaled_rows((Column){column, stride}, before, factors, j, m, own);
-        const double power = product(own, own, m);
-        most = fmax(most, power);
-        found[c + 1] += power;
-        if (power <= ROUNDING * ROUNDING * most) continue;
-        for (size_t l = 0; l < m; l++) twice[l] = own[l] * factors[j + (int64_t)l];
-        for (int64_t k = 0; k < c; k++) {
-            const double *other = columns[k] + j;
-            if (strides[k] != 1) {
-                other = room;
-                for (size_t l = 0; l < m; l++) room[l] = columns[k][(j + (int64_t)l) * strides[k]];
-            }
-            found[k] += product(twice, other, m);
-        }
-        found[c] += product(own, left + j, m);
-    }
-}
-
 /* Keep freed blocks up to a size, and free memory up to another, in bytes, for this process: glibc alone is asked. */
 EXPORT void memory_keep(int largest, int most)
 {
@@ -622,3 +363,7 @@ EXPORT void memory_keep(int largest, int most)
     (void)most;
 #endif
 }
+
+#include "asked_fits.h"
+#include "products.h"
+#include "recursions.h"

@@ -12,6 +12,7 @@ PHASES = ("", "instantiate", "reset", "set", "set up", "initialise", "doStep", "
 FMI_STATUS = ("OK", "Warning", "Discard", "Error", "Fatal", "Pending")
 MAX_SIGNALS = 64  # inputs or outputs of a job, as in stepper.c
 IDENTITY, MEAN = range(2)  # sensors, as in sensors.h
+ASKS_NEW, ASKS_CORRECTED, ASKS_COST, ASKS_BENT, DONE, DONE_BESIDE = range(6)  # as in gauss_newton.h
 
 
 @dataclass(frozen=True)

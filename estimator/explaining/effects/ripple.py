@@ -39,22 +39,23 @@ OF_SIGNAL, OF_ONE_SIZE, OF_RESISTANCE = range(3)  # forms of a line
 def angle_of(fit: Fit) -> FloatArray | None:
     """Return the shaft's angle, rad, (rows,), integrated from the measured speed; None where there is none.
 
-    What ripples add to the speed is taken away: an encoder that shows the speed w as
-    w (1 + a cos k theta) shows theta + a / k sin k theta.
-    By that angle the mean of the ripple is not 0 over time, but -a / 2 of its amplitude: K would be a² / 2 off.
+    What ripples add to the speed is taken away: an encoder that shows the speed w as w (1 + a cos k theta) shows the
+    angle as theta + a / k sin k theta. By that angle the mean of the ripple over time is not 0, but -a / 2 of its
+    amplitude: K would be a² / 2 off.
     """
     return fit.once(_angle)
 
 
 def _angle(fit: Fit) -> FloatArray | None:
-    return _less(fit, fit.simulator.angle, zip(fit.linear, _of_each(fit.linear, fit.coefficients), strict=True))
+    theta = fit.simulator.angle
+    return None if theta is None else _without_ripple(theta, fit, fit.linear_parts)
 
 
-def _less(fit: Fit, theta: FloatArray | None, lines: Iterable[tuple[Linear, FloatArray]]) -> FloatArray | None:
-    """Return an angle less what those lines that are in the speed add to it, of their coefficients."""
+def _without_ripple(theta: FloatArray, fit: Fit, lines: Iterable[tuple[Linear, FloatArray]]) -> FloatArray:
+    """Return an angle, rad, (rows,), without what lines in the speed add to it, each with its coefficients."""
     for line, coefficients in lines:
         words = line.name.split(" ")  # as `linear` names it
-        if theta is None or words[:2] != ["ripple", "w"] or len(words) != 3:
+        if words[:2] != ["ripple", "w"] or len(words) != 3:
             continue
         j = fit.simulator.outputs.index("w")
         w = fit.shown[:, j]
@@ -62,11 +63,6 @@ def _less(fit: Fit, theta: FloatArray | None, lines: Iterable[tuple[Linear, Floa
         turns = np.abs(w) > TURNS * float(np.max(np.abs(w)))
         theta = theta - np.where(turns, line.columns[:, j] @ turned / (int(words[2]) * np.where(turns, w, 1.0)), 0.0)
     return theta
-
-
-def _of_each(lines: Sequence[Linear], coefficients: FloatArray) -> list[FloatArray]:
-    """Return the coefficients of each of lines."""
-    return np.split(coefficients, np.cumsum([line.columns.shape[2] for line in lines])[:-1]) if lines else []
 
 
 def standing_out(fit: Fit) -> FloatArray:
@@ -117,9 +113,11 @@ class Ripple(Effect):
 
     def renewed(self, fit: Fit, group: Linear, coefficients: FloatArray) -> Linear | None:
         """Return the line as it is, of a signal and its sensor as they are simulated now."""
-        theta = _less(fit, angle_of(fit), [(group, coefficients)])
+        theta = angle_of(fit)
+        assert theta is not None  # the line was found by it
+        theta = _without_ripple(theta, fit, [(group, coefficients)])
         own = (group.columns @ coefficients)[:, fit.simulator.outputs.index(group.name.split(" ")[1])]
-        return None if theta is None else self._in_form(fit, theta, group, group.form, own)
+        return self._in_form(fit, theta, group, group.form, own)
 
     def reshaped(self, fit: Fit, group: Linear) -> Linear | None:
         """Return the line in the form that explains most beside its own, where that may explain more."""

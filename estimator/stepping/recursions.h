@@ -1,0 +1,76 @@
+/* recursions: of signals, and of a motor's two states, row by row. Included by kalman.c, which has EXPORT. */
+#ifndef RECURSIONS_H
+#define RECURSIONS_H
+
+/* The recursion of one signal of c, of which every c-th number is, with up to two numbers behind the first: all that it
+   remembers is kept at hand, so that y may be x. */
+static void recur_one(int64_t n, int64_t c, int64_t ahead, int64_t back, const double *b, const double *a,
+                      const double *x, double *y)
+{
+    const double b0 = ahead > 0 ? b[0] : 0.0, b1 = ahead > 1 ? b[c] : 0.0, b2 = ahead > 2 ? b[2 * c] : 0.0;
+    const double a0 = back > 0 ? a[0] : 0.0, a1 = back > 1 ? a[c] : 0.0;
+    double last = 0.0, before = 0.0, x1 = 0.0, x2 = 0.0;
+    for (int64_t j = 0; j < n; j++) {
+        double now = b0 * x[j * c] + b1 * x1 + b2 * x2 - a0 * last;
+        if (back > 1) now -= a1 * before; /* what each number waits for */
+        x2 = x1;
+        x1 = x[j * c];
+        before = last;
+        y[j * c] = last = now;
+    }
+}
+
+/* Set y, (n, c), to the recursions y[j] = b[0] x[j] + b[1] x[j - 1] ... - a[0] y[j - 1] - a[1] y[j - 2] ..., all 0
+   before; b: (ahead, c), a: (back, c). */
+EXPORT void recursion_run(int64_t n, int64_t c, int64_t ahead, int64_t back, const double *restrict b,
+                          const double *restrict a, const double *x, double *y)
+{
+#if defined(__SSE2__)
+    const unsigned control = _mm_getcsr();
+    _mm_setcsr(control | FLUSH_TO_ZERO);
+#endif
+    if (c < 4 && ahead <= 3 && back <= 2) {
+        for (int64_t k = 0; k < c; k++) recur_one(n, c, ahead, back, b + k, a + k, x + k, y + k);
+    } else {
+        for (int64_t j = 0; j < n; j++) {
+            double *restrict to = y + j * c;
+            for (int64_t k = 0; k < c; k++) to[k] = 0.0;
+            for (int64_t l = 0; l < ahead && l <= j; l++)
+                for (int64_t k = 0; k < c; k++) to[k] += b[l * c + k] * x[(j - l) * c + k];
+            for (int64_t l = 0; l < back && l < j; l++)
+                for (int64_t k = 0; k < c; k++) to[k] -= a[l * c + k] * y[(j - 1 - l) * c + k];
+        }
+    }
+#if defined(__SSE2__)
+    _mm_setcsr(control);
+#endif
+}
+
+/* States of a motor, current and speed, x[0] = start, x[j + 1] = F x[j] + G u[j], of c inputs each, (n, c) voltages and
+   torques, NULL: none of these; where the circuit is open there is no current, and the speed w[j + 1] = coasting[0] w[j]
+   + coasting[1] torque[j]. Set shown, (n, q, c), to those that q seats name, 0 or 1. start: (2, c); f, g: (2, 2). */
+EXPORT void response_run(int64_t n, int64_t q, int64_t c, const double *f, const double *g, const double *coasting,
+                         const unsigned char *open, const double *voltage, const double *torque, const double *start,
+                         const int64_t *seats, double *shown)
+{
+#if defined(__SSE2__)
+    const unsigned control = _mm_getcsr();
+    _mm_setcsr(control | FLUSH_TO_ZERO);
+#endif
+    for (int64_t l = 0; l < c; l++) {
+        double x[2] = {start[l], start[c + l]};
+        for (int64_t j = 0; j < n; j++) {
+            const double v = voltage ? voltage[j * c + l] : 0.0, t = torque ? torque[j * c + l] : 0.0;
+            if (open[j]) x[0] = 0.0;
+            for (int64_t k = 0; k < q; k++) shown[(j * q + k) * c + l] = x[seats[k]];
+            const double i = open[j] ? 0.0 : f[0] * x[0] + f[1] * x[1] + (g[0] * v + g[1] * t);
+            x[1] = open[j] ? coasting[0] * x[1] + coasting[1] * t : f[2] * x[0] + f[3] * x[1] + (g[2] * v + g[3] * t);
+            x[0] = i;
+        }
+    }
+#if defined(__SSE2__)
+    _mm_setcsr(control);
+#endif
+}
+
+#endif
