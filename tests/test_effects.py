@@ -476,6 +476,15 @@ def test_dry_friction_and_a_late_current_are_a_rival_of_a_delay_and_a_filter(tmp
         assert abs(found.value - true[name, -1]) < 4 * found.standard_error
 
 
+def test_a_rival_whose_other_fmu_is_idle_is_none(tmp_path):
+    """It was compared with others, on another simulator: an internal error."""
+    result, true = of_random_bench(1023603, tmp_path)
+    assert result.verdict == "doubtful"
+    for name in ("R", "K", "J", "B"):
+        found = result.parameters[name]
+        assert abs(found.value - true[name, -1]) < 4 * found.standard_error
+
+
 def test_friction_that_falls_while_the_motor_gathers_speed_is_found():
     """B was 6 standard errors off: break-away was found, which is gone as soon as the motor moves."""
     result = run(recording("two levels", friction=4e-3, stiction=6e-3, falls=40.0))

@@ -170,7 +170,7 @@ def _is_same(one: Explanation, other: Explanation) -> bool:
         return False
     s, p = other.fit.simulator, len(other.fit.simulator.plan.names)
     deviation = np.sqrt(np.diag(other.fit.covariance())[:p])
-    apart = np.abs(one.fit.simulator.scaled(one.fit.values) - s.scaled(other.fit.values))[:p]
+    apart = np.abs(one.fit.simulator.scaled(one.fit.values)[:p] - s.scaled(other.fit.values)[:p])
     return bool(np.all(apart <= SAME * deviation))
 
 
@@ -241,7 +241,7 @@ def _exchanged(
             rival = dataclasses.replace(rival, fit=solved_roughly(renewed(rival), limit=limit))
         if most <= rival.criterion(n) < most + further:
             rival = _retimed(selection, rival, addition)
-        if rival.criterion(n) < most:
+        if rival.criterion(n) < most and other.name in rival.names():
             rival = dataclasses.replace(rival, fit=solved(rival.fit))
             found.append(rival)
     return found
