@@ -86,6 +86,8 @@ def _without_ripple(theta: FloatArray, fit: Fit, lines: Iterable[tuple[Linear, F
         turned = np.column_stack([-coefficients[1::2], coefficients[::2]]).ravel()  # a quarter of a wave later
         largest = float(np.max(np.abs(w)))
         turns = np.flatnonzero(np.abs(w) > TURNS * largest)
+        if not len(turns):
+            continue  # a fit that went astray
         shown_at = w[turns] if line.form == OF_SIGNAL else largest  # an error of an angle is the same at any speed
         added = (line.columns[turns, j] @ turned) / (int(words[2]) * shown_at)
         last = np.searchsorted(turns, np.arange(len(w)), side="right") - 1
