@@ -52,7 +52,10 @@ def with_noise(
     again : bool
         Keep the components of the noise, and estimate their parameters again.
     """
-    fit = with_shared_errors(with_level(renewed(explanation)))
+    fit = renewed(explanation)
+    if any(new is not old for new, old in zip(fit.linear, explanation.fit.linear, strict=True)):
+        fit = solved_roughly(fit)  # by its old coefficients a column that has moved is no part of what is explained
+    fit = with_shared_errors(with_level(fit))
     machine, seat = machine_of(fit)
     noise = dataclasses.replace(fit.whitener.noise, machine=machine, seat=seat)
     if not again:

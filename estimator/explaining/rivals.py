@@ -37,7 +37,7 @@ ABSURD = 2 * float(np.log(100.0))  # of the criterion: what no bench does has a 
 MOST_ROWS = 140_000  # between the samples, of all recordings: with more a fit takes minutes where the FMU has modes
 MOST_LEFT = 10.0  # of z'z: what the last of them changes at most, ten times as much as the next would
 FURTHER = 100.0  # of the criterion: what another FMU has is given another timing where it is no further behind
-EXCHANGES, EXCHANGED = 2, 0.1  # of an explanation for a more likely rival, at most; by which its criterion is lower
+EXCHANGES, EXCHANGED = 8, 0.1  # of an explanation for a more likely rival, at most; by which its criterion is lower
 
 
 def settled(selection: Selection, explanation: Explanation) -> tuple[Explanation, list[Explanation]]:

@@ -29,6 +29,7 @@ from estimator.explaining.addition import (
     is_held,
     is_physical,
     is_switch,
+    is_timing,
     wald,
     without_columns,
 )
@@ -40,6 +41,7 @@ from estimator.explaining.explanation import (
     is_full,
     mirrored,
     moved_to,
+    renewed,
     reshaped,
     with_added,
     with_fine_filters,
@@ -302,9 +304,9 @@ class Selection:
             best, fall = None, 0.0
             for a in best_few:
                 least_cost = explanation.fit.cost - max(a.penalty(n), least)
-                fit = self.refitted(explanation, a, limit=least_cost - fall)
-                if least_cost - fit.cost > fall and is_physical(fit, a):
-                    best, fall = with_added(explanation, fit, a), least_cost - fit.cost
+                found = self.with_refitted(explanation, a, limit=least_cost - fall)
+                if least_cost - found.fit.cost > fall and is_physical(found.fit, a):
+                    best, fall = found, least_cost - found.fit.cost
             if best is not None:
                 return self._in_company(best, ranked, explanation) or best
             rejected |= {a.name for a in best_few}
@@ -334,6 +336,13 @@ class Selection:
         n = self.tests.samples
         sound = all(is_physical(more.fit, a) for a in (addition, *company))
         return more if sound and more.criterion(n) < found.criterion(n) else None
+
+    def with_refitted(self, explanation: Explanation, addition: Addition, *, limit: float = np.inf) -> Explanation:
+        """Return the explanation with an addition, fitted; columns that move with it are where it moves them."""
+        if not any(a.effect.is_line for a in explanation.additions) or not is_timing(addition):
+            return with_added(explanation, self.refitted(explanation, addition, limit=limit), addition)
+        found = with_added(explanation, self.refitted(explanation, addition), addition)
+        return dataclasses.replace(found, fit=solved_roughly(renewed(found), limit=limit))
 
     def refitted(self, explanation: Explanation, addition: Addition, *, limit: float = np.inf) -> Fit:
         """Return the fit with an addition, from the start of the largest predicted fall; limit as for `solved`."""
