@@ -72,6 +72,17 @@ def test_a_motor_that_runs_already_is_estimated(case_of):
     right(found)
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_the_noise_of_a_measured_voltage_behind_its_step_is_no_dead_band(seed):
+    """Its largest sample lies anywhere behind the step, and a line through the rows before it rises by chance."""
+    rng, n, tau = np.random.default_rng(seed), 800, 0.06
+    t = STEP * np.arange(n) - 0.1
+    speed = 150 * np.maximum(0.0, 1 - np.exp(-t / tau)) + rng.standard_normal(n)
+    voltage = np.where(t >= 0, 24.0, 0.0) + 0.024 * rng.standard_normal(n)
+    recording = recording_from_arrays("bench", STEP * np.arange(n), {"voltage [V]": voltage, "speed [rad/s]": speed})
+    assert kinds(recording) == []
+
+
 def test_a_dead_band_is_named_with_the_model_that_has_one(case_of):
     voltage = np.linspace(0, 10, 1500)
     recording = made(voltage, dry(voltage))

@@ -85,7 +85,8 @@ def dead_band(title: str, time: FloatArray, signals: Mapping[str, FloatArray]) -
     rise = slice(first, top + 1)
     t, v, w = time[rise], v[rise], w[rise]
     slope, start = np.polyfit(t, v, 1)
-    if slope <= 0 or np.max(np.abs(v - start - slope * t)) > NONE * v[-1]:
+    from_zero = start + slope * t[0] < 2 * NONE * v[-1]  # not the noise of a step's level
+    if slope <= 0 or not from_zero or np.max(np.abs(v - start - slope * t)) > NONE * v[-1]:
         return None
     late = slice(len(t) // 2, None)
     rate, offset = np.polyfit(t[late], w[late], 1)
