@@ -79,8 +79,9 @@ def test_the_noise_of_a_measured_voltage_behind_its_step_is_no_dead_band(seed):
     t = STEP * np.arange(n) - 0.1
     speed = 150 * np.maximum(0.0, 1 - np.exp(-t / tau)) + rng.standard_normal(n)
     voltage = np.where(t >= 0, 24.0, 0.0) + 0.024 * rng.standard_normal(n)
-    recording = recording_from_arrays("bench", STEP * np.arange(n), {"voltage [V]": voltage, "speed [rad/s]": speed})
-    assert kinds(recording) == []
+    current = np.where(t >= 0, (24.0 - 0.155 * speed) / 2.0, 0.0) + 0.02 * rng.standard_normal(n)
+    signals = {"voltage [V]": voltage, "current [A]": current, "speed [rad/s]": speed}
+    assert kinds(recording_from_arrays("bench", STEP * np.arange(n), signals)) == []
 
 
 def test_a_dead_band_is_named_with_the_model_that_has_one(case_of):
