@@ -85,10 +85,10 @@ def test_whole_fits_know_an_optimum_and_are_the_same_by_any_number_of_workers():
     ends = []
     for count in (1, 2):
         with Workers(count) as crew:
-            crew.busy_before_more = 0.0
+            crew.pool.busy_before_more = 0.0
             single, whole, counted, _ = squares_of(crew)
             whole.fits(STARTS, DEVIATIONS)
-            while not crew.all_ready():
+            while not crew.pool.all_ready():
                 crew.run(np.tile(TRUE, (64, 1, 1)).reshape(64, 1, 5))
             known = single.polish(TRUE, DEVIATIONS)
             before = crew.simulations
@@ -96,7 +96,7 @@ def test_whole_fits_know_an_optimum_and_are_the_same_by_any_number_of_workers():
             assert all(values is known.values for values, _ in found)
             assert crew.simulations - before < 200
             ends.append([values.tolist() for values, _ in whole.fits(STARTS, DEVIATIONS)])
-            assert len(crew.pids) == count and all(counted.told)
+            assert len(crew.pool.pids) == count and all(counted.told)
     assert ends[0] == ends[1]
 
 

@@ -253,7 +253,7 @@ def _estimate(
         failures=tuple(with_values(f, session.problem.variables) for f in session.account.failures),
         comparisons=compared,
         history=history,
-        workers=session.crew.count,
+        workers=session.crew.pool.count,
         about={**({"motor": plan.case.motor} if plan.case.motor else {}), **plan.case.about},
     )
 
