@@ -11,6 +11,7 @@ from test_containment import IF_BAD, MARK
 from estimator.cases.case import Case, OutputSpec, ParameterSpec
 from estimator.fitting.least_squares import LeastSquares
 from estimator.fitting.problem import Problem
+from estimator.fitting.whole_fits import WholeFits
 from estimator.fmus.fmu import describe
 from estimator.fmus.workers import Workers
 from estimator.plans.planning import plan_case
@@ -40,7 +41,7 @@ def squares_of(crew, *, fmu="dc_motor", recordings=(RUN,), case=None, bundled=Tr
     description = dataclasses.replace(describe(fmu), is_bundled=bundled)
     plan = plan_case(case, description, recordings=list(recordings))
     problem = Problem(plan, crew, sigma={"i": 1.0, "w": 1.0})
-    counted = Counted(problem.fits)
+    counted = Counted(WholeFits(problem).fits)
     own = {"output": problem.output_of_residual, "spread": problem.spread}
     single = LeastSquares(problem.residuals, problem.box, **own)
     return single, LeastSquares(problem.residuals, problem.box, **own, whole=counted), counted, plan

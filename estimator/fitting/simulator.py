@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from estimator.fitting.problem import Problem, distinct
 from estimator.fitting.shaft_angle import shaft_angle, unfolded_orders
+from estimator.fitting.whole_fits import WholeFits
 from estimator.fmus.workers import Workers
 from estimator.noise.clock import Clock, interval_shown
 from estimator.plans.parameters import Box, Parameter, SensorPlace, scaled, unscaled
@@ -294,11 +295,11 @@ class Simulator:
         ----------
         weights : (rows, q) array
             On the misfit of each sample; 0 where one is missing.
-        limits : as `Problem.descend`
+        limits : as `WholeFits.descend`
 
         Returns
         -------
-        As `Problem.descend`, without the lead, and the derivatives as (rows, q, f).
+        As `WholeFits.descend`, without the lead, and the derivatives as (rows, q, f).
         """
         stepped = {k: j for j, k in enumerate(self._stepped)}
         if self._acting(values[None, :]).any() or not set(where.tolist()) <= stepped.keys():
@@ -307,7 +308,7 @@ class Simulator:
         wide = np.zeros((sum(o.before + len(o.recording.time) for o in self.observed), len(self.outputs)))
         wide[self._keep] = weights
         free = [stepped[k] for k in where.tolist()]
-        found = self.problem.descend(values[self._stepped], free, box, wide, **limits)
+        found = WholeFits(self.problem).descend(values[self._stepped], free, box, wide, **limits)
         if found is None:
             return None
         x, beside, shown, derivatives = found
