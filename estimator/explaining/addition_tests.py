@@ -202,7 +202,7 @@ class AdditionTests:
                     starts: tuple[Mapping[str, float], ...] = ({nuisance.name: nuisance.tries[t], **together},)
                 else:
                     reach = _times(nuisance, t) * (nuisance.tries[t] - nuisance.neutral)
-                    now = float(moved.values[simulator.index[nuisance.name]])
+                    now = moved.value(nuisance.name)
                     starts = tuple(
                         {nuisance.name: now + f * reach, **together}
                         for f in dict.fromkeys((float(np.clip(size, 0.1, 8)), 1.0))

@@ -222,9 +222,9 @@ def _effects(explanation: Explanation) -> list[str]:
 
 def _numbers(explanation: Explanation) -> dict[str, float]:
     """Return what was added, and of what is chosen, not fitted by derivatives, its number."""
-    s, values = explanation.fit.simulator, explanation.fit.values
-    whole = {n.name for n in s.nuisances if n.whole}
-    return {a.name: float(values[s.index[a.name]]) if a.name in whole else 0.0 for a in explanation.additions}
+    fit = explanation.fit
+    whole = {n.name for n in fit.simulator.nuisances if n.whole}
+    return {a.name: fit.value(a.name) if a.name in whole else 0.0 for a in explanation.additions}
 
 
 def _covering(

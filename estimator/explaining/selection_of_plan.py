@@ -73,7 +73,7 @@ def freed_by_the_case(plan: Plan) -> list[Nuisance]:
     found = []
     for place in plan.wanted:
         kind, e, y = place.kind, place.recording, place.output
-        h = min(o.recording.step for o in plan.observed)
+        h = plan.shortest_step
         if kind == "delay" and not y:
             assert e is not None
             name, start = per_recording(plan, "delay")[e], plan.observed[e].delay
@@ -83,7 +83,7 @@ def freed_by_the_case(plan: Plan) -> list[Nuisance]:
         elif kind == "gain":
             found.append(Nuisance(f"gain {y}", "", 0.1, 10.0, 1.0, 0.1, log=True, place=place))
         else:
-            spread = max(float(np.nanmax(np.abs(o.outputs[y]))) for o in plan.observed)
+            spread = plan.largest(y)
             name = f"offset {y}" if e is None else per_recording(plan, f"offset {y}")[e]
             unit = plan.unit(y)
             found.append(Nuisance(name, unit, -11 * spread, 11 * spread, 0.0, 0.01 * spread, place=place))

@@ -162,6 +162,20 @@ class Fit:
         """Which of the names are on a logarithmic scale."""
         return np.concatenate([self.simulator.log[self.where], np.zeros(len(self.coefficients), dtype=bool)])
 
+    def value(self, name: str) -> float:
+        """Return the value of a name of the simulator, free or not."""
+        return float(self.values[self.simulator.index[name]])
+
+    @property
+    def linear_names(self) -> tuple[str, ...]:
+        """Names of the linear coefficients, (m,)."""
+        return self.names[len(self.free) :]
+
+    def estimates_of(self, addition: str) -> list[float]:
+        """Return what is estimated of one addition, by its name: of a group of columns each coefficient."""
+        named = zip(self.names, self.estimates.tolist(), strict=True)
+        return [x for name, x in named if name.partition("#")[0] == addition]
+
     @property
     def linear_parts(self) -> list[tuple[Linear, FloatArray]]:
         """Each group of columns with its own coefficients, (k,)."""

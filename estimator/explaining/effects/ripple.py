@@ -13,7 +13,7 @@ from estimator.conventions import LEAST_FALL, STANDS_OUT
 from estimator.explaining.commutated_winding import most_change, of_resistance
 from estimator.explaining.effects.base import USUAL, Effect
 from estimator.fitting.fit import Fit, Linear
-from estimator.fitting.motor_response import motor_values
+from estimator.fitting.motor_response import acting, motor_values
 from estimator.fitting.shaft_angle import HIGHEST_ORDER
 from estimator.fitting.windows import find_windows
 from estimator.plans.part import LONG
@@ -72,6 +72,11 @@ def standing_out(fit: Fit) -> FloatArray:
     return np.where(fit.whitener.present, left, 0.0) / np.sqrt(fit.whitener.inflate)
 
 
+def level_of(fit: Fit, j: int) -> FloatArray:
+    """Return what an output shows over its largest, (rows,)."""
+    return np.asarray(fit.shown[:, j] / max(float(np.max(np.abs(fit.shown[:, j]))), 1e-300))
+
+
 @dataclass(frozen=True)
 class Ripple(Effect):
     """Cosine and sine of one order of the angle, as large as the signal or of one amplitude, each recording's own."""
@@ -94,7 +99,7 @@ class Ripple(Effect):
             taken = {int(words[2]) for words in own if len(words) == 3}
             if y == "angle" or len(taken) >= MOST_LINES:
                 continue
-            level = fit.shown[:, j] / max(float(np.max(np.abs(fit.shown[:, j]))), 1e-300)
+            level = level_of(fit, j)
             power = self.power(theta, z[:, j] * level, fit, j)
             power[[k - 1 for k in taken]] = 0.0
             best = float(np.max(power))
@@ -140,7 +145,7 @@ class Ripple(Effect):
         """
         _, y, order = line.name.split(" ")  # as `linear` names it
         j, k, is_long = fit.simulator.outputs.index(y), int(order), len(theta) > LONG
-        level = fit.shown[:, j] / max(float(np.max(np.abs(fit.shown[:, j]))), 1e-300)
+        level = level_of(fit, j)
         turns = (np.abs(level) > STANDSTILL).astype(np.float64)
         if OF_RESISTANCE not in self._forms(fit, y):
             one_size = self.columns(fit, theta, turns, k, j)
@@ -185,10 +190,8 @@ class Ripple(Effect):
         for e, clock in enumerate(s.clocks):
             for part, wave in enumerate((np.cos, np.sin)):
                 shown = wave(order * theta[clock.rows]) * level[clock.rows]
-                for nuisance in s.nuisances:  # the sensor shows the ripple as it shows the signal
-                    value = float(fit.values[s.index[nuisance.name]])
-                    if nuisance.output == s.outputs[j] and nuisance.act is not None and value != nuisance.neutral:
-                        shown = nuisance.act(shown, value, clock.step)
+                for act, value in acting(fit, s.outputs[j]):  # the sensor shows the ripple as it shows the signal
+                    shown = act(shown, value, clock.step)
                 columns[clock.rows, j, 2 * e + part] = shown
         return columns
 
