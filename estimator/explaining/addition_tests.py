@@ -147,7 +147,7 @@ class AdditionTests:
             )  # fmt: skip
             if fit.simulator.rows > LONG and beside is None and gain <= addition.penalty(self.samples):
                 none = np.zeros((0, *group.columns.shape[1:]))  # it is not fitted
-                few = dataclasses.replace(group, columns=none, unsteady=None, beyond=None, uncertain=None)
+                few = dataclasses.replace(group, columns=none, transient=None, beyond=None, uncertain=None)
                 addition = dataclasses.replace(addition, linear=few)
             yield addition
 

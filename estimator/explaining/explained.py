@@ -14,15 +14,15 @@ from estimator.explaining.addition import Addition
 from estimator.explaining.adequacy import Adequacy, adequacy
 from estimator.explaining.averaging import averaged
 from estimator.explaining.between_runs import BetweenRuns, is_between_runs, of_fit
-from estimator.explaining.during import changes_during
 from estimator.explaining.effects.base import Effect
 from estimator.explaining.effects.voltage_noise import VoltageNoise, without_noise
 from estimator.explaining.explanation import Explanation
 from estimator.explaining.explanation_noise import by_noise_of
 from estimator.explaining.findings import COARSE, Found, found_effects, not_visible, rival_in_words, varying_parameters
-from estimator.explaining.likelier_reading import likelier_reading, read_by
+from estimator.explaining.interpretations import Interpretation
+from estimator.explaining.likelier_interpretation import as_interpreted_by, likelier_interpretation
+from estimator.explaining.parameter_drift import drift_variances
 from estimator.explaining.profile_widths import further_reach
-from estimator.explaining.readings import Reading
 from estimator.explaining.rivals import settled, simulated_finely
 from estimator.explaining.selection_of_plan import selection_of
 from estimator.explaining.wandering_torque import OpenTorque, hidden_torque, with_wandering_torque
@@ -154,7 +154,7 @@ def explain(
     if any(e.name == "latency of each edge" for e in effects):
         plan, late = with_latencies(plan)
     begin = partial(selection_of, crew=crew, sigma=sigma, deviations=deviations, effects=effects)
-    ways, selections, explanation = likelier_reading(plan, begin, starts, known)
+    ways, selections, explanation = likelier_interpretation(plan, begin, starts, known)
     plan, selection = ways[0].plan, selections[0]
     changed = [Found("latency of each edge", "", t, "") for t in late]
     if (quiet := without_noise(explanation.fit, plan)) is not None:
@@ -183,7 +183,7 @@ def explain(
         open_additions = selection.tests.additions(explanation, selection.effects)
     turned = None
     if len(selections) > 1:  # the other way to read the recordings, with all that was found
-        turned = read_by(explanation, selections[1])
+        turned = as_interpreted_by(explanation, selections[1])
         rivals.append(turned)
     if len(ways) > 1:
         changed.append(Found(ways[0].effect, "", ways[0].told, ""))
@@ -199,7 +199,7 @@ def _explained(
     left_open: tuple[Sequence[Addition], Sequence[OpenTorque]],
     samples: int,
     changed: Sequence[Found],
-    other_way: tuple[Explanation | None, Sequence[Reading]],
+    other_way: tuple[Explanation | None, Sequence[Interpretation]],
 ) -> Explained:
     fit = explanation.fit
     p = len(plan.names)
@@ -211,7 +211,7 @@ def _explained(
     seen[:p, :p] = mean.covariance
     between = of_fit(fit, p)
     seen += (checked.widened(fit) + between.covariance)[np.ix_(kept, kept)]
-    seen[range(p), range(p)] += changes_during(explanation)
+    seen[range(p), range(p)] += drift_variances(explanation)
     switches = any(a.effect.fmu for a in explanation.additions)
     seen += further_reach(fit, p, switches=switches)[np.ix_(kept, kept)]
     covariance = seen + unseen

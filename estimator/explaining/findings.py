@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from estimator.conventions import NOTHING_TOLD
 from estimator.explaining.addition import Addition
-from estimator.explaining.averaging import Hidden, Told
+from estimator.explaining.averaging import HiddenEffect, WeighedRival
 from estimator.explaining.between_runs import BetweenRuns, sentence
 from estimator.explaining.explanation import Explanation
-from estimator.explaining.readings import Reading
+from estimator.explaining.interpretations import Interpretation
 from estimator.fitting.fit import Fit
 from estimator.plans.plan import Plan
 from estimator.results.result import NotVisible, Rival, RivalParameter
@@ -69,7 +69,7 @@ def varying_parameters(between: BetweenRuns, plan: Plan) -> list[Found]:
 
 
 def rival_in_words(
-    told: Told, explanation: Explanation, other_way: tuple[Explanation | None, Sequence[Reading]]
+    told: WeighedRival, explanation: Explanation, other_way: tuple[Explanation | None, Sequence[Interpretation]]
 ) -> Rival:
     """Return a rival explanation with its parameters, and which recording would decide.
 
@@ -119,7 +119,7 @@ def _rival_parameters(fit: Fit) -> dict[str, RivalParameter]:
 
 
 def not_visible(
-    hidden: Sequence[Hidden], names: Sequence[str], values: FloatArray, errors: FloatArray, log: NDArray[np.bool_]
+    hidden: Sequence[HiddenEffect], names: Sequence[str], values: FloatArray, errors: FloatArray, log: NDArray[np.bool_]
 ) -> tuple[NotVisible, ...]:
     """Return what hides in the recordings and would put a parameter far beyond its bar, the farthest first."""
     found: dict[str, NotVisible] = {}

@@ -53,9 +53,9 @@ class Linear:
         What a coefficient of 0 is reported as: for a gain, 1.
     form : int
         Which of the forms that its effect knows the columns have.
-    unsteady : (rows, q, k) array, optional
-        What it may be in a transient beside what settled rows show of it (unsteady.py).
-    most_unsteady : float
+    transient : (rows, q, k) array, optional
+        What it may be in a transient beside what settled rows show of it (`transient_ripple.py`).
+    most_transient : float
         Bound of the coefficients of that.
     beyond : (rows, q, k) array, optional
         What it may be besides where settled rows show more than that bound allows.
@@ -72,8 +72,8 @@ class Linear:
     told_from: float = 0.0
     one_of: int = 1
     form: int = 0
-    unsteady: FloatArray | None = None
-    most_unsteady: float = np.inf
+    transient: FloatArray | None = None
+    most_transient: float = np.inf
     beyond: FloatArray | None = None
     uncertain: FloatArray | None = None
 

@@ -150,7 +150,7 @@ class Ripple(Effect):
         if OF_RESISTANCE not in self._forms(fit, y):
             one_size = self.columns(fit, theta, turns, k, j)
             columns = one_size if form == OF_ONE_SIZE else self.columns(fit, theta, level, k, j)
-            return dataclasses.replace(line, columns=columns, form=form, unsteady=None if is_long else one_size)
+            return dataclasses.replace(line, columns=columns, form=form, transient=None if is_long else one_size)
         of_winding = constant = None
         if form == OF_RESISTANCE or not is_long:
             of_winding = of_resistance(fit, theta, k, fit.explained[:, j] + own)
@@ -162,8 +162,8 @@ class Ripple(Effect):
             columns = constant
         else:
             columns = self.columns(fit, theta, level, k, j)
-        line = dataclasses.replace(line, columns=columns, form=form, most_unsteady=most_change(k) / 2**0.5)
-        return line if is_long else dataclasses.replace(line, unsteady=of_winding, beyond=constant)
+        line = dataclasses.replace(line, columns=columns, form=form, most_transient=most_change(k) / 2**0.5)
+        return line if is_long else dataclasses.replace(line, transient=of_winding, beyond=constant)
 
     def power(self, theta: FloatArray, z: FloatArray, fit: Fit, j: int) -> FloatArray:
         """Return how much of a whitened output each order explains, (orders,)."""
