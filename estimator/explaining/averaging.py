@@ -96,7 +96,7 @@ def averaged(
     open_additions: Sequence[Addition],
     rivals: Sequence[Explanation],
     samples: int,
-    torques: Sequence[OpenTorque] = (),
+    torques: Sequence[OpenTorque],
 ) -> Averaged:
     """Return the parameters averaged over the explanations that are possible.
 

@@ -173,7 +173,7 @@ class Selection:
         first.fit.forget()  # of a million rows a quarter of what is held
         return best if self.best_addition(best, self.effects, set()) is None else None
 
-    def _with_effects(self, best: Explanation, *, sharp: bool = True) -> Explanation:
+    def _with_effects(self, best: Explanation, *, sharp: bool) -> Explanation:
         """Return the explanation with its noise and its effects; `sharp`: look for these before coloured noise."""
         best = self.grown(best, self.effects, renew=False, share=MOST_OF_IT)
         lines = [e for e in self.effects if e.is_line]
