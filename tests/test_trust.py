@@ -122,6 +122,19 @@ def test_a_ripple_that_is_seen_in_a_transient_only_is_no_motors(hand, seed):
     assert np.max(np.abs(deviations(found))) < 4
 
 
+@pytest.mark.parametrize(
+    ("motor", "seed"),
+    [
+        ("RMCS2004", 20),
+        *(pytest.param(*known, marks=pytest.mark.full) for known in (("CML-050", 20), ("RMCS2004", 12))),
+    ],
+)
+def test_a_ripple_is_at_the_angle_where_the_shaft_is_when_the_current_is_sampled(hand, motor, seed):
+    """Half a row before, as differenced counts tell it, a ripple of order 22 moved K and J by 3 to 6 errors."""
+    found = entries(hand, "real", f"{motor}, real bench", [seed])
+    assert np.max(np.abs(deviations(found))) < 3
+
+
 @pytest.mark.full  # half a minute each
 @pytest.mark.parametrize("seed", [194, 238])
 def test_a_ripple_is_found_where_a_mean_takes_the_noise_at_another_order(hand, seed):

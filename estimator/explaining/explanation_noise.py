@@ -68,9 +68,10 @@ def with_noise(
     windows = find_windows(explanation.fit)
     columns = fit.raw if len(wide) == len(fit.names) else fit.raw[:, :, wide]
     s = fit.simulator
+    steps = s.coarse | np.array([y == "angle" for y in s.outputs])  # an angle's counts, far apart as its samples are
     found = fit_noise(
         whitener, misfit, columns, windows.settled, windows.sharp, colour=colour, again=again, counts=differenced,
-        resolution=np.where(s.coarse & (differenced == 0), s.steps, 0.0),
+        resolution=np.where(steps & (differenced == 0), s.steps, 0.0),
     )  # fmt: skip
     fit = held_down(refreshed(fit, whitener.of(found)), windows.onsets)
     return dataclasses.replace(explanation, fit=solved(fit))

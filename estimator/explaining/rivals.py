@@ -225,7 +225,7 @@ def _exchanged(
         if a.gain - a.penalty(n) > (0.0 if a.effect.fmu else needed) or (a.effect.fmu and behind[a.name] < near)
     ]
     ranked = sorted((a for a in likely if not (sharp_too and is_timing(a))), key=lambda a: behind[a.name])
-    likely = list({a.effect.name: a for a in reversed(ranked)}.values())[::-1][:RIVALS_REFITTED]
+    likely = list({(a.effect.name, _shown_in(a)): a for a in reversed(ranked)}.values())[::-1][:RIVALS_REFITTED]
     if sharp_too:
         likely += [a for a in tested if is_timing(a)]
     most = explanation.criterion(n) + 2 * RIVALS_WITHIN
@@ -243,6 +243,11 @@ def _exchanged(
             rival = dataclasses.replace(rival, fit=solved(rival.fit))
             found.append(rival)
     return found
+
+
+def _shown_in(addition: Addition) -> tuple[int, ...]:
+    """Return the outputs that an addition's columns show in; none of what is simulated."""
+    return () if addition.linear is None else tuple(np.flatnonzero(addition.linear.columns.any(axis=(0, 2))).tolist())
 
 
 def _retimed(selection: Selection, rival: Explanation, gone: Addition) -> Explanation:

@@ -13,6 +13,7 @@ from estimator.conventions import LEAST_FALL, STANDS_OUT
 from estimator.explaining.commutated_winding import most_change, of_resistance
 from estimator.explaining.effects.base import USUAL, Effect
 from estimator.fitting.fit import Fit, Linear
+from estimator.fitting.lateness import lateness
 from estimator.fitting.motor_response import acting, motor_values
 from estimator.fitting.shaft_angle import HIGHEST_ORDER
 from estimator.fitting.windows import find_windows
@@ -36,14 +37,18 @@ MOST_LINES = 4  # an output, at most
 OF_SIGNAL, OF_ONE_SIZE, OF_RESISTANCE = range(3)  # forms of a line
 
 
-def angle_of(fit: Fit) -> FloatArray | None:
-    """Return the shaft's angle, rad, (rows,), integrated from the measured speed; None where there is none.
+def angle_of(fit: Fit, output: str) -> FloatArray | None:
+    """Return the shaft's angle, rad, (rows,), at the instants that an output shows; None where no recording tells it.
+
+    It is integrated from the measured speed. Where the speed's sensor is later than the output's, as a mean over the
+    interval or a filter is, the shaft is further on: at an order of 20 by a wave while it runs, and not yet at an edge.
 
     What ripples add to the speed is taken away: an encoder that shows the speed w as w (1 + a cos k theta) shows the
     angle as theta + a / k sin k theta. By that angle the mean of the ripple over time is not 0, but -a / 2 of its
     amplitude: K would be a² / 2 off.
     """
-    return fit.once(_angle)
+    theta = fit.once(_angle)
+    return None if theta is None else theta + _ahead(fit, output)
 
 
 def _angle(fit: Fit) -> FloatArray | None:
@@ -51,8 +56,27 @@ def _angle(fit: Fit) -> FloatArray | None:
     return None if theta is None else _without_ripple(theta, fit, fit.linear_parts)
 
 
+def _ahead(fit: Fit, output: str) -> FloatArray | float:
+    """Return by how much the shaft is further than the angle's sensor says, rad, (rows,), when an output is sampled.
+
+    Of that output, what acts on simulated samples acts on its ripple, too.
+    """
+    s = fit.simulator
+    source = "angle" if "angle" in s.outputs else "w"
+    late = sum(lateness(fit, source)) - lateness(fit, output)[0]
+    if late == 0:
+        return 0.0
+    if source == "w":
+        return np.asarray(late * fit.shown[:, s.outputs.index("w")])
+    shown = fit.shown[:, s.outputs.index("angle")]
+    return late * np.concatenate([np.gradient(shown[clock.rows], clock.time) for clock in s.clocks])
+
+
 def _without_ripple(theta: FloatArray, fit: Fit, lines: Iterable[tuple[Linear, FloatArray]]) -> FloatArray:
-    """Return an angle, rad, (rows,), without what lines in the speed add to it, each with its coefficients."""
+    """Return an angle, rad, (rows,), without what lines in the speed add to it, each with its coefficients.
+
+    Where the shaft hardly turns, this is what it was before, or, before it turns at all, what it begins with.
+    """
     for line, coefficients in lines:
         words = line.name.split(" ")  # as `linear` names it
         if words[:2] != ["ripple", "w"] or len(words) != 3:
@@ -60,8 +84,14 @@ def _without_ripple(theta: FloatArray, fit: Fit, lines: Iterable[tuple[Linear, F
         j = fit.simulator.outputs.index("w")
         w = fit.shown[:, j]
         turned = np.column_stack([-coefficients[1::2], coefficients[::2]]).ravel()  # a quarter of a wave later
-        turns = np.abs(w) > TURNS * float(np.max(np.abs(w)))
-        theta = theta - np.where(turns, line.columns[:, j] @ turned / (int(words[2]) * np.where(turns, w, 1.0)), 0.0)
+        largest = float(np.max(np.abs(w)))
+        turns = np.flatnonzero(np.abs(w) > TURNS * largest)
+        if not len(turns):
+            continue  # a fit that went astray
+        shown_at = w[turns] if line.form == OF_SIGNAL else largest  # an error of an angle is the same at any speed
+        added = (line.columns[turns, j] @ turned) / (int(words[2]) * shown_at)
+        last = np.searchsorted(turns, np.arange(len(w)), side="right") - 1
+        theta = theta - added[np.maximum(last, 0)]
     return theta
 
 
@@ -88,15 +118,15 @@ class Ripple(Effect):
 
     def linear(self, fit: Fit) -> Sequence[Linear]:
         """Return, of each output, the order that explains most of the residuals, where its power stands out."""
-        theta = angle_of(fit)
-        if theta is None or np.ptp(theta) < 2 * np.pi * LEAST_TURNS:
-            return ()
         found = []
         settled = find_windows(fit).settled & fit.whitener.moving
         z = np.where(settled[:, None], standing_out(fit), 0.0)  # a misfit in a transient is no ripple
         for j, y in enumerate(fit.simulator.outputs):
             own = (g.name.split(" ") for g in fit.linear if g.name.startswith(f"ripple {y} "))
             taken = {int(words[2]) for words in own if len(words) == 3}
+            theta = angle_of(fit, y)
+            if theta is None or np.ptp(theta) < 2 * np.pi * LEAST_TURNS:
+                return ()
             if y == "angle" or len(taken) >= MOST_LINES:
                 continue
             level = level_of(fit, j)
@@ -118,15 +148,17 @@ class Ripple(Effect):
 
     def renewed(self, fit: Fit, group: Linear, coefficients: FloatArray) -> Linear | None:
         """Return the line as it is, of a signal and its sensor as they are simulated now."""
-        theta = angle_of(fit)
+        y = group.name.split(" ")[1]
+        theta = angle_of(fit, y)
         assert theta is not None  # the line was found by it
         theta = _without_ripple(theta, fit, [(group, coefficients)])
-        own = (group.columns @ coefficients)[:, fit.simulator.outputs.index(group.name.split(" ")[1])]
+        own = (group.columns @ coefficients)[:, fit.simulator.outputs.index(y)]
         return self._in_form(fit, theta, group, group.form, own)
 
     def reshaped(self, fit: Fit, group: Linear) -> Linear | None:
         """Return the line in the form that explains most beside its own, where that may explain more."""
-        theta, forms, test = angle_of(fit), self._forms(fit, group.name.split(" ")[1]), fit.test()
+        y, test = group.name.split(" ")[1], fit.test()
+        theta, forms = angle_of(fit, y), self._forms(fit, y)
         assert theta is not None  # the line was found by it
         others = [self._in_form(fit, theta, group, form) for form in forms if form != group.form]
         gains = [test.gain(test.across(other.columns)) for other in others]

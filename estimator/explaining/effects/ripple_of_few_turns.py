@@ -39,8 +39,11 @@ class Eccentricity(Ripple):
 
     def linear(self, fit: Fit) -> Sequence[Linear]:
         """Return the low orders that have too few periods for a line, by all rows, also in transients."""
-        theta, outputs = angle_of(fit), fit.simulator.outputs
-        if theta is None or "w" not in outputs or not np.any(fit.shown[:, (j := outputs.index("w"))]):
+        outputs = fit.simulator.outputs
+        if "w" not in outputs or not np.any(fit.shown[:, (j := outputs.index("w"))]):
+            return ()
+        theta = angle_of(fit, "w")
+        if theta is None:
             return ()
         turns, largest = _turns(theta, fit), float(np.max(np.abs(fit.shown[:, j])))
         if turns < FEWEST_TURNS:
@@ -66,8 +69,9 @@ class Commutation(Ripple):
 
     def linear(self, fit: Fit) -> Sequence[Linear]:
         """Return the order that explains most of the current's residuals, also in transients."""
-        theta, outputs = angle_of(fit), fit.simulator.outputs
-        if theta is None or "i" not in outputs or _turns(theta, fit) < FEWEST_TURNS:
+        outputs = fit.simulator.outputs
+        theta = angle_of(fit, "i") if "i" in outputs else None
+        if theta is None or _turns(theta, fit) < FEWEST_TURNS:
             return ()
         j = outputs.index("i")
         taken = {int(w[2]) for g in fit.linear if (w := g.name.split(" "))[:2] == ["ripple", "i"] and len(w) == 3}
@@ -84,7 +88,7 @@ class Commutation(Ripple):
 
     def renewed(self, fit: Fit, group: Linear, coefficients: FloatArray) -> Linear | None:
         """Return the order's columns, the lateness of the angle found from the last fit."""
-        theta, j = angle_of(fit), fit.simulator.outputs.index("i")
+        theta, j = angle_of(fit, "i"), fit.simulator.outputs.index("i")
         if theta is None:
             return None
         order = int(group.name.split(" ")[2])

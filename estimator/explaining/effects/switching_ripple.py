@@ -91,7 +91,7 @@ def _is_wave(column: FloatArray, rows: NDArray[np.int64]) -> bool:
 
 def _is_the_shafts(f: float, fit: Fit, stretches: Sequence[tuple[NDArray[np.int64], FloatArray]]) -> bool:
     """Whether a line, Hz, lies near a low order of the shaft, or near one that is known: its speed wanders a little."""
-    theta = angle_of(fit)
+    theta = angle_of(fit, "i")
     if theta is None:
         return False
     known = (g.name.split(" ") for g in fit.linear if g.name.startswith("ripple i "))
