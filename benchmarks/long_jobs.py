@@ -87,7 +87,7 @@ def joint(folder: Path) -> None:
     paths = [recorded(folder / f"run_{k}.csv", 2801, seed=k, voltage=6.0 + k) for k in range(8)]
     recordings = [read_recording(path) for path in paths]
     with Workers(1) as crew:
-        worker = psutil.Process(crew.pids[0])
+        worker = psutil.Process(crew.pool.pids[0])
 
         def used() -> float:
             own = worker.cpu_times()

@@ -277,10 +277,10 @@ def two_workers(blocks: int) -> None:
         for processes in (1, 2):
             started = time.perf_counter()
             workers = stack.enter_context(Workers(processes))
-            workers.busy_before_more = 0.0
+            workers.pool.busy_before_more = 0.0
             workers.load(job())
             workers.run(many[:1])
-            while len(workers.pids) < processes or not workers.all_ready():
+            while len(workers.pool.pids) < processes or not workers.pool.all_ready():
                 workers.run(many[:64])
             ready.append(time.perf_counter() - started)
             crews.append(workers)
@@ -328,10 +328,10 @@ def memory(total: int) -> None:
             first = min(10_000, max(1000, count // 10))
             for _ in range(first // 1000):
                 workers.run(many)
-            before = psutil.Process(workers.pids[0]).memory_info().rss + psutil.Process().memory_info().rss
+            before = psutil.Process(workers.pool.pids[0]).memory_info().rss + psutil.Process().memory_info().rss
             for _ in range(count // 1000):
                 workers.run(many)
-            after = psutil.Process(workers.pids[0]).memory_info().rss + psutil.Process().memory_info().rss
+            after = psutil.Process(workers.pool.pids[0]).memory_info().rss + psutil.Process().memory_info().rss
         print(
             f"{count} candidates by {label}: memory grew by {(after - before) / 2**20:.2f} MB after the first {first}"
         )

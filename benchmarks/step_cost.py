@@ -127,9 +127,9 @@ def main() -> None:
             many = candidates(values, args.candidates, work.late)
             taken = []
             for _ in range(1 + args.rounds):
-                begun = processor_time(workers.pids[0])
+                begun = processor_time(workers.pool.pids[0])
                 steps = int(workers.run(many).steps.sum())
-                taken.append((processor_time(workers.pids[0]) - begun) / steps)
+                taken.append((processor_time(workers.pool.pids[0]) - begun) / steps)
             print(f"| {work.name} | {1e9 * statistics.median(taken[1:]):.1f} |", flush=True)
 
 

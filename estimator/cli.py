@@ -135,7 +135,7 @@ def _failed(args: argparse.Namespace, sentence: str, *, status: int) -> int:
         return INTERRUPTED
     complain(sentence)
     if status == FAILED and getattr(args, "json", False) and args.command == "estimate":
-        from estimator.results.report import refusal_json
+        from estimator.results.result_json import refusal_json
 
         with contextlib.suppress(StdoutClosed, StdoutFull):
             say(refusal_json(sentence, method=args.method, seed=args.seed))

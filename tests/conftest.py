@@ -179,7 +179,7 @@ _crews: dict[int, Workers] = {}  # that wait for the next estimation, by their n
 def _lent(count: int, *, time_limit: float = TIME_LIMIT) -> Iterator[Workers]:
     """Lend workers that have served before; after an error, or another FMU than a bundled one, they end."""
     crew = _crews.pop(count, None) or Workers(count)
-    crew.time_limit, crew.on_tick = time_limit, None
+    crew.pool.time_limit, crew.pool.on_tick = time_limit, None
     try:
         yield crew
     except BaseException:

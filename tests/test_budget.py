@@ -14,9 +14,9 @@ from estimator.cases.expectation import Expectation, Limits, checks
 from estimator.cases.tolerance import tolerances
 from estimator.errors import CaseError
 from estimator.estimating.estimate import estimate_recordings
-from estimator.results.budget_table import budget_line, budget_rows
+from estimator.results.budget_table import budget_line, budget_table
 from estimator.results.handover import estimate_from_json
-from estimator.results.report import to_json, to_mapping
+from estimator.results.result_json import to_json, to_mapping
 
 EXAMPLE = Path(__file__).parent.parent / "examples" / "cml050_step.csv"
 
@@ -133,8 +133,9 @@ def test_limits_hold_for_the_whole_uncertainty(made):
 
 
 def test_the_budget_is_a_table_a_line_and_comes_back_from_json(made):
-    header, rows = budget_rows(made[0])
-    assert header == ["uncertainty from", "given", "R", "K", "L", "J", "B"]
+    table = budget_table(made[0])
+    rows = table.rows
+    assert table.header == ["uncertainty from", "given", "R", "K", "L", "J", "B"]
     assert [row[0] for row in rows] == ["noise and runs", *GIVEN, "combined"]
     assert rows[1][1:3] == ["1 % (k=1), normal", "1 %"]
     assert budget_line(made[0]).startswith("With i gain, v gain, w gain, supply resistance, brush drop,")

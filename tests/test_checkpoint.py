@@ -17,7 +17,7 @@ from estimator.cases.case import SearchSpec, case_for_recording
 from estimator.errors import InputError
 from estimator.estimating.checkpoint import Journal
 from estimator.fmus.job import Batch, Failure
-from estimator.results.report import to_mapping
+from estimator.results.result_json import to_mapping
 
 
 def case_of(method, **search):

@@ -22,7 +22,9 @@ def fit_of(coasts):
         outputs=("i", "w"), observed=[SimpleNamespace(inputs={"v": VOLTAGE}, delay=0.0)], nuisances=(), rows=n,
         clocks=(Clock(STEP * np.arange(n), slice(0, n)),), inputs=lambda name: VOLTAGE,
     )  # fmt: skip
-    return SimpleNamespace(simulator=simulator, values=np.array([*MOTOR.values(), coasts]), delay=lambda e: 0.0)
+    values = np.array([*MOTOR.values(), coasts])
+    value = dict(zip(names, values.tolist(), strict=True)).__getitem__
+    return SimpleNamespace(simulator=simulator, values=values, value=value, delay=lambda e: 0.0)
 
 
 def solved(voltage, torque, coasts):

@@ -15,8 +15,8 @@ from estimator.errors import InputError
 from estimator.results.changes import changes
 from estimator.results.changes_shown import change_text, changes_mapping, changes_page, changes_svg, changes_text
 from estimator.results.handover import estimate_from_json
-from estimator.results.report import to_json
 from estimator.results.result import DerivedQuantity, Estimate
+from estimator.results.result_json import to_json
 
 BASE = estimate()
 ERRORS = {name: 1e-3 * value for name, value in MOTOR.items()}

@@ -57,9 +57,9 @@ def run(fmu, candidates, *, time_limit=60.0, count=1, memory_limit=1 << 30, **jo
     """Return the batch, the crew's failures, and the pids before and after."""
     with Workers(count, time_limit=time_limit, memory_limit=memory_limit) as crew:
         crew.load(job_of(fmu, **job))
-        before = crew.pids
+        before = crew.pool.pids
         batch = crew.run(np.array(candidates).reshape(len(candidates), 1, 5))
-        return batch, crew.failures, before, crew.pids
+        return batch, crew.failures, before, crew.pool.pids
 
 
 @pytest.fixture(scope="module")
@@ -90,6 +90,15 @@ def test_a_candidate_that_ends_the_process_is_replaced_and_counted(tmp_path, goo
     assert failures[0].reason == reason
     assert failures[0].values == tuple(BAD)
     assert before != after
+
+
+def test_a_reference_that_ends_its_process_is_an_error_and_the_next_candidate_is_simulated(tmp_path, good_cost):
+    fmu = faulty_fmu(tmp_path, SetReal=MARK, DoStep=f"{IF_BAD} {{ abort(); }}")
+    with Workers(1) as crew:
+        crew.load(job_of(fmu))
+        with pytest.raises(SimulationError, match="the FMU crashed"):
+            crew.reference(BAD)
+        assert crew.run(GOOD.reshape(1, 1, 5)).costs.tolist() == [good_cost]
 
 
 def test_an_endless_step_is_ended_by_the_time_limit(tmp_path, good_cost):
@@ -218,8 +227,8 @@ def test_a_leaking_fmu_is_recycled_above_the_memory_limit(tmp_path, good_cost):
         for _ in range(12):
             batch = crew.run(np.tile(GOOD, (64, 1, 1)))
             assert np.all(batch.costs == good_cost) and not batch.failed.any()
-            seen |= set(crew.pids)
-            peak = max(peak, psutil.Process(crew.pids[0]).memory_info().rss)
+            seen |= set(crew.pool.pids)
+            peak = max(peak, psutil.Process(crew.pool.pids[0]).memory_info().rss)
         assert len(seen) > 1
         assert peak < limit + (200 << 20)
 
@@ -265,10 +274,10 @@ def test_what_an_fmu_starts_ends_with_it(tmp_path, death):
     children = set()
     with Workers(1, time_limit=2.0) as crew:
         crew.load(job_of(fmu))
-        crew.on_tick = lambda: children.update(c.pid for pid in crew.pids for c in _children(pid))
+        crew.pool.on_tick = lambda: children.update(c.pid for pid in crew.pool.pids for c in _children(pid))
         for candidate in (GOOD, BAD, GOOD):
             crew.run(np.array(candidate).reshape(1, 1, 5))
-            children.update(c.pid for pid in crew.pids for c in _children(pid))
+            children.update(c.pid for pid in crew.pool.pids for c in _children(pid))
     assert children
     limit = time.monotonic() + 30  # s, on a busy machine too
     while any(_alive(pid) for pid in children) and time.monotonic() < limit:
@@ -313,9 +322,9 @@ sys.path[:0] = {path!r}
 from test_containment import GOOD, job_of
 from estimator.fmus.workers import Workers
 crew = Workers(2)
-crew.busy_before_more = 0.0
+crew.pool.busy_before_more = 0.0
 crew.load(job_of({fmu!r}))
-crew.on_tick = lambda: print(*crew.pids, crew._folder.path, flush=True)
+crew.pool.on_tick = lambda: print(*crew.pool.pids, crew._folder.path, flush=True)
 crew.run(np.tile(GOOD, (50, 1, 1)))
 """
 

@@ -15,7 +15,7 @@ from scipy.linalg import expm
 from estimator.cases.case import Case, OutputSpec, ParameterSpec
 from estimator.cases.case_signals import RunSpec
 from estimator.estimating.estimate import estimate_recordings
-from estimator.explaining import explained, likelier_reading, rivals
+from estimator.explaining import explained, likelier_interpretation, rivals
 from estimator.explaining.addition import Addition
 from estimator.explaining.effects import EFFECTS, voltage_noise
 from estimator.explaining.effects.machine_effects import usual_friction
@@ -543,11 +543,13 @@ def test_recordings_are_read_the_other_way_with_the_fmu_that_the_fit_has(monkeyp
     named = {stem: SimpleNamespace(plan=SimpleNamespace(description=SimpleNamespace(path=Path(stem + ".fmu"))))
              for stem in ("dc_motor", "dc_motor_drive")}  # fmt: skip
     other = SimpleNamespace(tests=SimpleNamespace(base=named["dc_motor"], rivals=named.__getitem__))
-    monkeypatch.setattr(likelier_reading, "solved", lambda fit: fit)
-    monkeypatch.setattr(likelier_reading.dataclasses, "replace", lambda x, **new: SimpleNamespace(**vars(x) | new))
+    monkeypatch.setattr(likelier_interpretation, "solved", lambda fit: fit)
+    monkeypatch.setattr(
+        likelier_interpretation.dataclasses, "replace", lambda x, **new: SimpleNamespace(**vars(x) | new)
+    )
     for simulator in named.values():
         explanation = SimpleNamespace(fit=SimpleNamespace(simulator=simulator), additions=())
-        assert likelier_reading.read_by(explanation, other).fit.simulator is simulator
+        assert likelier_interpretation.as_interpreted_by(explanation, other).fit.simulator is simulator
 
 
 def test_a_mean_behind_a_lag_is_tried_in_place_of_a_filter_of_second_order(tmp_path):

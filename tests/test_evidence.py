@@ -19,7 +19,7 @@ def explanation_of(y, columns, names, added):
     fit = SimpleNamespace(
         cost=float(left @ left), names=names, at_bound=np.zeros(len(names), dtype=int),
         estimates=covariance @ columns.T @ y, is_log=np.zeros(len(names), dtype=bool),
-        covariance_parts=lambda: (covariance, 0 * covariance), simulator=SimpleNamespace(nuisances=()),
+        covariance_parts=lambda: (covariance, 0 * covariance), simulator=SimpleNamespace(nuisances=(), neutral={}),
     )  # fmt: skip
     return Explanation(fit, tuple(added))
 

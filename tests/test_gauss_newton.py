@@ -148,7 +148,7 @@ def test_a_descent_in_the_worker_is_that_of_single_candidates(fmu, freed, run, t
             wanted = (*plan.names, *(n for n in freed if n not in plan.names))
             begun = new_fit(simulator, simulator.values(start), wanted, noise)
             sent = []
-            monkeypatch.setattr(crew._processes[0], "send", _counting(crew._processes[0].send, sent))
+            monkeypatch.setattr(crew.pool._processes[0], "send", _counting(crew.pool._processes[0].send, sent))
             fits.append(solved(begun, tolerance=tolerance))
             messages.append(len(sent))
             there = simulator.shown(fits[-1].values[None, :])[0]

@@ -23,8 +23,8 @@ from estimator.errors import FmuError, InputError
 from estimator.fmus.fmu import describe
 from estimator.motor import state_space
 from estimator.results import handover, handover_files, rebuild, system
-from estimator.results.report import to_json
 from estimator.results.result import Setting
+from estimator.results.result_json import to_json
 
 FOUND = {"R": 1 / 3, "K": 0.0734721234567891, "L": 0.007759, "J": 1.36e-4, "B": 6.78e-4}  # no value is a start value
 STEPS, STEP = 200, 1e-3

@@ -13,7 +13,7 @@ import estimator
 from estimator.errors import RecordingError
 from estimator.recordings.in_memory import recording_from_table
 from estimator.recordings.read_as import ReadAs
-from estimator.results.report import derived_rows
+from estimator.results.report_tables import derived_table
 from estimator.results.shown_result import Result
 
 pytestmark = pytest.mark.usefixtures("shared_workers")
@@ -169,7 +169,7 @@ def test_a_notebook_shows_the_figure_and_what_follows(bench):
     page = found._repr_html_()
     assert page.index(escape(found.read[0]["text"])) < page.index("Every free parameter"), "what was read stands first"
     assert page.count("data:image/png;base64,") == 1 and found.derived
-    assert all(escape(row[0]) in page for row in derived_rows(found)[1])
+    assert all(escape(row[0]) in page for row in derived_table(found).rows)
 
 
 def test_columns_and_units_are_those_of_the_command_line_for_files_and_tables(tmp_path):

@@ -24,7 +24,8 @@ def fit_of(*nuisances, values=(), chain=None, sensor=layout.IDENTITY):
     simulator = SimpleNamespace(
         clocks=[SimpleNamespace(step=STEP)], names=[n.name for n in nuisances], nuisances=nuisances, plan=plan
     )
-    return SimpleNamespace(simulator=simulator, values=np.array(values, dtype=float))
+    known = dict(zip(simulator.names, map(float, values), strict=True))
+    return SimpleNamespace(simulator=simulator, value=known.__getitem__)
 
 
 def acts(act, *, output="w", neutral=0.0):

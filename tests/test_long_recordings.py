@@ -192,7 +192,7 @@ def test_the_triangular_factor_of_many_rows_is_that_of_all_at_once():
 
 
 def test_more_trajectories_than_the_shared_memory_holds_are_each_what_it_is_alone(monkeypatch):
-    monkeypatch.setattr("estimator.fmus.workers.SHOWN_VALUES", 3_000)
+    monkeypatch.setattr("estimator.fmus.loaded_job.SHOWN_VALUES", 3_000)
     plan = plan_of(switched(500))
     with Workers(1) as crew:
         simulator = Simulator(plan, (), crew, {"i": 1.0, "w": 1.0})

@@ -61,7 +61,7 @@ def test_a_simulation_gives_the_same_bits_whatever_was_simulated_before(tmp_path
     values = np.linspace(0.5, 5.0, 24).reshape(-1, 1, 1)
     order = np.random.default_rng(2).permutation(24)
     with Workers(1) as one, Workers(3) as three:
-        three.busy_before_more = 0.0
+        three.pool.busy_before_more = 0.0
         costs = []
         for crew, rows in ((one, values), (one, values[order]), (three, values)):
             crew.load(job_of(fmu, 300, np.random.default_rng(1)))

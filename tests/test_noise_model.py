@@ -51,7 +51,8 @@ def found(residuals, *, start=None, columns=None, level=None, **more):
     n, q = residuals.shape
     whitener = whitener_of(plain(*np.ones(q)) if start is None else start, n, q, level=level)
     columns = np.zeros((n, q, 0)) if columns is None else columns
-    return fit_noise(whitener, residuals, columns, np.ones(n, dtype=bool), np.zeros(n, dtype=bool), **more)
+    how = {"resolution": np.zeros(q), "counts": np.zeros(q), "colour": True, "again": False, **more}
+    return fit_noise(whitener, residuals, columns, np.ones(n, dtype=bool), np.zeros(n, dtype=bool), **how)
 
 
 def total(noise, channel=0):

@@ -105,7 +105,7 @@ def test_a_reset_that_leaks_is_recycled_above_the_memory_limit(tmp_path, recordi
     limit, seen, peak = 300 << 20, set(), []
 
     def look():
-        for pid in crew.pids:
+        for pid in crew.pool.pids:
             with contextlib.suppress(psutil.NoSuchProcess):
                 peak.append(psutil.Process(pid).memory_info().rss)
                 seen.add(pid)

@@ -19,12 +19,13 @@ from estimator.explaining.explained import REPORTED
 from estimator.judging.outcome import parameter_estimates
 from estimator.judging.verdict import Judgement, _identified
 from estimator.plans.parameters import Parameter
-from estimator.results import numbers, report
+from estimator.results import numbers, report_sentences, report_tables, report_text, result_json
 from estimator.results.reason import Place, Reason
-from estimator.results.report import estimate_texts
 from estimator.results.report_html import html_report
+from estimator.results.report_tables import estimate_texts
 from estimator.results.residuals import recording_fits, whiteness
 from estimator.results.result import Rival, RivalParameter, Validation
+from estimator.results.text_table import TextTable
 
 CONTRACT = {
     "verdict": str,
@@ -70,7 +71,7 @@ def check_contract(text: str) -> dict:
 
 
 def test_json_has_the_keys_of_the_contract_and_every_bit_of_the_values():
-    result = check_contract(report.to_json(estimate()))
+    result = check_contract(result_json.to_json(estimate()))
     assert {name: p["value"] for name, p in result["parameters"].items()} == MOTOR
     assert result["correlation"]["R"]["K"] == -0.97
     assert result["simulations_by_phase"] == {"probe": 1, "search": 180, "polish": 98, "step check": 4}
@@ -84,7 +85,7 @@ def test_json_has_null_for_what_is_not_a_number_wherever_it_comes_from():
         fmu={"path": Path("m.fmu"), "steps": (1, np.inf), "n": np.int64(3), "ok": np.bool_(True), "none": None},
     )
     made = with_parameter(made, "L", value=float("nan"), standard_error=float("inf"), upper=float("inf"))
-    result = check_contract(report.to_json(made))
+    result = check_contract(result_json.to_json(made))
     assert result["rmse"]["i"] is None and result["fit_percent"]["i"] is None
     assert result["correlation"]["R"]["R"] is None
     assert result["parameters"]["L"]["value"] is None and result["parameters"]["L"]["standard_error"] is None
@@ -92,14 +93,14 @@ def test_json_has_null_for_what_is_not_a_number_wherever_it_comes_from():
 
 
 def test_json_is_ascii_so_that_any_terminal_can_print_it():
-    assert report.to_json(estimate(reasons=("the residual is ± 3 Ω",))).isascii()
+    assert result_json.to_json(estimate(reasons=("the residual is ± 3 Ω",))).isascii()
 
 
 def test_json_of_a_failure_has_the_keys_of_the_contract():
-    result = check_contract(report.refusal_json("the FMU crashed", method="paper", seed=7))
+    result = check_contract(result_json.refusal_json("the FMU crashed", method="paper", seed=7))
     assert (result["verdict"], result["reasons"]) == ("refused", ["the FMU crashed"])
     assert (result["method"], result["seed"], result["parameters"]) == ("paper", 7, {})
-    assert check_contract(report.refusal_json("x", method=None, seed=None))["seed"] == 1
+    assert check_contract(result_json.refusal_json("x", method=None, seed=None))["seed"] == 1
 
 
 @pytest.mark.parametrize(
@@ -144,14 +145,14 @@ def test_a_shown_value_is_the_value_to_a_tenth_of_its_standard_error(value, rela
 
 @pytest.mark.smoke
 def test_the_text_begins_with_the_verdict_and_its_reasons():
-    text = report.text_report(estimate(verdict="doubtful", reasons=("first reason", "second reason")))
+    text = report_text.text_report(estimate(verdict="doubtful", reasons=("first reason", "second reason")))
     lines = text.splitlines()
     assert lines[0].startswith("DOUBTFUL")
     assert lines[1:3] == ["  - first reason", "  - second reason"]
 
 
 def test_the_text_is_a_table_whose_columns_are_aligned():
-    lines = report.text_report(estimate()).splitlines()
+    lines = report_text.text_report(estimate()).splitlines()
     start = next(k for k, line in enumerate(lines) if line.startswith("parameter"))
     rows = lines[start : start + 6]
     assert [row.split()[0] for row in rows[1:]] == list(MOTOR)
@@ -165,7 +166,7 @@ def test_the_text_shows_nominal_values_deviation_bounds_and_status():
     made = with_parameter(estimate(), "R", nominal=3.0, at_bound="upper", upper=3.1363)
     made = with_parameter(made, "L", standard_error=None, status="not identified", reason="too fast")
     made = with_parameter(made, "B", free=False, standard_error=None)
-    text = report.text_report(made)
+    text = report_text.text_report(made)
     row = {line.split()[0]: line for line in text.splitlines() if line.strip()}
     assert "+4.54 %" in row["R"] and "at its upper bound 3.1363" in row["R"]
     assert row["L"].endswith("not identified; too fast") and "±" not in row["L"]
@@ -191,11 +192,11 @@ def test_a_deviation_from_the_nominal_value_is_short(value, nominal, text):
 def test_a_reason_that_the_verdict_gave_is_not_said_again_in_the_table():
     made = estimate(verdict="doubtful", reasons=("L: the error is 14 %",))
     made = with_parameter(made, "L", status="doubtful", reason="the error is 14 %")
-    assert report.text_report(made).count("the error is 14 %") == 1
+    assert report_text.text_report(made).count("the error is 14 %") == 1
 
 
 def test_the_text_tells_fit_noise_cost_and_how_it_was_made():
-    text = report.text_report(estimate(failures=("fmi2DoStep failed (first with 1, 2)",)))
+    text = report_text.text_report(estimate(failures=("fmi2DoStep failed (first with 1, 2)",)))
     for part in (
         "95.2 %",
         "99.12 %",
@@ -211,14 +212,13 @@ def test_the_text_tells_fit_noise_cost_and_how_it_was_made():
 
 def test_a_refused_estimate_without_anything_is_still_a_text():
     made = estimate(verdict="refused", reasons=("nothing moves",), parameters={}, rmse={}, comparisons=(), notes=())
-    text = report.text_report(made)
+    text = report_text.text_report(made)
     assert text.startswith("REFUSED") and "  - nothing moves" in text and "parameter  " not in text
 
 
 def test_fits_near_100_percent_show_the_digits_that_differ():
     made = estimate(rmse={"a": 1.0, "b": 1.0, "c": 1.0}, fit_percent={"a": 100.0, "b": 99.99987, "c": -20.0})
-    _, rows = report.signal_rows(made)
-    assert [row[5] for row in rows] == ["100 %", "99.99987 %", "-20.0 %"]
+    assert [row[5] for row in report_tables.signal_table(made).rows] == ["100 %", "99.99987 %", "-20.0 %"]
 
 
 class Tags(html.parser.HTMLParser):
@@ -286,13 +286,13 @@ def test_the_head_names_motor_operator_and_date_and_what_was_read():
         about={"motor": "No. <3>", "date": "2026-11-22"},
         read=({"recording": "a.csv", "text": "v ← voltage [V]"}, {"recording": "b.csv", "text": "v ← voltage [V]"}),
     )
-    page, text = " ".join(parsed(html_report(made)).text), report.text_report(made)
+    page, text = " ".join(parsed(html_report(made)).text), report_text.text_report(made)
     assert "motor: No. <3>" in page and "date: 2026-11-22" in page
     for shown in (page, text):
         assert "read a.csv, b.csv: v ← voltage [V]" in shown
         assert shown.index("read a.csv") < min(shown.find(w) % len(shown) for w in ("OK", "OK:"))
     assert "motor No. <3>, date 2026-11-22" in text
-    assert json.loads(report.to_json(made))["about"] == {"motor": "No. <3>", "date": "2026-11-22"}
+    assert json.loads(result_json.to_json(made))["about"] == {"motor": "No. <3>", "date": "2026-11-22"}
 
 
 def test_error_bars_lie_on_one_relative_axis():
@@ -315,7 +315,7 @@ def test_a_refused_recording_is_shown_with_the_place_where_the_reason_lies():
     assert page.count('class="place" x=') == 4, (
         "in the enlarged part and in the whole recording, wide and slim, of the speed only"
     )
-    (told,) = json.loads(report.to_json(made))["places"]
+    (told,) = json.loads(result_json.to_json(made))["places"]
     assert told == {"reason": 0, "recording": "step_10V5", "signal": "w", "start": 0.52, "end": 0.6}
     doubted = html_report(dataclasses.replace(estimate(verdict="doubtful", reasons=(reason,))))
     assert "Transient" in doubted and 'class="place" x=' in doubted, "a transient that was fitted stays, and is marked"
@@ -337,12 +337,12 @@ def test_rivals_stand_in_the_report_on_one_axis_over_the_estimate_and_in_json():
     assert "Rivals, and what they differ in the estimate R 3.1363 ± 0.0031 Ohm" in text
     assert "sag instead of a <dip> (weight 15 %): record two voltage levels R 3.324 ± 0.010 Ohm +6 %" in text
     assert 'aria-label="R: +6 % from the estimate"' in page and "+7 %" in text, "the axis holds its bar"
-    (told,) = json.loads(report.to_json(made))["rivals"]
+    (told,) = json.loads(result_json.to_json(made))["rivals"]
     assert told["what"] == "sag instead of a <dip>" and told["decided_by"] == "record two voltage levels"
     assert told["parameters"]["L"] == {"value": MOTOR["L"], "standard_error": None, "unit": "H"}
     assert (told["differs_in"], told["delta_criterion"], told["weight"]) == ("R", 3.5, 0.15)
     assert "with R = 3.324 instead of 3.136; record two voltage levels" in rival().sentence()
-    assert "Rivals" not in html_report(estimate()) and json.loads(report.to_json(estimate()))["rivals"] == []
+    assert "Rivals" not in html_report(estimate()) and json.loads(result_json.to_json(estimate()))["rivals"] == []
 
 
 def test_parameters_of_each_recording_are_compared():
@@ -413,14 +413,14 @@ def test_the_html_report_escapes_what_a_recording_is_called():
 
 
 def test_json_ready_makes_text_of_what_it_does_not_know():
-    assert report.json_ready({1: {3.5}, "x": Path("a/b")}) == {"1": [3.5], "x": "a/b"}
+    assert result_json.json_ready({1: {3.5}, "x": Path("a/b")}) == {"1": [3.5], "x": "a/b"}
 
 
 def test_how_the_fmu_was_driven_is_told_where_it_is_not_the_usual_way():
     usual = {"name": "motor", "fmi_version": "2.0", "kind": "co-simulation", "restart": "reset"}
     other = usual | {"kind": "model-exchange", "restart": "re-instantiate"}
     for fmu, told in ((usual, "(FMI 2.0)"), (other, "(FMI 2.0, model exchange, restarted by re-instantiate)")):
-        assert report.cost_lines(dataclasses.replace(estimate(), fmu=fmu))[-1].endswith(f"FMU motor {told}")
+        assert report_sentences.cost_lines(dataclasses.replace(estimate(), fmu=fmu))[-1].endswith(f"FMU motor {told}")
 
 
 NOTES = tuple(f"note {k}: " + "a long sentence of many words that goes beyond a line, " * 2 for k in range(12))
@@ -430,8 +430,8 @@ REASONS = tuple(f"reason {k}: " + "something of which much can be said, " * 4 fo
 @pytest.mark.parametrize(("reasons", "notes"), [((), NOTES), (REASONS[:2], NOTES), (REASONS, NOTES), (REASONS, ())])
 def test_a_screen_has_forty_lines_of_its_width_and_says_where_the_rest_is(reasons, notes):
     made = estimate(verdict="doubtful", reasons=reasons, notes=notes)
-    whole = report.text_report(made)
-    text = report.text_report(made, width=80, lines=40, rest="in out/report.html")
+    whole = report_text.text_report(made)
+    text = report_text.text_report(made, width=80, lines=40, rest="in out/report.html")
     assert len(text.splitlines()) <= 40 and all(len(line) <= 80 for line in text.splitlines())
     assert all(f"- {sentence[:8]}" in text for sentence in reasons[:3])
     assert all(name in text for name in ("N.m.s/rad", "method cuckoo, seed 1", "99.12 %"))
@@ -442,44 +442,44 @@ def test_a_screen_has_forty_lines_of_its_width_and_says_where_the_rest_is(reason
 
 def test_a_short_answer_leaves_nothing_out_on_a_screen():
     made = estimate()
-    text = report.text_report(made, width=120, lines=40)
-    assert text == report.text_report(made) and report.REST not in text
+    text = report_text.text_report(made, width=120, lines=40)
+    assert text == report_text.text_report(made) and report_text.REST not in text
 
 
 def test_what_was_fitted_to_a_held_out_recording_is_said():
     alone = Validation((comparison(),), {"i": 0.02}, {"i": 95.0})
     own = dataclasses.replace(alone, chain={"R": 3.0031, "delay": 5.2e-3}, units={"R": "Ohm", "delay": "s"})
-    assert report.fitted_here(alone) == "Nothing was fitted to these recordings."
+    assert report_sentences.fitted_here(alone) == "Nothing was fitted to these recordings."
     told = "Fitted to these recordings: R = 3.003 Ohm, delay = 0.0052 s; nothing else was."
-    assert report.fitted_here(own) == told
+    assert report_sentences.fitted_here(own) == told
     made = dataclasses.replace(estimate(), validation=own)
     page = " ".join(parsed(html_report(made)).text)
-    assert told in report.text_report(made) and told in page and "Nothing was fitted" not in page
+    assert told in report_text.text_report(made) and told in page and "Nothing was fitted" not in page
 
 
 def test_an_ok_without_standard_errors_does_not_say_that_parameters_are_identified():
     made = estimate()
     for name in MOTOR:
         made = with_parameter(made, name, standard_error=None)
-    assert report.text_report(made).startswith("OK: The residuals are as small as the noise; this method gives no")
-    assert "identified" not in report.meaning(made) and "identified" in report.meaning(estimate())
+    assert report_text.text_report(made).startswith("OK: The residuals are as small as the noise; this method gives no")
+    assert "identified" not in report_sentences.meaning(made) and "identified" in report_sentences.meaning(estimate())
 
 
 def test_the_two_noises_stand_in_one_table():
     made = estimate(sample_noise={"i": 0.0057, "w": 2.3})
-    header, rows = report.signal_rows(made)
-    assert header[:4] == ["output", "RMSE", "residual", "noise"]
-    assert rows[0][:4] == ["i", "0.02001", "0.02", "0.0057"]
-    assert "RMSE  residual   noise" in report.text_report(made)
-    assert json.loads(report.to_json(made))["sample_noise"] == {"i": 0.0057, "w": 2.3}
+    made_table = report_tables.signal_table(made)
+    assert made_table.header[:4] == ["output", "RMSE", "residual", "noise"]
+    assert made_table.rows[0][:4] == ["i", "0.02001", "0.02", "0.0057"]
+    assert "RMSE  residual   noise" in report_text.text_report(made)
+    assert json.loads(result_json.to_json(made))["sample_noise"] == {"i": 0.0057, "w": 2.3}
 
 
 def test_an_error_is_shown_wherever_it_is_known_and_no_digits_of_what_is_not_identified():
     vague = with_parameter(estimate(), "R", value=0.137593, standard_error=70.0)
-    assert report.estimate_texts(vague.parameters["R"]) == ("0.14", "70", "> 100 %")
+    assert report_tables.estimate_texts(vague.parameters["R"]) == ("0.14", "70", "> 100 %")
     unknown = with_parameter(vague, "R", value=0.137593, standard_error=70.0, status="not identified")
-    assert report.estimate_texts(unknown.parameters["R"]) == ("0.138", "", "> 100 %")
-    for text in (report.text_report(unknown), html_report(unknown)):
+    assert report_tables.estimate_texts(unknown.parameters["R"]) == ("0.138", "", "> 100 %")
+    for text in (report_text.text_report(unknown), html_report(unknown)):
         assert "0.138" in text and "> 100 %" in text.replace("&gt;", ">") and "0.137593" not in text.split("Bounds")[0]
 
 
@@ -501,7 +501,7 @@ def test_what_has_an_error_far_beyond_it_is_no_measurement(error, told):
 
 def test_one_note_that_is_left_out_is_one_note():
     made = estimate(notes=("a first thing " * 20,), failures=("once " * 60,))
-    text = report.text_report(made, width=60, lines=20)
+    text = report_text.text_report(made, width=60, lines=20)
     assert "Failed simulations: 1 note, " in text and "1 notes" not in text
 
 
@@ -515,45 +515,48 @@ def test_marks_beside_the_bars_are_explained_where_they_are_drawn():
 def test_an_ok_says_what_hangs_on_a_unit_that_nobody_said():
     told = {"column": "n", "unit": "rpm", "unit_from": "name"}
     guessed = dataclasses.replace(estimate(), read=({"recording": "a", "text": "", "signals": {"w": told}},))
-    assert report.meaning(guessed).endswith(" K, J, B hold if 'n' is in rpm, which nobody said.")
+    assert report_sentences.meaning(guessed).endswith(" K, J, B hold if 'n' is in rpm, which nobody said.")
     said = dataclasses.replace(
         guessed, read=({"recording": "a", "text": "", "signals": {"w": {**told, "unit_from": "user"}}},)
     )
-    assert report.meaning(said) == f"{report.MEANINGS['ok']}, and {report.SMALL}."
+    assert report_sentences.meaning(said) == f"{report_sentences.MEANINGS['ok']}, and {report_sentences.SMALL}."
 
 
 def test_the_sentence_of_an_ok_says_of_the_residuals_what_the_table_shows():
     """Residuals of 0.02 A and 1 rad/s, by the recording's own noise and by one that is smaller."""
     same = estimate(sample_noise={"i": 0.0185, "w": 1.4})
-    assert report.meaning(same) == f"{report.MEANINGS['ok']}, and {report.SMALL}."
+    assert report_sentences.meaning(same) == f"{report_sentences.MEANINGS['ok']}, and {report_sentences.SMALL}."
     grown = estimate(sample_noise={"i": 0.0045, "w": 1.4})
-    told = report.meaning(grown)
+    told = report_sentences.meaning(grown)
     assert "small" not in told and "wanders (those of i 4.4 times the noise that the recording alone shows" in told
-    assert " ".join(report.text_report(grown, width=60).split()).startswith(f"OK: {told}")
+    assert " ".join(report_text.text_report(grown, width=60).split()).startswith(f"OK: {told}")
     assert told in " ".join(" ".join(parsed(html_report(grown)).text).split())
-    assert json.loads(report.to_json(grown))["meaning"] == told
+    assert json.loads(result_json.to_json(grown))["meaning"] == told
     searched = dataclasses.replace(grown, noise={}, sample_noise={"i": 0.01, "w": 0.5})
     for name in MOTOR:
         searched = with_parameter(searched, name, standard_error=None)
-    assert report.meaning(searched).startswith("The residuals pass as noise (those of i 2 times, those of w 2 times")
+    assert report_sentences.meaning(searched).startswith(
+        "The residuals pass as noise (those of i 2 times, those of w 2 times"
+    )
 
 
 def test_residuals_of_rounding_are_as_small_as_no_noise():
     exact = estimate(noise={"i": 1e-9, "w": 1e-9}, sample_noise={"i": 0.0, "w": 0.0}, fit_percent={"i": 100, "w": 100})
-    assert report.SMALL in report.meaning(exact)
+    assert report_sentences.SMALL in report_sentences.meaning(exact)
     none = dataclasses.replace(exact, noise={"i": 1e-2, "w": 1e-9}, fit_percent={"i": 99.0, "w": 100})
-    assert "(those of i far above the noise" in report.meaning(none)
+    assert "(those of i far above the noise" in report_sentences.meaning(none)
 
 
 def test_a_table_that_is_too_wide_goes_on_below_itself():
-    header, rows = (
+    table = TextTable(
         ["name", "value", "error", "", "unit"],
         [["R", "3.14", "± 0.01", "", "Ohm"], ["K", "0.05", "± 0.1", "", "V"]],
+        (1,),
     )
-    whole = report.table(header, rows, right=(1,))
-    assert report.table(header, rows, right=(1,), width=len(whole[0])) == whole
-    parts = "\n".join(report.table(header, rows, right=(1,), width=14)).split("\n\n")
+    whole = table.lines()
+    assert table.lines(len(whole[0])) == whole
+    parts = "\n".join(table.lines(14)).split("\n\n")
     assert [part.split("\n")[0].split() for part in parts] == [["name", "value"], ["name", "error"], ["name", "unit"]]
     assert all(len(line) <= 14 for part in parts for line in part.split("\n"))
-    made = report.text_report(estimate(), width=40, lines=30)
+    made = report_text.text_report(estimate(), width=40, lines=30)
     assert all(len(line) <= 40 for line in made.split("\n")), made

@@ -150,11 +150,11 @@ def test_the_number_of_workers_changes_no_bit():
     costs = []
     for count in (1, 2, 7):
         with Workers(count) as workers:
-            workers.busy_before_more = 0.0
+            workers.pool.busy_before_more = 0.0
             workers.load(job_of(experiment(recording.signals["voltage"], measured)))
             workers.run(values[:1])
             costs.append([workers.run(values).costs for _ in range(3)])
-            assert len(workers.pids) == count
+            assert len(workers.pool.pids) == count
     assert all(np.array_equal(costs[0][0], c) for row in costs for c in row)
 
 

@@ -11,6 +11,7 @@ from test_containment import IF_BAD, MARK
 from estimator.cases.case import Case, OutputSpec, ParameterSpec
 from estimator.fitting.least_squares import LeastSquares
 from estimator.fitting.problem import Problem
+from estimator.fitting.whole_fits import WholeFits
 from estimator.fmus.fmu import describe
 from estimator.fmus.workers import Workers
 from estimator.plans.planning import plan_case
@@ -40,7 +41,7 @@ def squares_of(crew, *, fmu="dc_motor", recordings=(RUN,), case=None, bundled=Tr
     description = dataclasses.replace(describe(fmu), is_bundled=bundled)
     plan = plan_case(case, description, recordings=list(recordings))
     problem = Problem(plan, crew, sigma={"i": 1.0, "w": 1.0})
-    counted = Counted(problem.fits)
+    counted = Counted(WholeFits(problem).fits)
     own = {"output": problem.output_of_residual, "spread": problem.spread}
     single = LeastSquares(problem.residuals, problem.box, **own)
     return single, LeastSquares(problem.residuals, problem.box, **own, whole=counted), counted, plan
@@ -85,10 +86,10 @@ def test_whole_fits_know_an_optimum_and_are_the_same_by_any_number_of_workers():
     ends = []
     for count in (1, 2):
         with Workers(count) as crew:
-            crew.busy_before_more = 0.0
+            crew.pool.busy_before_more = 0.0
             single, whole, counted, _ = squares_of(crew)
             whole.fits(STARTS, DEVIATIONS)
-            while not crew.all_ready():
+            while not crew.pool.all_ready():
                 crew.run(np.tile(TRUE, (64, 1, 1)).reshape(64, 1, 5))
             known = single.polish(TRUE, DEVIATIONS)
             before = crew.simulations
@@ -96,7 +97,7 @@ def test_whole_fits_know_an_optimum_and_are_the_same_by_any_number_of_workers():
             assert all(values is known.values for values, _ in found)
             assert crew.simulations - before < 200
             ends.append([values.tolist() for values, _ in whole.fits(STARTS, DEVIATIONS)])
-            assert len(crew.pids) == count and all(counted.told)
+            assert len(crew.pool.pids) == count and all(counted.told)
     assert ends[0] == ends[1]
 
 

@@ -37,7 +37,7 @@ from estimator.app.runs import Runs
 from estimator.app.series import Series, nearest, view
 from estimator.app.workspace import Outdated, Workspace, start_case
 from estimator.errors import EstimatorError, InputError
-from estimator.results.report import json_ready
+from estimator.results.result_json import json_ready
 
 PAGE = Path(__file__).parent / "page"
 TYPES = {".html": "text/html", ".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml"}

@@ -213,16 +213,17 @@ def row_of(task: Task, estimate: Estimate) -> dict[str, Any]:
 
 def files_of(task: Task, estimate: Estimate) -> dict[str, bytes]:
     """Return the content of the case's result files."""
-    from estimator.results import export, report
+    from estimator.results.export import parameter_set, result_files
+    from estimator.results.result_json import to_json
 
     if task.report:
         sources = [
             s for s in (task.case.path, estimate.fmu.get("path"), *task.case.recordings) if s and Path(s).exists()
         ]
-        return export.result_files(estimate, command=f"fmu-estimator batch {task.name}", sources=sources)
-    files = {"result.json": report.to_json(estimate).encode()}
+        return result_files(estimate, command=f"fmu-estimator batch {task.name}", sources=sources)
+    files = {"result.json": to_json(estimate).encode()}
     if estimate.parameters and estimate.verdict != "refused":
-        files["parameters.ssv"] = export.parameter_set(estimate)
+        files["parameters.ssv"] = parameter_set(estimate)
     return files
 
 

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from estimator.batches.batch_table import csv_of
 from estimator.conventions import FALSE_TREND, MEDIAN_SIZE, MODIFIED_Z
+from estimator.results.text_table import TextTable
 
 FloatArray = NDArray[np.float64]
 FEWEST = 5  # values below which nothing is called an outlier or a drift
@@ -112,21 +113,18 @@ def statistics_files(rows: Iterable[Mapping[str, Any]]) -> dict[str, bytes]:
 
 def statistics_text(rows: Iterable[Mapping[str, Any]]) -> list[str]:
     """Return the spread as lines for a person; none where there is nothing to compare."""
-    from estimator.results.report import table
-
     found = spreads(rows)
     if not found:
         return []
-    header, cells, right = spread_rows(found)
-    lines = table(header, cells, right=right)
+    lines = spread_table(found).lines()
     for s in found:
         for motor, value, z in s.outliers:
             lines.append(f"outlier: {motor}, {s.name} = {value:.6g} {s.unit} (modified z-score {z:.1f})")
     return lines
 
 
-def spread_rows(found: Sequence[Spread]) -> tuple[list[str], list[list[str]], tuple[int, ...]]:
-    """Return header, rows and the columns that are flush right of the table of spreads."""
+def spread_table(found: Sequence[Spread]) -> TextTable:
+    """Return a row for each quantity: how it spreads between motors and in repeats."""
     header = ["quantity", "mean", "unit", "between motors", "repeats", "std. error", "gauge R&R", "drift"]
     cells = [
         [
@@ -141,7 +139,7 @@ def spread_rows(found: Sequence[Spread]) -> tuple[list[str], list[list[str]], tu
         ]
         for s in found
     ]
-    return header, cells, (1, 3, 4, 5, 6)
+    return TextTable(header, cells, (1, 3, 4, 5, 6))
 
 
 def components(groups: Sequence[FloatArray]) -> tuple[float, float] | None:

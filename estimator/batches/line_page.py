@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 
 from estimator.batches.control import ControlChart, control_charts
-from estimator.batches.gauge import natural, spread_rows, spreads
+from estimator.batches.gauge import natural, spread_table, spreads
 from estimator.results.numbers import number_text, value_texts
 from estimator.results.pages import asset, drawn, page
 from estimator.results.svg import Box, drawing, text
+from estimator.results.text_table import TextTable
 
 MOST_CASES = 2000  # in the table; beyond, those that pass are in results.csv only
 LEFT, TOP, WIDTH, HEIGHT, BELOW = 74.0, 22.0, 560.0, 120.0, 36.0  # pixels of a control chart
@@ -74,10 +75,12 @@ def line_page(
         command=command if any(not link.endswith("report.html") for link in links.values()) else "",
         charts=[_shown(chart) for chart in charts],
         data=drawn(_data(charts)),
-        spread=spread_rows(found) if found else None,
-        outliers=[
-            (s.name, motor, f"{value:.6g} {s.unit}", f"{z:.1f}") for s in found for motor, value, z in s.outliers
-        ],
+        spread=spread_table(found) if found else None,
+        outliers=TextTable(
+            ("outlier of", "motor or case", "value", "modified z-score"),
+            [(s.name, motor, f"{value:.6g} {s.unit}", f"{z:.1f}") for s in found for motor, value, z in s.outliers],
+            (2, 3),
+        ),
         cases=_cases(ordered, outcomes),
         left_out=max(0, len(ordered) - MOST_CASES) and sum(o == "pass" for o in outcomes.values()),
     )

@@ -21,14 +21,14 @@ SCREEN = 39  # lines that an answer may take of a terminal of 40: below it stand
 
 def json_of(result: Estimate) -> str:
     """Return the result as one JSON object."""
-    from estimator.results.report import to_json
+    from estimator.results.result_json import to_json
 
     return to_json(result)
 
 
 def text_of(result: Estimate, *, folder: str | None = None) -> str:
     """Return the result as text: whole into a file or a pipe, a screen of it on a terminal."""
-    from estimator.results.report import REST, text_report
+    from estimator.results.report_text import REST, text_report
 
     if (width := columns()) is None:
         return text_report(result)
@@ -38,7 +38,7 @@ def text_of(result: Estimate, *, folder: str | None = None) -> str:
 
 def say_whole(result: Estimate, *, unless: str) -> None:
     """Give a person all of a result whose files could not be written, where a screen of it was given before."""
-    from estimator.results.report import text_report
+    from estimator.results.report_text import text_report
 
     if (width := columns()) is None:
         return

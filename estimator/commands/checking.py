@@ -19,7 +19,7 @@ from estimator.errors import InputError
 from estimator.recordings.files import recordings_in
 from estimator.recordings.preview import MOST_LEVELS, Preview, preview, preview_mapping
 from estimator.recordings.understood import how_to_overrule
-from estimator.results.report import table
+from estimator.results.text_table import TextTable
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -132,7 +132,7 @@ def _excitation(p: Preview) -> str:
 
 def _table(header: Sequence[str], rows: Sequence[Sequence[str]], width: int | None) -> list[str]:
     inside = None if width is None else width - len(INDENT)
-    found = table(header, rows, right=range(len(header)), width=inside)
+    found = TextTable(header, rows, range(len(header))).lines(inside)
     return [INDENT + line if line else "" for line in found]
 
 

@@ -12,7 +12,8 @@ from estimator.errors import FmuError
 from estimator.fmus.fmu import FmuDescription, Variable, check_usable
 from estimator.fmus.probe import Probe, disagreement
 from estimator.results.numbers import number_text
-from estimator.results.report import json_ready, table
+from estimator.results.result_json import json_ready
+from estimator.results.text_table import TextTable
 
 SHOWN = 5  # names, or findings, in one list
 
@@ -216,7 +217,8 @@ def _variables(variables: Iterable[Variable]) -> list[str]:
     rows = [
         [v.name, v.unit, _number(v.start), _number(v.minimum), _number(v.maximum), v.description] for v in variables
     ]
-    return table(["name", "unit", "start", "min", "max", "description"], rows, right=(2, 3, 4)) if rows else ["none"]
+    found = TextTable(["name", "unit", "start", "min", "max", "description"], rows, (2, 3, 4))
+    return found.lines() if rows else ["none"]
 
 
 def _number(value: float | str | None) -> str:

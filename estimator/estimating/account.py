@@ -45,7 +45,7 @@ class Account:
         """Count from here: the FMU is loaded; so many simulations are expected."""
         self._open = True
         self.expect(expected)
-        self._crew.on_tick = self.tell
+        self._crew.pool.on_tick = self.tell
 
     @property
     def failures(self) -> list[Any]:

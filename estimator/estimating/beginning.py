@@ -48,7 +48,7 @@ def _unmoved(session: Session) -> list[str]:
     announced = announcement(
         seconds,
         simulations=usual_simulations(plan),
-        workers=session.crew.count,
+        workers=session.crew.pool.count,
         always=not plan.description.is_fast,
     )
     if announced is not None:

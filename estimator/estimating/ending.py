@@ -250,10 +250,10 @@ def _estimate(
         correlated=plan.names if correlated is not None else (),
         information={} if polish is None else information(polish, plan.names),
         notes=(*session.announced, *judgement.notes),
-        failures=tuple(with_values(f, session.problem.variables) for f in session.account.failures),
+        failures=tuple(with_values(f, session.problem.values.names) for f in session.account.failures),
         comparisons=compared,
         history=history,
-        workers=session.crew.count,
+        workers=session.crew.pool.count,
         about={**({"motor": plan.case.motor} if plan.case.motor else {}), **plan.case.about},
     )
 

@@ -29,6 +29,7 @@ from estimator.explaining.explanation import Explanation
 from estimator.fitting.least_squares import LeastSquares
 from estimator.fitting.least_squares_fit import LeastSquaresFit
 from estimator.fitting.problem import SIGMA_FLOOR
+from estimator.fitting.whole_fits import WholeFits
 from estimator.method_names import CUCKOO, loaded
 from estimator.motor.names import MOTOR
 from estimator.plans.parameters import Box
@@ -69,7 +70,7 @@ class _Attempts:
             output=session.problem.output_of_residual,
             spread=session.problem.spread,
             loss=session.plan.case.search.loss,
-            whole=session.problem.fits,
+            whole=WholeFits(session.problem).fits,
         )
         noise = np.array([session.noise[y][0] for y in session.problem.outputs])
         self.floor = np.maximum(noise, 1e-12 * session.problem.spread)

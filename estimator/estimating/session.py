@@ -118,6 +118,6 @@ class Session:
     def all_failed(self) -> NoReturn:
         """Say that no candidate can be simulated, and why."""
         description = self.plan.description
-        known = [with_cause(f, description, self.problem.variables) for f in self.crew.failures[:1]]
+        known = [with_cause(f, description, self.problem.values.names) for f in self.crew.failures[:1]]
         why = known[0] if known else "no reason is known"
         raise SimulationError(f"every simulation of {description.path.name} failed: {why}")

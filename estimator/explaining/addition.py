@@ -181,12 +181,11 @@ def is_physical(fit: Fit, addition: Addition) -> bool:
     if is_held(fit):
         return False
     if addition.linear is not None:
-        own = [x for n, x in zip(fit.names, fit.estimates, strict=True) if n.partition("#")[0] == addition.name]
-        return all(addition.linear.least <= x <= addition.linear.most for x in own)
+        return all(addition.linear.least <= x <= addition.linear.most for x in fit.estimates_of(addition.name))
     s = fit.simulator
     for name in addition.free:
         k = s.index[name]
-        neutral, value = s.neutral[k - len(s.plan.names)], fit.values[k]
+        neutral, value = s.neutral[name], fit.values[k]
         at_end = min(value - s.lower[k], s.upper[k] - value) <= 1e-6 * (s.upper[k] - s.lower[k])
         if at_end and abs(value - neutral) > 1e-6 * (s.upper[k] - s.lower[k]):
             return False
@@ -218,7 +217,7 @@ def wald(fit: Fit, addition: Addition) -> float:
     for name in wanted:
         k = names.index(name)
         s = fit.simulator
-        neutral = s.neutral[s.index[name] - len(s.plan.names)] if name in s.index else 0.0
+        neutral = s.neutral.get(name, 0.0)
         if at_bound[k] == 0 and covariance[k, k] > 0:
             off = np.log(estimates[k] / neutral) if fit.is_log[k] else estimates[k] - neutral
             total += float(off**2 / covariance[k, k])

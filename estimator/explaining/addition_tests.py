@@ -147,7 +147,7 @@ class AdditionTests:
             )  # fmt: skip
             if fit.simulator.rows > LONG and beside is None and gain <= addition.penalty(self.samples):
                 none = np.zeros((0, *group.columns.shape[1:]))  # it is not fitted
-                few = dataclasses.replace(group, columns=none, unsteady=None, beyond=None, uncertain=None)
+                few = dataclasses.replace(group, columns=none, transient=None, beyond=None, uncertain=None)
                 addition = dataclasses.replace(addition, linear=few)
             yield addition
 
@@ -202,7 +202,7 @@ class AdditionTests:
                     starts: tuple[Mapping[str, float], ...] = ({nuisance.name: nuisance.tries[t], **together},)
                 else:
                     reach = _times(nuisance, t) * (nuisance.tries[t] - nuisance.neutral)
-                    now = float(moved.values[simulator.index[nuisance.name]])
+                    now = moved.value(nuisance.name)
                     starts = tuple(
                         {nuisance.name: now + f * reach, **together}
                         for f in dict.fromkeys((float(np.clip(size, 0.1, 8)), 1.0))

@@ -43,7 +43,7 @@ DIFFERS = 1.0  # standard errors by which a rival must differ to be told
 
 
 @dataclass(frozen=True)
-class Told:
+class WeighedRival:
     """A rival explanation that is nearly as likely and gives other parameters.
 
     Attributes
@@ -62,7 +62,7 @@ class Told:
 
 
 @dataclass(frozen=True)
-class Hidden:
+class HiddenEffect:
     """An effect that the recordings do not show up to a size at which it would be accepted as likely as not.
 
     Attributes
@@ -87,8 +87,8 @@ class Averaged:
 
     values: FloatArray
     covariance: FloatArray
-    hidden: tuple[Hidden, ...]
-    rivals: tuple[Told, ...]
+    hidden: tuple[HiddenEffect, ...]
+    rivals: tuple[WeighedRival, ...]
 
 
 def averaged(
@@ -96,7 +96,7 @@ def averaged(
     open_additions: Sequence[Addition],
     rivals: Sequence[Explanation],
     samples: int,
-    torques: Sequence[OpenTorque] = (),
+    torques: Sequence[OpenTorque],
 ) -> Averaged:
     """Return the parameters averaged over the explanations that are possible.
 
@@ -129,7 +129,7 @@ def averaged(
         off = off[:p] * np.sqrt(min(1.0, scores.whole / max(explained, 1e-300)))
         if a.usual > 0 and len(scores.along) == 1:
             part = min(1.0, float(np.sqrt(a.penalty(samples) / max(power, 1e-300))))
-            hidden.append(Hidden(a, part * a.usual, part * off[:, 0]))
+            hidden.append(HiddenEffect(a, part * a.usual, part * off[:, 0]))
         if a.gain <= 0 or power <= (VISIBLE if a.has_known_size else TOLD_POWER * scores.whole):
             continue
         size, spread, behind = a.posterior()
@@ -158,7 +158,7 @@ def averaged(
     held = ~inside[:p]
     total[held] = total[:, held] = 0.0
     told = [t for t in told if t[4] <= min(u[4] for u in told if _effects(u[0]) == _effects(t[0]))]  # of alike ones one
-    rivals_told = tuple(Told(r, apart, name, behind, float(weights[k])) for r, k, apart, name, behind in told)
+    rivals_told = tuple(WeighedRival(r, apart, name, behind, float(weights[k])) for r, k, apart, name, behind in told)
     return Averaged(own, total, tuple(hidden), rivals_told)
 
 
@@ -222,9 +222,9 @@ def _effects(explanation: Explanation) -> list[str]:
 
 def _numbers(explanation: Explanation) -> dict[str, float]:
     """Return what was added, and of what is chosen, not fitted by derivatives, its number."""
-    s, values = explanation.fit.simulator, explanation.fit.values
-    whole = {n.name for n in s.nuisances if n.whole}
-    return {a.name: float(values[s.index[a.name]]) if a.name in whole else 0.0 for a in explanation.additions}
+    fit = explanation.fit
+    whole = {n.name for n in fit.simulator.nuisances if n.whole}
+    return {a.name: fit.value(a.name) if a.name in whole else 0.0 for a in explanation.additions}
 
 
 def _covering(

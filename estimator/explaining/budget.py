@@ -29,6 +29,7 @@ from estimator.fitting.information import information_parts
 from estimator.fitting.simulator import Simulator
 from estimator.fmus.workers import Workers
 from estimator.motor.winding import COPPER, REFERENCE, relative_resistance
+from estimator.noise.clock import over_steps
 from estimator.noise.noise_model import NoiseModel
 from estimator.plans.plan import Plan
 
@@ -168,9 +169,9 @@ def _column(fit: Fit, tolerance: Tolerance) -> FloatArray:
         w = fit.shown[:, s.outputs.index(_one(plan, plan.outputs, "speed"))]
         known = {**plan.fixed, **dict(zip(s.names, fit.values.tolist(), strict=True))}
         torque = u if tolerance.unit else u * known["B"] * float(np.max(np.abs(w)))
-        return _driven(fit, _load(plan), torque * np.sign(_over_step(fit, w)))
+        return _driven(fit, _load(plan), torque * np.sign(over_steps(w, s.clocks)))
     i = fit.shown[:, s.outputs.index(_one(plan, plan.outputs, "current"))]
-    drop = _over_step(fit, i)
+    drop = over_steps(i, s.clocks)
     return _driven(fit, _one(plan, inputs, "voltage"), -u * (drop if source == "supply resistance" else np.sign(drop)))
 
 
@@ -190,7 +191,7 @@ def _driven(fit: Fit, name: str, more: FloatArray) -> FloatArray:
     ahead, behind = (
         Simulator(plan(sign), s.nuisances, s.crew, s.sigma).shown(fit.values[None, :])[0] for sign in (1, -1)
     )
-    return _half(ahead, behind)
+    return np.asarray((ahead - behind) / 2)
 
 
 def _more_resistance(fit: Fit, more: Callable[[float, int | None], float]) -> FloatArray:
@@ -206,21 +207,7 @@ def _more_resistance(fit: Fit, more: Callable[[float, int | None], float]) -> Fl
             fixed["R"] += sign * more(fixed["R"], None)
             simulator = Simulator(dataclasses.replace(s.plan, fixed=fixed), s.nuisances, s.crew, s.sigma)
         shown.append(simulator.shown(values[None, :])[0])
-    return _half(*shown)
-
-
-def _half(ahead: FloatArray, behind: FloatArray) -> FloatArray:
-    difference = (ahead - behind) / 2
-    return np.asarray(difference)
-
-
-def _over_step(fit: Fit, signal: FloatArray) -> FloatArray:
-    """Return the mean of each row of a (rows,) signal and the next: what it is while an input is held."""
-    result = signal.copy()
-    for clock in fit.simulator.clocks:
-        own = signal[clock.rows]
-        result[clock.rows] = (own + np.append(own[1:], own[-1:])) / 2
-    return result
+    return np.asarray((shown[0] - shown[1]) / 2)
 
 
 def _one(plan: Plan, names: Sequence[str], quantity: str) -> str:

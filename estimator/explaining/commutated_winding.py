@@ -5,13 +5,12 @@ A brush that touches two segments of the commutator shorts a coil: so many times
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from numpy.typing import NDArray
 
 from estimator.fitting.fit import Fit
 from estimator.fitting.motor_response import motor_values, response
+from estimator.noise.clock import over_steps
 
 FloatArray = NDArray[np.float64]
 
@@ -34,17 +33,9 @@ def of_resistance(fit: Fit, theta: FloatArray, order: int, current: FloatArray) 
     """
     values, clocks = motor_values(fit), fit.simulator.clocks
     assert values is not None
-    last = [clock.rows.stop - 1 for clock in clocks]
-    drop, angle = (0.5 * (signal + _next(signal, last)) for signal in (values["R"] * current, order * theta))
+    drop, angle = (over_steps(signal, clocks) for signal in (values["R"] * current, order * theta))
     voltage = np.zeros((len(theta), 2 * len(clocks)))
     for e, clock in enumerate(clocks):
         waves = np.column_stack([wave(angle[clock.rows]) for wave in (np.cos, np.sin)])
         voltage[clock.rows, 2 * e : 2 * e + 2] = -waves * drop[clock.rows, None]  # held over each row
     return response(fit, voltage=voltage)
-
-
-def _next(signal: FloatArray, last: Sequence[int]) -> FloatArray:
-    """Return what a signal, (rows,), is a row later; in a recording's last row what it is there."""
-    later = np.concatenate([signal[1:], signal[-1:]])
-    later[last] = signal[last]
-    return later

@@ -10,19 +10,19 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.conventions import NOTHING_TOLD
 from estimator.explaining.addition import Addition
 from estimator.explaining.adequacy import Adequacy, adequacy
-from estimator.explaining.averaging import Hidden, Told, averaged
-from estimator.explaining.between_runs import BetweenRuns, is_between_runs, of_fit, sentence
-from estimator.explaining.during import changes_during
+from estimator.explaining.averaging import averaged
+from estimator.explaining.between_runs import BetweenRuns, is_between_runs, of_fit
 from estimator.explaining.effects.base import Effect
 from estimator.explaining.effects.voltage_noise import VoltageNoise, without_noise
 from estimator.explaining.explanation import Explanation
 from estimator.explaining.explanation_noise import by_noise_of
-from estimator.explaining.likelier_reading import likelier_reading, read_by
+from estimator.explaining.findings import COARSE, Found, found_effects, not_visible, rival_in_words, varying_parameters
+from estimator.explaining.interpretations import Interpretation
+from estimator.explaining.likelier_interpretation import as_interpreted_by, likelier_interpretation
+from estimator.explaining.parameter_drift import drift_variances
 from estimator.explaining.profile_widths import further_reach
-from estimator.explaining.readings import Reading
 from estimator.explaining.rivals import settled, simulated_finely
 from estimator.explaining.selection_of_plan import selection_of
 from estimator.explaining.wandering_torque import OpenTorque, hidden_torque, with_wandering_torque
@@ -33,32 +33,12 @@ from estimator.fmus.workers import Workers
 from estimator.noise.in_parts import Columns, products
 from estimator.plans.parameters import Parameter, SensorPlace
 from estimator.plans.plan import Plan
-from estimator.results.result import NotVisible, Rival, RivalParameter
+from estimator.results.result import NotVisible, Rival
 
 FloatArray = NDArray[np.float64]
 
 REPORTED = SensorPlace("nuisance")  # of a nuisance parameter
-ENOUGH_RUNS = 4  # of fewer runs the spread is known no better than to its own size
 WIDE = 1e30  # bounds of a parameter that has none
-BEYOND = 4.0  # standard errors: what moves a parameter by more and is not visible is told
-
-
-@dataclass(frozen=True)
-class Found:
-    """An effect that was found: name, size, a sentence, and why it makes the estimate doubtful, or ""."""
-
-    effect: str
-    name: str
-    sentence: str
-    doubt: str
-
-
-COARSE = Found(
-    "filters between the samples",
-    "",
-    "between two samples the current changes faster than what the filters show of it is simulated",
-    "L, and what the filters hide, may be further off than the standard errors say; sample faster",
-)
 
 
 @dataclass(frozen=True)
@@ -106,7 +86,7 @@ class Explained:
     def shown_rows(self) -> FloatArray:
         """Return what the sensors show by the best explanation without ripple, (rows, q)."""
         fit = self.fit
-        plain = [k for k, name in enumerate(fit.names[len(fit.free) :]) if not name.startswith("ripple ")]
+        plain = [k for k, name in enumerate(fit.linear_names) if not name.startswith("ripple ")]
         return np.asarray(fit.shown + fit.raw[:, :, len(fit.free) :][:, :, plain] @ fit.coefficients[plain])
 
     def shown(self) -> list[FloatArray]:
@@ -121,7 +101,7 @@ class Explained:
         names = [parameter.name for parameter in self.plan.parameters]
         wide = np.repeat(fit.values[None, :], len(candidates), axis=0)
         coefficients = np.repeat(fit.coefficients[None, :], len(candidates), axis=0)
-        linear = {name: k for k, name in enumerate(fit.names[len(fit.free) :])}
+        linear = {name: k for k, name in enumerate(fit.linear_names)}
         told_from = _told_from(fit)
         for name, column in zip(names, candidates.T, strict=True):
             if name in s.index:
@@ -174,11 +154,11 @@ def explain(
     if any(e.name == "latency of each edge" for e in effects):
         plan, late = with_latencies(plan)
     begin = partial(selection_of, crew=crew, sigma=sigma, deviations=deviations, effects=effects)
-    ways, selections, explanation = likelier_reading(plan, begin, starts, known)
+    ways, selections, explanation = likelier_interpretation(plan, begin, starts, known)
     plan, selection = ways[0].plan, selections[0]
     changed = [Found("latency of each edge", "", t, "") for t in late]
     if (quiet := without_noise(explanation.fit, plan)) is not None:
-        changed += [f for f in _found(explanation, plan) if f.name == VoltageNoise.name]
+        changed += [f for f in found_effects(explanation, plan) if f.name == VoltageNoise.name]
         rest = tuple(a for a in explanation.additions if a.name != VoltageNoise.name)
         plan, begun = quiet, dataclasses.replace(explanation, additions=rest)
         selection = begin(plan)
@@ -203,7 +183,7 @@ def explain(
         open_additions = selection.tests.additions(explanation, selection.effects)
     turned = None
     if len(selections) > 1:  # the other way to read the recordings, with all that was found
-        turned = read_by(explanation, selections[1])
+        turned = as_interpreted_by(explanation, selections[1])
         rivals.append(turned)
     if len(ways) > 1:
         changed.append(Found(ways[0].effect, "", ways[0].told, ""))
@@ -219,7 +199,7 @@ def _explained(
     left_open: tuple[Sequence[Addition], Sequence[OpenTorque]],
     samples: int,
     changed: Sequence[Found],
-    other_way: tuple[Explanation | None, Sequence[Reading]],
+    other_way: tuple[Explanation | None, Sequence[Interpretation]],
 ) -> Explained:
     fit = explanation.fit
     p = len(plan.names)
@@ -231,7 +211,7 @@ def _explained(
     seen[:p, :p] = mean.covariance
     between = of_fit(fit, p)
     seen += (checked.widened(fit) + between.covariance)[np.ix_(kept, kept)]
-    seen[range(p), range(p)] += changes_during(explanation)
+    seen[range(p), range(p)] += drift_variances(explanation)
     switches = any(a.effect.fmu for a in explanation.additions)
     seen += further_reach(fit, p, switches=switches)[np.ix_(kept, kept)]
     covariance = seen + unseen
@@ -273,11 +253,11 @@ def _explained(
         at_rest=_rms(left / whitener.noise.scale(whitener.level), usual),
         found=(
             *changed,
-            *_found(explanation, plan),
-            *_varies(between, plan),
+            *found_effects(explanation, plan),
+            *varying_parameters(between, plan),
         ),
-        rivals=tuple(_rival(told, explanation, other_way) for told in mean.rivals),
-        not_visible=_not_visible(mean.hidden, plan.names, values[:p], errors[:p], log[:p]),
+        rivals=tuple(rival_in_words(told, explanation, other_way) for told in mean.rivals),
+        not_visible=not_visible(mean.hidden, plan.names, values[:p], errors[:p], log[:p]),
         adequacy=checked,
         explanation=explanation,
         between=between,
@@ -285,50 +265,15 @@ def _explained(
     )
 
 
-def _not_visible(
-    hidden: Sequence[Hidden], names: Sequence[str], values: FloatArray, errors: FloatArray, log: NDArray[np.bool_]
-) -> tuple[NotVisible, ...]:
-    """Return what hides in the recordings and would put a parameter far beyond its bar, the farthest first."""
-    found: dict[str, NotVisible] = {}
-    change = np.reshape([h.moves for h in hidden], (-1, len(values))) * np.where(log, np.abs(values), 1.0)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        all_bars = np.nan_to_num(change / errors, posinf=0.0, neginf=0.0)
-        all_parts = np.nan_to_num(change / np.abs(values), posinf=0.0, neginf=0.0)
-    for h, bars, parts in zip(hidden, all_bars, all_parts, strict=True):
-        order = [int(k) for k in np.argsort(-np.abs(bars)) if abs(bars[k]) > BEYOND]
-        name = h.addition.effect.name
-        if not order or (name in found and _farthest(found[name]) > abs(bars[order[0]])):
-            continue
-        off = {names[k]: (float(parts[k]), float(bars[k])) for k in order}
-        found[name] = NotVisible(name, h.size, h.addition.unit, off)
-    return tuple(sorted(found.values(), key=_farthest, reverse=True))
-
-
-def _farthest(effect: NotVisible) -> float:
-    return max(abs(bars) for _, bars in effect.off.values())
-
-
 def _rms(values: FloatArray, present: NDArray[np.bool_]) -> FloatArray:
     counts = np.array([max(np.count_nonzero(own), 1) for own in present.T])
     return np.asarray(np.sqrt(np.sum(np.where(present, values, 0.0) ** 2, axis=0) / counts))
 
 
-def _varies(between: BetweenRuns, plan: Plan) -> list[Found]:
-    """Return the parameters that vary between the recordings in words."""
-    runs = [o.recording.name for o in plan.observed]
-    few = f"{len(runs)} runs hardly tell by how much; record more" if len(runs) < ENOUGH_RUNS else ""
-    found = []
-    for v in (v for v in between.variations if v.told):
-        parameter = plan.parameters[v.parameter]
-        told = sentence(v, name=parameter.name, unit=parameter.unit, is_log=parameter.log, runs=runs)
-        found.append(Found("between runs", parameter.name, told, few))
-    return found
-
-
 def _told_from(fit: Fit) -> dict[str, float]:
     """Return what a linear coefficient of 0 is reported as, by its name: a gain is then 1."""
     groups = [g.told_from for g in fit.linear for _ in g.units]
-    return dict(zip(fit.names[len(fit.free) :], groups, strict=True))
+    return dict(zip(fit.linear_names, groups, strict=True))
 
 
 def _padded(scaled: FloatArray, fit: Fit) -> FloatArray:
@@ -341,72 +286,8 @@ def _parameter(fit: Fit, name: str) -> Parameter:
     """Return a nuisance parameter as a parameter of the plan."""
     s = fit.simulator
     if name in s.index:
-        nuisance = s.nuisances[s.index[name] - len(s.plan.names)]
-        return dataclasses.replace(nuisance.parameter(), targets=(), place=REPORTED)
+        return dataclasses.replace(s.nuisance(name).parameter(), targets=(), place=REPORTED)
     base, _, number = name.partition("#")
     group = next(g for g in fit.linear if g.name == base)
     unit = group.units[int(number or 0)]
     return Parameter(name, unit, -WIDE, WIDE, log=False, targets=(), place=REPORTED)
-
-
-def _found(explanation: Explanation, plan: Plan) -> list[Found]:
-    """Return the additions of an explanation in words."""
-    fit, found = explanation.fit, []
-    estimates = dict(zip(fit.names, fit.estimates.tolist(), strict=True))
-    for a in explanation.additions:
-        if a.linear is not None:
-            own = [estimates[n] for n in fit.names if n.partition("#")[0] == a.name and n in estimates]
-            size = own[0] if len(own) == 1 else float(np.sqrt(2 * np.mean(np.square(own))))
-        else:
-            size = float(fit.values[fit.simulator.index[a.name]])
-        if told := a.effect.tell(a.name, size, plan):
-            found.append(Found(a.effect.name, a.name, told, a.effect.doubted(a.name, size, plan)))
-    return found
-
-
-def _called(addition: Addition) -> str:
-    """Return an addition's name, or its effect's, where its own is a parameter's of the FMU."""
-    effect = addition.effect.name
-    return addition.name if addition.name.startswith(effect) else effect
-
-
-def _rival(told: Told, explanation: Explanation, other_way: tuple[Explanation | None, Sequence[Reading]]) -> Rival:
-    """Return a rival explanation with its parameters, and which recording would decide.
-
-    Parameters
-    ----------
-    other_way : the rival whose recordings are read the other way, and both ways, that of the explanation first
-    """
-    rival = told.explanation
-    instead = [a for a in rival.additions if a.name not in explanation.names()]
-    replaced = [a for a in explanation.additions if a.name not in rival.names()]
-    words, over = (" and ".join(_called(a) for a in part) or "nothing more" for part in (instead, replaced))
-    sharp = all(a.effect.sharp for a in (*instead, *replaced))
-    remedy = "sample faster, or declare the sensor's filter" if sharp else "record two voltage levels, or measure it"
-    what = f"{words} instead of {over}" if instead or replaced else "the same with other values"
-    turned, ways = other_way
-    if rival is turned:
-        what, remedy = f"{ways[1].way} instead of {ways[0].way}", ways[0].remedy
-    return Rival(
-        what=what,
-        parameters=_rival_parameters(rival.fit),
-        differs_in=told.parameter,
-        estimated=float(explanation.fit.values[rival.fit.simulator.plan.names.index(told.parameter)]),
-        apart=told.apart,
-        behind=told.behind,
-        weight=told.weight,
-        decided_by=remedy,
-    )
-
-
-def _rival_parameters(fit: Fit) -> dict[str, RivalParameter]:
-    """Return the parameters of a plan as another explanation's fit gives them."""
-    plan = fit.simulator.plan
-    told, untold = fit.covariance_parts()
-    errors = np.sqrt(np.maximum(np.diag(told + untold), 0.0)) * np.where(fit.is_log, np.abs(fit.estimates), 1.0)
-    found = {}
-    for k, parameter in enumerate(plan.parameters):
-        known = fit.at_bound[k] == 0 and errors[k] <= NOTHING_TOLD * abs(fit.values[k])
-        value, error = float(fit.values[k]), float(errors[k]) if known else None
-        found[parameter.name] = RivalParameter(value, error, parameter.unit)
-    return found

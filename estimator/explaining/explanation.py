@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.explaining.addition import Addition
+from estimator.explaining.addition import Addition, is_physical
 from estimator.explaining.effects.base import Effect
 from estimator.fitting.fit import Fit
 from estimator.fitting.gauss_newton import ITERATIONS, ROUGH, solved
@@ -33,6 +33,10 @@ class Explanation:
     def names(self) -> set[str]:
         """Return what was added."""
         return {a.name for a in self.additions}
+
+    def is_physical(self) -> bool:
+        """Return whether all that was added has values within its bounds, and takes no motor parameter's place."""
+        return all(is_physical(self.fit, a) for a in self.additions)
 
     def criterion(self, samples: int) -> float:
         """Return the criterion, -2 log L at its noise and the penalties."""
@@ -62,7 +66,7 @@ class Explanation:
         """
         fit, s, total = self.fit, self.fit.simulator, 0.0
         usual = {a.name: a.usual for a in self.additions if a.usual}
-        variances, neutral = np.diag(fit.covariance_parts()[0]), {n.name: n.neutral for n in s.nuisances}
+        variances, neutral = np.diag(fit.covariance_parts()[0]), s.neutral
         for name, x, variance, is_log in zip(fit.names, fit.estimates, variances, fit.is_log, strict=True):
             if name in usual and not is_log:
                 away = float(x) - neutral.get(name, 0.0)
@@ -98,8 +102,7 @@ def without(
     else:
         values = fit.values.copy()
         for name in {addition.name, *addition.free}:
-            k = fit.simulator.index[name]
-            values[k] = fit.simulator.neutral[k - len(fit.simulator.plan.names)]
+            values[fit.simulator.index[name]] = fit.simulator.neutral[name]
         free = tuple(n for n in fit.free if n not in addition.free)
         fit = dataclasses.replace(fit, values=values, free=free)
     rest = tuple(a for a in explanation.additions if a is not addition)
@@ -174,10 +177,7 @@ def _at_values(
 ) -> Explanation:
     """Return the explanation at other values; nuisance parameters that come with them take an addition's place."""
     fit, held = explanation.fit, {a.name for a in explanation.additions}
-    values, own = fit.values.copy(), []
-    for name, value in known.items():
-        k = fit.simulator.index[name]
-        values[k] = np.clip(value, fit.simulator.lower[k], fit.simulator.upper[k])
+    values, own = fit.simulator.at(fit.values, known), []
     for new in (n for n in fit.simulator.nuisances if n.tries and n.name in known and n.name not in held):
         effect = next(e for e in effects if new.name in {n.name for n in e.nuisances(plan)})
         free = () if new.whole else (new.name,)
@@ -198,7 +198,7 @@ def moved_to(fit: Fit, simulator: Simulator) -> Fit:
     groups = {g.name for g in fit.linear if g.name in simulator.index}
     if not groups:
         return dataclasses.replace(fit, simulator=simulator, values=simulator.values(known))
-    columns = dict(zip(fit.names[len(fit.free) :], fit.coefficients.tolist(), strict=True))
+    columns = dict(zip(fit.linear_names, fit.coefficients.tolist(), strict=True))
     simulated = {name: x for name, x in columns.items() if name.partition("#")[0] in groups}
     values = np.clip(simulator.values({**known, **simulated}), simulator.lower, simulator.upper)
     return dataclasses.replace(

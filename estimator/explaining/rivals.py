@@ -8,13 +8,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from estimator.explaining.addition import Addition, alike, is_physical, is_switch, is_timing
+from estimator.explaining.addition import Addition, alike, is_switch, is_timing
 from estimator.explaining.explanation import (
     Explanation,
     in_two,
-    mirrored,
     renewed,
-    with_added,
     with_fine_filters,
     without,
 )
@@ -95,11 +93,11 @@ def _without_absurd(
     rest. No single exchange leads back from there.
     """
     plan, n = selection.tests.base.plan, selection.tests.samples
-    values = dict(zip(explanation.fit.simulator.names, explanation.fit.values.tolist(), strict=True))
+    fit = explanation.fit
     absurd = {
         a.effect.name
         for a in explanation.additions
-        if not a.effect.doubt and a.name in values and a.effect.doubted(a.name, values[a.name], plan)
+        if not a.effect.doubt and a.name in fit.simulator.index and a.effect.doubted(a.name, fit.value(a.name), plan)
     }
     if not absurd:
         return None
@@ -123,7 +121,7 @@ def _others(selection: Selection, explanation: Explanation) -> list[Explanation]
     tells: those are always refitted.
     """
     within = [a for a in explanation.additions if is_timing(a)]
-    twins = mirrored(explanation, selection.effects, selection.tests.base.plan)
+    twins = selection.mirrored(explanation)
     twins += in_two(explanation, selection.effects, selection.tests.base.plan)
     twins += _with_other_inductance(explanation)
     found = [*twins, *(_simpler(selection, explanation, within) if len(within) <= MOST_PAIRED else [])]
@@ -132,7 +130,7 @@ def _others(selection: Selection, explanation: Explanation) -> list[Explanation]
         if not addition.effect.is_line and not is_switch(addition) and many <= MOST_ALIKE:
             sharp_too = addition in within and len(within) <= MOST_WITHIN
             found += _exchanged(selection, explanation, addition, sharp_too=sharp_too)
-    return [e for e in found if all(is_physical(e.fit, a) for a in e.additions)]
+    return [e for e in found if e.is_physical()]
 
 
 def _with_other_inductance(explanation: Explanation) -> list[Explanation]:
@@ -140,7 +138,7 @@ def _with_other_inductance(explanation: Explanation) -> list[Explanation]:
     fit, s = explanation.fit, explanation.fit.simulator
     if not {"R", "L"} <= set(fit.free):
         return []
-    samples = time_constant(*(float(fit.values[s.index[n]]) for n in "RL")) / min(clock.step for clock in s.clocks)
+    samples = time_constant(fit.value("R"), fit.value("L")) / min(clock.step for clock in s.clocks)
     if samples > 1.0:
         return []
     values = fit.values.copy()
@@ -194,9 +192,9 @@ def _fuller(selection: Selection, explanation: Explanation, rivals: Sequence[Exp
         for likely in (timing, far):
             for a in sorted(likely, key=lambda a: -a.gain)[:1]:
                 limit = explanation.fit.cost + 2 * RIVALS_WITHIN
-                fuller = with_added(base, selection.refitted(base, a, limit=limit), a)
+                fuller = selection.added(base, a, limit=limit)
                 found.append(dataclasses.replace(fuller, fit=solved(fuller.fit)))
-    return [e for e in found if all(is_physical(e.fit, a) for a in e.additions)]
+    return [e for e in found if e.is_physical()]
 
 
 def _exchanged(
@@ -236,7 +234,7 @@ def _exchanged(
         other = _as_late(explanation, addition, other)
         further = FURTHER if other.effect.fmu and beside_timing else 0.0
         limit = most + further - other.penalty(n) - (bare.criterion(n) - bare.fit.cost)
-        rival = with_added(bare, selection.refitted(bare, other, limit=limit), other)
+        rival = selection.added(bare, other, limit=limit)
         if any(a.linear is not None for a in rival.additions):
             rival = dataclasses.replace(rival, fit=solved_roughly(renewed(rival), limit=limit))
         if most <= rival.criterion(n) < most + further:
@@ -260,7 +258,7 @@ def _retimed(selection: Selection, rival: Explanation, gone: Addition) -> Explan
     tested = [a for a in selection.tests.additions(rival, selection.effects) if is_timing(a) and a.name != gone.name]
     for a in sorted(tested, key=lambda a: -a.gain)[:1]:
         if a.gain > LEAST_GAIN:
-            return selection.without_idle(with_added(rival, selection.refitted(rival, a), a))
+            return selection.without_idle(selection.added(rival, a))
     return rival
 
 
@@ -273,8 +271,8 @@ def _as_late(explanation: Explanation, addition: Addition, other: Addition) -> A
     channels = {n.channel for n in s.nuisances if n.name in (addition.name, other.name)}
     if addition.effect.lateness * other.effect.lateness == 0 or len(channels) != 1:
         return other
-    start = {name: float(fit.values[s.index[name]]) for name in fit.free if name != addition.name}
-    delay = addition.effect.lateness * float(fit.values[s.index[addition.name]])
+    start = {name: fit.value(name) for name in fit.free if name != addition.name}
+    delay = addition.effect.lateness * fit.value(addition.name)
     return dataclasses.replace(other, starts=(*other.starts, {**start, other.name: delay / other.effect.lateness}))
 
 
@@ -292,6 +290,6 @@ def _simpler(selection: Selection, explanation: Explanation, within: Sequence[Ad
             if is_timing(a) and a.name not in (one.name, two.name)
         ]
         for other in sorted(tested, key=lambda a: -a.gain)[:1]:
-            simpler = with_added(bare, selection.refitted(bare, other), other)
-            found += [simpler, *mirrored(simpler, selection.effects, selection.tests.base.plan)]
+            simpler = selection.added(bare, other)
+            found += [simpler, *selection.mirrored(simpler)]
     return found

@@ -90,6 +90,22 @@ class Selection:
     differenced: FloatArray
     effects: tuple[Effect, ...]
 
+    @property
+    def _plain_noise(self) -> NoiseModel:
+        return NoiseModel.plain(self.deviations, tuple(-1 for _ in self.tests.base.outputs))
+
+    def _with_open_columns(self, fit: Fit) -> Fit:
+        """Return a fit with the columns that are free from the start."""
+        return dataclasses.replace(fit, linear=tuple(group for e in self.effects for group in e.always(fit)))
+
+    def mirrored(self, explanation: Explanation) -> list[Explanation]:
+        """Return an explanation at the equivalent values that its effects name."""
+        return mirrored(explanation, self.effects, self.tests.base.plan)
+
+    def added(self, explanation: Explanation, addition: Addition, *, limit: float = np.inf) -> Explanation:
+        """Return an explanation fitted with one more addition; limit as for `solved`."""
+        return with_added(explanation, self.refitted(explanation, addition, limit=limit), addition)
+
     def _held_near(self, starts: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray]:
         """Bound a motor's parameters near their first estimates; return the bounds that they had.
 
@@ -109,9 +125,8 @@ class Selection:
     def _leaves_noise(self, start: FloatArray) -> bool:
         """Whether a start, (p,), explains the recordings but for their noise, by its first estimate."""
         s = self.tests.base
-        noise = NoiseModel.plain(self.deviations, tuple(-1 for _ in s.outputs))
         values = s.values(dict(zip(s.plan.names, start.tolist(), strict=True)))
-        begun = new_fit(s, values, s.plan.names, noise)
+        begun = new_fit(s, values, s.plan.names, self._plain_noise)
         return refreshed(begun, begun.whitener).cost < (1 + NO_NOISE) * self.tests.samples
 
     def first_cost(self, starts: Sequence[FloatArray]) -> float:
@@ -140,7 +155,7 @@ class Selection:
         if (shaken := with_jitter(best, self.differenced)) is not None:
             best = self.without_idle(self.grown(shaken, self.effects))
         best = reshaped(best)
-        best = min([best, *mirrored(best, self.effects, self.tests.base.plan)], key=lambda e: e.fit.cost)
+        best = min([best, *self.mirrored(best)], key=lambda e: e.fit.cost)
         for simulator in {id(s): s for s in (self.tests.base, best.fit.simulator)}.values():
             p = len(self.tests.base.plan.names)
             simulator.lower[:p], simulator.upper[:p] = bounds[0][:p], bounds[1][:p]
@@ -160,7 +175,7 @@ class Selection:
         first.fit.forget()  # of a million rows a quarter of what is held
         return best if self.best_addition(best, self.effects, set()) is None else None
 
-    def _with_effects(self, best: Explanation, *, sharp: bool = True) -> Explanation:
+    def _with_effects(self, best: Explanation, *, sharp: bool) -> Explanation:
         """Return the explanation with its noise and its effects; `sharp`: look for these before coloured noise."""
         best = self.grown(best, self.effects, renew=False, share=MOST_OF_IT)
         lines = [e for e in self.effects if e.is_line]
@@ -192,7 +207,6 @@ class Selection:
     def _first(self, starts: Sequence[FloatArray]) -> Explanation:
         """Return the best first fit: from every start, with and without effects that are seen before a fit."""
         s = self.tests.base
-        plain = NoiseModel.plain(self.deviations, tuple(-1 for _ in s.outputs))
         seen = [(e, e.at_first_sight(s.plan)) for e in self.effects]
         own = [(e, {n: v for n, v in known.items() if n in s.index}) for e, known in seen if not e.fmu]
         far = [(e, known) for e, known in seen if e.fmu and known]
@@ -210,9 +224,8 @@ class Selection:
                 names = {a.name for a in additions}
                 values = {n: v for _, known in (*own, *held) for n, v in known.items() if n in names}
                 free = (*s.plan.names, *self.always, *(n for a in additions for n in a.free))
-                fit = new_fit(simulator, simulator.values({**begun, **values}), free, plain)
-                open_ones = tuple(group for e in self.effects for group in e.always(fit))
-                fit = solved_roughly(dataclasses.replace(fit, linear=open_ones))
+                fit = new_fit(simulator, simulator.values({**begun, **values}), free, self._plain_noise)
+                fit = solved_roughly(self._with_open_columns(fit))
                 tried.append(Explanation(fit, tuple(additions)))
         return min(tried, key=self._criterion_at_first)
 
@@ -230,8 +243,7 @@ class Selection:
         values = np.clip(values, simulator.lower, simulator.upper)
         free = [n for n in there.free if n in simulator.index]  # all rows may rule out what the part allows
         fit = new_fit(simulator, values, free, there.whitener.noise)
-        open_ones = tuple(group for e in self.effects for group in e.always(fit))
-        best = Explanation(solved(dataclasses.replace(fit, linear=open_ones), iterations=ROUGH, told=False))
+        best = Explanation(solved(self._with_open_columns(fit), iterations=ROUGH, told=False))
         for a in known.additions:
             if a.linear is None:
                 own = (without_columns(a),) if a.name in simulator.index else ()
@@ -354,10 +366,7 @@ class Selection:
         moved = moved_to(fit, simulator)
         begun = []
         for start in addition.starts:
-            values = moved.values.copy()
-            for name, value in start.items():
-                k = simulator.index[name]
-                values[k] = np.clip(value, simulator.lower[k], simulator.upper[k])
+            values = simulator.at(moved.values, start)
             begun.append(dataclasses.replace(moved, values=values, free=(*moved.free, *addition.free)))
         settling = ROUGH if not addition.free else 1
         ready = [solved(b, iterations=settling) for b in begun] if len(begun) > 1 else begun
@@ -398,6 +407,4 @@ def _apart(additions: Sequence[Addition]) -> list[Addition]:
 
 def _seen(effect: Effect, name: str, simulator: Simulator) -> Addition:
     """Return an addition that the recordings show before any fit."""
-    nuisance = next(n for n in simulator.nuisances if n.name == name)
-    free = () if nuisance.whole else (name,)
-    return Addition(effect, name, 1, np.inf, free=free)
+    return Addition(effect, name, 1, np.inf, free=() if simulator.nuisance(name).whole else (name,))

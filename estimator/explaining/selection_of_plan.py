@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,37 +36,28 @@ def selection_of(
     wanted = freed_by_the_case(plan)
     own = [n for n in own if n.name not in {w.name for w in wanted}]
     base = Simulator(plan, (*own, *wanted), crew, sigma)
-    tests = AdditionTests(base, _Rivals(plan, base, crew, sigma, effects))
+    tests = AdditionTests(base, _rivals(base, effects))
     always = tuple(n.name for n in wanted)
     return Selection(tests, always, deviations, count_deviations(plan), tuple(effects))
 
 
-class _Rivals:
-    """Simulators of bundled FMUs that may stand in for the linear motor."""
+def _rivals(base: Simulator, effects: Sequence[Effect]) -> Callable[[str], Simulator | None]:
+    """Return what makes simulators of bundled FMUs that may stand in for the linear motor, by name, each once."""
+    plan = base.plan
+    is_linear_motor = plan.description.is_bundled and plan.description.path.stem == LINEAR_MOTOR
+    can_stand_in = is_linear_motor and {*plan.names, *plan.fixed} <= {*MOTOR, "v", "load"}
 
-    def __init__(
-        self, plan: Plan, base: Simulator, crew: Workers, sigma: Mapping[str, float], effects: Sequence[Effect]
-    ) -> None:
-        self.effects = effects
-        self.plan, self.base, self.crew, self.sigma = plan, base, crew, sigma
-        self.known: dict[str, Simulator | None] = {}
+    @cache
+    def simulator(name: str) -> Simulator | None:
+        if not can_stand_in:
+            return None
+        there = plan.on(bundled_model(name))
+        own = [n for e in effects if e.fmu == name for n in e.nuisances(plan)]
+        own += [n for e in effects for n in e.in_place_of_columns(plan)]
+        own = [n for n in own if n.target in there.binding.own]
+        return Simulator(there, (*base.nuisances, *own), base.crew, base.sigma)
 
-    def __call__(self, name: str) -> Simulator | None:
-        if name not in self.known:
-            self.known[name] = self._simulator(name) if self._can_stand_in() else None
-        return self.known[name]
-
-    def _can_stand_in(self) -> bool:
-        plan = self.plan
-        is_linear_motor = plan.description.is_bundled and plan.description.path.stem == LINEAR_MOTOR
-        return is_linear_motor and {*plan.names, *plan.fixed} <= {*MOTOR, "v", "load"}
-
-    def _simulator(self, name: str) -> Simulator:
-        plan = self.plan.on(bundled_model(name))
-        has = plan.binding.own
-        own = [n for e in self.effects if e.fmu == name for n in e.nuisances(self.plan) if n.target in has]
-        own += [n for e in self.effects for n in e.in_place_of_columns(self.plan) if n.target in has]
-        return Simulator(plan, (*self.base.nuisances, *own), self.crew, self.sigma)
+    return simulator
 
 
 def freed_by_the_case(plan: Plan) -> list[Nuisance]:
@@ -73,7 +65,7 @@ def freed_by_the_case(plan: Plan) -> list[Nuisance]:
     found = []
     for place in plan.wanted:
         kind, e, y = place.kind, place.recording, place.output
-        h = min(o.recording.step for o in plan.observed)
+        h = plan.shortest_step
         if kind == "delay" and not y:
             assert e is not None
             name, start = per_recording(plan, "delay")[e], plan.observed[e].delay
@@ -83,7 +75,7 @@ def freed_by_the_case(plan: Plan) -> list[Nuisance]:
         elif kind == "gain":
             found.append(Nuisance(f"gain {y}", "", 0.1, 10.0, 1.0, 0.1, log=True, place=place))
         else:
-            spread = max(float(np.nanmax(np.abs(o.outputs[y]))) for o in plan.observed)
+            spread = plan.largest(y)
             name = f"offset {y}" if e is None else per_recording(plan, f"offset {y}")[e]
             unit = plan.unit(y)
             found.append(Nuisance(name, unit, -11 * spread, 11 * spread, 0.0, 0.01 * spread, place=place))

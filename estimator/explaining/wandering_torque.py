@@ -15,9 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.explaining.during import friction_variance
 from estimator.explaining.effects.base import USUAL
 from estimator.explaining.explanation import Explanation
+from estimator.explaining.parameter_drift import friction_variance
 from estimator.fitting.fit import Fit, refreshed, with_level
 from estimator.fitting.gauss_newton import solved
 from estimator.fitting.motor_response import machine_of

@@ -53,9 +53,9 @@ class Linear:
         What a coefficient of 0 is reported as: for a gain, 1.
     form : int
         Which of the forms that its effect knows the columns have.
-    unsteady : (rows, q, k) array, optional
-        What it may be in a transient beside what settled rows show of it (unsteady.py).
-    most_unsteady : float
+    transient : (rows, q, k) array, optional
+        What it may be in a transient beside what settled rows show of it (`transient_ripple.py`).
+    most_transient : float
         Bound of the coefficients of that.
     beyond : (rows, q, k) array, optional
         What it may be besides where settled rows show more than that bound allows.
@@ -72,8 +72,8 @@ class Linear:
     told_from: float = 0.0
     one_of: int = 1
     form: int = 0
-    unsteady: FloatArray | None = None
-    most_unsteady: float = np.inf
+    transient: FloatArray | None = None
+    most_transient: float = np.inf
     beyond: FloatArray | None = None
     uncertain: FloatArray | None = None
 
@@ -161,6 +161,20 @@ class Fit:
     def is_log(self) -> BoolArray:
         """Which of the names are on a logarithmic scale."""
         return np.concatenate([self.simulator.log[self.where], np.zeros(len(self.coefficients), dtype=bool)])
+
+    def value(self, name: str) -> float:
+        """Return the value of a name of the simulator, free or not."""
+        return float(self.values[self.simulator.index[name]])
+
+    @property
+    def linear_names(self) -> tuple[str, ...]:
+        """Names of the linear coefficients, (m,)."""
+        return self.names[len(self.free) :]
+
+    def estimates_of(self, addition: str) -> list[float]:
+        """Return what is estimated of one addition, by its name: of a group of columns each coefficient."""
+        named = zip(self.names, self.estimates.tolist(), strict=True)
+        return [x for name, x in named if name.partition("#")[0] == addition]
 
     @property
     def linear_parts(self) -> list[tuple[Linear, FloatArray]]:

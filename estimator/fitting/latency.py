@@ -26,6 +26,12 @@ MEDIAN_OF = np.pi / 2  # variance of a median over that of a mean
 LEAST_SHIFT = 2  # rows by which a change must come later or earlier than the first
 
 
+def edges_of(u: FloatArray, span: float | None = None) -> NDArray[np.int64]:
+    """Return the rows at which an input, (n,), has changed by much of its span, its own if none is given."""
+    span = float(np.ptp(u)) if span is None else span
+    return np.flatnonzero(np.abs(np.diff(u)) > EDGE * max(span, 1e-300)) + 1
+
+
 def with_latencies(plan: Plan) -> tuple[Plan, tuple[str, ...]]:
     """Return the plan with the changes of its voltages where they reach the motor, and what was found."""
     observed, told = [], []
@@ -44,7 +50,7 @@ def _moved(o: Observed) -> tuple[Observed, str] | None:
     v, i = np.concatenate([rest, o.inputs["v"]]), filled(o.outputs["i"])
     i = np.concatenate([rest + i[0], i])
     shown = np.concatenate([rest, o.outputs["i"]])
-    edges = np.flatnonzero(np.abs(np.diff(v)) > EDGE * max(float(np.ptp(v)), 1e-300)) + 1
+    edges = edges_of(v)
     edges = edges[edges <= len(v) - 4 * LEAST_SHIFT]  # the response to later ones is not recorded
     if not 2 <= len(edges) <= MOST_EDGES or np.min(np.diff(edges)) < 4 * LEAST_SHIFT:
         return None

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from estimator.fitting.fit import Fit
+from estimator.fitting.motor_response import acting
 from estimator.plans.parameters import SensorPlace
 from estimator.plans.plan import ChainSpec
 from estimator.stepping import layout
@@ -22,16 +23,13 @@ def lateness(fit: Fit, output: str) -> tuple[float, float]:
     """
     s = fit.simulator
     step = min(clock.step for clock in s.clocks)
-    values = dict(zip(s.names, fit.values.tolist(), strict=True))
     chain = s.plan.chains.get(output, ChainSpec())
     simulated = chain.delay + 0.5 * (chain.average - 1) * step
     simulated += step * sum((b1 + 2 * b2) / (b0 + b1 + b2) - (a1 + 2 * a2) / (1 + a1 + a2)
                             for b0, b1, b2, a1, a2 in chain.sections(step))  # fmt: skip
     simulated += 0.5 * step if s.plan.sensors[output] == layout.MEAN else 0.0
-    ramp, acting = step * np.arange(RAMP_ROWS, dtype=np.float64), 0.0
-    for n in s.nuisances:
-        if n.place == SensorPlace("delay", None, output):
-            simulated += values[n.name]
-        elif n.output == output and n.act is not None and values[n.name] != n.neutral:
-            acting += float(ramp[-1] - n.act(ramp, values[n.name], step)[-1])
-    return simulated, acting
+    own = (n.name for n in s.nuisances if n.place == SensorPlace("delay", None, output))
+    simulated += sum(map(fit.value, own))
+    ramp = step * np.arange(RAMP_ROWS, dtype=np.float64)
+    acted = (float(ramp[-1] - act(ramp, value, step)[-1]) for act, value in acting(fit, output))
+    return simulated, sum(acted, 0.0)

@@ -26,7 +26,7 @@ from estimator.plans.parameters import Box
 FloatArray = NDArray[np.float64]
 Residuals = Callable[[FloatArray], FloatArray]
 # Scaled starts, (k, p), weights of the outputs, and what `trust_region.steps` takes -> where each fit ends, as
-# `Problem.fits` tells.
+# `WholeFits.fits` tells.
 Whole = Callable[..., Sequence[tuple[FloatArray, float] | None] | None]
 # Of a fit: scaled parameters, (p,); its residuals there, (m,), over their deviations, where derivatives are asked, None
 # where residuals are.

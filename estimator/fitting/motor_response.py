@@ -57,7 +57,7 @@ def response(fit: Fit, *, voltage: FloatArray | None = None, torque: FloatArray 
     many = max(signals.shape[1] for signals in given if signals is not None)
     result = np.zeros((s.rows, len(s.outputs), many))
     opens, seats = _opens(fit), [SEATS[y] for y in s.outputs]
-    plain = max(seats) < SEATS["angle"] and not any(_acting(fit, y) for y in s.outputs)
+    plain = max(seats) < SEATS["angle"] and not any(acting(fit, y) for y in s.outputs)
     for clock in s.clocks:
         own = [None if signals is None else signals[clock.rows] for signals in given]
         if plain:
@@ -73,7 +73,7 @@ def response(fit: Fit, *, voltage: FloatArray | None = None, torque: FloatArray 
 def _opens(fit: Fit) -> NDArray[np.bool_]:
     """Return in which rows the drive has opened the circuit, (rows,)."""
     s = fit.simulator
-    if COASTS not in s.index or fit.values[s.index[COASTS]] != 1.0:
+    if COASTS not in s.index or fit.value(COASTS) != 1.0:
         return np.zeros(s.rows, dtype=bool)
     return np.asarray(as_late(fit, (s.inputs("v") == 0).astype(np.float64)) > 0.5)
 
@@ -195,18 +195,18 @@ def _as_shown(fit: Fit, states: FloatArray, clock: Clock) -> FloatArray:
             shown = (np.cumsum(states[1]) - 0.5 * (states[1] + states[1][0])) * clock.step
         else:
             shown = states[SEATS[y]]
-        for act, value in _acting(fit, y):
+        for act, value in acting(fit, y):
             shown = act(shown, value, clock.step)
         columns.append(shown)
     return np.column_stack(columns)
 
 
-def _acting(fit: Fit, output: str) -> list[tuple[Act, float]]:
-    """Return what acts on an output's samples, and with which value."""
+def acting(fit: Fit, output: str) -> list[tuple[Act, float]]:
+    """Return what a sensor does with an output's samples, and with which value."""
     s, found = fit.simulator, []
     for nuisance in s.nuisances:
         if nuisance.output == output and nuisance.act is not None:
-            value = float(fit.values[s.index[nuisance.name]])
+            value = fit.value(nuisance.name)
             if value != nuisance.neutral:
                 found.append((nuisance.act, value))
     return found

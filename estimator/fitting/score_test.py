@@ -18,7 +18,7 @@ TOGETHER = 250_000  # rows of columns that are made at once, at most
 
 
 @dataclass(frozen=True)
-class Told:
+class ColumnScores:
     """Scores, information and squares, (c,) each, of whitened columns; their products with others, (f, c), if asked."""
 
     along: FloatArray
@@ -56,7 +56,7 @@ class ScoreTest:
             told = self.of_whitened(whitened, first=rows.start * columns.shape[1])
         return told.along, told.power
 
-    def of_whitened(self, whitened: Columns, *, first: int = 0, jacobian: Columns | None = None) -> Told:
+    def of_whitened(self, whitened: Columns, *, first: int = 0, jacobian: Columns | None = None) -> ColumnScores:
         """Return what the test says of each of whitened columns, (m, c), that are zero beside m rows from the first.
 
         Parameters
@@ -84,7 +84,7 @@ class ScoreTest:
         known = self.known.of_products(products)
         power = whole - np.einsum("nk,nk->k", known, known)
         power = np.where(power > DEPENDENT * whole, power, 0.0)
-        return Told(scores, power, whole, products if jacobian is spanned else explained)
+        return ColumnScores(scores, power, whole, products if jacobian is spanned else explained)
 
     def together(self, whitened: Columns) -> tuple[FloatArray, FloatArray]:
         """Return the information, (c, c), and the scores, (c,), of whitened columns, (rows q, c)."""

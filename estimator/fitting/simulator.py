@@ -8,7 +8,7 @@ the FMU need not be loaded again when one is freed.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -17,7 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.fitting.problem import Problem, distinct
+from estimator.fitting.repeated_samples import mostly_repeats, without_repeats
 from estimator.fitting.shaft_angle import shaft_angle, unfolded_orders
+from estimator.fitting.whole_fits import WholeFits
 from estimator.fmus.workers import Workers
 from estimator.noise.clock import Clock, interval_shown
 from estimator.plans.parameters import Box, Parameter, SensorPlace, scaled, unscaled
@@ -25,12 +27,9 @@ from estimator.plans.plan import Observed, Plan
 from estimator.recordings.excitation import quantum
 
 FloatArray = NDArray[np.float64]
-STANDSTILL_ROWS = 8  # rows without a count after which an encoder is taken to stand still: its error is constant there
 SUBSTEPS = 4  # rows that are simulated for one where a filter acts between them
 CELLS = 500_000  # rows that are simulated at once, at most
 KEPT_ANSWERS, KEPT_VALUES = 16, 500_000  # that were asked of late; numbers in all of them, at most
-LONGEST_HOLD = 20  # rows for which a logger may repeat a sample
-LEAST_CHANGES, HELD_PART = 20, 0.98  # changes of a quantised channel; their part at every n-th row: it is held between
 
 Act = Callable[[FloatArray, float, float], FloatArray]  # (n,) signal, value, sampling interval in s -> (n,) signal
 
@@ -155,7 +154,7 @@ class Simulator:
         self.log = np.array([s[2] for s in specs], dtype=bool)
         own = [abs(p.upper - p.lower) * 1e-3 for p in self.plan.parameters]
         self.size = np.array([*own, *(n.size for n in self.nuisances)])
-        self.neutral = np.array([n.neutral for n in self.nuisances])
+        self.neutral = {n.name: n.neutral for n in self.nuisances}
         self.outputs = self.plan.outputs
         keep = np.concatenate([np.arange(o.before + len(o.recording.time)) >= o.before for o in self.plan.observed])
         # Of one recording a slice, which copies nothing.
@@ -170,7 +169,7 @@ class Simulator:
     @cached_property
     def measured(self) -> FloatArray:
         """What is compared, (rows, q); NaN where a sample is missing, or shown again."""
-        each = [_without_repeats(o, self.outputs) for o in self.observed]
+        each = [without_repeats(o, self.outputs) for o in self.observed]
         return each[0] if len(each) == 1 else np.concatenate(each)
 
     @cached_property
@@ -181,7 +180,7 @@ class Simulator:
     @cached_property
     def coarse(self) -> NDArray[np.bool_]:
         """Whether an output's resolution is what its neighbours differ by, if they do, (q,): then it is no noise."""
-        repeats = np.array([_repeats(o.outputs[y] for o in self.observed) for y in self.outputs])
+        repeats = np.array([mostly_repeats(o.outputs[y] for o in self.observed) for y in self.outputs])
         return np.asarray((self.steps > 0) & repeats)
 
     @property
@@ -206,8 +205,19 @@ class Simulator:
 
     def values(self, known: Mapping[str, float]) -> FloatArray:
         """Return a candidate, (p,), of known values; nuisances that are not known are neutral."""
-        return np.array([known[n] if n in known else self.neutral[k - len(self.plan.names)]
-                         for k, n in enumerate(self.names)])  # fmt: skip
+        return np.array([known[n] if n in known else self.neutral[n] for n in self.names])
+
+    def at(self, values: FloatArray, known: Mapping[str, float]) -> FloatArray:
+        """Return a candidate, (p,), with some values exchanged, inside their bounds."""
+        moved = values.copy()
+        for name, value in known.items():
+            k = self.index[name]
+            moved[k] = np.clip(value, self.lower[k], self.upper[k])
+        return moved
+
+    def nuisance(self, name: str) -> Nuisance:
+        """Return a nuisance parameter by its name."""
+        return self.nuisances[self.index[name] - len(self.plan.names)]
 
     def shown(self, candidates: FloatArray, *, refine: int = 1) -> FloatArray:
         """Return what the sensors show, (c, rows, q), of (c, p) candidates; NaN where the FMU fails.
@@ -294,11 +304,11 @@ class Simulator:
         ----------
         weights : (rows, q) array
             On the misfit of each sample; 0 where one is missing.
-        limits : as `Problem.descend`
+        limits : as `WholeFits.descend`
 
         Returns
         -------
-        As `Problem.descend`, without the lead, and the derivatives as (rows, q, f).
+        As `WholeFits.descend`, without the lead, and the derivatives as (rows, q, f).
         """
         stepped = {k: j for j, k in enumerate(self._stepped)}
         if self._acting(values[None, :]).any() or not set(where.tolist()) <= stepped.keys():
@@ -307,7 +317,7 @@ class Simulator:
         wide = np.zeros((sum(o.before + len(o.recording.time) for o in self.observed), len(self.outputs)))
         wide[self._keep] = weights
         free = [stepped[k] for k in where.tolist()]
-        found = self.problem.descend(values[self._stepped], free, box, wide, **limits)
+        found = WholeFits(self.problem).descend(values[self._stepped], free, box, wide, **limits)
         if found is None:
             return None
         x, beside, shown, derivatives = found
@@ -351,49 +361,3 @@ def per_recording(plan: Plan, kind: str) -> Sequence[str]:
         return [kind]
     names = [o.recording.name for o in plan.observed]
     return [f"{kind} {n if names.count(n) == 1 else k + 1}" for k, n in enumerate(names)]
-
-
-def _repeats(signals: Iterable[FloatArray]) -> bool:
-    """Return whether most samples of signals, (n,) each, are as the one before."""
-    changes = np.concatenate([np.diff(y[~np.isnan(y)]) for y in signals])
-    return 2 * int(np.count_nonzero(changes == 0)) > len(changes)
-
-
-def _without_repeats(o: Observed, outputs: Sequence[str]) -> FloatArray:
-    """Return the outputs, (n, q), NaN where a logger shows a sample again, noise and all.
-
-    A channel that repeats values for a few rows, and is not quantised by a converter or an encoder, is held by the
-    logger. A value that stays for longer is constant.
-    """
-    rows = o.compared[o.before :]
-    held = np.zeros(rows.shape, dtype=bool)
-    for j in range(rows.shape[1]):
-        again = np.concatenate([[False], rows[1:, j] == rows[:-1, j]])
-        lattice = again.any() and quantum(rows[:, j]) > 0
-        if lattice and outputs[j] != "w":
-            held[:, j] = _held(again)
-        if not again.any() or (lattice and outputs[j] != "w"):
-            continue
-        edges = np.flatnonzero(np.diff(np.concatenate([[False], again, [False]]).astype(np.int8)))
-        for first, last in zip(edges[::2], edges[1::2], strict=True):
-            stands = lattice and last - first >= STANDSTILL_ROWS and rows[first, j] == 0
-            if stands or (not lattice and last - first <= LONGEST_HOLD):
-                held[first:last, j] = True
-    return np.where(held, np.nan, rows) if held.any() else rows
-
-
-def _held(again: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return the rows, (n,), that a logger shows again of a quantised channel: it changes every few rows only.
-
-    Parameters
-    ----------
-    again : (n,) array
-        Which rows are as the one before.
-    """
-    changes, rows = np.flatnonzero(~again[1:]) + 1, np.arange(len(again))
-    if len(changes) >= LEAST_CHANGES:
-        for every in range(LONGEST_HOLD + 1, 1, -1):
-            counts = np.bincount(changes % every, minlength=every)
-            if counts.max() >= HELD_PART * len(changes):
-                return np.asarray(rows % every != counts.argmax())
-    return np.zeros(len(again), dtype=bool)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimator.fitting.fit import Fit
-from estimator.fitting.latency import EDGE
+from estimator.fitting.latency import EDGE, edges_of
 
 BoolArray = NDArray[np.bool_]
 FloatArray = NDArray[np.float64]
@@ -105,11 +106,11 @@ def _windows(fit: Fit) -> Windows:
     return Windows(tested, settled, sharp, onsets, tuple(transients), enough)
 
 
-def _edges(inputs: object, n: int, late: int) -> list[int]:
+def _edges(inputs: Mapping[str, FloatArray], n: int, late: int) -> list[int]:
     """Return the rows at which an input has changed by much, `late` rows later; the first is after row 0."""
     found: set[int] = set()
-    for u in inputs.values():  # type: ignore[attr-defined]
-        jumps = np.flatnonzero(np.abs(np.diff(u)) > EDGE * max(float(np.ptp(u)), 1e-300)) + 1
+    for u in inputs.values():
+        jumps = edges_of(u)
         found |= {int(k) for j, k in enumerate(jumps) if j == 0 or k - jumps[j - 1] > 2}
         if u[0] != 0 and np.ptp(u) <= EDGE * abs(float(u[0])):
             found.add(1)  # switched on before the first row

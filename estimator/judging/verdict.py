@@ -221,7 +221,7 @@ def _traded(plan: Plan, polish: LeastSquaresFit, statuses: Mapping[str, Paramete
 def _is_unseen(plan: Plan, values: Mapping[str, float]) -> bool:
     """Whether the winding is so fast that no sample shows it, but by an edge that a delay puts right before one."""
     R = _resistance(plan, values)
-    return bool(R) and time_constant(R, values["L"]) < UNSEEN * min(o.recording.step for o in plan.observed)
+    return bool(R) and time_constant(R, values["L"]) < UNSEEN * plan.shortest_step
 
 
 def _resistance(plan: Plan, values: Mapping[str, float]) -> float:

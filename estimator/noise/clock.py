@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -34,6 +35,13 @@ class Clock:
         ticks = np.round(dt / (0.02 * self.step)) * (0.02 * self.step)  # to 2 % of a step
         steps, index = np.unique(np.maximum(ticks, 0.02 * self.step), return_inverse=True)
         return steps, np.concatenate([[0], index]).astype(np.int64)
+
+
+def over_steps(signal: FloatArray, clocks: Sequence[Clock]) -> FloatArray:
+    """Return the mean of each row of a signal, (rows,), and the next: what it is while an input is held."""
+    later, last = np.append(signal[1:], signal[-1:]), [clock.rows.stop - 1 for clock in clocks]
+    later[last] = signal[last]
+    return np.asarray(0.5 * (signal + later))
 
 
 def interval_shown(shown: NDArray[np.bool_]) -> int:

@@ -38,10 +38,10 @@ def fit_noise(
     settled: BoolArray,
     sharp: BoolArray,
     *,
-    resolution: FloatArray | None = None,
-    counts: FloatArray | None = None,
-    colour: bool = True,
-    again: bool = False,
+    resolution: FloatArray,
+    counts: FloatArray,
+    colour: bool,
+    again: bool,
 ) -> NoiseModel:
     """Return the noise model of the largest restricted likelihood.
 
@@ -56,9 +56,9 @@ def fit_noise(
         Rows that the noise is estimated from.
     sharp : (rows,) array
         First parts of transients, where a misfit is most likely.
-    resolution : (q,) array, optional
+    resolution : (q,) array
         Step of a sensor that is too coarse for its errors to be noise: they are up to half of it. 0: it is fine.
-    counts : (q,) array, optional
+    counts : (q,) array
         Deviation of the counts that a channel differences: at a steady speed their errors repeat themselves, and seem
         to be less. 0: it shows no counts.
     colour : bool
@@ -70,11 +70,10 @@ def fit_noise(
     stacked = np.concatenate([residuals[rows, :, None], columns[rows], _levels(part)], axis=2)
     stacked = np.where(part.present[:, :, None], stacked, 0.0)
     growth = np.array([growth_of(residuals[:, j], whitener, j, sharp)[:2] for j in range(residuals.shape[1])])
-    resolution = np.zeros(len(growth)) if resolution is None else resolution
     growth[resolution > 0] = 0.0, 2.0
     choice = _Choice(RestrictedLikelihood(part, stacked), colour=colour, growth=growth)
     found = choice.again() if again else choice.best()
-    differenced = found.differenced if counts is None else np.maximum(found.differenced, counts)
+    differenced = np.maximum(found.differenced, counts)
     white = np.maximum(found.white, resolution / STEP_DEVIATION)
     return dataclasses.replace(found, white=white, differenced=differenced)
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 Values = Callable[[FloatArray], FloatArray]
-Told = Callable[[FloatArray], tuple[float, FloatArray]]  # value and slopes
+Objective = Callable[[FloatArray], tuple[float, FloatArray]]  # value and slopes
 
 KEPT = 10  # steps that the Hessian is made of
 SEARCHES = 20  # values that a line search asks for, at most
@@ -145,7 +145,7 @@ def _longest(x: FloatArray, way: FloatArray, low: FloatArray, high: FloatArray) 
 
 
 def _line_search(
-    told: Told,
+    told: Objective,
     x: FloatArray,
     f: float,
     g: FloatArray,

@@ -147,6 +147,16 @@ class Plan:
         return replace(self, binding=self.binding.on(description))
 
     @property
+    def shortest_step(self) -> float:
+        """The least sampling interval of the recordings, s."""
+        return min(o.recording.step for o in self.observed)
+
+    def largest(self, signal: str) -> float:
+        """Return the largest size of an output or input in the recordings, SI; 0 where there is none."""
+        signals = [{**o.inputs, **o.outputs}.get(signal) for o in self.observed]
+        return max((float(np.nanmax(np.abs(x))) for x in signals if x is not None), default=0.0)
+
+    @property
     def outputs(self) -> tuple[str, ...]:
         """FMU outputs that are compared."""
         return tuple(self.observed[0].outputs)

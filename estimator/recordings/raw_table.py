@@ -12,11 +12,12 @@ import numpy as np
 from estimator.errors import RecordingError
 from estimator.recordings.clock_text import seconds_since_first
 from estimator.recordings.columns import Columns
-from estimator.recordings.delimited import BadCell, HeaderRules, read_table
+from estimator.recordings.delimited import BadCell, read_table
 from estimator.recordings.formats import read_columns
 from estimator.recordings.headers import parse_header, role_of
 from estimator.recordings.read_as import ReadAs
 from estimator.recordings.recording import MIN_SAMPLES
+from estimator.recordings.text_header import HeaderRules
 from estimator.recordings.time_column import is_header, no_time, time_column
 from estimator.recordings.time_grid import half_last_digit
 from estimator.recordings.units import FloatArray, parse_unit

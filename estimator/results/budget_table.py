@@ -6,30 +6,31 @@ import math
 from typing import Any
 
 from estimator.results.result import Estimate
+from estimator.results.text_table import TextTable
 
 STATISTICAL = "noise and runs"
 
 
-def budget_rows(estimate: Estimate) -> tuple[list[str], list[list[str]]]:
-    """Return header and rows: a source, how it was given, its part of each parameter's uncertainty; last the whole.
+def budget_table(estimate: Estimate) -> TextTable:
+    """Return rows of a source, how it was given, its part of each parameter's uncertainty; last the whole.
 
     No rows where no tolerance is given.
     """
     parameters = {n: p for n, p in estimate.parameters.items() if p.free and p.budget}
     header = ["uncertainty from", "given", *parameters]
     if not parameters:
-        return header, []
+        return TextTable(header, [])
     rows = [[STATISTICAL, "", *(_percent(p.standard_error, p.value) for p in parameters.values())]]
     for source, given in estimate.tolerances.items():
         parts = (_percent(p.budget.get(source, 0.0), p.value) for p in parameters.values())
         rows.append([source, f"{given.given}, {given.distribution}", *parts])
     rows.append(["combined", "", *(_percent(p.uncertainty, p.value) for p in parameters.values())])
-    return header, rows
+    return TextTable(header, rows, range(2, len(header)))
 
 
 def budget_line(estimate: Estimate) -> str:
     """Return the combined standard uncertainties in one line; "" where no tolerance is given."""
-    _, rows = budget_rows(estimate)
+    rows = budget_table(estimate).rows
     if not rows:
         return ""
     names = [n for n, p in estimate.parameters.items() if p.free and p.budget]

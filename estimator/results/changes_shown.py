@@ -7,8 +7,9 @@ from typing import Any
 from estimator.results.changes import Changes, Quantity
 from estimator.results.numbers import magnitude, value_texts
 from estimator.results.pages import asset, drawn, page
-from estimator.results.report import json_ready, table
+from estimator.results.result_json import json_ready
 from estimator.results.svg import Bar, axis_marks, bar_limit, bar_marks, drawing, text
+from estimator.results.text_table import TextTable
 
 ROW, GAP, NAMES, VALUES, TOP = 20.0, 8.0, 190.0, 170.0, 26.0  # pixels of the figure
 BARS, EDGE = 320.0, 8.0
@@ -21,9 +22,9 @@ COLOURS = """<style>.f{fill:#fff}text{font:12px system-ui,sans-serif;fill:#222}.
 
 def changes_text(found: Changes, *, width: int | None = None) -> str:
     """Return what changed as lines: a sentence, a table (of so many characters), repeatability, notes."""
-    lines = [summary(found), "", *table(*change_rows(found), right=(1, 3, 4, 5), width=width)]
-    if rows := repeatability_rows(found)[1]:
-        lines += ["", *table(repeatability_rows(found)[0], rows, right=(1, 2, 3, 4, 5), width=width)]
+    lines = [summary(found), "", *change_table(found).lines(width)]
+    if (repeatability := repeatability_table(found)).rows:
+        lines += ["", *repeatability.lines(width)]
     if found.joint:
         lines += ["", *joint_lines(found)]
     if found.notes:
@@ -47,8 +48,8 @@ def summary(found: Changes) -> str:
     )
 
 
-def change_rows(found: Changes) -> tuple[list[str], list[list[str]]]:
-    """Return header and rows: quantity, its value, another result and its value, change, standard errors, note."""
+def change_table(found: Changes) -> TextTable:
+    """Return rows of quantity, its value, another result and its value, change, standard errors, note."""
     rows = []
     for q in found.quantities:
         for k, c in enumerate(q.changes):
@@ -63,7 +64,8 @@ def change_rows(found: Changes) -> tuple[list[str], list[list[str]]]:
                     "differs" if c.differs else "",
                 ]
             )
-    return ["quantity", found.results[0], "against", "value", "change", "std. errors", ""], rows
+    header = ["quantity", found.results[0], "against", "value", "change", "std. errors", ""]
+    return TextTable(header, rows, (1, 3, 4, 5))
 
 
 def change_text(percent: float, error: float) -> str:
@@ -81,8 +83,8 @@ def change_text(percent: float, error: float) -> str:
     return f"{'' if value.startswith('-') else '+'}{value} % ± {bar_} %"
 
 
-def repeatability_rows(found: Changes) -> tuple[list[str], list[list[str]]]:
-    """Return header and rows of how far the results scatter; no rows for two results."""
+def repeatability_table(found: Changes) -> TextTable:
+    """Return how far the results scatter; no rows for two results."""
     rows = []
     for q in found.quantities:
         r = q.repeatability
@@ -90,7 +92,8 @@ def repeatability_rows(found: Changes) -> tuple[list[str], list[list[str]]]:
             chance = f"{r.probability:.2g}" if r.probability >= 1e-4 else "< 1e-4"
             mean, deviation = value_texts(r.mean, r.deviation)
             rows.append([q.name, mean, f"± {deviation}", f"{r.percent:.2g} %", f"{r.ratio:.1f}", chance])
-    return ["repeatability", "mean", "deviation", "", "over the error bars", "by chance"], rows
+    header = ["repeatability", "mean", "deviation", "", "over the error bars", "by chance"]
+    return TextTable(header, rows, (1, 2, 3, 4, 5))
 
 
 def joint_lines(found: Changes) -> list[str]:
@@ -163,8 +166,6 @@ def changes_svg(found: Changes) -> bytes:
 
 def changes_page(found: Changes, *, command: str = "") -> str:
     """Return what changed as one HTML document that needs nothing else."""
-    header, rows = change_rows(found)
-    repeat_header, repeat_rows = repeatability_rows(found)
     said, _, threshold = summary(found).partition("\n")
     return page(
         "changes.html",
@@ -174,8 +175,8 @@ def changes_page(found: Changes, *, command: str = "") -> str:
         threshold=threshold,
         mood="refused" if found.differing else "ok",
         figure=drawn(changes_figure(found)),
-        changes=(header, rows, (1, 3, 4, 5)),
-        repeatability=(repeat_header, repeat_rows, (1, 2, 3, 4, 5)),
+        changes=change_table(found),
+        repeatability=repeatability_table(found),
         joint=joint_lines(found),
         notes=found.notes,
         command=command,

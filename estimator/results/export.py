@@ -64,11 +64,12 @@ def result_files(
     A refused estimate has no parameter set: other tools would load it and never see the verdict. Without a
     recording to show there is no figure.
     """
-    from estimator.results import report, report_html
+    from estimator.results.report_html import html_report
+    from estimator.results.result_json import to_json
 
     drawn = (begin or _here)(estimate, tuple(dict.fromkeys(("png", *figures))))
-    files = {"result.json": report.to_json(estimate).encode()}
-    html = report_html.html_report(estimate, command=command, checksums=checksums(sources))
+    files = {"result.json": to_json(estimate).encode()}
+    html = html_report(estimate, command=command, checksums=checksums(sources))
     files |= drawn()
     files["report.html"] = html.encode()
     if estimate.parameters and estimate.verdict != "refused":

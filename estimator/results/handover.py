@@ -17,8 +17,8 @@ import numpy as np
 from estimator.errors import InputError
 from estimator.motor.names import INPUTS, MOTOR, STATES, is_motor
 from estimator.motor.state_space import matrices, transfer_functions
-from estimator.results.report import json_ready, to_mapping
 from estimator.results.result import DerivedQuantity, Estimate, ParameterEstimate, Setting, StandardUncertainty
+from estimator.results.result_json import json_ready, to_mapping
 from estimator.results.spreadsheet_cells import harmless
 
 MSL = {  # what takes each value in a motor made of the Modelica Standard Library

@@ -70,6 +70,20 @@ def deviation_text(value: float, nominal: float) -> str:
     return f"{percent:+.2f} %" if 0.01 <= abs(percent) < 1000 else f"{percent:+.1g} %"
 
 
+def finite_text(value: float, form: str) -> str:
+    """Return a number in a format; ABSENT where it is none."""
+    return format(value, form) if math.isfinite(value) else ABSENT
+
+
+def counted(number: int, thing: str) -> str:
+    """Return a number and its noun.
+
+    >>> counted(12000, "step")
+    '12 000 steps'
+    """
+    return f"{number:,} {thing}{'' if number == 1 else 's'}".replace(",", " ")
+
+
 def _scientific(value: float) -> bool:
     """Whether a value is written with a power of ten."""
     return math.isfinite(value) and not -3 <= magnitude(value) <= 5

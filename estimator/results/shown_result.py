@@ -52,7 +52,7 @@ class Result(Estimate):
 
     def to_json(self) -> str:
         """Return the result as the command line's ``--json`` prints it."""
-        from estimator.results.report import to_json
+        from estimator.results.result_json import to_json
 
         return to_json(self)
 
@@ -155,7 +155,7 @@ class Result(Estimate):
 
     def __repr__(self) -> str:
         """Return the report as the command line prints it."""
-        from estimator.results.report import text_report
+        from estimator.results.report_text import text_report
 
         return text_report(self).rstrip("\n")
 

@@ -364,6 +364,6 @@ EXPORT void memory_keep(int largest, int most)
 #endif
 }
 
-#include "asked_fits.h"
+#include "reverse_communication.h"
 #include "products.h"
 #include "recursions.h"

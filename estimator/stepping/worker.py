@@ -1,4 +1,4 @@
-"""A worker process: one loaded FMU, candidates from shared memory. Started by ``workers.py``; knows no search.
+"""A worker process: one loaded FMU, candidates from shared memory. Started by ``process_pool.py``; knows no search.
 
 Speaks lines of JSON: orders on what was standard input when it started, answers on what was standard output; the FMU's
 own reads and prints go nowhere. When the orders end, the owner is gone: the run's folder is removed and the process

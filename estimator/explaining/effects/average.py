@@ -53,7 +53,7 @@ class Average(Effect):
 
     def mirrored(self, fit: Fit, name: str) -> Sequence[Mapping[str, float]]:
         """Return one sample less, and one more."""
-        n = round(float(fit.values[fit.simulator.index[name]]))
+        n = round(fit.value(name))
         return [{name: float(k)} for k in (n - 1, n + 1) if 1 < k <= SAMPLES[-1]]
 
     def tell(self, name: str, value: float, plan: Plan) -> str:

@@ -25,7 +25,7 @@ class ChannelDelay(Effect):
 
     def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
         """Return one for each output, if there are several."""
-        h = min(o.recording.step for o in plan.observed)
+        h = plan.shortest_step
         return [
             Nuisance(
                 f"delay of {y}", "s", 0.0, LONGEST_DELAY * h, 0.0, h,

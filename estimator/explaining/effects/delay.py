@@ -50,7 +50,7 @@ class Delay(Effect):
 
     def doubted(self, name: str, value: float, plan: Plan) -> str:
         """Say that no motor responds before its input: the clock is wrong, or another effect is taken for a delay."""
-        if value < -EARLY * min(o.recording.step for o in plan.observed):
+        if value < -EARLY * plan.shortest_step:
             return (
                 f"no motor does; check the recording's clock, or declare it (delay = {value:.3g} under [[recording]])"
             )

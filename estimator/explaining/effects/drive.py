@@ -24,12 +24,6 @@ ONE_SIZE = 0.01  # voltages that differ by less, in parts, are of one size
 PLATEAU, HELD_ROWS, ABOVE = 3.0, 8, 1.2  # deviations; rows; times the usual current: a current that stays at its peak
 
 
-def _largest(plan: Plan, name: str) -> float:
-    """Return the largest size of an output or input in the recordings; 0 where there is none."""
-    signals = [{**o.inputs, **o.outputs}.get(name) for o in plan.observed]
-    return max((float(np.nanmax(np.abs(x))) for x in signals if x is not None), default=0.0)
-
-
 def is_of_one_size(v: NDArray[np.float64]) -> bool:
     """Return whether a voltage, (n,), has one size wherever it is on, but for its sensor's noise; or is never on."""
     sizes = np.abs(v)[np.abs(v) > 0.5 * np.max(np.abs(v), initial=0.0)]
@@ -49,7 +43,7 @@ def _torque(plan: Plan) -> float:
     if any(x.size for x in i):
         usual = _usual(np.concatenate(i))
     else:  # a tenth of the current at standstill
-        usual = 0.1 * _largest(plan, "v") / plan.guess.get("R", np.inf)
+        usual = 0.1 * plan.largest("v") / plan.guess.get("R", np.inf)
     return plan.guess.get("K", 0.0) * usual
 
 
@@ -69,6 +63,7 @@ class Drive(Effect):
     needs: str = ""
     most: float = 20.0
     sentence: str = "{name} is {value:.3g} {unit}"
+    torques: tuple[float, ...] = ()  # sizes to try, of the torque of the usual current
 
     def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
         """Return the parameter, with sizes from the recordings."""
@@ -77,21 +72,14 @@ class Drive(Effect):
             return ()
         return [
             Nuisance(
-                self.target,
-                self.unit,
-                0.0,
-                self.most * max(sizes),
-                0.0,
-                0.1 * sizes[0],
-                target=self.target,
-                tries=sizes,
-                needs=self.needs,
+                self.target, self.unit, 0.0, self.most * max(sizes), 0.0, 0.1 * sizes[0],
+                target=self.target, tries=sizes, needs=self.needs,
             )
-        ]
+        ]  # fmt: skip
 
     def sizes(self, plan: Plan) -> tuple[float, ...]:
         """Return sizes to try."""
-        return ()
+        return tuple(part * _torque(plan) for part in self.torques)
 
     def tell(self, name: str, value: float, plan: Plan) -> str:
         """Say how large."""
@@ -106,10 +94,7 @@ class DryFriction(Drive):
     target: str = "friction"
     unit: str = "N.m"
     sentence: str = "the motor has a dry friction of {value:.3g} {unit} beside the viscous one"
-
-    def sizes(self, plan: Plan) -> tuple[float, ...]:
-        """Return parts of the torque of the usual current."""
-        return (0.3 * _torque(plan), 0.8 * _torque(plan))
+    torques: tuple[float, ...] = (0.3, 0.8)
 
 
 @dataclass(frozen=True)
@@ -122,10 +107,7 @@ class BreakAway(Drive):
     unit: str = "N.m"
     needs: str = "friction"
     sentence: str = "the motor breaks away at a torque that is {value:.3g} {unit} above its dry friction"
-
-    def sizes(self, plan: Plan) -> tuple[float, ...]:
-        """Return parts of the torque of the usual current."""
-        return (0.1 * _torque(plan), 0.5 * _torque(plan), 2.0 * _torque(plan))
+    torques: tuple[float, ...] = (0.1, 0.5, 2.0)
 
 
 @dataclass(frozen=True)
@@ -141,7 +123,7 @@ class StribeckFriction(Drive):
 
     def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
         """Return the torque at rest beside dry friction, and the speed at which it has fallen."""
-        torque, top = _torque(plan), _largest(plan, "w")
+        torque, top = _torque(plan), plan.largest("w")
         if not torque or not top:
             return ()
         together = tuple({self.speed_target: part * top} for part in (0.02, 0.06, 0.18))
@@ -177,7 +159,7 @@ class BrushDrop(Drive):
 
     def sizes(self, plan: Plan) -> tuple[float, ...]:
         """Return the voltage drop of carbon brushes, at most a part of the supply."""
-        return (min(0.5, 0.05 * _largest(plan, "v")),)
+        return (min(0.5, 0.05 * plan.largest("v")),)
 
 
 @dataclass(frozen=True)
@@ -191,7 +173,7 @@ class CurrentLimit(Drive):
 
     def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
         """Return the limit, at or a little below the largest current."""
-        peak = _largest(plan, "i")
+        peak = plan.largest("i")
         if peak <= 0:
             return ()
         tries = tuple(part * peak for part in (0.98, 0.9, 0.8))
@@ -280,7 +262,7 @@ class Sag(Drive):
 
     def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
         """Return resistance and time constant of the supply, and whether it is an amplifier where that shows."""
-        v, i = _largest(plan, "v"), _largest(plan, "i")
+        v, i = plan.largest("v"), plan.largest("i")
         if i <= 0:
             return ()
         size = 0.1 * v / i
@@ -297,11 +279,9 @@ class Sag(Drive):
 
     def mirrored(self, fit: Fit, name: str) -> Sequence[Mapping[str, float]]:
         """Return the supply of the other kind, where that shows."""
-        s = fit.simulator
-        if not self._shows_series(s.plan):
+        if not self._shows_series(fit.simulator.plan):
             return ()
-        now = float(fit.values[s.index[self.series_target]])
-        return [{self.series_target: 1.0 - now}]
+        return [{self.series_target: 1.0 - fit.value(self.series_target)}]
 
     @staticmethod
     def _shows_series(plan: Plan) -> bool:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from estimator.explaining.effects.base import Effect
 from estimator.fitting.fit import Fit, Linear
-from estimator.fitting.latency import EDGE, MOST_EDGES
+from estimator.fitting.latency import MOST_EDGES, edges_of
 from estimator.fitting.motor_response import motor_values, pulse_response
 from estimator.plans.plan import Plan
 
@@ -65,7 +65,7 @@ def _edges(fit: Fit) -> list[tuple[int, int, float]]:
     for e, clock in enumerate(s.clocks):
         rest = s.observed[e].rest  # a voltage that is on from the first row begins there
         u = np.concatenate([np.zeros(rest), v[clock.rows]])
-        jumps = np.flatnonzero(np.abs(np.diff(u)) > EDGE * max(float(np.ptp(v)), 1e-300)) + 1
+        jumps = edges_of(u, float(np.ptp(v)))
         jumps = jumps[jumps <= len(u) - ROWS_AFTER]
         if 2 <= len(jumps) <= MOST_EDGES:
             found += [(e, int(k) - rest, float(u[k] - u[k - 1])) for k in jumps[1:]]

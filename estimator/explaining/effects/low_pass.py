@@ -84,7 +84,7 @@ class LowPass(Effect):
 
     def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
         """Return one for each output without a declared filter."""
-        h = min(o.recording.step for o in plan.observed)
+        h = plan.shortest_step
         return [
             Nuisance(
                 f"{self.name} of {y}", "s", 0.0, LONGEST_LAG * h, 0.0, h,
@@ -100,7 +100,7 @@ class LowPass(Effect):
         s = fit.simulator
         if not name.endswith(" i") or not {"R", "L"} <= set(fit.free):
             return ()
-        R, L, tau = (float(fit.values[s.index[n]]) for n in ("R", "L", name))
+        R, L, tau = map(fit.value, ("R", "L", name))
         first = "lag of i"
         if tau <= 0 or first not in s.index:
             return ()
@@ -109,11 +109,11 @@ class LowPass(Effect):
     def in_two(self, fit: Fit, name: str) -> Sequence[Mapping[str, float]]:
         """Return means of n samples behind a lag of first order, together as late as one of second order."""
         s, y = fit.simulator, name.rpartition(" ")[2]
-        late, mean, first = self.lateness * float(fit.values[s.index[name]]), f"average {y}", f"lag of {y}"
+        late, mean, first = self.lateness * fit.value(name), f"average {y}", f"lag of {y}"
         if name == first or not {mean, first} <= set(s.index):
             return ()
-        h = min(o.recording.step for o in s.plan.observed)
-        numbers = next(n for n in s.nuisances if n.name == mean).tries
+        h = s.plan.shortest_step
+        numbers = s.nuisance(mean).tries
         lags = {n: late - 0.5 * (n - 1) * h for n in numbers}
         return [{name: 0.0, mean: n, first: tau} for n, tau in lags.items() if tau > 0]
 

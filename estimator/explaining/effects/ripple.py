@@ -14,7 +14,7 @@ from estimator.explaining.commutated_winding import most_change, of_resistance
 from estimator.explaining.effects.base import USUAL, Effect
 from estimator.fitting.fit import Fit, Linear
 from estimator.fitting.lateness import lateness
-from estimator.fitting.motor_response import motor_values
+from estimator.fitting.motor_response import acting, motor_values
 from estimator.fitting.shaft_angle import HIGHEST_ORDER
 from estimator.fitting.windows import find_windows
 from estimator.plans.part import LONG
@@ -102,6 +102,11 @@ def standing_out(fit: Fit) -> FloatArray:
     return np.where(fit.whitener.present, left, 0.0) / np.sqrt(fit.whitener.inflate)
 
 
+def level_of(fit: Fit, j: int) -> FloatArray:
+    """Return what an output shows over its largest, (rows,)."""
+    return np.asarray(fit.shown[:, j] / max(float(np.max(np.abs(fit.shown[:, j]))), 1e-300))
+
+
 @dataclass(frozen=True)
 class Ripple(Effect):
     """Cosine and sine of one order of the angle, as large as the signal or of one amplitude, each recording's own."""
@@ -124,7 +129,7 @@ class Ripple(Effect):
                 return ()
             if y == "angle" or len(taken) >= MOST_LINES:
                 continue
-            level = fit.shown[:, j] / max(float(np.max(np.abs(fit.shown[:, j]))), 1e-300)
+            level = level_of(fit, j)
             power = self.power(theta, z[:, j] * level, fit, j)
             power[[k - 1 for k in taken]] = 0.0
             best = float(np.max(power))
@@ -172,12 +177,12 @@ class Ripple(Effect):
         """
         _, y, order = line.name.split(" ")  # as `linear` names it
         j, k, is_long = fit.simulator.outputs.index(y), int(order), len(theta) > LONG
-        level = fit.shown[:, j] / max(float(np.max(np.abs(fit.shown[:, j]))), 1e-300)
+        level = level_of(fit, j)
         turns = (np.abs(level) > STANDSTILL).astype(np.float64)
         if OF_RESISTANCE not in self._forms(fit, y):
             one_size = self.columns(fit, theta, turns, k, j)
             columns = one_size if form == OF_ONE_SIZE else self.columns(fit, theta, level, k, j)
-            return dataclasses.replace(line, columns=columns, form=form, unsteady=None if is_long else one_size)
+            return dataclasses.replace(line, columns=columns, form=form, transient=None if is_long else one_size)
         of_winding = constant = None
         if form == OF_RESISTANCE or not is_long:
             of_winding = of_resistance(fit, theta, k, fit.explained[:, j] + own)
@@ -189,8 +194,8 @@ class Ripple(Effect):
             columns = constant
         else:
             columns = self.columns(fit, theta, level, k, j)
-        line = dataclasses.replace(line, columns=columns, form=form, most_unsteady=most_change(k) / 2**0.5)
-        return line if is_long else dataclasses.replace(line, unsteady=of_winding, beyond=constant)
+        line = dataclasses.replace(line, columns=columns, form=form, most_transient=most_change(k) / 2**0.5)
+        return line if is_long else dataclasses.replace(line, transient=of_winding, beyond=constant)
 
     def power(self, theta: FloatArray, z: FloatArray, fit: Fit, j: int) -> FloatArray:
         """Return how much of a whitened output each order explains, (orders,)."""
@@ -217,10 +222,8 @@ class Ripple(Effect):
         for e, clock in enumerate(s.clocks):
             for part, wave in enumerate((np.cos, np.sin)):
                 shown = wave(order * theta[clock.rows]) * level[clock.rows]
-                for nuisance in s.nuisances:  # the sensor shows the ripple as it shows the signal
-                    value = float(fit.values[s.index[nuisance.name]])
-                    if nuisance.output == s.outputs[j] and nuisance.act is not None and value != nuisance.neutral:
-                        shown = nuisance.act(shown, value, clock.step)
+                for act, value in acting(fit, s.outputs[j]):  # the sensor shows the ripple as it shows the signal
+                    shown = act(shown, value, clock.step)
                 columns[clock.rows, j, 2 * e + part] = shown
         return columns
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.explaining.effects.base import USUAL
-from estimator.explaining.effects.ripple import MOST_LINES, Ripple, angle_of, standing_out
+from estimator.explaining.effects.ripple import MOST_LINES, Ripple, angle_of, level_of, standing_out
 from estimator.fitting.fit import Fit, Linear
 from estimator.fitting.shaft_angle import LINE_CYCLES
 from estimator.fitting.windows import find_windows
@@ -75,7 +75,7 @@ class Commutation(Ripple):
             return ()
         j = outputs.index("i")
         taken = {int(w[2]) for g in fit.linear if (w := g.name.split(" "))[:2] == ["ripple", "i"] and len(w) == 3}
-        level, z, settled = _level(fit, j), standing_out(fit)[:, j], find_windows(fit).settled
+        level, z, settled = level_of(fit, j), standing_out(fit)[:, j], find_windows(fit).settled
         if find_windows(fit).enough and np.sum(level[settled] ** 2) > np.sum(level[~settled] ** 2):
             return ()  # settled rows tell its size better: it is a line
         power = self.power(theta, level * z, fit, j)
@@ -92,7 +92,7 @@ class Commutation(Ripple):
         if theta is None:
             return None
         order = int(group.name.split(" ")[2])
-        columns = self._in_time(fit, theta, _level(fit, j), order, j, standing_out(fit)[:, j])
+        columns = self._in_time(fit, theta, level_of(fit, j), order, j, standing_out(fit)[:, j])
         return dataclasses.replace(group, columns=columns)
 
     def _in_time(self, fit: Fit, theta: FloatArray, level: FloatArray, order: int, j: int, z: FloatArray) -> FloatArray:
@@ -106,11 +106,6 @@ class Commutation(Ripple):
             late, reach = float(tried[int(np.argmax(powers))]), 1.5 * reach / TRIED_SHIFTS
         shifted = np.concatenate([_shifted(theta, c, late) for c in clocks])
         return self.columns(fit, shifted, level, order, j)
-
-
-def _level(fit: Fit, j: int) -> FloatArray:
-    """Return what an output shows over its largest."""
-    return np.asarray(fit.shown[:, j] / max(float(np.max(np.abs(fit.shown[:, j]))), 1e-300))
 
 
 def _turns_at_edges(theta: FloatArray, level: FloatArray, fit: Fit) -> float:

@@ -39,7 +39,7 @@ class StartingMotion(Effect):
         if motor_values(fit) is None:
             return ()
         names = per_recording(s.plan, self.name)
-        coasts = COASTS in s.index and fit.values[s.index[COASTS]] == 1.0
+        coasts = COASTS in s.index and fit.value(COASTS) == 1.0
         if names[0] in s.index and not coasts:
             return ()
         found = []
@@ -56,7 +56,7 @@ class StartingMotion(Effect):
         """Return speed and current with which the simulation of each recording begins, where both are measured."""
         if not set(UNITS) <= set(plan.outputs):
             return ()
-        largest = {y: max(float(np.nanmax(np.abs(o.outputs[y]))) for o in plan.observed) for y in UNITS}
+        largest = {y: plan.largest(y) for y in UNITS}
         found: list[Nuisance] = []
         for e, (o, name) in enumerate(zip(plan.observed, per_recording(plan, self.name), strict=True)):
             names = {"w": name, "i": f"{name}#1"}

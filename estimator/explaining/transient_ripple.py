@@ -24,20 +24,20 @@ from estimator.fitting.windows import FEW_EDGES, find_windows
 FloatArray = NDArray[np.float64]
 
 
-def unsteady(fit: Fit) -> FloatArray | None:
+def transient_ripple(fit: Fit) -> FloatArray | None:
     """Return what errors of variance 1 add to the sensors, (rows, q, k): of each ripple in each transient two or four.
 
     None: there is no ripple, or the recording is a long one.
     """
     found = list[FloatArray]()
-    fades = _fading(fit) if any(group.unsteady is not None for group in fit.linear) else []
+    fades = _fading(fit) if any(group.transient is not None for group in fit.linear) else []
     for _, pairs in _of_ripples(fit):
         waves = [size * pair * fade[:, None, None] for size, pair in pairs for fade in fades]
         found += [wave for wave in waves if wave.any()]
     return np.concatenate(found, axis=2) if found else None
 
 
-def unsteady_sizes(fit: Fit) -> dict[str, list[float]]:
+def transient_ripple_sizes(fit: Fit) -> dict[str, list[float]]:
     """Return the deviation of the coefficients of each ripple's change in a transient, by its name, of each recording.
 
     By such a coefficient settled rows would show as much as they show of the ripple, if no bound is below it.
@@ -52,7 +52,7 @@ def _of_ripples(fit: Fit) -> Iterator[tuple[str, list[tuple[float, FloatArray]]]
     """Yield, of each ripple and recording, its name and its forms in transients: their deviations, cosine and sine."""
     steady = find_windows(fit).settled & fit.whitener.moving
     for group, own in fit.linear_parts:
-        if group.unsteady is None:
+        if group.transient is None:
             continue
         channels = group.columns.any(axis=(0, 2))
         for e, clock in enumerate(fit.simulator.clocks):
@@ -60,10 +60,10 @@ def _of_ripples(fit: Fit) -> Iterator[tuple[str, list[tuple[float, FloatArray]]]
             there[clock.rows] = steady[clock.rows]
             rows = np.ix_(there, channels)
             shown = _size((_of_recording(group.columns, e) @ _of_recording(own, e))[rows])
-            forms = [_of_recording(form, e) for form in (group.unsteady, group.beyond) if form is not None]
+            forms = [_of_recording(form, e) for form in (group.transient, group.beyond) if form is not None]
             sizes = [shown / max(2**0.5 * _size(form[rows]), 1e-300) for form in forms]  # cosine and sine share it
-            enough = sizes[0] <= group.most_unsteady
-            sizes[0] = min(sizes[0], group.most_unsteady)
+            enough = sizes[0] <= group.most_transient
+            sizes[0] = min(sizes[0], group.most_transient)
             yield group.name, list(zip(sizes, forms, strict=True))[: 1 if enough else 2]
 
 

@@ -14,7 +14,7 @@ MOVING = 0.5  # of the rows in which an input changes: it does not go from level
 
 
 @dataclass(frozen=True)
-class Reading:
+class Interpretation:
     """A plan in one of two ways to read its recordings.
 
     Attributes
@@ -36,9 +36,9 @@ class Reading:
     remedy: str = ""
 
 
-def readings(plan: Plan) -> tuple[Reading, ...]:
+def interpretations(plan: Plan) -> tuple[Interpretation, ...]:
     """Return the ways to read the recordings of a plan, two at most, the usual one first."""
-    return _between_rows(plan) or _repeated(plan) or (Reading(plan),)
+    return _between_rows(plan) or _repeated(plan) or (Interpretation(plan),)
 
 
 def inputs_between(plan: Plan) -> tuple[str, ...]:
@@ -49,7 +49,7 @@ def inputs_between(plan: Plan) -> tuple[str, ...]:
     return tuple(n for n in open_ones if any(np.mean(np.diff(o.inputs[n]) != 0) > MOVING for o in plan.observed))
 
 
-def _between_rows(plan: Plan) -> tuple[Reading, ...]:
+def _between_rows(plan: Plan) -> tuple[Interpretation, ...]:
     """Return inputs held from row to row, and on lines."""
     moving = inputs_between(plan)
     if not moving:
@@ -58,7 +58,7 @@ def _between_rows(plan: Plan) -> tuple[Reading, ...]:
     remedy = 'say which it is, between = "held" or "linear" under [inputs]'
     names = ", ".join(moving)
     return tuple(
-        Reading(
+        Interpretation(
             p, "inputs between the rows", f"{names} {way} from row to row",
             f"between the rows: {names} {way}, which explains the recording better", remedy,
         )
@@ -66,7 +66,7 @@ def _between_rows(plan: Plan) -> tuple[Reading, ...]:
     )  # fmt: skip
 
 
-def _repeated(plan: Plan) -> tuple[Reading, ...]:
+def _repeated(plan: Plan) -> tuple[Interpretation, ...]:
     """Return rows that show the row before once more at their time, and rows that were written twice."""
     found = [repeated_rows(o.inputs, o.outputs) for o in plan.observed]
     if not any(map(len, found)) or not plan.description.capabilities.get(
@@ -84,11 +84,11 @@ def _repeated(plan: Plan) -> tuple[Reading, ...]:
     remedy = "record again with a logger that writes each row once"
     seen = f"{_where(plan.observed, found)} the row before once more, and are left out; by the fit,"
     return (
-        Reading(
+        Interpretation(
             dataclasses.replace(plan, observed=tuple(stale)), "repeated rows", "repeated rows at their time",
             f"{seen} the clock is right", remedy,
         ),
-        Reading(
+        Interpretation(
             dataclasses.replace(plan, observed=tuple(once)), "repeated rows", "rows written twice",
             f"{seen} they were written twice, and what follows was measured as many rows earlier than the clock says",
             remedy,

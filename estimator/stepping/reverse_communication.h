@@ -1,7 +1,7 @@
-/* asked_fits: the steps of trust_region.h and gauss_newton.h for who answers from outside, call by call. Included by
- * kalman.c, which has EXPORT. */
-#ifndef ASKED_FITS_H
-#define ASKED_FITS_H
+/* reverse_communication: the steps of trust_region.h and gauss_newton.h for who answers from outside, call by call.
+ * Included by kalman.c, which has EXPORT. */
+#ifndef REVERSE_COMMUNICATION_H
+#define REVERSE_COMMUNICATION_H
 
 #include "gauss_newton.h"
 #include "trust_region.h"

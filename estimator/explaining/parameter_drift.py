@@ -6,14 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.explaining.explanation import Explanation
-from estimator.explaining.unsteady import unsteady_sizes
+from estimator.explaining.transient_ripple import transient_ripple_sizes
 from estimator.fitting.fit import Fit
 from estimator.fitting.windows import find_windows
 
 FloatArray = NDArray[np.float64]
 
 
-def changes_during(explanation: Explanation) -> FloatArray:
+def drift_variances(explanation: Explanation) -> FloatArray:
     """Return the variances, (p,), of a plan's parameters, on their scales, about their means over the recordings."""
     fit = explanation.fit
     names = fit.simulator.plan.names
@@ -68,6 +68,6 @@ def _inductance_variance(fit: Fit) -> float:
     square of the turns: twice as much. The current's rise tells L, within a part of a turn: at the angle where the
     shaft stands then.
     """
-    sizes = [np.mean(np.square(of)) for name, of in unsteady_sizes(fit).items() if name.startswith("ripple i ")]
+    sizes = [np.mean(np.square(of)) for name, of in transient_ripple_sizes(fit).items() if name.startswith("ripple i ")]
     edges = sum(len(transients) for transients in find_windows(fit).transients)
     return 2**2 * float(sum(sizes)) / max(edges, 1)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from estimator.explaining.explanation import Explanation
 from estimator.explaining.explanation_noise import by_noise_of
-from estimator.explaining.readings import Reading, readings
+from estimator.explaining.interpretations import Interpretation, interpretations
 from estimator.explaining.rivals import EXCHANGED
 from estimator.explaining.selection import Selection
 from estimator.fitting.gauss_newton import solved
@@ -21,9 +21,9 @@ FloatArray = NDArray[np.float64]
 UNDECIDED = 2.0  # times z'z of the better first fit: the other way to read the recordings may be the right one
 
 
-def likelier_reading(
+def likelier_interpretation(
     plan: Plan, begin: Callable[[Plan], Selection], starts: Sequence[FloatArray], known: Explanation | None
-) -> tuple[Sequence[Reading], list[Selection], Explanation]:
+) -> tuple[Sequence[Interpretation], list[Selection], Explanation]:
     """Return the ways to read the recordings, the likelier first, a selection for each, and what explains the first.
 
     The first fit tells which; where it hardly does, and what was found is likelier by the other, both are explained.
@@ -37,7 +37,7 @@ def likelier_reading(
     known : Explanation, optional
         Of a part of the rows.
     """
-    ways: Sequence[Reading] = readings(plan)
+    ways: Sequence[Interpretation] = interpretations(plan)
     selections = [begin(way.plan) for way in ways]
     costs = [selection.first_cost(starts) for selection in selections] if len(ways) > 1 else [0.0]
     order = np.argsort(costs, kind="stable").tolist()
@@ -45,14 +45,14 @@ def likelier_reading(
     explanation, n = selections[0].explain(starts, known), selections[0].tests.samples
     if len(ways) == 1 or max(costs) > UNDECIDED * min(costs):
         return ways, selections, explanation
-    if read_by(explanation, selections[1]).fit.cost < explanation.fit.cost - EXCHANGED:
+    if as_interpreted_by(explanation, selections[1]).fit.cost < explanation.fit.cost - EXCHANGED:
         again = selections[1].explain(starts)
         if again.criterion(n) < by_noise_of(again, explanation).criterion(n):
             return ways[::-1], selections[::-1], again
     return ways, selections, explanation
 
 
-def read_by(explanation: Explanation, other: Selection) -> Explanation:
+def as_interpreted_by(explanation: Explanation, other: Selection) -> Explanation:
     """Return an explanation fitted to recordings that are read the other way."""
     own, base = explanation.fit.simulator.plan.description.path.stem, other.tests.base
     simulator = base if own == base.plan.description.path.stem else other.tests.rivals(own)

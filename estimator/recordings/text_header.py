@@ -1,0 +1,152 @@
+"""The header of delimited text, and the words below it. Knows cells, no unit and no motor."""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NoReturn
+
+from estimator.errors import RecordingError
+from estimator.recordings.text_cells import (
+    Cells,
+    count_of_numbers,
+    holds_numbers_only,
+    is_number,
+    is_word,
+    split_cells,
+    trimmed,
+    unquoted,
+    ways_to_split,
+    width_of,
+)
+
+HEADER_EXAMPLE = "time [s],voltage [V],current [A],speed [rad/s]"
+HEADER_LINES = 200  # the header is looked for in so many lines
+WORDS_BELOW = 3  # lines between the names and the numbers, at most: of units, of comments
+COUNTED = 20  # rows that show whether they are counted
+SKIPPED = ("", "#", "%")  # first characters of empty lines and comments
+_LIKE_A_NUMBER = re.compile(r"[-+]?[.,]?\d[-+\d.,:/eETZ ]*")  # or a time of day, or a date
+
+
+@dataclass(frozen=True)
+class HeaderRules:
+    """How to know a header from its cells."""
+
+    is_header: Callable[[Sequence[str]], bool]
+    is_units: Callable[[Sequence[str]], bool]  # the line below the header holds the units
+    complain: Callable[[str, Sequence[str]], NoReturn]  # place, cells that come nearest: no line is a header
+    numbers: frozenset[str] = frozenset()  # columns that are asked for by number: none are the header's own names
+    counted: bool = False  # the time is one of them: then none of them is a name
+
+
+def find_header(path: Path, lines: list[str], rules: HeaderRules) -> tuple[int, str | None, Cells]:
+    """Return the header's line index, the delimiter, and its cells."""
+    content = [k for k in range(min(len(lines), HEADER_LINES)) if lines[k].lstrip()[:1] not in SKIPPED]
+    if not content:
+        raise RecordingError(f"{path.name} has no header; it should have one such as {HEADER_EXAMPLE}")
+    first = content[0]
+    above = list(itertools.takewhile(lambda k: not holds_numbers_only(lines[k]), content))
+    below = dict(zip(content, content[1:], strict=False))
+    if not above:
+        for k in [k for k in range(first) if lines[k].strip()][-1:]:  # numpy.savetxt comments its header out
+            line = lines[k].lstrip(" \t#%")
+            for delimiter, cells in ways_to_split(line):
+                if rules.is_header(cells) and width_of(lines[first], delimiter, len(cells)) == len(cells):
+                    return k, delimiter, cells
+        _no_header(path, lines, first)
+    ways = [(k, *way) for k in above for way in ways_to_split(lines[k]) if rules.is_header(way[1])]
+    if not ways:
+        named = [cells for _, cells in ways_to_split(lines[first]) if len(cells) > 1]
+        if any(count_of_numbers(cells) > 1 and 2 * count_of_numbers(cells) > sum(map(bool, cells)) for cells in named):
+            _no_header(path, lines, first)  # a word among numbers makes no header
+        rules.complain(f"{path.name} line {first + 1}", named[0] if named else [lines[first].strip()])
+
+    def likeliness(way: tuple[int, str | None, Cells]) -> tuple[bool, bool, bool]:
+        """Rate a header: as wide as the line below, names above numbers or units, more than one cell."""
+        k, delimiter, cells = way
+        under = lines[below[k]] if k in below else ""
+        fits = width_of(under, delimiter, len(cells)) == len(cells)
+        is_above = holds_numbers_only(under) or rules.is_units(split_cells(under, delimiter))
+        return fits and is_above and not rules.is_units(cells), fits, len(cells) > 1
+
+    best = max(ways, key=likeliness)
+    if not likeliness(best)[1]:  # by another delimiter a line of names is as wide as the numbers below it
+        for k in above:
+            for way in ways_to_split(lines[k]):
+                if likeliness((k, *way)) == (True, True, True):
+                    rules.complain(f"{path.name} line {k + 1}", way[1])
+    at, delimiter, cells = best
+    under = [split_cells(lines[k], delimiter) for k in content if k > at][:COUNTED]
+    return at, delimiter, ["", *cells] if _are_counted(under, len(cells)) else cells
+
+
+def words_below(
+    lines: list[str], rows: Sequence[int], delimiter: str | None, rules: HeaderRules
+) -> tuple[Cells | None, int]:
+    """Return the units that stand below the header, and how many rows there hold words: units, comments."""
+    units, words = None, 0
+    for k in rows[:WORDS_BELOW]:
+        cells = split_cells(lines[k], delimiter)
+        if units is None and rules.is_units(cells):
+            units = cells
+        elif any(_LIKE_A_NUMBER.fullmatch(cell) for cell in cells) or not any(map(is_word, cells)):
+            break
+        words += 1
+    return units, words
+
+
+def begins_with_a_word(line: str) -> bool:
+    """Tell whether a line begins with a word, which no row of numbers does."""
+    first = re.match(r'[\s"^]*([^\W\d][^\s,;"]*)', line)
+    return first is not None and is_word(first[1])
+
+
+def names_its_numbers(path: Path, lines: list[str], rules: HeaderRules) -> bool:
+    """Tell whether numbers by which columns are asked for are their names: channels 1 and 2 of a scope."""
+    with suppress(RecordingError):
+        return not rules.counted and rules.numbers <= {unquoted(cell) for cell in find_header(path, lines, rules)[2]}
+    return False
+
+
+def numbered_columns(path: Path, lines: list[str]) -> tuple[int, str | None, Cells]:
+    """Return the line before the first of numbers, the delimiter, and numbers as names."""
+    numbered = [(k, line) for k, line in enumerate(lines) if line.lstrip()[:1] not in SKIPPED]
+    for begins in (True, False):  # a scope's settings may stand before the samples, in the same lines
+        for k, line in numbered:
+            ways = [(d, split_cells(line, d)) for d in (";", "\t", ",", None)]
+            ways = [(d, trimmed(cells, len(cells) - 1)) for d, cells in ways if not begins or is_number(cells[0])]
+            delimiter, cells = max(ways, key=lambda way: count_of_numbers(way[1]), default=(None, []))
+            if count_of_numbers(cells) > (0 if begins else 1):
+                return k - 1, delimiter, [f"column {j + 1}" for j in range(len(cells))]
+    raise RecordingError(f"{path.name} has no line that begins with a number; it should hold the samples")
+
+
+def _are_counted(rows: Sequence[Cells], width: int) -> bool:
+    """Tell whether rows begin with their number, which the header has no name for, as R and pandas write them."""
+    counts = [unquoted(row[0]) for row in rows if len(trimmed(row, width)) == width + 1]
+    return len(rows) > 1 and counts in ([str(k + begin) for k in range(len(rows))] for begin in (0, 1))
+
+
+def _no_header(path: Path, lines: list[str], first: int) -> NoReturn:
+    columns = _columns_of_numbers(path, lines)
+    example = "--column time={} --column v={}".format(*columns) if len(columns) > 1 else "--column v=1 --rate HZ"
+    raise RecordingError(
+        f"{path.name} line {first + 1}: there is no header above the numbers;"
+        f" name the columns, as in {HEADER_EXAMPLE}, or by their numbers, as in {example}"
+    )
+
+
+def _columns_of_numbers(path: Path, lines: list[str]) -> list[int]:
+    """Return by number which columns of a file without a header hold nothing but numbers."""
+    at, delimiter, header = numbered_columns(path, lines)
+    rows = [split_cells(line, delimiter) for line in lines[at + 1 :] if line.lstrip()[:1] not in SKIPPED]
+    whole = [row for row in rows[:HEADER_LINES] if len(row) >= len(header)]
+    return [
+        j + 1
+        for j in range(len(header))
+        if all(is_number(row[j]) or ":" in row[j] and _LIKE_A_NUMBER.fullmatch(row[j]) for row in whole)
+    ]
