@@ -83,7 +83,7 @@ def test_a_motor_whose_speed_is_zero_begins_at_rest_though_its_current_rises_in_
     times = 1e-3 * np.arange(400)
     volts = np.where(times < 0.2, 6.0, 9.0)
     shown = simulate("dc_motor", parameters=CML050.parameters, inputs={"v": volts}, times=times)
-    current = np.r_[shown["i"][1:], shown["i"][-1]]  # sampled at the end of each row, when the winding has begun to rise
+    current = np.r_[shown["i"][1:], shown["i"][-1]]  # sampled at the end of each row
     assert current[0] > 0.2 * np.ptp(current) > 0
     current += 0.005 * np.random.default_rng(1).standard_normal(len(times))
     rows = np.column_stack([times, volts, current, shown["w"]])
