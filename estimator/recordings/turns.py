@@ -43,7 +43,7 @@ def counted_on(counts: FloatArray) -> tuple[FloatArray, int | None]:
     Returns
     -------
     (n,) array
-        The counts added up; as they are where nothing overflows.
+        The counts added up, from near zero: 2³² − 5 is −5; as they are where nothing overflows.
     int or None
         16 or 32; None if nothing overflows: no motor turns by half of a counter's range within a sample.
     """
@@ -55,6 +55,6 @@ def counted_on(counts: FloatArray) -> tuple[FloatArray, int | None]:
     for bits in COUNTERS:
         if 2.0 ** (bits - 1) < jump and span < 2.0**bits:
             whole = counts.copy()
-            whole[known] = np.unwrap(values, period=2.0**bits)
+            whole[known] = np.unwrap(values, period=2.0**bits) - 2.0**bits * np.round(values[0] / 2.0**bits)
             return whole, bits
     return counts, None
