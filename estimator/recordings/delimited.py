@@ -107,7 +107,7 @@ def read_table(path: Path, rules: HeaderRules) -> Table:
         lines.pop()  # rows of empty cells at the end
     if not lines:
         raise RecordingError(f"{path.name} is empty; it should begin with a header such as {HEADER_EXAMPLE}")
-    bare = rules.numbers and not _names_them(path, lines, rules)
+    bare = rules.numbers and (rules.counted or not _has_header(path, lines, rules))
     at, delimiter, header = _numbered(path, lines) if bare else _find_header(path, lines, rules)
     rows = [k for k in range(at + 1, len(lines)) if lines[k].lstrip()[:1] not in _SKIPPED]
     units, words = (None, 0) if bare else _words_below(lines, rows, delimiter, rules)
@@ -349,10 +349,10 @@ def _columns_of_numbers(path: Path, lines: list[str]) -> list[int]:
     ]
 
 
-def _names_them(path: Path, lines: list[str], rules: HeaderRules) -> bool:
-    """Tell whether numbers by which columns are asked for are their names: channels 1 and 2 of a scope."""
+def _has_header(path: Path, lines: list[str], rules: HeaderRules) -> bool:
+    """Tell whether names stand above the numbers, though columns are asked for by number."""
     with suppress(RecordingError):
-        return not rules.counted and rules.numbers <= {_bare(cell) for cell in _find_header(path, lines, rules)[2]}
+        return bool(_find_header(path, lines, rules))
     return False
 
 
