@@ -49,7 +49,6 @@ def test_a_part_that_would_fit_other_values_is_told_so_that_a_small_excess_does_
     assert part.startswith("i in the settled part would fit") and "3.2 times" in part
 
 
-
 def test_no_excitation(case_of, good):
     refused(case_of, made(0 * good[0], 0 * good[1]), "nothing is excited")
 
