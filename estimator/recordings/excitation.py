@@ -44,7 +44,7 @@ class Excitation:
     before, after : float
         Input levels, in its unit.
     running : bool
-        What moves is not at rest in the first row; the current tells where neither speed nor angle is measured.
+        The speed is not at rest in the first row; where it is not measured, any output.
     """
 
     kind: Literal["none", "step", "several"]
@@ -249,8 +249,7 @@ def lost_transient(step: Excitation, y: FloatArray) -> tuple[int, float] | None:
 
 def _runs_already(outputs: Mapping[str, FloatArray]) -> bool:
     """Return whether the first row is no rest: a current rises within a sample of a motor that stands."""
-    moving = [outputs[name] for name in ("w", "angle") if name in outputs] or list(outputs.values())
-    return not all(map(_starts_at_rest, moving))
+    return not all(map(_starts_at_rest, [outputs["w"]] if "w" in outputs else outputs.values()))
 
 
 def _starts_at_rest(y: FloatArray) -> bool:
