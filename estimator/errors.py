@@ -61,3 +61,12 @@ def suggestion(name: str, known: Iterable[str], *, among: Sequence[str] | None =
 def one_line(error: object) -> str:
     """Return the text of an error on one line, without the traceback's noise."""
     return " ".join(str(error).split())[:400] or type(error).__name__
+
+
+def is_text(name: str) -> bool:
+    """Return whether a file's name is UTF-8; no report, case file or answer can hold another."""
+    try:
+        name.encode()
+    except UnicodeEncodeError:
+        return False
+    return True

@@ -215,6 +215,7 @@ def test_a_folder_lists_what_can_be_used_and_no_results_of_others(folder):
     (folder / ".git" / "x.csv").write_text("")
     (folder / "motor.fmu").write_text("")
     (folder / "a.case.toml").write_text("")
+    (folder / "no text \udcff.csv").write_text("")  # bytes that are no UTF-8: no page could name it
     assert Place(folder).listed() == {
         "recordings": ["again.csv", "step.csv"],
         "fmus": ["motor.fmu"],

@@ -578,6 +578,18 @@ def test_a_result_folder_made_elsewhere_is_opened_and_runs_are_seen_side_by_side
     page.says("std. errors")  # the table of the command compare
 
 
+def test_the_button_of_a_file_with_a_long_name_stands_beside_it(page, folder):
+    (folder / "TimeConstant_Test_2023-12-13_130935.csv").write_bytes(EXAMPLE.read_bytes())
+    page.go("data")
+    page.until(lambda: page.driver.find_elements(By.ID, "add-0"))
+    where = (
+        "return [...document.querySelectorAll('.list.plain .row > *')].map((e) => e.getBoundingClientRect().toJSON())"
+    )
+    boxes = [b for b in page.js(where) if b["height"]]
+    tops, bottoms = [b["top"] for b in boxes[-2:]], [b["bottom"] for b in boxes[-2:]]
+    assert max(tops) < min(bottoms), boxes
+
+
 SIDEWAYS = """return [...document.querySelectorAll(".scroll")].filter((e) => e.scrollWidth > e.clientWidth + 1)
     .map((e) => e.getAttribute("aria-label"))"""
 

@@ -79,6 +79,22 @@ def test_a_motor_that_runs_already_is_run_in_and_that_is_told(tmp_path):
         assert any("its simulation is run in at the first row's inputs" in note for note in plan.notes) == runs_in
 
 
+def test_a_motor_whose_speed_is_zero_begins_at_rest_though_its_current_rises_in_the_first_row(tmp_path):
+    times = 1e-3 * np.arange(400)
+    volts = np.where(times < 0.2, 6.0, 9.0)
+    shown = simulate("dc_motor", parameters=CML050.parameters, inputs={"v": volts}, times=times)
+    current = np.r_[shown["i"][1:], shown["i"][-1]]  # sampled at the end of each row
+    assert current[0] > 0.2 * np.ptp(current) > 0
+    current += 0.005 * np.random.default_rng(1).standard_normal(len(times))
+    rows = np.column_stack([times, volts, current, shown["w"]])
+    recording = tmp_path / "on.csv"
+    np.savetxt(recording, rows, delimiter=",", header="time [s],voltage [V],current [A],speed [rad/s]", comments="")
+    case = tmp_path / "on.case.toml"
+    case.write_text('[[recording]]\nfile = "on.csv"\n')
+    observed = plan_case(read_case(case), describe("dc_motor")).observed[0]
+    assert observed.lead == 0 and not observed.excitation.running
+
+
 def test_another_beginning_is_refused_with_those_that_there_are(strange):
     with pytest.raises(CaseError, match=r'begin.*"rest".*"settled".*"given"|begin.*rest, settled, given'):
         planned(*strange, f'{STRANGE}begin = "running"\n')

@@ -417,12 +417,16 @@ def test_an_input_of_a_slower_clock_is_held_and_a_long_gap_where_it_changes_is_a
         found(Case(), gap)
 
 
-def test_a_jittering_clock_is_believed():
+@pytest.mark.parametrize("skewed", [False, True])
+def test_a_jittering_clock_is_believed(skewed):
     rng = np.random.default_rng(8)
     jitter = np.clip(np.round(2 * rng.standard_normal(len(RUN.samples))), -2, 2).astype(int)  # of the fine steps
     jitter[0] = 0
     rows = np.arange(len(RUN.samples)) * FINE + jitter
     rows[-1] = len(RUN.time) - 1
+    if skewed:  # the mean interval is above the usual one: the FMU is told when the last sample really is
+        rows = np.cumsum(np.r_[0, rng.choice([FINE, FINE, FINE * 3 // 2], len(rows) - 1)])
+        rows = rows[rows < len(RUN.time)]
     acting = rows[np.searchsorted(RUN.time[rows], 0.1 - 1e-9)]
     run = bench(lambda t: np.where(t >= RUN.time[acting] - 1e-9, 10.5, 0.0))
     recording = recording_from_arrays(

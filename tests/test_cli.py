@@ -317,6 +317,25 @@ def test_what_is_neither_a_recording_nor_a_case_file_is_told(calls, capsys, sour
     assert fails(capsys, "estimate", source) == sentence
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="file names are text elsewhere")
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("estimate", "b\udcffd.csv"),
+        ("estimate", "step.csv", "-o", "b\udcff"),
+        ("check", "b\udcffd.csv"),
+        ("inspect", "b\udcff.fmu"),
+        ("estimate", "b*d.csv"),
+        ("estimate", "line.case.toml"),
+    ],
+)
+def test_a_file_name_that_is_no_text_is_refused_before_anything_is_done(calls, capsys, words):
+    Path("b\udcffd.csv").write_text("")
+    Path("line.case.toml").write_text('[[recording]]\nfile = "b*d.csv"\n')
+    sentence = fails(capsys, *words)
+    assert "\\udcff" in sentence and "no UTF-8 text; rename" in sentence
+
+
 @pytest.mark.smoke
 def test_o_writes_the_four_files_and_removes_stale_ones(calls, capsys, tmp_path):
     assert main(["estimate", "step.csv", "-o", "out", "--json"]) == 0

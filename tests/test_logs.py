@@ -190,6 +190,22 @@ def test_of_two_motors_the_user_is_asked_which(write):
     refused(path, "log.csv has no motor 'middle' (left, right)", motor="middle")
 
 
+def test_columns_side_by_side_that_are_no_motors_signals_make_no_several_motors(write):
+    bench = "t,Servo 1,Servo 2,Servo 3,u,i,Motor Electrical Speed (rad/s),Motor Optical Speed (rad/s)"
+    empty = [""] * N
+    path = write(bench, T, empty, empty, empty, V, I, W + 5.0, W)
+    refused(path, "log.csv has two columns for the speed, 'Motor Electrical Speed (rad/s)' and 'Motor Optical Speed")
+    path = write(bench, T, empty, empty, empty, V, I, np.zeros(N), W)  # a sensor that is not there shows zero
+    assert motor_columns(one(path))["w"] == "Motor Optical Speed"
+
+
+def test_a_column_of_a_file_with_a_header_is_found_by_its_number_too(write):
+    path = write("t [ms],u,first,n [rpm]", 1e3 * T, V, I, W)
+    read = one(path, columns={"i": "3"})
+    assert motor_columns(read) == {"v": "u", "i": "first", "w": "n"} and read.units["n"] == "rad/s"
+    refused(path, "log.csv has no column '9' (t [ms], u, first, n [rpm])", columns={"i": "9"})
+
+
 @pytest.mark.parametrize(
     "header", ["t,leftVoltage,leftSpeed,rightVoltage,rightSpeed", "t,u_1,w_1,u_2,w_2", "t,u m1,w m1,u m2,w m2"]
 )

@@ -1,12 +1,14 @@
 """An FMU whose names, units and types differ is estimated through the case file's mapping."""
 
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pytest
 from foreign_fmus import CASE, foreign_case, foreign_fmu
 from motors import CML050, NAMES, held_response, step_recording, write_recording
 
+import fmu_build
 from estimator.cases.case import case_for_recording, read_case, write_case
 from estimator.cli import main
 from estimator.commands.options import with_options
@@ -204,6 +206,13 @@ def test_a_bare_recording_with_a_foreign_fmu_is_told_of_init(plain_fmu, recordin
     assert command[:2] == ["fmu-estimator", "init"]
     command[-1] = str(tmp_path / "motor.case.toml")
     assert main(command[1:]) == 0 and main(["estimate", command[-1], "--json"]) == 0
+
+
+def test_an_fmu_without_inputs_is_said_to_be_none_that_a_voltage_can_drive(recording, capsys, tmp_path):
+    ball = tmp_path / "ball.fmu"
+    fmu_build.build(Path(__file__).parent / "models" / "bouncing.c", output=ball)
+    assert main(["estimate", str(recording), "--fmu", str(ball)]) == 2
+    assert "ball.fmu has no inputs, so no voltage can drive it; export it with the voltage" in capsys.readouterr().err
 
 
 WRONG = {

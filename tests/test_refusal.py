@@ -42,6 +42,13 @@ def test_no_voltage_logged(case_of, good):
     refused(case_of, made(0 * good[0], good[1]), "no voltage was logged")
 
 
+def test_a_part_that_would_fit_other_values_is_told_so_that_a_small_excess_does_not_read_as_none():
+    alone = Failure("values", "the recording", "i", 1.02).sentence
+    assert alone.startswith("i alone would fit other parameters") and "1.02 times" in alone
+    part = Failure("values", "the settled part", "i", 3.2).sentence
+    assert part.startswith("i in the settled part would fit") and "3.2 times" in part
+
+
 def test_no_excitation(case_of, good):
     refused(case_of, made(0 * good[0], 0 * good[1]), "nothing is excited")
 

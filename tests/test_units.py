@@ -31,6 +31,7 @@ from estimator.recordings.units import SI_UNIT, examples, parse_unit, unit_of
         ("rev/s", 1.0, 2 * math.pi, "angular speed"),
         ("deg/s", 180.0, math.pi, "angular speed"),
         ("°/s", 180.0, math.pi, "angular speed"),
+        ("rad/seg", 5.0, 5.0, "angular speed"),
         ("rad per s", 5.0, 5.0, "angular speed"),
         ("rad_s", 5.0, 5.0, "angular speed"),
         ("rad·s⁻¹", 5.0, 5.0, "angular speed"),

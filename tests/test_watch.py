@@ -112,7 +112,16 @@ def test_a_file_that_is_still_written_is_left_alone_until_it_is_at_rest(incoming
 
 
 def test_what_is_no_recording_by_its_name_and_the_batchs_own_folder_do_not_count(logger, clock):
-    for name in ("m1.csv", ".m2.csv", "~m3.csv", "m4.csv.part", "notes.pdf", "day/m5.csv", "line/results.csv"):
+    for name in (
+        "m1.csv",
+        ".m2.csv",
+        "~m3.csv",
+        "m4.csv.part",
+        "notes.pdf",
+        "day/m5.csv",
+        "line/results.csv",
+        "\udcff.csv",
+    ):
         (logger / name).parent.mkdir(exist_ok=True)
         (logger / name).write_text("x")
     (logger / "settings.json").write_text("{}")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path, PurePosixPath
 
-from estimator.errors import InputError
+from estimator.errors import InputError, is_text
 from estimator.recordings.suffixes import JSON, SUFFIXES, is_recording
 
 CASE_SUFFIX = ".case.toml"
@@ -60,10 +60,12 @@ class Place:
         for folder, names, files in os.walk(self.path):
             here = PurePosixPath(self.name_of(folder))
             deep = len(here.parts)
-            names[:] = sorted(n for n in names if not n.startswith((".", "__"))) if deep < DEEPEST else []
+            names[:] = (
+                sorted(n for n in names if is_text(n) and not n.startswith((".", "__"))) if deep < DEEPEST else []
+            )
             if RESULT in files:
                 found["results"].append(here.as_posix())
-            for file in sorted(f for f in files if not f.startswith(".")):
+            for file in sorted(f for f in files if not f.startswith(".") and is_text(f)):
                 kind = _kind(file)
                 if kind == "recordings" and file.lower().endswith(JSON) and not is_recording(Path(folder, file)):
                     continue

@@ -15,7 +15,7 @@ from pathlib import Path
 from estimator.batches.batch import CASE_SUFFIX
 from estimator.batches.case_worker import Task
 from estimator.cases.case import Case, case_for_recording, read_cases
-from estimator.errors import CaseError, InputError
+from estimator.errors import CaseError, InputError, is_text
 from estimator.recordings.suffixes import is_recording
 
 Stamp = tuple[int, int]  # ns, bytes
@@ -120,8 +120,12 @@ class Incoming:
 
     def _files(self) -> Iterator[Path]:
         for folder, names, files in os.walk(self.folder):
-            names[:] = sorted(n for n in names if n[0] not in "._~" and Path(folder, n) != self.output)
-            yield from (Path(folder, name) for name in sorted(files) if name[0] not in "._~")
+            names[:] = sorted(n for n in names if _is_shown(n) and Path(folder, n) != self.output)
+            yield from (Path(folder, name) for name in sorted(files) if _is_shown(name))
+
+
+def _is_shown(name: str) -> bool:
+    return name[0] not in "._~" and is_text(name)
 
 
 def _stamp(path: Path) -> Stamp | None:

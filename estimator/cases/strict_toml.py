@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
 
-from estimator.errors import CaseError, suggestion
+from estimator.errors import CaseError, is_text, suggestion
 
 Way = tuple[str | int, ...]  # the way to a value: ("parameters", "R", "min"), ("recording", 0, "file")
 
@@ -171,6 +171,9 @@ class Table:
         base, inside = self._place(text, folder)
         found = [base / name for name in glob.glob(inside, root_dir=base, recursive=True)] if "\0" not in text else []
         files = {Path(os.path.abspath(path)) for path in found if path.is_file()}
+        for path in files:
+            if not is_text(path.name):
+                raise CaseError(f"{self.document.path.name}: {path.name!r} has a name that is no UTF-8 text; rename it")
         return tuple(sorted(files, key=lambda path: path.as_posix()))
 
     def _place(self, text: str, folder: Path | None) -> tuple[Path, str]:

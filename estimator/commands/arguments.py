@@ -12,6 +12,7 @@ from typing import Any, NoReturn
 
 from estimator.commands import estimate_arguments, fmu_arguments, result_arguments
 from estimator.commands.terminal import BAD_INPUT, OK, PROGRAM, say
+from estimator.errors import is_text
 from estimator.version import version
 
 RECORDINGS = (".csv", ".txt", ".tsv", ".dat", ".mat", ".parquet", ".mf4", ".xlsx", ".tdms", ".case.toml")
@@ -25,6 +26,9 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
     joined = _joined(arguments)
     parser = command_line()
     _check_words(parser, joined)
+    for word in joined:
+        if not is_text(word):
+            parser.error(f"{word!r} is no UTF-8 text; rename the file or folder")
     args, left = parser.parse_known_args(joined)
     if args.command == "estimate":  # recordings may stand on both sides of an option
         args.sources += [word for word in left if not word.startswith("-")]

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from estimator.commands.terminal import PROGRAM
-from estimator.errors import InputError
+from estimator.errors import InputError, is_text
 from estimator.recordings.suffixes import SUFFIXES
 
 if TYPE_CHECKING:
@@ -98,6 +98,9 @@ def filled_in(word: str) -> list[str]:
     found = sorted(glob.glob(word))
     if not found:
         raise InputError(f"no file matches {word!r}; give the names of recordings, or put the pattern right")
+    for name in found:
+        if not is_text(name):
+            raise InputError(f"{name!r} has a name that is no UTF-8 text; rename it")
     return found
 
 

@@ -34,6 +34,7 @@ FloatArray = NDArray[np.float64]
 WINDOW_RANK_TOLERANCE = 1e-3  # of the largest singular value: directions that a window tells
 EXCESS = 0.15  # of the variance: a smaller excess widens the standard errors, and is no failure however significant
 REST_TELLS = 0.05  # of all samples' information: with less, those outside a window do not determine a direction
+WHOLE = "the recording"  # the window of an output that is tested against the others
 
 
 @dataclass(frozen=True)
@@ -54,15 +55,16 @@ class Failure:
                 f"{answers} to changes, in the samples that follow, otherwise than it is explained: a filter, a delay"
                 " or a limit of the drive is missing; sample faster, or declare it"
             )
-        where = f"{self.output} in {self.window}" if self.output else self.window
+        alone = f"{self.output} alone" if self.window == WHOLE else f"{self.output} in {self.window}"
+        where = alone if self.output else self.window
         if self.what == "size":
             many = f"{self.excess:.1f} times the noise found"
             return f"the model does not explain {where}: the residuals, whitened, are {many}"
         if self.what == "neighbours":
             return f"the residuals of {where} are no plain noise: neighbours are alike (correlation {self.excess:+.2f})"
         return (
-            f"{where} would fit other parameters than the rest of the recording does, {self.excess:.1f} times as far"
-            " away as noise explains"
+            f"{where} would fit other parameters than the rest of the recording does, {self.excess:.3g} times as far"
+            " away as noise alone leads"
         )
 
 
@@ -207,7 +209,7 @@ def _groups(
     for j, y in enumerate(outputs if len(outputs) > 1 else ()):
         mask = np.zeros(shape, dtype=bool)
         mask[:, j] = True
-        groups.append(("the recording", y, mask))
+        groups.append((WHOLE, y, mask))
     return groups
 
 

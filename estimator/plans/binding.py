@@ -204,10 +204,14 @@ def _channels(names: Binding, recording: Recording) -> Channels:
     needs_voltage = not inputs and "v" not in case.fixed
     roles = motor_columns(recording, required=["v"] if needs_voltage else [], either=[] if outputs else ["i", "w"])
     usual: dict[str, str] = {r: roles[r] for r in ("v", "load") if r in roles and r in names.inputs}
-    if needs_voltage and "v" not in usual:
-        known = ", ".join(names.inputs) or "none"
+    if needs_voltage and "v" not in usual and not names.inputs:
         raise FmuError(
-            f"{names.description.path.name} has no input 'v' (its inputs: {known});"
+            f"{names.description.path.name} has no inputs, so no voltage can drive it; export it with the voltage as an"
+            " input, or say in a case file, under [outputs], what of it is compared with which column"
+        )
+    if needs_voltage and "v" not in usual:
+        raise FmuError(
+            f"{names.description.path.name} has no input 'v' (its inputs: {', '.join(names.inputs)});"
             f" {how_to_map(names, 'inputs', 'which input takes which column')}"
         )
     return Channels(inputs or usual, outputs or _usual_outputs(names, roles))

@@ -18,7 +18,7 @@ from estimator.recordings.filters import filter_sections
 from estimator.recordings.recording import MIN_SAMPLES, Recording
 from estimator.recordings.samples import filled, median
 from estimator.recordings.sensors import Section, Sensor
-from estimator.recordings.turns import is_countable, starts_again, with_turns
+from estimator.recordings.turns import OVERFLOW, counted_on, is_countable, starts_again, with_turns
 
 FloatArray = NDArray[np.float64]
 
@@ -135,6 +135,8 @@ def _compared(
         measured[name] = _measured(recording, column, spec, unit=unit, name=name, run=run)
         if recording.units[recording.column(column)] == "rad" and starts_again(recording.signal(column)):
             told.append(f"{recording.title}: {column} starts again with every turn; its turns are added up")
+        if spec.counts is not None and (bits := counted_on(recording.signals[recording.column(column)])[1]):
+            told.append(f"{recording.title}: {column}: {OVERFLOW.format(bits)}")
         if np.isnan(measured[name]).all():
             raise RecordingError(f"{recording.title}: {column} has no sample that can be used; widen the window")
     return measured, told
@@ -288,7 +290,7 @@ def _measured(
                 f"{recording.title}: column {column!r} is in {header_unit}, so counts a turn do not fit it;"
                 " leave counts out"
             )
-        signal = recording.signals[recording.column(column)] * (2 * np.pi / spec.counts)
+        signal = counted_on(recording.signals[recording.column(column)])[0] * (2 * np.pi / spec.counts)
     else:
         signal = recording.signal(column, unit="rad" if is_angle else unit)
         if header_unit == "rad" and starts_again(signal):

@@ -32,7 +32,7 @@ from estimator.recordings.text_header import (
     HeaderRules,
     begins_with_a_word,
     find_header,
-    names_its_numbers,
+    has_header,
     numbered_columns,
     words_below,
 )
@@ -94,7 +94,7 @@ def read_table(path: Path, rules: HeaderRules) -> Table:
         lines.pop()  # rows of empty cells at the end
     if not lines:
         raise RecordingError(f"{path.name} is empty; it should begin with a header such as {HEADER_EXAMPLE}")
-    bare = rules.numbers and not names_its_numbers(path, lines, rules)
+    bare = rules.numbers and (rules.counted or not has_header(path, lines, rules))
     at, delimiter, header = numbered_columns(path, lines) if bare else find_header(path, lines, rules)
     rows = [k for k in range(at + 1, len(lines)) if lines[k].lstrip()[:1] not in SKIPPED]
     units, words = (None, 0) if bare else words_below(lines, rows, delimiter, rules)

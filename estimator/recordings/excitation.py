@@ -44,7 +44,7 @@ class Excitation:
     before, after : float
         Input levels, in its unit.
     running : bool
-        The outputs are not at rest in the first row.
+        The speed is not at rest in the first row; where it is not measured, any output.
     """
 
     kind: Literal["none", "step", "several"]
@@ -67,8 +67,8 @@ def find_excitation(v: FloatArray, outputs: Mapping[str, FloatArray]) -> Excitat
     span = float(np.ptp(v))
     noise = _row_by_row(v)
     if _is_restless(v, noise):
-        return Excitation("several", 0, float(v[0]), float(v[-1]), not all(map(_starts_at_rest, outputs.values())))
-    running = not all(_starts_at_rest(y) for y in outputs.values())
+        return Excitation("several", 0, float(v[0]), float(v[-1]), _runs_already(outputs))
+    running = _runs_already(outputs)
     threshold = max(LEVEL * max(span, 0.5 * float(np.max(np.abs(v)))), 6 * noise)
     if span <= threshold:
         level = float(np.mean(v))
@@ -245,6 +245,11 @@ def lost_transient(step: Excitation, y: FloatArray) -> tuple[int, float] | None:
     if difference[k] > LOST_JUMP * response and beyond and k >= step.index - 1:
         return k + 1, float(difference[k]) / response
     return None
+
+
+def _runs_already(outputs: Mapping[str, FloatArray]) -> bool:
+    """Return whether the first row is no rest: a current rises within a sample of a motor that stands."""
+    return not all(map(_starts_at_rest, [outputs["w"]] if "w" in outputs else outputs.values()))
 
 
 def _starts_at_rest(y: FloatArray) -> bool:

@@ -141,9 +141,10 @@ def _unreadable(raw: RawTable, names: Sequence[str], clock: int, read_as: ReadAs
 
     has_numbers = [not np.isnan(column).all() for column in columns]
     numbers = read_as.numbers
-    meant = numbers | {f"column {number}" for number in numbers} if numbers else set(names)
     broken = [
-        j for j in bad if (has_numbers[j] and names[j] in meant) or j == clock
+        j
+        for j in bad
+        if (has_numbers[j] and (not numbers or names[j] in numbers or str(j + 1) in numbers)) or j == clock
     ]  # a column of nothing but text harms nobody until it is used
     if broken:
         raise RecordingError(not_a_number(min(broken, key=lambda j: bad[j].line)))

@@ -16,6 +16,7 @@ from estimator.errors import RecordingError, suggestion
 from estimator.recordings.headers import motors_named, parse_header, plain, rank_in_role
 from estimator.recordings.read_as import ReadAs
 from estimator.recordings.recording import Recording
+from estimator.recordings.turns import OVERFLOW, counted_on
 from estimator.recordings.units import FloatArray
 
 DUTY = frozenset({"duty", "pwm", "dutycycle"})
@@ -92,9 +93,12 @@ def _counted(recording: Recording, counts: float) -> Recording:
         known = ", ".join(recording.headers.values())
         raise RecordingError(f"{recording.title} has no column of counts ({known}); say which, with --column angle=…")
     for column in (*columns, *rates):
-        turned = recording.signals[column] * (2 * math.pi / counts)
+        counted, bits = (recording.signals[column], None) if column in rates else counted_on(recording.signals[column])
         unit = "rad/s" if column in rates else "rad"
-        recording = _with(recording, column, turned, unit, f"{recording.headers[column]}, {counts:g} counts a turn")
+        source = f"{recording.headers[column]}, {counts:g} counts a turn" + (
+            f", {OVERFLOW.format(bits)}" if bits else ""
+        )
+        recording = _with(recording, column, counted * (2 * math.pi / counts), unit, source)
     if "angle" not in recording.roles and len(columns) == 1:
         recording = replace(recording, roles={**recording.roles, "angle": columns[0]})
     if "w" not in recording.roles and len(rates) == 1 and not _speeds(recording):

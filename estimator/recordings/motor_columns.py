@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import shlex
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from difflib import get_close_matches
 
 import numpy as np
@@ -92,9 +92,10 @@ def _of_role(recording: Recording, role: str, *, wanted: bool) -> str | None:
         and not _counts_rows(recording, column)
     )
     faults = {column: recording.fault(column, quantity) for _, column in ranked}
-    good = [column for _, column in ranked if faults[column] is None]
+    fitting = [(rank, column) for rank, column in ranked if faults[column] is None]
+    good = [column for *_, column in sorted(fitting, key=lambda r: (r[0], _stands_still(recording, r[1])))]
     if good and wanted and (other := _rival(recording, good)) is not None:
-        if several := motors_named([parse_header(header).name for header in recording.headers.values()]):
+        if _motors(recording, good) and (several := _motors(recording, recording.headers)):
             raise SeveralMotorsError(_several(recording, several), several)
         raise RecordingError(_two(recording, role, good[0], other))
     if ranked and not good and wanted:
@@ -157,6 +158,11 @@ def _rival(recording: Recording, columns: Sequence[str]) -> str | None:
     return None
 
 
+def _stands_still(recording: Recording, column: str) -> bool:
+    samples = recording.signals[column]
+    return bool(np.nanmin(samples) == np.nanmax(samples))
+
+
 def _two(recording: Recording, role: str, first: str, other: str) -> str:
     """Say which two columns could be one signal, and how to choose."""
     one, two = recording.headers[first], recording.headers[other]
@@ -164,6 +170,10 @@ def _two(recording: Recording, role: str, first: str, other: str) -> str:
         f"{recording.title} has two columns for the {ROLE_TITLE[role]}, {one!r} and {two!r}; say which, with"
         f" --column {shlex.quote(f'{role}={one}')}, or in a case file"
     )
+
+
+def _motors(recording: Recording, columns: Iterable[str]) -> tuple[str, ...]:
+    return motors_named([parse_header(recording.headers[column]).name for column in columns])
 
 
 def _several(recording: Recording, several: Sequence[str]) -> str:

@@ -39,7 +39,7 @@ class ReadAs(Locked):
 
     @property
     def numbers(self) -> frozenset[str]:
-        """Columns that are named by their number: the file has no header, or its names are numbers."""
+        """Columns that are named by their number, counted from 1, or by a name that is a number."""
         return frozenset(name for name in self.columns.values() if name.isdecimal())
 
     def with_(self, other: ReadAs) -> ReadAs:
@@ -96,8 +96,8 @@ class ReadAs(Locked):
         """Return which headers a name means: a column's own, or else a role's."""
         if name in self.columns:
             name = self.columns[name]
-        if name.isdecimal() and name not in {h.name for h in headers}:
-            name = f"column {name}"
+        if name.isdecimal() and name not in {h.name for h in headers}:  # counted from 1
+            return [int(name) - 1] if 1 <= int(name) <= len(headers) else []
         exact = [j for j, h in enumerate(headers) if name in (h.text, h.name)]
         exact = exact or [j for j, h in enumerate(headers) if plain(name) in (plain(h.text), plain(h.name))]
         if exact or name not in ROLE_QUANTITY:

@@ -105,10 +105,10 @@ def begins_with_a_word(line: str) -> bool:
     return first is not None and is_word(first[1])
 
 
-def names_its_numbers(path: Path, lines: list[str], rules: HeaderRules) -> bool:
-    """Tell whether numbers by which columns are asked for are their names: channels 1 and 2 of a scope."""
+def has_header(path: Path, lines: list[str], rules: HeaderRules) -> bool:
+    """Tell whether names stand above the numbers, though columns are asked for by number."""
     with suppress(RecordingError):
-        return not rules.counted and rules.numbers <= {unquoted(cell) for cell in find_header(path, lines, rules)[2]}
+        return bool(find_header(path, lines, rules))
     return False
 
 

@@ -1,4 +1,4 @@
-"""An angle that starts again with every turn → one that goes on. Knows angles in rad only."""
+"""An angle that starts again with every turn, or a counter that overflows → one that goes on. Knows no file."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 
 ONE_TURN = 2 * np.pi * 1.01  # rad: an angle that starts again spans no more
+COUNTERS = (16, 32)  # bits of a counter that overflows
+OVERFLOW = "its counter of {} bits overflows, and is counted on"
 COUNTABLE = 0.8 * np.pi  # rad a sample: faster, and the way it went is a guess
 
 
@@ -28,3 +30,31 @@ def with_turns(angle: FloatArray) -> FloatArray:
 def is_countable(angle: FloatArray) -> bool:
     """Return whether an angle, (n,) rad, whose turns are added up, moves by far less than half a turn a sample."""
     return bool(np.max(np.abs(np.diff(angle[~np.isnan(angle)])), initial=0.0) < COUNTABLE)
+
+
+def counted_on(counts: FloatArray) -> tuple[FloatArray, int | None]:
+    """Return counts as a counter shows them that does not overflow, and the bits of the one that does.
+
+    Parameters
+    ----------
+    counts : (n,) array
+        What a signed or unsigned counter showed, NaN where it is missing.
+
+    Returns
+    -------
+    (n,) array
+        The counts added up, from near zero: 2³² − 5 is −5; as they are where nothing overflows.
+    int or None
+        16 or 32; None if nothing overflows: no motor turns by half of a counter's range within a sample.
+    """
+    known = ~np.isnan(counts)
+    values = counts[known]
+    if len(values) < 2 or np.any(values != np.round(values)):
+        return counts, None
+    jump, span = float(np.max(np.abs(np.diff(values)))), float(np.ptp(values))
+    for bits in COUNTERS:
+        if 2.0 ** (bits - 1) < jump and span < 2.0**bits:
+            whole = counts.copy()
+            whole[known] = np.unwrap(values, period=2.0**bits) - 2.0**bits * np.round(values[0] / 2.0**bits)
+            return whole, bits
+    return counts, None

@@ -91,7 +91,7 @@ _SYMBOLS = {
 # Words in any case: (quantity, numerator, denominator, offset, spellings).
 _COUNTS = "count counts cnt cnts tick ticks pulse pulses inc incs"
 _WORDS: tuple[tuple[str, float, float, float, str], ...] = (
-    ("time", 1, 1, 0, "s sec secs second seconds"),
+    ("time", 1, 1, 0, "s sec secs seg second seconds"),
     ("time", 1, 1e3, 0, "msec msecs millisecond milliseconds"),
     ("time", 1, 1e6, 0, "usec usecs microsecond microseconds"),
     ("time", 60, 1, 0, "min minute minutes"),
@@ -99,7 +99,7 @@ _WORDS: tuple[tuple[str, float, float, float, str], ...] = (
     ("voltage", 1, 1e3, 0, "millivolt millivolts"),
     ("current", 1, 1, 0, "a amp amps ampere amperes"),
     ("current", 1, 1e3, 0, "milliamp milliamps milliampere milliamperes"),
-    ("angular speed", 1, 1, 0, "rad/s rad/sec rads/s rad.s-1 rads rads/sec radian/s radians/s radps"),
+    ("angular speed", 1, 1, 0, "rad/s rad/sec rad/seg rads/s rad.s-1 rads rads/sec radian/s radians/s radps"),
     (
         "angular speed",
         math.pi,
@@ -110,7 +110,7 @@ _WORDS: tuple[tuple[str, float, float, float, str], ...] = (
     ),
     ("angular speed", 1e3 * math.pi, 30, 0, "krpm"),
     ("angular speed", 2 * math.pi, 1, 0, "rps r/s rev/s revs/s rev/sec turns/s turn/s rot/s"),
-    ("angular speed", math.pi, 180, 0, "deg/s deg/sec degs/s degree/s degrees/s dps deg.s-1"),
+    ("angular speed", math.pi, 180, 0, "deg/s deg/sec degs/s degree/s degrees/s dps deg.s-1 deg/seg"),
     ("angle", 1, 1, 0, "rad rads radian radians"),
     ("angle", math.pi, 180, 0, "deg degs degree degrees"),
     ("angle", 2 * math.pi, 1, 0, "rev revs revolution revolutions turn turns"),

@@ -39,6 +39,8 @@ def reference_trajectories(
     recording = layout.experiments[experiment]
     fmu = loaded.slow
     fmu.start, fmu.stop = recording.start, recording.start + recording.samples * recording.interval
+    if times is not None:
+        fmu.stop = float(times[-1]) + recording.interval
     if not fmu.fmu.component:
         fmu.instantiate()
     else:

@@ -258,6 +258,7 @@ static int64_t refused(const Fmu *fmu, const fmi2ValueReference references[], in
 
 /* The last sample's inputs hold for one interval more: an FMU whose stop time is kept has room for rounding. */
 static double stop_time(const Experiment *experiment) {
+    if (experiment->times != NULL) return experiment->times[experiment->samples - 1] + experiment->interval;
     return experiment->start + (double)experiment->samples * experiment->interval;
 }
 
