@@ -103,8 +103,14 @@ class Selection:
         return mirrored(explanation, self.effects, self.tests.base.plan)
 
     def added(self, explanation: Explanation, addition: Addition, *, limit: float = np.inf) -> Explanation:
-        """Return an explanation fitted with one more addition; limit as for `solved`."""
-        return with_added(explanation, self.refitted(explanation, addition, limit=limit), addition)
+        """Return an explanation fitted with one more addition; limit as for `solved`.
+
+        A ripple lies elsewhere behind another mean or filter: with one it is judged where that moves it.
+        """
+        if not any(a.effect.is_line for a in explanation.additions) or not is_timing(addition):
+            return with_added(explanation, self.refitted(explanation, addition, limit=limit), addition)
+        found = with_added(explanation, self.refitted(explanation, addition), addition)
+        return dataclasses.replace(found, fit=solved_roughly(renewed(found), limit=limit))
 
     def _held_near(self, starts: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray]:
         """Bound a motor's parameters near their first estimates; return the bounds that they had.
@@ -316,7 +322,7 @@ class Selection:
             best, fall = None, 0.0
             for a in best_few:
                 least_cost = explanation.fit.cost - max(a.penalty(n), least)
-                found = self.with_refitted(explanation, a, limit=least_cost - fall)
+                found = self.added(explanation, a, limit=least_cost - fall)
                 if least_cost - found.fit.cost > fall and is_physical(found.fit, a):
                     best, fall = found, least_cost - found.fit.cost
             if best is not None:
@@ -348,13 +354,6 @@ class Selection:
         n = self.tests.samples
         sound = all(is_physical(more.fit, a) for a in (addition, *company))
         return more if sound and more.criterion(n) < found.criterion(n) else None
-
-    def with_refitted(self, explanation: Explanation, addition: Addition, *, limit: float = np.inf) -> Explanation:
-        """Return the explanation with an addition, fitted; columns that move with it are where it moves them."""
-        if not any(a.effect.is_line for a in explanation.additions) or not is_timing(addition):
-            return with_added(explanation, self.refitted(explanation, addition, limit=limit), addition)
-        found = with_added(explanation, self.refitted(explanation, addition), addition)
-        return dataclasses.replace(found, fit=solved_roughly(renewed(found), limit=limit))
 
     def refitted(self, explanation: Explanation, addition: Addition, *, limit: float = np.inf) -> Fit:
         """Return the fit with an addition, from the start of the largest predicted fall; limit as for `solved`."""
