@@ -89,7 +89,8 @@ class RestrictedLikelihood:
             self._of_unit_noise[key] = np.array([own.T @ own for own in whitened.transpose(1, 0, 2)]), total
         own, total = self._of_unit_noise[key]
         variance = np.maximum(white**2, 1e-300)
-        return (own / variance[:, :, None, None]).sum(axis=1), total + np.log(variance) @ self._counts
+        logs = np.array([self._counts @ of_channels for of_channels in np.log(variance)])
+        return (own / variance[:, :, None, None]).sum(axis=1), total + logs
 
     def largest(
         self, noise: NoiseModel, active: Sequence[Component], *, iterations: int = 12
