@@ -14,6 +14,7 @@ import os
 import queue
 import time
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -59,13 +60,13 @@ KEPT_JOBS = 4  # as in worker.py: those of late, which may be asked for again
 
 @dataclasses.dataclass(frozen=True)
 class _Loaded:
-    """A job as the workers have it: the memory that they share, the order that loads it, and its files."""
+    """A job as the workers have it: the memory that they share, the order that loads it, and its files on a disk."""
 
     job: Job
     shared: SharedMemory
     memory: mmap.mmap
     order: dict[str, Any]
-    files: tuple[Path, Path]
+    files: tuple[Path, ...]
     descriptors: tuple[int, ...]
 
     def views(self) -> dict[str, NDArray[Any]]:
@@ -210,7 +211,8 @@ class Workers:
             "numbers_file": str(numbers_file),
             "memory_limit": self.memory_limit,
         }
-        return _Loaded(job, shared, memory, order, (shared_file, numbers_file), (*own, *beside))
+        descriptors = *own, *beside
+        return _Loaded(job, shared, memory, order, () if descriptors else (shared_file, numbers_file), descriptors)
 
     def run(
         self, values: FloatArray, *, bounds: FloatArray | None = None, refine: int = 1, record: bool = False
@@ -523,13 +525,22 @@ def _memory(size: int, file: Path) -> tuple[mmap.mmap, Path, tuple[int, ...]]:
 
     On Linux the file lies in memory, and goes with its owner: of one on a disk each page that is used is written there.
     """
-    if hasattr(os, "memfd_create"):
+    if _lies_in_memory():
         descriptor = os.memfd_create("fmu-estimator", os.MFD_CLOEXEC)
-        own = Path(f"/proc/{os.getpid()}/fd/{descriptor}")
-        if os.access(own, os.R_OK | os.W_OK):
-            os.truncate(descriptor, size)
-            return mmap.mmap(descriptor, size), own, (descriptor,)
-        os.close(descriptor)
+        os.truncate(descriptor, size)
+        return mmap.mmap(descriptor, size), Path(f"/proc/{os.getpid()}/fd/{descriptor}"), (descriptor,)
     with open(file, "w+b") as made:
         made.truncate(size)
         return mmap.mmap(made.fileno(), size), file, ()
+
+
+@cache
+def _lies_in_memory() -> bool:
+    """Whether other processes can open a file that lies in this one's memory."""
+    if not hasattr(os, "memfd_create"):
+        return False
+    descriptor = os.memfd_create("fmu-estimator", os.MFD_CLOEXEC)
+    try:
+        return os.access(f"/proc/{os.getpid()}/fd/{descriptor}", os.R_OK | os.W_OK)
+    finally:
+        os.close(descriptor)
