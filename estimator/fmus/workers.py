@@ -13,7 +13,7 @@ import mmap
 import os
 import queue
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache
 from pathlib import Path
 from types import TracebackType
@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from estimator.errors import FmuError, SimulationError
 from estimator.fmus.archive import extract
 from estimator.fmus.fmu import FmuDescription, check_usable
+from estimator.fmus.inside import Inside
 from estimator.fmus.job import Batch, Failure, Job, laid_out, write_numbers
 from estimator.fmus.mailbox import Mailbox
 from estimator.fmus.process import IDLE, RUNNING, STARTING, Process, how_it_ended
@@ -122,9 +123,19 @@ class Workers:
         s a candidate may take.
     memory_limit : int
         Bytes above which a worker is replaced.
+    inside : bool
+        Whoever asks is a process that may crash, and has no other: the package's own FMUs are loaded into it. A process
+        starts where another FMU is asked for.
     """
 
-    def __init__(self, count: int, *, time_limit: float = TIME_LIMIT, memory_limit: int = MEMORY_LIMIT) -> None:
+    def __init__(
+        self,
+        count: int,
+        *,
+        time_limit: float = TIME_LIMIT,
+        memory_limit: int = MEMORY_LIMIT,
+        inside: bool = False,
+    ) -> None:
         check_installed()
         self.count = max(1, min(count, MAX_WORKERS))
         self.time_limit = time_limit
@@ -148,7 +159,10 @@ class Workers:
         self._jobs = 0
         self._kept: list[_Loaded] = []
         self._folders: dict[Path, Path] = {}
-        self._spawn(0)
+        self._inside = Inside() if inside else None
+        self._here: Inside | None = None  # the same, if it has the job
+        if not inside:
+            self._spawn(0)
 
     def load(self, job: Job, *, keep_counts: bool = False) -> None:
         """Extract the FMU and put the job's numbers where the workers find them; counters start from zero.
@@ -181,8 +195,15 @@ class Workers:
             self.simulations = self.steps = self.failed = 0
             self.failures = []
         self._words = ""
-        for process in self._processes.values():
-            self._send_load(process)
+        own = job.description.is_bundled and not job.fresh_process
+        self._here = self._inside if own else None
+        if self._here is not None:
+            self._here.load({**self._order, "index": 0})
+        elif not self._processes:
+            self._spawn(0)
+        else:
+            for process in self._processes.values():
+                self._send_load(process)
 
     def _made_ready(self, job: Job) -> _Loaded:
         """Return a job whose FMU is extracted and whose numbers stand where the workers find them."""
@@ -292,18 +313,23 @@ class Workers:
         derivatives = shown[size : (1 + p) * size].reshape(p, *weights.shape).copy() if knows else None
         return x, cost, ended, shown[:size].reshape(weights.shape).copy(), derivatives
 
-    def _idle(self) -> list[Process]:
-        """Return the processes that may be asked, at least one."""
+    def _idle(self) -> Sequence[Process | Inside]:
+        """Return who may be asked, at least one."""
+        if self._here is not None:
+            return [self._here]
         watch = _Watch()
         while not (idle := [p for p in self._processes.values() if p.state == IDLE]):
             self._hear(watch)
         return idle
 
-    def _done(self, orders: dict[Process, dict[str, Any]]) -> list[Any]:
+    def _done(self, orders: dict[Process | Inside, dict[str, Any]]) -> list[Any]:
         """Give orders, one a process, and return what each has found; None where a simulation has failed."""
-        watch, found = _Watch(), dict[Process, Any]()
+        watch, found = _Watch(), dict[Process | Inside, Any]()
         self._claims[:] = NO_CLAIM
         for process, order in orders.items():
+            if isinstance(process, Inside):
+                found[process] = self._counted(process.answer(order))
+                continue
             process.state = RUNNING
             process.send(order)
         while len(found) < len(orders):
@@ -311,17 +337,22 @@ class Workers:
             if heard is None or heard[0] not in orders:
                 continue
             process, message = heard
-            if message is not None:
-                self.simulations += message["simulations"]
-                self.steps += message["steps"]
-            found[process] = None if message is None else message["found"]
+            found[process] = None if message is None else self._counted(message)
         self._busy += watch.seconds
         self._start_more(0.0)
         return [found[process] for process in orders]
 
+    def _counted(self, message: dict[str, Any]) -> Any:
+        """Return what was found, its simulations counted."""
+        self.simulations += message["simulations"]
+        self.steps += message["steps"]
+        return message["found"]
+
     def reference(self, values: FloatArray, *, experiment: int = 0, refine: int = 1) -> FloatArray:
         """Simulate one candidate, (parameters,), by fmpy's methods alone; return (n, outputs)."""
         order = {"reference": True, "values": list(values), "experiment": experiment, "refine": refine}
+        if self._here is not None:
+            return np.array(self._here.answer({"run": order})["rows"])
         process = self._processes[0]
         while process.state != IDLE:
             self._handle(*self._messages.get(timeout=max(self.time_limit, LOAD_LIMIT)))
@@ -353,6 +384,8 @@ class Workers:
         for process in self._processes.values():
             process.end(politely=process.state == IDLE)
         self._processes.clear()
+        if self._inside is not None:
+            self._inside.close()
         for loaded in self._kept:
             loaded.release()
         self._kept = []
@@ -376,7 +409,9 @@ class Workers:
         self._counter[0] = 0
         self._order["run"] = {"candidates": n, "refine": refine, "record": record}
         watch = _Watch()
-        while True:
+        while self._here is not None and self._counter[0] < n:
+            self._words = self._here.answer(self._order)["words"] or self._words
+        while self._here is None:
             for process in list(self._processes.values()):
                 if process.state == IDLE and self._counter[0] < n:
                     process.state = RUNNING
@@ -488,7 +523,7 @@ class Workers:
                 watch.pop(slot)
 
     def _start_more(self, running: float) -> None:
-        if self._busy + running > self.busy_before_more and len(self._processes) < self.count:
+        if self._here is None and self._busy + running > self.busy_before_more and len(self._processes) < self.count:
             for slot in range(len(self._processes), self.count):
                 self._spawn(slot)
 
