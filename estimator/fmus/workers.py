@@ -560,7 +560,7 @@ def _memory(size: int, file: Path) -> tuple[mmap.mmap, Path, tuple[int, ...]]:
 
     On Linux the file lies in memory, and goes with its owner: of one on a disk each page that is used is written there.
     """
-    if _lies_in_memory():
+    if hasattr(os, "memfd_create") and _is_found_by_others():
         descriptor = os.memfd_create("fmu-estimator", os.MFD_CLOEXEC)
         os.truncate(descriptor, size)
         return mmap.mmap(descriptor, size), Path(f"/proc/{os.getpid()}/fd/{descriptor}"), (descriptor,)
@@ -570,10 +570,8 @@ def _memory(size: int, file: Path) -> tuple[mmap.mmap, Path, tuple[int, ...]]:
 
 
 @cache
-def _lies_in_memory() -> bool:
+def _is_found_by_others() -> bool:
     """Whether other processes can open a file that lies in this one's memory."""
-    if not hasattr(os, "memfd_create"):
-        return False
     descriptor = os.memfd_create("fmu-estimator", os.MFD_CLOEXEC)
     try:
         return os.access(f"/proc/{os.getpid()}/fd/{descriptor}", os.R_OK | os.W_OK)
