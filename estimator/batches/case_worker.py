@@ -76,10 +76,17 @@ class Outcome:
 
 
 class CaseWorker:
-    """Estimates cases one after the other by the same FMU processes, one by default. Use as a context manager."""
+    """Estimates cases one after the other by the same FMU processes, one by default. Use as a context manager.
 
-    def __init__(self, *, processes: int = 1) -> None:
-        self._processes = processes
+    Parameters
+    ----------
+    processes : int
+    inside : bool
+        As of `Workers`: this process is there for the cases only.
+    """
+
+    def __init__(self, *, processes: int = 1, inside: bool = False) -> None:
+        self._processes, self._inside = processes, inside
         self._crew: JournalledWorkers | None = None
         self._descriptions: dict[tuple[str, int, int], FmuDescription] = {}
 
@@ -116,7 +123,7 @@ class CaseWorker:
         from estimator.estimating.estimate import estimate_by
 
         if self._crew is None:
-            self._crew = JournalledWorkers(self._processes)
+            self._crew = JournalledWorkers(self._processes, inside=self._inside)
         self._crew.journal = journal
         return estimate_by(self._crew, case, description=self._description(case.fmu), recordings=recordings)
 
@@ -257,7 +264,7 @@ def main() -> None:
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
     tasks: queue.SimpleQueue[Task] = queue.SimpleQueue()
     threading.Thread(target=_listen, args=(tasks,), daemon=True).start()
-    case_worker = CaseWorker()
+    case_worker = CaseWorker(inside=True)
     while True:
         outcome = case_worker.run(tasks.get())
         try:

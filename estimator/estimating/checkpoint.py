@@ -165,8 +165,8 @@ class JournalledWorkers(Workers):
     Trajectories are not journalled: few are asked for, and they are long.
     """
 
-    def __init__(self, count: int, *, journal: Journal | None = None) -> None:
-        super().__init__(count)
+    def __init__(self, count: int, *, journal: Journal | None = None, inside: bool = False) -> None:
+        super().__init__(count, inside=inside)
         self.journal = journal
 
     def __enter__(self) -> JournalledWorkers:

@@ -189,8 +189,12 @@ class _Attempts:
         self.session.account.enter("polish")
         problem = self.problem
         output = problem.output_of_residual
-        costs = problem.costs(starts)
-        best = list(starts[np.argsort(costs)[:POLISHED]])
+        first = problem.costs(starts[: 2 * POLISHED])  # what costs more than the best of these is not polished
+        enough = np.full(
+            len(starts) - len(first), np.sort(first)[min(POLISHED, len(first)) - 1]
+        )  # more is not polished
+        costs = np.concatenate([first, problem.costs(starts[len(first) :], bounds=enough)])
+        best = list(starts[np.argsort(costs, kind="stable")[:POLISHED]])
         fits = self.squares.fits(best, polish.deviations, evaluations=TRIED, tolerance=1e4, known=polish)
         ends = [values for values, _ in fits if values is not polish.values]
         if not ends:

@@ -56,6 +56,8 @@ class Scores:
 
     def scaled(self, times: float) -> Scores:
         """Return the scores of columns that are so many times as large."""
+        if times == 1.0:
+            return self
         return Scores(times * self.along, times**2 * self.information, times**2 * self.whole, times * self.explained)
 
     @classmethod

@@ -8,6 +8,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -49,6 +50,12 @@ class Explanation:
         tell, and which therefore leaves the parameters open. A number of no known size is charged log n. A number far
         above its usual size is charged for that: a winding does not warm by a seventh while a motor starts.
         """
+        told, unknown = self._evidence
+        return told + unknown * float(np.log(max(samples, 2)))
+
+    @cached_property
+    def _evidence(self) -> tuple[float, int]:
+        """The evidence, and for how many numbers of no known size log n is charged beside it."""
         fit, sizes = self.fit, self.sizes()
         known = [k for k, name in enumerate(fit.names) if name in sizes and fit.at_bound[k] == 0]
         s = np.array([sizes[fit.names[k]] for k in known])
@@ -56,7 +63,7 @@ class Explanation:
         charge = float(np.linalg.slogdet(np.eye(len(s)) + told * np.outer(s, s))[1])
         unknown = sum(a.numbers for a in self.additions if a.linear is not None and a.name not in sizes)
         priors = sum(2 * float(np.log(a.tried / a.effect.prior)) for a in self.additions)
-        return fit.cost + charge + unknown * float(np.log(max(samples, 2))) + priors + self._unusual()
+        return fit.cost + charge + priors + self._unusual(), unknown
 
     def _unusual(self) -> float:
         """Return -2 log of the prior of the sizes that were found, over that of small ones: Cauchy's (Jeffreys 1961).

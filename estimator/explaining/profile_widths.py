@@ -13,9 +13,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.fitting.fit import Fit, cost_of, linear_columns, misfit
+from estimator.fitting.fit import Fit, cost_of, linear_projection, misfit
 from estimator.fitting.gauss_newton import placed, solved_roughly
-from estimator.fitting.projection import Projection
 from estimator.fitting.simulator import CELLS
 
 FloatArray = NDArray[np.float64]
@@ -53,7 +52,7 @@ def _flat(fit: Fit, lines: Sequence[_Line]) -> list[_Line]:
     """Return those lines by which all names move on which the cost rises by less than a parabola's."""
     (low, high), s = fit.bounds, fit.simulator
     x = s.scaled(fit.values)[fit.where]
-    linear = Projection(fit.whitener.flat(linear_columns(fit.linear, fit.shown.shape)))
+    linear = linear_projection(fit.linear, fit.whitener)
     flat, many = [], max(1, CELLS // s.rows)
     for some in (lines[k : k + many] for k in range(0, len(lines), many)):
         ends = [placed(fit, np.clip(x + side * FAR * along[: len(x)], low, high)) for _, side, along in some]

@@ -83,10 +83,12 @@ class CandidateValues:
         shift = self.of(candidate[None, :])[0]
         column, gain = np.full(shift.shape, -1), np.zeros(shift.shape)
         many, held = self._column.shape[1], self._column.shape[1] + len(self._constant)
-        for k, j in enumerate(free):
-            own = self._column == j
-            column[:, :many][own], gain[:, :many][own] = k, np.broadcast_to(self._gain, own.shape)[own]
-            shift[:, :many][own] = np.broadcast_to(self._shift, own.shape)[own]
+        place = np.full(len(self._plan.parameters), -1)
+        place[list(free)] = np.arange(len(free))
+        column[:, :many] = place[self._column]
+        own = column[:, :many] >= 0
+        gain[:, :many] = np.where(own, self._gain, 0.0)
+        shift[:, :many] = np.where(own, self._shift, shift[:, :many])
         for j, where, at in self._placed:
             if j in free and at % len(SETTINGS) == 0 and at > 0:
                 return None

@@ -314,7 +314,7 @@ def evaluated(fit: Fit, values: FloatArray, shown: FloatArray, slopes: Slopes, l
 
 def refreshed(fit: Fit, whitener: Whitener) -> Fit:
     """Return the fit with another whitener, its values unchanged."""
-    linear = Projection(whitener.flat(linear_columns(fit.linear, fit.shown.shape)))
+    linear = linear_projection(fit.linear, whitener)
     return evaluated(dataclasses.replace(fit, whitener=whitener), fit.values, fit.shown, fit.slopes, linear)
 
 
@@ -345,3 +345,9 @@ def misfit(fit: Fit, shown: FloatArray) -> FloatArray:
 def linear_columns(linear: Sequence[Linear], shape: tuple[int, ...]) -> FloatArray:
     """Return the columns of all, (rows, q, m); `shape` is that of what is shown."""
     return np.concatenate([np.zeros((*shape, 0)), *(g.columns for g in linear)], axis=2)
+
+
+def linear_projection(linear: Sequence[Linear], whitener: Whitener) -> Projection:
+    """Return the projection on the columns of all, whitened, (rows q, m)."""
+    shape = whitener.present.shape
+    return Projection(whitener.flat(linear_columns(linear, shape)) if linear else np.zeros((shape[0] * shape[1], 0)))

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.fitting.fit import Fit, cost_of, evaluated, linear_columns, misfit
+from estimator.fitting.fit import Fit, cost_of, evaluated, linear_projection, misfit
 from estimator.fitting.least_squares import SOON
-from estimator.fitting.projection import Projection, triangle
+from estimator.fitting.projection import triangle
 from estimator.fitting.slopes import Point, Slopes, difference_steps
 from estimator.noise.kalman import filters
 from estimator.stepping.layout import ASKS_BENT, ASKS_CORRECTED, ASKS_COST, ASKS_NEW, DONE, DONE_BESIDE
@@ -229,7 +229,7 @@ class _Misfits:
 
     def __init__(self, fit: Fit) -> None:
         self.fit = fit
-        self.linear = Projection(fit.whitener.flat(linear_columns(fit.linear, fit.shown.shape)))
+        self.linear = linear_projection(fit.linear, fit.whitener)
 
     def cost(self, shown: FloatArray) -> float:
         """Return z'z at simulated signals; infinity where the FMU failed."""

@@ -28,6 +28,10 @@ COASTS = "coasts"  # 1: the drive opens the circuit where its command is zero
 
 def motor_values(fit: Fit) -> Mapping[str, float] | None:
     """Return R, K, L, J, B where the fit is a DC motor's and its sensors show current or speed; else None."""
+    return fit.once(_motor_values)
+
+
+def _motor_values(fit: Fit) -> Mapping[str, float] | None:
     s = fit.simulator
     values = {**s.plan.fixed, **dict(zip(s.names, fit.values.tolist(), strict=True))}
     if not is_motor(values) or "v" not in s.observed[0].inputs or not set(s.outputs) <= set(SEATS):

@@ -13,7 +13,7 @@ from estimator.recordings.samples import filled
 
 FloatArray = NDArray[np.float64]
 
-HIGHEST_ORDER = 64  # of the angle
+HIGHEST_ORDER, AT_ONCE = 64, 16_000  # of the angle; numbers that are made at once
 LINE_CYCLES, FOLDED = 10.0, 0.05  # in a recording; of its rows: an order that is aliased below may be a drift
 SPIKE, TURNING = 8.0, 0.2  # standard deviations of a speed's noise; of the largest speed: where it is turning
 
@@ -43,12 +43,13 @@ def unfolded_orders(theta: FloatArray) -> NDArray[np.bool_]:
     """Return which orders, from 1, of a recording's angle, (n,), the sampling does not alias to a slow change."""
     turn = np.diff(theta, prepend=theta[0])
     turn = turn[np.abs(turn) > TURNING * np.max(np.abs(turn))]
-    usable = np.ones(HIGHEST_ORDER, dtype=bool)
-    for k in range(HIGHEST_ORDER):
-        turns = (k + 1) / (2 * np.pi) * turn
+    orders, at_once = np.arange(1, HIGHEST_ORDER + 1) / (2 * np.pi), max(1, AT_ONCE // len(turn))
+    slow = []
+    for some in (orders[k : k + at_once] for k in range(0, HIGHEST_ORDER, at_once)):
+        turns = some[:, None] * turn
         folded = np.abs(turns - np.round(turns))
-        usable[k] = np.count_nonzero(folded < LINE_CYCLES / len(folded)) <= FOLDED * len(folded)
-    return usable
+        slow.append(np.count_nonzero(folded < LINE_CYCLES / len(turn), axis=1))
+    return np.asarray(np.concatenate(slow) <= FOLDED * len(turn))
 
 
 def _without_spikes(w: FloatArray) -> FloatArray:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import mmap
 import os
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -50,7 +51,8 @@ class LoadedJob:
         layouts, size = laid_out(job.experiments)
         numbers, numbers_file, beside = _memory(size, folder / f"numbers-{key}")
         write_numbers(numbers, job.experiments, layouts)
-        self._files, self._descriptors = (shared_file, numbers_file), (*own, *beside)
+        self._descriptors = *own, *beside
+        self._files = () if self._descriptors else (shared_file, numbers_file)
         layout = job.layout(str(fmu), layouts)
         self.order: dict[str, Any] = {
             "key": key,
@@ -103,13 +105,20 @@ def _memory(size: int, file: Path) -> tuple[mmap.mmap, Path, tuple[int, ...]]:
 
     On Linux the file lies in memory, and goes with its owner: of one on a disk each page that is used is written there.
     """
-    if hasattr(os, "memfd_create"):
+    if hasattr(os, "memfd_create") and _is_found_by_others():
         descriptor = os.memfd_create("fmu-estimator", os.MFD_CLOEXEC)
-        own = Path(f"/proc/{os.getpid()}/fd/{descriptor}")
-        if os.access(own, os.R_OK | os.W_OK):
-            os.truncate(descriptor, size)
-            return mmap.mmap(descriptor, size), own, (descriptor,)
-        os.close(descriptor)
+        os.truncate(descriptor, size)
+        return mmap.mmap(descriptor, size), Path(f"/proc/{os.getpid()}/fd/{descriptor}"), (descriptor,)
     with open(file, "w+b") as made:
         made.truncate(size)
         return mmap.mmap(made.fileno(), size), file, ()
+
+
+@cache
+def _is_found_by_others() -> bool:
+    """Whether other processes can open a file that lies in this one's memory."""
+    descriptor = os.memfd_create("fmu-estimator", os.MFD_CLOEXEC)
+    try:
+        return os.access(f"/proc/{os.getpid()}/fd/{descriptor}", os.R_OK | os.W_OK)
+    finally:
+        os.close(descriptor)

@@ -57,9 +57,11 @@ class ProcessPool:
         s a candidate may take.
     memory_limit : int
         Bytes above which a process is replaced.
+    begins : bool
+        Whether the first process starts at once, not with the first job.
     """
 
-    def __init__(self, count: int, folder: Path, *, time_limit: float, memory_limit: int) -> None:
+    def __init__(self, count: int, folder: Path, *, time_limit: float, memory_limit: int, begins: bool = True) -> None:
         self.count = max(1, min(count, MAX_WORKERS))
         self.time_limit = time_limit
         self.memory_limit = memory_limit
@@ -75,7 +77,8 @@ class ProcessPool:
         self._loads_died = 0
         self._lost: dict[int, tuple[int, str]] = {}  # candidate → outcome, and how its process ended
         self._generation = 0
-        self._spawn(0)
+        if begins:
+            self._spawn(0)
 
     @property
     def pids(self) -> tuple[int, ...]:
@@ -94,6 +97,8 @@ class ProcessPool:
         loaded.forget_claims()
         for process in self._processes.values():
             self._send_load(process)
+        if not self._processes:
+            self._spawn(0)
 
     def idle(self) -> list[Process]:
         """Wait for processes that may be asked; return them, at least one."""

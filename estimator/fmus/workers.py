@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from estimator.errors import SimulationError
 from estimator.fmus.archive import extract
 from estimator.fmus.fmu import FmuDescription
+from estimator.fmus.inside import Inside
 from estimator.fmus.job import Batch, Failure, Job
 from estimator.fmus.loaded_job import LoadedJob, check_loadable
-from estimator.fmus.process import Process
 from estimator.fmus.process_pool import Order, ProcessPool
 from estimator.fmus.run_folder import RunFolder
 from estimator.stepping.layout import (
@@ -53,16 +53,30 @@ class Workers:
         s a candidate may take.
     memory_limit : int
         Bytes above which a worker is replaced.
+    inside : bool
+        Whoever asks is a process that may crash, and has no other: the package's own FMUs are loaded into it. A process
+        starts where another FMU is asked for.
     """
 
-    def __init__(self, count: int, *, time_limit: float = TIME_LIMIT, memory_limit: int = MEMORY_LIMIT) -> None:
+    def __init__(
+        self,
+        count: int,
+        *,
+        time_limit: float = TIME_LIMIT,
+        memory_limit: int = MEMORY_LIMIT,
+        inside: bool = False,
+    ) -> None:
         check_installed()
         self.simulations = 0
         self.steps = 0
         self.failures: list[Failure] = []
         self.failed = 0
         self._folder = RunFolder()
-        self.pool = ProcessPool(count, self._folder.path, time_limit=time_limit, memory_limit=memory_limit)
+        self.pool = ProcessPool(
+            count, self._folder.path, time_limit=time_limit, memory_limit=memory_limit, begins=not inside
+        )
+        self._inside = Inside(memory_limit) if inside else None
+        self._asked: ProcessPool | Inside = self.pool  # who has the job that is loaded
         self._jobs = 0  # made ready
         self._kept: list[LoadedJob] = []  # the one that is loaded first
         self._folders: dict[Path, Path] = {}
@@ -87,7 +101,9 @@ class Workers:
         if not keep_counts:
             self.simulations = self.steps = self.failed = 0
             self.failures = []
-        self.pool.load(loaded)
+        own = job.description.is_bundled and not job.fresh_process
+        self._asked = self._inside if self._inside is not None and own else self.pool
+        self._asked.load(loaded)
 
     def _made_ready(self, job: Job) -> LoadedJob:
         self._jobs += 1
@@ -141,7 +157,7 @@ class Workers:
         SimulationError
             The FMU cannot even be loaded.
         """
-        idle = self.pool.idle()
+        idle = self._asked.idle()
         parts = [dataclasses.replace(fits, starts=fits.starts[k :: len(idle)]) for k in range(len(idle))]
         found = self._found({p: {"fit": vars(part)} for p, part in zip(idle, parts, strict=True) if part.starts})
         if any(of_one is None for of_one in found):
@@ -161,7 +177,7 @@ class Workers:
         p, size, shown = len(descent.x), weights.size, self._loaded.shown
         if 1 + p > self._loaded.shared.shown_capacity:
             return None
-        process = self.pool.idle()[0]
+        process = self._asked.idle()[0]
         shown[:size] = weights.ravel()
         (found,) = self._found({process: {"descend": vars(descent)}})
         if found is None:
@@ -170,9 +186,9 @@ class Workers:
         derivatives = shown[size : (1 + p) * size].reshape(p, *weights.shape).copy() if knows else None
         return x, cost, ended, shown[:size].reshape(weights.shape).copy(), derivatives
 
-    def _found(self, orders: dict[Process, Order]) -> list[Any]:
+    def _found(self, orders: dict[Any, Order]) -> list[Any]:
         """Give orders, one a process, and return what each has found; None where a simulation has failed."""
-        answers = self.pool.ask(orders)
+        answers = self._asked.ask(orders)
         for answer in answers:
             if answer is not None:
                 self.simulations += answer["simulations"]
@@ -182,7 +198,7 @@ class Workers:
     def reference(self, values: FloatArray, *, experiment: int = 0, refine: int = 1) -> FloatArray:
         """Simulate one candidate, (parameters,), by fmpy's methods alone; return (n, outputs)."""
         order = {"reference": True, "values": list(values), "experiment": experiment, "refine": refine}
-        answer = self.pool.ask_one({"run": order})
+        answer = self._asked.ask_one({"run": order})
         if answer is None or "error" in answer:
             raise SimulationError(str((answer or {}).get("error", "the FMU crashed")))
         return np.array(answer["rows"])
@@ -195,6 +211,8 @@ class Workers:
     def close(self) -> None:
         """End all workers and remove the run's folder."""
         self.pool.close()
+        if self._inside is not None:
+            self._inside.close()
         for loaded in self._kept:
             loaded.close()
         self._kept = []
@@ -221,7 +239,7 @@ class Workers:
         costs[:], steps[:], outcomes[:] = np.inf, 0, PENDING
         loaded.next[0] = 0
         order = {"run": {"candidates": n, "refine": refine, "record": record}}
-        lost = self.pool.deal(order, is_left=lambda: bool(loaded.next[0] < n))
+        lost = self._asked.deal(order, is_left=lambda: bool(loaded.next[0] < n))
         for candidate, (outcome, _) in lost.items():
             outcomes[candidate] = outcome
         self.simulations += n
@@ -244,7 +262,7 @@ class Workers:
     def _remember(self, ended: str, outcome: int, values: FloatArray, *, done: int, refine: int) -> None:
         """Keep the first candidate of each reason to fail: how its process ended, or what its outcome says."""
         job = self._loaded.job
-        reason = ended or outcome_sentence(outcome, words=self.pool.words, names=job.names)
+        reason = ended or outcome_sentence(outcome, words=self._asked.words, names=job.names)
         if len(self.failures) >= MOST_FAILURES or any(f.reason == reason for f in self.failures):
             return
         step = job.step(done - 1, refine=refine) if is_of_step(outcome) else None

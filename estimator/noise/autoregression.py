@@ -49,7 +49,7 @@ def _is_white(series: Sequence[FloatArray], count: int, power: float) -> bool:
 
     Of small ones the squares are those of the reflections, each of which lowers -2 log L by so much a sample.
     """
-    lags = range(1, max(ORDERS) + 1)
-    products = [sum(float(x[lag:] @ x[:-lag]) for x in series if len(x) > lag) for lag in lags]
-    falls = count * np.cumsum((np.array(products) / (count * power)) ** 2)
-    return bool(np.all(falls < PLAINLY * (LEAST_FALL + np.array(lags) * np.log(count))))
+    lags = np.arange(1, max(ORDERS) + 1)
+    products = np.sum([np.correlate(np.append(x, np.zeros(len(lags))), x)[1:] for x in series], axis=0)
+    falls = count * np.cumsum((products / (count * power)) ** 2)
+    return bool(np.all(falls < PLAINLY * (LEAST_FALL + lags * np.log(count))))

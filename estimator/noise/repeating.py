@@ -18,25 +18,31 @@ FloatArray = NDArray[np.float64]
 FEWEST_CYCLES = 10  # in a series: what is slower is a drift; likewise of what alternates, beside half of the rate
 NEARBY = 12  # places of a spectrum on either side, by whose median a line is told
 BESIDE = 2  # of them on either side that a line fills
+LARGEST = 0.6  # of the power: its largest values, of which few places of a spectrum hold so much
 SHORTEST = 240  # samples: of fewer no autoregression is estimated
 
 
 def repeat_themselves(series: Sequence[FloatArray]) -> bool:
     """Whether lines hold more than half of the power of series, (n,) each."""
-    lines = total = 0.0
-    for x in series:
-        if len(x) >= SHORTEST:
-            power = np.abs(np.fft.rfft((x - x.mean()) * np.hanning(len(x)))) ** 2
-            lines += float(power[_are_lines(power)].sum())
-            total += float(power.sum())
-    return total > 0 and lines > 0.5 * total
+    spectra = [np.abs(np.fft.rfft((x - x.mean()) * np.hanning(len(x)))) ** 2 for x in series if len(x) >= SHORTEST]
+    half = 0.5 * sum(float(power.sum()) for power in spectra)
+    if half == 0 or sum(_most_in_lines(power) for power in spectra) <= half:
+        return False
+    return sum(float(power[_are_lines(power)].sum()) for power in spectra) > half
 
 
-def _are_lines(power: FloatArray) -> NDArray[np.bool_]:
-    """Return which places of a spectrum, (k,), are lines."""
+def _most_in_lines(power: FloatArray) -> float:
+    """Return what lines hold at most of a spectrum, (k,): what does of its largest values, and all others."""
+    order = np.argsort(power)[::-1]
+    largest = order[: 1 + int(np.searchsorted(np.cumsum(power[order]), LARGEST * power.sum()))]
+    return float(power.sum() - power[largest[~_are_lines(power, largest)]].sum())
+
+
+def _are_lines(power: FloatArray, places: NDArray[np.int_] | None = None) -> NDArray[np.bool_]:
+    """Return which places of a spectrum, (k,), are lines; by default all are asked."""
+    asked = np.arange(len(power)) if places is None else places
     wide = np.pad(power, NEARBY, mode="reflect")
-    around = np.lib.stride_tricks.sliding_window_view(wide, 2 * NEARBY + 1)
+    around = np.lib.stride_tricks.sliding_window_view(wide, 2 * NEARBY + 1)[asked]
     beside = np.abs(np.arange(-NEARBY, NEARBY + 1)) > BESIDE
-    found = power > STANDS_OUT * np.median(around[:, beside], axis=1)
-    found[:FEWEST_CYCLES] = found[-FEWEST_CYCLES:] = False
-    return np.asarray(found)
+    found = power[asked] > STANDS_OUT * np.median(around[:, beside], axis=1)
+    return np.asarray(found & (asked >= FEWEST_CYCLES) & (asked < len(power) - FEWEST_CYCLES))

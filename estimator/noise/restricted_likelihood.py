@@ -51,8 +51,11 @@ class RestrictedLikelihood:
         """Return the same of several noise models, (k,)."""
         with np.errstate(over="ignore", invalid="ignore"):  # as that of a recording without noise may be
             found = [self._products(noise) for noise in noises]
-            products, values = np.array([own for own, _ in found]), np.array([total for _, total in found])
-            values += products[:, 0, 0]
+            return self._of_products(np.array([own for own, _ in found]), np.array([total for _, total in found]))
+
+    def _of_products(self, products: FloatArray, values: FloatArray) -> FloatArray:
+        """Return the same of scalar products, (k, 1 + c, 1 + c), and sums of log variances, (k,)."""
+        values = values + products[:, 0, 0]
         sound = np.asarray(np.isfinite(products).all(axis=(1, 2)))
         if products.shape[1] > 1 and sound.any():
             information, along = products[sound, 1:, 1:], products[sound, 1:, 0]
@@ -66,18 +69,28 @@ class RestrictedLikelihood:
 
     def _products(self, noise: NoiseModel) -> tuple[FloatArray, float]:
         """Return the scalar products of the whitened columns, and the sum of log variances."""
-        if noise.has_state or noise.jitter or self.whitener.shared is not None:
+        if not self._is_scale(noise):
             whitened, total = self.whitener.of(noise)(self.stacked)
             flat = whitened.reshape(-1, whitened.shape[2])
             return flat.T @ flat, total
+        products, totals = self._scaled(noise, noise.white[None])
+        return products[0], float(totals[0])
+
+    def _is_scale(self, noise: NoiseModel) -> bool:
+        """Whether a noise model divides each sample by its own deviation, no more."""
+        return not (noise.has_state or noise.jitter or self.whitener.shared is not None)
+
+    def _scaled(self, noise: NoiseModel, white: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the same, (k, 1 + c, 1 + c) and (k,), of k deviations of each channel, (k, q), that grow alike."""
         key = noise.growth.tobytes()
         if key not in self._of_unit_noise:
             unit = self.whitener.of(dataclasses.replace(noise, white=np.ones_like(noise.white)))
             whitened, total = unit(self.stacked)
             self._of_unit_noise[key] = np.array([own.T @ own for own in whitened.transpose(1, 0, 2)]), total
         own, total = self._of_unit_noise[key]
-        variance = np.maximum(noise.white**2, 1e-300)
-        return np.asarray((own / variance[:, None, None]).sum(axis=0)), total + float(self._counts @ np.log(variance))
+        variance = np.maximum(white**2, 1e-300)
+        logs = np.array([self._counts @ of_channels for of_channels in np.log(variance)])
+        return (own / variance[:, :, None, None]).sum(axis=1), total + logs
 
     def largest(
         self, noise: NoiseModel, active: Sequence[Component], *, iterations: int = 12
@@ -96,8 +109,14 @@ class RestrictedLikelihood:
         high[taus] = np.maximum(np.minimum(high, longest)[taus], low[taus] + 0.1)
         high = np.maximum(high, low + 0.1)
         x0 = np.clip(x0, low, high)
+        plain, channels = self._is_scale(noise) and {kind for kind, _ in active} == {"white"}, [j for _, j in active]
 
         def values(points: FloatArray) -> FloatArray:
+            if plain:
+                white = np.repeat(noise.white[None], len(points), axis=0)
+                white[:, channels] = np.exp(points)
+                with np.errstate(over="ignore", invalid="ignore"):
+                    return self._of_products(*self._scaled(noise, white))
             unusual = (points[:, wanders] - np.log(USUAL_TORQUE)) / TORQUE_SPREAD
             return np.asarray(self.misfits([_set(noise, active, x) for x in points]) + np.sum(unusual**2, axis=1))
 

@@ -48,8 +48,8 @@ def main() -> None:
         os.dup2(nowhere, standard)
     orders = _orders(given, Path(sys.argv[1]))
     answers.write(json.dumps({"started": True, "number": 0}) + "\n")  # from here on it is the FMU's time
-    worker: _Worker | None = None
-    kept: dict[int, _Worker] = {}  # of late, the last one last
+    worker: Worker | None = None
+    kept: dict[int, Worker] = {}  # of late, the last one last
     prober: Any = None
     number = 0  # of the job that was loaded last
     for order in orders:
@@ -62,7 +62,7 @@ def main() -> None:
             if "load" in order:
                 number = order["load"]["number"]
                 worker = None
-                worker = _taken_up(kept, order["load"])
+                worker = taken_up(kept, order["load"])
                 answer: dict[str, Any] = {"ready": True}
             elif "prepare" in order:
                 from estimator.stepping.probing import Prober
@@ -82,14 +82,14 @@ def main() -> None:
         answers.write(json.dumps({**answer, "number": number}) + "\n")
 
 
-def _taken_up(kept: dict[int, _Worker], order: dict[str, Any]) -> _Worker:
+def taken_up(kept: dict[int, Worker], order: dict[str, Any]) -> Worker:
     """Return the FMU of a job, as it was left or loaded now; of one FMU there is one instance at a time."""
     key, folder = int(order["key"]), order["job"]["folder"]
     if key not in kept:
         rivals = [k for k, worker in kept.items() if worker.layout.folder == folder]
         for old in rivals or list(kept)[: max(0, len(kept) + 1 - KEPT_JOBS)]:
             kept.pop(old).close()
-        kept[key] = _Worker(order)
+        kept[key] = Worker(order)
     kept[key] = worker = kept.pop(key)
     return worker
 
@@ -106,7 +106,7 @@ def _stage(prober: Any, name: str) -> dict[str, Any]:
         return {"refused": str(refusal)}
 
 
-class _Worker:
+class Worker:
     """The FMU of one job, the shared memory, and the numbers."""
 
     def __init__(self, order: dict[str, Any]) -> None:

@@ -75,17 +75,20 @@ class LostRows(Effect):
 def _likeliest(fit: Fit, places: IntArray, ends: IntArray, tried: Sequence[int]) -> tuple[int, int]:
     """Return the row before which, and how many, lost rows explain most of the residuals."""
     test, best, where = fit.test(), -1.0, (0, 0)
-    together = max(1, CELLS // fit.z.size)
-    for many in tried:
-        for part in _parts(places, fit.simulator.clocks, together):
-            rows = slice(int(part[0]), int(ends[part].max()))
-            along, power = test.scores(_columns(fit.shown, part, ends, many), rows)
+    together, q = max(1, CELLS // fit.z.size), fit.shown.shape[1]
+    for part in _parts(places, fit.simulator.clocks, together):
+        rows = slice(int(part[0]), int(ends[part].max()))
+        few = max(1, CELLS // ((rows.stop - rows.start) * q * len(part)))
+        for numbers in (tried[k : k + few] for k in range(0, len(tried), few)):
+            columns = [_columns(fit.shown, part, ends, many) for many in numbers]
+            along, power = test.scores(columns[0] if len(columns) == 1 else np.concatenate(columns, axis=2), rows)
             gain = np.where(power > 1e-9, along**2 / np.maximum(power, 1e-9), 0.0)
-            near = np.abs(along / np.maximum(power, 1e-9) / many - 1) < NEAR_TRIED  # it says what it was made for
+            made_for = np.repeat(numbers, len(part))
+            near = np.abs(along / np.maximum(power, 1e-9) / made_for - 1) < NEAR_TRIED
             weighed = np.where(near, gain, 0.5 * gain)
             k = int(np.argmax(weighed))
             if weighed[k] > best:
-                best, where = float(weighed[k]), (int(part[k]), many)
+                best, where = float(weighed[k]), (int(part[k % len(part)]), int(made_for[k]))
     return where
 
 
