@@ -18,7 +18,9 @@ from estimator.estimating.estimate import estimate_recordings
 from estimator.explaining import explained, likelier_interpretation, rivals
 from estimator.explaining.addition import Addition
 from estimator.explaining.effects import EFFECTS, voltage_noise
+from estimator.explaining.effects.delay import Delay
 from estimator.explaining.effects.machine_effects import usual_friction
+from estimator.explaining.effects.voltage_rise import VoltageRise
 from estimator.explaining.explanation import MOST_ADDITIONS, Explanation, is_full
 from estimator.recordings.reading import read_recording, recording_from_arrays
 
@@ -483,6 +485,40 @@ def test_a_rival_whose_other_fmu_is_idle_is_none(tmp_path):
     for name in ("R", "K", "J", "B"):
         found = result.parameters[name]
         assert abs(found.value - true[name, -1]) < 4 * found.standard_error
+
+
+@pytest.mark.parametrize("excitation", ["step", "two levels"])
+@pytest.mark.parametrize("tau", [3e-3, 25e-3])
+def test_a_voltage_that_rises_behind_its_command_is_a_rival_of_the_motors_own_time_constants(tau, excitation):
+    """All are in series: a winding stood for the rise, with a resistance up to 140 standard errors off, and ok."""
+
+    def behind(y):
+        return lagged(y, tau)
+
+    found = run(recording(excitation, i=behind, w=behind))
+    assert "voltage rise" in found.chain or "voltage rise" in " ".join(found.reasons)
+    assert worst(found) < 3, found.reasons
+
+
+def test_a_voltage_that_is_measured_has_risen():
+    plan = SimpleNamespace(
+        binding=SimpleNamespace(is_motor=True),
+        shortest_step=H,
+        observed=[SimpleNamespace(inputs={"v": v}, recording=SimpleNamespace(time=H * np.arange(len(v))))
+                  for v in (np.repeat([0.0, 10.5], 200) + 0.02 * np.random.default_rng(1).standard_normal(400),)],
+    )  # fmt: skip
+    assert VoltageRise().nuisances(plan) == ()
+    plan.observed[0].inputs["v"] = np.repeat([0.0, 10.5], 200)
+    assert [n.name for n in VoltageRise().nuisances(plan)] == ["voltage rise"]
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.02])
+def test_a_response_up_to_a_row_before_a_measured_voltage_is_no_doubt(noise):
+    """The voltage was switched between two rows, and is shown in the one behind."""
+    voltage = np.repeat([0.0, 10.5], 200) + noise * np.random.default_rng(2).standard_normal(400)
+    plan = SimpleNamespace(observed=[SimpleNamespace(inputs={"v": voltage})], shortest_step=H)
+    assert bool(Delay().doubted("delay", -0.5 * H, plan)) == (noise == 0)
+    assert Delay().doubted("delay", -1.5 * H, plan)
 
 
 def test_friction_that_falls_while_the_motor_gathers_speed_is_found():

@@ -174,6 +174,24 @@ def in_two(explanation: Explanation, effects: Sequence[Effect], plan: Plan) -> l
     return [dataclasses.replace(e, fit=solved(e.fit)) for e in found]
 
 
+def in_place_of_model(explanation: Explanation, effects: Sequence[Effect], *, limit: float) -> list[Explanation]:
+    """Return the explanation with each effect that it has not and that the model's parameters may stand for.
+
+    Limit as for `solved`.
+    """
+    fit, found = explanation.fit, []
+    for effect in (e for e in effects if not any(a.effect is e for a in explanation.additions)):
+        for known in effect.in_place_of_model(fit):
+            name = next(iter(known))
+            if name not in fit.simulator.index:
+                continue
+            values = np.clip(fit.simulator.at(fit.values, known), fit.simulator.lower, fit.simulator.upper)
+            begun = dataclasses.replace(fit, values=values, free=(*fit.free, name))
+            own = Addition(effect, name, 1, 0.0, free=(name,))
+            found.append(Explanation(solved(begun, limit=limit), (*explanation.additions, own)))
+    return found
+
+
 def _at_values(
     explanation: Explanation,
     addition: Addition,

@@ -11,6 +11,7 @@ import numpy as np
 from estimator.explaining.addition import Addition, alike, is_switch, is_timing
 from estimator.explaining.explanation import (
     Explanation,
+    in_place_of_model,
     in_two,
     renewed,
     with_fine_filters,
@@ -124,6 +125,7 @@ def _others(selection: Selection, explanation: Explanation) -> list[Explanation]
     twins = selection.mirrored(explanation)
     twins += in_two(explanation, selection.effects, selection.tests.base.plan)
     twins += _with_other_inductance(explanation)
+    twins += _in_place_of_model(selection, explanation, within)
     found = [*twins, *(_simpler(selection, explanation, within) if len(within) <= MOST_PAIRED else [])]
     for addition in explanation.additions:
         many = sum(a.effect is addition.effect for a in explanation.additions)
@@ -131,6 +133,19 @@ def _others(selection: Selection, explanation: Explanation) -> list[Explanation]
             sharp_too = addition in within and len(within) <= MOST_WITHIN
             found += _exchanged(selection, explanation, addition, sharp_too=sharp_too)
     return [e for e in found if e.is_physical()]
+
+
+def _in_place_of_model(selection: Selection, explanation: Explanation, within: Sequence[Addition]) -> list[Explanation]:
+    """Return the explanation with what the model's parameters may stand for, with and without each of what is timing.
+
+    Beside a winding that stands for a slow voltage a delay stands for the winding.
+    """
+    limit = explanation.fit.cost + 2 * RIVALS_WITHIN + sum(a.penalty(selection.tests.samples) for a in within)
+    found = []
+    for twin in in_place_of_model(explanation, selection.effects, limit=limit):
+        if twin.fit.cost < limit:
+            found += [twin, *(without(twin, a, limit=limit) for a in within)]
+    return found
 
 
 def _with_other_inductance(explanation: Explanation) -> list[Explanation]:

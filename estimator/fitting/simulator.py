@@ -8,6 +8,7 @@ the FMU need not be loaded again when one is freed.
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -50,7 +51,7 @@ class Nuisance:
         The FMU's variable that it sets, if any.
     recording : int or None
         Which recording's it is, if it has a target; None: of all.
-    output, act : what it does with one output's samples
+    output, act : what it does with one output's samples; with no output: with those of all, as what an input does
     between : bool
         It acts on the signal between the samples too, as a filter before a converter does.
     whole : bool
@@ -266,9 +267,10 @@ class Simulator:
             phases = phases[:, which]
         shown = phases[0].copy() if acting else phases[0]
         for nuisance, where in sorted(acting, key=lambda a: not a[0].between):  # filters before what a logger does
-            j, column = self.outputs.index(nuisance.output), candidates[:, self.index[nuisance.name]]
+            own = [self.outputs.index(nuisance.output)] if nuisance.output else range(len(self.outputs))
+            column = candidates[:, self.index[nuisance.name]]
             rows = phases[::-1].transpose(1, 2, 0, 3) if nuisance.between and between > 1 else shown[:, :, None, :]
-            for c in where:
+            for c, j in itertools.product(where, own):
                 for clock in self.clocks:
                     assert nuisance.act is not None
                     signal = rows[c, clock.rows, :, j]

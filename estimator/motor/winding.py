@@ -33,3 +33,8 @@ def possible_inductance(R: float, v: FloatArray, i: FloatArray, *, step: float) 
 def time_constant(R: float, L: float) -> float:
     """Return L / R, s, of Ohm and H."""
     return L / R
+
+
+def resistance_of(tau: float, K: float, J: float, B: float) -> float:
+    """Return the resistance, Ohm, of a motor without inductance whose time constant is tau, s; infinite: of none."""
+    return tau * K**2 / (J - tau * B) if tau * B < J else float("inf")

@@ -17,6 +17,8 @@ from estimator.recordings.samples import filled, mean_of_known, median, told_onc
 
 FloatArray = NDArray[np.float64]
 
+LEAST_NOISE = 1e-6  # of the largest of an input: less is the rounding of a command
+
 NORMAL_SPAN = 4.0  # standard deviations: normal noise spans more, a pseudo-random signal less
 LEVEL = 0.02  # of the input's range: a smaller change is no new level
 AT_REST = 0.02  # of the output's range: less is rest
@@ -106,6 +108,11 @@ def noise_deviation(y: FloatArray) -> float:
         moving = second
     deviation = median(np.abs(moving)) / MEDIAN_SIZE / SECOND_DIFFERENCE
     return max(float(deviation), quantum(y) / STEP_DEVIATION)
+
+
+def is_measured(v: FloatArray) -> bool:
+    """Whether an input has noise, as what is measured has, and no command."""
+    return input_noise(v) > LEAST_NOISE * float(np.max(np.abs(v), initial=0.0))
 
 
 def input_noise(v: FloatArray) -> float:

@@ -156,7 +156,7 @@ def current_unit(m: MeasuredSignals, *, is_volts: bool) -> Finding | None:
             evidence=largest_at,
         )
     rising = largest > RISING * median(i[-max(5, len(i) // 10) :])
-    if "i" in m.small_units and is_volts and volts > MOST_RESISTANCE[rising] * largest:
+    if "i" in m.small_units and is_volts and volts > MOST_RESISTANCE[rising] * largest > 0:
         return Finding(
             "unit i",
             f"{m.title}: the current stays below {1e3 * largest:.3g} mA at {volts:.3g} V, a winding of"

@@ -31,6 +31,7 @@ from estimator.explaining.effects.runs_differ import RunsDiffer
 from estimator.explaining.effects.starting_motion import StartingMotion
 from estimator.explaining.effects.switching_ripple import SwitchingRipple
 from estimator.explaining.effects.voltage_noise import VoltageNoise
+from estimator.explaining.effects.voltage_rise import VoltageRise
 from estimator.explaining.effects.voltage_transient import VoltageTransient
 
 EFFECTS: tuple[Effect, ...] = (
@@ -62,6 +63,7 @@ EFFECTS: tuple[Effect, ...] = (
     VoltageNoise(),
     VoltageTransient(),
     VoltageTransient(name="voltage overshoot", sign=-1, prior=SELDOM / 1000),  # a supply that sags is as likely
+    VoltageRise(),
     LostRows(),
 )
 

@@ -102,6 +102,10 @@ class Effect:
         """Return values of two other nuisance parameters at which they do nearly what the named one does."""
         return ()
 
+    def in_place_of_model(self, fit: Fit) -> Sequence[Mapping[str, float]]:
+        """Return values, its own number's first, at which it does what the model's parameters do in a fit."""
+        return ()
+
     def changes(self, fit: Fit, coefficient: float) -> Mapping[str, float]:
         """Return by how much parameters change during a recording: what is estimated is their mean."""
         return {}

@@ -9,6 +9,7 @@ from estimator.explaining.effects.base import Effect
 from estimator.fitting.simulator import Nuisance, per_recording
 from estimator.plans.parameters import SensorPlace
 from estimator.plans.plan import Plan
+from estimator.recordings.excitation import is_measured
 
 EARLY = 0.15  # samples before its input: a response that is earlier is impossible
 EARLIEST, LATEST = 10.0, 0.5  # samples before; of the recording's length after
@@ -49,8 +50,12 @@ class Delay(Effect):
         return found
 
     def doubted(self, name: str, value: float, plan: Plan) -> str:
-        """Say that no motor responds before its input: the clock is wrong, or another effect is taken for a delay."""
-        if value < -EARLY * plan.shortest_step:
+        """Say that no motor responds before its input: the clock is wrong, or another effect is taken for a delay.
+
+        A measured voltage shows a change in the row behind it, up to a row late.
+        """
+        late = 1.0 if all(is_measured(o.inputs["v"]) for o in plan.observed if "v" in o.inputs) else 0.0
+        if value < -(EARLY + late) * plan.shortest_step:
             return (
                 f"no motor does; check the recording's clock, or declare it (delay = {value:.3g} under [[recording]])"
             )

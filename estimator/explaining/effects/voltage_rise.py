@@ -1,0 +1,62 @@
+"""The motor's voltage rises slowly behind its command: a soft start, an amplifier, a filter of the command.
+
+Of a linear model that is one more time constant in series, in all that is shown. A motor has two of its own: one of
+them stands for it as well, with a resistance or an inductance that the motor has not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimator.explaining.effects.base import SELDOM, Effect
+from estimator.explaining.effects.low_pass import lagged
+from estimator.fitting.fit import Fit
+from estimator.fitting.motor_response import motor_values
+from estimator.fitting.simulator import Nuisance
+from estimator.motor.state_space import matrices
+from estimator.motor.winding import resistance_of
+from estimator.plans.plan import Plan
+from estimator.recordings.excitation import is_measured
+
+NAME = "voltage rise"
+LONGEST = 0.3  # of a recording: the longest time constant
+FASTER = 0.2  # of what stood for the rise: the time constant that the motor begins with instead
+
+
+@dataclass(frozen=True)
+class VoltageRise(Effect):
+    """A first-order lag of the voltage behind its command, s; shown by all outputs of a linear model."""
+
+    name: str = NAME
+    prior: float = SELDOM
+
+    def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
+        """Return its time constant, which no score test looks for: near none it is a delay of the recording."""
+        if not plan.binding.is_motor or "v" not in plan.observed[0].inputs:
+            return ()
+        if any(is_measured(o.inputs["v"]) for o in plan.observed):
+            return ()  # what is measured has risen
+        step = plan.shortest_step
+        longest = LONGEST * max(float(o.recording.time[-1] - o.recording.time[0]) for o in plan.observed)
+        return [Nuisance(NAME, "s", 0.0, max(longest, 2 * step), 0.0, step, act=lagged, between=True)]
+
+    def in_place_of_model(self, fit: Fit) -> Sequence[Mapping[str, float]]:
+        """Return both time constants of a motor as the voltage's, the motor faster by as much."""
+        values = motor_values(fit)
+        if values is None or not {"R", "K", "L", "J"} <= set(fit.free):
+            return ()
+        rates = np.sort(np.abs(np.linalg.eigvals(matrices(values)[0])))  # two alike, where it oscillates
+        if not rates[0] > 0:
+            return ()
+        slow, fast = (float(1 / rate) for rate in rates)
+        winding = {NAME: fast, "L": FASTER * values["L"]}
+        resistance = resistance_of(fast, *(values[n] for n in ("K", "J", "B")))  # the fast one is then the motor's slow
+        machine = {NAME: slow, "R": resistance, "L": FASTER * fast * resistance}
+        return (winding, machine) if np.isfinite(resistance) else (winding,)
+
+    def tell(self, name: str, value: float, plan: Plan) -> str:
+        """Say how slowly."""
+        return f"the motor's voltage rises behind its command, with a time constant of {1e3 * value:.3g} ms"
