@@ -158,6 +158,12 @@ def test_real_motors_whose_current_is_in_milliamperes_are_plausible(coarse):
         assert found(time, good, units={"v": "mV", "i": "mA"}) == (), motor.name
 
 
+def test_a_current_of_nothing_in_milliamperes_is_no_winding():
+    time, good = signals(CML050, interval=1e-3)
+    nothing = {**good, "i": np.zeros_like(good["i"])}
+    assert "unit i" not in {f.kind for f in found(time, nothing, units={"v": "V", "i": "mA"})}
+
+
 def test_what_the_user_said_again_is_doubted_no_more():
     time, good = signals(CML050, interval=1e-3)
     wrong = {**good, "w": 57.3 * good["w"]}

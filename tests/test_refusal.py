@@ -82,6 +82,15 @@ def test_a_current_that_is_saturated_nearly_everywhere(case_of, good):
     refused(case_of, made(good[0], noisy, noise=(0, 0)), "saturated at 0.55")
 
 
+def test_a_spike_of_a_decaying_current_in_a_measured_voltage_is_no_reversal(case_of):
+    """One row below zero, where the freewheeling current was, asks for no negative current."""
+    voltage = np.repeat([0.0, 10.5], [100, 700])
+    shown = held_response(CML050, voltage, step=1e-3)
+    logged = voltage.copy()
+    logged[400] = -10.5
+    assert run(case_of(), made(logged, shown)).verdict != "refused"
+
+
 def test_a_current_without_its_sign_where_the_voltage_reverses(case_of):
     voltage = np.repeat([0.0, 10.0, -10.0, 5.0, -5.0], 200)
     shown = held_response(CML050, voltage, step=1e-3)

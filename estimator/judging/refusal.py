@@ -30,6 +30,8 @@ FASTER = 10  # samples advised in place of one
 NO_DIFFERENCE = 3.0  # deviations of the noise: a smaller difference is none
 ALIKE_SAMPLES = 10  # equal samples: fewer may be equal by chance
 RECTIFIED = 50  # samples at rest that show a lost sign
+PLAINLY_DRIVEN = 0.2  # of the largest voltage
+REVERSED = 10  # rows in each direction: fewer are a spike while a current decays, or a relay that bounces
 
 
 def refusal(plan: Plan) -> list[str]:
@@ -123,7 +125,8 @@ def _unsigned(o: Observed) -> list[str]:
     known = i[~np.isnan(i)]
     noise = noise_deviation(known)
     lowest, highest = float(np.min(known)), float(np.max(known))
-    if np.min(v) < 0 < np.max(v) and min(-np.min(v), np.max(v)) > 0.2 * np.max(np.abs(v)):
+    plainly = PLAINLY_DRIVEN * float(np.max(np.abs(v)))
+    if min(np.count_nonzero(v < -plainly), np.count_nonzero(v > plainly)) >= REVERSED:
         if lowest > -max(4 * noise, 0.02 * highest) and highest > 10 * noise:
             backwards = np.flatnonzero(v < 0)
             return [
