@@ -22,7 +22,9 @@ def fit_of(coasts):
         outputs=("i", "w"), observed=[SimpleNamespace(inputs={"v": VOLTAGE}, delay=0.0)], nuisances=(), rows=n,
         clocks=(Clock(STEP * np.arange(n), slice(0, n)),), inputs=lambda name: VOLTAGE,
     )  # fmt: skip
-    return SimpleNamespace(simulator=simulator, values=np.array([*MOTOR.values(), coasts]), delay=lambda e: 0.0)
+    fit = SimpleNamespace(simulator=simulator, values=np.array([*MOTOR.values(), coasts]), delay=lambda e: 0.0)
+    fit.once = lambda told: told(fit)
+    return fit
 
 
 def solved(voltage, torque, coasts):
