@@ -24,7 +24,9 @@ def fit_of(coasts):
     )  # fmt: skip
     values = np.array([*MOTOR.values(), coasts])
     value = dict(zip(names, values.tolist(), strict=True)).__getitem__
-    return SimpleNamespace(simulator=simulator, values=values, value=value, delay=lambda e: 0.0)
+    fit = SimpleNamespace(simulator=simulator, values=values, value=value, delay=lambda e: 0.0)
+    fit.once = lambda told: told(fit)
+    return fit
 
 
 def solved(voltage, torque, coasts):
