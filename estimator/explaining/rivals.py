@@ -136,16 +136,14 @@ def _others(selection: Selection, explanation: Explanation) -> list[Explanation]
 
 
 def _in_place_of_model(selection: Selection, explanation: Explanation, within: Sequence[Addition]) -> list[Explanation]:
-    """Return the explanation with what the model's parameters may stand for, with and without each of what is timing.
+    """Return the explanation with what the model's parameters may stand for in the place of a delay, a filter, a mean.
 
-    Beside a winding that stands for a slow voltage a delay stands for the winding.
+    Any recording of a command is explained as well by a voltage that rises as slowly as the current, and no inductance.
+    That is no news. But beside a winding that stands for the rise, what is left of the winding is taken for a delay.
     """
     limit = explanation.fit.cost + 2 * RIVALS_WITHIN + sum(a.penalty(selection.tests.samples) for a in within)
-    found = []
-    for twin in in_place_of_model(explanation, selection.effects, limit=limit):
-        if twin.fit.cost < limit:
-            found += [twin, *(without(twin, a, limit=limit) for a in within)]
-    return found
+    twins = in_place_of_model(explanation, selection.effects, limit=limit) if within else []
+    return [without(twin, a, limit=limit) for twin in twins if twin.fit.cost < limit for a in within]
 
 
 def _with_other_inductance(explanation: Explanation) -> list[Explanation]:

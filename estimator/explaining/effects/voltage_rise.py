@@ -32,6 +32,7 @@ class VoltageRise(Effect):
 
     name: str = NAME
     prior: float = SELDOM
+    doubt: str = "the motor's voltage is not the one in the recording: measure it at the motor"
 
     def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
         """Return its time constant, which no score test looks for: near none it is a delay of the recording."""
