@@ -136,14 +136,27 @@ def _others(selection: Selection, explanation: Explanation) -> list[Explanation]
 
 
 def _in_place_of_model(selection: Selection, explanation: Explanation, within: Sequence[Addition]) -> list[Explanation]:
-    """Return the explanation with what the model's parameters may stand for in the place of a delay, a filter, a mean.
+    """Return the explanation with what the model may stand for in the place of what makes all outputs late.
 
     Any recording of a command is explained as well by a voltage that rises as slowly as the current, and no inductance.
-    That is no news. But beside a winding that stands for the rise, what is left of the winding is taken for a delay.
+    That is no news. But beside a winding that stands for the rise, what is left of the winding makes all outputs late.
     """
+    s = explanation.fit.simulator
+    channel = {a.name: s.nuisance(a.name).channel for a in within}
+    late = [[a] for a in within if not channel[a.name]]
+    own = [a for a in within if channel[a.name]]
+    late += [own] if {channel[a.name] for a in own} == set(s.outputs) else []
+    if not late:
+        return []
     limit = explanation.fit.cost + 2 * RIVALS_WITHIN + sum(a.penalty(selection.tests.samples) for a in within)
-    twins = in_place_of_model(explanation, selection.effects, limit=limit) if within else []
-    return [without(twin, a, limit=limit) for twin in twins if twin.fit.cost < limit for a in within]
+    found = []
+    for twin in in_place_of_model(explanation, selection.effects, limit=limit):
+        for gone in late if twin.fit.cost < limit else []:
+            other = twin
+            for a in gone:
+                other = without(other, a, limit=limit)
+            found.append(other)
+    return found
 
 
 def _with_other_inductance(explanation: Explanation) -> list[Explanation]:
