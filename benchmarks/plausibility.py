@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
+from estimator.recordings.measured_signals import MeasuredSignals
 from estimator.recordings.plausibility import implausible
 
 FloatArray = NDArray[np.float64]
@@ -198,7 +199,8 @@ def main(count: int) -> None:
             time = spoiled.pop("time")
             for case, guessed in (("said", frozenset[str]()), ("not said", NOBODY)):
                 units = {} if guessed else UNITS.get(title, {})
-                kinds = {f.kind for f in implausible("recording", time, spoiled, guessed=guessed, units=units)}
+                measured = MeasuredSignals("recording", time, spoiled, guessed=guessed, units=units)
+                kinds = {f.kind for f in implausible(measured)}
                 kinds -= {"dead band"} if is_dry else set()  # which it has
                 named = {k for k in kinds if kind and k.startswith(kind)}
                 tally[case] += bool(named)

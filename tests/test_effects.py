@@ -521,6 +521,8 @@ def test_a_response_up_to_a_row_before_a_measured_voltage_is_no_doubt(noise):
     plan = SimpleNamespace(observed=[SimpleNamespace(inputs={"v": voltage})], shortest_step=H)
     assert bool(Delay().doubted("delay", -0.5 * H, plan)) == (noise == 0)
     assert Delay().doubted("delay", -1.5 * H, plan)
+    plan.observed[0].inputs = {"load": voltage}  # no voltage is measured
+    assert Delay().doubted("delay", -0.5 * H, plan)
 
 
 def test_friction_that_falls_while_the_motor_gathers_speed_is_found():

@@ -485,3 +485,23 @@ def test_a_batch_estimates_each_motor_of_a_file(tmp_path):
     assert [(row["case"], row["motor"]) for row in lines] == [("drive left", "left"), ("drive right", "right")]
     left, right = (row["parameters"]["R"]["value"] for row in lines)
     assert right == pytest.approx(2 * left, rel=0.05)
+
+
+def test_rows_that_arrive_in_blocks_are_asked_how_often_they_were_taken(tmp_path):
+    """Within a block times are those of arrival; each was taken for a test of its own."""
+    n, block = 800, 16
+    taken = np.arange(n) * 1e-3
+    arrived = (np.arange(n) // block + 1) * block * 1e-3 + np.arange(n) % block * 2e-6
+    columns = np.column_stack([arrived, np.where(taken > 0.1, 12.0, 0.0), np.ones(n), taken])
+    path = tmp_path / "usb.csv"
+    np.savetxt(path, columns, "%.6f", ",", header="time [s],voltage [V],current [A],speed [rad/s]", comments="")
+    with pytest.raises(RecordingError, match=r"usb.csv: rows arrive in blocks.*--rate HZ.*some 1000 Hz"):
+        read_recordings(path)
+
+
+def test_tests_of_many_rows_with_pauses_between_are_no_blocks(tmp_path):
+    times = np.concatenate([10.0 * k + 1e-3 * np.arange(100) for k in range(12)])
+    columns = np.column_stack([times, np.full(1200, 12.0), np.ones(1200), np.linspace(0, 1, 1200)])
+    path = tmp_path / "tests.csv"
+    np.savetxt(path, columns, "%.6f", ",", header="time [s],voltage [V],current [A],speed [rad/s]", comments="")
+    assert len(read_recordings(path)) == 12

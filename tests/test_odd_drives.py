@@ -9,6 +9,7 @@ from motors import CML050, held_response, recording_of
 from scipy.linalg import expm
 
 from estimator.estimating.estimate import estimate_recordings
+from estimator.recordings.measured_signals import MeasuredSignals
 from estimator.recordings.motor_columns import motor_columns
 from estimator.recordings.plausibility import implausible
 from estimator.recordings.preview import preview
@@ -43,7 +44,8 @@ def dry(voltage):
 
 def kinds(recording):
     columns = motor_columns(recording)
-    return [f.kind for f in implausible("bench", recording.time, {n: recording.signals[c] for n, c in columns.items()})]
+    signals = {n: recording.signals[c] for n, c in columns.items()}
+    return [f.kind for f in implausible(MeasuredSignals("bench", recording.time, signals))]
 
 
 def estimated(case_of, recording):

@@ -5,6 +5,7 @@ import pytest
 from motors import CML050, Motor, all_motors, held_response
 
 from estimator.recordings.lag import lag_misfit
+from estimator.recordings.measured_signals import MeasuredSignals
 from estimator.recordings.plausibility import implausible
 
 SI = frozenset()
@@ -44,8 +45,8 @@ def time_constant(motor):
 BENCH = [m for m in all_motors() if m.voltage <= 48]
 
 
-def found(time, signals, guessed=SI, **said):
-    return implausible("run.csv", time, signals, guessed=guessed, **said)
+def found(time, signals, guessed=SI, sure=frozenset(), **said):
+    return implausible(MeasuredSignals("run.csv", time, signals, guessed=guessed, **said), sure=sure)
 
 
 @pytest.mark.parametrize("guessed", [SI, NOBODY], ids=["units said", "units not said"])

@@ -558,5 +558,7 @@ def test_a_table_that_is_too_wide_goes_on_below_itself():
     parts = "\n".join(table.lines(14)).split("\n\n")
     assert [part.split("\n")[0].split() for part in parts] == [["name", "value"], ["name", "error"], ["name", "unit"]]
     assert all(len(line) <= 14 for part in parts for line in part.split("\n"))
+    noted = TextTable(["name", "value", "note"], [["R", "3.14", ""], ["K", "0.05", "doubtful"]], (1,))
+    assert noted.lines(13)[-2:] == ["name  note", "K     doubtful"]  # R has none
     made = report_text.text_report(estimate(), width=40, lines=30)
     assert all(len(line) <= 40 for line in made.split("\n")), made

@@ -18,7 +18,7 @@ from estimator.explaining.explanation import (
     without,
 )
 from estimator.explaining.explanation_noise import by_noise_of, with_noise
-from estimator.explaining.selection import PREDICTED_PART, Selection
+from estimator.explaining.selection import PREDICTED_PART, Selection, moves_ripple
 from estimator.fitting.gauss_newton import solved, solved_roughly
 from estimator.motor.winding import time_constant
 from estimator.plans.part import LONG
@@ -125,7 +125,7 @@ def _others(selection: Selection, explanation: Explanation) -> list[Explanation]
     twins = selection.mirrored(explanation)
     twins += in_two(explanation, selection.effects, selection.tests.base.plan)
     twins += _with_other_inductance(explanation)
-    twins += _in_place_of_model(selection, explanation, within)
+    twins += _in_place_of_lateness(selection, explanation, within)
     found = [*twins, *(_simpler(selection, explanation, within) if len(within) <= MOST_PAIRED else [])]
     for addition in explanation.additions:
         many = sum(a.effect is addition.effect for a in explanation.additions)
@@ -135,7 +135,9 @@ def _others(selection: Selection, explanation: Explanation) -> list[Explanation]
     return [e for e in found if e.is_physical()]
 
 
-def _in_place_of_model(selection: Selection, explanation: Explanation, within: Sequence[Addition]) -> list[Explanation]:
+def _in_place_of_lateness(
+    selection: Selection, explanation: Explanation, within: Sequence[Addition]
+) -> list[Explanation]:
     """Return the explanation with what the model may stand for in the place of what makes all outputs late.
 
     Any recording of a command is explained as well by a voltage that rises as slowly as the current, and no inductance.
@@ -261,7 +263,7 @@ def _exchanged(
         further = FURTHER if other.effect.fmu and beside_timing else 0.0
         limit = most + further - other.penalty(n) - (bare.criterion(n) - bare.fit.cost)
         rival = selection.added(bare, other, limit=limit)
-        if any(a.linear is not None for a in rival.additions):
+        if any(a.linear is not None for a in rival.additions) and not moves_ripple(bare, other):
             rival = dataclasses.replace(rival, fit=solved_roughly(renewed(rival), limit=limit))
         if most <= rival.criterion(n) < most + further:
             rival = _retimed(selection, rival, addition)

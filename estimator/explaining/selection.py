@@ -103,11 +103,8 @@ class Selection:
         return mirrored(explanation, self.effects, self.tests.base.plan)
 
     def added(self, explanation: Explanation, addition: Addition, *, limit: float = np.inf) -> Explanation:
-        """Return an explanation fitted with one more addition; limit as for `solved`.
-
-        A ripple lies elsewhere behind another mean or filter: with one it is judged where that moves it.
-        """
-        if not any(a.effect.is_line for a in explanation.additions) or not is_timing(addition):
+        """Return an explanation fitted with one more addition, a ripple where that moves it; limit as for `solved`."""
+        if not moves_ripple(explanation, addition):
             return with_added(explanation, self.refitted(explanation, addition, limit=limit), addition)
         found = with_added(explanation, self.refitted(explanation, addition), addition)
         return dataclasses.replace(found, fit=solved_roughly(renewed(found), limit=limit))
@@ -388,6 +385,11 @@ class Selection:
             if wald(explanation.fit, addition) <= IDLE * addition.penalty(self.tests.samples):
                 least = explanation.fit.cost + addition.penalty(self.tests.samples)
                 yield without(explanation, addition, limit=least)
+
+
+def moves_ripple(explanation: Explanation, addition: Addition) -> bool:
+    """Whether a ripple of an explanation lies elsewhere with an addition: behind another delay, mean or filter."""
+    return is_timing(addition) and any(a.effect.is_line for a in explanation.additions)
 
 
 def _apart(additions: Sequence[Addition]) -> list[Addition]:

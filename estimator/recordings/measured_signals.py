@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,9 +37,9 @@ class MeasuredSignals:
     title: str
     time: FloatArray
     signals: Mapping[str, FloatArray]
-    guessed: frozenset[str]
-    columns: Mapping[str, str]
-    units: Mapping[str, str]
+    guessed: frozenset[str] = frozenset()
+    columns: Mapping[str, str] = field(default_factory=dict)
+    units: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def small_units(self) -> set[str]:

@@ -19,6 +19,7 @@ _NAMES = (
     " repeat repetition maneuver manoeuvre"
 )
 NAMES = frozenset(_NAMES.split())
+FEWEST_BLOCKS, MOST_ROWS, SHORT = 10, 64, 0.2  # blocks of rows that arrive together; rows of one; its time over a pause
 BACK = 5  # usual intervals: a time that falls by more begins anew
 MOST = 200  # tests
 
@@ -35,6 +36,23 @@ class Part:
 def names_tests(header: str) -> bool:
     """Return whether a column of that name says which test a row belongs to."""
     return plain(header) in NAMES
+
+
+def arrival_rate(time: FloatArray) -> float | None:
+    """Return how often rows were taken, Hz, where blocks of them arrive together, as over USB; None where none do.
+
+    The times, (n,) s, are then those of arrival: within a block they say nothing, between blocks that many rows passed.
+    """
+    steps = np.diff(time)
+    if len(steps) < FEWEST_BLOCKS or np.any(steps < 0):
+        return None
+    begins = np.flatnonzero(steps > PAUSE * max(float(np.median(steps)), 1e-12)) + 1
+    if len(begins) < FEWEST_BLOCKS or np.max(np.diff(begins)) > MOST_ROWS:
+        return None
+    together = time[begins[1:] - 1] - time[begins[:-1]]
+    if np.median(together) > SHORT * np.median(steps[begins - 1]):
+        return None
+    return float((begins[-1] - begins[0]) / (time[begins[-1]] - time[begins[0]]))
 
 
 def parts(time: FloatArray, labels: Mapping[str, Sequence[str]], *, least: int) -> list[Part]:

@@ -11,6 +11,7 @@ How often a detector is wrong on good recordings, and how often it finds what it
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -29,48 +30,38 @@ FloatArray = NDArray[np.float64]
 def implausible_as_read(
     title: str, time: FloatArray, signals: Mapping[str, FloatArray], read: Sequence[Understood]
 ) -> tuple[Finding, ...]:
-    """Find what of a motor's signals cannot be as it was read, by what is known of how; arguments as `implausible`."""
-    return implausible(
+    """Find what of a motor's signals cannot be as it was read, by what is known of how.
+
+    Parameters
+    ----------
+    title, time, signals : as `MeasuredSignals`
+    """
+    measured = MeasuredSignals(
         title,
         time,
         signals,
         guessed=frozenset(r.signal for r in read if r.is_guess),
-        sure=frozenset(r.signal for r in read if r.unit_from == "user"),
         columns={r.signal: r.column for r in read},
         units={r.signal: r.unit for r in read},
     )
+    return implausible(measured, sure=frozenset(r.signal for r in read if r.unit_from == "user"))
 
 
-def implausible(
-    title: str,
-    time: FloatArray,
-    signals: Mapping[str, FloatArray],
-    *,
-    guessed: frozenset[str] = frozenset(),
-    sure: frozenset[str] = frozenset(),
-    columns: Mapping[str, str] | None = None,
-    units: Mapping[str, str] | None = None,
-) -> tuple[Finding, ...]:
+def implausible(as_read: MeasuredSignals, *, sure: frozenset[str] = frozenset()) -> tuple[Finding, ...]:
     """Find what of a motor's signals cannot be as it was read.
 
     Parameters
     ----------
-    title : str
-        What sentences call the recording.
-    time : (n,) array, s
-    signals : "v", "i", "w", "angle" → (n,) array, SI, NaN where a sample is missing
-    guessed : those of them, and "time", whose unit nobody said
-    sure : those whose unit the user said again, so that it is not doubted
-    columns : signal → header of its column, for the options that are named
-    units : signal → unit that its samples were in
+    sure : signals whose unit the user said again, so that it is not doubted
     """
+    title, time, signals = as_read.title, as_read.time, as_read.signals
     known = {
         name: y for name, y in signals.items() if np.count_nonzero(~np.isnan(y)) > 2 and np.nanmax(y) != np.nanmin(y)
     }
     if not {"i", "w", "angle"} & known.keys():
         return ()
     voltage = {n: y for n, y in signals.items() if n == "v"}
-    measured = MeasuredSignals(title, time, {**known, **voltage}, guessed, columns or {}, units or {})
+    measured = dataclasses.replace(as_read, signals={**known, **voltage})
     signs = wrong_signs(measured)
     exchanged = None if signs else exchanged_columns(measured)
     if exchanged is not None:

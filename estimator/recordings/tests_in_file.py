@@ -8,7 +8,7 @@ import numpy as np
 
 from estimator.errors import RecordingError
 from estimator.recordings.headers import parse_header
-from estimator.recordings.parts import Part, names_tests, parts
+from estimator.recordings.parts import Part, arrival_rate, names_tests, parts
 from estimator.recordings.raw_table import RawTable
 from estimator.recordings.read_as import ReadAs
 from estimator.recordings.recording import MIN_SAMPLES
@@ -35,7 +35,13 @@ def tests_of(raw: RawTable, read_as: ReadAs, labels: Mapping[str, Sequence[str]]
     time = raw.columns[clock]
     if clock in raw.bad or clock in raw.texts_in or np.isnan(time).any():
         return []
-    return parts(unit.to_si(time), labels, least=MIN_SAMPLES)
+    si = unit.to_si(time)
+    if not labels and (rate := arrival_rate(si)) is not None:
+        raise RecordingError(
+            f"{raw.file}: rows arrive in blocks, as over USB, and the times are those of arrival; say with --rate HZ"
+            f" how often the rows were taken: some {rate:.4g} Hz, if none was lost"
+        )
+    return parts(si, labels, least=MIN_SAMPLES)
 
 
 def asked_test(raw: RawTable, read_as: ReadAs) -> RawTable:

@@ -26,7 +26,7 @@ class TextTable:
     def lines(self, width: int | None = None) -> list[str]:
         """Return aligned lines of the columns that are not empty.
 
-        A table that is wider than `width` goes on below itself, with its first column again.
+        A table that is wider than `width` goes on below itself, with its first column again, of the rows that go on.
         """
         shown = self.without_empty()
         rows = [shown.header, *shown.rows]
@@ -41,6 +41,8 @@ class TextTable:
         for part in parts:
             lines += [""] if lines else []
             for row in rows:
+                if len(parts) > 1 and not any(row[k] for k in part[1:]):
+                    continue
                 cells = [row[k].rjust(widths[k]) if k in shown.right else row[k].ljust(widths[k]) for k in part]
                 lines.append("  ".join(cells).rstrip())
         return lines

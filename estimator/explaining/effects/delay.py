@@ -54,8 +54,8 @@ class Delay(Effect):
 
         A measured voltage shows a change in the row behind it, up to a row late.
         """
-        late = 1.0 if all(is_measured(o.inputs["v"]) for o in plan.observed if "v" in o.inputs) else 0.0
-        if value < -(EARLY + late) * plan.shortest_step:
+        measured = any(is_measured(o.inputs["v"]) for o in plan.observed if "v" in o.inputs)
+        if value < -(EARLY + measured) * plan.shortest_step:
             return (
                 f"no motor does; check the recording's clock, or declare it (delay = {value:.3g} under [[recording]])"
             )
