@@ -44,9 +44,9 @@ def arrival_rate(time: FloatArray) -> float | None:
     The times, (n,) s, are then those of arrival: within a block they say nothing, between blocks that many rows passed.
     """
     steps = np.diff(time)
-    if len(steps) < FEWEST_BLOCKS or np.any(steps < 0):
+    if len(steps) < FEWEST_BLOCKS or np.any(steps <= 0):  # times that stand still are printed too coarsely
         return None
-    begins = np.flatnonzero(steps > PAUSE * max(float(np.median(steps)), 1e-12)) + 1
+    begins = np.flatnonzero(steps > PAUSE * float(np.median(steps))) + 1
     if len(begins) < FEWEST_BLOCKS or np.max(np.diff(begins)) > MOST_ROWS:
         return None
     together = time[begins[1:] - 1] - time[begins[:-1]]
