@@ -70,11 +70,12 @@ def _reach(fit: Fit, k: int, side: float, along: FloatArray) -> float:
     """Return by how much a standard error is to be multiplied for one side; `along`: by one of them all names move.
 
     What is estimated by its logarithm ends at zero: how far it goes is told of itself. 1 where the cost stays as it is
-    to the end: then others make up for it, and its curvature is of what differences round.
+    from one standard error to the end: then others make up for it, and its curvature is of what differences round.
     """
     low, high = fit.bounds
     x = fit.simulator.scaled(fit.values)[fit.where]
     free = tuple(name for name in fit.free if name != fit.free[k])
+    one = np.clip(x + side * along[: len(x)], low, high)  # by one standard error
     here, reached = fit, 1.0
     for doubling in range(DOUBLINGS + 1):
         far = FAR * 2.0**doubling
@@ -93,5 +94,7 @@ def _reach(fit: Fit, k: int, side: float, along: FloatArray) -> float:
             break
     else:
         if rise < 1.0:
-            return 1.0
+            near = solved_roughly(dataclasses.replace(fit, values=placed(fit, one), free=free))
+            if near.cost - fit.cost < FLAT:
+                return 1.0
     return float(reached)
