@@ -5,7 +5,8 @@ independent, with variance 1:
 
     size        mean of z^2, Fisher's F with the window's samples and those that tell the noise (its variance by the
                 tails that settled rows show)
-    neighbours  sum of z_k z_k+1, over the root of their number, standard normal (not of errors that repeat themselves)
+    neighbours  sum of z_k z_k+1, over the root of their number, standard normal (not of errors that repeat themselves,
+                nor of a sensor whose steps are larger than its noise)
     own values  score test of parameters of the window's own, by its rows of the Jacobian (Hausman 1978)
 
 Besides, whether the sensors answer to changes as it is explained, over all windows (response_test.py). An explanation
@@ -147,6 +148,7 @@ def adequacy(fit: Fit, parameters: int, *, is_searched: bool = True) -> Adequacy
     failures, excess, parts = [], np.ones_like(z), []
     resolved = np.abs(np.nan_to_num(fit.residuals())) > RESOLVED * fit.simulator.steps
     repeats = fit.whitener.noise.repeats or (False,) * len(outputs)
+    alike_anyway = np.array(repeats) | fit.simulator.coarse
     for window in windows.windows:
         for j, output in enumerate(outputs):
             known = present[window.rows, j]
@@ -165,7 +167,7 @@ def adequacy(fit: Fit, parameters: int, *, is_searched: bool = True) -> Adequacy
                 parts.append(_samples(z, window.rows, j))
             pairs = known[1:] & known[:-1] & (np.diff(window.rows) == 1)
             m = int(pairs.sum())
-            if m >= 8 and not repeats[j]:
+            if m >= 8 and not alike_anyway[j]:
                 alike = float(np.sum((own[1:] * own[:-1])[pairs])) / m
                 if abs(alike) > max(normal / np.sqrt(m) * square, SMALL_CORRELATION):
                     failures.append(Failure("neighbours", window.name, output, alike / max(square, 1e-300)))

@@ -57,7 +57,8 @@ def fit_noise(
     sharp : (rows,) array
         First parts of transients, where a misfit is most likely.
     resolution : (q,) array
-        Step of a sensor that is too coarse for its errors to be noise: they are up to half of it. 0: it is fine.
+        Step of a sensor that is too coarse for its errors to be noise: they are up to half of it, and tell no colour,
+        as neighbours of a level show the same value. 0: it is fine.
     counts : (q,) array
         Deviation of the counts that a channel differences: at a steady speed their errors repeat themselves, and seem
         to be less. 0: it shows no counts.
@@ -71,7 +72,7 @@ def fit_noise(
     stacked = np.where(part.present[:, :, None], stacked, 0.0)
     growth = np.array([growth_of(residuals[:, j], whitener, j, sharp)[:2] for j in range(residuals.shape[1])])
     growth[resolution > 0] = 0.0, 2.0
-    choice = _Choice(RestrictedLikelihood(part, stacked), colour=colour, growth=growth)
+    choice = _Choice(RestrictedLikelihood(part, stacked), colour=colour, growth=growth, is_coarse=resolution > 0)
     found = choice.again() if again else choice.best()
     differenced = np.maximum(found.differenced, counts)
     white = np.maximum(found.white, resolution / STEP_DEVIATION)
@@ -127,8 +128,10 @@ def _levels(whitener: Whitener) -> FloatArray:
 class _Choice:
     """The components of a noise model: those of before, or those that lower the restricted likelihood enough."""
 
-    def __init__(self, likelihood: RestrictedLikelihood, *, colour: bool, growth: FloatArray) -> None:
-        self.likelihood, self.colour, self.growth = likelihood, colour, growth
+    def __init__(
+        self, likelihood: RestrictedLikelihood, *, colour: bool, growth: FloatArray, is_coarse: BoolArray
+    ) -> None:
+        self.likelihood, self.colour, self.growth, self.is_coarse = likelihood, colour, growth, is_coarse
         self.whitener, self.stacked = likelihood.whitener, likelihood.stacked
         self.first = dataclasses.replace(self.whitener.noise, short=())
         self.q = self.stacked.shape[1]
@@ -175,7 +178,7 @@ class _Choice:
         """Return starts with one more slow component, where the whitened residuals are not white."""
         whitened, _ = self.whitener.of(noise)(self.stacked[:, :, :1])
         options = []
-        for j in range(self.q):
+        for j in np.flatnonzero(~self.is_coarse).tolist():
             size = _colour_scale(whitened[:, j, 0], self.whitener.present[:, j], self.whitener.clocks)
             if size is None:
                 continue
@@ -204,7 +207,7 @@ class _Choice:
         of_each = [[np.where(there[c.rows], left[c.rows, j], 0.0) for c in self.whitener.clocks]
                    for j, there in enumerate((self.whitener.present & moving[:, None]).T)]  # fmt: skip
         repeats = tuple(repeat_themselves(own) for own in of_each)
-        told = np.logical_not(repeats)
+        told = ~(np.array(repeats) | self.is_coarse)
         running = self._short(left, moving, told)
         counts = self.whitener.present[~moving].sum(axis=0)
         resting = self._short(left, ~moving, told)
