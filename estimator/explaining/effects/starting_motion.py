@@ -32,6 +32,7 @@ class StartingMotion(Effect):
     name: str = "motion before the voltage"
     sharp: bool = True
     prior: float = 0.05
+    sentence: str = "{name}: the motor moves already in the first row; its speed and current there are estimated"
 
     def linear(self, fit: Fit) -> Sequence[Linear]:
         """Return the motor's free motion from the first row of each recording that begins at rest."""
@@ -70,10 +71,6 @@ class StartingMotion(Effect):
                     )
                 )  # fmt: skip
         return found
-
-    def tell(self, name: str, value: float, plan: Plan) -> str:
-        """Say so."""
-        return f"{name}: the motor moves already in the first row; its speed and current there are estimated"
 
 
 def _before_voltage(o: Observed) -> NDArray[np.bool_]:
