@@ -87,7 +87,7 @@ def with_jitter(explanation: Explanation, differenced: FloatArray) -> Explanatio
     grows = fit.whitener.noise
     edges = [rows for transients in find_windows(explanation.fit).transients for rows in transients]
     found = []
-    for noise in (grows, dataclasses.replace(grows, growth=np.zeros_like(grows.growth) + [0.0, 2.0])):
+    for noise in (grows, dataclasses.replace(grows, growth=np.zeros_like(grows.growth))):
         whitener = fit.whitener.of(noise)
         deviation = noise.deviation(whitener.level)
         fine = (fit.simulator.steps == 0) & (differenced == 0)  # quantised signals have other errors
@@ -98,7 +98,7 @@ def with_jitter(explanation: Explanation, differenced: FloatArray) -> Explanatio
         del z, slope  # of a million rows a tenth of what is held
         jitter, sizes, gain = find_jitter(*told, fit.simulator.clocks[0].step)
         found.append((worse - gain, jitter, dataclasses.replace(noise, white=noise.white * sizes)))
-        if not np.any(grows.growth[:, 0]):
+        if not grows.grows:
             break
     _, jitter, noise = min(found, key=lambda f: f[0])
     if jitter == 0.0:
@@ -115,7 +115,7 @@ def with_noise_of_neighbours(explanation: Explanation, differenced: FloatArray) 
     old, found = fit.whitener.noise, noise_of_neighbours(fit.whitener, misfit, windows.sharp)
     coarse = (fit.simulator.steps > 0) | (differenced > 0)  # their noise is of steps, and no growth
     white = np.where(coarse, old.white, np.maximum(found.white, QUIET * old.white))
-    found = dataclasses.replace(found, white=white, growth=np.where(coarse[:, None], old.growth, found.growth))
+    found = dataclasses.replace(found, white=white, growth=np.where(coarse, old.growth, found.growth))
     fit = held_down(refreshed(fit, fit.whitener.of(found)), windows.onsets)
     return dataclasses.replace(explanation, fit=solved(fit))
 

@@ -69,8 +69,8 @@ def fit_noise(
     part, rows = _settled_part(whitener, settled)
     stacked = np.concatenate([residuals[rows, :, None], columns[rows], _levels(part)], axis=2)
     stacked = np.where(part.present[:, :, None], stacked, 0.0)
-    growth = np.array([growth_of(residuals[:, j], whitener, j, sharp)[:2] for j in range(residuals.shape[1])])
-    growth[resolution > 0] = 0.0, 2.0
+    growth = np.array([growth_of(residuals[:, j], whitener, j, sharp)[0] for j in range(residuals.shape[1])])
+    growth[resolution > 0] = 0.0
     choice = _Choice(RestrictedLikelihood(part, stacked), colour=colour, growth=growth)
     found = choice.again() if again else choice.best()
     differenced = np.maximum(found.differenced, counts)
@@ -150,13 +150,13 @@ class _Choice:
             self.first,
             white=np.where(differenced, 1e-3, 1.0) * spread,
             differenced=np.where(differenced, spread / np.sqrt(2), 0.0),
-            growth=np.column_stack([np.zeros(self.q), np.full(self.q, 2.0)]),
+            growth=np.zeros(self.q),
             slow=np.column_stack([np.zeros(self.q), np.ones(self.q)]),
             torque=(0.0, 1.0),
         )
         active = [("differenced" if differenced[j] else "white", j) for j in range(self.q)]
         noise, value = self.likelihood.largest(noise, active)
-        if np.any(self.growth[:, 0] > 0):
+        if self.growth.any():
             noise, value = self.likelihood.largest(dataclasses.replace(noise, growth=self.growth), active)
         for _ in range(3 if self.colour else 0):
             options = self._slow_options(noise, active)
