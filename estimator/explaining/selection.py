@@ -50,7 +50,6 @@ from estimator.explaining.explanation_noise import by_noise_of, with_jitter, wit
 from estimator.explaining.first_fit import NO_NOISE, FirstFit
 from estimator.fitting.fit import Fit, new_fit
 from estimator.fitting.gauss_newton import ROUGH, solved, solved_roughly
-from estimator.fitting.secants import with_secants
 from estimator.fitting.windows import find_windows
 
 FloatArray = NDArray[np.float64]
@@ -156,7 +155,7 @@ class Selection:
         while absurd := [a for a in best.additions if not (is_physical(final, a) and has_its_needs(final, a))]:
             best = without(dataclasses.replace(best, fit=final), absurd[-1])
             final = solved(best.fit, tolerance=1e-8)
-        return dataclasses.replace(best, fit=final if final.simulator is self.tests.base else with_secants(final))
+        return dataclasses.replace(best, fit=final)
 
     def _begun(self, known: Explanation) -> Explanation:
         """Return an explanation of a part of the rows, fitted to all of them."""
