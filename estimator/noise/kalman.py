@@ -130,7 +130,7 @@ def filters() -> ctypes.CDLL:
     """
     check_installed(KALMAN)
     library = ctypes.CDLL(str(KALMAN))
-    if not hasattr(library, "descent_begin") or not hasattr(library, "scaled_column"):
+    if not hasattr(library, "descent_begin") or not hasattr(library, "gram_factor"):
         raise InputError(f"{KALMAN} is of an older version: install fmu-estimator again by pip, which compiles it")
     library.kalman_whiten.restype = ctypes.c_int64
     library.kalman_whiten.argtypes = [ctypes.c_int64] * 5 + [ctypes.c_void_p] * 9
@@ -140,8 +140,8 @@ def filters() -> ctypes.CDLL:
     library.recursion_run.argtypes = [ctypes.c_int64] * 4 + [ctypes.c_void_p] * 4
     library.response_run.restype = None
     library.response_run.argtypes = [ctypes.c_int64] * 3 + [ctypes.c_void_p] * 9
-    library.gram_factors.restype = ctypes.c_int64
-    library.gram_factors.argtypes = [ctypes.c_int64] * 2 + [ctypes.c_double] + [ctypes.c_void_p] * 2
+    library.gram_factor.restype = ctypes.c_int64
+    library.gram_factor.argtypes = [ctypes.c_int64, ctypes.c_double] + [ctypes.c_void_p] * 2
     library.fit_bytes.restype = library.fit_begin.restype = ctypes.c_int64
     library.fit_take_cost.restype = library.fit_take_slopes.restype = ctypes.c_int64
     library.fit_bytes.argtypes = [ctypes.c_int64]
