@@ -251,22 +251,15 @@ class Selection:
 
         Recordings fitted together have each its own offset: one a round would cost as many rounds as recordings.
         """
-        addition, fit = found.additions[-1], found.fit
+        addition = found.additions[-1]
+        if addition.linear is None:
+            return None
         beside = [a for a in itertools.takewhile(lambda a: a.effect is addition.effect, ranked) if a is not addition]
-        room = MOST_ADDITIONS - len(found.additions)
-        if addition.linear is not None:
-            company = _apart([addition, *beside])[1 : 1 + room]
-            own = [a.linear for a in (addition, *company) if a.linear is not None]
-            fit = dataclasses.replace(fit, linear=(*before.fit.linear, *own))
-        else:
-            of_recordings = {n.name for n in fit.simulator.nuisances if n.recording is not None}
-            company = [a for a in beside if addition.name in of_recordings and a.name in of_recordings][:room]
-            started = {name: value for a in company for name, value in a.starts[0].items()}
-            values = fit.values.copy()
-            values[[fit.simulator.index[name] for name in started]] = list(started.values())
-            fit = dataclasses.replace(fit, values=values, free=(*fit.free, *(n for a in company for n in a.free)))
+        company = _apart([addition, *beside])[1 : 1 + MOST_ADDITIONS - len(found.additions)]
         if not company:
             return None
+        own = [a.linear for a in (addition, *company) if a.linear is not None]
+        fit = dataclasses.replace(found.fit, linear=(*before.fit.linear, *own))
         more = Explanation(solved_roughly(fit), (*found.additions, *company))
         n = self.tests.samples
         sound = all(is_physical(more.fit, a) for a in (addition, *company))
