@@ -44,7 +44,6 @@ class Effect:
         It shows as spectral lines: they are no part of the noise, and no other effect explains them.
     is_one : bool
         Its groups exclude each other, as time constants of one lag do: in the average the likeliest stands for all.
-    excludes : names of nuisances or columns begin with these where the effect makes no sense beside them
     lateness : float
         Mean delay of a signal for a unit of its number, s; 0: it has none, or not in proportion.
     sentence : str
@@ -58,7 +57,6 @@ class Effect:
     sharp: bool = False
     is_line: bool = False
     is_one: bool = False
-    excludes: tuple[str, ...] = ()
     lateness: float = 0.0
     sentence: str = "{name} is estimated"
 
