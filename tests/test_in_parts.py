@@ -20,7 +20,7 @@ ROWS = 2 * AT_ONCE + 17  # of three channels: parts begin amid a row
 NONE = np.zeros(0)
 NOISES = {
     "white": plain(0.5, 1.0, 2.0),
-    "grows": dataclasses.replace(plain(0.5, 1.0, 2.0), growth=np.array([[2.0, 2.0], [0.0, 2.0], [1.0, 8.0]])),
+    "grows": dataclasses.replace(plain(0.5, 1.0, 2.0), growth=np.array([2.0, 0.0, 1.0])),
     "of two sizes": dataclasses.replace(
         plain(0.5, 1.0, 2.0), short=(((NONE, 1.1), (NONE, 1.0), (NONE, 0.9)), ((NONE, 1.0), (NONE, 1.3), (NONE, 1.0)))
     ),

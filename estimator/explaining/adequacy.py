@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from estimator.conventions import FALSE_ALARM, RESOLVED, SMALL_CORRELATION
 from estimator.distributions import chi_square_limit, f_limit, normal_quantile
+from estimator.explaining.coarse_levels import held_by_sensor
 from estimator.explaining.response_test import unexplained_responses
 from estimator.fitting.fit import Fit
 from estimator.fitting.score_test import ScoreTest
@@ -148,7 +149,7 @@ def adequacy(fit: Fit, parameters: int, *, is_searched: bool = True) -> Adequacy
     failures, excess, parts = [], np.ones_like(z), []
     resolved = np.abs(np.nan_to_num(fit.residuals())) > RESOLVED * fit.simulator.steps
     repeats = fit.whitener.noise.repeats or (False,) * len(outputs)
-    alike_anyway = np.array(repeats) | fit.simulator.coarse
+    alike_anyway = np.array(repeats) | held_by_sensor(fit)
     for window in windows.windows:
         for j, output in enumerate(outputs):
             known = present[window.rows, j]

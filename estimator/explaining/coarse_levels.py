@@ -26,9 +26,22 @@ PLACES, NARROWER = 41, 4  # levels that are tried of each, as often about those 
 POSSIBLE = 12.0  # of ln likelihood: a level that is less likely by more is not
 MOST_VALUES = 5  # that a level shows: of more the noise is no smaller than a step
 VISIBLE = 0.1  # deviations of a level's mean that are known by its samples: a smaller error of it adds 0.5 % to a bar
+REPEATED = 0.5  # of neighbours: if fewer differ, the sensor holds them
 STAYS = 0.25  # of a step: a signal that moves by less stays at a level
 LEAST_ROWS = 4  # of a level; of fewer the converter's own noise holds it
 MOST_LEVELS = 48  # of an output, the longest: of many levels errors average out
+
+
+def held_by_sensor(fit: Fit) -> NDArray[np.bool_]:
+    """Return, of each output, (q,), whether its sensor shows the same value again and again while the machine runs."""
+    s, moving = fit.simulator, fit.whitener.moving
+    beside = moving[1:] & moving[:-1]
+    held = s.coarse.copy()
+    for j in np.flatnonzero(held):
+        changes = np.diff(s.measured[:, j])[beside]
+        changes = changes[~np.isnan(changes)]
+        held[j] = len(changes) > 0 and np.count_nonzero(changes) < REPEATED * len(changes)
+    return held
 
 
 def coarse_levels(fit: Fit) -> FloatArray | None:
@@ -38,10 +51,10 @@ def coarse_levels(fit: Fit) -> FloatArray | None:
     what one lacks the next has.
     """
     s, noise = fit.simulator, fit.whitener.noise
-    if s.rows > LONG or not np.any(s.coarse):
+    if s.rows > LONG:
         return None
     columns = []
-    for j in np.flatnonzero(s.coarse & (noise.differenced == 0)).tolist():
+    for j in np.flatnonzero(held_by_sensor(fit) & (noise.differenced == 0)).tolist():
         step, levels = float(s.steps[j]), list[slice]()
         for clock in s.clocks:
             levels += [

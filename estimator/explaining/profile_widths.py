@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.fitting.fit import Fit, cost_of, linear_projection, misfit
+from estimator.fitting.fit import Fit, cost_of, linear_projection
 from estimator.fitting.gauss_newton import placed, solved_roughly
 from estimator.fitting.simulator import CELLS
 
@@ -56,12 +56,7 @@ def _flat(fit: Fit, lines: Sequence[_Line]) -> list[_Line]:
     flat, many = [], max(1, CELLS // s.rows)
     for some in (lines[k : k + many] for k in range(0, len(lines), many)):
         ends = [placed(fit, np.clip(x + side * FAR * along[: len(x)], low, high)) for _, side, along in some]
-        shown = s.shown(np.stack(ends))
-        if fit.whitener.in_parts:
-            costs = [cost_of(fit, one, linear) for one in shown]
-        else:
-            off = np.stack([misfit(fit, one) for one in shown], axis=2)
-            costs = [float(left @ left) for left in linear.rest(fit.whitener.flat(off)).T]
+        costs = [cost_of(fit, shown, linear) for shown in s.shown(np.stack(ends))]
         flat += [line for line, cost in zip(some, costs, strict=True) if cost - fit.cost < STEEP * FAR**2]
     return flat
 

@@ -329,9 +329,7 @@ def cost_of(fit: Fit, shown: FloatArray, linear: Projection) -> float:
 
 def whitened_misfit(fit: Fit, shown: FloatArray) -> Columns:
     """Return measured less shown signals whitened, (rows q, 1)."""
-    if fit.whitener.in_parts:
-        return fit.whitener.changes([fit.simulator.measured], shown)
-    return fit.whitener.flat(misfit(fit, shown)[:, :, None])
+    return fit.whitener.changes([fit.simulator.measured], shown)
 
 
 def misfit(fit: Fit, shown: FloatArray) -> FloatArray:

@@ -143,7 +143,22 @@ def _told_whole(
 
 
 class _Steps:
-    """The steps of a descent as they are asked; attributes tell where it stands."""
+    """The steps of a descent as they are asked.
+
+    Attributes
+    ----------
+    tried, x, step : (f,) arrays
+        What is tried; where it stands; the last step.
+    correction : (f,) array
+        How much of what that missed goes into each derivative.
+    has_moved, corrects, knows_derivatives : bool
+        It stands where it has just tried; derivatives are corrected by the last step; they were simulated there.
+    """
+
+    tried: FloatArray
+    x: FloatArray
+    step: FloatArray
+    correction: FloatArray
 
     def __init__(
         self,
@@ -172,56 +187,25 @@ class _Steps:
         """Begin at x, (f,), of a cost; `known`: derivatives are, too. Return what is asked."""
         own, point = self._places
         self._point[self._f : 2 * self._f] = x
-        return int(self._filters.descent_begin(own, *self._limits, cost, int(known), point))
+        return self._at(self._filters.descent_begin(own, *self._limits, cost, int(known), point))
 
     def take_triangle(self, a: FloatArray, g: FloatArray, *, bends: bool) -> int:
         """Take a, (f, f), and g, (f,), as gauss_newton.h says."""
         own, point = self._places
         a, g = np.ascontiguousarray(a), np.ascontiguousarray(g)
-        return int(self._filters.descent_take_triangle(own, a.ctypes.data, g.ctypes.data, int(bends), point))
+        return self._at(self._filters.descent_take_triangle(own, a.ctypes.data, g.ctypes.data, int(bends), point))
 
     def take_cost(self, cost: float) -> int:
         """Take the cost at the tried point."""
         own, point = self._places
-        return int(self._filters.descent_take_cost(own, cost, point))
+        return self._at(self._filters.descent_take_cost(own, cost, point))
 
-    def _row(self, k: int) -> FloatArray:
-        return self._point[k * self._f : (k + 1) * self._f].copy()
-
-    @property
-    def tried(self) -> FloatArray:
-        """What is tried, (f,)."""
-        return self._row(0)
-
-    @property
-    def x(self) -> FloatArray:
-        """Where it stands, (f,)."""
-        return self._row(1)
-
-    @property
-    def step(self) -> FloatArray:
-        """The last step, (f,)."""
-        return self._row(2)
-
-    @property
-    def correction(self) -> FloatArray:
-        """How much of what that missed goes into each derivative, (f,)."""
-        return self._row(3)
-
-    @property
-    def has_moved(self) -> bool:
-        """Whether it stands where it has just tried."""
-        return bool(self._point[-3])
-
-    @property
-    def corrects(self) -> bool:
-        """Whether derivatives are corrected by the last step."""
-        return bool(self._point[-2])
-
-    @property
-    def knows_derivatives(self) -> bool:
-        """Whether derivatives were simulated where it stands."""
-        return bool(self._point[-1])
+    def _at(self, asked: int) -> int:
+        """Read where it stands; return what is asked."""
+        f = self._f
+        self.tried, self.x, self.step, self.correction = self._point[: 4 * f].reshape(4, f).copy()
+        self.has_moved, self.corrects, self.knows_derivatives = map(bool, self._point[-3:])
+        return asked
 
 
 class _Misfits:

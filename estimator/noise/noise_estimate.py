@@ -39,6 +39,7 @@ def fit_noise(
     sharp: BoolArray,
     *,
     resolution: FloatArray,
+    is_held: BoolArray,
     counts: FloatArray,
     colour: bool,
     again: bool,
@@ -57,8 +58,9 @@ def fit_noise(
     sharp : (rows,) array
         First parts of transients, where a misfit is most likely.
     resolution : (q,) array
-        Step of a sensor that is too coarse for its errors to be noise: they are up to half of it, and tell no colour,
-        as neighbours of a level show the same value. 0: it is fine.
+        Step of a sensor that is too coarse for its errors to be noise: they are up to half of it. 0: it is fine.
+    is_held : (q,) array
+        Of a sensor so coarse that neighbours show the same value while the machine runs: they tell no colour.
     counts : (q,) array
         Deviation of the counts that a channel differences: at a steady speed their errors repeat themselves, and seem
         to be less. 0: it shows no counts.
@@ -70,9 +72,9 @@ def fit_noise(
     part, rows = _settled_part(whitener, settled)
     stacked = np.concatenate([residuals[rows, :, None], columns[rows], _levels(part)], axis=2)
     stacked = np.where(part.present[:, :, None], stacked, 0.0)
-    growth = np.array([growth_of(residuals[:, j], whitener, j, sharp)[:2] for j in range(residuals.shape[1])])
-    growth[resolution > 0] = 0.0, 2.0
-    choice = _Choice(RestrictedLikelihood(part, stacked), colour=colour, growth=growth, is_coarse=resolution > 0)
+    growth = np.array([growth_of(residuals[:, j], whitener, j, sharp)[0] for j in range(residuals.shape[1])])
+    growth[resolution > 0] = 0.0
+    choice = _Choice(RestrictedLikelihood(part, stacked), colour=colour, growth=growth, is_held=is_held)
     found = choice.again() if again else choice.best()
     differenced = np.maximum(found.differenced, counts)
     white = np.maximum(found.white, resolution / STEP_DEVIATION)
@@ -129,9 +131,9 @@ class _Choice:
     """The components of a noise model: those of before, or those that lower the restricted likelihood enough."""
 
     def __init__(
-        self, likelihood: RestrictedLikelihood, *, colour: bool, growth: FloatArray, is_coarse: BoolArray
+        self, likelihood: RestrictedLikelihood, *, colour: bool, growth: FloatArray, is_held: BoolArray
     ) -> None:
-        self.likelihood, self.colour, self.growth, self.is_coarse = likelihood, colour, growth, is_coarse
+        self.likelihood, self.colour, self.growth, self.is_held = likelihood, colour, growth, is_held
         self.whitener, self.stacked = likelihood.whitener, likelihood.stacked
         self.first = dataclasses.replace(self.whitener.noise, short=())
         self.q = self.stacked.shape[1]
@@ -153,13 +155,13 @@ class _Choice:
             self.first,
             white=np.where(differenced, 1e-3, 1.0) * spread,
             differenced=np.where(differenced, spread / np.sqrt(2), 0.0),
-            growth=np.column_stack([np.zeros(self.q), np.full(self.q, 2.0)]),
+            growth=np.zeros(self.q),
             slow=np.column_stack([np.zeros(self.q), np.ones(self.q)]),
             torque=(0.0, 1.0),
         )
         active = [("differenced" if differenced[j] else "white", j) for j in range(self.q)]
         noise, value = self.likelihood.largest(noise, active)
-        if np.any(self.growth[:, 0] > 0):
+        if self.growth.any():
             noise, value = self.likelihood.largest(dataclasses.replace(noise, growth=self.growth), active)
         for _ in range(3 if self.colour else 0):
             options = self._slow_options(noise, active)
@@ -178,7 +180,7 @@ class _Choice:
         """Return starts with one more slow component, where the whitened residuals are not white."""
         whitened, _ = self.whitener.of(noise)(self.stacked[:, :, :1])
         options = []
-        for j in np.flatnonzero(~self.is_coarse).tolist():
+        for j in np.flatnonzero(~self.is_held).tolist():
             size = _colour_scale(whitened[:, j, 0], self.whitener.present[:, j], self.whitener.clocks)
             if size is None:
                 continue
@@ -207,7 +209,7 @@ class _Choice:
         of_each = [[np.where(there[c.rows], left[c.rows, j], 0.0) for c in self.whitener.clocks]
                    for j, there in enumerate((self.whitener.present & moving[:, None]).T)]  # fmt: skip
         repeats = tuple(repeat_themselves(own) for own in of_each)
-        told = ~(np.array(repeats) | self.is_coarse)
+        told = ~(np.array(repeats) | self.is_held)
         running = self._short(left, moving, told)
         counts = self.whitener.present[~moving].sum(axis=0)
         resting = self._short(left, ~moving, told)

@@ -35,6 +35,7 @@ class VoltageNoise(Effect):
     name: str = "voltage noise"
     prior: float = 0.1
     sharp: bool = True  # delays and lags would explain a part of it
+    sentence: str = "the logged voltage's noise does not reach the motor ({percent:.0f} % of it is the sensor's)"
 
     def linear(self, fit: Fit) -> Sequence[Linear]:
         """Return the response, with opposite sign, to what is noise in the logged voltage."""
@@ -42,10 +43,6 @@ class VoltageNoise(Effect):
         if not around.any():
             return ()
         return [Linear(self.name, response(fit, voltage=as_late(fit, -around))[:, :, None], ("",), least=0.3, most=1.3)]
-
-    def tell(self, name: str, value: float, plan: Plan) -> str:
-        """Say so."""
-        return f"the logged voltage's noise does not reach the motor ({100 * value:.0f} % of it is the sensor's)"
 
 
 def without_noise(fit: Fit, plan: Plan) -> Plan | None:
