@@ -172,10 +172,9 @@ class Selection:
         """
         if abs(first.fit.cost / self.tests.samples - 1) > NO_NOISE or not find_windows(first.fit).enough:
             return None
-        best = with_noise(first, self.differenced)
+        best = with_noise(first, self.differenced, left_if_white=True)
         if not best.fit.whitener.is_white:
             return None
-        first.fit.forget()  # of a million rows a quarter of what is held
         return best if self.best_addition(best, self.effects, set()) is None else None
 
     def _with_effects(self, best: Explanation, *, sharp: bool) -> Explanation:
