@@ -193,6 +193,7 @@ class AdditionTests:
                     kept = beside is not None and (wanted[w][0].doubt or wanted[w][1].name == beside)
                     across = test.known.rest(times * whitened[:][:, k : k + 1]) if kept else None
                     best[w] = gain, told, across, t
+            del shown, signals, whitened  # before the next are simulated
         simulator.forget()
         for w, (effect, nuisance) in enumerate(wanted):
             found: list[tuple[float, tuple[Mapping[str, float], ...]]] = []

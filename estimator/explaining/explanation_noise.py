@@ -87,6 +87,7 @@ def with_noise(
     if left_if_white and fit.whitener.is_white:
         del columns, misfit
         explanation.fit.forget()  # of a million rows its derivatives are a sixth of what is held
+        fit.simulator.derivatives = None
     return dataclasses.replace(explanation, fit=solved(fit))
 
 

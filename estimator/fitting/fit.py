@@ -24,6 +24,7 @@ from estimator.fitting.score_test import ScoreTest
 from estimator.fitting.simulator import Simulator
 from estimator.fitting.slopes import Slopes
 from estimator.noise.in_parts import Columns, Made, Scaled
+from estimator.noise.level import Level
 from estimator.noise.noise_model import NoiseModel
 from estimator.noise.whitener import Whitener
 from estimator.plans.parameters import SensorPlace
@@ -275,22 +276,18 @@ def new_fit(simulator: Simulator, values: FloatArray, free: Sequence[str], noise
 
 def with_level(fit: Fit) -> Fit:
     """Return the fit whose noise follows the signals as they are simulated now."""
-    level = np.abs(fit.shown)
-    if not (known := np.isfinite(level)).all():
-        level[~known] = 0.0
-    largest = np.array([own.max() for own in level.T])  # of few columns ten times as quick as along the rows
-    level /= np.where(largest > 0, largest, 1.0)
-    moving = np.logical_or.reduce([own > 1e-3 for own in level.T])
+    level = Level.of(fit.shown)
+    moving = np.logical_or.reduce([level[:, k] > 1e-3 for k in range(level.shape[1])])
     slope = slopes_in_time(fit) if fit.whitener.noise.jitter else np.broadcast_to(0.0, level.shape)
     whitener = dataclasses.replace(fit.whitener, level=level, moving=moving, slope=slope, way=_way(fit))
     return dataclasses.replace(fit, whitener=whitener)
 
 
-def _way(fit: Fit) -> FloatArray | None:
+def _way(fit: Fit) -> NDArray[np.int8] | None:
     """Return in which way the machine turns as it is simulated, (rows,), 1 or -1; None: no sensor shows its speed."""
     if "w" not in fit.simulator.outputs:
         return None
-    return np.where(fit.shown[:, fit.simulator.outputs.index("w")] < 0, -1.0, 1.0)
+    return np.where(fit.shown[:, fit.simulator.outputs.index("w")] < 0, -1, 1).astype(np.int8)
 
 
 def slopes_in_time(fit: Fit) -> FloatArray:

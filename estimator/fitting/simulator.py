@@ -32,7 +32,8 @@ SUBSTEPS = 4  # rows that are simulated for one where a filter acts between them
 CELLS = 500_000  # rows that are simulated at once, at most
 KEPT_ANSWERS, KEPT_VALUES = 16, 500_000  # that were asked of late; numbers in all of them, at most
 
-Act = Callable[[FloatArray, float, float], FloatArray]  # (n,) signal, value, sampling interval in s -> (n,) signal
+# (n,) signal, which may be changed, value, sampling interval in s -> (n,) signal, which may be the same
+Act = Callable[[FloatArray, float, float], FloatArray]
 
 
 @dataclass(frozen=True)
@@ -274,8 +275,9 @@ class Simulator:
                 for clock in self.clocks:
                     assert nuisance.act is not None
                     signal = rows[c, clock.rows, :, j]
-                    finer = nuisance.act(signal.ravel(), float(column[c]), clock.step / signal.shape[1])
+                    finer = nuisance.act(signal.flatten(), float(column[c]), clock.step / signal.shape[1])
                     shown[c, clock.rows, j] = finer[signal.shape[1] - 1 :: signal.shape[1]]
+                    del finer  # of four rows for one, two signals' as much
         return np.asarray(shown)
 
     def _signals(self, unique: FloatArray, refine: int, between: int, *, kept: bool) -> FloatArray:

@@ -126,9 +126,6 @@ class Slopes:
         return self.__dict__.get("raw") if self._central or not central else None
 
     def forget(self) -> None:
-        """Give up the memory of derivatives that can be simulated again, the simulator's of them too."""
-        if self._point is None or (raw := self.__dict__.pop("raw", None)) is None:
-            return
-        simulator = self._point.simulator
-        if simulator.derivatives is not None and simulator.derivatives[1] is raw:
-            simulator.derivatives = None
+        """Give up the memory of derivatives that can be simulated again."""
+        if self._point is not None:
+            self.__dict__.pop("raw", None)

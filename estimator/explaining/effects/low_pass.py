@@ -26,7 +26,10 @@ LONGEST_LAG = 60.0  # samples
 
 
 def lagged(y: FloatArray, tau: float, h: float) -> FloatArray:
-    """Return y behind tau x' + x = y, exact for a signal on lines between its samples, at rest before the first."""
+    """Return y behind tau x' + x = y, exact for a signal on lines between its samples, at rest before the first.
+
+    It takes the place of y, as that behind the other filters does: a long signal has little room beside it.
+    """
     if tau <= 0:
         return y
     a = np.exp(-h / tau)
@@ -49,7 +52,8 @@ def butterworth(y: FloatArray, tau: float, h: float) -> FloatArray:
 def _from_rest(b: Sequence[float], a: Sequence[float], y: FloatArray) -> FloatArray:
     """Return y behind a recursion whose gain is 1: what was constant before the first sample is shown as it is."""
     level = float(y[0])
-    shown = recursion(b, a, y - level, in_place=True)
+    y -= level
+    shown = recursion(b, a, y, in_place=True)
     shown += level
     return shown
 
