@@ -18,6 +18,7 @@ from estimator.explaining.explanation import Explanation, moved_to
 from estimator.fitting.fit import Fit, Linear
 from estimator.fitting.score_test import ScoreTest
 from estimator.fitting.simulator import CELLS, Nuisance, Simulator
+from estimator.noise.in_parts import among
 from estimator.noise.whitener import Whitener
 from estimator.plans.part import LONG
 
@@ -97,6 +98,7 @@ class AdditionTests:
             groups = effect.linear(fit)
             among = len(groups) if effect.is_one else 1
             offered += [(effect, g, max(among, g.one_of)) for g in groups if g.name not in taken]
+            del groups
             while long and offered:  # their columns are not held together
                 result += self._scored(fit, [offered.pop(0)], test, beside=beside)
         result += self._scored(fit, offered, test, beside=beside)
@@ -132,7 +134,7 @@ class AdditionTests:
             own, scores, gain = slice(at, at + numbers), each[at], each[at].gain
             at += numbers
             kept = beside is not None and (effect.doubt or group.name == beside)
-            alone = whitened[:][:, own] if numbers > 1 or kept else None
+            alone = among(whitened, own) if numbers > 1 or kept else None
             across = test.known.rest(alone) if alone is not None else None
             if numbers > 1:
                 assert alone is not None and across is not None
@@ -142,7 +144,7 @@ class AdditionTests:
                 gain = 0.0
             addition = Addition(
                 effect, group.name, numbers, gain, linear=group,
-                scores=scores, across=across if kept else None,
+                scores=scores, across=across[:] if kept and across is not None else None,
                 tried=tried, usual=group.size if numbers == 1 else 0.0, unit=group.units[0],
             )  # fmt: skip
             if fit.simulator.rows > LONG and beside is None and gain <= addition.penalty(self.samples):

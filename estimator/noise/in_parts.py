@@ -135,6 +135,18 @@ def parts(*columns: Columns) -> Iterator[slice]:
     yield from (slice(k, min(k + step, rows)) for k in range(0, rows, step))
 
 
+def among(columns: Columns, which: slice) -> Columns:
+    """Return those of columns, (n, c), that a slice names."""
+    if isinstance(columns, Scaled):
+        return Scaled(columns.columns[which], columns.factors, columns.before)
+    return Made(lambda at: columns[at][:, which], len(columns)) if isinstance(columns, Made) else columns[:, which]
+
+
+def square(columns: Columns) -> float:
+    """Return the sum of the squares of columns, (n, c)."""
+    return float(np.trace(products(columns, columns))) if isinstance(columns, Made) else float(np.vdot(columns, columns))
+
+
 def along(columns: Columns, at: slice, others: FloatArray) -> FloatArray:
     """Return the products, (c, d), of columns, (n, c), with others that are zero beside some rows, (rows, d)."""
     return columns.products(at, others) if isinstance(columns, Made) else np.asarray(columns[at].T @ others)
