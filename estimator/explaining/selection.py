@@ -48,7 +48,7 @@ from estimator.explaining.explanation import (
     without,
 )
 from estimator.explaining.explanation_noise import by_noise_of, with_jitter, with_noise, with_noise_of_neighbours
-from estimator.fitting.fit import Fit, new_fit, refreshed
+from estimator.fitting.fit import Fit, new_fit, refreshed, set_aside
 from estimator.fitting.gauss_newton import ROUGH, solved, solved_roughly
 from estimator.fitting.secants import with_secants
 from estimator.fitting.simulator import Simulator
@@ -151,10 +151,14 @@ class Selection:
         """
         bounds = self._held_near(starts)
         first = self._first(starts) if known is None else self._begun(known)
-        best = self._without_effects(first)
+        best = self._by_white_noise(first)
+        if best is not None:  # then the first fit is hardly ever asked again, and of a million rows a tenth of all
+            again, first = set_aside(first.fit), Explanation(best.fit, first.additions)
+            if self.best_addition(best, self.effects, set()) is not None:
+                best, first = None, Explanation(again(), first.additions)
         if best is None:
             best = self._with_effects(first, sharp=known is None)  # the part has told what is sharp
-        del first  # of a million rows a tenth of what is held
+        del first
         if (shaken := with_jitter(best, self.differenced)) is not None:
             best = self.without_idle(self.grown(shaken, self.effects))
         best = reshaped(best)
@@ -165,17 +169,15 @@ class Selection:
         fine = with_fine_filters(best.fit)[0] if best.fit.simulator is self.tests.base else best.fit
         return self.at_best(dataclasses.replace(best, fit=fine))
 
-    def _without_effects(self, first: Explanation) -> Explanation | None:
-        """Return a first fit by its noise, where that is white and shows no effect; else None.
+    def _by_white_noise(self, first: Explanation) -> Explanation | None:
+        """Return a first fit by its noise, where that is white; else None.
 
         White noise contains none of what `_with_effects` looks for before it estimates the noise.
         """
         if abs(first.fit.cost / self.tests.samples - 1) > NO_NOISE or not find_windows(first.fit).enough:
             return None
         best = with_noise(first, self.differenced, left_if_white=True)
-        if not best.fit.whitener.is_white:
-            return None
-        return best if self.best_addition(best, self.effects, set()) is None else None
+        return best if best.fit.whitener.is_white else None
 
     def _with_effects(self, best: Explanation, *, sharp: bool) -> Explanation:
         """Return the explanation with its noise and its effects; `sharp`: look for these before coloured noise."""

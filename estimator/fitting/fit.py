@@ -315,6 +315,19 @@ def refreshed(fit: Fit, whitener: Whitener) -> Fit:
     return evaluated(dataclasses.replace(fit, whitener=whitener), fit.values, fit.shown, fit.slopes, linear)
 
 
+def set_aside(fit: Fit) -> Callable[[], Fit]:
+    """Return what makes a fit again, as it is, by one simulation: until then none of its long arrays is held."""
+    nothing = np.broadcast_to(0.0, fit.shown.shape)
+    whitener = fit.whitener if fit.whitener.noise.grows else dataclasses.replace(fit.whitener, level=nothing)
+    bare = dataclasses.replace(fit, whitener=whitener, shown=nothing, z=nothing, slopes=fit.slopes.of(nothing))
+
+    def again() -> Fit:
+        shown = bare.simulator.shown(bare.values[None, :])[0]
+        return refreshed(dataclasses.replace(bare, shown=shown, slopes=bare.slopes.of(shown)), bare.whitener)
+
+    return again
+
+
 def cost_of(fit: Fit, shown: FloatArray, linear: Projection) -> float:
     """Return z'z at what is shown, (rows, q), of which nothing failed; `linear`: as of `evaluated`, at its best."""
     own = whitened_misfit(fit, shown)

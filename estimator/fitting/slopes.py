@@ -5,7 +5,7 @@ Most fits are only compared by their cost: nobody asks for the derivatives where
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -120,6 +120,11 @@ class Slopes:
         if here is None or here.simulator is not simulator or here.between != simulator.between:
             return None
         return here if np.array_equal(here.where, where) and np.array_equal(here.values, values) else None
+
+    def of(self, shown: FloatArray) -> Slopes:
+        """Return those of the same point, of which what is shown, (rows, q), is held elsewhere; none is known."""
+        point = self._point and replace(self._point, shown=shown)
+        return Slopes(point, central=self._central, known=self.raw if point is None else None)
 
     def known(self, *, central: bool) -> FloatArray | None:
         """Return the derivatives, if they are known, and central where these are asked for; not to be changed."""
