@@ -105,9 +105,7 @@ def with_jitter(explanation: Explanation, differenced: FloatArray) -> Explanatio
         slope = np.where(whitener.present & fine, whitener.slope / deviation, 0.0)
         z = refreshed(fit, whitener).z.reshape(slope.shape)
         worse = float(np.vdot(z, z) + 2 * np.sum(np.log(deviation), where=whitener.present))
-        told = without_responses(z, slope, edges)
-        del z, slope  # of a million rows a tenth of what is held
-        jitter, sizes, gain = find_jitter(*told, fit.simulator.clocks[0].step)
+        jitter, sizes, gain = find_jitter(*without_responses(z, slope, edges), fit.simulator.clocks[0].step)
         found.append((worse - gain, jitter, dataclasses.replace(noise, white=noise.white * sizes)))
         if not np.any(grows.growth[:, 0]):
             break
