@@ -39,12 +39,7 @@ def count_deviations(plan: Plan) -> FloatArray:
 
 
 def with_noise(
-    explanation: Explanation,
-    differenced: FloatArray,
-    *,
-    colour: bool = True,
-    again: bool = False,
-    left_if_white: bool = False,
+    explanation: Explanation, differenced: FloatArray, *, colour: bool = True, again: bool = False
 ) -> Explanation:
     """Return the explanation with its noise estimated, or estimated again, and fitted with it.
 
@@ -56,8 +51,6 @@ def with_noise(
         Whether the noise may be coloured.
     again : bool
         Keep the components of the noise, and estimate their parameters again.
-    left_if_white : bool
-        Where the noise is white, the explanation is asked nothing more: its memory is given up.
     """
     fit = renewed(explanation)
     if any(new is not old for new, old in zip(fit.linear, explanation.fit.linear, strict=True)):
@@ -84,10 +77,6 @@ def with_noise(
         resolution=np.where(steps & (differenced == 0), s.steps, 0.0),
     )  # fmt: skip
     fit = held_down(refreshed(fit, whitener.of(found)), windows.onsets)
-    if left_if_white and fit.whitener.is_white:
-        del columns, misfit
-        explanation.fit.forget()  # of a million rows its derivatives are a sixth of what is held
-        fit.simulator.derivatives = None
     return dataclasses.replace(explanation, fit=solved(fit))
 
 

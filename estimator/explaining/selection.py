@@ -176,8 +176,11 @@ class Selection:
         """
         if abs(first.fit.cost / self.tests.samples - 1) > NO_NOISE or not find_windows(first.fit).enough:
             return None
-        best = with_noise(first, self.differenced, left_if_white=True)
-        return best if best.fit.whitener.is_white else None
+        best = with_noise(first, self.differenced)
+        if not best.fit.whitener.is_white:
+            return None
+        first.fit.forget()  # of a million rows a quarter of what is held
+        return best
 
     def _with_effects(self, best: Explanation, *, sharp: bool) -> Explanation:
         """Return the explanation with its noise and its effects; `sharp`: look for these before coloured noise."""

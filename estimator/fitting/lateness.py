@@ -31,5 +31,5 @@ def lateness(fit: Fit, output: str) -> tuple[float, float]:
     own = (n.name for n in s.nuisances if n.place == SensorPlace("delay", None, output))
     simulated += sum(map(fit.value, own))
     ramp = step * np.arange(RAMP_ROWS, dtype=np.float64)
-    acted = (float(ramp[-1] - act(ramp.copy(), value, step)[-1]) for act, value in acting(fit, output))
+    acted = (float(ramp[-1] - act(ramp, value, step)[-1]) for act, value in acting(fit, output))
     return simulated, sum(acted, 0.0)

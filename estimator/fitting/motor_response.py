@@ -210,7 +210,7 @@ def _as_shown(fit: Fit, states: FloatArray, clock: Clock) -> FloatArray:
         else:
             shown = states[SEATS[y]]
         for act, value in acting(fit, y):
-            shown = act(shown.copy(), value, clock.step)
+            shown = act(shown, value, clock.step)
         columns.append(shown)
     return np.column_stack(columns)
 

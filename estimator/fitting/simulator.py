@@ -23,6 +23,7 @@ from estimator.fitting.shaft_angle import shaft_angle, unfolded_orders
 from estimator.fitting.whole_fits import WholeFits
 from estimator.fmus.workers import Workers
 from estimator.noise.clock import Clock, interval_shown
+from estimator.noise.recursion import Sections, behind
 from estimator.plans.parameters import Box, Parameter, SensorPlace, scaled, unscaled
 from estimator.plans.plan import Observed, Plan
 from estimator.recordings.excitation import quantum
@@ -32,8 +33,7 @@ SUBSTEPS = 4  # rows that are simulated for one where a filter acts between them
 CELLS = 500_000  # rows that are simulated at once, at most
 KEPT_ANSWERS, KEPT_VALUES = 16, 500_000  # that were asked of late; numbers in all of them, at most
 
-# (n,) signal, which may be changed, value, sampling interval in s -> (n,) signal, which may be the same
-Act = Callable[[FloatArray, float, float], FloatArray]
+Act = Callable[[FloatArray, float, float], FloatArray]  # (n,) signal, value, sampling interval in s -> (n,) signal
 
 
 @dataclass(frozen=True)
@@ -55,6 +55,8 @@ class Nuisance:
     output, act : what it does with one output's samples; with no output: with those of all, as what an input does
     between : bool
         It acts on the signal between the samples too, as a filter before a converter does.
+    sections : value, sampling interval in s -> sections of the filter that `act` is, if it is one of a few
+        By them it acts on signals as they lie in memory.
     whole : bool
         A number of samples, or a switch: chosen, not fitted by derivatives.
     tries : values at which a score test looks for it
@@ -82,6 +84,7 @@ class Nuisance:
     output: str = ""
     act: Act | None = None
     between: bool = False
+    sections: Callable[[float, float], Sections] | None = None
     whole: bool = False
     tries: tuple[float, ...] = ()
     absolute: bool = False
@@ -275,9 +278,12 @@ class Simulator:
                 for clock in self.clocks:
                     assert nuisance.act is not None
                     signal = rows[c, clock.rows, :, j]
-                    finer = nuisance.act(signal.flatten(), float(column[c]), clock.step / signal.shape[1])
+                    value, step = float(column[c]), clock.step / signal.shape[1]
+                    if nuisance.sections is not None:
+                        behind(nuisance.sections(value, step), signal, shown[c, clock.rows, j])
+                        continue
+                    finer = nuisance.act(signal.ravel(), value, step)
                     shown[c, clock.rows, j] = finer[signal.shape[1] - 1 :: signal.shape[1]]
-                    del finer  # of four rows for one, two signals' as much
         return np.asarray(shown)
 
     def _signals(self, unique: FloatArray, refine: int, between: int, *, kept: bool) -> FloatArray:

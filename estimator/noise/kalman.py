@@ -130,7 +130,7 @@ def filters() -> ctypes.CDLL:
     """
     check_installed(KALMAN)
     library = ctypes.CDLL(str(KALMAN))
-    if not hasattr(library, "descent_begin") or not hasattr(library, "scaled_column"):
+    if not hasattr(library, "descent_begin") or not hasattr(library, "sections_run"):
         raise InputError(f"{KALMAN} is of an older version: install fmu-estimator again by pip, which compiles it")
     library.kalman_whiten.restype = ctypes.c_int64
     library.kalman_whiten.argtypes = [ctypes.c_int64] * 5 + [ctypes.c_void_p] * 9
@@ -138,6 +138,10 @@ def filters() -> ctypes.CDLL:
     library.kalman_shorten.argtypes = [ctypes.c_int64] * 4 + [ctypes.c_void_p] * 6
     library.recursion_run.restype = None
     library.recursion_run.argtypes = [ctypes.c_int64] * 4 + [ctypes.c_void_p] * 4
+    library.sections_run.restype = None
+    library.sections_run.argtypes = [
+        *[ctypes.c_int64] * 3, *[ctypes.c_void_p] * 2, *[ctypes.c_int64] * 2, ctypes.c_void_p, ctypes.c_int64,
+    ]  # fmt: skip
     library.response_run.restype = None
     library.response_run.argtypes = [ctypes.c_int64] * 3 + [ctypes.c_void_p] * 9
     library.gram_factors.restype = ctypes.c_int64
