@@ -16,6 +16,7 @@ from estimator.fitting.fit import Fit, cost_of, evaluated, linear_projection, mi
 from estimator.fitting.least_squares import SOON
 from estimator.fitting.projection import triangle
 from estimator.fitting.slopes import Point, Slopes, difference_steps
+from estimator.noise.in_parts import blocks
 from estimator.noise.kalman import filters
 from estimator.stepping.layout import ASKS_BENT, ASKS_CORRECTED, ASKS_COST, ASKS_NEW, DONE, DONE_BESIDE
 
@@ -277,10 +278,11 @@ def _corrected(raw: FloatArray, dx: FloatArray, change: FloatArray, weights: Flo
     own : bool
         In their place.
     """
-    missed = change - raw @ dx
     raw = raw if own else raw.copy(order="K")
-    for k, weight in enumerate(weights.tolist()):
-        raw[:, :, k] += weight * missed
+    for at in blocks(len(raw)):  # which stay in a processor's cache
+        missed = change[at] - raw[at] @ dx
+        for k, weight in enumerate(weights.tolist()):
+            raw[at, :, k] += weight * missed
     return raw
 
 

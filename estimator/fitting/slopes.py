@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from estimator.fitting.differences import DIFFERENCE_STEP
 from estimator.fitting.simulator import CELLS, Simulator
+from estimator.noise.in_parts import blocks
 
 FloatArray = NDArray[np.float64]
 
@@ -76,9 +77,10 @@ class Point:
                 back, width = self.shown, ahead[k] - x[k]
                 if central and sound[len(part) + j]:
                     back, width = ends[len(part) + j], ahead[k] - behind[k]
-                if sound[j]:
-                    np.subtract(ends[j], back, out=result[k])
-                    result[k] /= width
+                for at in blocks(len(back)) if sound[j] else ():  # which stay in a processor's cache
+                    np.subtract(ends[j][at], back[at], out=result[k, at])
+                    result[k, at] /= width
+            del ends  # before the next are simulated
         found = np.moveaxis(result, 0, 2)
         if central:
             s.derivatives = key, found

@@ -131,8 +131,12 @@ Columns = FloatArray | Made
 def parts(*columns: Columns) -> Iterator[slice]:
     """Yield the rows of columns of one length part by part; all at once where all of them are held."""
     rows = max(len(columns[0]), 1)
-    step = AT_ONCE if any(isinstance(c, Made) for c in columns) else rows
-    yield from (slice(k, min(k + step, rows)) for k in range(0, rows, step))
+    return blocks(rows, AT_ONCE if any(isinstance(c, Made) for c in columns) else rows)
+
+
+def blocks(rows: int, many: int = AT_ONCE) -> Iterator[slice]:
+    """Yield so many rows after the other."""
+    return (slice(k, min(k + many, rows)) for k in range(0, rows, many))
 
 
 def among(columns: Columns, which: slice) -> Columns:
