@@ -19,6 +19,7 @@ from estimator.fitting.fit import Fit, Linear
 from estimator.fitting.score_test import ScoreTest
 from estimator.fitting.simulator import CELLS, Nuisance, Simulator
 from estimator.noise.in_parts import among
+from estimator.noise.kalman import give_back
 from estimator.noise.whitener import Whitener
 from estimator.plans.part import LONG
 
@@ -88,6 +89,7 @@ class AdditionTests:
         fit = explanation.fit
         if beside is None and self._tested is not None and self._tested.holds(fit, effects):
             return self._tested.found
+        give_back(self.base.rows)
         test, long = fit.test(), fit.simulator.rows > LONG
         simulators = [self.simulator(fit, effect) for effect in effects]  # a rival FMU is loaded beside what follows
         result: list[Addition] = []
@@ -112,6 +114,7 @@ class AdditionTests:
                 if nuisance.name not in simulator.index:
                     continue
                 by_simulator.setdefault(id(simulator), (simulator, []))[1].append((effect, nuisance))
+        give_back(self.base.rows)
         # The fit's own simulator last: it was loaded for the fit, and is asked next.
         tried = [list(self._tried(fit, s, wanted, test, beside=beside)) for s, wanted in [*by_simulator.values()][::-1]]
         result += itertools.chain.from_iterable(tried[::-1])

@@ -10,6 +10,7 @@ or a test needs. gauss_newton.py finds the least.
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -25,6 +26,7 @@ from estimator.fitting.simulator import Simulator
 from estimator.fitting.slopes import Slopes
 from estimator.noise.in_parts import Columns, Made, Scaled
 from estimator.noise.level import Level
+from estimator.noise.kalman import give_back
 from estimator.noise.noise_model import NoiseModel
 from estimator.noise.whitener import Whitener
 from estimator.plans.parameters import SensorPlace
@@ -252,6 +254,7 @@ class Fit:
             self.__dict__.pop(name, None)
         self.slopes.forget()
         self.whitener.forget()
+        give_back(len(self.shown))
 
 
 def chosen(columns: Columns, which: BoolArray) -> Columns:
@@ -292,11 +295,11 @@ def _way(fit: Fit) -> NDArray[np.int8] | None:
 
 def slopes_in_time(fit: Fit) -> FloatArray:
     """Return the slopes of the signals as they are simulated now, (rows, q), in their units a second."""
-    shown = np.where(np.isfinite(fit.shown), fit.shown, 0.0)
-    slope = np.zeros_like(shown)
-    for clock in fit.simulator.clocks:
+    slope = np.zeros_like(fit.shown)
+    for clock, k in itertools.product(fit.simulator.clocks, range(slope.shape[1])):
         if len(clock.time) > 2:
-            slope[clock.rows] = np.gradient(shown[clock.rows], clock.time, axis=0)
+            own = fit.shown[clock.rows, k]
+            slope[clock.rows, k] = np.gradient(np.where(np.isfinite(own), own, 0.0), clock.time)
     return slope
 
 

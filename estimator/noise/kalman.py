@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.errors import InputError
+from estimator.plans.part import LONG
 from estimator.stepping.library import KALMAN, check_installed
 
 FloatArray = NDArray[np.float64]
@@ -130,7 +131,7 @@ def filters() -> ctypes.CDLL:
     """
     check_installed(KALMAN)
     library = ctypes.CDLL(str(KALMAN))
-    if not hasattr(library, "descent_begin") or not hasattr(library, "sections_run"):
+    if not hasattr(library, "descent_begin") or not hasattr(library, "memory_give_back"):
         raise InputError(f"{KALMAN} is of an older version: install fmu-estimator again by pip, which compiles it")
     library.kalman_whiten.restype = ctypes.c_int64
     library.kalman_whiten.argtypes = [ctypes.c_int64] * 5 + [ctypes.c_void_p] * 9
@@ -171,4 +172,12 @@ def filters() -> ctypes.CDLL:
     library.memory_keep.restype = None
     library.memory_keep.argtypes = [ctypes.c_int] * 2
     library.memory_keep(LARGEST_KEPT, MOST_KEPT)
+    library.memory_give_back.restype = None
+    library.memory_give_back.argtypes = []
     return library
+
+
+def give_back(rows: int) -> None:
+    """Give back to the system what arrays have left, of recordings of many rows: before the largest of them are made."""
+    if rows > LONG:
+        filters().memory_give_back()
