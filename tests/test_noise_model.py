@@ -284,7 +284,9 @@ def test_what_is_alike_after_all_edges_is_a_response_and_no_jitter():
     jitter = slope * 0.15 * STEP * rng.standard_normal((900, 1))
     assert find_jitter(response + noise, slope, STEP)[0] > 0
     assert find_jitter(*without_responses(response + noise, slope.copy(), edges), STEP)[0] == 0
-    assert find_jitter(*without_responses(jitter + noise, slope.copy(), edges), STEP)[0] == pytest.approx(0.15 * STEP, rel=0.4)
+    assert find_jitter(*without_responses(jitter + noise, slope.copy(), edges), STEP)[0] == pytest.approx(
+        0.15 * STEP, rel=0.4
+    )
     one = without_responses(jitter + noise, np.where(np.arange(900)[:, None] < 300, slope, 0.0), edges[:1])
     assert find_jitter(*one, STEP)[0] == 0, "one edge does not tell them apart"
 

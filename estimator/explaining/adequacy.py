@@ -198,7 +198,7 @@ def _raised(excess: FloatArray, where: Any, least: float) -> FloatArray:
     return excess
 
 
-def _samples(z: FloatArray, rows: NDArray[np.int64], j: int) -> NDArray[np.bool_]:
+def _samples(z: FloatArray, rows: NDArray[np.int32], j: int) -> NDArray[np.bool_]:
     mask = np.zeros(z.shape, dtype=bool)
     mask[rows, j] = True
     return mask

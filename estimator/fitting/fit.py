@@ -25,8 +25,8 @@ from estimator.fitting.score_test import ScoreTest
 from estimator.fitting.simulator import Simulator
 from estimator.fitting.slopes import Slopes
 from estimator.noise.in_parts import Columns, Made, Scaled
-from estimator.noise.level import Level
 from estimator.noise.kalman import give_back
+from estimator.noise.level import Level
 from estimator.noise.noise_model import NoiseModel
 from estimator.noise.whitener import Whitener
 from estimator.plans.parameters import SensorPlace

@@ -41,6 +41,7 @@ class LoadedJob:
 
     def __init__(self, job: Job, *, fmu: Path, folder: Path, key: int, others: Sequence[LoadedJob] = ()) -> None:
         self.job = job
+        self._numbers: tuple[int, ...]  # the descriptor of the memory that they lie in, if they lie in one
         rows = sum(len(e.measured) for e in job.experiments)
         outputs = len(job.output_references)
         shared = self.shared = SharedMemory(

@@ -148,7 +148,9 @@ def among(columns: Columns, which: slice) -> Columns:
 
 def square(columns: Columns) -> float:
     """Return the sum of the squares of columns, (n, c)."""
-    return float(np.trace(products(columns, columns))) if isinstance(columns, Made) else float(np.vdot(columns, columns))
+    return (
+        float(np.trace(products(columns, columns))) if isinstance(columns, Made) else float(np.vdot(columns, columns))
+    )
 
 
 def along(columns: Columns, at: slice, others: FloatArray) -> FloatArray:

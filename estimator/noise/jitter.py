@@ -105,7 +105,7 @@ def _squares(signals: FloatArray, rows: NDArray[np.bool_]) -> FloatArray:
 
 
 def without_responses(
-    z: FloatArray, slope: FloatArray, transients: Sequence[NDArray[np.int64]]
+    z: FloatArray, slope: FloatArray, transients: Sequence[NDArray[np.int32]]
 ) -> tuple[FloatArray, FloatArray]:
     """Return whitened residuals, and slopes, (rows, q) each, in their place, without what is alike after all edges.
 

@@ -178,6 +178,6 @@ def filters() -> ctypes.CDLL:
 
 
 def give_back(rows: int) -> None:
-    """Give back to the system what arrays have left, of recordings of many rows: before the largest of them are made."""
+    """Give back to the system what arrays of many rows have left: before the largest of them are made."""
     if rows > LONG:
         filters().memory_give_back()
