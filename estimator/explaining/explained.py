@@ -87,6 +87,8 @@ class Explained:
         """Return what the sensors show by the best explanation without ripple, (rows, q)."""
         fit = self.fit
         plain = [k for k, name in enumerate(fit.linear_names) if not name.startswith("ripple ")]
+        if not plain:
+            return fit.shown + 0.0
         return np.asarray(fit.shown + fit.raw[:, :, len(fit.free) :][:, :, plain] @ fit.coefficients[plain])
 
     def shown(self) -> list[FloatArray]:

@@ -75,8 +75,10 @@ def with_noise(
     steps = s.coarse | np.array([y == "angle" for y in s.outputs])  # an angle's counts, far apart as its samples are
     found = fit_noise(
         whitener, misfit, columns, windows.settled, windows.sharp, colour=colour, again=again, counts=differenced,
+        steps=np.where(differenced == 0, s.steps, 0.0),
         resolution=np.where(steps & (differenced == 0), s.steps, 0.0), is_held=held_by_sensor(fit),
     )  # fmt: skip
+    del misfit  # of a million rows a thirtieth of what is held
     fit = held_down(refreshed(fit, whitener.of(found)), windows.onsets)
     return dataclasses.replace(explanation, fit=solved(fit))
 
@@ -95,9 +97,7 @@ def with_jitter(explanation: Explanation, differenced: FloatArray) -> Explanatio
         slope = np.where(whitener.present & fine, whitener.slope / deviation, 0.0)
         z = refreshed(fit, whitener).z.reshape(slope.shape)
         worse = float(np.vdot(z, z) + 2 * np.sum(np.log(deviation), where=whitener.present))
-        told = without_responses(z, slope, edges)
-        del z, slope  # of a million rows a tenth of what is held
-        jitter, sizes, gain = find_jitter(*told, fit.simulator.clocks[0].step)
+        jitter, sizes, gain = find_jitter(*without_responses(z, slope, edges), fit.simulator.clocks[0].step)
         found.append((worse - gain, jitter, dataclasses.replace(noise, white=noise.white * sizes)))
         if not grows.grows:
             break
@@ -113,7 +113,10 @@ def with_noise_of_neighbours(explanation: Explanation, differenced: FloatArray) 
     fit = with_level(explanation.fit)
     windows = find_windows(explanation.fit)
     misfit = np.where(fit.whitener.present, fit.residuals(), 0.0)
-    old, found = fit.whitener.noise, noise_of_neighbours(fit.whitener, misfit, windows.sharp)
+    old, found = (
+        fit.whitener.noise,
+        noise_of_neighbours(fit.whitener, misfit, windows.sharp),
+    )
     coarse = (fit.simulator.steps > 0) | (differenced > 0)  # their noise is of steps, and no growth
     white = np.where(coarse, old.white, np.maximum(found.white, QUIET * old.white))
     found = dataclasses.replace(found, white=white, growth=np.where(coarse, old.growth, found.growth))

@@ -48,7 +48,7 @@ from estimator.explaining.explanation import (
 )
 from estimator.explaining.explanation_noise import by_noise_of, with_jitter, with_noise, with_noise_of_neighbours
 from estimator.explaining.first_fit import NO_NOISE, FirstFit
-from estimator.fitting.fit import Fit, new_fit
+from estimator.fitting.fit import Fit, new_fit, set_aside
 from estimator.fitting.gauss_newton import ROUGH, solved, solved_roughly
 from estimator.fitting.windows import find_windows
 
@@ -104,10 +104,14 @@ class Selection:
         """
         with self.first.held_near(starts):
             begun = self.first.explanation(starts) if known is None else self._begun(known)
-            best = self._without_effects(begun)
+            best = self._by_white_noise(begun)
+            if best is not None:  # then the first fit is hardly ever asked again, and of a million rows a tenth of all
+                again, begun = set_aside(begun.fit), Explanation(best.fit, begun.additions)
+                if self.best_addition(best, self.effects, set()) is not None:
+                    best, begun = None, Explanation(again(), begun.additions)
             if best is None:
                 best = self._with_effects(begun, sharp=known is None)  # the part has told what is sharp
-            del begun  # of a million rows a tenth of what is held
+            del begun
             if (shaken := with_jitter(best, self.differenced)) is not None:
                 best = self.without_idle(self.grown(shaken, self.effects))
             best = reshaped(best)
@@ -115,8 +119,8 @@ class Selection:
         fine = with_fine_filters(best.fit)[0] if best.fit.simulator is self.tests.base else best.fit
         return self.at_best(dataclasses.replace(best, fit=fine))
 
-    def _without_effects(self, first: Explanation) -> Explanation | None:
-        """Return a first fit by its noise, where that is white and shows no effect; else None.
+    def _by_white_noise(self, first: Explanation) -> Explanation | None:
+        """Return a first fit by its noise, where that is white; else None.
 
         White noise contains none of what `_with_effects` looks for before it estimates the noise.
         """
@@ -126,7 +130,7 @@ class Selection:
         if not best.fit.whitener.is_white:
             return None
         first.fit.forget()  # of a million rows a quarter of what is held
-        return best if self.best_addition(best, self.effects, set()) is None else None
+        return best
 
     def _with_effects(self, best: Explanation, *, sharp: bool) -> Explanation:
         """Return the explanation with its noise and its effects; `sharp`: look for these before coloured noise."""

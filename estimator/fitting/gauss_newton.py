@@ -16,6 +16,7 @@ from estimator.fitting.fit import Fit, cost_of, evaluated, linear_projection, mi
 from estimator.fitting.least_squares import SOON
 from estimator.fitting.projection import triangle
 from estimator.fitting.slopes import Point, Slopes, difference_steps
+from estimator.noise.in_parts import blocks
 from estimator.noise.kalman import filters
 from estimator.stepping.layout import ASKS_BENT, ASKS_CORRECTED, ASKS_COST, ASKS_NEW, DONE, DONE_BESIDE
 
@@ -81,12 +82,12 @@ def solved(
     if (found := _told_whole(fit, beside, limits)) is not None:
         x, at_known, shown, known = found
         return beside if at_known and beside is not None else end_at(x, shown, known)
-    x, shown, known = _begun(fit, central=fine)
+    x, shown, raw = _begun(fit, central=fine)
     if left:
         fit.forget()
     steps = _Steps(fit, beside=beside, **limits)
-    raw, there = known, shown
-    asked = steps.begin(x, misfits.cost(shown), known is not None)
+    is_fits, there = raw is not None, shown
+    asked = steps.begin(x, misfits.cost(shown), is_fits)
     while asked not in (DONE, DONE_BESIDE):
         if steps.has_moved:
             change, shown = there - shown, there
@@ -95,10 +96,11 @@ def solved(
             asked = steps.take_cost(misfits.cost(there))
             continue
         if asked == ASKS_NEW:
-            raw = point(steps.x, shown).slopes(central=fine)
+            raw = None  # before others are simulated
+            raw, is_fits = point(steps.x, shown).slopes(central=fine), False
         assert raw is not None
         if asked == ASKS_CORRECTED and steps.corrects:
-            raw = _corrected(raw, steps.step, change, steps.correction, own=raw is not known)
+            raw, is_fits = _corrected(raw, steps.step, change, steps.correction, own=not is_fits), False
         off = misfit(fit, shown)
         if asked == ASKS_BENT:
             off = np.where(fit.whitener.present, shown + raw @ (steps.tried - steps.x) - there, 0.0)
@@ -260,10 +262,11 @@ def _corrected(raw: FloatArray, dx: FloatArray, change: FloatArray, weights: Flo
     own : bool
         In their place.
     """
-    missed = change - raw @ dx
     raw = raw if own else raw.copy(order="K")
-    for k, weight in enumerate(weights.tolist()):
-        raw[:, :, k] += weight * missed
+    for at in blocks(len(raw)):  # which stay in a processor's cache
+        missed = change[at] - raw[at] @ dx
+        for k, weight in enumerate(weights.tolist()):
+            raw[at, :, k] += weight * missed
     return raw
 
 

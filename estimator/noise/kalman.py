@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.errors import InputError
+from estimator.plans.part import LONG
 from estimator.stepping.library import KALMAN, check_installed
 
 FloatArray = NDArray[np.float64]
@@ -27,6 +28,7 @@ FUNCTIONS: Mapping[str, tuple[Any, Sequence[Any]]] = {  # of kalman.c → what e
     "kalman_whiten": (WHOLE, [WHOLE] * 5 + [PLACE] * 9),
     "kalman_shorten": (None, [WHOLE] * 4 + [PLACE] * 6),
     "recursion_run": (None, [WHOLE] * 4 + [PLACE] * 4),
+    "sections_run": (None, [*[WHOLE] * 3, PLACE, PLACE, WHOLE, WHOLE, PLACE, WHOLE]),
     "response_run": (None, [WHOLE] * 3 + [PLACE] * 9),
     "gram_factor": (WHOLE, [WHOLE, REAL, PLACE, PLACE]),
     "fit_bytes": (WHOLE, [WHOLE]),
@@ -40,6 +42,7 @@ FUNCTIONS: Mapping[str, tuple[Any, Sequence[Any]]] = {  # of kalman.c → what e
     "scaled_column": (None, [WHOLE, PLACE, PLACE, WHOLE, PLACE, PLACE]),
     "scaled_gram": (None, [WHOLE, PLACE, WHOLE, *[PLACE] * 4]),
     "scaled_products": (None, [WHOLE, PLACE, PLACE, WHOLE, PLACE, PLACE, WHOLE, *[PLACE] * 3]),
+    "memory_give_back": (None, []),
     "memory_keep": (None, [ctypes.c_int] * 2),
 }
 LARGEST_KEPT, MOST_KEPT = 32 << 20, 256 << 20  # bytes: of an array, as many as glibc allows; of all of them
@@ -158,3 +161,9 @@ def filters() -> ctypes.CDLL:
         function.restype, function.argtypes = result, arguments
     library.memory_keep(LARGEST_KEPT, MOST_KEPT)
     return library
+
+
+def give_back(rows: int) -> None:
+    """Give back to the system what arrays of many rows have left: before the largest of them are made."""
+    if rows > LONG:
+        filters().memory_give_back()

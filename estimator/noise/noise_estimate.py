@@ -28,6 +28,9 @@ ROWS = 4000  # settled rows that the noise is estimated from, at most
 SETTLED_SAMPLES = 100  # settled samples of a channel; with fewer all rows are used
 BLOCK_LENGTHS = (2, 8, 32, 128, 512)  # samples whose means show slow correlation
 COLOURED = 5.0  # standard deviations of a block's mean square: of white noise less than once in 1e5
+SHOWN_AT_LEVELS = (
+    0.3  # of a step: with a larger noise samples of a level are as far off as those of a signal that moves
+)
 STRETCH, MOST_STRETCHES = 20, 12  # rows of a stretch that has a level of its own; stretches, at most
 
 
@@ -38,6 +41,7 @@ def fit_noise(
     settled: BoolArray,
     sharp: BoolArray,
     *,
+    steps: FloatArray,
     resolution: FloatArray,
     is_held: BoolArray,
     counts: FloatArray,
@@ -57,8 +61,11 @@ def fit_noise(
         Rows that the noise is estimated from.
     sharp : (rows,) array
         First parts of transients, where a misfit is most likely.
+    steps : (q,) array
+        By which the sensors resolve the channels; 0: they are fine. Samples of a signal that moves are off by the noise
+        and by what a step adds, of which those of a level show less where the noise is small.
     resolution : (q,) array
-        Step of a sensor that is too coarse for its errors to be noise: they are up to half of it. 0: it is fine.
+        The same of sensors that are too coarse for a growth to be told; 0: it may be.
     is_held : (q,) array
         Of a sensor so coarse that neighbours show the same value while the machine runs: they tell no colour.
     counts : (q,) array
@@ -72,12 +79,15 @@ def fit_noise(
     part, rows = _settled_part(whitener, settled)
     stacked = np.concatenate([residuals[rows, :, None], columns[rows], _levels(part)], axis=2)
     stacked = np.where(part.present[:, :, None], stacked, 0.0)
-    growth = np.array([growth_of(residuals[:, j], whitener, j, sharp)[0] for j in range(residuals.shape[1])])
+    growth = np.array(
+        [growth_of(residuals[:, j], whitener, j, sharp, step=float(step))[0] for j, step in enumerate(steps)]
+    )
     growth[resolution > 0] = 0.0
     choice = _Choice(RestrictedLikelihood(part, stacked), colour=colour, growth=growth, is_held=is_held)
     found = choice.again() if again else choice.best()
     differenced = np.maximum(found.differenced, counts)
-    white = np.maximum(found.white, resolution / STEP_DEVIATION)
+    hidden = np.hypot(np.minimum(found.white, SHOWN_AT_LEVELS * steps), steps / STEP_DEVIATION)
+    white = np.maximum(found.white, hidden)
     return dataclasses.replace(found, white=white, differenced=differenced)
 
 

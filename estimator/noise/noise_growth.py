@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.conventions import LEAST_FALL, MEDIAN_SIZE, SECOND_DIFFERENCE, T_FREEDOM, T_MEDIAN
+from estimator.conventions import LEAST_FALL, MEDIAN_SIZE, SECOND_DIFFERENCE, STEP_DEVIATION, T_FREEDOM, T_MEDIAN
 from estimator.noise.noise_model import NoiseModel, grown
 from estimator.noise.whitener import Whitener
 from estimator.recordings.samples import median, medians, sum_of_logs
@@ -31,7 +31,9 @@ def noise_of_neighbours(whitener: Whitener, residuals: FloatArray, sharp: BoolAr
     return dataclasses.replace(whitener.noise, white=np.array(white), growth=np.array([c for c, _ in told]))
 
 
-def growth_of(residuals: FloatArray, whitener: Whitener, j: int, sharp: BoolArray) -> tuple[float, float]:
+def growth_of(
+    residuals: FloatArray, whitener: Whitener, j: int, sharp: BoolArray, *, step: float = 0.0
+) -> tuple[float, float]:
     """Return how a channel's noise grows with its signal, c of `NoiseModel.growth`, from second differences.
 
     The second number is the deviation at rest of white noise of such differences; 0: too few samples.
@@ -43,17 +45,25 @@ def growth_of(residuals: FloatArray, whitener: Whitener, j: int, sharp: BoolArra
     ----------
     sharp : (rows,) array
         First parts of transients.
+    step : float
+        By which the sensor resolves the channel; 0: it is fine. Differences of a level are whole steps, and their
+        median is up to half as large again, or as small, as that of a signal that moves with the same noise: all
+        samples are spread over a step.
     """
-    sizes, levels, moves = [], [], []
+    spread = step * (np.random.default_rng(0).random(len(residuals)) - 0.5) if step else None
+    sizes, spreads, levels, moves = [], [], [], []
     for clock in whitener.clocks:
         x, known = residuals[clock.rows], whitener.present[clock.rows, j] & ~sharp[clock.rows]
         if len(x) < 3:
             continue
         told = known[2:] & known[1:-1] & known[:-2]
-        sizes.append((x[2:] - 2 * x[1:-1] + x[:-2])[told])
+        sizes.append(_second_differences(x)[told])
+        spreads.append(_second_differences(spread[clock.rows])[told] if spread is not None else 0.0)
         levels.append(whitener.level[clock.rows, j][1:-1][told])
         moves.append(whitener.moving[clock.rows][1:-1][told])
-    if _is_silent(sizes, moves):
+    is_silent = _is_silent(sizes, moves)
+    sizes = [own + by for own, by in zip(sizes, spreads, strict=True)]
+    if is_silent:
         sizes, levels = ([own[there] for own, there in zip(all_, moves, strict=True)] for all_ in (sizes, levels))
     d, level = np.concatenate([*sizes, np.zeros(0)]), np.concatenate([*levels, np.zeros(0)])
     if len(d) > 2 * DIFFERENCES:
@@ -65,9 +75,13 @@ def growth_of(residuals: FloatArray, whitener: Whitener, j: int, sharp: BoolArra
     def size(g: FloatArray) -> float:
         return max(median(sizes / g) / T_MEDIAN, floor)
 
+    def white(g: FloatArray) -> float:  # what is spread is as large as what a step adds by itself
+        found, spread = size(g) * T_MEDIAN / MEDIAN_SIZE / SECOND_DIFFERENCE, step / STEP_DEVIATION
+        return float(np.sqrt(max(found**2 - spread**2, spread**2)))
+
     loud = float(np.sort(level)[-LOUD_SAMPLES])
     if np.count_nonzero(level < loud / 2) < LOUD_SAMPLES:
-        return 0.0, size(np.ones_like(level)) * T_MEDIAN / MEDIAN_SIZE / SECOND_DIFFERENCE
+        return 0.0, white(np.ones_like(level))
 
     squares, powers = sizes * sizes, level * level
 
@@ -91,7 +105,11 @@ def growth_of(residuals: FloatArray, whitener: Whitener, j: int, sharp: BoolArra
         reached = misfits(fine)
         if none - np.min(reached) > CHARGE:
             c = float(fine[np.argmin(reached)])
-    return c, size(grown(c * level)) * T_MEDIAN / MEDIAN_SIZE / SECOND_DIFFERENCE
+    return c, white(grown(c * level))
+
+
+def _second_differences(x: FloatArray) -> FloatArray:
+    return x[2:] - 2 * x[1:-1] + x[:-2]
 
 
 def _is_silent(differences: list[FloatArray], moves: list[BoolArray]) -> bool:

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.motor.exponential import exponential
+from estimator.noise.level import Level
 
 FloatArray = NDArray[np.float64]
 
@@ -80,13 +81,13 @@ class NoiseModel:
         """Whether it grows with the signals, anywhere: else g is 1."""
         return bool(self.growth.any())
 
-    def scale(self, level: FloatArray) -> FloatArray:
+    def scale(self, level: FloatArray | Level) -> FloatArray:
         """Return g, (rows, q), at signals over their largest, (rows, q); not to be changed."""
         if not self.grows:
             return np.broadcast_to(1.0, level.shape)
-        return grown(self.growth * level)
+        return np.stack([grown(c * level[:, k]) for k, c in enumerate(self.growth)], axis=1)
 
-    def deviation(self, level: FloatArray) -> FloatArray:
+    def deviation(self, level: FloatArray | Level) -> FloatArray:
         """Return the deviation of each sample, (rows, q), all parts together; not to be changed."""
         power = self.white**2 + 2 * self.differenced**2 + self.slow[:, 0] ** 2
         if self.torque[0] > 0 and self.machine is not None:

@@ -363,6 +363,14 @@ EXPORT void memory_keep(int largest, int most)
 #endif
 }
 
+/* Give back what is kept, for a while: the next arrays have it anew. */
+EXPORT void memory_give_back(void)
+{
+#if defined(__GLIBC__)
+    malloc_trim(0);
+#endif
+}
+
 #include "reverse_communication.h"
 #include "products.h"
 #include "recursions.h"

@@ -22,9 +22,11 @@ SAMPLES = (2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 16.0)
 def mean_of_last(y: FloatArray, n: float, h: float) -> FloatArray:
     """Return the running mean of the last n samples, the first repeated before the start."""
     k = round(n)
-    padded = np.concatenate([np.repeat(y[:1], k - 1), y])
-    sums = np.cumsum(np.concatenate([[0.0], padded]))
-    return np.asarray((sums[k:] - sums[:-k]) / k)
+    sums = np.concatenate([[0.0], np.repeat(y[:1], k - 1), y])
+    np.cumsum(sums, out=sums)
+    mean = sums[k:] - sums[:-k]
+    mean /= k
+    return np.asarray(mean)
 
 
 def mean_over_interval(y: FloatArray, n: float, h: float) -> FloatArray:

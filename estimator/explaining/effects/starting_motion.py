@@ -48,8 +48,10 @@ class StartingMotion(Effect):
                 before_voltage = np.asarray(np.cumsum(o.inputs["v"] != 0) == 0)
                 opens_first = coasts and coasts_in(o, before_voltage)
                 units = (UNITS["w"],) if opens_first else (UNITS["w"], UNITS["i"])  # no current flows then
-                columns = np.zeros((s.rows, len(s.outputs), len(units)))
-                columns[clock.rows] = free_motion(fit, clock, opens_first=opens_first)[:, :, : len(units)]
+                columns = free_motion(fit, clock, opens_first=opens_first)[:, :, : len(units)]
+                if len(s.clocks) > 1:
+                    own, columns = columns, np.zeros((s.rows, len(s.outputs), len(units)))
+                    columns[clock.rows] = own
                 found.append(Linear(name, columns, units))
         return found
 
