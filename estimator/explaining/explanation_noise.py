@@ -72,11 +72,12 @@ def with_noise(
     windows = find_windows(explanation.fit)
     columns = fit.raw if len(wide) == len(fit.names) else fit.raw[:, :, wide]
     s = fit.simulator
-    steps = s.coarse | np.array([y == "angle" for y in s.outputs])  # an angle's counts, far apart as its samples are
+    is_angle = np.array([y == "angle" for y in s.outputs])  # its counts are far apart, as its samples are
+    steps = np.where(differenced == 0, s.steps, 0.0)
     found = fit_noise(
         whitener, misfit, columns, windows.settled, windows.sharp, colour=colour, again=again, counts=differenced,
-        steps=np.where(differenced == 0, s.steps, 0.0),
-        resolution=np.where(steps & (differenced == 0), s.steps, 0.0), is_held=held_by_sensor(fit),
+        steps=np.where(is_angle, 0.0, steps),
+        resolution=np.where(s.coarse | is_angle, steps, 0.0), is_held=held_by_sensor(fit),
     )  # fmt: skip
     del misfit  # of a million rows a thirtieth of what is held
     fit = held_down(refreshed(fit, whitener.of(found)), windows.onsets)

@@ -31,6 +31,7 @@ COLOURED = 5.0  # standard deviations of a block's mean square: of white noise l
 SHOWN_AT_LEVELS = (
     0.3  # of a step: with a larger noise samples of a level are as far off as those of a signal that moves
 )
+SILENT = 1e-6  # of all residuals: smaller ones are of a sensor that shows zero at rest
 STRETCH, MOST_STRETCHES = 20, 12  # rows of a stretch that has a level of its own; stretches, at most
 
 
@@ -62,10 +63,10 @@ def fit_noise(
     sharp : (rows,) array
         First parts of transients, where a misfit is most likely.
     steps : (q,) array
-        By which the sensors resolve the channels; 0: they are fine. Samples of a signal that moves are off by the noise
-        and by what a step adds, of which those of a level show less where the noise is small.
+        By which the sensors resolve channels that stay at levels; 0: they are fine. Samples of a signal that moves are
+        off by the noise and by what a step adds, of which those of a level show less where the noise is small.
     resolution : (q,) array
-        The same of sensors that are too coarse for a growth to be told; 0: it may be.
+        Step of a sensor that is too coarse for its errors to be noise: they are up to half of it. 0: it is fine.
     is_held : (q,) array
         Of a sensor so coarse that neighbours show the same value while the machine runs: they tell no colour.
     counts : (q,) array
@@ -76,7 +77,7 @@ def fit_noise(
     again : bool
         Keep the components of the whitener's noise, and estimate their parameters again.
     """
-    part, rows = _settled_part(whitener, settled)
+    part, rows = _settled_part(whitener, settled, residuals)
     stacked = np.concatenate([residuals[rows, :, None], columns[rows], _levels(part)], axis=2)
     stacked = np.where(part.present[:, :, None], stacked, 0.0)
     growth = np.array(
@@ -87,15 +88,20 @@ def fit_noise(
     found = choice.again() if again else choice.best()
     differenced = np.maximum(found.differenced, counts)
     hidden = np.hypot(np.minimum(found.white, SHOWN_AT_LEVELS * steps), steps / STEP_DEVIATION)
-    white = np.maximum(found.white, hidden)
+    white = np.maximum(found.white, np.maximum(hidden, resolution / STEP_DEVIATION))
     return dataclasses.replace(found, white=white, differenced=differenced)
 
 
-def _settled_part(whitener: Whitener, settled: BoolArray) -> tuple[Whitener, NDArray[np.int64]]:
-    """Return the whitener of the rows that the noise is estimated from, and these rows."""
+def _settled_part(whitener: Whitener, settled: BoolArray, residuals: FloatArray) -> tuple[Whitener, NDArray[np.int64]]:
+    """Return the whitener of the rows that the noise is estimated from, and these rows.
+
+    A sensor that shows no noise at rest, and never settles elsewhere, tells its noise while the machine runs.
+    """
     present = whitener.present & settled[:, None]
     for j in range(present.shape[1]):
-        if present[:, j].sum() < min(SETTLED_SAMPLES, whitener.present[:, j].sum()):
+        own, anywhere = residuals[present[:, j], j], residuals[whitener.present[:, j], j]
+        few = len(own) < min(SETTLED_SAMPLES, len(anywhere))
+        if few or float(own @ own) * len(anywhere) < SILENT**2 * float(anywhere @ anywhere) * len(own):
             present[:, j] = whitener.present[:, j]
     told = np.flatnonzero(np.logical_or.reduce(list(present.T)))
     if len(told) > ROWS:  # of every recording its part
