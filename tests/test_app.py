@@ -14,7 +14,7 @@ pytest.importorskip("starlette", reason="the extra app is not installed")
 from estimator.app.outcomes import Outcomes  # noqa: E402
 from estimator.app.place import Place  # noqa: E402
 from estimator.app.series import Series, gaps, nearest, outliers, spectrum, view  # noqa: E402
-from estimator.app.server import Service  # noqa: E402
+from estimator.app.service import Service  # noqa: E402
 from estimator.app.workspace import Outdated, Workspace  # noqa: E402
 from estimator.cases.case import read_case  # noqa: E402
 from estimator.commands.arguments import command_line  # noqa: E402

@@ -5,7 +5,8 @@ import pytest
 from foreign_fmus import foreign_case, foreign_fmu
 from motors import CML050
 
-from estimator.cases.case import read_case, write_case
+from estimator.cases.case import read_case
+from estimator.cases.written_case import write_case
 from estimator.errors import CaseError
 from estimator.estimating.estimate import estimate
 from estimator.fmus.fmu import describe

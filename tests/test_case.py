@@ -19,9 +19,9 @@ from estimator.cases.case import (
     SearchSpec,
     case_for_recording,
     read_case,
-    write_case,
 )
 from estimator.cases.case_signals import RunSpec
+from estimator.cases.written_case import write_case
 from estimator.errors import CaseError, InputError
 from estimator.recordings.filters import Coefficients, LowPass
 

@@ -26,7 +26,8 @@ from estimator.cli import main
 from estimator.commands.argument_groups import KINDS
 from estimator.errors import InputError, SimulationError
 from estimator.estimating.progress import Progress
-from estimator.fmus.fmu import FmuDescription, Variable
+from estimator.fmus.fmu import FmuDescription
+from estimator.fmus.variable import Variable
 from estimator.method_names import METHODS
 from estimator.recordings.reading import read_recording
 

@@ -8,9 +8,10 @@ import mpmath
 import numpy as np
 import pytest
 
-from estimator.cases.case import Case, read_case, write_case
+from estimator.cases.case import Case, read_case
 from estimator.cases.expectation import Expectation, Limits, check_names, checks, compare
 from estimator.cases.nameplate import Nameplate, plate_check_names, plate_checks, plate_values
+from estimator.cases.written_case import write_case
 from estimator.errors import CaseError
 from estimator.results.result import Estimate, ParameterEstimate
 

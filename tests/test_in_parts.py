@@ -11,8 +11,9 @@ from estimator.explaining.addition import Scores
 from estimator.fitting.projection import Projection, triangle
 from estimator.fitting.score_test import ScoreTest
 from estimator.noise import jitter
-from estimator.noise.in_parts import AT_ONCE, Made, Scaled, products
+from estimator.noise.in_parts import AT_ONCE, Made, Scaled, among, products, square
 from estimator.noise.jitter import find_jitter
+from estimator.noise.level import Level
 from estimator.noise.noise_model import NoiseModel
 from estimator.plans.part import LONG
 
@@ -20,7 +21,7 @@ ROWS = 2 * AT_ONCE + 17  # of three channels: parts begin amid a row
 NONE = np.zeros(0)
 NOISES = {
     "white": plain(0.5, 1.0, 2.0),
-    "grows": dataclasses.replace(plain(0.5, 1.0, 2.0), growth=np.array([[2.0, 2.0], [0.0, 2.0], [1.0, 8.0]])),
+    "grows": dataclasses.replace(plain(0.5, 1.0, 2.0), growth=np.array([2.0, 0.0, 1.0])),
     "of two sizes": dataclasses.replace(
         plain(0.5, 1.0, 2.0), short=(((NONE, 1.1), (NONE, 1.0), (NONE, 0.9)), ((NONE, 1.0), (NONE, 1.3), (NONE, 1.0)))
     ),
@@ -53,6 +54,27 @@ def test_columns_of_noise_without_a_memory_are_whitened_in_parts_as_by_the_filte
     assert np.allclose(products(found, made), right.T @ right[:, :2], rtol=1e-10, atol=1e-8)
     few, some = whitener.of_rows(columns[300:340], slice(300, 340))
     assert np.allclose(some, right[3 * few.start : 3 * few.stop, :2], rtol=1e-13, atol=0)
+
+
+def test_some_of_columns_and_their_squares_are_those_of_columns_that_are_held():
+    whitener, columns = long_whitener(NOISES["grows"]), np.random.default_rng(3).standard_normal((ROWS, 3, 4))
+    columns[[5, 20_001]] = 0.0
+    found, held = whitener.whitened(columns), whitener(columns)[0].reshape(-1, 4)
+    made = whitener.of_made(lambda rows: columns[rows].copy())
+    for some in (found, made, held):
+        two = among(some, slice(1, 3))
+        assert two.shape == (3 * ROWS, 2) and np.allclose(two[:], held[:, 1:3], rtol=1e-13, atol=0)
+        assert square(two) == pytest.approx(np.sum(held[:, 1:3] ** 2), rel=1e-12)
+
+
+def test_how_large_signals_are_is_told_of_any_rows_as_of_all():
+    signals = np.random.default_rng(4).standard_normal((50, 2)) * [3.0, 0.0]
+    signals[7, 0] = np.nan
+    level = Level.of(signals)
+    sizes = np.abs(np.nan_to_num(signals))
+    right = sizes / [sizes[:, 0].max(), 1.0]
+    assert level.shape == (50, 2) and np.array_equal(level[:], right) and np.array_equal(level[3:9], right[3:9])
+    assert np.array_equal(level[3:9, 0], right[3:9, 0]) and np.array_equal(level[np.array([7, 2])], right[[7, 2]])
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,8 @@
 """Recordings of many rows: what is found of them, and that it is what shorter ones say."""
 
 import dataclasses
+import os
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -15,10 +17,10 @@ from estimator.explaining.explained import explain
 from estimator.explaining.selection import Selection
 from estimator.explaining.selection_of_plan import freed_by_the_case
 from estimator.fitting import gauss_newton
-from estimator.fitting.fit import new_fit, refreshed
+from estimator.fitting.fit import new_fit, refreshed, set_aside
 from estimator.fitting.gauss_newton import solved
 from estimator.fitting.projection import BLOCK, triangle
-from estimator.fitting.simulator import KEPT_ANSWERS, Simulator
+from estimator.fitting.simulator import CELLS, KEPT_ANSWERS, KEPT_VALUES, Simulator
 from estimator.fmus.fmu import describe
 from estimator.fmus.simulate import simulate
 from estimator.fmus.workers import Workers
@@ -103,6 +105,42 @@ def test_what_was_asked_of_late_is_not_simulated_again_and_can_be_changed_by_who
         assert np.array_equal(simulator.shown(one), kept) and crew.simulations == before + 1
         simulator.shown(one, refine=2)
         assert crew.simulations == before + 2
+
+
+def test_an_estimate_holds_so_many_columns_of_all_rows_and_no_more():
+    rows, outputs, free = 200_000, 2, len(TRUE)
+    recording = switched(rows)
+    run(switched(2_000))  # what is imported and remembered
+    tracemalloc.start()
+    try:
+        run(recording)
+        most = tracemalloc.get_traced_memory()[1] / 8 / rows
+    finally:
+        tracemalloc.stop()
+    fits = (
+        2 * 3 * outputs
+    )  # the one that a descent begins at, and where it ends: shown, whitened, one over the deviation
+    held = (
+        2 + outputs + 2 * outputs + 2 * free * outputs + fits
+    )  # recording, compared, derivatives as both ask for them
+    held += 2 * outputs + 3  # where the first fit began, weights of outliers; windows, masks
+    simulated = 2 * outputs * CELLS / rows + KEPT_VALUES / rows  # at once, beside those before; and of late
+    assert most < held + simulated
+
+
+def test_a_fit_that_is_set_aside_is_made_again_as_it_was():
+    plan = plan_of(switched(2_000))
+    with Workers(1) as crew:
+        simulator = Simulator(plan, (), crew, {"i": 1.0, "w": 1.0})
+        noise = NoiseModel.plain(np.array([NOISE["i"], NOISE["w"]]), (-1, -1))
+        for grown in (noise, dataclasses.replace(noise, growth=np.array([2.0, 0.0]))):
+            fit = solved(
+                new_fit(simulator, simulator.values({n: 1.01 * x for n, x in TRUE.items()}), plan.names, grown)
+            )
+            again = set_aside(fit)()
+            assert again.cost == fit.cost and np.array_equal(again.values, fit.values)
+            assert np.array_equal(again.z, fit.z) and np.array_equal(again.shown, fit.shown)
+            assert np.array_equal(again.raw, fit.raw) and np.array_equal(again.covariance(), fit.covariance())
 
 
 def of_the_whole(recording, monkeypatch):
@@ -264,3 +302,26 @@ def test_offsets_of_several_recordings_are_found_in_as_many_rounds_as_those_of_t
         told = [p.value for name, p in found.chain.items() if name.startswith("offset i")]
         assert sorted(told) == pytest.approx(sorted(offsets[:many]), abs=0.005), found.effects
     assert rounds[1] <= rounds[0]
+
+
+@pytest.mark.skipif(not hasattr(os, "memfd_create"), reason="what is shared lies in files there")
+def test_jobs_of_the_same_numbers_share_them_and_one_that_rests_gives_up_its_trajectories():
+    plan, rows = plan_of(switched(80_000)), 80_000
+    sigma = {"i": 1.0, "w": 1.0}
+    with Workers(1) as crew:
+        first, second = (Simulator(plan, (), crew, sigma) for _ in range(2))
+        other = Simulator(plan, (), crew, {"i": 2.0, "w": 1.0})
+        jobs = {id(k.job): k for k in crew._kept}
+        a, b, c = (jobs[id(s.problem._job)] for s in (first, second, other))
+        places = [os.fstat(loaded._numbers[0]).st_ino for loaded in (a, b, c)]
+        assert places[0] == places[1] != places[2] and a._numbers != b._numbers
+        candidate = first.values(TRUE)[None, :]
+        before = first._simulated(candidate, 1)
+        held = os.fstat(a._descriptors[0]).st_blocks * 512
+        assert held > rows * 2 * 8
+        assert np.array_equal(second._simulated(candidate, 1), before)
+        assert os.fstat(a._descriptors[0]).st_blocks * 512 < held - rows * 2 * 8 / 2
+        a.close()  # the numbers are the other's too
+        crew._kept.remove(a)
+        assert np.array_equal(second._simulated(1.01 * candidate, 1), other._simulated(1.01 * candidate, 1))
+        assert np.array_equal(first._simulated(candidate, 1), before)  # made ready anew

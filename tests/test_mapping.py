@@ -9,7 +9,8 @@ from foreign_fmus import CASE, foreign_case, foreign_fmu
 from motors import CML050, NAMES, held_response, step_recording, write_recording
 
 import fmu_build
-from estimator.cases.case import case_for_recording, read_case, write_case
+from estimator.cases.case import case_for_recording, read_case
+from estimator.cases.written_case import write_case
 from estimator.cli import main
 from estimator.commands.options import with_options
 from estimator.errors import InputError

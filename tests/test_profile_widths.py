@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from driven_motor import DrivenMotor
 from scipy.linalg import expm
 from scipy.optimize import least_squares
 
@@ -46,3 +47,23 @@ def test_a_bar_reaches_as_far_as_the_cost_lets_it(seed):
     assert 4 < half - here < 16, "the recording tells it from half of it, not by far"
     assert found["L"].standard_error > 0.9 * 0.5 * found["L"].value / np.sqrt(half - here)
     assert found["L"].standard_error < found["L"].value, "nor from zero"
+
+
+@pytest.mark.parametrize("seed", [0, 4])
+def test_a_bar_is_no_kink_beyond_which_the_cost_stays_as_it_is(seed):
+    """A limit hides the current's rise: it is reached within a sample, whatever L is below a sampling interval."""
+    true = {"R": 0.854, "K": 0.01604, "L": 1.86e-4, "J": 1.32e-5, "B": 1.9e-5}
+    step, rows = 5e-4, 800
+    v = np.repeat([0.0, 8.36], [100, rows - 100])
+    after = DrivenMotor(true | {"current_limit": 5.53}).response(v, np.zeros(rows), step=step)[:, :2]
+    measured = np.vstack([np.zeros((1, 2)), after[:-1]])  # each row with the voltage that begins then
+    measured += np.array([0.054, 5.0]) * np.random.default_rng(seed).standard_normal((rows, 2))
+    columns = {"voltage [V]": v, "current [A]": measured[:, 0], "speed [rad/s]": measured[:, 1]}
+    result = estimate_parameters(recording_from_arrays("bench", np.arange(rows) * step, columns), workers=1, seed=1)
+    assert "current limit" in result.effects
+    for name in "RKJB":
+        found = result.parameters[name]
+        assert abs(found.value - true[name]) < 4 * found.standard_error, name
+    found = result.parameters["L"]
+    assert found.status == "not identified", "it may be anything below"
+    assert found.standard_error is None or found.standard_error > 0.5 * true["L"]

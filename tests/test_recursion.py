@@ -5,7 +5,7 @@ import pytest
 from scipy.signal import cont2discrete, dlsim, lfilter
 
 from estimator.explaining.effects.low_pass import butterworth, lagged
-from estimator.noise.recursion import recursion
+from estimator.noise.recursion import behind, recursion
 
 
 @pytest.mark.parametrize("n", [0, 1, 2, 3, 200, 20_000])
@@ -50,8 +50,16 @@ def test_several_signals_have_the_recursion_of_each(b, a, c):
     assert np.array_equal(recursion(b, a, x)[:, 0], recursion(b, a, np.ascontiguousarray(x[:, 0])))
 
 
-@pytest.mark.parametrize(("b", "a"), [([0.3], []), ([0.4, 0.1], [-0.5]), ([0.1, 0.2, 0.1], [-1.2, 0.5])])
-def test_a_recursion_in_place_is_the_same(b, a):
-    x = np.random.default_rng(1).standard_normal(500)
-    apart, own = recursion(b, a, x), x.copy()
-    assert recursion(b, a, own, in_place=True) is own and np.array_equal(own, apart)
+@pytest.mark.parametrize("sections", [[([0.4, 0.6], [])], [([0.3, 0.2], [-0.5])], [([0.1, 0.2, 0.1], [-1.1, 0.5])] * 2])
+@pytest.mark.parametrize("c", [1, 4])
+def test_a_filter_shows_a_signal_as_it_lies_in_memory_as_the_recursions_of_its_sections_do(sections, c):
+    phases = np.random.default_rng(c).standard_normal((c, 500, 2)) + 5.0  # each a part of a row later than the next
+    rows = phases[::-1, :, 1].T
+    right, shown = rows.ravel(), np.full((500, 3), np.nan)
+    for b, a in sections:
+        right = right[0] + recursion(b, a, right - right[0])
+    behind(sections, rows, shown[:, 2])
+    assert np.array_equal(shown[:, 2], right[c - 1 :: c]) and np.isnan(shown[:, :2]).all()
+    if c == 1:
+        behind(sections, rows, phases[0, :, 1])
+        assert np.array_equal(phases[0, :, 1], right)

@@ -32,7 +32,7 @@ def test_what_is_idle_is_told_by_the_noise_of_the_whole_explanation(monkeypatch)
         selection, "without", lambda e, a, *, limit: of("".join(sorted(e.names() - {a.name})), e.fit.noise)
     )
     monkeypatch.setattr(selection, "with_noise", with_noise)
-    search = Selection(SimpleNamespace(samples=1000), (), None, None, ())
+    search = Selection(SimpleNamespace(samples=1000), None, None, ())
     slimmer = search.without_idle(of("abc", "first"))
     assert slimmer.names() == {"b", "c"} and estimated == ["bc"]
     whole = of("bc", "first")

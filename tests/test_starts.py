@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 import fmu_build
-from estimator.cases.case import read_case, write_case
+from estimator.cases.case import read_case
 from estimator.cases.starts import read_starts, values_of
+from estimator.cases.written_case import write_case
 from estimator.cli import main
 from estimator.errors import InputError
 from estimator.estimating.estimate import estimate

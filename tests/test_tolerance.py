@@ -6,9 +6,10 @@ import tomllib
 import jsonschema
 import pytest
 
-from estimator.cases.case import read_case, write_case
+from estimator.cases.case import read_case
 from estimator.cases.schema import schema
 from estimator.cases.tolerance import OFFERED, tolerances
+from estimator.cases.written_case import write_case
 from estimator.errors import CaseError
 
 pytestmark = pytest.mark.usefixtures("shared_workers")

@@ -14,7 +14,8 @@ from typing import Any
 from estimator.app.place import Place
 from estimator.cases.case import FMI_KINDS, LOSSES, METHODS, Case, OutputSpec, ParameterSpec, RunSpec
 from estimator.errors import InputError
-from estimator.fmus.fmu import FmuDescription, Variable
+from estimator.fmus.fmu import FmuDescription
+from estimator.fmus.variable import Variable
 from estimator.motor.names import MOTOR, has_motor
 from estimator.plans.binding import usual_parameters
 from estimator.plans.parameters import Parameter

@@ -6,7 +6,6 @@ import contextlib
 import json
 import os
 import secrets
-import shlex
 import signal
 import socket
 import sys
@@ -27,139 +26,24 @@ from starlette.responses import FileResponse, JSONResponse, Response
 from starlette.routing import Route
 from starlette.types import ASGIApp
 
-from estimator.app import program
 from estimator.app.guard import Guard
-from estimator.app.outcomes import Outcomes
-from estimator.app.place import Place
-from estimator.app.preview import Picture, Previews
-from estimator.app.reading import bare_facts, facts, reading_options, series_of
-from estimator.app.runs import Runs
+from estimator.app.request_values import names_of, number_of, object_of, text_of
 from estimator.app.series import Series, nearest, view
-from estimator.app.workspace import Outdated, Workspace, start_case
+from estimator.app.service import Service
+from estimator.app.workspace import Outdated, start_case
 from estimator.errors import EstimatorError, InputError
 from estimator.results.result_json import json_ready
 
 PAGE = Path(__file__).parent / "page"
 TYPES = {".html": "text/html", ".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml"}
 LOOPBACK = "127.0.0.1"
-INSPECTION_LIMIT, CHECK_LIMIT = 90.0, 90.0  # s
 DEBUG = "FMU_ESTIMATOR_DEBUG"  # as in cli.py
 # A report brings its own style and script. It gets an origin of its own, and can fetch nothing.
 REPORT_POLICY = (
     "sandbox allow-scripts; default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'; img-src data:"
 )
 
-Work = Callable[["Service", Request, Any], Any]
-
-
-class Service:
-    """What answers are made of: the folder, the case under way, its runs, pictures and results."""
-
-    def __init__(self, folder: str | Path) -> None:
-        self.place = Place(folder)
-        self.workspace = Workspace(self.place)
-        self.runs = Runs(self.place)
-        self.outcomes = Outcomes(self.place)
-        self.previews = Previews()
-        self._facts: dict[tuple[Path, int], Any] = {}
-        self._checked: dict[tuple[str, float], Any] = {}
-        self._inspected: dict[tuple[str, float], Any] = {}
-
-    def close(self) -> None:
-        """End what is running."""
-        program.end_all()
-        self.runs.close()
-        self.previews.close()
-
-    def state(self) -> dict[str, Any]:
-        """Return all that the page shows but long signals."""
-        import fmu_build
-
-        files = self.place.listed()
-        return {
-            **self.workspace.state(),
-            "folder": str(self.place.path),
-            "stamp": self.stamp(),
-            "files": files,
-            "models": fmu_build.bundled_names(),
-            "runs": self.runs.listed(),
-            "results": [self.outcomes.summary(name) for name in files["results"]],
-        }
-
-    def stamp(self) -> str:
-        """Return a text that changes when a file or a result comes or goes."""
-        files = self.place.listed()
-        return repr((files, [self.outcomes.written(name) for name in files["results"]]))
-
-    def recording_facts(self, name: str, part: int) -> Any:
-        """Return what was read from a recording's file, or what is wrong with it."""
-        path = self.place.inside(name)
-        if not path.is_file():
-            raise InputError(f"there is no recording {name!r}")
-        recording = self.workspace.recording(path, part)
-        key = (path, id(recording))
-        if key not in self._facts:
-            self._facts = {k: v for k, v in self._facts.items() if k[0] != path}
-            self._facts[key] = facts(recording, written=self.workspace.written(path, part))
-        parts = len(self.workspace.recordings(path))
-        return {
-            **self._facts[key],
-            "parts": parts,
-            "tests": self.workspace.tests(path),
-            "motors": list(self.workspace.motors(path)),
-        }
-
-    def bare(self, name: str) -> Any:
-        """Return what a file holds that cannot be read as it is, and what it lacks."""
-        path = self.place.inside(name)
-        if not path.is_file():
-            raise InputError(f"there is no recording {name!r}")
-        return bare_facts(*self.workspace.bare(path))
-
-    def checked(self, name: str) -> Any:
-        """Return what the command `check` says of a recording, and the command."""
-        path = self.place.inside(name)
-        options = reading_options(self.workspace.read_as(path))
-        key = (shlex.join([name, *options]), path.stat().st_mtime)
-        if key not in self._checked:
-            arguments = ["check", "--json", *options, "--", name]
-            self._checked[key] = json.loads(program.output_of(arguments, folder=self.place.path, limit=CHECK_LIMIT))
-        return {"check": self._checked[key], "command": program.shown(["check", name, *options])}
-
-    def inspected(self, fmu: str) -> Any:
-        """Return what the command `inspect` says of an FMU, and the command."""
-        import fmu_build
-
-        bundled = fmu in fmu_build.bundled_names()
-        stamp = 0.0 if bundled else self.place.inside(fmu).stat().st_mtime
-        if (fmu, stamp) not in self._inspected:
-            text = program.output_of(["inspect", fmu, "--json"], folder=self.place.path, limit=INSPECTION_LIMIT)
-            self._inspected[fmu, stamp] = json.loads(text)
-        return {"inspection": self._inspected[fmu, stamp], "command": program.shown(["inspect", fmu])}
-
-    def picture(self, query: Any) -> Picture:
-        """Return the picture that a request means: a start of the case, or the best candidate of a run."""
-        if query.get("of") == "run":
-            run = self.runs.run(query.get("name", ""))
-            return self.previews.picture(("run", run.name), partial(self.workspace.plan_of, run.case), run.best)
-        given = _object(json.loads(query.get("values") or "{}"))
-        values = {name: _number(value) for name, value in given.items()}
-        return self.previews.picture(("case", self.workspace.revision), self.workspace.plan, values)
-
-    def series(self, query: Any) -> Series:
-        """Return the signals that a request means."""
-        number = int(_number(query.get("recording", "0")))
-        if query.get("of") == "recording":
-            path = self.place.inside(query.get("name", ""))
-            if not path.is_file():
-                raise InputError(f"there is no recording {query.get('name')!r}")
-            return series_of(self.workspace.recording(path, int(_number(query.get("part", "0")))))
-        if query.get("of") == "result":
-            return self.outcomes.series(query.get("name", ""), number)
-        recordings = self.picture(query).recordings
-        if not 0 <= number < len(recordings):
-            raise InputError(f"there is no recording number {number}; there are {len(recordings)}, counted from 0")
-        return recordings[number]
+Work = Callable[[Service, Request, Any], Any]
 
 
 def _state(service: Service, request: Request, body: Any) -> Any:
@@ -171,7 +55,7 @@ def _revision(service: Service, request: Request, body: Any) -> Any:
 
 
 def _change(service: Service, request: Request, body: Any) -> Any:
-    body = _object(body)
+    body = object_of(body)
     try:
         service.workspace.change(body.get("revision"), body.get("changes"))
     except Outdated:
@@ -180,12 +64,12 @@ def _change(service: Service, request: Request, body: Any) -> Any:
 
 
 def _open(service: Service, request: Request, body: Any) -> Any:
-    service.workspace.open(_text(body, "name"))
+    service.workspace.open(text_of(body, "name"))
     return service.state()
 
 
 def _save(service: Service, request: Request, body: Any) -> Any:
-    return {"name": service.workspace.save(_text(body, "name"))}
+    return {"name": service.workspace.save(text_of(body, "name"))}
 
 
 def _upload(service: Service, request: Request, body: Any) -> Any:
@@ -198,7 +82,7 @@ def _bare(service: Service, request: Request, body: Any) -> Any:
 
 def _recording(service: Service, request: Request, body: Any) -> Any:
     query = request.query_params
-    return service.recording_facts(query.get("name", ""), int(_number(query.get("part", "0"))))
+    return service.recording_facts(query.get("name", ""), int(number_of(query.get("part", "0"))))
 
 
 def _check(service: Service, request: Request, body: Any) -> Any:
@@ -226,16 +110,16 @@ def _view(service: Service, request: Request, body: Any) -> Response:
     series = service.series(query)
     wanted = query.get("signals")
     if wanted is not None:
-        names = [name for name in series.signals if name in _names(wanted)]
+        names = [name for name in series.signals if name in names_of(wanted)]
         series = Series(series.time, {name: series.signals[name] for name in names})
-    start = _number(query["from"]) if "from" in query else float(series.time[0])
-    end = _number(query["to"]) if "to" in query else float(series.time[-1])
-    content = view(series, start=start, end=end, buckets=int(_number(query.get("buckets", "1500"))))
+    start = number_of(query["from"]) if "from" in query else float(series.time[0])
+    end = number_of(query["to"]) if "to" in query else float(series.time[-1])
+    content = view(series, start=start, end=end, buckets=int(number_of(query.get("buckets", "1500"))))
     return Response(content, media_type="application/octet-stream")
 
 
 def _sample(service: Service, request: Request, body: Any) -> Any:
-    time, values = nearest(service.series(request.query_params), _number(request.query_params.get("at", "0")))
+    time, values = nearest(service.series(request.query_params), number_of(request.query_params.get("at", "0")))
     return {"time": time, "values": values}
 
 
@@ -261,12 +145,12 @@ def _outcome(service: Service, request: Request, body: Any) -> Any:
 
 
 def _compare(service: Service, request: Request, body: Any) -> Any:
-    return service.outcomes.compared(_names(request.query_params.get("names", "[]")))
+    return service.outcomes.compared(names_of(request.query_params.get("names", "[]")))
 
 
 def _ripple(service: Service, request: Request, body: Any) -> Any:
     query = request.query_params
-    return service.outcomes.ripple(query.get("name", ""), int(_number(query.get("recording", "0"))))
+    return service.outcomes.ripple(query.get("name", ""), int(number_of(query.get("recording", "0"))))
 
 
 def _file(service: Service, request: Request, body: Any) -> Response:
@@ -427,33 +311,3 @@ def complain(sentence: str) -> None:
 
 def _attachment(name: str) -> dict[str, str]:
     return {"Content-Disposition": f"attachment; filename*=UTF-8''{quote(name, safe='')}"}
-
-
-def _object(body: Any) -> dict[str, Any]:
-    if not isinstance(body, dict):
-        raise InputError("the request must be an object")
-    return body
-
-
-def _text(body: Any, key: str) -> str:
-    text = _object(body).get(key)
-    if not isinstance(text, str) or not text:
-        raise InputError(f"the request must have a text {key!r}")
-    return text
-
-
-def _names(text: str) -> list[str]:
-    names = json.loads(text)
-    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
-        raise InputError("names must be a list of texts")
-    return names
-
-
-def _number(value: Any) -> float:
-    try:
-        number = float(value)
-    except (TypeError, ValueError):
-        raise InputError(f"{value!r} is no number; give one, such as 0.5") from None
-    if number - number != 0:
-        raise InputError(f"{value!r} is no finite number; give one, such as 0.5")
-    return number

@@ -25,9 +25,10 @@ from estimator.app.case_json import (
     with_search,
 )
 from estimator.app.place import CASE_SUFFIX, DRAFT, Place
-from estimator.cases.case import Case, RunSpec, read_case, write_case
+from estimator.cases.case import Case, RunSpec, read_case
 from estimator.cases.init_case import case_text
 from estimator.cases.si_units import in_si_units
+from estimator.cases.written_case import write_case
 from estimator.errors import EstimatorError, InputError
 from estimator.fmus.fmu import FmuDescription, describe, with_kind
 from estimator.fmus.probe import driven

@@ -1,4 +1,4 @@
-"""A case file (TOML) ⇄ what to estimate, from what, through which FMU. Opens no FMU and no recording.
+"""What to estimate, from what, through which FMU, as a case file (TOML) says it. Opens no FMU and no recording.
 
 Strict: a key that is not known is an error with the nearest right one, every value is checked, and every
 message names the file and the line. One file may mean many cases: one for each recording that a pattern such as
@@ -10,7 +10,7 @@ from __future__ import annotations
 import datetime
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -19,15 +19,11 @@ from estimator.cases.case_signals import (
     INPUT,
     OUTPUT,
     RECORDING,
-    InputSpec,
     OutputSpec,
     RunSpec,
-    input_value,
-    output_value,
     read_input,
     read_output,
     read_run,
-    run_value,
 )
 from estimator.cases.expansion import MOTORS, expanded, told_apart
 from estimator.cases.expectation import (
@@ -40,14 +36,13 @@ from estimator.cases.expectation import (
     read_limits,
 )
 from estimator.cases.keys import Key, Keys
-from estimator.cases.nameplate import NAMEPLATE, Nameplate, nameplate_value, read_nameplate
+from estimator.cases.nameplate import NAMEPLATE, Nameplate, read_nameplate
 from estimator.cases.starts import STARTS, Start
-from estimator.cases.strict_toml import Cell, Document, Table, Way, to_key, to_toml
-from estimator.cases.tolerance import TOLERANCE, Tolerance, read_tolerances, tolerance_value
+from estimator.cases.strict_toml import Cell, Document, Table, Way
+from estimator.cases.tolerance import TOLERANCE, Tolerance, read_tolerances
 from estimator.errors import CaseError
 from estimator.locked import Locked
 from estimator.method_names import CUCKOO, METHODS
-from estimator.output import write_files
 from estimator.recordings.filters import Chebyshev1
 
 FMI_KINDS = ("co-simulation", "model-exchange")
@@ -219,54 +214,12 @@ def _case(
     return case
 
 
-def write_case(case: Case, path: Path) -> None:
-    """Write a case file that reads back as the same case; it appears whole or not at all.
-
-    Paths are written relative to the file.
-    """
-    path = Path(path)
-    folder = Path(os.path.abspath(path)).parent
-    sections: list[tuple[str, dict[str, Any]]] = [
-        ("[fmu]", {"path": _fmu_value(case.fmu, folder), "step": case.step, "kind": case.kind}),
-        ("[inputs]", {name: input_value(_input(case, name)) for name in case.inputs}),
-        ("[outputs]", {name: output_value(output) for name, output in case.outputs.items()}),
-        ("[parameters]", {name: PARAMETER.write(spec) for name, spec in case.parameters.items()}),
-        ("[fixed]", {**case.fixed, **case.fixed_texts}),
-        *(
-            ("[[recording]]", {"file": _relative(str(file), folder), **run_value(case.run(k))})
-            for k, file in enumerate(case.recordings)
-        ),
-        ("[search]", SEARCH.write(_near(case.search, folder), always=("method", "seed"))),
-        (
-            "[expect]",
-            {**{name: ENTRY.write(e) for name, e in case.expect.items()}, **LIMITS.write(case.limits)},
-        ),
-        ("[nameplate]", {} if case.nameplate is None else nameplate_value(case.nameplate)),
-        ("[about]", dict(case.about)),
-    ]
-    tolerance = tolerance_value(case.tolerance)
-    blocks = [f"tolerance = {to_toml(tolerance)}\n"] if isinstance(tolerance, str) else []
-    if isinstance(tolerance, dict):
-        sections.append(("[tolerance]", tolerance))
-    for title, values in sections:
-        rows = [f"{to_key(name)} = {to_toml(value)}" for name, value in values.items() if value is not None]
-        if rows:
-            blocks.append("\n".join([title, *rows]) + "\n")
-    write_files({path: "\n".join(blocks).encode()})
-
-
-def _near(search: SearchSpec, folder: Path) -> SearchSpec:
-    """Return how to search with files of starts named from a folder."""
-    starts = tuple(_relative(s, folder) if isinstance(s, str) else s for s in search.starts)
-    return replace(search, starts=starts)
-
-
 def _fmu_path(fmu: Table, key: str) -> str:
     text = fmu.text(key)
-    return str(fmu.file(key, what="FMU")) if _is_file_name(text) else text
+    return str(fmu.file(key, what="FMU")) if is_file_name(text) else text
 
 
-def _is_file_name(text: str) -> bool:
+def is_file_name(text: str) -> bool:
     """Tell a file from a bundled model's name."""
     return text.endswith(".fmu") or "/" in text or "\\" in text
 
@@ -326,15 +279,6 @@ def _held(fixed: Table, name: str) -> float:
     return float(value) if isinstance(value, bool) else fixed.required_number(name)
 
 
-def _input(case: Case, name: str) -> InputSpec:
-    return InputSpec(
-        column=case.inputs[name],
-        fmu=case.input_variables.get(name, ""),
-        times=case.products.get(name, ""),
-        between="linear" if name in case.linear else "held" if name in case.held else "found",
-    )
-
-
 def _parameter(table: Table) -> ParameterSpec:
     said = PARAMETER.checked(table)
     low, high, start = (said.get(name) for name in ("minimum", "maximum", "start"))
@@ -391,20 +335,6 @@ def _check_destinations(case: Case, document: Document) -> None:
         if name in case.parameters and name not in given:
             document.fail(("fixed", name), f"{name!r} is both estimated (parameters.{name}) and fixed; leave one out")
         give(name, "[fixed]", ("fixed", name))
-
-
-def _fmu_value(fmu: str, folder: Path) -> str:
-    if not os.path.isabs(fmu):
-        return fmu
-    relative = _relative(fmu, folder)
-    return relative if _is_file_name(relative) else f"./{relative}"
-
-
-def _relative(path: str, folder: Path) -> str:
-    try:
-        return Path(os.path.relpath(path, folder)).as_posix()
-    except ValueError:  # another drive
-        return path
 
 
 def _said(about: Table, name: str) -> str:

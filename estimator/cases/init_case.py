@@ -13,7 +13,8 @@ from estimator.cases.case_signals import InputSpec, RunSpec, input_value, run_va
 from estimator.cases.roles import guess_roles
 from estimator.cases.si_units import in_si
 from estimator.cases.strict_toml import to_key, to_toml
-from estimator.fmus.fmu import FmuDescription, Variable
+from estimator.fmus.fmu import FmuDescription
+from estimator.fmus.variable import Variable
 from estimator.motor.integral_least_squares import integral_estimate, sane
 from estimator.motor.names import MOTOR
 from estimator.motor.winding import possible_inductance

@@ -5,7 +5,8 @@ from __future__ import annotations
 import re
 
 from estimator.cases.si_units import in_si
-from estimator.fmus.fmu import FmuDescription, Variable
+from estimator.fmus.fmu import FmuDescription
+from estimator.fmus.variable import Variable
 from estimator.motor.names import MOTOR
 
 # Of each role: causalities, SI units, words of the name, words of the description.

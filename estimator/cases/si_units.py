@@ -5,7 +5,8 @@ from __future__ import annotations
 import dataclasses
 from functools import lru_cache
 
-from estimator.fmus.fmu import FmuDescription, Variable
+from estimator.fmus.fmu import FmuDescription
+from estimator.fmus.variable import Variable
 from estimator.recordings.units import parse_unit
 
 # Base units that have a name of their own.

@@ -14,7 +14,8 @@ from estimator.recordings.reading import read_recording
 from estimator.results.result import FloatArray
 
 if TYPE_CHECKING:
-    from estimator.fmus.fmu import FmuDescription, Variable
+    from estimator.fmus.fmu import FmuDescription
+    from estimator.fmus.variable import Variable
 
 VOLTAGE_NAMES = ("v", "u", "voltage")  # of an input without a unit
 

@@ -39,7 +39,7 @@ def estimate(args: argparse.Namespace) -> int:
 def _estimate(args: argparse.Namespace, case: Case) -> int:
     args.method, args.seed = case.search.method, case.search.seed
     if args.save_case:
-        from estimator.cases.case import write_case
+        from estimator.cases.written_case import write_case
 
         if STDIN in args.sources:
             raise InputError("--save-case names the recording's file, and stdin is none; save it to a file first")

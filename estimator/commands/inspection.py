@@ -9,8 +9,9 @@ from typing import Any
 
 from estimator.cases.roles import guess_roles
 from estimator.errors import FmuError
-from estimator.fmus.fmu import FmuDescription, Variable, check_usable
+from estimator.fmus.fmu import FmuDescription, check_usable
 from estimator.fmus.probe import Probe, disagreement
+from estimator.fmus.variable import Variable
 from estimator.results.numbers import number_text
 from estimator.results.result_json import json_ready
 from estimator.results.text_table import TextTable

@@ -37,7 +37,7 @@ from estimator.plans.noise_level import beside_means
 from estimator.plans.parameters import Box
 from estimator.plans.plan import Plan
 from estimator.plans.space import steady_state
-from estimator.results.result import CostProfile, Estimate, ParameterEstimate, SearchHistory
+from estimator.results.result import Comparison, CostProfile, Estimate, ParameterEstimate, SearchHistory
 
 FloatArray = NDArray[np.float64]
 
@@ -84,7 +84,8 @@ def finish(
         plan, shown = explained.plan, explained.shown()
     session.fitted = {**plan.fixed, **dict(zip(plan.names, values.tolist(), strict=True))}
     compared = comparisons(plan, shown)
-    rmse = figures(plan, compared)[0]
+    del shown
+    told = figures(plan, compared)
     if noise is None:
         noise = np.array([session.noise[name][0] for name in plan.outputs])
     judgement = judge(
@@ -93,7 +94,7 @@ def finish(
         polish,
         steady=steady_state(plan),
         noise=noise,
-        rmse=np.array([rmse[name] for name in plan.outputs]),
+        rmse=np.array([told[0][name] for name in plan.outputs]),
         spread=problem.spread,
         step=step,
         compared=compared,
@@ -120,8 +121,10 @@ def finish(
     deviations = None
     if polish is not None:
         deviations = polish.deviations if explained is None else explained.noise
-    result = _estimate(session, plan, values, polish, judgement, shown=shown, noise=deviations, explained=explained)
-    compared = result.comparisons if explained is None else with_treatment(result.comparisons, explained)
+    result = _estimate(
+        session, plan, values, polish, judgement, compared=compared, told=told, noise=deviations, explained=explained
+    )  # fmt: skip
+    compared = compared if explained is None else with_treatment(compared, explained)
     if session.profile:
         account.enter("profile")
         compared = with_fine_signals(compared, plan, values, session.crew, sigma=problem.sigma)
@@ -195,16 +198,17 @@ def _estimate(
     polish: LeastSquaresFit | None,
     judgement: Judgement,
     *,
-    shown: list[FloatArray] | None = None,
+    compared: tuple[Comparison, ...] | None = None,
+    told: tuple[dict[str, float], dict[str, float]] = ({}, {}),
     noise: FloatArray | None = None,
     explained: Explained | None = None,
 ) -> Estimate:
+    """Return the result; `compared`: measured with simulated signals, where there are such, and `told` of them."""
     parameters: dict[str, ParameterEstimate] = {}
     chain = {p.name for p in plan.parameters if p.place is not None}
     if values is not None:
         parameters = parameter_estimates(plan, values, polish, judgement)
-    compared = comparisons(plan, shown) if shown is not None else measured(plan)
-    rmse, fit = figures(plan, compared) if shown is not None else ({}, {})
+    rmse, fit = told
     correlated = None if polish is None else correlation(polish)
     history = None
     if session.record.simulations:
@@ -251,7 +255,7 @@ def _estimate(
         information={} if polish is None else information(polish, plan.names),
         notes=(*session.announced, *judgement.notes),
         failures=tuple(with_values(f, session.problem.values.names) for f in session.account.failures),
-        comparisons=compared,
+        comparisons=measured(plan) if compared is None else compared,
         history=history,
         workers=session.crew.pool.count,
         about={**({"motor": plan.case.motor} if plan.case.motor else {}), **plan.case.about},

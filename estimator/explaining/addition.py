@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from estimator.explaining.effects.base import Effect
 from estimator.fitting.fit import Fit, Linear
 from estimator.fitting.score_test import ScoreTest
-from estimator.noise.in_parts import Columns, products
+from estimator.noise.in_parts import Columns, products, square
 
 FloatArray = NDArray[np.float64]
 
@@ -74,10 +74,10 @@ class Scores:
         return cls(np.sum([s.along for s in each], axis=0), np.maximum(left, 0.0), whole, explained)
 
     @classmethod
-    def of(cls, test: ScoreTest, jacobian: Columns, across: FloatArray, whitened: FloatArray) -> Scores:
+    def of(cls, test: ScoreTest, jacobian: Columns, across: Columns, whitened: Columns) -> Scores:
         """Return the scores of whitened columns, (rows q, k), without and with what the fit explains of them."""
-        whole = float(np.vdot(whitened, whitened))
-        return cls(across.T @ test.left, across.T @ across, whole, products(jacobian, whitened))
+        along, information = products(across, test.left), products(across, across)
+        return cls(along, information, square(whitened), products(jacobian, whitened))
 
     @classmethod
     def of_each(cls, test: ScoreTest, jacobian: Columns, whitened: Columns) -> list[Scores]:

@@ -18,6 +18,8 @@ from estimator.explaining.explanation import Explanation, moved_to
 from estimator.fitting.fit import Fit, Linear
 from estimator.fitting.score_test import ScoreTest
 from estimator.fitting.simulator import CELLS, Nuisance, Simulator
+from estimator.noise.in_parts import among
+from estimator.noise.kalman import give_back
 from estimator.noise.whitener import Whitener
 from estimator.plans.part import LONG
 
@@ -87,6 +89,7 @@ class AdditionTests:
         fit = explanation.fit
         if beside is None and self._tested is not None and self._tested.holds(fit, effects):
             return self._tested.found
+        give_back(self.base.rows)
         test, long = fit.test(), fit.simulator.rows > LONG
         simulators = [self.simulator(fit, effect) for effect in effects]  # a rival FMU is loaded beside what follows
         result: list[Addition] = []
@@ -97,6 +100,7 @@ class AdditionTests:
             groups = effect.linear(fit)
             among = len(groups) if effect.is_one else 1
             offered += [(effect, g, max(among, g.one_of)) for g in groups if g.name not in taken]
+            del groups
             while long and offered:  # their columns are not held together
                 result += self._scored(fit, [offered.pop(0)], test, beside=beside)
         result += self._scored(fit, offered, test, beside=beside)
@@ -110,6 +114,7 @@ class AdditionTests:
                 if nuisance.name not in simulator.index:
                     continue
                 by_simulator.setdefault(id(simulator), (simulator, []))[1].append((effect, nuisance))
+        give_back(self.base.rows)
         # The fit's own simulator last: it was loaded for the fit, and is asked next.
         tried = [list(self._tried(fit, s, wanted, test, beside=beside)) for s, wanted in [*by_simulator.values()][::-1]]
         result += itertools.chain.from_iterable(tried[::-1])
@@ -132,7 +137,7 @@ class AdditionTests:
             own, scores, gain = slice(at, at + numbers), each[at], each[at].gain
             at += numbers
             kept = beside is not None and (effect.doubt or group.name == beside)
-            alone = whitened[:][:, own] if numbers > 1 or kept else None
+            alone = among(whitened, own) if numbers > 1 or kept else None
             across = test.known.rest(alone) if alone is not None else None
             if numbers > 1:
                 assert alone is not None and across is not None
@@ -142,7 +147,7 @@ class AdditionTests:
                 gain = 0.0
             addition = Addition(
                 effect, group.name, numbers, gain, linear=group,
-                scores=scores, across=across if kept else None,
+                scores=scores, across=across[:] if kept and across is not None else None,
                 tried=tried, usual=group.size if numbers == 1 else 0.0, unit=group.units[0],
             )  # fmt: skip
             if fit.simulator.rows > LONG and beside is None and gain <= addition.penalty(self.samples):
@@ -193,6 +198,7 @@ class AdditionTests:
                     kept = beside is not None and (wanted[w][0].doubt or wanted[w][1].name == beside)
                     across = test.known.rest(times * whitened[:][:, k : k + 1]) if kept else None
                     best[w] = gain, told, across, t
+            del shown, signals, whitened  # before the next are simulated
         simulator.forget()
         for w, (effect, nuisance) in enumerate(wanted):
             found: list[tuple[float, tuple[Mapping[str, float], ...]]] = []

@@ -5,7 +5,8 @@ independent, with variance 1:
 
     size        mean of z^2, Fisher's F with the window's samples and those that tell the noise (its variance by the
                 tails that settled rows show)
-    neighbours  sum of z_k z_k+1, over the root of their number, standard normal (not of errors that repeat themselves)
+    neighbours  sum of z_k z_k+1, over the root of their number, standard normal (not of errors that repeat themselves,
+                nor of a sensor whose steps are larger than its noise)
     own values  score test of parameters of the window's own, by its rows of the Jacobian (Hausman 1978)
 
 Besides, whether the sensors answer to changes as it is explained, over all windows (response_test.py). An explanation
@@ -17,12 +18,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimator.conventions import FALSE_ALARM, RESOLVED, SMALL_CORRELATION
 from estimator.distributions import chi_square_limit, f_limit, normal_quantile
+from estimator.explaining.coarse_levels import held_by_sensor
 from estimator.explaining.response_test import unexplained_responses
 from estimator.fitting.fit import Fit
 from estimator.fitting.score_test import ScoreTest
@@ -144,9 +147,10 @@ def adequacy(fit: Fit, parameters: int, *, is_searched: bool = True) -> Adequacy
     outputs = fit.simulator.outputs
     count = 2 * len(windows.windows) * len(outputs) + len(windows.windows) + len(outputs)
     normal = normal_quantile(1 - FALSE_ALARM / count)
-    failures, excess, parts = [], np.ones_like(z), []
+    failures, excess, parts = [], np.broadcast_to(1.0, z.shape), []
     resolved = np.abs(np.nan_to_num(fit.residuals())) > RESOLVED * fit.simulator.steps
     repeats = fit.whitener.noise.repeats or (False,) * len(outputs)
+    alike_anyway = np.array(repeats) | held_by_sensor(fit)
     for window in windows.windows:
         for j, output in enumerate(outputs):
             known = present[window.rows, j]
@@ -159,38 +163,45 @@ def adequacy(fit: Fit, parameters: int, *, is_searched: bool = True) -> Adequacy
             limit = max(limit, 1 + normal * np.sqrt(2 * tails[j] * (1 / n + 1 / known_by[j])))
             seen = not fit.simulator.steps[j] or bool(np.any(resolved[window.rows, j]))
             if seen and square > limit:
-                excess[window.rows, j] = np.maximum(excess[window.rows, j], square)
+                excess = _raised(excess, (window.rows, j), square)
             if seen and square > max(limit, 1 + EXCESS):
                 failures.append(Failure("size", window.name, output, float(np.sqrt(square))))
                 parts.append(_samples(z, window.rows, j))
             pairs = known[1:] & known[:-1] & (np.diff(window.rows) == 1)
             m = int(pairs.sum())
-            if m >= 8 and not repeats[j]:
+            if m >= 8 and not alike_anyway[j]:
                 alike = float(np.sum((own[1:] * own[:-1])[pairs])) / m
                 if abs(alike) > max(normal / np.sqrt(m) * square, SMALL_CORRELATION):
                     failures.append(Failure("neighbours", window.name, output, alike / max(square, 1e-300)))
                     parts.append(_samples(z, window.rows, j))
                     longer = (1 + abs(alike)) / (1 - min(abs(alike), 0.9))
-                    excess[window.rows, j] = np.maximum(excess[window.rows, j], longer)
+                    excess = _raised(excess, (window.rows, j), longer)
     test = fit.test()
     for name, output, mask in _groups(windows, outputs, z.shape):
         ratio = _own_values(fit.whitened, test, mask.ravel(), parameters, FALSE_ALARM / count)
         if ratio > 1:
             failures.append(Failure("own values", name, output, ratio))
-            excess[mask] = np.maximum(excess[mask], ratio**2)
+            excess = _raised(excess, mask, ratio**2)
             parts.append(mask)
     white = np.logical_not(repeats) | (fit.whitener.noise.differenced > 0)  # as far as is known
     noisy = [j for j in range(len(outputs)) if white[j] and (not fit.simulator.steps[j] or np.any(resolved[:, j]))]
     for output, ratio in unexplained_responses(fit, FALSE_ALARM, noisy if is_searched else ()):
         failures.append(Failure("response", " and ".join(outputs), output, ratio))
         mask = windows.onsets[:, None] & np.array([output in ("", y) for y in outputs])
-        excess[mask] = np.maximum(excess[mask], ratio**2)
+        excess = _raised(excess, mask, ratio**2)
         parts.append(mask)
     different = {part.tobytes(): part for part in parts}
     return Adequacy(tuple(failures), excess, tuple(different.values()), count)
 
 
-def _samples(z: FloatArray, rows: NDArray[np.int64], j: int) -> NDArray[np.bool_]:
+def _raised(excess: FloatArray, where: Any, least: float) -> FloatArray:
+    """Return an excess, (rows, q), that is no less in some samples; changed in its place where it is written to."""
+    excess = excess if excess.flags.writeable else excess.copy()
+    excess[where] = np.maximum(excess[where], least)
+    return excess
+
+
+def _samples(z: FloatArray, rows: NDArray[np.int32], j: int) -> NDArray[np.bool_]:
     mask = np.zeros(z.shape, dtype=bool)
     mask[rows, j] = True
     return mask

@@ -139,7 +139,7 @@ def _lack(tolerance: Tolerance, plan: Plan) -> str:
         return "needs one voltage input and one current output"
     if source == "dry friction" and not (_load(plan) and _one(plan, plan.outputs, "speed")):
         return "needs the FMU's input of a load torque, and one speed output"
-    if source == "dry friction" and not tolerance.unit and _friction(plan) is None:
+    if source == "dry friction" and not tolerance.unit and "B" not in {*plan.names, *plan.fixed}:
         return "is a share of the viscous friction, and the case has no B; give it in N.m"
     return ""
 
@@ -225,7 +225,3 @@ def _load(plan: Plan) -> str:
 def _resistances(plan: Plan) -> list[int]:
     """Return which parameters are the winding's resistance, one of each recording or one of all."""
     return [k for k, p in enumerate(plan.parameters) if (p.quantity or p.name) == "R"]
-
-
-def _friction(plan: Plan) -> str | None:
-    return "B" if "B" in plan.names or "B" in plan.fixed else None

@@ -87,6 +87,8 @@ class Explained:
         """Return what the sensors show by the best explanation without ripple, (rows, q)."""
         fit = self.fit
         plain = [k for k, name in enumerate(fit.linear_names) if not name.startswith("ripple ")]
+        if not plain:
+            return fit.shown + 0.0
         return np.asarray(fit.shown + fit.raw[:, :, len(fit.free) :][:, :, plain] @ fit.coefficients[plain])
 
     def shown(self) -> list[FloatArray]:
@@ -215,12 +217,8 @@ def _explained(
     switches = any(a.effect.fmu for a in explanation.additions)
     seen += further_reach(fit, p, switches=switches)[np.ix_(kept, kept)]
     covariance = seen + unseen
-    told = fit.estimates + [_told_from(fit).get(name, 0.0) for name in names]
-    values = np.concatenate([fit.simulator.unscaled(_padded(mean.values, fit))[:p], told[reported]])
+    values = (fit.estimates + [_told_from(fit).get(name, 0.0) for name in names])[kept]
     log = fit.is_log[kept]
-    at_bound = fit.at_bound[kept]
-    held = at_bound[:p] != 0
-    values[:p][held] = fit.values[:p][held]
     rest = [k for k in range(len(names)) if k not in kept]
     jacobian: Columns = fit.whitened
     if rest:
@@ -240,7 +238,7 @@ def _explained(
         deviations=np.ones(len(plan.outputs)),
         covariance=covariance,
         standard_errors=errors,
-        at_bound=at_bound,
+        at_bound=fit.at_bound[kept],
         jacobian=jacobian,
         residuals=-fit.z,
         scores=scores @ scores.T,
@@ -274,12 +272,6 @@ def _told_from(fit: Fit) -> dict[str, float]:
     """Return what a linear coefficient of 0 is reported as, by its name: a gain is then 1."""
     groups = [g.told_from for g in fit.linear for _ in g.units]
     return dict(zip(fit.linear_names, groups, strict=True))
-
-
-def _padded(scaled: FloatArray, fit: Fit) -> FloatArray:
-    whole = fit.simulator.scaled(fit.values).copy()
-    whole[: len(scaled)] = scaled
-    return whole
 
 
 def _parameter(fit: Fit, name: str) -> Parameter:

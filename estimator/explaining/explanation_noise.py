@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.conventions import STEP_DEVIATION
+from estimator.explaining.coarse_levels import held_by_sensor
 from estimator.explaining.explanation import Explanation, renewed
 from estimator.explaining.shared_errors import with_shared_errors
 from estimator.fitting.fit import refreshed, slopes_in_time, with_level
@@ -71,11 +72,14 @@ def with_noise(
     windows = find_windows(explanation.fit)
     columns = fit.raw if len(wide) == len(fit.names) else fit.raw[:, :, wide]
     s = fit.simulator
-    steps = s.coarse | np.array([y == "angle" for y in s.outputs])  # an angle's counts, far apart as its samples are
+    is_angle = np.array([y == "angle" for y in s.outputs])  # its counts are far apart, as its samples are
+    steps = np.where(differenced == 0, s.steps, 0.0)
     found = fit_noise(
         whitener, misfit, columns, windows.settled, windows.sharp, colour=colour, again=again, counts=differenced,
-        resolution=np.where(steps & (differenced == 0), s.steps, 0.0),
+        steps=np.where(is_angle, 0.0, steps),
+        resolution=np.where(s.coarse | is_angle, steps, 0.0), is_held=held_by_sensor(fit),
     )  # fmt: skip
+    del misfit  # of a million rows a thirtieth of what is held
     fit = held_down(refreshed(fit, whitener.of(found)), windows.onsets)
     return dataclasses.replace(explanation, fit=solved(fit))
 
@@ -87,18 +91,16 @@ def with_jitter(explanation: Explanation, differenced: FloatArray) -> Explanatio
     grows = fit.whitener.noise
     edges = [rows for transients in find_windows(explanation.fit).transients for rows in transients]
     found = []
-    for noise in (grows, dataclasses.replace(grows, growth=np.zeros_like(grows.growth) + [0.0, 2.0])):
+    for noise in (grows, dataclasses.replace(grows, growth=np.zeros_like(grows.growth))):
         whitener = fit.whitener.of(noise)
         deviation = noise.deviation(whitener.level)
         fine = (fit.simulator.steps == 0) & (differenced == 0)  # quantised signals have other errors
         slope = np.where(whitener.present & fine, whitener.slope / deviation, 0.0)
         z = refreshed(fit, whitener).z.reshape(slope.shape)
         worse = float(np.vdot(z, z) + 2 * np.sum(np.log(deviation), where=whitener.present))
-        told = without_responses(z, slope, edges)
-        del z, slope  # of a million rows a tenth of what is held
-        jitter, sizes, gain = find_jitter(*told, fit.simulator.clocks[0].step)
+        jitter, sizes, gain = find_jitter(*without_responses(z, slope, edges), fit.simulator.clocks[0].step)
         found.append((worse - gain, jitter, dataclasses.replace(noise, white=noise.white * sizes)))
-        if not np.any(grows.growth[:, 0]):
+        if not grows.grows:
             break
     _, jitter, noise = min(found, key=lambda f: f[0])
     if jitter == 0.0:
@@ -112,10 +114,13 @@ def with_noise_of_neighbours(explanation: Explanation, differenced: FloatArray) 
     fit = with_level(explanation.fit)
     windows = find_windows(explanation.fit)
     misfit = np.where(fit.whitener.present, fit.residuals(), 0.0)
-    old, found = fit.whitener.noise, noise_of_neighbours(fit.whitener, misfit, windows.sharp)
+    old, found = (
+        fit.whitener.noise,
+        noise_of_neighbours(fit.whitener, misfit, windows.sharp),
+    )
     coarse = (fit.simulator.steps > 0) | (differenced > 0)  # their noise is of steps, and no growth
     white = np.where(coarse, old.white, np.maximum(found.white, QUIET * old.white))
-    found = dataclasses.replace(found, white=white, growth=np.where(coarse[:, None], old.growth, found.growth))
+    found = dataclasses.replace(found, white=white, growth=np.where(coarse, old.growth, found.growth))
     fit = held_down(refreshed(fit, fit.whitener.of(found)), windows.onsets)
     return dataclasses.replace(explanation, fit=solved(fit))
 

@@ -39,7 +39,7 @@ def likelier_interpretation(
     """
     ways: Sequence[Interpretation] = interpretations(plan)
     selections = [begin(way.plan) for way in ways]
-    costs = [selection.first_cost(starts) for selection in selections] if len(ways) > 1 else [0.0]
+    costs = [selection.first.cost(starts) for selection in selections] if len(ways) > 1 else [0.0]
     order = np.argsort(costs, kind="stable").tolist()
     ways, selections = [ways[k] for k in order], [selections[k] for k in order]
     explanation, n = selections[0].explain(starts, known), selections[0].tests.samples

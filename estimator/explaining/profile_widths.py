@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.fitting.fit import Fit, cost_of, linear_projection, misfit
+from estimator.fitting.fit import Fit, cost_of, linear_projection
 from estimator.fitting.gauss_newton import placed, solved_roughly
 from estimator.fitting.simulator import CELLS
 
@@ -56,12 +56,7 @@ def _flat(fit: Fit, lines: Sequence[_Line]) -> list[_Line]:
     flat, many = [], max(1, CELLS // s.rows)
     for some in (lines[k : k + many] for k in range(0, len(lines), many)):
         ends = [placed(fit, np.clip(x + side * FAR * along[: len(x)], low, high)) for _, side, along in some]
-        shown = s.shown(np.stack(ends))
-        if fit.whitener.in_parts:
-            costs = [cost_of(fit, one, linear) for one in shown]
-        else:
-            off = np.stack([misfit(fit, one) for one in shown], axis=2)
-            costs = [float(left @ left) for left in linear.rest(fit.whitener.flat(off)).T]
+        costs = [cost_of(fit, shown, linear) for shown in s.shown(np.stack(ends))]
         flat += [line for line, cost in zip(some, costs, strict=True) if cost - fit.cost < STEEP * FAR**2]
     return flat
 
@@ -70,11 +65,12 @@ def _reach(fit: Fit, k: int, side: float, along: FloatArray) -> float:
     """Return by how much a standard error is to be multiplied for one side; `along`: by one of them all names move.
 
     What is estimated by its logarithm ends at zero: how far it goes is told of itself. 1 where the cost stays as it is
-    to the end: then others make up for it, and its curvature is of what differences round.
+    from one standard error to the end: then others make up for it, and its curvature is of what differences round.
     """
     low, high = fit.bounds
     x = fit.simulator.scaled(fit.values)[fit.where]
     free = tuple(name for name in fit.free if name != fit.free[k])
+    one = np.clip(x + side * along[: len(x)], low, high)  # by one standard error
     here, reached = fit, 1.0
     for doubling in range(DOUBLINGS + 1):
         far = FAR * 2.0**doubling
@@ -93,5 +89,7 @@ def _reach(fit: Fit, k: int, side: float, along: FloatArray) -> float:
             break
     else:
         if rise < 1.0:
-            return 1.0
+            near = solved_roughly(dataclasses.replace(fit, values=placed(fit, one), free=free))
+            if near.cost - fit.cost < FLAT:
+                return 1.0
     return float(reached)

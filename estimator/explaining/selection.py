@@ -28,7 +28,6 @@ from estimator.explaining.addition import (
     has_its_needs,
     is_held,
     is_physical,
-    is_switch,
     is_timing,
     wald,
     without_columns,
@@ -48,23 +47,17 @@ from estimator.explaining.explanation import (
     without,
 )
 from estimator.explaining.explanation_noise import by_noise_of, with_jitter, with_noise, with_noise_of_neighbours
-from estimator.fitting.fit import Fit, new_fit, refreshed
+from estimator.explaining.first_fit import NO_NOISE, FirstFit
+from estimator.fitting.fit import Fit, new_fit, set_aside
 from estimator.fitting.gauss_newton import ROUGH, solved, solved_roughly
-from estimator.fitting.secants import with_secants
-from estimator.fitting.simulator import Simulator
 from estimator.fitting.windows import find_windows
-from estimator.noise.noise_model import NoiseModel
 
 FloatArray = NDArray[np.float64]
 
 ROUNDS = 20  # of additions accepted or rejected, at most
 REFITTED = 3  # additions refitted in a round
 PREDICTED_PART = 0.6  # of the best predicted fall of the criterion: with less an addition is not refitted
-# Factors about the first estimates: bounds of the fit while effects are missing.
-NEARBY = {"R": 5.0, "K": 4.0, "J": 6.0, "L": 50.0}
-NO_NOISE = 0.2  # of the noise's power as neighbours tell it: a first fit that is further from it misses something
 MOST_OF_IT = 0.5  # of what is missed beyond the noise: what explains more is added before all else
-SEEN = 1.0  # of z'z: by so much a switch that is seen may be worse than none
 IDLE = 6.0  # times the penalty: an addition is refitted without if its Wald statistic is below
 
 
@@ -76,27 +69,17 @@ class Selection:
     ----------
     tests : AdditionTests
         Of what may be added.
-    always : names of nuisance parameters that are free from the start
-    deviations : (q,) array
-        Of the noise, a first estimate.
+    first : FirstFit
+        Where it begins.
     differenced : (q,) array
         Deviation of the counts that a channel differences; 0: it shows no counts.
     effects : those that may be found
     """
 
     tests: AdditionTests
-    always: tuple[str, ...]
-    deviations: FloatArray
+    first: FirstFit
     differenced: FloatArray
     effects: tuple[Effect, ...]
-
-    @property
-    def _plain_noise(self) -> NoiseModel:
-        return NoiseModel.plain(self.deviations, tuple(-1 for _ in self.tests.base.outputs))
-
-    def _with_open_columns(self, fit: Fit) -> Fit:
-        """Return a fit with the columns that are free from the start."""
-        return dataclasses.replace(fit, linear=tuple(group for e in self.effects for group in e.always(fit)))
 
     def mirrored(self, explanation: Explanation) -> list[Explanation]:
         """Return an explanation at the equivalent values that its effects name."""
@@ -109,36 +92,6 @@ class Selection:
         found = with_added(explanation, self.refitted(explanation, addition), addition)
         return dataclasses.replace(found, fit=solved_roughly(renewed(found), limit=limit))
 
-    def _held_near(self, starts: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray]:
-        """Bound a motor's parameters near their first estimates; return the bounds that they had.
-
-        A start that leaves only noise misses no effect, wherever it lies.
-        """
-        s = self.tests.base
-        before = s.lower.copy(), s.upper.copy()
-        if any(self._leaves_noise(start) for start in starts):
-            return before
-        for k, name in enumerate(s.plan.names):
-            near = s.plan.guess.get(name, 0.0)
-            if name in NEARBY and near > 0 and s.log[k]:
-                s.lower[k] = max(s.lower[k], near / NEARBY[name])
-                s.upper[k] = min(s.upper[k], near * NEARBY[name])
-        return before
-
-    def _leaves_noise(self, start: FloatArray) -> bool:
-        """Whether a start, (p,), explains the recordings but for their noise, by its first estimate."""
-        s = self.tests.base
-        values = s.values(dict(zip(s.plan.names, start.tolist(), strict=True)))
-        begun = new_fit(s, values, s.plan.names, self._plain_noise)
-        return refreshed(begun, begun.whitener).cost < (1 + NO_NOISE) * self.tests.samples
-
-    def first_cost(self, starts: Sequence[FloatArray]) -> float:
-        """Return z'z of the first fit, by the first estimate of the noise."""
-        lower, upper = self._held_near(starts)
-        cost = self._first(starts).fit.cost
-        self.tests.base.lower[:], self.tests.base.upper[:] = lower, upper
-        return cost
-
     def explain(self, starts: Sequence[FloatArray], known: Explanation | None = None) -> Explanation:
         """Return the best explanation.
 
@@ -149,24 +102,25 @@ class Selection:
         known : Explanation, optional
             Of a part of the rows: what it holds is not looked for again, and fitted to all of them.
         """
-        bounds = self._held_near(starts)
-        first = self._first(starts) if known is None else self._begun(known)
-        best = self._without_effects(first)
-        if best is None:
-            best = self._with_effects(first, sharp=known is None)  # the part has told what is sharp
-        del first  # of a million rows a tenth of what is held
-        if (shaken := with_jitter(best, self.differenced)) is not None:
-            best = self.without_idle(self.grown(shaken, self.effects))
-        best = reshaped(best)
-        best = min([best, *self.mirrored(best)], key=lambda e: e.fit.cost)
-        for simulator in {id(s): s for s in (self.tests.base, best.fit.simulator)}.values():
-            p = len(self.tests.base.plan.names)
-            simulator.lower[:p], simulator.upper[:p] = bounds[0][:p], bounds[1][:p]
+        with self.first.held_near(starts):
+            begun = self.first.explanation(starts) if known is None else self._begun(known)
+            best = self._by_white_noise(begun)
+            if best is not None:  # then the first fit is hardly ever asked again, and of a million rows a tenth of all
+                again, begun = set_aside(begun.fit), Explanation(best.fit, begun.additions)
+                if self.best_addition(best, self.effects, set()) is not None:
+                    best, begun = None, Explanation(again(), begun.additions)
+            if best is None:
+                best = self._with_effects(begun, sharp=known is None)  # the part has told what is sharp
+            del begun
+            if (shaken := with_jitter(best, self.differenced)) is not None:
+                best = self.without_idle(self.grown(shaken, self.effects))
+            best = reshaped(best)
+            best = min([best, *self.mirrored(best)], key=lambda e: e.fit.cost)
         fine = with_fine_filters(best.fit)[0] if best.fit.simulator is self.tests.base else best.fit
         return self.at_best(dataclasses.replace(best, fit=fine))
 
-    def _without_effects(self, first: Explanation) -> Explanation | None:
-        """Return a first fit by its noise, where that is white and shows no effect; else None.
+    def _by_white_noise(self, first: Explanation) -> Explanation | None:
+        """Return a first fit by its noise, where that is white; else None.
 
         White noise contains none of what `_with_effects` looks for before it estimates the noise.
         """
@@ -176,7 +130,7 @@ class Selection:
         if not best.fit.whitener.is_white:
             return None
         first.fit.forget()  # of a million rows a quarter of what is held
-        return best if self.best_addition(best, self.effects, set()) is None else None
+        return best
 
     def _with_effects(self, best: Explanation, *, sharp: bool) -> Explanation:
         """Return the explanation with its noise and its effects; `sharp`: look for these before coloured noise."""
@@ -205,37 +159,7 @@ class Selection:
         while absurd := [a for a in best.additions if not (is_physical(final, a) and has_its_needs(final, a))]:
             best = without(dataclasses.replace(best, fit=final), absurd[-1])
             final = solved(best.fit, tolerance=1e-8)
-        return dataclasses.replace(best, fit=final if final.simulator is self.tests.base else with_secants(final))
-
-    def _first(self, starts: Sequence[FloatArray]) -> Explanation:
-        """Return the best first fit: from every start, with and without effects that are seen before a fit."""
-        s = self.tests.base
-        seen = [(e, e.at_first_sight(s.plan)) for e in self.effects]
-        own = [(e, {n: v for n, v in known.items() if n in s.index}) for e, known in seen if not e.fmu]
-        far = [(e, known) for e, known in seen if e.fmu and known]
-        tried = []
-        for start in starts:
-            begun = dict(zip(s.plan.names, start.tolist(), strict=True))
-            for held in ([], far) if far else ([],):
-                additions = [_seen(e, name, s) for e, known in own for name in known]
-                simulator = s
-                for e, known in held:
-                    rival = self.tests.rivals(e.fmu)
-                    if rival is not None and set(known) <= set(rival.index):
-                        simulator = rival
-                        additions += [_seen(e, name, rival) for name in known]
-                names = {a.name for a in additions}
-                values = {n: v for _, known in (*own, *held) for n, v in known.items() if n in names}
-                free = (*s.plan.names, *self.always, *(n for a in additions for n in a.free))
-                fit = new_fit(simulator, simulator.values({**begun, **values}), free, self._plain_noise)
-                fit = solved_roughly(self._with_open_columns(fit))
-                tried.append(Explanation(fit, tuple(additions)))
-        return min(tried, key=self._criterion_at_first)
-
-    def _criterion_at_first(self, explanation: Explanation) -> float:
-        """Return a criterion in which a switch that is seen needs no fit to tell it: what does is not yet there."""
-        n = self.tests.samples
-        return explanation.criterion(n) - sum(a.penalty(n) + SEEN for a in explanation.additions if is_switch(a))
+        return dataclasses.replace(best, fit=final)
 
     def _begun(self, known: Explanation) -> Explanation:
         """Return an explanation of a part of the rows, fitted to all of them."""
@@ -246,7 +170,7 @@ class Selection:
         values = np.clip(values, simulator.lower, simulator.upper)
         free = [n for n in there.free if n in simulator.index]  # all rows may rule out what the part allows
         fit = new_fit(simulator, values, free, there.whitener.noise)
-        best = Explanation(solved(self._with_open_columns(fit), iterations=ROUGH, told=False))
+        best = Explanation(solved(self.first.with_open_columns(fit), iterations=ROUGH, told=False))
         for a in known.additions:
             if a.linear is None:
                 own = (without_columns(a),) if a.name in simulator.index else ()
@@ -331,22 +255,15 @@ class Selection:
 
         Recordings fitted together have each its own offset: one a round would cost as many rounds as recordings.
         """
-        addition, fit = found.additions[-1], found.fit
+        addition = found.additions[-1]
+        if addition.linear is None:
+            return None
         beside = [a for a in itertools.takewhile(lambda a: a.effect is addition.effect, ranked) if a is not addition]
-        room = MOST_ADDITIONS - len(found.additions)
-        if addition.linear is not None:
-            company = _apart([addition, *beside])[1 : 1 + room]
-            own = [a.linear for a in (addition, *company) if a.linear is not None]
-            fit = dataclasses.replace(fit, linear=(*before.fit.linear, *own))
-        else:
-            of_recordings = {n.name for n in fit.simulator.nuisances if n.recording is not None}
-            company = [a for a in beside if addition.name in of_recordings and a.name in of_recordings][:room]
-            started = {name: value for a in company for name, value in a.starts[0].items()}
-            values = fit.values.copy()
-            values[[fit.simulator.index[name] for name in started]] = list(started.values())
-            fit = dataclasses.replace(fit, values=values, free=(*fit.free, *(n for a in company for n in a.free)))
+        company = _apart([addition, *beside])[1 : 1 + MOST_ADDITIONS - len(found.additions)]
         if not company:
             return None
+        own = [a.linear for a in (addition, *company) if a.linear is not None]
+        fit = dataclasses.replace(found.fit, linear=(*before.fit.linear, *own))
         more = Explanation(solved_roughly(fit), (*found.additions, *company))
         n = self.tests.samples
         sound = all(is_physical(more.fit, a) for a in (addition, *company))
@@ -404,8 +321,3 @@ def _apart(additions: Sequence[Addition]) -> list[Addition]:
             taken = np.asarray(there | taken)
             found.append(a)
     return found
-
-
-def _seen(effect: Effect, name: str, simulator: Simulator) -> Addition:
-    """Return an addition that the recordings show before any fit."""
-    return Addition(effect, name, 1, np.inf, free=() if simulator.nuisance(name).whole else (name,))

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from estimator.explaining.addition_tests import AdditionTests
 from estimator.explaining.effects.base import Effect
 from estimator.explaining.explanation_noise import count_deviations
+from estimator.explaining.first_fit import FirstFit
 from estimator.explaining.selection import Selection
 from estimator.fitting.simulator import Nuisance, Simulator, per_recording
 from estimator.fmus.probe import bundled_model
@@ -38,7 +39,8 @@ def selection_of(
     base = Simulator(plan, (*own, *wanted), crew, sigma)
     tests = AdditionTests(base, _rivals(base, effects))
     always = tuple(n.name for n in wanted)
-    return Selection(tests, always, deviations, count_deviations(plan), tuple(effects))
+    first = FirstFit(tests, always, deviations, tuple(effects))
+    return Selection(tests, first, count_deviations(plan), tuple(effects))
 
 
 def _rivals(base: Simulator, effects: Sequence[Effect]) -> Callable[[str], Simulator | None]:

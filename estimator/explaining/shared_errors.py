@@ -1,4 +1,4 @@
-"""Errors that samples share beside their noise: of ripple, of effects, of voltages. Estimates nothing."""
+"""Errors that samples share beside their noise: of ripple, effects, voltages, coarse sensors. Estimates nothing."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.explaining.coarse_levels import coarse_levels
 from estimator.explaining.transient_ripple import transient_ripple
 from estimator.fitting.fit import Fit
 from estimator.fitting.motor_response import as_late, motor_values, response
@@ -16,7 +17,8 @@ FloatArray = NDArray[np.float64]
 
 def with_shared_errors(fit: Fit) -> Fit:
     """Return the fit with what errors of variance 1 add to its sensors, as they are simulated now."""
-    parts = [part for part in (transient_ripple(fit), _of_forms(fit), _of_voltages(fit)) if part is not None]
+    found = (transient_ripple(fit), _of_forms(fit), _of_voltages(fit), coarse_levels(fit))
+    parts = [part for part in found if part is not None]
     shared = np.concatenate(parts, axis=2) if parts else None
     return dataclasses.replace(fit, whitener=dataclasses.replace(fit.whitener, shared=shared))
 

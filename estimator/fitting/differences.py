@@ -53,33 +53,6 @@ def slopes(
     return np.column_stack(columns)
 
 
-def beside_residuals(
-    raw: FloatArray, box: Box, x: FloatArray, weights: FloatArray, at: FloatArray
-) -> FloatArray | None:
-    """Return one-sided derivatives as `slopes` does, of several fits, and the residuals themselves below them.
-
-    Parameters
-    ----------
-    raw : (k, p, m) array
-    x : (k, p) array
-    weights : (m,) array
-    at : (k, m) array
-
-    Returns
-    -------
-    (k, p + 1, m) array; None where a candidate has failed.
-    """
-    rows = np.empty((len(x), x.shape[1] + 1, len(weights)))
-    slopes = rows[:, :-1]
-    np.multiply(raw, weights, out=slopes)
-    slopes -= at[:, None]
-    if not np.isfinite(slopes).all():
-        return None
-    slopes /= _forward(box, x)[:, :, None]
-    rows[:, -1] = at
-    return rows
-
-
 def _forward(box: Box, x: FloatArray) -> FloatArray:
     """Return the steps of differences, (..., p): ahead, or back where a bound is near."""
     steps = DIFFERENCE_STEP * np.where(box.log, 1.0, np.maximum(np.abs(x), 1e-3 * (box.high - box.low)))

@@ -10,6 +10,7 @@ or a test needs. gauss_newton.py finds the least.
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -24,6 +25,8 @@ from estimator.fitting.score_test import ScoreTest
 from estimator.fitting.simulator import Simulator
 from estimator.fitting.slopes import Slopes
 from estimator.noise.in_parts import Columns, Made, Scaled
+from estimator.noise.kalman import give_back
+from estimator.noise.level import Level
 from estimator.noise.noise_model import NoiseModel
 from estimator.noise.whitener import Whitener
 from estimator.plans.parameters import SensorPlace
@@ -251,6 +254,7 @@ class Fit:
             self.__dict__.pop(name, None)
         self.slopes.forget()
         self.whitener.forget()
+        give_back(len(self.shown))
 
 
 def chosen(columns: Columns, which: BoolArray) -> Columns:
@@ -275,31 +279,27 @@ def new_fit(simulator: Simulator, values: FloatArray, free: Sequence[str], noise
 
 def with_level(fit: Fit) -> Fit:
     """Return the fit whose noise follows the signals as they are simulated now."""
-    level = np.abs(fit.shown)
-    if not (known := np.isfinite(level)).all():
-        level[~known] = 0.0
-    largest = np.array([own.max() for own in level.T])  # of few columns ten times as quick as along the rows
-    level /= np.where(largest > 0, largest, 1.0)
-    moving = np.logical_or.reduce([own > 1e-3 for own in level.T])
+    level = Level.of(fit.shown)
+    moving = np.logical_or.reduce([level[:, k] > 1e-3 for k in range(level.shape[1])])
     slope = slopes_in_time(fit) if fit.whitener.noise.jitter else np.broadcast_to(0.0, level.shape)
     whitener = dataclasses.replace(fit.whitener, level=level, moving=moving, slope=slope, way=_way(fit))
     return dataclasses.replace(fit, whitener=whitener)
 
 
-def _way(fit: Fit) -> FloatArray | None:
+def _way(fit: Fit) -> NDArray[np.int8] | None:
     """Return in which way the machine turns as it is simulated, (rows,), 1 or -1; None: no sensor shows its speed."""
     if "w" not in fit.simulator.outputs:
         return None
-    return np.where(fit.shown[:, fit.simulator.outputs.index("w")] < 0, -1.0, 1.0)
+    return np.where(fit.shown[:, fit.simulator.outputs.index("w")] < 0, -1, 1).astype(np.int8)
 
 
 def slopes_in_time(fit: Fit) -> FloatArray:
     """Return the slopes of the signals as they are simulated now, (rows, q), in their units a second."""
-    shown = np.where(np.isfinite(fit.shown), fit.shown, 0.0)
-    slope = np.zeros_like(shown)
-    for clock in fit.simulator.clocks:
+    slope = np.zeros_like(fit.shown)
+    for clock, k in itertools.product(fit.simulator.clocks, range(slope.shape[1])):
         if len(clock.time) > 2:
-            slope[clock.rows] = np.gradient(shown[clock.rows], clock.time, axis=0)
+            own = fit.shown[clock.rows, k]
+            slope[clock.rows, k] = np.gradient(np.where(np.isfinite(own), own, 0.0), clock.time)
     return slope
 
 
@@ -318,6 +318,19 @@ def refreshed(fit: Fit, whitener: Whitener) -> Fit:
     return evaluated(dataclasses.replace(fit, whitener=whitener), fit.values, fit.shown, fit.slopes, linear)
 
 
+def set_aside(fit: Fit) -> Callable[[], Fit]:
+    """Return what makes a fit again, as it is, by one simulation: until then none of its long arrays is held."""
+    nothing = np.broadcast_to(0.0, fit.shown.shape)
+    whitener = fit.whitener if fit.whitener.noise.grows else dataclasses.replace(fit.whitener, level=nothing)
+    bare = dataclasses.replace(fit, whitener=whitener, shown=nothing, z=nothing, slopes=fit.slopes.of(nothing))
+
+    def again() -> Fit:
+        shown = bare.simulator.shown(bare.values[None, :])[0]
+        return refreshed(dataclasses.replace(bare, shown=shown, slopes=bare.slopes.of(shown)), bare.whitener)
+
+    return again
+
+
 def cost_of(fit: Fit, shown: FloatArray, linear: Projection) -> float:
     """Return z'z at what is shown, (rows, q), of which nothing failed; `linear`: as of `evaluated`, at its best."""
     own = whitened_misfit(fit, shown)
@@ -329,9 +342,7 @@ def cost_of(fit: Fit, shown: FloatArray, linear: Projection) -> float:
 
 def whitened_misfit(fit: Fit, shown: FloatArray) -> Columns:
     """Return measured less shown signals whitened, (rows q, 1)."""
-    if fit.whitener.in_parts:
-        return fit.whitener.changes([fit.simulator.measured], shown)
-    return fit.whitener.flat(misfit(fit, shown)[:, :, None])
+    return fit.whitener.changes([fit.simulator.measured], shown)
 
 
 def misfit(fit: Fit, shown: FloatArray) -> FloatArray:

@@ -16,6 +16,7 @@ from estimator.fitting.fit import Fit, cost_of, evaluated, linear_projection, mi
 from estimator.fitting.least_squares import SOON
 from estimator.fitting.projection import triangle
 from estimator.fitting.slopes import Point, Slopes, difference_steps
+from estimator.noise.in_parts import blocks
 from estimator.noise.kalman import filters
 from estimator.stepping.layout import ASKS_BENT, ASKS_CORRECTED, ASKS_COST, ASKS_NEW, DONE, DONE_BESIDE
 
@@ -81,12 +82,12 @@ def solved(
     if (found := _told_whole(fit, beside, limits)) is not None:
         x, at_known, shown, known = found
         return beside if at_known and beside is not None else end_at(x, shown, known)
-    x, shown, known = _begun(fit, central=fine)
+    x, shown, raw = _begun(fit, central=fine)
     if left:
         fit.forget()
     steps = _Steps(fit, beside=beside, **limits)
-    raw, there = known, shown
-    asked = steps.begin(x, misfits.cost(shown), known is not None)
+    is_fits, there = raw is not None, shown
+    asked = steps.begin(x, misfits.cost(shown), is_fits)
     while asked not in (DONE, DONE_BESIDE):
         if steps.has_moved:
             change, shown = there - shown, there
@@ -95,10 +96,11 @@ def solved(
             asked = steps.take_cost(misfits.cost(there))
             continue
         if asked == ASKS_NEW:
-            raw = point(steps.x, shown).slopes(central=fine)
+            raw = None  # before others are simulated
+            raw, is_fits = point(steps.x, shown).slopes(central=fine), False
         assert raw is not None
         if asked == ASKS_CORRECTED and steps.corrects:
-            raw = _corrected(raw, steps.step, change, steps.correction, own=raw is not known)
+            raw, is_fits = _corrected(raw, steps.step, change, steps.correction, own=not is_fits), False
         off = misfit(fit, shown)
         if asked == ASKS_BENT:
             off = np.where(fit.whitener.present, shown + raw @ (steps.tried - steps.x) - there, 0.0)
@@ -143,7 +145,22 @@ def _told_whole(
 
 
 class _Steps:
-    """The steps of a descent as they are asked; attributes tell where it stands."""
+    """The steps of a descent as they are asked.
+
+    Attributes
+    ----------
+    tried, x, step : (f,) arrays
+        What is tried; where it stands; the last step.
+    correction : (f,) array
+        How much of what that missed goes into each derivative.
+    has_moved, corrects, knows_derivatives : bool
+        It stands where it has just tried; derivatives are corrected by the last step; they were simulated there.
+    """
+
+    tried: FloatArray
+    x: FloatArray
+    step: FloatArray
+    correction: FloatArray
 
     def __init__(
         self,
@@ -172,56 +189,25 @@ class _Steps:
         """Begin at x, (f,), of a cost; `known`: derivatives are, too. Return what is asked."""
         own, point = self._places
         self._point[self._f : 2 * self._f] = x
-        return int(self._filters.descent_begin(own, *self._limits, cost, int(known), point))
+        return self._at(self._filters.descent_begin(own, *self._limits, cost, int(known), point))
 
     def take_triangle(self, a: FloatArray, g: FloatArray, *, bends: bool) -> int:
         """Take a, (f, f), and g, (f,), as gauss_newton.h says."""
         own, point = self._places
         a, g = np.ascontiguousarray(a), np.ascontiguousarray(g)
-        return int(self._filters.descent_take_triangle(own, a.ctypes.data, g.ctypes.data, int(bends), point))
+        return self._at(self._filters.descent_take_triangle(own, a.ctypes.data, g.ctypes.data, int(bends), point))
 
     def take_cost(self, cost: float) -> int:
         """Take the cost at the tried point."""
         own, point = self._places
-        return int(self._filters.descent_take_cost(own, cost, point))
+        return self._at(self._filters.descent_take_cost(own, cost, point))
 
-    def _row(self, k: int) -> FloatArray:
-        return self._point[k * self._f : (k + 1) * self._f].copy()
-
-    @property
-    def tried(self) -> FloatArray:
-        """What is tried, (f,)."""
-        return self._row(0)
-
-    @property
-    def x(self) -> FloatArray:
-        """Where it stands, (f,)."""
-        return self._row(1)
-
-    @property
-    def step(self) -> FloatArray:
-        """The last step, (f,)."""
-        return self._row(2)
-
-    @property
-    def correction(self) -> FloatArray:
-        """How much of what that missed goes into each derivative, (f,)."""
-        return self._row(3)
-
-    @property
-    def has_moved(self) -> bool:
-        """Whether it stands where it has just tried."""
-        return bool(self._point[-3])
-
-    @property
-    def corrects(self) -> bool:
-        """Whether derivatives are corrected by the last step."""
-        return bool(self._point[-2])
-
-    @property
-    def knows_derivatives(self) -> bool:
-        """Whether derivatives were simulated where it stands."""
-        return bool(self._point[-1])
+    def _at(self, asked: int) -> int:
+        """Read where it stands; return what is asked."""
+        f = self._f
+        self.tried, self.x, self.step, self.correction = self._point[: 4 * f].reshape(4, f).copy()
+        self.has_moved, self.corrects, self.knows_derivatives = map(bool, self._point[-3:])
+        return asked
 
 
 class _Misfits:
@@ -276,10 +262,11 @@ def _corrected(raw: FloatArray, dx: FloatArray, change: FloatArray, weights: Flo
     own : bool
         In their place.
     """
-    missed = change - raw @ dx
     raw = raw if own else raw.copy(order="K")
-    for k, weight in enumerate(weights.tolist()):
-        raw[:, :, k] += weight * missed
+    for at in blocks(len(raw)):  # which stay in a processor's cache
+        missed = change[at] - raw[at] @ dx
+        for k, weight in enumerate(weights.tolist()):
+            raw[at, :, k] += weight * missed
     return raw
 
 

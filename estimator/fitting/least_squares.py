@@ -19,7 +19,6 @@ from estimator.conventions import HUBER, MEDIAN_SIZE
 from estimator.fitting import differences
 from estimator.fitting.information import information_parts
 from estimator.fitting.least_squares_fit import LeastSquaresFit
-from estimator.fitting.projection import factors_of_products
 from estimator.fitting.trust_region import steps, triangle_of
 from estimator.plans.parameters import Box
 
@@ -184,27 +183,19 @@ class LeastSquares:
             each = self.box.dimension * (2 if central else 1)
             beside |= zip(moved, raw[len(flat) :].reshape(len(moved), each, len(weights)), strict=True)
         if steep:
-            x, at = (np.array(part) for part in zip(*(asked[k] for k in steep), strict=True))
-            own = np.array([beside[k] for k in steep])
-            answers |= zip(steep, self._triangles(own, x, weights, at, central), strict=True)
+            answers |= {k: self._triangle(beside[k], *asked[k], weights, central) for k in steep}
         return answers
 
-    def _triangles(
-        self, raw: FloatArray, x: FloatArray, weights: FloatArray, at: FloatArray, central: bool
-    ) -> Sequence[FloatArray]:
-        """Return `triangle_of` derivatives and residuals, (k, m), of several fits at x, (k, p)."""
-        if len(x) > 1 and not central and not self._robust:
-            rows = differences.beside_residuals(raw, self.box, x, weights, at)
-            if rows is not None and (found := factors_of_products(rows)) is not None:
-                return list(found)
-        triangles = []
-        for own, place, there in zip(raw, x, at, strict=True):
-            jacobian = differences.slopes(own, self.box, place, weights, there, central=central)
-            if self._robust:
-                there, slopes = rooted(there)
-                jacobian = jacobian * slopes[:, None]
-            triangles.append(triangle_of(jacobian, there))
-        return triangles
+    def _triangle(
+        self, raw: FloatArray, x: FloatArray, at: FloatArray | None, weights: FloatArray, central: bool
+    ) -> FloatArray:
+        """Return `triangle_of` a fit's derivatives and residuals, (m,), at x, (p,)."""
+        assert at is not None
+        jacobian = differences.slopes(raw, self.box, x, weights, at, central=central)
+        if self._robust:
+            at, slopes = rooted(at)
+            jacobian = jacobian * slopes[:, None]
+        return triangle_of(jacobian, at)
 
     def _fit(
         self, start: FloatArray, evaluations: int, tolerance: float, known: LeastSquaresFit | None

@@ -60,11 +60,10 @@ def response(fit: Fit, *, voltage: FloatArray | None = None, torque: FloatArray 
     given = [None if signal is None else signal.reshape(s.rows, -1) for signal in (voltage, torque)]
     many = max(signals.shape[1] for signals in given if signals is not None)
     result = np.zeros((s.rows, len(s.outputs), many))
-    opens, seats = _opens(fit), [SEATS[y] for y in s.outputs]
-    plain = max(seats) < SEATS["angle"] and not any(acting(fit, y) for y in s.outputs)
+    opens, seats = _opens(fit), _plain_seats(fit)
     for clock in s.clocks:
         own = [None if signals is None else signals[clock.rows] for signals in given]
-        if plain:
+        if seats is not None:
             _states(fit, clock, own, opens[clock.rows], np.zeros((2, many)), (seats, result[clock.rows]))
             continue
         states = _states(fit, clock, own, opens[clock.rows], np.zeros((2, many)))
@@ -72,6 +71,13 @@ def response(fit: Fit, *, voltage: FloatArray | None = None, torque: FloatArray 
             result[clock.rows, :, k] = _as_shown(fit, states[:, :, k].T, clock)
     one = all(signal is None or signal.ndim == 1 for signal in (voltage, torque))
     return result[:, :, 0] if one else result
+
+
+def _plain_seats(fit: Fit) -> list[int] | None:
+    """Return which state each output shows, as it is; None where one shows another thing, or a sensor acts on it."""
+    outputs = fit.simulator.outputs
+    seats = [SEATS[y] for y in outputs]
+    return seats if max(seats) < SEATS["angle"] and not any(acting(fit, y) for y in outputs) else None
 
 
 def _opens(fit: Fit) -> NDArray[np.bool_]:
@@ -153,6 +159,10 @@ def free_motion(fit: Fit, clock: Clock, *, opens_first: bool = False) -> FloatAr
         opens = opens & (np.cumsum(driven) > 0)
     first = np.zeros((2, 2))
     first[1, 0] = first[0, 1] = 1.0
+    if (seats := _plain_seats(fit)) is not None:
+        shown = np.empty((len(opens), len(seats), 2))
+        _states(fit, clock, (None, None), opens, first, (seats, shown))
+        return shown
     states = _states(fit, clock, (None, None), opens, first)
     return np.stack([_as_shown(fit, states[:, :, k].T, clock) for k in range(2)], axis=2)
 

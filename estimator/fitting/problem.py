@@ -134,12 +134,11 @@ class Problem:
             self.workers.load(self._job, keep_counts=True)
         return self.workers
 
-    def shown(self, batch: Batch, index: int = 0) -> list[FloatArray]:
-        """Split one candidate's trajectories by recording, (n, outputs) each, without the lead."""
+    def shown(self, batch: Batch) -> list[FloatArray]:
+        """Split the first candidate's trajectories by recording, (n, outputs) each, without the lead."""
         assert batch.shown is not None
-        return [
-            batch.shown[index, self._edges[e] + o.before : self._edges[e + 1]] for e, o in enumerate(self.plan.observed)
-        ]
+        shown = batch.shown[0]
+        return [shown[self._edges[e] + o.before : self._edges[e + 1]] for e, o in enumerate(self.plan.observed)]
 
     def _without_phase(self) -> list[int]:
         """Return the outputs whose phase is not known, neither free nor declared."""

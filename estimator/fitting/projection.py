@@ -78,26 +78,18 @@ def factor_of_products(columns: Columns) -> FloatArray | None:
     """Return the triangular factor, (m, m), of columns, (n, m), by their products; None where that loses digits."""
     if not 0 < columns.shape[1] < len(columns):
         return None
-    found = _factors(products(columns, columns)[None], WELL_CONDITIONED)
-    return None if found is None else np.asarray(found[0])
+    return _factor(products(columns, columns), WELL_CONDITIONED)
 
 
-def factors_of_products(rows: FloatArray) -> FloatArray | None:
-    """Return the same, (k, c, c), of k times c columns, (k, c, n), each a row; None where one of them loses digits."""
-    if rows.shape[1] >= rows.shape[2]:
-        return None
-    return _factors(rows @ rows.transpose(0, 2, 1), WELL_CONDITIONED)
+def _factor(gram: FloatArray, least: float) -> FloatArray | None:
+    """Return the triangular factor, (m, m), of a matrix of products, (m, m).
 
-
-def _factors(gram: FloatArray, least: float) -> FloatArray | None:
-    """Return the triangular factors, (k, m, m), of matrices of products, (k, m, m).
-
-    None where one of them, its diagonal scaled to 1, has an eigenvalue that is not above `least`. For small ones
-    LAPACK's routines cost a twentieth of what numpy spends around them.
+    None where that, its diagonal scaled to 1, has an eigenvalue that is not above `least`. For a small one LAPACK's
+    routines cost a twentieth of what numpy spends around them.
     """
     gram = np.ascontiguousarray(gram)
     found = np.empty_like(gram)
-    own = filters().gram_factors(len(gram), gram.shape[1], least, gram.ctypes.data, found.ctypes.data)
+    own = filters().gram_factor(len(gram), least, gram.ctypes.data, found.ctypes.data)
     return found if own else None
 
 
@@ -123,11 +115,10 @@ def orthonormal(columns: FloatArray) -> tuple[FloatArray, FloatArray]:
         return columns, np.zeros((0, 0))
     gram = columns.T @ columns
     for least in (AT_ONCE, WELL_CONDITIONED) if m < n else ():
-        if (found := _factors(gram[None], least)) is not None:
-            r = found[0]
+        if (r := _factor(gram, least)) is not None:
             q = columns @ np.linalg.inv(r)
-            if least < AT_ONCE and (again := _factors((q.T @ q)[None], least)) is not None:
-                q, r = q @ np.linalg.inv(again[0]), again[0] @ r
+            if least < AT_ONCE and (again := _factor(q.T @ q, least)) is not None:
+                q, r = q @ np.linalg.inv(again), again @ r
             return np.asarray(q), np.asarray(r)
     q, r = np.linalg.qr(columns)
     return np.asarray(q), np.asarray(r)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.fitting.projection import DEPENDENT, Projection, triangle
-from estimator.noise.in_parts import Columns, Scaled, along, parts
+from estimator.noise.in_parts import Columns, Scaled, along, parts, products
 from estimator.noise.whitener import Whitener
 
 FloatArray = NDArray[np.float64]
@@ -105,13 +105,13 @@ class ScoreTest:
         along, power = (np.concatenate(part) for part in zip(*found, strict=True))
         return along, power
 
-    def gain(self, across: FloatArray) -> float:
+    def gain(self, across: Columns) -> float:
         """Return the fall of z'z by a group of columns, (rows q, k), as `across` gives them."""
         r = triangle(across)
         size, norms = np.abs(np.diag(r)), np.linalg.norm(r, axis=0)
         if not np.all(size > 1e-6 * np.maximum(norms, 1e-300)) or not np.all(norms > 1e-9):
             return 0.0
-        along = np.linalg.solve(r.T, across.T @ self.left)
+        along = np.linalg.solve(r.T, products(across, self.left))
         return float(along @ along)
 
 

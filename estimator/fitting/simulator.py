@@ -23,6 +23,7 @@ from estimator.fitting.shaft_angle import shaft_angle, unfolded_orders
 from estimator.fitting.whole_fits import WholeFits
 from estimator.fmus.workers import Workers
 from estimator.noise.clock import Clock, interval_shown
+from estimator.noise.recursion import Sections, behind
 from estimator.plans.parameters import Box, Parameter, SensorPlace, scaled, unscaled
 from estimator.plans.plan import Observed, Plan
 from estimator.recordings.excitation import quantum
@@ -54,6 +55,8 @@ class Nuisance:
     output, act : what it does with one output's samples; with no output: with those of all, as what an input does
     between : bool
         It acts on the signal between the samples too, as a filter before a converter does.
+    sections : value, sampling interval in s -> sections of the filter that `act` is, if it is one of a few
+        By them it acts on signals as they lie in memory.
     whole : bool
         A number of samples, or a switch: chosen, not fitted by derivatives.
     tries : values at which a score test looks for it
@@ -81,6 +84,7 @@ class Nuisance:
     output: str = ""
     act: Act | None = None
     between: bool = False
+    sections: Callable[[float, float], Sections] | None = None
     whole: bool = False
     tries: tuple[float, ...] = ()
     absolute: bool = False
@@ -274,7 +278,11 @@ class Simulator:
                 for clock in self.clocks:
                     assert nuisance.act is not None
                     signal = rows[c, clock.rows, :, j]
-                    finer = nuisance.act(signal.ravel(), float(column[c]), clock.step / signal.shape[1])
+                    value, step = float(column[c]), clock.step / signal.shape[1]
+                    if nuisance.sections is not None:
+                        behind(nuisance.sections(value, step), signal, shown[c, clock.rows, j])
+                        continue
+                    finer = nuisance.act(signal.ravel(), value, step)
                     shown[c, clock.rows, j] = finer[signal.shape[1] - 1 :: signal.shape[1]]
         return np.asarray(shown)
 

@@ -5,7 +5,7 @@ Most fits are only compared by their cost: nobody asks for the derivatives where
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from estimator.fitting.differences import DIFFERENCE_STEP
 from estimator.fitting.simulator import CELLS, Simulator
+from estimator.noise.in_parts import blocks
 
 FloatArray = NDArray[np.float64]
 
@@ -76,9 +77,10 @@ class Point:
                 back, width = self.shown, ahead[k] - x[k]
                 if central and sound[len(part) + j]:
                     back, width = ends[len(part) + j], ahead[k] - behind[k]
-                if sound[j]:
-                    np.subtract(ends[j], back, out=result[k])
-                    result[k] /= width
+                for at in blocks(len(back)) if sound[j] else ():  # which stay in a processor's cache
+                    np.subtract(ends[j][at], back[at], out=result[k, at])
+                    result[k, at] /= width
+            del ends  # before the next are simulated
         found = np.moveaxis(result, 0, 2)
         if central:
             s.derivatives = key, found
@@ -120,6 +122,11 @@ class Slopes:
         if here is None or here.simulator is not simulator or here.between != simulator.between:
             return None
         return here if np.array_equal(here.where, where) and np.array_equal(here.values, values) else None
+
+    def of(self, shown: FloatArray) -> Slopes:
+        """Return those of the same point, of which what is shown, (rows, q), is held elsewhere; none is known."""
+        point = self._point and replace(self._point, shown=shown)
+        return Slopes(point, central=self._central, known=self.raw if point is None else None)
 
     def known(self, *, central: bool) -> FloatArray | None:
         """Return the derivatives, if they are known, and central where these are asked for; not to be changed."""

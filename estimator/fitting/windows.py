@@ -27,7 +27,7 @@ class Window:
     """Rows of one recording that belong together."""
 
     name: str
-    rows: NDArray[np.int64]
+    rows: NDArray[np.int32]
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class Windows:
     settled: BoolArray
     sharp: BoolArray
     onsets: BoolArray
-    transients: tuple[tuple[NDArray[np.int64], ...], ...]
+    transients: tuple[tuple[NDArray[np.int32], ...], ...]
     enough: bool = True
 
 
@@ -60,7 +60,7 @@ def _windows(fit: Fit) -> Windows:
     s = fit.simulator
     settled, sharp, onsets = np.zeros((3, s.rows), dtype=bool)
     windows: list[Window] = []
-    transients: list[tuple[NDArray[np.int64], ...]] = []
+    transients: list[tuple[NDArray[np.int32], ...]] = []
     span = _spans(fit.shown)
     for e, (o, clock) in enumerate(zip(s.observed, s.clocks, strict=True)):
         n = len(o.recording.time)
@@ -78,7 +78,7 @@ def _windows(fit: Fit) -> Windows:
             moving = np.flatnonzero(np.logical_or.reduce(list(away[: len(part) - BEFORE if last < n else None].T)))
             end = min(len(part), int(MARGIN * (moving[-1] + 1))) if len(moving) else 0
             reached = end < len(part) or not len(moving)
-            rows = np.arange(clock.rows.start + first, clock.rows.start + last)
+            rows = np.arange(clock.rows.start + first, clock.rows.start + last, dtype=np.int32)
             settled[rows[end:] if reached else rows[:0]] = True
             cut = max(EARLY_ROWS, int(EARLY_PART * end)) if end else 0
             if k:
@@ -95,7 +95,7 @@ def _windows(fit: Fit) -> Windows:
             windows.append(Window(f"the first part of the transients{of}", np.concatenate(early)))
             sharp[windows[-1].rows] = True
             windows.append(Window(f"the rest of the transients{of}", np.concatenate(rest)))
-        own = np.arange(clock.rows.start, clock.rows.stop)
+        own = np.arange(clock.rows.start, clock.rows.stop, dtype=np.int32)
         if settled[own].any():
             windows.append(Window(f"the settled part{of}", own[settled[own]]))
         windows.append(Window(f"all{of or ' of the recording'}", own))

@@ -9,7 +9,6 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import gc
-import math
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -19,8 +18,8 @@ from typing import Any
 
 from estimator.errors import FmuError, one_line, suggestion
 from estimator.fmus.archive import check_archive, check_description
+from estimator.fmus.variable import Variable, base_of, limit_of, number_of, start_of, variable_of
 
-REAL_TYPES = ("Real", "Float64", "Float32")
 NAMES_SHOWN = 3  # in one sentence
 
 # FMI 2.0.4 and 3.0.2, section 2.2.9 and 2.4.7.5.1: the grammar of names.
@@ -28,63 +27,6 @@ _QUOTED = r"""'(?:[^'\\"\x00-\x1f]|\\['"?\\abfnrtv])+'"""
 _PART = rf"(?:[A-Za-z_][A-Za-z0-9_]*|{_QUOTED})(?:\[\d+(?:,\d+)*\])?"
 STRUCTURED_NAME = re.compile(rf"{_PART}(?:\.{_PART})*|der\({_PART}(?:\.{_PART})*(?:,\d+)?\)")
 FLAT_NAME = re.compile(r"[^\r\n\t]*")
-
-
-@dataclass(frozen=True)
-class Base:
-    """A unit in base units, as the FMU defines it: SI = factor × value + offset."""
-
-    factor: float
-    offset: float
-    exponents: tuple[tuple[str, int], ...]  # "kg", "m", "s", "A", "K", "mol", "cd", "rad"
-
-
-@dataclass(frozen=True)
-class Variable:
-    """One variable of the model description; numbers in the FMU's own unit, None where not given."""
-
-    name: str
-    value_reference: int
-    type: str  # "Real", "Integer", "Boolean", "String", "Enumeration", …
-    causality: str  # "parameter", "input", "output", "local", …
-    variability: str
-    unit: str
-    description: str
-    start: float | str | None = None
-    minimum: float | None = None
-    maximum: float | None = None
-    nominal: float | None = None
-    initial: str = ""
-    items: tuple[tuple[str, int], ...] = ()  # of an enumeration
-    base: Base | None = None
-    factor: float = 1.0  # SI = factor × the FMU's own number + offset, where cases/si_units.py has made it SI
-    offset: float = 0.0
-    own_unit: str = ""  # the FMU's own, where cases/si_units.py has made `unit` SI by a factor
-
-    @property
-    def is_real(self) -> bool:
-        """Whether its value is a real number."""
-        return self.type in REAL_TYPES
-
-    @property
-    def is_as_it_is(self) -> bool:
-        """Whether the FMU's own number is the value, with no unit between."""
-        return self.factor == 1 and self.offset == 0
-
-    def reach_without(self, value: float) -> str:
-        """Return the range of the variable, "0.001 to any", if a value is outside it; else ""."""
-        low, high = self.minimum, self.maximum
-        if (low is None or value >= low) and (high is None or value <= high):
-            return ""
-        return f"{'any' if low is None else f'{low:g}'} to {'any' if high is None else f'{high:g}'}"
-
-    @property
-    def is_settable(self) -> bool:
-        """Whether it takes a value before initialisation: a parameter, an input, or what has a start value."""
-        if self.causality in ("parameter", "structuralParameter", "input"):
-            return True
-        variable = self.causality in ("local", "output") and self.variability != "constant"
-        return variable and self.initial in ("", "exact", "approx") and self.start is not None
 
 
 @dataclass(frozen=True)
@@ -282,7 +224,7 @@ def _contradictions(description: Any) -> list[str]:
     """Return what fmpy's validation does not look at: limits the wrong way round, starts outside them."""
     found = []
     for variable in description.modelVariables:
-        low, high, start = _limit(variable, "min"), _limit(variable, "max"), _start(variable)
+        low, high, start = limit_of(variable, "min"), limit_of(variable, "max"), start_of(variable)
         if low is not None and high is not None and low > high:
             found.append(f"{variable.name} has min {low:g} above max {high:g}; its limits are not used")
         elif isinstance(start, float) and ((low is not None and start < low) or (high is not None and start > high)):
@@ -297,7 +239,7 @@ def _described(description: Any, path: Path, *, warnings: tuple[str, ...], bundl
     parts = (("co-simulation", co_simulation), ("model-exchange", model_exchange))
     kinds = tuple(kind for kind, part in parts if part is not None)
     experiment = description.defaultExperiment
-    bases = {u.name: _base(u) for u in description.unitDefinitions}
+    bases = {u.name: base_of(u) for u in description.unitDefinitions}
     capabilities = {kind: _capabilities(part, kind) for kind, part in parts if part is not None}
     version = str(description.fmiVersion)
     identifiers = [part.modelIdentifier if part is not None else None for _, part in parts]
@@ -314,14 +256,14 @@ def _described(description: Any, path: Path, *, warnings: tuple[str, ...], bundl
         identifier=identifiers[0],
         kinds=kinds,
         platforms=tuple(fmpy.supported_platforms(str(path))),
-        variables=tuple(_variable(v, bases=bases) for v in description.modelVariables),
+        variables=tuple(variable_of(v, bases=bases) for v in description.modelVariables),
         capabilities=capabilities[kinds[0]] if kinds else {},
         capabilities_of=capabilities,
         default_experiment={
-            "start_time": _number(experiment.startTime if experiment else None),
-            "stop_time": _number(experiment.stopTime if experiment else None),
-            "step_size": _number(experiment.stepSize if experiment else None),
-            "tolerance": _number(experiment.tolerance if experiment else None),
+            "start_time": number_of(experiment.startTime if experiment else None),
+            "stop_time": number_of(experiment.stopTime if experiment else None),
+            "step_size": number_of(experiment.stepSize if experiment else None),
+            "tolerance": number_of(experiment.tolerance if experiment else None),
         },
         warnings=warnings,
         description=description.description or "",
@@ -365,65 +307,6 @@ def check_usable(description: FmuDescription) -> None:
         if "c-code" in description.platforms:
             remedy = f"compile its sources with: python -m fmpy compile {name}"
         raise FmuError(f"{name} has no binary for {here[0]} (it has: {there}); {remedy}")
-
-
-def _base(unit: Any) -> Base | None:
-    base = unit.baseUnit
-    if base is None:
-        return None
-    exponents = {name: int(getattr(base, name, 0) or 0) for name in ("kg", "m", "s", "A", "K", "mol", "cd", "rad")}
-    factor, offset = (_number(getattr(base, name, None)) for name in ("factor", "offset"))
-    if not factor or not math.isfinite(factor):
-        factor = 1.0
-    return Base(factor, offset or 0.0, tuple((name, e) for name, e in exponents.items() if e))
-
-
-def _variable(variable: Any, *, bases: Mapping[str, Base | None]) -> Variable:
-    declared = variable.declaredType
-    unit = variable.unit or (declared.unit if declared is not None else None) or ""
-
-    low, high = _limit(variable, "min"), _limit(variable, "max")
-    if low is not None and high is not None and low > high:
-        low = high = None
-    return Variable(
-        name=variable.name,
-        value_reference=int(variable.valueReference),
-        type=(variable.type or "Real") + ("[]" if getattr(variable, "dimensions", None) else ""),
-        causality=variable.causality or "local",
-        variability=variable.variability or "continuous",
-        unit=unit,
-        description=variable.description or "",
-        start=_start(variable),
-        minimum=low,
-        maximum=high,
-        nominal=_limit(variable, "nominal"),
-        initial=variable.initial or "",
-        items=tuple((i.name, int(i.value)) for i in getattr(declared, "items", None) or () if i.value is not None),
-        base=bases.get(unit),
-    )
-
-
-def _limit(variable: Any, name: str) -> float | None:
-    """Return "min", "max" or "nominal" of a variable, or of its declared type."""
-    value, declared = getattr(variable, name), variable.declaredType
-    return _number(value if value is not None or declared is None else getattr(declared, name, None))
-
-
-def _start(variable: Any) -> float | str | None:
-    if variable.start is None or variable.type == "String":
-        return None if variable.start is None else str(variable.start)
-    if variable.start in ("true", "false"):
-        return float(variable.start == "true")
-    number = _number(variable.start)
-    return str(variable.start) if number is None else number
-
-
-def _number(text: Any) -> float | None:
-    try:
-        number = None if text is None else float(text)
-    except (TypeError, ValueError):
-        return None
-    return number if number is not None and math.isfinite(number) else None
 
 
 def _capabilities(part: Any, kind: str) -> dict[str, bool]:

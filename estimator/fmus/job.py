@@ -173,6 +173,20 @@ def write_numbers(memory: mmap.mmap, experiments: Sequence[Experiment], layouts:
             there.reshape(numbers.shape)[:] = numbers
 
 
+def have_same_numbers(some: Sequence[Experiment], others: Sequence[Experiment]) -> bool:
+    """Whether experiments have the same arrays, bit by bit, which then stand in the same places of memory."""
+    if len(some) != len(others):
+        return False
+    return all(_are_same(dict(_numbers(a)), dict(_numbers(b))) for a, b in zip(some, others, strict=True))
+
+
+def _are_same(some: dict[str, FloatArray], others: dict[str, FloatArray]) -> bool:
+    return some.keys() == others.keys() and all(
+        a.shape == others[name].shape and np.array_equal(a.view(np.int64), others[name].view(np.int64))
+        for name, a in some.items()
+    )
+
+
 def _numbers(experiment: Experiment) -> Iterator[tuple[str, FloatArray]]:
     """Yield the arrays that a worker reads, by name."""
     for name in ("inputs", "measured", "weights", "times"):

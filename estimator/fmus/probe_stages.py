@@ -14,10 +14,11 @@ from collections.abc import Sequence
 from typing import Any
 
 from estimator.fmus.archive import extract
-from estimator.fmus.fmu import FmuDescription, Variable
+from estimator.fmus.fmu import FmuDescription
 from estimator.fmus.mailbox import Mailbox
 from estimator.fmus.process import Process, how_it_ended
 from estimator.fmus.run_folder import RunFolder
+from estimator.fmus.variable import Variable
 from estimator.stepping.layout import JobLayout, types_of
 
 HORIZON = 1.0  # s simulated where the FMU states no stop time

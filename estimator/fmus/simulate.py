@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from estimator.errors import FmuError, InputError, SimulationError, suggestion
 from estimator.fmus.failing import with_cause
-from estimator.fmus.fmu import FmuDescription, Variable, check_usable, describe
+from estimator.fmus.fmu import FmuDescription, check_usable, describe
 from estimator.fmus.job import Experiment, Job
+from estimator.fmus.variable import Variable
 from estimator.fmus.workers import TIME_LIMIT, Workers
 from estimator.stepping.layout import IDENTITY, MAX_SIGNALS, types_of
 

@@ -93,6 +93,8 @@ class Workers:
         """
         check_loadable(job)
         known = next((k for k in self._kept if k.job is job), None)
+        if self._kept and self._kept[0] is not known:
+            self._kept[0].rest()
         loaded = known or self._made_ready(job)
         self._kept = [loaded, *(k for k in self._kept if k is not loaded)]
         for old in self._kept[KEPT_JOBS:]:
@@ -108,7 +110,7 @@ class Workers:
     def _made_ready(self, job: Job) -> LoadedJob:
         self._jobs += 1
         fmu = self._extracted(job.description)
-        return LoadedJob(job, fmu=fmu, folder=self._folder.path, key=self._jobs)
+        return LoadedJob(job, fmu=fmu, folder=self._folder.path, key=self._jobs, others=self._kept)
 
     def run(
         self, values: FloatArray, *, bounds: FloatArray | None = None, refine: int = 1, record: bool = False

@@ -136,7 +136,7 @@ def judge(
         reasons += step.reasons
         wrong = [*_doubts(explained), *scales_at_odds(plan), *_fast(plan, values), *_coasting(plan, explained)]
         reasons += wrong
-        wrong = [*worse, *wrong]
+        wrong = [*worse, *misfit, *wrong]
         if held:
             wrong.append(f"{', '.join(held)} may not go where the recording wants it")
         if wrong:  # parameters that depend on it are not reliable

@@ -131,8 +131,26 @@ Columns = FloatArray | Made
 def parts(*columns: Columns) -> Iterator[slice]:
     """Yield the rows of columns of one length part by part; all at once where all of them are held."""
     rows = max(len(columns[0]), 1)
-    step = AT_ONCE if any(isinstance(c, Made) for c in columns) else rows
-    yield from (slice(k, min(k + step, rows)) for k in range(0, rows, step))
+    return blocks(rows, AT_ONCE if any(isinstance(c, Made) for c in columns) else rows)
+
+
+def blocks(rows: int, many: int = AT_ONCE) -> Iterator[slice]:
+    """Yield so many rows after the other."""
+    return (slice(k, min(k + many, rows)) for k in range(0, rows, many))
+
+
+def among(columns: Columns, which: slice) -> Columns:
+    """Return those of columns, (n, c), that a slice names."""
+    if isinstance(columns, Scaled):
+        return Scaled(columns.columns[which], columns.factors, columns.before)
+    return Made(lambda at: columns[at][:, which], len(columns)) if isinstance(columns, Made) else columns[:, which]
+
+
+def square(columns: Columns) -> float:
+    """Return the sum of the squares of columns, (n, c)."""
+    return (
+        float(np.trace(products(columns, columns))) if isinstance(columns, Made) else float(np.vdot(columns, columns))
+    )
 
 
 def along(columns: Columns, at: slice, others: FloatArray) -> FloatArray:

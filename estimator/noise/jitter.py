@@ -68,14 +68,13 @@ def _costs(z: FloatArray, slope: FloatArray, tried: FloatArray) -> list[FloatArr
     tried : (n,) array
         Increasing, s.
     """
-    squares, v, factors = (z * z).T, (slope * slope).T, NOISE_FACTORS[:, None] ** 2
+    factors = NOISE_FACTORS[:, None] ** 2
     # Rows whose slope is too small to change a sum of doubles cost the same at every jitter.
-    ratio = np.maximum.reduce(list(v)) / factors.min()
+    ratio = np.maximum.reduce([own * own for own in slope.T]) / factors.min()
     moving = ratio * tried[-1] ** 2 > 1e-17
-    level = _capped(squares.compress(~moving, axis=1), factors)
-    ratio[np.maximum.reduce(list(squares)) > CAPPED * factors.min()] = np.inf
-    ratio, v, x = (own.compress(moving, axis=-1) for own in (ratio, v, squares))  # channel by channel: sums are quicker
-    del squares
+    ratio, v = ratio.compress(moving), _squares(slope, moving)  # channel by channel: sums are quicker
+    level, x = _capped(_squares(z, ~moving), factors), _squares(z, moving)
+    ratio[np.maximum.reduce(list(x)) > CAPPED * factors.min()] = np.inf
     moments, costs = np.zeros((2, 2, z.shape[1])), []
     for u in np.append(tried[::-1], 0.0) ** 2:
         # Of small slopes, as they are at every smaller jitter, a series of two terms: their moments are what counts.
@@ -98,16 +97,22 @@ def _costs(z: FloatArray, slope: FloatArray, tried: FloatArray) -> list[FloatArr
     return costs
 
 
+def _squares(signals: FloatArray, rows: NDArray[np.bool_]) -> FloatArray:
+    """Return the squares of some rows of (n, q) signals, (q, m)."""
+    found = signals.T.compress(rows, axis=1)
+    found *= found
+    return found
+
+
 def without_responses(
-    z: FloatArray, slope: FloatArray, transients: Sequence[NDArray[np.int64]]
+    z: FloatArray, slope: FloatArray, transients: Sequence[NDArray[np.int32]]
 ) -> tuple[FloatArray, FloatArray]:
-    """Return whitened residuals, and slopes, (rows, q) each, without what is alike after all edges.
+    """Return whitened residuals, and slopes, (rows, q) each, in their place, without what is alike after all edges.
 
     A filter that nobody named leaves residuals in proportion to the slope as well, in the k-th sample after every edge
     the same share of it: that mean is no jitter, and is taken away. What it takes of the variance is made up for
     (studentized residuals, Cook and Weisberg 1982); a single edge tells no jitter in the samples that follow.
     """
-    z, slope = z.copy(), slope.copy()
     for k in range(RESPONSE):
         rows = np.array([t[k] for t in transients if len(t) > k], dtype=np.int64)
         steep = slope[rows]

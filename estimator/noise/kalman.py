@@ -9,18 +9,42 @@ the rows.
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimator.errors import InputError
+from estimator.plans.part import LONG
 from estimator.stepping.library import KALMAN, check_installed
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
+WHOLE, REAL, PLACE = ctypes.c_int64, ctypes.c_double, ctypes.c_void_p
+FUNCTIONS: Mapping[str, tuple[Any, Sequence[Any]]] = {  # of kalman.c → what each returns, what it takes
+    "kalman_whiten": (WHOLE, [WHOLE] * 5 + [PLACE] * 9),
+    "kalman_shorten": (None, [WHOLE] * 4 + [PLACE] * 6),
+    "recursion_run": (None, [WHOLE] * 4 + [PLACE] * 4),
+    "sections_run": (None, [*[WHOLE] * 3, PLACE, PLACE, WHOLE, WHOLE, PLACE, WHOLE]),
+    "response_run": (None, [WHOLE] * 3 + [PLACE] * 9),
+    "gram_factor": (WHOLE, [WHOLE, REAL, PLACE, PLACE]),
+    "fit_bytes": (WHOLE, [WHOLE]),
+    "fit_begin": (WHOLE, [PLACE, WHOLE, WHOLE, REAL, REAL, PLACE, PLACE, PLACE, REAL, PLACE]),
+    "fit_take_cost": (WHOLE, [PLACE, REAL, WHOLE, PLACE]),
+    "fit_take_slopes": (WHOLE, [PLACE, PLACE, WHOLE, PLACE]),
+    "descent_bytes": (WHOLE, [WHOLE]),
+    "descent_begin": (WHOLE, [PLACE, *[WHOLE] * 5, *[REAL] * 4, *[PLACE] * 5, REAL, REAL, WHOLE, PLACE]),
+    "descent_take_triangle": (WHOLE, [PLACE, PLACE, PLACE, WHOLE, PLACE]),
+    "descent_take_cost": (WHOLE, [PLACE, REAL, PLACE]),
+    "scaled_column": (None, [WHOLE, PLACE, PLACE, WHOLE, PLACE, PLACE]),
+    "scaled_gram": (None, [WHOLE, PLACE, WHOLE, *[PLACE] * 4]),
+    "scaled_products": (None, [WHOLE, PLACE, PLACE, WHOLE, PLACE, PLACE, WHOLE, *[PLACE] * 3]),
+    "memory_give_back": (None, []),
+    "memory_keep": (None, [ctypes.c_int] * 2),
+}
 LARGEST_KEPT, MOST_KEPT = 32 << 20, 256 << 20  # bytes: of an array, as many as glibc allows; of all of them
 
 
@@ -130,41 +154,16 @@ def filters() -> ctypes.CDLL:
     """
     check_installed(KALMAN)
     library = ctypes.CDLL(str(KALMAN))
-    if not hasattr(library, "descent_begin") or not hasattr(library, "scaled_column"):
+    if not all(hasattr(library, name) for name in FUNCTIONS):
         raise InputError(f"{KALMAN} is of an older version: install fmu-estimator again by pip, which compiles it")
-    library.kalman_whiten.restype = ctypes.c_int64
-    library.kalman_whiten.argtypes = [ctypes.c_int64] * 5 + [ctypes.c_void_p] * 9
-    library.kalman_shorten.restype = None
-    library.kalman_shorten.argtypes = [ctypes.c_int64] * 4 + [ctypes.c_void_p] * 6
-    library.recursion_run.restype = None
-    library.recursion_run.argtypes = [ctypes.c_int64] * 4 + [ctypes.c_void_p] * 4
-    library.response_run.restype = None
-    library.response_run.argtypes = [ctypes.c_int64] * 3 + [ctypes.c_void_p] * 9
-    library.gram_factors.restype = ctypes.c_int64
-    library.gram_factors.argtypes = [ctypes.c_int64] * 2 + [ctypes.c_double] + [ctypes.c_void_p] * 2
-    library.fit_bytes.restype = library.fit_begin.restype = ctypes.c_int64
-    library.fit_take_cost.restype = library.fit_take_slopes.restype = ctypes.c_int64
-    library.fit_bytes.argtypes = [ctypes.c_int64]
-    whole, real, place = ctypes.c_int64, ctypes.c_double, ctypes.c_void_p
-    library.fit_begin.argtypes = [place, whole, whole, real, real, place, place, place, real, place]
-    library.fit_take_cost.argtypes = [place, real, whole, place]
-    library.fit_take_slopes.argtypes = [place, place, whole, place]
-    library.descent_bytes.restype = library.descent_begin.restype = ctypes.c_int64
-    library.descent_take_triangle.restype = library.descent_take_cost.restype = ctypes.c_int64
-    library.descent_bytes.argtypes = [whole]
-    library.descent_begin.argtypes = [place, *[whole] * 5, *[real] * 4, *[place] * 5, real, real, whole, place]
-    library.descent_take_triangle.argtypes = [place, place, place, whole, place]
-    library.descent_take_cost.argtypes = [place, real, place]
-    library.scaled_column.restype = None
-    library.scaled_column.argtypes = [ctypes.c_int64, *[ctypes.c_void_p] * 2, ctypes.c_int64, *[ctypes.c_void_p] * 2]
-    library.scaled_gram.restype = None
-    library.scaled_gram.argtypes = [ctypes.c_int64, ctypes.c_void_p, ctypes.c_int64, *[ctypes.c_void_p] * 4]
-    library.scaled_products.restype = None
-    library.scaled_products.argtypes = [
-        ctypes.c_int64, *[ctypes.c_void_p] * 2, ctypes.c_int64, *[ctypes.c_void_p] * 2, ctypes.c_int64,
-        *[ctypes.c_void_p] * 3,
-    ]  # fmt: skip
-    library.memory_keep.restype = None
-    library.memory_keep.argtypes = [ctypes.c_int] * 2
+    for name, (result, arguments) in FUNCTIONS.items():
+        function = getattr(library, name)
+        function.restype, function.argtypes = result, arguments
     library.memory_keep(LARGEST_KEPT, MOST_KEPT)
     return library
+
+
+def give_back(rows: int) -> None:
+    """Give back to the system what arrays of many rows have left: before the largest of them are made."""
+    if rows > LONG:
+        filters().memory_give_back()

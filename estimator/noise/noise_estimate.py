@@ -28,6 +28,10 @@ ROWS = 4000  # settled rows that the noise is estimated from, at most
 SETTLED_SAMPLES = 100  # settled samples of a channel; with fewer all rows are used
 BLOCK_LENGTHS = (2, 8, 32, 128, 512)  # samples whose means show slow correlation
 COLOURED = 5.0  # standard deviations of a block's mean square: of white noise less than once in 1e5
+SHOWN_AT_LEVELS = (
+    0.3  # of a step: with a larger noise samples of a level are as far off as those of a signal that moves
+)
+SILENT = 1e-6  # of all residuals: smaller ones are of a sensor that shows zero at rest
 STRETCH, MOST_STRETCHES = 20, 12  # rows of a stretch that has a level of its own; stretches, at most
 
 
@@ -38,7 +42,9 @@ def fit_noise(
     settled: BoolArray,
     sharp: BoolArray,
     *,
+    steps: FloatArray,
     resolution: FloatArray,
+    is_held: BoolArray,
     counts: FloatArray,
     colour: bool,
     again: bool,
@@ -56,8 +62,13 @@ def fit_noise(
         Rows that the noise is estimated from.
     sharp : (rows,) array
         First parts of transients, where a misfit is most likely.
+    steps : (q,) array
+        By which the sensors resolve channels that stay at levels; 0: they are fine. Samples of a signal that moves are
+        off by the noise and by what a step adds, of which those of a level show less where the noise is small.
     resolution : (q,) array
         Step of a sensor that is too coarse for its errors to be noise: they are up to half of it. 0: it is fine.
+    is_held : (q,) array
+        Of a sensor so coarse that neighbours show the same value while the machine runs: they tell no colour.
     counts : (q,) array
         Deviation of the counts that a channel differences: at a steady speed their errors repeat themselves, and seem
         to be less. 0: it shows no counts.
@@ -66,23 +77,31 @@ def fit_noise(
     again : bool
         Keep the components of the whitener's noise, and estimate their parameters again.
     """
-    part, rows = _settled_part(whitener, settled)
+    part, rows = _settled_part(whitener, settled, residuals)
     stacked = np.concatenate([residuals[rows, :, None], columns[rows], _levels(part)], axis=2)
     stacked = np.where(part.present[:, :, None], stacked, 0.0)
-    growth = np.array([growth_of(residuals[:, j], whitener, j, sharp)[:2] for j in range(residuals.shape[1])])
-    growth[resolution > 0] = 0.0, 2.0
-    choice = _Choice(RestrictedLikelihood(part, stacked), colour=colour, growth=growth)
+    growth = np.array(
+        [growth_of(residuals[:, j], whitener, j, sharp, step=float(step))[0] for j, step in enumerate(steps)]
+    )
+    growth[resolution > 0] = 0.0
+    choice = _Choice(RestrictedLikelihood(part, stacked), colour=colour, growth=growth, is_held=is_held)
     found = choice.again() if again else choice.best()
     differenced = np.maximum(found.differenced, counts)
-    white = np.maximum(found.white, resolution / STEP_DEVIATION)
+    hidden = np.hypot(np.minimum(found.white, SHOWN_AT_LEVELS * steps), steps / STEP_DEVIATION)
+    white = np.maximum(found.white, np.maximum(hidden, resolution / STEP_DEVIATION))
     return dataclasses.replace(found, white=white, differenced=differenced)
 
 
-def _settled_part(whitener: Whitener, settled: BoolArray) -> tuple[Whitener, NDArray[np.int64]]:
-    """Return the whitener of the rows that the noise is estimated from, and these rows."""
+def _settled_part(whitener: Whitener, settled: BoolArray, residuals: FloatArray) -> tuple[Whitener, NDArray[np.int64]]:
+    """Return the whitener of the rows that the noise is estimated from, and these rows.
+
+    A sensor that shows no noise at rest, and never settles elsewhere, tells its noise while the machine runs.
+    """
     present = whitener.present & settled[:, None]
     for j in range(present.shape[1]):
-        if present[:, j].sum() < min(SETTLED_SAMPLES, whitener.present[:, j].sum()):
+        own, anywhere = residuals[present[:, j], j], residuals[whitener.present[:, j], j]
+        few = len(own) < min(SETTLED_SAMPLES, len(anywhere))
+        if few or float(own @ own) * len(anywhere) < SILENT**2 * float(anywhere @ anywhere) * len(own):
             present[:, j] = whitener.present[:, j]
     told = np.flatnonzero(np.logical_or.reduce(list(present.T)))
     if len(told) > ROWS:  # of every recording its part
@@ -127,8 +146,10 @@ def _levels(whitener: Whitener) -> FloatArray:
 class _Choice:
     """The components of a noise model: those of before, or those that lower the restricted likelihood enough."""
 
-    def __init__(self, likelihood: RestrictedLikelihood, *, colour: bool, growth: FloatArray) -> None:
-        self.likelihood, self.colour, self.growth = likelihood, colour, growth
+    def __init__(
+        self, likelihood: RestrictedLikelihood, *, colour: bool, growth: FloatArray, is_held: BoolArray
+    ) -> None:
+        self.likelihood, self.colour, self.growth, self.is_held = likelihood, colour, growth, is_held
         self.whitener, self.stacked = likelihood.whitener, likelihood.stacked
         self.first = dataclasses.replace(self.whitener.noise, short=())
         self.q = self.stacked.shape[1]
@@ -150,13 +171,13 @@ class _Choice:
             self.first,
             white=np.where(differenced, 1e-3, 1.0) * spread,
             differenced=np.where(differenced, spread / np.sqrt(2), 0.0),
-            growth=np.column_stack([np.zeros(self.q), np.full(self.q, 2.0)]),
+            growth=np.zeros(self.q),
             slow=np.column_stack([np.zeros(self.q), np.ones(self.q)]),
             torque=(0.0, 1.0),
         )
         active = [("differenced" if differenced[j] else "white", j) for j in range(self.q)]
         noise, value = self.likelihood.largest(noise, active)
-        if np.any(self.growth[:, 0] > 0):
+        if self.growth.any():
             noise, value = self.likelihood.largest(dataclasses.replace(noise, growth=self.growth), active)
         for _ in range(3 if self.colour else 0):
             options = self._slow_options(noise, active)
@@ -175,7 +196,7 @@ class _Choice:
         """Return starts with one more slow component, where the whitened residuals are not white."""
         whitened, _ = self.whitener.of(noise)(self.stacked[:, :, :1])
         options = []
-        for j in range(self.q):
+        for j in np.flatnonzero(~self.is_held).tolist():
             size = _colour_scale(whitened[:, j, 0], self.whitener.present[:, j], self.whitener.clocks)
             if size is None:
                 continue
@@ -204,7 +225,7 @@ class _Choice:
         of_each = [[np.where(there[c.rows], left[c.rows, j], 0.0) for c in self.whitener.clocks]
                    for j, there in enumerate((self.whitener.present & moving[:, None]).T)]  # fmt: skip
         repeats = tuple(repeat_themselves(own) for own in of_each)
-        told = np.logical_not(repeats)
+        told = ~(np.array(repeats) | self.is_held)
         running = self._short(left, moving, told)
         counts = self.whitener.present[~moving].sum(axis=0)
         resting = self._short(left, ~moving, told)

@@ -7,8 +7,8 @@ import dataclasses
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.conventions import LEAST_FALL, MEDIAN_SIZE, SECOND_DIFFERENCE, T_FREEDOM, T_MEDIAN
-from estimator.noise.noise_model import NoiseModel, grown, grown_squared
+from estimator.conventions import LEAST_FALL, MEDIAN_SIZE, SECOND_DIFFERENCE, STEP_DEVIATION, T_FREEDOM, T_MEDIAN
+from estimator.noise.noise_model import NoiseModel, grown
 from estimator.noise.whitener import Whitener
 from estimator.recordings.samples import median, medians, sum_of_logs
 
@@ -18,6 +18,7 @@ BoolArray = NDArray[np.bool_]
 TOGETHER = 1_000_000  # numbers that growths are tried on at once
 DIFFERENCES = 8000  # second differences that tell the growth; of more than twice as many some are left out
 FARTHEST = 1e37  # of a square, in deviations: a larger one counts as this
+CHARGE = 2 * LEAST_FALL  # of -2 log L: twice, as the squares of neighbours correlate by 0.44
 HOPELESS = 0.5  # of what a growth is charged: where a coarse one falls by no more, none is looked at closely
 SILENT = 1e-3  # of the noise of a machine that runs: an encoder has none at rest, which tells of no growth
 LOUD_SAMPLES = 25  # samples of a large signal, and as many below half of it: fewer do not show a growth
@@ -26,14 +27,16 @@ LOUD_SAMPLES = 25  # samples of a large signal, and as many below half of it: fe
 def noise_of_neighbours(whitener: Whitener, residuals: FloatArray, sharp: BoolArray) -> NoiseModel:
     """Return the white noise that samples beside each other show, and its growth; arguments as for `fit_noise`."""
     told = [growth_of(residuals[:, j], whitener, j, sharp) for j in range(residuals.shape[1])]
-    white = [w if w > 0 else old for (_, _, w), old in zip(told, whitener.noise.white, strict=True)]
-    return dataclasses.replace(whitener.noise, white=np.array(white), growth=np.array([(c, p) for c, p, _ in told]))
+    white = [w if w > 0 else old for (_, w), old in zip(told, whitener.noise.white, strict=True)]
+    return dataclasses.replace(whitener.noise, white=np.array(white), growth=np.array([c for c, _ in told]))
 
 
-def growth_of(residuals: FloatArray, whitener: Whitener, j: int, sharp: BoolArray) -> tuple[float, float, float]:
-    """Return how a channel's noise grows with its signal, c and p of `NoiseModel.growth`, from second differences.
+def growth_of(
+    residuals: FloatArray, whitener: Whitener, j: int, sharp: BoolArray, *, step: float = 0.0
+) -> tuple[float, float]:
+    """Return how a channel's noise grows with its signal, c of `NoiseModel.growth`, from second differences.
 
-    The third number is the deviation at rest of white noise of such differences; 0: too few samples.
+    The second number is the deviation at rest of white noise of such differences; 0: too few samples.
 
     Second differences contain the noise and hardly any misfit, so that transients can be used, but for their first
     part. Their size is estimated by Student's t, on which outliers have little influence.
@@ -42,38 +45,50 @@ def growth_of(residuals: FloatArray, whitener: Whitener, j: int, sharp: BoolArra
     ----------
     sharp : (rows,) array
         First parts of transients.
+    step : float
+        By which the sensor resolves the channel; 0: it is fine. Differences of a level are whole steps, and their
+        median is up to half as large again, or as small, as that of a signal that moves with the same noise: all
+        samples are spread over a step.
     """
-    sizes, levels, moves = [], [], []
+    spread = step * (np.random.default_rng(0).random(len(residuals)) - 0.5) if step else None
+    sizes, spreads, levels, moves = [], [], [], []
     for clock in whitener.clocks:
         x, known = residuals[clock.rows], whitener.present[clock.rows, j] & ~sharp[clock.rows]
         if len(x) < 3:
             continue
         told = known[2:] & known[1:-1] & known[:-2]
-        sizes.append((x[2:] - 2 * x[1:-1] + x[:-2])[told])
+        sizes.append(_second_differences(x)[told])
+        spreads.append(_second_differences(spread[clock.rows])[told] if spread is not None else 0.0)
         levels.append(whitener.level[clock.rows, j][1:-1][told])
         moves.append(whitener.moving[clock.rows][1:-1][told])
-    if _is_silent(sizes, moves):
+    is_silent = _is_silent(sizes, moves)
+    sizes = [own + by for own, by in zip(sizes, spreads, strict=True)]
+    if is_silent:
         sizes, levels = ([own[there] for own, there in zip(all_, moves, strict=True)] for all_ in (sizes, levels))
     d, level = np.concatenate([*sizes, np.zeros(0)]), np.concatenate([*levels, np.zeros(0)])
     if len(d) > 2 * DIFFERENCES:
         d, level = d[:: len(d) // DIFFERENCES], level[:: len(d) // DIFFERENCES]
     if len(level) < 2 * LOUD_SAMPLES or not np.any(d):
-        return 0.0, 2.0, 0.0
+        return 0.0, 0.0
     floor, sizes = 1e-3 * median(np.abs(d[d != 0])), np.abs(d)
 
     def size(g: FloatArray) -> float:
         return max(median(sizes / g) / T_MEDIAN, floor)
 
+    def white(g: FloatArray) -> float:  # what is spread is as large as what a step adds by itself
+        found, spread = size(g) * T_MEDIAN / MEDIAN_SIZE / SECOND_DIFFERENCE, step / STEP_DEVIATION
+        return float(np.sqrt(max(found**2 - spread**2, spread**2)))
+
     loud = float(np.sort(level)[-LOUD_SAMPLES])
     if np.count_nonzero(level < loud / 2) < LOUD_SAMPLES:
-        return 0.0, 2.0, size(np.ones_like(level)) * T_MEDIAN / MEDIAN_SIZE / SECOND_DIFFERENCE
+        return 0.0, white(np.ones_like(level))
 
     squares, powers = sizes * sizes, level * level
 
-    def misfits(c: FloatArray, p: float) -> FloatArray:
+    def misfits(c: FloatArray) -> FloatArray:
         together, found = max(1, TOGETHER // len(d)), []
         for some in (c[k : k + together] for k in range(0, len(c), together)):
-            g = grown_squared((some * some)[:, None] * powers, p)
+            g = 1 + (some * some)[:, None] * powers
             ratio = squares / g
             unit = np.maximum(medians(ratio) / T_MEDIAN**2, floor**2)
             ratio /= (T_FREEDOM * unit)[:, None]
@@ -82,19 +97,19 @@ def growth_of(residuals: FloatArray, whitener: Whitener, j: int, sharp: BoolArra
             found.append(sum_of_logs(g) + len(d) * np.log(unit) + (T_FREEDOM + 1) * sum_of_logs(far))
         return np.concatenate(found)
 
-    best = (float(misfits(np.zeros(1), 2.0)[0]), 0.0, 2.0)
-    none = best[0]
-    # Twice the charge: the squares of neighbours correlate by 0.44.
-    for p, charge in ((2.0, 2 * LEAST_FALL), (8.0, 4 * LEAST_FALL)):
-        coarse = np.geomspace(0.3, 300.0, 16) / loud
-        there = misfits(coarse, p)
-        if none - np.min(there) <= HOPELESS * charge:
-            break  # by the other form, too: what one of them tells the other tells nearly as well
+    none, c = float(misfits(np.zeros(1))[0]), 0.0
+    coarse = np.geomspace(0.3, 300.0, 16) / loud
+    there = misfits(coarse)
+    if none - np.min(there) > HOPELESS * CHARGE:
         fine = coarse[np.argmin(there)] * np.geomspace(0.7, 1.43, 9)
-        reached = misfits(fine, p)
-        best = min(best, (float(np.min(reached)) + charge, float(fine[np.argmin(reached)]), p))
-    _, c, p = best
-    return c, p, size(grown(c * level, p)) * T_MEDIAN / MEDIAN_SIZE / SECOND_DIFFERENCE
+        reached = misfits(fine)
+        if none - np.min(reached) > CHARGE:
+            c = float(fine[np.argmin(reached)])
+    return c, white(grown(c * level))
+
+
+def _second_differences(x: FloatArray) -> FloatArray:
+    return x[2:] - 2 * x[1:-1] + x[:-2]
 
 
 def _is_silent(differences: list[FloatArray], moves: list[BoolArray]) -> bool:

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.motor.exponential import exponential
+from estimator.noise.level import Level
 
 FloatArray = NDArray[np.float64]
 
@@ -36,8 +37,8 @@ class NoiseModel:
     ----------
     white, differenced : (q,) arrays
         Deviations at rest, in the channels' units.
-    growth : (q, 2) array
-        c and p of g = (1 + (c |y| / max |y|)^p)^(1/p): 2 adds powers, 8 hardly grows before c |y| / max |y| = 1.
+    growth : (q,) array
+        c of g^2 = 1 + (c |y| / max |y|)^2.
     slow : (q, 2) array
         Deviation and correlation time, s, of the slow part; 0: none.
     torque : deviation and correlation time, s, of the torque; in the unit of `machine`'s input; 0: none
@@ -67,8 +68,8 @@ class NoiseModel:
     def plain(cls, white: FloatArray, seat: Sequence[int]) -> NoiseModel:
         """Return white noise of these deviations, (q,)."""
         q = len(white)
-        none = np.column_stack([np.zeros(q), np.full(q, 2.0)])
-        return cls(white, np.zeros(q), none, np.column_stack([np.zeros(q), np.ones(q)]), seat=tuple(seat))
+        slow = np.column_stack([np.zeros(q), np.ones(q)])
+        return cls(white, differenced=np.zeros(q), growth=np.zeros(q), slow=slow, seat=tuple(seat))
 
     @cached_property
     def has_state(self) -> bool:
@@ -78,15 +79,15 @@ class NoiseModel:
     @cached_property
     def grows(self) -> bool:
         """Whether it grows with the signals, anywhere: else g is 1."""
-        return bool(self.growth[:, 0].any())
+        return bool(self.growth.any())
 
-    def scale(self, level: FloatArray) -> FloatArray:
+    def scale(self, level: FloatArray | Level) -> FloatArray:
         """Return g, (rows, q), at signals over their largest, (rows, q); not to be changed."""
         if not self.grows:
             return np.broadcast_to(1.0, level.shape)
-        return np.stack([grown(c * x, p) for x, (c, p) in zip(level.T, self.growth, strict=True)], axis=1)
+        return np.stack([grown(c * level[:, k]) for k, c in enumerate(self.growth)], axis=1)
 
-    def deviation(self, level: FloatArray) -> FloatArray:
+    def deviation(self, level: FloatArray | Level) -> FloatArray:
         """Return the deviation of each sample, (rows, q), all parts together; not to be changed."""
         power = self.white**2 + 2 * self.differenced**2 + self.slow[:, 0] ** 2
         if self.torque[0] > 0 and self.machine is not None:
@@ -162,20 +163,9 @@ class NoiseModel:
         return transition, process, start, readout
 
 
-def grown(x: FloatArray, p: float) -> FloatArray:
-    """Return (1 + x^p)^(1/p) of numbers from 0; p is 2 or 8."""
-    return np.asarray(np.sqrt(grown_squared(x * x, p)))
-
-
-def grown_squared(square: FloatArray, p: float) -> FloatArray:
-    """Return the square of the same of numbers' squares: products and roots are quicker than powers."""
-    if p == 2:
-        return np.asarray(1 + square)
-    result = square * square
-    result *= result
-    result += 1.0
-    np.sqrt(result, out=result)
-    return np.asarray(np.sqrt(result, out=result))
+def grown(x: FloatArray) -> FloatArray:
+    """Return sqrt(1 + x^2) of numbers."""
+    return np.asarray(np.sqrt(1 + x * x))
 
 
 @lru_cache(maxsize=256)

@@ -18,6 +18,7 @@ FloatArray = NDArray[np.float64]
 Values = Callable[[FloatArray], FloatArray]
 Objective = Callable[[FloatArray], tuple[float, FloatArray]]  # value and slopes
 
+FLAT = 1e-5  # slope of a minimum
 KEPT = 10  # steps that the Hessian is made of
 SEARCHES = 20  # values that a line search asks for, at most
 ENOUGH, FLATTER, NARROW = 1e-3, 0.9, 0.1  # of the first slope: fall, slope that is left; of a bracket: its width
@@ -34,7 +35,6 @@ def minimise(
     step: float,
     iterations: int,
     ftol: float,
-    gtol: float = 1e-5,
 ) -> tuple[FloatArray, float]:
     """Return the minimum that is reached from x, (n,), and its value.
 
@@ -48,8 +48,8 @@ def minimise(
         Of the differences.
     iterations : int
         At most.
-    ftol, gtol : float
-        It ends when a step lowers the value by less than ftol of it, or no variable has a larger slope than gtol.
+    ftol : float
+        It ends when a step lowers the value by less of it, or no variable has a larger slope than FLAT.
     """
 
     def told(x: FloatArray) -> tuple[float, FloatArray]:
@@ -63,7 +63,7 @@ def minimise(
     f, g = told(x)
     pairs: list[tuple[FloatArray, FloatArray]] = []
     done = 0
-    while done < iterations and np.isfinite(g).all() and float(np.max(np.abs(x - np.clip(x - g, low, high)))) > gtol:
+    while done < iterations and np.isfinite(g).all() and float(np.max(np.abs(x - np.clip(x - g, low, high)))) > FLAT:
         hessian = _hessian(pairs, len(x))
         way = _model_minimum(x, g, hessian, low, high, newton=bool(pairs)) - x
         longest = _longest(x, way, low, high) if done else 1.0

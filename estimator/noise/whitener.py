@@ -15,6 +15,7 @@ from estimator.noise.autoregression import ORDERS
 from estimator.noise.clock import Clock
 from estimator.noise.in_parts import Columns, Made, Scaled
 from estimator.noise.kalman import shorten, whiten
+from estimator.noise.level import Level
 from estimator.noise.noise_model import RESTS, RUNS, STARTS, NoiseModel
 from estimator.plans.part import LONG
 from estimator.recordings.samples import median
@@ -35,7 +36,7 @@ class Whitener:
     ----------
     present : (rows, q) array
         Which samples are there.
-    level : (rows, q) array
+    level : (rows, q) array, or Level
         The signals over their largest.
     inflate : (rows, q) array
         Factor on the white variance of single samples: outliers.
@@ -52,11 +53,11 @@ class Whitener:
     noise: NoiseModel
     clocks: tuple[Clock, ...]
     present: BoolArray
-    level: FloatArray
+    level: FloatArray | Level
     inflate: FloatArray
     moving: BoolArray
     slope: FloatArray
-    way: FloatArray | None = None
+    way: NDArray[np.int8] | None = None
     shared: FloatArray | None = None
 
     def __call__(self, columns: FloatArray) -> tuple[FloatArray, float]:

@@ -16,7 +16,8 @@ from functools import cached_property
 from estimator.cases.case import Case, OutputSpec, ParameterSpec
 from estimator.cases.si_units import in_si_units
 from estimator.errors import CaseError, FmuError, InputError, RecordingError, suggestion
-from estimator.fmus.fmu import FmuDescription, Variable, with_kind
+from estimator.fmus.fmu import FmuDescription, with_kind
+from estimator.fmus.variable import Variable
 from estimator.motor.names import MOTOR, has_motor
 from estimator.recordings.motor_columns import motor_columns
 from estimator.recordings.recording import Recording

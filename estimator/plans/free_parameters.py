@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from estimator.cases.case import ParameterSpec
 from estimator.errors import InputError
-from estimator.fmus.fmu import Variable
+from estimator.fmus.variable import Variable
 from estimator.motor.integral_least_squares import integral_estimate, sane, speed_estimate
 from estimator.plans.binding import Binding
 from estimator.plans.parameters import Parameter

@@ -331,24 +331,23 @@ EXPORT void kalman_shorten(int64_t n, int64_t q, int64_t c, int64_t most, const 
         }
 }
 
-/* Set upper triangles r, (k, m, m), to the factors of matrices of products, r' r = gram, (k, m, m), each; 0 where one of
-   them, its diagonal scaled to 1, has an eigenvalue that is not above `least`, or is of no numbers. */
-EXPORT int64_t gram_factors(int64_t k, int64_t m, double least, const double *gram, double *r)
+/* Set an upper triangle r, (m, m), to the factor of a matrix of products, r' r = gram, (m, m); 0 where that, its diagonal
+   scaled to 1, has an eigenvalue that is not above `least`, or is of no numbers. */
+EXPORT int64_t gram_factor(int64_t m, double least, const double *gram, double *r)
 {
-    for (; k > 0; k--, gram += m * m, r += m * m)
-        for (int64_t tried = 0; tried < 2; tried++) { /* what is less `least` along the diagonal is positive, too */
-            const double diagonal = tried ? 1.0 : 1.0 - least;
-            for (int64_t i = 0; i < m; i++)
-                for (int64_t j = 0; j < m; j++) {
-                    const double size = sqrt(gram[i * m + i]) * sqrt(gram[j * m + j]);
-                    double left = i == j ? diagonal : gram[i * m + j] / size;
-                    for (int64_t l = 0; l < i && j >= i; l++) left -= r[l * m + i] * r[l * m + j];
-                    if (!(i == j ? left > 0 && size > 0 && size < INFINITY : fabs(left) < INFINITY)) return 0;
-                    r[i * m + j] = j < i ? 0.0 : i == j ? sqrt(left) : left / r[i * m + i];
-                }
-            for (int64_t i = 0; tried && i < m; i++)
-                for (int64_t j = i; j < m; j++) r[i * m + j] *= sqrt(gram[j * m + j]);
-        }
+    for (int64_t tried = 0; tried < 2; tried++) { /* what is less `least` along the diagonal is positive, too */
+        const double diagonal = tried ? 1.0 : 1.0 - least;
+        for (int64_t i = 0; i < m; i++)
+            for (int64_t j = 0; j < m; j++) {
+                const double size = sqrt(gram[i * m + i]) * sqrt(gram[j * m + j]);
+                double left = i == j ? diagonal : gram[i * m + j] / size;
+                for (int64_t l = 0; l < i && j >= i; l++) left -= r[l * m + i] * r[l * m + j];
+                if (!(i == j ? left > 0 && size > 0 && size < INFINITY : fabs(left) < INFINITY)) return 0;
+                r[i * m + j] = j < i ? 0.0 : i == j ? sqrt(left) : left / r[i * m + i];
+            }
+        for (int64_t i = 0; tried && i < m; i++)
+            for (int64_t j = i; j < m; j++) r[i * m + j] *= sqrt(gram[j * m + j]);
+    }
     return 1;
 }
 
@@ -361,6 +360,14 @@ EXPORT void memory_keep(int largest, int most)
 #else
     (void)largest;
     (void)most;
+#endif
+}
+
+/* Give back what is kept, for a while: the next arrays have it anew. */
+EXPORT void memory_give_back(void)
+{
+#if defined(__GLIBC__)
+    malloc_trim(0);
 #endif
 }
 

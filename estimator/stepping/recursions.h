@@ -46,6 +46,41 @@ EXPORT void recursion_run(int64_t n, int64_t c, int64_t ahead, int64_t back, con
 #endif
 }
 
+/* Set y, (n), numbers `apart` from each other, to what a filter shows of a signal with the last of each row's numbers,
+   x, (n, c), `along` and `across` apart. It is sections of gain 1, (sections, 5), b0 b1 b2 a0 a1 each as above, which were
+   at rest at their first number. y may be x. */
+EXPORT void sections_run(int64_t n, int64_t c, int64_t sections, const double *given, const double *x, int64_t along,
+                         int64_t across, double *y, int64_t apart)
+{
+    double level[2] = {0}, x1[2] = {0}, x2[2] = {0}, last[2] = {0}, before[2] = {0};
+#if defined(__SSE2__)
+    const unsigned control = _mm_getcsr();
+    _mm_setcsr(control | FLUSH_TO_ZERO);
+#endif
+    for (int64_t j = 0; j < n; j++) {
+        double shown = 0.0;
+        for (int64_t k = 0; k < c; k++) {
+            shown = x[j * along + k * across];
+            for (int64_t s = 0; s < sections; s++) {
+                const double *f = given + 5 * s;
+                if (j == 0 && k == 0) level[s] = shown;
+                const double own = shown - level[s];
+                double now = f[0] * own + f[1] * x1[s] + f[2] * x2[s] - f[3] * last[s];
+                now -= f[4] * before[s];
+                x2[s] = x1[s];
+                x1[s] = own;
+                before[s] = last[s];
+                last[s] = now;
+                shown = now + level[s];
+            }
+        }
+        y[j * apart] = shown;
+    }
+#if defined(__SSE2__)
+    _mm_setcsr(control);
+#endif
+}
+
 /* States of a motor, current and speed, x[0] = start, x[j + 1] = F x[j] + G u[j], of c inputs each, (n, c) voltages and
    torques, NULL: none of these; where the circuit is open there is no current, and the speed w[j + 1] = coasting[0] w[j]
    + coasting[1] torque[j]. Set shown, (n, q, c), to those that q seats name, 0 or 1. start: (2, c); f, g: (2, 2). */

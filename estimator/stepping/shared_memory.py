@@ -76,6 +76,11 @@ class SharedMemory:
         return self.outcomes + self.capacity * ENTRY
 
     @property
+    def trajectory(self) -> int:
+        """Bytes of one."""
+        return self.rows * self.outputs * ENTRY
+
+    @property
     def size(self) -> int:
         """Bytes of all of it."""
-        return self.shown + self.shown_capacity * self.rows * self.outputs * ENTRY
+        return self.shown + self.shown_capacity * self.trajectory

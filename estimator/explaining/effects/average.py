@@ -22,9 +22,11 @@ SAMPLES = (2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 16.0)
 def mean_of_last(y: FloatArray, n: float, h: float) -> FloatArray:
     """Return the running mean of the last n samples, the first repeated before the start."""
     k = round(n)
-    padded = np.concatenate([np.repeat(y[:1], k - 1), y])
-    sums = np.cumsum(np.concatenate([[0.0], padded]))
-    return np.asarray((sums[k:] - sums[:-k]) / k)
+    sums = np.concatenate([[0.0], np.repeat(y[:1], k - 1), y])
+    np.cumsum(sums, out=sums)
+    mean = sums[k:] - sums[:-k]
+    mean /= k
+    return np.asarray(mean)
 
 
 def mean_over_interval(y: FloatArray, n: float, h: float) -> FloatArray:
@@ -39,6 +41,7 @@ class Average(Effect):
     name: str = "average"
     prior: float = 0.1
     sharp: bool = True
+    sentence: str = "{channel} is a mean over the last {value:.0f} samples"
 
     def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
         """Return one for each output without a declared mean."""
@@ -56,10 +59,6 @@ class Average(Effect):
         n = round(fit.value(name))
         return [{name: float(k)} for k in (n - 1, n + 1) if 1 < k <= SAMPLES[-1]]
 
-    def tell(self, name: str, value: float, plan: Plan) -> str:
-        """Say over how many samples."""
-        return f"{name.rpartition(' ')[2]} is a mean over the last {value:.0f} samples"
-
 
 @dataclass(frozen=True)
 class MeanSpeed(Effect):
@@ -67,6 +66,7 @@ class MeanSpeed(Effect):
 
     name: str = "mean over the interval"
     sharp: bool = True
+    sentence: str = "{channel} is a mean over the sampling interval, as differenced encoder counts are"
 
     def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
         """Return that of the speed."""
@@ -74,7 +74,3 @@ class MeanSpeed(Effect):
             return ()
         act = mean_over_interval
         return [Nuisance(f"{self.name} w", "", 0.0, 1.0, 0.0, 1.0, output="w", act=act, tries=(1.0,), whole=True)]
-
-    def tell(self, name: str, value: float, plan: Plan) -> str:
-        """Say so."""
-        return "w is a mean over the sampling interval, as differenced encoder counts are"

@@ -44,9 +44,10 @@ class Effect:
         It shows as spectral lines: they are no part of the noise, and no other effect explains them.
     is_one : bool
         Its groups exclude each other, as time constants of one lag do: in the average the likeliest stands for all.
-    excludes : names of nuisances or columns begin with these where the effect makes no sense beside them
     lateness : float
         Mean delay of a signal for a unit of its number, s; 0: it has none, or not in proportion.
+    sentence : str
+        Reports it: a format of its name, the channel that this ends with, its value, and that in ms and percent.
     """
 
     name: str
@@ -56,8 +57,8 @@ class Effect:
     sharp: bool = False
     is_line: bool = False
     is_one: bool = False
-    excludes: tuple[str, ...] = ()
     lateness: float = 0.0
+    sentence: str = "{name} is estimated"
 
     def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
         """Return the nuisance parameters that it may add to a plan."""
@@ -115,8 +116,9 @@ class Effect:
         return self.doubt
 
     def tell(self, name: str, value: float, plan: Plan) -> str:
-        """Return the sentence that reports it with its size."""
-        return f"{name} is estimated"
+        """Return the sentence that reports it with its size; "": none does."""
+        channel = name.rpartition(" ")[2]
+        return self.sentence.format(name=name, channel=channel, value=value, ms=1e3 * value, percent=100 * value)
 
 
 def time_constants(step: float, longest: float) -> FloatArray:

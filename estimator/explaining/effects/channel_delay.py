@@ -22,6 +22,7 @@ class ChannelDelay(Effect):
     prior: float = 0.1
     sharp: bool = True
     lateness: float = 1.0
+    sentence: str = "{channel} is shown {ms:.3g} ms after the other signals"
 
     def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
         """Return one for each output, if there are several."""
@@ -34,7 +35,3 @@ class ChannelDelay(Effect):
             for y in plan.outputs
             if len(plan.outputs) > 1 and f"delay {y}" not in plan.declared and plan.sensors[y] == layout.IDENTITY
         ]  # fmt: skip
-
-    def tell(self, name: str, value: float, plan: Plan) -> str:
-        """Say how late."""
-        return f"{name.removeprefix('delay of ')} is shown {1e3 * value:.3g} ms after the other signals"

@@ -11,7 +11,6 @@ from estimator.explaining.effects.base import Effect
 from estimator.explaining.effects.drive import is_of_one_size
 from estimator.fitting.fit import Fit, Linear
 from estimator.fitting.motor_response import as_late, motor_values, response
-from estimator.plans.plan import Plan
 
 MOST_DROP = 0.5  # of the largest voltage
 USUAL_DROP = 0.05  # of it
@@ -23,6 +22,7 @@ class DriveDrop(Effect):
 
     name: str = "drop of the drive"
     prior: float = 0.1
+    sentence: str = "the drive gives {value:.3g} V less than its command"
 
     def linear(self, fit: Fit) -> Sequence[Linear]:
         """Return one for all recordings; at voltages of one size it is a gain of the voltage, which nothing tells."""
@@ -34,7 +34,3 @@ class DriveDrop(Effect):
         largest = float(np.max(np.abs(v)))
         columns = response(fit, voltage=as_late(fit, -np.sign(v)))[:, :, None]
         return [Linear(self.name, columns, ("V",), least=0.0, most=MOST_DROP * largest, size=USUAL_DROP * largest)]
-
-    def tell(self, name: str, value: float, plan: Plan) -> str:
-        """Say how large."""
-        return f"the drive gives {value:.3g} V less than its command"

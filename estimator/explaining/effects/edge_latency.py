@@ -12,7 +12,6 @@ from estimator.explaining.effects.base import Effect
 from estimator.fitting.fit import Fit, Linear
 from estimator.fitting.latency import MOST_EDGES, edges_of
 from estimator.fitting.motor_response import motor_values, pulse_response
-from estimator.plans.plan import Plan
 
 FloatArray = NDArray[np.float64]
 
@@ -30,6 +29,7 @@ class EdgeLatency(Effect):
 
     name: str = "latency of each edge"
     prior: float = 0.05
+    sentence: str = "the changes of the voltage reach the motor at delays of their own"
 
     def linear(self, fit: Fit) -> Sequence[Linear]:
         """Return one group if the voltage has a few levels."""
@@ -52,10 +52,6 @@ class EdgeLatency(Effect):
             at = clock.time[0] + row * clock.step + fit.delay(e)
             columns[clock.rows, :, k] = -change / by * pulse_response(fit, clock, at, at + by)
         return Linear(self.name, columns, ("s",) * len(edges), size=s.clocks[0].step)
-
-    def tell(self, name: str, value: float, plan: Plan) -> str:
-        """Say so."""
-        return "the changes of the voltage reach the motor at delays of their own"
 
 
 def _edges(fit: Fit) -> list[tuple[int, int, float]]:

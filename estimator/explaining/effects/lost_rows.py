@@ -15,7 +15,6 @@ from estimator.fitting.fit import Fit, Linear, misfit, refreshed
 from estimator.fitting.simulator import CELLS
 from estimator.fitting.windows import find_windows
 from estimator.noise.clock import Clock
-from estimator.plans.plan import Plan
 from estimator.recordings.samples import medians
 
 FEWEST_ROWS, MOST_ROWS = 0.7, 30.0  # rows: a logger loses whole ones
@@ -38,6 +37,7 @@ class LostRows(Effect):
     name: str = "lost rows"
     prior: float = SELDOM / 10 / PLACES
     doubt: str = "rows are missing, or the clock is wrong: check the logger"
+    sentence: str = "{name}: some {value:.2g} rows seem to be missing there"
 
     def linear(self, fit: Fit) -> Sequence[Linear]:
         """Return the place where lost rows explain most of the residuals in the transients."""
@@ -66,10 +66,6 @@ class LostRows(Effect):
         tried = range(few, min(few + 2 * NEARBY, int(MOST_ROWS)) + 1)
         _, many = _likeliest(refreshed(fit, fit.whitener), np.array([place]), ends, tried)
         return dataclasses.replace(group, columns=_column(fit, place, ends, many))
-
-    def tell(self, name: str, value: float, plan: Plan) -> str:
-        """Say how many, and where."""
-        return f"{name}: some {value:.2g} rows seem to be missing there"
 
 
 def _likeliest(fit: Fit, places: IntArray, ends: IntArray, tried: Sequence[int]) -> tuple[int, int]:

@@ -17,7 +17,7 @@ from estimator.fitting.fit import Fit
 from estimator.fitting.simulator import Nuisance
 from estimator.motor.exponential import exponential
 from estimator.motor.winding import time_constant
-from estimator.noise.recursion import recursion
+from estimator.noise.recursion import Sections, behind
 from estimator.plans.plan import Plan
 
 FloatArray = NDArray[np.float64]
@@ -27,30 +27,42 @@ LONGEST_LAG = 60.0  # samples
 
 def lagged(y: FloatArray, tau: float, h: float) -> FloatArray:
     """Return y behind tau x' + x = y, exact for a signal on lines between its samples, at rest before the first."""
+    return _shown(lag(tau, h), y)
+
+
+def lag(tau: float, h: float) -> Sections:
+    """Return the section of that; none where tau is 0."""
     if tau <= 0:
-        return y
-    a = np.exp(-h / tau)
-    b0, b1 = 1 - (1 - a) * tau / h, (1 - a) * tau / h - a
-    return _from_rest([b0, b1], [-a], y)
+        return ()
+    a = float(np.exp(-h / tau))
+    return (((1 - (1 - a) * tau / h, (1 - a) * tau / h - a), (-a,)),)
 
 
 def lagged_twice(y: FloatArray, tau: float, h: float) -> FloatArray:
     """Return y behind two equal lags."""
-    return lagged(lagged(y, tau, h), tau, h)
+    return _shown(two_lags(tau, h), y)
+
+
+def two_lags(tau: float, h: float) -> Sections:
+    """Return the sections of that."""
+    return (*lag(tau, h), *lag(tau, h))
 
 
 def butterworth(y: FloatArray, tau: float, h: float) -> FloatArray:
     """Return y behind tau^2 x'' + sqrt(2) tau x' + x = y, exact for a signal on lines between its samples."""
-    if tau <= 0:
+    return _shown(second_order(tau, h), y)
+
+
+def second_order(tau: float, h: float) -> Sections:
+    """Return the section of that; none where tau is 0."""
+    return (_butterworth(h / tau),) if tau > 0 else ()
+
+
+def _shown(sections: Sections, y: FloatArray) -> FloatArray:
+    if not sections:
         return y
-    return _from_rest(*_butterworth(h / tau), y)
-
-
-def _from_rest(b: Sequence[float], a: Sequence[float], y: FloatArray) -> FloatArray:
-    """Return y behind a recursion whose gain is 1: what was constant before the first sample is shown as it is."""
-    level = float(y[0])
-    shown = recursion(b, a, y - level, in_place=True)
-    shown += level
+    shown = np.empty(len(y))
+    behind(sections, np.asarray(y, dtype=np.float64)[:, None], shown)
     return shown
 
 
@@ -72,6 +84,11 @@ FORMS: Mapping[str, tuple[Callable[[FloatArray, float, float], FloatArray], floa
     "second-order lag": (lagged_twice, 2.0, "a low-pass of second order"),
     "Butterworth low-pass": (butterworth, np.sqrt(2.0), "a Butterworth low-pass of second order"),
 }  # of each: what the sensor shows, its delay in time constants, words
+SECTIONS: Mapping[str, Callable[[float, float], Sections]] = {
+    "lag": lag,
+    "second-order lag": two_lags,
+    "Butterworth low-pass": second_order,
+}
 
 
 @dataclass(frozen=True)
@@ -88,7 +105,7 @@ class LowPass(Effect):
         return [
             Nuisance(
                 f"{self.name} of {y}", "s", 0.0, LONGEST_LAG * h, 0.0, h,
-                output=y, act=FORMS[self.name][0], between=True,
+                output=y, act=FORMS[self.name][0], sections=SECTIONS[self.name], between=True,
                 tries=(0.3 * h, 1.5 * h, 6 * h), excludes=tuple(f"{form} of {y}" for form in FORMS),
             )
             for y in plan.outputs

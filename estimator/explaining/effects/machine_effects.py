@@ -77,6 +77,7 @@ class WindingWarms(Effect):
 
     name: str = "winding warms"
     prior: float = 0.1
+    sentence: str = "R rises by {value:.3g} Ohm over a recording: the winding warms; R stands for the mean"
 
     def linear(self, fit: Fit) -> Sequence[Linear]:
         """Return one for all recordings of a motor whose current is measured."""
@@ -99,10 +100,6 @@ class WindingWarms(Effect):
     def changes(self, fit: Fit, coefficient: float) -> Mapping[str, float]:
         """Return the change of the resistance."""
         return {"R": coefficient}
-
-    def tell(self, name: str, value: float, plan: Plan) -> str:
-        """Say by how much."""
-        return f"R rises by {value:.3g} Ohm over a recording: the winding warms; R stands for the mean"
 
 
 def usual_friction(fit: Fit, values: Mapping[str, float]) -> float:

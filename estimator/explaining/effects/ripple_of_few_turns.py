@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.explaining.effects.base import USUAL
-from estimator.explaining.effects.ripple import MOST_LINES, Ripple, angle_of, level_of, standing_out
+from estimator.explaining.effects.ripple import MOST_LINES
+from estimator.explaining.effects.shaft_order import ShaftOrder, angle_of, level_of, orders_in, standing_out
 from estimator.fitting.fit import Fit, Linear
-from estimator.fitting.shaft_angle import LINE_CYCLES
+from estimator.fitting.shaft_angle import HIGHEST_ORDER, LINE_CYCLES
 from estimator.fitting.windows import find_windows
 from estimator.noise.clock import Clock
 
@@ -29,13 +30,11 @@ PERIODS_AT_EDGES = 4.0  # of an order while the current is large: with fewer it 
 
 
 @dataclass(frozen=True)
-class Eccentricity(Ripple):
+class Eccentricity(ShaftOrder):
     """Cosine and sine of a low order of the angle, in proportion to the speed, each recording's own."""
 
     name: str = "eccentricity"
     prior: float = USUAL / 2
-    sharp: bool = False
-    is_line: bool = False
 
     def linear(self, fit: Fit) -> Sequence[Linear]:
         """Return the low orders that have too few periods for a line, by all rows, also in transients."""
@@ -49,23 +48,18 @@ class Eccentricity(Ripple):
         if turns < FEWEST_TURNS:
             return ()
         return [
-            Linear(f"ripple w {k}", self.columns(fit, theta, fit.shown[:, j] / largest, k, j), self._units(fit, "w"),
+            Linear(f"ripple w {k}", self.columns(fit, theta, fit.shown[:, j] / largest, k, j), self.units(fit, "w"),
                    least=-MOST_ECCENTRICITY * largest, most=MOST_ECCENTRICITY * largest)
             for k in LOW_ORDERS if k * turns < BELOW_LINE * LINE_CYCLES
         ]  # fmt: skip
 
-    def renewed(self, fit: Fit, group: Linear, coefficients: FloatArray) -> Linear | None:
-        """Return the order in proportion to the speed of the last fit; its angle is the speed's, and never late."""
-        return next((g for g in self.linear(fit) if g.name == group.name), None)
-
 
 @dataclass(frozen=True)
-class Commutation(Ripple):
+class Commutation(ShaftOrder):
     """Cosine and sine of an order of the angle, in proportion to the current, which is large at edges only."""
 
     name: str = "commutation"
-    sharp: bool = False
-    is_line: bool = False
+    prior: float = USUAL / HIGHEST_ORDER
 
     def linear(self, fit: Fit) -> Sequence[Linear]:
         """Return the order that explains most of the current's residuals, also in transients."""
@@ -74,8 +68,8 @@ class Commutation(Ripple):
         if theta is None or _turns(theta, fit) < FEWEST_TURNS:
             return ()
         j = outputs.index("i")
-        taken = {int(w[2]) for g in fit.linear if (w := g.name.split(" "))[:2] == ["ripple", "i"] and len(w) == 3}
-        level, z, settled = level_of(fit, j), standing_out(fit)[:, j], find_windows(fit).settled
+        taken, settled = orders_in(fit, "i"), find_windows(fit).settled
+        level, z = level_of(fit, j), standing_out(fit)[:, j]
         if find_windows(fit).enough and np.sum(level[settled] ** 2) > np.sum(level[~settled] ** 2):
             return ()  # settled rows tell its size better: it is a line
         power = self.power(theta, level * z, fit, j)
@@ -84,7 +78,7 @@ class Commutation(Ripple):
         if len(taken) >= MOST_LINES or not np.any(power):
             return ()
         order = int(np.argmax(power)) + 1
-        return [Linear(f"ripple i {order}", self._in_time(fit, theta, level, order, j, z), self._units(fit, "i"))]
+        return [Linear(f"ripple i {order}", self._in_time(fit, theta, level, order, j, z), self.units(fit, "i"))]
 
     def renewed(self, fit: Fit, group: Linear, coefficients: FloatArray) -> Linear | None:
         """Return the order's columns, the lateness of the angle found from the last fit."""

@@ -10,7 +10,6 @@ import numpy as np
 from estimator.explaining.between_runs import BETWEEN
 from estimator.explaining.effects.base import USUAL, Effect
 from estimator.fitting.fit import Fit, Linear
-from estimator.plans.plan import Plan
 
 USUAL_CHANGE = 0.03  # of a parameter, between runs
 MOST_CHANGE = 1.0  # of a logarithm
@@ -22,6 +21,7 @@ class RunsDiffer(Effect):
 
     name: str = BETWEEN.strip()
     prior: float = USUAL / 5  # motors have five parameters
+    sentence: str = ""  # the random effect of all runs is reported instead (between_runs.py)
 
     def linear(self, fit: Fit) -> Sequence[Linear]:
         """Return one group for each shared parameter: its derivatives in each recording less those in the last."""
@@ -42,7 +42,3 @@ class RunsDiffer(Effect):
                     Linear(name, columns, ("",) * len(first), least=-MOST_CHANGE, most=MOST_CHANGE, size=USUAL_CHANGE)
                 )
         return found
-
-    def tell(self, name: str, value: float, plan: Plan) -> str:
-        """Return "": the random effect of all runs is reported instead (between_runs.py)."""
-        return ""

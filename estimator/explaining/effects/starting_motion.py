@@ -6,14 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimator.explaining.effects.base import Effect
 from estimator.explaining.effects.drive import coasts_in
 from estimator.fitting.fit import Fit, Linear
 from estimator.fitting.motor_response import COASTS, free_motion, motor_values
 from estimator.fitting.simulator import Nuisance, per_recording
-from estimator.plans.plan import Observed, Plan
+from estimator.plans.plan import Plan
 
 UNITS = {"w": "rad/s", "i": "A"}
 FIRST_ROWS = 3  # rows whose mean is tried
@@ -32,6 +31,7 @@ class StartingMotion(Effect):
     name: str = "motion before the voltage"
     sharp: bool = True
     prior: float = 0.05
+    sentence: str = "{name}: the motor moves already in the first row; its speed and current there are estimated"
 
     def linear(self, fit: Fit) -> Sequence[Linear]:
         """Return the motor's free motion from the first row of each recording that begins at rest."""
@@ -45,10 +45,13 @@ class StartingMotion(Effect):
         found = []
         for o, clock, name in zip(s.observed, s.clocks, names, strict=True):
             if not o.lead:
-                opens_first = coasts and coasts_in(o, _before_voltage(o))
+                before_voltage = np.asarray(np.cumsum(o.inputs["v"] != 0) == 0)
+                opens_first = coasts and coasts_in(o, before_voltage)
                 units = (UNITS["w"],) if opens_first else (UNITS["w"], UNITS["i"])  # no current flows then
-                columns = np.zeros((s.rows, len(s.outputs), len(units)))
-                columns[clock.rows] = free_motion(fit, clock, opens_first=opens_first)[:, :, : len(units)]
+                columns = free_motion(fit, clock, opens_first=opens_first)[:, :, : len(units)]
+                if len(s.clocks) > 1:
+                    own, columns = columns, np.zeros((s.rows, len(s.outputs), len(units)))
+                    columns[clock.rows] = own
                 found.append(Linear(name, columns, units))
         return found
 
@@ -70,11 +73,3 @@ class StartingMotion(Effect):
                     )
                 )  # fmt: skip
         return found
-
-    def tell(self, name: str, value: float, plan: Plan) -> str:
-        """Say so."""
-        return f"{name}: the motor moves already in the first row; its speed and current there are estimated"
-
-
-def _before_voltage(o: Observed) -> NDArray[np.bool_]:
-    return np.asarray(np.cumsum(o.inputs["v"] != 0) == 0)

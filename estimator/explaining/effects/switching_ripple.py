@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from estimator.conventions import STANDS_OUT
 from estimator.explaining.effects.base import USUAL, Effect
-from estimator.explaining.effects.ripple import angle_of
+from estimator.explaining.effects.shaft_order import angle_of, orders_in, standing_out
 from estimator.fitting.fit import Fit, Linear
 from estimator.fitting.windows import find_windows
 from estimator.noise.clock import interval_shown
@@ -51,8 +51,7 @@ class SwitchingRipple(Effect):
         for rows, _ in stretches:
             if np.sum(later[rows]) < max(STRETCH_ROWS, len(rows) // 2):
                 later[rows] = ~windows.sharp[rows]  # a misfit there is slow, and no line
-        left = fit.residuals() / fit.whitener.noise.deviation(fit.whitener.level)
-        z = np.where(later[:, None] & fit.whitener.present, left, 0.0) / np.sqrt(fit.whitener.inflate)
+        z = np.where(later[:, None], standing_out(fit), 0.0)
         taken = [float(g.name.split()[3]) for g in fit.linear if g.name.startswith("ripple i at ")]
         parts = [(t, z[rows, j]) for rows, t in stretches if np.sum(later[rows]) >= STRETCH_ROWS]
         if len(taken) >= MOST_SWITCHING_LINES or not parts:
@@ -94,8 +93,7 @@ def _is_the_shafts(f: float, fit: Fit, stretches: Sequence[tuple[NDArray[np.int6
     theta = angle_of(fit, "i")
     if theta is None:
         return False
-    known = (g.name.split(" ") for g in fit.linear if g.name.startswith("ripple i "))
-    orders = {*range(1, SHAFT_ORDERS + 1), *(int(words[2]) for words in known if len(words) == 3)}
+    orders = {*range(1, SHAFT_ORDERS + 1), *orders_in(fit, "i")}
     turning = [abs(theta[rows[-1]] - theta[rows[0]]) / (2 * np.pi * (t[-1] - t[0])) for rows, t in stretches]
     return any(abs(f - k * x) < WANDERS * k * x for x in turning for k in orders)
 

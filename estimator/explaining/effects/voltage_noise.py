@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,6 +35,7 @@ class VoltageNoise(Effect):
     name: str = "voltage noise"
     prior: float = 0.1
     sharp: bool = True  # delays and lags would explain a part of it
+    sentence: str = "the logged voltage's noise does not reach the motor ({percent:.0f} % of it is the sensor's)"
 
     def linear(self, fit: Fit) -> Sequence[Linear]:
         """Return the response, with opposite sign, to what is noise in the logged voltage."""
@@ -42,10 +43,6 @@ class VoltageNoise(Effect):
         if not around.any():
             return ()
         return [Linear(self.name, response(fit, voltage=as_late(fit, -around))[:, :, None], ("",), least=0.3, most=1.3)]
-
-    def tell(self, name: str, value: float, plan: Plan) -> str:
-        """Say so."""
-        return f"the logged voltage's noise does not reach the motor ({100 * value:.0f} % of it is the sensor's)"
 
 
 def without_noise(fit: Fit, plan: Plan) -> Plan | None:
@@ -62,7 +59,7 @@ def without_noise(fit: Fit, plan: Plan) -> Plan | None:
         return None
     s, around, observed = fit.simulator, _around(fit), []
     voltages, shown = s.inputs("v"), np.nan_to_num(fit.explained)
-    followed = [_followed(voltages[clock.rows], shown[clock.rows]) for clock in s.clocks]
+    followed = [list(_followed(voltages[clock.rows], shown[clock.rows])) for clock in s.clocks]
     is_told = s.rows <= LONG and sum(len(parts) for parts in followed) <= MOST_LEVELS
     for o, clock, parts in zip(plan.observed, s.clocks, followed, strict=True):
         own = around[clock.rows]
@@ -101,7 +98,7 @@ def _around(fit: Fit) -> FloatArray:
         return around
     v = s.inputs("v")
     for clock in s.clocks:
-        around[clock.rows] = _noise(v[clock.rows], np.nan_to_num(fit.explained[clock.rows]))
+        around[clock.rows] = _noise(v[clock.rows], fit.explained[clock.rows])
     return around if np.max(np.abs(around)) > LEAST_NOISE * np.max(np.abs(v)) else np.zeros(s.rows)
 
 
@@ -116,25 +113,29 @@ def _noise(u: FloatArray, shown: FloatArray) -> FloatArray:
     shown : (n, q) array
         What the sensors show without noise.
     """
-    parts = _followed(u, shown)
-    if len(parts) > MOST_CHANGES:
+    if len(_levels(u)) > MOST_CHANGES:
         return np.zeros(len(u))
     result = u.copy()
-    for level, basis in parts:
+    for level, basis in _followed(u, shown):
         result[level] -= basis @ (basis.T @ u[level])
     return result
 
 
-def _followed(u: FloatArray, shown: FloatArray) -> list[tuple[slice, FloatArray]]:
-    """Return the rows of each level of a voltage, and what it may follow there, orthonormal: (rows, k)."""
+def _levels(u: FloatArray) -> list[slice]:
+    """Return the rows of each level of a voltage, (n,)."""
     least = max(EDGE * float(np.ptp(u)), ABOVE_NOISE * noise_deviation(u), 1e-300)
     jumps = (np.flatnonzero(np.abs(np.diff(u)) > least) + 1).tolist()
-    found = []
-    for first, last in zip([0, *jumps], [*jumps, len(u)], strict=True):
-        columns = np.ones((last - first, 1)) / np.sqrt(last - first)
-        if last - first >= LEAST_ROWS * (1 + shown.shape[1]):
-            moving = shown[first:last] - np.mean(shown[first:last], axis=0)
+    return [slice(first, last) for first, last in zip([0, *jumps], [*jumps, len(u)], strict=True)]
+
+
+def _followed(u: FloatArray, shown: FloatArray) -> Iterator[tuple[slice, FloatArray]]:
+    """Yield the rows of each level of a voltage, and what it may follow there, orthonormal: (rows, k)."""
+    for level in _levels(u):
+        rows = level.stop - level.start
+        columns = np.ones((rows, 1)) / np.sqrt(rows)
+        if rows >= LEAST_ROWS * (1 + shown.shape[1]):
+            own = np.nan_to_num(shown[level])
+            moving = own - np.mean(own, axis=0)
             basis, sizes, _ = np.linalg.svd(moving / np.maximum(np.linalg.norm(moving, axis=0), 1e-300), False)
             columns = np.column_stack([columns, basis[:, sizes > DEPENDENT]])
-        found.append((slice(first, last), columns))
-    return found
+        yield level, columns

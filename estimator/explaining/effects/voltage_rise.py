@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimator.explaining.effects.base import SELDOM, Effect
-from estimator.explaining.effects.low_pass import lagged
+from estimator.explaining.effects.low_pass import lag, lagged
 from estimator.fitting.fit import Fit
 from estimator.fitting.motor_response import motor_values
 from estimator.fitting.simulator import Nuisance
@@ -42,7 +42,7 @@ class VoltageRise(Effect):
             return ()  # what is measured has risen
         step = plan.shortest_step
         longest = LONGEST * max(float(o.recording.time[-1] - o.recording.time[0]) for o in plan.observed)
-        return [Nuisance(NAME, "s", 0.0, max(longest, 2 * step), 0.0, step, act=lagged, between=True)]
+        return [Nuisance(NAME, "s", 0.0, max(longest, 2 * step), 0.0, step, act=lagged, sections=lag, between=True)]
 
     def in_place_of_model(self, fit: Fit) -> Sequence[Mapping[str, float]]:
         """Return both time constants of a motor as the voltage's, the motor faster by as much."""

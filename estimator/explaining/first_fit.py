@@ -1,0 +1,121 @@
+"""The first fit, before any effect is selected: its starts, its bounds, what is seen before it. Selects nothing."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.explaining.addition import Addition, is_switch
+from estimator.explaining.addition_tests import AdditionTests
+from estimator.explaining.effects.base import Effect
+from estimator.explaining.explanation import Explanation
+from estimator.fitting.fit import Fit, new_fit, refreshed
+from estimator.fitting.gauss_newton import solved_roughly
+from estimator.fitting.simulator import Simulator
+from estimator.noise.noise_model import NoiseModel
+
+FloatArray = NDArray[np.float64]
+
+# Factors about the first estimates: bounds of the fit while effects are missing.
+NEARBY = {"R": 5.0, "K": 4.0, "J": 6.0, "L": 50.0}
+NO_NOISE = 0.2  # of the noise's power as neighbours tell it: a first fit that is further from it misses something
+SEEN = 1.0  # of z'z: by so much a switch that is seen may be worse than none
+
+
+@dataclass(frozen=True)
+class FirstFit:
+    """Where a selection begins.
+
+    Parameters
+    ----------
+    tests : AdditionTests
+        Of what may be added; its simulators.
+    always : names of nuisance parameters that are free from the start
+    deviations : (q,) array
+        Of the noise, a first estimate.
+    effects : those that may be found
+    """
+
+    tests: AdditionTests
+    always: tuple[str, ...]
+    deviations: FloatArray
+    effects: tuple[Effect, ...]
+
+    @contextmanager
+    def held_near(self, starts: Sequence[FloatArray]) -> Iterator[None]:
+        """Bound a motor's parameters near their first estimates for a while.
+
+        A start that leaves only noise misses no effect, wherever it lies.
+        """
+        s = self.tests.base
+        lower, upper = s.lower.copy(), s.upper.copy()
+        if not any(self._leaves_noise(start) for start in starts):
+            for k, name in enumerate(s.plan.names):
+                near = s.plan.guess.get(name, 0.0)
+                if name in NEARBY and near > 0 and s.log[k]:
+                    s.lower[k] = max(s.lower[k], near / NEARBY[name])
+                    s.upper[k] = min(s.upper[k], near * NEARBY[name])
+        try:
+            yield
+        finally:
+            s.lower[:], s.upper[:] = lower, upper
+
+    def explanation(self, starts: Sequence[FloatArray]) -> Explanation:
+        """Return the best first fit: from every start, with and without effects that are seen before a fit."""
+        s = self.tests.base
+        seen = [(e, e.at_first_sight(s.plan)) for e in self.effects]
+        own = [(e, {n: v for n, v in known.items() if n in s.index}) for e, known in seen if not e.fmu]
+        far = [(e, known) for e, known in seen if e.fmu and known]
+        tried = []
+        for start in starts:
+            begun = dict(zip(s.plan.names, start.tolist(), strict=True))
+            for held in ([], far) if far else ([],):
+                additions = [_seen(e, name, s) for e, known in own for name in known]
+                simulator = s
+                for e, known in held:
+                    rival = self.tests.rivals(e.fmu)
+                    if rival is not None and set(known) <= set(rival.index):
+                        simulator = rival
+                        additions += [_seen(e, name, rival) for name in known]
+                names = {a.name for a in additions}
+                values = {n: v for _, known in (*own, *held) for n, v in known.items() if n in names}
+                free = (*s.plan.names, *self.always, *(n for a in additions for n in a.free))
+                fit = new_fit(simulator, simulator.values({**begun, **values}), free, self._noise)
+                fit = solved_roughly(self.with_open_columns(fit))
+                tried.append(Explanation(fit, tuple(additions)))
+        return min(tried, key=self._criterion)
+
+    def cost(self, starts: Sequence[FloatArray]) -> float:
+        """Return z'z of the first fit, by the first estimate of the noise."""
+        with self.held_near(starts):
+            return self.explanation(starts).fit.cost
+
+    def with_open_columns(self, fit: Fit) -> Fit:
+        """Return a fit with the columns that are free from the start."""
+        return dataclasses.replace(fit, linear=tuple(group for e in self.effects for group in e.always(fit)))
+
+    @property
+    def _noise(self) -> NoiseModel:
+        return NoiseModel.plain(self.deviations, tuple(-1 for _ in self.tests.base.outputs))
+
+    def _leaves_noise(self, start: FloatArray) -> bool:
+        """Whether a start, (p,), explains the recordings but for their noise, by its first estimate."""
+        s = self.tests.base
+        values = s.values(dict(zip(s.plan.names, start.tolist(), strict=True)))
+        begun = new_fit(s, values, s.plan.names, self._noise)
+        return refreshed(begun, begun.whitener).cost < (1 + NO_NOISE) * self.tests.samples
+
+    def _criterion(self, explanation: Explanation) -> float:
+        """Return a criterion in which a switch that is seen needs no fit to tell it: what does is not yet there."""
+        n = self.tests.samples
+        return explanation.criterion(n) - sum(a.penalty(n) + SEEN for a in explanation.additions if is_switch(a))
+
+
+def _seen(effect: Effect, name: str, simulator: Simulator) -> Addition:
+    """Return an addition that the recordings show before any fit."""
+    return Addition(effect, name, 1, np.inf, free=() if simulator.nuisance(name).whole else (name,))
