@@ -4,8 +4,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from driven_motor import DrivenMotor
 from scipy.linalg import expm
 
+from estimator import estimate_parameters, recording_from_arrays
 from estimator.fitting.motor_response import COASTS, response
 from estimator.noise.clock import Clock
 
@@ -18,7 +20,7 @@ def fit_of(coasts):
     names = (*MOTOR, COASTS)
     n = len(VOLTAGE)
     simulator = SimpleNamespace(
-        plan=SimpleNamespace(fixed={}), names=names, index={name: k for k, name in enumerate(names)},
+        plan=SimpleNamespace(fixed={}, observed=[None]), names=names, index={name: k for k, name in enumerate(names)},
         outputs=("i", "w"), observed=[SimpleNamespace(inputs={"v": VOLTAGE}, delay=0.0)], nuisances=(), rows=n,
         clocks=(Clock(STEP * np.arange(n), slice(0, n)),), inputs=lambda name: VOLTAGE,
     )  # fmt: skip
@@ -56,3 +58,23 @@ def test_a_change_of_voltage_or_torque_moves_current_and_speed_as_the_equations_
     np.testing.assert_allclose(both, solved(drop, load, coasts), rtol=1e-9, atol=1e-9)
     two = response(fit_of(coasts), voltage=np.column_stack([drop, 2 * drop]))
     np.testing.assert_allclose(two[:, :, 1], 2 * solved(drop, none, coasts), rtol=1e-9, atol=1e-9)
+
+
+def test_of_one_set_a_recording_may_coast_and_another_be_braked():
+    """The bridge that opens at no voltage in one test shorts the motor in the next."""
+    rng, step = np.random.default_rng(3), 1e-3
+    levels = ([0.0, 6.0, 0.0], [0.0, 4.0, 8.0, 0.0])
+    recordings = []
+    for name, values, coasts in (("coasting", levels[0], 1.0), ("braked", levels[1], 0.0)):
+        v = np.repeat(values, 300)
+        after = DrivenMotor(MOTOR | {"coasts": coasts}).response(v, np.zeros(len(v)), step=step)[:, :2]
+        y = np.vstack([np.zeros((1, 2)), after[:-1]])  # each row with the voltage that begins then
+        y += np.array([0.01, 0.3]) * rng.standard_normal(y.shape)
+        columns = {"voltage [V]": v, "current [A]": y[:, 0], "speed [rad/s]": y[:, 1]}
+        recordings.append(recording_from_arrays(name, np.arange(len(v)) * step, columns))
+    result = estimate_parameters(recordings, workers=1, seed=1)
+    assert result.verdict == "ok" and set(result.effects) == {"coasting"}
+    assert [n for n in result.notes if n.startswith("coasting: the circuit is open")], result.notes
+    for name, value in MOTOR.items():
+        found = result.parameters[name]
+        assert abs(found.value - value) < 4 * found.standard_error, name

@@ -98,8 +98,7 @@ class AdditionTests:
         offered: list[tuple[Effect, Linear, int]] = []
         for effect in effects:
             groups = effect.linear(fit)
-            among = len(groups) if effect.is_one else 1
-            offered += [(effect, g, max(among, g.one_of)) for g in groups if g.name not in taken]
+            offered += [(effect, g, g.one_of) for g in groups if g.name not in taken]
             del groups
             while long and offered:  # their columns are not held together
                 result += self._scored(fit, [offered.pop(0)], test, beside=beside)

@@ -80,12 +80,11 @@ class HiddenEffect:
 
 @dataclass(frozen=True)
 class Averaged:
-    """Averaged values, (p,), and covariance, (p, p), on the parameters' scales; what may be hidden; differing rivals.
+    """Averaged covariance, (p, p), on the parameters' scales; what may be hidden; differing rivals.
 
     Where the recordings determine only combinations of parameters, the covariance is that of these combinations.
     """
 
-    values: FloatArray
     covariance: FloatArray
     hidden: tuple[HiddenEffect, ...]
     rivals: tuple[WeighedRival, ...]
@@ -159,7 +158,7 @@ def averaged(
     total[held] = total[:, held] = 0.0
     told = [t for t in told if t[4] <= min(u[4] for u in told if _effects(u[0]) == _effects(t[0]))]  # of alike ones one
     rivals_told = tuple(WeighedRival(r, apart, name, behind, float(weights[k])) for r, k, apart, name, behind in told)
-    return Averaged(own, total, tuple(hidden), rivals_told)
+    return Averaged(total, tuple(hidden), rivals_told)
 
 
 def _holds(rival: Explanation, explanation: Explanation) -> bool:
@@ -184,12 +183,11 @@ def _beside(own: FloatArray, rival: Explanation, log: NDArray[np.bool_]) -> tupl
 
 
 def _one_of_each(additions: Sequence[Addition]) -> list[Addition]:
-    """Return the additions, but of an effect whose groups exclude each other only the likeliest."""
+    """Return the additions, of each name the likeliest."""
     best: dict[str, Addition] = {}
     for a in additions:
-        key = a.effect.name if a.effect.is_one else a.name
-        if key not in best or a.gain > best[key].gain:
-            best[key] = a
+        if a.name not in best or a.gain > best[a.name].gain:
+            best[a.name] = a
     return list(best.values())
 
 

@@ -61,9 +61,11 @@ def _of_ripples(fit: Fit) -> Iterator[tuple[str, list[tuple[float, FloatArray]]]
             rows = np.ix_(there, channels)
             shown = _size((_of_recording(group.columns, e) @ _of_recording(own, e))[rows])
             forms = [_of_recording(form, e) for form in (group.transient, group.beyond) if form is not None]
-            sizes = [shown / max(2**0.5 * _size(form[rows]), 1e-300) for form in forms]  # cosine and sine share it
+            there_is = [2**0.5 * _size(form[rows]) for form in forms]  # cosine and sine share it
+            sizes = [shown / size if size > 0 else np.inf for size in there_is]
             enough = sizes[0] <= group.most_transient
             sizes[0] = min(sizes[0], group.most_transient)
+            sizes = [size if size < np.inf else 0.0 for size in sizes]  # a form that settled rows lack tells none
             yield group.name, list(zip(sizes, forms, strict=True))[: 1 if enough else 2]
 
 

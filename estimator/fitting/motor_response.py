@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.fitting.fit import Fit
-from estimator.fitting.simulator import Act
+from estimator.fitting.simulator import Act, per_recording
 from estimator.motor.exponential import exponential
 from estimator.motor.names import MOTOR, is_motor
 from estimator.motor.state_space import coasting, matrices, sampled
@@ -80,12 +80,23 @@ def _plain_seats(fit: Fit) -> list[int] | None:
     return seats if max(seats) < SEATS["angle"] and not any(acting(fit, y) for y in outputs) else None
 
 
+def opens_circuit(fit: Fit, recording: int) -> bool:
+    """Whether the drive of a recording opens the circuit where its command is zero."""
+    s = fit.simulator
+    names = (COASTS, per_recording(s.plan, COASTS)[recording])
+    return any(name in s.index and fit.value(name) == 1.0 for name in names)
+
+
 def _opens(fit: Fit) -> NDArray[np.bool_]:
     """Return in which rows the drive has opened the circuit, (rows,)."""
     s = fit.simulator
-    if COASTS not in s.index or fit.value(COASTS) != 1.0:
-        return np.zeros(s.rows, dtype=bool)
-    return np.asarray(as_late(fit, (s.inputs("v") == 0).astype(np.float64)) > 0.5)
+    opens = np.zeros(s.rows, dtype=bool)
+    where = [clock.rows for e, clock in enumerate(s.clocks) if opens_circuit(fit, e)]
+    if where:
+        off = as_late(fit, (s.inputs("v") == 0).astype(np.float64)) > 0.5
+        for rows in where:
+            opens[rows] = off[rows]
+    return opens
 
 
 def _states(

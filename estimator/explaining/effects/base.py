@@ -42,8 +42,6 @@ class Effect:
         contain it.
     is_line : bool
         It shows as spectral lines: they are no part of the noise, and no other effect explains them.
-    is_one : bool
-        Its groups exclude each other, as time constants of one lag do: in the average the likeliest stands for all.
     lateness : float
         Mean delay of a signal for a unit of its number, s; 0: it has none, or not in proportion.
     sentence : str
@@ -56,7 +54,6 @@ class Effect:
     fmu: str = ""
     sharp: bool = False
     is_line: bool = False
-    is_one: bool = False
     lateness: float = 0.0
     sentence: str = "{name} is estimated"
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from estimator.explaining.effects.base import Effect
 from estimator.fitting.fit import Fit
 from estimator.fitting.motor_response import COASTS
-from estimator.fitting.simulator import Nuisance
+from estimator.fitting.simulator import Nuisance, per_recording
 from estimator.plans.plan import Observed, Plan
 from estimator.recordings.excitation import noise_deviation
 from estimator.recordings.samples import filled, median, told_once
@@ -220,16 +220,39 @@ class Coasting(Drive):
     sentence: str = "the circuit is open where the voltage is zero: the motor coasts"
 
     def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
-        """Return the switch, where the voltage returns to zero or the motor is seen to coast."""
-        voltages = [o.inputs["v"] for o in plan.observed if "v" in o.inputs]
-        back = any(np.any((v[1:] == 0) & (v[:-1] != 0)) for v in voltages)
-        switch = Nuisance(self.target, "", 0.0, 1.0, 0.0, 1.0, target=self.target, tries=(1.0,), whole=True)
-        return [switch] if back or self.at_first_sight(plan) else []
+        """Return the switch, where the voltage returns to zero or the motor is seen to coast.
+
+        It is one of each recording where some are seen to coast and others return to no voltage and are not.
+        """
+        where = self._recordings(plan)
+        return [
+            Nuisance(name, "", 0.0, 1.0, 0.0, 1.0, target=self.target, recording=e, tries=(1.0,), whole=True)
+            for name, e, _ in where
+        ]
 
     def at_first_sight(self, plan: Plan) -> Mapping[str, float]:
         """Return the switch where the current is zero at no voltage while the motor turns."""
-        seen = any(coasts_in(o, np.ones(len(o.recording.time), dtype=bool)) for o in plan.observed)
-        return {self.target: 1.0} if seen else {}
+        return {name: 1.0 for name, _, is_seen in self._recordings(plan) if is_seen}
+
+    def tell(self, name: str, value: float, plan: Plan) -> str:
+        """Say that it does, and in which recording."""
+        of = name.removeprefix(self.target).strip()
+        return f"{of}: {self.sentence}" if of else self.sentence
+
+    def _recordings(self, plan: Plan) -> list[tuple[str, int | None, bool]]:
+        """Return each switch: its name, its recording, None for all, and whether the motor is seen to coast there."""
+        seen = [coasts_in(o, np.ones(len(o.recording.time), dtype=bool)) for o in plan.observed]
+        back = [self._returns(o) for o in plan.observed]
+        if any(seen) and any(b and not s for b, s in zip(back, seen, strict=True)):
+            names = per_recording(plan, self.target)
+            return [(names[e], e, s) for e, s in enumerate(seen) if s or back[e]]
+        return [(self.target, None, any(seen))] if any(seen) or any(back) else []
+
+    @staticmethod
+    def _returns(o: Observed) -> bool:
+        """Whether the voltage of a recording returns to zero."""
+        v = o.inputs.get("v")
+        return v is not None and bool(np.any((v[1:] == 0) & (v[:-1] != 0)))
 
 
 def coasts_in(o: Observed, rows: NDArray[np.bool_]) -> bool:

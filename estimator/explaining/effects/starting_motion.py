@@ -10,7 +10,7 @@ import numpy as np
 from estimator.explaining.effects.base import Effect
 from estimator.explaining.effects.drive import coasts_in
 from estimator.fitting.fit import Fit, Linear
-from estimator.fitting.motor_response import COASTS, free_motion, motor_values
+from estimator.fitting.motor_response import COASTS, free_motion, motor_values, opens_circuit
 from estimator.fitting.simulator import Nuisance, per_recording
 from estimator.plans.plan import Plan
 
@@ -39,14 +39,14 @@ class StartingMotion(Effect):
         if motor_values(fit) is None:
             return ()
         names = per_recording(s.plan, self.name)
-        coasts = COASTS in s.index and fit.value(COASTS) == 1.0
-        if names[0] in s.index and not coasts:
+        coasts = [opens_circuit(fit, e) for e in range(len(s.clocks))]
+        if names[0] in s.index and not any(coasts):
             return ()
         found = []
-        for o, clock, name in zip(s.observed, s.clocks, names, strict=True):
+        for o, clock, name, opens in zip(s.observed, s.clocks, names, coasts, strict=True):
             if not o.lead:
                 before_voltage = np.asarray(np.cumsum(o.inputs["v"] != 0) == 0)
-                opens_first = coasts and coasts_in(o, before_voltage)
+                opens_first = opens and coasts_in(o, before_voltage)
                 units = (UNITS["w"],) if opens_first else (UNITS["w"], UNITS["i"])  # no current flows then
                 columns = free_motion(fit, clock, opens_first=opens_first)[:, :, : len(units)]
                 if len(s.clocks) > 1:
