@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from estimator.distributions import normal_chance
 from estimator.fitting.fit import Fit
 from estimator.plans.part import LONG
+from estimator.stepping import layout
 
 FloatArray = NDArray[np.float64]
 
@@ -33,10 +34,14 @@ MOST_LEVELS = 48  # of an output, the longest: of many levels errors average out
 
 
 def held_by_sensor(fit: Fit) -> NDArray[np.bool_]:
-    """Return, of each output, (q,), whether its sensor shows the same value again and again while the machine runs."""
+    """Return, of each output, (q,), whether its sensor shows the same value again and again while the machine runs.
+
+    An encoder's counts that are differenced are not held: what one lacks the next has.
+    """
     s, moving = fit.simulator, fit.whitener.moving
     beside = moving[1:] & moving[:-1]
-    held = s.coarse.copy()
+    counted = np.array([s.plan.sensors[y] == layout.MEAN for y in s.outputs]) | (fit.whitener.noise.differenced > 0)
+    held = s.coarse & ~counted
     for j in np.flatnonzero(held):
         changes = np.diff(s.measured[:, j])[beside]
         changes = changes[~np.isnan(changes)]
@@ -47,14 +52,13 @@ def held_by_sensor(fit: Fit) -> NDArray[np.bool_]:
 def coarse_levels(fit: Fit) -> FloatArray | None:
     """Return what errors of variance 1 add to the sensors, (rows, q, k), a level each; None: no sensor is so coarse.
 
-    A signal that settles slowly stays at levels, too. An encoder's counts that are differenced have no such error, as
-    what one lacks the next has.
+    A signal that settles slowly stays at levels, too.
     """
     s, noise = fit.simulator, fit.whitener.noise
     if s.rows > LONG:
         return None
     columns = []
-    for j in np.flatnonzero(held_by_sensor(fit) & (noise.differenced == 0)).tolist():
+    for j in np.flatnonzero(held_by_sensor(fit)).tolist():
         step, levels = float(s.steps[j]), list[slice]()
         for clock in s.clocks:
             levels += [

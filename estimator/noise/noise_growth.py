@@ -61,10 +61,11 @@ def growth_of(
         spreads.append(_second_differences(spread[clock.rows])[told] if spread is not None else 0.0)
         levels.append(whitener.level[clock.rows, j][1:-1][told])
         moves.append(whitener.moving[clock.rows][1:-1][told])
-    is_silent = _is_silent(sizes, moves)
-    sizes = [own + by for own, by in zip(sizes, spreads, strict=True)]
-    if is_silent:
+    if _is_silent(sizes, moves):  # of the others all are of a signal that moves
+        step = 0.0
         sizes, levels = ([own[there] for own, there in zip(all_, moves, strict=True)] for all_ in (sizes, levels))
+    if step:
+        sizes = [own + by for own, by in zip(sizes, spreads, strict=True)]
     d, level = np.concatenate([*sizes, np.zeros(0)]), np.concatenate([*levels, np.zeros(0)])
     if len(d) > 2 * DIFFERENCES:
         d, level = d[:: len(d) // DIFFERENCES], level[:: len(d) // DIFFERENCES]
