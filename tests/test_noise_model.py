@@ -79,6 +79,41 @@ def test_the_deviation_is_unbiased_whatever_the_parameters_have_taken():
     assert np.mean(squares) == pytest.approx(0.09, rel=0.09)
 
 
+@pytest.mark.parametrize("deviation", [0.9, 4.0])  # steps
+def test_a_rounded_signal_has_the_same_noise_at_a_level_and_in_motion(deviation):
+    """Differences of a level are whole steps: their median told a growth that was not there."""
+    n, level = 8000, np.repeat([[0.0], [1.0]], 4000, axis=0)
+    with_steps, without = [], []
+    for seed in range(5):
+        rng = np.random.default_rng(seed)
+        true = np.where(level == 0, 0.0, 0.37 * np.arange(n)[:, None])
+        residuals = np.rint(true + deviation * rng.standard_normal((n, 1))) - true
+        with_steps.append(found(residuals, level=level, steps=np.ones(1)))
+        without.append(found(residuals, level=level))
+    assert all(noise.growth[0] == 0 for noise in with_steps)
+    assert any(noise.growth[0] > 0 for noise in without), "else this shows nothing"
+    whole = np.hypot(deviation, 12**-0.5)
+    assert all(noise.white[0] == pytest.approx(whole, rel=0.05) for noise in with_steps)
+
+
+def test_what_a_level_hides_of_a_converters_noise_is_there_in_motion():
+    """A quarter of a step of noise about the middle of a step: five samples of a hundred show another value."""
+    residuals = np.rint(0.25 * np.random.default_rng(0).standard_normal((4000, 1)))
+    assert residuals.std() < 0.25
+    assert found(residuals, steps=np.ones(1)).white[0] == pytest.approx(np.hypot(0.25, 12**-0.5), rel=0.1)
+
+
+def test_a_sensor_that_shows_zero_at_rest_tells_its_noise_in_motion():
+    rng, settled = np.random.default_rng(0), np.arange(2000) < 1000
+    residuals = np.column_stack([rng.standard_normal(2000), np.where(settled, 0.0, rng.standard_normal(2000))])
+    how = {"steps": np.zeros(2), "resolution": np.zeros(2), "is_held": np.zeros(2, dtype=bool), "counts": np.zeros(2)}
+    noise = fit_noise(
+        whitener_of(plain(1.0, 1.0), 2000, 2), residuals, np.zeros((2000, 2, 0)), settled, ~settled, colour=False,
+        again=False, **how,
+    )  # fmt: skip
+    assert noise.white[0] == pytest.approx(1, rel=0.1) and noise.white[1] == pytest.approx(0.5**0.5, rel=0.1)
+
+
 def test_white_noise_shows_neither_slow_parts_nor_growth():
     rng = np.random.default_rng(2)
     level = np.linspace(0, 1, 2000)[:, None] * np.ones(2)

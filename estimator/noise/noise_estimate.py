@@ -28,9 +28,7 @@ ROWS = 4000  # settled rows that the noise is estimated from, at most
 SETTLED_SAMPLES = 100  # settled samples of a channel; with fewer all rows are used
 BLOCK_LENGTHS = (2, 8, 32, 128, 512)  # samples whose means show slow correlation
 COLOURED = 5.0  # standard deviations of a block's mean square: of white noise less than once in 1e5
-SHOWN_AT_LEVELS = (
-    0.3  # of a step: with a larger noise samples of a level are as far off as those of a signal that moves
-)
+SHOWN_AT_LEVELS = 0.3  # of a step: with a larger noise samples of a level are as far off as those in motion
 SILENT = 1e-6  # of all residuals: smaller ones are of a sensor that shows zero at rest
 STRETCH, MOST_STRETCHES = 20, 12  # rows of a stretch that has a level of its own; stretches, at most
 

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.conventions import LEAST_FALL, MEDIAN_SIZE, SECOND_DIFFERENCE, STEP_DEVIATION, T_FREEDOM, T_MEDIAN
+from estimator.conventions import LEAST_FALL, MEDIAN_SIZE, SECOND_DIFFERENCE, T_FREEDOM, T_MEDIAN
 from estimator.noise.noise_model import NoiseModel, grown
 from estimator.noise.whitener import Whitener
 from estimator.recordings.samples import median, medians, sum_of_logs
@@ -36,7 +36,8 @@ def growth_of(
 ) -> tuple[float, float]:
     """Return how a channel's noise grows with its signal, c of `NoiseModel.growth`, from second differences.
 
-    The second number is the deviation at rest of white noise of such differences; 0: too few samples.
+    The second number is the deviation at rest of white noise of such differences, spread as they are; 0: too few
+    samples.
 
     Second differences contain the noise and hardly any misfit, so that transients can be used, but for their first
     part. Their size is estimated by Student's t, on which outliers have little influence.
@@ -50,22 +51,20 @@ def growth_of(
         median is up to half as large again, or as small, as that of a signal that moves with the same noise: all
         samples are spread over a step.
     """
-    spread = step * (np.random.default_rng(0).random(len(residuals)) - 0.5) if step else None
-    sizes, spreads, levels, moves = [], [], [], []
+    sizes, levels, moves = [], [], []
     for clock in whitener.clocks:
         x, known = residuals[clock.rows], whitener.present[clock.rows, j] & ~sharp[clock.rows]
         if len(x) < 3:
             continue
         told = known[2:] & known[1:-1] & known[:-2]
         sizes.append(_second_differences(x)[told])
-        spreads.append(_second_differences(spread[clock.rows])[told] if spread is not None else 0.0)
         levels.append(whitener.level[clock.rows, j][1:-1][told])
         moves.append(whitener.moving[clock.rows][1:-1][told])
-    if _is_silent(sizes, moves):  # of the others all are of a signal that moves
-        step = 0.0
+    if _is_silent(sizes, moves):  # all others are of a signal that moves
         sizes, levels = ([own[there] for own, there in zip(all_, moves, strict=True)] for all_ in (sizes, levels))
-    if step:
-        sizes = [own + by for own, by in zip(sizes, spreads, strict=True)]
+    elif step:
+        rng = np.random.default_rng(0)
+        sizes = [own + step * _second_differences(rng.random(len(own) + 2)) for own in sizes]
     d, level = np.concatenate([*sizes, np.zeros(0)]), np.concatenate([*levels, np.zeros(0)])
     if len(d) > 2 * DIFFERENCES:
         d, level = d[:: len(d) // DIFFERENCES], level[:: len(d) // DIFFERENCES]
@@ -76,9 +75,8 @@ def growth_of(
     def size(g: FloatArray) -> float:
         return max(median(sizes / g) / T_MEDIAN, floor)
 
-    def white(g: FloatArray) -> float:  # what is spread is as large as what a step adds by itself
-        found, spread = size(g) * T_MEDIAN / MEDIAN_SIZE / SECOND_DIFFERENCE, step / STEP_DEVIATION
-        return float(np.sqrt(max(found**2 - spread**2, spread**2)))
+    def white(g: FloatArray) -> float:
+        return size(g) * T_MEDIAN / MEDIAN_SIZE / SECOND_DIFFERENCE
 
     loud = float(np.sort(level)[-LOUD_SAMPLES])
     if np.count_nonzero(level < loud / 2) < LOUD_SAMPLES:
