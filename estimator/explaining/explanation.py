@@ -39,9 +39,18 @@ class Explanation:
         """Return whether all that was added has values within its bounds, and takes no motor parameter's place."""
         return all(is_physical(self.fit, a) for a in self.additions)
 
-    def criterion(self, samples: int) -> float:
-        """Return the criterion, -2 log L at its noise and the penalties."""
-        return self.fit.cost + sum(a.penalty(samples) for a in self.additions)
+    def criterion(self, samples: int, excess: float = 1.0) -> float:
+        """Return the criterion, -2 log L at its noise and the penalties; excess as by `excess`."""
+        return self.fit.cost + excess * sum(a.penalty(samples) for a in self.additions)
+
+    def excess(self, samples: int) -> float:
+        """Return what is missed over what the noise would leave, at least 1.
+
+        Where the recordings are not explained, their residuals are what a fall of the cost is to be compared with:
+        penalties count as many times (quasi-likelihood, Burnham and Anderson 2002, 2.5). Else nearly everything that
+        may be added explains a part of what is missed, in company, and none of it is there.
+        """
+        return max(1.0, self.fit.cost / samples)
 
     def evidence(self, samples: int) -> float:
         """Return -2 log of its probability by Laplace's method; the usual size of a number is its prior's scale.

@@ -48,8 +48,9 @@ def settled(selection: Selection, explanation: Explanation) -> tuple[Explanation
         sound = [
             r for r in rivals if not any(a.effect.doubt and a.name not in explanation.names() for a in r.additions)
         ]
-        best = min(sound, key=lambda e: e.criterion(n), default=explanation)
-        if best.criterion(n) > explanation.criterion(n) - EXCHANGED:
+        excess = explanation.excess(n)
+        best = min(sound, key=lambda e: e.criterion(n, excess), default=explanation)
+        if best.criterion(n, excess) > explanation.criterion(n, excess) - excess * EXCHANGED:
             break
         best = selection.grown(with_noise(best, selection.differenced, again=True), selection.effects)
         explanation = selection.at_best(selection.without_idle(best))

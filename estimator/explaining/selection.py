@@ -215,7 +215,8 @@ class Selection:
                 continue
             for a in absurd:  # the new one has taken its place
                 judged = without(judged, a)
-            if absurd and judged.criterion(n) > by_noise_of(judged, explanation).criterion(n):
+            before = by_noise_of(judged, explanation) if absurd else explanation
+            if absurd and judged.criterion(n, before.excess(n)) > before.criterion(n, before.excess(n)):
                 rejected.add(found.additions[-1].name)  # or it has not
                 continue
             explanation = judged
@@ -226,23 +227,23 @@ class Selection:
         self, explanation: Explanation, effects: Sequence[Effect], rejected: set[str], share: float = 0.0
     ) -> Explanation | None:
         """Return the explanation with the addition that lowers the criterion most; None if none does."""
-        n = self.tests.samples
+        n, excess = self.tests.samples, explanation.excess(self.tests.samples)
         least = share * (explanation.fit.cost - n)
         if share and (least < share * n or is_held(explanation.fit)):
             return None
         while True:
             tested = [a for a in self.tests.additions(explanation, effects) if a.name not in rejected]
-            ranked = sorted(tested, key=lambda a: a.penalty(n) - a.gain)
-            ranked = [a for a in ranked if a.gain > a.penalty(n)]
+            ranked = sorted(tested, key=lambda a: excess * a.penalty(n) - a.gain)
+            ranked = [a for a in ranked if a.gain > excess * a.penalty(n)]
             if not ranked or ranked[0].gain <= least:
                 return None
-            most = ranked[0].gain - ranked[0].penalty(n)
+            most = ranked[0].gain - excess * ranked[0].penalty(n)
             best_few = [
-                a for a in ranked[:REFITTED] if a.gain - a.penalty(n) > PREDICTED_PART * most and a.gain > least
+                a for a in ranked[:REFITTED] if a.gain - excess * a.penalty(n) > PREDICTED_PART * most and a.gain > least
             ]
             best, fall = None, 0.0
             for a in best_few:
-                least_cost = explanation.fit.cost - max(a.penalty(n), least)
+                least_cost = explanation.fit.cost - max(excess * a.penalty(n), least)
                 found = self.added(explanation, a, limit=least_cost - fall)
                 if least_cost - found.fit.cost > fall and is_physical(found.fit, a):
                     best, fall = found, least_cost - found.fit.cost
@@ -265,9 +266,9 @@ class Selection:
         own = [a.linear for a in (addition, *company) if a.linear is not None]
         fit = dataclasses.replace(found.fit, linear=(*before.fit.linear, *own))
         more = Explanation(solved_roughly(fit), (*found.additions, *company))
-        n = self.tests.samples
+        n, excess = self.tests.samples, before.excess(self.tests.samples)
         sound = all(is_physical(more.fit, a) for a in (addition, *company))
-        return more if sound and more.criterion(n) < found.criterion(n) else None
+        return more if sound and more.criterion(n, excess) < found.criterion(n, excess) else None
 
     def refitted(self, explanation: Explanation, addition: Addition, *, limit: float = np.inf) -> Fit:
         """Return the fit with an addition, from the start of the largest predicted fall; limit as for `solved`."""
@@ -291,16 +292,20 @@ class Selection:
         All are judged by the noise of the whole explanation: one that is estimated again after each would take in what
         it has lost, and let go of the next.
         """
-        n, slimmer = self.tests.samples, explanation
-        while idle := next((rest for rest in self._slimmer(slimmer) if rest.criterion(n) < slimmer.criterion(n)), None):
+        n, slimmer, excess = self.tests.samples, explanation, explanation.excess(self.tests.samples)
+        while idle := next(
+            (rest for rest in self._slimmer(slimmer) if rest.criterion(n, excess) < slimmer.criterion(n, excess)), None
+        ):
             slimmer = idle
         return explanation if slimmer is explanation else with_noise(slimmer, self.differenced, again=True)
 
     def _slimmer(self, explanation: Explanation) -> Iterator[Explanation]:
         """Return the explanation without each of those additions that may be idle."""
+        excess = explanation.excess(self.tests.samples)
         for addition in explanation.additions:
-            if wald(explanation.fit, addition) <= IDLE * addition.penalty(self.tests.samples):
-                least = explanation.fit.cost + addition.penalty(self.tests.samples)
+            penalty = excess * addition.penalty(self.tests.samples)
+            if wald(explanation.fit, addition) <= IDLE * penalty:
+                least = explanation.fit.cost + penalty
                 yield without(explanation, addition, limit=least)
 
 
