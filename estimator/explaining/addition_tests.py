@@ -182,8 +182,9 @@ class AdditionTests:
         best: dict[int, tuple[float, Scores, FloatArray | None, int]] = {}
         for first in range(0, len(rows), many):
             shown = simulator.shown(np.array(rows[first : first + many]))
-            signals = [own if np.isfinite(own).all() else moved.shown for own in shown]  # one that failed shows nothing
-            whitened = fit.whitener.changes(signals, moved.shown)
+            if not np.isfinite(shown).all():  # one that failed shows nothing
+                shown = np.array([own if np.isfinite(own).all() else moved.shown for own in shown])
+            whitened = fit.whitener.changes(shown, moved.shown)
             scores = Scores.of_each(test, fit.whitened, whitened)
             for k, (w, t) in enumerate(owners[first : first + many]):
                 times = _times(wanted[w][1], t)
@@ -197,7 +198,7 @@ class AdditionTests:
                     kept = beside is not None and (wanted[w][0].doubt or wanted[w][1].name == beside)
                     across = test.known.rest(times * whitened[:][:, k : k + 1]) if kept else None
                     best[w] = gain, told, across, t
-            del shown, signals, whitened  # before the next are simulated
+            del shown, whitened  # before the next are simulated
         simulator.forget()
         for w, (effect, nuisance) in enumerate(wanted):
             found: list[tuple[float, tuple[Mapping[str, float], ...]]] = []

@@ -342,7 +342,7 @@ def cost_of(fit: Fit, shown: FloatArray, linear: Projection) -> float:
 
 def whitened_misfit(fit: Fit, shown: FloatArray) -> Columns:
     """Return measured less shown signals whitened, (rows q, 1)."""
-    return fit.whitener.changes([fit.simulator.measured], shown)
+    return fit.whitener.changes(fit.simulator.measured[None], shown)
 
 
 def misfit(fit: Fit, shown: FloatArray) -> FloatArray:
