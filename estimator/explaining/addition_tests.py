@@ -211,7 +211,7 @@ class AdditionTests:
                     now = moved.value(nuisance.name)
                     starts = tuple(
                         {nuisance.name: now + f * reach, **together}
-                        for f in dict.fromkeys((float(np.clip(size, 0.1, 8)), 1.0))
+                        for f in dict.fromkeys((min(max(size, 0.1), 8.0), 1.0))
                     )
                 found.append((gain, starts))
             found.sort(key=lambda f: -f[0])
