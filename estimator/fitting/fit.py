@@ -194,8 +194,8 @@ class Fit:
 
     def delay(self, recording: int) -> float:
         """Return by how much a recording's outputs come after its inputs, s."""
-        s = self.simulator
-        own = [n.name for n in s.nuisances if n.place == SensorPlace("delay", recording)]
+        s, place = self.simulator, SensorPlace("delay", recording)
+        own = [n.name for n in s.nuisances if n.place == place]
         return float(self.values[s.index[own[0]]]) if own else s.observed[recording].delay
 
     def covariance(self) -> FloatArray:
