@@ -26,6 +26,7 @@ from estimator.recordings.made_columns import SUPPLY, duty_column
 from estimator.recordings.recording import Recording
 
 SAME, FEW = 0.02, 0.05  # of the span, of the samples: columns that differ by less are one signal
+DRIVE, VOLTS = frozenset({"u", "v", "input"}), frozenset({"volt", "volts"})  # "final_u", "input signal", "sig_volt"
 # A scope's: its unit alone tells the signal.
 CHANNEL = re.compile(r"(ch|chan|channel|kanal|ain|analog|probe)_?[0-9a-d]+$")
 
@@ -125,6 +126,10 @@ def _missing(recording: Recording, missing: Sequence[str], meant: Mapping[str, S
     return f"{recording.title} has no {ROLE_TITLE[role]} column{remedy} ({columns}); say which it is with {column}"
 
 
+def _words(text: str) -> set[str]:
+    return set(plain(text).split("_"))
+
+
 def _counts_rows(recording: Recording, column: str) -> bool:
     """Return whether a column without a unit counts the rows: an ``n`` that is no speed."""
     samples = recording.signals.get(column)
@@ -218,6 +223,10 @@ def _meant(recording: Recording, role: str, taken: Collection[str], *, by_unit: 
     near = [h.text for h in fitting if get_close_matches(plain(h.name), USUAL_NAMES[role], n=1, cutoff=0.75)]
     if not near and role == "v":
         near = [h.text for h in fitting if plain(h.name) in SUPPLY]
+    if not near and role == "v":
+        worded = [h.text for h in fitting if _words(h.name) & DRIVE or _words(h.text) & VOLTS]
+        worded = [text for text in worded if not _words(text) & SUPPLY]
+        near = worded if len(worded) == 1 else []
     if near or not by_unit:
         return near
     in_unit = [h.text for h in left.values() if h.unit is not None and h.unit.quantity == ROLE_QUANTITY[role]]

@@ -40,6 +40,7 @@ class HeaderRules:
     is_units: Callable[[Sequence[str]], bool]  # the line below the header holds the units
     complain: Callable[[str, Sequence[str]], NoReturn]  # place, cells that come nearest: no line is a header
     numbers: frozenset[str] = frozenset()  # columns that are asked for by number: none are the header's own names
+    rated: bool = False  # the times are not in the file: each row stands for its place
     counted: bool = False  # the time is one of them: then none of them is a name
 
 
