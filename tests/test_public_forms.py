@@ -228,3 +228,43 @@ class TestConstantVoltage:
         with_volts = save(tmp_path, "time [s],voltage [V],speed [rad/s]", TIME, V, W)
         assert main(["check", str(with_volts), "--fix", "v=10"]) == 2
         assert "has a voltage, 'voltage [V]'" in capsys.readouterr().err
+
+
+class TestCurrentMeansPresent:
+    """What a controller logs beside its setpoints: the current speed, which is no electric current."""
+
+    @pytest.mark.parametrize(
+        ("name", "role"),
+        [
+            ("current_speed", "w"),
+            ("currentVelocity", "w"),
+            ("current_velocity [rad/s]", "w"),
+            ("current_speed_left", "w"),
+            ("current wheel speed", "w"),
+            ("current_position", "angle"),
+        ],
+    )
+    def test_the_current_speed_is_a_speed(self, name: str, role: str, tmp_path: Path) -> None:
+        recording = read_recording(save(tmp_path, f"time,voltage,{name},target_speed", TIME, V, W, 3 * V))
+        found = motor_columns(recording, required=("v",), either=("i", "w"))
+        assert found.keys() == {"v", role}
+        np.testing.assert_allclose(recording.signals[found[role]], W, atol=1e-8)
+
+    def test_in_rpm_too(self, tmp_path: Path) -> None:
+        path = save(tmp_path, "time,voltage,current_rpm,desired_rpm", TIME, V, W * 30 / np.pi, V)
+        recording = read_recording(path)
+        found = motor_columns(recording, required=("v",), either=("i", "w"))
+        assert found.keys() == {"v", "w"}
+        np.testing.assert_allclose(recording.signals[found["w"]], W, atol=1e-8)
+
+    def test_the_current_of_a_motor_or_in_amperes_is_one(self, tmp_path: Path) -> None:
+        for name in ("current", "motor_current", "current [mA]", "current_ma", "current_a", "current sensor"):
+            recording = read_recording(save(tmp_path, f"time,voltage,{name},speed,target", TIME, V, W, W, V))
+            assert "i" in motor_columns(recording, required=("v",), either=("i", "w")), name
+
+    def test_beside_what_is_desired_it_is_asked_for(self, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+        path = save(tmp_path, "time,u,current_m1,desired_m1", TIME, V, W, V)
+        assert "--column w=current_m1, a speed, or --column i=current_m1" in sentence(path)
+        for role, unit in (("w", "rad/s"), ("i", "A")):
+            assert main(["check", str(path), "--column", f"{role}=current_m1"]) == 0
+            assert f"{role} ← current_m1 (no unit: taken as {unit})" in capsys.readouterr().out
