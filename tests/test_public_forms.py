@@ -268,3 +268,15 @@ class TestCurrentMeansPresent:
         for role, unit in (("w", "rad/s"), ("i", "A")):
             assert main(["check", str(path), "--column", f"{role}=current_m1"]) == 0
             assert f"{role} ← current_m1 (no unit: taken as {unit})" in capsys.readouterr().out
+
+
+class TestWithoutAHeader:
+    """The example of a file without a header is one that can be right."""
+
+    def test_the_column_that_rises_is_the_examples_time(self, tmp_path: Path) -> None:
+        assert "as in --column time=2 --column v=1" in sentence(save(tmp_path, "", V, TIME, W))
+        assert "as in --column time=1 --column v=2" in sentence(save(tmp_path, "", np.tile(TIME[: N // 4], 4), V, W))
+
+    def test_of_columns_that_do_not_rise_none_is(self, tmp_path: Path) -> None:
+        told = sentence(save(tmp_path, "", V, RNG.normal(0, 1, N)))
+        assert "as in --column v=1 --column w=2 --rate HZ, as no column rises like a time" in told
