@@ -114,7 +114,7 @@ def times_again(times: FloatArray) -> NDArray[np.int64]:
     """
     steps = np.diff(times)
     again = np.flatnonzero(steps == 0) + 1
-    if len(again) > RARE * times.size or (steps < 0).any():
+    if not len(again) or len(again) > RARE * times.size or (steps < 0).any():
         return np.empty(0, dtype=np.int64)
     usual = median(steps)
     jitters = median(np.abs(steps - usual)) > EXACT * usual
