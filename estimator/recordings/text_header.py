@@ -140,10 +140,10 @@ def _no_header(path: Path, lines: list[str], first: int) -> NoReturn:
     example = f"--column v={others[0]}"
     if len(columns) > 1 and rising is not None:
         example = f"--column time={rising} {example}"
+    elif len(columns) > 1:
+        example += f" --column w={others[1]} --rate HZ, as no column rises like a time"
     else:
-        example += (
-            f" --column w={others[1]}" if len(others) > 1 else ""
-        ) + " --rate HZ, as no column rises like a time"
+        example += " --rate HZ"
     raise RecordingError(
         f"{path.name} line {first + 1}: there is no header above the numbers;"
         f" name the columns, as in {HEADER_EXAMPLE}, or by their numbers, as in {example}"
