@@ -302,7 +302,7 @@ def test_a_measured_voltage_goes_before_a_duty_cycle_and_its_battery(write):
 @pytest.mark.parametrize("comma", [",", ";", "\t", " ", "; "])
 def test_columns_without_a_header_are_named_by_their_number(write, comma):
     path = write("", V, T, I, W, comma=comma)
-    with pytest.raises(RecordingError, match="there is no header above the numbers.*--column time=1 --column v=2"):
+    with pytest.raises(RecordingError, match="there is no header above the numbers.*--column time=2 --column v=1"):
         read_recording(path)
     recording = one(path, columns={"time": "2", "v": "1", "i": "3", "w": "4"}, units={"w": "rpm"})
     np.testing.assert_allclose(recording.signals["column 4"], W * np.pi / 30, atol=1e-6)

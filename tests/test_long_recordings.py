@@ -90,14 +90,15 @@ def test_a_candidate_that_fails_in_one_recording_leaves_the_others_as_they_are()
         assert np.array_equal(shown[0], simulator.shown(good[None, :])[0])
 
 
-def test_what_was_asked_of_late_is_not_simulated_again_and_can_be_changed_by_who_asked():
+def test_what_was_asked_of_late_is_not_simulated_again_and_cannot_be_changed_by_who_asked():
     plan = plan_case(CASE, describe("dc_motor"), recordings=[switched(500)])
     with Workers(1) as crew:
         simulator = Simulator(plan, (), crew, {"i": 1.0, "w": 1.0})
         one = simulator.values(TRUE)[None, :]
         first = simulator.shown(one)
         kept, before = first.copy(), crew.simulations
-        first[:] = 0.0
+        with pytest.raises(ValueError, match="read-only"):
+            first[:] = 0.0
         assert np.array_equal(simulator.shown(one), kept) and crew.simulations == before
         for k in range(KEPT_ANSWERS):
             simulator.shown(one * (1 + 1e-3 * (k + 1)))

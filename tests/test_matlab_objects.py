@@ -99,6 +99,19 @@ def test_a_dataset_of_simulink_is_read_by_the_names_of_signals_or_blocks(version
     assert recording.signals["speed of/by shaft"] == pytest.approx(SPEED)
 
 
+@pytest.mark.parametrize("version", ["v7", "v7.3"])
+def test_arrays_of_a_simulation_output_are_read_over_its_times(version, tmp_path):
+    data = structure(
+        tout=T[:, None], voltage=VOLTAGE[:, None], y=np.column_stack([SPEED, VOLTAGE]), count=np.ones((1, 3))
+    )
+    output = made("Simulink.SimulationOutput", Data=data)
+    recording = read_recording(saved(tmp_path / "run3.mat", {"out": output}, version))
+    assert set(recording.signals) == {"voltage", "y 1", "y 2"}
+    assert recording.time == pytest.approx(T)
+    assert recording.signals["voltage"] == pytest.approx(VOLTAGE)
+    assert recording.signals["y 1"] == pytest.approx(SPEED)
+
+
 def test_a_signal_that_is_called_by_its_unit_is_the_speed(tmp_path):
     logged = dataset(signal(time_series("voltage", VOLTAGE)), signal(time_series("", SPEED), block="bench/rad//s"))
     recording = read_recording(saved(tmp_path / "run3.mat", {"data": logged}, "v7"))

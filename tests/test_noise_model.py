@@ -333,6 +333,25 @@ def test_what_is_alike_after_all_edges_is_a_response_and_no_jitter():
     assert find_jitter(*one, STEP)[0] == 0, "one edge does not tell them apart"
 
 
+def test_responses_of_transients_that_end_at_once_take_part_as_far_as_they_go():
+    """What is alike after edges: of two transients in their first rows, of the longer one alone behind these."""
+    rng = np.random.default_rng(6)
+    z, slope = rng.standard_normal((2, 40, 2))
+    edges = [np.arange(5, 25), np.arange(28, 31)]
+    cleared, steep = without_responses(z.copy(), slope.copy(), edges)
+    first = np.array([5, 28])
+    share = slope[first] ** 2 / np.sum(slope[first] ** 2, axis=0)
+    told, mean = share < 0.9, np.sum(slope[first] * z[first], axis=0) / np.sum(slope[first] ** 2, axis=0)
+    left = (z[first] - slope[first] * mean) / np.sqrt(1 - share)
+    assert np.allclose(cleared[first], np.where(told, left, 0.0)) and told.any()
+    assert np.array_equal(steep[first], np.where(told, slope[first], 0.0))
+    assert not cleared[8:17].any() and not steep[8:17].any(), "one transient tells nothing of its own"
+    others = np.r_[:5, 17:28, 31:40]
+    assert np.array_equal(cleared[others], z[others]) and np.array_equal(steep[others], slope[others])
+    none = without_responses(z.copy(), slope.copy(), [])
+    assert np.array_equal(none[0], z) and np.array_equal(none[1], slope)
+
+
 def test_noise_without_a_memory_is_whitened_as_the_kalman_filter_does():
     rng, n = np.random.default_rng(9), 40
     growing = dataclasses.replace(plain(0.1, 2.0), growth=np.array([1.5, 0.0]))

@@ -17,6 +17,7 @@ from estimator.commands.sources import recordings_of
 from estimator.commands.terminal import OK, columns, say, say_lines
 from estimator.errors import InputError
 from estimator.recordings.files import recordings_in
+from estimator.recordings.made_columns import with_constant_voltage
 from estimator.recordings.preview import MOST_LEVELS, Preview, preview, preview_mapping
 from estimator.recordings.understood import how_to_overrule
 from estimator.results.text_table import TextTable
@@ -41,6 +42,10 @@ def check(args: argparse.Namespace) -> int:
             for path, own in zip(paths, told_apart(paths), strict=True)
             for r in recordings_in(path, read_as)
         ]
+    for name, volts in unique(args.fix, option="--fix").items():
+        if name != "v":
+            raise InputError(f"--fix {name}: check knows no parameters; it takes --fix v=VOLTS, of a constant voltage")
+        read = [with_constant_voltage(recording, volts) for recording in read]
     previews = [preview(recording, scale=scale, offset=offset) for recording in read]
     if args.output:
         _write(args.output, previews)

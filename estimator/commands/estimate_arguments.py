@@ -186,6 +186,7 @@ and what of it is implausible. No FMU is loaded. Exit status: 0 read; 2 not, wit
     add_reading(add)
     add("--scale", type=assignment, metavar="NAME=VALUE", help="factor, as for estimate", **REPEATABLE)
     add("--offset", type=assignment, metavar="NAME=VALUE", help="added after it, as for estimate", **REPEATABLE)
+    add("--fix", type=assignment, metavar="v=VOLTS", help="a voltage that was constant, as for estimate", **REPEATABLE)
     add("--json", action="store_true", help="print one JSON object instead of text")
     add("-o", dest="output", type=path, metavar="DIR", help="write check.json and a figure of each recording")
     add("--mend", type=path, metavar="OUT.csv", help="write what is read as CSV: SI units, one clock, usual headings")

@@ -153,7 +153,9 @@ class Addition:
         information = scores.information + (np.eye(k) if known else 0.0)
         spread = np.asarray(np.linalg.pinv(information) if k > 1 else 1 / information)
         numbers = spread @ scores.along
-        charge = float(np.linalg.slogdet(information)[1]) if known else OPEN * k
+        charge = OPEN * k
+        if known:
+            charge = float(np.linalg.slogdet(information)[1] if k > 1 else np.log(information[0, 0]))
         charge += 2 * math.log(self.tried / self.effect.prior)
         return numbers, spread, charge - float(scores.along @ numbers)
 

@@ -182,22 +182,22 @@ class AdditionTests:
         best: dict[int, tuple[float, Scores, FloatArray | None, int]] = {}
         for first in range(0, len(rows), many):
             shown = simulator.shown(np.array(rows[first : first + many]))
-            signals = [own if np.isfinite(own).all() else moved.shown for own in shown]  # one that failed shows nothing
-            whitened = fit.whitener.changes(signals, moved.shown)
+            if not np.isfinite(shown).all():  # one that failed shows nothing
+                shown = np.array([own if np.isfinite(own).all() else moved.shown for own in shown])
+            whitened = fit.whitener.changes(shown, moved.shown)
             scores = Scores.of_each(test, fit.whitened, whitened)
-            for k, (w, t) in enumerate(owners[first : first + many]):
+            for k, ((w, t), own) in enumerate(zip(owners[first : first + many], scores, strict=True)):
                 times = _times(wanted[w][1], t)
-                told = scores[k].scaled(times)
-                power = float(told.information[0, 0])
-                size = float(told.along[0]) / power if power > NOTHING else 0.0
+                power = times**2 * float(own.information[0, 0])
+                size = times * float(own.along[0]) / power if power > NOTHING else 0.0
                 whole = 2 * size * power - power  # of a unit
                 gain = whole if wanted[w][1].whole else max(size**2 * power if size > 0 else 0.0, whole)
                 tested[w].append((gain, size, t))
                 if w not in best or gain > best[w][0]:
                     kept = beside is not None and (wanted[w][0].doubt or wanted[w][1].name == beside)
                     across = test.known.rest(times * whitened[:][:, k : k + 1]) if kept else None
-                    best[w] = gain, told, across, t
-            del shown, signals, whitened  # before the next are simulated
+                    best[w] = gain, own.scaled(times), across, t
+            del shown, whitened  # before the next are simulated
         simulator.forget()
         for w, (effect, nuisance) in enumerate(wanted):
             found: list[tuple[float, tuple[Mapping[str, float], ...]]] = []
@@ -210,7 +210,7 @@ class AdditionTests:
                     now = moved.value(nuisance.name)
                     starts = tuple(
                         {nuisance.name: now + f * reach, **together}
-                        for f in dict.fromkeys((float(np.clip(size, 0.1, 8)), 1.0))
+                        for f in dict.fromkeys((min(max(size, 0.1), 8.0), 1.0))
                     )
                 found.append((gain, starts))
             found.sort(key=lambda f: -f[0])

@@ -67,9 +67,11 @@ class Explanation:
         """The evidence, and for how many numbers of no known size log n is charged beside it."""
         fit, sizes = self.fit, self.sizes()
         known = [k for k, name in enumerate(fit.names) if name in sizes and fit.at_bound[k] == 0]
-        s = np.array([sizes[fit.names[k]] for k in known])
-        told = np.linalg.pinv(fit.covariance_parts()[0][np.ix_(known, known)])
-        charge = float(np.linalg.slogdet(np.eye(len(s)) + told * np.outer(s, s))[1])
+        charge = 0.0
+        if known:
+            s = np.array([sizes[fit.names[k]] for k in known])
+            told = np.linalg.pinv(fit.covariance_parts()[0][np.ix_(known, known)])
+            charge = float(np.linalg.slogdet(np.eye(len(s)) + told * np.outer(s, s))[1])
         unknown = sum(a.numbers for a in self.additions if a.linear is not None and a.name not in sizes)
         priors = sum(2 * float(np.log(a.tried / a.effect.prior)) for a in self.additions)
         return fit.cost + charge + priors + self._unusual(), unknown

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.fitting.fit import Fit, cost_of, linear_projection
+from estimator.fitting.fit import Fit, linear_projection
 from estimator.fitting.gauss_newton import placed, solved_roughly
 from estimator.fitting.simulator import CELLS
 
@@ -56,7 +56,8 @@ def _flat(fit: Fit, lines: Sequence[_Line]) -> list[_Line]:
     flat, many = [], max(1, CELLS // s.rows)
     for some in (lines[k : k + many] for k in range(0, len(lines), many)):
         ends = [placed(fit, np.clip(x + side * FAR * along[: len(x)], low, high)) for _, side, along in some]
-        costs = [cost_of(fit, shown, linear) for shown in s.shown(np.stack(ends))]
+        away = linear.rest(fit.whitener.changes(s.shown(np.stack(ends)), s.measured)[:])
+        costs = np.einsum("nk,nk->k", away, away).tolist()
         flat += [line for line, cost in zip(some, costs, strict=True) if cost - fit.cost < STEEP * FAR**2]
     return flat
 

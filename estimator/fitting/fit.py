@@ -194,8 +194,8 @@ class Fit:
 
     def delay(self, recording: int) -> float:
         """Return by how much a recording's outputs come after its inputs, s."""
-        s = self.simulator
-        own = [n.name for n in s.nuisances if n.place == SensorPlace("delay", recording)]
+        s, place = self.simulator, SensorPlace("delay", recording)
+        own = [n.name for n in s.nuisances if n.place == place]
         return float(self.values[s.index[own[0]]]) if own else s.observed[recording].delay
 
     def covariance(self) -> FloatArray:
@@ -342,7 +342,7 @@ def cost_of(fit: Fit, shown: FloatArray, linear: Projection) -> float:
 
 def whitened_misfit(fit: Fit, shown: FloatArray) -> Columns:
     """Return measured less shown signals whitened, (rows q, 1)."""
-    return fit.whitener.changes([fit.simulator.measured], shown)
+    return fit.whitener.changes(fit.simulator.measured[None], shown)
 
 
 def misfit(fit: Fit, shown: FloatArray) -> FloatArray:

@@ -28,8 +28,8 @@ def lateness(fit: Fit, output: str) -> tuple[float, float]:
     simulated += step * sum((b1 + 2 * b2) / (b0 + b1 + b2) - (a1 + 2 * a2) / (1 + a1 + a2)
                             for b0, b1, b2, a1, a2 in chain.sections(step))  # fmt: skip
     simulated += 0.5 * step if s.plan.sensors[output] == layout.MEAN else 0.0
-    own = (n.name for n in s.nuisances if n.place == SensorPlace("delay", None, output))
-    simulated += sum(map(fit.value, own))
+    place = SensorPlace("delay", None, output)
+    simulated += sum(fit.value(n.name) for n in s.nuisances if n.place == place)
     ramp = step * np.arange(RAMP_ROWS, dtype=np.float64)
     acted = (float(ramp[-1] - act(ramp, value, step)[-1]) for act, value in acting(fit, output))
     return simulated, sum(acted, 0.0)

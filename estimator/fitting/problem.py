@@ -62,8 +62,9 @@ class Problem:
         """The deviation of each measured output, (q,): its scale; of a constant one its size."""
         spreads = []
         for column in self._compared.T:
-            spread = float(np.nanstd(column))
-            spreads.append(spread if spread > 0 else max(abs(float(np.nanmean(column))), 1e-12))
+            known = column[~np.isnan(column)]
+            spread = float(np.std(known))
+            spreads.append(spread if spread > 0 else max(abs(float(np.mean(known))), 1e-12))
         return np.array(spreads)
 
     @cached_property

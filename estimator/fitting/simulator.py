@@ -227,7 +227,7 @@ class Simulator:
     def shown(self, candidates: FloatArray, *, refine: int = 1) -> FloatArray:
         """Return what the sensors show, (c, rows, q), of (c, p) candidates; NaN where the FMU fails.
 
-        What was asked of late is not simulated again: a fit begins where the last one ended.
+        What was asked of late is not simulated again: a fit begins where the last one ended. It is not to be changed.
         """
         key = candidates.tobytes(), refine, self.between
         known = self._late.pop(key, None)
@@ -235,7 +235,8 @@ class Simulator:
         self._late[key] = found
         while len(self._late) > KEPT_ANSWERS or sum(answer.size for answer in self._late.values()) > KEPT_VALUES:
             del self._late[next(iter(self._late))]
-        return found.copy() if key in self._late else found
+        found.flags.writeable = key not in self._late
+        return found
 
     def filtered(self, candidates: FloatArray) -> NDArray[np.bool_]:
         """Return which candidates, (c,), show a signal through a filter that acts between two rows."""

@@ -113,16 +113,18 @@ def without_responses(
     the same share of it: that mean is no jitter, and is taken away. What it takes of the variance is made up for
     (studentized residuals, Cook and Weisberg 1982); a single edge tells no jitter in the samples that follow.
     """
-    for k in range(RESPONSE):
-        rows = np.array([t[k] for t in transients if len(t) > k], dtype=np.int64)
-        steep = slope[rows]
-        power = np.sum(steep**2, axis=0)
-        power = np.where(power > 0, power, 1.0)
-        leverage = steep**2 / power
-        left = z[rows] - steep * (np.sum(steep * z[rows], axis=0) / power)
-        told = leverage < KNOWN
-        z[rows] = np.where(told, left / np.sqrt(np.maximum(1 - leverage, 1 - KNOWN)), 0.0)
-        slope[rows] = np.where(told, steep, 0.0)
+    firsts = [t[:RESPONSE] for t in transients]
+    there = np.arange(RESPONSE) < np.array([len(rows) for rows in firsts], dtype=np.int64)[:, None]
+    rows = np.concatenate([*firsts, np.zeros(0, dtype=np.int64)])
+    steep, own = np.zeros((2, *there.shape, z.shape[1]))
+    steep[there], own[there] = slope[rows], z[rows]
+    power = np.sum(steep**2, axis=0)
+    power = np.where(power > 0, power, 1.0)
+    leverage = steep**2 / power
+    left = own - steep * (np.sum(steep * own, axis=0) / power)
+    told = leverage < KNOWN
+    z[rows] = np.where(told, left / np.sqrt(np.maximum(1 - leverage, 1 - KNOWN)), 0.0)[there]
+    slope[rows] = np.where(told, steep, 0.0)[there]
     return z, slope
 
 

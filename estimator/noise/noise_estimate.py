@@ -131,14 +131,12 @@ def _levels(whitener: Whitener) -> FloatArray:
     breaks = set((np.flatnonzero(told[1:] != told[:-1]) + 1).tolist())
     starts = sorted({0, *breaks, *(c.rows.start for c in whitener.clocks)})
     q = whitener.present.shape[1]
-    columns: list[FloatArray] = []
-    for first, last in zip(starts, [*starts[1:], len(told)], strict=True):
-        for j in range(q):
-            if told[first] and last - first >= STRETCH and len(columns) < MOST_STRETCHES:
-                column = np.zeros((len(told), q))
-                column[first:last, j] = 1.0
-                columns.append(column)
-    return np.stack(columns, axis=2) if columns else np.zeros((len(told), q, 0))
+    ends = zip(starts, [*starts[1:], len(told)], strict=True)
+    stretches = [(first, last, j) for first, last in ends if told[first] and last - first >= STRETCH for j in range(q)]
+    columns = np.zeros((len(told), q, min(len(stretches), MOST_STRETCHES)))
+    for k, (first, last, j) in enumerate(stretches[:MOST_STRETCHES]):
+        columns[first:last, j, k] = 1.0
+    return columns
 
 
 class _Choice:

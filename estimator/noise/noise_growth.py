@@ -96,9 +96,8 @@ def growth_of(
             found.append(sum_of_logs(g) + len(d) * np.log(unit) + (T_FREEDOM + 1) * sum_of_logs(far))
         return np.concatenate(found)
 
-    none, c = float(misfits(np.zeros(1))[0]), 0.0
-    coarse = np.geomspace(0.3, 300.0, 16) / loud
-    there = misfits(coarse)
+    coarse, c = np.geomspace(0.3, 300.0, 16) / loud, 0.0
+    none, *there = misfits(np.append(0.0, coarse)).tolist()
     if none - np.min(there) > HOPELESS * CHARGE:
         fine = coarse[np.argmin(there)] * np.geomspace(0.7, 1.43, 9)
         reached = misfits(fine)

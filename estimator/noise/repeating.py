@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.conventions import STANDS_OUT
+from estimator.recordings.samples import medians
 
 FloatArray = NDArray[np.float64]
 
@@ -41,8 +42,8 @@ def _most_in_lines(power: FloatArray) -> float:
 def _are_lines(power: FloatArray, places: NDArray[np.int_] | None = None) -> NDArray[np.bool_]:
     """Return which places of a spectrum, (k,), are lines; by default all are asked."""
     asked = np.arange(len(power)) if places is None else places
-    wide = np.pad(power, NEARBY, mode="reflect")
-    around = np.lib.stride_tricks.sliding_window_view(wide, 2 * NEARBY + 1)[asked]
-    beside = np.abs(np.arange(-NEARBY, NEARBY + 1)) > BESIDE
-    found = power[asked] > STANDS_OUT * np.median(around[:, beside], axis=1)
+    away = np.arange(BESIDE + 1, NEARBY + 1)
+    beside = np.abs(asked[:, None] + np.concatenate([-away, away]))
+    beside = np.minimum(beside, 2 * (len(power) - 1) - beside)  # reflected at both ends
+    found = power[asked] > STANDS_OUT * medians(power[beside])
     return np.asarray(found & (asked >= FEWEST_CYCLES) & (asked < len(power) - FEWEST_CYCLES))

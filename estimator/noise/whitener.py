@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -108,11 +108,11 @@ class Whitener:
             return Scaled([column for own in wide for column in own.T], self.scale.ravel())
         return self.flat(columns[0] if len(columns) == 1 else np.concatenate(columns, axis=2))
 
-    def changes(self, signals: Sequence[FloatArray], before: FloatArray) -> Columns:
-        """Return by how much signals, (rows, q) each, differ from another, (rows, q), whitened likewise."""
+    def changes(self, signals: FloatArray, before: FloatArray) -> Columns:
+        """Return by how much c signals, (c, rows, q), differ from another, (rows, q), whitened likewise."""
         if self.in_parts:
             return Scaled([np.ravel(own) for own in signals], self.scale.ravel(), np.ravel(before))
-        return self.flat(np.stack([own - before for own in signals], axis=2))
+        return self.flat(np.ascontiguousarray(np.moveaxis(signals - before, 0, 2)))
 
     def of_made(self, made: Callable[[slice], FloatArray]) -> Columns:
         """Return columns whitened, likewise, that are made: of a slice of rows (n, q, c) ones."""

@@ -23,6 +23,7 @@ from estimator.recordings.text_cells import (
     split_cells,
     trimmed,
     unquoted,
+    width_of,
 )
 from estimator.recordings.text_file import read_text
 from estimator.recordings.text_header import (
@@ -39,6 +40,7 @@ from estimator.recordings.text_header import (
 from estimator.recordings.units import FloatArray
 
 CHUNK = 16384  # rows converted at a time
+RARE = 0.01  # of the rows: so many may have too few cells, or too many
 _KEEP = {
     ",": "leave the cell of a missing sample empty, but keep its comma",
     ";": "leave the cell of a missing sample empty, but keep its semicolon",
@@ -94,7 +96,7 @@ def read_table(path: Path, rules: HeaderRules) -> Table:
         lines.pop()  # rows of empty cells at the end
     if not lines:
         raise RecordingError(f"{path.name} is empty; it should begin with a header such as {HEADER_EXAMPLE}")
-    bare = rules.numbers and (rules.counted or not has_header(path, lines, rules))
+    bare = bool(rules.numbers) and (rules.counted or not has_header(path, lines, rules))
     at, delimiter, header = numbered_columns(path, lines) if bare else find_header(path, lines, rules)
     rows = [k for k in range(at + 1, len(lines)) if lines[k].lstrip()[:1] not in SKIPPED]
     units, words = (None, 0) if bare else words_below(lines, rows, delimiter, rules)
@@ -117,6 +119,8 @@ def read_table(path: Path, rules: HeaderRules) -> Table:
             cut = rows.pop()
             not_read.append(f"line {cut + first}, the last row, is cut off and left out: {shortened(lines[cut])!r}")
     not_read += _said_below([k + first for k in below], [lines[k] for k in below])
+    rows, broken = _whole_rows(lines, rows, delimiter=delimiter, width=width, few=0 if rules.rated else RARE)
+    not_read += _said_of_broken([k + first for k in broken], [lines[k] for k in broken])
     values = np.empty((width, len(rows)))
     bad: dict[int, BadCell] = {}
     for start in range(0, len(rows), CHUNK):
@@ -127,7 +131,7 @@ def read_table(path: Path, rules: HeaderRules) -> Table:
         if block is not None:
             values[:, here] = block.T
             continue
-        cells = _rows(path, chunk, numbers, delimiter=delimiter, width=width)
+        cells = _rows(path, chunk, numbers, delimiter=delimiter, width=width, is_bare=bare)
         for j, column in enumerate(zip(*cells, strict=True)):
             values[j, here], first_bad = numbers_in(column, decimal)
             if first_bad is not None:
@@ -179,8 +183,30 @@ def _plain_table(path: Path, written: str, encoding: str, rules: HeaderRules) ->
     return Table(tuple(header), at + 1, units, tuple(values), {}, range(first + 1, first + n + 1), text)
 
 
-def _rows(path: Path, lines: list[str], numbers: list[int], *, delimiter: str | None, width: int) -> list[Cells]:
-    """Split lines into cells, ``width`` a line."""
+def _whole_rows(
+    lines: list[str], rows: list[int], *, delimiter: str | None, width: int, few: float
+) -> tuple[list[int], list[int]]:
+    """Part rows into those with as many cells as there are columns and the few others; none where they are not few.
+
+    A serial line loses characters now and then; the times of the other rows show that a row is missing.
+    """
+    if len(rows) * few < 1:
+        return rows, []
+    if delimiter is None:
+        odd = [k for k in rows if len(lines[k].split()) != width]
+    else:
+        odd = [k for k in rows if lines[k].count(delimiter) != width - 1]
+    others = [k for k in odd if width_of(lines[k], delimiter, width) != width]
+    if not others or len(others) > few * len(rows):
+        return rows, []
+    left_out = set(others)
+    return [k for k in rows if k not in left_out], others
+
+
+def _rows(
+    path: Path, lines: list[str], numbers: list[int], *, delimiter: str | None, width: int, is_bare: bool
+) -> list[Cells]:
+    """Split lines into cells, ``width`` a line; bare: without a header that names them."""
     quoted = any('"' in line for line in lines)
     rows = [split_cells(line, delimiter) if quoted else line.split(delimiter) for line in lines]
     if all(len(row) == width for row in rows):
@@ -195,8 +221,9 @@ def _rows(path: Path, lines: list[str], numbers: list[int], *, delimiter: str | 
                 hint = "with decimal commas, separate the columns by semicolons"
             else:
                 hint = "every column needs a name in the header"
+            above = "first row" if is_bare else "header"
             raise RecordingError(
-                f"{path.name} line {k + 1} has too {few} cells ({len(row)}, the header has {width}); {hint}"
+                f"{path.name} line {k + 1} has too {few} cells ({len(row)}, the {above} has {width}); {hint}"
             )
     return rows
 
@@ -217,6 +244,17 @@ def _said_below(numbers: list[int], lines: list[str]) -> list[str]:
     if len(lines) == 1:
         return [f"line {numbers[0]}, below the last row, is left out: {shortened(lines[0])!r}"]
     return [f"lines {numbers[0]} to {numbers[-1]}, below the last row, are left out: {shortened(lines[0])!r}, …"]
+
+
+def _said_of_broken(numbers: list[int], lines: list[str]) -> list[str]:
+    """Say which rows have not as many cells as the others."""
+    if not lines:
+        return []
+    others = "" if len(lines) == 1 else f" and {len(lines) - 1} more"
+    are_left = "is left out: it has" if len(lines) == 1 else "are left out: they have"
+    return [
+        f"line {numbers[0]}, {shortened(lines[0].strip())!r},{others} {are_left} not as many cells as the other rows"
+    ]
 
 
 def _said_between(written: list[str], read: list[str]) -> list[str]:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -15,8 +16,8 @@ from estimator.recordings.read_as import ReadAs
 from estimator.recordings.recording import MIN_SAMPLES, Recording
 from estimator.recordings.samples import median
 from estimator.recordings.tests_in_file import asked_test
-from estimator.recordings.time_column import time_column
-from estimator.recordings.time_grid import Clock, sampling_clock
+from estimator.recordings.time_column import is_header, time_column
+from estimator.recordings.time_grid import Clock, sampling_clock, times_again
 from estimator.recordings.units import FloatArray
 
 LARGEST = 1e10  # in any unit: no sensor shows more, nor a counter of 32 bits
@@ -25,11 +26,20 @@ LARGEST_TIME = 1e20  # likewise: a clock shows up to 2e18 ns since 1970
 TOO_FAST = 1e-7  # s, of a sampling interval: the header's unit is doubted
 _THOUSANDS = re.compile(r"[-+]?\d{1,3}([.,]\d{3})+")  # or a decimal mark that the other numbers do not have
 MOST_LEFT_OUT = 2  # rows at the start, of wrong stamps
+EVEN = 0.1  # of a step: steps of a column that differ by less are even
+LONG = 100  # rows: of fewer, one whose time is off is missed more than the clock
 
 
 def timed(raw: RawTable, read_as: ReadAs) -> RawTable:
-    """Return a table with a time, its last column, where a rate says it; it wins over one of the file's own."""
+    """Return a table with a time, its last column, where a rate says it; it wins over one of the file's own.
+
+    Raises
+    ------
+    RecordingError
+        No column is called time, no rate is given, and one column rises as a time does.
+    """
     if read_as.rate is None:
+        _called_no_time(raw, read_as)
         return raw
     times = np.arange(len(raw.columns[0]), dtype=np.float64) / read_as.rate
     own = ["time as logged [s]" if text == "time [s]" else text for text in raw.texts]
@@ -47,6 +57,7 @@ def recording_of(raw: RawTable, read_as: ReadAs) -> Recording:
         raw = raw.rows(left_out, len(raw.columns[0]))
         first = "the first row is" if left_out == 1 else f"the first {left_out} rows are"
         not_read = (f"{first} left out: the next is stamped no later", *not_read)
+    raw, not_read = _without_times_again(raw, read_as, not_read)
     columns, where, place = raw.columns, raw.where, raw.place
     headers, given = read_as.headers(raw.texts, where=where)
     written = [header.text for header in headers]
@@ -64,17 +75,16 @@ def recording_of(raw: RawTable, read_as: ReadAs) -> Recording:
         raise RecordingError(f"{raw.file} has {time.size} samples; at least {MIN_SAMPLES} are needed")
     seconds_per_unit, half_digit = time_unit.numerator / time_unit.denominator, raw.half_digit
     try:
-        ticks = sampling_clock(
-            time,
-            place=place,
-            half_digit=None if half_digit is None else lambda: half_digit(clock, seconds_per_unit),
-        )
+        ticks, begins = _ticks(time, place, None if half_digit is None else lambda: half_digit(clock, seconds_per_unit))
     except RecordingError as error:
         if clock in given or not 0 < median(np.diff(time)) < TOO_FAST:
             raise
         raise RecordingError(
             f"{error}; if the times of {headers[clock].text!r} are seconds, say so with --unit time=s"
         ) from None
+    if begins:
+        columns, time = [column[begins:] for column in columns], time[begins:]
+        not_read = ("the first row is left out: its time is off the clock of all others", *not_read)
     signals, units = {}, {}
     for j, (column, header) in enumerate(zip(names, headers, strict=True)):
         if j == clock:
@@ -119,6 +129,60 @@ def _first_rows(raw: RawTable, read_as: ReadAs) -> int:
     alike = int(np.argmax(time != time[0]))  # rows of one time, as a logger that waits for its clock writes
     most = min(max(MOST_LEFT_OUT, alike), time.size - MIN_SAMPLES - 3)
     return int(falls[-1]) if len(falls) and falls[-1] <= most else 0
+
+
+def _called_no_time(raw: RawTable, read_as: ReadAs) -> None:
+    """Raise the RecordingError of columns none of which is called time, and one of which rises as a time does."""
+    headers, _ = read_as.headers(raw.texts, where=raw.where)
+    if "time" in read_as.columns or is_header([h.name for h in headers], read_as=read_as):
+        return
+    rising = [j for j, column in enumerate(raw.columns) if _rises_evenly(column)]
+    if len(rising) == 1:
+        (j,) = rising
+        first, last = (float(raw.columns[j][k]) for k in (0, -1))
+        raise RecordingError(
+            f"{raw.where}: there is no time column ({', '.join(header.text for header in headers)}), but"
+            f" {headers[j].text!r} rises evenly, from {first:.6g} to {last:.6g}: if it is the time, say so with"
+            f" --column time={j + 1}, else --rate HZ"
+        )
+
+
+def _rises_evenly(column: FloatArray) -> bool:
+    """Tell whether a column, (n,), has an even clock's steps, and not those of a counter."""
+    steps = np.diff(column)
+    if len(steps) < MIN_SAMPLES or not (steps > 0).all() or np.ptp(steps) > EVEN * steps.mean():
+        return False
+    return bool(abs(steps.mean() - 1) > 1e-9)
+
+
+def _ticks(
+    time: FloatArray, place: Callable[[int], str], half_digit: Callable[[], FloatArray] | None
+) -> tuple[Clock, int]:
+    """Return the clock of times, (m,) s, and the row at which it begins: 1 where the first alone is off it, else 0."""
+    try:
+        return sampling_clock(time, place=place, half_digit=half_digit), 0
+    except RecordingError:
+        if time.size < LONG:
+            raise
+        rest = None if half_digit is None else lambda: half_digit()[1:]
+        with suppress(RecordingError):
+            return sampling_clock(time[1:], place=place, half_digit=rest), 1
+        raise
+
+
+def _without_times_again(raw: RawTable, read_as: ReadAs, not_read: tuple[str, ...]) -> tuple[RawTable, tuple[str, ...]]:
+    """Leave out the few rows that a jittering clock stamps as the row before, and say so."""
+    headers, _ = read_as.headers(raw.texts, where=raw.where)
+    clock, _ = time_column(headers, raw.where, read_as)
+    again = times_again(raw.columns[clock])
+    if not len(again):
+        return raw, not_read
+    first = (
+        f"{raw.place(int(again[0]))} is"
+        if len(again) == 1
+        else f"{len(again)} rows, the first at {raw.place(int(again[0]))}, are"
+    )
+    return raw.without(again), (*not_read, f"{first} left out: stamped as the row before")
 
 
 def _unreadable(raw: RawTable, names: Sequence[str], clock: int, read_as: ReadAs) -> dict[int, str]:

@@ -53,9 +53,10 @@ _NAMES = {
     " w_m wm omega_m ω_m velocity motor_velocity speed_rpm rpm drehzahl winkelgeschwindigkeit geschwindigkeit vitesse"
     " velocidad velocidade velocita n n_m vel ang_vel angvel motor_vel enc_vel"
     " motor_rpm shaft_rpm rotor_rpm wheel_rpm encoder_rpm enc_rpm measured_rpm actual_rpm"
+    " current_speed current_velocity current_rpm current_omega"
     " 转速 轉速 回転数 回転速度 角速度 速度",
     "angle": "angle theta θ phi φ position motor_angle shaft_angle rotor_angle encoder_angle angular_position"
-    " motor_position theta_m winkel drehwinkel pos 角度 转角 位置",
+    " motor_position theta_m winkel drehwinkel pos current_angle current_position current_pos 角度 转角 位置",
     "load": "load load_torque torque_load external_torque t_l tl tau_l m_l lastmoment",
 }
 # Names whose usual unit is another than SI: a guess that is worth making, reported, and overruled by a unit.
@@ -89,6 +90,32 @@ _OTHER_PART = frozenset(
         "estimated",
     )
 )
+# Words behind which "current" says that the value is the present one: "current wheel speed", "current_pwm".
+_PRESENT = frozenset(
+    [
+        "speed",
+        "velocity",
+        "rpm",
+        "omega",
+        "position",
+        "pos",
+        "angle",
+        "theta",
+        "pwm",
+        "duty",
+        "torque",
+        "power",
+        "state",
+        "error",
+        "time",
+        "temperature",
+        "setpoint",
+        "voltage",
+        "volts",
+    ]
+)
+# Words of what a controller asks for.
+ASKED = frozenset(["desired", "target", "setpoint", "reference", "ref", "wanted", "goal"])
 # Words of a signal that stands behind another of the same kind: what was commanded, supplied, or made of it.
 _SECONDARY_WORDS = "command cmd com commanded supply battery bat vbat filtered filt smoothed smooth lpf avg average raw"
 _SECONDARY = frozenset(_SECONDARY_WORDS.split())
@@ -181,6 +208,8 @@ def rank_in_role(name: str, role: str) -> int | None:
     if key in names:
         return names.index(key)
     words = frozenset(key.split("_"))
+    if role == "i" and "current" in words and words & _PRESENT:
+        return None
     raw_volts = role == "v" and "raw" in words  # of some sensor, as its converter reads them
     if key not in _ROLE_OF and words & _TELLING[role] and not words & _OTHER_PART and not raw_volts:
         return len(names)
@@ -234,8 +263,8 @@ def parse_header(text: str) -> Header:
     for place in re.finditer(r"[_/ ]", text):
         name, suffix = text[: place.start()].strip(), text[place.end() :].strip()
         unit = parse_unit(suffix, symbols_only=suffix != "%") or _small(name, suffix)
-        if name and unit and quantity_of(name) is None and quantity_of(text) == unit.quantity:
-            return Header(text, text, unit, suffix)  # "motor_rpm": without its unit the name says nothing
+        if name and unit and quantity_of(name) != unit.quantity == quantity_of(text):
+            return Header(text, text, unit, suffix)  # "motor_rpm": without its unit the name says nothing, or another
         if name and unit and _is_suffix(name, place[0], suffix, unit):
             return Header(text, name, unit, suffix)
     return Header(text, text, None, None)

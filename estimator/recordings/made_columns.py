@@ -41,6 +41,25 @@ def with_made_columns(recording: Recording, read_as: ReadAs) -> Recording:
     return _driven(recording, read_as.supply)
 
 
+def with_constant_voltage(recording: Recording, volts: float) -> Recording:
+    """Return a recording with a voltage that is in none of its columns, V.
+
+    Raises
+    ------
+    RecordingError
+        It has a voltage.
+    """
+    logged = recording.roles.get("v") or next(iter(_voltages(recording, ())), None)
+    if logged is not None:
+        raise RecordingError(
+            f"{recording.title} has a voltage, {recording.headers.get(logged, logged)!r}; leave --fix v out, or the"
+            " column out of the file"
+        )
+    name = f"{volts:g} V"
+    made = _with(recording, name, np.full(len(recording.time), volts), "V", f"{name}, constant, as you said")
+    return replace(made, roles={**made.roles, "v": name})
+
+
 def motors(recording: Recording) -> tuple[str, ...]:
     """Return the motors whose signals lie side by side: ``("left", "right")``; empty for one."""
     return motors_named([parse_header(header).name for header in recording.headers.values()])

@@ -4,6 +4,7 @@ What is looked for, wherever it lies in the file:
 
     timeseries                     its samples; the times are given, or a start and an interval
     Simulink.SimulationData…       the time series that it holds, by the names of their signals
+    Simulink.SimulationOutput      what lies in it, and arrays of To Workspace blocks over its tout
     the same, kept on disk         Simulink's signal streams: bytes in the file, with a start, an interval and a count
     timetable                      its columns over its row times
     iddata                         inputs and outputs of an experiment, with their names and units
@@ -117,10 +118,24 @@ def _of_structure(record: dict[str, Any], at: _Context) -> Iterator[Signal]:
     if {"OutputData", "InputData", "Ts"} <= record.keys():
         yield from _of_experiment(record)
         return
+    yield from _of_output(record)
     name = _text(record.get("Name")) or _block(record.get("BlockPath"))
     for key, item in record.items():
         if key != "Name":
             yield from _signals(item, at.inside(name))
+
+
+def _of_output(record: dict[str, Any]) -> Iterator[Signal]:
+    """Yield the arrays of a simulation's output, (n,) or (n, columns), over the n times of its tout."""
+    time = _numbers(record.get("tout"))
+    for key, item in record.items() if len(time) > 1 else ():
+        array = _cell(item)
+        if key == "tout" or array is None or array.dtype.kind not in "iufb" or array.ndim != 2:
+            continue
+        block = array if array.shape[0] == len(time) else array.T
+        if block.shape[0] == len(time):
+            for k, column in enumerate(block.T):
+                yield Signal(key if block.shape[1] == 1 else f"{key} {k + 1}", column.astype(float), time)
 
 
 def _of_timeseries(own: dict[str, Any], at: _Context) -> Iterator[Signal]:

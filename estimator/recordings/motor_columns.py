@@ -11,6 +11,7 @@ import numpy as np
 
 from estimator.errors import RecordingError, SeveralMotorsError
 from estimator.recordings.headers import (
+    ASKED,
     ROLE_QUANTITY,
     ROLE_TITLE,
     USUAL_NAMES,
@@ -26,6 +27,7 @@ from estimator.recordings.made_columns import SUPPLY, duty_column
 from estimator.recordings.recording import Recording
 
 SAME, FEW = 0.02, 0.05  # of the span, of the samples: columns that differ by less are one signal
+DRIVE, VOLTS = frozenset({"u", "v", "input"}), frozenset({"volt", "volts"})  # "final_u", "input signal", "sig_volt"
 # A scope's: its unit alone tells the signal.
 CHANNEL = re.compile(r"(ch|chan|channel|kanal|ain|analog|probe)_?[0-9a-d]+$")
 
@@ -94,6 +96,8 @@ def _of_role(recording: Recording, role: str, *, wanted: bool) -> str | None:
     faults = {column: recording.fault(column, quantity) for _, column in ranked}
     fitting = [(rank, column) for rank, column in ranked if faults[column] is None]
     good = [column for *_, column in sorted(fitting, key=lambda r: (r[0], _stands_still(recording, r[1])))]
+    if good and role == "i" and (asked := _asked_beside(recording, good[0])) is not None:
+        raise RecordingError(_present(recording, good[0], asked))
     if good and wanted and (other := _rival(recording, good)) is not None:
         if _motors(recording, good) and (several := _motors(recording, recording.headers)):
             raise SeveralMotorsError(_several(recording, several), several)
@@ -123,6 +127,10 @@ def _missing(recording: Recording, missing: Sequence[str], meant: Mapping[str, S
     named = [f"--column {shlex.quote(f'{other}={meant[other][0]}')}" for other in missing if meant[other]]
     column = " ".join(named) if near else options or f"--column {role}=…"
     return f"{recording.title} has no {ROLE_TITLE[role]} column{remedy} ({columns}); say which it is with {column}"
+
+
+def _words(text: str) -> set[str]:
+    return set(plain(text).split("_"))
 
 
 def _counts_rows(recording: Recording, column: str) -> bool:
@@ -161,6 +169,27 @@ def _rival(recording: Recording, columns: Sequence[str]) -> str | None:
 def _stands_still(recording: Recording, column: str) -> bool:
     samples = recording.signals[column]
     return bool(np.nanmin(samples) == np.nanmax(samples))
+
+
+def _asked_beside(recording: Recording, column: str) -> str | None:
+    """Return the column of what a controller asks for, "desired", beside a "current" of the same name and no speed."""
+    words = _words(column)
+    if "current" not in words or column not in recording.assumed_units:
+        return None
+    if any(rank_in_role(parse_header(text).name, "w") is not None for text in recording.headers.values()):
+        return None
+    rest = words - {"current"}
+    return next((c for c in recording.signals if (asked := _words(c) & ASKED) and _words(c) - asked == rest), None)
+
+
+def _present(recording: Recording, column: str, asked: str) -> str:
+    """Say that a column may hold amperes, or the present value of what another asks for."""
+    text = recording.headers[column]
+    return (
+        f"{recording.title}: {text!r} stands beside {recording.headers[asked]!r}, so it may be the present value of"
+        f" what is asked for, or amperes: say which, with --column {shlex.quote(f'w={text}')}, a speed, or --column"
+        f" {shlex.quote(f'i={text}')}"
+    )
 
 
 def _two(recording: Recording, role: str, first: str, other: str) -> str:
@@ -218,6 +247,10 @@ def _meant(recording: Recording, role: str, taken: Collection[str], *, by_unit: 
     near = [h.text for h in fitting if get_close_matches(plain(h.name), USUAL_NAMES[role], n=1, cutoff=0.75)]
     if not near and role == "v":
         near = [h.text for h in fitting if plain(h.name) in SUPPLY]
+    if not near and role == "v":
+        worded = [h.text for h in fitting if _words(h.name) & DRIVE or _words(h.text) & VOLTS]
+        worded = [text for text in worded if not _words(text) & SUPPLY]
+        near = worded if len(worded) == 1 else []
     if near or not by_unit:
         return near
     in_unit = [h.text for h in left.values() if h.unit is not None and h.unit.quantity == ROLE_QUANTITY[role]]

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.recordings.finding import Finding
+from estimator.recordings.implausible_angle import angle_unit
 from estimator.recordings.implausible_columns import exchanged_columns, lone_samples, wrong_signs
 from estimator.recordings.implausible_units import clock_unit, converter_counts, current_unit, speed_unit, voltage_unit
 from estimator.recordings.measured_signals import MeasuredSignals
@@ -74,6 +75,7 @@ def implausible(as_read: MeasuredSignals, *, sure: frozenset[str] = frozenset())
         doubted,
         speed_unit(measured, is_volts=doubted is None),
         current_unit(measured, is_volts=doubted is None),
+        angle_unit(measured),
         clock_unit(measured),
     ]
     found += [

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from estimator.errors import RecordingError
 from estimator.recordings.clock_text import seconds_since_first
@@ -54,6 +55,17 @@ class RawTable:
             half_digit=None if half is None else lambda j, factor: half(j, factor)[first:last],
         )
 
+    def without(self, left_out: NDArray[np.int64]) -> RawTable:
+        """Return the rows but those of these indices."""
+        kept = np.delete(np.arange(len(self.columns[0])), left_out)
+        half, place = self.half_digit, self.place
+        return replace(
+            self,
+            columns=[column[kept] for column in self.columns],
+            place=lambda k: place(int(kept[k])),
+            half_digit=None if half is None else lambda j, factor: half(j, factor)[kept],
+        )
+
 
 def raw_table(path: Path, read_as: ReadAs) -> RawTable:
     """Read a file, of whatever kind."""
@@ -93,6 +105,7 @@ def _read_text(path: Path, read_as: ReadAs) -> RawTable:
         is_units=_are_units,
         complain=functools.partial(no_time, read_as=read_as),
         numbers=read_as.numbers,
+        rated=read_as.rate is not None,
         counted=read_as.columns.get("time") in read_as.numbers,
     )
     table = read_table(path, rules)

@@ -56,9 +56,9 @@ def read_xlsx(path: Path, head: bytes) -> Columns:
     found: dict[str, tuple[int, list[Row]]] = {}
     others: dict[str, tuple[int, list[Row]]] = {}
     try:
-        with warnings.catch_warnings():
+        with warnings.catch_warnings(), path.open("rb") as file:  # by its name openpyxl would refuse a "run.csv"
             warnings.simplefilter("ignore")  # of styles that openpyxl does not know
-            book = openpyxl.load_workbook(path, read_only=True, data_only=True)
+            book = openpyxl.load_workbook(file, read_only=True, data_only=True)
             try:
                 for sheet in book.worksheets:
                     rows = [tuple(row) for row in sheet.iter_rows(values_only=True)]

@@ -17,6 +17,7 @@ from estimator.recordings.text_cells import (
     holds_numbers_only,
     is_number,
     is_word,
+    number_in,
     split_cells,
     trimmed,
     unquoted,
@@ -28,6 +29,7 @@ HEADER_EXAMPLE = "time [s],voltage [V],current [A],speed [rad/s]"
 HEADER_LINES = 200  # the header is looked for in so many lines
 WORDS_BELOW = 3  # lines between the names and the numbers, at most: of units, of comments
 COUNTED = 20  # rows that show whether they are counted
+RESTARTS = 3  # rows of the first at which a time may stand still or begin anew
 SKIPPED = ("", "#", "%")  # first characters of empty lines and comments
 _LIKE_A_NUMBER = re.compile(r"[-+]?[.,]?\d[-+\d.,:/eETZ ]*")  # or a time of day, or a date
 
@@ -40,6 +42,7 @@ class HeaderRules:
     is_units: Callable[[Sequence[str]], bool]  # the line below the header holds the units
     complain: Callable[[str, Sequence[str]], NoReturn]  # place, cells that come nearest: no line is a header
     numbers: frozenset[str] = frozenset()  # columns that are asked for by number: none are the header's own names
+    rated: bool = False  # the times are not in the file: each row stands for its place
     counted: bool = False  # the time is one of them: then none of them is a name
 
 
@@ -132,21 +135,40 @@ def _are_counted(rows: Sequence[Cells], width: int) -> bool:
 
 
 def _no_header(path: Path, lines: list[str], first: int) -> NoReturn:
-    columns = _columns_of_numbers(path, lines)
-    example = "--column time={} --column v={}".format(*columns) if len(columns) > 1 else "--column v=1 --rate HZ"
+    columns, rising = _columns_of_numbers(path, lines)
+    others = [j for j in columns if j != rising] or [1]
+    example = f"--column v={others[0]}"
+    if len(columns) > 1 and rising is not None:
+        example = f"--column time={rising} {example}"
+    elif len(columns) > 1:
+        example += f" --column w={others[1]} --rate HZ, as no column rises like a time"
+    else:
+        example += " --rate HZ"
     raise RecordingError(
         f"{path.name} line {first + 1}: there is no header above the numbers;"
         f" name the columns, as in {HEADER_EXAMPLE}, or by their numbers, as in {example}"
     )
 
 
-def _columns_of_numbers(path: Path, lines: list[str]) -> list[int]:
-    """Return by number which columns of a file without a header hold nothing but numbers."""
+def _columns_of_numbers(path: Path, lines: list[str]) -> tuple[list[int], int | None]:
+    """Return by number which columns of a file without a header hold nothing but numbers, and the first that rises."""
     at, delimiter, header = numbered_columns(path, lines)
     rows = [split_cells(line, delimiter) for line in lines[at + 1 :] if line.lstrip()[:1] not in SKIPPED]
     whole = [row for row in rows[:HEADER_LINES] if len(row) >= len(header)]
-    return [
-        j + 1
+    found = [
+        j
         for j in range(len(header))
         if all(is_number(row[j]) or ":" in row[j] and _LIKE_A_NUMBER.fullmatch(row[j]) for row in whole)
     ]
+    rising = next((j for j in found if _rises([unquoted(row[j]) for row in whole])), None)
+    return [j + 1 for j in found], None if rising is None else rising + 1
+
+
+def _rises(cells: Cells) -> bool:
+    """Tell whether a column's cells, of one test, rise as times do; times of day are taken to."""
+    values = [number_in(cell, ",") if number_in(cell, ".") is None else number_in(cell, ".") for cell in cells]
+    known = [value for value in values if value is not None]
+    if len(known) < len(cells):
+        return True
+    falls = sum(after <= before for before, after in itertools.pairwise(known))
+    return known[-1] > known[0] and falls <= RESTARTS

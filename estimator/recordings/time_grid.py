@@ -26,6 +26,7 @@ OFF_GRID = 0.01  # of the step: further off is no uniform grid
 JITTER = 0.25  # of the step: an interval further off a whole number of steps is an error
 ONCE, EXACT = 1, 1e-3  # row off the grid, of the step the others: one alone is a mistake, else the clock jitters
 OFTEN, PAUSE = 3, 20  # intervals off any grid that are a clock without one; times the usual interval: a pause
+RARE = 0.01  # of the rows: so many may have the time of the row before
 MISSING = 3  # times the rows that are there: more missing ones are an error
 
 
@@ -105,6 +106,21 @@ def _with_gaps(times: FloatArray, half_digit: Callable[[], FloatArray] | None) -
     return Clock(np.interp(np.arange(n), rows, times), step, missing, even=False)
 
 
+def times_again(times: FloatArray) -> NDArray[np.int64]:
+    """Return which rows have the time of the row before, of times, (m,) s, whose clock jitters; none if they are many.
+
+    The clock of a computer that reads a serial line shows two rows of one buffer at one time. Of an exact clock such a
+    row is a mistake, and many are a clock that is printed too coarsely.
+    """
+    steps = np.diff(times)
+    again = np.flatnonzero(steps == 0) + 1
+    if not len(again) or len(again) > RARE * times.size or (steps < 0).any():
+        return np.empty(0, dtype=np.int64)
+    usual = median(steps)
+    jitters = median(np.abs(steps - usual)) > EXACT * usual
+    return again if jitters else np.empty(0, dtype=np.int64)
+
+
 def _pause(times: FloatArray) -> int | None:
     """Return the first row after a pause of a clock that jitters; None where there is none."""
     steps = np.diff(times)
@@ -171,7 +187,7 @@ def uniform_grid(
         k = int(np.argmax(steps <= 0)) + 1
         is_coarse = steps.min() == 0 and np.count_nonzero(steps == 0) >= OFTEN  # no rows that are there twice
         raise RecordingError(
-            f"{place(k)}: time does not increase ({float(times[k]):.9g} s after {float(times[k - 1]):.9g} s);"
+            f"{place(k)}: time does not increase ({_shown(times, k)} s after {_shown(times, k - 1)} s);"
             " each row needs a later time than the one before, printed with enough digits"
             + ("; or say with --rate HZ how often the rows were taken" if is_coarse else "")
         )
@@ -231,6 +247,13 @@ def _plainest(times: FloatArray, step: float, worst: float, k: FloatArray) -> tu
     return float(np.mean(times - k * step)), step
 
 
+def _shown(times: FloatArray, k: int) -> str:
+    """Return a time with digits enough to tell it from the next: one that counts from a date needs many."""
+    usual = median(np.abs(np.diff(times)))
+    digits = 9 if usual == 0 else int(np.log10(max(abs(float(times[k])) / usual, 1.0))) + 4
+    return f"{float(times[k]):.{min(max(digits, 9), 17)}g}"
+
+
 def _candidates(step: float) -> Iterator[float]:
     for digits in range(17):
         yield float(f"{step:.{digits}e}")
@@ -248,6 +271,6 @@ def _off_grid(times: FloatArray, half: FloatArray, allowed: FloatArray, place: C
     k = int(np.argmax(off > 0)) if (off > 0).any() else int(np.argmax(off))
     return (
         f"{place(k)}: time is off its uniform grid by {abs(float(times[k] - due[k])) / step:.3g} of a step"
-        f" ({float(times[k]):.9g} s where {float(due[k]):.9g} s was due);"
+        f" ({_shown(times, k)} s where {_shown(due, k)} s was due);"
         " correct it, print time with enough digits, or resample to equal steps"
     )

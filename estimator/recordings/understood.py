@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from typing import Any, Literal
 
-from estimator.recordings.headers import ROLE_QUANTITY, assumed_unit_text, parse_header
+from estimator.recordings.headers import ROLE_QUANTITY, assumed_unit_text, parse_header, quantity_of
 from estimator.recordings.recording import Recording
 from estimator.recordings.units import examples, parse_unit, unit_of
 
@@ -91,7 +91,10 @@ def _of(recording: Recording, signal: str, text: str, column: str) -> Understood
     by_chance = header.name == text and recording.units.get(column) == ""  # a name such as pulse, of a voltage
     if header.unit_text is not None and not by_chance:
         return Understood(signal, text, header.unit_text, "user" if column in recording.given_units else "header")
-    usual = assumed_unit_text(header.name) or (unit_of(ROLE_QUANTITY[signal]).si if signal in ROLE_QUANTITY else None)
+    quantity = ROLE_QUANTITY.get(signal)
+    is_its_name = quantity is None or quantity_of(header.name) == quantity  # a "current" may be said to be the speed
+    usual = assumed_unit_text(header.name) if is_its_name else None
+    usual = usual or (unit_of(quantity).si if quantity is not None else None)
     if usual is None:
         return Understood(signal, text, "", "nobody")
     return Understood(signal, text, usual, "name")

@@ -90,10 +90,17 @@ _SYMBOLS = {
 
 # Words in any case: (quantity, numerator, denominator, offset, spellings).
 _COUNTS = "count counts cnt cnts tick ticks pulse pulses inc incs"
+_PER_SECOND = f"{_COUNTS} step steps"  # a column called "steps" counts rows, one of "steps/s" does not
 _WORDS: tuple[tuple[str, float, float, float, str], ...] = (
-    ("time", 1, 1, 0, "s sec secs seg second seconds"),
-    ("time", 1, 1e3, 0, "msec msecs millisecond milliseconds"),
-    ("time", 1, 1e6, 0, "usec usecs microsecond microseconds"),
+    ("time", 1, 1, 0, "s sec secs seg second seconds segundos sekunden"),
+    (
+        "time",
+        1,
+        1e3,
+        0,
+        "msec msecs milisec millisec millisecs milisecond miliseconds millisecond milliseconds milisegundos",
+    ),
+    ("time", 1, 1e6, 0, "usec usecs microsec microsecs microsecond microseconds microsegundos"),
     ("time", 60, 1, 0, "min minute minutes"),
     ("voltage", 1, 1, 0, "v volt volts"),
     ("voltage", 1, 1e3, 0, "millivolt millivolts"),
@@ -120,7 +127,7 @@ _WORDS: tuple[tuple[str, float, float, float, str], ...] = (
     ("ratio", 1, 1, 0, "1 -"),
     ("ratio", 1, 100, 0, "% percent pct"),
     ("count", 1, 1, 0, _COUNTS),
-    ("count rate", 1, 1, 0, " ".join(f"{c}/{s}" for c in _COUNTS.split() for s in ("s", "sec", "second"))),
+    ("count rate", 1, 1, 0, " ".join(f"{c}/{s}" for c in _PER_SECOND.split() for s in ("s", "sec", "second"))),
     ("mass", 1, 1e3, 0, "g"),
 )
 

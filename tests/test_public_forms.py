@@ -1,0 +1,282 @@
+"""Forms in which other labs publish logs, made anew from arrays that are known: headings, clocks, lines that broke."""
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from estimator.cli import main
+from estimator.errors import RecordingError
+from estimator.recordings.files import recordings_in
+from estimator.recordings.measured_signals import MeasuredSignals
+from estimator.recordings.motor_columns import motor_columns
+from estimator.recordings.plausibility import implausible
+from estimator.recordings.read_as import AS_WRITTEN, ReadAs
+from estimator.recordings.reading import read_recording, read_recordings
+
+N, STEP, SPEED = 400, 5e-3, 27.5  # rows, s, rad/s
+TIME = np.arange(N) * STEP
+V = np.where(np.arange(N) < 50, 0.0, 10.0)
+W = np.where(V > 0, SPEED * (1 - np.exp(-(TIME - 50 * STEP) / 0.16)), 0.0)
+RNG = np.random.default_rng(7)
+
+
+def save(folder: Path, header: str, *columns: np.ndarray, name: str = "log.csv", mark: str = ",") -> Path:
+    rows = [mark.join(f"{x:.10g}" for x in row) for row in zip(*columns, strict=True)]
+    path = folder / name
+    path.write_text("\n".join([*([header] if header else []), *rows]) + "\n")
+    return path
+
+
+def sentence(path: Path, read_as: ReadAs = AS_WRITTEN) -> str:
+    with pytest.raises(RecordingError) as caught:
+        motor_columns(read_recording(path, read_as), required=("v",), either=("i", "w"))
+    return str(caught.value)
+
+
+@pytest.mark.parametrize("unit", ["steps/s", "step/s", "steps per second"])
+def test_steps_of_an_encoder_a_second_are_a_speed_once_a_turn_is_said(unit: str, tmp_path: Path) -> None:
+    path = save(tmp_path, f"Time (s),Voltage (V),Speed ({unit})", TIME, V, W * 1320 / (2 * np.pi))
+    assert "say how many make a turn with --counts" in sentence(path)
+    (recording,) = recordings_in(path, ReadAs(counts=1320))
+    np.testing.assert_allclose(recording.signals[motor_columns(recording, required=("v", "w"))["w"]], W, atol=1e-6)
+
+
+def test_a_column_called_steps_counts_no_encoder(tmp_path: Path) -> None:
+    path = save(tmp_path, "time [s],step,speed [rad/s]", TIME, V, W)
+    recording = read_recording(path, ReadAs(columns={"v": "step"}))
+    np.testing.assert_array_equal(recording.signals[recording.roles["v"]], V)
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("millisec", 1e3), ("milisegundos", 1e3), ("microsec", 1e6)])
+def test_units_of_time_in_other_spellings_are_known(unit: str, factor: float, tmp_path: Path) -> None:
+    recording = read_recording(save(tmp_path, f"time ({unit}),voltage [V],speed [rad/s]", TIME * factor, V, W))
+    np.testing.assert_allclose(recording.time, TIME, atol=1e-12)
+
+
+def test_an_excel_file_that_is_called_csv_is_read(tmp_path: Path) -> None:
+    import openpyxl
+
+    book = openpyxl.Workbook()
+    for row in [["time [s]", "voltage [V]", "speed [rad/s]"], *zip(TIME.tolist(), V.tolist(), W.tolist(), strict=True)]:
+        book.active.append(list(row))
+    book.save(tmp_path / "log.xlsx")
+    shutil.move(tmp_path / "log.xlsx", tmp_path / "log.csv")
+    recording = read_recording(tmp_path / "log.csv")
+    np.testing.assert_allclose(recording.signals["speed"], W, rtol=1e-14)
+
+
+class TestClocks:
+    """Stamps of a computer that reads a serial line, and of a logger that begins."""
+
+    begin = 1.7523602290e9  # s since 1970
+    jitter = TIME + RNG.uniform(0, 0.3 * STEP, N)
+
+    def test_a_row_that_a_jittering_clock_stamps_as_the_row_before_is_left_out_and_told(self, tmp_path: Path) -> None:
+        stamps = self.jitter.copy()
+        stamps[163] = stamps[162]
+        recording = read_recording(save(tmp_path, "time [s],voltage [V],speed [rad/s]", stamps, V, W))
+        kept = np.delete(np.arange(N), 163)
+        np.testing.assert_array_equal(recording.signals["speed"], [float(f"{x:.10g}") for x in W[kept]])
+        np.testing.assert_allclose(recording.time, stamps[kept], atol=1e-9)
+        assert recording.not_read == ("log.csv line 165 is left out: stamped as the row before",)
+
+    def test_of_an_exact_clock_or_in_many_rows_it_is_an_error(self, tmp_path: Path) -> None:
+        exact = TIME.copy()
+        exact[163] = exact[162]
+        path = save(tmp_path, "time [s],voltage [V],speed [rad/s]", exact, V, W)
+        assert "log.csv line 165: time does not increase (0.81 s after 0.81 s)" in sentence(path)
+        many = self.jitter.copy()
+        many[101:150:2] = many[100:149:2]
+        path = save(tmp_path, "time [s],voltage [V],speed [rad/s]", many, V, W)
+        assert "time does not increase" in sentence(path)
+
+    def test_times_that_count_from_a_date_are_told_with_the_digits_that_differ(self, tmp_path: Path) -> None:
+        stamps = self.begin + self.jitter
+        stamps[200] = stamps[199] - 0.25 * STEP
+        path = tmp_path / "log.csv"
+        rows = [f"{t:.6f},{v:g},{w:.4f}" for t, v, w in zip(stamps, V, W, strict=True)]
+        path.write_text("\n".join(["timestamp,voltage [V],speed [rad/s]", *rows]) + "\n")
+        told = sentence(path)
+        later, before = told.split("(")[1].split(" s)")[0].split(" s after ")
+        assert float(later) - self.begin == pytest.approx(stamps[200] - self.begin, abs=2e-4)
+        assert float(before) > float(later)
+
+    def test_a_first_row_whose_time_is_off_the_clock_is_left_out_and_told(self, tmp_path: Path) -> None:
+        stamps = np.round(1e3 * (TIME + 0.1))
+        stamps[0] = stamps[1] - 2
+        recording = read_recording(save(tmp_path, "time [ms],voltage [V],speed [rad/s]", stamps, V, W))
+        assert len(recording.time) == N - 1 and recording.even
+        assert recording.not_read == ("the first row is left out: its time is off the clock of all others",)
+
+    def test_a_column_that_rises_evenly_is_named_where_none_is_called_time(self, tmp_path: Path) -> None:
+        scipy_io = pytest.importorskip("scipy.io")
+        path = tmp_path / "log.mat"
+        scipy_io.savemat(path, {"data": np.vstack([TIME, V, W])})
+        told = sentence(path)
+        assert "'column 1' rises evenly, from 0 to 1.995: if it is the time" in told and "--column time=1" in told
+        recording = read_recording(path, ReadAs(columns={"time": "1", "v": "2", "w": "3"}))
+        np.testing.assert_array_equal(recording.signals[recording.roles["w"]], W)
+
+    def test_a_column_that_counts_the_rows_is_named_as_no_time(self, tmp_path: Path) -> None:
+        scipy_io = pytest.importorskip("scipy.io")
+        scipy_io.savemat(tmp_path / "log.mat", {"data": np.vstack([np.arange(N), V, W])})
+        assert "rises evenly" not in sentence(tmp_path / "log.mat")
+
+
+class TestBrokenLines:
+    """A serial line loses characters."""
+
+    def broken(self, folder: Path, *at: int, header: str = "time [s],voltage [V],speed [rad/s]") -> Path:
+        path = save(folder, header, TIME, V, W)
+        lines = path.read_text().splitlines()
+        for k in at:
+            lines[k] = lines[k].partition(",")[2]
+        path.write_text("\n".join(lines) + "\n")
+        return path
+
+    def test_a_row_without_all_its_cells_is_left_out_and_its_place_is_kept(self, tmp_path: Path) -> None:
+        recording = read_recording(self.broken(tmp_path, 100))
+        expected = np.array([float(f"{x:.10g}") for x in W])
+        expected[99] = np.nan
+        np.testing.assert_array_equal(recording.signals["speed"], expected)
+        assert recording.missing_rows == 1
+        assert (
+            "line 101, '10,21.55270791', is left out" in recording.not_read[0]
+            and "not as many cells" in recording.not_read[0]
+        )
+
+    def test_several_are_counted(self, tmp_path: Path) -> None:
+        recording = read_recording(self.broken(tmp_path, 100, 200, 300))
+        assert recording.missing_rows == 3 and "and 2 more are left out" in recording.not_read[0]
+
+    def test_many_are_an_error(self, tmp_path: Path) -> None:
+        assert "line 101 has too few cells (2, the header has 3)" in sentence(self.broken(tmp_path, *range(100, 105)))
+
+    def test_without_times_in_the_file_one_is_an_error(self, tmp_path: Path) -> None:
+        path = self.broken(tmp_path, 100)
+        assert "line 101 has too few cells" in sentence(path, ReadAs(rate=200.0))
+
+    def test_without_a_header_the_first_row_says_how_many_there_are(self, tmp_path: Path) -> None:
+        path = self.broken(tmp_path, *range(100, 110), header="")
+        told = sentence(path, ReadAs(columns={"time": "1", "v": "2", "w": "3"}))
+        assert "has too few cells (2, the first row has 3)" in told
+
+
+class TestNames:
+    """Columns of which the name says that they drive the motor, and no more."""
+
+    @pytest.mark.parametrize("name", ["final_u", "sig_volt", "input", "Input Signal"])
+    def test_the_one_that_drives_is_suggested(self, name: str, tmp_path: Path) -> None:
+        told = sentence(save(tmp_path, f"time,alpha,{name},vel", TIME, 0 * V, V, W))
+        assert f"is it {name!r}?" in told
+
+    def test_of_two_and_of_the_supplys_none_is(self, tmp_path: Path) -> None:
+        assert "is it" not in sentence(save(tmp_path, "time,input_a,final_u,vel", TIME, V, V, W))
+        assert "is it" not in sentence(save(tmp_path, "time,V bus,vel", TIME, V, W))
+
+
+class TestAngles:
+    """An angle of which nobody said the unit."""
+
+    turned = np.cumsum(W) * STEP * 180 / np.pi
+
+    def found(self, angle: np.ndarray, *, guessed: bool = True) -> list[str]:
+        said = frozenset({"angle"}) if guessed else frozenset()
+        found = implausible(MeasuredSignals("log.csv", TIME, {"v": V, "angle": angle}, guessed=said))
+        return [f.sentence for f in found if f.kind == "unit angle"]
+
+    def test_one_that_starts_again_at_360_looks_like_degrees(self) -> None:
+        (told,) = self.found(self.turned % 360)
+        assert "--unit angle=deg" in told
+        (told,) = self.found((self.turned + 180) % 360 - 180)
+        assert "--unit angle=deg" in told
+
+    def test_whole_numbers_look_like_degrees_or_counts(self) -> None:
+        (told,) = self.found(np.round(self.turned))
+        assert "--unit angle=deg" in told and "--counts" in told
+
+    def test_radians_and_what_is_said_are_not_doubted(self) -> None:
+        radians = np.deg2rad(self.turned)
+        assert self.found(radians) == self.found(radians % (2 * np.pi)) == []
+        assert self.found(np.round(radians, 3)) == []
+        assert self.found(self.turned % 360, guessed=False) == self.found(np.round(self.turned), guessed=False) == []
+
+
+class TestConstantVoltage:
+    """A step that begins before the log does, whose volts stand in the file's name."""
+
+    def path(self, folder: Path) -> Path:
+        return save(folder, "time angle speed", TIME, np.cumsum(W) * STEP, W, name="data_10V.txt", mark=" ")
+
+    def test_check_takes_it_as_estimate_does(self, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+        assert main(["check", str(self.path(tmp_path)), "--fix", "v=10"]) == 0
+        assert "v ← 10 V, constant, as you said · w ← speed" in capsys.readouterr().out
+
+    def test_the_mended_copy_needs_no_option(self, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+        out = tmp_path / "mended.csv"
+        assert main(["check", str(self.path(tmp_path)), "--fix", "v=10", "--mend", str(out)]) == 0
+        (again,) = read_recordings(out)
+        found = motor_columns(again, required=("v", "w"))
+        assert set(again.signals[found["v"]]) == {10.0}
+        np.testing.assert_allclose(again.signals[found["w"]], W, atol=1e-8)
+
+    def test_what_check_cannot_hold_is_an_error(self, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+        assert main(["check", str(self.path(tmp_path)), "--fix", "R=3"]) == 2
+        assert "check knows no parameters" in capsys.readouterr().err
+        with_volts = save(tmp_path, "time [s],voltage [V],speed [rad/s]", TIME, V, W)
+        assert main(["check", str(with_volts), "--fix", "v=10"]) == 2
+        assert "has a voltage, 'voltage [V]'" in capsys.readouterr().err
+
+
+class TestCurrentMeansPresent:
+    """What a controller logs beside its setpoints: the current speed, which is no electric current."""
+
+    @pytest.mark.parametrize(
+        ("name", "role"),
+        [
+            ("current_speed", "w"),
+            ("currentVelocity", "w"),
+            ("current_velocity [rad/s]", "w"),
+            ("current_speed_left", "w"),
+            ("current wheel speed", "w"),
+            ("current_position", "angle"),
+        ],
+    )
+    def test_the_current_speed_is_a_speed(self, name: str, role: str, tmp_path: Path) -> None:
+        recording = read_recording(save(tmp_path, f"time,voltage,{name},target_speed", TIME, V, W, 3 * V))
+        found = motor_columns(recording, required=("v",), either=("i", "w"))
+        assert found.keys() == {"v", role}
+        np.testing.assert_allclose(recording.signals[found[role]], W, atol=1e-8)
+
+    def test_in_rpm_too(self, tmp_path: Path) -> None:
+        path = save(tmp_path, "time,voltage,current_rpm,desired_rpm", TIME, V, W * 30 / np.pi, V)
+        recording = read_recording(path)
+        found = motor_columns(recording, required=("v",), either=("i", "w"))
+        assert found.keys() == {"v", "w"}
+        np.testing.assert_allclose(recording.signals[found["w"]], W, atol=1e-8)
+
+    def test_the_current_of_a_motor_or_in_amperes_is_one(self, tmp_path: Path) -> None:
+        for name in ("current", "motor_current", "current [mA]", "current_ma", "current_a", "current sensor"):
+            recording = read_recording(save(tmp_path, f"time,voltage,{name},speed,target", TIME, V, W, W, V))
+            assert "i" in motor_columns(recording, required=("v",), either=("i", "w")), name
+
+    def test_beside_what_is_desired_it_is_asked_for(self, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+        path = save(tmp_path, "time,u,current_m1,desired_m1", TIME, V, W, V)
+        assert "--column w=current_m1, a speed, or --column i=current_m1" in sentence(path)
+        for role, unit in (("w", "rad/s"), ("i", "A")):
+            assert main(["check", str(path), "--column", f"{role}=current_m1"]) == 0
+            assert f"{role} ← current_m1 (no unit: taken as {unit})" in capsys.readouterr().out
+
+
+class TestWithoutAHeader:
+    """The example of a file without a header is one that can be right."""
+
+    def test_the_column_that_rises_is_the_examples_time(self, tmp_path: Path) -> None:
+        assert "as in --column time=2 --column v=1" in sentence(save(tmp_path, "", V, TIME, W))
+        assert "as in --column time=1 --column v=2" in sentence(save(tmp_path, "", np.tile(TIME[: N // 4], 4), V, W))
+
+    def test_of_columns_that_do_not_rise_none_is(self, tmp_path: Path) -> None:
+        told = sentence(save(tmp_path, "", V, RNG.normal(0, 1, N)))
+        assert "as in --column v=1 --column w=2 --rate HZ, as no column rises like a time" in told
