@@ -128,16 +128,20 @@ def test_a_batch_fills_in_a_pattern_as_an_estimate_does(write, capsys, tmp_path)
     assert "no file matches" in run(capsys, "batch", tmp_path / "nothing_*.csv", "-o", tmp_path / "out")[2]
 
 
-def test_a_rate_wins_over_times_that_were_printed_too_coarsely_as_the_refusal_says(write, capsys):
-    path = write("time [s],voltage [V],current [A],speed [rad/s]", rows=zip(T // 0.01 * 0.01, V, I, W, strict=True))
+def test_times_that_rows_share_are_taken_as_even_where_they_may_be_and_a_rate_is_asked_for_where_not(write, capsys):
+    header = "time [s],voltage [V],current [A],speed [rad/s]"
+    path = write(header, rows=zip(T // 0.01 * 0.01, V, I, W, strict=True))
+    status, out, _ = run(capsys, "check", path)
+    assert status == 0 and "2001 samples from 0 to 2 s, every 0.001 s" in out
+    assert "they tell 0.01 s, and rows share them; taken as even, at 1000 Hz" in out
+    lost = np.delete(np.arange(len(T)), np.s_[700:709])
+    path = write(header, rows=((t // 0.01 * 0.01, v, i, w) for t, v, i, w in np.c_[T, V, I, W][lost]))
     assert "or say with --rate HZ how often the rows were taken" in run(capsys, "check", path)[2]
     for times in (T[::-1], np.sort(np.append(T[1:], T[9]))):  # reversed; one row twice: a rate would be wrong
-        other = write(
-            "time [s],voltage [V],current [A],speed [rad/s]", rows=zip(times, V, I, W, strict=True), name="b.csv"
-        )
+        other = write(header, rows=zip(times, V, I, W, strict=True), name="b.csv")
         assert run(capsys, "check", other)[2].endswith("printed with enough digits\n")
     status, out, _ = run(capsys, "check", path, "--rate", "1000")
-    assert status == 0 and "2001 samples from 0 to 2 s, every 0.001 s" in out and "not used: time as logged" in out
+    assert status == 0 and "1992 samples from 0 to 1.991 s, every 0.001 s" in out and "not used: time as logged" in out
 
 
 def test_no_signal_is_offered_as_the_time(write, capsys):

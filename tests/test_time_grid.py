@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from estimator.errors import RecordingError
-from estimator.recordings.time_grid import half_last_digit, uniform_grid
+from estimator.recordings.time_grid import half_last_digit, sampling_clock, uniform_grid
 
 
 def grid(cells: list[str]) -> tuple[float, float]:
@@ -96,3 +96,15 @@ def test_a_decimal_grid_printed_in_full_comes_back_to_the_bit(digits: int, power
         return  # time has no room for the step
     found = grid([repr(float(t)) for t in times])
     assert (found[0] + np.arange(n) * found[1]).tolist() == times.tolist()
+
+
+@pytest.mark.parametrize("rounded", [np.round, np.floor])
+@pytest.mark.parametrize("rate", [1250.0, 3000.0, 7919.0])
+def test_an_even_clock_is_found_behind_times_that_rows_share(rate, rounded):
+    true = 5.0 + np.arange(4000) / rate
+    clock = sampling_clock(rounded(1e3 * true) / 1e3, place=lambda k: f"sample {k}")
+    assert clock.even and clock.printed == pytest.approx(1e-3)
+    assert np.ptp(clock.time - true) < 0.2e-3 and clock.time[0] == 5.0  # of the print's 1 ms
+    uneven = np.sort(true + np.random.default_rng(1).normal(0, 1e-3, 4000))
+    with pytest.raises(RecordingError, match="does not increase"):
+        sampling_clock(rounded(1e3 * uneven) / 1e3, place=lambda k: f"sample {k}")

@@ -85,6 +85,12 @@ def recording_of(raw: RawTable, read_as: ReadAs) -> Recording:
     if begins:
         columns, time = [column[begins:] for column in columns], time[begins:]
         not_read = ("the first row is left out: its time is off the clock of all others", *not_read)
+    if ticks.printed:
+        not_read = (
+            f"the digits of the times are not used: they tell {ticks.printed:.4g} s, and rows share them; taken as even,"
+            f" at {1 / ticks.step:.6g} Hz (--rate HZ if it was another)",
+            *not_read,
+        )
     signals, units = {}, {}
     for j, (column, header) in enumerate(zip(names, headers, strict=True)):
         if j == clock:

@@ -28,6 +28,7 @@ ONCE, EXACT = 1, 1e-3  # row off the grid, of the step the others: one alone is 
 OFTEN, PAUSE = 3, 20  # intervals off any grid that are a clock without one; times the usual interval: a pause
 RARE = 0.01  # of the rows: so many may have the time of the row before
 MISSING = 3  # times the rows that are there: more missing ones are an error
+SHARED = 8  # rows that share a time with the one before: fewer are rows that are there twice
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,12 +45,15 @@ class Clock:
         Which of the n times has a row; None: every one.
     even : bool
         Whether the times lie on the uniform grid.
+    printed : float
+        s, the steps in which the times are printed, where they are so coarse that rows share one; else 0.
     """
 
     time: FloatArray
     step: float
     rows: NDArray[np.int64] | None = None
     even: bool = True
+    printed: float = 0.0
 
 
 def sampling_clock(
@@ -65,15 +69,33 @@ def sampling_clock(
     try:
         start, step = uniform_grid(times, place=place, half_digit=half_digit)
     except RecordingError:
-        found = _with_gaps(times, half_digit)
-        if found is None:
-            found = _without_grid(times, half_digit)
-        if found is None:
-            if (k := _pause(times)) is not None:
-                raise RecordingError(_paused(times, k, place)) from None
-            raise
-        return found
+        found = _in_coarse_print(times) or _with_gaps(times, half_digit) or _without_grid(times, half_digit)
+        if found is not None:
+            return found
+        if (k := _pause(times)) is not None:
+            raise RecordingError(_paused(times, k, place)) from None
+        raise
     return Clock(start + np.arange(times.size, dtype=np.float64) * step, step)
+
+
+def _in_coarse_print(times: FloatArray) -> Clock | None:
+    """Return the even clock of times that are printed in steps above its own; None if no even clock was printed so.
+
+    Rounded, or cut, all times of an even clock lie on a line but for one step of the print. A row that is missing shifts
+    all that follow: fewer than this step holds are not seen.
+    """
+    steps = np.diff(times)
+    if (steps < 0).any() or np.count_nonzero(steps == 0) < max(SHARED, RARE * times.size) or not (steps > 0).any():
+        return None
+    printed = float(steps[steps > 0].min())
+    rows = np.arange(times.size, dtype=np.float64)
+    centred = rows - rows.mean()
+    step = float(centred @ (times - times.mean()) / (centred @ centred))
+    spread = float(np.ptp(times - centred * step))
+    if not 0 < step < printed or spread > printed * (1 + 2.4 / np.sqrt(times.size)):  # four deviations of the line's ends
+        return None
+    _, step = _plainest(times, step, spread / 2, rows)
+    return Clock(float(times[0]) + rows * step, step, printed=printed)
 
 
 def _with_gaps(times: FloatArray, half_digit: Callable[[], FloatArray] | None) -> Clock | None:
