@@ -103,6 +103,13 @@ def test_what_a_level_hides_of_a_converters_noise_is_there_in_motion():
     assert found(residuals, steps=np.ones(1)).white[0] == pytest.approx(np.hypot(0.25, 12**-0.5), rel=0.1)
 
 
+def test_numbers_of_other_residuals_that_overflow_here_are_estimated_afresh():
+    residuals = 1e10 * np.random.default_rng(0).standard_normal((2000, 1))
+    far = dataclasses.replace(plain(1e-200), slow=np.array([[1e-200, 1.0]]))
+    noise = found(residuals, start=far, again=True)
+    assert noise.white[0] == pytest.approx(1e10, rel=0.1) and len(noise.short) == 2
+
+
 def test_a_sensor_that_shows_zero_at_rest_tells_its_noise_in_motion():
     rng, settled = np.random.default_rng(0), np.arange(2000) < 1000
     residuals = np.column_stack([rng.standard_normal(2000), np.where(settled, 0.0, rng.standard_normal(2000))])

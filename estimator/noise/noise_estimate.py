@@ -151,12 +151,13 @@ class _Choice:
         self.q = self.stacked.shape[1]
 
     def again(self) -> NoiseModel:
-        """Estimate the parameters of the present components again."""
+        """Estimate the parameters of the present components again; all afresh where they are none of these residuals."""
         noise = dataclasses.replace(self.first, growth=self.growth)
         active = [("differenced" if noise.differenced[j] > 0 else "white", j) for j in range(self.q)]
         active += [("slow", j) for j in range(self.q) if noise.slow[j, 0] > 0]
         active += [("torque", 0)] if noise.torque[0] > 0 else []
-        return self._with_short(self.likelihood.largest(noise, active, iterations=6)[0])
+        found, misfit = self.likelihood.largest(noise, active, iterations=6)
+        return self._with_short(found) if np.isfinite(misfit) else self.best()
 
     def best(self) -> NoiseModel:
         """Add components as long as -2 log L falls enough, then the short autoregression."""
