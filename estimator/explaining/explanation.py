@@ -43,6 +43,11 @@ class Explanation:
         """Return the criterion, -2 log L at its noise and the penalties; excess as by `excess`."""
         return self.fit.cost + excess * sum(a.penalty(samples) for a in self.additions)
 
+    def misfit(self, samples: int) -> float:
+        """Return the criterion with the noise's own part, -2 log L and the penalties: noises that differ compare by it."""
+        whitener = self.fit.whitener
+        return self.criterion(samples, self.excess(samples)) + whitener(np.zeros((*whitener.present.shape, 1)))[1]
+
     def excess(self, samples: int) -> float:
         """Return what is missed over what the noise would leave, at least 1.
 

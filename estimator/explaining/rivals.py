@@ -53,7 +53,10 @@ def settled(selection: Selection, explanation: Explanation) -> tuple[Explanation
         if best.criterion(n, excess) > explanation.criterion(n, excess) - excess * EXCHANGED:
             break
         best = selection.grown(with_noise(best, selection.differenced, again=True), selection.effects)
-        explanation = selection.at_best(selection.without_idle(best))
+        best = selection.at_best(selection.without_idle(best))
+        if best.misfit(n) > explanation.misfit(n) - EXCHANGED:  # by its own noise it is not the likelier
+            break
+        explanation = best
     else:
         found = _others(selection, explanation)
     rivals = _with_fuller(selection, explanation, found)
