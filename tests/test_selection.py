@@ -2,9 +2,10 @@
 
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
-from estimator.explaining import selection
+from estimator.explaining import rivals, selection
 from estimator.explaining.addition import Addition
 from estimator.explaining.effects import EFFECTS
 from estimator.explaining.explanation import Explanation
@@ -38,3 +39,51 @@ def test_what_is_idle_is_told_by_the_noise_of_the_whole_explanation(monkeypatch)
     whole = of("bc", "first")
     assert search.without_idle(whole) is whole and estimated == ["bc"]
     assert whole.criterion(1000) == pytest.approx(101.0 + 2 * whole.additions[0].penalty(1000))
+
+
+def test_where_the_recordings_are_not_explained_an_addition_has_to_explain_as_many_times_more(monkeypatch):
+    costs = {"ab": 30_000.0, "a": 30_060.0, "b": 31_000.0, "": 40_000.0}
+
+    def of(names):
+        return Explanation(SimpleNamespace(cost=costs[names]), tuple(Addition(EFFECTS[0], n, 1, 1.0) for n in names))
+
+    monkeypatch.setattr(selection, "wald", lambda fit, addition: 0.0)
+    monkeypatch.setattr(selection, "without", lambda e, a, *, limit: of("".join(sorted(e.names() - {a.name}))))
+    monkeypatch.setattr(selection, "with_noise", lambda explanation, differenced, *, again: explanation)
+    whole = of("ab")
+    penalty = whole.additions[0].penalty(1000)
+    assert penalty < 60 < 30 * penalty < 1000
+    for samples, kept in ((1000, {"a"}), (30_000, {"a", "b"})):
+        assert whole.excess(samples) == 30_000 / samples
+        assert Selection(SimpleNamespace(samples=samples), None, None, ()).without_idle(whole).names() == kept
+
+
+def test_a_rival_that_is_likelier_by_another_noise_than_its_own_takes_no_place(monkeypatch):
+    """Each of two explanations may leave less by the other's noise: they would take turns."""
+    costs = {"a": 100.0, "b": 90.0}
+
+    def of(name, noise, size):
+        fit = SimpleNamespace(cost=costs[name] + noise, whitener=WhitenerOf(size))
+        return Explanation(fit, (Addition(EFFECTS[0], name, 1, 1.0),))
+
+    class WhitenerOf:
+        def __init__(self, log_size):
+            self.log_size, self.present = log_size, np.ones((3, 2), dtype=bool)
+
+        def __call__(self, columns):
+            return columns, self.log_size
+
+    for log_size, kept in ((15.0, "a"), (-15.0, "b")):
+        rival = of("b", 0.0, 0.0)
+        again = of("b", 10.0, log_size)
+        monkeypatch.setattr(rivals, "_others", lambda s, e, rival=rival: [rival] if e.names() == {"a"} else [])
+        monkeypatch.setattr(rivals, "_with_fuller", lambda s, e, found: found)
+        monkeypatch.setattr(rivals, "_nearest", lambda s, e, found: found)
+        monkeypatch.setattr(rivals, "_without_absurd", lambda s, e, found: None)
+        monkeypatch.setattr(rivals, "with_noise", lambda e, differenced, *, again: e)
+        search = SimpleNamespace(
+            tests=SimpleNamespace(samples=1000), differenced=None, effects=(),
+            grown=lambda e, effects, again=again: again, without_idle=lambda e: e, at_best=lambda e: e,
+        )  # fmt: skip
+        found, others = rivals.settled(search, of("a", 0.0, 0.0))
+        assert found.names() == {kept} and [e.names() for e in others] == ([{"b"}] if kept == "a" else [])

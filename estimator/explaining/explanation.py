@@ -44,7 +44,7 @@ class Explanation:
         return self.fit.cost + excess * sum(a.penalty(samples) for a in self.additions)
 
     def misfit(self, samples: int) -> float:
-        """Return the criterion with the noise's own part, -2 log L and the penalties: noises that differ compare by it."""
+        """Return the criterion with the noise's own part: explanations by noises that differ compare by it."""
         whitener = self.fit.whitener
         return self.criterion(samples, self.excess(samples)) + whitener(np.zeros((*whitener.present.shape, 1)))[1]
 

@@ -239,7 +239,9 @@ class Selection:
                 return None
             most = ranked[0].gain - excess * ranked[0].penalty(n)
             best_few = [
-                a for a in ranked[:REFITTED] if a.gain - excess * a.penalty(n) > PREDICTED_PART * most and a.gain > least
+                a
+                for a in ranked[:REFITTED]
+                if a.gain - excess * a.penalty(n) > PREDICTED_PART * most and a.gain > least
             ]
             best, fall = None, 0.0
             for a in best_few:

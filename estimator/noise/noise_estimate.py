@@ -151,7 +151,7 @@ class _Choice:
         self.q = self.stacked.shape[1]
 
     def again(self) -> NoiseModel:
-        """Estimate the parameters of the present components again; all afresh where they are none of these residuals."""
+        """Estimate the parameters of the present components again; all afresh where they overflow."""
         noise = dataclasses.replace(self.first, growth=self.growth)
         active = [("differenced" if noise.differenced[j] > 0 else "white", j) for j in range(self.q)]
         active += [("slow", j) for j in range(self.q) if noise.slow[j, 0] > 0]

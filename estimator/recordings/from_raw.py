@@ -87,8 +87,8 @@ def recording_of(raw: RawTable, read_as: ReadAs) -> Recording:
         not_read = ("the first row is left out: its time is off the clock of all others", *not_read)
     if ticks.printed:
         not_read = (
-            f"the digits of the times are not used: they tell {ticks.printed:.4g} s, and rows share them; taken as even,"
-            f" at {1 / ticks.step:.6g} Hz (--rate HZ if it was another)",
+            f"the digits of the times are not used: they tell {ticks.printed:.4g} s, and rows share them; taken as"
+            f" even, at {1 / ticks.step:.6g} Hz (--rate HZ if it was another)",
             *not_read,
         )
     signals, units = {}, {}

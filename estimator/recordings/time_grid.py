@@ -79,10 +79,10 @@ def sampling_clock(
 
 
 def _in_coarse_print(times: FloatArray) -> Clock | None:
-    """Return the even clock of times that are printed in steps above its own; None if no even clock was printed so.
+    """Return the even clock of times that are printed in steps above its own; None if there is none.
 
-    Rounded, or cut, all times of an even clock lie on a line but for one step of the print. A row that is missing shifts
-    all that follow: fewer than this step holds are not seen.
+    Rounded, or cut, all times of an even clock lie on a line but for one step of the print. A row that is missing
+    shifts all that follow: fewer than this step holds are not seen.
     """
     steps = np.diff(times)
     if (steps < 0).any() or np.count_nonzero(steps == 0) < max(SHARED, RARE * times.size) or not (steps > 0).any():
@@ -92,7 +92,8 @@ def _in_coarse_print(times: FloatArray) -> Clock | None:
     centred = rows - rows.mean()
     step = float(centred @ (times - times.mean()) / (centred @ centred))
     spread = float(np.ptp(times - centred * step))
-    if not 0 < step < printed or spread > printed * (1 + 2.4 / np.sqrt(times.size)):  # four deviations of the line's ends
+    line = 2.4 / np.sqrt(times.size)  # four deviations of its ends, in steps of the print
+    if not 0 < step < printed or spread > (1 + line) * printed:
         return None
     _, step = _plainest(times, step, spread / 2, rows)
     return Clock(float(times[0]) + rows * step, step, printed=printed)
