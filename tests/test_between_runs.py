@@ -1,5 +1,7 @@
 """The random effect between runs: against closed forms, and over seeds."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from scipy.linalg import expm
@@ -123,6 +125,8 @@ def test_the_variation_is_told_with_its_size_and_the_recording():
     assert told.endswith(("run2 has it 20 % above run1", "run1 has it 17 % below run2"))
     told = sentence(found, name="x", unit="m", is_log=False, runs=["a", "b", "c"])
     assert told.startswith("between runs x varies by 0.13 m (") and told.endswith(" the others")
+    far = dataclasses.replace(found, run=0, apart=2000.0)
+    assert sentence(far, name="B", unit="", is_log=True, runs=["a", "b"]).endswith(" has it 1e+04 % and more above b")
 
 
 def emulated(resistance, seed):

@@ -1,10 +1,13 @@
 """A motor that moves before its voltage, whose motion is no sum: dry friction brakes it, an open circuit does not."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from dry_friction import DryMotor
 from motors import CML050, recording_of
 
+from estimator.cases.case_signals import RunSpec
 from estimator.estimating.estimate import estimate_recordings
 
 pytestmark = pytest.mark.usefixtures("shared_workers")
@@ -39,6 +42,17 @@ def test_dry_friction_brakes_a_motor_that_turns_before_its_voltage(case_of):
     speed, friction = found.chain["motion before the voltage"], found.chain["friction"]
     assert abs(speed.value - FIRST) < 4.5 * speed.standard_error < 5
     assert abs(friction.value - DRY["friction"]) < 4.5 * friction.standard_error < 0.3 * DRY["friction"]
+
+
+def test_a_recording_that_the_case_says_begins_at_rest_has_no_motion_before_its_voltage(case_of):
+    def at_rest(method):
+        return dataclasses.replace(case_of(method), runs=(RunSpec(begin="rest"),))
+
+    for case, known in ((at_rest, set()), (case_of, {"motion before the voltage"})):
+        shown = begun(DryMotor({**DRY, "friction": 0.0}), VOLTAGE)
+        found = estimated(case, VOLTAGE, shown)
+        assert set(found.effects) & {"motion before the voltage"} == known, found.effects
+        assert known or found.verdict != "ok"
 
 
 def test_a_motor_whose_circuit_is_open_coasts_before_its_voltage(case_of):

@@ -34,6 +34,7 @@ FloatArray = NDArray[np.float64]
 
 BETWEEN = " between runs"  # ends the name of a recording's own part of a parameter
 ENTERS = 0.05  # chance that a variance is added to the standard errors though nothing varies, all parameters together
+FAR_APART = 100.0  # times as large: further apart nothing is told by how much
 LEAST_INFORMATION = 1e-8  # of the largest information: recordings, or contrasts of them, with less are not used
 
 
@@ -196,7 +197,9 @@ def is_between_runs(name: str) -> bool:
 def sentence(v: Variation, *, name: str, unit: str, is_log: bool, runs: Sequence[str]) -> str:
     """Say how a parameter varies between the recordings `runs`."""
     size = f"{100 * v.deviation:.2g} %" if is_log else f"{v.deviation:.2g} {unit}".rstrip()
-    away = f"{100 * abs(np.expm1(v.apart)):.2g} %" if is_log else f"{abs(v.apart):.2g} {unit}".rstrip()
+    apart = min(float(np.expm1(min(v.apart, FAR_APART))), FAR_APART)
+    more = " and more" if apart == FAR_APART else ""
+    away = f"{100 * abs(apart):.2g} %{more}" if is_log else f"{abs(v.apart):.2g} {unit}".rstrip()
     rest = next(r for k, r in enumerate(runs) if k != v.run) if len(runs) == 2 else "the others"
     return (
         f"between runs {name} varies by {size} ({v.errors:.1f} standard errors of one run):"

@@ -54,7 +54,7 @@ def friction_variance(fit: Fit) -> float:
     w, parts = fit.shown[:, fit.simulator.outputs.index("w")], []
     for clock in fit.simulator.clocks:
         runs = w[clock.rows][fit.whitener.moving[clock.rows]]
-        if len(runs):
+        if runs.any():
             u = tau / (len(runs) * clock.step)
             parts.append(2 * (u - u * u * (1 - np.exp(-1 / u))) / float(np.mean(runs**2)))
     variance = deviation**2 * float(np.mean(parts)) / len(parts) if parts else 0.0

@@ -57,8 +57,9 @@ def observe(binding: Binding, channels: Channels, recording: Recording, run: Run
     starts = is_motor and begin in (None, REST) and not excitation.running and excitation.kind != "none"
     rest = 1 if starts and any(u[0] != 0 for u in driven.values()) else 0
     found = Observed(
-        recording, driven, measured, excitation, 0, delay, notes=tuple(told), has_phase=has_phase, rest=rest
-    )
+        recording, driven, measured, excitation, 0, delay, notes=tuple(told), has_phase=has_phase, rest=rest,
+        at_rest=run.begin == REST,
+    )  # fmt: skip
     if begin in (GIVEN, REST):  # nothing to run in, and the way from there is a response
         by_itself = run.begin == GIVEN or not (run.begin or is_motor)  # a motor at zero does not move without its input
         kind = "several" if by_itself and excitation.kind == "none" else excitation.kind

@@ -37,6 +37,8 @@ class Observed:
     rest : int
         Samples simulated before the first of the recording, or the lead, without any input: of a motor at rest whose
         first row has its voltage, which a delay would otherwise not reach.
+    at_rest : bool
+        The case says that the recording begins at rest: no motion before its voltage is looked for.
     delay : float
         s, of the outputs behind the inputs as the case says it, or as the data show it at first sight; 0 where the
         parameters have a delay.
@@ -62,6 +64,7 @@ class Observed:
     read: tuple[Understood, ...] = ()
     findings: tuple[Finding, ...] = ()
     rest: int = 0
+    at_rest: bool = False
     uncertain: FloatArray | None = None
     taken: FloatArray | None = None
 

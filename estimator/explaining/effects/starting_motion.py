@@ -34,7 +34,7 @@ class StartingMotion(Effect):
     sentence: str = "{name}: the motor moves already in the first row; its speed and current there are estimated"
 
     def linear(self, fit: Fit) -> Sequence[Linear]:
-        """Return the motor's free motion from the first row of each recording that begins at rest."""
+        """Return the motor's free motion from the first row of each recording that may begin in motion."""
         s = fit.simulator
         if motor_values(fit) is None:
             return ()
@@ -44,7 +44,7 @@ class StartingMotion(Effect):
             return ()
         found = []
         for o, clock, name, opens in zip(s.observed, s.clocks, names, coasts, strict=True):
-            if not o.lead:
+            if not (o.lead or o.at_rest):
                 before_voltage = np.asarray(np.cumsum(o.inputs["v"] != 0) == 0)
                 opens_first = opens and coasts_in(o, before_voltage)
                 units = (UNITS["w"],) if opens_first else (UNITS["w"], UNITS["i"])  # no current flows then
@@ -65,7 +65,7 @@ class StartingMotion(Effect):
             names = {"w": name, "i": f"{name}#1"}
             first = {y: float(np.nan_to_num(np.mean(o.outputs[y][:FIRST_ROWS]))) for y in UNITS}
             for y, own in names.items():
-                reach, is_tried = MOST * largest[y], y == "w" and first[y] != 0 and not o.lead
+                reach, is_tried = MOST * largest[y], y == "w" and first[y] != 0 and not (o.lead or o.at_rest)
                 found.append(
                     Nuisance(
                         own, UNITS[y], -reach, reach, 0.0, SIZE * largest[y], target=y, recording=e,
