@@ -12,6 +12,7 @@ from estimator.explaining.explanation import Explanation
 from estimator.explaining.selection import Selection
 
 COSTS = {"abc": 100.0, "bc": 101.0, "ac": 1100.0, "ab": 1100.0, "b": 1102.0, "c": 1102.0, "a": 2100.0, "": 3000.0}
+FREE = {"names": ("R",), "at_bound": (0,)}
 
 
 def test_what_is_idle_is_told_by_the_noise_of_the_whole_explanation(monkeypatch):
@@ -20,7 +21,7 @@ def test_what_is_idle_is_told_by_the_noise_of_the_whole_explanation(monkeypatch)
     def of(names, noise):
         cost = COSTS[names] if noise == "first" else 50.0
         additions = tuple(Addition(EFFECTS[0], name, 1, 1.0) for name in names)
-        return Explanation(SimpleNamespace(cost=cost, noise=noise), additions)
+        return Explanation(SimpleNamespace(cost=cost, noise=noise, **FREE), additions)
 
     estimated = []
 
@@ -45,7 +46,9 @@ def test_where_the_recordings_are_not_explained_an_addition_has_to_explain_as_ma
     costs = {"ab": 30_000.0, "a": 30_060.0, "b": 31_000.0, "": 40_000.0}
 
     def of(names):
-        return Explanation(SimpleNamespace(cost=costs[names]), tuple(Addition(EFFECTS[0], n, 1, 1.0) for n in names))
+        return Explanation(
+            SimpleNamespace(cost=costs[names], **FREE), tuple(Addition(EFFECTS[0], n, 1, 1.0) for n in names)
+        )
 
     monkeypatch.setattr(selection, "wald", lambda fit, addition: 0.0)
     monkeypatch.setattr(selection, "without", lambda e, a, *, limit: of("".join(sorted(e.names() - {a.name}))))
@@ -56,6 +59,8 @@ def test_where_the_recordings_are_not_explained_an_addition_has_to_explain_as_ma
     for samples, kept in ((1000, {"a"}), (30_000, {"a", "b"})):
         assert whole.excess(samples) == 30_000 / samples
         assert Selection(SimpleNamespace(samples=samples), None, None, ()).without_idle(whole).names() == kept
+    whole.fit.at_bound = (1,)  # what a bound makes of the residuals is not what the recording has
+    assert whole.excess(1000) == 1.0
 
 
 def test_a_rival_that_is_likelier_by_another_noise_than_its_own_takes_no_place(monkeypatch):
@@ -63,7 +68,7 @@ def test_a_rival_that_is_likelier_by_another_noise_than_its_own_takes_no_place(m
     costs = {"a": 100.0, "b": 90.0}
 
     def of(name, noise, size):
-        fit = SimpleNamespace(cost=costs[name] + noise, whitener=WhitenerOf(size))
+        fit = SimpleNamespace(cost=costs[name] + noise, whitener=WhitenerOf(size), **FREE)
         return Explanation(fit, (Addition(EFFECTS[0], name, 1, 1.0),))
 
     class WhitenerOf:

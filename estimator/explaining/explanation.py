@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from estimator.explaining.addition import Addition, is_physical
+from estimator.explaining.addition import Addition, is_held, is_physical
 from estimator.explaining.effects.base import Effect
 from estimator.fitting.fit import Fit
 from estimator.fitting.gauss_newton import ITERATIONS, ROUGH, solved
@@ -53,9 +53,10 @@ class Explanation:
 
         Where the recordings are not explained, their residuals are what a fall of the cost is to be compared with:
         penalties count as many times (quasi-likelihood, Burnham and Anderson 2002, 2.5). Else nearly everything that
-        may be added explains a part of what is missed, in company, and none of it is there.
+        may be added explains a part of what is missed, in company, and none of it is there. Of a fit that a bound holds
+        this is not known: what releases it may be small.
         """
-        return max(1.0, self.fit.cost / samples)
+        return 1.0 if is_held(self.fit) else max(1.0, self.fit.cost / samples)
 
     def evidence(self, samples: int) -> float:
         """Return -2 log of its probability by Laplace's method; the usual size of a number is its prior's scale.
