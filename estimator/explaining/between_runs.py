@@ -34,7 +34,7 @@ FloatArray = NDArray[np.float64]
 
 BETWEEN = " between runs"  # ends the name of a recording's own part of a parameter
 ENTERS = 0.05  # chance that a variance is added to the standard errors though nothing varies, all parameters together
-FAR_APART = 100.0  # times as large: further apart nothing is told by how much
+FAR_APART = 100.0  # times as large, as much above: further apart it is not told by how much
 LEAST_INFORMATION = 1e-8  # of the largest information: recordings, or contrasts of them, with less are not used
 
 

@@ -40,16 +40,16 @@ class Explanation:
         return all(is_physical(self.fit, a) for a in self.additions)
 
     def criterion(self, samples: int, excess: float = 1.0) -> float:
-        """Return the criterion, -2 log L at its noise and the penalties; excess as by `excess`."""
+        """Return the criterion, 1: z'z and the penalties, these as many times as `excess` says, of so many samples."""
         return self.fit.cost + excess * sum(a.penalty(samples) for a in self.additions)
 
     def misfit(self, samples: int) -> float:
-        """Return the criterion with the noise's own part: explanations by noises that differ compare by it."""
+        """Return -2 log L by its own noise and the penalties, 1: explanations by noises that differ compare by it."""
         whitener = self.fit.whitener
         return self.criterion(samples, self.excess(samples)) + whitener(np.zeros((*whitener.present.shape, 1)))[1]
 
     def excess(self, samples: int) -> float:
-        """Return what is missed over what the noise would leave, at least 1.
+        """Return z'z a sample, 1: what is missed over what the noise would leave; at least 1.
 
         Where the recordings are not explained, their residuals are what a fall of the cost is to be compared with:
         penalties count as many times (quasi-likelihood, Burnham and Anderson 2002, 2.5). Else nearly everything that
