@@ -5,8 +5,10 @@ from __future__ import annotations
 import contextlib
 import os
 import secrets
+import signal
 import tempfile
-from collections.abc import Iterable, Mapping
+import threading
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
 from estimator.errors import InputError
@@ -39,29 +41,30 @@ class OutputFolder:
         """
         if self.path.exists() and not self.path.is_dir():
             raise InputError(f"{self.path} is a file, not a folder; give -o another name")
-        missing = [folder for folder in (self.path, *self.path.parents) if not folder.exists()]
         try:
-            for folder in reversed(missing):
-                if _made(folder):
-                    self._made.insert(0, folder)
+            self._make()
             with tempfile.TemporaryFile(dir=self.path):
                 pass
             found = {entry.name for entry in self.path.iterdir()}
             self._lock = _locked(self.path)
+            if self._own is not None and found - self._own:
+                other = sorted(found - self._own)[0]
+                raise InputError(f"{self.path} already holds other files ({other}); give -o an empty or a new folder")
         except OSError as error:
-            self._remove_empty()
+            self.__exit__()
             raise InputError(
                 f"{self.path}: cannot write there ({error.strerror or error}); give -o a folder of yours"
             ) from error
-        if self._own is not None and found - self._own:
-            self._unlock()
-            other = sorted(found - self._own)[0]
-            raise InputError(f"{self.path} already holds other files ({other}); give -o an empty or a new folder")
+        except BaseException:  # also Ctrl-C: nobody leaves what was not entered
+            self.__exit__()
+            raise
         return self
 
     def __exit__(self, *exception: object) -> None:
         """Remove the folder if it was made here and is still empty."""
-        self._remove_empty()
+        with _at_once(), contextlib.suppress(OSError):
+            for folder in self._made:
+                folder.rmdir()
         self._unlock()
 
     def write(self, files: Mapping[str, bytes], *, stale: Iterable[str] = ()) -> None:
@@ -76,15 +79,34 @@ class OutputFolder:
         for name in set(stale) - set(files):
             (self.path / name).unlink(missing_ok=True)
 
+    def _make(self) -> None:
+        missing = [folder for folder in (self.path, *self.path.parents) if not folder.exists()]
+        with _at_once():
+            for folder in reversed(missing):
+                if _made(folder):
+                    self._made.insert(0, folder)
+
     def _unlock(self) -> None:
         if self._lock is not None:
             os.close(self._lock)
             self._lock = None
 
-    def _remove_empty(self) -> None:
-        with contextlib.suppress(OSError):
-            for folder in self._made:
-                folder.rmdir()
+
+@contextlib.contextmanager
+def _at_once() -> Iterator[None]:
+    """Let Ctrl-C wait for what stands in the ``with`` statement, so that nothing of it is half done."""
+    handler = signal.getsignal(signal.SIGINT)
+    if not callable(handler) or threading.current_thread() is not threading.main_thread():
+        yield  # it is ignored, ends the process at once, or is told to another thread
+        return
+    came: list[int] = []
+    signal.signal(signal.SIGINT, lambda number, frame: came.append(number))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, handler)
+        if came:
+            handler(came[0], None)
 
 
 def _made(folder: Path) -> bool:
@@ -144,8 +166,9 @@ def write_files(files: Mapping[Path, bytes]) -> None:
             temporary[place] = place.with_name(f".{place.name}.{token}.tmp")
             with open(temporary[place], "xb") as stream:
                 stream.write(content)
-        for path, name in temporary.items():
-            os.replace(name, path)
+        with _at_once():
+            for path, name in temporary.items():
+                os.replace(name, path)
     except OSError as error:
         raise InputError(f"{path}: cannot be written ({error.strerror or error}); give -o another place") from error
     finally:

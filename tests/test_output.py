@@ -1,6 +1,7 @@
 """Folders and files that are there completely or not at all."""
 
 import os
+import signal
 import stat
 from pathlib import Path
 
@@ -114,3 +115,33 @@ def test_a_folder_that_another_run_makes_at_the_same_moment_is_used_and_left_to_
         folder = OutputFolder(tmp_path / "new" / "out").__enter__()
     folder.__exit__()
     assert (tmp_path / "new" / "out").is_dir()
+
+
+@pytest.mark.parametrize("where", [(Path, "mkdir"), (Path, "iterdir"), (Path, "rmdir")], ids=["made", "tried", "left"])
+def test_ctrl_c_while_a_folder_is_made_or_left_leaves_nothing(tmp_path, monkeypatch, where):
+    pressed = with_ctrl_c_after(monkeypatch, *where)
+    with pytest.raises(KeyboardInterrupt), OutputFolder(tmp_path / "a" / "b"):
+        pass
+    assert pressed and not (tmp_path / "a").exists()
+
+
+def test_ctrl_c_while_files_get_their_names_gives_all_or_none(tmp_path, monkeypatch):
+    pressed = with_ctrl_c_after(monkeypatch, os, "replace")
+    with pytest.raises(KeyboardInterrupt):
+        write_files({tmp_path / "a": b"new", tmp_path / "b": b"new"})
+    assert pressed and {path.name for path in tmp_path.iterdir()} == {"a", "b"}
+
+
+def with_ctrl_c_after(monkeypatch, owner, name):
+    """Press Ctrl-C once, right after a function has done its work; return what was pressed so far."""
+    done, pressed = getattr(owner, name), []
+
+    def then_pressed(*arguments, **options):
+        result = done(*arguments, **options)
+        if not pressed:
+            pressed.append(name)
+            signal.raise_signal(signal.SIGINT)
+        return result
+
+    monkeypatch.setattr(owner, name, then_pressed)
+    return pressed
