@@ -125,6 +125,15 @@ def with_noise_of_neighbours(explanation: Explanation, differenced: FloatArray) 
     return dataclasses.replace(explanation, fit=solved(fit))
 
 
+def by_known_forms(explanation: Explanation) -> Explanation:
+    """Return an explanation fitted as if the form of its columns were known: what is not known explains them itself."""
+    fit = explanation.fit
+    if all(group.uncertain is None for group in fit.linear):
+        return explanation
+    fit = with_shared_errors(fit, forms=False)
+    return dataclasses.replace(explanation, fit=solved_roughly(refreshed(fit, fit.whitener)))
+
+
 def by_noise_of(other: Explanation, explanation: Explanation) -> Explanation:
     """Return an explanation fitted by another's noise: only so do their criteria compare."""
     fit = refreshed(explanation.fit, other.fit.whitener)

@@ -46,7 +46,13 @@ from estimator.explaining.explanation import (
     with_fine_filters,
     without,
 )
-from estimator.explaining.explanation_noise import by_noise_of, with_jitter, with_noise, with_noise_of_neighbours
+from estimator.explaining.explanation_noise import (
+    by_known_forms,
+    by_noise_of,
+    with_jitter,
+    with_noise,
+    with_noise_of_neighbours,
+)
 from estimator.explaining.first_fit import NO_NOISE, FirstFit
 from estimator.fitting.fit import Fit, new_fit, set_aside
 from estimator.fitting.gauss_newton import ROUGH, solved, solved_roughly
@@ -294,12 +300,13 @@ class Selection:
         All are judged by the noise of the whole explanation: one that is estimated again after each would take in what
         it has lost, and let go of the next.
         """
-        n, slimmer, excess = self.tests.samples, explanation, explanation.excess(self.tests.samples)
+        n, whole = self.tests.samples, by_known_forms(explanation)
+        slimmer, excess = whole, whole.excess(n)
         while idle := next(
             (rest for rest in self._slimmer(slimmer) if rest.criterion(n, excess) < slimmer.criterion(n, excess)), None
         ):
             slimmer = idle
-        return explanation if slimmer is explanation else with_noise(slimmer, self.differenced, again=True)
+        return explanation if slimmer is whole else with_noise(slimmer, self.differenced, again=True)
 
     def _slimmer(self, explanation: Explanation) -> Iterator[Explanation]:
         """Return the explanation without each of those additions that may be idle."""

@@ -15,9 +15,15 @@ from estimator.fitting.motor_response import as_late, motor_values, response
 FloatArray = NDArray[np.float64]
 
 
-def with_shared_errors(fit: Fit) -> Fit:
-    """Return the fit with what errors of variance 1 add to its sensors, as they are simulated now."""
-    found = (transient_ripple(fit), _of_forms(fit), _of_voltages(fit), coarse_levels(fit))
+def with_shared_errors(fit: Fit, *, forms: bool = True) -> Fit:
+    """Return the fit with what errors of variance 1 add to its sensors, as they are simulated now.
+
+    Parameters
+    ----------
+    forms : bool
+        Whether those of the form of its columns are among them.
+    """
+    found = (transient_ripple(fit), _of_forms(fit) if forms else None, _of_voltages(fit), coarse_levels(fit))
     parts = [part for part in found if part is not None]
     shared = np.concatenate(parts, axis=2) if parts else None
     return dataclasses.replace(fit, whitener=dataclasses.replace(fit.whitener, shared=shared))

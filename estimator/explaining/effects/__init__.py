@@ -24,7 +24,9 @@ from estimator.explaining.effects.gain import Gain
 from estimator.explaining.effects.lost_rows import LostRows
 from estimator.explaining.effects.low_pass import FORMS, LowPass
 from estimator.explaining.effects.machine_effects import FrictionDrift, WindingWarms
+from estimator.explaining.effects.of_signals import FanLoad, FieldWeakens, RoundedDrop, Saturation, TwoGains
 from estimator.explaining.effects.offset import Offset
+from estimator.explaining.effects.offset_drift import OffsetDrift
 from estimator.explaining.effects.ripple import Ripple
 from estimator.explaining.effects.ripple_of_few_turns import Commutation, Eccentricity
 from estimator.explaining.effects.runs_differ import RunsDiffer
@@ -41,13 +43,19 @@ EFFECTS: tuple[Effect, ...] = (
     Average(),
     MeanSpeed(),
     Offset(),
+    OffsetDrift(),
     Gain(),
+    TwoGains(),
     Ripple(),
     SwitchingRipple(),
     Eccentricity(),
     Commutation(),
     FrictionDrift(),
     WindingWarms(),
+    FanLoad(),
+    FieldWeakens(),
+    Saturation(),
+    RoundedDrop(),
     EdgeLatency(),
     DryFriction(),
     BreakAway(),

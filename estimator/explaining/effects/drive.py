@@ -18,6 +18,7 @@ from estimator.recordings.excitation import noise_deviation
 from estimator.recordings.samples import filled, median, told_once
 
 DRIVE = "dc_motor_drive"
+ROUNDED = "rounded brush drop"  # the effect that stands in the place of a drop of brushes as it is
 MOST_SAG = 0.4  # of the voltage at the largest current: more is an overload, or the winding's resistance
 TRIED = 0.005  # of a usual size: so near signals change in proportion
 ONE_SIZE = 0.01  # voltages that differ by less, in parts, are of one size
@@ -152,7 +153,7 @@ class BrushDrop(Drive):
             e.after for e in moves if e.kind == "step" and not e.running and abs(e.before) < ONE_SIZE * abs(e.after)
         ]
         alike = len(levels) == len(moves) and max(levels) - min(levels) < ONE_SIZE * max(map(abs, levels))
-        found = super().nuisances(plan)
+        found = [dataclasses.replace(n, excludes=(ROUNDED,)) for n in super().nuisances(plan)]
         # By its derivative: at its usual size the response is no longer linear in it, and would seem to tell it.
         of_slope = [dataclasses.replace(n, tries=(TRIED * n.tries[0],), usual=n.tries[0], untold=True) for n in found]
         return of_slope if alike else found

@@ -1,0 +1,238 @@
+"""What depends on the signals themselves: a fan, a field that the current weakens, brushes whose drop rounds off.
+
+Each is a voltage, a torque or an error of a sensor that is a known function of current and speed, times a size. Of a
+linear motor, what it adds to the signals is the response to that function of the signals as they are: a fixed point,
+which every renewal of the columns comes nearer to.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from abc import abstractmethod
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.explaining.effects.base import SELDOM, Effect
+from estimator.explaining.effects.drive import ROUNDED
+from estimator.fitting.fit import Fit, Linear, refreshed
+from estimator.fitting.motor_response import motor_values, response
+from estimator.fitting.score_test import likeliest
+from estimator.plans.part import LONG
+
+FloatArray = NDArray[np.float64]
+
+BRUSH = "brush"  # the nuisance parameter of a drop that does not round off
+USUAL_LOAD = 0.3  # of the torque of the motor at its largest speed: a fan
+USUAL_CHANGE = 0.05  # part by which K or L falls at the largest current, and by which two gains differ
+USUAL_ROUNDED = 0.05  # of the largest voltage: a drop of brushes
+MOST_CHANGE = 0.8  # part by which K or L falls at the largest current
+HALF_AT = tuple(0.02 * 1.6**k for k in range(9))  # of the largest current, where half of the drop is reached
+NODES, WEIGHTS = (0.5 * (x + shift) for x, shift in zip(np.polynomial.legendre.leggauss(4), (1, 0), strict=True))
+MOST_DECAY = 30.0  # time constants of a winding in a row: with more the current is where it tends to
+WIDER = 2.0  # times that current: so far the form of a drop is not known
+
+
+Form = Callable[[FloatArray], FloatArray]
+FORMS: tuple[Form, ...] = (  # of a drop that levels off, half of it at 1
+    lambda x: 1 - np.exp2(-x),
+    lambda x: x / (1 + x),
+    lambda x: 2 / np.pi * np.arctan(x),
+    lambda x: np.tanh(np.arctanh(0.5) * x),
+)
+
+
+@dataclass(frozen=True)
+class OfSignals(Effect):
+    """Columns that follow the signals as they are explained, what these columns add to them included."""
+
+    prior: float = SELDOM
+
+    @abstractmethod
+    def columns(self, fit: Fit, i: FloatArray | None, w: FloatArray | None) -> Iterator[Linear]:
+        """Yield groups of columns by the current, A, and the speed, rad/s, (rows,) each; None: it is not measured."""
+
+    def linear(self, fit: Fit) -> Sequence[Linear]:
+        """Return them by the signals that are simulated."""
+        return list(self._of(fit, fit.shown))
+
+    def renewed(self, fit: Fit, group: Linear, coefficients: FloatArray) -> Linear | None:
+        """Return the group by the signals that are simulated and what it adds."""
+        shown = fit.shown + group.columns @ coefficients
+        return next((g for g in self._of(fit, shown) if g.name == group.name and g.form == group.form), None)
+
+    def _of(self, fit: Fit, shown: FloatArray) -> Iterator[Linear]:
+        if motor_values(fit) is None or not np.isfinite(shown).all():
+            return
+        outputs = fit.simulator.outputs
+        i, w = (shown[:, outputs.index(y)] if y in outputs else None for y in ("i", "w"))
+        yield from self.columns(fit, i, w)
+
+
+@dataclass(frozen=True)
+class FanLoad(OfSignals):
+    """A torque that grows as the square of the speed: a fan, a pump, what the air takes, N.m at 1 rad/s."""
+
+    name: str = "fan load"
+
+    def columns(self, fit: Fit, i: FloatArray | None, w: FloatArray | None) -> Iterator[Linear]:
+        """Yield one of all recordings."""
+        values, top = motor_values(fit), 0.0 if w is None else float(np.max(np.abs(w)))
+        if values is None or w is None or not top > 0:
+            return
+        size = USUAL_LOAD * values["B"] / top
+        if i is not None:
+            size = max(size, USUAL_LOAD * values["K"] * float(np.median(np.abs(i))) / top**2)
+        shown = response(fit, torque=_within_rows(fit, lambda _, w: w * np.abs(w), i, w)[1])[:, :, None]
+        yield Linear(self.name, shown, ("N.m.s2/rad2",), least=0.0, size=size)
+
+    sentence: str = "a load takes {value:.3g} N.m.s2/rad2 times the square of the speed, such as a fan"
+
+
+@dataclass(frozen=True)
+class FieldWeakens(OfSignals):
+    """A constant K that falls in proportion to the size of the current, a part of K at 1 A (armature reaction)."""
+
+    name: str = "K falls with the current"
+    sentence: str = "K falls by {percent:.3g} % for each A of the current; K stands for that without current"
+
+    def columns(self, fit: Fit, i: FloatArray | None, w: FloatArray | None) -> Iterator[Linear]:
+        """Yield one of all recordings."""
+        values, peak = motor_values(fit), 0.0 if i is None else float(np.max(np.abs(i)))
+        if values is None or i is None or w is None or not peak > 0:
+            return
+        less = values["K"]
+        voltage, _ = _within_rows(fit, lambda i, w: less * np.abs(i) * w, i, w)
+        _, torque = _within_rows(fit, lambda i, _: less * np.abs(i) * i, i, w)
+        shown = response(fit, voltage=voltage, torque=torque)[:, :, None]
+        yield Linear(self.name, shown, ("1/A",), least=0.0, most=MOST_CHANGE / peak, size=USUAL_CHANGE / peak)
+
+
+@dataclass(frozen=True)
+class Saturation(OfSignals):
+    """An inductance that falls in proportion to the size of the current, a part of L at 1 A: iron that saturates."""
+
+    name: str = "L falls with the current"
+    doubt: str = "the winding's iron saturates: which current the inductance holds at is not known"
+    sentence: str = "L falls by {percent:.3g} % for each A of the current; L stands for that without current"
+
+    def columns(self, fit: Fit, i: FloatArray | None, w: FloatArray | None) -> Iterator[Linear]:
+        """Yield one of all recordings, where L is estimated."""
+        values, peak = motor_values(fit), 0.0 if i is None else float(np.max(np.abs(i)))
+        if values is None or i is None or not peak > 0 or "L" not in fit.free:
+            return
+        voltage = np.zeros_like(i)
+        for clock in fit.simulator.clocks:  # of half the square of the current, within a row
+            half = 0.5 * i[clock.rows] * np.abs(i[clock.rows])
+            voltage[clock.rows] = values["L"] * np.append(np.diff(half) / np.diff(clock.time), 0.0)
+        shown = response(fit, voltage=voltage)[:, :, None]
+        yield Linear(self.name, shown, ("1/A",), least=0.0, most=MOST_CHANGE / peak, size=USUAL_CHANGE / peak)
+
+
+@dataclass(frozen=True)
+class TwoGains(OfSignals):
+    """A sensor of the current whose gain differs by direction, a part: two half bridges, each with its own shunt.
+
+    Which of both is right is not known.
+    """
+
+    name: str = "gain by direction of i"
+    doubt: str = "the current sensor has another gain in each direction: check its scale"
+    sentence: str = "the gain of the current differs by {percent:.3g} % between its directions"
+
+    def columns(self, fit: Fit, i: FloatArray | None, w: FloatArray | None) -> Iterator[Linear]:
+        """Yield one of all recordings, where the current flows both ways."""
+        if i is None or "gain i" in fit.simulator.plan.declared:
+            return
+        top, bottom = float(np.max(i)), float(np.min(i))
+        if min(top, -bottom) < 0.1 * max(top, -bottom):
+            return
+        columns, uncertain = (np.zeros((*fit.shown.shape, 1)) for _ in range(2))
+        j = fit.simulator.outputs.index("i")
+        columns[:, j, 0], uncertain[:, j, 0] = 0.5 * np.abs(i), 0.5 * i
+        yield Linear(
+            self.name, columns, ("",), least=-MOST_CHANGE, most=MOST_CHANGE, size=USUAL_CHANGE, uncertain=uncertain
+        )
+
+
+@dataclass(frozen=True)
+class RoundedDrop(OfSignals):
+    """A drop of the brushes, V, that grows with the current and levels off. In which form is not known, but roughly."""
+
+    name: str = ROUNDED
+    prior: float = 0.1
+    sentence: str = "the brushes drop up to {value:.3g} V, rounded off at small currents"
+
+    def columns(self, fit: Fit, i: FloatArray | None, w: FloatArray | None) -> Iterator[Linear]:
+        """Yield some forms, half of the drop at a current each; none beside a drop as it is, or of a long recording."""
+        yield from self._of_forms(fit, i, HALF_AT[::2], FORMS[:2])
+
+    def _of_forms(
+        self, fit: Fit, i: FloatArray | None, halves: Sequence[float], forms: Sequence[Form]
+    ) -> Iterator[Linear]:
+        peak = 0.0 if i is None else float(np.max(np.abs(i)))
+        if i is None or not peak > 0 or BRUSH in fit.free or fit.simulator.rows > LONG:
+            return
+        size = USUAL_ROUNDED * float(np.max(np.abs(fit.simulator.inputs("v"))))
+        tried = [(half, form) for half in halves for form in forms]
+        shown = _drops(fit, i, [(half * peak, form) for half, form in tried])
+        for k, (half, form) in enumerate(tried):
+            yield Linear(
+                self.name, shown[:, :, k : k + 1], ("V",), least=0.0, most=10 * size, size=size,
+                one_of=len(tried), form=FORMS.index(form) + len(FORMS) * HALF_AT.index(half),
+            )  # fmt: skip
+
+    def renewed(self, fit: Fit, group: Linear, coefficients: FloatArray) -> Linear | None:
+        """Return the form that explains most beside all else, and how far it is not known.
+
+        The first was found by other values of the motor.
+        """
+        shown = fit.shown + group.columns @ coefficients
+        i = shown[:, fit.simulator.outputs.index("i")]
+        found = list(self._of_forms(fit, i, HALF_AT, FORMS))
+        if not found:
+            return None
+        exact = refreshed(fit, dataclasses.replace(fit.whitener, shared=None))
+        best = found[likeliest(*exact.test().scores(np.concatenate([g.columns for g in found], axis=2)))]
+        half, form = HALF_AT[best.form // len(FORMS)] * float(np.max(np.abs(i))), FORMS[best.form % len(FORMS)]
+        others = [(half, other) for other in FORMS if other is not form]
+        others += [(times * half, form) for times in (WIDER, 1 / WIDER)]
+        return dataclasses.replace(best, uncertain=_drops(fit, i, others) - best.columns)
+
+
+def _drops(fit: Fit, i: FloatArray, forms: Sequence[tuple[float, Form]]) -> FloatArray:
+    """Return what drops of 1 V, each half of it at a current and of a form, change, (rows, q, k), by the current, A."""
+    voltages, _ = _within_rows(
+        fit, lambda i, _: np.column_stack([-np.sign(i) * form(np.abs(i) / half) for half, form in forms]), i, None
+    )
+    return response(fit, voltage=voltages)
+
+
+def _within_rows(
+    fit: Fit, function: Callable[[FloatArray, FloatArray], FloatArray], i: FloatArray | None, w: FloatArray | None
+) -> tuple[FloatArray, FloatArray]:
+    """Return a function of current and speed as it is held from each row to the next, as a voltage and as a torque.
+
+    Between two rows the speed is on a line; the current, and what a voltage leaves of it, decay as the winding does.
+    """
+    values = motor_values(fit)
+    assert values is not None
+    rows = fit.simulator.rows
+    i, w = (np.zeros(rows) if x is None else x for x in (i, w))
+    mean = np.zeros((2, *function(i, w).shape))
+    for clock in fit.simulator.clocks:
+        decays = min(clock.step * values["R"] / values["L"], MOST_DECAY)
+        after = [np.append(x[clock.rows][1:], x[clock.rows][-1]) for x in (i, w)]
+        left = WEIGHTS * np.exp(-decays * (1 - NODES))
+        for node, *weights in zip(NODES, left / left.sum(), WEIGHTS, strict=True):
+            part = np.expm1(-decays * node) / np.expm1(-decays)
+            now = (
+                x[clock.rows] + share * (y - x[clock.rows])
+                for x, y, share in zip((i, w), after, (part, node), strict=True)
+            )
+            told = function(*now)
+            for k, weight in enumerate(weights):
+                mean[k][clock.rows] += weight * told
+    return mean[0], mean[1]
