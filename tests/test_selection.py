@@ -12,7 +12,7 @@ from estimator.explaining.explanation import Explanation
 from estimator.explaining.selection import Selection
 
 COSTS = {"abc": 100.0, "bc": 101.0, "ac": 1100.0, "ab": 1100.0, "b": 1102.0, "c": 1102.0, "a": 2100.0, "": 3000.0}
-FREE = {"names": ("R",), "at_bound": (0,)}
+FREE = {"names": ("R",), "at_bound": (0,), "linear": ()}
 
 
 def test_what_is_idle_is_told_by_the_noise_of_the_whole_explanation(monkeypatch):

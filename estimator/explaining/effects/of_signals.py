@@ -20,6 +20,7 @@ from estimator.explaining.effects.drive import ROUNDED
 from estimator.fitting.fit import Fit, Linear, refreshed
 from estimator.fitting.motor_response import motor_values, response
 from estimator.fitting.score_test import likeliest
+from estimator.motor.winding import time_constant
 from estimator.plans.part import LONG
 
 FloatArray = NDArray[np.float64]
@@ -223,7 +224,7 @@ def _within_rows(
     i, w = (np.zeros(rows) if x is None else x for x in (i, w))
     mean = np.zeros((2, *function(i, w).shape))
     for clock in fit.simulator.clocks:
-        decays = min(clock.step * values["R"] / values["L"], MOST_DECAY)
+        decays = min(clock.step / time_constant(values["R"], values["L"]), MOST_DECAY)
         after = [np.append(x[clock.rows][1:], x[clock.rows][-1]) for x in (i, w)]
         left = WEIGHTS * np.exp(-decays * (1 - NODES))
         for node, *weights in zip(NODES, left / left.sum(), WEIGHTS, strict=True):
