@@ -505,3 +505,19 @@ def test_tests_of_many_rows_with_pauses_between_are_no_blocks(tmp_path):
     path = tmp_path / "tests.csv"
     np.savetxt(path, columns, "%.6f", ",", header="time [s],voltage [V],current [A],speed [rad/s]", comments="")
     assert len(read_recordings(path)) == 12
+
+
+@pytest.mark.parametrize("name", ["duty_V", "PWM_V", "pwm (V)"])
+def test_a_duty_cycle_in_volts_is_the_voltage(write, name):
+    recording = read_recording(write(f"time_s,{name},current_A,speed_rad_s", T, V, I, W))
+    voltage = recording.signals[motor_columns(recording)["v"]]
+    assert voltage == pytest.approx(V)
+
+
+def test_one_row_that_is_stamped_a_tick_late_is_no_mistake(write):
+    stamps = [f"{10 * k + (k == 40)}" for k in range(N)]
+    recording = read_recording(write("ms,voltage_V,current_A,speed_rad_s", stamps, V, I, W))
+    assert recording.step == pytest.approx(0.01) and recording.time[40] == pytest.approx(0.4)
+    stamps[40] = "403"
+    with pytest.raises(RecordingError, match="off its uniform grid by 0.3 of a step"):
+        read_recording(write("ms,voltage_V,current_A,speed_rad_s", stamps, V, I, W))

@@ -33,6 +33,7 @@ OTHER_INDUCTANCE, BETWEEN = 5.0, 0.4  # times L; samples of L / R, of which one 
 SAME = 0.1  # standard errors: explanations that are no further apart are one
 MOST_ALIKE = 2  # additions of an effect that are exchanged: many recordings with an offset each tell it by themselves
 ABSURD = 2 * float(np.log(100.0))  # of the criterion: what no bench does has a chance of 1 in 100, by a wrong clock
+MOST_LED_BACK = 3  # explanations, the likeliest first, from which what is absurd is taken away
 MOST_ROWS = 140_000  # between the samples, of all recordings: with more a fit takes minutes where the FMU has modes
 MOST_LEFT = 10.0  # of z'z: what the last of them changes at most, ten times as much as the next would
 FURTHER = 100.0  # of the criterion: what another FMU has is given another timing where it is no further behind
@@ -108,7 +109,7 @@ def _without_absurd(
         return None
     others = [e for e in selection.effects if e.name not in absurd]
     found = []
-    for bare in (explanation, *rivals):
+    for bare in (explanation, *rivals)[:MOST_LED_BACK]:
         for a in bare.additions:
             if a.effect.name in absurd:
                 bare = without(bare, a)

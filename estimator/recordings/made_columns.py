@@ -7,7 +7,7 @@ in m/s, counts of an encoder. What is made is always reported.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -141,11 +141,14 @@ def is_counts(recording: Recording, column: str) -> bool:
     )
 
 
-def duty_column(recording: Recording) -> str | None:
-    """Return the column of a duty cycle, a measured one before a commanded one; None if there is none."""
-    found = [
-        c for c in recording.signals if DUTY & _words(recording, c) and recording.units[c] in ("", "1", "count", "?")
-    ]
+def duty_column(recording: Recording, *, units: Collection[str] = ("", "1", "count", "?")) -> str | None:
+    """Return the column of a duty cycle, a measured one before a commanded one; None if there is none.
+
+    Parameters
+    ----------
+    units : of what is looked for: in "V", "duty_V", it is a voltage
+    """
+    found = [c for c in recording.signals if DUTY & _words(recording, c) and recording.units[c] in units]
     return min(
         found, key=lambda c: bool({"command", "commanded", "cmd", "target"} & _words(recording, c)), default=None
     )

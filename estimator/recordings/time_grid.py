@@ -25,6 +25,7 @@ from estimator.recordings.units import FloatArray
 OFF_GRID = 0.01  # of the step: further off is no uniform grid
 JITTER = 0.25  # of the step: an interval further off a whole number of steps is an error
 ONCE, EXACT = 1, 1e-3  # row off the grid, of the step the others: one alone is a mistake, else the clock jitters
+LATE = 3.0  # half digits: a row off the grid by no more was stamped one tick late, such as by a loop at its millis()
 OFTEN, PAUSE = 3, 20  # intervals off any grid that are a clock without one; times the usual interval: a pause
 RARE = 0.01  # of the rows: so many may have the time of the row before
 MISSING = 3  # times the rows that are there: more missing ones are an error
@@ -121,7 +122,8 @@ def _with_gaps(times: FloatArray, half_digit: Callable[[], FloatArray] | None) -
     half[4 * half > 1.001 * step] = 0.0
     missing = None if n == times.size else index
     away = np.abs(off) > np.maximum(OFF_GRID * step, half * (1 + 3 / np.sqrt(times.size)))
-    if not away.any():
+    stamped_late = away.sum() <= ONCE and bool((np.abs(off) <= np.maximum(OFF_GRID * step, LATE * half)).all())
+    if not away.any() or stamped_late:
         start, step = _plainest(times, step, float(np.abs(off).max()), rows)
         return Clock(start + np.arange(n, dtype=np.float64) * step, step, missing)
     if away.sum() <= ONCE and _is_exact(times[~away], rows[~away], half[~away]):

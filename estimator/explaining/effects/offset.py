@@ -16,7 +16,7 @@ from estimator.fitting.fit import Fit, Linear
 from estimator.fitting.simulator import per_recording
 from estimator.motor.names import has_motor
 from estimator.plans.plan import Plan
-from estimator.recordings.excitation import quantum
+from estimator.recordings.excitation import noise_deviation, quantum
 
 
 @dataclass(frozen=True)
@@ -26,12 +26,15 @@ class Offset(Effect):
     name: str = "offset"
 
     def linear(self, fit: Fit) -> Sequence[Linear]:
-        """Return one for each output of each recording; a speed from encoder counts has none."""
+        """Return one for each output of each recording; a speed from encoder counts has none.
+
+        A speed whose noise is larger than its steps is a tachometer's behind a converter.
+        """
         plan = fit.simulator.plan
         counted = {
             name
             for o, name in zip(plan.observed, per_recording(plan, "offset w"), strict=True)
-            if "w" in o.outputs and quantum(o.outputs["w"]) > 0
+            if "w" in o.outputs and quantum(o.outputs["w"]) > noise_deviation(o.outputs["w"])
         }
         return [group for group in self.of_each_output(fit) if group.name not in counted]
 
