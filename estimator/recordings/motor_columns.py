@@ -28,6 +28,7 @@ from estimator.recordings.recording import Recording
 
 SAME, FEW = 0.02, 0.05  # of the span, of the samples: columns that differ by less are one signal
 DRIVE, VOLTS = frozenset({"u", "v", "input"}), frozenset({"volt", "volts"})  # "final_u", "input signal", "sig_volt"
+SYMBOL = re.compile(r"[uv]_?[a-z0-9]$")  # a voltage's with an index, "Ud", "u_a": suggested, not taken
 # A scope's: its unit alone tells the signal.
 CHANNEL = re.compile(r"(ch|chan|channel|kanal|ain|analog|probe)_?[0-9a-d]+$")
 
@@ -256,7 +257,10 @@ def _meant(recording: Recording, role: str, taken: Collection[str], *, by_unit: 
     if near or not by_unit:
         return near
     in_unit = [h.text for h in left.values() if h.unit is not None and h.unit.quantity == ROLE_QUANTITY[role]]
-    return in_unit if role != "v" else [text for text in in_unit if CHANNEL.match(plain(parse_header(text).name))]
+    if role != "v":
+        return in_unit
+    names = [plain(parse_header(text).name) for text in in_unit]
+    return [text for text, name in zip(in_unit, names, strict=True) if CHANNEL.match(name) or SYMBOL.match(name)]
 
 
 def _example(role: str) -> str:
