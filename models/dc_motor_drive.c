@@ -10,6 +10,7 @@
  *     w = 0 holds as long as |K i - load| <= friction + stiction + stribeck_torque
  *     i = 0 holds as long as |u - K w| <= brush, and with coasts = 1 as long as |v| <= dead_band
  *     i = +-current_limit holds as long as u would drive it further
+ *     with one_way = 1:   i = 0 holds as long as way (u - K w) <= brush
  *
  * All but R, K, L, J and B have no effect unless they are set: without them, this is dc_motor; with friction, stiction and
  * brush alone, dc_motor_friction. What stiction is larger than friction is gone as soon as the motor moves. stribeck_torque
@@ -22,6 +23,10 @@
  * capacitor. sag is what the current has taken off its voltage. A supply that is regulated, and dips only until it has
  * recovered, is one of negative resistance, with its size added to R. With supply_series it is an amplifier instead, whose
  * output sags by the motor's current whatever it is to give.
+ *
+ * With one_way the drive is a switch with diodes, or a supply that takes no current back: current flows only the way of the
+ * command. What flows the other way, or at no voltage, ceases through the diodes; once it is zero, no voltage of the motor's
+ * own drives it. A motor that is faster than its command coasts.
  *
  * motion and conduction are 1 or -1 for the way of speed and current, 0 where they are held at zero, 2 where nothing could
  * hold them. crawling and creeping are 1 at speeds below 1 and 3.2 times stribeck_speed. limiting is 1 where the current is
@@ -48,6 +53,7 @@
     X(parameter, current_limit,     1e9,      10,      1e-6,   1e9,   "A",           "Current that the drive lets pass; 1e9: any") \
     X(parameter, dead_band,         0,        1,       0,      1e6,   "V",           "Command up to which there is no voltage") \
     X(parameter, coasts,            0,        1,       0,      1,     "1",           "Whether no voltage means no current, 0 or 1") \
+    X(parameter, one_way,           0,        1,       0,      1,     "1",           "Whether no current flows back, 0 or 1") \
     X(parameter, supply_resistance, 0,        1,       -1e6,   1e6,   "Ohm",         "Resistance of the supply") \
     X(parameter, supply_time,       0,        0.01,    0,      1e6,   "s",           "Time constant of the supply") \
     X(parameter, supply_series,     0,        1,       0,      1,     "1",           "Whether it is in series at any command, 0 or 1") \
@@ -72,6 +78,11 @@
 static bool is_open(const Variables *m)
 {
     return m->command == 0 && m->coasts >= 0.5;
+}
+
+static bool is_one_way(const Variables *m)
+{
+    return m->one_way >= 0.5;
 }
 
 static bool is_in_series(const Variables *m)
@@ -115,7 +126,8 @@ static void derivatives(const Variables *m, Derivatives *d)
 /* Which way the supply is commanded to be. */
 static double commanded(const Variables *m)
 {
-    const bool matters = m->dead_band > 0 || m->coasts >= 0.5 || (m->supply_resistance != 0 && !is_in_series(m));
+    const bool bridged = m->supply_resistance != 0 && !is_in_series(m);
+    const bool matters = m->dead_band > 0 || m->coasts >= 0.5 || is_one_way(m) || bridged;
     return !matters ? UNHELD : !(fabs(m->v) > m->dead_band) ? 0 : m->v > 0 ? 1 : -1;
 }
 
@@ -137,14 +149,26 @@ static Switch limited(const Variables *m, double mode, double way)
     return s;
 }
 
+/* The way of a current that the drive lets flow the way of the command only. */
+static Switch flowing_one_way(const Variables *m)
+{
+    const double flows = m->i > 0 ? 1 : m->i < 0 ? -1 : 0;
+    if (m->conduction == UNHELD) return lasting_switch(-1, flows);
+    if (m->conduction != 0) return linear_switch(m->conduction * m->i, 0);
+    if (m->command == 0 || m->command == UNHELD) return lasting_switch(flows == 0 ? 1 : -1, flows);
+    Switch s = linear_switch(m->brush - m->command * driving_voltage(m), m->command);
+    if (flows != 0) s = lasting_switch(-fabs(m->i), flows); /* it was set to flow */
+    return s;
+}
+
 static void switches(const Variables *m, Switches *s)
 {
     const double command = commanded(m);
     s->motion = dry_friction(m->motion, m->w, m->K * m->i - m->load, m->friction + m->stiction + m->stribeck_torque);
     s->crawling = below(m, m->crawling, m->stribeck_speed);
     s->creeping = below(m, m->creeping, FURTHER * m->stribeck_speed);
-    s->conduction = dry_friction(m->conduction, m->i, driving_voltage(m), m->brush);
-    if (is_open(m) && m->brush > 0) s->conduction = lasting_switch(m->conduction == 0 ? 1 : -1, 0);
+    s->conduction = is_one_way(m) ? flowing_one_way(m) : dry_friction(m->conduction, m->i, driving_voltage(m), m->brush);
+    if (is_open(m) && (m->brush > 0 || is_one_way(m))) s->conduction = lasting_switch(m->conduction == 0 ? 1 : -1, 0);
     s->limiting = limited(m, m->limiting, 1);
     s->limiting_back = limited(m, m->limiting_back, -1);
     s->command = lasting_switch(command != m->command ? -1 : command == UNHELD ? 1 : fabs(fabs(m->v) - m->dead_band), command);

@@ -13,7 +13,15 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 Vector = NDArray[np.float64]
-NEUTRAL = {"friction": 0.0, "stiction": 0.0, "brush": 0.0, "current_limit": 1e9, "dead_band": 0.0, "coasts": 0.0}
+NEUTRAL = {
+    "friction": 0.0,
+    "stiction": 0.0,
+    "brush": 0.0,
+    "current_limit": 1e9,
+    "dead_band": 0.0,
+    "coasts": 0.0,
+    "one_way": 0.0,
+}
 NEUTRAL |= {"stribeck_torque": 0.0, "stribeck_speed": 0.0}
 NEUTRAL |= {"supply_resistance": 0.0, "supply_time": 0.0, "supply_series": 0.0}
 
@@ -47,7 +55,7 @@ class DrivenMotor(DryMotor):
             return sign * (push_on_current(x) - p["R"] * x[0]) - p["brush"]
 
         while time < step:
-            self._choose(push_on_current(self.x), further, is_open)
+            self._choose(push_on_current(self.x), further, is_open, way)
             self.shaft = self.shaft or _way(self.x[1], push_on_shaft(self.x), self.breakaway)
             shaft, brushes, limiting = self.shaft, self.brushes, self.limiting
 
@@ -72,7 +80,9 @@ class DrivenMotor(DryMotor):
             at_limit.terminal, at_limit.direction = True, -1  # type: ignore[attr-defined]
             events = [
                 _event(1, shaft, push_on_shaft, self.breakaway),
-                _event(0, brushes, push_on_current, 0.0 if is_open else p["brush"]),
+                _one_way_event(brushes, push_on_current, 0 if is_open else way, p["brush"])
+                if p["one_way"]
+                else _event(0, brushes, push_on_current, 0.0 if is_open else p["brush"]),
                 at_limit,
             ]
             run = solve_ivp(rates, (time, step), self.x, method="DOP853", rtol=1e-12, atol=1e-14, events=events)
@@ -81,21 +91,41 @@ class DrivenMotor(DryMotor):
                 return
             if len(run.t_events[0]):
                 self.shaft = self._turn(1, shaft, push_on_shaft(self.x), self.breakaway)
-            if len(run.t_events[1]):
+            if len(run.t_events[1]) and p["one_way"]:
+                self.brushes = 0 if brushes else way
+                self.x[0] = 0.0
+            elif len(run.t_events[1]):
                 self.brushes = self._turn(0, brushes, push_on_current(self.x), p["brush"])
             if len(run.t_events[2]):
                 self.limiting = 0 if limiting else (1 if self.x[0] > 0 else -1)
                 if self.limiting:
                     self.x[0] = self.limiting * p["current_limit"]
 
-    def _choose(self, push: float, further: Callable[[Sequence[float], int], float], is_open: bool) -> None:
+    def _choose(self, push: float, further: Callable[[Sequence[float], int], float], is_open: bool, way: int) -> None:
         """Choose what the circuit does from here on: open, stuck at the brushes, at the limit of the current."""
         if is_open:
             self.x[0], self.brushes, self.limiting = 0.0, 0, 0
             return
-        self.brushes = self.brushes or _way(self.x[0], push, self.p["brush"])
+        if not self.p["one_way"]:
+            self.brushes = self.brushes or _way(self.x[0], push, self.p["brush"])
+        elif not self.brushes:
+            self.brushes = way if way * push > self.p["brush"] else 0
         if self.limiting and further(self.x, self.limiting) < 0:
             self.limiting = 0
         sign = 1 if self.x[0] > 0 else -1
         if not self.limiting and sign * self.x[0] >= self.p["current_limit"] and further(self.x, sign) > 0:
             self.limiting = sign
+
+
+def _one_way_event(
+    flows: int, push: Callable[[Sequence[float]], float], way: int, brush: float
+) -> Callable[[float, Vector], float]:
+    """Return the end of a current that flows, or of none: it begins the way of the command only."""
+
+    def event(_: float, x: Vector) -> float:
+        if flows:
+            return flows * float(x[0]) + 1e-13
+        return brush + 1e-12 - way * push(x) if way else 1.0
+
+    event.terminal, event.direction = True, -1  # type: ignore[attr-defined]
+    return event

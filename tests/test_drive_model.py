@@ -28,6 +28,8 @@ EFFECTS = {
     "limit": {"current_limit": 1.3},
     "dead band": {"dead_band": 1.5},
     "coasting": {"coasts": 1.0},
+    "one way": {"one_way": 1.0},
+    "one way and brushes": {"one_way": 1.0, "brush": 0.6, "dead_band": 0.7},
     "buffered supply": {"supply_resistance": 0.8, "supply_time": 0.02},
     "unbuffered supply": {"supply_resistance": 0.8},
     "amplifier": {"supply_resistance": 0.8, "supply_time": 0.02, "supply_series": 1.0},
@@ -96,6 +98,7 @@ def test_each_effect_agrees_with_solve_ivp_from_event_to_event(
         pytest.param(("coasting", "brush", "Stribeck"), id="coasting, brush, Stribeck"),
         pytest.param(("buffered supply", "limit", "friction"), id="supply, limit, friction"),
         pytest.param(("friction", "brush", "limit", "dead band", "coasting", "buffered supply"), id="all"),
+        pytest.param(("friction", "one way", "limit", "dead band", "buffered supply"), id="one way, and all"),
     ],
 )
 def test_effects_together_agree_with_solve_ivp(motor: FmuInstance, effects: tuple[str, ...], excitation: str) -> None:
@@ -116,7 +119,7 @@ def test_all_effects_agree_with_solve_ivp_for_many_motors(motor: FmuInstance) ->
         p = {name: float(value * 10 ** rng.uniform(-0.5, 0.5)) for name, value in MOTOR.items()}
         for effect in rng.permutation(list(EFFECTS))[: rng.integers(1, 6)]:
             p |= {
-                name: value * (1 if name in ("coasts", "supply_series") else rng.uniform(0.5, 2))
+                name: value * (1 if name in ("coasts", "one_way", "supply_series") else rng.uniform(0.5, 2))
                 for name, value in EFFECTS[effect].items()
             }
         v, load = rng.uniform(-9, 9, 12).round(0).repeat(5).tolist(), rng.uniform(-0.03, 0.03, 12).repeat(5).tolist()

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Sequence
+import itertools
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 
@@ -20,6 +21,7 @@ from estimator.fitting.simulator import Simulator
 from estimator.noise.noise_model import NoiseModel
 
 FloatArray = NDArray[np.float64]
+Seen = Sequence[tuple[Effect, Mapping[str, float]]]  # effects, with the values at which a fit starts
 
 # Factors about the first estimates: bounds of the fit while effects are missing.
 NEARBY = {"R": 5.0, "K": 4.0, "J": 6.0, "L": 50.0}
@@ -74,7 +76,7 @@ class FirstFit:
         tried = []
         for start in starts:
             begun = dict(zip(s.plan.names, start.tolist(), strict=True))
-            for held in ([], far) if far else ([],):
+            for held in ([], *self._held_together(far)):
                 additions = [_seen(e, name, s) for e, known in own for name in known]
                 simulator = s
                 for e, known in held:
@@ -89,6 +91,15 @@ class FirstFit:
                 fit = solved_roughly(self.with_open_columns(fit))
                 tried.append(Explanation(fit, tuple(additions)))
         return min(tried, key=self._criterion)
+
+    def _held_together(self, far: Seen) -> list[Seen]:
+        """Return what is seen of another FMU, in two parts where one thing excludes another; nothing: none is seen."""
+        for one, other in itertools.permutations(far, 2):
+            rival = self.tests.rivals(one[0].fmu)
+            excluded = () if rival is None else tuple(x for n in one[1] for x in _excluded(rival, n))
+            if any(n.startswith(excluded or "?") for n in other[1]):
+                return [[seen for seen in far if seen is not gone] for gone in (one, other)]
+        return [list(far)] if far else []
 
     def cost(self, starts: Sequence[FloatArray]) -> float:
         """Return z'z of the first fit, by the first estimate of the noise."""
@@ -114,6 +125,11 @@ class FirstFit:
         """Return a criterion in which a switch that is seen needs no fit to tell it: what does is not yet there."""
         n = self.tests.samples
         return explanation.criterion(n) - sum(a.penalty(n) + SEEN for a in explanation.additions if is_switch(a))
+
+
+def _excluded(simulator: Simulator, name: str) -> tuple[str, ...]:
+    """Return beside what a nuisance parameter makes no sense."""
+    return simulator.nuisance(name).excludes if name in simulator.index else ()
 
 
 def _seen(effect: Effect, name: str, simulator: Simulator) -> Addition:

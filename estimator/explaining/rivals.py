@@ -127,7 +127,8 @@ def _others(selection: Selection, explanation: Explanation) -> list[Explanation]
     tells: those are always refitted.
     """
     within = [a for a in explanation.additions if is_timing(a)]
-    twins = selection.mirrored(explanation)
+    switches = {a.name for a in explanation.additions if is_switch(a)}  # which of them it is has been told before
+    twins = [twin for twin in selection.mirrored(explanation) if switches <= twin.names()]
     twins += in_two(explanation, selection.effects, selection.tests.base.plan)
     twins += _with_other_inductance(explanation)
     twins += _in_place_of_lateness(selection, explanation, within)

@@ -24,6 +24,8 @@ FloatArray = NDArray[np.float64]
 
 SEATS = {"i": 0, "w": 1, "angle": 2}
 COASTS = "coasts"  # 1: the drive opens the circuit where its command is zero
+ONE_WAY = "one_way"  # 1: the drive lets no current flow back
+NO_CURRENT = 1e-3  # of the largest: less is none, where no current flows back
 
 
 def motor_values(fit: Fit) -> Mapping[str, float] | None:
@@ -96,6 +98,12 @@ def _opens(fit: Fit) -> NDArray[np.bool_]:
         off = as_late(fit, (s.inputs("v") == 0).astype(np.float64)) > 0.5
         for rows in where:
             opens[rows] = off[rows]
+    if ONE_WAY in s.index and fit.value(ONE_WAY) == 1.0:
+        if "i" in s.outputs:
+            i = np.abs(fit.shown[:, s.outputs.index("i")])
+            opens |= i <= NO_CURRENT * np.max(i)
+        else:
+            opens |= as_late(fit, (s.inputs("v") == 0).astype(np.float64)) > 0.5
     return opens
 
 

@@ -12,7 +12,7 @@ from estimator.recordings.understood import not_used
 from estimator.results.result import Estimate
 
 # Implausible data, and effects that explain them: no reason for doubt if one of these is estimated.
-EXPLAINS = {"coasts": {"coasting"}, "dead band": {"dry friction", "dead band"}}
+EXPLAINS = {"coasts": {"coasting", "one-way current"}, "dead band": {"dry friction", "dead band"}}
 
 
 def with_what_was_read(found: Estimate, plan: Plan) -> Estimate:

@@ -27,6 +27,7 @@ from estimator.explaining.effects.machine_effects import FrictionDrift, WindingW
 from estimator.explaining.effects.of_signals import FanLoad, FieldWeakens, RoundedDrop, Saturation, TwoGains
 from estimator.explaining.effects.offset import Offset
 from estimator.explaining.effects.offset_drift import OffsetDrift
+from estimator.explaining.effects.one_way import OneWay
 from estimator.explaining.effects.ripple import Ripple
 from estimator.explaining.effects.ripple_of_few_turns import Commutation, Eccentricity
 from estimator.explaining.effects.runs_differ import RunsDiffer
@@ -63,6 +64,7 @@ EFFECTS: tuple[Effect, ...] = (
     BrushDrop(),
     CurrentLimit(),
     Coasting(),
+    OneWay(),
     Sag(),
     DeadBand(),
     DriveDrop(),

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from estimator.explaining.effects.base import Effect
 from estimator.fitting.fit import Fit
-from estimator.fitting.motor_response import COASTS
+from estimator.fitting.motor_response import COASTS, ONE_WAY
 from estimator.fitting.simulator import Nuisance, per_recording
 from estimator.plans.plan import Observed, Plan
 from estimator.recordings.excitation import noise_deviation
@@ -227,13 +227,20 @@ class Coasting(Drive):
         """
         where = self._recordings(plan)
         return [
-            Nuisance(name, "", 0.0, 1.0, 0.0, 1.0, target=self.target, recording=e, tries=(1.0,), whole=True)
+            Nuisance(
+                name, "", 0.0, 1.0, 0.0, 1.0, target=self.target, recording=e, tries=(1.0,), whole=True,
+                excludes=(ONE_WAY,),
+            )
             for name, e, _ in where
-        ]
+        ]  # fmt: skip
 
     def at_first_sight(self, plan: Plan) -> Mapping[str, float]:
         """Return the switch where the current is zero at no voltage while the motor turns."""
         return {name: 1.0 for name, _, is_seen in self._recordings(plan) if is_seen}
+
+    def mirrored(self, fit: Fit, name: str) -> Sequence[Mapping[str, float]]:
+        """Return a drive that lets no current flow back, in its place."""
+        return [{ONE_WAY: 1.0}] if name == self.target and ONE_WAY in fit.simulator.index else []
 
     def tell(self, name: str, value: float, plan: Plan) -> str:
         """Say that it does, and in which recording."""
