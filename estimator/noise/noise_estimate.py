@@ -28,6 +28,7 @@ ROWS = 4000  # settled rows that the noise is estimated from, at most
 SETTLED_SAMPLES = 100  # settled samples of a channel; with fewer all rows are used
 BLOCK_LENGTHS = (2, 8, 32, 128, 512)  # samples whose means show slow correlation
 COLOURED = 5.0  # standard deviations of a block's mean square: of white noise less than once in 1e5
+COUNTS_ALONE = 1.2  # times the deviation of an encoder's counts: a noise that is no larger is nothing else
 SHOWN_AT_LEVELS = 0.3  # of a step: with a larger noise samples of a level are as far off as those in motion
 SILENT = 1e-6  # of all residuals: smaller ones are of a sensor that shows zero at rest
 STRETCH, MOST_STRETCHES = 20, 12  # rows of a stretch that has a level of its own; stretches, at most
@@ -82,7 +83,8 @@ def fit_noise(
         [growth_of(residuals[:, j], whitener, j, sharp, step=float(step))[0] for j, step in enumerate(steps)]
     )
     growth[resolution > 0] = 0.0
-    choice = _Choice(RestrictedLikelihood(part, stacked), colour=colour, growth=growth, is_held=is_held)
+    likelihood = RestrictedLikelihood(part, stacked)
+    choice = _Choice(likelihood, colour=colour, growth=growth, is_held=is_held, counts=counts)
     found = choice.again() if again else choice.best()
     differenced = np.maximum(found.differenced, counts)
     hidden = np.hypot(np.minimum(found.white, SHOWN_AT_LEVELS * steps), steps / STEP_DEVIATION)
@@ -143,9 +145,16 @@ class _Choice:
     """The components of a noise model: those of before, or those that lower the restricted likelihood enough."""
 
     def __init__(
-        self, likelihood: RestrictedLikelihood, *, colour: bool, growth: FloatArray, is_held: BoolArray
+        self,
+        likelihood: RestrictedLikelihood,
+        *,
+        colour: bool,
+        growth: FloatArray,
+        is_held: BoolArray,
+        counts: FloatArray,
     ) -> None:
         self.likelihood, self.colour, self.growth, self.is_held = likelihood, colour, growth, is_held
+        self.counts = counts
         self.whitener, self.stacked = likelihood.whitener, likelihood.stacked
         self.first = dataclasses.replace(self.whitener.noise, short=())
         self.q = self.stacked.shape[1]
@@ -221,7 +230,9 @@ class _Choice:
         moving = self.whitener.moving
         of_each = [[np.where(there[c.rows], left[c.rows, j], 0.0) for c in self.whitener.clocks]
                    for j, there in enumerate((self.whitener.present & moving[:, None]).T)]  # fmt: skip
-        repeats = tuple(repeat_themselves(own) for own in of_each)
+        # Of counts alone: a shaft that is nearly settled makes lines that are wide, which tell no more of its colour.
+        of_counts = (self.counts > 0) & (np.hypot(noise.white, noise.differenced) < COUNTS_ALONE * self.counts)
+        repeats = tuple(bool(alone) or repeat_themselves(own) for alone, own in zip(of_counts, of_each, strict=True))
         told = ~(np.array(repeats) | self.is_held)
         running = self._short(left, moving, told)
         counts = self.whitener.present[~moving].sum(axis=0)

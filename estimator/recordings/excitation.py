@@ -143,7 +143,7 @@ def quantum(y: FloatArray) -> float:
 
 
 def _lattice(y: FloatArray) -> float:
-    """Return the distance of the levels that values lie on; 0 if they do not."""
+    """Return the distance of the levels that values lie on, which may be printed with few digits; 0: they do not."""
     peak = float(np.max(np.abs(y), initial=0.0))
     differences = np.diff(np.sort(y))
     differences = differences[differences > 1e-9 * peak]  # the rest is one level, or rounding
@@ -151,7 +151,8 @@ def _lattice(y: FloatArray) -> float:
         return 0.0
     step = float(np.min(differences))
     multiples = differences / step
-    return step if float(np.max(np.abs(multiples - np.round(multiples)))) < 0.05 else 0.0
+    whole = np.round(multiples)
+    return float(np.sum(differences) / np.sum(whole)) if float(np.max(np.abs(multiples - whole))) < 0.05 else 0.0
 
 
 def find_delay(excitation: Excitation, outputs: Mapping[str, FloatArray]) -> int:

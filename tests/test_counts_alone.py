@@ -1,0 +1,54 @@
+"""A speed from the counts of an encoder and no other noise: good recordings are not doubted, however it is printed."""
+
+import numpy as np
+import pytest
+from scipy.signal import cont2discrete
+
+from estimator.cases.case import Case, OutputSpec
+from estimator.estimating.estimate import estimate_recordings
+from estimator.recordings.excitation import quantum
+from estimator.recordings.reading import recording_from_arrays
+
+pytestmark = pytest.mark.usefixtures("shared_workers")
+
+CASE = Case(inputs={"v": "voltage"}, outputs={"i": OutputSpec("current"), "w": OutputSpec("speed")})
+TRUE = {"R": 1.2, "K": 0.05, "L": 2.5e-3, "J": 6e-5, "B": 5e-5}
+STEP = 1e-3  # s
+LEVELS = {"two levels": (0, 5, 10, 3), "step": (0, 10, 10), "reversal": (0, 10, -10), "back to zero": (0, 10, 0)}
+
+
+def moved(v):
+    """Return current and angle, (n, 2), of the motor by a voltage, (n,), that is held over each row."""
+    p = TRUE
+    a = np.array([[-p["R"] / p["L"], -p["K"] / p["L"], 0], [p["K"] / p["J"], -p["B"] / p["J"], 0], [0, 1, 0]])
+    f, g, *_ = cont2discrete((a, np.array([[1 / p["L"]], [0], [0]]), np.eye(3), np.zeros((3, 1))), STEP)
+    x, states = np.zeros(3), []
+    for u in v:
+        states.append(x)
+        x = f @ x + g[:, 0] * u
+    return np.array(states)[:, [0, 2]]
+
+
+def counted(angle, lines, *, phase=0.3, digits=4):
+    counts = np.floor(angle * lines / (2 * np.pi) + phase)
+    return np.round(np.diff(counts, prepend=counts[0]) * 2 * np.pi / (lines * STEP), digits)
+
+
+@pytest.mark.parametrize("lines", [1024, 4096])
+@pytest.mark.parametrize("levels", LEVELS)
+def test_a_slow_motor_behind_counts_is_estimated_and_not_doubted(levels, lines):
+    """The speed settles slowly: the errors of counts there are nearly periodic, and in transients they are not."""
+    v = np.repeat(np.array(LEVELS[levels], dtype=float), 500)
+    i, angle = moved(v).T
+    shown = np.round((i + 0.01 * np.random.default_rng(3).standard_normal(len(v))) * 409.6) / 409.6
+    columns = {"voltage [V]": v, "current [A]": shown, "speed [rad/s]": counted(angle, lines)}
+    found = estimate_recordings([CASE], [[recording_from_arrays("c", np.arange(len(v)) * STEP, columns)]], workers=1)[0]
+    assert found.verdict == "ok" and found.effects == (), (found.reasons, found.effects)
+    assert all(abs(found.parameters[n].value - TRUE[n]) < 5 * found.parameters[n].standard_error for n in TRUE)
+
+
+@pytest.mark.parametrize("digits", [2, 4, 9])
+def test_the_step_of_counts_that_are_printed_with_few_digits(digits):
+    speed = counted(moved(np.full(1500, 10.0))[:, 1], 4096, digits=digits)
+    true, range_ = 2 * np.pi / (4096 * STEP), np.ptp(speed)
+    assert quantum(speed) == pytest.approx(true, abs=2 * 10.0**-digits * true / range_)
