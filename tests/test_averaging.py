@@ -8,7 +8,7 @@ import pytest
 from estimator.conventions import CONFIDENCE
 from estimator.distributions import normal_chance, normal_quantile
 from estimator.explaining.addition import Addition, Scores
-from estimator.explaining.averaging import _covering, averaged
+from estimator.explaining.averaging import _beside, _covering, averaged
 from estimator.explaining.effects.base import Effect
 from estimator.explaining.explanation import Explanation
 from estimator.fitting.projection import Projection
@@ -96,3 +96,16 @@ def test_what_all_recordings_may_have_is_in_the_errors_though_each_alone_moves_n
         half = normal_quantile(0.5 + CONFIDENCE / 2) * np.sqrt(mean.covariance[-1, -1])
         covered += abs(values[-1] - 1.0) < half
     assert covered >= 273, covered
+
+
+def test_a_rivals_parameter_that_is_hardly_told_reaches_to_zero_and_takes_the_others_no_further():
+    """Its logarithm has a deviation of 30 there: L is a quarter of the best one's, not up to eight times as large."""
+    of_log = np.array([[30.0**2, 0.02 * 30.0**2], [0.02 * 30.0**2, 0.02**2 * 30.0**2 + 0.003**2]])
+    fit = SimpleNamespace(
+        simulator=SimpleNamespace(scaled=np.log), values=np.array([0.25, 1.0]), names=("L", "R"),
+        covariance_parts=lambda: (of_log, 0 * of_log),
+    )  # fmt: skip
+    rival = SimpleNamespace(fit=fit, sizes=dict)
+    there, covariance = _beside(np.zeros(2), rival, np.ones(2, dtype=bool))
+    assert there == pytest.approx([-0.75, 0.0])
+    assert np.sqrt(np.diag(covariance)) == pytest.approx([0.25, np.hypot(0.02, 0.003)], rel=1e-2)

@@ -82,7 +82,7 @@ def test_a_rival_that_is_likelier_by_another_noise_than_its_own_takes_no_place(m
         rival = of("b", 0.0, 0.0)
         again = of("b", 10.0, log_size)
         monkeypatch.setattr(rivals, "_others", lambda s, e, rival=rival: [rival] if e.names() == {"a"} else [])
-        monkeypatch.setattr(rivals, "_with_fuller", lambda s, e, found: found)
+        monkeypatch.setattr(rivals, "_fuller", lambda s, e, found: [])
         monkeypatch.setattr(rivals, "_nearest", lambda s, e, found: found)
         monkeypatch.setattr(rivals, "_without_absurd", lambda s, e, found: None)
         monkeypatch.setattr(rivals, "with_noise", lambda e, differenced, *, again: e)
@@ -92,3 +92,46 @@ def test_a_rival_that_is_likelier_by_another_noise_than_its_own_takes_no_place(m
         )  # fmt: skip
         found, others = rivals.settled(search, of("a", 0.0, 0.0))
         assert found.names() == {kept} and [e.names() for e in others] == ([{"b"}] if kept == "a" else [])
+
+
+def test_a_delay_of_a_channel_takes_the_place_of_one_of_all_from_as_late():
+    """Beside a delay of all outputs that lies samples away, the tries of a channel's own lead to no fit."""
+    places = (SimpleNamespace(name="delay", channel=""), SimpleNamespace(name="delay of i", channel="i"))
+    fit = SimpleNamespace(
+        simulator=SimpleNamespace(nuisances=places), free=("R", "delay"), value={"R": 2.0, "delay": 0.003}.get
+    )
+    effects = {e.name: e for e in EFFECTS}
+    common = Addition(effects["delay"], "delay", 1, 1.0, free=("delay",))
+    own = Addition(effects["delay of"], "delay of i", 1, 1.0, free=("delay of i",), starts=({"delay of i": 0.0005},))
+    for one, other, name in ((common, own, "delay of i"), (own, common, "delay")):
+        fit.value = {"R": 2.0, "delay": 0.003, "delay of i": 0.003}.get
+        fit.free = ("R", one.name)
+        assert rivals._as_late(Explanation(fit, (one,)), one, other).starts[-1] == {"R": 2.0, name: 0.003}
+
+
+def test_what_explains_more_beside_an_explanation_takes_its_place(monkeypatch):
+    """A score test at a kink, as of a delay of whole samples, tells too little; the refit of a rival tells it."""
+    costs = {"a": 100.0, "ab": 50.0}
+
+    def of(names):
+        fit = SimpleNamespace(cost=costs[names], whitener=WHITENER, **FREE)
+        return Explanation(fit, tuple(Addition(EFFECTS[0], name, 1, 1.0) for name in names))
+
+    class Whitener:
+        present = np.ones((3, 2), dtype=bool)
+
+        def __call__(self, columns):
+            return columns, 0.0
+
+    WHITENER = Whitener()
+    monkeypatch.setattr(rivals, "_others", lambda s, e: [])
+    monkeypatch.setattr(rivals, "_fuller", lambda s, e, found: [of("ab")] if e.names() == {"a"} else [])
+    monkeypatch.setattr(rivals, "_nearest", lambda s, e, found: list(found))
+    monkeypatch.setattr(rivals, "_without_absurd", lambda s, e, found: None)
+    monkeypatch.setattr(rivals, "with_noise", lambda e, differenced, *, again: e)
+    search = SimpleNamespace(
+        tests=SimpleNamespace(samples=1000), differenced=None, effects=(),
+        grown=lambda e, effects: e, without_idle=lambda e: e, at_best=lambda e: e,
+    )  # fmt: skip
+    found, others = rivals.settled(search, of("a"))
+    assert found.names() == {"a", "b"} and others == []

@@ -169,7 +169,8 @@ def _holds(rival: Explanation, explanation: Explanation) -> bool:
 def _beside(own: FloatArray, rival: Explanation, log: NDArray[np.bool_]) -> tuple[FloatArray, FloatArray]:
     """Return a rival's values, (p,), and covariance, (p, p), on the scales of `own`, linear about it.
 
-    A parameter that vanishes in the rival is far away on a logarithmic scale, and as far as zero on its own.
+    A parameter that vanishes in the rival is far away on a logarithmic scale, and as far as zero on its own. One that
+    is hardly told there reaches to zero, too, and takes the others no further: its logarithm has the prior deviation 1.
     """
     p = len(own)
     there = rival.fit.simulator.scaled(rival.fit.values)[:p]
@@ -178,6 +179,8 @@ def _beside(own: FloatArray, rival: Explanation, log: NDArray[np.bool_]) -> tupl
     known = [k for k, name in enumerate(rival.fit.names) if name in sizes]  # a usual size is a prior deviation
     prior = np.diag([sizes[rival.fit.names[k]] ** 2 for k in known])
     c = c - c[:, known] @ np.linalg.solve(c[np.ix_(known, known)] + prior, c[known])
+    for k in np.flatnonzero(log & (np.diag(c)[:p] > 0)):
+        c = c - np.outer(c[:, k], c[k]) / (c[k, k] + 1.0)
     told = c[:p, :p] * np.outer(ratio, ratio)
     return np.where(log, own + ratio - 1, there), told
 

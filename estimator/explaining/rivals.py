@@ -43,28 +43,40 @@ EXCHANGES, EXCHANGED = 8, 0.1  # of an explanation for a more likely rival, at m
 def settled(selection: Selection, explanation: Explanation) -> tuple[Explanation, list[Explanation]]:
     """Return the explanation, exchanged for a rival as long as one is more likely, and its rivals."""
     n = selection.tests.samples
+    others: list[Explanation] | None = None
+    fuller: list[Explanation] | None = None
     for _ in range(EXCHANGES):
-        found = _others(selection, explanation)
-        rivals = _nearest(selection, explanation, found)
-        sound = [
-            r for r in rivals if not any(a.effect.doubt and a.name not in explanation.names() for a in r.additions)
-        ]
-        excess = explanation.excess(n)
-        best = min(sound, key=lambda e: e.criterion(n, excess), default=explanation)
-        if best.criterion(n, excess) > explanation.criterion(n, excess) - excess * EXCHANGED:
+        others, fuller = _others(selection, explanation), None
+        best = _likelier(selection, explanation, others)
+        if best is None:  # then what the criterion did not accept by its score test may be
+            fuller = _fuller(selection, explanation, others)
+            best = _likelier(selection, explanation, fuller)
+        if best is None:
             break
         best = selection.grown(with_noise(best, selection.differenced, again=True), selection.effects)
         best = selection.at_best(selection.without_idle(best))
         if best.misfit(n) > explanation.misfit(n) - EXCHANGED:  # by its own noise it is not the likelier
             break
-        explanation = best
-    else:
-        found = _others(selection, explanation)
-    rivals = _with_fuller(selection, explanation, found)
+        explanation, others, fuller = best, None, None
+    others = _others(selection, explanation) if others is None else others
+    fuller = _fuller(selection, explanation, others) if fuller is None else fuller
+    rivals = _nearest(selection, explanation, [*others, *fuller])
     sensible = _without_absurd(selection, explanation, rivals)
     if sensible is None:
         return explanation, rivals
-    return sensible, _with_fuller(selection, sensible, _others(selection, sensible))
+    others = _others(selection, sensible)
+    return sensible, _nearest(selection, sensible, [*others, *_fuller(selection, sensible, others)])
+
+
+def _likelier(selection: Selection, explanation: Explanation, others: Sequence[Explanation]) -> Explanation | None:
+    """Return the likeliest of other explanations that needs no doubt, if it is likelier than an explanation."""
+    n, own = selection.tests.samples, explanation.names()
+    rivals = _nearest(selection, explanation, others)
+    sound = [r for r in rivals if not any(a.effect.doubt and a.name not in own for a in r.additions)]
+    excess = explanation.excess(n)
+    best = min(sound, key=lambda e: e.criterion(n, excess), default=explanation)
+    is_likelier = best.criterion(n, excess) <= explanation.criterion(n, excess) - excess * EXCHANGED
+    return best if is_likelier else None
 
 
 def simulated_finely(
@@ -179,11 +191,6 @@ def _with_other_inductance(explanation: Explanation) -> list[Explanation]:
     values[s.index["L"]] *= OTHER_INDUCTANCE if samples < BETWEEN else 1 / OTHER_INDUCTANCE
     other = solved(dataclasses.replace(fit, values=values), limit=fit.cost + 2 * RIVALS_WITHIN, beside=fit)
     return [dataclasses.replace(explanation, fit=other)]
-
-
-def _with_fuller(selection: Selection, explanation: Explanation, found: Sequence[Explanation]) -> list[Explanation]:
-    """Return the rivals among others, and among them with one more addition."""
-    return _nearest(selection, explanation, [*found, *_fuller(selection, explanation, found)])
 
 
 def _nearest(selection: Selection, explanation: Explanation, found: Sequence[Explanation]) -> list[Explanation]:
@@ -302,8 +309,8 @@ def _as_late(explanation: Explanation, addition: Addition, other: Addition) -> A
     Without the addition a short time constant of the model vanishes, and no refit leads back from there.
     """
     fit, s = explanation.fit, explanation.fit.simulator
-    channels = {n.channel for n in s.nuisances if n.name in (addition.name, other.name)}
-    if addition.effect.lateness * other.effect.lateness == 0 or len(channels) != 1:
+    channels = {n.channel for n in s.nuisances if n.name in (addition.name, other.name)} - {""}  # "": of all
+    if addition.effect.lateness * other.effect.lateness == 0 or len(channels) > 1:
         return other
     start = {name: fit.value(name) for name in fit.free if name != addition.name}
     delay = addition.effect.lateness * fit.value(addition.name)
