@@ -12,7 +12,7 @@ from estimator.explaining.explanation import Explanation
 from estimator.explaining.selection import Selection
 
 COSTS = {"abc": 100.0, "bc": 101.0, "ac": 1100.0, "ab": 1100.0, "b": 1102.0, "c": 1102.0, "a": 2100.0, "": 3000.0}
-FREE = {"names": ("R",), "at_bound": (0,), "linear": ()}
+FREE = {"names": ("R",), "at_bound": (0,), "linear": (), "simulator": SimpleNamespace(nuisances=())}
 
 
 def test_what_is_idle_is_told_by_the_noise_of_the_whole_explanation(monkeypatch):
@@ -135,3 +135,15 @@ def test_what_explains_more_beside_an_explanation_takes_its_place(monkeypatch):
     )  # fmt: skip
     found, others = rivals.settled(search, of("a"))
     assert found.names() == {"a", "b"} and others == []
+
+
+def test_what_another_addition_makes_no_sense_without_is_not_idle(monkeypatch):
+    """Friction that is zero beside one that falls with the speed: without it that would be taken away as well."""
+    nuisances = (SimpleNamespace(name="friction", needs=""), SimpleNamespace(name="falls", needs="friction"))
+    additions = tuple(Addition(EFFECTS[0], name, 1, 1.0, free=(name,)) for name in ("friction", "falls"))
+    fit = SimpleNamespace(cost=100.0, **(FREE | {"simulator": SimpleNamespace(nuisances=nuisances)}))
+    monkeypatch.setattr(selection, "wald", lambda fit, addition: 0.0)
+    monkeypatch.setattr(selection, "without", lambda e, a, *, limit: a.name)
+    search = Selection(SimpleNamespace(samples=1000), None, None, ())
+    assert list(search._slimmer(Explanation(fit, additions))) == ["falls"]
+    assert list(search._slimmer(Explanation(fit, additions[:1]))) == ["friction"]

@@ -198,8 +198,16 @@ def is_physical(fit: Fit, addition: Addition) -> bool:
 
 def has_its_needs(fit: Fit, addition: Addition) -> bool:
     """Whether what an addition makes no sense without is there too."""
-    needs = [n.needs for n in fit.simulator.nuisances if n.name in addition.free and n.needs]
-    return set(needs) <= set(fit.free)
+    return _needs(fit, addition) <= set(fit.free)
+
+
+def is_needed(fit: Fit, addition: Addition, additions: Sequence[Addition]) -> bool:
+    """Whether another addition makes no sense without this one."""
+    return any(_needs(fit, other) & set(addition.free) for other in additions if other is not addition)
+
+
+def _needs(fit: Fit, addition: Addition) -> set[str]:
+    return {n.needs for n in fit.simulator.nuisances if n.name in addition.free and n.needs}
 
 
 def alike(one: Addition, other: Addition) -> float:

@@ -27,6 +27,7 @@ from estimator.explaining.addition import (
     Addition,
     has_its_needs,
     is_held,
+    is_needed,
     is_physical,
     is_timing,
     wald,
@@ -309,9 +310,11 @@ class Selection:
         return explanation if slimmer is whole else with_noise(slimmer, self.differenced, again=True)
 
     def _slimmer(self, explanation: Explanation) -> Iterator[Explanation]:
-        """Return the explanation without each of those additions that may be idle."""
+        """Return the explanation without each of those additions that may be idle: no other makes no sense without."""
         excess = explanation.excess(self.tests.samples)
         for addition in explanation.additions:
+            if is_needed(explanation.fit, addition, explanation.additions):
+                continue
             penalty = excess * addition.penalty(self.tests.samples)
             if wald(explanation.fit, addition) <= IDLE * penalty:
                 least = explanation.fit.cost + penalty
