@@ -6,7 +6,7 @@ Its criterion is z'z of whitened residuals (-2 log L at a given noise) plus the 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -15,7 +15,7 @@ import numpy as np
 from estimator.explaining.addition import Addition, is_held, is_physical
 from estimator.explaining.effects.base import Effect
 from estimator.fitting.fit import Fit
-from estimator.fitting.gauss_newton import ITERATIONS, ROUGH, solved
+from estimator.fitting.gauss_newton import ITERATIONS, ROUGH, solved, solved_roughly
 from estimator.fitting.simulator import Simulator
 from estimator.plans.plan import Plan
 
@@ -153,18 +153,14 @@ def renewed(explanation: Explanation) -> Fit:
     return dataclasses.replace(fit, linear=tuple(groups))
 
 
-def reshaped(explanation: Explanation) -> Explanation:
-    """Return the explanation with those of its columns in another form that explain more in it."""
+def reshaped(explanation: Explanation) -> Iterator[Explanation]:
+    """Yield the explanation with one of its columns in another form, that may explain more in it."""
+    fit = explanation.fit
     for a in explanation.additions:
-        fit = explanation.fit
-        group = next((g for g in fit.linear if g.name == a.name), None)
-        other = None if group is None else a.effect.reshaped(fit, group)
-        if other is None:
-            continue
-        tried = solved(dataclasses.replace(fit, linear=tuple(other if g is group else g for g in fit.linear)))
-        if tried.cost < fit.cost:
-            explanation = dataclasses.replace(explanation, fit=tried)
-    return explanation
+        for group in (g for g in fit.linear if g.name == a.name):
+            for other in a.effect.reshaped(fit, group):
+                linear = tuple(other if g is group else g for g in fit.linear)
+                yield dataclasses.replace(explanation, fit=solved_roughly(dataclasses.replace(fit, linear=linear)))
 
 
 def mirrored(explanation: Explanation, effects: Sequence[Effect], plan: Plan) -> list[Explanation]:

@@ -57,6 +57,7 @@ from estimator.explaining.explanation_noise import (
 from estimator.explaining.first_fit import NO_NOISE, FirstFit
 from estimator.fitting.fit import Fit, new_fit, set_aside
 from estimator.fitting.gauss_newton import ROUGH, solved, solved_roughly
+from estimator.fitting.simulator import Simulator
 from estimator.fitting.windows import find_windows
 
 FloatArray = NDArray[np.float64]
@@ -121,7 +122,7 @@ class Selection:
             del begun
             if (shaken := with_jitter(best, self.differenced)) is not None:
                 best = self.without_idle(self.grown(shaken, self.effects))
-            best = reshaped(best)
+            best = self.reshaped(best)
             best = min([best, *self.mirrored(best)], key=lambda e: e.fit.cost)
         fine = with_fine_filters(best.fit)[0] if best.fit.simulator is self.tests.base else best.fit
         return self.at_best(dataclasses.replace(best, fit=fine))
@@ -151,7 +152,7 @@ class Selection:
         else:  # a noise from residuals would contain missing effects: neighbours tell it first
             best = with_noise_of_neighbours(best, self.differenced)
             best = self.grown(best, self.effects, renew=False)
-        best = with_noise(best, self.differenced)
+        best = self.reshaped(with_noise(best, self.differenced))
         for _ in range(2):  # effects and noise depend on each other
             before = best.names()
             best = self.without_idle(self.grown(best, self.effects))
@@ -159,6 +160,20 @@ class Selection:
                 break
             best = with_noise(best, self.differenced)
         return best
+
+    def reshaped(self, explanation: Explanation) -> Explanation:
+        """Return an explanation whose columns have the forms that explain most, each by its own noise.
+
+        Of a wrong form the noise takes in what it leaves, and other effects come to make up for it.
+        """
+        n = self.tests.samples
+        for _ in explanation.additions:
+            tried = [with_noise(e, self.differenced, again=True) for e in reshaped(explanation)]
+            best = min([explanation, *tried], key=lambda e: e.misfit(n))
+            if best is explanation:
+                break
+            explanation = best
+        return explanation
 
     def at_best(self, best: Explanation) -> Explanation:
         """Return an explanation fitted to the end, without what that makes absurd."""
@@ -251,7 +266,7 @@ class Selection:
                 if a.gain - excess * a.penalty(n) > PREDICTED_PART * most and a.gain > least
             ]
             best, fall = None, 0.0
-            for a in best_few:
+            for a in (*best_few, *_of_same_channel(explanation.fit.simulator, best_few, ranked)):
                 least_cost = explanation.fit.cost - max(excess * a.penalty(n), least)
                 found = self.added(explanation, a, limit=least_cost - fall)
                 if least_cost - found.fit.cost > fall and is_physical(found.fit, a):
@@ -324,6 +339,16 @@ class Selection:
 def moves_ripple(explanation: Explanation, addition: Addition) -> bool:
     """Whether a ripple of an explanation lies elsewhere with an addition: behind another delay, mean or filter."""
     return is_timing(addition) and any(a.effect.is_line for a in explanation.additions)
+
+
+def _of_same_channel(simulator: Simulator, best_few: Sequence[Addition], ranked: Sequence[Addition]) -> list[Addition]:
+    """Return what else happens within samples of the channels of the best few.
+
+    A mean for a filter, a filter of second order for one of first: which of them fits best a score test does not tell.
+    """
+    channel = {n.name: n.channel for n in simulator.nuisances}
+    shown, known = {channel.get(a.name) for a in best_few if is_timing(a)}, {a.name for a in best_few}
+    return [a for a in ranked if is_timing(a) and a.name not in known and channel.get(a.name) in shown]
 
 
 def _apart(additions: Sequence[Addition]) -> list[Addition]:

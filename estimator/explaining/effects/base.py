@@ -77,9 +77,9 @@ class Effect:
         """
         return next((g for g in self.linear(fit) if g.name == group.name), None)
 
-    def reshaped(self, fit: Fit, group: Linear) -> Linear | None:
-        """Return a group of another form that may explain more than it does; None: there is none."""
-        return None
+    def reshaped(self, fit: Fit, group: Linear) -> Sequence[Linear]:
+        """Return the group in other forms, that may explain more than its own does."""
+        return ()
 
     def always(self, fit: Fit) -> Sequence[Linear]:
         """Return the groups of columns that are free from the start, such as an encoder's phase."""

@@ -88,14 +88,13 @@ class Ripple(ShaftOrder):
         own = (group.columns @ coefficients)[:, fit.simulator.outputs.index(y)]
         return self._in_form(fit, theta, group, group.form, own)
 
-    def reshaped(self, fit: Fit, group: Linear) -> Linear | None:
-        """Return the line in the form that explains most beside its own, where that may explain more."""
+    def reshaped(self, fit: Fit, group: Linear) -> Sequence[Linear]:
+        """Return the line in those other forms that explain something beside its own."""
         y, test = group.name.split(" ")[1], fit.test()
         theta, forms = angle_of(fit, y), self._forms(fit, y)
         assert theta is not None  # the line was found by it
         others = [self._in_form(fit, theta, group, form) for form in forms if form != group.form]
-        gains = [test.gain(test.across(other.columns)) for other in others]
-        return others[int(np.argmax(gains))] if max(gains, default=0.0) > LEAST_FALL else None
+        return [other for other in others if test.gain(test.across(other.columns)) > LEAST_FALL]
 
     def _forms(self, fit: Fit, y: str) -> tuple[int, ...]:
         of_current = y == "i" and motor_values(fit) is not None
