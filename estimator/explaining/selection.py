@@ -152,7 +152,7 @@ class Selection:
         else:  # a noise from residuals would contain missing effects: neighbours tell it first
             best = with_noise_of_neighbours(best, self.differenced)
             best = self.grown(best, self.effects, renew=False)
-        best = self.reshaped(with_noise(best, self.differenced))
+        best = with_noise(best, self.differenced)
         for _ in range(2):  # effects and noise depend on each other
             before = best.names()
             best = self.without_idle(self.grown(best, self.effects))
@@ -161,14 +161,14 @@ class Selection:
             best = with_noise(best, self.differenced)
         return best
 
-    def reshaped(self, explanation: Explanation) -> Explanation:
+    def reshaped(self, explanation: Explanation, *, colour: bool = True) -> Explanation:
         """Return an explanation whose columns have the forms that explain most, each by its own noise.
 
         Of a wrong form the noise takes in what it leaves, and other effects come to make up for it.
         """
         n = self.tests.samples
         for _ in explanation.additions:
-            tried = [with_noise(e, self.differenced, again=True) for e in reshaped(explanation)]
+            tried = [with_noise(e, self.differenced, colour=colour, again=True) for e in reshaped(explanation)]
             best = min([explanation, *tried], key=lambda e: e.misfit(n))
             if best is explanation:
                 break
@@ -241,7 +241,7 @@ class Selection:
             if absurd and judged.criterion(n, before.excess(n)) > before.criterion(n, before.excess(n)):
                 rejected.add(found.additions[-1].name)  # or it has not
                 continue
-            explanation = judged
+            explanation = self.reshaped(judged, colour=colour) if renew else judged
             rejected.clear()
         return explanation
 
