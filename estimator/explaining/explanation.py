@@ -21,6 +21,7 @@ from estimator.plans.plan import Plan
 
 MOST_ADDITIONS = 12  # additions, spectral lines and others each
 MOST_IN_TWO = 2  # pairs in the place of an addition that are fitted to the end, of those that fit best
+IN_NOISE = 0.1  # of z'z: by how much another form of columns may be worse by the noise that was found with the first
 NO_CHANGE, DOUBLINGS = 0.1, 2  # of z'z: a smaller change is negligible; doublings of the rows between samples, at most
 
 
@@ -160,7 +161,10 @@ def reshaped(explanation: Explanation) -> Iterator[Explanation]:
         for group in (g for g in fit.linear if g.name == a.name):
             for other in a.effect.reshaped(fit, group):
                 linear = tuple(other if g is group else g for g in fit.linear)
-                yield dataclasses.replace(explanation, fit=solved_roughly(dataclasses.replace(fit, linear=linear)))
+                limit = fit.cost * (1 + IN_NOISE)
+                tried = solved_roughly(dataclasses.replace(fit, linear=linear), limit=limit)
+                if tried.cost < limit:
+                    yield dataclasses.replace(explanation, fit=tried)
 
 
 def mirrored(explanation: Explanation, effects: Sequence[Effect], plan: Plan) -> list[Explanation]:

@@ -241,7 +241,7 @@ class Selection:
             if absurd and judged.criterion(n, before.excess(n)) > before.criterion(n, before.excess(n)):
                 rejected.add(found.additions[-1].name)  # or it has not
                 continue
-            explanation = self.reshaped(judged, colour=colour) if renew else judged
+            explanation = self.reshaped(judged, colour=colour) if renew and is_timing(judged.additions[-1]) else judged
             rejected.clear()
         return explanation
 
