@@ -259,14 +259,11 @@ class Selection:
             ranked = [a for a in ranked if a.gain > excess * a.penalty(n)]
             if not ranked or ranked[0].gain <= least:
                 return None
+            likely = [a for a in ranked if a.gain > least]
             most = ranked[0].gain - excess * ranked[0].penalty(n)
-            best_few = [
-                a
-                for a in ranked[:REFITTED]
-                if a.gain - excess * a.penalty(n) > PREDICTED_PART * most and a.gain > least
-            ]
+            best_few = [a for a in likely[:REFITTED] if a.gain - excess * a.penalty(n) > PREDICTED_PART * most]
             best, fall = None, 0.0
-            for a in (*best_few, *_of_same_channel(explanation.fit.simulator, best_few, ranked)):
+            for a in (*best_few, *_of_same_channel(explanation.fit.simulator, best_few, likely)):
                 least_cost = explanation.fit.cost - max(excess * a.penalty(n), least)
                 found = self.added(explanation, a, limit=least_cost - fall)
                 if least_cost - found.fit.cost > fall and is_physical(found.fit, a):
