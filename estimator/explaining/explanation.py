@@ -154,17 +154,16 @@ def renewed(explanation: Explanation) -> Fit:
     return dataclasses.replace(fit, linear=tuple(groups))
 
 
-def reshaped(explanation: Explanation) -> Iterator[Explanation]:
-    """Yield the explanation with one of its columns in another form, that may explain more in it."""
+def reshaped(explanation: Explanation, addition: Addition) -> Iterator[Explanation]:
+    """Yield the explanation with an addition's columns in each other form that may explain more."""
     fit = explanation.fit
-    for a in explanation.additions:
-        for group in (g for g in fit.linear if g.name == a.name):
-            for other in a.effect.reshaped(fit, group):
-                linear = tuple(other if g is group else g for g in fit.linear)
-                limit = fit.cost * (1 + IN_NOISE)
-                tried = solved_roughly(dataclasses.replace(fit, linear=linear), limit=limit)
-                if tried.cost < limit:
-                    yield dataclasses.replace(explanation, fit=tried)
+    for group in (g for g in fit.linear if g.name == addition.name):
+        for other in addition.effect.reshaped(fit, group):
+            linear = tuple(other if g is group else g for g in fit.linear)
+            limit = fit.cost * (1 + IN_NOISE)
+            tried = solved_roughly(dataclasses.replace(fit, linear=linear), limit=limit)
+            if tried.cost < limit:
+                yield dataclasses.replace(explanation, fit=tried)
 
 
 def mirrored(explanation: Explanation, effects: Sequence[Effect], plan: Plan) -> list[Explanation]:

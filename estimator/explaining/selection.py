@@ -66,6 +66,7 @@ ROUNDS = 20  # of additions accepted or rejected, at most
 REFITTED = 3  # additions refitted in a round
 PREDICTED_PART = 0.6  # of the best predicted fall of the criterion: with less an addition is not refitted
 MOST_OF_IT = 0.5  # of what is missed beyond the noise: what explains more is added before all else
+RESHAPED = 2  # times that all columns are tried in other forms, at most
 IDLE = 6.0  # times the penalty: an addition is refitted without if its Wald statistic is below
 
 
@@ -167,12 +168,13 @@ class Selection:
         Of a wrong form the noise takes in what it leaves, and other effects come to make up for it.
         """
         n = self.tests.samples
-        for _ in explanation.additions:
-            tried = [with_noise(e, self.differenced, colour=colour, again=True) for e in reshaped(explanation)]
-            best = min([explanation, *tried], key=lambda e: e.misfit(n))
-            if best is explanation:
+        for _ in range(RESHAPED):
+            before = explanation
+            for a in explanation.additions:
+                tried = (with_noise(e, self.differenced, colour=colour, again=True) for e in reshaped(explanation, a))
+                explanation = min([explanation, *tried], key=lambda e: e.misfit(n))
+            if explanation is before:
                 break
-            explanation = best
         return explanation
 
     def at_best(self, best: Explanation) -> Explanation:
