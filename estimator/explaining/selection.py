@@ -123,7 +123,8 @@ class Selection:
             del begun
             if (shaken := with_jitter(best, self.differenced)) is not None:
                 best = self.without_idle(self.grown(shaken, self.effects))
-            best = self.reshaped(best)
+            if (formed := self.reshaped(best)) is not best:
+                best = self.without_idle(formed)
             best = min([best, *self.mirrored(best)], key=lambda e: e.fit.cost)
         fine = with_fine_filters(best.fit)[0] if best.fit.simulator is self.tests.base else best.fit
         return self.at_best(dataclasses.replace(best, fit=fine))
