@@ -6,6 +6,7 @@ import stat
 from pathlib import Path
 
 import pytest
+from interrupts import taking_interrupts
 
 from estimator.errors import InputError
 from estimator.output import OutputFolder, write_files
@@ -120,14 +121,14 @@ def test_a_folder_that_another_run_makes_at_the_same_moment_is_used_and_left_to_
 @pytest.mark.parametrize("where", [(Path, "mkdir"), (Path, "iterdir"), (Path, "rmdir")], ids=["made", "tried", "left"])
 def test_ctrl_c_while_a_folder_is_made_or_left_leaves_nothing(tmp_path, monkeypatch, where):
     pressed = with_ctrl_c_after(monkeypatch, *where)
-    with pytest.raises(KeyboardInterrupt), OutputFolder(tmp_path / "a" / "b"):
+    with taking_interrupts(), pytest.raises(KeyboardInterrupt), OutputFolder(tmp_path / "a" / "b"):
         pass
     assert pressed and not (tmp_path / "a").exists()
 
 
 def test_ctrl_c_while_files_get_their_names_gives_all_or_none(tmp_path, monkeypatch):
     pressed = with_ctrl_c_after(monkeypatch, os, "replace")
-    with pytest.raises(KeyboardInterrupt):
+    with taking_interrupts(), pytest.raises(KeyboardInterrupt):
         write_files({tmp_path / "a": b"new", tmp_path / "b": b"new"})
     assert pressed and {path.name for path in tmp_path.iterdir()} == {"a", "b"}
 

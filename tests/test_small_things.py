@@ -3,7 +3,6 @@
 import csv
 import io
 import json
-import signal
 import subprocess
 import sys
 import time
@@ -12,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from forked import Kept, run
+from interrupts import taking_interrupts
 from made_estimates import estimate
 from test_report import check_contract
 
@@ -141,11 +141,7 @@ def test_ctrl_c_in_a_callback_of_the_interpreter_is_not_lost(monkeypatch):
             raise KeyboardInterrupt
 
     monkeypatch.setattr(sys, "unraisablehook", interrupt_again)
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # a process in the background ignores it
-    try:
-        with pytest.raises(KeyboardInterrupt):
-            Gone()
-            for _ in range(1000):
-                time.sleep(0.01)  # it comes between two instructions
-    finally:
-        signal.signal(signal.SIGINT, before)
+    with taking_interrupts(), pytest.raises(KeyboardInterrupt):
+        Gone()
+        for _ in range(1000):
+            time.sleep(0.01)  # it comes between two instructions
