@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from estimator.errors import RecordingError
-from estimator.recordings.time_grid import half_last_digit, sampling_clock, uniform_grid
+from estimator.recordings.time_grid import half_last_digit, half_single_step, sampling_clock, uniform_grid
 
 
 def grid(cells: list[str]) -> tuple[float, float]:
@@ -108,3 +108,21 @@ def test_an_even_clock_is_found_behind_times_that_rows_share(rate, rounded):
     uneven = np.sort(true + np.random.default_rng(1).normal(0, 1e-3, 4000))
     with pytest.raises(RecordingError, match="does not increase"):
         sampling_clock(rounded(1e3 * uneven) / 1e3, place=lambda k: f"sample {k}")
+
+
+@pytest.mark.parametrize("step", [0.0005, 0.000125])
+def test_a_clock_in_single_precision_is_even(step: float) -> None:
+    """1 156 s after power-on neighbouring numbers are 0.12 ms apart, after 541 s 0.06 ms."""
+    start = 1155.784 if step > 0.0003 else 541.3573
+    times = (start + step * np.arange(3000)).astype(np.float32)
+    cells = [f"{x:.9g}" for x in times]
+    printed = np.array([float(cell) for cell in cells])
+    half = np.maximum(half_last_digit(cells, 3000), half_single_step(printed, half_last_digit(cells, 3000)))
+    clock = sampling_clock(printed, place=str, half_digit=lambda: half)
+    assert clock.even and clock.step == pytest.approx(step, rel=1e-6) and len(clock.time) == 3000
+    without = np.delete(np.arange(3000), 1700)  # a row is missing
+    gap = sampling_clock(printed[without], place=str, half_digit=lambda: half[without])
+    assert gap.even and gap.rows is not None and len(gap.time) == 3000 and 1700 not in gap.rows
+    jitter = printed + np.random.default_rng(1).uniform(-0.3, 0.3, 3000) * step  # these are no such numbers
+    assert not half_single_step(jitter, 5e-7).any()
+    assert not sampling_clock(jitter, place=str, half_digit=lambda: np.full(3000, 5e-7)).even

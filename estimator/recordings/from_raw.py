@@ -17,7 +17,7 @@ from estimator.recordings.recording import MIN_SAMPLES, Recording
 from estimator.recordings.samples import median
 from estimator.recordings.tests_in_file import asked_test
 from estimator.recordings.time_column import is_header, time_column
-from estimator.recordings.time_grid import Clock, sampling_clock, times_again
+from estimator.recordings.time_grid import Clock, half_single_step, sampling_clock, times_again
 from estimator.recordings.units import FloatArray
 
 LARGEST = 1e10  # in any unit: no sensor shows more, nor a counter of 32 bits
@@ -73,9 +73,9 @@ def recording_of(raw: RawTable, read_as: ReadAs) -> Recording:
         raise RecordingError(f"{place(int(np.argmax(np.isnan(time))))}: time is empty; every row needs its time")
     if time.size < MIN_SAMPLES:
         raise RecordingError(f"{raw.file} has {time.size} samples; at least {MIN_SAMPLES} are needed")
-    seconds_per_unit, half_digit = time_unit.numerator / time_unit.denominator, raw.half_digit
+    seconds_per_unit = time_unit.numerator / time_unit.denominator
     try:
-        ticks, begins = _ticks(time, place, None if half_digit is None else lambda: half_digit(clock, seconds_per_unit))
+        ticks, begins = _ticks(time, place, lambda: _half_step(raw, clock, seconds_per_unit))
     except RecordingError as error:
         if clock in given or not 0 < median(np.diff(time)) < TOO_FAST:
             raise
@@ -161,18 +161,22 @@ def _rises_evenly(column: FloatArray) -> bool:
     return bool(abs(steps.mean() - 1) > 1e-9)
 
 
-def _ticks(
-    time: FloatArray, place: Callable[[int], str], half_digit: Callable[[], FloatArray] | None
-) -> tuple[Clock, int]:
+def _half_step(raw: RawTable, clock: int, factor: float) -> FloatArray:
+    """Return half of the step in which each time, times the factor, can be told as it is written, (n,) s."""
+    times = raw.columns[clock]
+    half = np.zeros(times.size) if raw.half_digit is None else raw.half_digit(clock, 1.0)
+    return np.asarray(factor * np.maximum(half, half_single_step(times, half)))
+
+
+def _ticks(time: FloatArray, place: Callable[[int], str], half_digit: Callable[[], FloatArray]) -> tuple[Clock, int]:
     """Return the clock of times, (m,) s, and the row at which it begins: 1 where the first alone is off it, else 0."""
     try:
         return sampling_clock(time, place=place, half_digit=half_digit), 0
     except RecordingError:
         if time.size < LONG:
             raise
-        rest = None if half_digit is None else lambda: half_digit()[1:]
         with suppress(RecordingError):
-            return sampling_clock(time[1:], place=place, half_digit=rest), 1
+            return sampling_clock(time[1:], place=place, half_digit=lambda: half_digit()[1:]), 1
         raise
 
 

@@ -27,6 +27,7 @@ JITTER = 0.25  # of the step: an interval further off a whole number of steps is
 ONCE, EXACT = 1, 1e-3  # row off the grid, of the step the others: one alone is a mistake, else the clock jitters
 LATE = 3.0  # half digits: a row off the grid by no more was stamped one tick late, such as by a loop at its millis()
 OFTEN, PAUSE = 3, 20  # intervals off any grid that are a clock without one; times the usual interval: a pause
+COARSE = 0.9  # of a step: a digit of a time that is above this tells no lost row from rounding
 RARE = 0.01  # of the rows: so many may have the time of the row before
 MISSING = 3  # times the rows that are there: more missing ones are an error
 SHARED = 8  # rows that share a time with the one before: fewer are rows that are there twice
@@ -105,10 +106,13 @@ def _with_gaps(times: FloatArray, half_digit: Callable[[], FloatArray] | None) -
     steps = np.diff(times)
     if (steps <= 0).any():
         return None
+    half = np.zeros(times.size) if half_digit is None else half_digit()
     usual = median(steps)
-    usual = float(np.mean(steps[np.abs(steps - usual) <= JITTER * usual]))
+    half[2 * half > COARSE * usual] = 0.0
+    beside = JITTER * usual + 2 * float(half.max())  # a step is off by twice half a digit, too
+    usual = float(np.mean(steps[np.abs(steps - usual) <= beside]))
     multiples = np.round(steps / usual)
-    if (multiples < 1).any() or (np.abs(steps / usual - multiples) > JITTER).any():
+    if (multiples < 1).any() or (np.abs(steps - multiples * usual) > beside).any():
         return None
     rows = np.concatenate([[0], np.cumsum(multiples)])
     n = int(rows[-1]) + 1
@@ -118,8 +122,6 @@ def _with_gaps(times: FloatArray, half_digit: Callable[[], FloatArray] | None) -
     centred = rows - rows.mean()
     step = float(centred @ (times - times.mean()) / (centred @ centred))
     off = times - times.mean() - centred * step
-    half = np.zeros(times.size) if half_digit is None else half_digit()
-    half[4 * half > 1.001 * step] = 0.0
     missing = None if n == times.size else index
     away = np.abs(off) > np.maximum(OFF_GRID * step, half * (1 + 3 / np.sqrt(times.size)))
     stamped_late = away.sum() <= ONCE and bool((np.abs(off) <= np.maximum(OFF_GRID * step, LATE * half)).all())
@@ -225,7 +227,7 @@ def uniform_grid(
     half = np.zeros(n)
     if worst > OFF_GRID * step and half_digit is not None:
         half = half_digit()
-        half[4 * half > 1.001 * step] = 0.0  # a digit above half a step cannot tell a lost row from rounding
+        half[2 * half > COARSE * step] = 0.0  # rows share a digit of a step; one that is as coarse tells no lost row
         allowed = np.maximum(allowed, half * (1 + 3 / np.sqrt(n)))  # the line itself is as uncertain as that
     if (np.abs(off) > allowed).any():
         raise RecordingError(_off_grid(times, half, allowed, place))
@@ -251,6 +253,18 @@ def half_last_digit(cells: Iterable[str], n: int) -> FloatArray:
         digits[here] = digits[here].max()
     digits[decade == -999] = digits.max()  # a plain 0 says nothing
     return np.asarray(0.5 * 10.0**-digits)
+
+
+def half_single_step(times: FloatArray, half_digit: FloatArray | float) -> FloatArray:
+    """Return half the distance of neighbouring single-precision numbers, (n,), where all times are such, else 0.
+
+    A clock that is kept in single precision, as a timer's seconds since power-on, is as coarse as that: 0.12 ms after
+    1 024 s. Times are such numbers where each is its nearest one within half of its last digit, as (n,) numbers.
+    """
+    with np.errstate(over="ignore", invalid="ignore"):
+        nearest = times.astype(np.float32)
+        are_single = bool((np.abs(nearest - times) <= 1.001 * np.asarray(half_digit)).all())
+    return 0.5 * np.spacing(np.abs(nearest)).astype(np.float64) if are_single else np.zeros(len(times))
 
 
 def _plainest(times: FloatArray, step: float, worst: float, k: FloatArray) -> tuple[float, float]:
