@@ -67,6 +67,7 @@ REFITTED = 3  # additions refitted in a round
 PREDICTED_PART = 0.6  # of the best predicted fall of the criterion: with less an addition is not refitted
 MOST_OF_IT = 0.5  # of what is missed beyond the noise: what explains more is added before all else
 RESHAPED = 2  # times that all columns are tried in other forms, at most
+FOLLOWED, FALLS = 6, 0.1  # times that columns follow from the signals, at most; part of the cost that falls by it
 IDLE = 6.0  # times the penalty: an addition is refitted without if its Wald statistic is below
 
 
@@ -97,7 +98,8 @@ class Selection:
     def added(self, explanation: Explanation, addition: Addition, *, limit: float = np.inf) -> Explanation:
         """Return an explanation fitted with one more addition, a ripple where that moves it; limit as for `solved`."""
         if not moves_ripple(explanation, addition):
-            return with_added(explanation, self.refitted(explanation, addition, limit=limit), addition)
+            found = with_added(explanation, self.refitted(explanation, addition, limit=limit), addition)
+            return followed(found) if addition.effect.follows else found
         found = with_added(explanation, self.refitted(explanation, addition), addition)
         return dataclasses.replace(found, fit=solved_roughly(renewed(found), limit=limit))
 
@@ -339,6 +341,16 @@ class Selection:
 def moves_ripple(explanation: Explanation, addition: Addition) -> bool:
     """Whether a ripple of an explanation lies elsewhere with an addition: behind another delay, mean or filter."""
     return is_timing(addition) and any(a.effect.is_line for a in explanation.additions)
+
+
+def followed(explanation: Explanation) -> Explanation:
+    """Return an explanation with columns by the signals that it explains by them, as long as that explains more."""
+    for _ in range(FOLLOWED):
+        again = dataclasses.replace(explanation, fit=solved_roughly(renewed(explanation)))
+        if not again.fit.cost < (1 - FALLS) * explanation.fit.cost:
+            break
+        explanation = again
+    return explanation
 
 
 def _of_same_channel(simulator: Simulator, best_few: Sequence[Addition], ranked: Sequence[Addition]) -> list[Addition]:

@@ -42,6 +42,8 @@ class Effect:
         contain it.
     is_line : bool
         It shows as spectral lines: they are no part of the noise, and no other effect explains them.
+    follows : bool
+        Its columns follow from the signals as they are explained so strongly that both are found by turns.
     lateness : float
         Mean delay of a signal for a unit of its number, s; 0: it has none, or not in proportion.
     sentence : str
@@ -54,6 +56,7 @@ class Effect:
     fmu: str = ""
     sharp: bool = False
     is_line: bool = False
+    follows: bool = False
     lateness: float = 0.0
     sentence: str = "{name} is estimated"
 

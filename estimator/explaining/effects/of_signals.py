@@ -30,9 +30,15 @@ USUAL_LOAD = 0.3  # of the torque of the motor at its largest speed: a fan
 USUAL_CHANGE = 0.05  # part by which K or L falls at the largest current, and by which two gains differ
 USUAL_ROUNDED = 0.05  # of the largest voltage: a drop of brushes
 MOST_CHANGE = 0.8  # part by which K or L falls at the largest current
-HALF_AT = tuple(0.02 * 1.6**k for k in range(9))  # of the largest current, where half of the drop is reached
+FINE = 8  # currents to each of which half of the drop is reached, from one to 1.6 times it
+HALF_AT = tuple(0.005 * 1.6 ** (k / FINE) for k in range(11 * FINE + 1))  # of the largest current
 NODES, WEIGHTS = (0.5 * (x + shift) for x, shift in zip(np.polynomial.legendre.leggauss(4), (1, 0), strict=True))
 MOST_DECAY = 30.0  # time constants of a winding in a row: with more the current is where it tends to
+SETTLING, SETTLED, SMALL = (
+    40,
+    1e-4,
+    1e-4,
+)  # rounds; of the largest current: a change of no matter; of half a drop's current
 WIDER = 2.0  # times that current: so far the form of a drop is not known
 
 
@@ -57,11 +63,11 @@ class OfSignals(Effect):
 
     def linear(self, fit: Fit) -> Sequence[Linear]:
         """Return them by the signals that are simulated."""
-        return list(self._of(fit, fit.shown))
+        return list(self._of(fit, fit.once(_before_sensors).shown))
 
     def renewed(self, fit: Fit, group: Linear, coefficients: FloatArray) -> Linear | None:
         """Return the group by the signals that are simulated and what it adds."""
-        shown = fit.shown + group.columns @ coefficients
+        shown = fit.once(_before_sensors).shown + group.columns @ coefficients
         return next((g for g in self._of(fit, shown) if g.name == group.name and g.form == group.form), None)
 
     def _of(self, fit: Fit, shown: FloatArray) -> Iterator[Linear]:
@@ -70,6 +76,16 @@ class OfSignals(Effect):
         outputs = fit.simulator.outputs
         i, w = (shown[:, outputs.index(y)] if y in outputs else None for y in ("i", "w"))
         yield from self.columns(fit, i, w)
+
+
+def _before_sensors(fit: Fit) -> Fit:
+    """Return the fit with the signals as they are, not as filters and means show them."""
+    s, values = fit.simulator, fit.values.copy()
+    for n in (n for n in s.nuisances if n.act is not None):
+        values[s.index[n.name]] = n.neutral
+    if np.array_equal(values, fit.values):
+        return fit
+    return dataclasses.replace(fit, values=values, shown=s.shown(values[None, :])[0])
 
 
 @dataclass(frozen=True)
@@ -164,25 +180,26 @@ class RoundedDrop(OfSignals):
 
     name: str = ROUNDED
     prior: float = 0.1
+    follows: bool = True
     sentence: str = "the brushes drop up to {value:.3g} V, rounded off at small currents"
 
     def columns(self, fit: Fit, i: FloatArray | None, w: FloatArray | None) -> Iterator[Linear]:
         """Yield some forms, half of the drop at a current each; none beside a drop as it is, or of a long recording."""
-        yield from self._of_forms(fit, i, HALF_AT[::2], FORMS[:2])
+        yield from self._of_forms(fit, i, range(FINE, len(HALF_AT), 2 * FINE), FORMS[::3])
 
     def _of_forms(
-        self, fit: Fit, i: FloatArray | None, halves: Sequence[float], forms: Sequence[Form]
+        self, fit: Fit, i: FloatArray | None, halves: Sequence[int], forms: Sequence[Form]
     ) -> Iterator[Linear]:
         peak = 0.0 if i is None else float(np.max(np.abs(i)))
         if i is None or not peak > 0 or BRUSH in fit.free or fit.simulator.rows > LONG:
             return
         size = USUAL_ROUNDED * float(np.max(np.abs(fit.simulator.inputs("v"))))
         tried = [(half, form) for half in halves for form in forms]
-        shown = _drops(fit, i, [(half * peak, form) for half, form in tried])
+        shown = _drops(fit, i, [(HALF_AT[half] * peak, form) for half, form in tried])
         for k, (half, form) in enumerate(tried):
             yield Linear(
                 self.name, shown[:, :, k : k + 1], ("V",), least=0.0, most=10 * size, size=size,
-                one_of=len(tried), form=FORMS.index(form) + len(FORMS) * HALF_AT.index(half),
+                one_of=len(tried), form=FORMS.index(form) + len(FORMS) * half,
             )  # fmt: skip
 
     def renewed(self, fit: Fit, group: Linear, coefficients: FloatArray) -> Linear | None:
@@ -190,17 +207,47 @@ class RoundedDrop(OfSignals):
 
         The first was found by other values of the motor.
         """
-        shown = fit.shown + group.columns @ coefficients
+        shown = fit.once(_before_sensors).shown + group.columns @ coefficients
         i = shown[:, fit.simulator.outputs.index("i")]
-        found = list(self._of_forms(fit, i, HALF_AT, FORMS))
-        if not found:
-            return None
         exact = refreshed(fit, dataclasses.replace(fit.whitener, shared=None))
-        best = found[likeliest(*exact.test().scores(np.concatenate([g.columns for g in found], axis=2)))]
+        halves, apart = range(0, len(HALF_AT), FINE), FINE
+        while found := list(self._of_forms(fit, i, halves, FORMS)):
+            best = found[likeliest(*exact.test().scores(np.concatenate([g.columns for g in found], axis=2)))]
+            apart //= 2
+            if not apart:
+                break
+            near = best.form // len(FORMS)
+            halves = range(max(near - apart, 0), min(near + apart, len(HALF_AT) - 1) + 1, apart)
+        else:
+            return None
         half, form = HALF_AT[best.form // len(FORMS)] * float(np.max(np.abs(i))), FORMS[best.form % len(FORMS)]
+        i = _settled_current(fit, i, float(coefficients[0]), (half, form))
         others = [(half, other) for other in FORMS if other is not form]
         others += [(times * half, form) for times in (WIDER, 1 / WIDER)]
-        return dataclasses.replace(best, uncertain=_drops(fit, i, others) - best.columns)
+        own, rest = np.split(_drops(fit, i, [(half, form), *others]), [1], axis=2)
+        return dataclasses.replace(best, columns=own, uncertain=rest - own)
+
+
+def _settled_current(fit: Fit, i: FloatArray, drop: float, found: tuple[float, Form]) -> FloatArray:
+    """Return the current, (rows,), that flows with a drop, V, of a form: what it takes off the current lessens it.
+
+    Where half of the drop is reached at a small current, it acts as a resistance far above the winding's: what it takes
+    off a current would change its sign. So a current is moved a part of the way to what it leads to, at each instant as
+    if the motor were settled, again and again.
+    """
+    values, j = motor_values(fit), fit.simulator.outputs.index("i")
+    assert values is not None
+    half, form = found
+    plain = fit.once(_before_sensors)
+    for _ in range(SETTLING):
+        leads_to = plain.shown[:, j] + drop * _drops(plain, i, [found])[:, j, 0]
+        x = np.abs(i) / half
+        steepness = drop * (form(x + SMALL) - form(x)) / (SMALL * half) / values["R"]
+        change = (leads_to - i) / (1 + steepness)
+        i = i + change
+        if np.max(np.abs(change)) < SETTLED * np.max(np.abs(i)):
+            break
+    return i
 
 
 def _drops(fit: Fit, i: FloatArray, forms: Sequence[tuple[float, Form]]) -> FloatArray:
