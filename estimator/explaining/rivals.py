@@ -18,7 +18,7 @@ from estimator.explaining.explanation import (
     without,
 )
 from estimator.explaining.explanation_noise import by_noise_of, with_noise
-from estimator.explaining.selection import PREDICTED_PART, Selection, moves_ripple
+from estimator.explaining.selection import MISSED, PREDICTED_PART, Selection, moves_ripple
 from estimator.fitting.gauss_newton import solved, solved_roughly
 from estimator.motor.winding import time_constant
 from estimator.plans.part import LONG
@@ -38,6 +38,7 @@ MOST_ROWS = 140_000  # between the samples, of all recordings: with more a fit t
 MOST_LEFT = 10.0  # of z'z: what the last of them changes at most, ten times as much as the next would
 FURTHER = 100.0  # of the criterion: what another FMU has is given another timing where it is no further behind
 EXCHANGES, EXCHANGED = 8, 0.1  # of an explanation for a more likely rival, at most; by which its criterion is lower
+FEW_EXCHANGES = 2  # of one that misses more than noise, at most: an effect that is not known makes every rival likelier
 
 
 def settled(selection: Selection, explanation: Explanation) -> tuple[Explanation, list[Explanation]]:
@@ -45,7 +46,9 @@ def settled(selection: Selection, explanation: Explanation) -> tuple[Explanation
     n = selection.tests.samples
     others: list[Explanation] | None = None
     fuller: list[Explanation] | None = None
-    for _ in range(EXCHANGES):
+    for k in range(EXCHANGES):
+        if k >= FEW_EXCHANGES and explanation.excess(n) > MISSED:
+            break
         others, fuller = _others(selection, explanation), None
         best = _likelier(selection, explanation, others)
         if best is None:  # then what the criterion did not accept by its score test may be

@@ -68,6 +68,8 @@ PREDICTED_PART = 0.6  # of the best predicted fall of the criterion: with less a
 MOST_OF_IT = 0.5  # of what is missed beyond the noise: what explains more is added before all else
 RESHAPED = 2  # times that all columns are tried in other forms, at most
 FOLLOWED, FALLS = 6, 0.1  # times that columns follow from the signals, at most; part of the cost that falls by it
+MISSED = 1.1  # of z'z a sample: with more, noise is not all that is missed
+WORTH = 0.02  # of what is missed then: what explains less of it makes up for another effect, that is not known
 IDLE = 6.0  # times the penalty: an addition is refitted without if its Wald statistic is below
 
 
@@ -153,13 +155,14 @@ class Selection:
             if sharp:
                 best = with_noise(best, self.differenced, colour=False)
                 best = self.grown(best, [e for e in self.effects if e.sharp], colour=False)
+                best = self.retimed(best, colour=False)
         else:  # a noise from residuals would contain missing effects: neighbours tell it first
             best = with_noise_of_neighbours(best, self.differenced)
             best = self.grown(best, self.effects, renew=False)
         best = with_noise(best, self.differenced)
         for _ in range(2):  # effects and noise depend on each other
             before = best.names()
-            best = self.without_idle(self.grown(best, self.effects))
+            best = self.without_idle(self.retimed(self.grown(best, self.effects)))
             if best.names() == before:
                 break
             best = with_noise(best, self.differenced)
@@ -178,6 +181,27 @@ class Selection:
                 explanation = min([explanation, *tried], key=lambda e: e.misfit(n))
             if explanation is before:
                 break
+        return explanation
+
+    def retimed(self, explanation: Explanation, *, colour: bool = True) -> Explanation:
+        """Return an explanation that misses more than noise with another timing of a channel, where that explains more.
+
+        Beside what was not known yet a filter may have fitted better than a mean. What came then makes up for it.
+        """
+        n = self.tests.samples
+        channel = {nuisance.name: nuisance.channel for nuisance in self.tests.base.nuisances}
+        sharp = [e for e in self.effects if e.sharp and not e.is_line]
+        for a in [a for a in explanation.additions if is_timing(a) and channel.get(a.name)]:
+            if explanation.excess(n) <= MISSED:
+                break
+            bare = without(explanation, a, iterations=0)
+            best = explanation
+            for b in self.tests.additions(bare, sharp):
+                if is_timing(b) and b.name != a.name and channel.get(b.name) == channel[a.name]:
+                    found = self.added(bare, b, limit=best.fit.cost)
+                    best = min(best, found, key=lambda e: e.criterion(n)) if found.is_physical() else best
+            if best is not explanation:
+                explanation = with_noise(best, self.differenced, colour=colour, again=True)
         return explanation
 
     def at_best(self, best: Explanation) -> Explanation:
@@ -258,6 +282,8 @@ class Selection:
         least = share * (explanation.fit.cost - n)
         if share and (least < share * n or is_held(explanation.fit)):
             return None
+        if excess > MISSED:
+            least = max(least, WORTH * (explanation.fit.cost - n))
         while True:
             tested = [a for a in self.tests.additions(explanation, effects) if a.name not in rejected]
             ranked = sorted(tested, key=lambda a: excess * a.penalty(n) - a.gain)
@@ -310,7 +336,10 @@ class Selection:
             begun.append(dataclasses.replace(moved, values=values, free=(*moved.free, *addition.free)))
         settling = ROUGH if not addition.free else 1
         ready = [solved(b, iterations=settling) for b in begun] if len(begun) > 1 else begun
-        return solved_roughly(min(ready, key=lambda f: f.cost), limit=limit)
+        best = min(ready, key=lambda f: f.cost)
+        if not addition.free and best.cost < fit.cost:
+            best = _at_whole_number(best, addition)
+        return solved_roughly(best, limit=limit)
 
     def without_idle(self, explanation: Explanation) -> Explanation:
         """Return the explanation without additions that are no longer needed beside others.
@@ -341,6 +370,21 @@ class Selection:
 def moves_ripple(explanation: Explanation, addition: Addition) -> bool:
     """Whether a ripple of an explanation lies elsewhere with an addition: behind another delay, mean or filter."""
     return is_timing(addition) and any(a.effect.is_line for a in explanation.additions)
+
+
+def _at_whole_number(fit: Fit, addition: Addition) -> Fit:
+    """Return a fit at the whole number of an addition that explains most: from one that was tried, by its neighbours."""
+    tried = {start[addition.name] for start in addition.starts}
+    while True:
+        beside = [k for k in addition.effect.mirrored(fit, addition.name) if k.get(addition.name, 0.0) not in tried]
+        tried |= {k.get(addition.name, 0.0) for k in beside}
+        near = [
+            solved(dataclasses.replace(fit, values=fit.simulator.at(fit.values, k)), iterations=ROUGH) for k in beside
+        ]
+        best = min(near, key=lambda f: f.cost, default=fit)
+        if best.cost >= fit.cost:
+            return fit
+        fit = best
 
 
 def followed(explanation: Explanation) -> Explanation:

@@ -16,7 +16,22 @@ from estimator.stepping import layout
 
 FloatArray = NDArray[np.float64]
 
-SAMPLES = (2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 16.0)
+SAMPLES = (
+    2.0,
+    3.0,
+    4.0,
+    5.0,
+    6.0,
+    8.0,
+    10.0,
+    13.0,
+    16.0,
+    20.0,
+    25.0,
+    32.0,
+    40.0,
+    50.0,
+)  # what lies between is found from these
 
 
 def mean_of_last(y: FloatArray, n: float, h: float) -> FloatArray:
