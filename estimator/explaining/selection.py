@@ -373,7 +373,7 @@ def moves_ripple(explanation: Explanation, addition: Addition) -> bool:
 
 
 def _at_whole_number(fit: Fit, addition: Addition) -> Fit:
-    """Return a fit at the whole number of an addition that explains most: from one that was tried, by its neighbours."""
+    """Return a fit at the whole number of an addition that explains most, by neighbours of one that was tried."""
     tried = {start[addition.name] for start in addition.starts}
     while True:
         beside = [k for k in addition.effect.mirrored(fit, addition.name) if k.get(addition.name, 0.0) not in tried]
