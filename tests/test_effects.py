@@ -114,6 +114,36 @@ def test_the_switching_of_the_driver_is_found_in_the_current_as_the_sampling_fol
     assert result.verdict == "ok", result.reasons
 
 
+def hum(y, size=0.03, frequency=50.02):
+    """Return a signal with what its sensor picks up from the mains, at rest too."""
+    return y + size * np.cos(2 * np.pi * frequency * np.arange(len(y)) * H / 10 + 1.0)
+
+
+@pytest.mark.parametrize("excitation", ["step", "two levels"])
+def test_the_hum_of_the_mains_is_one_line_of_the_whole_recording(excitation):
+    result = run(recording(excitation, i=hum))
+    assert "hum" in result.effects and "switching ripple" not in result.effects, result.notes
+    assert any("i has a hum of 50.0" in n and "the mains" in n for n in result.notes), result.notes
+    assert result.verdict == "ok" and worst(result) < 4.5, result.reasons
+
+
+def test_a_ripple_that_is_not_there_at_rest_is_no_hum():
+    result = run(recording("step", i=lambda y: np.where(np.abs(y) > 0, hum(y, 0.1), y)))
+    assert "hum" not in result.effects and worst(result) < 4.5, (result.effects, result.reasons)
+
+
+def test_hum_that_is_not_known_is_doubted_or_within_the_errors(monkeypatch):
+    monkeypatch.setenv("FMU_ESTIMATOR_WITHOUT", "hum")
+    result = run(recording("two levels", i=hum))
+    assert result.verdict != "ok" or worst(result) < 4.5, (result.effects, worst(result))
+
+
+@pytest.mark.parametrize("n", [17, *(pytest.param(k, marks=pytest.mark.full) for k in (7, 22, 37))])
+def test_a_mean_of_a_number_of_samples_that_is_not_tried_is_found(n):
+    result = run(recording("two levels", w=lambda y: mean(y, n)))
+    assert result.sensors["w"]["average"] == n and worst(result) < 4.5
+
+
 def shaken(seed=5, size=2.0):
     """Return what takes each sample at an instant of its own, deviation in tenths of a sample; for all signals."""
     offsets = np.clip(np.round(size * np.random.default_rng(seed).standard_normal(10_000)), -4, 4).astype(int)

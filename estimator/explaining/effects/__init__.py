@@ -21,6 +21,7 @@ from estimator.explaining.effects.drive import (
 from estimator.explaining.effects.drive_drop import DriveDrop
 from estimator.explaining.effects.edge_latency import EdgeLatency
 from estimator.explaining.effects.gain import Gain
+from estimator.explaining.effects.hum import Hum
 from estimator.explaining.effects.lost_rows import LostRows
 from estimator.explaining.effects.low_pass import FORMS, LowPass
 from estimator.explaining.effects.machine_effects import FrictionDrift, WindingWarms
@@ -49,6 +50,7 @@ EFFECTS: tuple[Effect, ...] = (
     TwoGains(),
     Ripple(),
     SwitchingRipple(),
+    Hum(),
     Eccentricity(),
     Commutation(),
     FrictionDrift(),

@@ -121,22 +121,22 @@ def _strongest(
     k = int(np.argmax(power))
     near = np.r_[power[max(0, k - LINES_NEARBY) : max(0, k - LINE_WIDTH)], power[k + LINE_WIDTH + 1 : k + LINES_NEARBY]]
     if np.any(near > 0) and power[k] > STANDS_OUT * median(near[near > 0]):
-        found.append(_sharpened(float(frequency[k]), float(frequency[1]), parts))
+        found.append(sharpened(float(frequency[k]), float(frequency[1]), parts))
     if taken:
         folded = np.arange(2, HARMONICS + 1) * taken[0] * every * step
         folded = np.abs(folded - np.round(folded)) / (every * step)
         usable = [f for f in folded if f > 2 * cycle and all(abs(f - known) > cycle for known in (*taken, *found))]
-        found += [max(usable, key=lambda f: float(_powers(np.array([f]), parts)[0]))] if usable else []
+        found += [max(usable, key=lambda f: float(powers(np.array([f]), parts)[0]))] if usable else []
     return found
 
 
-def _powers(frequencies: FloatArray, parts: Sequence[tuple[FloatArray, FloatArray]]) -> FloatArray:
+def powers(frequencies: FloatArray, parts: Sequence[tuple[FloatArray, FloatArray]]) -> FloatArray:
     """Return the power of lines, each of an amplitude of its own in every part."""
     turns = [np.exp(2j * np.pi * np.outer(frequencies, t)) @ own / np.sqrt(len(own)) for t, own in parts]
     return np.asarray(np.sum(np.abs(turns) ** 2, axis=0))
 
 
-def _sharpened(f: float, width: float, parts: Sequence[tuple[FloatArray, FloatArray]]) -> float:
+def sharpened(f: float, width: float, parts: Sequence[tuple[FloatArray, FloatArray]]) -> float:
     """Return the frequency, Hz, within a width of `f` at which a line explains most."""
     first, beside, moments = f, width, []
     for t, own in parts:  # sum of own e^(2 pi i f t), expanded about the first frequency: the turns beside it are small

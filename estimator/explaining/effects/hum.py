@@ -1,0 +1,101 @@
+"""Hum of the mains in a sensor: a line of 50 or 60 Hz, or a multiple, as large at rest as while the motor runs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.explaining.effects.base import SELDOM, Effect
+from estimator.explaining.effects.shaft_order import standing_out
+from estimator.explaining.effects.switching_ripple import EVEN, STRETCH_ROWS, powers, sharpened
+from estimator.fitting.fit import Fit, Linear
+from estimator.fitting.windows import find_windows
+from estimator.plans.plan import Plan
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+MAINS, MULTIPLES = (50.0, 60.0), (1, 2, 3)  # Hz; a rectifier leaves twice the mains, a transformer three times
+NEAR = 0.005  # part by which the clock of a logger may be off, and the mains
+CYCLES = 2.0  # of a line that the rows at rest show, at least
+ALIKE = 0.35  # part of its amplitude by which a hum at rest may differ from that while the motor runs, beside noise
+SIGNIFICANT = 2.0  # deviations of its amplitude at rest: less may be none there
+ALWAYS = "always"  # the last word of such a line's name
+FASTEST = 0.45  # of the sampling rate
+
+
+@dataclass(frozen=True)
+class Hum(Effect):
+    """Cosine and sine of one frequency over all of each recording, in one output."""
+
+    name: str = "hum"
+    prior: float = SELDOM
+    sharp: bool = True
+    is_line: bool = True
+
+    def linear(self, fit: Fit) -> Sequence[Linear]:
+        """Return the strongest line of each output, where the motor at rest shows it too."""
+        s, windows = fit.simulator, find_windows(fit)
+        if any(np.ptp(np.diff(clock.time)) > 2 * EVEN * clock.step for clock in s.clocks):
+            return ()
+        z, found = standing_out(fit), []
+        for j, y in enumerate(s.outputs):
+            if y == "angle" or any(
+                g.name.startswith(f"ripple {y} at ") and g.name.endswith(ALWAYS) for g in fit.linear
+            ):
+                continue
+            seen = windows.settled & fit.whitener.present[:, j]
+            f = self._strongest(fit, z[:, j], seen)
+            if f is None or not _is_alike(fit, j, seen, f):
+                continue
+            columns = np.zeros((s.rows, len(s.outputs), 2 * len(s.clocks)))
+            for e, clock in enumerate(s.clocks):
+                phase = 2 * np.pi * f * clock.time
+                columns[clock.rows, j, 2 * e], columns[clock.rows, j, 2 * e + 1] = np.cos(phase), np.sin(phase)
+            found.append(Linear(f"ripple {y} at {f:.6g} Hz {ALWAYS}", columns, (s.plan.unit(y),) * columns.shape[2]))
+        return found
+
+    def _strongest(self, fit: Fit, z: FloatArray, seen: BoolArray) -> float | None:
+        """Return the frequency, Hz, of the line that explains most of an output, (rows,), whitened; None: no line."""
+        s = fit.simulator
+        parts = []
+        for clock in s.clocks:
+            there = seen[clock.rows]
+            if there.sum() >= STRETCH_ROWS:
+                parts.append((clock.time[there], z[clock.rows][there]))
+        fastest = FASTEST / max(clock.step for clock in s.clocks)
+        usual = np.array([f * k for f in MAINS for k in MULTIPLES if f * k < fastest])
+        if not parts or not len(usual):
+            return None
+        best = float(usual[np.argmax(powers(usual, parts))])
+        return sharpened(best, NEAR * best, parts)
+
+    def renewed(self, fit: Fit, group: Linear, coefficients: FloatArray) -> Linear | None:
+        """Return None: a line stays where it is."""
+        return None
+
+    def tell(self, name: str, value: float, plan: Plan) -> str:
+        """Say where the line lies, and how large it is."""
+        _, y, _, f, *_ = name.split()
+        return f"{y} has a hum of {f} Hz, of amplitude {value:.3g} {plan.unit(y)}, at rest too: the mains"
+
+
+def _is_alike(fit: Fit, j: int, seen: BoolArray, f: float) -> bool:
+    """Whether an output shows a line, Hz, at rest and while the motor runs, as large and in one phase."""
+    left, deviation = fit.residuals()[:, j], fit.whitener.noise.deviation(fit.whitener.level)[:, j]
+    moving = fit.whitener.moving
+    power, apart, by_chance = 0.0, 0.0, 0.0
+    for clock in fit.simulator.clocks:
+        own, variance = left[clock.rows], deviation[clock.rows] ** 2
+        wave = 2 * np.exp(2j * np.pi * f * clock.time)
+        rests, runs = (np.flatnonzero((seen & state)[clock.rows]) for state in (~moving, moving))
+        if f * len(rests) * clock.step < CYCLES or not len(runs):
+            continue
+        at_rest, running = (np.mean(own[rows] * wave[rows]) for rows in (rests, runs))
+        power += float(abs(at_rest)) ** 2
+        apart += float(abs(at_rest - running)) ** 2
+        by_chance += sum(4.0 * float(np.mean(variance[rows])) / len(rows) for rows in (rests, runs))
+    return bool(power > SIGNIFICANT**2 * by_chance and apart < ALIKE**2 * power + SIGNIFICANT**2 * by_chance)
