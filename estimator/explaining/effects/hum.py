@@ -70,7 +70,7 @@ class Hum(Effect):
         usual = np.array([f * k for f in MAINS for k in MULTIPLES if f * k < fastest])
         if not parts or not len(usual):
             return None
-        best = float(usual[np.argmax(powers(usual, parts))])
+        best = max(usual, key=lambda f: float(powers(np.array([f]), parts)[0]))  # one by one: of all rows
         return sharpened(best, NEAR * best, parts)
 
     def renewed(self, fit: Fit, group: Linear, coefficients: FloatArray) -> Linear | None:
