@@ -36,6 +36,7 @@ ABSURD = 2 * float(np.log(100.0))  # of the criterion: what no bench does has a 
 MOST_LED_BACK = 3  # explanations, the likeliest first, from which what is absurd is taken away
 MOST_ROWS = 140_000  # between the samples, of all recordings: with more a fit takes minutes where the FMU has modes
 MOST_LEFT = 10.0  # of z'z: what the last of them changes at most, ten times as much as the next would
+UNTOLD = 1.0  # of a parameter: its standard error then tells nothing of it
 FURTHER = 100.0  # of the criterion: what another FMU has is given another timing where it is no further behind
 EXCHANGES, EXCHANGED = 8, 0.1  # of an explanation for a more likely rival, at most; by which its criterion is lower
 FEW_EXCHANGES = 2  # of one that misses more than noise, at most: an effect that is not known makes every rival likelier
@@ -76,10 +77,20 @@ def _likelier(selection: Selection, explanation: Explanation, others: Sequence[E
     n, own = selection.tests.samples, explanation.names()
     rivals = _nearest(selection, explanation, others)
     sound = [r for r in rivals if not any(a.effect.doubt and a.name not in own for a in r.additions)]
+    sound = [r for r in sound if _tells(r) >= _tells(explanation)]
     excess = explanation.excess(n)
     best = min(sound, key=lambda e: e.criterion(n, excess), default=explanation)
     is_likelier = best.criterion(n, excess) <= explanation.criterion(n, excess) - excess * EXCHANGED
     return best if is_likelier else None
+
+
+def _tells(explanation: Explanation) -> int:
+    """Return how many of the plan's parameters are told: to better than their own size, off their bounds."""
+    fit = explanation.fit
+    p = len(fit.simulator.plan.names)
+    errors, values = np.sqrt(np.diag(fit.covariance())[:p]), fit.estimates[:p]
+    relative = np.where(fit.is_log[:p], errors, errors / np.maximum(np.abs(values), 1e-300))
+    return int(np.count_nonzero((relative < UNTOLD) & (fit.at_bound[:p] == 0)))
 
 
 def simulated_finely(
