@@ -126,11 +126,11 @@ def _strongest(
         folded = np.arange(2, HARMONICS + 1) * taken[0] * every * step
         folded = np.abs(folded - np.round(folded)) / (every * step)
         usable = [f for f in folded if f > 2 * cycle and all(abs(f - known) > cycle for known in (*taken, *found))]
-        found += [max(usable, key=lambda f: float(powers(np.array([f]), parts)[0]))] if usable else []
+        found += [max(usable, key=lambda f: float(_powers(np.array([f]), parts)[0]))] if usable else []
     return found
 
 
-def powers(frequencies: FloatArray, parts: Sequence[tuple[FloatArray, FloatArray]]) -> FloatArray:
+def _powers(frequencies: FloatArray, parts: Sequence[tuple[FloatArray, FloatArray]]) -> FloatArray:
     """Return the power of lines, each of an amplitude of its own in every part."""
     turns = [np.exp(2j * np.pi * np.outer(frequencies, t)) @ own / np.sqrt(len(own)) for t, own in parts]
     return np.asarray(np.sum(np.abs(turns) ** 2, axis=0))
