@@ -22,6 +22,7 @@ from estimator.plans.plan import Plan
 MOST_ADDITIONS = 12  # additions, spectral lines and others each
 MOST_IN_TWO = 2  # pairs in the place of an addition that are fitted to the end, of those that fit best
 IN_NOISE = 0.1  # of z'z: by how much another form of columns may be worse by the noise that was found with the first
+FOLLOWED, FALLS = 6, 0.1  # times that columns follow from the signals, at most; part of the cost that falls by it
 NO_CHANGE, DOUBLINGS = 0.1, 2  # of z'z: a smaller change is negligible; doublings of the rows between samples, at most
 
 
@@ -152,6 +153,31 @@ def renewed(explanation: Explanation) -> Fit:
         if new is not None and new.columns.shape == groups[k].columns.shape:
             groups[k] = new
     return dataclasses.replace(fit, linear=tuple(groups))
+
+
+def at_whole_number(fit: Fit, addition: Addition) -> Fit:
+    """Return a fit at the whole number of an addition that explains most, by neighbours of one that was tried."""
+    tried = {start[addition.name] for start in addition.starts}
+    while True:
+        beside = [k for k in addition.effect.mirrored(fit, addition.name) if k.get(addition.name, 0.0) not in tried]
+        tried |= {k.get(addition.name, 0.0) for k in beside}
+        near = [
+            solved(dataclasses.replace(fit, values=fit.simulator.at(fit.values, k)), iterations=ROUGH) for k in beside
+        ]
+        best = min(near, key=lambda f: f.cost, default=fit)
+        if best.cost >= fit.cost:
+            return fit
+        fit = best
+
+
+def followed(explanation: Explanation) -> Explanation:
+    """Return an explanation with columns by the signals that it explains by them, as long as that explains more."""
+    for _ in range(FOLLOWED):
+        again = dataclasses.replace(explanation, fit=solved_roughly(renewed(explanation)))
+        if not again.fit.cost < (1 - FALLS) * explanation.fit.cost:
+            break
+        explanation = again
+    return explanation
 
 
 def reshaped(explanation: Explanation, addition: Addition) -> Iterator[Explanation]:

@@ -38,6 +38,8 @@ from estimator.explaining.effects.base import Effect
 from estimator.explaining.explanation import (
     MOST_ADDITIONS,
     Explanation,
+    at_whole_number,
+    followed,
     is_full,
     mirrored,
     moved_to,
@@ -67,7 +69,6 @@ REFITTED = 3  # additions refitted in a round
 PREDICTED_PART = 0.6  # of the best predicted fall of the criterion: with less an addition is not refitted
 MOST_OF_IT = 0.5  # of what is missed beyond the noise: what explains more is added before all else
 RESHAPED = 2  # times that all columns are tried in other forms, at most
-FOLLOWED, FALLS = 6, 0.1  # times that columns follow from the signals, at most; part of the cost that falls by it
 MISSED = 1.1  # of z'z a sample: with more, noise is not all that is missed
 WORTH = 0.02  # of what is missed then: what explains less of it makes up for another effect, that is not known
 IDLE = 6.0  # times the penalty: an addition is refitted without if its Wald statistic is below
@@ -338,7 +339,7 @@ class Selection:
         ready = [solved(b, iterations=settling) for b in begun] if len(begun) > 1 else begun
         best = min(ready, key=lambda f: f.cost)
         if not addition.free and best.cost < fit.cost:
-            best = _at_whole_number(best, addition)
+            best = at_whole_number(best, addition)
         return solved_roughly(best, limit=limit)
 
     def without_idle(self, explanation: Explanation) -> Explanation:
@@ -370,31 +371,6 @@ class Selection:
 def moves_ripple(explanation: Explanation, addition: Addition) -> bool:
     """Whether a ripple of an explanation lies elsewhere with an addition: behind another delay, mean or filter."""
     return is_timing(addition) and any(a.effect.is_line for a in explanation.additions)
-
-
-def _at_whole_number(fit: Fit, addition: Addition) -> Fit:
-    """Return a fit at the whole number of an addition that explains most, by neighbours of one that was tried."""
-    tried = {start[addition.name] for start in addition.starts}
-    while True:
-        beside = [k for k in addition.effect.mirrored(fit, addition.name) if k.get(addition.name, 0.0) not in tried]
-        tried |= {k.get(addition.name, 0.0) for k in beside}
-        near = [
-            solved(dataclasses.replace(fit, values=fit.simulator.at(fit.values, k)), iterations=ROUGH) for k in beside
-        ]
-        best = min(near, key=lambda f: f.cost, default=fit)
-        if best.cost >= fit.cost:
-            return fit
-        fit = best
-
-
-def followed(explanation: Explanation) -> Explanation:
-    """Return an explanation with columns by the signals that it explains by them, as long as that explains more."""
-    for _ in range(FOLLOWED):
-        again = dataclasses.replace(explanation, fit=solved_roughly(renewed(explanation)))
-        if not again.fit.cost < (1 - FALLS) * explanation.fit.cost:
-            break
-        explanation = again
-    return explanation
 
 
 def _of_same_channel(simulator: Simulator, best_few: Sequence[Addition], ranked: Sequence[Addition]) -> list[Addition]:

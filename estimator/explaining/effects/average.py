@@ -16,22 +16,7 @@ from estimator.stepping import layout
 
 FloatArray = NDArray[np.float64]
 
-SAMPLES = (
-    2.0,
-    3.0,
-    4.0,
-    5.0,
-    6.0,
-    8.0,
-    10.0,
-    13.0,
-    16.0,
-    20.0,
-    25.0,
-    32.0,
-    40.0,
-    50.0,
-)  # what lies between is found from these
+SAMPLES = tuple(map(float, (2, 3, 4, 5, 6, 8, 10, 13, 16, 20, 25, 32, 40, 50)))  # what lies between is found from these
 
 
 def mean_of_last(y: FloatArray, n: float, h: float) -> FloatArray:

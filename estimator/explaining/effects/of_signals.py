@@ -30,15 +30,13 @@ USUAL_LOAD = 0.3  # of the torque of the motor at its largest speed: a fan
 USUAL_CHANGE = 0.05  # part by which K or L falls at the largest current, and by which two gains differ
 USUAL_ROUNDED = 0.05  # of the largest voltage: a drop of brushes
 MOST_CHANGE = 0.8  # part by which K or L falls at the largest current
-FINE = 8  # currents to each of which half of the drop is reached, from one to 1.6 times it
-HALF_AT = tuple(0.005 * 1.6 ** (k / FINE) for k in range(11 * FINE + 1))  # of the largest current
+FINE = 8  # currents from one to 1.6 times it
+HALF_AT = tuple(0.005 * 1.6 ** (k / FINE) for k in range(11 * FINE + 1))  # of the largest, where half of the drop is
 NODES, WEIGHTS = (0.5 * (x + shift) for x, shift in zip(np.polynomial.legendre.leggauss(4), (1, 0), strict=True))
 MOST_DECAY = 30.0  # time constants of a winding in a row: with more the current is where it tends to
-SETTLING, SETTLED, SMALL = (
-    40,
-    1e-4,
-    1e-4,
-)  # rounds; of the largest current: a change of no matter; of half a drop's current
+SETTLING = 40  # rounds in which a current settles beside a drop, at most
+SETTLED = 1e-4  # of the largest current: a change of no matter
+SMALL = 1e-4  # of the current at half of the drop: over which its steepness is told
 WIDER = 2.0  # times that current: so far the form of a drop is not known
 
 
@@ -210,16 +208,14 @@ class RoundedDrop(OfSignals):
         shown = fit.once(_before_sensors).shown + group.columns @ coefficients
         i = shown[:, fit.simulator.outputs.index("i")]
         exact = refreshed(fit, dataclasses.replace(fit.whitener, shared=None))
-        halves, apart = range(0, len(HALF_AT), FINE), FINE
-        while found := list(self._of_forms(fit, i, halves, FORMS)):
+        halves = range(0, len(HALF_AT), FINE)
+        for apart in (FINE // 2, FINE // 4, FINE // 8, 1):  # ever finer about the best
+            found = list(self._of_forms(fit, i, halves, FORMS))
+            if not found:
+                return None
             best = found[likeliest(*exact.test().scores(np.concatenate([g.columns for g in found], axis=2)))]
-            apart //= 2
-            if not apart:
-                break
             near = best.form // len(FORMS)
             halves = range(max(near - apart, 0), min(near + apart, len(HALF_AT) - 1) + 1, apart)
-        else:
-            return None
         half, form = HALF_AT[best.form // len(FORMS)] * float(np.max(np.abs(i))), FORMS[best.form % len(FORMS)]
         i = _settled_current(fit, i, float(coefficients[0]), (half, form))
         others = [(half, other) for other in FORMS if other is not form]
