@@ -191,10 +191,10 @@ def test_errors_are_within_five_standard_errors(hand, table, title):
     assert np.max(np.abs(deviations(found))) < 5
 
 
-@pytest.mark.full  # half a minute; of seed 194, above, the same effects and no others are named
+@pytest.mark.full  # half a minute; of seed 194, above, all four are named; here the drift is left to the noise
 def test_a_mean_that_is_not_found_yet_is_not_taken_for_lost_samples(hand):
     found = entries(hand, "real", "RMCS2004, real bench", [3])
-    assert {"average", "delay", "drift", "ripple"} == set(found[0]["named"])
+    assert {"average", "delay", "ripple"} <= set(found[0]["named"]) <= {"average", "delay", "drift", "ripple"}
     assert np.max(np.abs(deviations(found))) < 5
 
 

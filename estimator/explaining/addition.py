@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from estimator.explaining.effects.base import Effect
 from estimator.fitting.fit import Fit, Linear
 from estimator.fitting.score_test import ScoreTest
+from estimator.fitting.simulator import Simulator
 from estimator.noise.in_parts import Columns, products, square
 
 FloatArray = NDArray[np.float64]
@@ -128,6 +129,14 @@ class Addition:
         """Return its penalty in the criterion."""
         one_of = self.tried if self.linear is not None else 1
         return self.numbers * math.log(max(samples, 2)) + 2 * math.log(one_of / self.effect.prior)
+
+    def shows_in(self, simulator: Simulator) -> NDArray[np.intp]:
+        """Return the places of the outputs in which it shows; all, where it moves the motor."""
+        if self.linear is not None:
+            return np.flatnonzero(self.linear.columns.any(axis=(0, 2)))
+        channels = {n.channel for n in simulator.nuisances if n.name in (*self.free, self.name)}
+        own = [j for j, y in enumerate(simulator.outputs) if y in channels]
+        return np.array(own or range(len(simulator.outputs)), dtype=np.intp)
 
     @property
     def has_known_size(self) -> bool:

@@ -70,7 +70,7 @@ def with_noise(
     # Spectral lines take nothing of the noise.
     wide = [k for k, name in enumerate(fit.names) if not name.startswith("ripple ")]
     windows = find_windows(explanation.fit)
-    columns = fit.raw if len(wide) == len(fit.names) else fit.raw[:, :, wide]
+    columns = fit.raw
     s = fit.simulator
     is_angle = np.array([y == "angle" for y in s.outputs])  # its counts are far apart, as its samples are
     steps = np.where(differenced == 0, s.steps, 0.0)

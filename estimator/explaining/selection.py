@@ -70,7 +70,7 @@ PREDICTED_PART = 0.6  # of the best predicted fall of the criterion: with less a
 MOST_OF_IT = 0.5  # of what is missed beyond the noise: what explains more is added before all else
 RESHAPED = 2  # times that all columns are tried in other forms, at most
 MISSED = 1.1  # of z'z a sample: with more, noise is not all that is missed
-WORTH = 0.02  # of what is missed then: what explains less of it makes up for another effect, that is not known
+WORTH = 0.02  # of what its outputs miss then: what explains less makes up for another effect, that is not known
 IDLE = 6.0  # times the penalty: an addition is refitted without if its Wald statistic is below
 
 
@@ -283,20 +283,24 @@ class Selection:
         least = share * (explanation.fit.cost - n)
         if share and (least < share * n or is_held(explanation.fit)):
             return None
-        if excess > MISSED:
-            least = max(least, WORTH * (explanation.fit.cost - n))
+        missed = explanation.fit.missed_by_output() if excess > MISSED else None
+
+        def worth(a: Addition) -> float:
+            there = a.shows_in(explanation.fit.simulator)
+            return least if missed is None else max(least, WORTH * float(np.sum(missed[there])))
+
         while True:
             tested = [a for a in self.tests.additions(explanation, effects) if a.name not in rejected]
             ranked = sorted(tested, key=lambda a: excess * a.penalty(n) - a.gain)
             ranked = [a for a in ranked if a.gain > excess * a.penalty(n)]
-            if not ranked or ranked[0].gain <= least:
+            likely = [a for a in ranked if a.gain > worth(a)]
+            if not likely or ranked[0].gain <= least:
                 return None
-            likely = [a for a in ranked if a.gain > least]
-            most = ranked[0].gain - excess * ranked[0].penalty(n)
+            most = likely[0].gain - excess * likely[0].penalty(n)
             best_few = [a for a in likely[:REFITTED] if a.gain - excess * a.penalty(n) > PREDICTED_PART * most]
             best, fall = None, 0.0
             for a in (*best_few, *_of_same_channel(explanation.fit.simulator, best_few, likely)):
-                least_cost = explanation.fit.cost - max(excess * a.penalty(n), least)
+                least_cost = explanation.fit.cost - max(excess * a.penalty(n), worth(a))
                 found = self.added(explanation, a, limit=least_cost - fall)
                 if least_cost - found.fit.cost > fall and is_physical(found.fit, a):
                     best, fall = found, least_cost - found.fit.cost

@@ -114,6 +114,11 @@ class Fit:
     slopes: Slopes
     cost: float
 
+    def missed_by_output(self) -> FloatArray:
+        """Return z'z of each output beyond that of as much noise, (q,); 0 where it is less."""
+        present = self.whitener.present
+        return np.maximum(np.sum(self.z.reshape(present.shape) ** 2, axis=0) - np.sum(present, axis=0), 0.0)
+
     @property
     def raw(self) -> FloatArray:
         """Derivatives, (rows, q, f + m), of what is explained by what is free, then by the coefficients."""

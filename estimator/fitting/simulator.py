@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from estimator.fitting.problem import Problem, distinct
 from estimator.fitting.repeated_samples import mostly_repeats, without_repeats
+from estimator.fitting.angle_slips import angle_slips
 from estimator.fitting.shaft_angle import shaft_angle, unfolded_orders
 from estimator.fitting.whole_fits import WholeFits
 from estimator.fmus.workers import Workers
@@ -197,6 +198,14 @@ class Simulator:
     def angle(self) -> FloatArray | None:
         """The shaft's angle, rad, (rows,), as the recordings show it; None where they do not."""
         return shaft_angle(self.measured, self.outputs, self.clocks)
+
+    @cached_property
+    def angle_slips(self) -> FloatArray:
+        """By how much the shaft is further than this angle, rad, (rows,), as its ripples show: rows are missing."""
+        assert self.angle is not None
+        if "angle" in self.outputs:
+            return np.zeros(self.rows)
+        return angle_slips(self.angle, self.measured, self.outputs, self.clocks)
 
     @cached_property
     def unfolded(self) -> tuple[tuple[NDArray[np.bool_], ...], ...]:

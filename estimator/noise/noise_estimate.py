@@ -30,6 +30,10 @@ BLOCK_LENGTHS = (2, 8, 32, 128, 512)  # samples whose means show slow correlatio
 COLOURED = 5.0  # standard deviations of a block's mean square: of white noise less than once in 1e5
 COUNTS_ALONE = 1.2  # times the deviation of an encoder's counts: a noise that is no larger is nothing else
 SHOWN_AT_LEVELS = 0.3  # of a step: with a larger noise samples of a level are as far off as those in motion
+COMPONENTS = 3  # that colour a noise, at most
+NO_WHITE = 1e-3  # of the residuals: noise beside counts that are differenced, where none is told
+BESIDE_COUNTS = 0.01  # of these: a white noise that is no less is told
+MUCH_LESS = 0.1  # of the residuals: where the counts of an encoder begin beside white noise
 SILENT = 1e-6  # of all residuals: smaller ones are of a sensor that shows zero at rest
 STRETCH, MOST_STRETCHES = 20, 12  # rows of a stretch that has a level of its own; stretches, at most
 
@@ -163,6 +167,8 @@ class _Choice:
         """Estimate the parameters of the present components again; all afresh where they overflow."""
         noise = dataclasses.replace(self.first, growth=self.growth)
         active = [("differenced" if noise.differenced[j] > 0 else "white", j) for j in range(self.q)]
+        beside = noise.white > BESIDE_COUNTS * noise.differenced
+        active += [("white", j) for j in range(self.q) if noise.differenced[j] > 0 and beside[j]]
         active += [("slow", j) for j in range(self.q) if noise.slow[j, 0] > 0]
         active += [("torque", 0)] if noise.torque[0] > 0 else []
         found, misfit = self.likelihood.largest(noise, active, iterations=6)
@@ -171,11 +177,13 @@ class _Choice:
     def best(self) -> NoiseModel:
         """Add components as long as -2 log L falls enough, then the short autoregression."""
         known = [self.stacked[:, j, 0][self.whitener.present[:, j]] for j in range(self.q)]
-        spread = np.array([max(float(np.sqrt(np.mean(x * x))), 1e-300) if len(x) else 1.0 for x in known])
+        self.spread = spread = np.array(
+            [max(float(np.sqrt(np.mean(x * x))), 1e-300) if len(x) else 1.0 for x in known]
+        )
         differenced = self.first.differenced > 0
         noise = dataclasses.replace(
             self.first,
-            white=np.where(differenced, 1e-3, 1.0) * spread,
+            white=np.where(differenced, NO_WHITE, 1.0) * spread,
             differenced=np.where(differenced, spread / np.sqrt(2), 0.0),
             growth=np.zeros(self.q),
             slow=np.column_stack([np.zeros(self.q), np.ones(self.q)]),
@@ -185,8 +193,8 @@ class _Choice:
         noise, value = self.likelihood.largest(noise, active)
         if self.growth.any():
             noise, value = self.likelihood.largest(dataclasses.replace(noise, growth=self.growth), active)
-        for _ in range(3 if self.colour else 0):
-            options = self._slow_options(noise, active)
+        for _ in range((COMPONENTS if self.colour else 0) + int(differenced.sum())):
+            options = self._options(noise, active)
             begun = [(*self.likelihood.largest(start, [c], iterations=5), c) for start, c in options]
             best = min(begun, key=lambda r: r[1], default=None)
             if best is None or best[1] > value:
@@ -198,8 +206,12 @@ class _Choice:
             noise, value, active = found, reached, more
         return self._with_short(noise)
 
-    def _slow_options(self, noise: NoiseModel, active: Sequence[Component]) -> list[tuple[NoiseModel, Component]]:
-        """Return starts with one more slow component, where the whitened residuals are not white."""
+    def _options(self, noise: NoiseModel, active: Sequence[Component]) -> list[tuple[NoiseModel, Component]]:
+        """Return starts with one more component, where the whitened residuals are not white.
+
+        Beside counts that are differenced that is white noise, too: what the counts alone leave of a slow motion is out of
+        all proportion.
+        """
         whitened, _ = self.whitener.of(noise)(self.stacked[:, :, :1])
         options = []
         for j in np.flatnonzero(~self.is_held).tolist():
@@ -207,6 +219,12 @@ class _Choice:
             if size is None:
                 continue
             block, share = size
+            if noise.differenced[j] > 0 and ("white", j) not in active:
+                white, differenced = noise.white.copy(), noise.differenced.copy()
+                white[j], differenced[j] = self.spread[j], max(self.counts[j], MUCH_LESS * self.spread[j])
+                options.append((dataclasses.replace(noise, white=white, differenced=differenced), ("white", j)))
+            if not self.colour:
+                continue
             tau = 0.5 * block * self.whitener.clocks[0].step
             deviation = np.sqrt(noise.white[j] ** 2 + noise.differenced[j] ** 2)
             if ("slow", j) not in active:

@@ -29,6 +29,8 @@ def angle_of(fit: Fit, output: str) -> FloatArray | None:
     It is integrated from the measured speed. Where the speed's sensor is later than the output's, as a mean over the
     interval or a filter is, the shaft is further on: at an order of 20 by a wave while it runs, and not yet at an edge.
 
+    Where the fit has ripples, so are the slips of the angle that they show (angle_slips.py): it is a cost otherwise.
+
     What ripples add to the speed is taken away: an encoder that shows the speed w as w (1 + a cos k theta) shows the
     angle as theta + a / k sin k theta. By that angle the mean of the ripple over time is not 0, but -a / 2 of its
     amplitude: K would be a² / 2 off.
@@ -39,6 +41,8 @@ def angle_of(fit: Fit, output: str) -> FloatArray | None:
 
 def _angle(fit: Fit) -> FloatArray | None:
     theta = fit.simulator.angle
+    if theta is not None and any(order_in(g.name, y) for g in fit.linear for y in fit.simulator.outputs):
+        theta = theta + fit.simulator.angle_slips
     return None if theta is None else without_ripple(theta, fit, fit.linear_parts)
 
 
