@@ -67,15 +67,12 @@ def with_noise(
     if np.all(np.sqrt(np.mean(misfit**2, axis=0)) < rounding):  # a simulation's own output: no noise is to be told
         exact = dataclasses.replace(NoiseModel.plain(rounding, seat), machine=machine)
         return dataclasses.replace(explanation, fit=solved(refreshed(fit, whitener.of(exact))))
-    # Spectral lines take nothing of the noise.
-    wide = [k for k, name in enumerate(fit.names) if not name.startswith("ripple ")]
     windows = find_windows(explanation.fit)
-    columns = fit.raw
     s = fit.simulator
     is_angle = np.array([y == "angle" for y in s.outputs])  # its counts are far apart, as its samples are
     steps = np.where(differenced == 0, s.steps, 0.0)
     found = fit_noise(
-        whitener, misfit, columns, windows.settled, windows.sharp, colour=colour, again=again, counts=differenced,
+        whitener, misfit, fit.raw, windows.settled, windows.sharp, colour=colour, again=again, counts=differenced,
         steps=np.where(is_angle, 0.0, steps),
         resolution=np.where(s.coarse | is_angle, steps, 0.0), is_held=held_by_sensor(fit),
     )  # fmt: skip
@@ -91,9 +88,9 @@ def with_jitter(explanation: Explanation, differenced: FloatArray) -> Explanatio
     grows = fit.whitener.noise
     edges = [rows for transients in find_windows(explanation.fit).transients for rows in transients]
     found = []
-    for noise in (grows, dataclasses.replace(grows, growth=np.zeros_like(grows.growth))):
+    for noise in (grows, dataclasses.replace(grows, growth=np.zeros_like(grows.growth), running=None)):
         whitener = fit.whitener.of(noise)
-        deviation = noise.deviation(whitener.level)
+        deviation = noise.deviation(whitener.level, whitener.moving)
         fine = (fit.simulator.steps == 0) & (differenced == 0)  # quantised signals have other errors
         slope = np.where(whitener.present & fine, whitener.slope / deviation, 0.0)
         z = refreshed(fit, whitener).z.reshape(slope.shape)
@@ -120,7 +117,10 @@ def with_noise_of_neighbours(explanation: Explanation, differenced: FloatArray) 
     )
     coarse = (fit.simulator.steps > 0) | (differenced > 0)  # their noise is of steps, and no growth
     white = np.where(coarse, old.white, np.maximum(found.white, QUIET * old.white))
-    found = dataclasses.replace(found, white=white, growth=np.where(coarse, old.growth, found.growth))
+    assert found.running is not None
+    running = np.where(coarse, 1.0 if old.running is None else old.running, found.running)
+    growth = np.where(coarse, old.growth, found.growth)
+    found = dataclasses.replace(found, white=white, growth=growth, running=running)
     fit = held_down(refreshed(fit, fit.whitener.of(found)), windows.onsets)
     return dataclasses.replace(explanation, fit=solved(fit))
 

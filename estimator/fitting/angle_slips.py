@@ -43,9 +43,7 @@ class _Line:
     weight: float
 
 
-def angle_slips(
-    theta: FloatArray, measured: FloatArray, outputs: Sequence[str], clocks: Sequence[Clock]
-) -> FloatArray:
+def angle_slips(theta: FloatArray, measured: FloatArray, outputs: Sequence[str], clocks: Sequence[Clock]) -> FloatArray:
     """Return by how much the shaft is further than its integrated angle, rad, (rows,), but for whole turns.
 
     Parameters

@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.fitting.angle_slips import angle_slips
 from estimator.fitting.problem import Problem, distinct
 from estimator.fitting.repeated_samples import mostly_repeats, without_repeats
-from estimator.fitting.angle_slips import angle_slips
 from estimator.fitting.shaft_angle import shaft_angle, unfolded_orders
 from estimator.fitting.whole_fits import WholeFits
 from estimator.fmus.workers import Workers

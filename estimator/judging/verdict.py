@@ -341,7 +341,7 @@ def _found(plan: Plan, explained: Explained | None, statuses: Mapping[str, Param
             parts = [f"{noise.differenced[j]:.2g} {unit} a count, differenced"]
         if noise.slow[j, 0] > 0:
             parts.append(f"{noise.slow[j, 0]:.2g} {unit} over {noise.slow[j, 1]:.2g} s")
-        growth = float(noise.scale(np.ones((1, len(noise.white))))[0, j])
+        growth = float(noise.scale(np.ones((1, len(noise.white))), np.ones(1, dtype=bool))[0, j])
         if growth > 1.005:
             parts.append(f"{growth:.3g} times as much at the largest signal")
         if len(parts) > 1 or noise.differenced[j] > 0:

@@ -60,7 +60,7 @@ def fit_noise(
         Of an initial noise model; its machine is used.
     residuals : (rows, q) array
     columns : (rows, q, c) array
-        Their derivatives by what is free.
+        Their derivatives by what is free, spectral lines among it: what the noise passes on of one it would keep.
     settled : (rows,) array
         Rows that the noise is estimated from.
     sharp : (rows,) array
@@ -83,12 +83,17 @@ def fit_noise(
     part, rows = _settled_part(whitener, settled, residuals)
     stacked = np.concatenate([residuals[rows, :, None], columns[rows], _levels(part)], axis=2)
     stacked = np.where(part.present[:, :, None], stacked, 0.0)
-    growth = np.array(
-        [growth_of(residuals[:, j], whitener, j, sharp, step=float(step))[0] for j, step in enumerate(steps)]
-    )
-    growth[resolution > 0] = 0.0
+    told = [growth_of(residuals[:, j], whitener, j, sharp, step=float(step)) for j, step in enumerate(steps)]
+    growth = np.where(resolution > 0, 0.0, [own.growth for own in told])
+    running = np.where(resolution > 0, 1.0, [own.running for own in told])
+    spread = np.array([_spread(stacked[:, j, 0][part.present[:, j]]) for j in range(len(steps))])
+    if is_held.any() and not is_held.all():  # their errors are no noise, though a wandering torque might follow them
+        part = dataclasses.replace(part, present=part.present & ~is_held)
+        stacked[:, is_held] = 0.0
     likelihood = RestrictedLikelihood(part, stacked)
-    choice = _Choice(likelihood, colour=colour, growth=growth, is_held=is_held, counts=counts)
+    choice = _Choice(
+        likelihood, colour=colour, growth=growth, running=running, is_held=is_held, counts=counts, spread=spread
+    )
     found = choice.again() if again else choice.best()
     differenced = np.maximum(found.differenced, counts)
     hidden = np.hypot(np.minimum(found.white, SHOWN_AT_LEVELS * steps), steps / STEP_DEVIATION)
@@ -131,6 +136,11 @@ def _settled_part(whitener: Whitener, settled: BoolArray, residuals: FloatArray)
     return narrowed, rows
 
 
+def _spread(x: FloatArray) -> float:
+    """Return the root mean square of residuals, (n,), above 0."""
+    return max(float(np.sqrt(np.mean(x * x))), 1e-300) if len(x) else 1.0
+
+
 def _levels(whitener: Whitener) -> FloatArray:
     """Return a constant for each channel and stretch, (rows, q, c): a misfit of a level is not taken for noise."""
     told = np.asarray(whitener.present.any(axis=1))
@@ -154,18 +164,21 @@ class _Choice:
         *,
         colour: bool,
         growth: FloatArray,
+        running: FloatArray,
         is_held: BoolArray,
         counts: FloatArray,
+        spread: FloatArray,
     ) -> None:
-        self.likelihood, self.colour, self.growth, self.is_held = likelihood, colour, growth, is_held
-        self.counts = counts
+        self.likelihood, self.colour, self.is_held = likelihood, colour, is_held
+        self.growth, self.running = growth, running
+        self.counts, self.spread = counts, spread
         self.whitener, self.stacked = likelihood.whitener, likelihood.stacked
         self.first = dataclasses.replace(self.whitener.noise, short=())
         self.q = self.stacked.shape[1]
 
     def again(self) -> NoiseModel:
         """Estimate the parameters of the present components again; all afresh where they overflow."""
-        noise = dataclasses.replace(self.first, growth=self.growth)
+        noise = dataclasses.replace(self.first, growth=self.growth, running=self.running)
         active = [("differenced" if noise.differenced[j] > 0 else "white", j) for j in range(self.q)]
         beside = noise.white > BESIDE_COUNTS * noise.differenced
         active += [("white", j) for j in range(self.q) if noise.differenced[j] > 0 and beside[j]]
@@ -176,23 +189,22 @@ class _Choice:
 
     def best(self) -> NoiseModel:
         """Add components as long as -2 log L falls enough, then the short autoregression."""
-        known = [self.stacked[:, j, 0][self.whitener.present[:, j]] for j in range(self.q)]
-        self.spread = spread = np.array(
-            [max(float(np.sqrt(np.mean(x * x))), 1e-300) if len(x) else 1.0 for x in known]
-        )
+        spread = self.spread
         differenced = self.first.differenced > 0
         noise = dataclasses.replace(
             self.first,
             white=np.where(differenced, NO_WHITE, 1.0) * spread,
             differenced=np.where(differenced, spread / np.sqrt(2), 0.0),
             growth=np.zeros(self.q),
+            running=np.ones(self.q),
             slow=np.column_stack([np.zeros(self.q), np.ones(self.q)]),
             torque=(0.0, 1.0),
         )
         active = [("differenced" if differenced[j] else "white", j) for j in range(self.q)]
         noise, value = self.likelihood.largest(noise, active)
-        if self.growth.any():
-            noise, value = self.likelihood.largest(dataclasses.replace(noise, growth=self.growth), active)
+        grows = dataclasses.replace(noise, growth=self.growth, running=self.running)
+        if grows.grows:
+            noise, value = self.likelihood.largest(grows, active)
         for _ in range((COMPONENTS if self.colour else 0) + int(differenced.sum())):
             options = self._options(noise, active)
             begun = [(*self.likelihood.largest(start, [c], iterations=5), c) for start, c in options]
@@ -209,7 +221,7 @@ class _Choice:
     def _options(self, noise: NoiseModel, active: Sequence[Component]) -> list[tuple[NoiseModel, Component]]:
         """Return starts with one more component, where the whitened residuals are not white.
 
-        Beside counts that are differenced that is white noise, too: what the counts alone leave of a slow motion is out of
+        Beside counts that are differenced that is white noise, too: what counts alone leave of a slow motion is out of
         all proportion.
         """
         whitened, _ = self.whitener.of(noise)(self.stacked[:, :, :1])

@@ -1,14 +1,15 @@
-"""How noise grows with its signal, and its size, from differences of neighbouring residuals. Knows no colour."""
+"""How noise grows as the machine runs, and with its signal, from differences of neighbouring residuals. No colour."""
 
 from __future__ import annotations
 
 import dataclasses
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimator.conventions import LEAST_FALL, MEDIAN_SIZE, SECOND_DIFFERENCE, T_FREEDOM, T_MEDIAN
-from estimator.noise.noise_model import NoiseModel, grown
+from estimator.noise.noise_model import NoiseModel
 from estimator.noise.whitener import Whitener
 from estimator.recordings.samples import median, medians, sum_of_logs
 
@@ -21,23 +22,38 @@ FARTHEST = 1e37  # of a square, in deviations: a larger one counts as this
 CHARGE = 2 * LEAST_FALL  # of -2 log L: twice, as the squares of neighbours correlate by 0.44
 HOPELESS = 0.5  # of what a growth is charged: where a coarse one falls by no more, none is looked at closely
 SILENT = 1e-3  # of the noise of a machine that runs: an encoder has none at rest, which tells of no growth
+RUNS_LOUDER = 4.0  # standard errors of a ratio of medians: a noise that differs by less is not looked at closely
+MEDIAN_ERROR = 1.4  # of the logarithm of a median of n sizes that correlate as second differences do, times sqrt n
+FAINTEST = 0.05  # of the noise at rest: the least that is tried of a machine that runs
 LOUD_SAMPLES = 25  # samples of a large signal, and as many below half of it: fewer do not show a growth
 
 
 def noise_of_neighbours(whitener: Whitener, residuals: FloatArray, sharp: BoolArray) -> NoiseModel:
     """Return the white noise that samples beside each other show, and its growth; arguments as for `fit_noise`."""
     told = [growth_of(residuals[:, j], whitener, j, sharp) for j in range(residuals.shape[1])]
-    white = [w if w > 0 else old for (_, w), old in zip(told, whitener.noise.white, strict=True)]
-    return dataclasses.replace(whitener.noise, white=np.array(white), growth=np.array([c for c, _ in told]))
+    white = [own.white if own.white > 0 else old for own, old in zip(told, whitener.noise.white, strict=True)]
+    growth, running = np.array([own.growth for own in told]), np.array([own.running for own in told])
+    return dataclasses.replace(whitener.noise, white=np.array(white), growth=growth, running=running)
 
 
-def growth_of(
-    residuals: FloatArray, whitener: Whitener, j: int, sharp: BoolArray, *, step: float = 0.0
-) -> tuple[float, float]:
-    """Return how a channel's noise grows with its signal, c of `NoiseModel.growth`, from second differences.
+@dataclass(frozen=True)
+class Growth:
+    """How the noise of a channel grows.
 
-    The second number is the deviation at rest of white noise of such differences, spread as they are; 0: too few
-    samples.
+    Attributes
+    ----------
+    growth, running : of `NoiseModel`
+    white : float
+        Deviation at rest of white noise whose differences are as large, spread as they are; 0: too few samples.
+    """
+
+    growth: float = 0.0
+    running: float = 1.0
+    white: float = 0.0
+
+
+def growth_of(residuals: FloatArray, whitener: Whitener, j: int, sharp: BoolArray, *, step: float = 0.0) -> Growth:
+    """Return how a channel's noise grows, from second differences.
 
     Second differences contain the noise and hardly any misfit, so that transients can be used, but for their first
     part. Their size is estimated by Student's t, on which outliers have little influence.
@@ -60,50 +76,95 @@ def growth_of(
         sizes.append(_second_differences(x)[told])
         levels.append(whitener.level[clock.rows, j][1:-1][told])
         moves.append(whitener.moving[clock.rows][1:-1][told])
-    if _is_silent(sizes, moves):  # all others are of a signal that moves
+    if silent := _is_silent(sizes, moves):  # all others are of a signal that moves
         sizes, levels = ([own[there] for own, there in zip(all_, moves, strict=True)] for all_ in (sizes, levels))
     elif step:
         rng = np.random.default_rng(0)
         sizes = [own + step * _second_differences(rng.random(len(own) + 2)) for own in sizes]
     d, level = np.concatenate([*sizes, np.zeros(0)]), np.concatenate([*levels, np.zeros(0)])
+    runs = np.ones(len(d), dtype=bool) if silent else np.concatenate([*moves, np.zeros(0, dtype=bool)])
     if len(d) > 2 * DIFFERENCES:
-        d, level = d[:: len(d) // DIFFERENCES], level[:: len(d) // DIFFERENCES]
+        stride = len(d) // DIFFERENCES
+        d, level, runs = d[::stride], level[::stride], runs[::stride]
     if len(level) < 2 * LOUD_SAMPLES or not np.any(d):
-        return 0.0, 0.0
-    floor, sizes = 1e-3 * median(np.abs(d[d != 0])), np.abs(d)
+        return Growth()
+    return _Differences(np.abs(d), level, runs).growth()
 
-    def size(g: FloatArray) -> float:
-        return max(median(sizes / g) / T_MEDIAN, floor)
 
-    def white(g: FloatArray) -> float:
-        return size(g) * T_MEDIAN / MEDIAN_SIZE / SECOND_DIFFERENCE
+class _Differences:
+    """Sizes of second differences, the levels of their signal, and whether the machine runs, all (n,)."""
 
-    loud = float(np.sort(level)[-LOUD_SAMPLES])
-    if np.count_nonzero(level < loud / 2) < LOUD_SAMPLES:
-        return 0.0, white(np.ones_like(level))
+    def __init__(self, sizes: FloatArray, level: FloatArray, runs: BoolArray) -> None:
+        self.sizes, self.level, self.runs = sizes, level, runs
+        self.squares, self.powers = sizes * sizes, level * level
+        self.floor = 1e-3 * median(sizes[sizes != 0])
 
-    squares, powers = sizes * sizes, level * level
+    def growth(self) -> Growth:
+        """Return the growth of the largest likelihood, where that falls enough."""
+        loud = float(np.sort(self.level)[-LOUD_SAMPLES])
+        grows = np.count_nonzero(self.level < loud / 2) >= LOUD_SAMPLES
+        louder, power = self._louder()
+        if not grows and louder == 1.0:
+            return self._of(0.0, 1.0)
 
-    def misfits(c: FloatArray) -> FloatArray:
-        together, found = max(1, TOGETHER // len(d)), []
-        for some in (c[k : k + together] for k in range(0, len(c), together)):
-            g = 1 + (some * some)[:, None] * powers
-            ratio = squares / g
-            unit = np.maximum(medians(ratio) / T_MEDIAN**2, floor**2)
+        def beside(c: FloatArray) -> FloatArray:  # what is left of the ratio beside a growth
+            return np.sqrt(np.maximum(louder**2 - c**2 * power, FAINTEST**2))
+
+        coarse = np.geomspace(0.3, 300.0, 16) / loud if grows else np.zeros(0)
+        ends = [(np.zeros(1), np.ones(1)), (coarse, np.ones_like(coarse))]
+        if louder != 1.0:
+            ends += [(np.zeros(1), np.array([louder])), (coarse, beside(coarse))]
+        c, s = (np.concatenate([own[k] for own in ends]) for k in (0, 1))
+        charge = CHARGE * ((c > 0) + (s != 1.0).astype(float))
+        reached = self._misfits(c, s)
+        if reached[0] - np.min(reached[1:] + HOPELESS * charge[1:]) <= 0:
+            return self._of(0.0, 1.0)
+        k = int(np.argmin(reached + charge))
+        best, many = (float(reached[k]), float(c[k]), float(s[k])), float(charge[k]) or CHARGE
+        for _ in range(2 if s[k] != 1.0 else 1):
+            around = np.geomspace(0.7, 1.43, 9)
+            tried = [(best[1] * around, np.full(9, best[2]))] if best[1] > 0 else []
+            tried += [(np.full(9, best[1]), best[2] * around)] if s[k] != 1.0 else []
+            for fine, own in tried:
+                fell = self._misfits(fine, own)
+                m = int(np.argmin(fell))
+                best = min(best, (float(fell[m]), float(fine[m]), float(own[m])))
+        return self._of(*best[1:]) if reached[0] - best[0] > many else self._of(0.0, 1.0)
+
+    def _louder(self) -> tuple[float, float]:
+        """Return how much larger differences are where the machine runs and its signal is small, and its power there.
+
+        1 where that is chance, or rest is not shown.
+        """
+        at_rest = self.sizes[~self.runs]
+        if len(at_rest) < LOUD_SAMPLES or np.count_nonzero(self.runs) < 2 * LOUD_SAMPLES:
+            return 1.0, 0.0
+        quiet = self.runs & (self.level <= median(self.level[self.runs]))
+        running = self.sizes[quiet]
+        ratio = max(median(running), self.floor) / max(median(at_rest), self.floor)
+        error = MEDIAN_ERROR * np.sqrt(1 / len(at_rest) + 1 / len(running))
+        return (ratio if abs(np.log(ratio)) > RUNS_LOUDER * error else 1.0), float(median(self.powers[quiet]))
+
+    def _of(self, c: float, s: float) -> Growth:
+        unit = max(median(self.sizes / np.sqrt(self._grown(c, s))) / T_MEDIAN, self.floor)
+        return Growth(c, s, unit * T_MEDIAN / MEDIAN_SIZE / SECOND_DIFFERENCE)
+
+    def _grown(self, c: float, s: float) -> FloatArray:
+        return np.where(self.runs, s * s, 1.0) + c * c * self.powers
+
+    def _misfits(self, c: FloatArray, s: FloatArray) -> FloatArray:
+        """Return -2 log L of Student's t, up to a constant, of several growths."""
+        together, found = max(1, TOGETHER // len(self.sizes)), []
+        for k in range(0, len(c), together):
+            some, own = c[k : k + together], s[k : k + together]
+            g = np.where(self.runs, (own * own)[:, None], 1.0) + (some * some)[:, None] * self.powers
+            ratio = self.squares / g
+            unit = np.maximum(medians(ratio) / T_MEDIAN**2, self.floor**2)
             ratio /= (T_FREEDOM * unit)[:, None]
             far = np.minimum(ratio, FARTHEST, out=ratio)
             far += 1.0
-            found.append(sum_of_logs(g) + len(d) * np.log(unit) + (T_FREEDOM + 1) * sum_of_logs(far))
+            found.append(sum_of_logs(g) + len(self.sizes) * np.log(unit) + (T_FREEDOM + 1) * sum_of_logs(far))
         return np.concatenate(found)
-
-    coarse, c = np.geomspace(0.3, 300.0, 16) / loud, 0.0
-    none, *there = misfits(np.append(0.0, coarse)).tolist()
-    if none - np.min(there) > HOPELESS * CHARGE:
-        fine = coarse[np.argmin(there)] * np.geomspace(0.7, 1.43, 9)
-        reached = misfits(fine)
-        if none - np.min(reached) > CHARGE:
-            c = float(fine[np.argmin(reached)])
-    return c, white(grown(c * level))
 
 
 def _second_differences(x: FloatArray) -> FloatArray:

@@ -25,6 +25,7 @@ from estimator.motor.exponential import exponential
 from estimator.noise.level import Level
 
 FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
 
 RESTS, STARTS, RUNS = range(3)  # phases of the machine
 
@@ -38,7 +39,9 @@ class NoiseModel:
     white, differenced : (q,) arrays
         Deviations at rest, in the channels' units.
     growth : (q,) array
-        c of g^2 = 1 + (c |y| / max |y|)^2.
+        c of g^2 = s^2 + (c |y| / max |y|)^2.
+    running : (q,) array, or None
+        s while the machine runs, over that at rest; None: 1.
     slow : (q, 2) array
         Deviation and correlation time, s, of the slow part; 0: none.
     torque : deviation and correlation time, s, of the torque; in the unit of `machine`'s input; 0: none
@@ -63,6 +66,7 @@ class NoiseModel:
     jitter: float = 0.0
     short: tuple[tuple[tuple[FloatArray, float], ...], ...] = ()
     repeats: tuple[bool, ...] = ()
+    running: FloatArray | None = None
 
     @classmethod
     def plain(cls, white: FloatArray, seat: Sequence[int]) -> NoiseModel:
@@ -78,16 +82,21 @@ class NoiseModel:
 
     @cached_property
     def grows(self) -> bool:
-        """Whether it grows with the signals, anywhere: else g is 1."""
-        return bool(self.growth.any())
+        """Whether it grows with the signals, or as the machine runs, anywhere: else g is 1."""
+        return bool(self.growth.any() or (self.running is not None and np.any(self.running != 1.0)))
 
-    def scale(self, level: FloatArray | Level) -> FloatArray:
-        """Return g, (rows, q), at signals over their largest, (rows, q); not to be changed."""
+    def scale(self, level: FloatArray | Level, moving: BoolArray) -> FloatArray:
+        """Return g, (rows, q), at signals over their largest, (rows, q), where the machine runs; not to be changed."""
         if not self.grows:
             return np.broadcast_to(1.0, level.shape)
-        return np.stack([grown(c * level[:, k]) for k, c in enumerate(self.growth)], axis=1)
+        running = np.ones(len(self.growth)) if self.running is None else self.running
+        g = np.empty(level.shape)
+        for k, (c, s) in enumerate(zip(self.growth.tolist(), running.tolist(), strict=True)):
+            own = c * level[:, k]
+            g[:, k] = np.sqrt((1.0 if s == 1.0 else np.where(moving, s * s, 1.0)) + own * own)
+        return g
 
-    def deviation(self, level: FloatArray | Level) -> FloatArray:
+    def deviation(self, level: FloatArray | Level, moving: BoolArray) -> FloatArray:
         """Return the deviation of each sample, (rows, q), all parts together; not to be changed."""
         power = self.white**2 + 2 * self.differenced**2 + self.slow[:, 0] ** 2
         if self.torque[0] > 0 and self.machine is not None:
@@ -95,7 +104,7 @@ class NoiseModel:
             power = power + np.array([(gain[s] * self.torque[0]) ** 2 if s >= 0 else 0.0 for s in self.seat])
         if not self.grows:
             return np.broadcast_to(np.sqrt(power), level.shape)
-        return np.asarray(self.scale(level) * np.sqrt(power))
+        return np.asarray(self.scale(level, moving) * np.sqrt(power))
 
     def states(
         self, dt: float, running: FloatArray, phase: int, way: float = 1.0, *, begins: bool = True
@@ -161,11 +170,6 @@ class NoiseModel:
             if seat >= 0:
                 readout[j, seat] = 1 / running[j]
         return transition, process, start, readout
-
-
-def grown(x: FloatArray) -> FloatArray:
-    """Return sqrt(1 + x^2) of numbers."""
-    return np.asarray(np.sqrt(1 + x * x))
 
 
 @lru_cache(maxsize=256)

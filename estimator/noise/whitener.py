@@ -267,7 +267,7 @@ class Whitener:
     def _sizes(self) -> tuple[FloatArray, FloatArray]:
         """Return the scale and white variance of each sample, (rows, q), as if none were missing."""
         noise = self.noise
-        g = noise.scale(self.level)
+        g = noise.scale(self.level, self.moving)
         power = noise.white**2 + noise.differenced**2 + noise.slow[:, 0] ** 2
         floor = np.maximum(LEAST_WHITE * power, 1e-300)
         white = np.maximum(noise.white**2, floor) * self.inflate
