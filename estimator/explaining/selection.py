@@ -229,8 +229,9 @@ class Selection:
                 best = dataclasses.replace(best, additions=(*best.additions, *own))
                 continue
             found = self.tests.additions(best, [a.effect], beside=a.name)
-            same = [b for b in found if b.name == a.name] or sorted(found, key=lambda b: -b.gain)[:1]
-            for b in same:
+            same = [b for b in found if b.name == a.name] or found
+            if same:  # of several forms with its name the likeliest
+                b = max(same, key=lambda b: b.gain)
                 best = with_added(best, self.refitted(best, b), without_columns(b))
         return best
 

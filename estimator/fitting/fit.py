@@ -117,7 +117,7 @@ class Fit:
     def missed_by_output(self) -> FloatArray:
         """Return z'z of each output beyond that of as much noise, (q,); 0 where it is less."""
         present = self.whitener.present
-        return np.maximum(np.sum(self.z.reshape(present.shape) ** 2, axis=0) - np.sum(present, axis=0), 0.0)
+        return np.asarray(np.maximum(np.sum(self.z.reshape(present.shape) ** 2, axis=0) - np.sum(present, axis=0), 0.0))
 
     @property
     def raw(self) -> FloatArray:

@@ -34,9 +34,9 @@ def without_repeats(o: Observed, outputs: Sequence[str]) -> FloatArray:
     for j in range(rows.shape[1]):
         again = np.concatenate([[False], rows[1:, j] == rows[:-1, j]])
         lattice = again.any() and quantum(rows[:, j]) > 0
-        if lattice and outputs[j] != "w":
+        if lattice:
             held[:, j] = _held(again)
-        if not again.any() or (lattice and outputs[j] != "w"):
+        if not again.any() or held[:, j].any() or (lattice and outputs[j] != "w"):
             continue
         edges = np.flatnonzero(np.diff(np.concatenate([[False], again, [False]]).astype(np.int8)))
         for first, last in zip(edges[::2], edges[1::2], strict=True):
