@@ -8,6 +8,7 @@ from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from estimator.errors import RecordingError
 from estimator.recordings.headers import Header, assumed_unit, role_of
@@ -184,7 +185,9 @@ def _without_times_again(raw: RawTable, read_as: ReadAs, not_read: tuple[str, ..
     """Leave out the few rows that a jittering clock stamps as the row before, and say so."""
     headers, _ = read_as.headers(raw.texts, where=raw.where)
     clock, _ = time_column(headers, raw.where, read_as)
-    again = times_again(raw.columns[clock])
+    again, why = _stored_twice(raw, clock), "the row before once more, its time too"
+    if not len(again):
+        again, why = times_again(raw.columns[clock]), "stamped as the row before"
     if not len(again):
         return raw, not_read
     first = (
@@ -192,7 +195,20 @@ def _without_times_again(raw: RawTable, read_as: ReadAs, not_read: tuple[str, ..
         if len(again) == 1
         else f"{len(again)} rows, the first at {raw.place(int(again[0]))}, are"
     )
-    return raw.without(again), (*not_read, f"{first} left out: stamped as the row before")
+    return raw.without(again), (*not_read, f"{first} left out: {why}")
+
+
+def _stored_twice(raw: RawTable, clock: int) -> NDArray[np.int64]:
+    """Return which rows are the row before in every column, where all others have a later time than the row before."""
+    same = np.diff(raw.columns[clock]) == 0
+    if not same.any():
+        return np.empty(0, dtype=np.int64)
+    rows = np.flatnonzero(same) + 1
+    kept = np.delete(raw.columns[clock], rows)
+    if len(kept) < MIN_SAMPLES or not np.all(np.diff(kept) > 0):
+        return np.empty(0, dtype=np.int64)
+    alike = all(np.array_equal(column[rows], column[rows - 1], equal_nan=True) for column in raw.columns)
+    return rows if alike else np.empty(0, dtype=np.int64)
 
 
 def _unreadable(raw: RawTable, names: Sequence[str], clock: int, read_as: ReadAs) -> dict[int, str]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import shlex
 
 import numpy as np
+from numpy.typing import NDArray
 
 from estimator.recordings.excitation import noise_deviation
 from estimator.recordings.finding import Evidence, Finding
@@ -12,11 +13,14 @@ from estimator.recordings.lag import lag_misfit
 from estimator.recordings.measured_signals import DRIVEN, JUMP, LEAD, MeasuredSignals
 from estimator.recordings.samples import quantile
 
+FloatArray = NDArray[np.float64]
+
 EXPLAINED, UNEXPLAINED = 0.3, 0.7  # of a signal's deviation, misfit of an order that fits, and of one that does not
 PLAINLY = 0.2  # of a signal's largest sample: less is noise about zero
 AGAINST = 0.3  # of ∫|v y| dt: so much of it negative is a sign
 SURE = 4.0  # deviations of noise: more is none
 OUTLYING = 0.98  # of the samples: larger ones count as that
+LATEST, SHIFTS = 8, 60  # of the rows: the latest that a voltage is thought to reach its motor; of those tried
 LONE, ABOVE = 3, 300.0  # samples, times as large as all others: no motor's
 
 
@@ -115,7 +119,23 @@ def _is_against(m: MeasuredSignals, name: str) -> bool:
         return False  # a few samples of a fast oscillation are none
     power = power[driven & (np.abs(y) > SURE * noise)]
     whole = float(np.sum(np.abs(power)))
-    return whole > 0 and float(np.sum(power)) < -AGAINST * whole
+    if not (whole > 0 and float(np.sum(power)) < -AGAINST * whole):
+        return False
+    return not _follows_late(v, np.nan_to_num(np.clip(y, -most, most)), -float(np.sum(power)) / whole)
+
+
+def _follows_late(v: FloatArray, y: FloatArray, against: float) -> bool:
+    """Whether a signal, (n,), goes with the voltage some rows before more than it goes against it now, a part of 1.
+
+    A voltage that changes its sign all the time, and reaches the motor late, looks as if it were of the wrong sign.
+    """
+    last = len(v) // LATEST
+    for rows in np.unique(np.geomspace(1, max(last, 1), SHIFTS).astype(int)).tolist():
+        power = v[:-rows] * y[rows:]
+        whole = float(np.sum(np.abs(power)))
+        if whole > 0 and float(np.sum(power)) > against * whole:
+            return True
+    return False
 
 
 def _against(m: MeasuredSignals, name: str) -> Evidence:
