@@ -118,9 +118,8 @@ def with_noise_of_neighbours(explanation: Explanation, differenced: FloatArray) 
     coarse = (fit.simulator.steps > 0) | (differenced > 0)  # their noise is of steps, and no growth
     white = np.where(coarse, old.white, np.maximum(found.white, QUIET * old.white))
     assert found.running is not None
-    running = np.where(coarse, 1.0 if old.running is None else old.running, found.running)
-    growth = np.where(coarse, old.growth, found.growth)
-    found = dataclasses.replace(found, white=white, growth=growth, running=running)
+    grows = {"growth": np.where(coarse, 0.0, found.growth), "running": np.where(coarse, 1.0, found.running)}
+    found = dataclasses.replace(found, white=white, **grows)
     fit = held_down(refreshed(fit, fit.whitener.of(found)), windows.onsets)
     return dataclasses.replace(explanation, fit=solved(fit))
 

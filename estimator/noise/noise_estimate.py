@@ -7,7 +7,8 @@ taken for noise. A component is added as long as -2 log L falls enough.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 from estimator.conventions import LEAST_FALL, STEP_DEVIATION
 from estimator.noise.autoregression import autoregression
 from estimator.noise.clock import Clock
-from estimator.noise.noise_growth import growth_of
+from estimator.noise.noise_growth import Growth, growth_of, of_channels
 from estimator.noise.noise_model import NoiseModel
 from estimator.noise.repeating import repeat_themselves
 from estimator.noise.restricted_likelihood import Component, RestrictedLikelihood
@@ -84,16 +85,13 @@ def fit_noise(
     stacked = np.concatenate([residuals[rows, :, None], columns[rows], _levels(part)], axis=2)
     stacked = np.where(part.present[:, :, None], stacked, 0.0)
     told = [growth_of(residuals[:, j], whitener, j, sharp, step=float(step)) for j, step in enumerate(steps)]
-    growth = np.where(resolution > 0, 0.0, [own.growth for own in told])
-    running = np.where(resolution > 0, 1.0, [own.running for own in told])
+    told = [Growth() if step > 0 else own for step, own in zip(resolution, told, strict=True)]
     spread = np.array([_spread(stacked[:, j, 0][part.present[:, j]]) for j in range(len(steps))])
     if is_held.any() and not is_held.all():  # their errors are no noise, though a wandering torque might follow them
         part = dataclasses.replace(part, present=part.present & ~is_held)
         stacked[:, is_held] = 0.0
     likelihood = RestrictedLikelihood(part, stacked)
-    choice = _Choice(
-        likelihood, colour=colour, growth=growth, running=running, is_held=is_held, counts=counts, spread=spread
-    )
+    choice = _Choice(likelihood, colour=colour, grows=of_channels(told), is_held=is_held, counts=counts, spread=spread)
     found = choice.again() if again else choice.best()
     differenced = np.maximum(found.differenced, counts)
     hidden = np.hypot(np.minimum(found.white, SHOWN_AT_LEVELS * steps), steps / STEP_DEVIATION)
@@ -163,14 +161,13 @@ class _Choice:
         likelihood: RestrictedLikelihood,
         *,
         colour: bool,
-        growth: FloatArray,
-        running: FloatArray,
+        grows: Mapping[str, NDArray[Any]],
         is_held: BoolArray,
         counts: FloatArray,
         spread: FloatArray,
     ) -> None:
         self.likelihood, self.colour, self.is_held = likelihood, colour, is_held
-        self.growth, self.running = growth, running
+        self.grows = grows
         self.counts, self.spread = counts, spread
         self.whitener, self.stacked = likelihood.whitener, likelihood.stacked
         self.first = dataclasses.replace(self.whitener.noise, short=())
@@ -178,7 +175,7 @@ class _Choice:
 
     def again(self) -> NoiseModel:
         """Estimate the parameters of the present components again; all afresh where they overflow."""
-        noise = dataclasses.replace(self.first, growth=self.growth, running=self.running)
+        noise = dataclasses.replace(self.first, **self.grows)
         active = [("differenced" if noise.differenced[j] > 0 else "white", j) for j in range(self.q)]
         beside = noise.white > BESIDE_COUNTS * noise.differenced
         active += [("white", j) for j in range(self.q) if noise.differenced[j] > 0 and beside[j]]
@@ -197,12 +194,13 @@ class _Choice:
             differenced=np.where(differenced, spread / np.sqrt(2), 0.0),
             growth=np.zeros(self.q),
             running=np.ones(self.q),
+            bends=np.zeros(self.q, dtype=bool),
             slow=np.column_stack([np.zeros(self.q), np.ones(self.q)]),
             torque=(0.0, 1.0),
         )
         active = [("differenced" if differenced[j] else "white", j) for j in range(self.q)]
         noise, value = self.likelihood.largest(noise, active)
-        grows = dataclasses.replace(noise, growth=self.growth, running=self.running)
+        grows = dataclasses.replace(noise, **self.grows)
         if grows.grows:
             noise, value = self.likelihood.largest(grows, active)
         for _ in range((COMPONENTS if self.colour else 0) + int(differenced.sum())):

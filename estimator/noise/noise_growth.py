@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +26,8 @@ HOPELESS = 0.5  # of what a growth is charged: where a coarse one falls by no mo
 SILENT = 1e-3  # of the noise of a machine that runs: an encoder has none at rest, which tells of no growth
 RUNS_LOUDER = 4.0  # standard errors of a ratio of medians: a noise that differs by less is not looked at closely
 MEDIAN_ERROR = 1.4  # of the logarithm of a median of n sizes that correlate as second differences do, times sqrt n
-FAINTEST = 0.05  # of the noise at rest: the least that is tried of a machine that runs
+BENT = np.geomspace(0.7, 1.7, 9)  # times a growth, and a ratio, of the other form
+RATIOS = 7  # of the noise of a machine that runs to that at rest that are tried, up to the largest
 LOUD_SAMPLES = 25  # samples of a large signal, and as many below half of it: fewer do not show a growth
 
 
@@ -32,8 +35,12 @@ def noise_of_neighbours(whitener: Whitener, residuals: FloatArray, sharp: BoolAr
     """Return the white noise that samples beside each other show, and its growth; arguments as for `fit_noise`."""
     told = [growth_of(residuals[:, j], whitener, j, sharp) for j in range(residuals.shape[1])]
     white = [own.white if own.white > 0 else old for own, old in zip(told, whitener.noise.white, strict=True)]
-    growth, running = np.array([own.growth for own in told]), np.array([own.running for own in told])
-    return dataclasses.replace(whitener.noise, white=np.array(white), growth=growth, running=running)
+    return dataclasses.replace(whitener.noise, white=np.array(white), **of_channels(told))
+
+
+def of_channels(told: Sequence[Growth]) -> dict[str, NDArray[Any]]:
+    """Return how the noise of each channel grows, (q,), by the names in `NoiseModel`."""
+    return {name: np.array([getattr(own, name) for own in told]) for name in ("growth", "running", "bends")}
 
 
 @dataclass(frozen=True)
@@ -42,13 +49,14 @@ class Growth:
 
     Attributes
     ----------
-    growth, running : of `NoiseModel`
+    growth, running, bends : of `NoiseModel`
     white : float
         Deviation at rest of white noise whose differences are as large, spread as they are; 0: too few samples.
     """
 
     growth: float = 0.0
     running: float = 1.0
+    bends: bool = False
     white: float = 0.0
 
 
@@ -103,61 +111,69 @@ class _Differences:
         """Return the growth of the largest likelihood, where that falls enough."""
         loud = float(np.sort(self.level)[-LOUD_SAMPLES])
         grows = np.count_nonzero(self.level < loud / 2) >= LOUD_SAMPLES
-        louder, power = self._louder()
-        if not grows and louder == 1.0:
-            return self._of(0.0, 1.0)
-
-        def beside(c: FloatArray) -> FloatArray:  # what is left of the ratio beside a growth
-            return np.sqrt(np.maximum(louder**2 - c**2 * power, FAINTEST**2))
-
         coarse = np.geomspace(0.3, 300.0, 16) / loud if grows else np.zeros(0)
-        ends = [(np.zeros(1), np.ones(1)), (coarse, np.ones_like(coarse))]
-        if louder != 1.0:
-            ends += [(np.zeros(1), np.array([louder])), (coarse, beside(coarse))]
-        c, s = (np.concatenate([own[k] for own in ends]) for k in (0, 1))
-        charge = CHARGE * ((c > 0) + (s != 1.0).astype(float))
-        reached = self._misfits(c, s)
-        if reached[0] - np.min(reached[1:] + HOPELESS * charge[1:]) <= 0:
+        reached = self._misfits(np.append(0.0, coarse), np.ones(len(coarse) + 1))
+        none, k = float(reached[0]), int(np.argmin(reached))
+        best, charge = (float(reached[k]), float(np.append(0.0, coarse)[k]), 1.0), CHARGE * (k > 0)
+        if (louder := self._louder()) != 1.0:
+            near = best[1] * np.geomspace(0.63, 2.5, 4) if best[1] else np.append(0.0, 0.1 * coarse[:1])
+            ratios = np.geomspace(min(louder, 1.0), max(louder, 1.0), RATIOS)
+            ratios = ratios[ratios != 1.0]
+            c, s = (own.ravel() for own in np.meshgrid(near, ratios))
+            reached = self._misfits(c, s) + CHARGE * (c > 0) + CHARGE
+            k = int(np.argmin(reached))
+            if float(reached[k]) < best[0] + charge:
+                charge = CHARGE * (float(c[k] > 0) + 1)
+                best = float(reached[k]) - charge, float(c[k]), float(s[k])
+        if none - best[0] <= HOPELESS * CHARGE:
             return self._of(0.0, 1.0)
-        k = int(np.argmin(reached + charge))
-        best, many = (float(reached[k]), float(c[k]), float(s[k])), float(charge[k]) or CHARGE
-        for _ in range(2 if s[k] != 1.0 else 1):
-            around = np.geomspace(0.7, 1.43, 9)
+        around = np.geomspace(0.7, 1.43, 9)
+        for _ in range(2 if best[2] != 1.0 else 1):
             tried = [(best[1] * around, np.full(9, best[2]))] if best[1] > 0 else []
-            tried += [(np.full(9, best[1]), best[2] * around)] if s[k] != 1.0 else []
+            tried += [(np.full(9, best[1]), best[2] * around)] if best[2] != 1.0 else []
             for fine, own in tried:
                 fell = self._misfits(fine, own)
                 m = int(np.argmin(fell))
                 best = min(best, (float(fell[m]), float(fine[m]), float(own[m])))
-        return self._of(*best[1:]) if reached[0] - best[0] > many else self._of(0.0, 1.0)
+        if none - best[0] <= charge:
+            return self._of(0.0, 1.0)
+        if best[1] > 0:  # of the other form, which has as many numbers
+            ratios = best[2] * BENT if best[2] != 1.0 else np.ones(1)
+            fine, own = (x.ravel() for x in np.meshgrid(best[1] * BENT, ratios))
+            fell = self._misfits(fine, own, bends=True)
+            m = int(np.argmin(fell))
+            if fell[m] < best[0]:
+                return self._of(float(fine[m]), float(own[m]), bends=True)
+        return self._of(*best[1:])
 
-    def _louder(self) -> tuple[float, float]:
-        """Return how much larger differences are where the machine runs and its signal is small, and its power there.
-
-        1 where that is chance, or rest is not shown.
-        """
+    def _louder(self) -> float:
+        """Return how much larger differences are where the machine runs and its signal is small; 1: that is chance."""
         at_rest = self.sizes[~self.runs]
         if len(at_rest) < LOUD_SAMPLES or np.count_nonzero(self.runs) < 2 * LOUD_SAMPLES:
-            return 1.0, 0.0
+            return 1.0
         quiet = self.runs & (self.level <= median(self.level[self.runs]))
         running = self.sizes[quiet]
         ratio = max(median(running), self.floor) / max(median(at_rest), self.floor)
         error = MEDIAN_ERROR * np.sqrt(1 / len(at_rest) + 1 / len(running))
-        return (ratio if abs(np.log(ratio)) > RUNS_LOUDER * error else 1.0), float(median(self.powers[quiet]))
+        return ratio if abs(np.log(ratio)) > RUNS_LOUDER * error else 1.0
 
-    def _of(self, c: float, s: float) -> Growth:
-        unit = max(median(self.sizes / np.sqrt(self._grown(c, s))) / T_MEDIAN, self.floor)
-        return Growth(c, s, unit * T_MEDIAN / MEDIAN_SIZE / SECOND_DIFFERENCE)
+    def _of(self, c: float, s: float, *, bends: bool = False) -> Growth:
+        g = self._grown(np.array([c]), np.array([s]), bends=bends)[0]
+        unit = max(median(self.sizes / np.sqrt(g)) / T_MEDIAN, self.floor)
+        return Growth(c, s, bends, unit * T_MEDIAN / MEDIAN_SIZE / SECOND_DIFFERENCE)
 
-    def _grown(self, c: float, s: float) -> FloatArray:
-        return np.where(self.runs, s * s, 1.0) + c * c * self.powers
+    def _grown(self, c: FloatArray, s: FloatArray, *, bends: bool) -> FloatArray:
+        """Return g^2 of several growths, (k, n)."""
+        least = np.where(self.runs, (s * s)[:, None], 1.0)
+        more = (c * c)[:, None] * self.powers
+        return np.asarray(np.maximum(least, more, out=more) if bends else np.add(least, more, out=more))
 
-    def _misfits(self, c: FloatArray, s: FloatArray) -> FloatArray:
+    def _misfits(self, c: FloatArray, s: FloatArray, *, bends: bool = False) -> FloatArray:
         """Return -2 log L of Student's t, up to a constant, of several growths."""
         together, found = max(1, TOGETHER // len(self.sizes)), []
         for k in range(0, len(c), together):
             some, own = c[k : k + together], s[k : k + together]
-            g = np.where(self.runs, (own * own)[:, None], 1.0) + (some * some)[:, None] * self.powers
+            g = self._grown(some, own, bends=bends)
             ratio = self.squares / g
             unit = np.maximum(medians(ratio) / T_MEDIAN**2, self.floor**2)
             ratio /= (T_FREEDOM * unit)[:, None]

@@ -42,6 +42,8 @@ class NoiseModel:
         c of g^2 = s^2 + (c |y| / max |y|)^2.
     running : (q,) array, or None
         s while the machine runs, over that at rest; None: 1.
+    bends : (q,) array, or None
+        Whether g is the larger of s and c |y| / max |y| instead; None: of no channel.
     slow : (q, 2) array
         Deviation and correlation time, s, of the slow part; 0: none.
     torque : deviation and correlation time, s, of the torque; in the unit of `machine`'s input; 0: none
@@ -67,6 +69,7 @@ class NoiseModel:
     short: tuple[tuple[tuple[FloatArray, float], ...], ...] = ()
     repeats: tuple[bool, ...] = ()
     running: FloatArray | None = None
+    bends: BoolArray | None = None
 
     @classmethod
     def plain(cls, white: FloatArray, seat: Sequence[int]) -> NoiseModel:
@@ -90,10 +93,11 @@ class NoiseModel:
         if not self.grows:
             return np.broadcast_to(1.0, level.shape)
         running = np.ones(len(self.growth)) if self.running is None else self.running
+        bends = np.zeros(len(self.growth), dtype=bool) if self.bends is None else self.bends
         g = np.empty(level.shape)
         for k, (c, s) in enumerate(zip(self.growth.tolist(), running.tolist(), strict=True)):
-            own = c * level[:, k]
-            g[:, k] = np.sqrt((1.0 if s == 1.0 else np.where(moving, s * s, 1.0)) + own * own)
+            own, least = c * level[:, k], 1.0 if s == 1.0 else np.where(moving, s, 1.0)
+            g[:, k] = np.maximum(least, own) if bends[k] else np.sqrt(least * least + own * own)
         return g
 
     def deviation(self, level: FloatArray | Level, moving: BoolArray) -> FloatArray:

@@ -82,7 +82,8 @@ class RestrictedLikelihood:
 
     def _scaled(self, noise: NoiseModel, white: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the same, (k, 1 + c, 1 + c) and (k,), of k deviations of each channel, (k, q), that grow alike."""
-        key = noise.growth.tobytes() + (b"" if noise.running is None else noise.running.tobytes())
+        told = (noise.growth, noise.running, noise.bends)
+        key = b"".join(b"" if own is None else own.tobytes() for own in told)
         if key not in self._of_unit_noise:
             unit = self.whitener.of(dataclasses.replace(noise, white=np.ones_like(noise.white)))
             whitened, total = unit(self.stacked)
