@@ -10,7 +10,9 @@ the d_r are independent of variance T^2, u has the covariance S + T^2 S S, so th
 (DerSimonian and Laird 1986, with the estimates of the recordings correlated through what they share). Without T, Q is
 chi-square. Parameters enter one after the other, the least likely Q first, each tested beside those that entered
 before, so that the change of one is not taken for a change of all. The joint answer t = sum_r A^-1 H_r t_r, H_r =
-J_r'J_r and A their sum, then gains the variance  T^2 sum_r (A^-1 H_r e)(A^-1 H_r e)'.
+J_r'J_r and A their sum, then gains the variance  T^2 sum_r (A^-1 H_r e)(A^-1 H_r e)'. Of a variation that is told it
+is as many times as large as two standard deviations of so few runs ask for: Student's t of rank S degrees over that of
+many (GUM, JCGM 100:2008, G.4.1).
 """
 
 from __future__ import annotations
@@ -24,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.conventions import FALSE_ALARM
-from estimator.distributions import chi_square_beyond
+from estimator.distributions import chi_square_beyond, f_limit, normal_quantile
 from estimator.fitting.information import RANK_TOLERANCE, information_parts
 
 if TYPE_CHECKING:
@@ -34,6 +36,7 @@ FloatArray = NDArray[np.float64]
 
 BETWEEN = " between runs"  # ends the name of a recording's own part of a parameter
 ENTERS = 0.05  # chance that a variance is added to the standard errors though nothing varies, all parameters together
+OUTSIDE = 0.05  # of what is outside of two standard errors
 FAR_APART = 100.0  # times as large, as much above: further apart it is not told by how much
 LEAST_INFORMATION = 1e-8  # of the largest information: recordings, or contrasts of them, with less are not used
 
@@ -53,6 +56,7 @@ class Variation:
         Of a larger Q where nothing changes.
     told : bool
         It is below FALSE_ALARM, shared by the parameters.
+    freedom : rank S, the degrees of freedom that tell it: one less than there are runs
     run, apart : which recording is furthest from the rest, in its errors, and by how much on the parameter's scale
     """
 
@@ -61,8 +65,16 @@ class Variation:
     errors: float
     probability: float
     told: bool
+    freedom: int
     run: int
     apart: float
+
+    @property
+    def widened(self) -> float:
+        """How many times as large its part of a bar is as that of many runs would be, for the same coverage."""
+        if not self.told:
+            return 1.0
+        return float(np.sqrt(f_limit(1, self.freedom, OUTSIDE)) / normal_quantile(1 - OUTSIDE / 2))
 
 
 @dataclass(frozen=True)
@@ -116,7 +128,7 @@ def between_runs(
         for v in varying:
             for part in rows:
                 pull = inverse @ (matrix[part].T @ matrix[part, v.parameter])
-                covariance += v.deviation**2 * np.outer(pull, pull)
+                covariance += (v.deviation * v.widened) ** 2 * np.outer(pull, pull)
     return BetweenRuns(tuple(varying), covariance)
 
 
@@ -155,7 +167,7 @@ def _variation(j: int, own: FloatArray, others: FloatArray, z: FloatArray) -> tu
     deviation = float(np.sqrt(variance))
     errors = deviation * float(np.sqrt(size / rank))
     probability = chi_square_beyond(rank, q)
-    return Variation(j, deviation, errors, probability, False, run, float(score[run] / known[run])), q
+    return Variation(j, deviation, errors, probability, False, rank, run, float(score[run] / known[run])), q
 
 
 def _basis(columns: FloatArray) -> FloatArray:

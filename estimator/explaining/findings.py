@@ -15,12 +15,13 @@ from estimator.explaining.between_runs import BetweenRuns, sentence
 from estimator.explaining.explanation import Explanation
 from estimator.explaining.interpretations import Interpretation
 from estimator.fitting.fit import Fit
+from estimator.motor.names import CHANGES, has_motor
 from estimator.plans.plan import Plan
 from estimator.results.result import NotVisible, Rival, RivalParameter
 
 FloatArray = NDArray[np.float64]
 
-ENOUGH_RUNS = 4  # of fewer runs the spread is known no better than to its own size
+ENOUGH_RUNS = 4  # of fewer runs the spread is known no better than to its own size: an unusual one is doubted
 BEYOND = 4.0  # standard errors: what moves a parameter by more and is not visible is told
 
 
@@ -59,12 +60,15 @@ def found_effects(explanation: Explanation, plan: Plan) -> list[Found]:
 def varying_parameters(between: BetweenRuns, plan: Plan) -> list[Found]:
     """Return the parameters that vary between the recordings in words."""
     runs = [o.recording.name for o in plan.observed]
-    few = f"{len(runs)} runs hardly tell by how much; record more" if len(runs) < ENOUGH_RUNS else ""
+    few = f"{len(runs)} runs hardly tell by how much; record more"
+    is_motor = has_motor({p.quantity or p.name for p in plan.parameters} | set(plan.fixed))
     found = []
     for v in (v for v in between.variations if v.told):
         parameter = plan.parameters[v.parameter]
         told = sentence(v, name=parameter.name, unit=parameter.unit, is_log=parameter.log, runs=runs)
-        found.append(Found("between runs", parameter.name, told, few))
+        usual = CHANGES.get(parameter.quantity or parameter.name, 0.0) if is_motor and parameter.log else 0.0
+        doubt = few if len(runs) < ENOUGH_RUNS and v.deviation > usual else ""
+        found.append(Found("between runs", parameter.name, told, doubt))
     return found
 
 
