@@ -68,6 +68,7 @@ ROUNDS = 20  # of additions accepted or rejected, at most
 REFITTED = 3  # additions refitted in a round
 PREDICTED_PART = 0.6  # of the best predicted fall of the criterion: with less an addition is not refitted
 MOST_OF_IT = 0.5  # of what is missed beyond the noise: what explains more is added before all else
+FIRST_ORDER = 0.1  # of it: a long delay or filter explains to first order a small part of what it does when fitted
 RESHAPED = 2  # times that all columns are tried in other forms, at most
 MISSED = 1.1  # of z'z a sample: with more, noise is not all that is missed
 WORTH = 0.02  # of what its outputs miss then: what explains less makes up for another effect, that is not known
@@ -294,11 +295,13 @@ class Selection:
             tested = [a for a in self.tests.additions(explanation, effects) if a.name not in rejected]
             ranked = sorted(tested, key=lambda a: excess * a.penalty(n) - a.gain)
             ranked = [a for a in ranked if a.gain > excess * a.penalty(n)]
-            likely = [a for a in ranked if a.gain > worth(a)]
-            if not likely or ranked[0].gain <= least:
+            late = [a for a in ranked if share and is_timing(a) and a.gain > FIRST_ORDER * least]
+            likely = [a for a in ranked if a.gain > worth(a)] or late
+            if not likely:
                 return None
             most = likely[0].gain - excess * likely[0].penalty(n)
             best_few = [a for a in likely[:REFITTED] if a.gain - excess * a.penalty(n) > PREDICTED_PART * most]
+            best_few += [a for a in late if a not in best_few]
             best, fall = None, 0.0
             for a in (*best_few, *_of_same_channel(explanation.fit.simulator, best_few, likely)):
                 least_cost = explanation.fit.cost - max(excess * a.penalty(n), worth(a))
