@@ -63,7 +63,7 @@ def found(residuals, *, start=None, columns=None, level=None, **more):
 
 
 def total(noise, channel=0):
-    return noise.deviation(np.zeros((1, len(noise.white))))[0, channel]
+    return noise.deviation(np.zeros((1, len(noise.white))), np.ones(1, dtype=bool))[0, channel]
 
 
 def test_the_deviation_is_unbiased_whatever_the_parameters_have_taken():

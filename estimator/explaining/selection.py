@@ -68,7 +68,8 @@ ROUNDS = 20  # of additions accepted or rejected, at most
 REFITTED = 3  # additions refitted in a round
 PREDICTED_PART = 0.6  # of the best predicted fall of the criterion: with less an addition is not refitted
 MOST_OF_IT = 0.5  # of what is missed beyond the noise: what explains more is added before all else
-FIRST_ORDER = 0.1  # of it: a long delay or filter explains to first order a small part of what it does when fitted
+FIRST_ORDER = 0.1  # of it: a long delay or filter explains to first order a small part of what it does when fitted,
+NEARLY_ALL = 0.8  # and is added before all else where that is so much of what is missed
 RESHAPED = 2  # times that all columns are tried in other forms, at most
 MISSED = 1.1  # of z'z a sample: with more, noise is not all that is missed
 WORTH = 0.02  # of what its outputs miss then: what explains less makes up for another effect, that is not known
@@ -295,21 +296,23 @@ class Selection:
             tested = [a for a in self.tests.additions(explanation, effects) if a.name not in rejected]
             ranked = sorted(tested, key=lambda a: excess * a.penalty(n) - a.gain)
             ranked = [a for a in ranked if a.gain > excess * a.penalty(n)]
-            late = [a for a in ranked if share and is_timing(a) and a.gain > FIRST_ORDER * least]
-            likely = [a for a in ranked if a.gain > worth(a)] or late
-            if not likely:
+            likely = [a for a in ranked if a.gain > worth(a)]
+            late = [a for a in ranked if share and is_timing(a) and worth(a) >= a.gain > FIRST_ORDER * least]
+            if not likely and not late:
                 return None
-            most = likely[0].gain - excess * likely[0].penalty(n)
+            most = likely[0].gain - excess * likely[0].penalty(n) if likely else 0.0
             best_few = [a for a in likely[:REFITTED] if a.gain - excess * a.penalty(n) > PREDICTED_PART * most]
-            best_few += [a for a in late if a not in best_few]
             best, fall = None, 0.0
-            for a in (*best_few, *_of_same_channel(explanation.fit.simulator, best_few, likely)):
-                least_cost = explanation.fit.cost - max(excess * a.penalty(n), worth(a))
+            for a in (*best_few, *_of_same_channel(explanation.fit.simulator, best_few, likely), *late):
+                wanted = NEARLY_ALL * (explanation.fit.cost - n) if a in late else worth(a)
+                least_cost = explanation.fit.cost - max(excess * a.penalty(n), wanted)
                 found = self.added(explanation, a, limit=least_cost - fall)
                 if least_cost - found.fit.cost > fall and is_physical(found.fit, a):
                     best, fall = found, least_cost - found.fit.cost
             if best is not None:
                 return self._in_company(best, ranked, explanation) or best
+            if not best_few:
+                return None
             rejected |= {a.name for a in best_few}
 
     def _in_company(self, found: Explanation, ranked: Sequence[Addition], before: Explanation) -> Explanation | None:
