@@ -21,10 +21,11 @@ EXCITATIONS = {
 
 
 @cache
-def driven(excitation, friction=0.0, brush=0.0, source=0.0, slow=0.02, stiction=0.0, falls=1.0):
+def driven(excitation, friction=0.0, brush=0.0, source=0.0, slow=0.02, stiction=0.0, falls=1.0, round_at=1e-3):
     """Return time, voltage, current and speed at a tenth of a sample.
 
-    friction in N.m, drop of the brushes in V; resistance of the source in Ohm, and time constant of what it loses in s;
+    friction in N.m, drop of the brushes in V, rounded off at so many A; resistance of the source in Ohm, and time
+    constant of what it loses in s;
     stiction in N.m, which falls as exp(-|w| / falls), in rad/s (Stribeck's curve).
     """
     dt = H / FINE
@@ -39,7 +40,7 @@ def driven(excitation, friction=0.0, brush=0.0, source=0.0, slow=0.02, stiction=
         holds = friction + stiction * np.exp(-abs(w) / falls)
         stands = abs(w) < 1e-9 and abs(K * i) <= holds
         torque = -K * i if stands else -holds * np.sign(w if abs(w) >= 1e-9 else i)
-        volt = v[k] - brush * np.tanh(i / 1e-3) - lost
+        volt = v[k] - brush * np.tanh(i / round_at) - lost
         lost += (source * i - lost) * dt / slow
         x[k + 1] = step[:2, :2] @ x[k] + step[:2, 2:] @ (volt, torque)
         if (w != 0 and x[k + 1, 1] * w < 0) or stands:
@@ -66,13 +67,14 @@ def late(y, by):
 
 def recording(
     excitation, seed=0, *, i=lambda y: y, w=lambda y: y, name="bench", logged=None, rows=slice(None), range_i=np.inf,
-    step_i=0.0, noise_i=0.1, noise_v=0.0, held_i=1, **machine,
+    step_i=0.0, noise_i=0.1, noise_v=0.0, held_i=1, held_w=1, step_w=0.0, **machine,
 ):  # fmt: skip
     """Return a recording; `i` and `w` are what the sensors make of current and speed at a tenth of a sample.
 
     `logged` is the excitation that the file says, `rows` are those that it has, `range_i` the current sensor's, A;
     `step_i` is its converter's, A, `noise_i` the noise before it, in its steps; `noise_v` is that of the voltage's
-    sensor, V; `held_i` is for how many rows a sample of the current is shown.
+    sensor, V; `held_i` is for how many rows a sample of the current is shown, `held_w` of the speed, rounded to
+    `step_w`.
     """
     time, v, current, speed = driven(excitation, **machine)
     v = EXCITATIONS[logged or excitation](time + 1e-9)
@@ -85,6 +87,9 @@ def recording(
         shown["current [A]"] = step_i * np.round(steps)
     shown["current [A]"] = np.clip(shown["current [A]"], -range_i, range_i)
     shown["current [A]"] = np.repeat(shown["current [A]"][::held_i], held_i)[: len(time[::FINE])]
+    shown["speed [rad/s]"] = np.repeat(shown["speed [rad/s]"][::held_w], held_w)[: len(time[::FINE])]
+    if step_w:
+        shown["speed [rad/s]"] = step_w * np.round(shown["speed [rad/s]"] / step_w)
     logged_v = v[::FINE] + noise_v * rng.standard_normal(len(v[::FINE])) if noise_v else v[::FINE]
     columns = {"voltage [V]": logged_v, **shown}
     time = time[::FINE][rows]

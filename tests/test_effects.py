@@ -9,7 +9,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from effect_bench import B, H, J, K, L, R, butterworth, driven, lagged, late, recording, worst
+from effect_bench import EXCITATIONS, B, H, J, K, L, R, butterworth, driven, lagged, late, recording, worst
 from scipy.linalg import expm
 
 from estimator.cases.case import Case, OutputSpec, ParameterSpec
@@ -22,7 +22,7 @@ from estimator.explaining.effects.delay import Delay
 from estimator.explaining.effects.machine_effects import usual_friction
 from estimator.explaining.effects.voltage_rise import VoltageRise
 from estimator.explaining.explanation import MOST_ADDITIONS, Explanation, is_full
-from estimator.fitting.latency import with_latencies
+from estimator.fitting.latency import _has_left, with_latencies
 from estimator.fmus.probe import bundled_model
 from estimator.plans.planning import plan_case
 from estimator.recordings.reading import read_recording, recording_from_arrays
@@ -269,6 +269,28 @@ def test_each_edge_may_come_late_also_where_the_voltage_is_on_from_the_first_row
         columns[name] = columns[name] + size * rng.standard_normal(len(columns[name]))
     result = run(recording_from_arrays("late", np.arange(len(logged[::10])) * H, columns))
     assert worst(result) < 4.5 and "latency of each edge" in result.effects, (result.effects, result.reasons)
+
+
+def test_a_speed_that_is_shown_for_several_rows_and_with_few_digits_is_a_few_samples():
+    """Taken as one sample a row, its staircase was a mean of more samples than it held."""
+    result = run(recording("two levels", held_w=7, step_w=0.01))
+    assert worst(result) < 4.5 and "average" not in result.effects, (result.reasons, result.notes)
+
+
+def test_of_the_forms_of_an_effect_one_is_fitted_again_beside_a_noisy_voltage():
+    """All were, ten columns that are nearly the same: a drop of "nan V", ten times."""
+    recordings = [recording(e, seed, brush=0.5, round_at=0.3, noise_v=0.05) for seed, e in enumerate(EXCITATIONS)]
+    (result,) = estimate_recordings([CASE], [recordings[1::2]])
+    told = [note for note in result.notes if "brushes drop" in note]
+    assert len(told) <= 1 and not any("nan" in note for note in result.notes), told
+    assert worst(result) < 4.5, result.reasons
+
+
+def test_a_late_current_whose_noise_begins_with_the_motor_has_not_left_its_course():
+    """Half a sample of noise above that of rest looked like a circuit that opens: the second edge was moved."""
+    before = np.zeros(5)
+    assert not _has_left(np.array([0.0005, 0.0017, 0.0028, 0.022]), before, 10.0, 0.0017)
+    assert _has_left(np.array([0.0, -0.021, -0.0205, -0.0212, -0.0208]), before, -10.0, 0.0017)
 
 
 def test_the_steps_of_a_coarse_converter_at_rest_are_no_outliers():

@@ -209,6 +209,49 @@ def test_noise_that_grows_with_the_signal_is_found():
     assert noise.white[0] == pytest.approx(0.02, rel=0.1) and noise.growth[0] == pytest.approx(3, rel=0.15)
 
 
+@pytest.mark.parametrize("bends", [False, True])
+def test_noise_of_a_machine_that_runs_is_told_from_that_at_rest_and_from_what_grows_with_the_signal(bends):
+    """As on real benches: 6 mA at rest, 20 mA running, and as many times as the current is above the steady one."""
+    rng = np.random.default_rng(7)
+    moving = np.arange(6000) >= 1000
+    level = np.where(moving, np.abs(np.sin(np.arange(6000) / 300)) ** 3, 0.0)[:, None]
+    least, more = np.where(moving, 3.0, 1.0)[:, None], 40 * level
+    g = np.maximum(least, more) if bends else np.hypot(least, more)
+    r = 0.006 * g * rng.standard_normal((6000, 1))
+    whitener = dataclasses.replace(whitener_of(plain(1.0), 6000, level=level), moving=moving)
+    how = {"steps": np.zeros(1), "resolution": np.zeros(1), "is_held": np.zeros(1, dtype=bool), "counts": np.zeros(1)}
+    rows = np.ones(6000, dtype=bool)
+    noise = fit_noise(whitener, r, np.zeros((6000, 1, 0)), rows, ~rows, colour=False, again=False, **how)
+    assert noise.white[0] == pytest.approx(0.006, rel=0.1)
+    assert noise.running[0] == pytest.approx(3, rel=0.2) and noise.growth[0] == pytest.approx(40, rel=0.2)
+    assert noise.bends[0] == bends
+    z = r[:, 0] / noise.deviation(level, moving)[:, 0]
+    for part in (~moving, moving & (level[:, 0] < 0.05), level[:, 0] > 0.3):
+        assert np.std(z[part]) == pytest.approx(1, abs=0.12)
+
+
+def test_a_machine_that_runs_as_quietly_as_it_rests_is_not_told_to_be_louder():
+    """Ratios of medians beyond four standard errors, and 13 of -2 log L besides: below 1e-5 in 15 draws."""
+    rng = np.random.default_rng(8)
+    moving = np.arange(2000) >= 600
+    how = {"steps": np.zeros(1), "resolution": np.zeros(1), "is_held": np.zeros(1, dtype=bool), "counts": np.zeros(1)}
+    rows = np.ones(2000, dtype=bool)
+    for _ in range(15):
+        whitener = dataclasses.replace(whitener_of(plain(1.0), 2000, level=moving[:, None] * 0.9), moving=moving)
+        r = rng.standard_normal((2000, 1))
+        noise = fit_noise(whitener, r, np.zeros((2000, 1, 0)), rows, ~rows, colour=False, again=False, **how)
+        assert noise.running[0] == 1.0 and noise.growth[0] == 0
+
+
+def test_white_noise_beside_counts_that_are_differenced_is_told():
+    """By the counts alone what moves slowly is out of all proportion: they seemed thirty times as large."""
+    rng = np.random.default_rng(9)
+    r = np.diff(0.2 * rng.standard_normal(3001)) + 1.5 * rng.standard_normal(3000)
+    start = dataclasses.replace(plain(1.0), differenced=np.array([0.2]))
+    noise = found(r[:, None], start=start, counts=np.array([0.2]), colour=False)
+    assert noise.white[0] == pytest.approx(1.5, rel=0.06) and noise.differenced[0] < 0.5
+
+
 def coloured(seed, n, missing=()):
     """Return noise of a known model, with gaps and a clock that jitters, and its whitener."""
     rng = np.random.default_rng(seed)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from motors import CML050, Motor, all_motors, held_response
+from scipy.signal import lfilter
 
 from estimator.recordings.lag import lag_misfit
 from estimator.recordings.measured_signals import MeasuredSignals
@@ -74,6 +75,19 @@ def test_current_and_speed_exchanged_are_named_and_nothing_else(motor):
     assert [e.signal for e in finding.evidence] == ["i", "w"]
     assert all(e.start == edge and edge < e.end < 0.75 * time[-1] for e in finding.evidence), "the response, no more"
     assert "--column 'i=speed [rad/s]' --unit i=A --column 'w=current [A]' --unit w=rad/s" in finding.sentence
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_voltage_that_changes_its_sign_and_acts_late_is_of_the_right_sign(seed):
+    """The motor, of a time constant of 5 ms, is driven 26 ms late: at most times its speed is against the voltage."""
+    rng = np.random.default_rng(seed)
+    v = 6.0 * np.where(np.cumsum(rng.random(2400) < 1 / 45) % 2, 1.0, -1.0)
+    late = np.concatenate([np.zeros(26), v[:-26]])
+    w = lfilter([1 - np.exp(-1 / 5)], [1, -np.exp(-1 / 5)], 20 * late) + 0.3 * rng.standard_normal(2400)
+    i = 0.1 * np.diff(w, prepend=0.0) + 0.01 * rng.standard_normal(2400)
+    time = 1e-3 * np.arange(2400)
+    assert not [f for f in found(time, {"v": v, "i": i, "w": w}) if f.kind.startswith("sign")]
+    assert [f for f in found(time, {"v": v, "i": i, "w": -np.roll(w, -26)}) if f.kind == "sign w"]
 
 
 @pytest.mark.parametrize(("turned", "option"), [("i", "--scale i=-1"), ("w", "--scale w=-1"), ("iw", "--scale v=-1")])

@@ -92,6 +92,15 @@ class TestClocks:
         path = save(tmp_path, "time [s],voltage [V],speed [rad/s]", many, V, W)
         assert "time does not increase" in sentence(path)
 
+    def test_rows_that_are_stored_twice_with_their_time_are_left_out_and_told(self, tmp_path: Path) -> None:
+        stored = np.sort(np.concatenate([np.arange(N), [57, 163]]))
+        path = save(tmp_path, "time [s],voltage [V],speed [rad/s]", TIME[stored], V[stored], W[stored])
+        recording = read_recording(path)
+        np.testing.assert_array_equal(recording.signals["speed"], [float(f"{x:.10g}") for x in W])
+        assert recording.not_read == (
+            "2 rows, the first at log.csv line 60, are left out: the row before once more, its time too",
+        )
+
     def test_times_that_count_from_a_date_are_told_with_the_digits_that_differ(self, tmp_path: Path) -> None:
         stamps = self.begin + self.jitter
         stamps[200] = stamps[199] - 0.25 * STEP

@@ -118,8 +118,8 @@ def with_noise_of_neighbours(explanation: Explanation, differenced: FloatArray) 
     coarse = (fit.simulator.steps > 0) | (differenced > 0)  # their noise is of steps, and no growth
     white = np.where(coarse, old.white, np.maximum(found.white, QUIET * old.white))
     assert found.running is not None
-    grows = {"growth": np.where(coarse, 0.0, found.growth), "running": np.where(coarse, 1.0, found.running)}
-    found = dataclasses.replace(found, white=white, **grows)
+    growth, running = np.where(coarse, 0.0, found.growth), np.where(coarse, 1.0, found.running)
+    found = dataclasses.replace(found, white=white, growth=growth, running=running)
     fit = held_down(refreshed(fit, fit.whitener.of(found)), windows.onsets)
     return dataclasses.replace(explanation, fit=solved(fit))
 

@@ -29,6 +29,7 @@ TURNS, ROWS = 2.0, 40  # of a stretch, at least
 STRETCHES = 6  # fewer tell no slip
 STEADY = 0.02  # of the largest speed: the speeds of neighbouring stretches differ by less
 ORDERS = 6  # of an output, at most
+ALIKE = 0.75  # of an order: lines that the sampling folds so near to each other are one, the lowest of them
 ANGLES = 180  # of a turn that are tried
 MOST_SLIPS = 12  # of a recording
 LEAST_GAIN = 50.0  # of -2 log L: chi-square of two numbers, at 1 000 places and 180 angles, is above it once in 4e5
@@ -108,9 +109,12 @@ def _strong_lines(theta: FloatArray, y: FloatArray, stretches: Sequence[tuple[in
     if power == 0.0:
         return []
     strength = np.sum(np.abs(waves) ** 2, axis=0)
-    best = np.argsort(strength)[::-1][:ORDERS]
-    strong = best[strength[best] > STANDS_OUT * median(strength)]
-    return [_Line(int(k) + 1, waves[:, k], 2.0 / power) for k in strong]
+    strong = np.flatnonzero(strength > STANDS_OUT * median(strength))
+    turn = median(np.abs([(theta[b] - theta[a]) / (b - a) for a, b in stretches])) / (2 * np.pi)  # of a row
+    shown = np.abs((strong + 1) * turn - np.round((strong + 1) * turn))  # as the sampling folds them
+    own = [k for k in range(len(strong)) if not np.any(np.abs(shown[:k] - shown[k]) < ALIKE * turn)]
+    strongest = sorted(strong[own].tolist(), key=lambda k: -strength[k])[:ORDERS]
+    return [_Line(k + 1, waves[:, k], 2.0 / power) for k in strongest]
 
 
 def _of_lines(lines: Sequence[_Line], many: int) -> list[tuple[int, float]]:

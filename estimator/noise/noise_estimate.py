@@ -7,8 +7,7 @@ taken for noise. A component is added as long as -2 log L falls enough.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +15,7 @@ from numpy.typing import NDArray
 from estimator.conventions import LEAST_FALL, STEP_DEVIATION
 from estimator.noise.autoregression import autoregression
 from estimator.noise.clock import Clock
-from estimator.noise.noise_growth import Growth, growth_of, of_channels
+from estimator.noise.noise_growth import Growth, grown_as, growth_of
 from estimator.noise.noise_model import NoiseModel
 from estimator.noise.repeating import repeat_themselves
 from estimator.noise.restricted_likelihood import Component, RestrictedLikelihood
@@ -91,7 +90,7 @@ def fit_noise(
         part = dataclasses.replace(part, present=part.present & ~is_held)
         stacked[:, is_held] = 0.0
     likelihood = RestrictedLikelihood(part, stacked)
-    choice = _Choice(likelihood, colour=colour, grows=of_channels(told), is_held=is_held, counts=counts, spread=spread)
+    choice = _Choice(likelihood, colour=colour, told=told, is_held=is_held, counts=counts, spread=spread)
     found = choice.again() if again else choice.best()
     differenced = np.maximum(found.differenced, counts)
     hidden = np.hypot(np.minimum(found.white, SHOWN_AT_LEVELS * steps), steps / STEP_DEVIATION)
@@ -161,13 +160,13 @@ class _Choice:
         likelihood: RestrictedLikelihood,
         *,
         colour: bool,
-        grows: Mapping[str, NDArray[Any]],
+        told: Sequence[Growth],
         is_held: BoolArray,
         counts: FloatArray,
         spread: FloatArray,
     ) -> None:
         self.likelihood, self.colour, self.is_held = likelihood, colour, is_held
-        self.grows = grows
+        self.told = told
         self.counts, self.spread = counts, spread
         self.whitener, self.stacked = likelihood.whitener, likelihood.stacked
         self.first = dataclasses.replace(self.whitener.noise, short=())
@@ -175,7 +174,7 @@ class _Choice:
 
     def again(self) -> NoiseModel:
         """Estimate the parameters of the present components again; all afresh where they overflow."""
-        noise = dataclasses.replace(self.first, **self.grows)
+        noise = grown_as(self.first, self.told)
         active = [("differenced" if noise.differenced[j] > 0 else "white", j) for j in range(self.q)]
         beside = noise.white > BESIDE_COUNTS * noise.differenced
         active += [("white", j) for j in range(self.q) if noise.differenced[j] > 0 and beside[j]]
@@ -200,7 +199,7 @@ class _Choice:
         )
         active = [("differenced" if differenced[j] else "white", j) for j in range(self.q)]
         noise, value = self.likelihood.largest(noise, active)
-        grows = dataclasses.replace(noise, **self.grows)
+        grows = grown_as(noise, self.told)
         if grows.grows:
             noise, value = self.likelihood.largest(grows, active)
         for _ in range((COMPONENTS if self.colour else 0) + int(differenced.sum())):

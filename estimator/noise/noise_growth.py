@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,12 +34,17 @@ def noise_of_neighbours(whitener: Whitener, residuals: FloatArray, sharp: BoolAr
     """Return the white noise that samples beside each other show, and its growth; arguments as for `fit_noise`."""
     told = [growth_of(residuals[:, j], whitener, j, sharp) for j in range(residuals.shape[1])]
     white = [own.white if own.white > 0 else old for own, old in zip(told, whitener.noise.white, strict=True)]
-    return dataclasses.replace(whitener.noise, white=np.array(white), **of_channels(told))
+    return grown_as(dataclasses.replace(whitener.noise, white=np.array(white)), told)
 
 
-def of_channels(told: Sequence[Growth]) -> dict[str, NDArray[Any]]:
-    """Return how the noise of each channel grows, (q,), by the names in `NoiseModel`."""
-    return {name: np.array([getattr(own, name) for own in told]) for name in ("growth", "running", "bends")}
+def grown_as(noise: NoiseModel, told: Sequence[Growth]) -> NoiseModel:
+    """Return a noise that grows as is told of each channel."""
+    return dataclasses.replace(
+        noise,
+        growth=np.array([own.growth for own in told]),
+        running=np.array([own.running for own in told]),
+        bends=np.array([own.bends for own in told]),
+    )
 
 
 @dataclass(frozen=True)
