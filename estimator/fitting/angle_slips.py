@@ -112,8 +112,8 @@ def _strong_lines(theta: FloatArray, y: FloatArray, stretches: Sequence[tuple[in
     strong = np.flatnonzero(strength > STANDS_OUT * median(strength))
     turn = median(np.abs([(theta[b] - theta[a]) / (b - a) for a, b in stretches])) / (2 * np.pi)  # of a row
     shown = np.abs((strong + 1) * turn - np.round((strong + 1) * turn))  # as the sampling folds them
-    own = [k for k in range(len(strong)) if not np.any(np.abs(shown[:k] - shown[k]) < ALIKE * turn)]
-    strongest = sorted(strong[own].tolist(), key=lambda k: -strength[k])[:ORDERS]
+    lowest = [k for k in range(len(strong)) if not np.any(np.abs(shown[:k] - shown[k]) < ALIKE * turn)]
+    strongest = sorted(strong[lowest].tolist(), key=lambda k: -strength[k])[:ORDERS]
     return [_Line(k + 1, waves[:, k], 2.0 / power) for k in strongest]
 
 
