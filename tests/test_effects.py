@@ -277,6 +277,18 @@ def test_a_speed_that_is_shown_for_several_rows_and_with_few_digits_is_a_few_sam
     assert worst(result) < 4.5 and "average" not in result.effects, (result.reasons, result.notes)
 
 
+@pytest.mark.parametrize("excitation", ["two levels", "reversal"])
+def test_a_voltage_that_is_logged_with_an_offset_is_told(excitation):
+    """Where the current flows one way only, brushes that drop as much are the same."""
+    recorded = recording(excitation)
+    logged = {**recorded.signals, "voltage": recorded.signals["voltage"] + 0.15}
+    result = run(dataclasses.replace(recorded, signals=logged))
+    names = ("voltage offset",) if excitation == "reversal" else ("voltage offset", "brush")
+    (found,) = (result.chain[name].value for name in names if name in result.chain)
+    assert found == pytest.approx(0.15, abs=0.05), result.notes
+    assert result.verdict == "ok" and worst(result) < 4.5, result.reasons
+
+
 def test_of_the_forms_of_an_effect_one_is_fitted_again_beside_a_noisy_voltage():
     """All were, ten columns that are nearly the same: a drop of "nan V", ten times."""
     recordings = [recording(e, seed, brush=0.5, round_at=0.3, noise_v=0.05) for seed, e in enumerate(EXCITATIONS)]

@@ -35,6 +35,7 @@ from estimator.explaining.effects.runs_differ import RunsDiffer
 from estimator.explaining.effects.starting_motion import StartingMotion
 from estimator.explaining.effects.switching_ripple import SwitchingRipple
 from estimator.explaining.effects.voltage_noise import VoltageNoise
+from estimator.explaining.effects.voltage_offset import VoltageOffset
 from estimator.explaining.effects.voltage_rise import VoltageRise
 from estimator.explaining.effects.voltage_transient import VoltageTransient
 
@@ -73,6 +74,7 @@ EFFECTS: tuple[Effect, ...] = (
     RunsDiffer(),
     StartingMotion(),
     VoltageNoise(),
+    VoltageOffset(),
     VoltageTransient(),
     VoltageTransient(name="voltage overshoot", sign=-1, prior=SELDOM / 1000),  # a supply that sags is as likely
     VoltageRise(),
