@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +26,7 @@ HOPELESS = 0.5  # of what a growth is charged: where a coarse one falls by no mo
 SILENT = 1e-3  # of the noise of a machine that runs: an encoder has none at rest, which tells of no growth
 RUNS_LOUDER = 4.0  # standard errors of a ratio of medians: a noise that differs by less is not looked at closely
 MEDIAN_ERROR = 1.4  # of the logarithm of a median of n sizes that correlate as second differences do, times sqrt n
+FINE = np.geomspace(0.7, 1.43, 9)  # times a growth, and a ratio
 BENT = np.geomspace(0.7, 1.7, 9)  # times a growth, and a ratio, of the other form
 RATIOS = 7  # of the noise of a machine that runs to that at rest that are tried, up to the largest
 LOUD_SAMPLES = 25  # samples of a large signal, and as many below half of it: fewer do not show a growth
@@ -103,6 +105,19 @@ def growth_of(residuals: FloatArray, whitener: Whitener, j: int, sharp: BoolArra
     return _Differences(np.abs(d), level, runs).growth()
 
 
+class _Tried(NamedTuple):
+    """A growth and a ratio that were tried, and -2 log L."""
+
+    misfit: float
+    growth: float
+    running: float
+
+    @property
+    def charge(self) -> float:
+        """What its numbers are charged."""
+        return CHARGE * ((self.growth > 0) + (self.running != 1.0))
+
+
 class _Differences:
     """Sizes of second differences, the levels of their signal, and whether the machine runs, all (n,)."""
 
@@ -113,42 +128,43 @@ class _Differences:
 
     def growth(self) -> Growth:
         """Return the growth of the largest likelihood, where that falls enough."""
+        none = float(self._misfits(np.zeros(1), np.ones(1))[0])
+        best = self._coarsely()
+        if none - best.misfit <= HOPELESS * CHARGE:
+            return self._of(0.0, 1.0)
+        for _ in range(2 if best.running != 1.0 else 1):
+            if best.growth > 0:
+                best = min(best, self._best(best.growth * FINE, np.array([best.running])))
+            if best.running != 1.0:
+                best = min(best, self._best(np.array([best.growth]), best.running * FINE))
+        if none - best.misfit <= best.charge:
+            return self._of(0.0, 1.0)
+        if best.growth > 0:  # of the other form, which has as many numbers
+            ratios = best.running * BENT if best.running != 1.0 else np.ones(1)
+            bent = self._best(best.growth * BENT, ratios, bends=True)
+            if bent.misfit < best.misfit:
+                return self._of(bent.growth, bent.running, bends=True)
+        return self._of(best.growth, best.running)
+
+    def _coarsely(self) -> _Tried:
+        """Return the best of few growths, and of few ratios beside it where the machine runs with another noise."""
         loud = float(np.sort(self.level)[-LOUD_SAMPLES])
         grows = np.count_nonzero(self.level < loud / 2) >= LOUD_SAMPLES
-        coarse = np.geomspace(0.3, 300.0, 16) / loud if grows else np.zeros(0)
-        reached = self._misfits(np.append(0.0, coarse), np.ones(len(coarse) + 1))
-        none, k = float(reached[0]), int(np.argmin(reached))
-        best, charge = (float(reached[k]), float(np.append(0.0, coarse)[k]), 1.0), CHARGE * (k > 0)
-        if (louder := self._louder()) != 1.0:
-            near = best[1] * np.geomspace(0.63, 2.5, 4) if best[1] else np.append(0.0, 0.1 * coarse[:1])
-            ratios = np.geomspace(min(louder, 1.0), max(louder, 1.0), RATIOS)
-            ratios = ratios[ratios != 1.0]
-            c, s = (own.ravel() for own in np.meshgrid(near, ratios))
-            reached = self._misfits(c, s) + CHARGE * (c > 0) + CHARGE
-            k = int(np.argmin(reached))
-            if float(reached[k]) < best[0] + charge:
-                charge = CHARGE * (float(c[k] > 0) + 1)
-                best = float(reached[k]) - charge, float(c[k]), float(s[k])
-        if none - best[0] <= HOPELESS * CHARGE:
-            return self._of(0.0, 1.0)
-        around = np.geomspace(0.7, 1.43, 9)
-        for _ in range(2 if best[2] != 1.0 else 1):
-            tried = [(best[1] * around, np.full(9, best[2]))] if best[1] > 0 else []
-            tried += [(np.full(9, best[1]), best[2] * around)] if best[2] != 1.0 else []
-            for fine, own in tried:
-                fell = self._misfits(fine, own)
-                m = int(np.argmin(fell))
-                best = min(best, (float(fell[m]), float(fine[m]), float(own[m])))
-        if none - best[0] <= charge:
-            return self._of(0.0, 1.0)
-        if best[1] > 0:  # of the other form, which has as many numbers
-            ratios = best[2] * BENT if best[2] != 1.0 else np.ones(1)
-            fine, own = (x.ravel() for x in np.meshgrid(best[1] * BENT, ratios))
-            fell = self._misfits(fine, own, bends=True)
-            m = int(np.argmin(fell))
-            if fell[m] < best[0]:
-                return self._of(float(fine[m]), float(own[m]), bends=True)
-        return self._of(*best[1:])
+        coarse = np.append(0.0, np.geomspace(0.3, 300.0, 16) / loud) if grows else np.zeros(1)
+        best = self._best(coarse, np.ones(1))
+        if (louder := self._louder()) == 1.0:
+            return best
+        near = np.append(0.0, best.growth * np.geomspace(0.63, 2.5, 4)) if best.growth > 0 else coarse[:1]
+        ratios = np.geomspace(min(louder, 1.0), max(louder, 1.0), RATIOS)
+        other = self._best(near, ratios[ratios != 1.0])
+        return other if other.misfit + other.charge < best.misfit + best.charge else best
+
+    def _best(self, growths: FloatArray, ratios: FloatArray, *, bends: bool = False) -> _Tried:
+        """Return the likeliest of all these growths with all these ratios."""
+        c, s = (own.ravel() for own in np.meshgrid(growths, ratios))
+        reached = self._misfits(c, s, bends=bends)
+        k = int(np.argmin(reached))
+        return _Tried(float(reached[k]), float(c[k]), float(s[k]))
 
     def _louder(self) -> float:
         """Return how much larger differences are where the machine runs and its signal is small; 1: that is chance."""

@@ -1,4 +1,4 @@
-"""The logged voltage has an offset: a converter's zero, a ground that floats. The motor stands where it shows a volt."""
+"""The logged voltage has an offset: a converter's zero, a ground that floats. The motor stands where it shows one."""
 
 from __future__ import annotations
 
