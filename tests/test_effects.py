@@ -19,6 +19,7 @@ from estimator.explaining import explained, likelier_interpretation, rivals
 from estimator.explaining.addition import Addition
 from estimator.explaining.effects import EFFECTS, voltage_noise
 from estimator.explaining.effects.delay import Delay
+from estimator.explaining.effects.drive import is_of_one_size
 from estimator.explaining.effects.machine_effects import usual_friction
 from estimator.explaining.effects.voltage_rise import VoltageRise
 from estimator.explaining.explanation import MOST_ADDITIONS, Explanation, is_full
@@ -287,6 +288,15 @@ def test_a_voltage_that_is_logged_with_an_offset_is_told(excitation):
     (found,) = (result.chain[name].value for name in names if name in result.chain)
     assert found == pytest.approx(0.15, abs=0.05), result.notes
     assert result.verdict == "ok" and worst(result) < 4.5, result.reasons
+
+
+def test_steps_of_a_command_are_no_noise_of_it():
+    """A command of 7, 14 and 21 V seemed of one size within its noise: no drop of its drive was looked for."""
+    staircase = np.repeat([0.0, 7.04, 14.08, 21.12, 14.08], 900)
+    assert not is_of_one_size(staircase)
+    assert is_of_one_size(np.repeat([0.0, 12.0, -12.0], 900))
+    measured = 12.0 + 0.05 * np.random.default_rng(0).standard_normal(900)
+    assert is_of_one_size(np.concatenate([np.zeros(900), measured]))
 
 
 def test_of_the_forms_of_an_effect_one_is_fitted_again_beside_a_noisy_voltage():

@@ -243,6 +243,18 @@ def test_a_machine_that_runs_as_quietly_as_it_rests_is_not_told_to_be_louder():
         assert noise.running[0] == 1.0 and noise.growth[0] == 0
 
 
+def test_each_channel_tells_its_noise_where_it_can_in_a_long_recording():
+    """A current that settles in the first rows only, beside a speed that tells it in all, had a noise of 1 A."""
+    n = 6000
+    rng = np.random.default_rng(10)
+    settled = np.arange(n) < 300
+    r = np.column_stack([0.02 * rng.standard_normal(n), np.where(settled, 0.0, rng.standard_normal(n))])
+    whitener = whitener_of(plain(1.0, 1.0), n, 2)
+    how = {"steps": np.zeros(2), "resolution": np.zeros(2), "is_held": np.zeros(2, dtype=bool), "counts": np.zeros(2)}
+    noise = fit_noise(whitener, r, np.zeros((n, 2, 0)), settled, ~settled, colour=False, again=False, **how)
+    assert noise.white == pytest.approx([0.02, 1.0], rel=0.2)
+
+
 def test_white_noise_beside_counts_that_are_differenced_is_told():
     """By the counts alone what moves slowly is out of all proportion: they seemed thirty times as large."""
     rng = np.random.default_rng(9)

@@ -48,6 +48,13 @@ def test_six_significant_digits_without_zeros_at_the_end_are_on_the_grid() -> No
     assert grid([f"{k / 3000:g}" for k in range(9000)]) == (0.0, 1 / 3000)
 
 
+def test_a_few_times_of_which_none_is_as_far_from_the_next_as_usual_are_a_clock_that_jitters() -> None:
+    """The mean of no interval ended in an internal error."""
+    times = np.cumsum([0.0, 7.6, 17.6, 15.3, 25.1, 13.0, 6.1, 23.9, 38.8, 9.0, 26.0, 41.6, 9.3, 19.7]) * 1e-3
+    clock = sampling_clock(times, place=str)
+    assert not clock.even and np.array_equal(clock.time, times)
+
+
 def test_a_jitter_below_one_percent_is_on_the_grid() -> None:
     rng = np.random.default_rng(1)
     start, step = grid([f"{k * 1e-3 + rng.uniform(-5e-6, 5e-6):.9f}" for k in range(1000)])

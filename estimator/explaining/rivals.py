@@ -25,7 +25,7 @@ from estimator.plans.part import LONG
 
 RIVALS_WITHIN = 10.0  # of the criterion: explanations that are no further above the best are rivals
 PARALLEL = 0.9  # canonical correlation of an addition with one that is doubted: it is refitted as a rival
-RIVALS_REFITTED = 3  # rivals of an addition that are refitted, of each effect the likeliest
+RIVALS_REFITTED = 5  # rivals of an addition that are refitted, of each effect the likeliest
 MOST_WITHIN = 2  # additions of what happens within samples, each exchanged for every other of these
 MOST_PAIRED = 3  # of them, for each pair of which one is tried
 MOST_FULLER, LEAST_GAIN = 4, 3.0  # rivals to which one more is added; fall of z'z by it that is worth a refit

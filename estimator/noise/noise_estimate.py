@@ -109,13 +109,14 @@ def _settled_part(whitener: Whitener, settled: BoolArray, residuals: FloatArray)
         few = len(own) < min(SETTLED_SAMPLES, len(anywhere))
         if few or float(own @ own) * len(anywhere) < SILENT**2 * float(anywhere @ anywhere) * len(own):
             present[:, j] = whitener.present[:, j]
-    told = np.flatnonzero(np.logical_or.reduce(list(present.T)))
-    if len(told) > ROWS:  # of every recording its part
-        keep = np.zeros(len(present), dtype=bool)
-        for clock in whitener.clocks:
-            inside = told[(told >= clock.rows.start) & (told < clock.rows.stop)]
-            keep[inside[-max(1, ROWS * len(inside) // len(told)) :]] = True
-        present &= keep[:, None]
+    for own in present.T:  # each its own: one may tell its noise at rest alone, another while the machine runs
+        if (many := np.count_nonzero(own)) > ROWS:  # of every recording its part
+            keep = np.zeros(len(own), dtype=bool)
+            for clock in whitener.clocks:
+                inside = clock.rows.start + np.flatnonzero(own[clock.rows])
+                if len(inside):
+                    keep[inside[-max(1, ROWS * len(inside) // many) :]] = True
+            own &= keep
     used = np.flatnonzero(np.logical_or.reduce(list(present.T)))
     cut, clocks, at = [], [], 0
     for clock in whitener.clocks:

@@ -304,7 +304,7 @@ def _off_grid(times: FloatArray, half: FloatArray, allowed: FloatArray, place: C
     steps = np.diff(times)
     usual = median(steps)
     regular = np.abs(steps - usual) <= np.maximum(0.9 * OFF_GRID * usual, 2 * half[1:])
-    step = float(steps[regular].mean())
+    step = float(steps[regular].mean()) if regular.any() else usual  # of few rows none may be as long as the usual one
     due = times[0] + np.arange(times.size) * step
     off = np.abs(times - due) - allowed
     k = int(np.argmax(off > 0)) if (off > 0).any() else int(np.argmax(off))

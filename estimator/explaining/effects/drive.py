@@ -14,7 +14,7 @@ from estimator.fitting.fit import Fit
 from estimator.fitting.motor_response import COASTS, ONE_WAY
 from estimator.fitting.simulator import Nuisance, per_recording
 from estimator.plans.plan import Observed, Plan
-from estimator.recordings.excitation import noise_deviation
+from estimator.recordings.excitation import input_noise, noise_deviation
 from estimator.recordings.samples import filled, median, told_once
 
 DRIVE = "dc_motor_drive"
@@ -28,7 +28,7 @@ PLATEAU, HELD_ROWS, ABOVE = 3.0, 8, 1.2  # deviations; rows; times the usual cur
 def is_of_one_size(v: NDArray[np.float64]) -> bool:
     """Return whether a voltage, (n,), has one size wherever it is on, but for its sensor's noise; or is never on."""
     sizes = np.abs(v)[np.abs(v) > 0.5 * np.max(np.abs(v), initial=0.0)]
-    noise = float(noise_deviation(v)) if len(v) else 0.0
+    noise = float(input_noise(v)) if len(v) else 0.0
     return not len(sizes) or float(np.std(sizes)) < max(ONE_SIZE * float(np.mean(sizes)), 2 * noise)
 
 

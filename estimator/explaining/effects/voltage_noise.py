@@ -15,7 +15,7 @@ from estimator.fitting.latency import EDGE
 from estimator.fitting.motor_response import as_late, motor_values, response
 from estimator.plans.part import LONG
 from estimator.plans.plan import Plan
-from estimator.recordings.excitation import noise_deviation
+from estimator.recordings.excitation import input_noise
 
 FloatArray = NDArray[np.float64]
 
@@ -123,7 +123,7 @@ def _noise(u: FloatArray, shown: FloatArray) -> FloatArray:
 
 def _levels(u: FloatArray) -> list[slice]:
     """Return the rows of each level of a voltage, (n,)."""
-    least = max(EDGE * float(np.ptp(u)), ABOVE_NOISE * noise_deviation(u), 1e-300)
+    least = max(EDGE * float(np.ptp(u)), ABOVE_NOISE * input_noise(u), 1e-300)
     jumps = (np.flatnonzero(np.abs(np.diff(u)) > least) + 1).tolist()
     return [slice(first, last) for first, last in zip([0, *jumps], [*jumps, len(u)], strict=True)]
 
