@@ -110,7 +110,8 @@ def _settled_part(whitener: Whitener, settled: BoolArray, residuals: FloatArray)
         if few or float(own @ own) * len(anywhere) < SILENT**2 * float(anywhere @ anywhere) * len(own):
             present[:, j] = whitener.present[:, j]
     for own in present.T:  # each its own: one may tell its noise at rest alone, another while the machine runs
-        if (many := np.count_nonzero(own)) > ROWS:  # of every recording its part
+        many = int(np.count_nonzero(own))
+        if many > ROWS:  # of every recording its part
             keep = np.zeros(len(own), dtype=bool)
             for clock in whitener.clocks:
                 inside = clock.rows.start + np.flatnonzero(own[clock.rows])
