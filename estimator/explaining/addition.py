@@ -243,3 +243,17 @@ def wald(fit: Fit, addition: Addition) -> float:
             off = np.log(estimates[k] / neutral) if fit.is_log[k] else estimates[k] - neutral
             total += float(off**2 / covariance[k, k])
     return total if wanted else np.inf
+
+
+def apart(additions: Sequence[Addition]) -> list[Addition]:
+    """Return those columns of a ranking that show in other samples than those before them."""
+    found: list[Addition] = []
+    taken: NDArray[np.bool_] = np.zeros(1, dtype=bool)
+    for a in additions:
+        if a.linear is None:
+            continue
+        there = a.linear.columns.any(axis=2)
+        if not np.any(there & taken):
+            taken = np.asarray(there | taken)
+            found.append(a)
+    return found

@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from estimator.explaining.addition import Addition, is_held, is_physical
+from estimator.explaining.addition import Addition, is_held, is_physical, is_timing
 from estimator.explaining.effects.base import Effect
 from estimator.fitting.fit import Fit
 from estimator.fitting.gauss_newton import ITERATIONS, ROUGH, solved, solved_roughly
@@ -109,6 +109,11 @@ class Explanation:
         found = {a.name: a.usual or step.get(a.name, 0.0) for a in self.additions}
         beside = {name for a in self.additions for name in a.free[1:] if s.log[s.index[name]]}
         return {name: abs(size) for name, size in found.items() if size} | dict.fromkeys(beside, 1.0)
+
+
+def moves_ripple(explanation: Explanation, addition: Addition) -> bool:
+    """Whether a ripple of an explanation lies elsewhere with an addition: behind another delay, mean or filter."""
+    return is_timing(addition) and any(a.effect.is_line for a in explanation.additions)
 
 
 def is_full(explanation: Explanation) -> bool:

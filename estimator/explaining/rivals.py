@@ -13,12 +13,13 @@ from estimator.explaining.explanation import (
     Explanation,
     in_place_of_model,
     in_two,
+    moves_ripple,
     renewed,
     with_fine_filters,
     without,
 )
 from estimator.explaining.explanation_noise import by_noise_of, with_noise
-from estimator.explaining.selection import MISSED, PREDICTED_PART, Selection, moves_ripple
+from estimator.explaining.selection import MISSED, PREDICTED_PART, Selection
 from estimator.fitting.gauss_newton import solved, solved_roughly
 from estimator.motor.winding import time_constant
 from estimator.plans.part import LONG

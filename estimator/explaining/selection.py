@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from estimator.explaining.addition import (
     Addition,
+    apart,
     has_its_needs,
     is_held,
     is_needed,
@@ -43,6 +44,7 @@ from estimator.explaining.explanation import (
     is_full,
     mirrored,
     moved_to,
+    moves_ripple,
     renewed,
     reshaped,
     with_added,
@@ -324,7 +326,7 @@ class Selection:
         if addition.linear is None:
             return None
         beside = [a for a in itertools.takewhile(lambda a: a.effect is addition.effect, ranked) if a is not addition]
-        company = _apart([addition, *beside])[1 : 1 + MOST_ADDITIONS - len(found.additions)]
+        company = apart([addition, *beside])[1 : 1 + MOST_ADDITIONS - len(found.additions)]
         if not company:
             return None
         own = [a.linear for a in (addition, *company) if a.linear is not None]
@@ -379,11 +381,6 @@ class Selection:
                 yield without(explanation, addition, limit=least)
 
 
-def moves_ripple(explanation: Explanation, addition: Addition) -> bool:
-    """Whether a ripple of an explanation lies elsewhere with an addition: behind another delay, mean or filter."""
-    return is_timing(addition) and any(a.effect.is_line for a in explanation.additions)
-
-
 def _of_same_channel(simulator: Simulator, best_few: Sequence[Addition], ranked: Sequence[Addition]) -> list[Addition]:
     """Return what else happens within samples of the channels of the best few.
 
@@ -392,17 +389,3 @@ def _of_same_channel(simulator: Simulator, best_few: Sequence[Addition], ranked:
     channel = {n.name: n.channel for n in simulator.nuisances}
     shown, known = {channel.get(a.name) for a in best_few if is_timing(a)}, {a.name for a in best_few}
     return [a for a in ranked if is_timing(a) and a.name not in known and channel.get(a.name) in shown]
-
-
-def _apart(additions: Sequence[Addition]) -> list[Addition]:
-    """Return those columns of a ranking that show in other samples than those before them."""
-    found: list[Addition] = []
-    taken: NDArray[np.bool_] = np.zeros(1, dtype=bool)
-    for a in additions:
-        if a.linear is None:
-            continue
-        there = a.linear.columns.any(axis=2)
-        if not np.any(there & taken):
-            taken = np.asarray(there | taken)
-            found.append(a)
-    return found
