@@ -381,8 +381,16 @@ def tell(bench: Bench, recordings: list[Recording], tau_e: float) -> str:
     )
 
 
-def case(seed: int, *, ideal: bool = False) -> Case:
-    """Draw the case of this seed; ``ideal`` leaves out troubles, noise and wandering friction."""
+def case(seed: int, *, ideal: bool = False, only: str | None = None) -> Case:
+    """Draw the case of this seed.
+
+    Parameters
+    ----------
+    ideal : bool
+        Leave out troubles, noise and wandering friction.
+    only : str, optional
+        The one trouble that is there, where it can be; "none": there is none.
+    """
     rng = np.random.default_rng([20240611, seed])
     volts, friction, motor = draw_motor(rng)
     tau_m, tau_e = motor.J * motor.R / motor.K**2, motor.L / motor.R
@@ -406,8 +414,9 @@ def case(seed: int, *, ideal: bool = False) -> Case:
         levels=len({abs(v) for plan in plans for _, v, o in plan if v and not o}) > 1,
     )
     t = draw_troubles(setting, rng)
-    if ideal:
-        t = {}
+    if ideal or only is not None:
+        possible = only in troubles.KINDS and troubles.possible(only, setting) and not ideal
+        t = {only: troubles.size(only, setting, rng)} if only and possible else {}
     noise = draw_noise(rng, t)
     motor = with_dry_friction(motor, t, friction)
     h = dt / max(1, math.ceil(dt / max(1e-5, min(tau_e / 8, 1e-4))))

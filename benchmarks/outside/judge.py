@@ -1,6 +1,7 @@
 """Run an estimator over emulated cases and compare what it says with the truth.
 
-    judge.py TREE CASES_DIR OUT.jsonl A:B [--python FILE]   seeds A to B - 1; those in OUT.jsonl are kept
+    judge.py TREE CASES_DIR OUT.jsonl A:B [--python FILE] [--only TROUBLE]
+        seeds A to B - 1; those in OUT.jsonl are kept; with one trouble alone, or none
     judge.py table OUT.jsonl
     judge.py show OUT.jsonl SEED
 
@@ -34,9 +35,11 @@ WRONG = 4.0
 TIMEOUT = 200.0
 
 
-def run(python: Path, tree: Path | None, cases: Path, seed: int) -> Row:
-    """Write the case, run the estimator on it, and keep what it answered."""
-    case = emulate.case(seed)
+def run(python: Path, tree: Path | None, cases: Path, seed: int, only: str | None) -> Row | None:
+    """Write the case, run the estimator on it, and keep what it answered; None: it cannot have that trouble."""
+    case = emulate.case(seed, only=only)
+    if only not in (None, "none") and not case.troubles:
+        return None
     files = emulate.write(case, cases / f"{seed:06d}")
     row: Row = {
         "seed": seed, "story": case.story, "troubles": case.troubles, "untellable": case.untellable,
@@ -199,7 +202,7 @@ def show(row: Row) -> None:
             print("  ", f"{item[0]} {item[1]:g}" if isinstance(item, tuple) else item)
 
 
-def judge(tree: Path, cases: Path, out: Path, seeds: range, python: Path | None) -> None:
+def judge(tree: Path, cases: Path, out: Path, seeds: range, python: Path | None, only: str | None) -> None:
     """Run what is not in ``out`` yet, two cases at once."""
     done = {r["seed"] for r in load(out)}
     lock = threading.Lock()
@@ -209,7 +212,9 @@ def judge(tree: Path, cases: Path, out: Path, seeds: range, python: Path | None)
     out.parent.mkdir(parents=True, exist_ok=True)
 
     def one(seed: int) -> None:
-        row = run(program, tree.resolve() if python else None, cases, seed)
+        row = run(program, tree.resolve() if python else None, cases, seed, only)
+        if row is None:
+            return
         with lock, out.open("a", encoding="utf-8") as file:
             file.write(json.dumps(row) + "\n")
         print(
@@ -235,9 +240,10 @@ def main(arguments: list[str]) -> None:
     parser.add_argument("out", type=Path)
     parser.add_argument("seeds", help="A:B")
     parser.add_argument("--python", type=Path, help="interpreter, where TREE has no .venv")
+    parser.add_argument("--only", metavar="TROUBLE", help='the one trouble of each case; "none": there is none')
     given = parser.parse_args(arguments)
     first, last = (int(x) for x in given.seeds.split(":"))
-    judge(given.tree, given.cases, given.out, range(first, last), given.python)
+    judge(given.tree, given.cases, given.out, range(first, last), given.python, given.only)
 
 
 if __name__ == "__main__":

@@ -27,8 +27,8 @@ from estimator.fitting.slopes import Slopes
 from estimator.noise.in_parts import Columns, Made, Scaled
 from estimator.noise.kalman import give_back
 from estimator.noise.level import Level
-from estimator.noise.noise_model import NoiseModel
-from estimator.noise.whitener import Whitener
+from estimator.noise.noise_model import WAYS, NoiseModel
+from estimator.noise.whitener import Whitener, moving
 from estimator.plans.parameters import SensorPlace
 
 FloatArray = NDArray[np.float64]
@@ -275,8 +275,8 @@ def new_fit(simulator: Simulator, values: FloatArray, free: Sequence[str], noise
     """Return a fit that has not been solved: a start."""
     shown = simulator.shown(values[None, :])[0]
     nothing, one = (np.broadcast_to(x, shown.shape) for x in (0.0, 1.0))
-    present, moving = ~np.isnan(simulator.measured), np.ones(len(shown), dtype=bool)
-    whitener = Whitener(noise, simulator.clocks, present, nothing, one, moving, nothing)
+    present, runs = ~np.isnan(simulator.measured), np.ones(len(shown), dtype=bool)
+    whitener = Whitener(noise, simulator.clocks, present, nothing, one, runs, nothing)
     none = Slopes(None, known=np.zeros((*shown.shape, 0)))
     start = Fit(simulator, values, tuple(free), (), whitener, shown, np.zeros(0), np.zeros(shown.size), none, np.inf)
     return with_level(start)
@@ -285,17 +285,23 @@ def new_fit(simulator: Simulator, values: FloatArray, free: Sequence[str], noise
 def with_level(fit: Fit) -> Fit:
     """Return the fit whose noise follows the signals as they are simulated now."""
     level = Level.of(fit.shown)
-    moving = np.logical_or.reduce([level[:, k] > 1e-3 for k in range(level.shape[1])])
+    runs = moving(level, fit.whitener.noise.stands)
     slope = slopes_in_time(fit) if fit.whitener.noise.jitter else np.broadcast_to(0.0, level.shape)
-    whitener = dataclasses.replace(fit.whitener, level=level, moving=moving, slope=slope, way=_way(fit))
+    whitener = dataclasses.replace(fit.whitener, level=level, moving=runs, slope=slope, way=_way(fit))
     return dataclasses.replace(fit, whitener=whitener)
 
 
 def _way(fit: Fit) -> NDArray[np.int8] | None:
-    """Return in which way the machine turns as it is simulated, (rows,), 1 or -1; None: no sensor shows its speed."""
-    if "w" not in fit.simulator.outputs:
+    """Return `way` of the whitener, (rows,), as the machine is simulated; None: no sensor shows its speed."""
+    s = fit.simulator
+    if "w" not in s.outputs:
         return None
-    return np.where(fit.shown[:, fit.simulator.outputs.index("w")] < 0, -1, 1).astype(np.int8)
+    values = {**s.plan.fixed, **dict(zip(s.names, fit.values.tolist(), strict=True))}
+    w = fit.shown[:, s.outputs.index("w")]
+    torque = values.get("B", 0.0) * np.abs(w) + values.get("friction", 0.0)
+    largest = float(np.max(torque))
+    parts = np.ceil(WAYS * torque / largest) if 0 < largest < np.inf else np.full(len(w), WAYS)
+    return np.asarray(np.where(w < 0, -1, 1) * np.maximum(parts, 1)).astype(np.int8)
 
 
 def slopes_in_time(fit: Fit) -> FloatArray:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from estimator.conventions import LEAST_FALL, STEP_DEVIATION
 from estimator.noise.autoregression import autoregression
 from estimator.noise.clock import Clock
-from estimator.noise.noise_growth import Growth, grown_as, growth_of
+from estimator.noise.noise_growth import Growth, grown_as, growths_of
 from estimator.noise.noise_model import NoiseModel
 from estimator.noise.repeating import repeat_themselves
 from estimator.noise.restricted_likelihood import Component, RestrictedLikelihood
@@ -83,14 +83,13 @@ def fit_noise(
     part, rows = _settled_part(whitener, settled, residuals)
     stacked = np.concatenate([residuals[rows, :, None], columns[rows], _levels(part)], axis=2)
     stacked = np.where(part.present[:, :, None], stacked, 0.0)
-    told = [growth_of(residuals[:, j], whitener, j, sharp, step=float(step)) for j, step in enumerate(steps)]
-    told = [Growth() if step > 0 else own for step, own in zip(resolution, told, strict=True)]
+    told, stands = growths_of(residuals, whitener, sharp, steps=steps, fine=resolution == 0)
     spread = np.array([_spread(stacked[:, j, 0][part.present[:, j]]) for j in range(len(steps))])
     if is_held.any() and not is_held.all():  # their errors are no noise, though a wandering torque might follow them
         part = dataclasses.replace(part, present=part.present & ~is_held)
         stacked[:, is_held] = 0.0
     likelihood = RestrictedLikelihood(part, stacked)
-    choice = _Choice(likelihood, colour=colour, told=told, is_held=is_held, counts=counts, spread=spread)
+    choice = _Choice(likelihood, colour=colour, told=told, stands=stands, is_held=is_held, counts=counts, spread=spread)
     found = choice.again() if again else choice.best()
     differenced = np.maximum(found.differenced, counts)
     hidden = np.hypot(np.minimum(found.white, SHOWN_AT_LEVELS * steps), steps / STEP_DEVIATION)
@@ -163,12 +162,13 @@ class _Choice:
         *,
         colour: bool,
         told: Sequence[Growth],
+        stands: float,
         is_held: BoolArray,
         counts: FloatArray,
         spread: FloatArray,
     ) -> None:
         self.likelihood, self.colour, self.is_held = likelihood, colour, is_held
-        self.told = told
+        self.told, self.stands = told, stands
         self.counts, self.spread = counts, spread
         self.whitener, self.stacked = likelihood.whitener, likelihood.stacked
         self.first = dataclasses.replace(self.whitener.noise, short=())
@@ -176,7 +176,7 @@ class _Choice:
 
     def again(self) -> NoiseModel:
         """Estimate the parameters of the present components again; all afresh where they overflow."""
-        noise = grown_as(self.first, self.told)
+        noise = grown_as(self.first, self.told, self.stands)
         active = [("differenced" if noise.differenced[j] > 0 else "white", j) for j in range(self.q)]
         beside = noise.white > BESIDE_COUNTS * noise.differenced
         active += [("white", j) for j in range(self.q) if noise.differenced[j] > 0 and beside[j]]
@@ -201,7 +201,7 @@ class _Choice:
         )
         active = [("differenced" if differenced[j] else "white", j) for j in range(self.q)]
         noise, value = self.likelihood.largest(noise, active)
-        grows = grown_as(noise, self.told)
+        grows = grown_as(noise, self.told, self.stands)
         if grows.grows:
             noise, value = self.likelihood.largest(grows, active)
         for _ in range((COMPONENTS if self.colour else 0) + int(differenced.sum())):

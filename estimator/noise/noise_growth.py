@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.conventions import LEAST_FALL, MEDIAN_SIZE, SECOND_DIFFERENCE, T_FREEDOM, T_MEDIAN
-from estimator.noise.noise_model import NoiseModel
+from estimator.noise.noise_model import LEAST_MOTION, NoiseModel
 from estimator.noise.whitener import Whitener
 from estimator.recordings.samples import median, medians, sum_of_logs
 
@@ -28,21 +28,57 @@ RUNS_LOUDER = 4.0  # standard errors of a ratio of medians: a noise that differs
 MEDIAN_ERROR = 1.4  # of the logarithm of a median of n sizes that correlate as second differences do, times sqrt n
 FINE = np.geomspace(0.7, 1.43, 9)  # times a growth, and a ratio
 BENT = np.geomspace(0.7, 1.7, 9)  # times a growth, and a ratio, of the other form
+STANDS = (5e-3, 0.02, 0.05)  # of the largest signals: with less of each a machine that hardly moves may be as quiet
 RATIOS = 7  # of the noise of a machine that runs to that at rest that are tried, up to the largest
 LOUD_SAMPLES = 25  # samples of a large signal, and as many below half of it: fewer do not show a growth
 
 
 def noise_of_neighbours(whitener: Whitener, residuals: FloatArray, sharp: BoolArray) -> NoiseModel:
     """Return the white noise that samples beside each other show, and its growth; arguments as for `fit_noise`."""
-    told = [growth_of(residuals[:, j], whitener, j, sharp) for j in range(residuals.shape[1])]
+    q = residuals.shape[1]
+    told, stands = growths_of(residuals, whitener, sharp, steps=np.zeros(q), fine=np.ones(q, dtype=bool))
     white = [own.white if own.white > 0 else old for own, old in zip(told, whitener.noise.white, strict=True)]
-    return grown_as(dataclasses.replace(whitener.noise, white=np.array(white)), told)
+    return grown_as(dataclasses.replace(whitener.noise, white=np.array(white)), told, stands)
 
 
-def grown_as(noise: NoiseModel, told: Sequence[Growth]) -> NoiseModel:
-    """Return a noise that grows as is told of each channel."""
+def growths_of(
+    residuals: FloatArray, whitener: Whitener, sharp: BoolArray, *, steps: FloatArray, fine: BoolArray
+) -> tuple[list[Growth], float]:
+    """Return how the noise of each channel grows, and `stands` of `NoiseModel`.
+
+    Parameters
+    ----------
+    residuals : (rows, q) array
+    sharp : (rows,) array
+    steps : (q,) array
+        As `growth_of`.
+    fine : (q,) array
+        Of which channels it is asked.
+    """
+
+    def told(stands: float) -> list[Growth]:
+        own = whitener.of(dataclasses.replace(whitener.noise, stands=stands))
+        return [
+            growth_of(residuals[:, j], own, j, sharp, step=step) if fine[j] else Growth()
+            for j, step in enumerate(steps.tolist())
+        ]
+
+    found, stands = told(LEAST_MOTION), LEAST_MOTION
+    if not any(own.fall > 0 for own in found):
+        return found, stands
+    fall = sum(own.fall for own in found)
+    for tried in STANDS:
+        other = told(tried)
+        if any(own.running != 1.0 for own in other) and sum(own.fall for own in other) > fall + LEAST_FALL:
+            found, stands, fall = other, tried, sum(own.fall for own in other) - LEAST_FALL
+    return found, stands
+
+
+def grown_as(noise: NoiseModel, told: Sequence[Growth], stands: float) -> NoiseModel:
+    """Return a noise that grows as is told of each channel, and of where the machine stands."""
     return dataclasses.replace(
         noise,
+        stands=stands,
         growth=np.array([own.growth for own in told]),
         running=np.array([own.running for own in told]),
         bends=np.array([own.bends for own in told]),
@@ -58,12 +94,15 @@ class Growth:
     growth, running, bends : of `NoiseModel`
     white : float
         Deviation at rest of white noise whose differences are as large, spread as they are; 0: too few samples.
+    fall : float
+        By how much -2 log L falls beyond what its numbers are charged.
     """
 
     growth: float = 0.0
     running: float = 1.0
     bends: bool = False
     white: float = 0.0
+    fall: float = 0.0
 
 
 def growth_of(residuals: FloatArray, whitener: Whitener, j: int, sharp: BoolArray, *, step: float = 0.0) -> Growth:
@@ -143,8 +182,8 @@ class _Differences:
             ratios = best.running * BENT if best.running != 1.0 else np.ones(1)
             bent = self._best(best.growth * BENT, ratios, bends=True)
             if bent.misfit < best.misfit:
-                return self._of(bent.growth, bent.running, bends=True)
-        return self._of(best.growth, best.running)
+                return self._of(bent.growth, bent.running, bends=True, fall=none - bent.misfit - best.charge)
+        return self._of(best.growth, best.running, fall=none - best.misfit - best.charge)
 
     def _coarsely(self) -> _Tried:
         """Return the best of few growths, and of few ratios beside it where the machine runs with another noise."""
@@ -177,10 +216,10 @@ class _Differences:
         error = MEDIAN_ERROR * np.sqrt(1 / len(at_rest) + 1 / len(running))
         return ratio if abs(np.log(ratio)) > RUNS_LOUDER * error else 1.0
 
-    def _of(self, c: float, s: float, *, bends: bool = False) -> Growth:
+    def _of(self, c: float, s: float, *, bends: bool = False, fall: float = 0.0) -> Growth:
         g = self._grown(np.array([c]), np.array([s]), bends=bends)[0]
         unit = max(median(self.sizes / np.sqrt(g)) / T_MEDIAN, self.floor)
-        return Growth(c, s, bends, unit * T_MEDIAN / MEDIAN_SIZE / SECOND_DIFFERENCE)
+        return Growth(c, s, bends, unit * T_MEDIAN / MEDIAN_SIZE / SECOND_DIFFERENCE, fall)
 
     def _grown(self, c: FloatArray, s: FloatArray, *, bends: bool) -> FloatArray:
         """Return g^2 of several growths, (k, n)."""

@@ -28,6 +28,8 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 RESTS, STARTS, RUNS = range(3)  # phases of the machine
+WAYS = 8  # sizes of the friction that are told apart
+LEAST_MOTION = 1e-3  # of the largest signals: with less of each the machine is at rest
 
 
 @dataclass(frozen=True)
@@ -42,11 +44,14 @@ class NoiseModel:
         c of g^2 = s^2 + (c |y| / max |y|)^2.
     running : (q,) array, or None
         s while the machine runs, over that at rest; None: 1.
+    stands : float
+        Of the largest signals: with less of each the machine is as quiet as at rest.
     bends : (q,) array, or None
         Whether g is the larger of s and c |y| / max |y| instead; None: of no channel.
     slow : (q, 2) array
         Deviation and correlation time, s, of the slow part; 0: none.
-    torque : deviation and correlation time, s, of the torque; in the unit of `machine`'s input; 0: none
+    torque : deviation where the friction is largest, and correlation time, s, of the torque; in the unit of
+        `machine`'s input; 0: none
     machine : (2, 2) and (2,) arrays, or None
         A and b of d[i, w]/dt = A [i, w] + b torque.
     seat : (q,) array
@@ -69,6 +74,7 @@ class NoiseModel:
     short: tuple[tuple[tuple[FloatArray, float], ...], ...] = ()
     repeats: tuple[bool, ...] = ()
     running: FloatArray | None = None
+    stands: float = LEAST_MOTION
     bends: BoolArray | None = None
 
     @classmethod
@@ -111,7 +117,7 @@ class NoiseModel:
         return np.asarray(self.scale(level, moving) * np.sqrt(power))
 
     def states(
-        self, dt: float, running: FloatArray, phase: int, way: float = 1.0, *, begins: bool = True
+        self, dt: float, running: FloatArray, phase: int, way: int = WAYS, *, begins: bool = True
     ) -> dict[str, FloatArray]:
         """Return the state space at a step in s: transition (d, d), process (d, d), start (d, d), readout (q, d).
 
@@ -121,7 +127,7 @@ class NoiseModel:
             g while the machine runs.
         phase : RESTS, STARTS or RUNS
             A machine at rest has no wandering torque.
-        way : 1 or -1, in which the machine turns: the torque is against it
+        way : as of `Whitener`; the torque's deviation is that at WAYS
         begins : bool
             Whether the start is asked for; else it may be anything.
         """
@@ -151,14 +157,14 @@ class NoiseModel:
         return result
 
     def _machine_block(
-        self, dt: float, running: FloatArray, phase: int, way: float, begins: bool
+        self, dt: float, running: FloatArray, phase: int, way: int, begins: bool
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Return transition and process covariance of the machine with the wandering torque held over a step."""
         assert self.machine is not None
         a, b = self.machine
         f = np.exp(-dt / self.torque[1])
         transition = held(a.tobytes(), b.tobytes(), dt).copy()
-        transition[:2, 2] *= way
+        transition[:2, 2] *= way / WAYS
         transition[2, 2] = f
         v = self.torque[0] ** 2
         process = np.diag([0.0, 0.0, {RESTS: 0.0, STARTS: v, RUNS: v * (1 - f * f)}[phase]])

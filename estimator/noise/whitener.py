@@ -16,7 +16,7 @@ from estimator.noise.clock import Clock
 from estimator.noise.in_parts import Columns, Made, Scaled
 from estimator.noise.kalman import shorten, whiten
 from estimator.noise.level import Level
-from estimator.noise.noise_model import RESTS, RUNS, STARTS, NoiseModel
+from estimator.noise.noise_model import RESTS, RUNS, STARTS, WAYS, NoiseModel
 from estimator.plans.part import LONG
 from estimator.recordings.samples import median
 
@@ -45,7 +45,8 @@ class Whitener:
     slope : (rows, q) array
         Of the signals, in their units a second, where the noise has a jitter.
     way : (rows,) array, optional
-        1 or -1, in which the machine turns: friction that wanders is against it. None: it is not known.
+        The friction over its largest, in parts of WAYS, with the sign of the speed: friction that wanders is against
+        it, and changes by a share of it. None: it is not known.
     shared : (rows, q, k) array, optional
         What errors that samples share, of variance 1 each, add to them beside their noise (shared_errors.py).
     """
@@ -250,12 +251,17 @@ class Whitener:
                 phase = np.where(moving, np.where(np.concatenate([[True], moving[:-1]]), RUNS, STARTS), RESTS)
                 index = (np.zeros(len(moving), dtype=np.int64) if index is None else index) * 3 + phase
                 phases = (RESTS, STARTS, RUNS)
-            ways: tuple[float, ...] = (1.0,)
+            ways: tuple[int, ...] = (WAYS,)
             if noise.torque[0] > 0 and self.way is not None:
-                ways = (1.0, -1.0)
                 before = self.way[clock.rows][np.maximum(np.arange(len(moving)) - 1, 0)]  # at which a step begins
-                index = (np.zeros(len(moving), dtype=np.int64) if index is None else index) * 2 + (before < 0)
-            first, kinds = 0 if index is None else int(index[0]), itertools.product(steps, phases, ways)
+                ways = tuple(range(-WAYS, WAYS + 1))
+                index = (np.zeros(len(moving), dtype=np.int64) if index is None else index) * len(ways) + before + WAYS
+            kinds = list(itertools.product(steps, phases, ways))
+            if index is not None:  # most of many kinds do not occur
+                used = np.bincount(index, minlength=len(kinds)) > 0
+                kinds = list(itertools.compress(kinds, used.tolist()))
+                index = (np.cumsum(used) - 1)[index]
+            first = 0 if index is None else int(index[0])
             spaces = [
                 noise.states(dt, running, phase, way, begins=k == first) for k, (dt, phase, way) in enumerate(kinds)
             ]
@@ -282,4 +288,10 @@ class Whitener:
 
     def of(self, noise: NoiseModel) -> Whitener:
         """Return the whitener of another noise model."""
-        return dataclasses.replace(self, noise=noise)
+        same = noise.stands == self.noise.stands
+        return dataclasses.replace(self, noise=noise, moving=self.moving if same else moving(self.level, noise.stands))
+
+
+def moving(level: FloatArray | Level, stands: float) -> BoolArray:
+    """Return where the machine runs, (rows,): a signal is larger than so much of its largest."""
+    return np.asarray(np.logical_or.reduce([level[:, k] > stands for k in range(level.shape[1])]))
