@@ -5,7 +5,8 @@ as good as independent, and a level is known as well as their number tells (Widr
 2008). With less of it all samples of a level show the same one or two values, and no number of them tells where between
 them it lies: two values tell how often each is shown, which is where the level lies in deviations of a noise that
 nobody knows. The error of the samples' mean is that over all levels and all normal noises, each as likely as it shows
-such values.
+such values. Where the signal moves slowly, a noise shows as values that go back and forth: where none do there is none,
+and a level that shows one value may lie anywhere within its step.
 """
 
 from __future__ import annotations
@@ -29,7 +30,13 @@ MOST_VALUES = 5  # that a level shows: of more the noise is no smaller than a st
 VISIBLE = 0.1  # deviations of a level's mean that are known by its samples: a smaller error of it adds 0.5 % to a bar
 REPEATED = 0.5  # of neighbours: if fewer differ, the sensor holds them
 STAYS = 0.25  # of a step: a signal that moves by less stays at a level
+LEAST_CHANGE = 0.5  # of a step
+KEPT = 8  # rows
 LEAST_ROWS = 4  # of a level; of fewer the converter's own noise holds it
+SLOW = 0.05  # of a step a row: so slowly a signal passes from one value to the next that noise would show there
+STANDS = 0.005  # of a step a row: a slower signal may be moved by what is not explained
+FEW_SLOW = 3  # passages: fewer do not tell that there is no noise
+PASSES = 2.0  # deviations of the noise that a signal passes in a row, if values do not go back and forth
 MOST_LEVELS = 48  # of an output, the longest: of many levels errors average out
 
 
@@ -59,45 +66,71 @@ def coarse_levels(fit: Fit) -> FloatArray | None:
         return None
     columns = []
     for j in np.flatnonzero(held_by_sensor(fit)).tolist():
-        step, levels = float(s.steps[j]), list[slice]()
+        step, levels, most = float(s.steps[j]), list[slice](), DEVIATIONS[-1]
         for clock in s.clocks:
+            most = min(most, _most_noise(s.measured[clock.rows, j] / step, fit.explained[clock.rows, j] / step))
             levels += [
                 slice(clock.rows.start + first, clock.rows.start + last)
-                for first, last in _levels(fit.explained[clock.rows, j], STAYS * step)
+                for first, last in _levels(fit.explained[clock.rows, j] / step, s.measured[clock.rows, j] / step)
             ]
         for rows in sorted(levels, key=lambda rows: rows.start - rows.stop)[:MOST_LEVELS]:
             shown = s.measured[rows, j]
             shown = shown[~np.isnan(shown)]
             if len(shown) < LEAST_ROWS:
                 continue
-            error = level_error(shown, step)
+            error = level_error(shown, step, most)
             if error > VISIBLE * noise.white[j] / np.sqrt(len(shown)):
                 columns.append(np.zeros((s.rows, len(s.outputs))))
                 columns[-1][rows, j] = error
     return np.stack(columns, axis=2) if columns else None
 
 
-def level_error(shown: FloatArray, step: float) -> float:
+def level_error(shown: FloatArray, step: float, most: float = DEVIATIONS[-1]) -> float:
     """Return the deviation of what the mean of samples, (n,), is off by, in their unit, with a sensor of this step.
 
     Beside what it is off as a mean of independent samples.
+
+    Parameters
+    ----------
+    most : float
+        Deviation of the noise at most, in steps. Where several values are shown the level itself may move.
     """
     codes = np.rint((shown - shown.min()) / step).astype(int)
-    return 0.0 if codes.max() >= MOST_VALUES else step * _off(tuple(np.bincount(codes).tolist()))
+    counts = tuple(np.bincount(codes).tolist())
+    if len(counts) > MOST_VALUES:
+        return 0.0
+    return step * _off(counts, int(np.count_nonzero(most >= DEVIATIONS)) if len(counts) == 1 else len(DEVIATIONS))
+
+
+def _most_noise(shown: FloatArray, signal: FloatArray) -> float:
+    """Return the largest deviation of a noise that its slow passages from value to value allow, in steps.
+
+    Parameters
+    ----------
+    shown, signal : (n,) arrays
+        What the sensor shows, and what is explained of it, in steps.
+    """
+    there = np.flatnonzero(np.isfinite(shown))
+    changes, pace = np.diff(shown[there]), np.diff(signal[there]) / np.diff(there)
+    slow = (np.abs(changes) > LEAST_CHANGE) & (np.abs(pace) > STANDS) & (np.abs(pace) < SLOW)
+    if np.count_nonzero(slow) < FEW_SLOW or np.any(changes[slow] * pace[slow] < 0):
+        return float(DEVIATIONS[-1])
+    return max(PASSES * float(np.sort(np.abs(pace[slow]))[FEW_SLOW - 1]), float(DEVIATIONS[0]))
 
 
 @lru_cache(maxsize=1024)
-def _off(counts: tuple[int, ...]) -> float:
-    """Return it in steps, of how often each value is shown."""
+def _off(counts: tuple[int, ...], noises: int) -> float:
+    """Return it in steps, of how often each value is shown, by so many of the noises."""
+    deviations = DEVIATIONS[:noises]
     many, values = np.array(counts, dtype=float), np.arange(len(counts))
     n = float(many.sum())
     mean = float(many @ values) / n
     independent = float(many @ (values - mean) ** 2) / n**2
     edges = np.arange(len(counts) + 1) - 0.5
-    low, high = np.full(len(DEVIATIONS), edges[0]), np.full(len(DEVIATIONS), edges[-1])
+    low, high = np.full(noises, edges[0]), np.full(noises, edges[-1])
     for _ in range(NARROWER):
         places = np.linspace(low, high, PLACES)
-        below = normal_chance((edges[:, None, None] - places) / DEVIATIONS)
+        below = normal_chance((edges[:, None, None] - places) / deviations)
         chances = np.log(np.maximum(np.diff(below, axis=0), 1e-300))
         likelihood = np.tensordot(many, chances, axes=1)
         possible = likelihood > likelihood.max(axis=0) - POSSIBLE
@@ -109,12 +142,25 @@ def _off(counts: tuple[int, ...]) -> float:
     return float(np.sqrt(max(square - independent, 0.0)))
 
 
-def _levels(signal: FloatArray, within: float) -> list[tuple[int, int]]:
-    """Return where a signal, (n,), stays within so much of its last value: the first row, and that after the last."""
+def _levels(signal: FloatArray, shown: FloatArray) -> list[tuple[int, int]]:
+    """Return where a signal, (n,), stays, and does not pass to another value: the first row, and that after the last.
+
+    Both in steps of the sensor.
+    """
     values, last = signal.tolist(), len(signal)
+    passes = _passages(shown).tolist()
     found = []
     for k in range(len(values) - 1, -1, -1):
-        if abs(values[k] - values[last - 1]) > within:
+        if abs(values[k] - values[last - 1]) > STAYS or passes[k]:
             found.append((k + 1, last))
             last = k + 1
-    return [*found, (0, last)]
+    return [(first, last) for first, last in [*found, (0, last)] if first < last]
+
+
+def _passages(shown: FloatArray) -> NDArray[np.bool_]:
+    """Return behind which rows a sensor shows another value, (n,), which it keeps, as before the one it had."""
+    changes = np.flatnonzero(np.abs(np.diff(shown)) > LEAST_CHANGE)
+    apart = np.diff(np.concatenate([[-KEPT], changes, [len(shown) - 1 + KEPT]]))
+    found = np.zeros(len(shown), dtype=bool)
+    found[changes[(apart[:-1] >= KEPT) & (apart[1:] >= KEPT)]] = True
+    return found

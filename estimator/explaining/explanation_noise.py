@@ -40,7 +40,12 @@ def count_deviations(plan: Plan) -> FloatArray:
 
 
 def with_noise(
-    explanation: Explanation, differenced: FloatArray, *, colour: bool = True, again: bool = False
+    explanation: Explanation,
+    differenced: FloatArray,
+    *,
+    colour: bool = True,
+    again: bool = False,
+    moving: bool = False,
 ) -> Explanation:
     """Return the explanation with its noise estimated, or estimated again, and fitted with it.
 
@@ -52,6 +57,8 @@ def with_noise(
         Whether the noise may be coloured.
     again : bool
         Keep the components of the noise, and estimate their parameters again.
+    moving : bool
+        Ask rows that have not settled, too, but for the first part of transients, and keep the torque that wanders.
     """
     fit = renewed(explanation)
     if any(new is not old for new, old in zip(fit.linear, explanation.fit.linear, strict=True)):
@@ -72,9 +79,10 @@ def with_noise(
     is_angle = np.array([y == "angle" for y in s.outputs])  # its counts are far apart, as its samples are
     steps = np.where(differenced == 0, s.steps, 0.0)
     found = fit_noise(
-        whitener, misfit, fit.raw, windows.settled, windows.sharp, colour=colour, again=again, counts=differenced,
+        whitener, misfit, fit.raw, ~windows.sharp if moving else windows.settled, windows.sharp, colour=colour, again=again, counts=differenced,
         steps=np.where(is_angle, 0.0, steps),
         resolution=np.where(s.coarse | is_angle, steps, 0.0), is_held=held_by_sensor(fit),
+        torque=noise.torque if moving else None,
     )  # fmt: skip
     del misfit  # of a million rows a thirtieth of what is held
     fit = held_down(refreshed(fit, whitener.of(found)), windows.onsets)

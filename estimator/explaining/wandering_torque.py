@@ -50,11 +50,19 @@ class OpenTorque:
     covariance: FloatArray
 
 
-def with_wandering_torque(explanation: Explanation) -> tuple[Explanation, tuple[OpenTorque, ...]]:
+def with_wandering_torque(
+    explanation: Explanation, *, most: float = np.inf
+) -> tuple[Explanation, tuple[OpenTorque, ...]]:
     """Return the explanation fitted with a torque that wanders, as it is where none shows, and what is left open.
 
-    In all rows the misfit of a transient may be taken for it: whether an explanation is adequate must be asked before.
-    Long recordings show it in their settled rows; a speed alone does not tell the usual torque.
+    In all rows the misfit of a transient may be taken for it: whether an explanation is adequate must be asked before,
+    or a torque that is no larger than friction may well be. Long recordings show it in their settled rows; a speed
+    alone does not tell the usual torque.
+
+    Parameters
+    ----------
+    most : float
+        Of the usual torque: a larger one is none.
     """
     fit = with_level(explanation.fit)
     machine, seat = machine_of(fit)
@@ -78,7 +86,7 @@ def with_wandering_torque(explanation: Explanation) -> tuple[Explanation, tuple[
         starts, tried = [*starts, noise], [*tried, likelihood.misfit(noise)]
     if min(tried) <= still - PROMISES * WANDERS:
         found, value = likelihood.largest(starts[int(np.argmin(tried))], [("torque", 0)])
-        if value <= still - WANDERS:
+        if value <= still - WANDERS and found.torque[0] <= most * usual:
             return dataclasses.replace(explanation, fit=solved(refreshed(fit, fit.whitener.of(found)))), ()
     if noise.torque[0] > 0:  # the settled rows show it
         return explanation, ()

@@ -51,6 +51,7 @@ def fit_noise(
     counts: FloatArray,
     colour: bool,
     again: bool,
+    torque: tuple[float, float] | None = None,
 ) -> NoiseModel:
     """Return the noise model of the largest restricted likelihood.
 
@@ -79,6 +80,8 @@ def fit_noise(
         Look for slow parts, for a wandering torque, and for correlation over few samples.
     again : bool
         Keep the components of the whitener's noise, and estimate their parameters again.
+    torque : deviation and correlation time, s, optional
+        Of a wandering torque that all rows tell: the settled ones are not asked for it.
     """
     part, rows = _settled_part(whitener, settled, residuals)
     stacked = np.concatenate([residuals[rows, :, None], columns[rows], _levels(part)], axis=2)
@@ -89,7 +92,16 @@ def fit_noise(
         part = dataclasses.replace(part, present=part.present & ~is_held)
         stacked[:, is_held] = 0.0
     likelihood = RestrictedLikelihood(part, stacked)
-    choice = _Choice(likelihood, colour=colour, told=told, stands=stands, is_held=is_held, counts=counts, spread=spread)
+    choice = _Choice(
+        likelihood,
+        colour=colour,
+        told=told,
+        stands=stands,
+        is_held=is_held,
+        counts=counts,
+        spread=spread,
+        torque=torque,
+    )
     found = choice.again() if again else choice.best()
     differenced = np.maximum(found.differenced, counts)
     hidden = np.hypot(np.minimum(found.white, SHOWN_AT_LEVELS * steps), steps / STEP_DEVIATION)
@@ -166,10 +178,11 @@ class _Choice:
         is_held: BoolArray,
         counts: FloatArray,
         spread: FloatArray,
+        torque: tuple[float, float] | None,
     ) -> None:
         self.likelihood, self.colour, self.is_held = likelihood, colour, is_held
         self.told, self.stands = told, stands
-        self.counts, self.spread = counts, spread
+        self.counts, self.spread, self.torque = counts, spread, torque
         self.whitener, self.stacked = likelihood.whitener, likelihood.stacked
         self.first = dataclasses.replace(self.whitener.noise, short=())
         self.q = self.stacked.shape[1]
@@ -197,7 +210,7 @@ class _Choice:
             running=np.ones(self.q),
             bends=np.zeros(self.q, dtype=bool),
             slow=np.column_stack([np.zeros(self.q), np.ones(self.q)]),
-            torque=(0.0, 1.0),
+            torque=self.torque or (0.0, 1.0),
         )
         active = [("differenced" if differenced[j] else "white", j) for j in range(self.q)]
         noise, value = self.likelihood.largest(noise, active)
@@ -242,7 +255,7 @@ class _Choice:
                 slow = noise.slow.copy()
                 slow[j] = np.sqrt(share) * deviation, tau
                 options.append((dataclasses.replace(noise, slow=slow), ("slow", j)))
-            if noise.machine is not None and noise.seat[j] >= 0 and ("torque", 0) not in active:
+            if noise.machine is not None and noise.seat[j] >= 0 and self.torque is None and noise.torque[0] == 0:
                 gain = abs(float(np.linalg.solve(*noise.machine)[noise.seat[j]]))
                 torque = (np.sqrt(share) * deviation / gain, max(tau, 10 * self.whitener.clocks[0].step))
                 options.append((dataclasses.replace(noise, torque=torque), ("torque", 0)))
