@@ -15,17 +15,19 @@ from estimator.explaining.adequacy import Adequacy, adequacy
 from estimator.explaining.averaging import averaged
 from estimator.explaining.between_runs import BetweenRuns, is_between_runs, of_fit
 from estimator.explaining.effects.base import Effect
+from estimator.explaining.effects.drive import Coasting
 from estimator.explaining.effects.voltage_noise import VoltageNoise, without_noise
 from estimator.explaining.explanation import Explanation
 from estimator.explaining.explanation_noise import by_noise_of, with_noise
 from estimator.explaining.findings import COARSE, Found, found_effects, not_visible, rival_in_words, varying_parameters
 from estimator.explaining.interpretations import Interpretation
 from estimator.explaining.likelier_interpretation import as_interpreted_by, likelier_interpretation
+from estimator.explaining.open_circuits import with_open_circuits
 from estimator.explaining.parameter_drift import drift_variances
 from estimator.explaining.profile_widths import further_reach
 from estimator.explaining.rivals import settled, simulated_finely
 from estimator.explaining.selection import Selection
-from estimator.explaining.selection_of_plan import selection_of
+from estimator.explaining.selection_of_plan import may_be_replaced, selection_of
 from estimator.explaining.wandering_torque import OpenTorque, hidden_torque, with_wandering_torque
 from estimator.fitting.fit import Fit
 from estimator.fitting.latency import with_latencies
@@ -155,12 +157,16 @@ def explain(
         Whether an explanation that is so adequate is wanted: else what it costs most, its rivals, is not looked for.
     """
     late: tuple[str, ...] = ()
+    opened: tuple[str, ...] = ()
+    if any(e.name == Coasting.name for e in effects) and may_be_replaced(plan):
+        plan, opened = with_open_circuits(plan)
     if any(e.name == "latency of each edge" for e in effects):
         plan, late = with_latencies(plan)
     begin = partial(selection_of, crew=crew, sigma=sigma, deviations=deviations, effects=effects)
     ways, selections, explanation = likelier_interpretation(plan, begin, starts, known)
     plan, selection = ways[0].plan, selections[0]
     changed = [Found("latency of each edge", "", t, "") for t in late]
+    changed += [Found(Coasting.name, "", t, "") for t in opened]
     if (quiet := without_noise(explanation.fit, plan)) is not None:
         changed += [f for f in found_effects(explanation, plan) if f.name == VoltageNoise.name]
         rest = tuple(a for a in explanation.additions if a.name != VoltageNoise.name)

@@ -14,7 +14,7 @@ from estimator.explaining.shared_errors import with_shared_errors
 from estimator.fitting.fit import refreshed, slopes_in_time, with_level
 from estimator.fitting.gauss_newton import solved, solved_roughly
 from estimator.fitting.least_squares import ROUNDING
-from estimator.fitting.motor_response import machine_of
+from estimator.fitting.motor_response import with_machine
 from estimator.fitting.outliers import held_down
 from estimator.fitting.windows import find_windows
 from estimator.noise.jitter import find_jitter, without_responses
@@ -63,16 +63,15 @@ def with_noise(
     fit = renewed(explanation)
     if any(new is not old for new, old in zip(fit.linear, explanation.fit.linear, strict=True)):
         fit = solved_roughly(fit)  # by its old coefficients a column that has moved is no part of what is explained
-    fit = with_shared_errors(with_level(fit))
-    machine, seat = machine_of(fit)
-    noise = dataclasses.replace(fit.whitener.noise, machine=machine, seat=seat)
+    fit = with_machine(with_shared_errors(with_level(fit)))
+    noise = fit.whitener.noise
     if not again:
         noise = dataclasses.replace(noise, differenced=differenced)
     whitener = fit.whitener.of(noise)
     misfit = np.where(whitener.present, fit.residuals(), 0.0)
     rounding = ROUNDING * fit.simulator.problem.spread
     if np.all(np.sqrt(np.mean(misfit**2, axis=0)) < rounding):  # a simulation's own output: no noise is to be told
-        exact = dataclasses.replace(NoiseModel.plain(rounding, seat), machine=machine)
+        exact = dataclasses.replace(NoiseModel.plain(rounding, noise.seat), machine=noise.machine)
         return dataclasses.replace(explanation, fit=solved(refreshed(fit, whitener.of(exact))))
     windows = find_windows(explanation.fit)
     s = fit.simulator

@@ -45,9 +45,7 @@ def selection_of(
 
 def _rivals(base: Simulator, effects: Sequence[Effect]) -> Callable[[str], Simulator | None]:
     """Return what makes simulators of bundled FMUs that may stand in for the linear motor, by name, each once."""
-    plan = base.plan
-    is_linear_motor = plan.description.is_bundled and plan.description.path.stem == LINEAR_MOTOR
-    can_stand_in = is_linear_motor and {*plan.names, *plan.fixed} <= {*MOTOR, "v", "load"}
+    plan, can_stand_in = base.plan, may_be_replaced(base.plan)
 
     @cache
     def simulator(name: str) -> Simulator | None:
@@ -60,6 +58,12 @@ def _rivals(base: Simulator, effects: Sequence[Effect]) -> Callable[[str], Simul
         return Simulator(there, (*base.nuisances, *own), base.crew, base.sigma)
 
     return simulator
+
+
+def may_be_replaced(plan: Plan) -> bool:
+    """Return whether the plan's FMU is the bundled linear motor, in whose place one with more effects may stand."""
+    is_linear_motor = plan.description.is_bundled and plan.description.path.stem == LINEAR_MOTOR
+    return is_linear_motor and {*plan.names, *plan.fixed} <= {*MOTOR, "v", "load"}
 
 
 def freed_by_the_case(plan: Plan) -> list[Nuisance]:

@@ -20,13 +20,13 @@ from estimator.explaining.explanation import Explanation
 from estimator.explaining.parameter_drift import friction_variance
 from estimator.fitting.fit import Fit, refreshed, with_level
 from estimator.fitting.gauss_newton import solved
-from estimator.fitting.motor_response import machine_of
+from estimator.fitting.motor_response import with_machine
 from estimator.noise.noise_model import NoiseModel
 from estimator.noise.restricted_likelihood import USUAL_TORQUE, RestrictedLikelihood
-from estimator.plans.part import LONG
 
 FloatArray = NDArray[np.float64]
 
+MOST_ROWS = 60_000  # of more rows the settled ones show it
 SIZES = (0.004, 0.012, 0.04, 0.12)  # of the usual torque, each as likely before a recording is seen
 WANDERS = 4.0  # of -2 log L: it widens the bars, no more, so that it may be taken in by chance in 2 of 100 recordings
 PROMISES = 0.25  # of that, by one of the sizes: between two of them, and by another time, it falls hardly further
@@ -64,11 +64,11 @@ def with_wandering_torque(
     most : float
         Of the usual torque: a larger one is none.
     """
-    fit = with_level(explanation.fit)
-    machine, seat = machine_of(fit)
-    if machine is None or not {0, 1} <= set(seat) or fit.simulator.rows > LONG:
+    fit = with_machine(with_level(explanation.fit))
+    noise = fit.whitener.noise
+    machine, seat = noise.machine, noise.seat
+    if machine is None or not {0, 1} <= set(seat) or fit.simulator.rows > MOST_ROWS:
         return explanation, ()
-    noise = dataclasses.replace(fit.whitener.noise, machine=machine, seat=seat)
     (a, b), current = machine, np.abs(fit.shown[fit.whitener.moving, seat.index(0)])
     usual = abs(a[1, 0] / b[1]) * float(np.median(current)) if len(current) else 0.0
     if usual == 0.0:

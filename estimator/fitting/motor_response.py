@@ -5,6 +5,7 @@ Where the drive opens the circuit at no voltage there is no current, and the mot
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
 
@@ -48,6 +49,15 @@ def machine_of(fit: Fit) -> tuple[tuple[FloatArray, FloatArray] | None, tuple[in
         return None, tuple(-1 for _ in fit.simulator.outputs)
     a, b, _, _ = matrices(values)
     return (a, b[:, 1]), tuple(SEATS[y] if y != "angle" else -1 for y in fit.simulator.outputs)
+
+
+def with_machine(fit: Fit) -> Fit:
+    """Return the fit whose noise knows the machine as it is now, and where its circuit is open."""
+    machine, seat = machine_of(fit)
+    opens = None if machine is None else _opens(fit)
+    noise = dataclasses.replace(fit.whitener.noise, machine=machine, seat=seat)
+    opens = opens if opens is not None and opens.any() else None
+    return dataclasses.replace(fit, whitener=dataclasses.replace(fit.whitener.of(noise), opens=opens))
 
 
 def response(fit: Fit, *, voltage: FloatArray | None = None, torque: FloatArray | None = None) -> FloatArray:

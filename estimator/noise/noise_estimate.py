@@ -142,6 +142,7 @@ def _settled_part(whitener: Whitener, settled: BoolArray, residuals: FloatArray)
     narrowed = Whitener(
         whitener.noise, tuple(clocks), present[rows], whitener.level[rows], whitener.inflate[rows],
         whitener.moving[rows], whitener.slope[rows], None if whitener.way is None else whitener.way[rows],
+        None if whitener.opens is None else whitener.opens[rows],
     )  # fmt: skip
     return narrowed, rows
 

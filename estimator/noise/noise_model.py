@@ -27,7 +27,7 @@ from estimator.noise.level import Level
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
-RESTS, STARTS, RUNS = range(3)  # phases of the machine
+RESTS, STARTS, RUNS, COASTS = range(4)  # phases of the machine; without a circuit it coasts
 WAYS = 8  # sizes of the friction that are told apart
 LEAST_MOTION = 1e-3  # of the largest signals: with less of each the machine is at rest
 
@@ -125,7 +125,7 @@ class NoiseModel:
         ----------
         running : (q,) array
             g while the machine runs.
-        phase : RESTS, STARTS or RUNS
+        phase : RESTS, STARTS, RUNS or COASTS
             A machine at rest has no wandering torque.
         way : as of `Whitener`; the torque's deviation is that at WAYS
         begins : bool
@@ -163,13 +163,13 @@ class NoiseModel:
         assert self.machine is not None
         a, b = self.machine
         f = np.exp(-dt / self.torque[1])
-        transition = held(a.tobytes(), b.tobytes(), dt).copy()
+        transition = (unwound if phase == COASTS else held)(a.tobytes(), b.tobytes(), dt).copy()
         transition[:2, 2] *= way / WAYS
         transition[2, 2] = f
         v = self.torque[0] ** 2
-        process = np.diag([0.0, 0.0, {RESTS: 0.0, STARTS: v, RUNS: v * (1 - f * f)}[phase]])
+        process = np.diag([0.0, 0.0, {RESTS: 0.0, STARTS: v}.get(phase, v * (1 - f * f))])
         start, step = process.copy(), transition.copy()
-        for _ in range(60 if phase == RUNS and begins else 0):  # P = F P F' + Q by doubling
+        for _ in range(60 if phase in (RUNS, COASTS) and begins else 0):  # P = F P F' + Q by doubling
             more = step @ start @ step.T
             start = start + more
             if more.trace() <= 1e-12 * start.trace():
@@ -188,3 +188,13 @@ def held(a: bytes, b: bytes, dt: float) -> FloatArray:
     whole = np.zeros((3, 3))
     whole[:2, :2], whole[:2, 2] = np.frombuffer(a).reshape(2, 2), np.frombuffer(b)
     return exponential(whole * dt)
+
+
+@lru_cache(maxsize=256)
+def unwound(a: bytes, b: bytes, dt: float) -> FloatArray:
+    """Return the same of a machine whose circuit is open: no current flows from its first instant on."""
+    decay, input_ = float(np.frombuffer(a).reshape(2, 2)[1, 1]), float(np.frombuffer(b)[1])
+    own = np.zeros((3, 3))
+    own[1, 1], own[2, 2] = np.exp(decay * dt), 1.0
+    own[1, 2] = input_ * (np.expm1(decay * dt) / decay if decay else dt)
+    return own

@@ -16,7 +16,7 @@ from estimator.noise.clock import Clock
 from estimator.noise.in_parts import Columns, Made, Scaled
 from estimator.noise.kalman import shorten, whiten
 from estimator.noise.level import Level
-from estimator.noise.noise_model import RESTS, RUNS, STARTS, WAYS, NoiseModel
+from estimator.noise.noise_model import COASTS, RESTS, RUNS, STARTS, WAYS, NoiseModel
 from estimator.plans.part import LONG
 from estimator.recordings.samples import median
 
@@ -47,6 +47,8 @@ class Whitener:
     way : (rows,) array, optional
         The friction over its largest, in parts of WAYS, with the sign of the speed: friction that wanders is against
         it, and changes by a share of it. None: it is not known.
+    opens : (rows,) array, optional
+        Behind which rows the machine's circuit is open. None: it is not.
     shared : (rows, q, k) array, optional
         What errors that samples share, of variance 1 each, add to them beside their noise (shared_errors.py).
     """
@@ -59,6 +61,7 @@ class Whitener:
     moving: BoolArray
     slope: FloatArray
     way: NDArray[np.int8] | None = None
+    opens: BoolArray | None = None
     shared: FloatArray | None = None
 
     def __call__(self, columns: FloatArray) -> tuple[FloatArray, float]:
@@ -247,13 +250,16 @@ class Whitener:
             steps, index = clock.steps
             phases: tuple[int, ...] = (RUNS,)
             moving = self.moving[clock.rows]
-            if noise.torque[0] > 0 and not moving.all():
-                phase = np.where(moving, np.where(np.concatenate([[True], moving[:-1]]), RUNS, STARTS), RESTS)
-                index = (np.zeros(len(moving), dtype=np.int64) if index is None else index) * 3 + phase
-                phases = (RESTS, STARTS, RUNS)
+            before_row = np.maximum(np.arange(len(moving)) - 1, 0)  # at which a step begins
+            opens = None if self.opens is None else self.opens[clock.rows][before_row]
+            if noise.torque[0] > 0 and not (moving.all() and opens is None):
+                runs = RUNS if opens is None else np.where(opens, COASTS, RUNS)
+                phase = np.where(moving, np.where(np.concatenate([[True], moving[:-1]]), runs, STARTS), RESTS)
+                phases = (RESTS, STARTS, RUNS, COASTS)
+                index = (np.zeros(len(moving), dtype=np.int64) if index is None else index) * len(phases) + phase
             ways: tuple[int, ...] = (WAYS,)
             if noise.torque[0] > 0 and self.way is not None:
-                before = self.way[clock.rows][np.maximum(np.arange(len(moving)) - 1, 0)]  # at which a step begins
+                before = self.way[clock.rows][before_row]
                 ways = tuple(range(-WAYS, WAYS + 1))
                 index = (np.zeros(len(moving), dtype=np.int64) if index is None else index) * len(ways) + before + WAYS
             kinds = list(itertools.product(steps, phases, ways))

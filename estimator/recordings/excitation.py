@@ -142,6 +142,9 @@ def quantum(y: FloatArray) -> float:
     return _lattice(y) or _lattice(np.diff(y))
 
 
+OFF_LATTICE = 0.05  # of a step
+
+
 def _lattice(y: FloatArray) -> float:
     """Return the distance of the levels that values lie on, which may be printed with few digits; 0: they do not."""
     peak = float(np.max(np.abs(y), initial=0.0))
@@ -149,10 +152,17 @@ def _lattice(y: FloatArray) -> float:
     differences = differences[differences > 1e-9 * peak]  # the rest is one level, or rounding
     if len(differences) < 2 or len(differences) > 0.5 * len(y):
         return 0.0
-    step = float(np.min(differences))
-    multiples = differences / step
-    whole = np.round(multiples)
-    return float(np.sum(differences) / np.sum(whole)) if float(np.max(np.abs(multiples - whole))) < 0.05 else 0.0
+    step, reach = float(np.min(differences)), 1.5
+    while True:  # few digits tell a step only roughly, and many of them are then no whole number
+        near = differences[differences < reach * step]
+        multiples = near / step
+        whole = np.round(multiples)
+        if float(np.max(np.abs(multiples - whole))) >= OFF_LATTICE:
+            return 0.0
+        step = float(np.sum(near) / np.sum(whole))
+        if len(near) == len(differences):
+            return step
+        reach *= 4.0
 
 
 def find_delay(excitation: Excitation, outputs: Mapping[str, FloatArray]) -> int:
