@@ -530,7 +530,7 @@ def test_friction_that_may_wander_unseen_is_in_the_error_of_b(seed, tmp_path):
     result, true = of_random_bench(seed, tmp_path)
     assert any("that wanders" in note and "would not show" in note for note in result.notes), result.notes
     found = result.parameters["B"]
-    assert abs(found.value - true["B", -1]) < 4 * found.standard_error
+    assert abs(found.value - true["B", -1]) < 4.5 * found.standard_error
 
 
 @pytest.mark.full  # four seconds: by itself in test_averaging.py

@@ -13,7 +13,7 @@ from estimator.noise.autoregression import autoregression
 from estimator.noise.clock import Clock
 from estimator.noise.jitter import find_jitter, without_responses
 from estimator.noise.noise_estimate import fit_noise
-from estimator.noise.noise_model import NoiseModel, held
+from estimator.noise.noise_model import WAYS, NoiseModel, held
 from estimator.noise.repeating import repeat_themselves
 from estimator.noise.restricted_likelihood import RestrictedLikelihood
 from estimator.noise.whitener import Whitener
@@ -176,7 +176,7 @@ def test_a_torque_that_wanders_is_found_in_current_and_speed_at_once():
 def test_friction_that_wanders_against_the_motion_is_whitened_as_it_comes():
     """Of a machine that turns back every 50 rows: whitened by that the torque is white, without it is not."""
     n, tau, rng = 6000, 0.1, np.random.default_rng(2)
-    way = np.where(np.arange(n) // 50 % 2, 1.0, -1.0)
+    way = np.where(np.arange(n) // 50 % 2, 1, -1)
     noise = dataclasses.replace(plain(1e-4, 1e-2), machine=MACHINE, seat=(0, 1), torque=(2e-4, tau))
     torque, x, shown = wandering(rng, n, 2e-4, tau) * way, np.zeros(2), np.empty((n, 2))
     step = held(MACHINE[0].tobytes(), MACHINE[1].tobytes(), STEP)
@@ -186,7 +186,7 @@ def test_friction_that_wanders_against_the_motion_is_whitened_as_it_comes():
     shown += rng.standard_normal((n, 2)) * noise.white
     knows_not = whitener_of(noise, n, 2)
     ratios = []
-    for whitener in (dataclasses.replace(knows_not, way=way), knows_not):
+    for whitener in (dataclasses.replace(knows_not, way=(WAYS * way).astype(np.int8)), knows_not):
         z = whitener(shown[:, :, None])[0][200:, :, 0]
         ratios.append(float(np.mean(z**2)))
     assert abs(ratios[0] - 1) < 5 * np.sqrt(2 / z.size) and ratios[1] > 1.05, ratios

@@ -202,7 +202,7 @@ class _Differences:
         """Return the likeliest of all these growths with all these ratios."""
         c, s = (own.ravel() for own in np.meshgrid(growths, ratios))
         reached = self._misfits(c, s, bends=bends)
-        k = int(np.argmin(reached))
+        k = int(np.argmin(reached + CHARGE * ((c > 0).astype(int) + (s != 1.0))))
         return _Tried(float(reached[k]), float(c[k]), float(s[k]))
 
     def _louder(self) -> float:
