@@ -1,0 +1,87 @@
+"""Circuits that are open while a voltage is measured: it is the motor's own, and drives nothing. Knows plans, no fit.
+
+A drive that lets go of its motor leaves it without a current, at once; the voltage at its terminals is then K w. Of the
+linear motor, driven by this voltage, hardly a current would flow either, but the voltage's noise would make one, and what
+flows before would fade with the winding's time constant. So these rows are read as those of a command are: no voltage,
+and a circuit that is open (`Coasting`).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.plans.plan import Observed, Plan
+from estimator.recordings.excitation import noise_deviation
+from estimator.recordings.samples import filled, median
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+LEAST_ROWS = 10  # of an open circuit, and of the current before it
+DROPS = 0.3  # of the current before: what is left of it in an open circuit, at most, but for noise
+NOISE = 4.0  # deviations
+NONE = 0.1  # of the current before: the mean of none
+OWN = 0.05  # of the largest voltage: the motor's own differs from K w by less, but for noise
+FALLS = 0.9  # of its speed: a motor that coasts loses more than the rest
+ON = 0.1  # of the largest voltage
+
+
+def with_open_circuits(plan: Plan) -> tuple[Plan, tuple[str, ...]]:
+    """Return the plan without voltages that are the motor's own, and what was found."""
+    observed, told = [], []
+    for o in plan.observed:
+        opens = open_rows(o)
+        if opens is None:
+            observed.append(o)
+            continue
+        begins = np.flatnonzero(opens & ~np.append(False, opens[:-1]))
+        current = o.outputs["i"].copy()
+        current[begins] = np.nan  # it has fallen within the row, or is about to
+        inputs = {**o.inputs, "v": np.where(opens, 0.0, o.inputs["v"])}
+        observed.append(dataclasses.replace(o, inputs=inputs, outputs={**o.outputs, "i": current}))
+        at = ", ".join(f"{o.recording.time[k]:.4g}" for k in begins.tolist())
+        told.append(
+            f"{o.recording.title}: from t = {at} s no current flows while the voltage follows the speed: it is the motor's"
+            " own, and the circuit is open"
+        )
+    return dataclasses.replace(plan, observed=tuple(observed)), tuple(told)
+
+
+def open_rows(o: Observed) -> BoolArray | None:
+    """Return the rows of a recording, (n,), in which its measured voltage is the motor's own; None: there are none."""
+    if not {"i", "w"} <= set(o.outputs) or "v" not in o.inputs:
+        return None
+    v, i, w = o.inputs["v"], filled(o.outputs["i"]), filled(o.outputs["w"])
+    driven = np.abs(v) > ON * np.max(np.abs(v), initial=0.0)
+    rests = ~driven & (np.abs(w) < ON * np.max(np.abs(w), initial=0.0))
+    first = int(np.argmax(driven))
+    zero = median(i[:first][rests[:first]]) if np.count_nonzero(rests[:first]) >= LEAST_ROWS else 0.0
+    noise = noise_deviation(o.outputs["i"])
+    opens = np.zeros(len(v), dtype=bool)
+    size = np.abs(i - zero)
+    for k in np.flatnonzero(driven[1:] & (size[1:] < DROPS * size[:-1] + NOISE * noise)).tolist():
+        k += 1  # a row in which the current may just have fallen
+        before = slice(max(0, k - LEAST_ROWS), k)
+        usual = median(size[before])
+        none = max(DROPS * usual, NOISE * noise)
+        if opens[k] or k < LEAST_ROWS or usual < 2 * none or size[k - 1] < none:
+            continue
+        flows = size[k:] > none
+        twice = np.flatnonzero(flows[:-1] & flows[1:])  # one alone is an outlier
+        end = k + (int(twice[0]) if len(twice) else len(flows))
+        if _is_open(v[k:end], i[k:end] - zero, w[k:end], usual, float(np.max(np.abs(v)))):
+            opens[k:end] = True
+    return opens if opens.any() else None
+
+
+def _is_open(v: FloatArray, i: FloatArray, w: FloatArray, usual: float, largest: float) -> bool:
+    """Whether no current flows in some rows, (n,), while the motor loses speed and its voltage follows that."""
+    if len(v) < LEAST_ROWS or abs(float(np.mean(i))) > NONE * usual or not np.any(w):
+        return False
+    own = float(v @ w) / float(w @ w) * w
+    half = len(w) // 2
+    falls = abs(float(np.mean(w[half:]))) < FALLS * abs(float(np.max(np.abs(w[:half]))))
+    return falls and float(np.sqrt(np.mean((v - own) ** 2))) < OWN * largest
