@@ -30,6 +30,8 @@ FINE = np.geomspace(0.7, 1.43, 9)  # times a growth, and a ratio
 BENT = np.geomspace(0.7, 1.7, 9)  # times a growth, and a ratio, of the other form
 STANDS = (5e-3, 0.02, 0.05)  # of the largest signals: with less of each a machine that hardly moves may be as quiet
 RATIOS = 7  # of the noise of a machine that runs to that at rest that are tried, up to the largest
+UNDECIDED = 4.0  # of -2 log L: what is likelier by less is not told
+QUIET_SAMPLES = 10  # of a machine at rest
 LOUD_SAMPLES = 25  # samples of a large signal, and as many below half of it: fewer do not show a growth
 
 
@@ -156,6 +158,14 @@ class _Tried(NamedTuple):
         """What its numbers are charged."""
         return CHARGE * ((self.growth > 0) + (self.running != 1.0))
 
+    @property
+    def usual(self) -> float:
+        """By how much of -2 log L it may be behind one that is charged as much: a machine is as loud at any speed.
+
+        Rest and one level do not tell what is between them, where a noise that grows would be the smaller.
+        """
+        return UNDECIDED if self.growth == 0 else 0.0
+
 
 class _Differences:
     """Sizes of second differences, the levels of their signal, and whether the machine runs, all (n,)."""
@@ -168,35 +178,39 @@ class _Differences:
     def growth(self) -> Growth:
         """Return the growth of the largest likelihood, where that falls enough."""
         none = float(self._misfits(np.zeros(1), np.ones(1))[0])
-        best = self._coarsely()
-        if none - best.misfit <= HOPELESS * CHARGE:
+        coarse = [tried for tried in self._coarsely() if none - tried.misfit > HOPELESS * CHARGE]
+        if not coarse:
             return self._of(0.0, 1.0)
-        for _ in range(2 if best.running != 1.0 else 1):
-            if best.growth > 0:
-                best = min(best, self._best(best.growth * FINE, np.array([best.running])))
-            if best.running != 1.0:
-                best = min(best, self._best(np.array([best.growth]), best.running * FINE))
+        best = min((self._fine(tried) for tried in coarse), key=lambda tried: tried.misfit + tried.charge - tried.usual)
         if none - best.misfit <= best.charge:
             return self._of(0.0, 1.0)
         if best.growth > 0:  # of the other form, which has as many numbers
             ratios = best.running * BENT if best.running != 1.0 else np.ones(1)
-            bent = self._best(best.growth * BENT, ratios, bends=True)
-            if bent.misfit < best.misfit:
+            bent = self._fine(self._best(best.growth * BENT, ratios, bends=True), bends=True)
+            if bent.misfit < best.misfit - (UNDECIDED if best.running == 1.0 else 0.0):
                 return self._of(bent.growth, bent.running, bends=True, fall=none - bent.misfit - best.charge)
         return self._of(best.growth, best.running, fall=none - best.misfit - best.charge)
 
-    def _coarsely(self) -> _Tried:
+    def _fine(self, best: _Tried, *, bends: bool = False) -> _Tried:
+        """Return the likeliest near one that was tried."""
+        for _ in range(2 if best.running != 1.0 else 1):
+            if best.growth > 0:
+                best = min(best, self._best(best.growth * FINE, np.array([best.running]), bends=bends))
+            if best.running != 1.0:
+                best = min(best, self._best(np.array([best.growth]), best.running * FINE, bends=bends))
+        return best
+
+    def _coarsely(self) -> list[_Tried]:
         """Return the best of few growths, and of few ratios beside it where the machine runs with another noise."""
         loud = float(np.sort(self.level)[-LOUD_SAMPLES])
         grows = np.count_nonzero(self.level < loud / 2) >= LOUD_SAMPLES
         coarse = np.append(0.0, np.geomspace(0.3, 300.0, 16) / loud) if grows else np.zeros(1)
         best = self._best(coarse, np.ones(1))
         if (louder := self._louder()) == 1.0:
-            return best
+            return [best]
         near = np.append(0.0, best.growth * np.geomspace(0.63, 2.5, 4)) if best.growth > 0 else coarse[:1]
         ratios = np.geomspace(min(louder, 1.0), max(louder, 1.0), RATIOS)
-        other = self._best(near, ratios[ratios != 1.0])
-        return other if other.misfit + other.charge < best.misfit + best.charge else best
+        return [best, self._best(near, ratios[ratios != 1.0])]
 
     def _best(self, growths: FloatArray, ratios: FloatArray, *, bends: bool = False) -> _Tried:
         """Return the likeliest of all these growths with all these ratios."""
@@ -208,7 +222,7 @@ class _Differences:
     def _louder(self) -> float:
         """Return how much larger differences are where the machine runs and its signal is small; 1: that is chance."""
         at_rest = self.sizes[~self.runs]
-        if len(at_rest) < LOUD_SAMPLES or np.count_nonzero(self.runs) < 2 * LOUD_SAMPLES:
+        if len(at_rest) < QUIET_SAMPLES or np.count_nonzero(self.runs) < 2 * LOUD_SAMPLES:
             return 1.0
         quiet = self.runs & (self.level <= median(self.level[self.runs]))
         running = self.sizes[quiet]
