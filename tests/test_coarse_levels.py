@@ -5,7 +5,7 @@ import pytest
 from scipy.linalg import expm
 
 from estimator import estimate_parameters, recording_from_arrays
-from estimator.explaining.coarse_levels import level_error
+from estimator.explaining.coarse_levels import _levels, _most_noise, level_error
 
 STEP, ROWS, EDGE, VOLTS = 1e-3, 1500, 100, 12.0
 CONVERTER = 0.04  # A
@@ -31,6 +31,23 @@ def test_one_value_tells_least_and_many_all(values):
         assert 0.17 < error < 12**-0.5, "a step's width, less what its noise takes off its ends"
     else:
         assert error < 0.01, "half of each value lies where they meet, whatever the noise"
+
+
+def test_a_converter_without_noise_leaves_a_level_of_one_value_open_by_all_of_its_step():
+    """Uniform over a step, as far as its slow passages from value to value tell."""
+    ramp = np.arange(3000) / 60
+    assert _most_noise(np.rint(ramp), ramp) < 0.05
+    dithered = np.rint(ramp + 0.2 * np.random.default_rng(1).standard_normal(3000))
+    assert _most_noise(dithered, ramp) > 0.2
+    assert level_error(np.full(500, 3.0), 1.0, 0.01) == pytest.approx(12**-0.5, rel=0.05)
+
+
+def test_a_level_ends_where_a_sensor_passes_to_another_value_and_not_where_noise_makes_it_hesitate():
+    signal = np.repeat([3.4, 3.6], [200, 300])
+    assert _levels(signal, np.rint(signal)) == [(200, 500), (0, 200)]
+    at_the_edge = np.full(500, 3.5)
+    shown = np.rint(at_the_edge + 0.1 * np.random.default_rng(2).standard_normal(500))
+    assert len(_levels(at_the_edge, shown)) <= 2
 
 
 def test_one_sample_tells_no_more_than_many_of_one_value():

@@ -52,3 +52,11 @@ def test_the_step_of_counts_that_are_printed_with_few_digits(digits):
     speed = counted(moved(np.full(1500, 10.0))[:, 1], 4096, digits=digits)
     true, range_ = 2 * np.pi / (4096 * STEP), np.ptp(speed)
     assert quantum(speed) == pytest.approx(true, abs=2 * 10.0**-digits * true / range_)
+
+
+@pytest.mark.parametrize("step", [1.279, 5.884])
+def test_a_step_that_few_digits_round_is_told_over_many_of_its_multiples(step):
+    """Of 1.27 and 1.28, or 5.8 and 5.9, the smallest is a whole part of no larger one."""
+    digits = 2 if step < 2 else 1
+    speed = np.round(step * np.rint(230 * (1 - np.exp(-np.arange(600) / 40)) / step), digits)
+    assert quantum(speed) == pytest.approx(step, rel=2e-3)

@@ -13,7 +13,8 @@ from estimator.noise.autoregression import autoregression
 from estimator.noise.clock import Clock
 from estimator.noise.jitter import find_jitter, without_responses
 from estimator.noise.noise_estimate import fit_noise
-from estimator.noise.noise_model import WAYS, NoiseModel, held
+from estimator.noise.noise_growth import growths_of
+from estimator.noise.noise_model import LEAST_MOTION, WAYS, NoiseModel, held
 from estimator.noise.repeating import repeat_themselves
 from estimator.noise.restricted_likelihood import RestrictedLikelihood
 from estimator.noise.whitener import Whitener
@@ -192,6 +193,33 @@ def test_friction_that_wanders_against_the_motion_is_whitened_as_it_comes():
     assert abs(ratios[0] - 1) < 5 * np.sqrt(2 / z.size) and ratios[1] > 1.05, ratios
 
 
+@pytest.mark.parametrize("share", [0.25, 1.0])
+def test_friction_wanders_by_a_share_of_itself(share):
+    """Of a machine at half its speed and at all of it a torque changes by half as much, and whitens as it comes."""
+    n, tau, rng = 6000, 0.1, np.random.default_rng(3)
+    part = np.where(np.arange(n) // 1500 % 2, 1.0, share)
+    noise = dataclasses.replace(plain(1e-4, 1e-2), machine=MACHINE, seat=(0, 1), torque=(2e-4, tau))
+    torque, x, shown = wandering(rng, n, 2e-4, tau) * part, np.zeros(2), np.empty((n, 2))
+    step = held(MACHINE[0].tobytes(), MACHINE[1].tobytes(), STEP)
+    for k in range(n):
+        shown[k] = x
+        x = step[:2, :2] @ x + step[:2, 2] * torque[k]
+    shown += rng.standard_normal((n, 2)) * noise.white
+    whitener = dataclasses.replace(whitener_of(noise, n, 2), way=(WAYS * part).astype(np.int8))
+    z = whitener(shown[:, :, None])[0][200:, :, 0]
+    assert abs(float(np.mean(z**2)) - 1) < 5 * np.sqrt(2 / z.size)
+
+
+def test_a_torque_that_all_rows_tell_is_kept_while_the_rest_of_the_noise_is_told():
+    """Levels of few rows each hold the torque: asked for both they tell none, and a slow part in its place."""
+    rng = np.random.default_rng(4)
+    r = rng.standard_normal((4000, 2)) * [1e-4, 1e-2]
+    start = dataclasses.replace(plain(1e-4, 1e-2), machine=MACHINE, seat=(0, 1))
+    noise = found(r, start=start, torque=(3e-5, 0.1))
+    assert noise.torque == (3e-5, 0.1)
+    assert found(r, start=start, torque=(0.0, 1.0)).torque[0] == 0
+
+
 def test_a_noise_out_of_all_proportion_is_as_unlikely_as_can_be_and_no_error():
     rng = np.random.default_rng(0)
     stacked = np.concatenate([1e160 * rng.standard_normal((600, 2, 1)), rng.standard_normal((600, 2, 2))], axis=2)
@@ -228,6 +256,39 @@ def test_noise_of_a_machine_that_runs_is_told_from_that_at_rest_and_from_what_gr
     z = r[:, 0] / noise.deviation(level, moving)[:, 0]
     for part in (~moving, moving & (level[:, 0] < 0.05), level[:, 0] > 0.3):
         assert np.std(z[part]) == pytest.approx(1, abs=0.12)
+
+
+def growths(r, level, moving):
+    whitener = dataclasses.replace(whitener_of(plain(1.0), len(r), level=level), moving=moving)
+    no = np.zeros(len(r), dtype=bool)
+    return growths_of(r, whitener, no, steps=np.zeros(1), fine=np.ones(1, dtype=bool))
+
+
+def test_a_machine_that_hardly_moves_may_be_as_quiet_as_at_rest():
+    """A speed that fades: below 2 % of its largest its sensor shows a third of the noise, as at rest."""
+    rng = np.random.default_rng(11)
+    level = np.concatenate([np.zeros(60), np.ones(1400), np.exp(-np.arange(1500) / 180)])[:, None]
+    r = np.where(level > 0.02, 0.5, 0.15) * rng.standard_normal(level.shape)
+    (told,), stands = growths(r, level, level[:, 0] > 1e-3)
+    assert stands == 0.02 and told.running == pytest.approx(0.5 / 0.15, rel=0.25) and told.growth < 1.5
+    assert told.white == pytest.approx(0.15, rel=0.1)
+    assert growths(0.15 * rng.standard_normal(level.shape), level, level[:, 0] > 1e-3)[1] == LEAST_MOTION
+
+
+def test_rest_and_one_speed_do_not_tell_how_noise_grows_between_where_the_larger_is_taken():
+    rng = np.random.default_rng(12)
+    level = np.concatenate([np.zeros(200), np.ones(400)])[:, None]
+    for _ in range(10):
+        (told,), _ = growths(np.where(level > 0, 0.5, 0.15) * rng.standard_normal(level.shape), level, level[:, 0] > 0)
+        assert told.growth == 0 and told.running > 2 and not told.bends
+
+
+def test_a_growth_is_not_charged_for_two_numbers_where_one_is_as_likely():
+    """A noise of two sizes at rest and running, and two speeds: as a growth it would be off by 30 % at both."""
+    rng = np.random.default_rng(13)
+    level = np.concatenate([np.zeros(450), np.full(200, 0.7), np.ones(200)])[:, None]
+    (told,), _ = growths(np.where(level > 0, 0.55, 0.14) * rng.standard_normal(level.shape), level, level[:, 0] > 0)
+    assert told.growth == 0 and told.running == pytest.approx(0.55 / 0.14, rel=0.15)
 
 
 def test_a_machine_that_runs_as_quietly_as_it_rests_is_not_told_to_be_louder():

@@ -36,6 +36,7 @@ FloatArray = NDArray[np.float64]
 
 RANK_TOLERANCE = 1e-12  # of the correlations' eigenvalues: a direction with a smaller one is fixed
 WINDOW_RANK_TOLERANCE = 1e-3  # of the largest singular value: directions that a window tells
+COARSE = 0.42  # of a sensor's step: white noise that is no more is of the step, but for 0.3 steps
 EXCESS = 0.15  # of the variance: a smaller excess widens the standard errors, and is no failure however significant
 TELLS = 1e-3  # of all samples' information: a part that tells less moves no estimate by a fifth of its bar, at six bars
 REST_TELLS = 0.05  # of all samples' information: with less, those outside a window do not determine a direction
@@ -152,7 +153,7 @@ def adequacy(fit: Fit, parameters: int, *, is_searched: bool = True) -> Adequacy
     failures, excess, parts = [], np.broadcast_to(1.0, z.shape), []
     resolved = np.abs(np.nan_to_num(fit.residuals())) > RESOLVED * fit.simulator.steps
     repeats = fit.whitener.noise.repeats or (False,) * len(outputs)
-    alike_anyway = np.array(repeats) | held_by_sensor(fit)
+    alike_anyway = np.array(repeats) | held_by_sensor(fit) | (fit.whitener.noise.white < COARSE * fit.simulator.steps)
     for window in windows.windows:
         for j, output in enumerate(outputs):
             known = present[window.rows, j]

@@ -18,12 +18,11 @@ from numpy.typing import NDArray
 
 from estimator.distributions import normal_chance
 from estimator.fitting.fit import Fit
-from estimator.plans.part import LONG
 from estimator.stepping import layout
 
 FloatArray = NDArray[np.float64]
 
-DEVIATIONS = np.linspace(0.02, 0.6, 30)  # of a step: noises that are tried
+DEVIATIONS = np.append(0.002, np.linspace(0.02, 0.6, 30))  # of a step: noises that are tried
 PLACES, NARROWER = 41, 4  # levels that are tried of each, as often about those that were likely
 POSSIBLE = 12.0  # of ln likelihood: a level that is less likely by more is not
 MOST_VALUES = 5  # that a level shows: of more the noise is no smaller than a step
@@ -37,6 +36,7 @@ SLOW = 0.05  # of a step a row: so slowly a signal passes from one value to the 
 STANDS = 0.005  # of a step a row: a slower signal may be moved by what is not explained
 FEW_SLOW = 3  # passages: fewer do not tell that there is no noise
 PASSES = 2.0  # deviations of the noise that a signal passes in a row, if values do not go back and forth
+MOST_ROWS = 60_000  # of more a level is one of many
 MOST_LEVELS = 48  # of an output, the longest: of many levels errors average out
 
 
@@ -62,7 +62,7 @@ def coarse_levels(fit: Fit) -> FloatArray | None:
     A signal that settles slowly stays at levels, too.
     """
     s, noise = fit.simulator, fit.whitener.noise
-    if s.rows > LONG:
+    if s.rows > MOST_ROWS:
         return None
     columns = []
     for j in np.flatnonzero(held_by_sensor(fit)).tolist():

@@ -78,8 +78,8 @@ def with_noise(
     is_angle = np.array([y == "angle" for y in s.outputs])  # its counts are far apart, as its samples are
     steps = np.where(differenced == 0, s.steps, 0.0)
     found = fit_noise(
-        whitener, misfit, fit.raw, ~windows.sharp if moving else windows.settled, windows.sharp, colour=colour, again=again, counts=differenced,
-        steps=np.where(is_angle, 0.0, steps),
+        whitener, misfit, fit.raw, ~windows.sharp if moving else windows.settled, windows.sharp,
+        colour=colour, again=again, counts=differenced, steps=np.where(is_angle, 0.0, steps),
         resolution=np.where(s.coarse | is_angle, steps, 0.0), is_held=held_by_sensor(fit),
         torque=noise.torque if moving else None,
     )  # fmt: skip

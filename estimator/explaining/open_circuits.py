@@ -1,9 +1,9 @@
 """Circuits that are open while a voltage is measured: it is the motor's own, and drives nothing. Knows plans, no fit.
 
-A drive that lets go of its motor leaves it without a current, at once; the voltage at its terminals is then K w. Of the
-linear motor, driven by this voltage, hardly a current would flow either, but the voltage's noise would make one, and what
-flows before would fade with the winding's time constant. So these rows are read as those of a command are: no voltage,
-and a circuit that is open (`Coasting`).
+A drive that lets go of its motor leaves it without a current, at once; the voltage at its terminals is then K w. Of
+the linear motor, driven by this voltage, hardly a current would flow either, but the voltage's noise would make one,
+and what flows before would fade with the winding's time constant. So these rows are read as those of a command are: no
+voltage, and a circuit that is open (`Coasting`).
 """
 
 from __future__ import annotations
@@ -44,8 +44,8 @@ def with_open_circuits(plan: Plan) -> tuple[Plan, tuple[str, ...]]:
         observed.append(dataclasses.replace(o, inputs=inputs, outputs={**o.outputs, "i": current}))
         at = ", ".join(f"{o.recording.time[k]:.4g}" for k in begins.tolist())
         told.append(
-            f"{o.recording.title}: from t = {at} s no current flows while the voltage follows the speed: it is the motor's"
-            " own, and the circuit is open"
+            f"{o.recording.title}: from t = {at} s no current flows while the voltage follows the speed: it is the"
+            " motor's own, and the circuit is open"
         )
     return dataclasses.replace(plan, observed=tuple(observed)), tuple(told)
 

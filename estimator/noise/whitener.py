@@ -143,7 +143,7 @@ class Whitener:
     @property
     def in_parts(self) -> bool:
         """Whether columns are whitened some rows at a time: the recording is long, and its noise has no memory."""
-        return len(self.present) > LONG and not self.remembers
+        return len(self.present) > LONG and not self.remembers and self.shared is None
 
     def _scaled(self, columns: FloatArray, rows: slice) -> FloatArray:
         """Return columns, (n, q, c), of some rows over the deviation of noise without a memory."""

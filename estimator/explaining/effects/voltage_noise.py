@@ -19,6 +19,7 @@ from estimator.recordings.excitation import input_noise
 
 FloatArray = NDArray[np.float64]
 
+LEAST_PART, MOST_PART = 0.3, 2.0  # of all of it: a quiet voltage tells the part by its noise, to a third or so
 LEAST_NOISE = 1e-6  # of the largest voltage: less is rounding
 LEAST_ROWS = 20  # of a level for each signal that its voltage may follow
 ALL_OF_IT, FAR = 0.05, 4.0  # from 1, absolute and in standard errors: all of the noise is the sensor's
@@ -42,7 +43,8 @@ class VoltageNoise(Effect):
         around = _around(fit)
         if not around.any():
             return ()
-        return [Linear(self.name, response(fit, voltage=as_late(fit, -around))[:, :, None], ("",), least=0.3, most=1.3)]
+        columns = response(fit, voltage=as_late(fit, -around))[:, :, None]
+        return [Linear(self.name, columns, ("",), least=LEAST_PART, most=MOST_PART)]
 
 
 def without_noise(fit: Fit, plan: Plan) -> Plan | None:

@@ -1,0 +1,97 @@
+"""Circuits that open under a measured voltage: which rows, which not, and a motor estimated from them."""
+
+import dataclasses
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from driven_motor import DrivenMotor
+
+from estimator import estimate_parameters, recording_from_arrays
+from estimator.explaining.open_circuits import open_rows
+from estimator.noise.clock import Clock
+from estimator.noise.noise_model import COASTS, NoiseModel, unwound
+from estimator.noise.whitener import Whitener
+
+MOTOR = {"R": 2.0, "K": 0.05, "L": 3e-3, "J": 2e-5, "B": 4e-5}
+STEP, OPENS = 1e-3, 400
+
+
+def bench(seed, *, offset=0.0, opens=True):
+    """Return voltage, current and speed of a motor that is let go of, or braked, after 0.4 s: rows of a real logger."""
+    rng = np.random.default_rng(seed)
+    v = np.r_[np.zeros(100), np.full(OPENS - 100, 6.0), np.zeros(500)]
+    after = DrivenMotor(MOTOR | {"coasts": float(opens)}).response(v, np.zeros(len(v)), step=STEP)[:, :2]
+    i, w = np.vstack([np.zeros((1, 2)), after[:-1]]).T
+    i, v = i.copy(), v.copy()
+    if opens:
+        i[OPENS:] = 0.0
+        v[OPENS:] = MOTOR["K"] * w[OPENS:]
+    noise = rng.standard_normal((3, len(v)))
+    return v + 0.01 * noise[0], i + offset + 0.008 * noise[1], w + 0.2 * noise[2]
+
+
+def observed(v, i, w):
+    return SimpleNamespace(inputs={"v": v}, outputs={"i": i, "w": w})
+
+
+@pytest.mark.parametrize("offset", [0.0, 0.05])
+def test_rows_without_a_current_whose_voltage_follows_the_speed_are_open(offset):
+    found = open_rows(observed(*bench(0, offset=offset)))
+    assert found[OPENS:].all() and not found[: OPENS - 1].any()
+
+
+def test_a_motor_that_is_braked_or_runs_at_no_load_or_stands_is_not_open():
+    v, i, w = bench(1, opens=False)
+    assert open_rows(observed(v, i, w)) is None
+    driven = slice(0, OPENS)
+    assert open_rows(observed(v[driven], i[driven], w[driven])) is None, "a current that settles at little"
+    assert open_rows(observed(np.zeros(300), i[:300] * 0, w[:300] * 0)) is None
+
+
+def test_one_current_that_is_off_neither_opens_a_circuit_nor_closes_it():
+    v, i, w = bench(2)
+    i[300], i[600] = 0.0, 2.0
+    found = open_rows(observed(v, i, w))
+    assert found[OPENS:].all() and not found[: OPENS - 1].any()
+
+
+@pytest.mark.parametrize("seed", [3, 4])  # of the second the voltage's noise seemed 1.4 times the sensor's
+def test_a_motor_that_is_let_go_of_is_estimated_and_said_to_be(seed):
+    v, i, w = bench(seed)
+    columns = {"voltage [V]": v, "current [A]": i, "speed [rad/s]": w}
+    result = estimate_parameters(recording_from_arrays("bench", np.arange(len(v)) * STEP, columns), workers=1, seed=1)
+    assert result.verdict == "ok", result.reasons
+    assert any("the circuit is open" in note and "t = 0.4 s" in note for note in result.notes), result.notes
+    for name, value in MOTOR.items():
+        found = result.parameters[name]
+        assert abs(found.value - value) < 4 * found.standard_error, name
+
+
+def test_a_torque_that_wanders_is_whitened_with_the_circuit_closed_and_open():
+    """By the closed machine alone the speed of one that coasts is no white noise."""
+    rng, n, tau = np.random.default_rng(5), 6000, 0.1
+    a = np.array([[-MOTOR["R"], -MOTOR["K"]], [0, 0]]) / MOTOR["L"]
+    a[1] = MOTOR["K"] / MOTOR["J"], -MOTOR["B"] / MOTOR["J"]
+    b = np.array([0.0, -1 / MOTOR["J"]])
+    opens = np.arange(n) // 1500 % 2 == 1
+    noise = dataclasses.replace(NoiseModel.plain(np.array([5e-3, 5e-2]), (0, 1)), machine=(a, b), torque=(2e-4, tau))
+    closed = noise.states(STEP, np.ones(2), 2)["transition"]
+    free = noise.states(STEP, np.ones(2), COASTS)["transition"]
+    np.testing.assert_allclose(free[:2], unwound(a.tobytes(), b.tobytes(), STEP)[:2])
+    x, shown, f = np.zeros(3), np.empty((n, 2)), np.exp(-STEP / tau)
+    x[2] = 2e-4 * rng.standard_normal()
+    for k in range(n):
+        shown[k] = x[:2]
+        x = (free if opens[k] else closed) @ x
+        x[2] += 2e-4 * np.sqrt(1 - f * f) * rng.standard_normal()
+    shown += rng.standard_normal((n, 2)) * noise.white
+    one = np.ones((n, 2))
+    knows_not = Whitener(
+        noise, (Clock(STEP * np.arange(n), slice(0, n)),), one > 0, 0 * one, one, one[:, 0] > 0, 0 * one
+    )
+    ratios = [
+        float(np.mean(whitener(shown[:, :, None])[0][200:] ** 2))
+        for whitener in (dataclasses.replace(knows_not, opens=opens), knows_not)
+    ]
+    assert abs(ratios[0] - 1) < 5 * np.sqrt(2 / (2 * n)) and ratios[1] > 1.05, ratios
