@@ -25,7 +25,14 @@ from estimator.explaining.effects.hum import Hum
 from estimator.explaining.effects.lost_rows import LostRows
 from estimator.explaining.effects.low_pass import FORMS, LowPass
 from estimator.explaining.effects.machine_effects import FrictionDrift, WindingWarms
-from estimator.explaining.effects.of_signals import FanLoad, FieldWeakens, RoundedDrop, Saturation, TwoGains
+from estimator.explaining.effects.of_signals import (
+    FanLoad,
+    FieldWeakens,
+    RoundedDrop,
+    Saturation,
+    SensorCurve,
+    TwoGains,
+)
 from estimator.explaining.effects.offset import Offset
 from estimator.explaining.effects.offset_drift import OffsetDrift
 from estimator.explaining.effects.one_way import OneWay
@@ -33,6 +40,7 @@ from estimator.explaining.effects.ripple import Ripple
 from estimator.explaining.effects.ripple_of_few_turns import Commutation, Eccentricity
 from estimator.explaining.effects.runs_differ import RunsDiffer
 from estimator.explaining.effects.starting_motion import StartingMotion
+from estimator.explaining.effects.supply_ripple import SupplyRipple
 from estimator.explaining.effects.switching_ripple import SwitchingRipple
 from estimator.explaining.effects.voltage_noise import VoltageNoise
 from estimator.explaining.effects.voltage_offset import VoltageOffset
@@ -49,9 +57,11 @@ EFFECTS: tuple[Effect, ...] = (
     OffsetDrift(),
     Gain(),
     TwoGains(),
+    SensorCurve(),
     Ripple(),
     SwitchingRipple(),
     Hum(),
+    SupplyRipple(),
     Eccentricity(),
     Commutation(),
     FrictionDrift(),

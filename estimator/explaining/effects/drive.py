@@ -148,15 +148,24 @@ class BrushDrop(Drive):
 
     def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
         """Return the drop: after steps from rest to one voltage it is a gain of the voltage, which nothing tells."""
-        moves = [o.excitation for o in plan.observed]
-        levels = [
-            e.after for e in moves if e.kind == "step" and not e.running and abs(e.before) < ONE_SIZE * abs(e.after)
-        ]
-        alike = len(levels) == len(moves) and max(levels) - min(levels) < ONE_SIZE * max(map(abs, levels))
+        levels = [level for o in plan.observed if (level := self._one_level(o))]
+        alike = len(levels) == len(plan.observed) and max(levels) - min(levels) < ONE_SIZE * max(map(abs, levels))
         found = [dataclasses.replace(n, excludes=(ROUNDED,)) for n in super().nuisances(plan)]
         # By its derivative: at its usual size the response is no longer linear in it, and would seem to tell it.
         of_slope = [dataclasses.replace(n, tries=(TRIED * n.tries[0],), usual=n.tries[0], untold=True) for n in found]
         return of_slope if alike else found
+
+    @staticmethod
+    def _one_level(o: Observed) -> float:
+        """Return the voltage that a motor is switched to from rest, where no other drives it; 0: others do."""
+        e = o.excitation
+        if e.kind == "step" and not e.running and abs(e.before) < ONE_SIZE * abs(e.after):
+            return e.after
+        v = o.inputs.get("v")
+        if v is None or e.running or not coasts_in(o, np.ones(len(v), dtype=bool)) or not is_of_one_size(v):
+            return 0.0
+        on = v[np.abs(v) > 0.5 * np.max(np.abs(v))]
+        return float(np.mean(on)) if np.all(on > 0) or np.all(on < 0) else 0.0
 
     def sizes(self, plan: Plan) -> tuple[float, ...]:
         """Return the voltage drop of carbon brushes, at most a part of the supply."""

@@ -29,6 +29,7 @@ BRUSH = "brush"  # the nuisance parameter of a drop that does not round off
 USUAL_LOAD = 0.3  # of the torque of the motor at its largest speed: a fan
 USUAL_CHANGE = 0.05  # part by which K or L falls at the largest current, and by which two gains differ
 USUAL_ROUNDED = 0.05  # of the largest voltage: a drop of brushes
+MOST_CURVE = 0.3  # part by which the largest current is shown too small
 MOST_CHANGE = 0.8  # part by which K or L falls at the largest current
 FINE = 8  # currents from one to 1.6 times it
 HALF_AT = tuple(0.005 * 1.6 ** (k / FINE) for k in range(11 * FINE + 1))  # of the largest, where half of the drop is
@@ -170,6 +171,26 @@ class TwoGains(OfSignals):
         yield Linear(
             self.name, columns, ("",), least=-MOST_CHANGE, most=MOST_CHANGE, size=USUAL_CHANGE, uncertain=uncertain
         )
+
+
+@dataclass(frozen=True)
+class SensorCurve(OfSignals):
+    """A sensor of the current that shows large ones too small, by a part of them at the largest: it saturates slowly.
+
+    Symmetric, so the first term of its series is of third order. The gain is right for small currents.
+    """
+
+    name: str = "curve of i"
+    sentence: str = "the current's sensor shows {percent:.3g} % less at the largest current: it saturates"
+
+    def columns(self, fit: Fit, i: FloatArray | None, w: FloatArray | None) -> Iterator[Linear]:
+        """Yield one of all recordings."""
+        peak = 0.0 if i is None else float(np.max(np.abs(i)))
+        if i is None or w is None or not peak > 0:
+            return
+        columns = np.zeros((*fit.shown.shape, 1))
+        columns[:, fit.simulator.outputs.index("i"), 0] = -i * (i / peak) ** 2
+        yield Linear(self.name, columns, ("",), least=0.0, most=MOST_CURVE, size=USUAL_CHANGE)
 
 
 @dataclass(frozen=True)

@@ -26,6 +26,7 @@ ALL_OF_IT, FAR = 0.05, 4.0  # from 1, absolute and in standard errors: all of th
 ABOVE_NOISE = 8.0  # deviations: a larger change of a noisy voltage is an edge
 MOST_CHANGES = 3000  # levels, at most: more are a signal
 MOST_LEVELS = 60  # of all recordings, whose voltages have errors of their own: of more levels they average out
+MOVES = 3e-3  # of a signal's largest: what moves less in a level is the response to the voltage's noise
 DEPENDENT = 1e-6  # of the largest singular value: the current does not differ from the speed
 
 
@@ -132,12 +133,14 @@ def _levels(u: FloatArray) -> list[slice]:
 
 def _followed(u: FloatArray, shown: FloatArray) -> Iterator[tuple[slice, FloatArray]]:
     """Yield the rows of each level of a voltage, and what it may follow there, orthonormal: (rows, k)."""
+    largest = np.max(np.abs(np.nan_to_num(shown)), axis=0, initial=0.0)
     for level in _levels(u):
         rows = level.stop - level.start
         columns = np.ones((rows, 1)) / np.sqrt(rows)
         if rows >= LEAST_ROWS * (1 + shown.shape[1]):
             own = np.nan_to_num(shown[level])
-            moving = own - np.mean(own, axis=0)
+            away = own - np.mean(own, axis=0)
+            moving = away[:, np.sqrt(np.mean(away * away, axis=0)) > MOVES * largest]
             basis, sizes, _ = np.linalg.svd(moving / np.maximum(np.linalg.norm(moving, axis=0), 1e-300), False)
             columns = np.column_stack([columns, basis[:, sizes > DEPENDENT]])
         yield level, columns
