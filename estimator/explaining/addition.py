@@ -24,6 +24,7 @@ from estimator.noise.in_parts import Columns, products, square
 FloatArray = NDArray[np.float64]
 
 NEVER_ZERO = ("R", "K", "J")  # at a bound something else stands for it; L and B may vanish
+AGAIN = 0.5  # prior of what another recording has
 OPEN = 4.0  # penalty of each number whose usual size is not known, where it is averaged over
 NOTHING = 1e-9  # of the power of a change: the recordings do not show it
 
@@ -110,6 +111,8 @@ class Addition:
         Of how many tried values it is the best; of columns that exclude each other each is one of so many.
     usual, unit : float, str
         Its usual size, where it is of one number; 0: none is known.
+    again : bool
+        Another recording has the same: what a bench does to one it is likely to do to the next.
     """
 
     effect: Effect
@@ -124,11 +127,17 @@ class Addition:
     tried: int = 1
     usual: float = 0.0
     unit: str = ""
+    again: bool = False
 
     def penalty(self, samples: int) -> float:
         """Return its penalty in the criterion."""
         one_of = self.tried if self.linear is not None else 1
-        return self.numbers * math.log(max(samples, 2)) + 2 * math.log(one_of / self.effect.prior)
+        return self.numbers * math.log(max(samples, 2)) + 2 * math.log(one_of / self.prior)
+
+    @property
+    def prior(self) -> float:
+        """Its prior probability."""
+        return max(AGAIN, self.effect.prior) if self.again else self.effect.prior
 
     def shows_in(self, simulator: Simulator) -> NDArray[np.intp]:
         """Return the places of the outputs in which it shows; all, where it moves the motor."""
@@ -165,7 +174,7 @@ class Addition:
         charge = OPEN * k
         if known:
             charge = float(np.linalg.slogdet(information)[1] if k > 1 else np.log(information[0, 0]))
-        charge += 2 * math.log(self.tried / self.effect.prior)
+        charge += 2 * math.log(self.tried / self.prior)
         return numbers, spread, charge - float(scores.along @ numbers)
 
 

@@ -17,7 +17,7 @@ from estimator.explaining.effects.base import Effect
 from estimator.explaining.explanation import Explanation, moved_to
 from estimator.fitting.fit import Fit, Linear
 from estimator.fitting.score_test import ScoreTest
-from estimator.fitting.simulator import CELLS, Nuisance, Simulator
+from estimator.fitting.simulator import CELLS, Nuisance, Simulator, per_recording
 from estimator.noise.in_parts import among
 from estimator.noise.kalman import give_back
 from estimator.noise.whitener import Whitener
@@ -117,10 +117,21 @@ class AdditionTests:
         # The fit's own simulator last: it was loaded for the fit, and is asked next.
         tried = [list(self._tried(fit, s, wanted, test, beside=beside)) for s, wanted in [*by_simulator.values()][::-1]]
         result += itertools.chain.from_iterable(tried[::-1])
+        stems = {(b.effect, stem) for b in explanation.additions if (stem := self._stem(b.name)) != b.name}
+        result = [dataclasses.replace(a, again=True) if (a.effect, self._stem(a.name)) in stems else a for a in result]
         if beside is None:
             known = weakref.ref(fit), fit.simulator, fit.whitener, fit.names, fit.cost, tuple(effects)
             self._tested = _Tested(*known, result)
         return result
+
+    def _stem(self, name: str) -> str:
+        """Return the name of an addition without that of its recording, where it has one of its own."""
+        return next((name.removesuffix(own) for own in self._recordings if name.endswith(own)), name)
+
+    @cached_property
+    def _recordings(self) -> tuple[str, ...]:
+        """What the names of additions end with that each recording has for itself."""
+        return tuple(per_recording(self.base.plan, "")) if len(self.base.plan.observed) > 1 else ()
 
     def _scored(
         self, fit: Fit, offered: Sequence[tuple[Effect, Linear, int]], test: ScoreTest, *, beside: str | None

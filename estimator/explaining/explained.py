@@ -17,7 +17,7 @@ from estimator.explaining.between_runs import BetweenRuns, is_between_runs, of_f
 from estimator.explaining.effects.base import Effect
 from estimator.explaining.effects.drive import Coasting
 from estimator.explaining.effects.voltage_noise import VoltageNoise, without_noise
-from estimator.explaining.explanation import Explanation
+from estimator.explaining.explanation import Explanation, without
 from estimator.explaining.explanation_noise import by_noise_of, with_noise
 from estimator.explaining.findings import COARSE, Found, found_effects, not_visible, rival_in_words, varying_parameters
 from estimator.explaining.interpretations import Interpretation
@@ -175,7 +175,7 @@ def explain(
         selections = [selection]
         explanation = selection.explain(starts, begun)
     checked = adequacy(explanation.fit, len(plan.names))
-    if not briefly and (checked.failures or any(a.effect.doubt for a in explanation.additions)):
+    if not briefly and (checked.failures or explanation.additions):
         explanation, checked = _by_all_rows(selection, explanation, checked)
     rivals: list[Explanation] = []
     open_additions: Sequence[Addition] = ()
@@ -207,21 +207,32 @@ def _by_all_rows(selection: Selection, explanation: Explanation, checked: Adequa
     """Return an explanation with the noise that all rows tell, and its adequacy, where that is all that is missing.
 
     Settled stretches that are shorter than friction takes to change do not show that it wanders, nor few settled rows a
-    slight colour, and effects that are doubtful may have made up for both. No larger torque is asked for than benches
+    slight colour, and effects may have made up for both. No larger torque is asked for than benches
     have: any misfit is small beside one that may be anything.
     """
     parameters = len(selection.tests.base.plan.names)
     wanders = with_wandering_torque(explanation, most=USUAL_WANDER)[0]
     slimmer = selection.without_idle(wanders)
-    wanders = with_noise(
-        wanders if slimmer is wanders else with_wandering_torque(slimmer, most=USUAL_WANDER)[0],
-        selection.differenced,
-        moving=True,
-    )
-    wanders = selection.at_best(with_wandering_torque(wanders, most=USUAL_WANDER)[0])
+    if slimmer is not wanders:
+        wanders = with_wandering_torque(slimmer, most=USUAL_WANDER)[0]
+    wanders = with_noise(wanders, selection.differenced, moving=True)
+    wanders = _without_what_wanders(with_wandering_torque(wanders, most=USUAL_WANDER)[0], selection.tests.samples)
+    wanders = selection.at_best(wanders)
     other = adequacy(wanders.fit, parameters)
     is_simpler = not other.failures and (checked.failures or set(wanders.names()) < set(explanation.names()))
     return (wanders, other) if is_simpler else (explanation, checked)
+
+
+def _without_what_wanders(explanation: Explanation, samples: int) -> Explanation:
+    """Return an explanation without what stands for a torque that wanders, which is larger then.
+
+    Such as a drift, or another friction in each recording: its mean in one differs by chance from that in another.
+    """
+    for a in explanation.additions:
+        if a.linear is not None and not a.effect.is_line:
+            bare = with_wandering_torque(without(explanation, a), most=USUAL_WANDER)[0]
+            explanation = min(explanation, bare, key=lambda e: e.misfit(samples))
+    return explanation
 
 
 def _explained(

@@ -81,7 +81,7 @@ class Explanation:
             told = np.linalg.pinv(fit.covariance_parts()[0][np.ix_(known, known)])
             charge = float(np.linalg.slogdet(np.eye(len(s)) + told * np.outer(s, s))[1])
         unknown = sum(a.numbers for a in self.additions if a.linear is not None and a.name not in sizes)
-        priors = sum(2 * float(np.log(a.tried / a.effect.prior)) for a in self.additions)
+        priors = sum(2 * float(np.log(a.tried / a.prior)) for a in self.additions)
         return fit.cost + charge + priors + self._unusual(), unknown
 
     def _unusual(self) -> float:

@@ -152,6 +152,7 @@ class _Tried(NamedTuple):
     misfit: float
     growth: float
     running: float
+    bends: bool
 
     @property
     def charge(self) -> float:
@@ -162,9 +163,10 @@ class _Tried(NamedTuple):
     def usual(self) -> float:
         """By how much of -2 log L it may be behind one that is charged as much: a machine is as loud at any speed.
 
-        Rest and one level do not tell what is between them, where a noise that grows would be the smaller.
+        Rest and one level do not tell what is between them, where a noise that grows would be the smaller, and more so
+        the larger of two.
         """
-        return UNDECIDED if self.growth == 0 else 0.0
+        return UNDECIDED * ((self.growth == 0) + (self.running != 1.0 or not self.bends))
 
 
 class _Differences:
@@ -181,23 +183,23 @@ class _Differences:
         coarse = [tried for tried in self._coarsely() if none - tried.misfit > HOPELESS * CHARGE]
         if not coarse:
             return self._of(0.0, 1.0)
-        best = min((self._fine(tried) for tried in coarse), key=lambda tried: tried.misfit + tried.charge - tried.usual)
-        if none - best.misfit <= best.charge:
-            return self._of(0.0, 1.0)
-        if best.growth > 0:  # of the other form, which has as many numbers
-            ratios = best.running * BENT if best.running != 1.0 else np.ones(1)
-            bent = self._fine(self._best(best.growth * BENT, ratios, bends=True), bends=True)
-            if bent.misfit < best.misfit - (UNDECIDED if best.running == 1.0 else 0.0):
-                return self._of(bent.growth, bent.running, bends=True, fall=none - bent.misfit - best.charge)
-        return self._of(best.growth, best.running, fall=none - best.misfit - best.charge)
+        tried = [*map(self._fine, coarse), *(self._fine(self._bent(own)) for own in coarse if own.growth > 0)]
+        best = min(tried, key=lambda own: own.misfit + own.charge - own.usual)
+        fall = none - best.misfit - best.charge
+        return self._of(best.growth, best.running, bends=best.bends, fall=fall) if fall > 0 else self._of(0.0, 1.0)
 
-    def _fine(self, best: _Tried, *, bends: bool = False) -> _Tried:
+    def _bent(self, best: _Tried) -> _Tried:
+        """Return the likeliest of the other form, which has as many numbers, near one that was tried."""
+        ratios = best.running * BENT if best.running != 1.0 else np.ones(1)
+        return self._best(best.growth * BENT, ratios, bends=True)
+
+    def _fine(self, best: _Tried) -> _Tried:
         """Return the likeliest near one that was tried."""
         for _ in range(2 if best.running != 1.0 else 1):
             if best.growth > 0:
-                best = min(best, self._best(best.growth * FINE, np.array([best.running]), bends=bends))
+                best = min(best, self._best(best.growth * FINE, np.array([best.running]), bends=best.bends))
             if best.running != 1.0:
-                best = min(best, self._best(np.array([best.growth]), best.running * FINE, bends=bends))
+                best = min(best, self._best(np.array([best.growth]), best.running * FINE, bends=best.bends))
         return best
 
     def _coarsely(self) -> list[_Tried]:
@@ -208,16 +210,17 @@ class _Differences:
         best = self._best(coarse, np.ones(1))
         if (louder := self._louder()) == 1.0:
             return [best]
-        near = np.append(0.0, best.growth * np.geomspace(0.63, 2.5, 4)) if best.growth > 0 else coarse[:1]
+        near = best.growth * np.geomspace(0.63, 2.5, 4) if best.growth > 0 else np.zeros(0)
         ratios = np.geomspace(min(louder, 1.0), max(louder, 1.0), RATIOS)
-        return [best, self._best(near, ratios[ratios != 1.0])]
+        others = [self._best(growths, ratios[ratios != 1.0]) for growths in (np.zeros(1), near) if len(growths)]
+        return [best, *others]
 
     def _best(self, growths: FloatArray, ratios: FloatArray, *, bends: bool = False) -> _Tried:
         """Return the likeliest of all these growths with all these ratios."""
         c, s = (own.ravel() for own in np.meshgrid(growths, ratios))
         reached = self._misfits(c, s, bends=bends)
-        k = int(np.argmin(reached + CHARGE * ((c > 0).astype(int) + (s != 1.0))))
-        return _Tried(float(reached[k]), float(c[k]), float(s[k]))
+        k = int(np.argmin(reached))
+        return _Tried(float(reached[k]), float(c[k]), float(s[k]), bends)
 
     def _louder(self) -> float:
         """Return how much larger differences are where the machine runs and its signal is small; 1: that is chance."""
