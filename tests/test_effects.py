@@ -734,7 +734,7 @@ def test_what_a_noisy_voltage_behind_a_source_does_between_two_rows_tells_no_ind
     """It falls while the current rises, in a quarter of a sample: L was 14 standard errors off, and called right."""
     result, true = of_random_bench(1019694, tmp_path)
     found = result.parameters["L"]
-    assert result.verdict == "doubtful" and abs(found.value - true["L", -1]) < 3 * found.standard_error
+    assert 0.3 * found.value < found.standard_error and abs(found.value - true["L", -1]) < 3 * found.standard_error
     near = result.parameters["K"]
     assert abs(near.value - true["K", -1]) < 4 * near.standard_error
 

@@ -318,7 +318,8 @@ def test_what_the_outputs_cannot_tell_is_said_before_the_search(outputs, untold,
 def test_whether_a_friction_that_drifts_is_dry_or_viscous_is_in_the_errors(seed):
     """B drifts by a tenth: taken for a dry friction's drift alone, J was 2.1 standard errors off in both seeds."""
     result = run(Bench(drift=0.1), seed)
-    assert "friction drift" in result.chain
+    wanders = any("wanders over" in note for note in result.notes)  # as likely in half a second
+    assert "friction drift" in result.chain or wanders, result.notes
     assert abs(result.parameters["J"].value - CML050["J"]) < 1.2 * result.parameters["J"].standard_error
 
 

@@ -10,6 +10,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.conventions import LEAST_FALL
 from estimator.explaining.addition import Addition
 from estimator.explaining.adequacy import Adequacy, adequacy
 from estimator.explaining.averaging import averaged
@@ -210,17 +211,18 @@ def _by_all_rows(selection: Selection, explanation: Explanation, checked: Adequa
     slight colour, and effects may have made up for both. No larger torque is asked for than benches
     have: any misfit is small beside one that may be anything.
     """
-    parameters = len(selection.tests.base.plan.names)
+    parameters, samples = len(selection.tests.base.plan.names), selection.tests.samples
     wanders = with_wandering_torque(explanation, most=USUAL_WANDER)[0]
     slimmer = selection.without_idle(wanders)
     if slimmer is not wanders:
         wanders = with_wandering_torque(slimmer, most=USUAL_WANDER)[0]
     wanders = with_noise(wanders, selection.differenced, moving=True)
-    wanders = _without_what_wanders(with_wandering_torque(wanders, most=USUAL_WANDER)[0], selection.tests.samples)
+    wanders = _without_what_wanders(with_wandering_torque(wanders, most=USUAL_WANDER)[0], samples)
     wanders = selection.at_best(wanders)
     other = adequacy(wanders.fit, parameters)
-    is_simpler = not other.failures and (checked.failures or set(wanders.names()) < set(explanation.names()))
-    return (wanders, other) if is_simpler else (explanation, checked)
+    likelier = wanders.misfit(samples) + LEAST_FALL < explanation.misfit(samples)
+    is_simpler = set(wanders.names()) < set(explanation.names()) and likelier
+    return (wanders, other) if not other.failures and (checked.failures or is_simpler) else (explanation, checked)
 
 
 def _without_what_wanders(explanation: Explanation, samples: int) -> Explanation:
@@ -228,11 +230,18 @@ def _without_what_wanders(explanation: Explanation, samples: int) -> Explanation
 
     Such as a drift, or another friction in each recording: its mean in one differs by chance from that in another.
     """
-    for a in explanation.additions:
-        if a.linear is not None and not a.effect.is_line:
-            bare = with_wandering_torque(without(explanation, a), most=USUAL_WANDER)[0]
-            explanation = min(explanation, bare, key=lambda e: e.misfit(samples))
-    return explanation
+    while True:
+        # A torque that comes is charged as any part of the noise.
+        more = LEAST_FALL if explanation.fit.whitener.noise.torque[0] == 0 else 0.0
+        fewer = [
+            with_wandering_torque(without(explanation, a), most=USUAL_WANDER)[0]
+            for a in explanation.additions
+            if a.linear is not None and not a.effect.is_line
+        ]
+        best = min(fewer, key=lambda e: e.misfit(samples), default=explanation)
+        if best is explanation or best.misfit(samples) + more >= explanation.misfit(samples):
+            return explanation
+        explanation = best
 
 
 def _explained(

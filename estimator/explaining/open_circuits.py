@@ -24,7 +24,7 @@ LEAST_ROWS = 10  # of an open circuit, and of the current before it
 DROPS = 0.3  # of the current before: what is left of it in an open circuit, at most, but for noise
 NOISE = 4.0  # deviations
 NONE = 0.1  # of the current before: the mean of none
-OWN = 0.05  # of the largest voltage: the motor's own differs from K w by less, but for noise
+OWN = 0.1  # of how far the motor's own voltage moves: it differs from K w by less, but for noise
 FALLS = 0.9  # of its speed: a motor that coasts loses more than the rest
 ON = 0.1  # of the largest voltage
 
@@ -72,16 +72,16 @@ def open_rows(o: Observed) -> BoolArray | None:
         flows = size[k:] > none
         twice = np.flatnonzero(flows[:-1] & flows[1:])  # one alone is an outlier
         end = k + (int(twice[0]) if len(twice) else len(flows))
-        if _is_open(v[k:end], i[k:end] - zero, w[k:end], usual, float(np.max(np.abs(v)))):
+        if _is_open(v[k:end], i[k:end] - zero, w[k:end], usual):
             opens[k:end] = True
     return opens if opens.any() else None
 
 
-def _is_open(v: FloatArray, i: FloatArray, w: FloatArray, usual: float, largest: float) -> bool:
+def _is_open(v: FloatArray, i: FloatArray, w: FloatArray, usual: float) -> bool:
     """Whether no current flows in some rows, (n,), while the motor loses speed and its voltage follows that."""
     if len(v) < LEAST_ROWS or abs(float(np.mean(i))) > NONE * usual or not np.any(w):
         return False
     own = float(v @ w) / float(w @ w) * w
     half = len(w) // 2
     falls = abs(float(np.mean(w[half:]))) < FALLS * abs(float(np.max(np.abs(w[:half]))))
-    return falls and float(np.sqrt(np.mean((v - own) ** 2))) < OWN * largest
+    return falls and float(np.std(v - own)) < OWN * float(np.std(v)) + NOISE * noise_deviation(v)
