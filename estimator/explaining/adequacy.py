@@ -37,7 +37,7 @@ FloatArray = NDArray[np.float64]
 RANK_TOLERANCE = 1e-12  # of the correlations' eigenvalues: a direction with a smaller one is fixed
 WINDOW_RANK_TOLERANCE = 1e-3  # of the largest singular value: directions that a window tells
 COARSE = 0.42  # of a sensor's step: white noise that is no more is of the step, but for 0.3 steps
-EXCESS = 0.15  # of the variance: a smaller excess widens the standard errors, and is no failure however significant
+EXCESS = 0.15  # of a variance, or a limit: a smaller excess widens the standard errors, and is no failure
 TELLS = 1e-3  # of all samples' information: a part that tells less moves no estimate by a fifth of its bar, at six bars
 REST_TELLS = 0.05  # of all samples' information: with less, those outside a window do not determine a direction
 WHOLE = "the recording"  # the window of an output that is tested against the others
@@ -76,7 +76,7 @@ class Failure:
 
 @dataclass(frozen=True)
 class Adequacy:
-    """The tests that failed, and by how much the standard errors grow for them.
+    """The tests that failed, and by how much the standard errors grow for them, and for what nearly failed.
 
     Attributes
     ----------
@@ -98,7 +98,7 @@ class Adequacy:
         """
         inside = fit.at_bound == 0
         result = np.zeros((len(inside), len(inside)))
-        if inside.any() and self.failures:
+        if inside.any() and (self.parts or np.max(self.excess) > 1):
             jacobian, covariance = fit.jacobian[:, inside], fit.covariance_parts()[0][np.ix_(inside, inside)]
             more = (self.excess.ravel() - 1)[:, None]
             scores = jacobian.T @ (more * jacobian)
@@ -183,13 +183,15 @@ def adequacy(fit: Fit, parameters: int, *, is_searched: bool = True) -> Adequacy
     for name, output, mask in _groups(windows, outputs, z.shape):
         ratio = _own_values(fit.whitened, test, mask.ravel(), axes, FALSE_ALARM / count)
         if ratio > 1:
-            failures.append(Failure("own values", name, output, ratio))
             excess = _raised(excess, mask, ratio**2)
             parts.append(mask)
+        if ratio**2 > 1 + EXCESS:
+            failures.append(Failure("own values", name, output, ratio))
     white = np.logical_not(repeats) | (fit.whitener.noise.differenced > 0)  # as far as is known
     noisy = [j for j in range(len(outputs)) if white[j] and (not fit.simulator.steps[j] or np.any(resolved[:, j]))]
     for output, ratio in unexplained_responses(fit, FALSE_ALARM, noisy if is_searched else ()):
-        failures.append(Failure("response", " and ".join(outputs), output, ratio))
+        if ratio**2 > 1 + EXCESS:
+            failures.append(Failure("response", " and ".join(outputs), output, ratio))
         mask = windows.onsets[:, None] & np.array([output in ("", y) for y in outputs])
         excess = _raised(excess, mask, ratio**2)
         parts.append(mask)
