@@ -31,6 +31,7 @@ from estimator.fitting.fit import Fit
 from estimator.fitting.score_test import ScoreTest
 from estimator.fitting.windows import Windows, find_windows
 from estimator.noise.in_parts import AT_ONCE, Columns
+from estimator.plans.part import LONG
 
 FloatArray = NDArray[np.float64]
 
@@ -98,7 +99,10 @@ class Adequacy:
         """
         inside = fit.at_bound == 0
         result = np.zeros((len(inside), len(inside)))
-        if inside.any() and (self.parts or np.max(self.excess) > 1):
+        nearly = fit.simulator.rows <= LONG and (
+            self.parts or np.max(self.excess) > 1
+        )  # else of columns too long to hold
+        if inside.any() and (self.failures or nearly):
             jacobian, covariance = fit.jacobian[:, inside], fit.covariance_parts()[0][np.ix_(inside, inside)]
             more = (self.excess.ravel() - 1)[:, None]
             scores = jacobian.T @ (more * jacobian)

@@ -298,10 +298,16 @@ def _way(fit: Fit) -> NDArray[np.int8] | None:
         return None
     values = {**s.plan.fixed, **dict(zip(s.names, fit.values.tolist(), strict=True))}
     w = fit.shown[:, s.outputs.index("w")]
-    torque = values.get("B", 0.0) * np.abs(w) + values.get("friction", 0.0)
+    torque = np.abs(w)  # changed in its place: a long recording has many rows
+    torque *= values.get("B", 0.0)
+    torque += values.get("friction", 0.0)
     largest = float(np.max(torque))
-    parts = np.ceil(WAYS * torque / largest) if 0 < largest < np.inf else np.full(len(w), WAYS)
-    return np.asarray(np.where(w < 0, -1, 1) * np.maximum(parts, 1)).astype(np.int8)
+    way = np.full(len(w), WAYS, dtype=np.int8)
+    if 0 < largest < np.inf:
+        torque *= WAYS / largest
+        way = np.maximum(np.ceil(torque, out=torque), 1.0, out=torque).astype(np.int8)
+    np.negative(way, out=way, where=w < 0)
+    return way
 
 
 def slopes_in_time(fit: Fit) -> FloatArray:

@@ -15,6 +15,7 @@ from estimator.explaining.effects.switching_ripple import EVEN, sharpened
 from estimator.fitting.fit import Fit, Linear
 from estimator.fitting.motor_response import as_late, motor_values, response
 from estimator.fitting.windows import find_windows
+from estimator.plans.part import LONG
 from estimator.plans.plan import Plan
 
 FloatArray = NDArray[np.float64]
@@ -34,8 +35,10 @@ class SupplyRipple(Effect):
     is_line: bool = True
 
     def linear(self, fit: Fit) -> Sequence[Linear]:
-        """Return the line of the supply that the current shows most, of a motor."""
+        """Return the line of the supply that the current shows most, of a motor; none of a long recording."""
         s = fit.simulator
+        if s.rows > LONG:
+            return ()
         if motor_values(fit) is None or "i" not in s.outputs or any(g.name.startswith("ripple v ") for g in fit.linear):
             return ()
         if any(np.ptp(np.diff(clock.time)) > 2 * EVEN * clock.step for clock in s.clocks):
