@@ -10,7 +10,6 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.conventions import LEAST_FALL
 from estimator.explaining.addition import Addition
 from estimator.explaining.adequacy import Adequacy, adequacy
 from estimator.explaining.averaging import averaged
@@ -18,16 +17,16 @@ from estimator.explaining.between_runs import BetweenRuns, is_between_runs, of_f
 from estimator.explaining.effects.base import Effect
 from estimator.explaining.effects.drive import Coasting
 from estimator.explaining.effects.voltage_noise import VoltageNoise, without_noise
-from estimator.explaining.explanation import Explanation, without
-from estimator.explaining.explanation_noise import by_noise_of, with_noise
+from estimator.explaining.explanation import Explanation
+from estimator.explaining.explanation_noise import by_noise_of
 from estimator.explaining.findings import COARSE, Found, found_effects, not_visible, rival_in_words, varying_parameters
 from estimator.explaining.interpretations import Interpretation
 from estimator.explaining.likelier_interpretation import as_interpreted_by, likelier_interpretation
+from estimator.explaining.noise_of_all_rows import by_all_rows
 from estimator.explaining.open_circuits import with_open_circuits
 from estimator.explaining.parameter_drift import drift_variances
 from estimator.explaining.profile_widths import further_reach
 from estimator.explaining.rivals import settled, simulated_finely
-from estimator.explaining.selection import Selection
 from estimator.explaining.selection_of_plan import may_be_replaced, selection_of
 from estimator.explaining.wandering_torque import OpenTorque, hidden_torque, with_wandering_torque
 from estimator.fitting.fit import Fit
@@ -42,7 +41,6 @@ from estimator.results.result import NotVisible, Rival
 FloatArray = NDArray[np.float64]
 
 REPORTED = SensorPlace("nuisance")  # of a nuisance parameter
-USUAL_WANDER = 0.05  # of the friction: benches show 0.3 to 3 %
 WIDE = 1e30  # bounds of a parameter that has none
 
 
@@ -177,7 +175,7 @@ def explain(
         explanation = selection.explain(starts, begun)
     checked = adequacy(explanation.fit, len(plan.names))
     if not briefly and (checked.failures or explanation.additions):
-        explanation, checked = _by_all_rows(selection, explanation, checked)
+        explanation, checked = by_all_rows(selection, explanation, checked)
     rivals: list[Explanation] = []
     open_additions: Sequence[Addition] = ()
     torques: Sequence[OpenTorque] = ()
@@ -202,46 +200,6 @@ def explain(
         changed.append(Found(ways[0].effect, "", ways[0].told, ""))
     samples = selection.tests.samples
     return _explained(plan, explanation, checked, rivals, (open_additions, torques), samples, changed, (turned, ways))
-
-
-def _by_all_rows(selection: Selection, explanation: Explanation, checked: Adequacy) -> tuple[Explanation, Adequacy]:
-    """Return an explanation with the noise that all rows tell, and its adequacy, where that is all that is missing.
-
-    Settled stretches that are shorter than friction takes to change do not show that it wanders, nor few settled rows a
-    slight colour, and effects may have made up for both. No larger torque is asked for than benches
-    have: any misfit is small beside one that may be anything.
-    """
-    parameters, samples = len(selection.tests.base.plan.names), selection.tests.samples
-    wanders = with_wandering_torque(explanation, most=USUAL_WANDER)[0]
-    slimmer = selection.without_idle(wanders)
-    if slimmer is not wanders:
-        wanders = with_wandering_torque(slimmer, most=USUAL_WANDER)[0]
-    wanders = with_noise(wanders, selection.differenced, moving=True)
-    wanders = _without_what_wanders(with_wandering_torque(wanders, most=USUAL_WANDER)[0], samples)
-    wanders = selection.at_best(wanders)
-    other = adequacy(wanders.fit, parameters)
-    likelier = wanders.misfit(samples) + LEAST_FALL < explanation.misfit(samples)
-    is_simpler = set(wanders.names()) < set(explanation.names()) and likelier
-    return (wanders, other) if not other.failures and (checked.failures or is_simpler) else (explanation, checked)
-
-
-def _without_what_wanders(explanation: Explanation, samples: int) -> Explanation:
-    """Return an explanation without what stands for a torque that wanders, which is larger then.
-
-    Such as a drift, or another friction in each recording: its mean in one differs by chance from that in another.
-    """
-    while True:
-        # A torque that comes is charged as any part of the noise.
-        more = LEAST_FALL if explanation.fit.whitener.noise.torque[0] == 0 else 0.0
-        fewer = [
-            with_wandering_torque(without(explanation, a), most=USUAL_WANDER)[0]
-            for a in explanation.additions
-            if a.linear is not None and not a.effect.is_line
-        ]
-        best = min(fewer, key=lambda e: e.misfit(samples), default=explanation)
-        if best is explanation or best.misfit(samples) + more >= explanation.misfit(samples):
-            return explanation
-        explanation = best
 
 
 def _explained(
