@@ -8,7 +8,7 @@ import pytest
 from driven_motor import DrivenMotor
 
 from estimator import estimate_parameters, recording_from_arrays
-from estimator.explaining.open_circuits import open_rows
+from estimator.explaining.open_circuits import OwnVoltage, open_rows
 from estimator.noise.clock import Clock
 from estimator.noise.noise_model import COASTS, NoiseModel, unwound
 from estimator.noise.whitener import Whitener
@@ -66,6 +66,12 @@ def test_a_motor_that_is_let_go_of_is_estimated_and_said_to_be(seed):
     for name, value in MOTOR.items():
         found = result.parameters[name]
         assert abs(found.value - value) < 4 * found.standard_error, name
+
+
+def test_a_motor_whose_own_voltage_tells_another_constant_is_doubted():
+    own = OwnVoltage("", 0.0559, 3e-5)
+    assert own.doubt(0.05590, 1e-5) == "" and own.doubt(0.0557, 1e-4) == ""
+    assert "K = 0.0559, all else 0.0556" in own.doubt(0.0556, 3e-5)
 
 
 def test_a_torque_that_wanders_is_whitened_with_the_circuit_closed_and_open():

@@ -17,13 +17,14 @@ from estimator.explaining.between_runs import BetweenRuns, is_between_runs, of_f
 from estimator.explaining.effects.base import Effect
 from estimator.explaining.effects.drive import Coasting
 from estimator.explaining.effects.voltage_noise import VoltageNoise, without_noise
+from estimator.explaining.effects.voltage_offset import VoltageOffset
 from estimator.explaining.explanation import Explanation
 from estimator.explaining.explanation_noise import by_noise_of
 from estimator.explaining.findings import COARSE, Found, found_effects, not_visible, rival_in_words, varying_parameters
 from estimator.explaining.interpretations import Interpretation
 from estimator.explaining.likelier_interpretation import as_interpreted_by, likelier_interpretation
 from estimator.explaining.noise_of_all_rows import by_all_rows
-from estimator.explaining.open_circuits import with_open_circuits
+from estimator.explaining.open_circuits import OwnVoltage, with_open_circuits
 from estimator.explaining.parameter_drift import drift_variances
 from estimator.explaining.profile_widths import further_reach
 from estimator.explaining.rivals import settled, simulated_finely
@@ -156,7 +157,7 @@ def explain(
         Whether an explanation that is so adequate is wanted: else what it costs most, its rivals, is not looked for.
     """
     late: tuple[str, ...] = ()
-    opened: tuple[str, ...] = ()
+    opened: tuple[OwnVoltage, ...] = ()
     if any(e.name == Coasting.name for e in effects) and may_be_replaced(plan):
         plan, opened = with_open_circuits(plan)
     if any(e.name == "latency of each edge" for e in effects):
@@ -165,7 +166,6 @@ def explain(
     ways, selections, explanation = likelier_interpretation(plan, begin, starts, known)
     plan, selection = ways[0].plan, selections[0]
     changed = [Found("latency of each edge", "", t, "") for t in late]
-    changed += [Found(Coasting.name, "", t, "") for t in opened]
     if (quiet := without_noise(explanation.fit, plan)) is not None:
         changed += [f for f in found_effects(explanation, plan) if f.name == VoltageNoise.name]
         rest = tuple(a for a in explanation.additions if a.name != VoltageNoise.name)
@@ -196,10 +196,23 @@ def explain(
     if len(selections) > 1:  # the other way to read the recordings, with all that was found
         turned = as_interpreted_by(explanation, selections[1])
         rivals.append(turned)
+    has_offset = any(n.startswith(("offset w", VoltageOffset.name)) for n in explanation.names())
+    for own in opened:
+        doubt = "" if has_offset else own.doubt(*_told_of(explanation.fit, "K"))
+        changed.append(Found(Coasting.name, "", own.sentence, doubt))
     if len(ways) > 1:
         changed.append(Found(ways[0].effect, "", ways[0].told, ""))
     samples = selection.tests.samples
     return _explained(plan, explanation, checked, rivals, (open_additions, torques), samples, changed, (turned, ways))
+
+
+def _told_of(fit: Fit, name: str) -> tuple[float, float]:
+    """Return a parameter's value and its standard error in a fit; 0 where it is fixed."""
+    if name not in fit.names:
+        return fit.simulator.plan.fixed.get(name, np.nan), 0.0
+    k = fit.names.index(name)
+    value = float(fit.estimates[k])
+    return value, float(np.sqrt(fit.covariance()[k, k])) * (abs(value) if fit.is_log[k] else 1.0)
 
 
 def _explained(

@@ -3,12 +3,13 @@
 A drive that lets go of its motor leaves it without a current, at once; the voltage at its terminals is then K w. Of
 the linear motor, driven by this voltage, hardly a current would flow either, but the voltage's noise would make one,
 and what flows before would fade with the winding's time constant. So these rows are read as those of a command are: no
-voltage, and a circuit that is open (`Coasting`).
+voltage, and a circuit that is open (`Coasting`). At the end an estimate of K must agree with what the voltage tells.
 """
 
 from __future__ import annotations
 
 import dataclasses
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,10 +27,31 @@ NOISE = 4.0  # deviations
 NONE = 0.1  # of the current before: the mean of none
 OWN = 0.1  # of how far the motor's own voltage moves: it differs from K w by less, but for noise
 FALLS = 0.9  # of its speed: a motor that coasts loses more than the rest
+AGREES, LEAST_APART = 4.0, 2e-3  # standard errors; parts: a smaller difference is within the sensors' gains
+OFFSETS = 5e-4  # of K: what small offsets of both make of it
 ON = 0.1  # of the largest voltage
 
 
-def with_open_circuits(plan: Plan) -> tuple[Plan, tuple[str, ...]]:
+@dataclass(frozen=True)
+class OwnVoltage:
+    """What the voltage of a motor whose circuit is open tells: a sentence, and K with its standard error, V.s/rad."""
+
+    sentence: str
+    k: float
+    error: float
+
+    def doubt(self, k: float, error: float) -> str:
+        """Return why an estimate of K, of this standard error, is doubtful; "" where both agree."""
+        apart = abs(k - self.k)
+        if apart < max(AGREES * float(np.hypot(error, self.error)), LEAST_APART * abs(self.k)):
+            return ""
+        return (
+            f"the motor's own voltage, while its circuit is open, tells K = {self.k:.4g}, all else {k:.4g}: brushes or"
+            " drive drop a voltage, or the motor is another at large currents"
+        )
+
+
+def with_open_circuits(plan: Plan) -> tuple[Plan, tuple[OwnVoltage, ...]]:
     """Return the plan without voltages that are the motor's own, and what was found."""
     observed, told = [], []
     for o in plan.observed:
@@ -43,10 +65,11 @@ def with_open_circuits(plan: Plan) -> tuple[Plan, tuple[str, ...]]:
         inputs = {**o.inputs, "v": np.where(opens, 0.0, o.inputs["v"])}
         observed.append(dataclasses.replace(o, inputs=inputs, outputs={**o.outputs, "i": current}))
         at = ", ".join(f"{o.recording.time[k]:.4g}" for k in begins.tolist())
-        told.append(
+        sentence = (
             f"{o.recording.title}: from t = {at} s no current flows while the voltage follows the speed: it is the"
             " motor's own, and the circuit is open"
         )
+        told.append(OwnVoltage(sentence, *_constant(o.inputs["v"][opens], o.outputs["w"][opens])))
     return dataclasses.replace(plan, observed=tuple(observed)), tuple(told)
 
 
@@ -75,6 +98,16 @@ def open_rows(o: Observed) -> BoolArray | None:
         if _is_open(v[k:end], i[k:end] - zero, w[k:end], usual):
             opens[k:end] = True
     return opens if opens.any() else None
+
+
+def _constant(v: FloatArray, w: FloatArray) -> tuple[float, float]:
+    """Return the voltage over the speed, (n,) each, and its standard error; as if neither had an offset."""
+    known = np.isfinite(w)
+    v, w = v[known], w[known]
+    power = float(w @ w)
+    k = float(v @ w) / power
+    left = v - k * w
+    return k, float(np.hypot(np.sqrt(left @ left / max(len(v) - 1, 1) / power), OFFSETS * abs(k)))
 
 
 def _is_open(v: FloatArray, i: FloatArray, w: FloatArray, usual: float) -> bool:
