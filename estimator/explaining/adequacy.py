@@ -9,8 +9,8 @@ independent, with variance 1:
                 nor of a sensor whose steps are larger than its noise)
     own values  score test of parameters of the window's own, by its rows of the Jacobian (Hausman 1978)
 
-Besides, whether the sensors answer to changes as it is explained, over all windows (response_test.py). An explanation
-that holds fails any of the first tests with the chance FALSE_ALARM, which they share equally (Bonferroni), and likewise
+Besides, whether the sensors answer to changes as it is explained (response_test.py), and friction to the speed
+(friction_test.py). An explanation that holds fails any of the first tests with the chance FALSE_ALARM, which they share equally (Bonferroni), and likewise
 the last.
 """
 
@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from estimator.conventions import FALSE_ALARM, RESOLVED, SMALL_CORRELATION
 from estimator.distributions import chi_square_limit, f_limit, normal_quantile
 from estimator.explaining.coarse_levels import held_by_sensor
+from estimator.explaining.friction_test import unexplained_friction
 from estimator.explaining.response_test import unexplained_responses
 from estimator.fitting.fit import Fit
 from estimator.fitting.score_test import ScoreTest
@@ -56,6 +57,11 @@ class Failure:
     @property
     def sentence(self) -> str:
         """Return the failure in words."""
+        if self.what == "friction":
+            return (
+                "friction depends on the speed otherwise than it is explained: a load, such as a fan, or a dry friction is"
+                " missing; record several speeds"
+            )
         if self.what == "response":
             answers = f"{self.output} answers" if self.output else f"{self.window} answer"
             return (
@@ -199,6 +205,9 @@ def adequacy(fit: Fit, parameters: int, *, is_searched: bool = True) -> Adequacy
         mask = windows.onsets[:, None] & np.array([output in ("", y) for y in outputs])
         excess = _raised(excess, mask, ratio**2)
         parts.append(mask)
+    if is_searched and (ratio := unexplained_friction(fit, FALSE_ALARM)) ** 2 > 1 + EXCESS:
+        failures.append(Failure("friction", "", "", ratio))
+        parts.append(np.broadcast_to(windows.settled[:, None], z.shape).copy())
     different = {part.tobytes(): part for part in parts}
     return Adequacy(tuple(failures), excess, tuple(different.values()), count)
 

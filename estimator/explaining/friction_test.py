@@ -1,0 +1,48 @@
+"""Whether friction depends on the speed as it is explained: a score test of any other law. Adds no effect.
+
+To noise with a torque that wanders a fan or a dry friction that nobody named is nearly a part of it, and B takes in the
+rest. So torques that grow as the square of the speed, and ones that do not grow, are asked for at the end, whatever
+effects are known: z'z falls by a chi-square number with a degree of freedom each, if neither is there (Rao 1948).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.distributions import chi_square_limit
+from estimator.fitting.fit import Fit
+from estimator.fitting.motor_response import motor_values, response
+from estimator.plans.part import LONG
+
+FloatArray = NDArray[np.float64]
+
+DEPENDENT = 1e-6  # of the power of a column: what is left of it beside what is explained
+STANDS = 0.01  # of the largest speed: a slower machine may be held
+KNOWN = {"fan load": 0, "friction": 1}  # what is estimated already
+
+
+def unexplained_friction(fit: Fit, chance: float) -> float:
+    """Return how much larger the root of the statistic is than its limit; of an explanation that holds with a chance.
+
+    0 where it is no motor's, its speed is not shown, or the recording is long.
+    """
+    s = fit.simulator
+    if motor_values(fit) is None or "w" not in s.outputs or s.rows > LONG:
+        return 0.0
+    w = fit.shown[:, s.outputs.index("w")]
+    top = float(np.max(np.abs(w)))
+    laws = [k for name, k in KNOWN.items() if name not in fit.names]
+    if not top > 0 or not np.isfinite(top) or not laws:
+        return 0.0
+    torques = np.column_stack([w * np.abs(w) / top**2, np.sign(w) * (np.abs(w) > STANDS * top)])[:, laws]
+    columns = response(fit, torque=torques)
+    whole = np.sum(fit.whitener.flat(columns) ** 2, axis=0)
+    information, scores = fit.test().together(fit.whitener.whitened(columns))
+    norms = np.sqrt(np.maximum(whole, 1e-300))
+    power, axes = np.linalg.eigh(information / np.outer(norms, norms))
+    told = power > DEPENDENT
+    if not told.any():
+        return 0.0
+    along = axes[:, told].T @ (scores / norms)
+    return float(np.sqrt(np.sum(along**2 / power[told]) / chi_square_limit(int(told.sum()), chance)))
