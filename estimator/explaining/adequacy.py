@@ -10,8 +10,8 @@ independent, with variance 1:
     own values  score test of parameters of the window's own, by its rows of the Jacobian (Hausman 1978)
 
 Besides, whether the sensors answer to changes as it is explained (response_test.py), and friction to the speed
-(friction_test.py). An explanation that holds fails any of the first tests with the chance FALSE_ALARM, which they share equally (Bonferroni), and likewise
-the last.
+(friction_test.py). An explanation that holds fails any of the first tests with the chance FALSE_ALARM, which they share
+equally (Bonferroni), and each of the last two likewise.
 """
 
 from __future__ import annotations
@@ -59,8 +59,8 @@ class Failure:
         """Return the failure in words."""
         if self.what == "friction":
             return (
-                "friction depends on the speed otherwise than it is explained: a load, such as a fan, or a dry friction is"
-                " missing; record several speeds"
+                "friction depends on the speed otherwise than it is explained: a load, such as a fan, or a dry friction"
+                " is missing; record several speeds"
             )
         if self.what == "response":
             answers = f"{self.output} answers" if self.output else f"{self.window} answer"
