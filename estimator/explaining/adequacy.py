@@ -91,11 +91,14 @@ class Adequacy:
         Factor on the variance of each sample.
     parts : (rows, q) arrays
         Samples that failed together: they may bias the parameters by a common error.
+    shift : (f + m,) array
+        By how much another law of friction would move what is free, on its scales.
     """
 
     failures: tuple[Failure, ...]
     excess: FloatArray
     parts: tuple[NDArray[np.bool_], ...]
+    shift: FloatArray
     tests: int
 
     def widened(self, fit: Fit) -> FloatArray:
@@ -105,10 +108,8 @@ class Adequacy:
         """
         inside = fit.at_bound == 0
         result = np.zeros((len(inside), len(inside)))
-        nearly = fit.simulator.rows <= LONG and (
-            self.parts or np.max(self.excess) > 1
-        )  # else of columns too long to hold
-        if inside.any() and (self.failures or nearly):
+        nearly = bool(self.parts) or np.max(self.excess) > 1
+        if inside.any() and (self.failures or (nearly and fit.simulator.rows <= LONG)):  # else it holds all columns
             jacobian, covariance = fit.jacobian[:, inside], fit.covariance_parts()[0][np.ix_(inside, inside)]
             more = (self.excess.ravel() - 1)[:, None]
             scores = jacobian.T @ (more * jacobian)
@@ -117,7 +118,7 @@ class Adequacy:
                 shift = _shift_without(jacobian, fit.z, part.ravel())
                 grown += np.outer(shift, shift)
             result[np.ix_(inside, inside)] = grown
-        return result
+        return result + np.outer(self.shift, self.shift)
 
 
 def _shift_without(jacobian: FloatArray, z: FloatArray, part: NDArray[np.bool_]) -> FloatArray:
@@ -205,11 +206,14 @@ def adequacy(fit: Fit, parameters: int, *, is_searched: bool = True) -> Adequacy
         mask = windows.onsets[:, None] & np.array([output in ("", y) for y in outputs])
         excess = _raised(excess, mask, ratio**2)
         parts.append(mask)
-    if is_searched and (ratio := unexplained_friction(fit, FALSE_ALARM)) ** 2 > 1 + EXCESS:
-        failures.append(Failure("friction", "", "", ratio))
-        parts.append(np.broadcast_to(windows.settled[:, None], z.shape).copy())
+    shift = np.zeros(len(fit.names))
+    if is_searched:
+        ratio, moved = unexplained_friction(fit, FALSE_ALARM)
+        if ratio**2 > 1 + EXCESS:
+            failures.append(Failure("friction", "", "", ratio))
+            shift = moved
     different = {part.tobytes(): part for part in parts}
-    return Adequacy(tuple(failures), excess, tuple(different.values()), count)
+    return Adequacy(tuple(failures), excess, tuple(different.values()), shift, count)
 
 
 def _raised(excess: FloatArray, where: Any, least: float) -> FloatArray:

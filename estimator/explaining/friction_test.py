@@ -17,32 +17,38 @@ from estimator.plans.part import LONG
 
 FloatArray = NDArray[np.float64]
 
-DEPENDENT = 1e-6  # of the power of a column: what is left of it beside what is explained
+DEPENDENT = 1e-6  # of the power of the columns, each of length 1: directions of less are not asked for
 STANDS = 0.01  # of the largest speed: a slower machine may be held
 KNOWN = {"fan load": 0, "friction": 1}  # what is estimated already
 
 
-def unexplained_friction(fit: Fit, chance: float) -> float:
-    """Return how much larger the root of the statistic is than its limit; of an explanation that holds with a chance.
+def unexplained_friction(fit: Fit, chance: float) -> tuple[float, FloatArray]:
+    """Return what another law of friction would explain, of an explanation that holds beyond its limit with a chance.
 
-    0 where it is no motor's, its speed is not shown, or the recording is long.
+    Returns
+    -------
+    How much larger the root of the statistic is than its limit, and by how much all that is free would move with it, on
+    its scales, (f + m,). Both are 0 where it is no motor's, its speed is not shown, or the recording is long.
     """
-    s = fit.simulator
+    s, still = fit.simulator, np.zeros(len(fit.names))
     if motor_values(fit) is None or "w" not in s.outputs or s.rows > LONG:
-        return 0.0
+        return 0.0, still
     w = fit.shown[:, s.outputs.index("w")]
     top = float(np.max(np.abs(w)))
     laws = [k for name, k in KNOWN.items() if name not in fit.names]
-    if not top > 0 or not np.isfinite(top) or not laws:
-        return 0.0
+    if not 0 < top < np.inf or not laws:
+        return 0.0, still
     torques = np.column_stack([w * np.abs(w) / top**2, np.sign(w) * (np.abs(w) > STANDS * top)])[:, laws]
-    columns = response(fit, torque=torques)
-    whole = np.sum(fit.whitener.flat(columns) ** 2, axis=0)
-    information, scores = fit.test().together(fit.whitener.whitened(columns))
-    norms = np.sqrt(np.maximum(whole, 1e-300))
-    power, axes = np.linalg.eigh(information / np.outer(norms, norms))
+    columns = fit.whitener.flat(response(fit, torque=torques))
+    norms = np.sqrt(np.maximum(np.sum(columns**2, axis=0), 1e-300))
+    columns /= norms
+    test = fit.test()
+    information, scores = test.together(columns)
+    power, axes = np.linalg.eigh(information)
     told = power > DEPENDENT
     if not told.any():
-        return 0.0
-    along = axes[:, told].T @ (scores / norms)
-    return float(np.sqrt(np.sum(along**2 / power[told]) / chi_square_limit(int(told.sum()), chance)))
+        return 0.0, still
+    along = axes[:, told].T @ scores
+    ratio = float(np.sqrt(np.sum(along**2 / power[told]) / chi_square_limit(int(told.sum()), chance)))
+    sizes = axes[:, told] @ (along / power[told])
+    return ratio, -fit.covariance_parts()[0] @ (fit.whitened[:].T @ (columns @ sizes))
