@@ -174,18 +174,23 @@ def test_a_torque_that_wanders_is_found_in_current_and_speed_at_once():
     assert np.exp(np.mean(np.log(times))) == pytest.approx(0.1, rel=0.5)
 
 
-def test_friction_that_wanders_against_the_motion_is_whitened_as_it_comes():
-    """Of a machine that turns back every 50 rows: whitened by that the torque is white, without it is not."""
-    n, tau, rng = 6000, 0.1, np.random.default_rng(2)
-    way = np.where(np.arange(n) // 50 % 2, 1, -1)
+def of_wandering_friction(seed, part):
+    """Return the noise of a machine whose torque wanders, times a part of each row, (n,), and what it shows, (n, 2)."""
+    n, tau, rng = len(part), 0.1, np.random.default_rng(seed)
     noise = dataclasses.replace(plain(1e-4, 1e-2), machine=MACHINE, seat=(0, 1), torque=(2e-4, tau))
-    torque, x, shown = wandering(rng, n, 2e-4, tau) * way, np.zeros(2), np.empty((n, 2))
+    torque, x, shown = wandering(rng, n, 2e-4, tau) * part, np.zeros(2), np.empty((n, 2))
     step = held(MACHINE[0].tobytes(), MACHINE[1].tobytes(), STEP)
     for k in range(n):
         shown[k] = x
         x = step[:2, :2] @ x + step[:2, 2] * torque[k]
-    shown += rng.standard_normal((n, 2)) * noise.white
-    knows_not = whitener_of(noise, n, 2)
+    return noise, shown + rng.standard_normal((n, 2)) * noise.white
+
+
+def test_friction_that_wanders_against_the_motion_is_whitened_as_it_comes():
+    """Of a machine that turns back every 50 rows: whitened by that the torque is white, without it is not."""
+    way = np.where(np.arange(6000) // 50 % 2, 1, -1)
+    noise, shown = of_wandering_friction(2, way)
+    knows_not = whitener_of(noise, len(way), 2)
     ratios = []
     for whitener in (dataclasses.replace(knows_not, way=(WAYS * way).astype(np.int8)), knows_not):
         z = whitener(shown[:, :, None])[0][200:, :, 0]
@@ -195,17 +200,10 @@ def test_friction_that_wanders_against_the_motion_is_whitened_as_it_comes():
 
 @pytest.mark.parametrize("share", [0.25, 1.0])
 def test_friction_wanders_by_a_share_of_itself(share):
-    """Of a machine at half its speed and at all of it a torque changes by half as much, and whitens as it comes."""
-    n, tau, rng = 6000, 0.1, np.random.default_rng(3)
-    part = np.where(np.arange(n) // 1500 % 2, 1.0, share)
-    noise = dataclasses.replace(plain(1e-4, 1e-2), machine=MACHINE, seat=(0, 1), torque=(2e-4, tau))
-    torque, x, shown = wandering(rng, n, 2e-4, tau) * part, np.zeros(2), np.empty((n, 2))
-    step = held(MACHINE[0].tobytes(), MACHINE[1].tobytes(), STEP)
-    for k in range(n):
-        shown[k] = x
-        x = step[:2, :2] @ x + step[:2, 2] * torque[k]
-    shown += rng.standard_normal((n, 2)) * noise.white
-    whitener = dataclasses.replace(whitener_of(noise, n, 2), way=(WAYS * part).astype(np.int8))
+    """At a part of its speed a machine's torque changes by as much less, and whitens as it comes."""
+    part = np.where(np.arange(6000) // 1500 % 2, 1.0, share)
+    noise, shown = of_wandering_friction(3, part)
+    whitener = dataclasses.replace(whitener_of(noise, len(part), 2), way=(WAYS * part).astype(np.int8))
     z = whitener(shown[:, :, None])[0][200:, :, 0]
     assert abs(float(np.mean(z**2)) - 1) < 5 * np.sqrt(2 / z.size)
 

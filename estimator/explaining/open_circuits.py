@@ -85,12 +85,14 @@ def open_rows(o: Observed) -> BoolArray | None:
     noise = noise_deviation(o.outputs["i"])
     opens = np.zeros(len(v), dtype=bool)
     size = np.abs(i - zero)
-    for k in np.flatnonzero(driven[1:] & (size[1:] < DROPS * size[:-1] + NOISE * noise)).tolist():
-        k += 1  # a row in which the current may just have fallen
-        before = slice(max(0, k - LEAST_ROWS), k)
-        usual = median(size[before])
+    total = np.concatenate([[0.0], np.cumsum(size)])
+    mean = np.zeros(len(v))  # of the rows before
+    mean[LEAST_ROWS:] = (total[LEAST_ROWS:-1] - total[: -LEAST_ROWS - 1]) / LEAST_ROWS
+    falls = (size < np.maximum(2 * DROPS * mean, NOISE * noise)) & (mean > 1.5 * NOISE * noise) & driven
+    for k in np.flatnonzero(falls).tolist():
+        usual = median(size[k - LEAST_ROWS : k])
         none = max(DROPS * usual, NOISE * noise)
-        if opens[k] or k < LEAST_ROWS or usual < 2 * none or size[k - 1] < none:
+        if opens[k] or usual < 2 * none or size[k - 1] < none or size[k] > none:
             continue
         flows = size[k:] > none
         twice = np.flatnonzero(flows[:-1] & flows[1:])  # one alone is an outlier
