@@ -153,7 +153,7 @@ def estimate_parameters(
     if unknown:
         _no_argument(next(iter(unknown)))
     from estimator.estimating.estimate import available_cores, estimate_by
-    from estimator.fmus.workers import Workers
+    from estimator.estimating.kept_workers import kept_workers
 
     arrays = {name: a for name, a in zip(SIGNALS, (v, i, w, angle, load), strict=True) if a is not None}
     if time is not None or arrays:
@@ -199,7 +199,7 @@ def estimate_parameters(
         found = [(path, r) for path in validate for r in recordings_in(Path(path), said)]
         case = with_held_out(case, [path for path, _ in found], fitted=len(recordings))
         recordings = [*recordings, *(r for _, r in found)]
-    with Workers(workers or available_cores()) as crew:
+    with kept_workers(workers or available_cores()) as crew:
         return Result.of(
             estimate_by(
                 crew,

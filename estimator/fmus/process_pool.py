@@ -154,6 +154,16 @@ class ProcessPool:
             if sender is process and answer is None:
                 return None
 
+    def rest(self) -> None:
+        """Let every process give up its jobs; they stay, and wait for the next."""
+        for process in self._processes.values():
+            process.send({"forget": True})
+        self._loaded, self.on_tick, self.words = None, None, ""
+
+    def lives(self) -> bool:
+        """Whether no process has ended."""
+        return all(not process.has_ended() for process in self._processes.values())
+
     def close(self) -> None:
         """End all processes."""
         for process in self._processes.values():

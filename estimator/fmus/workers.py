@@ -8,6 +8,7 @@ exceeds the time limit costs infinity and is remembered with its reason.
 from __future__ import annotations
 
 import dataclasses
+import shutil
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -80,6 +81,7 @@ class Workers:
         self._jobs = 0  # made ready
         self._kept: list[LoadedJob] = []  # the one that is loaded first
         self._folders: dict[Path, Path] = {}
+        self._extractions = 0
 
     def load(self, job: Job, *, keep_counts: bool = False) -> None:
         """Extract the FMU and put the job's numbers where the workers find them; counters start from zero.
@@ -210,6 +212,19 @@ class Workers:
         """The job that is loaded."""
         return self._kept[0].job if self._kept else None
 
+    def rest(self) -> None:
+        """Forget all jobs, and the FMUs with them, whose files may change; the processes stay."""
+        self.pool.rest()
+        for loaded in self._kept:
+            loaded.close()
+        for folder in self._folders.values():
+            shutil.rmtree(folder, ignore_errors=True)
+        self._kept, self._folders = [], {}
+
+    def are_sound(self) -> bool:
+        """Whether all processes live, and the run's folder, which may lie where old files are removed."""
+        return self._folder.path.is_dir() and self.pool.lives()
+
     def close(self) -> None:
         """End all workers and remove the run's folder."""
         self.pool.close()
@@ -272,7 +287,8 @@ class Workers:
 
     def _extracted(self, description: FmuDescription) -> Path:
         if description.path not in self._folders:
-            folder = self._folder.path / f"fmu-{len(self._folders) + 1}"
+            self._extractions += 1
+            folder = self._folder.path / f"fmu-{self._extractions}"
             folder.mkdir()
             extract(description.path, folder)
             self._folders[description.path] = folder

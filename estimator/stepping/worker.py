@@ -53,9 +53,12 @@ def main() -> None:
     prober: Any = None
     number = 0  # of the job that was loaded last
     for order in orders:
+        if "quit" in order or "forget" in order:
+            worker = None
+            _give_up(kept)
+        if "forget" in order:
+            continue
         if "quit" in order:
-            for old in kept.values():
-                old.close()
             answers.flush()
             _end_group()
         try:
@@ -92,6 +95,12 @@ def taken_up(kept: dict[int, Worker], order: dict[str, Any]) -> Worker:
         kept[key] = Worker(order)
     kept[key] = worker = kept.pop(key)
     return worker
+
+
+def _give_up(kept: dict[int, Worker]) -> None:
+    """Free the FMUs that are loaded, and the memory that is shared with the owner."""
+    while kept:
+        kept.popitem()[1].close()
 
 
 def _stage(prober: Any, name: str) -> dict[str, Any]:
