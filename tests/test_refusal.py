@@ -10,7 +10,7 @@ from motors import CML050, RMCS2004, Motor, held_response, recording_of, step_re
 from estimator.cases.case import OutputSpec, ParameterSpec
 from estimator.estimating.estimate import estimate_recordings
 from estimator.explaining.adequacy import Failure
-from estimator.judging.verdict import unexplained
+from estimator.judging.misfit import unexplained
 
 pytestmark = pytest.mark.usefixtures("shared_workers")
 

@@ -40,6 +40,9 @@ RANK_TOLERANCE = 1e-12  # of the correlations' eigenvalues: a direction with a s
 WINDOW_RANK_TOLERANCE = 1e-3  # of the largest singular value: directions that a window tells
 COARSE = 0.42  # of a sensor's step: white noise that is no more is of the step, but for 0.3 steps
 EXCESS = 0.15  # of a variance, or a limit: a smaller excess widens the standard errors, and is no failure
+# Times the noise found: residuals that are larger in a window, and noise in all other ways, are no reason to doubt. How
+# noise grows with the signals is extrapolated there from other samples; other tests ask whether estimates are moved.
+LOUDER = 2.0
 TELLS = 1e-3  # of all samples' information: a part that tells less moves no estimate by a fifth of its bar, at six bars
 REST_TELLS = 0.05  # of all samples' information: with less, those outside a window do not determine a direction
 WHOLE = "the recording"  # the window of an output that is tested against the others
@@ -53,6 +56,11 @@ class Failure:
     window: str
     output: str
     excess: float
+
+    @property
+    def is_doubt(self) -> bool:
+        """Whether the estimate is doubtful for it alone, however much wider it makes the standard errors."""
+        return self.what != "size" or self.excess > LOUDER
 
     @property
     def sentence(self) -> str:
@@ -100,6 +108,11 @@ class Adequacy:
     parts: tuple[NDArray[np.bool_], ...]
     shift: FloatArray
     tests: int
+
+    @property
+    def doubts(self) -> tuple[Failure, ...]:
+        """The failures for which the estimate is doubtful: all, or none."""
+        return self.failures if any(f.is_doubt for f in self.failures) else ()
 
     def widened(self, fit: Fit) -> FloatArray:
         """Return the covariance that the failures add to that of a fit's names, (f + m, f + m).

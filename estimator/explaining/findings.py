@@ -15,7 +15,7 @@ from estimator.explaining.between_runs import BetweenRuns, sentence
 from estimator.explaining.explanation import Explanation
 from estimator.explaining.interpretations import Interpretation
 from estimator.fitting.fit import Fit
-from estimator.motor.names import CHANGES, has_motor
+from estimator.motor.names import ALIKE, CHANGES, has_motor
 from estimator.plans.plan import Plan
 from estimator.results.result import NotVisible, Rival, RivalParameter
 
@@ -66,7 +66,7 @@ def varying_parameters(between: BetweenRuns, plan: Plan) -> list[Found]:
     for v in (v for v in between.variations if v.told):
         parameter = plan.parameters[v.parameter]
         told = sentence(v, name=parameter.name, unit=parameter.unit, is_log=parameter.log, runs=runs)
-        usual = CHANGES.get(parameter.quantity or parameter.name, 0.0) if is_motor and parameter.log else 0.0
+        usual = CHANGES.get(parameter.quantity or parameter.name, ALIKE) if is_motor and parameter.log else 0.0
         doubt = few if len(runs) < ENOUGH_RUNS and v.deviation > usual else ""
         found.append(Found("between runs", parameter.name, told, doubt))
     return found

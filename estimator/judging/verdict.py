@@ -14,9 +14,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.conventions import MISFIT, NOTHING_TOLD, NUMERICAL, USELESS_ERROR
+from estimator.conventions import NOTHING_TOLD, USELESS_ERROR
 from estimator.fitting.least_squares_fit import LeastSquaresFit
 from estimator.judging.coasting import coasting
+from estimator.judging.misfit import above_noise, louder, misfit
 from estimator.judging.plain_noise import structured
 from estimator.judging.refusal import CONTRADICTED, lost_transients, refused_notes, slow_for_the_motor
 from estimator.judging.speed_against_angle import scales_at_odds
@@ -29,7 +30,6 @@ from estimator.plans.plan import Plan
 from estimator.results.result import Comparison, NotVisible, Status, Verdict
 
 if TYPE_CHECKING:
-    from estimator.explaining.adequacy import Failure
     from estimator.explaining.explained import Explained
     from estimator.judging.identifiability import Identifiability
     from estimator.plans.space import Steady
@@ -50,8 +50,6 @@ HIDDEN = {  # effects whose own names do not tell, or tell the same
     "drop of the drive": "drop of brushes or drive",
 }
 TOLD_HIDDEN, TOLD_PARAMETERS = 4, 2  # effects that may hide, and parameters of each, at most
-TOLD_FAILURES = 4  # sentences on failed tests, at most
-UNEXPLAINED = 0.2  # of a signal's deviation: a noise that is larger is a misfit
 
 
 @dataclass(frozen=True)
@@ -131,12 +129,12 @@ def judge(
             {n: ParameterStatus("not identified", identifiability.sentence) for n in untold} if identifiability else {}
         )
         reasons += _traded(plan, polish, statuses)
-        misfit = _misfit(plan, polish, explained, noise, spread)
-        reasons += misfit
+        missed = misfit(plan, polish, explained, noise, spread)
+        reasons += missed
         reasons += step.reasons
         wrong = [*_doubts(explained), *scales_at_odds(plan), *_fast(plan, values), *_coasting(plan, explained)]
         reasons += wrong
-        wrong = [*worse, *misfit, *wrong]
+        wrong = [*worse, *missed, *wrong]
         if held:
             wrong.append(f"{', '.join(held)} may not go where the recording wants it")
         if wrong:  # parameters that depend on it are not reliable
@@ -145,11 +143,11 @@ def judge(
         lost = lost_transients(plan, {**values, **plan.fixed})
         told = {n for n in ("R", "J") if n not in statuses or statuses[n].status != "not identified"}
         impossible = any(CONTRADICTED in sentence for sentence in lost)
-        if lost and (impossible or told != {"R", "J"} or misfit):
+        if lost and (impossible or told != {"R", "J"} or missed):
             return Judgement("refused", tuple(lost), {}, (*refused_notes(plan), *_doubts(explained)))
         reasons += slow_for_the_motor(plan)
     else:
-        reasons += _above_noise(plan, rmse, noise, spread) or structured(compared)
+        reasons += above_noise(plan, rmse, noise, spread) or structured(compared)
         reasons += _fast(plan, values)
     return Judgement(
         "doubtful" if reasons else "ok",
@@ -240,56 +238,6 @@ def _small_inductance(plan: Plan, values: Mapping[str, float]) -> str:
     return f"{about} {h:g} s; sample faster to tell L"
 
 
-def _misfit(
-    plan: Plan, polish: LeastSquaresFit, explained: Explained | None, noise: FloatArray, spread: FloatArray
-) -> list[str]:
-    """Say which residuals the model does not explain: larger than the recording's noise, or not like noise."""
-    if explained is not None:
-        reasons = unexplained(explained.adequacy.failures[:TOLD_FAILURES])
-        for j, name in enumerate(plan.outputs):
-            shown = 0.0 if noise is None else MISFIT * noise[j]
-            if explained.noise[j] > UNEXPLAINED * spread[j] and explained.at_rest[j] > shown:
-                unit = plan.unit(name)
-                reasons.append(
-                    f"the model does not explain {name}: residuals of {explained.noise[j]:.3g} {unit} are left of a"
-                    f" signal that spreads by {spread[j]:.3g} {unit}"
-                )
-        return reasons
-    return _above_noise(plan, polish.deviations, noise, spread)
-
-
-def unexplained(failures: Sequence[Failure]) -> list[str]:
-    """Return a sentence for each failure, but one for all windows in which an output's residuals are too large."""
-    reasons = []
-    for failure in failures:
-        alike = [f for f in failures if f.what == failure.what == "size" and f.output == failure.output]
-        if len(alike) < 2:
-            reasons.append(failure.sentence)
-        elif failure is alike[0]:
-            others = [f"{f.excess:.1f} times in {f.window}" for f in alike[1:]]
-            reasons.append(
-                f"the model does not explain {failure.output}: the residuals, whitened, are {failure.excess:.1f} times"
-                f" the noise found in {failure.window}, {', '.join(others)}"
-            )
-    return reasons
-
-
-def _above_noise(plan: Plan, deviations: FloatArray, noise: FloatArray, spread: FloatArray) -> list[str]:
-    """Say which residuals are above the noise that the recording shows."""
-    reasons = []
-    for j, name in enumerate(plan.outputs):
-        found = deviations[j]
-        if found > MISFIT * noise[j] and found > NUMERICAL * spread[j]:
-            unit = plan.unit(name)
-            times = found / max(noise[j], 1e-300)
-            size = f"{times:.1f} times" if times < 1000 else "far above"
-            reasons.append(
-                f"the model does not explain {name}: its residuals have a deviation of {found:.3g} {unit}, {size} the"
-                f" noise of {noise[j]:.2g} {unit} that the recording shows"
-            )
-    return reasons
-
-
 def _fast(plan: Plan, values: Mapping[str, float]) -> list[str]:
     """Say when the motor is faster than the recording can show: |Im λ| h > π, or all is over within a sample."""
     known = {**values, **plan.fixed}
@@ -332,7 +280,7 @@ def _found(plan: Plan, explained: Explained | None, statuses: Mapping[str, Param
         return []
     tabled = set(plan.names)  # those are in a table, with their standard errors
     found = [f for f in explained.found if f.name not in statuses]
-    notes = [f.sentence for f in found if not (f.effect in PLAIN and f.name in tabled)]
+    notes = [f.sentence for f in found if not (f.effect in PLAIN and f.name in tabled)] + louder(explained.adequacy)
     noise, whitener = explained.fit.whitener.noise, explained.fit.whitener
     for j, name in enumerate(plan.outputs):
         unit = plan.unit(name)
