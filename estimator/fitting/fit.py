@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.fitting.information import information_parts
+from estimator.fitting.lateness import soon_shown
 from estimator.fitting.projection import Projection, triangle
 from estimator.fitting.score_test import ScoreTest
 from estimator.fitting.simulator import Simulator
@@ -283,8 +284,11 @@ def new_fit(simulator: Simulator, values: FloatArray, free: Sequence[str], noise
 
 
 def with_level(fit: Fit) -> Fit:
-    """Return the fit whose noise follows the signals as they are simulated now."""
-    level = Level.of(fit.shown)
+    """Return the fit whose noise follows the signals as they are simulated now.
+
+    A sensor that is late has the noise of what the machine does already, and of what it shows still: the larger counts.
+    """
+    level = Level.of(soon_shown(fit))
     runs = moving(level, fit.whitener.noise.stands)
     slope = slopes_in_time(fit) if fit.whitener.noise.jitter else np.broadcast_to(0.0, level.shape)
     whitener = dataclasses.replace(fit.whitener, level=level, moving=runs, slope=slope, way=_way(fit))

@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
-import numpy as np
+import itertools
+from typing import TYPE_CHECKING
 
-from estimator.fitting.fit import Fit
-from estimator.fitting.motor_response import acting
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.fitting.simulator import Act
 from estimator.plans.parameters import SensorPlace
 from estimator.plans.plan import ChainSpec
 from estimator.stepping import layout
+
+if TYPE_CHECKING:
+    from estimator.fitting.fit import Fit
+
+FloatArray = NDArray[np.float64]
 
 RAMP_ROWS = 1_000  # after which the slowest filter, 60 rows, shows a ramp as late as it ever will
 
@@ -33,3 +41,31 @@ def lateness(fit: Fit, output: str) -> tuple[float, float]:
     ramp = step * np.arange(RAMP_ROWS, dtype=np.float64)
     acted = (float(ramp[-1] - act(ramp, value, step)[-1]) for act, value in acting(fit, output))
     return simulated, sum(acted, 0.0)
+
+
+def acting(fit: Fit, output: str) -> list[tuple[Act, float]]:
+    """Return what a sensor does with an output's samples, and with which value."""
+    s, found = fit.simulator, []
+    for nuisance in s.nuisances:
+        if nuisance.output == output and nuisance.act is not None:
+            value = fit.value(nuisance.name)
+            if value != nuisance.neutral:
+                found.append((nuisance.act, value))
+    return found
+
+
+def soon_shown(fit: Fit) -> FloatArray:
+    """Return the largest size of each signal, (rows, q), from a row to that in which its sensor shows what happens."""
+    s, late = fit.simulator, np.zeros(fit.shown.shape[1], dtype=np.int64)
+    for j, output in enumerate(s.outputs):
+        late[j] = int(np.ceil(sum(lateness(fit, output)) / s.clocks[0].step - 0.5))
+    if not (late > 0).any():
+        return fit.shown
+    shown = np.abs(fit.shown)
+    for clock, j in itertools.product(s.clocks, np.flatnonzero(late > 0).tolist()):
+        own, left = shown[clock.rows, j], int(late[j])
+        while left > 0 and len(own) > 1:  # the largest of 2, 4, 8 rows, and of those that are left
+            by = min(left, late[j] - left + 1, len(own) - 1)
+            own[:-by] = np.fmax(own[:-by], own[by:])
+            left -= by
+    return shown

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.fitting.fit import Fit
-from estimator.fitting.simulator import Act, per_recording
+from estimator.fitting.lateness import acting
+from estimator.fitting.simulator import per_recording
 from estimator.motor.exponential import exponential
 from estimator.motor.names import MOTOR, is_motor
 from estimator.motor.state_space import coasting, matrices, sampled
@@ -242,14 +243,3 @@ def _as_shown(fit: Fit, states: FloatArray, clock: Clock) -> FloatArray:
             shown = act(shown, value, clock.step)
         columns.append(shown)
     return np.column_stack(columns)
-
-
-def acting(fit: Fit, output: str) -> list[tuple[Act, float]]:
-    """Return what a sensor does with an output's samples, and with which value."""
-    s, found = fit.simulator, []
-    for nuisance in s.nuisances:
-        if nuisance.output == output and nuisance.act is not None:
-            value = fit.value(nuisance.name)
-            if value != nuisance.neutral:
-                found.append((nuisance.act, value))
-    return found

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from estimator.explaining.effects.base import Effect
 from estimator.fitting.fit import Fit, Linear
-from estimator.fitting.lateness import lateness
-from estimator.fitting.motor_response import acting
+from estimator.fitting.lateness import acting, lateness
 from estimator.fitting.shaft_angle import HIGHEST_ORDER
 from estimator.plans.plan import Plan
 
