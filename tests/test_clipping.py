@@ -90,3 +90,12 @@ def test_a_range_that_ends_above_zero_is_found_where_it_ends_alone():
     cut = np.maximum(dip, 4.0)
     found = clipped(cut)
     assert found[dip < 4.0].all() and not found[dip > 4.2].any() and limit(cut, found) == 4.0
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_noise_at_rest_that_has_its_extreme_three_times_is_not_cut(seed):
+    rng = np.random.default_rng(seed)
+    speed = np.round(np.concatenate([np.zeros(400), 800 * (1 - np.exp(-np.arange(2000) / 100))]), 1)
+    speed = np.round(speed + 1.5 * rng.standard_normal(2400), 1)
+    speed[rng.choice(300, 3, replace=False) + 50] = np.min(speed)
+    assert not clipped(speed).any()

@@ -288,7 +288,7 @@ def with_level(fit: Fit) -> Fit:
 
     A sensor that is late has the noise of what the machine does already, and of what it shows still: the larger counts.
     """
-    level = Level.of(soon_shown(fit))
+    level = Level.of(soon_shown(fit.simulator, fit.value, fit.shown))
     runs = moving(level, fit.whitener.noise.stands)
     slope = slopes_in_time(fit) if fit.whitener.noise.jitter else np.broadcast_to(0.0, level.shape)
     whitener = dataclasses.replace(fit.whitener, level=level, moving=runs, slope=slope, way=_way(fit))

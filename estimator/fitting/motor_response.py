@@ -90,7 +90,9 @@ def _plain_seats(fit: Fit) -> list[int] | None:
     """Return which state each output shows, as it is; None where one shows another thing, or a sensor acts on it."""
     outputs = fit.simulator.outputs
     seats = [SEATS[y] for y in outputs]
-    return seats if max(seats) < SEATS["angle"] and not any(acting(fit, y) for y in outputs) else None
+    return (
+        seats if max(seats) < SEATS["angle"] and not any(acting(fit.simulator, fit.value, y) for y in outputs) else None
+    )
 
 
 def opens_circuit(fit: Fit, recording: int) -> bool:
@@ -239,7 +241,7 @@ def _as_shown(fit: Fit, states: FloatArray, clock: Clock) -> FloatArray:
             shown = (np.cumsum(states[1]) - 0.5 * (states[1] + states[1][0])) * clock.step
         else:
             shown = states[SEATS[y]]
-        for act, value in acting(fit, y):
+        for act, value in acting(fit.simulator, fit.value, y):
             shown = act(shown, value, clock.step)
         columns.append(shown)
     return np.column_stack(columns)

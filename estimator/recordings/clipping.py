@@ -20,6 +20,7 @@ JUMP = 1e-3  # of the span: a signal that comes nearer than that, as one that se
 HALF = 0.5
 COARSE = 3.0  # times the converter's step: noise below that repeats values anyhow
 NEAR, SMOOTH = 3.0, 2  # deviations of the noise; samples on either side of a running median
+CUT = 0.05  # of the samples near the extreme: fewer are chance, and move their mean by 0.02 deviations of the noise
 
 
 def clipped(y: FloatArray) -> NDArray[np.bool_]:
@@ -42,14 +43,16 @@ def clipped(y: FloatArray) -> NDArray[np.bool_]:
     repeats = np.count_nonzero(np.diff(between) == 0) > REPEATS * len(y)
     bends = np.sign(np.diff(between, 2))
     turns = np.count_nonzero(bends[1:] * bends[:-1] < 0) > HALF * len(bends)  # of noise 73 %, of a smooth signal few
-    noisy = turns and not repeats and noise_deviation(between) > COARSE * quantum(between)
-    paused = _pauses(y, grain=max(quantum(y), noise_deviation(between)))
+    noise = noise_deviation(between)
+    noisy = turns and not repeats and noise > COARSE * quantum(between)
+    paused = _pauses(y, grain=max(quantum(y), noise))
     only_there = {*y[paused].tolist()} <= {*extremes}
     for sign, value, at in ends:
         beside = (np.append(at[1:], False) | np.insert(at[:-1], 0, False)) & ~at & ~np.isnan(y)
         held = only_there and int(np.argmax(at)) in paused  # from when it is first there
         leaves = beside.any() and median(np.abs(y[beside] - value)) > JUMP * (extremes[0] - extremes[1])
-        if (noisy and leaves) or held:
+        often = np.count_nonzero(at) > CUT * np.count_nonzero(sign * (value - y) < NEAR * noise)
+        if (noisy and leaves and often) or held:
             result |= _with_neighbours(sign * y, at)
     return result
 

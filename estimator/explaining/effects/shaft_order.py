@@ -52,7 +52,7 @@ def _ahead(fit: Fit, output: str) -> FloatArray | float:
     """
     s = fit.simulator
     source = "angle" if "angle" in s.outputs else "w"
-    late = sum(lateness(fit, source)) - lateness(fit, output)[0]
+    late = sum(lateness(fit.simulator, fit.value, source)) - lateness(fit.simulator, fit.value, output)[0]
     if late == 0:
         return 0.0
     if source == "w":
@@ -129,7 +129,9 @@ class ShaftOrder(Effect):
         for e, clock in enumerate(s.clocks):
             for part, wave in enumerate((np.cos, np.sin)):
                 shown = wave(order * theta[clock.rows]) * level[clock.rows]
-                for act, value in acting(fit, s.outputs[j]):  # the sensor shows the ripple as it shows the signal
+                for act, value in acting(
+                    fit.simulator, fit.value, s.outputs[j]
+                ):  # the sensor shows the ripple as it shows the signal
                     shown = act(shown, value, clock.step)
                 columns[clock.rows, j, 2 * e + part] = shown
         return columns
