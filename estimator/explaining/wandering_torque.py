@@ -15,7 +15,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.explaining.effects.base import USUAL
 from estimator.explaining.explanation import Explanation
 from estimator.explaining.parameter_drift import friction_variance
 from estimator.fitting.fit import Fit, refreshed, with_level
@@ -27,6 +26,7 @@ from estimator.noise.restricted_likelihood import USUAL_TORQUE, RestrictedLikeli
 FloatArray = NDArray[np.float64]
 
 MOST_ROWS = 60_000  # of more rows the settled ones show it
+WANDERING = 0.8  # of benches: friction that is constant to 0.1 % is rare
 SIZES = (0.004, 0.012, 0.04, 0.12)  # of the usual torque, each as likely before a recording is seen
 WANDERS = 4.0  # of -2 log L: it widens the bars, no more, so that it may be taken in by chance in 2 of 100 recordings
 PROMISES = 0.25  # of that, by one of the sizes: between two of them, and by another time, it falls hardly further
@@ -109,7 +109,7 @@ def _misfits(likelihood: RestrictedLikelihood, sizes: Sequence[NoiseModel], stil
 def _left_open(fit: Fit, sizes: Sequence[NoiseModel], behind: FloatArray) -> tuple[OpenTorque, ...]:
     """Return those tried sizes that are not excluded, `behind` no torque by -2 log restricted likelihood, (sizes,)."""
     p = len(fit.simulator.plan.names)
-    prior = 2 * float(np.log(len(SIZES) * (1 - USUAL) / USUAL))
+    prior = 2 * float(np.log(len(SIZES) * (1 - WANDERING) / WANDERING))
     found = []
     for noise, value in zip(sizes, behind.tolist(), strict=True):
         if value <= EXCLUDED:
