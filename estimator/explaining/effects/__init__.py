@@ -44,6 +44,7 @@ from estimator.explaining.effects.supply_ripple import SupplyRipple
 from estimator.explaining.effects.switching_ripple import SwitchingRipple
 from estimator.explaining.effects.voltage_noise import VoltageNoise
 from estimator.explaining.effects.voltage_offset import VoltageOffset
+from estimator.explaining.effects.voltage_ramp import VoltageRamp
 from estimator.explaining.effects.voltage_rise import VoltageRise
 from estimator.explaining.effects.voltage_transient import VoltageTransient
 
@@ -88,6 +89,7 @@ EFFECTS: tuple[Effect, ...] = (
     VoltageTransient(),
     VoltageTransient(name="voltage overshoot", sign=-1, prior=SELDOM / 1000),  # a supply that sags is as likely
     VoltageRise(),
+    VoltageRamp(),
     LostRows(),
 )
 

@@ -1,0 +1,64 @@
+"""The drive takes the voltage to each level by a ramp: a command that is limited in its slope, or a soft start.
+
+Of a linear model a ramp is a mean over the time that it takes, in all that is shown: a mean of each channel over whole
+samples stands for it too, and an inductance for the difference. All changes are taken to last as long, whatever their
+size.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.explaining.effects.base import SELDOM, Effect
+from estimator.explaining.effects.voltage_rise import NAME as RISE
+from estimator.fitting.simulator import Nuisance
+from estimator.plans.plan import Plan
+from estimator.recordings.excitation import is_measured
+
+FloatArray = NDArray[np.float64]
+
+LONGEST = 0.3  # of a recording: the longest ramp
+TRIED = (2.0, 4.0, 8.0, 16.0, 32.0, 64.0)  # samples that a ramp takes
+
+
+def ramped(y: FloatArray, length: float, h: float) -> FloatArray:
+    """Return the mean of y over the last `length` s, exact for a signal on lines between samples, at rest before."""
+    if length <= 0:
+        return y
+    rows, part = divmod(length / h, 1.0)
+    before = int(rows) + 1
+    known = np.concatenate([np.repeat(y[:1], before), y])
+    whole = np.concatenate([[0.0], np.cumsum(0.5 * (known[1:] + known[:-1]))])
+    now = np.arange(before, len(known))
+    first = known[now - int(rows)]
+    cut = whole[now - int(rows)] - part * first + 0.5 * part**2 * (first - known[now - before])
+    return np.asarray((whole[now] - cut) * h / length)
+
+
+@dataclass(frozen=True)
+class VoltageRamp(Effect):
+    """How long the voltage takes to each new level of its command, s; shown by all outputs of a linear model."""
+
+    name: str = "voltage ramp"
+    prior: float = SELDOM
+    sharp: bool = True
+    lateness: float = 0.5
+    sentence: str = "the motor's voltage reaches each level of its command by a ramp of {ms:.3g} ms"
+
+    def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
+        """Return that of all recordings; what is measured shows its ramps."""
+        if not plan.binding.is_motor or any(is_measured(o.inputs["v"]) for o in plan.observed if "v" in o.inputs):
+            return ()
+        step = plan.shortest_step
+        longest = LONGEST * max(float(o.recording.time[-1] - o.recording.time[0]) for o in plan.observed)
+        tries = tuple(n * step for n in TRIED if n * step <= longest)
+        return [
+            Nuisance(
+                self.name, "s", 0.0, max(longest, 2 * step), 0.0, step,
+                act=ramped, between=True, tries=tries, excludes=(RISE,),
+            )
+        ]  # fmt: skip
