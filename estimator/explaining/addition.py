@@ -24,7 +24,7 @@ from estimator.noise.in_parts import Columns, products, square
 FloatArray = NDArray[np.float64]
 
 NEVER_ZERO = ("R", "K", "J")  # at a bound something else stands for it; L and B may vanish
-AGAIN = 0.5  # prior of what another recording has
+AGAIN = 0.5  # prior of what another recording has, or another thing in this one foretells
 OPEN = 4.0  # penalty of each number whose usual size is not known, where it is averaged over
 NOTHING = 1e-9  # of the power of a change: the recordings do not show it
 
@@ -132,12 +132,18 @@ class Addition:
     def penalty(self, samples: int) -> float:
         """Return its penalty in the criterion."""
         one_of = self.tried if self.linear is not None else 1
-        return self.numbers * math.log(max(samples, 2)) + 2 * math.log(one_of / self.prior)
+        numbers = 0 if self.is_foretold else self.numbers
+        return numbers * math.log(max(samples, 2)) + 2 * math.log(one_of / self.prior)
 
     @property
     def prior(self) -> float:
         """Its prior probability."""
-        return max(AGAIN, self.effect.prior) if self.again else self.effect.prior
+        return max(AGAIN, self.effect.prior) if self.again or self.is_foretold else self.effect.prior
+
+    @property
+    def is_foretold(self) -> bool:
+        """Whether the recordings show its coefficient elsewhere: it is no number that is free."""
+        return self.linear is not None and self.linear.foretold
 
     def shows_in(self, simulator: Simulator) -> NDArray[np.intp]:
         """Return the places of the outputs in which it shows; all, where it moves the motor."""

@@ -175,11 +175,17 @@ def at_whole_number(fit: Fit, addition: Addition) -> Fit:
         fit = best
 
 
-def followed(explanation: Explanation) -> Explanation:
-    """Return an explanation with columns by the signals that it explains by them, as long as that explains more."""
+def followed(explanation: Explanation, *, least: float | None = None) -> Explanation:
+    """Return an explanation with columns by the signals that it explains by them, as long as that explains more.
+
+    Parameters
+    ----------
+    least : float, optional
+        By which z'z has to fall each time; without, a part of it.
+    """
     for _ in range(FOLLOWED):
         again = dataclasses.replace(explanation, fit=solved_roughly(renewed(explanation)))
-        if not again.fit.cost < (1 - FALLS) * explanation.fit.cost:
+        if not explanation.fit.cost - again.fit.cost > (FALLS * explanation.fit.cost if least is None else least):
             break
         explanation = again
     return explanation

@@ -65,6 +65,10 @@ class Linear:
         What it may be besides where settled rows show more than that bound allows.
     uncertain : (rows, q, k) array, optional
         Deviation of the columns: what a coefficient of 1 adds is known as well as that.
+    moves : bool
+        They move the machine by much, and are no error of a sensor: noise follows the signals with them.
+    foretold : bool
+        The recordings show the coefficient elsewhere too, as a voltage at rest does that of its offset.
     """
 
     name: str
@@ -80,6 +84,8 @@ class Linear:
     most_transient: float = np.inf
     beyond: FloatArray | None = None
     uncertain: FloatArray | None = None
+    moves: bool = False
+    foretold: bool = False
 
 
 @dataclass(frozen=True)
@@ -198,6 +204,15 @@ class Fit:
             return self.shown
         return self.shown + linear_columns(self.linear, self.shown.shape) @ self.coefficients
 
+    @property
+    def moved(self) -> FloatArray:
+        """What is shown, (rows, q), with what moves the machine beside the simulation; not to be changed."""
+        result, at = self.shown, 0
+        for g in self.linear:
+            own = self.coefficients[at : (at := at + g.columns.shape[2])]
+            result = result + g.columns @ own if g.moves and len(own) else result
+        return result
+
     def delay(self, recording: int) -> float:
         """Return by how much a recording's outputs come after its inputs, s."""
         s, place = self.simulator, SensorPlace("delay", recording)
@@ -288,7 +303,7 @@ def with_level(fit: Fit) -> Fit:
 
     A sensor that is late has the noise of what the machine does already, and of what it shows still: the larger counts.
     """
-    level = Level.of(soon_shown(fit.simulator, fit.value, fit.shown))
+    level = Level.of(soon_shown(fit.simulator, fit.value, fit.moved))
     runs = moving(level, fit.whitener.noise.stands)
     slope = slopes_in_time(fit) if fit.whitener.noise.jitter else np.broadcast_to(0.0, level.shape)
     whitener = dataclasses.replace(fit.whitener, level=level, moving=runs, slope=slope, way=_way(fit))
@@ -301,7 +316,7 @@ def _way(fit: Fit) -> NDArray[np.int8] | None:
     if "w" not in s.outputs:
         return None
     values = {**s.plan.fixed, **dict(zip(s.names, fit.values.tolist(), strict=True))}
-    w = fit.shown[:, s.outputs.index("w")]
+    w = fit.moved[:, s.outputs.index("w")]
     torque = np.abs(w)  # changed in its place: a long recording has many rows
     torque *= values.get("B", 0.0)
     torque += values.get("friction", 0.0)

@@ -33,4 +33,5 @@ class DriveDrop(Effect):
             return ()
         largest = float(np.max(np.abs(v)))
         columns = response(fit, voltage=as_late(fit, -np.sign(v)))[:, :, None]
-        return [Linear(self.name, columns, ("V",), least=0.0, most=MOST_DROP * largest, size=USUAL_DROP * largest)]
+        most, usual = MOST_DROP * largest, USUAL_DROP * largest
+        return [Linear(self.name, columns, ("V",), least=0.0, most=most, size=usual, moves=True)]

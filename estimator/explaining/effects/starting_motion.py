@@ -52,7 +52,7 @@ class StartingMotion(Effect):
                 if len(s.clocks) > 1:
                     own, columns = columns, np.zeros((s.rows, len(s.outputs), len(units)))
                     columns[clock.rows] = own
-                found.append(Linear(name, columns, units))
+                found.append(Linear(name, columns, units, moves=True))
         return found
 
     def in_place_of_columns(self, plan: Plan) -> Sequence[Nuisance]:

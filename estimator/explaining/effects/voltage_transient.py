@@ -57,6 +57,7 @@ class VoltageTransient(Effect):
                 most=MOST_PART,
                 size=size,
                 one_of=len(taus),
+                moves=True,
             )
         ]
 
