@@ -1,4 +1,4 @@
-"""Circuits that are open while a voltage is measured: it is the motor's own, and drives nothing. Knows plans, no fit.
+"""Circuits that open: what is measured then is the motor's own voltage, and drives nothing. Knows plans, no fit.
 
 A drive that lets go of its motor leaves it without a current, at once; the voltage at its terminals is then K w. Of
 the linear motor, driven by this voltage, hardly a current would flow either, but the voltage's noise would make one,
@@ -57,7 +57,7 @@ def with_open_circuits(plan: Plan) -> tuple[Plan, tuple[OwnVoltage, ...]]:
     for o in plan.observed:
         opens = open_rows(o)
         if opens is None:
-            observed.append(o)
+            observed.append(_without_openings(o))
             continue
         begins = np.flatnonzero(opens & ~np.append(False, opens[:-1]))
         current = o.outputs["i"].copy()
@@ -71,6 +71,23 @@ def with_open_circuits(plan: Plan) -> tuple[Plan, tuple[OwnVoltage, ...]]:
         )
         told.append(OwnVoltage(sentence, *_constant(o.inputs["v"][opens], o.outputs["w"][opens])))
     return dataclasses.replace(plan, observed=tuple(observed)), tuple(told)
+
+
+def _without_openings(o: Observed) -> Observed:
+    """Return a recording without the current's samples at the instants at which its command opens the circuit.
+
+    A current that ends at once ends before or after the sample of the row in which the command does: no delay tells.
+    """
+    if not {"i", "w"} <= set(o.outputs) or "v" not in o.inputs:
+        return o
+    v, i, w = o.inputs["v"], filled(o.outputs["i"]), np.abs(filled(o.outputs["w"]))
+    noise, current = NOISE * noise_deviation(o.outputs["i"]), o.outputs["i"].copy()
+    for k in (np.flatnonzero((v[1:] == 0) & (v[:-1] != 0)) + 1).tolist():
+        before, after = i[max(0, k - LEAST_ROWS) : k], i[k : k + LEAST_ROWS]
+        none = max(noise, DROPS * abs(median(before)))
+        if w[k] > ON * np.max(w) and abs(median(before)) > none and np.all(np.abs(after) < none):
+            current[k] = np.nan
+    return dataclasses.replace(o, outputs={**o.outputs, "i": current})
 
 
 def open_rows(o: Observed) -> BoolArray | None:
