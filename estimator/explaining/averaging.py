@@ -96,6 +96,7 @@ def averaged(
     rivals: Sequence[Explanation],
     samples: int,
     torques: Sequence[OpenTorque],
+    beside: FloatArray,
 ) -> Averaged:
     """Return the parameters averaged over the explanations that are possible.
 
@@ -104,6 +105,8 @@ def averaged(
     open_additions : what may still be added, with what the score test says
     rivals : other explanations, nearly as likely
     torques : sizes of a torque that wanders which are left open
+    beside : (p,) array
+        Variances that the standard errors hold besides: a rival that lies within is no news.
     """
     fit = explanation.fit
     names = fit.simulator.plan.names
@@ -135,7 +138,7 @@ def averaged(
         parts.append((max(behind, 0.0), own - off @ size, covariance[:p, :p] + off @ spread @ off.T))
     parts += [(max(t.behind, 0.0), own, t.covariance) for t in torques]
     told, added = [], len(parts)
-    deviation = np.sqrt(np.maximum(np.diag(covariance + untold)[:p], 1e-300))
+    deviation = np.sqrt(np.maximum(np.diag(covariance + untold)[:p] + beside, 1e-300))
     for rival in rivals:
         behind = rival.evidence(samples) - explanation.evidence(samples)
         there, other = _beside(own, rival, fit.is_log[:p])

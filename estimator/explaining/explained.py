@@ -227,15 +227,16 @@ def _explained(
 ) -> Explained:
     fit = explanation.fit
     p = len(plan.names)
-    mean = averaged(explanation, left_open[0], rivals, samples, left_open[1])
+    between = of_fit(fit, p)
+    more = checked.widened(fit) + between.covariance
+    more[range(p), range(p)] += drift_variances(explanation)
+    mean = averaged(explanation, left_open[0], rivals, samples, left_open[1], np.diag(more)[:p])
     names = fit.names
     reported = [k for k, n in enumerate(names) if k >= p and not n.startswith("ripple ") and not is_between_runs(n)]
     kept = [*range(p), *reported]
     seen, unseen = (part[np.ix_(kept, kept)] for part in fit.covariance_parts())
     seen[:p, :p] = mean.covariance
-    between = of_fit(fit, p)
-    seen += (checked.widened(fit) + between.covariance)[np.ix_(kept, kept)]
-    seen[range(p), range(p)] += drift_variances(explanation)
+    seen += more[np.ix_(kept, kept)]
     switches = any(a.effect.fmu for a in explanation.additions)
     seen += further_reach(fit, p, switches=switches)[np.ix_(kept, kept)]
     covariance = seen + unseen
