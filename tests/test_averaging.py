@@ -74,7 +74,7 @@ def explained(runs, columns, drifts, y):
     for k in range(runs):
         scores = Scores.of(test, columns, known.rest(drifts[:, k : k + 1]), drifts[:, k : k + 1])
         additions.append(Addition(Effect("drift"), f"drift run{k}", 1, scores.gain, scores=scores, usual=1.0))
-    return averaged(Explanation(fit), additions, [], len(y), [], np.zeros(2)), values
+    return averaged(Explanation(fit), additions, [], len(y), [], np.zeros(columns.shape[1])), values
 
 
 def test_what_all_recordings_may_have_is_in_the_errors_though_each_alone_moves_nothing():

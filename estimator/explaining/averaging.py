@@ -137,21 +137,24 @@ def averaged(
         size, spread, behind = a.posterior()
         parts.append((max(behind, 0.0), own - off @ size, covariance[:p, :p] + off @ spread @ off.T))
     parts += [(max(t.behind, 0.0), own, t.covariance) for t in torques]
-    told, added = [], len(parts)
+    told, by_itself = [], list(parts)
     deviation = np.sqrt(np.maximum(np.diag(covariance + untold)[:p] + beside, 1e-300))
     for rival in rivals:
         behind = rival.evidence(samples) - explanation.evidence(samples)
         there, other = _beside(own, rival, fit.is_log[:p])
-        parts.append((max(behind, 0.0), there, other))
+        first = len(parts)
+        parts += [  # what may be added, or not, may be so beside each rival
+            (max(behind, 0.0) + charge, there + x - own, other + c - covariance[:p, :p]) for charge, x, c in by_itself
+        ]
         with np.errstate(invalid="ignore"):
             apart = np.abs(there - own) / np.where(np.isfinite(deviation), deviation, np.inf)
         other_number = _numbers(rival) != _numbers(explanation) and _effects(rival) == _effects(explanation)
         held = other_number or _holds(rival, explanation)  # by the bars alone
         if np.max(apart, initial=0.0) > DIFFERS and behind < TOLD_WITHIN and not held:
-            told.append((rival, len(parts) - 1, float(np.max(apart)), names[int(np.argmax(apart))], float(behind)))
+            told.append((rival, first, float(np.max(apart)), names[int(np.argmax(apart))], float(behind)))
     weights = np.exp(-0.5 * np.array([c for c, _, _ in parts]))
-    weights[1:added] *= 1 + weights[added:].sum()  # what may be added may be so beside each rival
     weights /= weights.sum()
+    of_rival = [float(weights[first : first + len(by_itself)].sum()) for _, first, _, _, _ in told]
     order = np.argsort(weights)
     weights[order[np.cumsum(weights[order]) < TAIL]] = 0.0  # many small weights would change all correlations
     weights /= weights.sum()
@@ -159,8 +162,11 @@ def averaged(
     total = _covering(total, weights, [x - own for _, x, _ in parts], [np.diag(c) for _, _, c in parts])
     held = ~inside[:p]
     total[held] = total[:, held] = 0.0
-    told = [t for t in told if t[4] <= min(u[4] for u in told if _effects(u[0]) == _effects(t[0]))]  # of alike ones one
-    rivals_told = tuple(WeighedRival(r, apart, name, behind, float(weights[k])) for r, k, apart, name, behind in told)
+    rivals_told = tuple(
+        WeighedRival(r, apart, name, behind, weight)
+        for weight, (r, _, apart, name, behind) in zip(of_rival, told, strict=True)
+        if behind <= min(u[4] for u in told if _effects(u[0]) == _effects(r))  # of alike ones one
+    )
     return Averaged(total, tuple(hidden), rivals_told)
 
 

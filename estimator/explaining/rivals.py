@@ -8,13 +8,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from estimator.explaining.addition import Addition, alike, is_switch, is_timing
+from estimator.explaining.addition import Addition, alike, is_physical, is_switch, is_timing
 from estimator.explaining.explanation import (
     Explanation,
     followed,
     in_place_of_model,
     in_two,
     moves_ripple,
+    renewed,
     with_fine_filters,
     without,
 )
@@ -39,7 +40,7 @@ MOST_ROWS = 140_000  # between the samples, of all recordings: with more a fit t
 MOST_LEFT = 10.0  # of z'z: what the last of them changes at most, ten times as much as the next would
 UNTOLD = 1.0  # of a parameter: its standard error then tells nothing of it
 FURTHER = 100.0  # of the criterion: what another FMU has is given another timing where it is no further behind
-FOLLOWS = 1.0  # fall of z'z for which the columns of a rival are computed again at its values
+FOLLOWS = 1.0  # fall of z'z for which the columns of a rival are computed once more at its values
 EXCHANGES, EXCHANGED = 8, 0.1  # of an explanation for a more likely rival, at most; by which its criterion is lower
 FEW_EXCHANGES = 2  # of one that misses more than noise, at most: an effect that is not known makes every rival likelier
 
@@ -293,12 +294,15 @@ def _exchanged(
         limit = most + further - other.penalty(n) - (bare.criterion(n) - bare.fit.cost)
         rival = selection.added(bare, other, limit=limit)
         if any(a.linear is not None for a in rival.additions) and not moves_ripple(bare, other):
+            rival = dataclasses.replace(rival, fit=solved_roughly(renewed(rival), limit=limit))
             rival = followed(rival, least=FOLLOWS)
         if most <= rival.criterion(n) < most + further:
             rival = _retimed(selection, rival, addition)
         if rival.criterion(n) < most and other.name in rival.names():
-            rival = dataclasses.replace(rival, fit=solved(rival.fit))
-            found.append(rival)
+            beside = [a for a in rival.additions if a.linear is not None and a.name != other.name]
+            for idle in [a for a in beside if not is_physical(rival.fit, a)]:  # the other has taken its place, too
+                rival = without(rival, idle)
+            found.append(dataclasses.replace(rival, fit=solved(rival.fit)))
     return found
 
 

@@ -7,7 +7,7 @@ size.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from estimator.explaining.effects.base import SELDOM, Effect
 from estimator.explaining.effects.voltage_rise import NAME as RISE
+from estimator.fitting.fit import Fit
 from estimator.fitting.simulator import Nuisance
 from estimator.plans.plan import Plan
 from estimator.recordings.excitation import is_measured
@@ -62,3 +63,8 @@ class VoltageRamp(Effect):
                 act=ramped, between=True, tries=tries, excludes=(RISE,),
             )
         ]  # fmt: skip
+
+    def mirrored(self, fit: Fit, name: str) -> Sequence[Mapping[str, float]]:
+        """Return a voltage that rises as late in its place, by a time constant."""
+        late = self.lateness * fit.value(name)
+        return [{name: 0.0, RISE: late}] if RISE in fit.simulator.index and late > 0 else []

@@ -23,6 +23,7 @@ from estimator.recordings.excitation import is_measured
 
 NAME = "voltage rise"
 LONGEST = 0.3  # of a recording: the longest time constant
+TRIED = (3.0, 10.0, 30.0)  # samples
 FASTER = 0.2  # of what stood for the rise: the time constant that the motor begins with instead
 
 
@@ -35,14 +36,19 @@ class VoltageRise(Effect):
     doubt: str = "the motor's voltage is not the one in the recording: measure it at the motor"
 
     def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
-        """Return its time constant, which no score test looks for: near none it is a delay of the recording."""
+        """Return its time constant; near none it is a delay of the recording, and it is not looked for there."""
         if not plan.binding.is_motor or "v" not in plan.observed[0].inputs:
             return ()
         if any(is_measured(o.inputs["v"]) for o in plan.observed):
             return ()  # what is measured has risen
         step = plan.shortest_step
         longest = LONGEST * max(float(o.recording.time[-1] - o.recording.time[0]) for o in plan.observed)
-        return [Nuisance(NAME, "s", 0.0, max(longest, 2 * step), 0.0, step, act=lagged, sections=lag, between=True)]
+        tries = tuple(n * step for n in TRIED if n * step <= longest)
+        return [
+            Nuisance(
+                NAME, "s", 0.0, max(longest, 2 * step), 0.0, step, act=lagged, sections=lag, between=True, tries=tries
+            )
+        ]
 
     def in_place_of_model(self, fit: Fit) -> Sequence[Mapping[str, float]]:
         """Return both time constants of a motor as the voltage's, the motor faster by as much."""
