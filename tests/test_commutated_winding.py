@@ -49,7 +49,7 @@ def test_the_response_to_a_resistance_that_changes_with_the_angle_is_the_equatio
         outputs=("i", "w"), observed=[SimpleNamespace(inputs={"v": np.full(n, VOLTS)})], nuisances=(),
         clocks=(Clock(STEP * np.arange(n), slice(0, n)),),
     )  # fmt: skip
-    fit = SimpleNamespace(simulator=simulator, values=np.array(list(MOTOR.values())))
+    fit = SimpleNamespace(simulator=simulator, values=np.array(list(MOTOR.values())), value=MOTOR.__getitem__)
     fit.once = lambda told: told(fit)
     columns = of_resistance(fit, x[:, 2], ORDER, x[:, 0])
     found = columns @ [change * np.cos(phase), -change * np.sin(phase)]

@@ -53,7 +53,7 @@ def test_the_evidence_of_one_number_more_is_the_integral_over_it(told, size):
 def test_a_number_of_no_known_size_is_charged_as_by_the_criterion():
     rng = np.random.default_rng(4)
     columns, y = rng.standard_normal((100, 2)), rng.standard_normal(100)
-    line = SimpleNamespace(size=0.0)
+    line = SimpleNamespace(size=0.0, foretold=False)
     addition = Addition(Effect("ripple", prior=0.5), "ripple", 1, 0.0, linear=line)
     found = explanation_of(y, columns, ("a", "ripple"), (addition,))
     assert found.evidence(100) == pytest.approx(found.criterion(100))

@@ -81,7 +81,7 @@ def test_two_voltages_tell_coulomb_friction_from_viscous(tmp_path: Path, seed: i
     assert found.verdict == "ok", found.reasons
     for name, value in DRY.items():
         p = found.parameters[name]
-        assert p.status == "ok" and p.standard_error < 0.02 * value
+        assert p.status == "ok" and p.standard_error < 0.03 * value  # friction may wander by 1 %
         assert abs(p.value - value) < 6 * p.standard_error, name  # 600 of them: 1e-6 by chance
 
 

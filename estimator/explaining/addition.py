@@ -25,6 +25,7 @@ FloatArray = NDArray[np.float64]
 
 NEVER_ZERO = ("R", "K", "J")  # at a bound something else stands for it; L and B may vanish
 AGAIN = 0.5  # prior of what another recording has, or another thing in this one foretells
+MOST = 0.5  # of z'z that is left, at most, where most is explained
 OPEN = 4.0  # penalty of each number whose usual size is not known, where it is averaged over
 NOTHING = 1e-9  # of the power of a change: the recordings do not show it
 
@@ -204,9 +205,16 @@ def is_held(fit: Fit) -> bool:
     return any(end != 0 and name in NEVER_ZERO for name, end in zip(fit.names, fit.at_bound, strict=True))
 
 
-def is_physical(fit: Fit, addition: Addition) -> bool:
-    """Whether an addition's values are within the bounds of its effect, and it takes no motor parameter's place."""
-    if is_held(fit):
+def is_physical(fit: Fit, addition: Addition, *, before: Fit | None = None) -> bool:
+    """Whether an addition's values are within the bounds of its effect, and it takes no motor parameter's place.
+
+    Parameters
+    ----------
+    before : Fit, optional
+        Without it: a parameter that a bound holds there too is not held for it, if it explains most of what is missed.
+    """
+    held_before = before is not None and is_held(before) and fit.cost < MOST * before.cost
+    if is_held(fit) and not held_before:
         return False
     if addition.linear is not None:
         return all(addition.linear.least <= x <= addition.linear.most for x in fit.estimates_of(addition.name))

@@ -266,7 +266,7 @@ class Selection:
             if found is None or is_full(found):
                 break
             judged = with_noise(found, self.differenced, colour=colour, again=True) if renew else found
-            absurd = [a for a in judged.additions if not is_physical(judged.fit, a)]
+            absurd = [a for a in judged.additions if not is_physical(judged.fit, a, before=explanation.fit)]
             if judged.additions[-1] in absurd:
                 rejected.add(found.additions[-1].name)
                 continue
@@ -309,7 +309,7 @@ class Selection:
                 wanted = NEARLY_ALL * (explanation.fit.cost - n) if a in late else worth(a)
                 least_cost = explanation.fit.cost - max(excess * a.penalty(n), wanted)
                 found = self.added(explanation, a, limit=least_cost - fall)
-                if least_cost - found.fit.cost > fall and is_physical(found.fit, a):
+                if least_cost - found.fit.cost > fall and is_physical(found.fit, a, before=explanation.fit):
                     best, fall = found, least_cost - found.fit.cost
             if best is not None:
                 return self._in_company(best, ranked, explanation) or best

@@ -17,6 +17,7 @@ from estimator.explaining.effects.base import SELDOM, Effect
 from estimator.explaining.effects.voltage_rise import NAME as RISE
 from estimator.fitting.fit import Fit
 from estimator.fitting.simulator import Nuisance
+from estimator.plans.part import LONG
 from estimator.plans.plan import Plan
 from estimator.recordings.excitation import is_measured
 
@@ -51,12 +52,13 @@ class VoltageRamp(Effect):
     sentence: str = "the motor's voltage reaches each level of its command by a ramp of {ms:.3g} ms"
 
     def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
-        """Return that of all recordings; what is measured shows its ramps."""
+        """Return that of all recordings; what is measured shows its ramps. In long ones it is not looked for."""
         if not plan.binding.is_motor or any(is_measured(o.inputs["v"]) for o in plan.observed if "v" in o.inputs):
             return ()
         step = plan.shortest_step
         longest = LONGEST * max(float(o.recording.time[-1] - o.recording.time[0]) for o in plan.observed)
-        tries = tuple(n * step for n in TRIED if n * step <= longest)
+        short = sum(len(o.recording.time) for o in plan.observed) <= LONG
+        tries = tuple(n * step for n in TRIED if n * step <= longest) if short else ()
         return [
             Nuisance(
                 self.name, "s", 0.0, max(longest, 2 * step), 0.0, step,

@@ -18,6 +18,7 @@ from estimator.fitting.motor_response import motor_values
 from estimator.fitting.simulator import Nuisance
 from estimator.motor.state_space import matrices
 from estimator.motor.winding import resistance_of
+from estimator.plans.part import LONG
 from estimator.plans.plan import Plan
 from estimator.recordings.excitation import is_measured
 
@@ -36,14 +37,15 @@ class VoltageRise(Effect):
     doubt: str = "the motor's voltage is not the one in the recording: measure it at the motor"
 
     def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
-        """Return its time constant; near none it is a delay of the recording, and it is not looked for there."""
+        """Return its time constant. Near none, where it is a delay, and in long recordings it is not looked for."""
         if not plan.binding.is_motor or "v" not in plan.observed[0].inputs:
             return ()
         if any(is_measured(o.inputs["v"]) for o in plan.observed):
             return ()  # what is measured has risen
         step = plan.shortest_step
         longest = LONGEST * max(float(o.recording.time[-1] - o.recording.time[0]) for o in plan.observed)
-        tries = tuple(n * step for n in TRIED if n * step <= longest)
+        short = sum(len(o.recording.time) for o in plan.observed) <= LONG
+        tries = tuple(n * step for n in TRIED if n * step <= longest) if short else ()
         return [
             Nuisance(
                 NAME, "s", 0.0, max(longest, 2 * step), 0.0, step, act=lagged, sections=lag, between=True, tries=tries
