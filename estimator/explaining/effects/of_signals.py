@@ -31,7 +31,7 @@ USUAL_LOAD = 0.3  # of the torque of the motor at its largest speed: a fan
 USUAL_CHANGE = 0.05  # part by which K or L falls at the largest current, and by which two gains differ
 USUAL_ROUNDED = 0.05  # of the largest voltage: a drop of brushes
 MOST_CURVE = 0.3  # part by which the largest current is shown too small
-POWERS = (1, 2)  # of the current, with which K or L may fall
+POWERS = (1, 2)  # of the current, with which K may fall
 MOST_CHANGE = 0.8  # part by which K or L falls at the largest current
 FINE = 8  # currents from one to 1.6 times it
 HALF_AT = tuple(0.005 * 1.6 ** (k / FINE) for k in range(11 * FINE + 1))  # of the largest, where half of the drop is
@@ -137,15 +137,13 @@ class FieldWeakens(OfSignals):
         for power in POWERS:
             less = _within_rows(fit, partial(emf, power), i, w)[0], _within_rows(fit, partial(torque, power), i, w)[1]
             shown.append(response(fit, voltage=less[0], torque=less[1])[:, :, None])
-        yield _between(self.name, *shown)
+        mean, half = 0.5 * (shown[0] + shown[1]), 0.5 * (shown[0] - shown[1])
+        yield Linear(self.name, mean, ("",), least=0.0, most=MOST_CHANGE, size=USUAL_CHANGE, uncertain=half)
 
 
 @dataclass(frozen=True)
 class Saturation(OfSignals):
-    """An inductance that falls with the size of the current, by a part at the largest one: iron that saturates.
-
-    In proportion to it or to its square, as `FieldWeakens`.
-    """
+    """An inductance that falls in proportion to the current, by a part at the largest one: iron that saturates."""
 
     name: str = "L falls with the current"
     doubt: str = "the winding's iron saturates: which current the inductance holds at is not known"
@@ -156,20 +154,12 @@ class Saturation(OfSignals):
         values, peak = motor_values(fit), 0.0 if i is None else float(np.max(np.abs(i)))
         if values is None or i is None or not peak > 0 or "L" not in fit.free:
             return
-        shown = []
-        for power in POWERS:
-            voltage = np.zeros_like(i)
-            for clock in fit.simulator.clocks:  # of what the flux has less, within a row
-                less = i[clock.rows] * (np.abs(i[clock.rows]) / peak) ** power / (1 + power)
-                voltage[clock.rows] = values["L"] * np.append(np.diff(less) / np.diff(clock.time), 0.0)
-            shown.append(response(fit, voltage=voltage)[:, :, None])
-        yield _between(self.name, *shown)
-
-
-def _between(name: str, one: FloatArray, other: FloatArray) -> Linear:
-    """Return the column halfway between two forms, (rows, q, 1), as uncertain as they are apart, of a part of 1."""
-    mean, half = 0.5 * (one + other), 0.5 * (one - other)
-    return Linear(name, mean, ("",), least=0.0, most=MOST_CHANGE, size=USUAL_CHANGE, uncertain=half)
+        voltage = np.zeros_like(i)
+        for clock in fit.simulator.clocks:  # of half the square of the current, within a row
+            half = 0.5 * i[clock.rows] * np.abs(i[clock.rows]) / peak
+            voltage[clock.rows] = values["L"] * np.append(np.diff(half) / np.diff(clock.time), 0.0)
+        shown = response(fit, voltage=voltage)[:, :, None]
+        yield Linear(self.name, shown, ("",), least=0.0, most=MOST_CHANGE, size=USUAL_CHANGE)
 
 
 @dataclass(frozen=True)
