@@ -51,12 +51,13 @@ def _at_rest(fit: Fit, most: float) -> float:
         return 0.0
     v, w = s.inputs("v"), s.measured[:, s.outputs.index("w")]
     span, fastest, shown = float(np.ptp(v)), float(np.nanmax(np.abs(w))), list[float]()
-    for clock in s.clocks:
+    for o, clock in zip(s.observed, s.clocks, strict=True):
         first = int(next(iter(edges_of(v[clock.rows], span)), 0))
         at = slice(clock.rows.start, clock.rows.start + first)
         if first < LEAST_ROWS or not abs(float(np.nanmean(w[at]))) < STANDS * fastest:
             return 0.0
-        error = float(np.std(v[at])) / np.sqrt(first)
+        known = 0.0 if o.uncertain is None else float(np.linalg.norm(o.uncertain[0]))  # of a mean in the noise's place
+        error = np.hypot(float(np.std(v[at])) / np.sqrt(first), known)
         level = float(np.mean(v[at]))
         if not TOLD * error < abs(level) <= most:
             return 0.0
