@@ -101,3 +101,17 @@ def test_a_torque_that_wanders_is_whitened_with_the_circuit_closed_and_open():
         for whitener in (dataclasses.replace(knows_not, opens=opens), knows_not)
     ]
     assert abs(ratios[0] - 1) < 5 * np.sqrt(2 / (2 * n)) and ratios[1] > 1.05, ratios
+
+
+@pytest.mark.parametrize("late", [0, 1])
+def test_a_current_that_ends_before_or_after_the_sample_of_its_row_leads_to_no_other_story(late):
+    """One sample, of full current or of none, was explained by a fan and friction that drifts: B was lost."""
+    v, i, w = bench(5)
+    v = np.r_[np.zeros(100), np.full(OPENS - 100, 6.0), np.zeros(len(v) - OPENS)]
+    i[OPENS] = i[OPENS - 1] if late else 0.0
+    columns = {"voltage [V]": v, "current [A]": i, "speed [rad/s]": w}
+    result = estimate_parameters(recording_from_arrays("bench", np.arange(len(v)) * STEP, columns), workers=1, seed=1)
+    assert result.verdict == "ok" and set(result.effects) == {"coasting"}, (result.effects, result.reasons)
+    for name, value in MOTOR.items():
+        found = result.parameters[name]
+        assert abs(found.value - value) < 4.5 * found.standard_error, name
