@@ -1,4 +1,4 @@
-"""Residuals that are louder in a window, and noise in all other ways, widen the bars; all else that fails is a doubt."""
+"""Residuals that are louder in a window, and noise in all other ways, widen the bars; all else is a doubt."""
 
 import numpy as np
 import pytest
