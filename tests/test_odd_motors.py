@@ -89,7 +89,10 @@ def test_a_motor_that_is_not_linear_is_found_and_its_parameters_are_right(effect
     assert found.verdict == "ok" and worst(found) < 4.5, (found.reasons, worst(found))
 
 
-@pytest.mark.parametrize("effect", MOTORS)
+LONGEST = "K falls with the current"  # left out, it is looked for among all else: half a minute
+
+
+@pytest.mark.parametrize("effect", [pytest.param(e, marks=pytest.mark.full if e == LONGEST else ()) for e in MOTORS])
 def test_one_that_is_not_known_is_doubted_or_within_the_errors(effect, monkeypatch):
     monkeypatch.setenv("FMU_ESTIMATOR_WITHOUT", effect)
     found = run(bench(LEVELS, **MOTORS[effect]))

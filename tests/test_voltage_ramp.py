@@ -48,7 +48,7 @@ def recorded(command, length, seed):
 LEVELS = np.repeat([0.0, 12.0, 0.0], [80, 400, 400])
 
 
-@pytest.mark.parametrize(("length", "seed"), [(4.6e-3, 0), (23.4e-3, 1)])
+@pytest.mark.parametrize(("length", "seed"), [pytest.param(4.6e-3, 0, marks=pytest.mark.full), (23.4e-3, 1)])
 def test_a_ramp_is_found_and_the_motor_is_right(length, seed):
     """Means of both channels over whole samples stood for it, and an inductance 40 % off for the difference: ok."""
     result = estimate_parameters(recorded(LEVELS, length, seed), workers=1)
