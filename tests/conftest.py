@@ -219,6 +219,8 @@ def started_workers(monkeypatch: pytest.MonkeyPatch) -> None:
 def pytest_sessionfinish() -> None:
     """End the processes that wait; what plugins load only now looks for its objects among those that are collected."""
     gc.unfreeze()
+    if kept := sys.modules.get("estimator.estimating.kept_workers"):  # before those that started their processes
+        kept.end_kept_workers()
     forked.end()
     for crew in _crews.values():
         crew.close()
