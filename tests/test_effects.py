@@ -601,7 +601,7 @@ def test_a_voltage_that_is_measured_has_risen():
         observed=[SimpleNamespace(inputs={"v": v}, recording=SimpleNamespace(time=H * np.arange(len(v))))
                   for v in (np.repeat([0.0, 10.5], 200) + 0.02 * np.random.default_rng(1).standard_normal(400),)],
     )  # fmt: skip
-    assert VoltageRise().nuisances(plan) == ()
+    assert not VoltageRise().nuisances(plan)
     plan.observed[0].inputs["v"] = np.repeat([0.0, 10.5], 200)
     assert [n.name for n in VoltageRise().nuisances(plan)] == ["voltage rise"]
 

@@ -19,8 +19,7 @@ def test_residuals_up_to_twice_as_large_are_told_and_no_doubt():
     assert not found.doubts
     (told,) = louder(found)
     assert told == (
-        "the residuals of i in the settled part are noise, 1.3 times that of the rest: the standard errors are as much"
-        " larger"
+        "the residuals of i in the settled part are noise, 1.3 times that of the rest: the standard errors hold it"
     )
 
 

@@ -78,6 +78,6 @@ def louder(checked: Adequacy) -> list[str]:
         return []
     return [
         f"the residuals of {f.output} in {f.window} are noise, {f.excess:.1f} times that of the rest: the standard"
-        " errors are as much larger"
+        " errors hold it"
         for f in checked.failures
     ]

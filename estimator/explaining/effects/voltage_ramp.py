@@ -15,15 +15,13 @@ from numpy.typing import NDArray
 
 from estimator.explaining.effects.base import SELDOM, Effect
 from estimator.explaining.effects.voltage_rise import NAME as RISE
+from estimator.explaining.effects.voltage_rise import times_of_command
 from estimator.fitting.fit import Fit
 from estimator.fitting.simulator import Nuisance
-from estimator.plans.part import LONG
 from estimator.plans.plan import Plan
-from estimator.recordings.excitation import is_measured
 
 FloatArray = NDArray[np.float64]
 
-LONGEST = 0.3  # of a recording: the longest ramp
 TRIED = (2.0, 4.0, 8.0, 16.0, 32.0, 64.0)  # samples that a ramp takes
 
 
@@ -53,17 +51,12 @@ class VoltageRamp(Effect):
 
     def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
         """Return that of all recordings; what is measured shows its ramps. In long ones it is not looked for."""
-        if not plan.binding.is_motor or any(is_measured(o.inputs["v"]) for o in plan.observed if "v" in o.inputs):
-            return ()
-        step = plan.shortest_step
-        longest = LONGEST * max(float(o.recording.time[-1] - o.recording.time[0]) for o in plan.observed)
-        short = sum(len(o.recording.time) for o in plan.observed) <= LONG
-        tries = tuple(n * step for n in TRIED if n * step <= longest) if short else ()
         return [
             Nuisance(
-                self.name, "s", 0.0, max(longest, 2 * step), 0.0, step,
+                self.name, "s", 0.0, longest, 0.0, plan.shortest_step,
                 act=ramped, between=True, tries=tries, excludes=(RISE,),
             )
+            for longest, tries in times_of_command(plan, TRIED)
         ]  # fmt: skip
 
     def mirrored(self, fit: Fit, name: str) -> Sequence[Mapping[str, float]]:

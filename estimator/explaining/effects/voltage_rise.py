@@ -28,6 +28,25 @@ TRIED = (3.0, 10.0, 30.0)  # samples
 FASTER = 0.2  # of what stood for the rise: the time constant that the motor begins with instead
 
 
+def times_of_command(plan: Plan, tried: Sequence[float]) -> list[tuple[float, tuple[float, ...]]]:
+    """Return the longest time, s, that a command's voltage may take to its level, and those that are tried.
+
+    None where a voltage is measured, which has risen, or the FMU is no motor; none is tried in long recordings.
+
+    Parameters
+    ----------
+    tried : times in samples
+    """
+    if not plan.binding.is_motor or "v" not in plan.observed[0].inputs:
+        return []
+    if any(is_measured(o.inputs["v"]) for o in plan.observed):
+        return []
+    step, times = plan.shortest_step, [o.recording.time for o in plan.observed]
+    longest = LONGEST * max(float(t[-1] - t[0]) for t in times)
+    short = sum(map(len, times)) <= LONG
+    return [(max(longest, 2 * step), tuple(n * step for n in tried if n * step <= longest) if short else ())]
+
+
 @dataclass(frozen=True)
 class VoltageRise(Effect):
     """A first-order lag of the voltage behind its command, s; shown by all outputs of a linear model."""
@@ -38,18 +57,11 @@ class VoltageRise(Effect):
 
     def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
         """Return its time constant. Near none, where it is a delay, and in long recordings it is not looked for."""
-        if not plan.binding.is_motor or "v" not in plan.observed[0].inputs:
-            return ()
-        if any(is_measured(o.inputs["v"]) for o in plan.observed):
-            return ()  # what is measured has risen
-        step = plan.shortest_step
-        longest = LONGEST * max(float(o.recording.time[-1] - o.recording.time[0]) for o in plan.observed)
-        short = sum(len(o.recording.time) for o in plan.observed) <= LONG
-        tries = tuple(n * step for n in TRIED if n * step <= longest) if short else ()
         return [
             Nuisance(
-                NAME, "s", 0.0, max(longest, 2 * step), 0.0, step, act=lagged, sections=lag, between=True, tries=tries
+                NAME, "s", 0.0, longest, 0.0, plan.shortest_step, act=lagged, sections=lag, between=True, tries=tries
             )
+            for longest, tries in times_of_command(plan, TRIED)
         ]
 
     def in_place_of_model(self, fit: Fit) -> Sequence[Mapping[str, float]]:
