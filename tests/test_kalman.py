@@ -8,7 +8,7 @@ from scipy.stats import multivariate_normal
 
 from estimator.errors import InputError
 from estimator.noise import kalman
-from estimator.noise.kalman import whiten
+from estimator.noise.kalman import gains
 from estimator.stepping.library import STEPPER
 
 
@@ -25,6 +25,12 @@ def model(rng, *, d, q, kinds=1):
         "initial": 10 * start @ start.T,
         "readout": rng.normal(size=(q, d)),
     }
+
+
+def whiten(columns, variance, **noise):
+    """Return columns whitened, and the logarithm of the determinant of the noise's covariance."""
+    own = gains(variance, **noise)
+    return own.whiten(columns), own.log_determinant
 
 
 def dense(variance, *, transition, process, initial, readout, steps=None):
@@ -168,6 +174,15 @@ def test_columns_go_through_together_as_each_alone():
         assert np.array_equal(alone[:, :, 0], together[:, :, c]) and sum_alone == sum_together
 
 
+def test_each_sample_is_divided_by_its_size_first():
+    rng = np.random.default_rng(8)
+    own = gains(rng.uniform(0.5, 2, (80, 2)), **model(rng, d=3, q=2))
+    columns, size = rng.normal(size=(80, 2, 5)), rng.uniform(0.5, 2, (80, 2))
+    assert np.array_equal(own.whiten(columns, size), own.whiten(columns / size[:, :, None]))
+    with pytest.raises(ValueError, match="sizes one of each sample"):
+        own.whiten(columns, size[:, :1])
+
+
 def test_the_likelihood_is_that_of_a_normal_distribution_of_the_dense_covariance():
     rng = np.random.default_rng(9)
     noise, variance = model(rng, d=3, q=2), rng.uniform(0.5, 2, (30, 2))
@@ -215,8 +230,10 @@ def good():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"columns": np.ones((5, 2))}, r"columns \(5, 2\) must be \(rows, q, c\)"),
-        ({"variance": np.ones((5, 1))}, r"are of shapes \(\(5, 1\), .*; expected \(\(5, 2\), "),
+        ({"columns": np.ones((5, 2))}, r"columns \(5, 2\) must be \(5, 2, c\)"),
+        ({"variance": np.ones((5, 1))}, r"are of shapes .*\(2, 3\)\); expected .*\(1, 3\)\)"),
+        ({"variance": np.ones((4, 2))}, r"columns \(5, 2, 1\) must be \(4, 2, c\)"),
+        ({"variance": np.ones(5)}, r"variance \(5,\) must be \(rows, q\)"),
         ({"readout": np.ones((3, 2))}, r"are of shapes .*\(3, 2\)\); expected"),
         ({"variance": np.zeros((5, 2))}, "a measurement variance is not above 0"),
         ({"variance": np.full((5, 2), np.nan)}, "a measurement variance is not above 0"),

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
@@ -25,7 +26,8 @@ IntArray = NDArray[np.int64]
 
 WHOLE, REAL, PLACE = ctypes.c_int64, ctypes.c_double, ctypes.c_void_p
 FUNCTIONS: Mapping[str, tuple[Any, Sequence[Any]]] = {  # of kalman.c → what each returns, what it takes
-    "kalman_whiten": (WHOLE, [WHOLE] * 5 + [PLACE] * 9),
+    "kalman_gains": (WHOLE, [WHOLE] * 4 + [PLACE] * 9),
+    "kalman_apply": (WHOLE, [WHOLE] * 5 + [PLACE] * 8),
     "kalman_shorten": (None, [WHOLE] * 4 + [PLACE] * 6),
     "recursion_run": (None, [WHOLE] * 4 + [PLACE] * 4),
     "sections_run": (None, [*[WHOLE] * 3, PLACE, PLACE, WHOLE, WHOLE, PLACE, WHOLE]),
@@ -48,8 +50,57 @@ FUNCTIONS: Mapping[str, tuple[Any, Sequence[Any]]] = {  # of kalman.c → what e
 LARGEST_KEPT, MOST_KEPT = 32 << 20, 256 << 20  # bytes: of an array, as many as glibc allows; of all of them
 
 
-def whiten(
-    columns: FloatArray,
+@dataclass(frozen=True)
+class Gains:
+    """Gains of a Kalman filter over some rows, which whiten any columns: they depend on the noise alone.
+
+    Attributes
+    ----------
+    transition : (k, d, d) array
+    readout : (q, d) array
+    steps : (rows,) array of int, or None
+    gain : (rows, q, d) array
+        What a channel's innovation changes of the state.
+    scale : (rows, q) array
+        One over the innovations' standard deviations; 0 where a sample is missing.
+    log_determinant : float
+        Sum of the logarithms of the innovations' variances.
+    """
+
+    transition: FloatArray
+    readout: FloatArray
+    steps: IntArray | None
+    gain: FloatArray
+    scale: FloatArray
+    log_determinant: float
+
+    def whiten(self, columns: FloatArray, size: FloatArray | None = None) -> FloatArray:
+        """Return columns, (rows, q, c), whitened: innovations over their deviations, 0 where a sample is missing.
+
+        Parameters
+        ----------
+        columns : (rows, q, c) array
+            Residuals and Jacobian columns of q channels; anything where a sample is missing.
+        size : (rows, q) array, optional
+            Each sample is divided by it first.
+
+        Raises
+        ------
+        ValueError
+            The shapes do not fit.
+        """
+        columns = np.ascontiguousarray(columns, dtype=np.float64)
+        size = None if size is None else np.ascontiguousarray(size, dtype=np.float64)
+        n, q, d = self.gain.shape
+        if columns.ndim != 3 or columns.shape[:2] != (n, q) or (size is not None and size.shape != (n, q)):
+            raise ValueError(f"columns {columns.shape} must be ({n}, {q}, c), and sizes one of each sample")
+        whitened = np.empty_like(columns)
+        arrays = (self.transition, self.readout, self.steps, self.gain, self.scale, size, columns, whitened)
+        _called("kalman_apply", n, q, columns.shape[2], d, len(self.transition), *_pointers(arrays))
+        return whitened
+
+
+def gains(
     variance: FloatArray,
     *,
     transition: FloatArray,
@@ -57,13 +108,11 @@ def whiten(
     initial: FloatArray,
     readout: FloatArray,
     steps: IntArray | None = None,
-) -> tuple[FloatArray, float]:
-    """Return columns whitened, and the logarithm of the determinant of the noise's covariance.
+) -> Gains:
+    """Return the gains of a noise.
 
     Parameters
     ----------
-    columns : (rows, q, c) array
-        Residuals and Jacobian columns of q channels; anything where a sample is missing.
     variance : (rows, q) array
         White measurement variance of each sample, above 0; infinite where it is missing.
     transition, process : (k, d, d) arrays
@@ -75,13 +124,6 @@ def whiten(
     steps : (rows,) array of int, optional
         Which of the k time steps leads from the row before to each row (row 0: not used); by default always the first.
 
-    Returns
-    -------
-    whitened : (rows, q, c) array
-        Innovations over their standard deviations, channel by channel in each row; 0 where a sample is missing.
-    log_determinant : float
-        Sum of the logarithms of the innovations' variances.
-
     Raises
     ------
     ValueError
@@ -89,29 +131,34 @@ def whiten(
     InputError
         The compiled filter is missing.
     """
-    given = (columns, variance, transition, process, initial, readout)
-    columns, variance, transition, process, initial, readout = [
-        np.ascontiguousarray(a, dtype=np.float64) for a in given
-    ]
-    if columns.ndim != 3 or transition.ndim != 3:
-        raise ValueError(f"columns {columns.shape} must be (rows, q, c) and transition {transition.shape} (k, d, d)")
-    (n, q, c), (k, d, _) = columns.shape, transition.shape
-    shapes = (variance.shape, transition.shape, process.shape, initial.shape, readout.shape)
-    if shapes != (right := ((n, q), (k, d, d), (k, d, d), (d, d), (q, d))) or k == 0:
-        raise ValueError(f"variance, transition, process, initial, readout are of shapes {shapes}; expected {right}")
+    given = (variance, transition, process, initial, readout)
+    variance, transition, process, initial, readout = [np.ascontiguousarray(a, dtype=np.float64) for a in given]
+    if variance.ndim != 2 or transition.ndim != 3:
+        raise ValueError(f"variance {variance.shape} must be (rows, q) and transition {transition.shape} (k, d, d)")
+    (n, q), (k, d, _) = variance.shape, transition.shape
+    shapes = (transition.shape, process.shape, initial.shape, readout.shape)
+    if shapes != (right := ((k, d, d), (k, d, d), (d, d), (q, d))) or k == 0:
+        raise ValueError(f"transition, process, initial, readout are of shapes {shapes}; expected {right}")
     if not variance.min(initial=1.0) > 0:
         raise ValueError("a measurement variance is not above 0")
     if steps is not None:
         steps = np.ascontiguousarray(steps, dtype=np.int64)
         if steps.shape != (n,) or (n > 1 and not 0 <= int(steps[1:].min()) <= int(steps[1:].max()) < k):
             raise ValueError(f"steps must be {n} indices from 0 to {k - 1}")
-    whitened = np.empty_like(columns)
+    gain, scale = np.empty((n, q, d)), np.empty((n, q))
     logarithms = ctypes.c_double(0.0)
-    arrays = (transition, process, initial, readout, steps, variance, columns, whitened)
-    pointers = [None if array is None else array.ctypes.data for array in arrays]
-    if filters().kalman_whiten(n, q, c, d, k, *pointers, ctypes.byref(logarithms)) != 0:
+    arrays = (transition, process, initial, readout, steps, variance, gain, scale)
+    _called("kalman_gains", n, q, d, k, *_pointers(arrays), ctypes.byref(logarithms))
+    return Gains(transition, readout, steps, gain, scale, logarithms.value)
+
+
+def _pointers(arrays: Sequence[NDArray[Any] | None]) -> list[int | None]:
+    return [None if array is None else array.ctypes.data for array in arrays]
+
+
+def _called(function: str, *arguments: Any) -> None:
+    if getattr(filters(), function)(*arguments) != 0:
         raise MemoryError("no memory for the Kalman filter")
-    return whitened, logarithms.value
 
 
 def shorten(

@@ -22,6 +22,7 @@ SHORTEST_TORQUE = 0.02  # s, correlation time of a wandering torque: shorter one
 # The same, s, and the deviation of its logarithm: a normal prior. Stretches shorter than it show a random walk, as
 # likely by 0.02 s as by 1 s, but the friction is known four times better by the shorter.
 USUAL_TORQUE, TORQUE_SPREAD = 0.3, 1.0
+THREADS, LARGE = 2, 50_000  # noise models at once; numbers in all columns, of which threads gain more than they cost
 LONGEST_SLOW = 0.25  # of the longest recording: a channel's longer correlation time is a drift, no noise
 
 
@@ -49,8 +50,14 @@ class RestrictedLikelihood:
 
     def misfits(self, noises: Sequence[NoiseModel]) -> FloatArray:
         """Return the same of several noise models, (k,)."""
-        with np.errstate(over="ignore", invalid="ignore"):  # as that of a recording without noise may be
+        if len(noises) > 1 and self.stacked.size >= LARGE:
+            from concurrent.futures import ThreadPoolExecutor  # loaded where it pays
+
+            with ThreadPoolExecutor(THREADS) as threads:  # whitening gives up the interpreter's lock
+                found = list(threads.map(self._products, noises))
+        else:
             found = [self._products(noise) for noise in noises]
+        with np.errstate(over="ignore", invalid="ignore"):  # as those of a recording without noise may be
             return self._of_products(np.array([own for own, _ in found]), np.array([total for _, total in found]))
 
     def _of_products(self, products: FloatArray, values: FloatArray) -> FloatArray:
@@ -69,12 +76,13 @@ class RestrictedLikelihood:
 
     def _products(self, noise: NoiseModel) -> tuple[FloatArray, float]:
         """Return the scalar products of the whitened columns, and the sum of log variances."""
-        if not self._is_scale(noise):
-            whitened, total = self.whitener.of(noise)(self.stacked)
-            flat = whitened.reshape(-1, whitened.shape[2])
-            return flat.T @ flat, total
-        products, totals = self._scaled(noise, noise.white[None])
-        return products[0], float(totals[0])
+        with np.errstate(over="ignore", invalid="ignore"):  # a thread's own
+            if not self._is_scale(noise):
+                whitened, total = self.whitener.of(noise)(self.stacked)
+                flat = whitened.reshape(-1, whitened.shape[2])
+                return flat.T @ flat, total
+            products, totals = self._scaled(noise, noise.white[None])
+            return products[0], float(totals[0])
 
     def _is_scale(self, noise: NoiseModel) -> bool:
         """Whether a noise model divides each sample by its own deviation, no more."""

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from estimator.noise.autoregression import ORDERS
 from estimator.noise.clock import Clock
 from estimator.noise.in_parts import Columns, Made, Scaled
-from estimator.noise.kalman import shorten, whiten
+from estimator.noise.kalman import Gains, gains, shorten
 from estimator.noise.level import Level
 from estimator.noise.noise_model import COASTS, RESTS, RUNS, STARTS, WAYS, NoiseModel
 from estimator.plans.part import LONG
@@ -204,15 +204,26 @@ class Whitener:
 
         The second is the sum of the logarithms of the innovations' variances, before the short autoregression.
         """
-        g, variance, spaces = self._state_spaces
+        clock = self.clocks[k]
+        whole = rows == clock.rows and len(self.present) <= LONG  # else they are not held
+        own = self._gains[k] if whole else self._gains_of(rows, k)
+        white = own.whiten(columns, self._state_spaces[0][rows] if self.noise.grows else None)
+        if self.noise.short:
+            shorten(white, self.present[rows], self.moving[rows], self.noise.short)
+        return white, own.log_determinant
+
+    @cached_property
+    def _gains(self) -> list[Gains]:
+        """The gains of all rows of each clock: many columns are whitened by one noise."""
+        return [self._gains_of(clock.rows, k) for k, clock in enumerate(self.clocks)]
+
+    def _gains_of(self, rows: slice, k: int) -> Gains:
+        """Return the gains of some rows of clock k, as if the noise had its usual state before."""
+        _, variance, spaces = self._state_spaces
         steps, arrays = spaces[k]
         start = self.clocks[k].rows.start
         own = None if steps is None else steps[rows.start - start : rows.stop - start]
-        scaled = columns / g[rows][:, :, None] if self.noise.grows else columns
-        white, log = whiten(scaled, variance[rows], steps=own, **arrays)
-        if self.noise.short:
-            shorten(white, self.present[rows], self.moving[rows], self.noise.short)
-        return white, log
+        return gains(variance[rows], steps=own, **arrays)
 
     @cached_property
     def _log_size(self) -> float:
@@ -289,7 +300,7 @@ class Whitener:
 
     def forget(self) -> None:
         """Give up the memory of what is made of the noise again when it is asked for."""
-        for name in ("scale", "_state_spaces", "_shared"):
+        for name in ("scale", "_state_spaces", "_gains", "_shared"):
             self.__dict__.pop(name, None)
 
     def of(self, noise: NoiseModel) -> Whitener:

@@ -37,6 +37,12 @@
 #define FLUSH_TO_ZERO 0x8040u /* and denormals are zero: a mean that dies out must not become slow */
 #endif
 
+#if defined(__GNUC__)
+#define ALWAYS inline __attribute__((always_inline)) /* into each of those that know its sizes */
+#else
+#define ALWAYS inline
+#endif
+
 enum { FINISHED = 0, NO_MEMORY = 1 };
 
 #define NEAR 1e-9     /* relative change of a variance from row to row, below which convergence is looked for */
@@ -50,19 +56,24 @@ typedef struct {
 } Sparse;
 
 typedef struct {
-    size_t n, q, c, d; /* rows, channels, columns, states */
+    size_t q, d; /* channels, states */
     Sparse transition; /* all k of them below each other */
     Sparse readout;
-    const double *process, *variance, *columns;
+    const double *process, *variance;
     const int64_t *steps; /* NULL: always 0 */
 } Noise;
 
+/* The covariance, and how it goes on from row to row. */
 typedef struct {
-    double *P, *FP, *before;  /* covariance; F P; the covariance predicted a row before: d, d */
-    double *gain, *spread;    /* of each channel: q, d and q, the innovation's variance */
-    double *g, *u;            /* d */
+    double *P, *FP, *before;     /* covariance; F P; the covariance predicted a row before: d, d */
+    double *g, *u;               /* d */
+    double change, logarithms;   /* of the row before */
+    int converging;              /* rows in which it has changed no more */
+} Covariance;
+
+typedef struct {
     double *x, *next, *error; /* means: d, c, twice, and innovations: c */
-} Memory;
+} Means;
 
 static bool sparse_make(Sparse *m, const double *full, size_t rows, size_t columns)
 {
@@ -90,11 +101,18 @@ static void sparse_free(Sparse *m)
     free(m->value);
 }
 
-/* P = F P F' + Q */
-static void predict_covariance(const Noise *noise, size_t kind, Memory *m)
+static void noise_free(Noise *noise, double *memory)
+{
+    sparse_free(&noise->transition);
+    sparse_free(&noise->readout);
+    free(memory);
+}
+
+/* P = F P F' + Q; d is noise->d here and below, known when this is compiled if it is small. */
+static ALWAYS void predict_covariance(const Noise *noise, size_t kind, Covariance *m, size_t d)
 {
     const Sparse *F = &noise->transition;
-    const size_t d = noise->d, *start = F->start + kind * d;
+    const size_t *start = F->start + kind * d;
     const double *Q = noise->process + kind * d * d;
     for (size_t i = 0; i < d; i++) {
         double *restrict row = m->FP + i * d;
@@ -114,7 +132,7 @@ static void predict_covariance(const Noise *noise, size_t kind, Memory *m)
 }
 
 /* The largest change of a covariance since the row before, over the deviations of its two states; 1 while not near. */
-static double covariance_change(const double *P, const double *before, size_t d)
+static ALWAYS double covariance_change(const double *P, const double *before, size_t d)
 {
     double largest = 0;
     for (size_t i = 0; i < d; i++)
@@ -127,18 +145,19 @@ static double covariance_change(const double *P, const double *before, size_t d)
     return fmin(largest, 1);
 }
 
-/* One channel is measured with variance r: its gain, its innovation's variance, and P after it. */
-static void update_covariance(const Noise *noise, size_t channel, double r, Memory *m)
+/* One channel is measured with variance r: its gain K, P after it. Returns its innovation's variance. */
+static ALWAYS double update_covariance(const Noise *noise, size_t channel, double r, Covariance *m, double *restrict K,
+                                       size_t d)
 {
     const Sparse *H = &noise->readout;
-    const size_t d = noise->d, first = H->start[channel], last = H->start[channel + 1];
-    double *restrict P = m->P, *restrict K = m->gain + channel * d, *restrict g = m->g, *restrict u = m->u;
+    const size_t first = H->start[channel], last = H->start[channel + 1];
+    double *restrict P = m->P, *restrict g = m->g, *restrict u = m->u;
     double spread = 0, uh = 0;
     memset(g, 0, d * sizeof *g);
     for (size_t k = first; k < last; k++)
         for (size_t j = 0; j < d; j++) g[j] += H->value[k] * P[H->at[k] * d + j];
     for (size_t k = first; k < last; k++) spread += H->value[k] * g[H->at[k]];
-    m->spread[channel] = spread = (spread > 0 ? spread : 0) + r;
+    spread = (spread > 0 ? spread : 0) + r;
     for (size_t i = 0; i < d; i++) K[i] = g[i] / spread;
     for (size_t i = 0; i < d; i++)
         for (size_t j = 0; j <= i; j++) P[j * d + i] = P[i * d + j] -= K[i] * g[j];
@@ -151,118 +170,131 @@ static void update_covariance(const Noise *noise, size_t channel, double r, Memo
         for (size_t j = 0; j <= i; j++) P[j * d + i] = P[i * d + j] += K[i] * u[j] + v * K[j];
         if (P[i * d + i] < 0) P[i * d + i] = 0;
     }
+    return spread;
 }
 
-/* x = F x, all columns; c is noise->c, perhaps known when this is compiled. */
-static inline void predict_means(const Noise *noise, size_t kind, Memory *m, size_t c)
+/* Gains of n rows, (n, q, d), and one over the innovations' deviations, (n, q), 0 where a sample is missing; returns the sum of the logarithms of their variances. */
+static ALWAYS double gains(const Noise *noise, Covariance *m, size_t n, double *gain, double *scale, size_t d)
 {
-    const Sparse *F = &noise->transition;
-    const size_t d = noise->d, *start = F->start + kind * d;
-    double *from = m->x;
-    for (size_t i = 0; i < d; i++) {
-        double *restrict to = m->next + i * c;
-        for (size_t l = 0; l < c; l++) to[l] = 0;
-        for (size_t k = start[i]; k < start[i + 1]; k++) {
-            const double *restrict x = from + F->at[k] * c;
-            const double f = F->value[k];
-            for (size_t l = 0; l < c; l++) to[l] += f * x[l];
-        }
-    }
-    m->x = m->next;
-    m->next = from;
-}
-
-/* y's innovation, over its deviation, to w; x after it. */
-static inline void update_means(const Noise *noise, size_t channel, const double *restrict y, double *restrict w,
-                                Memory *m, size_t c)
-{
-    const Sparse *H = &noise->readout;
-    const double *restrict K = m->gain + channel * noise->d;
-    const double scale = 1 / sqrt(m->spread[channel]);
-    double *restrict e = m->error;
-    for (size_t l = 0; l < c; l++) e[l] = y[l];
-    for (size_t k = H->start[channel]; k < H->start[channel + 1]; k++) {
-        const double *restrict x = m->x + H->at[k] * c;
-        const double h = H->value[k];
-        for (size_t l = 0; l < c; l++) e[l] -= h * x[l];
-    }
-    for (size_t i = 0; i < noise->d; i++) {
-        double *restrict x = m->x + i * c;
-        for (size_t l = 0; l < c; l++) x[l] += K[i] * e[l];
-    }
-    for (size_t l = 0; l < c; l++) w[l] = e[l] * scale;
-}
-
-/* All rows; returns the sum of the logarithms of the innovations' variances. */
-static inline double filter(const Noise *noise, Memory *m, double *whitened, size_t c)
-{
-    const size_t n = noise->n, q = noise->q, d = noise->d;
-    double logarithms = 0, row_logarithms = 0, change = 1;
-    int converging = 0;
-    for (size_t j = 0; j < n; j++) {
+    const size_t q = noise->q;
+    double logarithms = 0;
+    for (size_t j = 0; j < n; j++, gain += q * d, scale += q) {
         const double *r = noise->variance + j * q;
         const size_t kind = noise->steps ? (size_t)noise->steps[j] : 0;
         const bool alike = j > 1 && (!noise->steps || noise->steps[j] == noise->steps[j - 1]) &&
                            memcmp(r, r - q, q * sizeof *r) == 0;
-        const bool steady = alike && converging >= STEADY_ROWS;
-        if (j > 0) predict_means(noise, kind, m, c);
-        if (!steady) {
-            if (j > 0) predict_covariance(noise, kind, m);
-            if (alike) {
-                const double last = change;
-                change = covariance_change(m->P, m->before, d);
-                converging = change < STEADY * (1 - change / last) || change == 0 ? converging + 1 : 0;
-            } else {
-                change = 1;
-                converging = 0;
-            }
-            memcpy(m->before, m->P, d * d * sizeof *m->P);
-            row_logarithms = 0;
+        if (alike && m->converging >= STEADY_ROWS) {
+            memcpy(gain, gain - q * d, q * d * sizeof *gain);
+            memcpy(scale, scale - q, q * sizeof *scale);
+            logarithms += m->logarithms;
+            continue;
         }
+        if (j > 0) predict_covariance(noise, kind, m, d);
+        if (alike) {
+            const double last = m->change;
+            m->change = covariance_change(m->P, m->before, d);
+            m->converging =
+                m->change < STEADY * (1 - m->change / last) || m->change == 0 ? m->converging + 1 : 0;
+        } else {
+            m->change = 1;
+            m->converging = 0;
+        }
+        memcpy(m->before, m->P, d * d * sizeof *m->P);
+        m->logarithms = 0;
         for (size_t i = 0; i < q; i++) {
-            double *w = whitened + (j * q + i) * c;
             if (isinf(r[i])) {
-                memset(w, 0, c * sizeof *w);
+                memset(gain + i * d, 0, d * sizeof *gain);
+                scale[i] = 0;
                 continue;
             }
-            if (!steady) {
-                update_covariance(noise, i, r[i], m);
-                row_logarithms += log(m->spread[i]);
-            }
-            update_means(noise, i, noise->columns + (j * q + i) * c, w, m, c);
+            const double spread = update_covariance(noise, i, r[i], m, gain + i * d, d);
+            m->logarithms += log(spread);
+            scale[i] = 1 / sqrt(spread);
         }
-        logarithms += row_logarithms;
+        logarithms += m->logarithms;
     }
     return logarithms;
 }
 
-/* The same of noise without a state: each sample over its deviation, whose root and logarithm are taken anew where a
-   row's variances change. */
-static double filter_white(const Noise *noise, Memory *m, double *whitened)
+static double gains_of(const Noise *noise, Covariance *m, size_t n, double *gain, double *scale)
 {
-    const size_t n = noise->n, q = noise->q, c = noise->c;
-    double logarithms = 0, row_logarithms = 0;
+    switch (noise->d) {
+    case 1: return gains(noise, m, n, gain, scale, 1);
+    case 2: return gains(noise, m, n, gain, scale, 2);
+    case 3: return gains(noise, m, n, gain, scale, 3);
+    case 4: return gains(noise, m, n, gain, scale, 4);
+    case 5: return gains(noise, m, n, gain, scale, 5);
+    case 6: return gains(noise, m, n, gain, scale, 6);
+    case 7: return gains(noise, m, n, gain, scale, 7);
+    default: return gains(noise, m, n, gain, scale, noise->d);
+    }
+}
+
+/* n rows of c columns whitened by their gains, each sample over its size first, if sizes are given; c perhaps known
+   when this is compiled. */
+static ALWAYS void innovations(const Noise *noise, Means *m, size_t n, const double *gain, const double *scale,
+                               const double *size, const double *columns, double *whitened, size_t c)
+{
+    const Sparse *F = &noise->transition, *H = &noise->readout;
+    const size_t q = noise->q, d = noise->d;
+    double *restrict e = m->error;
     for (size_t j = 0; j < n; j++) {
-        const double *r = noise->variance + j * q;
-        if (j == 0 || memcmp(r, r - q, q * sizeof *r) != 0) {
-            row_logarithms = 0;
-            for (size_t i = 0; i < q; i++) {
-                m->spread[i] = isinf(r[i]) ? 0 : 1 / sqrt(r[i]);
-                if (!isinf(r[i])) row_logarithms += log(r[i]);
+        const size_t *start = F->start + (noise->steps && j > 0 ? (size_t)noise->steps[j] : 0) * d;
+        double *from = m->x;
+        for (size_t i = 0; i < d && j > 0; i++) { /* x = F x */
+            double *restrict to = m->next + i * c;
+            for (size_t l = 0; l < c; l++) to[l] = 0;
+            for (size_t k = start[i]; k < start[i + 1]; k++) {
+                const double *restrict x = from + F->at[k] * c;
+                const double f = F->value[k];
+                for (size_t l = 0; l < c; l++) to[l] += f * x[l];
             }
         }
-        for (size_t i = 0; i < q; i++) {
-            const double *restrict y = noise->columns + (j * q + i) * c;
-            double *restrict w = whitened + (j * q + i) * c;
-            const double scale = m->spread[i];
-            if (scale == 0)
-                memset(w, 0, c * sizeof *w);
-            else
-                for (size_t l = 0; l < c; l++) w[l] = y[l] * scale;
+        if (j > 0) {
+            m->x = m->next;
+            m->next = from;
         }
-        logarithms += row_logarithms;
+        for (size_t at = j * q; at < (j + 1) * q; at++) {
+            const double *restrict y = columns + at * c, *restrict K = gain + at * d;
+            double *restrict w = whitened + at * c;
+            if (scale[at] == 0) {
+                memset(w, 0, c * sizeof *w);
+                continue;
+            }
+            for (size_t l = 0; l < c; l++) e[l] = size ? y[l] / size[at] : y[l];
+            for (size_t k = H->start[at - j * q]; k < H->start[at - j * q + 1]; k++) {
+                const double *restrict x = m->x + H->at[k] * c;
+                const double h = H->value[k];
+                for (size_t l = 0; l < c; l++) e[l] -= h * x[l];
+            }
+            for (size_t s = 0; s < d; s++) { /* x = x + K e */
+                double *restrict x = m->x + s * c;
+                for (size_t l = 0; l < c; l++) x[l] += K[s] * e[l];
+            }
+            for (size_t l = 0; l < c; l++) w[l] = e[l] * scale[at];
+        }
     }
-    return logarithms;
+}
+
+/* A mean that dies out must not become slow: denormal numbers are zero until the control is given back. */
+static unsigned flush_to_zero(void)
+{
+#if defined(__SSE2__)
+    const unsigned control = _mm_getcsr();
+    _mm_setcsr(control | FLUSH_TO_ZERO);
+    return control;
+#else
+    return 0;
+#endif
+}
+
+static void give_back_control(unsigned control)
+{
+#if defined(__SSE2__)
+    _mm_setcsr(control);
+#else
+    (void)control;
+#endif
 }
 
 static double *taken(double **free_memory, size_t numbers)
@@ -272,39 +304,50 @@ static double *taken(double **free_memory, size_t numbers)
     return taken;
 }
 
-/* Whiten columns: (n, q, c). transition and process: (k, d, d); steps: (n) indices below k, or NULL; initial: (d, d);
-   readout: (q, d); variance: (n, q). Sets whitened: (n, q, c), and the sum of the logarithms. */
-EXPORT int64_t kalman_whiten(int64_t n, int64_t q, int64_t c, int64_t d, int64_t k, const double *transition,
-                             const double *process, const double *initial, const double *readout, const int64_t *steps,
-                             const double *variance, const double *columns, double *whitened, double *logarithms)
+/* Gains of a Kalman filter over n rows. transition and process: (k, d, d); initial: (d, d); readout: (q, d); steps: (n)
+   indices below k, or NULL; variance: (n, q). Sets gain: (n, q, d), scale: (n, q), and the sum of the logarithms. */
+EXPORT int64_t kalman_gains(int64_t n, int64_t q, int64_t d, int64_t k, const double *transition,
+                            const double *process, const double *initial, const double *readout, const int64_t *steps,
+                            const double *variance, double *gain, double *scale, double *logarithms)
 {
-    Noise noise = {(size_t)n, (size_t)q, (size_t)c, (size_t)d, {0}, {0}, process, variance, columns, steps};
-    const size_t dd = noise.d * noise.d, dc = noise.d * noise.c;
-    double *memory = calloc(3 * dd + noise.q * (noise.d + 1) + 2 * noise.d + 2 * dc + noise.c + 1, sizeof *memory);
+    Noise noise = {(size_t)q, (size_t)d, {0}, {0}, process, variance, steps};
+    const size_t dd = noise.d * noise.d;
+    double *memory = calloc(3 * dd + 2 * noise.d + 1, sizeof *memory), *left = memory;
     const bool there = sparse_make(&noise.transition, transition, (size_t)k * noise.d, noise.d) &&
-                       sparse_make(&noise.readout, readout, noise.q, noise.d);
-    if (memory && there) {
-        double *left = memory;
-        Memory m = {.P = taken(&left, dd), .FP = taken(&left, dd), .before = taken(&left, dd),
-                    .gain = taken(&left, noise.q * noise.d), .spread = taken(&left, noise.q),
-                    .g = taken(&left, noise.d), .u = taken(&left, noise.d), .x = taken(&left, dc),
-                    .next = taken(&left, dc), .error = taken(&left, noise.c)};
-#if defined(__SSE2__)
-        const unsigned control = _mm_getcsr();
-        _mm_setcsr(control | FLUSH_TO_ZERO);
-#endif
+                       sparse_make(&noise.readout, readout, noise.q, noise.d) && memory;
+    if (there) {
+        Covariance m = {.P = taken(&left, dd), .FP = taken(&left, dd), .before = taken(&left, dd),
+                        .g = taken(&left, noise.d), .u = taken(&left, noise.d), .change = 1};
+        const unsigned control = flush_to_zero();
         memcpy(m.P, initial, dd * sizeof *initial);
-        *logarithms = noise.d == 0   ? filter_white(&noise, &m, whitened)
-                      : noise.c == 1 ? filter(&noise, &m, whitened, 1)
-                                     : filter(&noise, &m, whitened, noise.c);
-#if defined(__SSE2__)
-        _mm_setcsr(control);
-#endif
+        *logarithms = gains_of(&noise, &m, (size_t)n, gain, scale);
+        give_back_control(control);
     }
-    sparse_free(&noise.transition);
-    sparse_free(&noise.readout);
-    free(memory);
-    return memory && there ? FINISHED : NO_MEMORY;
+    noise_free(&noise, memory);
+    return there ? FINISHED : NO_MEMORY;
+}
+
+/* Whiten columns, (n, q, c), by these gains, each sample over its size, (n, q), or NULL. Sets whitened: (n, q, c). */
+EXPORT int64_t kalman_apply(int64_t n, int64_t q, int64_t c, int64_t d, int64_t k, const double *transition,
+                            const double *readout, const int64_t *steps, const double *gain, const double *scale,
+                            const double *size, const double *columns, double *whitened)
+{
+    Noise noise = {(size_t)q, (size_t)d, {0}, {0}, NULL, NULL, steps};
+    const size_t dc = noise.d * (size_t)c;
+    double *memory = calloc(2 * dc + (size_t)c + 1, sizeof *memory), *left = memory;
+    const bool there = sparse_make(&noise.transition, transition, (size_t)k * noise.d, noise.d) &&
+                       sparse_make(&noise.readout, readout, noise.q, noise.d) && memory;
+    if (there) {
+        Means m = {.x = taken(&left, dc), .next = taken(&left, dc), .error = taken(&left, (size_t)c)};
+        const unsigned control = flush_to_zero();
+        if (c == 1)
+            innovations(&noise, &m, (size_t)n, gain, scale, size, columns, whitened, 1);
+        else
+            innovations(&noise, &m, (size_t)n, gain, scale, size, columns, whitened, (size_t)c);
+        give_back_control(control);
+    }
+    noise_free(&noise, memory);
+    return there ? FINISHED : NO_MEMORY;
 }
 
 /* Take short autoregressions out of whitened columns, (n, q, c), in place, the last row first: of row j and channel i
