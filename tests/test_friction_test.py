@@ -1,9 +1,12 @@
 """Friction that depends on the speed otherwise than it is explained: doubted whatever effects are known."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from estimator import estimate_parameters, recording_from_arrays
+from estimator.explaining.friction_test import _share
 
 MOTOR = {"R": 1.6, "K": 0.04, "L": 2.4e-3, "J": 2.5e-5, "B": 4e-5}
 STEP, FINE = 1e-3, 40
@@ -47,3 +50,11 @@ def test_friction_that_wanders_is_no_fan():
     for name, value in MOTOR.items():
         found = result.parameters[name]
         assert abs(found.value - value) < 4.5 * found.standard_error, name
+
+
+def test_another_law_takes_no_more_of_the_friction_than_all_of_it():
+    def share(b, name="B", is_log=True):
+        return _share(SimpleNamespace(names=("R", name), is_log=np.array([True, is_log])), np.array([5.0, b]))
+
+    assert share(0.4) == 1.0 and share(-11.6) == pytest.approx(1 / 11.6)
+    assert share(-11.6, is_log=False) == 1.0 and share(-11.6, name="friction") == 1.0

@@ -51,4 +51,11 @@ def unexplained_friction(fit: Fit, chance: float) -> tuple[float, FloatArray]:
     along = axes[:, told].T @ scores
     ratio = float(np.sqrt(np.sum(along**2 / power[told]) / chi_square_limit(int(told.sum()), chance)))
     sizes = axes[:, told] @ (along / power[told])
-    return ratio, -fit.covariance_parts()[0] @ (fit.whitened[:].T @ (columns @ sizes))
+    moved = -fit.covariance_parts()[0] @ (fit.whitened[:].T @ (columns @ sizes))
+    return ratio, moved * _share(fit, moved)
+
+
+def _share(fit: Fit, moved: FloatArray) -> float:
+    """Return how much of a move, (f + m,), is possible: another law takes no more of the friction than all of B."""
+    by_b = [abs(x) for x, name, log in zip(moved, fit.names, fit.is_log, strict=True) if name == "B" and log]
+    return float(1 / max([1.0, *by_b]))

@@ -37,6 +37,7 @@ typedef struct {
     int has_held;
     int goes_linearly;            /* an input does, between its rows */
     int tells_slopes;             /* the FMU is told the slopes of its inputs */
+    int is_plain;                 /* where no input changes, a sample is one communication step behind the other */
     double steps[USUAL];          /* s, communication steps of this run; 0: none yet */
     int oldest;                   /* of these */
 } Timed;
@@ -202,6 +203,11 @@ static int64_t step_over(Timed *t, int64_t k, int64_t *count) {
     const double end = instant(run->experiment, k + 1);
     double now = begin;
     double read[MAX_OUTPUTS];
+    if (t->is_plain && end <= t->lasts) {
+        const fmi2Status status = fmu->do_step(fmu->component, begin, usual_step(t, end - begin, begin), fmi2True);
+        ++*count;
+        return status > fmi2Warning ? failed(IN_STEP, status) : FINISHED;
+    }
     while (now < end) {
         const double stop = run->job->even_steps ? end : next_event(t, now, end);
         const double way = stop - now;
@@ -289,6 +295,8 @@ static int64_t follow_events(Run *run) {
     for (size_t j = 0; j < t.inputs; j++) t.goes_linearly = t.goes_linearly || goes_linearly(&t, j);
     t.tells_slopes = t.goes_linearly && fmu->set_derivatives != NULL;
     if (run->job->even_steps) t.tells_slopes = 0; /* an input may bend within a step */
+    t.is_plain = run->substeps == 1 && !fmu->restore_every_step && !run->job->even_steps;
+    for (size_t j = 0; j < t.outputs; j++) t.is_plain = t.is_plain && t.late[j] == 0.0;
     t.kept = malloc((size_t)t.samples * t.outputs * sizeof *t.kept);
     if (t.kept == NULL) return failed(IN_READ, fmi2Error);
     while (t.row + 1 < t.samples && acts_from(&t, t.row + 1) <= start + t.same) t.row++;
