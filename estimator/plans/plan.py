@@ -13,7 +13,7 @@ from estimator.cases.case import Case
 from estimator.fmus.fmu import FmuDescription
 from estimator.plans.binding import Binding
 from estimator.plans.parameters import Parameter, SensorPlace
-from estimator.recordings.excitation import Excitation
+from estimator.recordings.excitation import Excitation, is_measured
 from estimator.recordings.filters import Filter, filter_sections
 from estimator.recordings.finding import Finding
 from estimator.recordings.recording import Recording
@@ -51,6 +51,8 @@ class Observed:
         V: what k errors of variance 1 add to a motor's voltage, such as those of the means of its levels.
     taken : (n,) array, optional
         s, when the rows were taken, where that is not what the clock says.
+    is_quiet : bool
+        The voltage was measured, and what does not reach the motor of it, its sensor's noise, is left out.
     """
 
     recording: Recording
@@ -67,6 +69,12 @@ class Observed:
     at_rest: bool = False
     uncertain: FloatArray | None = None
     taken: FloatArray | None = None
+    is_quiet: bool = False
+
+    @property
+    def is_measured(self) -> bool:
+        """Whether the voltage was measured: else it is a command."""
+        return self.is_quiet or ("v" in self.inputs and is_measured(self.inputs["v"]))
 
     @property
     def times(self) -> FloatArray:

@@ -9,7 +9,6 @@ from estimator.explaining.effects.base import Effect
 from estimator.fitting.simulator import Nuisance, per_recording
 from estimator.plans.parameters import SensorPlace
 from estimator.plans.plan import Plan
-from estimator.recordings.excitation import is_measured
 
 EARLY = 0.15  # samples before its input: a response that is earlier is impossible
 EARLIEST, LATEST = 10.0, 0.5  # samples before; of the recording's length after
@@ -54,7 +53,7 @@ class Delay(Effect):
 
         A measured voltage shows a change in the row behind it, up to a row late.
         """
-        measured = any(is_measured(o.inputs["v"]) for o in plan.observed if "v" in o.inputs)
+        measured = any(o.is_measured for o in plan.observed)
         if value < -(EARLY + measured) * plan.shortest_step:
             return (
                 f"no motor does; check the recording's clock, or declare it (delay = {value:.3g} under [[recording]])"

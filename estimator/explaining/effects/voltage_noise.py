@@ -68,7 +68,8 @@ def without_noise(fit: Fit, plan: Plan) -> Plan | None:
         own = around[clock.rows]
         quiet = o.inputs["v"] - own
         uncertain = np.column_stack([_uncertain(own, parts), _between_rows(quiet, parts)]) if is_told else None
-        observed.append(dataclasses.replace(o, inputs={**o.inputs, "v": quiet}, uncertain=uncertain))
+        inputs, was = {**o.inputs, "v": quiet}, o.is_measured
+        observed.append(dataclasses.replace(o, inputs=inputs, uncertain=uncertain, is_quiet=was))
     return dataclasses.replace(plan, observed=tuple(observed))
 
 

@@ -20,7 +20,6 @@ from estimator.motor.state_space import matrices
 from estimator.motor.winding import resistance_of
 from estimator.plans.part import LONG
 from estimator.plans.plan import Plan
-from estimator.recordings.excitation import is_measured
 
 NAME = "voltage rise"
 LONGEST = 0.3  # of a recording: the longest time constant
@@ -39,7 +38,7 @@ def times_of_command(plan: Plan, tried: Sequence[float]) -> list[tuple[float, tu
     """
     if not plan.binding.is_motor or "v" not in plan.observed[0].inputs:
         return []
-    if any(is_measured(o.inputs["v"]) for o in plan.observed):
+    if any(o.is_measured for o in plan.observed):
         return []
     step, times = plan.shortest_step, [o.recording.time for o in plan.observed]
     longest = LONGEST * max(float(t[-1] - t[0]) for t in times)
