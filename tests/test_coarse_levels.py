@@ -12,16 +12,16 @@ CONVERTER = 0.04  # A
 
 
 def test_the_mean_of_a_level_is_off_by_what_is_told():
-    """Levels and noises at random: chi-square of 2 000 numbers of variance 1, beyond 5.5 deviations in 4e-8 of runs."""
+    """Levels and noises at random: chi-square of 600 numbers of variance 1, beyond 5.5 deviations in 4e-8 of runs."""
     rng = np.random.default_rng(5)
     squares = []
-    for _ in range(2000):
+    for _ in range(600):
         level, noise, n = rng.uniform(3, 5), rng.uniform(0, 0.6), rng.integers(50, 1500)
         shown = np.rint(level + noise * rng.standard_normal(n))
         deviation = np.hypot(level_error(0.3 * shown, 0.3) / 0.3, shown.std() / np.sqrt(n))
         squares.append(((shown.mean() - level) / deviation) ** 2)
     assert max(squares) < 5**2
-    assert np.mean(squares) == pytest.approx(1, abs=5.5 * np.sqrt(2 / 2000))
+    assert np.mean(squares) == pytest.approx(1, abs=5.5 * np.sqrt(2 / 600))
 
 
 @pytest.mark.parametrize("values", [(7.0,), (7.0, 8.0), (6.0, 7.0, 8.0, 9.0, 10.0, 11.0)])
@@ -84,3 +84,21 @@ def test_a_current_at_no_load_of_a_few_steps_has_a_bar_that_holds(seed):
         assert abs(found.value - value) < 4 * found.standard_error, name
     off = result.parameters["B"].standard_error / p["B"] * x[-1, 0] / CONVERTER
     assert 0.005 < off < 0.35, "B is known to less than a step of the current, and to no small part of it"
+
+
+@pytest.mark.parametrize(("seed", "every", "coarse"), [(0, 4, 6.0), (2, 4, 6.0), (3, 14, 12.0)])
+def test_a_coarse_speed_that_a_logger_shows_for_many_rows_is_coarse(seed, every, coarse):
+    """One sample of 4 or 14 is new, in steps of 2 or 4 % of the speed: K was 4 bars off, or a lag was told."""
+    rng = np.random.default_rng(seed)
+    p = {"R": 2.0, "K": rng.uniform(0.038, 0.042), "L": 2e-3, "J": 8e-5, "B": 2e-5}
+    x, rows = response(p), np.arange(ROWS)
+    columns = {
+        "voltage [V]": np.repeat([0.0, VOLTS], [EDGE, ROWS - EDGE]),
+        "current [A]": x[:, 0] + 0.003 * rng.standard_normal(ROWS),
+        "speed [rad/s]": coarse * np.rint(x[rows // every * every, 1] / coarse),
+    }
+    result = estimate_parameters(recording_from_arrays("bench", rows * STEP, columns), workers=1, seed=1)
+    assert result.verdict == "ok" and not result.effects, (result.reasons, result.effects)
+    for name, value in p.items():
+        found = result.parameters[name]
+        assert abs(found.value - value) < 4 * found.standard_error, (name, found)

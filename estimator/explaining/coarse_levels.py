@@ -46,12 +46,11 @@ def held_by_sensor(fit: Fit) -> NDArray[np.bool_]:
     An encoder's counts that are differenced are not held: what one lacks the next has.
     """
     s, moving = fit.simulator, fit.whitener.moving
-    beside = moving[1:] & moving[:-1]
     counted = np.array([s.plan.sensors[y] == layout.MEAN for y in s.outputs]) | (fit.whitener.noise.differenced > 0)
     held = s.coarse & ~counted
     for j in np.flatnonzero(held):
-        changes = np.diff(s.measured[:, j])[beside]
-        changes = changes[~np.isnan(changes)]
+        there = moving & np.isfinite(s.measured[:, j])
+        changes = np.concatenate([np.diff(s.measured[clock.rows, j][there[clock.rows]]) for clock in s.clocks])
         held[j] = len(changes) > 0 and np.count_nonzero(changes) < REPEATED * len(changes)
     return held
 
@@ -68,11 +67,9 @@ def coarse_levels(fit: Fit) -> FloatArray | None:
     for j in np.flatnonzero(held_by_sensor(fit)).tolist():
         step, levels, most = float(s.steps[j]), list[slice](), DEVIATIONS[-1]
         for clock in s.clocks:
-            most = min(most, _most_noise(s.measured[clock.rows, j] / step, fit.explained[clock.rows, j] / step))
-            levels += [
-                slice(clock.rows.start + first, clock.rows.start + last)
-                for first, last in _levels(fit.explained[clock.rows, j] / step, s.measured[clock.rows, j] / step)
-            ]
+            shown, signal = s.measured[clock.rows, j] / step, fit.explained[clock.rows, j] / step
+            most, first_row = min(most, _most_noise(shown, signal)), clock.rows.start
+            levels += [slice(first_row + a, first_row + b) for a, b in _levels(signal, _held_on(shown))]
         for rows in sorted(levels, key=lambda rows: rows.start - rows.stop)[:MOST_LEVELS]:
             shown = s.measured[rows, j]
             shown = shown[~np.isnan(shown)]
@@ -155,6 +152,12 @@ def _levels(signal: FloatArray, shown: FloatArray) -> list[tuple[int, int]]:
             found.append((k + 1, last))
             last = k + 1
     return [(first, last) for first, last in [*found, (0, last)] if first < last]
+
+
+def _held_on(samples: FloatArray) -> FloatArray:
+    """Return samples, (n,), each missing one as the one before: a logger may show one for many rows."""
+    last = np.maximum.accumulate(np.where(np.isfinite(samples), np.arange(len(samples)), 0))
+    return samples[last]
 
 
 def _passages(shown: FloatArray) -> NDArray[np.bool_]:

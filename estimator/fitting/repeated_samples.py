@@ -14,7 +14,8 @@ FloatArray = NDArray[np.float64]
 
 STANDSTILL_ROWS = 8  # rows without a count after which an encoder is taken to stand still: its error is constant there
 LONGEST_HOLD = 20  # rows for which a logger may repeat a sample
-LEAST_CHANGES, HELD_PART = 20, 0.98  # changes of a quantised channel; their part at every n-th row: it is held between
+HELD_PART = 0.98  # of the changes of a quantised channel, at every n-th row: it is held between
+BY_CHANCE = 1e-6  # as many changes are at every n-th row of any n, by an encoder that the logger does not hold
 
 
 def mostly_repeats(signals: Iterable[FloatArray]) -> bool:
@@ -55,9 +56,9 @@ def _held(again: NDArray[np.bool_]) -> NDArray[np.bool_]:
         Which rows are as the one before.
     """
     changes, rows = np.flatnonzero(~again[1:]) + 1, np.arange(len(again))
-    if len(changes) >= LEAST_CHANGES:
-        for every in range(LONGEST_HOLD + 1, 1, -1):
-            counts = np.bincount(changes % every, minlength=every)
-            if counts.max() >= HELD_PART * len(changes):
-                return np.asarray(rows % every != counts.argmax())
+    for every in range(LONGEST_HOLD + 1, 1, -1):
+        counts = np.bincount(changes % every, minlength=every)
+        chance = LONGEST_HOLD * float(every) ** (1 - counts.max())
+        if counts.max() >= HELD_PART * len(changes) and chance < BY_CHANCE:
+            return np.asarray(rows % every != counts.argmax())
     return np.zeros(len(again), dtype=bool)
