@@ -25,6 +25,7 @@ from estimator.explaining.effects.voltage_rise import VoltageRise
 from estimator.explaining.explanation import MOST_ADDITIONS, Explanation, is_full
 from estimator.fitting.latency import _has_left, with_latencies
 from estimator.fmus.probe import bundled_model
+from estimator.plans.plan import Observed
 from estimator.plans.planning import plan_case
 from estimator.recordings.reading import read_recording, recording_from_arrays
 
@@ -594,27 +595,34 @@ def test_a_voltage_that_rises_behind_its_command_is_a_rival_of_the_motors_own_ti
     assert "voltage rise" in " ".join(found.reasons)
 
 
+def observed_voltage(noise, *, name="v", is_quiet=False):
+    """Return one recording's voltage, 400 rows, as a plan observes it."""
+    step = np.repeat([0.0, 10.5], 200) + noise * np.random.default_rng(2).standard_normal(400)
+    return Observed(SimpleNamespace(time=H * np.arange(400)), {name: step}, {}, None, 0, is_quiet=is_quiet)
+
+
 def test_a_voltage_that_is_measured_has_risen():
-    plan = SimpleNamespace(
-        binding=SimpleNamespace(is_motor=True),
-        shortest_step=H,
-        observed=[SimpleNamespace(inputs={"v": v}, recording=SimpleNamespace(time=H * np.arange(len(v))))
-                  for v in (np.repeat([0.0, 10.5], 200) + 0.02 * np.random.default_rng(1).standard_normal(400),)],
-    )  # fmt: skip
-    assert not VoltageRise().nuisances(plan)
-    plan.observed[0].inputs["v"] = np.repeat([0.0, 10.5], 200)
+    def plan(noise, *, is_quiet=False):
+        observed = [observed_voltage(noise, is_quiet=is_quiet)]
+        return SimpleNamespace(binding=SimpleNamespace(is_motor=True), shortest_step=H, observed=observed)
+
+    assert not VoltageRise().nuisances(plan(0.02))
+    assert not VoltageRise().nuisances(plan(0.0, is_quiet=True)), "its noise has been taken out"
+    plan = plan(0.0)
     assert [n.name for n in VoltageRise().nuisances(plan)] == ["voltage rise"]
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.02])
 def test_a_response_up_to_a_row_before_a_measured_voltage_is_no_doubt(noise):
     """The voltage was switched between two rows, and is shown in the one behind."""
-    voltage = np.repeat([0.0, 10.5], 200) + noise * np.random.default_rng(2).standard_normal(400)
-    plan = SimpleNamespace(observed=[SimpleNamespace(inputs={"v": voltage})], shortest_step=H)
-    assert bool(Delay().doubted("delay", -0.5 * H, plan)) == (noise == 0)
-    assert Delay().doubted("delay", -1.5 * H, plan)
-    plan.observed[0].inputs = {"load": voltage}  # no voltage is measured
-    assert Delay().doubted("delay", -0.5 * H, plan)
+
+    def plan(**observed):
+        return SimpleNamespace(observed=[observed_voltage(noise, **observed)], shortest_step=H)
+
+    assert bool(Delay().doubted("delay", -0.5 * H, plan())) == (noise == 0)
+    assert not Delay().doubted("delay", -0.5 * H, plan(is_quiet=True)), "its noise has been taken out"
+    assert Delay().doubted("delay", -1.5 * H, plan())
+    assert Delay().doubted("delay", -0.5 * H, plan(name="load")), "no voltage is measured"
 
 
 def test_friction_that_falls_while_the_motor_gathers_speed_is_found():

@@ -7,6 +7,7 @@ import pytest
 from scipy.signal import sosfilt
 
 from estimator.explaining.effects.average import mean_of_last, mean_over_interval
+from estimator.explaining.effects.base import longest_lateness
 from estimator.explaining.effects.low_pass import FORMS
 from estimator.fitting.lateness import lateness, soon_shown
 from estimator.fitting.simulator import Nuisance
@@ -97,3 +98,10 @@ def test_a_mean_over_the_interval_is_not_late_enough_to_matter():
     fit.simulator.clocks[0].rows = slice(0, 8)
     shown = np.arange(8.0)[:, None]
     assert soon_shown(fit.simulator, fit.value, shown) is shown
+
+
+@pytest.mark.parametrize(("step", "samples"), [(1e-3, 60), (1e-4, 500), (1e-2, 60)])
+def test_a_sensor_may_be_as_late_in_time_however_fast_it_is_sampled(step, samples):
+    recording = SimpleNamespace(time=np.array([0.0, 2.0]))
+    plan = SimpleNamespace(shortest_step=step, observed=[SimpleNamespace(recording=recording)])
+    assert longest_lateness(plan) == pytest.approx(samples * step)

@@ -17,7 +17,7 @@ FloatArray = NDArray[np.float64]
 Value = Callable[[str], float]  # of a parameter, by its name
 
 SMALL = 0.6  # rows: more is late by a row; a mean over the interval is by half a row
-RAMP_ROWS = 1_000  # after which the slowest filter, 60 rows, shows a ramp as late as it ever will
+RAMP_ROWS = 10_000  # after which the slowest filter, 500 rows, shows a ramp as late as it ever will
 
 
 def lateness(s: Simulator, value: Value, output: str) -> tuple[float, float]:

@@ -20,6 +20,9 @@ from estimator.plans.plan import Plan
 FloatArray = NDArray[np.float64]
 
 USUAL, SELDOM = 0.2, 0.02  # of the recordings of a bench that have an effect of a kind, roughly
+# How late a sensor shows its signal at most: samples, or s where these are more samples, but no more than a part of the
+# recording: a filter of 10 ms before a speed is as usual at 10 kHz as at 1 kHz.
+LATEST_SAMPLES, LATEST_TIME, LATEST_PART = 60.0, 0.05, 0.05
 TAU_RATIO, SHORTEST_TAU = 1.5, 2.0  # of neighbours among time constants that are tried; in samples
 
 
@@ -119,6 +122,12 @@ class Effect:
         """Return the sentence that reports it with its size; "": none does."""
         channel = name.rpartition(" ")[2]
         return self.sentence.format(name=name, channel=channel, value=value, ms=1e3 * value, percent=100 * value)
+
+
+def longest_lateness(plan: Plan) -> float:
+    """Return how late a sensor may show its signal at most, s: by its delay or a filter's time constant."""
+    whole = max(float(o.recording.time[-1] - o.recording.time[0]) for o in plan.observed)
+    return max(LATEST_SAMPLES * plan.shortest_step, min(LATEST_TIME, LATEST_PART * whole))
 
 
 def time_constants(step: float, longest: float) -> FloatArray:

@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from estimator.explaining.effects.base import Effect
+from estimator.explaining.effects.base import Effect, longest_lateness
 from estimator.fitting.simulator import Nuisance
 from estimator.plans.parameters import SensorPlace
 from estimator.plans.plan import Plan
 from estimator.stepping import layout
-
-LONGEST_DELAY = 20.0  # samples
 
 
 @dataclass(frozen=True)
@@ -26,10 +24,10 @@ class ChannelDelay(Effect):
 
     def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
         """Return one for each output, if there are several."""
-        h = plan.shortest_step
+        h, longest = plan.shortest_step, longest_lateness(plan)
         return [
             Nuisance(
-                f"delay of {y}", "s", 0.0, LONGEST_DELAY * h, 0.0, h,
+                f"delay of {y}", "s", 0.0, longest, 0.0, h,
                 place=SensorPlace("delay", None, y), tries=(0.5 * h, 2 * h), excludes=("delay of", f"average {y}"),
             )
             for y in plan.outputs

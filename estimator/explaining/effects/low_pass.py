@@ -12,7 +12,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.explaining.effects.base import Effect
+from estimator.explaining.effects.base import Effect, longest_lateness
 from estimator.fitting.fit import Fit
 from estimator.fitting.simulator import Nuisance
 from estimator.motor.exponential import exponential
@@ -22,7 +22,7 @@ from estimator.plans.plan import Plan
 
 FloatArray = NDArray[np.float64]
 
-LONGEST_LAG = 60.0  # samples
+TRIED = (0.3, 1.5, 6.0, 40.0, 200.0)  # samples, to half the longest
 
 
 def lagged(y: FloatArray, tau: float, h: float) -> FloatArray:
@@ -101,12 +101,13 @@ class LowPass(Effect):
 
     def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
         """Return one for each output without a declared filter."""
-        h = plan.shortest_step
+        h, longest = plan.shortest_step, longest_lateness(plan)
+        tries = tuple(n * h for n in TRIED if n * h < 0.5 * longest)
         return [
             Nuisance(
-                f"{self.name} of {y}", "s", 0.0, LONGEST_LAG * h, 0.0, h,
+                f"{self.name} of {y}", "s", 0.0, longest, 0.0, h,
                 output=y, act=FORMS[self.name][0], sections=SECTIONS[self.name], between=True,
-                tries=(0.3 * h, 1.5 * h, 6 * h), excludes=tuple(f"{form} of {y}" for form in FORMS),
+                tries=tries, excludes=tuple(f"{form} of {y}" for form in FORMS),
             )
             for y in plan.outputs
             if f"filter {y}" not in plan.declared and y != "angle"
