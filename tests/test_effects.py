@@ -693,6 +693,7 @@ def test_recordings_are_read_the_other_way_with_the_fmu_that_the_fit_has(monkeyp
         assert likelier_interpretation.as_interpreted_by(explanation, other).fit.simulator is simulator
 
 
+@pytest.mark.full  # ten seconds
 def test_a_mean_behind_a_lag_is_tried_in_place_of_a_filter_of_second_order(tmp_path):
     """The criterion charges a number more for the two, and prefers the filter, with an L a third too large."""
     result, true = of_random_bench(1021229, tmp_path)

@@ -1,10 +1,12 @@
 """Residuals that are louder in a window, and noise in all other ways, widen the bars; all else is a doubt."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from estimator.explaining.adequacy import LOUDER, Adequacy, Failure
-from estimator.judging.misfit import louder
+from estimator.judging.misfit import louder, misfit
 
 
 def checked(*failures):
@@ -36,3 +38,11 @@ def test_residuals_up_to_twice_as_large_are_told_and_no_doubt():
 def test_beside_anything_else_they_are_a_doubt_too(other):
     found = checked(LOUD, other)
     assert found.doubts == (LOUD, other) and not louder(found)
+
+
+def test_what_is_a_doubt_alone_is_told_before_what_is_doubted_beside_it():
+    loud = [Failure("size", f"window {k}", "i", 1.3) for k in range(5)]
+    failures = (*loud, Failure("own values", "the settled part", "", 1.2))
+    explained = SimpleNamespace(adequacy=checked(*failures), noise=[0.0], at_rest=[0.0])
+    reasons = misfit(SimpleNamespace(outputs=["i"]), None, explained, None, [1.0])
+    assert "would fit other parameters" in reasons[0] and "1.3 times the noise found" in reasons[1]

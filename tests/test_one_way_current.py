@@ -46,6 +46,7 @@ def test_beside_a_brush_drop():
     assert set(found.effects) == {"one-way current", "brush drop"} and is_right(found, SLOW)
 
 
+@pytest.mark.full  # ten seconds
 def test_a_current_that_never_flows_back_is_doubted_where_that_is_not_known(monkeypatch):
     monkeypatch.setenv("FMU_ESTIMATOR_WITHOUT", "one-way current")
     assert estimated(TRUE, (0, 10, 4), rows=100, one_way=1.0).verdict != "ok"

@@ -168,6 +168,7 @@ def test_a_response_that_has_not_settled_is_doubtful(case_of):
     assert any("has not settled" in reason for reason in result.reasons)
 
 
+@pytest.mark.full  # eight seconds; others are doubted for what is not explained in test_effects.py
 def test_a_model_that_does_not_explain_the_data_is_doubtful(case_of, good):
     shown = good[1].copy()
     shown[:, 1] *= 1 - 0.1 * np.clip(shown[:, 1] / shown[:, 1].max(), 0, 1) ** 3  # no linear motor

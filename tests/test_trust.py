@@ -117,8 +117,7 @@ def test_a_friction_that_drifts_stands_for_its_mean_over_the_turns():
 @pytest.mark.parametrize(
     ("motor", "seed"),
     [
-        ("CML-050", 21),
-        *(pytest.param("CML-050", seed, marks=pytest.mark.full) for seed in (8, 10)),
+        *(pytest.param("CML-050", seed, marks=pytest.mark.full) for seed in (8, 10, 21)),
         *(pytest.param("RMCS2004", seed, marks=pytest.mark.full) for seed in (1, 4, 6)),
     ],
 )

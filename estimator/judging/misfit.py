@@ -27,7 +27,8 @@ def misfit(
 ) -> list[str]:
     """Say which residuals the model does not explain: larger than the recording's noise, or not like noise."""
     if explained is not None:
-        reasons = unexplained(explained.adequacy.doubts[:TOLD_FAILURES])
+        doubts = sorted(explained.adequacy.doubts, key=lambda failure: not failure.is_doubt)
+        reasons = unexplained(doubts[:TOLD_FAILURES])
         for j, name in enumerate(plan.outputs):
             shown = 0.0 if noise is None else MISFIT * noise[j]
             if explained.noise[j] > UNEXPLAINED * spread[j] and explained.at_rest[j] > shown:

@@ -6,8 +6,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
 from estimator.cases.case import Case, RunSpec
 from estimator.cases.expansion import told_apart
 from estimator.cases.keys import FREE
@@ -20,15 +18,12 @@ from estimator.plans.observing import observe, within
 from estimator.plans.parameters import SensorPlace
 from estimator.plans.plan import ChainSpec, Observed, Plan
 from estimator.plans.reading import with_reading
-from estimator.recordings.excitation import noise_deviation, quantum
+from estimator.recordings.differenced_counts import are_differenced_counts
 from estimator.recordings.files import recordings_in
 from estimator.recordings.filters import MAX_SECTIONS, filter_sections
 from estimator.recordings.read_as import ReadAs
 from estimator.recordings.recording import Recording
 from estimator.stepping import layout
-
-COUNTS, WHOLE = (16, 1e6), 0.02  # counts a turn of an encoder whose differences are the speed
-FEW_COUNTS = 10  # noise of such a speed, in its steps: more noise was measured otherwise, and printed to 0.1 rpm
 
 
 def plan_case(
@@ -135,18 +130,10 @@ def read_case(
 
 
 def _is_differenced(binding: Binding, observed: tuple[Observed, ...]) -> bool:
-    """Whether the speed is that of encoder counts, differenced: its steps are 2π / (whole counts a turn) / interval."""
+    """Whether the speed is that of encoder counts, differenced."""
     if binding.integral("w") is None:
         return False
-    for o in observed:
-        smallest = quantum(o.outputs["w"])
-        if noise_deviation(o.outputs["w"]) > FEW_COUNTS * smallest:
-            return False
-        step = smallest * o.recording.step
-        counts = 2 * np.pi / step if step > 0 else 0.0
-        if not (COUNTS[0] <= counts <= COUNTS[1] and abs(counts - round(counts)) < WHOLE):
-            return False
-    return True
+    return are_differenced_counts([o.outputs["w"] for o in observed], [o.recording.step for o in observed])
 
 
 def _sensors(binding: Binding, observed: tuple[Observed, ...]) -> dict[str, int]:

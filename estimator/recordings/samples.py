@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import wraps
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
+T = TypeVar("T")
 
 REMEMBERED = 64  # signals of which something is told
 MULTIPLIED = 8  # numbers whose product has one logarithm: below 1e38 no double overflows
@@ -76,12 +78,12 @@ def mean_of_known(y: FloatArray) -> float:
     return float(np.mean(known)) if len(known) else float("nan")
 
 
-def told_once(told: Callable[[FloatArray], float]) -> Callable[[FloatArray], float]:
-    """Decorate what tells a number of a signal: each stage of an estimate asks for it again."""
-    known: dict[tuple[int, int], float] = {}
+def told_once(told: Callable[[FloatArray], T]) -> Callable[[FloatArray], T]:
+    """Decorate what tells something of a signal: each stage of an estimate asks for it again."""
+    known: dict[tuple[int, int], T] = {}
 
     @wraps(told)
-    def asked(y: FloatArray) -> float:
+    def asked(y: FloatArray) -> T:
         key = len(y), hash(y.tobytes())
         if key not in known:
             if len(known) >= REMEMBERED:

@@ -1,0 +1,61 @@
+"""Speeds of encoders, printed with all their digits or few of them, and speeds that are none."""
+
+import numpy as np
+import pytest
+
+from estimator.recordings.differenced_counts import are_differenced_counts, is_made_up_for
+from estimator.recordings.excitation import quantum, quantum_and_error
+
+INTERVAL = 1e-3
+
+
+def speed(seed, rows=3000):
+    """Return a speed that rises and wanders, rad/s."""
+    rng = np.random.default_rng(seed)
+    rise = rng.uniform(50, 200) * (1 - np.exp(-np.arange(rows) / rng.uniform(50, 300)))
+    return rise + np.cumsum(rng.standard_normal(rows)) * 0.1
+
+
+def counted(w, counts, seed=0):
+    """Return the speed of an encoder's differenced counts."""
+    angle = np.cumsum(w) * INTERVAL * counts / (2 * np.pi) + np.random.default_rng(seed).random()
+    return np.diff(np.floor(angle), prepend=np.floor(angle[0])) * 2 * np.pi / counts / INTERVAL
+
+
+@pytest.mark.parametrize("digit", [0.0, 0.1, 0.3])
+@pytest.mark.parametrize("counts", [500, 3484])
+def test_counts_are_told_however_few_digits_are_printed(counts, digit):
+    speeds = [counted(speed(seed), counts, seed) for seed in range(3)]
+    if digit:
+        speeds = [digit * np.rint(w / digit) for w in speeds]
+    assert are_differenced_counts(speeds, [INTERVAL] * 3)
+    step, error = quantum_and_error(speeds[0])
+    right = 2 * np.pi / counts / INTERVAL
+    assert abs(step - right) < max(10 * error, 1e-9 * right) and error < 2e-3 * step
+
+
+def test_steps_of_a_converter_are_no_counts():
+    """Of 200 converters whose steps are a number of counts by chance, few."""
+    found = [0, 0]
+    for seed in range(200):
+        step = np.random.default_rng(seed).uniform(2, 4)
+        w = step * np.rint(speed(seed) / step)
+        found[0] += are_differenced_counts([0.3 * np.rint(w / 0.3)], [INTERVAL])
+        found[1] += are_differenced_counts([w], [INTERVAL])
+    assert max(found) < 40, "some are a whole number of counts as nearly as the digits tell"
+
+
+def test_what_a_count_has_too_many_its_neighbour_has_too_few():
+    for seed in range(20):
+        w = speed(seed)
+        assert is_made_up_for(counted(w, 3000, seed) * INTERVAL * 3000 / (2 * np.pi))
+        noise = np.random.default_rng(seed).standard_normal(len(w))
+        assert not is_made_up_for(np.rint(w)) and not is_made_up_for(np.rint(w + noise))
+    assert not is_made_up_for(np.diff(np.floor(np.arange(250) * 7.3))), "too few rows"
+
+
+def test_digits_alone_are_the_step_of_what_is_on_no_lattice():
+    rng = np.random.default_rng(4)
+    for _ in range(300):
+        levels = np.round(np.cumsum(rng.standard_normal(rng.integers(20, 400))) * rng.uniform(0.2, 5), 1)
+        assert quantum(rng.choice(levels, 3 * len(levels))) < 0.11
