@@ -17,7 +17,7 @@ MADE_UP, MADE_UP_ROWS, EDGE = (
     0.8,
     300,
     16.0,
-)  # a ratio of variances; rows that tell it to a tenth; counts: more is an edge
+)  # a ratio of variances; rows that tell it to a tenth; counts of an edge
 BINOMIAL = np.array([1.0, -4.0, 6.0, -4.0, 1.0])
 FEW_COUNTS = 10  # noise of such a speed, in its steps: more noise was measured otherwise, and printed to 0.1 rpm
 
