@@ -259,7 +259,7 @@ def test_noise_of_a_machine_that_runs_is_told_from_that_at_rest_and_from_what_gr
 def growths(r, level, moving):
     whitener = dataclasses.replace(whitener_of(plain(1.0), len(r), level=level), moving=moving)
     no = np.zeros(len(r), dtype=bool)
-    return growths_of(r, whitener, no, steps=np.zeros(1), fine=np.ones(1, dtype=bool))
+    return growths_of(r, whitener, no, steps=np.zeros(1))
 
 
 def test_a_machine_that_hardly_moves_may_be_as_quiet_as_at_rest():

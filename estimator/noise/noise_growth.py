@@ -38,13 +38,13 @@ LOUD_SAMPLES = 25  # samples of a large signal, and as many below half of it: fe
 def noise_of_neighbours(whitener: Whitener, residuals: FloatArray, sharp: BoolArray) -> NoiseModel:
     """Return the white noise that samples beside each other show, and its growth; arguments as for `fit_noise`."""
     q = residuals.shape[1]
-    told, stands = growths_of(residuals, whitener, sharp, steps=np.zeros(q), fine=np.ones(q, dtype=bool))
+    told, stands = growths_of(residuals, whitener, sharp, steps=np.zeros(q))
     white = [own.white if own.white > 0 else old for own, old in zip(told, whitener.noise.white, strict=True)]
     return grown_as(dataclasses.replace(whitener.noise, white=np.array(white)), told, stands)
 
 
 def growths_of(
-    residuals: FloatArray, whitener: Whitener, sharp: BoolArray, *, steps: FloatArray, fine: BoolArray
+    residuals: FloatArray, whitener: Whitener, sharp: BoolArray, *, steps: FloatArray
 ) -> tuple[list[Growth], float]:
     """Return how the noise of each channel grows, and `stands` of `NoiseModel`.
 
@@ -54,16 +54,11 @@ def growths_of(
     sharp : (rows,) array
     steps : (q,) array
         As `growth_of`.
-    fine : (q,) array
-        Of which channels it is asked.
     """
 
     def told(stands: float) -> list[Growth]:
         own = whitener.of(dataclasses.replace(whitener.noise, stands=stands))
-        return [
-            growth_of(residuals[:, j], own, j, sharp, step=step) if fine[j] else Growth()
-            for j, step in enumerate(steps.tolist())
-        ]
+        return [growth_of(residuals[:, j], own, j, sharp, step=step) for j, step in enumerate(steps.tolist())]
 
     found, stands = told(LEAST_MOTION), LEAST_MOTION
     if not any(own.fall > 0 for own in found):
@@ -133,7 +128,7 @@ def growth_of(residuals: FloatArray, whitener: Whitener, j: int, sharp: BoolArra
         moves.append(whitener.moving[clock.rows][1:-1][told])
     if silent := _is_silent(sizes, moves):  # all others are of a signal that moves
         sizes, levels = ([own[there] for own, there in zip(all_, moves, strict=True)] for all_ in (sizes, levels))
-    elif step:
+    if step:
         rng = np.random.default_rng(0)
         sizes = [own + step * _second_differences(rng.random(len(own) + 2)) for own in sizes]
     d, level = np.concatenate([*sizes, np.zeros(0)]), np.concatenate([*levels, np.zeros(0)])
