@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from estimator.recordings.differenced_counts import are_differenced_counts, is_made_up_for
-from estimator.recordings.excitation import quantum, quantum_and_error
+from estimator.recordings.differenced_counts import as_counted, counts_a_turn, is_made_up_for
+from estimator.recordings.excitation import quantum
 
 INTERVAL = 1e-3
 
@@ -28,10 +28,9 @@ def test_counts_are_told_however_few_digits_are_printed(counts, digit):
     speeds = [counted(speed(seed), counts, seed) for seed in range(3)]
     if digit:
         speeds = [digit * np.rint(w / digit) for w in speeds]
-    assert are_differenced_counts(speeds, [INTERVAL] * 3)
-    step, error = quantum_and_error(speeds[0])
-    right = 2 * np.pi / counts / INTERVAL
-    assert abs(step - right) < max(10 * error, 1e-9 * right) and error < 2e-3 * step
+    assert counts_a_turn(speeds, [INTERVAL] * 3) == counts
+    for seed, w in enumerate(speeds):
+        assert as_counted(w, INTERVAL, counts) == pytest.approx(counted(speed(seed), counts, seed), abs=1e-9)
 
 
 def test_steps_of_a_converter_are_no_counts():
@@ -40,8 +39,8 @@ def test_steps_of_a_converter_are_no_counts():
     for seed in range(200):
         step = np.random.default_rng(seed).uniform(2, 4)
         w = step * np.rint(speed(seed) / step)
-        found[0] += are_differenced_counts([0.3 * np.rint(w / 0.3)], [INTERVAL])
-        found[1] += are_differenced_counts([w], [INTERVAL])
+        found[0] += bool(counts_a_turn([0.3 * np.rint(w / 0.3)], [INTERVAL]))
+        found[1] += bool(counts_a_turn([w], [INTERVAL]))
     assert max(found) < 40, "some are a whole number of counts as nearly as the digits tell"
 
 

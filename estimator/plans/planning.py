@@ -18,7 +18,7 @@ from estimator.plans.observing import observe, within
 from estimator.plans.parameters import SensorPlace
 from estimator.plans.plan import ChainSpec, Observed, Plan
 from estimator.plans.reading import with_reading
-from estimator.recordings.differenced_counts import are_differenced_counts
+from estimator.recordings.differenced_counts import as_counted, counts_a_turn
 from estimator.recordings.files import recordings_in
 from estimator.recordings.filters import MAX_SECTIONS, filter_sections
 from estimator.recordings.read_as import ReadAs
@@ -69,6 +69,7 @@ def plan_case(
                 f"the clock of {uneven} jitters, and {description.path.name} takes steps of one size only;"
                 " resample the recording to equal steps"
             )
+    sensors, observed = _sensors(binding, observed)
     guess = first_guess(binding, observed)
     parameters = free_parameters(binding, guess, [o.recording.name for o in observed])
     return Plan(
@@ -77,7 +78,7 @@ def plan_case(
         observed=observed,
         parameters=parameters,
         fixed=binding.fixed,
-        sensors=_sensors(binding, observed),
+        sensors=sensors,
         guess=guess,
         notes=(*held_parameters(binding), *(note for o in observed for note in o.notes)),
         chains=_chains(binding, observed),
@@ -129,21 +130,24 @@ def read_case(
     return case, found
 
 
-def _is_differenced(binding: Binding, observed: tuple[Observed, ...]) -> bool:
-    """Whether the speed is that of encoder counts, differenced."""
-    if binding.integral("w") is None:
-        return False
-    return are_differenced_counts([o.outputs["w"] for o in observed], [o.recording.step for o in observed])
-
-
-def _sensors(binding: Binding, observed: tuple[Observed, ...]) -> dict[str, int]:
+def _sensors(binding: Binding, observed: tuple[Observed, ...]) -> tuple[dict[str, int], tuple[Observed, ...]]:
+    """Return how each output is shown, and the recordings, with speeds that are counts, differenced, as such."""
     sensors = {}
     for name, spec in binding.outputs.items():
         is_open = spec.sensor == "auto" and spec.filter is None and spec.both is None
-        is_mean = spec.sensor == "mean" or (is_open and name == "w" and _is_differenced(binding, observed))
-        sensors[name] = layout.MEAN if is_mean else layout.IDENTITY
+        counts = 0.0
+        if is_open and name == "w" and binding.integral("w") is not None:
+            steps = [o.recording.step for o in observed]
+            counts = counts_a_turn([o.outputs["w"] for o in observed], steps)
+            if counts > 0:
+                observed = tuple(_counted(o, counts) for o in observed)
+        sensors[name] = layout.MEAN if counts > 0 or spec.sensor == "mean" else layout.IDENTITY
         binding.read(name, sensors[name])
-    return sensors
+    return sensors, observed
+
+
+def _counted(o: Observed, counts: float) -> Observed:
+    return replace(o, outputs={**o.outputs, "w": as_counted(o.outputs["w"], o.recording.step, counts)})
 
 
 def _chains(binding: Binding, observed: tuple[Observed, ...]) -> dict[str, ChainSpec]:

@@ -7,25 +7,24 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.recordings.excitation import noise_deviation, quantum_and_error
+from estimator.recordings.excitation import noise_deviation, quantum
 
 FloatArray = NDArray[np.float64]
 
 COUNTS, WHOLE = (16, 1e6), 0.02  # counts a turn of an encoder; by how much they may be no whole number
-SIGMAS, NOT_TOLD = 3.0, 0.25  # standard errors of them, where few digits are printed; counts that are more tell nothing
-MADE_UP, MADE_UP_ROWS, EDGE = (
-    0.8,
-    300,
-    16.0,
-)  # a ratio of variances; rows that tell it to a tenth; counts of an edge
+NOT_TOLD = 0.25  # counts: where more are possible one of them is whole by chance
+EXACT, HALF = 1e-6, 0.51  # of a step: printed with all digits; of a digit, that a printed value is off
+MADE_UP, MADE_UP_ROWS = 0.8, 300  # a ratio of variances; rows that tell it to a tenth
+EDGE = 16.0  # counts: a larger difference is no noise
 BINOMIAL = np.array([1.0, -4.0, 6.0, -4.0, 1.0])
 FEW_COUNTS = 10  # noise of such a speed, in its steps: more noise was measured otherwise, and printed to 0.1 rpm
 
 
-def are_differenced_counts(speeds: Sequence[FloatArray], intervals: Sequence[float]) -> bool:
-    """Return whether speeds are an encoder's counts, differenced: in steps of 2π / (whole counts a turn) / interval.
+def counts_a_turn(speeds: Sequence[FloatArray], intervals: Sequence[float]) -> float:
+    """Return the counts a turn of an encoder, of whose differenced counts speeds are; 0: they are none.
 
-    Few digits tell these steps roughly. Where any number of counts is nearly whole then, the samples' errors tell.
+    They are in steps of 2π / (whole counts a turn) / interval. Few digits tell these steps roughly: where one number of
+    counts or another would nearly always be possible, the errors of neighbours tell.
 
     Parameters
     ----------
@@ -33,20 +32,44 @@ def are_differenced_counts(speeds: Sequence[FloatArray], intervals: Sequence[flo
         Of one encoder, rad/s, NaN where a sample is missing.
     intervals : of each, s
     """
-    found = []
+    low, high = map(float, COUNTS)
     for w, interval in zip(speeds, intervals, strict=True):
-        step, error = quantum_and_error(w)
-        if step <= 0 or noise_deviation(w) > FEW_COUNTS * step:
-            return False
-        counts = 2 * np.pi / (step * interval)
-        found.append((counts, max(counts * error / step, WHOLE / SIGMAS)))
-    counts, errors = np.array(found).T
-    mean, off = float(np.average(counts, weights=errors**-2)), SIGMAS * float(np.sum(errors**-2)) ** -0.5
-    if not COUNTS[0] <= mean <= COUNTS[1]:
-        return False
-    whole = round(mean)
-    is_whole = abs(mean - whole) < max(off, WHOLE) and bool(np.all(np.abs(counts - whole) < SIGMAS * errors))
-    return is_whole if off <= NOT_TOLD else all(is_made_up_for(w / quantum_and_error(w)[0]) for w in speeds)
+        smallest, largest = _step_between(w)
+        if not 0 < smallest <= largest or noise_deviation(w) > FEW_COUNTS * smallest:
+            return 0.0
+        turn = 2 * np.pi / interval
+        low, high = max(low, turn / largest - WHOLE), min(high, turn / smallest + WHOLE)
+    whole = np.arange(np.ceil(low), np.floor(high) + 1) if low <= high else np.zeros(0)
+    if len(whole) == 0 or high - low < NOT_TOLD:
+        return float(whole.sum())
+    turned = [w * interval * whole.mean() / (2 * np.pi) for w, interval in zip(speeds, intervals, strict=True)]
+    return float(whole.mean()) if all(is_made_up_for(counts) for counts in turned) else 0.0
+
+
+def _step_between(w: FloatArray) -> tuple[float, float]:
+    """Return the smallest and the largest step of whose multiples values, (n,), are printed; 0: there is none."""
+    w = w[np.isfinite(w)]
+    step = quantum(w)
+    if step <= 0:
+        return 0.0, 0.0
+    digit, levels = quantum(np.diff(w)), np.unique(np.abs(w))
+    if np.max(np.abs(levels - step * np.rint(levels / step))) < EXACT * step or digit > 0.5 * step:
+        return step, step
+    low, high = step - digit, step + digit
+    for level in levels[levels > 0.5 * step].tolist():
+        middle = 0.5 * (low + high)
+        k = round(level / middle)
+        if k * (high - low) > 0.5 * middle:
+            break  # its multiple is not known
+        low, high = max(low, (level - HALF * digit) / k), min(high, (level + HALF * digit) / k)
+    return low, high
+
+
+def as_counted(w: FloatArray, interval: float, counts: float) -> FloatArray:
+    """Return a speed, (n,), rad/s, as the counts that it was printed from: the digits of a level are all off alike."""
+    step = 2 * np.pi / (counts * interval)
+    printed = step * np.rint(w / step)
+    return w if np.nanmax(np.abs(printed - w), initial=0.0) < EXACT * step else printed
 
 
 def is_made_up_for(counts: FloatArray) -> bool:

@@ -132,66 +132,51 @@ def _is_restless(v: FloatArray, noise: float) -> bool:
     return float(np.ptp(v)) < NORMAL_SPAN * noise
 
 
-def quantum(y: FloatArray) -> float:
-    """Return the step of a quantised signal; 0 if it is not quantised."""
-    return quantum_and_error(y)[0]
-
-
 @told_once
-def quantum_and_error(y: FloatArray) -> tuple[float, float]:
-    """Return the step of a quantised signal and its standard error; 0 if it is not quantised.
+def quantum(y: FloatArray) -> float:
+    """Return the step of a quantised signal; 0 if it is not quantised.
 
     An angle in counts hardly repeats a value, but its differences do. So do those of values that are printed with few
     digits, which are then the steps of the digits.
     """
     y = y[~np.isnan(y)]
-    if (found := _lattice(y))[0] > 0:
-        return found
+    if (step := _lattice(y)) > 0:
+        return step
     fine = _lattice(np.diff(y))
-    return found if (found := _lattice(y, printed=fine[0]))[0] > 0 else fine
+    return _lattice(y, printed=fine) or fine
 
 
 OFF_LATTICE = 0.05  # of a step
 PRINTED, LEAST_LEVELS = 0.2, 12  # of a step, that a digit may be; levels that tell the step then
 
 
-def _lattice(y: FloatArray, *, printed: float = 0.0) -> tuple[float, float]:
-    """Return the distance of the levels that values lie on and its standard error; 0: they do not.
+def _lattice(y: FloatArray, *, printed: float = 0.0) -> float:
+    """Return the distance of the levels that values lie on, which may be printed with few digits; 0: they do not.
 
     Parameters
     ----------
     printed : float
         Step of the digits that values are printed with, if it is known: a difference of two is off by as much.
     """
-    none, peak = (0.0, 0.0), float(np.max(np.abs(y), initial=0.0))
+    peak = float(np.max(np.abs(y), initial=0.0))
     differences = np.diff(np.sort(y))
     differences = differences[differences > 1e-9 * peak]  # the rest is one level, or rounding
     if len(differences) < 2 or len(differences) > 0.5 * len(y):
-        return none
+        return 0.0
     step, reach = float(np.min(differences)), 1.5
     if printed > PRINTED * step or (printed > 0 and len(differences) < LEAST_LEVELS):
-        return none
+        return 0.0
     off = OFF_LATTICE + printed / step
     while True:  # few digits tell a step only roughly, and many of them are then no whole number
         near = differences[differences < reach * step]
         multiples = near / step
         whole = np.round(multiples)
         if float(np.max(np.abs(multiples - whole))) >= off:
-            return none
+            return 0.0
         step = float(np.sum(near) / np.sum(whole))
         if len(near) == len(differences):
-            return _slope(np.cumsum(differences), np.cumsum(whole), step)
+            return step
         reach *= 4.0
-
-
-def _slope(levels: FloatArray, counts: FloatArray, step: float) -> tuple[float, float]:
-    """Return the distance of levels, (n,), by a line through them and their counts, and its standard error."""
-    away = counts - np.mean(counts)
-    power = float(away @ away)
-    left = levels - step * counts
-    moved = float(away @ left) / power
-    left = left - np.mean(left) - moved * away
-    return step + moved, float(np.sqrt(left @ left / max(len(levels) - 2, 1) / power))
 
 
 def find_delay(excitation: Excitation, outputs: Mapping[str, FloatArray]) -> int:
