@@ -13,7 +13,7 @@ FloatArray = NDArray[np.float64]
 
 COUNTS, WHOLE = (16, 1e6), 0.02  # counts a turn of an encoder; by how much they may be no whole number
 NOT_TOLD = 0.25  # counts: where more are possible one of them is whole by chance
-EXACT, HALF = 1e-6, 0.51  # of a step: printed with all digits; of a digit, that a printed value is off
+EXACT, HALF = 1e-4, 0.51  # of a step: all digits are there, of single precision too; of a digit, that a value is off
 MADE_UP, MADE_UP_ROWS = 0.8, 300  # a ratio of variances; rows that tell it to a tenth
 EDGE = 16.0  # counts: a larger difference is no noise
 BINOMIAL = np.array([1.0, -4.0, 6.0, -4.0, 1.0])
