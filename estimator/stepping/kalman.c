@@ -7,7 +7,8 @@
  *
  * gives y the covariance S. The innovations of a Kalman filter, each over its standard deviation, are W y with
  * W' W = S^-1, W lower triangular; the logarithms of the innovations' variances add up to log det S. What is whitened
- * may be anything linear in y: residuals, columns of a Jacobian. All columns share the gains and go through together.
+ * may be anything linear in y: residuals, columns of a Jacobian. All columns share the gains, which are found first and
+ * once for a noise, and go through together.
  *
  * The channels of a row are taken one by one, as their measurement noise is independent. A covariance that is updated
  * by P - K g', g = P H', loses its digits where P is much larger than the variance r. The exact result gives P H' = r K;
@@ -56,7 +57,7 @@ typedef struct {
 } Sparse;
 
 typedef struct {
-    size_t q, d; /* channels, states */
+    size_t q, d;       /* channels, states */
     Sparse transition; /* all k of them below each other */
     Sparse readout;
     const double *process, *variance;
@@ -65,10 +66,10 @@ typedef struct {
 
 /* The covariance, and how it goes on from row to row. */
 typedef struct {
-    double *P, *FP, *before;     /* covariance; F P; the covariance predicted a row before: d, d */
-    double *g, *u;               /* d */
-    double change, logarithms;   /* of the row before */
-    int converging;              /* rows in which it has changed no more */
+    double *P, *FP, *before;   /* covariance; F P; the covariance predicted a row before: d, d */
+    double *g, *u;             /* d */
+    double change, logarithms; /* of the row before */
+    int converging;            /* rows in which it has changed no more */
 } Covariance;
 
 typedef struct {
@@ -173,7 +174,8 @@ static ALWAYS double update_covariance(const Noise *noise, size_t channel, doubl
     return spread;
 }
 
-/* Gains of n rows, (n, q, d), and one over the innovations' deviations, (n, q), 0 where a sample is missing; returns the sum of the logarithms of their variances. */
+/* Gains of n rows, (n, q, d), and one over the innovations' deviations, (n, q), 0 where a sample is missing; returns the
+   sum of the logarithms of their variances. */
 static ALWAYS double gains(const Noise *noise, Covariance *m, size_t n, double *gain, double *scale, size_t d)
 {
     const size_t q = noise->q;
