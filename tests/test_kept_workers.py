@@ -1,5 +1,6 @@
 """Worker processes stay from one estimation of a program to its next, and are as new ones would be."""
 
+import dataclasses
 import os
 import shutil
 import subprocess
@@ -43,11 +44,13 @@ def test_the_second_estimation_has_the_first_ones_process_and_its_very_numbers()
     assert waiting() == pids
 
 
-def test_what_waits_has_no_fmu_and_no_shared_memory():
+def test_what_waits_has_no_fmu_but_the_packages_files_and_no_shared_memory():
     estimated()
     ((_, crew),) = module._kept
     assert crew.job is None
-    assert sorted(p.name for p in crew._folder.path.iterdir()) == ["owner.lock"]
+    kept = [extracted.folder.name for extracted in crew._rested.values()]
+    assert sorted(p.name for p in crew._folder.path.iterdir()) == [*sorted(kept), "owner.lock"]
+    assert {file.stem for file in crew._rested} <= {"dc_motor", "dc_motor_drive"}
     held = Path(f"/proc/{crew.pool.pids[0]}/maps")
     if held.exists():
         limit = time.monotonic() + 10
@@ -63,6 +66,22 @@ def test_an_fmu_that_has_changed_meanwhile_is_the_new_one(tmp_path):
     shutil.copy(describe("dc_motor_friction").path, fmu)
     second = estimator.estimate_parameters(EXAMPLE, fmu=fmu, workers=1)
     assert set(first.parameters) < set(second.parameters)
+
+
+@pytest.mark.parametrize(("is_bundled", "changes"), [(True, False), (True, True), (False, False)])
+def test_files_of_the_packages_own_fmus_stay_while_they_are_the_same(is_bundled, changes, tmp_path):
+    file = tmp_path / "motor.fmu"
+    shutil.copy(describe("dc_motor").path, file)
+    description = dataclasses.replace(describe("dc_motor"), path=file, is_bundled=is_bundled)
+    with kept_workers(1) as crew:
+        first = crew._extracted(description)
+        assert crew._extracted(description) == first
+    assert first.is_dir() == is_bundled
+    if changes:
+        os.utime(file, (1, 1))
+    with kept_workers(1) as again:
+        assert again is crew
+        assert (again._extracted(description) == first) == (is_bundled and not changes)
 
 
 @pytest.mark.skipif(os.name != "posix", reason="a process is killed by a signal")

@@ -11,7 +11,7 @@ import dataclasses
 import shutil
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +41,14 @@ TIME_LIMIT = 60.0  # s a candidate
 MEMORY_LIMIT = 1 << 30  # bytes a worker
 MOST_FAILURES = 100  # reasons that are kept
 KEPT_JOBS = 4  # as in worker.py: those of late, which may be asked for again
+
+
+class _Extracted(NamedTuple):
+    """An FMU's files: where, of which file (its time and size), and whether it is the package's own."""
+
+    folder: Path
+    stamp: tuple[int, int]
+    is_bundled: bool
 
 
 class Workers:
@@ -80,7 +88,8 @@ class Workers:
         self._asked: ProcessPool | Inside = self.pool  # who has the job that is loaded
         self._jobs = 0  # made ready
         self._kept: list[LoadedJob] = []  # the one that is loaded first
-        self._folders: dict[Path, Path] = {}
+        self._folders: dict[Path, _Extracted] = {}
+        self._rested: dict[Path, _Extracted] = {}  # of an earlier estimation: the same if its file is
         self._extractions = 0
 
     def load(self, job: Job, *, keep_counts: bool = False) -> None:
@@ -213,12 +222,15 @@ class Workers:
         return self._kept[0].job if self._kept else None
 
     def rest(self) -> None:
-        """Forget all jobs, and the FMUs with them, whose files may change; the processes stay."""
+        """Forget all jobs and FMUs, whose files may change, but those of the package's own; the processes stay."""
         self.pool.rest()
         for loaded in self._kept:
             loaded.close()
-        for folder in self._folders.values():
-            shutil.rmtree(folder, ignore_errors=True)
+        for file, extracted in self._folders.items():
+            if extracted.is_bundled:
+                self._rested[file] = extracted
+            else:
+                shutil.rmtree(extracted.folder, ignore_errors=True)
         self._kept, self._folders = [], {}
 
     def are_sound(self) -> bool:
@@ -286,10 +298,18 @@ class Workers:
         self.failures.append(Failure(reason, tuple(values.ravel().tolist()), step))
 
     def _extracted(self, description: FmuDescription) -> Path:
-        if description.path not in self._folders:
-            self._extractions += 1
-            folder = self._folder.path / f"fmu-{self._extractions}"
-            folder.mkdir()
-            extract(description.path, folder)
-            self._folders[description.path] = folder
-        return self._folders[description.path]
+        path = description.path
+        if path not in self._folders:
+            file = path.stat()
+            extracted = self._rested.pop(path, None)
+            if extracted is not None and extracted.stamp != (file.st_mtime_ns, file.st_size):
+                shutil.rmtree(extracted.folder, ignore_errors=True)
+                extracted = None
+            if extracted is None:
+                self._extractions += 1
+                folder = self._folder.path / f"fmu-{self._extractions}"
+                folder.mkdir()
+                extract(path, folder)
+                extracted = _Extracted(folder, (file.st_mtime_ns, file.st_size), description.is_bundled)
+            self._folders[path] = extracted
+        return self._folders[path].folder

@@ -32,11 +32,12 @@ def ramped(y: FloatArray, length: float, h: float) -> FloatArray:
     rows, part = divmod(length / h, 1.0)
     before = int(rows) + 1
     known = np.concatenate([np.repeat(y[:1], before), y])
-    whole = np.concatenate([[0.0], np.cumsum(0.5 * (known[1:] + known[:-1]))])
-    now = np.arange(before, len(known))
-    first = known[now - int(rows)]
-    cut = whole[now - int(rows)] - part * first + 0.5 * part**2 * (first - known[now - before])
-    return np.asarray((whole[now] - cut) * h / length)
+    whole = np.zeros(len(known))
+    np.cumsum(0.5 * (known[1:] + known[:-1]), out=whole[1:])
+    n, begins = len(y), slice(1, 1 + len(y))  # the row behind which the mean begins, or at which
+    first = known[begins]
+    cut = whole[begins] - part * first + 0.5 * part**2 * (first - known[:n])
+    return np.asarray((whole[before:] - cut) * h / length)
 
 
 @dataclass(frozen=True)
