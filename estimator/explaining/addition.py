@@ -114,6 +114,8 @@ class Addition:
         Its usual size, where it is of one number; 0: none is known.
     again : bool
         Another recording has the same: what a bench does to one it is likely to do to the next.
+    untold : bool
+        No such recording tells it, whatever rounding, or a voltage of nearly nothing, seems to show.
     """
 
     effect: Effect
@@ -129,6 +131,7 @@ class Addition:
     usual: float = 0.0
     unit: str = ""
     again: bool = False
+    untold: bool = False
 
     def penalty(self, samples: int) -> float:
         """Return its penalty in the criterion."""

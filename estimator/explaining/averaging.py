@@ -130,7 +130,7 @@ def averaged(
         # No more than all of it, which rounding makes it where parameters stand in for each other.
         off = off[:p] * np.sqrt(min(1.0, scores.whole / max(explained, 1e-300)))
         if a.usual > 0 and len(scores.along) == 1:
-            part = min(1.0, float(np.sqrt(a.penalty(samples) / max(power, 1e-300))))
+            part = 1.0 if a.untold else min(1.0, float(np.sqrt(a.penalty(samples) / max(power, 1e-300))))
             hidden.append(HiddenEffect(a, part * a.usual, part * off[:, 0]))
         if a.gain <= 0 or power <= (VISIBLE if a.has_known_size else TOLD_POWER * scores.whole):
             continue

@@ -47,6 +47,13 @@ FEW_EXCHANGES = 2  # of one that misses more than noise, at most: an effect that
 
 def settled(selection: Selection, explanation: Explanation) -> tuple[Explanation, list[Explanation]]:
     """Return the explanation, exchanged for a rival as long as one is more likely, and its rivals."""
+    explanation, rivals = _exchanged_for_rivals(selection, explanation)
+    sensible = _without_absurd(selection, explanation, rivals)
+    return (explanation, rivals) if sensible is None else _exchanged_for_rivals(selection, sensible)
+
+
+def _exchanged_for_rivals(selection: Selection, explanation: Explanation) -> tuple[Explanation, list[Explanation]]:
+    """Return the same, where what is absurd stays."""
     n = selection.tests.samples
     others: list[Explanation] | None = None
     fuller: list[Explanation] | None = None
@@ -67,12 +74,7 @@ def settled(selection: Selection, explanation: Explanation) -> tuple[Explanation
         explanation, others, fuller = best, None, None
     others = _others(selection, explanation) if others is None else others
     fuller = _fuller(selection, explanation, others) if fuller is None else fuller
-    rivals = _nearest(selection, explanation, [*others, *fuller])
-    sensible = _without_absurd(selection, explanation, rivals)
-    if sensible is None:
-        return explanation, rivals
-    others = _others(selection, sensible)
-    return sensible, _nearest(selection, sensible, [*others, *_fuller(selection, sensible, others)])
+    return explanation, _nearest(selection, explanation, [*others, *fuller])
 
 
 def _likelier(selection: Selection, explanation: Explanation, others: Sequence[Explanation]) -> Explanation | None:
@@ -124,6 +126,8 @@ def _without_absurd(
 ) -> Explanation | None:
     """Return an explanation without what no bench does, such as a delay before its input; None if none is near.
 
+    Nor does it tell a voltage that rises slowly where what is late may be so by filters and delays.
+
     Effects that stand for others come in company: a filter for a mean, a delay to make up for it, a friction for the
     rest. No single exchange leads back from there.
     """
@@ -132,7 +136,8 @@ def _without_absurd(
     absurd = {
         a.effect.name
         for a in explanation.additions
-        if not a.effect.doubt and a.name in fit.simulator.index and a.effect.doubted(a.name, fit.value(a.name), plan)
+        if a.name in fit.simulator.index
+        and (a.effect.is_last or (not a.effect.doubt and a.effect.doubted(a.name, fit.value(a.name), plan)))
     }
     if not absurd:
         return None

@@ -6,7 +6,8 @@ noise. An encoder that loses counts does the same. By the angle with its slips a
 
 Stretches of a few turns at a steady speed have each the wave of each order. A slip turns the waves of all stretches
 behind it by the order times its angle: where that makes the sum of all strong orders large enough, it is there. Of an
-angle that does not slip the gain is the largest of chi-squares of so many places and angles.
+angle that does not slip the gain is the largest of chi-squares of so many places and angles. What is near an order and
+none, such as a fixed frequency or an order that the sampling folds, drifts in phase while the speed does: it tells none.
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ ORDERS = 6  # of an output, at most
 ALIKE = 0.75  # of an order: lines that the sampling folds so near to each other are one, the lowest of them
 ANGLES = 180  # of a turn that are tried
 MOST_SLIPS = 12  # of a recording
+COHERENT = 0.5  # of a line's power is in the sum of its waves behind the slips: else its phase drifts, of no order
 LEAST_GAIN = 50.0  # of -2 log L: chi-square of two numbers, at 1 000 places and 180 angles, is above it once in 4e5
 
 
@@ -66,7 +68,7 @@ def angle_slips(theta: FloatArray, measured: FloatArray, outputs: Sequence[str],
             if y != "angle" and np.isfinite(measured[clock.rows, j]).any()
             for line in _strong_lines(own, filled(measured[clock.rows, j]), stretches)
         ]
-        for k, slip in _of_lines(lines, len(stretches)):
+        for k, slip in _of_coherent_lines(lines, len(stretches)):
             slips[clock.rows.start + stretches[k][0] : clock.rows.stop] += slip
     return slips
 
@@ -115,6 +117,21 @@ def _strong_lines(theta: FloatArray, y: FloatArray, stretches: Sequence[tuple[in
     lowest = [k for k in range(len(strong)) if not np.any(np.abs(shown[:k] - shown[k]) < ALIKE * turn)]
     strongest = sorted(strong[lowest].tolist(), key=lambda k: -strength[k])[:ORDERS]
     return [_Line(k + 1, waves[:, k], 2.0 / power) for k in strongest]
+
+
+def _of_coherent_lines(lines: Sequence[_Line], many: int) -> list[tuple[int, float]]:
+    """Return the slips by those lines that are one wave each behind them, as `_of_lines`."""
+    lines = list(lines)
+    while slips := _of_lines(lines, many):
+        turned = np.zeros(many)
+        for k, slip in slips:
+            turned[k:] += slip
+        parts = [abs(np.sum(own.waves * np.exp(-1j * own.order * turned))) / np.sum(np.abs(own.waves)) for own in lines]
+        least = int(np.argmin(parts))
+        if parts[least] ** 2 >= COHERENT:
+            break
+        del lines[least]
+    return slips
 
 
 def _of_lines(lines: Sequence[_Line], many: int) -> list[tuple[int, float]]:

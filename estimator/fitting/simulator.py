@@ -274,26 +274,19 @@ class Simulator:
     def _shown(self, candidates: FloatArray, refine: int, between: int) -> FloatArray:
         """Return the same; `between` rows are simulated for one, for what filters show."""
         unique, which = distinct(candidates[:, self._stepped])
-        columns = self._acting(candidates)
-        acting = [(self._acts[k], np.flatnonzero(columns[:, k])) for k in np.flatnonzero(columns.any(axis=0))]
-        phases = self._signals(unique, refine, between, kept=len(unique) == 1 and len(acting) > 0)
+        acting = self._acting(candidates)
+        phases = self._signals(unique, refine, between, kept=len(unique) == 1 and bool(acting.any()))
         if len(unique) < len(candidates):
             phases = phases[:, which]
-        shown = phases[0].copy() if acting else phases[0]
-        for nuisance, where in sorted(acting, key=lambda a: not a[0].between):  # filters before what a logger does
-            own = [self.outputs.index(nuisance.output)] if nuisance.output else range(len(self.outputs))
-            column = candidates[:, self.index[nuisance.name]]
-            rows = phases[::-1].transpose(1, 2, 0, 3) if nuisance.between and between > 1 else shown[:, :, None, :]
-            for c, j in itertools.product(where, own):
-                for clock in self.clocks:
-                    assert nuisance.act is not None
-                    signal = rows[c, clock.rows, :, j]
-                    value, step = float(column[c]), clock.step / signal.shape[1]
-                    if nuisance.sections is not None:
-                        behind(nuisance.sections(value, step), signal, shown[c, clock.rows, j])
-                        continue
-                    finer = nuisance.act(signal.ravel(), value, step)
-                    shown[c, clock.rows, j] = finer[signal.shape[1] - 1 :: signal.shape[1]]
+        if not acting.any():
+            return np.asarray(phases[0])
+        shown, fine = phases[0].copy(), phases[::-1].transpose(1, 2, 0, 3)
+        for c, (candidate, acts) in enumerate(zip(candidates, acting, strict=True)):
+            for j, output in enumerate(self.outputs):
+                own = [(n, float(candidate[self.index[n.name]])) for n in itertools.compress(self._acts, acts)
+                       if n.output in ("", output)]  # fmt: skip
+                for clock in self.clocks if own else ():
+                    _show_through(own, fine[c, clock.rows, :, j], shown[c, clock.rows, j], clock.step)
         return np.asarray(shown)
 
     def _signals(self, unique: FloatArray, refine: int, between: int, *, kept: bool) -> FloatArray:
@@ -373,6 +366,32 @@ class Simulator:
     def inputs(self, name: str) -> FloatArray:
         """Return an input over all rows, (rows,); zero where no recording has it."""
         return np.concatenate([o.inputs.get(name, np.zeros(len(o.recording.time))) for o in self.observed])
+
+
+def _show_through(acts: Sequence[tuple[Nuisance, float]], fine: FloatArray, shown: FloatArray, interval: float) -> None:
+    """Show a signal through what acts on it at its values, one after the other: filters before what a logger does.
+
+    Parameters
+    ----------
+    fine : (rows, between) array
+        The signal between the samples too, the last of each row at its sample.
+    shown : (rows,) array
+        The signal at its samples; takes what is shown.
+    """
+    filters = [(n, value) for n, value in acts if n.between]
+    step = interval / fine.shape[1]
+    for k, (nuisance, value) in enumerate(filters, start=1):
+        assert nuisance.act is not None
+        if k == len(filters) and nuisance.sections is not None:
+            behind(nuisance.sections(value, step), fine, shown)
+            continue
+        fine = nuisance.act(fine.ravel(), value, step).reshape(fine.shape)
+        if k == len(filters):
+            shown[:] = fine[:, -1]
+    for nuisance, value in acts:
+        if not nuisance.between:
+            assert nuisance.act is not None
+            shown[:] = nuisance.act(shown.copy(), value, interval)
 
 
 def per_recording(plan: Plan, kind: str) -> Sequence[str]:

@@ -190,15 +190,21 @@ class _Choice:
         self.q = self.stacked.shape[1]
 
     def again(self) -> NoiseModel:
-        """Estimate the parameters of the present components again; all afresh where they overflow."""
-        noise = grown_as(self.first, self.told, self.stands)
+        """Estimate the parameters of the present components again; all afresh where they overflow.
+
+        So it is where counts alone would have to be larger than they are: something is beside them now.
+        """
+        noise = self._grown(self.first)
         active = [("differenced" if noise.differenced[j] > 0 else "white", j) for j in range(self.q)]
         beside = noise.white > BESIDE_COUNTS * noise.differenced
         active += [("white", j) for j in range(self.q) if noise.differenced[j] > 0 and beside[j]]
         active += [("slow", j) for j in range(self.q) if noise.slow[j, 0] > 0]
         active += [("torque", 0)] if noise.torque[0] > 0 else []
         found, misfit = self.likelihood.largest(noise, active, iterations=6)
-        return self._with_short(found) if np.isfinite(misfit) else self.best()
+        alone = (noise.differenced > 0) & (noise.differenced <= self.counts) & ~beside
+        if not np.isfinite(misfit) or np.any(alone & (found.differenced > COUNTS_ALONE * self.counts)):
+            return self.best()
+        return self._with_short(found)
 
     def best(self) -> NoiseModel:
         """Add components as long as -2 log L falls enough, then the short autoregression."""
@@ -216,7 +222,7 @@ class _Choice:
         )
         active = [("differenced" if differenced[j] else "white", j) for j in range(self.q)]
         noise, value = self.likelihood.largest(noise, active)
-        grows = grown_as(noise, self.told, self.stands)
+        grows = self._grown(noise)
         if grows.grows:
             noise, value = self.likelihood.largest(grows, active)
         for _ in range((COMPONENTS if self.colour else 0) + int(differenced.sum())):
@@ -231,6 +237,15 @@ class _Choice:
                 break
             noise, value, active = found, reached, more
         return self._with_short(noise)
+
+    def _grown(self, noise: NoiseModel) -> NoiseModel:
+        """Return a noise that grows as is told, and is as large as before in the rows that it is estimated from."""
+        grown = grown_as(noise, self.told, self.stands)
+        level, moving, present = self.whitener.level, self.whitener.moving, self.whitener.present
+        before, now = (np.sum(n.scale(level, moving) ** 2, axis=0, where=present) for n in (noise, grown))
+        times = np.where(now > 0, np.sqrt(before / np.where(now > 0, now, 1.0)), 1.0)
+        slow = np.column_stack([noise.slow[:, 0] * times, noise.slow[:, 1]])
+        return dataclasses.replace(grown, white=noise.white * times, differenced=noise.differenced * times, slow=slow)
 
     def _options(self, noise: NoiseModel, active: Sequence[Component]) -> list[tuple[NoiseModel, Component]]:
         """Return starts with one more component, where the whitened residuals are not white.

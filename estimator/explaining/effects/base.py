@@ -49,6 +49,8 @@ class Effect:
         Its columns follow from the signals as they are explained so strongly that both are found by turns.
     lateness : float
         Mean delay of a signal for a unit of its number, s; 0: it has none, or not in proportion.
+    is_last : bool
+        Delays, filters and the model do nearly what it does: it is told only where no explanation without it is near.
     sentence : str
         Reports it: a format of its name, the channel that this ends with, its value, and that in ms and percent.
     """
@@ -61,6 +63,7 @@ class Effect:
     is_line: bool = False
     follows: bool = False
     lateness: float = 0.0
+    is_last: bool = False
     sentence: str = "{name} is estimated"
 
     def nuisances(self, plan: Plan) -> Sequence[Nuisance]:

@@ -52,6 +52,7 @@ class VoltageRise(Effect):
 
     name: str = NAME
     prior: float = SELDOM
+    is_last: bool = True
     doubt: str = "the motor's voltage is not the one in the recording: measure it at the motor"
 
     def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
