@@ -136,9 +136,13 @@ def test_with_noise_a_hundred_seeds_lie_within_three_standard_errors(noisy_estim
 @pytest.mark.full
 @BOTH
 def test_standard_errors_are_right_to_twenty_percent(case_of, motor):
-    # The root mean square of 300 normal deviates is within 20 % of 1 but for a chance of 1e-6 (chi-square, 300).
+    """Those of B hold a torque that wanders unseen, too, which these recordings have not: up to a third more.
+
+    The root mean square of 300 normal deviates is within 20 % of 1 but for a chance of 1e-6 (chi-square, 300).
+    """
     z = np.array([in_standard_errors(e, motor) for e in estimates(case_of, noisy(motor, 300))])
-    assert np.all(np.abs(np.sqrt(np.mean(z**2, axis=0)) - 1) < 0.2)
+    sizes = dict(zip(NAMES, np.sqrt(np.mean(z**2, axis=0)).tolist(), strict=True))
+    assert all((0.67 if name == "B" else 0.8) < size < 1.2 for name, size in sizes.items()), sizes
 
 
 # The paper's methods

@@ -39,4 +39,5 @@ def test_a_filter_that_no_effect_names_is_doubted_where_its_stand_in_shows(monke
     shown = recording("reversal", **{channel: lambda y: butterworth(y, tau)})
     result = estimate_recordings([CASE], [[shown]], workers=1)[0]
     assert result.verdict == "doubtful" and worst(result) < 4.5
-    assert any(f"{channel} answers to changes" in reason for reason in result.reasons), result.reasons
+    told = (f"{channel} answers to changes", "come 1.24 ms before the input")  # a delay that no clock makes
+    assert any(words in reason for reason in result.reasons for words in told), result.reasons
