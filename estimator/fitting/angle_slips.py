@@ -7,7 +7,7 @@ noise. An encoder that loses counts does the same. By the angle with its slips a
 Stretches of a few turns at a steady speed have each the wave of each order. A slip turns the waves of all stretches
 behind it by the order times its angle: where that makes the sum of all strong orders large enough, it is there. Of an
 angle that does not slip the gain is the largest of chi-squares of so many places and angles. What is near an order and
-none, such as a fixed frequency or an order that the sampling folds, drifts in phase while the speed does: it tells none.
+none, such as a fixed frequency or an order that the sampling folds, drifts in phase as the speed drifts: it tells none.
 """
 
 from __future__ import annotations
