@@ -76,7 +76,7 @@ def test_the_spread_is_what_the_standard_errors_say(tmp_path, count, narrowest, 
     for s in spreads(result.rows):
         assert s.motors == 1
         # χ² with `count` - 1 degrees of freedom: outside with a probability of 1.5e-5 a parameter. The bar of B holds
-        # besides what a single step leaves open, a dry part of the friction, which no noise shows; so do R's, J's, less.
+        # besides what a single step leaves open, a dry part of the friction, which no noise shows; R's and J's, less.
         least = narrowest * {"B": 0.06, "R": 0.5, "J": 0.7}.get(s.name, 1.0)
         assert least < s.repeats / s.standard_error < widest, s.name
 
