@@ -130,7 +130,7 @@ def test_a_file_that_is_no_journal_is_left_alone(tmp_path):
 @pytest.mark.full
 def test_the_command_killed_with_sigkill_goes_on(tmp_path):
     (tmp_path / "a.case.toml").write_text(
-        f'[search]\nmethod = "paper"\nnests = 400\niterations = 400\n[[recording]]\nfile = "{EXAMPLE}"\n'
+        f'[search]\nmethod = "paper"\nnests = 400\niterations = 1600\n[[recording]]\nfile = "{EXAMPLE}"\n'
     )
     command = [sys.executable, "-m", "estimator", "estimate", "a.case.toml", "--json", "--quiet"]
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
