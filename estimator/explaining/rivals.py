@@ -49,15 +49,17 @@ def settled(selection: Selection, explanation: Explanation) -> tuple[Explanation
     """Return the explanation, exchanged for a rival as long as one is more likely, and its rivals."""
     explanation, rivals = _exchanged_for_rivals(selection, explanation)
     sensible = _without_absurd(selection, explanation, rivals)
-    return (explanation, rivals) if sensible is None else _exchanged_for_rivals(selection, sensible)
+    return (explanation, rivals) if sensible is None else _exchanged_for_rivals(selection, sensible, most=1)
 
 
-def _exchanged_for_rivals(selection: Selection, explanation: Explanation) -> tuple[Explanation, list[Explanation]]:
-    """Return the same, where what is absurd stays."""
+def _exchanged_for_rivals(
+    selection: Selection, explanation: Explanation, *, most: int = EXCHANGES
+) -> tuple[Explanation, list[Explanation]]:
+    """Return the same by so many exchanges at most, where what is absurd stays."""
     n = selection.tests.samples
     others: list[Explanation] | None = None
     fuller: list[Explanation] | None = None
-    for k in range(EXCHANGES):
+    for k in range(most):
         if k >= FEW_EXCHANGES and explanation.excess(n) > MISSED:
             break
         others, fuller = _others(selection, explanation), None
