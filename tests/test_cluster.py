@@ -5,16 +5,22 @@ import re
 import signal
 import subprocess
 import sys
+import threading
 import time
 from importlib.util import find_spec
+from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from interrupts import takes_interrupts
 from test_batch import ROOT, TABLES, line_of, tables_of
 
+from estimator.batches import cluster as cluster_module
 from estimator.batches.batch import gather, run_batch
+from estimator.batches.case_worker import Task
 from estimator.batches.cluster import run_there
 from estimator.batches.worker_pool import run_here
+from estimator.cases.case import Case
 from estimator.cli import main
 from estimator.errors import InputError
 
@@ -229,3 +235,30 @@ def test_without_dask_the_extra_is_named(monkeypatch):
         InputError, match=r"^--dask needs Dask; install it with: pip install 'fmu-estimator\[cluster\]'$"
     ):
         run_there("tcp://127.0.0.1:9")
+
+
+def test_a_thread_of_a_worker_keeps_what_runs_its_cases_and_its_files_lie_in_the_workers_folder(tmp_path, monkeypatch):
+    """It started the processes of a case anew for every case, and left its files where a worker was killed."""
+    distributed = pytest.importorskip("distributed")
+    made = []
+
+    class Fake:
+        def __init__(self):
+            made.append(self)
+
+        def run(self, task):
+            return task.case.recordings
+
+        def close(self):
+            pass
+
+    monkeypatch.setattr(cluster_module, "CaseWorker", Fake)
+    monkeypatch.setattr(cluster_module, "_local", threading.local())
+    monkeypatch.setattr(cluster_module, "_here", None)
+    monkeypatch.setattr(cluster_module.atexit, "register", lambda close: None)
+    monkeypatch.setattr(distributed, "get_worker", lambda: SimpleNamespace(local_directory=str(tmp_path)))
+    task = Task("a", Case(recordings=(Path("digest/run.csv"),)))
+    for _ in range(2):
+        (there,) = cluster_module._run(task, ["digest/run.csv"], b"t,v")
+        assert there.is_relative_to(tmp_path) and there.read_bytes() == b"t,v"
+    assert len(made) == 1

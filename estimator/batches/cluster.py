@@ -12,7 +12,6 @@ import contextlib
 import hashlib
 import logging
 import os
-import shutil
 import tempfile
 import threading
 import warnings
@@ -210,7 +209,7 @@ def _run(task: Task, names: list[str], *contents: bytes) -> Outcome:
         fmu=str(folder / case.fmu) if case.fmu in given else case.fmu,
         recordings=tuple(folder / path if path.as_posix() in given else path for path in case.recordings),
     )
-    if not hasattr(_local, "bench"):
+    if not hasattr(_local, "case_worker"):
         _local.case_worker = CaseWorker()
         atexit.register(_local.case_worker.close)
     outcome: Outcome = _local.case_worker.run(replace(task, case=here))
@@ -218,9 +217,11 @@ def _run(task: Task, names: list[str], *contents: bytes) -> Outcome:
 
 
 def _folder() -> Path:
+    """Return a folder of this process in the Dask worker's own, which goes with it, also where it is killed."""
+    from distributed import get_worker
+
     global _here
     with _lock:
         if _here is None:
-            _here = Path(tempfile.mkdtemp(prefix="fmu-estimator-cluster-"))
-            atexit.register(shutil.rmtree, _here, ignore_errors=True)
+            _here = Path(tempfile.mkdtemp(prefix="fmu-estimator-", dir=get_worker().local_directory))
         return _here

@@ -6,7 +6,10 @@ Restricted: it allows for the degrees of freedom of the fitted parameters (Patte
 from __future__ import annotations
 
 import dataclasses
+import os
 from collections.abc import Sequence
+from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +17,9 @@ from numpy.typing import NDArray
 from estimator.noise.noise_model import NoiseModel
 from estimator.noise.quasi_newton import minimise
 from estimator.noise.whitener import Whitener
+
+if TYPE_CHECKING:
+    from concurrent.futures import ThreadPoolExecutor
 
 FloatArray = NDArray[np.float64]
 Component = tuple[str, int]  # "white", "differenced", "slow" or "torque", and the channel
@@ -24,6 +30,16 @@ SHORTEST_TORQUE = 0.02  # s, correlation time of a wandering torque: shorter one
 USUAL_TORQUE, TORQUE_SPREAD = 0.3, 1.0
 THREADS, LARGE = 2, 50_000  # noise models at once; numbers in all columns, of which threads gain more than they cost
 LONGEST_SLOW = 0.25  # of the longest recording: a channel's longer correlation time is a drift, no noise
+
+
+@lru_cache(maxsize=1)
+def _threads() -> ThreadPoolExecutor:
+    """Return threads that stay from one likelihood to the next; a process that is forked starts its own."""
+    from concurrent.futures import ThreadPoolExecutor  # loaded where it pays
+
+    if hasattr(os, "register_at_fork"):
+        os.register_at_fork(after_in_child=_threads.cache_clear)
+    return ThreadPoolExecutor(THREADS)
 
 
 class RestrictedLikelihood:
@@ -51,10 +67,7 @@ class RestrictedLikelihood:
     def misfits(self, noises: Sequence[NoiseModel]) -> FloatArray:
         """Return the same of several noise models, (k,)."""
         if len(noises) > 1 and self.stacked.size >= LARGE:
-            from concurrent.futures import ThreadPoolExecutor  # loaded where it pays
-
-            with ThreadPoolExecutor(THREADS) as threads:  # whitening gives up the interpreter's lock
-                found = list(threads.map(self._products, noises))
+            found = list(_threads().map(self._products, noises))  # whitening gives up the interpreter's lock
         else:
             found = [self._products(noise) for noise in noises]
         with np.errstate(over="ignore", invalid="ignore"):  # as those of a recording without noise may be
