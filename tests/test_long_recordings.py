@@ -4,12 +4,15 @@ import dataclasses
 import os
 import tracemalloc
 
+import effect_bench as bench
 import numpy as np
 import pytest
 from effect_bench import NOISE, TRUE
 
 from estimator.cases.case import Case, OutputSpec
 from estimator.estimating.estimate import estimate_recordings
+from estimator.explaining import addition_tests
+from estimator.explaining.addition_tests import AdditionTests
 from estimator.explaining.effects.average import Average
 from estimator.explaining.effects.delay import Delay
 from estimator.explaining.effects.low_pass import LowPass
@@ -326,3 +329,26 @@ def test_jobs_of_the_same_numbers_share_them_and_one_that_rests_gives_up_its_tra
         crew._kept.remove(a)
         assert np.array_equal(second._simulated(1.01 * candidate, 1), other._simulated(1.01 * candidate, 1))
         assert np.array_equal(first._simulated(candidate, 1), before)  # made ready anew
+
+
+def test_what_one_recording_has_keeps_its_columns_in_the_other(monkeypatch):
+    """Those of what is not likely are given up in long recordings, before it was known to be likelier: an error."""
+    tested = []
+
+    def additions(self, explanation, effects, **kwargs):
+        found = test_all(self, explanation, effects, **kwargs)
+        for a in (a for a in found if a.again and a.linear is not None):
+            alone = dataclasses.replace(a, again=False)
+            tested.append((a.penalty(self.samples) < a.gain <= alone.penalty(self.samples), len(a.linear.columns)))
+        return found
+
+    test_all = AdditionTests.additions
+    monkeypatch.setattr(AdditionTests, "additions", additions)
+    monkeypatch.setattr(addition_tests, "LONG", 0)
+    both = [
+        bench.recording("two levels", seed=3, name=name, i=lambda y, off=off: y + off)
+        for name, off in (("a", 0.02), ("b", 0.0035))
+    ]
+    result = estimate_recordings([CASE], [both], workers=1)[0]
+    assert {"offset i a", "offset i b"} <= set(result.parameters) | set(result.chain), result.chain
+    assert (True, len(both[0].time) + len(both[1].time)) in tested

@@ -160,7 +160,8 @@ class AdditionTests:
                 scores=scores, across=across[:] if kept and across is not None else None,
                 tried=tried, usual=group.size if numbers == 1 else 0.0, unit=group.units[0],
             )  # fmt: skip
-            if fit.simulator.rows > LONG and beside is None and gain <= addition.penalty(self.samples):
+            least = dataclasses.replace(addition, again=bool(self._recordings)).penalty(self.samples)
+            if fit.simulator.rows > LONG and beside is None and gain <= least:
                 none = np.zeros((0, *group.columns.shape[1:]))  # it is not fitted
                 few = dataclasses.replace(group, columns=none, transient=None, beyond=None, uncertain=None)
                 addition = dataclasses.replace(addition, linear=few)
