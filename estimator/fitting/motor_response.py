@@ -218,6 +218,20 @@ def as_late(fit: Fit, signal: FloatArray) -> FloatArray:
     return result
 
 
+def held_for_wave(fit: Fit, clock: Clock, frequency: float) -> NDArray[np.complex128]:
+    """Return what voltage and torque, V and N.m, do in a row, held, what exp(2 pi i frequency t) V does from its start.
+
+    The frequency, Hz, may be any: one above half of the sampling rate, too.
+    """
+    values = motor_values(fit)
+    assert values is not None
+    a, b, _, _ = matrices(values)
+    f, g, _ = _discrete(fit, clock)
+    turning = 2j * np.pi * frequency
+    added = np.linalg.solve(turning * np.eye(2) - a, (np.exp(turning * clock.step) * np.eye(2) - f) @ b[:, 0])
+    return np.asarray(np.linalg.solve(g.astype(complex), added))
+
+
 def _discrete(fit: Fit, clock: Clock) -> tuple[FloatArray, FloatArray, list[float]]:
     """Return F (2, 2), G (2, 2) of x[k+1] = F x[k] + G [v, torque], and det(I - F z^-1) without its 1."""
     values = motor_values(fit)

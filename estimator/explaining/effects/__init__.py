@@ -39,6 +39,7 @@ from estimator.explaining.effects.one_way import OneWay
 from estimator.explaining.effects.ripple import Ripple
 from estimator.explaining.effects.ripple_of_few_turns import Commutation, Eccentricity
 from estimator.explaining.effects.runs_differ import RunsDiffer
+from estimator.explaining.effects.slow_pwm import SlowPwm
 from estimator.explaining.effects.starting_motion import StartingMotion
 from estimator.explaining.effects.supply_ripple import SupplyRipple
 from estimator.explaining.effects.switching_ripple import SwitchingRipple
@@ -61,6 +62,7 @@ EFFECTS: tuple[Effect, ...] = (
     SensorCurve(),
     Ripple(),
     SwitchingRipple(),
+    SlowPwm(),
     Hum(),
     SupplyRipple(),
     Eccentricity(),

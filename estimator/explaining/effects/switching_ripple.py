@@ -46,7 +46,7 @@ class SwitchingRipple(Effect):
         if "i" not in s.outputs or "v" not in s.observed[0].inputs:
             return ()
         j = s.outputs.index("i")
-        windows, stretches = find_windows(fit), _stretches(fit)
+        windows, stretches = find_windows(fit), stretches_of_voltage(fit)
         later = windows.settled.copy()
         for rows, _ in stretches:
             if np.sum(later[rows]) < max(STRETCH_ROWS, len(rows) // 2):
@@ -57,7 +57,7 @@ class SwitchingRipple(Effect):
         if len(taken) >= MOST_SWITCHING_LINES or not parts:
             return ()
         seen = [later[rows] & fit.whitener.present[rows, j] for rows, _ in stretches]
-        lines = _strongest(parts, s.clocks[0].step, taken, max(map(interval_shown, seen)))
+        lines = strongest_lines(parts, s.clocks[0].step, taken, max(map(interval_shown, seen)))
         if not taken and lines and _is_the_shafts(lines[0], fit, stretches):
             return ()
         unit = s.plan.unit("i")
@@ -98,7 +98,7 @@ def _is_the_shafts(f: float, fit: Fit, stretches: Sequence[tuple[NDArray[np.int6
     return any(abs(f - k * x) < WANDERS * k * x for x in turning for k in orders)
 
 
-def _strongest(
+def strongest_lines(
     parts: Sequence[tuple[FloatArray, FloatArray]], step: float, taken: Sequence[float], every: int
 ) -> list[float]:
     """Return the frequency, Hz, of the line that stands out most, and that of the strongest harmonic of the first.
@@ -155,7 +155,7 @@ def sharpened(f: float, width: float, parts: Sequence[tuple[FloatArray, FloatArr
     return f
 
 
-def _stretches(fit: Fit) -> list[tuple[NDArray[np.int64], FloatArray]]:
+def stretches_of_voltage(fit: Fit) -> list[tuple[NDArray[np.int64], FloatArray]]:
     """Return rows at which a voltage is held, and their times, s, the longest ones; none where a clock wanders."""
     s = fit.simulator
     found = []

@@ -1,0 +1,46 @@
+"""A motor that follows the pulses of its drive: the parameters right beside them, and pulses found where they are only."""
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+from estimator import estimate_parameters, recording_from_arrays
+
+MOTOR = {"R": 1.6, "K": 0.04, "L": 2.4e-3, "J": 2.5e-5, "B": 4e-5}
+STEP, FINE, SUPPLY = 1e-3, 50, 12.0  # s; parts of it; V
+LEVELS = np.repeat([0.0, 5.2, 8.9], [100, 500, 500])
+
+
+def recorded(frequency, seed, *, phase=0.3):
+    """Return a bench's recording of a command of two levels, switched between nothing and the supply, by exact steps."""
+    r, k, inductance, j, b = MOTOR.values()
+    whole = np.zeros((3, 3))
+    whole[:2] = [[-r / inductance, -k / inductance, 1 / inductance], [k / j, -b / j, 0]]
+    after = expm(whole * STEP / FINE)[:2]
+    time = np.arange(len(LEVELS) * FINE) * STEP / FINE
+    duty = np.repeat(LEVELS, FINE) / SUPPLY
+    voltage = np.where((time * frequency + phase) % 1.0 < duty, SUPPLY, 0.0) if frequency else duty * SUPPLY
+    x, shown = np.zeros(2), np.empty((len(LEVELS), 2))
+    for row in range(len(LEVELS)):
+        shown[row] = x
+        for v in voltage[row * FINE : (row + 1) * FINE]:
+            x = after @ np.array([*x, v])
+    noise = np.random.default_rng(seed).standard_normal(shown.shape) * [0.01, 0.3]
+    columns = {
+        "voltage [V]": LEVELS,
+        "current [A]": shown[:, 0] + noise[:, 0],
+        "speed [rad/s]": shown[:, 1] + noise[:, 1],
+    }
+    return recording_from_arrays("b", np.arange(len(LEVELS)) * STEP, columns)
+
+
+@pytest.mark.parametrize(("frequency", "seed"), [(61.7, 0), pytest.param(237.3, 1, marks=pytest.mark.full)])
+def test_pulses_are_found_and_the_motor_is_right(frequency, seed):
+    """The lines in the current alone left those of the speed and of every transient: the resistance was lost."""
+    result = estimate_parameters(recorded(frequency, seed), workers=1)
+    assert "slow PWM" in result.effects, (result.effects, result.reasons)
+    (told,) = (note for note in result.notes if "follows the drive's switching" in note)
+    assert float(told.split(" at ")[1].split()[0]) == pytest.approx(frequency, rel=1e-3)
+    for name, value in MOTOR.items():
+        found = result.parameters[name]
+        assert abs(found.value - value) < 4.5 * found.standard_error < 0.15 * value, (name, found)
