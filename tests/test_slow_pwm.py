@@ -1,4 +1,4 @@
-"""A motor that follows the pulses of its drive: the parameters right beside them, and pulses found where they are only."""
+"""A motor that follows the pulses of its drive: they are found, the parameters beside them right, and doubted."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ LEVELS = np.repeat([0.0, 5.2, 8.9], [100, 500, 500])
 
 
 def recorded(frequency, seed, *, phase=0.3):
-    """Return a bench's recording of a command of two levels, switched between nothing and the supply, by exact steps."""
+    """Return a bench's recording of a command of two levels, switched between 0 V and the supply, by exact steps."""
     r, k, inductance, j, b = MOTOR.values()
     whole = np.zeros((3, 3))
     whole[:2] = [[-r / inductance, -k / inductance, 1 / inductance], [k / j, -b / j, 0]]
@@ -39,6 +39,7 @@ def test_pulses_are_found_and_the_motor_is_right(frequency, seed):
     """The lines in the current alone left those of the speed and of every transient: the resistance was lost."""
     result = estimate_parameters(recorded(frequency, seed), workers=1)
     assert "slow PWM" in result.effects, (result.effects, result.reasons)
+    assert result.verdict == "doubtful" and any("or switch faster" in reason for reason in result.reasons)
     (told,) = (note for note in result.notes if "follows the drive's switching" in note)
     assert float(told.split(" at ")[1].split()[0]) == pytest.approx(frequency, rel=1e-3)
     for name, value in MOTOR.items():

@@ -16,7 +16,6 @@ from estimator.explaining.averaging import averaged
 from estimator.explaining.between_runs import BetweenRuns, is_between_runs, of_fit
 from estimator.explaining.effects.base import Effect
 from estimator.explaining.effects.drive import Coasting
-from estimator.explaining.effects.slow_pwm import SlowPwm
 from estimator.explaining.effects.voltage_noise import VoltageNoise, without_noise
 from estimator.explaining.effects.voltage_offset import VoltageOffset
 from estimator.explaining.explanation import Explanation
@@ -44,7 +43,6 @@ FloatArray = NDArray[np.float64]
 
 REPORTED = SensorPlace("nuisance")  # of a nuisance parameter
 WIDE = 1e30  # bounds of a parameter that has none
-OF_PULSES = "a change of the command may as well wait for the next pulse of the drive: measure the motor's voltage"
 
 
 @dataclass(frozen=True)
@@ -167,7 +165,7 @@ def explain(
     begin = partial(selection_of, crew=crew, sigma=sigma, deviations=deviations, effects=effects)
     ways, selections, explanation = likelier_interpretation(plan, begin, starts, known)
     plan, selection = ways[0].plan, selections[0]
-    changed: list[Found] = []
+    changed = [Found("latency of each edge", "", t, "") for t in late]
     if (quiet := without_noise(explanation.fit, plan)) is not None:
         changed += [f for f in found_effects(explanation, plan) if f.name == VoltageNoise.name]
         rest = tuple(a for a in explanation.additions if a.name != VoltageNoise.name)
@@ -202,8 +200,6 @@ def explain(
     for own in opened:
         doubt = "" if has_offset else own.doubt(*_told_of(explanation.fit, "K"))
         changed.append(Found(Coasting.name, "", own.sentence, doubt))
-    pulsed = any(a.effect.name == SlowPwm.name for a in explanation.additions)
-    changed = [*(Found("latency of each edge", "", t, OF_PULSES if pulsed else "") for t in late), *changed]
     if len(ways) > 1:
         changed.append(Found(ways[0].effect, "", ways[0].told, ""))
     samples = selection.tests.samples

@@ -1,8 +1,9 @@
-"""A command that the drive switches so slowly that the motor follows: its pulses, in current and speed, in transients too.
+"""A command that the drive switches so slowly that the motor follows: its pulses, in transients and in the speed, too.
 
 What the file says of the voltage is its mean over a period. Of a linear model the rest adds its own response: a wave of
 the switching's frequency and of its multiples, in proportion to the voltage, as large as the duty makes it; those that
-are faster than the sampling, too. Where the instants of the switching are not those of the clock, its lines show in the
+are faster than the sampling, too. What is sharper still, within a row behind each change of the command, is not known, and
+is what the inductance is told by where it is small: such an estimate is doubtful. Where the instants of the switching are not those of the clock, its lines show in the
 current alone (switching_ripple.py).
 """
 
@@ -39,6 +40,7 @@ class SlowPwm(Effect):
 
     name: str = "slow PWM"
     prior: float = USUAL / 1000  # of a thousand frequencies one
+    doubt: str = "the motor's voltage is not the one in the recording: measure it at the motor, or switch faster"
     sharp: bool = True
     is_line: bool = True
     follows: bool = True
@@ -82,7 +84,7 @@ class SlowPwm(Effect):
 
 
 def _told_apart(fit: Fit, f: float, many: int) -> list[int]:
-    """Return the multiples of a frequency, the first so many, that the sampling folds neither to rest nor to another."""
+    """Return the multiples of a frequency, of the first so many, that are not folded to rest, nor to another."""
     clock = min(fit.simulator.clocks, key=lambda clock: len(clock.time))
     turns, cycle = f * clock.step, CYCLES / len(clock.time)
     found: dict[int, float] = {}
@@ -96,7 +98,7 @@ def _told_apart(fit: Fit, f: float, many: int) -> list[int]:
 def _levels(fit: Fit) -> list[FloatArray]:
     """Return the voltage where it has one of its levels and elsewhere 0, (rows,), of those that last longest."""
     s, v = fit.simulator, fit.simulator.inputs("v")
-    found = []
+    found: list[tuple[int, int, FloatArray]] = []
     for clock in s.clocks:
         own = np.round(v[clock.rows], 9)
         for level, rows in zip(*np.unique(own, return_counts=True), strict=True):
