@@ -2,9 +2,9 @@
 
 What the file says of the voltage is its mean over a period. Of a linear model the rest adds its own response: a wave of
 the switching's frequency and of its multiples, in proportion to the voltage, as large as the duty makes it; those that
-are faster than the sampling, too. What is sharper still, within a row behind each change of the command, is not known, and
-is what the inductance is told by where it is small: such an estimate is doubtful. Where the instants of the switching are not those of the clock, its lines show in the
-current alone (switching_ripple.py).
+are faster than the sampling, too. What is sharper still, behind each change of the command, is not known, and an
+inductance that is small is told by that: such an estimate is doubtful. Where the instants of the switching are not
+those of the clock, its lines show in the current alone (switching_ripple.py).
 """
 
 from __future__ import annotations
