@@ -11,8 +11,11 @@ STEP, FINE, SUPPLY = 1e-3, 50, 12.0  # s; parts of it; V
 LEVELS = np.repeat([0.0, 5.2, 8.9], [100, 500, 500])
 
 
-def recorded(frequency, seed, *, phase=0.3):
-    """Return a bench's recording of a command of two levels, switched between 0 V and the supply, by exact steps."""
+def recorded(frequency, seed, *, phase=0.3, line=0.0):
+    """Return a bench's recording of a command of two levels, switched between 0 V and the supply, by exact steps.
+
+    Its current has a line of 83.3 Hz, of so many A, while the voltage is on.
+    """
     r, k, inductance, j, b = MOTOR.values()
     whole = np.zeros((3, 3))
     whole[:2] = [[-r / inductance, -k / inductance, 1 / inductance], [k / j, -b / j, 0]]
@@ -26,9 +29,10 @@ def recorded(frequency, seed, *, phase=0.3):
         for v in voltage[row * FINE : (row + 1) * FINE]:
             x = after @ np.array([*x, v])
     noise = np.random.default_rng(seed).standard_normal(shown.shape) * [0.01, 0.3]
+    hum = line * np.cos(2 * np.pi * 83.3 * STEP * np.arange(len(LEVELS))) * (LEVELS > 0)
     columns = {
         "voltage [V]": LEVELS,
-        "current [A]": shown[:, 0] + noise[:, 0],
+        "current [A]": shown[:, 0] + hum + noise[:, 0],
         "speed [rad/s]": shown[:, 1] + noise[:, 1],
     }
     return recording_from_arrays("b", np.arange(len(LEVELS)) * STEP, columns)
@@ -45,3 +49,10 @@ def test_pulses_are_found_and_the_motor_is_right(frequency, seed):
     for name, value in MOTOR.items():
         found = result.parameters[name]
         assert abs(found.value - value) < 4.5 * found.standard_error < 0.15 * value, (name, found)
+
+
+def test_a_line_that_is_no_pulses_is_a_line():
+    """The shaft's first order, of some percent of the voltage, was told as a switching of five real motors."""
+    result = estimate_parameters(recorded(0.0, 2, line=0.1), workers=1)
+    assert "switching ripple" in result.effects and "slow PWM" not in result.effects, result.effects
+    assert result.verdict == "ok", result.reasons

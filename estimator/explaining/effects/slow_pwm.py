@@ -28,7 +28,7 @@ from estimator.plans.plan import Plan
 FloatArray = NDArray[np.float64]
 
 NAME = "ripple v of"
-MOST_PART = 2.2  # of the voltage: a short pulse's first wave is twice its mean
+LEAST_PART, MOST_PART = 0.1, 2.2  # of the voltage: the first wave of pulses that last 95 % of a period, or hardly any
 WAVES = 2, 6, 16  # multiples of the frequency, as sharp as the pulses are seen
 CYCLES = 2.0  # of a recording, by which what the sampling makes of a wave differs from rest and from another's
 LEVELS = 4  # voltages of a recording that have a duty, and waves, of their own; of all recordings, at most
@@ -58,12 +58,18 @@ class SlowPwm(Effect):
         if not parts or not _levels(fit):
             return ()
         lines = strongest_lines(parts, s.clocks[0].step, (), 1)
-        return [self._waves(fit, f, many) for f in lines for many in WAVES]
+        return [self._waves(fit, f, many) for f in lines if self._part(fit, f, j) > LEAST_PART for many in WAVES]
 
     def renewed(self, fit: Fit, group: Linear, coefficients: FloatArray) -> Linear | None:
         """Return the waves of the frequency that was found, as the motor follows them now."""
         f, many = group.name.split()[3:5]
         return dataclasses.replace(group, columns=self._waves(fit, float(f), int(many)).columns)
+
+    def _part(self, fit: Fit, f: float, j: int) -> float:
+        """Return which part of the voltage the first wave is, by an output, at the level where it is largest."""
+        columns, own = self._waves(fit, f, 1).columns[:, j], np.where(fit.whitener.present, fit.residuals(), 0.0)[:, j]
+        parts = [np.linalg.lstsq(columns[:, k : k + 2], own, rcond=None)[0] for k in range(0, columns.shape[1], 2)]
+        return max((float(np.hypot(*part)) for part in parts), default=0.0)
 
     def _waves(self, fit: Fit, f: float, many: int) -> Linear:
         told, levels = _told_apart(fit, f, many), _levels(fit)
