@@ -23,7 +23,6 @@ from estimator.stepping.shared_memory import MAX_WORKERS, NO_CLAIM
 
 BUSY_BEFORE_MORE = 0.3  # s of simulation before further workers are started
 TICK = 0.05  # s between two looks at the clock
-ALONE = 1e-3  # s that one process has for an order before others are given it: to wake one takes a third of that
 LOAD_LIMIT = 20.0  # s, at least, to start a process and load the FMU
 MOST_LOADS_DIED = 3  # processes one after the other that end while they load the FMU
 
@@ -117,16 +116,14 @@ class ProcessPool:
         """
         watch = _Watch()
         self._lost = {}
-        others = False  # whether more than one process is given it
         while True:
             for process in list(self._processes.values()):
-                if process.state == IDLE and is_left() and (others or not self._is_running()):
+                if process.state == IDLE and is_left():
                     process.state = RUNNING
                     process.send(order)
-            if not is_left() and not self._is_running():
+            if not is_left() and not any(p.state == RUNNING for p in self._processes.values()):
                 break
-            heard = self._hear(watch, timeout=TICK if others else ALONE)
-            others = others or heard is None
+            self._hear(watch)
         self._worked(watch)
         return self._lost
 
@@ -173,18 +170,15 @@ class ProcessPool:
             process.end(politely=process.state == IDLE)
         self._processes.clear()
 
-    def _is_running(self) -> bool:
-        return any(p.state == RUNNING for p in self._processes.values())
-
     def _worked(self, watch: _Watch) -> None:
         self._busy += watch.seconds
         self._start_more(0.0)
 
-    def _hear(self, watch: _Watch, *, timeout: float = TICK) -> tuple[Process, Answer | None] | None:
-        """Wait a moment, s, for an answer, heed and return it; None: there was none. Look at the clock now and then."""
+    def _hear(self, watch: _Watch) -> tuple[Process, Answer | None] | None:
+        """Wait a moment for an answer, heed and return it; None: there was none. Look at the clock now and then."""
         heard = None
         with contextlib.suppress(queue.Empty):
-            heard = self._messages.get(timeout=timeout)
+            heard = self._messages.get(timeout=TICK)
             self._heed(*heard)
         now = time.monotonic()
         if now - watch.looked >= TICK:
