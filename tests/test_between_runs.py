@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 from scipy.linalg import expm
-from scipy.stats import norm
+from scipy.stats import chi2, norm
 from scipy.stats import t as student
 
 from estimator import estimate_parameters, recording_from_arrays
@@ -162,3 +162,25 @@ def test_a_resistance_that_differs_from_run_to_run_is_found_through_the_fmu(spre
         assert r.repeatability == 0 and not told
     assert abs(r.value - np.mean(ohms)) < 3 * r.standard_error
     assert found.parameters["K"].repeatability == 0
+
+
+def test_errors_that_runs_share_are_no_variation_between_them():
+    """Of a gain of the input that all runs share, known to 10 %: Q as by the whole covariance."""
+    rng = np.random.default_rng(8)
+    jacobian = design(rng, 3)
+    shared = 30 * jacobian @ [1.0, 0.5, -0.4]  # 30 errors of what stands for it, in each run as much
+    shared = np.column_stack([shared, rng.standard_normal(len(shared))])
+    measured = jacobian @ [1.0, -2.0, 0.5] + shared @ [0.9, -0.5] + rng.standard_normal(3 * ROWS)
+    measured[:ROWS] += 0.4 * jacobian[:ROWS, 1]
+    whole = np.linalg.inv(np.linalg.cholesky(np.eye(len(shared)) + shared @ shared.T))
+    _, z = joint(whole @ jacobian, whole @ measured)
+    left = np.linalg.solve(whole, z)
+    found = between_runs(jacobian, left, slices(3), tested=[1], shared=shared)
+    own = np.zeros((3 * ROWS, 3))
+    for r, rows in enumerate(slices(3)):
+        own[rows, r] = jacobian[rows, 1]
+    fits = [whole @ np.column_stack([jacobian[:, [0, 2]], own]), whole @ jacobian]
+    one, alike = (np.sum(joint(columns, whole @ measured)[1] ** 2) for columns in fits)
+    (only,) = found.variations
+    assert only.told and only.parameter == 1
+    assert only.probability == pytest.approx(chi2.sf(alike - one, 2), rel=1e-6)

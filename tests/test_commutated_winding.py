@@ -116,3 +116,7 @@ def test_errors_that_samples_share_are_whitened_as_their_covariance_says():
     some, whole = whitener.of_rows(y[10:20, :, None], slice(10, 20)), np.zeros((n, q, 1))
     whole[10:20] = y[10:20, :, None]
     np.testing.assert_allclose(some[1][:, 0], whitener(whole)[0].ravel()[some[0].start * q :][: len(some[1])])
+    alone, known = whitener.by_noise_alone(white.reshape(n * q, 1))
+    size = np.where(present, [0.3, 2.0], np.inf)
+    np.testing.assert_allclose(alone.reshape(n, q), y / size, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(known.reshape(n, q, k), shared / size[:, :, None], rtol=1e-12)

@@ -86,7 +86,12 @@ class BetweenRuns:
 
 
 def between_runs(
-    jacobian: FloatArray, residuals: FloatArray, runs: Sequence[slice], *, tested: Sequence[int]
+    jacobian: FloatArray,
+    residuals: FloatArray,
+    runs: Sequence[slice],
+    *,
+    tested: Sequence[int],
+    shared: FloatArray | None = None,
 ) -> BetweenRuns:
     """Return what varies between the runs of a joint fit.
 
@@ -98,22 +103,27 @@ def between_runs(
         Whitened, measured less explained, at the joint optimum.
     runs : rows of each recording
     tested : columns of the parameters that may vary
+    shared : (m, k) array, optional
+        What errors of variance 1 that runs share add to the residuals, which the Jacobian is not whitened for.
     """
     n = jacobian.shape[1]
     if len(runs) < 2 or not len(tested):
         return BetweenRuns((), np.zeros((n, n)))
-    blocks = [np.linalg.qr(np.column_stack([jacobian[part], residuals[part]]), mode="r") for part in runs]
+    shared = np.zeros((len(jacobian), 0)) if shared is None else shared
+    many = n + shared.shape[1]
+    wide = np.column_stack([jacobian, shared, residuals])
+    blocks = [np.linalg.qr(wide[part], mode="r") for part in runs]
     edges = np.cumsum([0, *(len(b) for b in blocks)])
     rows = [slice(int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True)]
-    whole = np.concatenate(blocks)
-    matrix, z = whole[:, :n], whole[:, n]
+    whole = np.concatenate([*blocks, np.eye(many + 1)[n:many]])  # the shared errors' coefficients, known to be about 0
+    matrix, z = whole[:, :many], whole[:, many]
     varying: list[Variation] = []
     remaining = list(tested)
     while remaining:
         found = []
         for j in remaining:
             own = [_cut(matrix[:, v.parameter], rows) for v in varying]
-            others = [k for k in range(n) if k != j and k not in [v.parameter for v in varying]]
+            others = [k for k in range(many) if k != j and k not in [v.parameter for v in varying]]
             one = _variation(j, _cut(matrix[:, j], rows), np.column_stack([matrix[:, others], *own]), z)
             found += [one] if one is not None else []
         best = min(found, key=lambda f: (f[0].probability, -f[1]), default=None)
@@ -122,14 +132,14 @@ def between_runs(
         told = best[0].probability * len(tested) < FALSE_ALARM
         varying.append(dataclasses.replace(best[0], told=told))
         remaining.remove(best[0].parameter)
-    covariance = np.zeros((n, n))
+    covariance = np.zeros((many, many))
     if varying:
         inverse = information_parts(matrix)[0]
         for v in varying:
             for part in rows:
                 pull = inverse @ (matrix[part].T @ matrix[part, v.parameter])
                 covariance += (v.deviation * v.widened) ** 2 * np.outer(pull, pull)
-    return BetweenRuns(tuple(varying), covariance)
+    return BetweenRuns(tuple(varying), covariance[:n, :n])
 
 
 def _cut(column: FloatArray, rows: Sequence[slice]) -> FloatArray:
@@ -192,9 +202,9 @@ def of_fit(fit: Fit, parameters: int) -> BetweenRuns:
     z = fit.z + fit.jacobian[:, own] @ fit.estimates[own]  # as if the runs were alike
     q = fit.shown.shape[1]
     runs = [slice(c.rows.start * q, c.rows.stop * q) for c in fit.simulator.clocks]
-    found = between_runs(
-        fit.jacobian[:, inside], z, runs, tested=[k for k, j in enumerate(inside.tolist()) if j < parameters]
-    )
+    white, shared = fit.whitener.by_noise_alone(np.column_stack([fit.jacobian[:, inside], z]))
+    tested = [k for k, j in enumerate(inside.tolist()) if j < parameters]
+    found = between_runs(white[:, :-1], white[:, -1], runs, tested=tested, shared=shared)
     covariance = np.zeros((len(fit.at_bound), len(fit.at_bound)))
     covariance[np.ix_(inside, inside)] = found.covariance
     variations = tuple(dataclasses.replace(v, parameter=int(inside[v.parameter])) for v in found.variations)

@@ -84,6 +84,18 @@ class Whitener:
         root = np.sqrt(1 + np.maximum(sizes, 0.0))
         return f, (axes / (root * (1 + root))) @ axes.T, float(2 * np.sum(np.log(root)))
 
+    def by_noise_alone(self, white: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return whitened columns, (rows q, c), as if no errors were shared, and these as columns, (rows q, k).
+
+        Those have coefficients of variance 1. So each row is of its own sample alone, and may be told from others.
+        """
+        if self._shared is None:
+            return white, np.zeros((len(white), 0))
+        f = self._shared[0]
+        sizes, axes = np.linalg.eigh(f.T @ f)
+        longer = (axes / (1 + np.sqrt(1 + np.maximum(sizes, 0.0)))) @ axes.T  # N of (I + F F')^1/2 = I + F N F'
+        return white + f @ (longer @ (f.T @ white)), f
+
     def _by_noise(self, columns: FloatArray) -> tuple[FloatArray, float]:
         """Return the same without shared errors."""
         if not self.remembers:

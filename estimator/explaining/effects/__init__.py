@@ -41,6 +41,7 @@ from estimator.explaining.effects.ripple_of_few_turns import Commutation, Eccent
 from estimator.explaining.effects.runs_differ import RunsDiffer
 from estimator.explaining.effects.slow_pwm import SlowPwm
 from estimator.explaining.effects.starting_motion import StartingMotion
+from estimator.explaining.effects.supply_drift import SupplyDrift
 from estimator.explaining.effects.supply_ripple import SupplyRipple
 from estimator.explaining.effects.switching_ripple import SwitchingRipple
 from estimator.explaining.effects.voltage_noise import VoltageNoise
@@ -69,6 +70,7 @@ EFFECTS: tuple[Effect, ...] = (
     Commutation(),
     FrictionDrift(),
     WindingWarms(),
+    SupplyDrift(),
     FanLoad(),
     FieldWeakens(),
     Saturation(),
