@@ -1,5 +1,7 @@
 """Slips of an angle that is integrated from a recorded speed, as rows or counts are lost, told by the ripples alone."""
 
+import sys
+
 import numpy as np
 import pytest
 
@@ -54,3 +56,17 @@ def test_an_angle_that_loses_nothing_does_not_slip(orders):
 
 def test_a_shaft_that_hardly_turns_or_has_an_encoder_tells_none():
     assert not told(bench(2, lost=[(1400, 5)], speed=3.0)[0])[1].any()
+
+
+def test_a_line_near_an_order_that_is_none_slips_nothing(monkeypatch):
+    """A fixed frequency, as a hum, drifts against the shaft as its speed does: of many a slip would make one wave."""
+    slipped = 0
+    for seed in range(8):
+        measured, _ = bench(seed, orders={"i": (), "w": ()}, noise=0.1)
+        turns = SPEED / (2 * np.pi) * STEP * np.arange(ROWS)
+        measured[:, 0] += 0.2 * np.cos(2 * np.pi * 12.04 * turns + seed)
+        assert not told(measured)[1].any()
+        with monkeypatch.context() as context:
+            context.setattr(sys.modules[angle_slips.__module__], "COHERENT", 0.0)
+            slipped += told(measured)[1].any()
+    assert slipped >= 4, "else this shows nothing"

@@ -111,6 +111,22 @@ def test_numbers_of_other_residuals_that_overflow_here_are_estimated_afresh():
     assert noise.white[0] == pytest.approx(1e10, rel=0.1) and len(noise.short) == 2
 
 
+def test_a_noise_that_is_estimated_again_with_another_growth_begins_as_large_as_it_was():
+    """Else it begins forty times too large where it grows so, and ends in another optimum."""
+    rng = np.random.default_rng(3)
+    level = np.where(np.arange(4000) < 400, 0.0, np.abs(np.sin(np.arange(4000) / 300)))[:, None]
+    r = (0.006 * np.hypot(1.0, 40 * level)) * (
+        rng.standard_normal((4000, 1)) + wandering(rng, 4000, 1.0, 0.05)[:, None]
+    )
+    start = dataclasses.replace(plain(0.1), slow=np.array([[0.1, 0.05]]))
+    again, afresh = (found(r, start=start, level=level, again=way) for way in (True, False))
+    assert again.growth == afresh.growth and again.growth[0] > 20
+    assert again.white[0] == pytest.approx(0.006, rel=0.2) and again.white[0] == pytest.approx(
+        afresh.white[0], rel=0.02
+    )
+    assert again.slow[0, 0] == pytest.approx(afresh.slow[0, 0], rel=0.2)
+
+
 def test_a_sensor_that_shows_zero_at_rest_tells_its_noise_in_motion():
     rng, settled = np.random.default_rng(0), np.arange(2000) < 1000
     residuals = np.column_stack([rng.standard_normal(2000), np.where(settled, 0.0, rng.standard_normal(2000))])

@@ -2,40 +2,24 @@
 
 import numpy as np
 import pytest
-from scipy.linalg import expm
+from fine_motor import FINE, MOTOR, STEP, bench, instants
 
-from estimator import estimate_parameters, recording_from_arrays
+from estimator import estimate_parameters
 
-MOTOR = {"R": 1.6, "K": 0.04, "L": 2.4e-3, "J": 2.5e-5, "B": 4e-5}
-STEP, FINE, SUPPLY = 1e-3, 50, 12.0  # s; parts of it; V
+SUPPLY = 12.0  # V
 LEVELS = np.repeat([0.0, 5.2, 8.9], [100, 500, 500])
 
 
 def recorded(frequency, seed, *, phase=0.3, line=0.0):
-    """Return a bench's recording of a command of two levels, switched between 0 V and the supply, by exact steps.
+    """Return a bench's recording of a command of two levels, switched between 0 V and the supply.
 
     Its current has a line of 83.3 Hz, of so many A, while the voltage is on.
     """
-    r, k, inductance, j, b = MOTOR.values()
-    whole = np.zeros((3, 3))
-    whole[:2] = [[-r / inductance, -k / inductance, 1 / inductance], [k / j, -b / j, 0]]
-    after = expm(whole * STEP / FINE)[:2]
-    time = np.arange(len(LEVELS) * FINE) * STEP / FINE
     duty = np.repeat(LEVELS, FINE) / SUPPLY
-    voltage = np.where((time * frequency + phase) % 1.0 < duty, SUPPLY, 0.0) if frequency else duty * SUPPLY
-    x, shown = np.zeros(2), np.empty((len(LEVELS), 2))
-    for row in range(len(LEVELS)):
-        shown[row] = x
-        for v in voltage[row * FINE : (row + 1) * FINE]:
-            x = after @ np.array([*x, v])
-    noise = np.random.default_rng(seed).standard_normal(shown.shape) * [0.01, 0.3]
+    on = (instants(len(LEVELS)) * frequency + phase) % 1.0 < duty
+    voltage = np.where(on, SUPPLY, 0.0) if frequency else duty * SUPPLY
     hum = line * np.cos(2 * np.pi * 83.3 * STEP * np.arange(len(LEVELS))) * (LEVELS > 0)
-    columns = {
-        "voltage [V]": LEVELS,
-        "current [A]": shown[:, 0] + hum + noise[:, 0],
-        "speed [rad/s]": shown[:, 1] + noise[:, 1],
-    }
-    return recording_from_arrays("b", np.arange(len(LEVELS)) * STEP, columns)
+    return bench(LEVELS, voltage, seed, more=hum)
 
 
 @pytest.mark.parametrize(("frequency", "seed"), [(61.7, 0), pytest.param(237.3, 1, marks=pytest.mark.full)])

@@ -2,14 +2,12 @@
 
 import numpy as np
 import pytest
-from scipy.linalg import expm
+from fine_motor import FINE, bench, instants, off
 
-from estimator import estimate_parameters, recording_from_arrays
+from estimator import estimate_parameters
 
 pytestmark = pytest.mark.usefixtures("shared_workers")
 
-MOTOR = {"R": 1.6, "K": 0.04, "L": 2.4e-3, "J": 2.5e-5, "B": 4e-5}
-STEP, FINE = 1e-3, 10  # s; parts of it
 EXCITATIONS = {
     "step": np.repeat([0.0, 9.0], [100, 900]),
     "two levels": np.repeat([0.0, 5.0, 9.0], [100, 450, 450]),
@@ -19,29 +17,11 @@ FORMS = {"line": lambda x: x, "relaxing": lambda x: np.expm1(-3 * x) / np.expm1(
 
 
 def recorded(excitation, seed, *, drift=0.0, form="line", name="b"):
-    """Return a bench's recording by exact steps, of a voltage that falls by a part of it over its time."""
-    r, k, inductance, j, b = MOTOR.values()
-    whole = np.zeros((3, 3))
-    whole[:2] = [[-r / inductance, -k / inductance, 1 / inductance], [k / j, -b / j, 0]]
-    after = expm(whole * STEP / FINE)[:2]
+    """Return a bench's recording of a voltage that falls by a part of it over its time."""
     command = EXCITATIONS[excitation]
-    rows = len(command)
-    part = np.arange(rows * FINE) / (rows * FINE)
-    voltage = np.repeat(command, FINE) * (1 - drift * FORMS[form](part))
-    x, shown = np.zeros(2), np.empty((rows, 2))
-    for row in range(rows):
-        shown[row] = x
-        for v in voltage[row * FINE : (row + 1) * FINE]:
-            x = after @ np.array([*x, v])
-    shown += np.random.default_rng(seed).standard_normal(shown.shape) * [0.01, 0.3]
-    columns = {"voltage [V]": command, "current [A]": shown[:, 0], "speed [rad/s]": shown[:, 1]}
-    return recording_from_arrays(name, np.arange(rows) * STEP, columns)
-
-
-def off(result):
-    """Return by how many bars each parameter is off."""
-    found = ((result.parameters[name], value) for name, value in MOTOR.items())
-    return np.array([abs(p.value - value) / p.standard_error for p, value in found])
+    time = instants(len(command))
+    falling = 1 - drift * FORMS[form](time / time[-1])
+    return bench(command, np.repeat(command, FINE) * falling, seed, name=name)
 
 
 @pytest.mark.parametrize("form", FORMS)

@@ -218,10 +218,10 @@ def as_late(fit: Fit, signal: FloatArray) -> FloatArray:
     return result
 
 
-def held_for_wave(fit: Fit, clock: Clock, frequency: float) -> NDArray[np.complex128]:
-    """Return what voltage and torque, V and N.m, do in a row, held, what exp(2 pi i frequency t) V does from its start.
+def held_for_wave(fit: Fit, clock: Clock, frequency: float) -> tuple[FloatArray, FloatArray]:
+    """Return voltage and torque, (n, 2) each, V and N.m, held over rows, that do what cos and sin of 1 V do.
 
-    The frequency, Hz, may be any: one above half of the sampling rate, too.
+    The frequency, Hz, may be any: one above half of the sampling rate, too. Its phase is that of the recording's time.
     """
     values = motor_values(fit)
     assert values is not None
@@ -229,7 +229,10 @@ def held_for_wave(fit: Fit, clock: Clock, frequency: float) -> NDArray[np.comple
     f, g, _ = _discrete(fit, clock)
     turning = 2j * np.pi * frequency
     added = np.linalg.solve(turning * np.eye(2) - a, (np.exp(turning * clock.step) * np.eye(2) - f) @ b[:, 0])
-    return np.asarray(np.linalg.solve(g.astype(complex), added))
+    held = np.linalg.solve(g.astype(complex), added)
+    waves = np.exp(turning * clock.time)[:, None] * held
+    voltage, torque = (np.column_stack([wave.real, wave.imag]) for wave in waves.T)
+    return voltage, torque
 
 
 def _discrete(fit: Fit, clock: Clock) -> tuple[FloatArray, FloatArray, list[float]]:

@@ -77,10 +77,8 @@ class SlowPwm(Effect):
         late = [as_late(fit, level) for level in levels]
         for clock in fit.simulator.clocks:
             for c, (level, k) in enumerate(itertools.product(late, told)):
-                wave = level[clock.rows] * np.exp(2j * np.pi * f * k * clock.time)
-                held = held_for_wave(fit, clock, f * k)[:, None] * wave
-                voltage[clock.rows, 2 * c : 2 * c + 2] = np.column_stack([held[0].real, held[0].imag])
-                torque[clock.rows, 2 * c : 2 * c + 2] = np.column_stack([held[1].real, held[1].imag])
+                for signal, held in zip((voltage, torque), held_for_wave(fit, clock, f * k), strict=True):
+                    signal[clock.rows, 2 * c : 2 * c + 2] = level[clock.rows, None] * held
         columns = response(fit, voltage=voltage, torque=torque)
         return Linear(f"{NAME} {f:.8g} {many}", columns, ("",) * voltage.shape[1], least=-MOST_PART, most=MOST_PART)
 

@@ -13,7 +13,7 @@ from estimator.explaining.effects.hum import FASTEST, MAINS, NEAR
 from estimator.explaining.effects.shaft_order import standing_out
 from estimator.explaining.effects.switching_ripple import EVEN, sharpened
 from estimator.fitting.fit import Fit, Linear
-from estimator.fitting.motor_response import as_late, motor_values, response
+from estimator.fitting.motor_response import as_late, held_for_wave, motor_values, response
 from estimator.fitting.windows import find_windows
 from estimator.plans.part import LONG
 from estimator.plans.plan import Plan
@@ -53,16 +53,16 @@ class SupplyRipple(Effect):
         powers = [sum(abs(np.exp(2j * np.pi * f * t) @ own) ** 2 / len(t) for t, own in parts) for f in usual]
         f = usual[int(np.argmax(powers))]
         f = sharpened(f, NEAR * f, parts)
-        v, own = s.inputs("v"), np.zeros((s.rows, 2 * len(s.clocks)))
+        v, own = as_late(fit, s.inputs("v")), np.zeros((2, s.rows, 2 * len(s.clocks)))
         for e, clock in enumerate(s.clocks):
-            phase = 2 * np.pi * f * clock.time
-            own[clock.rows, 2 * e], own[clock.rows, 2 * e + 1] = np.cos(phase), np.sin(phase)
-        columns = response(fit, voltage=as_late(fit, v)[:, None] * own)
+            for signal, held in zip(own, held_for_wave(fit, clock, f), strict=True):
+                signal[clock.rows, 2 * e : 2 * e + 2] = v[clock.rows, None] * held
+        columns = response(fit, voltage=own[0], torque=own[1])
         return [
             Linear(
                 f"ripple v at {f:.6g} Hz",
                 columns,
-                ("",) * own.shape[1],
+                ("",) * columns.shape[2],
                 least=-MOST_PART,
                 most=MOST_PART,
                 size=USUAL_PART,
