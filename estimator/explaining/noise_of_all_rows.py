@@ -23,12 +23,12 @@ def by_all_rows(selection: Selection, explanation: Explanation, checked: Adequac
     No larger torque is asked for than benches have: any misfit is small beside one that may be anything.
     """
     parameters, samples = len(selection.tests.base.plan.names), selection.tests.samples
-    wanders = with_wandering_torque(explanation, most=USUAL_WANDER)[0]
+    wanders = with_wandering_torque(explanation, most=USUAL_WANDER, left_open=False)[0]
     slimmer = selection.without_idle(wanders)
     if slimmer is not wanders:
-        wanders = with_wandering_torque(slimmer, most=USUAL_WANDER)[0]
+        wanders = with_wandering_torque(slimmer, most=USUAL_WANDER, left_open=False)[0]
     wanders = with_noise(wanders, selection.differenced, moving=True)
-    wanders = _without_what_wanders(with_wandering_torque(wanders, most=USUAL_WANDER)[0], samples)
+    wanders = _without_what_wanders(with_wandering_torque(wanders, most=USUAL_WANDER, left_open=False)[0], samples)
     wanders = selection.at_best(wanders)
     other = adequacy(wanders.fit, parameters)
     likelier = wanders.misfit(samples) + LEAST_FALL < explanation.misfit(samples)
@@ -45,7 +45,7 @@ def _without_what_wanders(explanation: Explanation, samples: int) -> Explanation
         # A torque that comes is charged as any part of the noise.
         more = LEAST_FALL if explanation.fit.whitener.noise.torque[0] == 0 else 0.0
         fewer = [
-            with_wandering_torque(without(explanation, a), most=USUAL_WANDER)[0]
+            with_wandering_torque(without(explanation, a), most=USUAL_WANDER, left_open=False)[0]
             for a in explanation.additions
             if a.linear is not None and not a.effect.is_line
         ]

@@ -3,7 +3,8 @@
 Settled rows alone, each stretch with a level of its own, hardly show friction that wanders more slowly than a stretch
 lasts, and it is what B's error is made of. So all rows are asked, by the restricted likelihood of a few sizes. Where
 one is clearly likelier than none, it is part of the noise. Where the recordings leave it open, as short ones do, each
-size is another noise that is possible, to be averaged over.
+size is another noise that is possible, to be averaged over. So is a torque that wanders more slowly, and further:
+within a part of its time both are the same random walk, but B is known less by the slower.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from estimator.fitting.fit import Fit, refreshed, with_level
 from estimator.fitting.gauss_newton import solved
 from estimator.fitting.motor_response import with_machine
 from estimator.noise.noise_model import NoiseModel
-from estimator.noise.restricted_likelihood import USUAL_TORQUE, RestrictedLikelihood
+from estimator.noise.restricted_likelihood import USUAL_TORQUE, RestrictedLikelihood, unusual
 
 FloatArray = NDArray[np.float64]
 
@@ -30,6 +31,7 @@ WANDERING = 0.8  # of benches: friction that is constant to 0.1 % is rare
 SIZES = (0.004, 0.012, 0.04, 0.12)  # of the usual torque, each as likely before a recording is seen
 WANDERS = 4.0  # of -2 log L: it widens the bars, no more, so that it may be taken in by chance in 2 of 100 recordings
 PROMISES = 0.25  # of that, by one of the sizes: between two of them, and by another time, it falls hardly further
+SLOWER = (3.0, 9.0)  # times as slow, by the root of that as large
 EXCLUDED = 5.0  # of -2 log L that a size is less likely than none: the average knows it no more
 
 
@@ -51,7 +53,7 @@ class OpenTorque:
 
 
 def with_wandering_torque(
-    explanation: Explanation, *, most: float = np.inf
+    explanation: Explanation, *, most: float = np.inf, left_open: bool = True
 ) -> tuple[Explanation, tuple[OpenTorque, ...]]:
     """Return the explanation fitted with a torque that wanders, as it is where none shows, and what is left open.
 
@@ -63,6 +65,8 @@ def with_wandering_torque(
     ----------
     most : float
         Of the usual torque: a larger one is none.
+    left_open : bool
+        Whether what is left open is asked for.
     """
     fit = with_machine(with_level(explanation.fit))
     noise = fit.whitener.noise
@@ -87,10 +91,19 @@ def with_wandering_torque(
     if min(tried) <= still - PROMISES * WANDERS:
         found, value = likelihood.largest(starts[int(np.argmin(tried))], [("torque", 0)])
         if value <= still - WANDERS and found.torque[0] <= most * usual:
-            return dataclasses.replace(explanation, fit=solved(refreshed(fit, fit.whitener.of(found)))), ()
-    if noise.torque[0] > 0:  # the settled rows show it
+            wanders = solved(refreshed(fit, fit.whitener.of(found)))
+            explanation = dataclasses.replace(explanation, fit=wanders)
+            return explanation, _slower(wanders, likelihood, value) if left_open else ()
+    if not left_open:
         return explanation, ()
-    return explanation, _left_open(fit, starts, np.array(tried) - still)
+    if noise.torque[0] > 0:  # the settled rows show it
+        return explanation, _slower(fit, likelihood, tried[-1] + float(unusual(noise.torque[1])))
+    slower = [dataclasses.replace(own, torque=(own.torque[0], own.torque[1] * t)) for own in starts for t in SLOWER]
+    beside = [(own, value - still) for own, value in zip(starts, tried, strict=True)]
+    beside += [(own, likelihood.misfit(own) - still + float(unusual(own.torque[1]))) for own in slower]
+    each = len(SIZES) * float(np.sum(np.exp(-0.5 * unusual(USUAL_TORQUE * np.array([1.0, *SLOWER])))))
+    prior = 2 * float(np.log(each * (1 - WANDERING) / WANDERING))
+    return explanation, tuple(_open(fit, own, behind + prior) for own, behind in beside if behind <= EXCLUDED)
 
 
 def _misfits(likelihood: RestrictedLikelihood, sizes: Sequence[NoiseModel], still: float) -> list[float]:
@@ -106,20 +119,28 @@ def _misfits(likelihood: RestrictedLikelihood, sizes: Sequence[NoiseModel], stil
     return found[1:]
 
 
-def _left_open(fit: Fit, sizes: Sequence[NoiseModel], behind: FloatArray) -> tuple[OpenTorque, ...]:
-    """Return those tried sizes that are not excluded, `behind` no torque by -2 log restricted likelihood, (sizes,)."""
+def _slower(fit: Fit, likelihood: RestrictedLikelihood, value: float) -> tuple[OpenTorque, ...]:
+    """Return the slower and larger torques that are as possible as that of a fit's noise, by -2 log its likelihood."""
+    slower = _more_slowly(fit.whitener.noise)
+    beside = [(own, likelihood.misfit(own) + float(unusual(own.torque[1])) - value) for own in slower]
+    return tuple(_open(fit, own, behind) for own, behind in beside if behind <= EXCLUDED)
+
+
+def _more_slowly(noise: NoiseModel) -> list[NoiseModel]:
+    """Return noises whose torque is the same random walk for a while, but wanders more slowly, and further."""
+    deviation, tau = noise.torque
+    return [dataclasses.replace(noise, torque=(deviation * np.sqrt(times), tau * times)) for times in SLOWER]
+
+
+def _open(fit: Fit, noise: NoiseModel, behind: float) -> OpenTorque:
+    """Return the torque of a noise, with what is known of the parameters by it."""
     p = len(fit.simulator.plan.names)
-    prior = 2 * float(np.log(len(SIZES) * (1 - WANDERING) / WANDERING))
-    found = []
-    for noise, value in zip(sizes, behind.tolist(), strict=True):
-        if value <= EXCLUDED:
-            wanders = refreshed(fit, fit.whitener.of(noise))
-            covariance = wanders.covariance_parts()[0][:p, :p].copy()
-            k = wanders.names.index("B") if "B" in wanders.names else None
-            if k is not None:
-                covariance[k, k] = max(covariance[k, k], friction_variance(wanders))
-            found.append(OpenTorque(noise.torque[0], value + prior, covariance))
-    return tuple(found)
+    wanders = refreshed(fit, fit.whitener.of(noise))
+    covariance = wanders.covariance_parts()[0][:p, :p].copy()
+    k = wanders.names.index("B") if "B" in wanders.names else None
+    if k is not None:
+        covariance[k, k] = max(covariance[k, k], friction_variance(wanders))
+    return OpenTorque(noise.torque[0], behind, covariance)
 
 
 def hidden_torque(torques: Sequence[OpenTorque], fit: Fit) -> float:

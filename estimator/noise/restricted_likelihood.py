@@ -139,11 +139,16 @@ class RestrictedLikelihood:
                 white[:, channels] = np.exp(points)
                 with np.errstate(over="ignore", invalid="ignore"):
                     return self._of_products(*self._scaled(noise, white))
-            unusual = (points[:, wanders] - np.log(USUAL_TORQUE)) / TORQUE_SPREAD
-            return np.asarray(self.misfits([_set(noise, active, x) for x in points]) + np.sum(unusual**2, axis=1))
+            times = np.exp(points[:, wanders])
+            return np.asarray(self.misfits([_set(noise, active, x) for x in points]) + np.sum(unusual(times), axis=1))
 
         x, found = minimise(values, x0, low, high, step=1e-3, iterations=iterations, ftol=1e-6)
         return _set(noise, active, x), found
+
+
+def unusual(tau: FloatArray | float) -> FloatArray:
+    """Return -2 log of the prior of times, s, in which a torque wanders, up to a constant."""
+    return np.asarray(((np.log(tau) - np.log(USUAL_TORQUE)) / TORQUE_SPREAD) ** 2)
 
 
 def _get(noise: NoiseModel, component: Component) -> list[float]:
