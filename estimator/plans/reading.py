@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from estimator.plans.binding import Binding, Channels
 from estimator.plans.plan import Observed
 from estimator.recordings.clipping import clipped, limit
+from estimator.recordings.dead_zone import hidden_speeds, least_speed
 from estimator.recordings.finding import Evidence, Finding
 from estimator.recordings.motor_columns import motor_columns
 from estimator.recordings.plausibility import implausible_as_read
 from estimator.recordings.understood import Understood, understood
 from estimator.recordings.units import parse_unit
+
+FloatArray = NDArray[np.float64]
 
 MOTOR_SIGNALS = ("v", "i", "w", "angle")
 MOST_SATURATED = 0.3  # of a recording's samples: with more there is nothing to estimate from
@@ -43,6 +48,36 @@ def _in_the_fmus_unit(binding: Binding, read: Understood) -> Understood:
         return read
     own = binding.signal(read.signal).unit
     return dataclasses.replace(read, unit=own, unit_from="name" if own else "nobody")
+
+
+def without_hidden_speeds(observed: Sequence[Observed]) -> tuple[Observed, ...]:
+    """Return recordings of a motor without the samples of no speed that their sensor shows of slow ones.
+
+    It is the same in all of them; one that moves fast from the start may not tell.
+    """
+    signals = [(o.outputs["w"], o.inputs["v"]) if "w" in o.outputs and "v" in o.inputs else None for o in observed]
+    least = max((least_speed(*own) for own in signals if own is not None), default=0.0)
+    if least == 0:
+        return tuple(observed)
+    return tuple(
+        o if own is None else _without_hidden(o, *own, least) for o, own in zip(observed, signals, strict=True)
+    )
+
+
+def _without_hidden(observed: Observed, w: FloatArray, v: FloatArray, least: float) -> Observed:
+    rows = hidden_speeds(w, v, least)
+    if not rows.any():
+        return observed
+    first, last = (float(t) for t in observed.recording.time[np.flatnonzero(rows)[[0, -1]]])
+    finding = Finding(
+        "hidden speeds",
+        f"{observed.recording.title}: the sensor of w shows none below {least:.4g} rad/s: {int(rows.sum())} samples,"
+        f" from t = {first:.6g} s on, are left out, as the machine may turn in them",
+        is_harmless=True,
+        evidence=(Evidence("w", first, last),),
+    )
+    outputs = {**observed.outputs, "w": np.where(rows, np.nan, w)}
+    return dataclasses.replace(observed, outputs=outputs, findings=(*observed.findings, finding))
 
 
 def _without_clipped(binding: Binding, observed: Observed) -> Observed:
