@@ -39,7 +39,10 @@ class CandidateValues:
         self.variables = (*taken, *held.values())
         self._column, self._gain = self._destinations(targets)
         self._gain /= np.array([v.factor for v in taken])
-        self._shift = np.array([-v.offset / v.factor for v in taken])
+        taken_nowhere = self._column < 0  # of a recording that no parameter is for: as the FMU begins
+        self._gain[taken_nowhere] = 0.0
+        starts = [float(v.start or 0.0) for v in taken]
+        self._shift = np.where(taken_nowhere, starts, [-v.offset / v.factor for v in taken])
         self._constant = np.array([(plan.fixed[n] - v.offset) / v.factor for n, v in held.items()])
         is_plain = (
             all(p.place is None for p in plan.parameters)
@@ -65,7 +68,7 @@ class CandidateValues:
         recordings, free = self._column.shape
         held = free + len(self._constant)
         values = np.empty((len(candidates), recordings, held + self.sensors))
-        values[:, :, :free] = candidates[:, self._column] * self._gain + self._shift
+        values[:, :, :free] = candidates[:, np.maximum(self._column, 0)] * self._gain + self._shift
         values[:, :, free:held] = self._constant
         if self.sensors:
             values[:, :, held:] = self._sensor_values(candidates)
@@ -85,7 +88,7 @@ class CandidateValues:
         many, held = self._column.shape[1], self._column.shape[1] + len(self._constant)
         place = np.full(len(self._plan.parameters), -1)
         place[list(free)] = np.arange(len(free))
-        column[:, :many] = place[self._column]
+        column[:, :many] = np.where(self._column >= 0, place[self._column], -1)
         own = column[:, :many] >= 0
         gain[:, :many] = np.where(own, self._gain, 0.0)
         shift[:, :many] = np.where(own, self._shift, shift[:, :many])
@@ -107,8 +110,8 @@ class CandidateValues:
         }
 
     def _destinations(self, targets: Sequence[str]) -> tuple[IntArray, FloatArray]:
-        """Return, of each recording and variable, (recordings, variables), which parameter it takes, times what."""
-        column = np.zeros((len(self._plan.observed), len(targets)), dtype=np.int64)
+        """Return of each recording and variable, (recordings, variables), which parameter it takes, or -1, times what."""
+        column = np.full((len(self._plan.observed), len(targets)), -1)
         gain = np.ones(column.shape)
         for j, p in enumerate(self._plan.parameters):
             where = slice(None) if p.recording is None else p.recording

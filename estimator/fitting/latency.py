@@ -23,6 +23,7 @@ MOST_EDGES = 12  # in a recording; more are a signal, not levels
 ONSET_NOISE = 6.0  # deviations of the noise: a larger change of the current is an onset
 ONSET_PART = 0.1  # of the largest change of the current per volt: likewise
 MEDIAN_OF = np.pi / 2  # variance of a median over that of a mean
+BEFORE = 5  # rows before a change, at least, in which the current has settled
 LEAST_SHIFT = 2  # rows by which a change must come later or earlier than the first
 
 
@@ -61,13 +62,16 @@ def _moved(o: Observed) -> tuple[Observed, str] | None:
     level = max(ONSET_NOISE * noise / float(np.min(changes)), ONSET_PART * largest)  # A/V
     late = []
     for a, b in zip(bounds[:-1], bounds[1:], strict=True):
-        before = i[max(0, a - 5) : a]
+        before = i[max(0, a - BEFORE) : a]
         away = (i[a:b] - median(before)) / (v[a] - v[a - 1]) > level
         away |= np.isnan(shown[a:b])  # saturated, or missing
         lasting = away[:-1] & away[1:]
         if not lasting.any():
             return None
         rows = max(0, int(np.argmax(lasting)) - 1)
+        settled = i[max(0, a - max(rows, BEFORE)) : a]
+        if abs(settled[-1] - settled[0]) > level * abs(v[a] - v[a - 1]):  # what comes then may be of the change before
+            return None
         late.append(0 if _has_left(i[a : a + rows], before, v[a] - v[a - 1], noise) else rows)
     shift = np.array(late) - late[0]
     if np.max(np.abs(shift)) < LEAST_SHIFT:
