@@ -15,25 +15,30 @@ def instants(rows):
     return np.arange(rows * FINE) * STEP / FINE
 
 
-def bench(command, voltage, seed, *, more=0.0, name="b"):
+def bench(command, voltage, seed, *, more=0.0, late=0, noise=0.0, name="b"):
     """Return the recording of a command, (rows,), of a motor that gets a voltage, (rows FINE,), held over each part.
 
     Parameters
     ----------
     more : (rows,) array
         A that the sensor of the current shows besides.
+    late : int
+        Parts of a row by which the current is shown late.
+    noise : float
+        V, of the sensor of a voltage that is logged in the command's place.
     """
     r, k, inductance, j, b = MOTOR.values()
     whole = np.zeros((3, 3))
     whole[:2] = [[-r / inductance, -k / inductance, 1 / inductance], [k / j, -b / j, 0]]
     after = expm(whole * STEP / FINE)[:2]
-    x, shown = np.zeros(2), np.empty((len(command), 2))
-    for row in range(len(command)):
-        shown[row] = x
-        for v in voltage[row * FINE : (row + 1) * FINE]:
-            x = after @ np.array([*x, v])
-    shown += np.random.default_rng(seed).standard_normal(shown.shape) * NOISE
-    columns = {"voltage [V]": command, "current [A]": shown[:, 0] + more, "speed [rad/s]": shown[:, 1]}
+    fine = np.zeros((len(voltage) + 1, 2))
+    for k, v in enumerate(voltage):
+        fine[k + 1] = after @ np.array([*fine[k], v])
+    at, rng = np.arange(len(command)) * FINE, np.random.default_rng(seed)
+    shown = np.column_stack([fine[np.maximum(at - late, 0), 0], fine[at, 1]])
+    shown += rng.standard_normal(shown.shape) * NOISE
+    logged = command + noise * rng.standard_normal(len(command)) if noise else command
+    columns = {"voltage [V]": logged, "current [A]": shown[:, 0] + more, "speed [rad/s]": shown[:, 1]}
     return recording_from_arrays(name, np.arange(len(command)) * STEP, columns)
 
 

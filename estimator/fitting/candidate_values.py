@@ -110,7 +110,7 @@ class CandidateValues:
         }
 
     def _destinations(self, targets: Sequence[str]) -> tuple[IntArray, FloatArray]:
-        """Return of each recording and variable, (recordings, variables), which parameter it takes, or -1, times what."""
+        """Return which parameter each recording and variable takes, or -1, times what, (recordings, variables) each."""
         column = np.full((len(self._plan.observed), len(targets)), -1)
         gain = np.ones(column.shape)
         for j, p in enumerate(self._plan.parameters):

@@ -30,15 +30,20 @@ def lateness(s: Simulator, value: Value, output: str) -> tuple[float, float]:
     """
     step = min(clock.step for clock in s.clocks)
     chain = s.plan.chains.get(output, ChainSpec())
-    simulated = chain.delay + 0.5 * (chain.average - 1) * step
+    simulated = channel_delay(s, value, output) + 0.5 * (chain.average - 1) * step
     simulated += step * sum((b1 + 2 * b2) / (b0 + b1 + b2) - (a1 + 2 * a2) / (1 + a1 + a2)
                             for b0, b1, b2, a1, a2 in chain.sections(step))  # fmt: skip
     simulated += 0.5 * step if s.plan.sensors[output] == layout.MEAN else 0.0
-    place = SensorPlace("delay", None, output)
-    simulated += sum(value(n.name) for n in s.nuisances if n.place == place)
     ramp = step * np.arange(RAMP_ROWS, dtype=np.float64)
     acted = (float(ramp[-1] - act(ramp, own, step)[-1]) for act, own in acting(s, value, output))
     return simulated, sum(acted, 0.0)
+
+
+def channel_delay(s: Simulator, value: Value, output: str) -> float:
+    """Return an output's own delay, s, behind that of its recording."""
+    place = SensorPlace("delay", None, output)
+    found = sum(value(n.name) for n in s.nuisances if n.place == place)
+    return float(s.plan.chains.get(output, ChainSpec()).delay + found)
 
 
 def acting(s: Simulator, value: Value, output: str) -> list[tuple[Act, float]]:

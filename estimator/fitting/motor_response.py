@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.fitting.fit import Fit
-from estimator.fitting.lateness import acting
+from estimator.fitting.lateness import acting, channel_delay
 from estimator.fitting.simulator import per_recording
 from estimator.motor.exponential import exponential
 from estimator.motor.names import MOTOR, is_motor
@@ -80,8 +80,9 @@ def response(fit: Fit, *, voltage: FloatArray | None = None, torque: FloatArray 
             _states(fit, clock, own, opens[clock.rows], np.zeros((2, many)), (seats, result[clock.rows]))
             continue
         states = _states(fit, clock, own, opens[clock.rows], np.zeros((2, many)))
+        each = [_later(fit, clock, own, opens[clock.rows], states, channel_delay(s, fit.value, y)) for y in s.outputs]
         for k in range(many):
-            result[clock.rows, :, k] = _as_shown(fit, states[:, :, k].T, clock)
+            result[clock.rows, :, k] = _as_shown(fit, [own[:, :, k].T for own in each], clock)
     one = all(signal is None or signal.ndim == 1 for signal in (voltage, torque))
     return result[:, :, 0] if one else result
 
@@ -90,9 +91,9 @@ def _plain_seats(fit: Fit) -> list[int] | None:
     """Return which state each output shows, as it is; None where one shows another thing, or a sensor acts on it."""
     outputs = fit.simulator.outputs
     seats = [SEATS[y] for y in outputs]
-    return (
-        seats if max(seats) < SEATS["angle"] and not any(acting(fit.simulator, fit.value, y) for y in outputs) else None
-    )
+    s, value = fit.simulator, fit.value
+    plain = max(seats) < SEATS["angle"] and not any(acting(s, value, y) or channel_delay(s, value, y) for y in outputs)
+    return seats if plain else None
 
 
 def opens_circuit(fit: Fit, recording: int) -> bool:
@@ -174,7 +175,7 @@ def pulse_response(fit: Fit, clock: Clock, begin: float, end: float) -> FloatArr
     for row in range(2):
         for j in range(2):
             states[row] += recursion([float(row == j), second[row, j]], denominator, added[:, j])
-    return _as_shown(fit, states, clock)
+    return _as_shown(fit, [states] * len(fit.simulator.outputs), clock)
 
 
 def free_motion(fit: Fit, clock: Clock, *, opens_first: bool = False) -> FloatArray:
@@ -196,7 +197,8 @@ def free_motion(fit: Fit, clock: Clock, *, opens_first: bool = False) -> FloatAr
         _states(fit, clock, (None, None), opens, first, (seats, shown))
         return shown
     states = _states(fit, clock, (None, None), opens, first)
-    return np.stack([_as_shown(fit, states[:, :, k].T, clock) for k in range(2)], axis=2)
+    outputs = fit.simulator.outputs
+    return np.stack([_as_shown(fit, [states[:, :, k].T] * len(outputs), clock) for k in range(2)], axis=2)
 
 
 def as_late(fit: Fit, signal: FloatArray) -> FloatArray:
@@ -249,15 +251,48 @@ def _sampled(values: tuple[float, ...], step: float) -> tuple[FloatArray, FloatA
     return f, g, [-float(np.trace(f)), float(np.linalg.det(f))]
 
 
-def _as_shown(fit: Fit, states: FloatArray, clock: Clock) -> FloatArray:
-    """Return current and speed, (2, n), as the outputs' sensors show them, (n, q)."""
+def _later(
+    fit: Fit,
+    clock: Clock,
+    inputs: Sequence[FloatArray | None],
+    opens: NDArray[np.bool_],
+    states: FloatArray,
+    delay: float,
+) -> FloatArray:
+    """Return changes of current and speed, (n, 2, c), as they were a delay before each row, s, by inputs as `_states`.
+
+    Between two rows they are those of inputs that are held, or, where the circuit is open, on lines.
+    """
+    if delay == 0:
+        return states
+    whole, part = divmod(delay / clock.step, 1.0)
+    n = len(states)
+    row = np.arange(n) - int(whole) - (part > 0)  # at or before that instant
+    at, since = np.clip(row, 0, n - 1), (1 - part) % 1.0
+    shown = states[at]
+    if since > 0:
+        values = motor_values(fit)
+        assert values is not None
+        f, g, _ = _sampled(tuple(values[name] for name in MOTOR), since * clock.step)
+        on = states[np.minimum(at + 1, n - 1)]
+        driven = np.einsum("ab,nbc->nac", f, shown)
+        for k, signals in enumerate(inputs):
+            if signals is not None:
+                driven += g[:, k, None] * signals[at][:, None, :]
+        shown = np.where(opens[at][:, None, None], shown + since * (on - shown), driven)
+    shown[row < 0] = 0.0
+    return shown
+
+
+def _as_shown(fit: Fit, states: Sequence[FloatArray], clock: Clock) -> FloatArray:
+    """Return current and speed, (2, n) for each output, as the outputs' sensors show them, (n, q)."""
     s = fit.simulator
     columns = []
-    for y in s.outputs:
+    for y, (current, speed) in zip(s.outputs, states, strict=True):
         if y == "angle":  # by trapezia
-            shown = (np.cumsum(states[1]) - 0.5 * (states[1] + states[1][0])) * clock.step
+            shown = (np.cumsum(speed) - 0.5 * (speed + speed[0])) * clock.step
         else:
-            shown = states[SEATS[y]]
+            shown = (current, speed)[SEATS[y]]
         for act, value in acting(fit.simulator, fit.value, y):
             shown = act(shown, value, clock.step)
         columns.append(shown)
