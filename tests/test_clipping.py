@@ -45,6 +45,13 @@ def test_what_settles_is_counted_or_is_held_is_not_taken_for_cut(shown):
     assert not clipped(shown).any()
 
 
+def test_a_coarse_speed_that_settles_on_a_level_is_not_cut():
+    """A rise of 18 samples in steps of a 47th, printed with few digits: the whole recording was refused for it."""
+    rise = [39.4, 157.5, 275.6, 472.4, 629.9, 787.3, 984.2, 1102.3, 1259.8, 1377.9, 1456.6, 1535.3, 1614.1, 1692.8]
+    shown = np.concatenate([np.zeros(549), rise, [1732.2, 1771.5, 1810.9, 1810.9], np.full(381, 1850.3)])
+    assert not clipped(shown).any()
+
+
 def test_both_ends_of_a_range_are_found():
     wave = noisy(3 * np.sin(2 * np.pi * 5 * T))
     assert clipped(np.clip(wave, -2, 2))[np.abs(wave) > 2].all()

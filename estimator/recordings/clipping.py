@@ -19,6 +19,7 @@ CARRIED, CARRIED_SPAN = 4.0, 0.01  # times the noise or the converter's step; of
 JUMP = 1e-3  # of the span: a signal that comes nearer than that, as one that settles does, is not cut
 HALF = 0.5
 COARSE = 3.0  # times the converter's step: noise below that repeats values anyhow
+TELLS_NOISE = 30  # samples between the extremes: fewer, of a coarse sensor's rise, seem to have noise
 NEAR, SMOOTH = 3.0, 2  # deviations of the noise; samples on either side of a running median
 CUT = 0.05  # of the samples near the extreme: fewer are chance, and move their mean by 0.02 deviations of the noise
 
@@ -44,7 +45,7 @@ def clipped(y: FloatArray) -> NDArray[np.bool_]:
     bends = np.sign(np.diff(between, 2))
     turns = np.count_nonzero(bends[1:] * bends[:-1] < 0) > HALF * len(bends)  # of noise 73 %, of a smooth signal few
     noise = noise_deviation(between)
-    noisy = turns and not repeats and noise > COARSE * quantum(between)
+    noisy = len(between) >= TELLS_NOISE and turns and not repeats and noise > COARSE * quantum(between)
     paused = _pauses(y, grain=max(quantum(y), noise))
     only_there = {*y[paused].tolist()} <= {*extremes}
     for sign, value, at in ends:
