@@ -10,21 +10,24 @@ from scipy.linalg import expm
 from estimator import estimate_parameters, recording_from_arrays
 from estimator.fitting.motor_response import COASTS, response
 from estimator.noise.clock import Clock
+from estimator.plans.parameters import SensorPlace
 
 MOTOR = {"R": 2.0, "K": 0.05, "L": 3e-3, "J": 2e-5, "B": 4e-5}
 STEP = 1e-3
 VOLTAGE = np.r_[np.zeros(20), np.full(60, 6.0), np.zeros(50), np.full(40, -4.0), np.zeros(30)]
 
 
-def fit_of(coasts):
-    names = (*MOTOR, COASTS)
+def fit_of(coasts, late=0.0):
+    names = (*MOTOR, COASTS, "delay of i")
+    delay = SimpleNamespace(name="delay of i", place=SensorPlace("delay", None, "i"), act=None, output="")
     n = len(VOLTAGE)
     simulator = SimpleNamespace(
-        plan=SimpleNamespace(fixed={}, observed=[None]), names=names, index={name: k for k, name in enumerate(names)},
-        outputs=("i", "w"), observed=[SimpleNamespace(inputs={"v": VOLTAGE}, delay=0.0)], nuisances=(), rows=n,
+        plan=SimpleNamespace(fixed={}, observed=[None], chains={}), names=names,
+        index={name: k for k, name in enumerate(names)},
+        outputs=("i", "w"), observed=[SimpleNamespace(inputs={"v": VOLTAGE}, delay=0.0)], nuisances=(delay,), rows=n,
         clocks=(Clock(STEP * np.arange(n), slice(0, n)),), inputs=lambda name: VOLTAGE,
     )  # fmt: skip
-    values = np.array([*MOTOR.values(), coasts])
+    values = np.array([*MOTOR.values(), coasts, late])
     value = dict(zip(names, values.tolist(), strict=True)).__getitem__
     fit = SimpleNamespace(simulator=simulator, values=values, value=value, delay=lambda e: 0.0)
     fit.once = lambda told: told(fit)
@@ -58,6 +61,23 @@ def test_a_change_of_voltage_or_torque_moves_current_and_speed_as_the_equations_
     np.testing.assert_allclose(both, solved(drop, load, coasts), rtol=1e-9, atol=1e-9)
     two = response(fit_of(coasts), voltage=np.column_stack([drop, 2 * drop]))
     np.testing.assert_allclose(two[:, :, 1], 2 * solved(drop, none, coasts), rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("late", [0.4, 1.0, 2.6])
+def test_an_output_that_is_late_shows_what_was_between_two_rows(late):
+    """Of inputs that are held over rows, by a solution in tenths of these."""
+    fine = np.repeat(VOLTAGE, 10)
+    r, k, inductance, j, b = MOTOR.values()
+    whole = np.zeros((3, 3))
+    whole[:2] = [[-r / inductance, -k / inductance, 1 / inductance], [k / j, -b / j, 0]]
+    step = expm(whole * STEP / 10)[:2]
+    x = np.zeros((len(fine) + 1, 2))
+    for row, v in enumerate(fine.tolist()):
+        x[row + 1] = step @ [*x[row], v]
+    at = 10 * np.arange(len(VOLTAGE))
+    shown = response(fit_of(0.0, late * STEP), voltage=VOLTAGE)
+    np.testing.assert_allclose(shown[:, 0], x[np.maximum(at - round(10 * late), 0), 0], rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(shown[:, 1], x[at, 1], rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.parametrize("third", [(), (("a step", [0.0, 7.0], 0.0),)])

@@ -44,7 +44,7 @@ def test_the_response_to_a_resistance_that_changes_with_the_angle_is_the_equatio
     plain, x = turning(n, 0.0, 0.0), turning(n, change, phase)
     names = tuple(MOTOR)
     simulator = SimpleNamespace(
-        plan=SimpleNamespace(fixed={}, observed=[None]), names=names, rows=n,
+        plan=SimpleNamespace(fixed={}, observed=[None], chains={}), names=names, rows=n,
         index={name: k for k, name in enumerate(names)},
         outputs=("i", "w"), observed=[SimpleNamespace(inputs={"v": np.full(n, VOLTS)})], nuisances=(),
         clocks=(Clock(STEP * np.arange(n), slice(0, n)),),
