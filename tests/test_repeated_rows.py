@@ -5,8 +5,9 @@ import pytest
 from effect_bench import H, recording, worst
 
 from estimator.cases.case import Case, OutputSpec
+from estimator.errors import RecordingError
 from estimator.estimating.estimate import estimate_recordings
-from estimator.recordings.reading import recording_from_arrays
+from estimator.recordings.reading import read_recording, recording_from_arrays
 from estimator.recordings.repeated_rows import repeated_rows, written_once
 
 CASE = Case(inputs={"v": "voltage"}, outputs={"i": OutputSpec("current"), "w": OutputSpec("speed")})
@@ -90,3 +91,19 @@ def test_the_fit_tells_whether_the_clock_counted_them(twice, said):
     (note,) = [note for note in result.notes if note.startswith("rows (")]
     assert "7 of logged" in note and said in note, note
     assert list(result.effects) == ["repeated rows"], result.effects
+
+
+@pytest.mark.parametrize(
+    ("again", "is_read"), [("0.003,6,0.3,", True), ("0.003,6,0.3,31", True), ("0.003,6,0.4,31", False)]
+)
+def test_a_row_that_is_stored_twice_with_its_time_is_left_out_though_a_cell_of_it_is_empty(tmp_path, again, is_read):
+    rows = [f"{k * 1e-3:.3f},6,0.3,{28 + k}" for k in range(20)]
+    rows.insert(4, again)
+    path = tmp_path / "run.csv"
+    path.write_text("\n".join(["time [s],voltage [V],current [A],speed [rad/s]", *rows]) + "\n")
+    if not is_read:
+        with pytest.raises(RecordingError, match="time does not increase"):
+            read_recording(path)
+        return
+    found = read_recording(path)
+    assert len(found.time) == 20 and found.signals["speed"].tolist() == [28 + k for k in range(20)]

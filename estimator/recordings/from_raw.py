@@ -199,7 +199,10 @@ def _without_times_again(raw: RawTable, read_as: ReadAs, not_read: tuple[str, ..
 
 
 def _stored_twice(raw: RawTable, clock: int) -> NDArray[np.int64]:
-    """Return which rows are the row before in every column, where all others have a later time than the row before."""
+    """Return which rows are the row before in every column, where all others have a later time than the row before.
+
+    A cell that is empty in one of both says nothing.
+    """
     same = np.diff(raw.columns[clock]) == 0
     if not same.any():
         return np.empty(0, dtype=np.int64)
@@ -207,8 +210,13 @@ def _stored_twice(raw: RawTable, clock: int) -> NDArray[np.int64]:
     kept = np.delete(raw.columns[clock], rows)
     if len(kept) < MIN_SAMPLES or not np.all(np.diff(kept) > 0):
         return np.empty(0, dtype=np.int64)
-    alike = all(np.array_equal(column[rows], column[rows - 1], equal_nan=True) for column in raw.columns)
+    alike = all(_is_alike(column[rows], column[rows - 1]) for column in raw.columns)
     return rows if alike else np.empty(0, dtype=np.int64)
+
+
+def _is_alike(one: FloatArray, other: FloatArray) -> bool:
+    """Whether values are equal wherever both are there."""
+    return bool(np.all((one == other) | np.isnan(one) | np.isnan(other)))
 
 
 def _unreadable(raw: RawTable, names: Sequence[str], clock: int, read_as: ReadAs) -> dict[int, str]:
