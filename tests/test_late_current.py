@@ -22,3 +22,15 @@ def test_noise_of_a_logged_voltage_is_told_behind_a_current_that_is_late(rows):
     )
     assert result.verdict == "ok", result.reasons
     assert off(result).max() < 4.5, (result.parameters, MOTOR)
+
+
+def test_changes_that_come_faster_than_the_current_settles_tell_no_delays_of_their_own():
+    """Of levels that last 26 to 59 ms behind one delay of 18.6 ms each was told its own, 0 to 18 ms."""
+    lengths = [100, 31, 36, 35, 26, 57, 27, 42, 28, 31, 59, 150]
+    command = np.repeat(np.where(np.arange(len(lengths)) % 2, 8.0, -4.0) * (np.arange(len(lengths)) > 0), lengths)
+    late = round(18.6 * FINE)
+    voltage = np.concatenate([np.zeros(late), np.repeat(command, FINE)])[: len(command) * FINE]
+    result = estimate_parameters(bench(command, voltage, 1), workers=1)
+    assert not any("each by its own" in note for note in result.notes), result.notes
+    assert result.chain["delay"].value == pytest.approx(18.6e-3, abs=5 * result.chain["delay"].standard_error)
+    assert result.verdict == "ok" and off(result).max() < 4.5, (result.reasons, result.parameters)

@@ -1,0 +1,39 @@
+"""Torques that wander more slowly than a recording shows: as possible as the one that it does, and B holds them."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from fine_motor import MOTOR, bench, off
+
+from estimator import estimate_parameters
+from estimator.explaining import wandering_torque
+from estimator.noise.noise_model import NoiseModel
+
+COMMAND = np.repeat([0.0, 9.0], [100, 500])
+FINE = 50
+
+
+def test_a_slower_torque_is_the_same_random_walk_for_a_while():
+    """Over times far below its own a process of deviation s and time tau diffuses by 2 s^2 / tau."""
+    noise = dataclasses.replace(NoiseModel.plain(np.array([0.01, 0.3]), (0, 1)), torque=(2e-4, 0.3))
+    slower = wandering_torque._more_slowly(noise)
+    assert [own.torque[1] for own in slower] == pytest.approx([0.3 * times for times in wandering_torque.SLOWER])
+    assert [own.torque[0] ** 2 / own.torque[1] for own in slower] == pytest.approx([2e-4**2 / 0.3] * len(slower))
+
+
+def test_a_short_recording_knows_b_no_better_than_slower_torques_let_it(monkeypatch):
+    """A torque of 2 % of the friction that wanders over 0.5 s, as the voltage that does the same at this one speed."""
+    rng, tau, step = np.random.default_rng(4), 0.5, 1e-3
+    left, wander = np.exp(-step / tau), [rng.standard_normal()]
+    for _ in COMMAND[1:]:
+        wander.append(left * wander[-1] + np.sqrt(1 - left**2) * rng.standard_normal())
+    size = 0.02 * MOTOR["B"] * 210 * MOTOR["R"] / MOTOR["K"]  # V
+    recording = bench(COMMAND, np.repeat(COMMAND + size * np.array(wander) * (COMMAND > 0), FINE), 1)
+    bars = []
+    for slower in (wandering_torque.SLOWER, ()):
+        monkeypatch.setattr(wandering_torque, "SLOWER", slower)
+        result = estimate_parameters(recording, workers=1)
+        assert off(result).max() < 4.5
+        bars.append(result.parameters["B"].standard_error)
+    assert bars[0] > 1.02 * bars[1], bars
