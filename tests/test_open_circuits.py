@@ -41,6 +41,24 @@ def test_rows_without_a_current_whose_voltage_follows_the_speed_are_open(offset)
     assert found[OPENS:].all() and not found[: OPENS - 1].any()
 
 
+def test_a_recording_that_ends_soon_after_the_circuit_opened_tells_it_too():
+    """Its motor had lost a tenth of its speed only: a tenth and more was asked for, and no effect explained the rest."""
+    v, i, w = (column[: OPENS + 60] for column in bench(6))
+    assert 0.85 < w[-1] / w[OPENS] < 0.95
+    found = open_rows(observed(v, i, w))
+    assert found[OPENS:].all() and not found[: OPENS - 1].any()
+
+
+def test_a_current_that_is_lost_while_voltage_and_speed_are_constant_or_fall_unlike_opens_nothing():
+    rng = np.random.default_rng(7)
+    v, i, w = bench(7)
+    i[350:] = 0.008 * rng.standard_normal(len(i) - 350)
+    assert open_rows(observed(v[:OPENS], i[:OPENS], w[:OPENS])) is None
+    v, i, w = bench(7)
+    v[OPENS:] = v[OPENS] * np.linspace(1, 0.8, len(v) - OPENS)
+    assert open_rows(observed(v, i, w)) is None
+
+
 def test_a_motor_that_is_braked_or_runs_at_no_load_or_stands_is_not_open():
     v, i, w = bench(1, opens=False)
     assert open_rows(observed(v, i, w)) is None

@@ -26,7 +26,8 @@ DROPS = 0.3  # of the current before: what is left of it in an open circuit, at 
 NOISE = 4.0  # deviations
 NONE = 0.1  # of the current before: the mean of none
 OWN = 0.1  # of how far the motor's own voltage moves: it differs from K w by less, but for noise
-FALLS = 0.9  # of its speed: a motor that coasts loses more than the rest
+FALLS = 0.02  # of its speed: a motor that coasts loses more, from one half to the other
+SURE = 10.0  # standard errors of that fall, of speed and of voltage
 AGREES, LEAST_APART = 4.0, 2e-3  # standard errors; parts: a smaller difference is within the sensors' gains
 OFFSETS = 5e-4  # of K: what small offsets of both make of it
 ON = 0.1  # of the largest voltage
@@ -134,6 +135,18 @@ def _is_open(v: FloatArray, i: FloatArray, w: FloatArray, usual: float) -> bool:
     if len(v) < LEAST_ROWS or abs(float(np.mean(i))) > NONE * usual or not np.any(w):
         return False
     own = float(v @ w) / float(w @ w) * w
-    half = len(w) // 2
-    falls = abs(float(np.mean(w[half:]))) < FALLS * abs(float(np.max(np.abs(w[:half]))))
-    return falls and float(np.std(v - own)) < OWN * float(np.std(v)) + NOISE * noise_deviation(v)
+    if float(np.std(v - own)) > OWN * float(np.std(v)) + NOISE * noise_deviation(v):
+        return False
+    (speed, speed_error), (voltage, voltage_error) = _fall(w), _fall(v)
+    if min(speed - SURE * speed_error, voltage - SURE * voltage_error) < 0 or min(speed, voltage) < FALLS:
+        return False
+    return abs(voltage - speed) < OWN * speed + NOISE * float(np.hypot(speed_error, voltage_error))
+
+
+def _fall(signal: FloatArray) -> tuple[float, float]:
+    """Return the part of a signal, (n,), that its second half has lost against its first, and its standard error."""
+    half = len(signal) // 2
+    first, second = abs(float(np.mean(signal[:half]))), abs(float(np.mean(signal[half:])))
+    if not first:
+        return 0.0, 0.0
+    return 1 - second / first, noise_deviation(signal) / first * 2 / float(np.sqrt(len(signal)))
