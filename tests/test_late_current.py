@@ -24,6 +24,18 @@ def test_noise_of_a_logged_voltage_is_told_behind_a_current_that_is_late(rows):
     assert off(result).max() < 4.5, (result.parameters, MOTOR)
 
 
+@pytest.mark.parametrize("rows", [0.5, pytest.param(-0.26, marks=pytest.mark.full)])
+def test_all_of_the_noise_of_a_logged_voltage_is_told_where_it_acts_between_rows(rows):
+    """Its column mixed rows by their shares in time, not in what the motor does of them: a third of it was left."""
+    fine = np.interp(np.arange(len(COMMAND) * FINE) - round(rows * FINE), np.arange(len(COMMAND) * FINE), np.repeat(COMMAND, FINE))
+    result = estimate_parameters(bench(COMMAND, fine, 1, noise=0.1), workers=1)
+    told = [note for note in result.notes if "voltage's noise does not reach the motor" in note]
+    assert len(told) == 1 and 95 <= float(told[0].split("(")[1].split()[0]) <= 105, result.notes
+    assert result.chain["delay"].value == pytest.approx(rows * 1e-3, abs=5 * result.chain["delay"].standard_error)
+    assert result.verdict == "ok", result.reasons
+    assert off(result).max() < 4.5, (result.parameters, MOTOR)
+
+
 def test_changes_that_come_faster_than_the_current_settles_tell_no_delays_of_their_own():
     """Of levels that last 26 to 59 ms behind one delay of 18.6 ms each was told its own, 0 to 18 ms."""
     lengths = [100, 31, 36, 35, 26, 57, 27, 42, 28, 31, 59, 150]

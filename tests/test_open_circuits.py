@@ -42,7 +42,7 @@ def test_rows_without_a_current_whose_voltage_follows_the_speed_are_open(offset)
 
 
 def test_a_recording_that_ends_soon_after_the_circuit_opened_tells_it_too():
-    """Its motor had lost a tenth of its speed only: a tenth and more was asked for, and no effect explained the rest."""
+    """Its motor had lost a tenth of its speed only: more was asked for, and no effect explained the rest."""
     v, i, w = (column[: OPENS + 60] for column in bench(6))
     assert 0.85 < w[-1] / w[OPENS] < 0.95
     found = open_rows(observed(v, i, w))

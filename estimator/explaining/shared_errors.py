@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from estimator.explaining.coarse_levels import coarse_levels
 from estimator.explaining.transient_ripple import transient_ripple
 from estimator.fitting.fit import Fit
-from estimator.fitting.motor_response import as_late, motor_values, response
+from estimator.fitting.motor_response import late_response, motor_values
 
 FloatArray = NDArray[np.float64]
 
@@ -50,4 +50,4 @@ def _of_voltages(fit: Fit) -> FloatArray | None:
             voltage = np.zeros((s.rows, own.shape[1]))
             voltage[rows] = own
             columns.append(voltage)
-    return response(fit, voltage=as_late(fit, np.concatenate(columns, axis=1)))
+    return late_response(fit, np.concatenate(columns, axis=1))

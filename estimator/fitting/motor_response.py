@@ -87,6 +87,30 @@ def response(fit: Fit, *, voltage: FloatArray | None = None, torque: FloatArray 
     return result[:, :, 0] if one else result
 
 
+def late_response(fit: Fit, voltage: FloatArray) -> FloatArray:
+    """Return the change of the sensors' signals, (rows, q), by a voltage, V, that is as late as a recording's inputs.
+
+    It is held from row to row, (rows,), or c of them, (rows, c), for (rows, q, c); exact for delays between rows.
+    """
+    values = motor_values(fit)
+    assert values is not None
+    of_motor = tuple(values[name] for name in MOTOR)
+    held = np.zeros((2, *voltage.shape))  # a voltage and a torque that do the same from row to row
+    for e, clock in enumerate(fit.simulator.clocks):
+        whole, part = divmod(fit.delay(e) / clock.step, 1.0)
+        old, new = (_moved(voltage[clock.rows], int(whole) + more) for more in (1, 0))
+        if part == 0:
+            held[0, clock.rows] = new
+            continue
+        f, g = _sampled(of_motor, (1 - part) * clock.step)[:2]
+        before, whole_row = (_sampled(of_motor, step)[1] for step in (part * clock.step, clock.step))
+        shares = np.linalg.solve(whole_row, np.column_stack([f @ before[:, 0], g[:, 0]]))
+        for signal, (of_old, of_new) in zip(held, shares.tolist(), strict=True):
+            signal[clock.rows] = of_old * old + of_new * new
+    held[1][_opens(fit)] = 0.0  # nothing drives a motor whose circuit is open
+    return response(fit, voltage=held[0], torque=held[1])
+
+
 def _plain_seats(fit: Fit) -> list[int] | None:
     """Return which state each output shows, as it is; None where one shows another thing, or a sensor acts on it."""
     outputs = fit.simulator.outputs
@@ -211,13 +235,18 @@ def as_late(fit: Fit, signal: FloatArray) -> FloatArray:
         for by, share in ((int(whole), 1 - part), (int(whole) + 1, part)):
             if share == 0:
                 continue
-            moved = np.zeros(x.shape)
-            if by >= 0:
-                moved[by:] = x[: len(x) - by]
-            else:
-                moved[:by] = x[-by:]
-            result[clock.rows] += share * moved
+            result[clock.rows] += share * _moved(x, by)
     return result
+
+
+def _moved(signal: FloatArray, rows: int) -> FloatArray:
+    """Return a signal, (n,) or (n, c), as it was some rows before, or comes to be after some; 0 where it is not."""
+    moved = np.zeros(signal.shape)
+    if rows >= 0:
+        moved[rows:] = signal[: max(len(signal) - rows, 0)]
+    else:
+        moved[:rows] = signal[-rows:]
+    return moved
 
 
 def held_for_wave(fit: Fit, clock: Clock, frequency: float) -> tuple[FloatArray, FloatArray]:

@@ -10,7 +10,7 @@ import numpy as np
 from estimator.explaining.effects.base import Effect
 from estimator.explaining.effects.drive import is_of_one_size
 from estimator.fitting.fit import Fit, Linear
-from estimator.fitting.motor_response import as_late, motor_values, response
+from estimator.fitting.motor_response import late_response, motor_values
 
 MOST_DROP = 0.5  # of the largest voltage
 USUAL_DROP = 0.05  # of it
@@ -32,6 +32,6 @@ class DriveDrop(Effect):
         if is_of_one_size(v):
             return ()
         largest = float(np.max(np.abs(v)))
-        columns = response(fit, voltage=as_late(fit, -np.sign(v)))[:, :, None]
+        columns = late_response(fit, -np.sign(v))[:, :, None]
         most, usual = MOST_DROP * largest, USUAL_DROP * largest
         return [Linear(self.name, columns, ("V",), least=0.0, most=most, size=usual, moves=True)]

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from estimator.explaining.effects.base import SELDOM, Effect
 from estimator.fitting.fit import Fit, Linear
-from estimator.fitting.motor_response import as_late, motor_values, response
+from estimator.fitting.motor_response import late_response, motor_values
 from estimator.plans.plan import Plan
 
 FloatArray = NDArray[np.float64]
@@ -40,8 +40,8 @@ class SupplyDrift(Effect):
         longest = max(clock.time[-1] - clock.time[0] for clock in s.clocks)
         part = np.concatenate([(clock.time - clock.time[0]) / longest for clock in s.clocks])
         changes = [np.expm1(-n * part) / np.expm1(-n) - 0.5 if n else part - 0.5 for n in RELAXING]
-        v = as_late(fit, s.inputs("v"))
-        columns = response(fit, voltage=v[:, None] * np.column_stack([*changes, np.full(s.rows, KNOWN)]))
+        forms = np.column_stack([*changes, np.full(s.rows, KNOWN)])
+        columns = late_response(fit, s.inputs("v")[:, None] * forms)
         return [
             Linear(
                 self.name, columns[:, :, k : k + 1], ("",), least=-MOST_DRIFT, most=MOST_DRIFT, size=USUAL_DRIFT,

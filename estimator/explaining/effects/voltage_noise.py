@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from estimator.explaining.effects.base import Effect
 from estimator.fitting.fit import Fit, Linear
 from estimator.fitting.latency import EDGE
-from estimator.fitting.motor_response import as_late, motor_values, response
+from estimator.fitting.motor_response import late_response, motor_values
 from estimator.plans.part import LONG
 from estimator.plans.plan import Plan
 from estimator.recordings.excitation import input_noise
@@ -44,7 +44,7 @@ class VoltageNoise(Effect):
         around = _around(fit)
         if not around.any():
             return ()
-        columns = response(fit, voltage=as_late(fit, -around))[:, :, None]
+        columns = late_response(fit, -around)[:, :, None]
         return [Linear(self.name, columns, ("",), least=LEAST_PART, most=MOST_PART)]
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from estimator.explaining.effects.base import SELDOM, Effect
 from estimator.fitting.fit import Fit, Linear
 from estimator.fitting.latency import edges_of
-from estimator.fitting.motor_response import as_late, motor_values, response
+from estimator.fitting.motor_response import late_response, motor_values
 
 MOST_OFFSET = 0.2  # of the largest voltage
 USUAL_OFFSET = 0.01  # of it
@@ -34,7 +34,7 @@ class VoltageOffset(Effect):
         if not np.ptp(v) > 0:
             return ()
         largest = float(np.max(np.abs(v)))
-        columns = response(fit, voltage=as_late(fit, -np.ones_like(v)))[:, :, None]
+        columns = late_response(fit, -np.ones_like(v))[:, :, None]
         most = MOST_OFFSET * largest
         shown = _at_rest(fit, most)
         usual = max(USUAL_OFFSET * largest, shown)

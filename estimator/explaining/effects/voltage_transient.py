@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from estimator.explaining.effects.base import SELDOM, Effect, time_constants
 from estimator.fitting.fit import Fit, Linear
 from estimator.fitting.latency import EDGE, MOST_EDGES
-from estimator.fitting.motor_response import as_late, motor_values, response
+from estimator.fitting.motor_response import late_response, motor_values
 from estimator.fitting.score_test import likeliest
 from estimator.noise.recursion import recursion
 from estimator.plans.plan import Plan
@@ -89,7 +89,7 @@ def _response(fit: Fit, taus: FloatArray) -> FloatArray:
     for clock in s.clocks:  # all of each change is missing at first
         change = np.repeat(_changes(v[clock.rows], span)[:, None], len(taus), axis=1)
         missing[clock.rows] = recursion([1.0], [-np.exp(-clock.step / taus)], change)
-    return response(fit, voltage=as_late(fit, -missing))
+    return late_response(fit, -missing)
 
 
 def _changes(u: FloatArray, span: float) -> FloatArray:
