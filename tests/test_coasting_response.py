@@ -8,7 +8,7 @@ from driven_motor import DrivenMotor
 from scipy.linalg import expm
 
 from estimator import estimate_parameters, recording_from_arrays
-from estimator.fitting.motor_response import COASTS, response
+from estimator.fitting.motor_response import COASTS, late_response, response
 from estimator.noise.clock import Clock
 from estimator.plans.parameters import SensorPlace
 
@@ -17,7 +17,7 @@ STEP = 1e-3
 VOLTAGE = np.r_[np.zeros(20), np.full(60, 6.0), np.zeros(50), np.full(40, -4.0), np.zeros(30)]
 
 
-def fit_of(coasts, late=0.0):
+def fit_of(coasts, late=0.0, motor=MOTOR):
     names = (*MOTOR, COASTS, "delay of i")
     delay = SimpleNamespace(name="delay of i", place=SensorPlace("delay", None, "i"), act=None, output="")
     n = len(VOLTAGE)
@@ -27,7 +27,7 @@ def fit_of(coasts, late=0.0):
         outputs=("i", "w"), observed=[SimpleNamespace(inputs={"v": VOLTAGE}, delay=0.0)], nuisances=(delay,), rows=n,
         clocks=(Clock(STEP * np.arange(n), slice(0, n)),), inputs=lambda name: VOLTAGE,
     )  # fmt: skip
-    values = np.array([*MOTOR.values(), coasts, late])
+    values = np.array([*motor.values(), coasts, late])
     value = dict(zip(names, values.tolist(), strict=True)).__getitem__
     fit = SimpleNamespace(simulator=simulator, values=values, value=value, delay=lambda e: 0.0)
     fit.once = lambda told: told(fit)
@@ -61,6 +61,26 @@ def test_a_change_of_voltage_or_torque_moves_current_and_speed_as_the_equations_
     np.testing.assert_allclose(both, solved(drop, load, coasts), rtol=1e-9, atol=1e-9)
     two = response(fit_of(coasts), voltage=np.column_stack([drop, 2 * drop]))
     np.testing.assert_allclose(two[:, :, 1], 2 * solved(drop, none, coasts), rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("late", [-0.3, 0.4, 1.0, 2.6])
+def test_a_voltage_that_is_late_by_parts_of_a_row_acts_as_it_does_between_them(late):
+    """By a solution in tenths of rows: of a winding that is faster than a row, shares in time are far off."""
+    fast = MOTOR | {"L": 4e-4}
+    fit, rows = fit_of(0.0, motor=fast), len(VOLTAGE)
+    fit.delay = lambda e: late * STEP
+    voltage = np.random.default_rng(1).standard_normal(rows)
+    voltage[:1] = voltage[-4:] = 0.0  # what came before the first row, and would come behind the last, is not known
+    by = round(10 * late)
+    fine = np.concatenate([np.zeros(max(by, 0)), np.repeat(voltage, 10)[max(-by, 0) :], np.zeros(max(-by, 0))])
+    r, k, inductance, j, b = fast.values()
+    whole = np.zeros((3, 3))
+    whole[:2] = [[-r / inductance, -k / inductance, 1 / inductance], [k / j, -b / j, 0]]
+    after, x, shown = expm(whole * STEP / 10)[:2], np.zeros(2), []
+    for v in fine[: 10 * rows]:
+        shown.append(x)
+        x = after @ np.r_[x, v]
+    np.testing.assert_allclose(late_response(fit, voltage), np.array(shown)[::10], rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.parametrize("late", [0.4, 1.0, 2.6])

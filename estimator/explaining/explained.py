@@ -21,6 +21,7 @@ from estimator.explaining.effects.voltage_offset import VoltageOffset
 from estimator.explaining.explanation import Explanation
 from estimator.explaining.explanation_noise import by_noise_of
 from estimator.explaining.findings import COARSE, Found, found_effects, not_visible, rival_in_words, varying_parameters
+from estimator.explaining.incoherent_noise import quieted_again, quieted_at_sight
 from estimator.explaining.interpretations import Interpretation
 from estimator.explaining.likelier_interpretation import as_interpreted_by, likelier_interpretation
 from estimator.explaining.noise_of_all_rows import by_all_rows
@@ -162,12 +163,16 @@ def explain(
         plan, opened = with_open_circuits(plan)
     if any(e.name == "latency of each edge" for e in effects):
         plan, late = with_latencies(plan)
+    noisy, told_quiet = plan, ""
+    if any(e.name == VoltageNoise.name for e in effects) and may_be_replaced(plan):
+        plan, told_quiet = quieted_at_sight(plan)
     begin = partial(selection_of, crew=crew, sigma=sigma, deviations=deviations, effects=effects)
     ways, selections, explanation = likelier_interpretation(plan, begin, starts, known)
     plan, selection = ways[0].plan, selections[0]
     changed = [Found("latency of each edge", "", t, "") for t in late]
-    if (quiet := without_noise(explanation.fit, plan)) is not None:
-        changed += [f for f in found_effects(explanation, plan) if f.name == VoltageNoise.name]
+    quiet, told = _quiet(plan, noisy, explanation, told_quiet)
+    changed += told
+    if quiet is not None:
         rest = tuple(a for a in explanation.additions if a.name != VoltageNoise.name)
         plan, begun = quiet, dataclasses.replace(explanation, additions=rest)
         selection = begin(plan)
@@ -204,6 +209,20 @@ def explain(
         changed.append(Found(ways[0].effect, "", ways[0].told, ""))
     samples = selection.tests.samples
     return _explained(plan, explanation, checked, rivals, (open_additions, torques), samples, changed, (turned, ways))
+
+
+def _quiet(plan: Plan, noisy: Plan, explanation: Explanation, told: str) -> tuple[Plan | None, list[Found]]:
+    """Return the plan with the voltages that the motor sees, as it is explained, or None, and what was found of that.
+
+    Parameters
+    ----------
+    noisy, told : the plan with voltages as they were logged, and what of them was told at sight
+    """
+    if told:
+        return quieted_again(plan, noisy, explanation.fit), [Found(VoltageNoise.name, "", told, "")]
+    quiet = without_noise(explanation.fit, plan)
+    found = found_effects(explanation, plan) if quiet is not None else []
+    return quiet, [f for f in found if f.name == VoltageNoise.name]
 
 
 def _told_of(fit: Fit, name: str) -> tuple[float, float]:

@@ -60,12 +60,23 @@ def without_noise(fit: Fit, plan: Plan) -> Plan | None:
     off, deviation = fit.estimates[k] - 1.0, float(np.sqrt(fit.covariance()[k, k]))
     if off < -max(ALL_OF_IT, FAR * deviation):  # more than all of it is all of it
         return None
-    s, around, observed = fit.simulator, _around(fit), []
-    voltages, shown = s.inputs("v"), np.nan_to_num(fit.explained)
-    followed = [list(_followed(voltages[clock.rows], shown[clock.rows])) for clock in s.clocks]
-    is_told = s.rows <= LONG and sum(len(parts) for parts in followed) <= MOST_LEVELS
-    for o, clock, parts in zip(plan.observed, s.clocks, followed, strict=True):
-        own = around[clock.rows]
+    s = fit.simulator
+    around, shown = _around(fit), np.nan_to_num(fit.explained)
+    return quieted(plan, [around[c.rows] for c in s.clocks], [shown[c.rows] for c in s.clocks])
+
+
+def quieted(plan: Plan, around: Sequence[FloatArray], shown: Sequence[FloatArray]) -> Plan:
+    """Return a plan whose voltages are without their noise, (n,) each, V, and what is not known of them then.
+
+    Parameters
+    ----------
+    shown : (n, q) arrays
+        As for `noise_of`.
+    """
+    followed = [list(_followed(o.inputs["v"], own)) for o, own in zip(plan.observed, shown, strict=True)]
+    is_told = sum(map(len, shown)) <= LONG and sum(len(parts) for parts in followed) <= MOST_LEVELS
+    observed = []
+    for o, own, parts in zip(plan.observed, around, followed, strict=True):
         quiet = o.inputs["v"] - own
         uncertain = np.column_stack([_uncertain(own, parts), _between_rows(quiet, parts)]) if is_told else None
         inputs, was = {**o.inputs, "v": quiet}, o.is_measured
@@ -102,11 +113,11 @@ def _around(fit: Fit) -> FloatArray:
         return around
     v = s.inputs("v")
     for clock in s.clocks:
-        around[clock.rows] = _noise(v[clock.rows], fit.explained[clock.rows])
+        around[clock.rows] = noise_of(v[clock.rows], fit.explained[clock.rows])
     return around if np.max(np.abs(around)) > LEAST_NOISE * np.max(np.abs(v)) else np.zeros(s.rows)
 
 
-def _noise(u: FloatArray, shown: FloatArray) -> FloatArray:
+def noise_of(u: FloatArray, shown: FloatArray) -> FloatArray:
     """Return the noise of a voltage, (n,): what of each level is no constant, and no part of current or speed.
 
     A source sags in proportion to the current, and the voltage of a motor that coasts to its speed. Zero where it has
@@ -117,7 +128,7 @@ def _noise(u: FloatArray, shown: FloatArray) -> FloatArray:
     shown : (n, q) array
         What the sensors show without noise.
     """
-    if len(_levels(u)) > MOST_CHANGES:
+    if len(levels_of(u)) > MOST_CHANGES:
         return np.zeros(len(u))
     result = u.copy()
     for level, basis in _followed(u, shown):
@@ -125,7 +136,7 @@ def _noise(u: FloatArray, shown: FloatArray) -> FloatArray:
     return result
 
 
-def _levels(u: FloatArray) -> list[slice]:
+def levels_of(u: FloatArray) -> list[slice]:
     """Return the rows of each level of a voltage, (n,)."""
     least = max(EDGE * float(np.ptp(u)), ABOVE_NOISE * input_noise(u), 1e-300)
     jumps = (np.flatnonzero(np.abs(np.diff(u)) > least) + 1).tolist()
@@ -135,7 +146,7 @@ def _levels(u: FloatArray) -> list[slice]:
 def _followed(u: FloatArray, shown: FloatArray) -> Iterator[tuple[slice, FloatArray]]:
     """Yield the rows of each level of a voltage, and what it may follow there, orthonormal: (rows, k)."""
     largest = np.max(np.abs(np.nan_to_num(shown)), axis=0, initial=0.0)
-    for level in _levels(u):
+    for level in levels_of(u):
         rows = level.stop - level.start
         columns = np.ones((rows, 1)) / np.sqrt(rows)
         if rows >= LEAST_ROWS * (1 + shown.shape[1]):
