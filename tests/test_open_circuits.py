@@ -86,10 +86,19 @@ def test_a_motor_that_is_let_go_of_is_estimated_and_said_to_be(seed):
         assert abs(found.value - value) < 4 * found.standard_error, name
 
 
-def test_a_motor_whose_own_voltage_tells_another_constant_is_doubted():
-    own = OwnVoltage("", 0.0559, 3e-5)
-    assert own.doubt(0.05590, 1e-5) == "" and own.doubt(0.0557, 1e-4) == ""
-    assert "K = 0.0559, all else 0.0556" in own.doubt(0.0556, 3e-5)
+@pytest.mark.parametrize("late", [0.0, 0.0031])
+def test_a_motor_whose_own_voltage_tells_another_constant_is_doubted(late):
+    """A speed that is shown late is compared with the voltage as it was then: K seemed 4 % off."""
+    time = STEP * np.arange(300)
+    speed = 500 * np.exp(-(time - late) / 0.085)
+    voltage = np.where(time > 0.1, 0.0559 * 500 * np.exp(-time / 0.085), np.nan)
+    noise = 0.02 * np.random.default_rng(8).standard_normal(len(time))
+    own = OwnVoltage("", 0, time, voltage + noise, speed)
+    k, error = own.constant(late)
+    assert abs(k - 0.0559) < 4.5 * error < 3e-4
+    assert own.doubt(0.0559, 1e-5, late) == "" and own.doubt(0.0557, 1e-4, late) == ""
+    assert f"K = {k:.4g}, all else 0.055:" in own.doubt(0.0550, 3e-5, late)
+    assert not late or own.doubt(0.0559, 3e-5, 0.0)
 
 
 def test_a_torque_that_wanders_is_whitened_with_the_circuit_closed_and_open():

@@ -33,6 +33,7 @@ from estimator.explaining.selection_of_plan import may_be_replaced, selection_of
 from estimator.explaining.wandering_torque import OpenTorque, hidden_torque, with_wandering_torque
 from estimator.fitting.fit import Fit
 from estimator.fitting.latency import with_latencies
+from estimator.fitting.lateness import lateness
 from estimator.fitting.least_squares_fit import LeastSquaresFit
 from estimator.fmus.workers import Workers
 from estimator.noise.in_parts import Columns, products
@@ -203,12 +204,21 @@ def explain(
         rivals.append(turned)
     has_offset = any(n.startswith(("offset w", VoltageOffset.name)) for n in explanation.names())
     for own in opened:
-        doubt = "" if has_offset else own.doubt(*_told_of(explanation.fit, "K"))
+        doubt = (
+            ""
+            if has_offset
+            else own.doubt(*_told_of(explanation.fit, "K"), _lateness_of_speed(explanation.fit, own.recording))
+        )
         changed.append(Found(Coasting.name, "", own.sentence, doubt))
     if len(ways) > 1:
         changed.append(Found(ways[0].effect, "", ways[0].told, ""))
     samples = selection.tests.samples
     return _explained(plan, explanation, checked, rivals, (open_additions, torques), samples, changed, (turned, ways))
+
+
+def _lateness_of_speed(fit: Fit, recording: int) -> float:
+    """Return by how many s a recording shows the speed later than the voltage."""
+    return fit.delay(recording) + sum(lateness(fit.simulator, fit.value, "w"))
 
 
 def _quiet(plan: Plan, noisy: Plan, explanation: Explanation, told: str) -> tuple[Plan | None, list[Found]]:

@@ -35,19 +35,47 @@ ON = 0.1  # of the largest voltage
 
 @dataclass(frozen=True)
 class OwnVoltage:
-    """What the voltage of a motor whose circuit is open tells: a sentence, and K with its standard error, V.s/rad."""
+    """What the voltage of a motor whose circuit is open tells: a sentence, the recording's number, and its rows.
+
+    Attributes
+    ----------
+    time, voltage, speed : (n,) arrays
+        s, V and rad/s, all of one recording; the voltage is NaN where the circuit is closed.
+    """
 
     sentence: str
-    k: float
-    error: float
+    recording: int
+    time: FloatArray
+    voltage: FloatArray
+    speed: FloatArray
 
-    def doubt(self, k: float, error: float) -> str:
+    def constant(self, late: float) -> tuple[float, float]:
+        """Return the voltage over the speed, V.s/rad, and its standard error, as if neither had an offset.
+
+        Parameters
+        ----------
+        late : float
+            s by which the speed is shown later than the voltage.
+        """
+        known = np.isfinite(self.speed)
+        then = np.interp(self.time + late, self.time[known], self.speed[known], right=np.nan)
+        used = np.isfinite(self.voltage) & np.isfinite(then)
+        v, w = self.voltage[used], then[used]
+        power = float(w @ w)
+        if not power > 0:
+            return np.nan, np.inf
+        k = float(v @ w) / power
+        left = v - k * w
+        return k, float(np.hypot(np.sqrt(left @ left / max(len(v) - 1, 1) / power), OFFSETS * abs(k)))
+
+    def doubt(self, k: float, error: float, late: float) -> str:
         """Return why an estimate of K, of this standard error, is doubtful; "" where both agree."""
-        apart = abs(k - self.k)
-        if apart < max(AGREES * float(np.hypot(error, self.error)), LEAST_APART * abs(self.k)):
+        own, own_error = self.constant(late)
+        apart = abs(k - own)
+        if not apart >= max(AGREES * float(np.hypot(error, own_error)), LEAST_APART * abs(own)):
             return ""
         return (
-            f"the motor's own voltage, while its circuit is open, tells K = {self.k:.4g}, all else {k:.4g}: brushes or"
+            f"the motor's own voltage, while its circuit is open, tells K = {own:.4g}, all else {k:.4g}: brushes or"
             " drive drop a voltage, or the motor is another at large currents"
         )
 
@@ -55,7 +83,7 @@ class OwnVoltage:
 def with_open_circuits(plan: Plan) -> tuple[Plan, tuple[OwnVoltage, ...]]:
     """Return the plan without voltages that are the motor's own, and what was found."""
     observed, told = [], []
-    for o in plan.observed:
+    for e, o in enumerate(plan.observed):
         opens = open_rows(o)
         if opens is None:
             observed.append(_without_openings(o))
@@ -70,7 +98,8 @@ def with_open_circuits(plan: Plan) -> tuple[Plan, tuple[OwnVoltage, ...]]:
             f"{o.recording.title}: from t = {at} s no current flows while the voltage follows the speed: it is the"
             " motor's own, and the circuit is open"
         )
-        told.append(OwnVoltage(sentence, *_constant(o.inputs["v"][opens], o.outputs["w"][opens])))
+        own = np.where(opens, o.inputs["v"], np.nan)
+        told.append(OwnVoltage(sentence, e, o.times, own, o.outputs["w"]))
     return dataclasses.replace(plan, observed=tuple(observed)), tuple(told)
 
 
@@ -118,16 +147,6 @@ def open_rows(o: Observed) -> BoolArray | None:
         if _is_open(v[k:end], i[k:end] - zero, w[k:end], usual):
             opens[k:end] = True
     return opens if opens.any() else None
-
-
-def _constant(v: FloatArray, w: FloatArray) -> tuple[float, float]:
-    """Return the voltage over the speed, (n,) each, and its standard error; as if neither had an offset."""
-    known = np.isfinite(w)
-    v, w = v[known], w[known]
-    power = float(w @ w)
-    k = float(v @ w) / power
-    left = v - k * w
-    return k, float(np.hypot(np.sqrt(left @ left / max(len(v) - 1, 1) / power), OFFSETS * abs(k)))
 
 
 def _is_open(v: FloatArray, i: FloatArray, w: FloatArray, usual: float) -> bool:
