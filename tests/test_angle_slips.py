@@ -54,6 +54,17 @@ def test_an_angle_that_loses_nothing_does_not_slip(orders):
         assert not told(bench(seed, orders=orders, noise=0.1)[0])[1].any()  # of more the angle itself drifts
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_a_ripple_that_changes_its_sign_with_the_speed_slips_nothing(seed):
+    """An encoder off its centre shows w (1 + a cos theta): backward all its orders seemed to be half a wave off."""
+    rng, n = np.random.default_rng(seed), 4000
+    w = SPEED * np.tanh((0.5 * n - np.arange(n)) / 150.0)
+    theta = np.concatenate([[0.0], np.cumsum(0.5 * (w[1:] + w[:-1])) * STEP])
+    shown = w * (1 + 0.015 * np.cos(theta + 1) + 0.006 * np.cos(2 * theta)) + 0.5 * rng.standard_normal(n)
+    i = 0.5 * np.sign(w) + 0.02 * rng.standard_normal(n)
+    assert not told(np.column_stack([i, shown]))[1].any()
+
+
 def test_a_shaft_that_hardly_turns_or_has_an_encoder_tells_none():
     assert not told(bench(2, lost=[(1400, 5)], speed=3.0)[0])[1].any()
 

@@ -73,8 +73,8 @@ def with_wandering_torque(
     machine, seat = noise.machine, noise.seat
     if machine is None or not {0, 1} <= set(seat) or fit.simulator.rows > MOST_ROWS:
         return explanation, ()
-    (a, b), current = machine, np.abs(fit.shown[fit.whitener.moving, seat.index(0)])
-    usual = abs(a[1, 0] / b[1]) * float(np.median(current)) if len(current) else 0.0
+    a, b = machine
+    usual = abs(a[1, 0] / b[1]) * _usual_current(*(fit.shown[fit.whitener.moving, seat.index(k)] for k in (0, 1)))
     if usual == 0.0:
         return explanation, ()
     misfit = np.where(fit.whitener.present, fit.residuals(), 0.0)
@@ -104,6 +104,16 @@ def with_wandering_torque(
     each = len(SIZES) * float(np.sum(np.exp(-0.5 * unusual(USUAL_TORQUE * np.array([1.0, *SLOWER])))))
     prior = 2 * float(np.log(each * (1 - WANDERING) / WANDERING))
     return explanation, tuple(_open(fit, own, behind + prior) for own, behind in beside if behind <= EXCLUDED)
+
+
+def _usual_current(current: FloatArray, speed: FloatArray) -> float:
+    """Return the current that friction takes, A, of a machine that moves, (n,) each: its median or its mean.
+
+    One that is always driven to another speed takes more than friction most of the time; what speeds it up comes back.
+    """
+    if not len(current):
+        return 0.0
+    return min(float(np.median(np.abs(current))), abs(float(np.mean(current * np.sign(speed)))))
 
 
 def _misfits(likelihood: RestrictedLikelihood, sizes: Sequence[NoiseModel], still: float) -> list[float]:

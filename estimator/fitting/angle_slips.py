@@ -59,18 +59,30 @@ def angle_slips(theta: FloatArray, measured: FloatArray, outputs: Sequence[str],
     slips = np.zeros(len(theta))
     for clock in clocks:
         own = theta[clock.rows]
-        stretches = _stretches(own, clock.time)
-        if len(stretches) < STRETCHES:
-            continue
-        lines = [
-            line
+        shown = [
+            filled(measured[clock.rows, j])
             for j, y in enumerate(outputs)
             if y != "angle" and np.isfinite(measured[clock.rows, j]).any()
-            for line in _strong_lines(own, filled(measured[clock.rows, j]), stretches)
         ]
-        for k, slip in _of_coherent_lines(lines, len(stretches)):
-            slips[clock.rows.start + stretches[k][0] : clock.rows.stop] += slip
+        for stretches in _of_one_direction(own, _stretches(own, clock.time)):
+            lines = [line for y in shown for line in _strong_lines(own, y, stretches)]
+            for k, slip in _of_coherent_lines(lines, len(stretches)):
+                slips[clock.rows.start + stretches[k][0] : clock.rows.stop] += slip
     return slips
+
+
+def _of_one_direction(theta: FloatArray, stretches: Sequence[tuple[int, int]]) -> list[list[tuple[int, int]]]:
+    """Return the stretches in which the shaft turns in one direction, until it turns in the other, where they are many.
+
+    What ripples with a signal changes its sign with it, which is no slip.
+    """
+    found: list[list[tuple[int, int]]] = []
+    forward = [theta[b] > theta[a] for a, b in stretches]
+    for own, ahead, before in zip(stretches, forward, [None, *forward], strict=False):
+        if ahead is not before:
+            found.append([])
+        found[-1].append(own)
+    return [own for own in found if len(own) >= STRETCHES]
 
 
 def _stretches(theta: FloatArray, time: FloatArray) -> list[tuple[int, int]]:
