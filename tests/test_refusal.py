@@ -97,6 +97,23 @@ def test_a_current_without_its_sign_where_the_voltage_reverses(case_of):
     refused(case_of, made(voltage, np.abs(shown) * [1, 0] + shown * [0, 1], noise=(0, 1)), "its sign was lost")
 
 
+@pytest.mark.parametrize("late", [0, 3])
+def test_a_current_without_its_sign_where_the_motor_brakes(case_of, late):
+    """What braked it was shown as what drives it: R and K were told by the bounds of the case."""
+    voltage = np.repeat([0.0, 10.0, 0.0], [100, 400, 300])
+    shown = held_response(CML050, voltage, step=1e-3)
+    shown[:, 0] = np.roll(shown[:, 0], late)
+    lost = np.abs(shown) * [1, 0] + shown * [0, 1]
+    refused(case_of, made(voltage, lost, noise=(0.01, 1)), "flows back: its sign was lost")
+
+
+def test_a_current_that_does_not_flow_back_through_a_diode_has_its_sign(case_of):
+    voltage = np.repeat([0.0, 10.0, 0.0], [100, 400, 300])
+    shown = held_response(CML050, voltage, step=1e-3)
+    shown[500:, 0] = 0.0
+    assert run(case_of(), made(voltage, shown, noise=(0.01, 1))).verdict != "refused"
+
+
 def test_a_rectified_current_at_rest(case_of, good):
     noisy = good[1] + np.random.default_rng(3).standard_normal(good[1].shape) * [0.02, 1.0]
     noisy[:, 0] = np.abs(noisy[:, 0])

@@ -29,6 +29,7 @@ JUMP_ROWS, LEFT_AFTER = 6, 0.1  # samples after a jump, part of the response: wi
 FASTER = 10  # samples advised in place of one
 NO_DIFFERENCE = 3.0  # deviations of the noise: a smaller difference is none
 ALIKE_SAMPLES = 10  # equal samples: fewer may be equal by chance
+BRAKES = 12  # samples before a voltage falls to none in which the current has settled, and in which it brakes
 RECTIFIED = 50  # samples at rest that show a lost sign
 PLAINLY_DRIVEN = 0.2  # of the largest voltage
 REVERSED = 10  # rows in each direction: fewer are a spike while a current decays, or a relay that bounces
@@ -137,6 +138,15 @@ def _unsigned(o: Observed) -> list[str]:
                 )
             ]
         return []
+    if lowest > -max(4 * noise, 0.02 * highest) and (k := _rises_as_it_brakes(v, filled(i), plainly, noise)):
+        return [
+            Reason(
+                f"{o.recording.title}: as the voltage falls to {v[k]:.3g} V the current rises to"
+                f" {np.max(i[k : k + BRAKES]):.3g} A, and that of a motor that brakes flows back: its sign was lost;"
+                " record it with a sensor that tells the direction",
+                _place(o, "i", k, k + BRAKES - 1),
+            )
+        ]
     rest = i[: o.excitation.index] if o.excitation.kind == "step" and o.excitation.before == 0 else known[:0]
     rest = rest[~np.isnan(rest)]
     if len(rest) >= RECTIFIED and not o.excitation.running:
@@ -150,6 +160,22 @@ def _unsigned(o: Observed) -> list[str]:
                 )
             ]
     return []
+
+
+def _rises_as_it_brakes(v: FloatArray, i: FloatArray, plainly: float, noise: float) -> int:
+    """Return the row in which a voltage, (n,), falls to none and a settled current, (n,), then rises; 0: there is none.
+
+    No motor's does, whatever its load: less voltage drives less current.
+    """
+    size = np.abs(v)
+    for k in (np.flatnonzero((size[1:] < 0.1 * plainly) & (size[:-1] > plainly)) + 1).tolist():
+        before, after = i[max(0, k - BRAKES) : k], i[k : k + BRAKES]
+        if min(len(before), len(after)) < BRAKES or np.ptp(v[k - BRAKES : k]) > 0.1 * plainly:
+            continue
+        rise = float(np.max(after) - np.max(before))
+        if rise > max(8 * noise, float(np.max(before)), 4 * float(np.ptp(before))):
+            return k
+    return 0
 
 
 def _contradicted(o: Observed) -> list[str]:
