@@ -93,7 +93,7 @@ def test_a_motor_whose_own_voltage_tells_another_constant_is_doubted(late):
     speed = 500 * np.exp(-(time - late) / 0.085)
     voltage = np.where(time > 0.1, 0.0559 * 500 * np.exp(-time / 0.085), np.nan)
     noise = 0.02 * np.random.default_rng(8).standard_normal(len(time))
-    own = OwnVoltage("", 0, time, voltage + noise, speed)
+    own = OwnVoltage("", 0, time, voltage + noise + 0.2, speed - 1.5)  # offsets are no other constant
     k, error = own.constant(late)
     assert abs(k - 0.0559) < 4.5 * error < 3e-4
     assert own.doubt(0.0559, 1e-5, late) == "" and own.doubt(0.0557, 1e-4, late) == ""

@@ -5,6 +5,7 @@ import re
 
 import numpy as np
 import pytest
+from driven_motor import DrivenMotor
 from motors import CML050, RMCS2004, Motor, held_response, recording_of, step_recording
 
 from estimator.cases.case import OutputSpec, ParameterSpec
@@ -109,7 +110,8 @@ def test_a_current_without_its_sign_where_the_motor_brakes(case_of, late):
 
 def test_a_current_that_does_not_flow_back_through_a_diode_has_its_sign(case_of):
     voltage = np.repeat([0.0, 10.0, 0.0], [100, 400, 300])
-    shown = held_response(CML050, voltage, step=1e-3)
+    after = DrivenMotor(CML050.parameters | {"coasts": 1.0}).response(voltage, np.zeros(len(voltage)), step=1e-3)[:, :2]
+    shown = np.vstack([np.zeros((1, 2)), after[:-1]])
     shown[500:, 0] = 0.0
     assert run(case_of(), made(voltage, shown, noise=(0.01, 1))).verdict != "refused"
 

@@ -29,7 +29,6 @@ OWN = 0.1  # of how far the motor's own voltage moves: it differs from K w by le
 FALLS = 0.02  # of its speed: a motor that coasts loses more, from one half to the other
 SURE = 10.0  # standard errors of that fall, of speed and of voltage
 AGREES, LEAST_APART = 4.0, 2e-3  # standard errors; parts: a smaller difference is within the sensors' gains
-OFFSETS = 5e-4  # of K: what small offsets of both make of it
 ON = 0.1  # of the largest voltage
 
 
@@ -50,7 +49,7 @@ class OwnVoltage:
     speed: FloatArray
 
     def constant(self, late: float) -> tuple[float, float]:
-        """Return the voltage over the speed, V.s/rad, and its standard error, as if neither had an offset.
+        """Return the fall of the voltage over that of the speed, V.s/rad, and its standard error, whatever the offsets.
 
         Parameters
         ----------
@@ -61,12 +60,12 @@ class OwnVoltage:
         then = np.interp(self.time + late, self.time[known], self.speed[known], right=np.nan)
         used = np.isfinite(self.voltage) & np.isfinite(then)
         v, w = self.voltage[used], then[used]
-        power = float(w @ w)
-        if not power > 0:
+        half = len(v) // 2
+        if not half:
             return np.nan, np.inf
-        k = float(v @ w) / power
-        left = v - k * w
-        return k, float(np.hypot(np.sqrt(left @ left / max(len(v) - 1, 1) / power), OFFSETS * abs(k)))
+        fall = float(np.mean(w[:half]) - np.mean(w[half:]))
+        k = float(np.mean(v[:half]) - np.mean(v[half:])) / fall
+        return k, float(np.std(v - k * w)) * 2 / float(np.sqrt(len(v))) / abs(fall)
 
     def doubt(self, k: float, error: float, late: float) -> str:
         """Return why an estimate of K, of this standard error, is doubtful; "" where both agree."""

@@ -13,7 +13,14 @@ from estimator.cases.case_signals import GIVEN, REST, SETTLED
 from estimator.errors import CaseError, RecordingError, suggestion
 from estimator.plans.binding import Binding, Channels
 from estimator.plans.plan import Observed
-from estimator.recordings.excitation import Excitation, find_delay, find_excitation, noise_deviation, quantum
+from estimator.recordings.excitation import (
+    Excitation,
+    find_delay,
+    find_excitation,
+    input_noise,
+    noise_deviation,
+    quantum,
+)
 from estimator.recordings.filters import filter_sections
 from estimator.recordings.recording import MIN_SAMPLES, Recording
 from estimator.recordings.samples import filled, median
@@ -40,7 +47,7 @@ def observe(binding: Binding, channels: Channels, recording: Recording, run: Run
         A correction does not fit, or samples are missing: one sentence.
     """
     _check_channels(run, channels, recording)
-    recording, driven, told = _driven(binding, recording, channels.inputs, run)
+    recording, driven, told, early = _driven(binding, recording, channels.inputs, run)
     measured, more = _compared(binding, recording, channels.outputs, run)
     told = [*(f"{recording.title}: {sentence}" for sentence in recording.not_read), *told, *more]
     has_phase = "angle" in measured and quantum(measured["angle"]) > 0
@@ -58,7 +65,7 @@ def observe(binding: Binding, channels: Channels, recording: Recording, run: Run
     rest = 1 if starts and any(u[0] != 0 for u in driven.values()) else 0
     found = Observed(
         recording, driven, measured, excitation, 0, delay, notes=tuple(told), has_phase=has_phase, rest=rest,
-        at_rest=run.begin == REST,
+        at_rest=run.begin == REST, early=early,
     )  # fmt: skip
     if begin in (GIVEN, REST):  # nothing to run in, and the way from there is a response
         by_itself = run.begin == GIVEN or not (run.begin or is_motor)  # a motor at zero does not move without its input
@@ -107,9 +114,12 @@ def _usual_begin(binding: Binding, driven: Mapping[str, FloatArray], measured: M
 
 def _driven(
     binding: Binding, recording: Recording, inputs: Mapping[str, str], run: RunSpec
-) -> tuple[Recording, dict[str, FloatArray], list[str]]:
-    """Return the part of a recording in which every input is known, the inputs, (n,) each, and what to tell."""
-    driven, notes = {}, []
+) -> tuple[Recording, dict[str, FloatArray], list[str], float]:
+    """Return the part of a recording in which every input is known, the inputs, (n,) each, what to tell, and `early`.
+
+    That is for how many s before the first row they are not known, though they have changed.
+    """
+    driven, notes, early = {}, list[str](), 0.0
     for name, column in inputs.items():
         unit = binding.signal(name).unit or None
         driven[name] = _corrected(_driving(binding.case, recording, name, column, unit), name, column, run)
@@ -117,12 +127,20 @@ def _driven(
     if last - first < len(recording.time):
         recording = recording.between(first, last)
         driven = {name: signal[first:last] for name, signal in driven.items()}
+    held = {name: signal for name, signal in driven.items() if name not in binding.case.linear}
+    part, told = _between_changes(recording, held, inputs)
+    if told:
+        before = np.flatnonzero(~np.isnan(np.sum([u[: part.start] for u in held.values()], axis=0)))
+        early = float(recording.time[part.start] - recording.time[before[-1]]) if len(before) else 0.0
+        recording = recording.between(part.start, part.stop)
+        driven = {name: signal[part] for name, signal in driven.items()}
+        notes.append(told)
     for name in driven:
-        driven[name], told = _complete(recording, driven[name], name, inputs[name], linear=name in binding.case.linear)
-        notes += told
+        driven[name], more = _complete(recording, driven[name], name, linear=name in binding.case.linear)
+        notes += more
     for name, value in binding.held_inputs.items():
         driven[name] = np.full(len(recording.time), value)
-    return recording, driven, notes
+    return recording, driven, notes, early
 
 
 def _compared(
@@ -252,9 +270,70 @@ def _known_range(recording: Recording, driven: Mapping[str, FloatArray]) -> tupl
     return first, last
 
 
-def _complete(
-    recording: Recording, signal: FloatArray, name: str, column: str, *, linear: bool
-) -> tuple[FloatArray, list[str]]:
+def _between_changes(
+    recording: Recording, held: Mapping[str, FloatArray], columns: Mapping[str, str]
+) -> tuple[slice, str]:
+    """Return the rows between gaps in which an input changes, at an instant that nothing tells, and what to tell.
+
+    The longest of these parts in which an input moves, or of all: of a motor that rests little can be told.
+
+    Raises
+    ------
+    RecordingError
+        It is too short.
+    """
+    cuts, at = {0, len(recording.time)}, dict[str, list[float]]()
+    for name, signal in held.items():
+        for last, following in _changes_in_gaps(signal):
+            cuts |= {last + 1, following}
+            at.setdefault(columns[name], []).append(float(recording.time[last + 1]))
+    if not at:
+        return slice(None), ""
+    bounds = sorted(cuts)
+    parts = [slice(a, b) for a, b in zip(bounds[:-1], bounds[1:], strict=True)]
+    known = [p for p in parts if not any(np.isnan(u[p]).all() for u in held.values())]
+    moving = [p for p in known if any(_moves(u[p], u) for u in held.values())]
+    best = max(moving or known, key=lambda p: p.stop - p.start)
+    gaps = "; ".join(
+        f"{column} has no sample at t = {', '.join(f'{t:g}' for t in times)} s and changes before the next one"
+        for column, times in at.items()
+    )
+    rows = best.stop - best.start
+    if rows < MIN_SAMPLES:
+        raise RecordingError(
+            f"{recording.title}: {gaps}; an input must be complete where it changes; leave the gap out with a window"
+        )
+    first, last = recording.time[best.start], recording.time[best.stop - 1]
+    return best, f"{recording.title}: {gaps}: of it the {rows} rows from {first:g} to {last:g} s are used"
+
+
+def _changes_in_gaps(signal: FloatArray) -> list[tuple[int, int]]:
+    """Return the last row before each gap of an input, (n,), in which it changes, and the first one behind it."""
+    known = np.flatnonzero(~np.isnan(signal))
+    gaps = np.diff(known)
+    if _is_slower(gaps):
+        return []
+    apart = np.abs(np.diff(signal[known])) > _one_level(signal[known])
+    return [(int(k), int(k + gap)) for k, gap in zip(known[:-1][apart], gaps[apart], strict=True) if gap > SHORT_GAP]
+
+
+def _is_slower(gaps: NDArray[np.int64]) -> bool:
+    """Whether an input was sampled at a lower rate, by the rows from sample to sample."""
+    usual = int(np.median(gaps)) if len(gaps) else 1
+    return usual > 1 and bool(np.mean(gaps == usual) >= SLOWER_CLOCK)
+
+
+def _one_level(known: FloatArray) -> float:
+    """Return by how much samples of an input, (n,), differ that are of one level."""
+    return max(SAME_LEVEL * float(np.ptp(known)), 6 * input_noise(known))
+
+
+def _moves(part: FloatArray, signal: FloatArray) -> bool:
+    """Whether an input leaves its level in a part of its samples; NaN: there is none."""
+    return float(np.nanmax(part) - np.nanmin(part)) > _one_level(signal[~np.isnan(signal)])
+
+
+def _complete(recording: Recording, signal: FloatArray, name: str, *, linear: bool) -> tuple[FloatArray, list[str]]:
     """Return an input without gaps, and what to tell: held over them, as it is from row to row, or on a line."""
     missing = np.isnan(signal)
     if not missing.any():
@@ -265,17 +344,8 @@ def _complete(
         return np.interp(recording.time, recording.time[known], signal[known]), [told]
     held = signal[known[np.searchsorted(known, np.arange(len(signal)), side="right") - 1]]
     gaps = np.diff(known)
-    usual = int(np.median(gaps))
-    if usual > 1 and np.mean(gaps == usual) >= SLOWER_CLOCK:
-        return held, [f"{recording.title}: {name} was sampled at every {usual}th row and held between"]
-    level = max(SAME_LEVEL * float(np.ptp(signal[known])), 6 * noise_deviation(signal[known]))
-    for k, gap in zip(known, gaps, strict=False):
-        changes = abs(float(signal[k + gap] - signal[k])) > level
-        if changes and gap > SHORT_GAP:
-            raise RecordingError(
-                f"{recording.title}: {column} has no sample at t = {recording.time[k + 1]:g} s and changes before the"
-                " next one; an input must be complete where it changes; leave the gap out with a window"
-            )
+    if _is_slower(gaps):
+        return held, [f"{recording.title}: {name} was sampled at every {int(np.median(gaps))}th row and held between"]
     return held, [f"{recording.title}: {name} has {int(missing.sum())} missing samples, held from the one before"]
 
 

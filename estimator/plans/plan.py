@@ -51,6 +51,8 @@ class Observed:
         V: what k errors of variance 1 add to a motor's voltage, such as those of the means of its levels.
     taken : (n,) array, optional
         s, when the rows were taken, where that is not what the clock says.
+    early : float
+        s before its first row for which its inputs are not known, though they have changed since.
     is_quiet : bool
         The voltage was measured, and what does not reach the motor of it, its sensor's noise, is left out.
     """
@@ -70,6 +72,7 @@ class Observed:
     uncertain: FloatArray | None = None
     taken: FloatArray | None = None
     is_quiet: bool = False
+    early: float = 0.0
 
     @property
     def is_measured(self) -> bool:

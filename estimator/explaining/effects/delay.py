@@ -32,7 +32,7 @@ class Delay(Effect):
             longest = LATEST * float(o.recording.time[-1] - o.recording.time[0])
             found.append(
                 Nuisance(
-                    name, "s", -EARLIEST * h, max(longest, 20 * h), 0.0, h,
+                    name, "s", -max(EARLIEST * h, o.early), max(longest, 20 * h), 0.0, h,
                     place=SensorPlace("delay", e), tries=(0.5 * h, 2 * h, -0.5 * h, -2 * h),
                 )
             )  # fmt: skip
@@ -51,10 +51,11 @@ class Delay(Effect):
     def doubted(self, name: str, value: float, plan: Plan) -> str:
         """Say that no motor responds before its input: the clock is wrong, or another effect is taken for a delay.
 
-        A measured voltage shows a change in the row behind it, up to a row late.
+        A measured voltage shows a change in the row behind it, up to a row late. Behind a gap it changed in the gap.
         """
         measured = any(o.is_measured for o in plan.observed)
-        if value < -(EARLY + measured) * plan.shortest_step:
+        early = plan.observed[per_recording(plan, self.name).index(name)].early
+        if value < -early - (EARLY + measured) * plan.shortest_step:
             return (
                 f"no motor does; check the recording's clock, or declare it (delay = {value:.3g} under [[recording]])"
             )
