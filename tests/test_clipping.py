@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from estimator.recordings.clipping import clipped, limit
+from estimator.recordings.clipping import clipped, limit, shared_limits
 
 T = np.arange(1000) * 1e-3
 RISE = 3.0 * (1 - np.exp(-np.maximum(T - 0.1, 0) / 0.05))
@@ -43,6 +43,30 @@ def test_a_peak_that_is_cut_is_found_where_a_logger_shows_each_sample_several_ti
 )
 def test_what_settles_is_counted_or_is_held_is_not_taken_for_cut(shown):
     assert not clipped(shown).any()
+
+
+def test_a_peak_that_is_cut_is_found_where_what_it_settles_at_has_less_noise_and_few_digits():
+    """Of the rest's samples 2 % repeat by their digits: the current was limited, curved and late instead."""
+    rng = np.random.default_rng(4)
+    y = np.minimum(
+        1000 * np.exp(-np.maximum(T - 0.1, 0) / 0.05) * (T >= 0.1) * (1 + 0.02 * rng.standard_normal(1000)), 850
+    )
+    y = np.round(np.where(y < 850, y + 1.4 * rng.standard_normal(1000), y), 1)
+    assert np.mean(np.diff(y) == 0) > 0.02 and np.count_nonzero(y == 850) >= 4
+    assert clipped(y)[y == 850].all() and np.count_nonzero(clipped(y)[y < 600]) <= 1  # the row before it
+
+
+def test_two_samples_at_one_extreme_in_each_recording_are_cut():
+    def step(seed, size, cut=8.677):
+        noise = np.random.default_rng(seed).standard_normal(1000)
+        return np.round(np.minimum(size * np.exp(-np.maximum(T - 0.1, 0) / 0.009) * (T >= 0.1) + 0.05 * noise, cut), 3)
+
+    cut = [step(1, 11.0), step(2, 10.5), step(3, 8.0)]
+    assert [np.count_nonzero(y == 8.677) for y in cut] == [3, 2, 0]
+    assert not clipped(cut[1]).any()
+    known = shared_limits(cut)
+    assert known == {8.677} and clipped(cut[1], known)[cut[1] == 8.677].all() and not clipped(cut[2], known).any()
+    assert not shared_limits([step(1, 11.0, 20.0), step(2, 10.5, 20.0)])
 
 
 def test_a_coarse_speed_that_settles_on_a_level_is_not_cut():

@@ -17,7 +17,7 @@ from estimator.plans.free_parameters import first_guess, free_parameters, held_p
 from estimator.plans.observing import observe, within
 from estimator.plans.parameters import SensorPlace
 from estimator.plans.plan import ChainSpec, Observed, Plan
-from estimator.plans.reading import with_reading, without_hidden_speeds
+from estimator.plans.reading import with_reading, without_clipped, without_hidden_speeds
 from estimator.recordings.differenced_counts import as_counted, counts_a_turn
 from estimator.recordings.files import recordings_in
 from estimator.recordings.filters import MAX_SECTIONS, filter_sections
@@ -62,6 +62,7 @@ def plan_case(
         with_reading(binding, channels, observe(binding, channels, recording, run))
         for channels, recording, run in zip(binding.channels, read, runs, strict=True)
     )
+    observed = without_clipped(binding, observed)
     observed = without_hidden_speeds(observed) if binding.is_motor else observed
     if not description.capabilities.get("canHandleVariableCommunicationStepSize", True):
         uneven = next((o.recording.title for o in observed if not o.recording.even), None)

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimator.plans.binding import Binding, Channels
 from estimator.plans.plan import Observed
-from estimator.recordings.clipping import clipped, limit
+from estimator.recordings.clipping import clipped, limit, shared_limits
 from estimator.recordings.dead_zone import hidden_speeds, least_speed
 from estimator.recordings.finding import Evidence, Finding
 from estimator.recordings.motor_columns import motor_columns
@@ -30,7 +30,7 @@ def with_reading(binding: Binding, channels: Channels, observed: Observed) -> Ob
     read = understood(recording, {**channels.inputs, **channels.outputs})
     if not binding.is_motor:
         observed = dataclasses.replace(observed, read=tuple(_in_the_fmus_unit(binding, r) for r in read))
-        return _without_clipped(binding, observed)
+        return observed
     signals = {n: y for n, y in {**observed.inputs, **observed.outputs}.items() if n in MOTOR_SIGNALS}
     beside = motor_columns(recording, required=()).get("angle")
     if beside is not None and "angle" not in signals:
@@ -38,7 +38,7 @@ def with_reading(binding: Binding, channels: Channels, observed: Observed) -> Ob
     findings = implausible_as_read(recording.title, recording.time, signals, read)
     if "friction" in binding.parameters:
         findings = tuple(finding for finding in findings if finding.kind != "dead band")
-    return _without_clipped(binding, dataclasses.replace(observed, read=read, findings=findings))
+    return dataclasses.replace(observed, read=read, findings=findings)
 
 
 def _in_the_fmus_unit(binding: Binding, read: Understood) -> Understood:
@@ -80,11 +80,18 @@ def _without_hidden(observed: Observed, w: FloatArray, v: FloatArray, least: flo
     return dataclasses.replace(observed, outputs=outputs, findings=(*observed.findings, finding))
 
 
-def _without_clipped(binding: Binding, observed: Observed) -> Observed:
-    """Return a recording without the samples at which a sensor is saturated, and with a word on them."""
+def without_clipped(binding: Binding, observed: Sequence[Observed]) -> tuple[Observed, ...]:
+    """Return recordings without the samples at which a sensor is saturated, in any of them, and with a word on them."""
+    known: dict[str, frozenset[float]] = {}
+    for name in {name for o in observed for name in o.outputs}:
+        known[name] = shared_limits([o.outputs[name] for o in observed if name in o.outputs])
+    return tuple(_without_clipped(binding, o, known) for o in observed)
+
+
+def _without_clipped(binding: Binding, observed: Observed, known: Mapping[str, frozenset[float]]) -> Observed:
     outputs, findings = dict(observed.outputs), [*observed.findings]
     for name in sorted(outputs.keys() - {"angle"}):  # which has its largest value in each turn, where it begins again
-        rows = clipped(outputs[name])
+        rows = clipped(outputs[name], known[name])
         if not rows.any():
             continue
         first, last = (float(t) for t in observed.recording.time[np.flatnonzero(rows)[[0, -1]]])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,6 +16,7 @@ FloatArray = NDArray[np.float64]
 LEAST = 3  # samples at the extreme value: two may be a logger's repeat
 EACH = 0.9  # of a logger's samples, each shown the same number of times
 REPEATS = 0.02  # of a signal's samples: a logger that repeats more than these says nothing at an extreme
+LARGE = 0.2  # of the largest: a sample of a signal that is far from its rest
 PAUSE = 4  # equal samples, at least
 CARRIED, CARRIED_SPAN = 4.0, 0.01  # times the noise or the converter's step; of the span: so far it would have gone on
 JUMP = 1e-3  # of the span: a signal that comes nearer than that, as one that settles does, is not cut
@@ -21,27 +24,53 @@ HALF = 0.5
 COARSE = 3.0  # times the converter's step: noise below that repeats values anyhow
 TELLS_NOISE = 30  # samples between the extremes: fewer, of a coarse sensor's rise, seem to have noise
 NEAR, SMOOTH = 3.0, 2  # deviations of the noise; samples on either side of a running median
+FINE = 10.0  # times the digits: noise by which signals hardly have their extremes twice, and in common
 CUT = 0.05  # of the samples near the extreme: fewer are chance, and move their mean by 0.02 deviations of the noise
 
 
-def clipped(y: FloatArray) -> NDArray[np.bool_]:
+def shared_limits(signals: Sequence[FloatArray]) -> frozenset[float]:
+    """Return the values at which one sensor's signals, (n,) each, are clipped: of one of them, or shared extremes.
+
+    Each shows such an extreme twice or more, where noise is far above the digits: by chance one pair in 5 000 do.
+    """
+    if len(signals) < 2:
+        return frozenset()
+    found: list[float] = []
+    for y in signals:
+        if (rows := clipped(y)).any():
+            found += 2 * [limit(y, rows)]
+        if noise_deviation(y) > FINE * quantum(y):
+            found += [v for v in (float(np.nanmax(y)), float(np.nanmin(y))) if v != 0 and np.count_nonzero(y == v) > 1]
+    return frozenset(v for v in found if found.count(v) > 1)
+
+
+def clipped(y: FloatArray, known: frozenset[float] = frozenset()) -> NDArray[np.bool_]:
     """Return which samples, (n,), of a signal are clipped, and those beside them, whose noise was cut.
 
     A clipped signal repeats its extreme value exactly where its noise would not, or enters and leaves it with slopes
     that would have carried it on. One that also pauses between its extremes, as a mean of what a slow encoder counts
     does, says nothing by it.
+
+    Parameters
+    ----------
+    known : values at which the sensor is clipped in other recordings
     """
     shown = _shown_anew(y)
     if len(shown) < len(y):
-        return np.repeat(clipped(y[shown]), np.diff([*shown, len(y)]))
+        return np.repeat(clipped(y[shown], known), np.diff([*shown, len(y)]))
     result = np.zeros(len(y), dtype=bool)
     extremes = float(np.nanmax(y)), float(np.nanmin(y))
     ends = [(sign, value, y == value) for sign, value in zip((1.0, -1.0), extremes, strict=True) if value != 0]
+    for sign, value, at in ends:
+        if value in known:
+            result |= _with_neighbours(sign * y, at)
     ends = [(sign, value, at) for sign, value, at in ends if np.count_nonzero(at) >= LEAST]
     if not ends:  # most noise
         return result
     between = y[(y < extremes[0]) & (y > extremes[1])]
-    repeats = np.count_nonzero(np.diff(between) == 0) > REPEATS * len(y)
+    large = np.abs(between) > LARGE * np.max(np.abs(extremes))  # at rest few digits repeat, too
+    told = between[large] if np.count_nonzero(large) >= TELLS_NOISE else between
+    repeats = np.count_nonzero(np.diff(told) == 0) > REPEATS * len(told)
     bends = np.sign(np.diff(between, 2))
     turns = np.count_nonzero(bends[1:] * bends[:-1] < 0) > HALF * len(bends)  # of noise 73 %, of a smooth signal few
     noise = noise_deviation(between)
