@@ -15,7 +15,7 @@ from scipy.linalg import expm
 from estimator.cases.case import Case, OutputSpec, ParameterSpec
 from estimator.cases.case_signals import RunSpec
 from estimator.estimating.estimate import estimate_recordings
-from estimator.explaining import explained, likelier_interpretation, rivals
+from estimator.explaining import explained, incoherent_noise, likelier_interpretation, rivals
 from estimator.explaining.addition import Addition
 from estimator.explaining.effects import EFFECTS, voltage_noise
 from estimator.explaining.effects.delay import Delay
@@ -769,7 +769,7 @@ def test_levels_of_a_long_recording_take_no_memory_for_their_errors(long, monkey
     told = []
     monkeypatch.setattr(voltage_noise, "LONG", long)
     monkeypatch.setattr(
-        explained, "without_noise", lambda *of: told.append(voltage_noise.without_noise(*of)) or told[-1]
+        explained, "quieted_again", lambda *of: told.append(incoherent_noise.quieted_again(*of)) or told[-1]
     )
     result, true = of_random_bench(1012188, tmp_path)
     uncertain = told[0].observed[0].uncertain

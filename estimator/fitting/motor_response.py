@@ -94,10 +94,12 @@ def late_response(fit: Fit, voltage: FloatArray) -> FloatArray:
     """
     values = motor_values(fit)
     assert values is not None
-    of_motor = tuple(values[name] for name in MOTOR)
+    of_motor, clocks = tuple(values[name] for name in MOTOR), fit.simulator.clocks
+    late = [divmod(fit.delay(e) / clock.step, 1.0) for e, clock in enumerate(clocks)]
+    if not any(part for _, part in late):
+        return response(fit, voltage=as_late(fit, voltage) if any(whole for whole, _ in late) else voltage)
     held = np.zeros((2, *voltage.shape))  # a voltage and a torque that do the same from row to row
-    for e, clock in enumerate(fit.simulator.clocks):
-        whole, part = divmod(fit.delay(e) / clock.step, 1.0)
+    for (whole, part), clock in zip(late, clocks, strict=True):
         old, new = (_moved(voltage[clock.rows], int(whole) + more) for more in (1, 0))
         if part == 0:
             held[0, clock.rows] = new
