@@ -39,8 +39,9 @@ def shared_limits(signals: Sequence[FloatArray]) -> frozenset[float]:
     for y in signals:
         if (rows := clipped(y)).any():
             found += 2 * [limit(y, rows)]
-        if noise_deviation(y) > FINE * quantum(y):
-            found += [v for v in (float(np.nanmax(y)), float(np.nanmin(y))) if v != 0 and np.count_nonzero(y == v) > 1]
+        extremes = float(np.nanmax(y)), float(np.nanmin(y))
+        if _is_noisy(y, extremes, FINE):
+            found += [v for v in extremes if v != 0 and np.count_nonzero(y == v) > 1]
     return frozenset(v for v in found if found.count(v) > 1)
 
 
@@ -68,13 +69,7 @@ def clipped(y: FloatArray, known: frozenset[float] = frozenset()) -> NDArray[np.
     if not ends:  # most noise
         return result
     between = y[(y < extremes[0]) & (y > extremes[1])]
-    large = np.abs(between) > LARGE * np.max(np.abs(extremes))  # at rest few digits repeat, too
-    told = between[large] if np.count_nonzero(large) >= TELLS_NOISE else between
-    repeats = np.count_nonzero(np.diff(told) == 0) > REPEATS * len(told)
-    bends = np.sign(np.diff(between, 2))
-    turns = np.count_nonzero(bends[1:] * bends[:-1] < 0) > HALF * len(bends)  # of noise 73 %, of a smooth signal few
-    noise = noise_deviation(between)
-    noisy = len(between) >= TELLS_NOISE and turns and not repeats and noise > COARSE * quantum(between)
+    noise, noisy = noise_deviation(between), _is_noisy(y, extremes, COARSE)
     paused = _pauses(y, grain=max(quantum(y), noise))
     only_there = {*y[paused].tolist()} <= {*extremes}
     for sign, value, at in ends:
@@ -85,6 +80,20 @@ def clipped(y: FloatArray, known: frozenset[float] = frozenset()) -> NDArray[np.
         if (noisy and leaves and often) or held:
             result |= _with_neighbours(sign * y, at)
     return result
+
+
+def _is_noisy(y: FloatArray, extremes: tuple[float, float], times: float) -> bool:
+    """Whether a signal's noise, so many times its digits or more, keeps its samples between the extremes apart."""
+    between = y[(y < extremes[0]) & (y > extremes[1])]
+    if len(between) < TELLS_NOISE:
+        return False
+    large = np.abs(between) > LARGE * np.max(np.abs(extremes))  # at rest few digits repeat, too
+    told = between[large] if np.count_nonzero(large) >= TELLS_NOISE else between
+    if np.count_nonzero(np.diff(told) == 0) > REPEATS * len(told):
+        return False
+    bends = np.sign(np.diff(between, 2))
+    turns = np.count_nonzero(bends[1:] * bends[:-1] < 0)  # of noise 73 %, of a smooth signal few
+    return bool(turns > HALF * len(bends) and noise_deviation(between) > times * quantum(between))
 
 
 def limit(y: FloatArray, rows: NDArray[np.bool_]) -> float:
