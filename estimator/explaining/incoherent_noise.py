@@ -38,10 +38,11 @@ def quieted_at_sight(plan: Plan) -> tuple[Plan, str]:
 
     Of voltages whose noise is all that they do beside their levels: what follows a current is told by a fit.
     """
-    if any(not o.is_measured or o.is_quiet or "i" not in o.outputs for o in plan.observed):
+    measured = [o.is_measured for o in plan.observed]
+    if not any(measured) or any(o.is_quiet or "i" not in o.outputs for o in plan.observed):
         return plan, ""
     nothing = [np.zeros((len(o.inputs["v"]), 0)) for o in plan.observed]
-    around = [noise_of(o.inputs["v"], none) for o, none in zip(plan.observed, nothing, strict=True)]
+    around = _noises(plan, nothing)
     if not all(_is_white(o.inputs["v"], own) for o, own in zip(plan.observed, around, strict=True)):
         return plan, ""
     part, error = answered(plan.observed, around)
@@ -57,13 +58,20 @@ def quieted_again(quiet: Plan, noisy: Plan, fit: Fit) -> Plan:
     """
     explained = np.nan_to_num(fit.explained)
     shown = [explained[clock.rows] for clock in fit.simulator.clocks]
-    voltages = [o.inputs["v"] for o in noisy.observed]
-    observed = [
-        dataclasses.replace(o, inputs={**o.inputs, "v": v}, is_quiet=False)
-        for o, v in zip(quiet.observed, voltages, strict=True)
+    observed = tuple(
+        dataclasses.replace(o, inputs={**o.inputs, "v": was.inputs["v"]}, is_quiet=False)
+        for o, was in zip(quiet.observed, noisy.observed, strict=True)
+    )
+    plan = dataclasses.replace(quiet, observed=observed)
+    return quieted(plan, _noises(plan, shown), shown)
+
+
+def _noises(plan: Plan, shown: Sequence[FloatArray]) -> list[FloatArray]:
+    """Return the noise of each recording's voltage, V, (n,); none of a command's. `shown` as for `noise_of`."""
+    return [
+        noise_of(o.inputs["v"], own) if o.is_measured else np.zeros(len(own))
+        for o, own in zip(plan.observed, shown, strict=True)
     ]
-    around = [noise_of(v, own) for v, own in zip(voltages, shown, strict=True)]
-    return quieted(dataclasses.replace(quiet, observed=tuple(observed)), around, shown)
 
 
 def answered(observed: Sequence[Observed], around: Sequence[FloatArray]) -> tuple[float, float]:
@@ -72,12 +80,12 @@ def answered(observed: Sequence[Observed], around: Sequence[FloatArray]) -> tupl
     Parameters
     ----------
     around : (n,) arrays
-        The noise of each recording's voltage, V.
+        The noise of each recording's voltage, V; one without any tells nothing.
     """
     pairs = [
         (_late(own, answer), o.outputs["i"])
         for o, own in zip(observed, around, strict=True)
-        if (answer := answer_to_changes(o)) is not None
+        if own.any() and (answer := answer_to_changes(o)) is not None
     ]
     found = [_part([_kept(difference(x), difference(i)) for x, i in pairs]) for difference in DIFFERENCES]
     return min(found, key=lambda f: f[1])
