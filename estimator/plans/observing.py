@@ -31,6 +31,7 @@ FloatArray = NDArray[np.float64]
 
 FIRST = 10  # samples that tell where an angle begins
 ONSET, STILL = 6.0, 0.01  # deviations of its noise; of the largest angle: less is where the model's begins
+NONE = 6.0  # deviations of an input's noise: less is none
 LATE = 2  # samples: a response that starts this much later than it could is delayed
 SAME_LEVEL = 0.02  # of an input's range: levels on both sides of a gap that are nearer are one
 SHORT_GAP = 3  # rows: an input that changes within so short a gap is held over it
@@ -90,7 +91,7 @@ def _delay(
 def _run_in(o: Observed, run: RunSpec, *, settled: bool, is_motor: bool) -> Observed:
     """Return a recording with what is simulated before it, where its first row shows something that runs already."""
     moves = settled or (o.excitation.running and o.excitation.kind != "none")
-    if not moves or all(u[0] == 0 for u in o.inputs.values()):
+    if not moves or all(abs(u[0]) <= NONE * input_noise(u) for u in o.inputs.values()):
         return o
     what = "the motor" if is_motor else "the FMU"
     note = (
