@@ -7,13 +7,20 @@ effects may have made up for both.
 
 from __future__ import annotations
 
+import numpy as np
+from numpy.typing import NDArray
+
 from estimator.conventions import LEAST_FALL
 from estimator.explaining.adequacy import Adequacy, adequacy
 from estimator.explaining.explanation import Explanation, without
 from estimator.explaining.explanation_noise import with_noise
 from estimator.explaining.selection import Selection
-from estimator.explaining.wandering_torque import with_wandering_torque
+from estimator.explaining.wandering_torque import with_usual_torque, with_wandering_torque
+from estimator.fitting.fit import Fit
 
+FloatArray = NDArray[np.float64]
+
+PLAIN = 60.0  # of a chi-square: what stands out so by the largest torque is no torque that wanders
 USUAL_WANDER = 0.05  # of the friction: benches show 0.3 to 3 %
 
 
@@ -41,15 +48,25 @@ def _without_what_wanders(explanation: Explanation, samples: int) -> Explanation
 
     Such as a drift, or another friction in each recording: its mean in one differs by chance from that in another.
     """
+    by_largest = with_usual_torque(explanation.fit, USUAL_WANDER).covariance()
+    asked = [a for a in explanation.additions if a.linear is not None and not a.effect.is_line]
+    asked = [a for a in asked if not _stands_out(explanation.fit, a.name, by_largest)]
     while True:
         # A torque that comes is charged as any part of the noise.
         more = LEAST_FALL if explanation.fit.whitener.noise.torque[0] == 0 else 0.0
         fewer = [
             with_wandering_torque(without(explanation, a), most=USUAL_WANDER, left_open=False)[0]
-            for a in explanation.additions
-            if a.linear is not None and not a.effect.is_line
+            for a in asked
+            if a.name in explanation.names()
         ]
         best = min(fewer, key=lambda e: e.misfit(samples), default=explanation)
         if best is explanation or best.misfit(samples) + more >= explanation.misfit(samples):
             return explanation
         explanation = best
+
+
+def _stands_out(fit: Fit, name: str, covariance: FloatArray) -> bool:
+    """Whether the columns of an addition are far from none by this covariance of all that the fit estimates."""
+    own = [k for k, n in enumerate(fit.names) if n.partition("#")[0] == name]
+    found = fit.estimates[own]
+    return float(found @ np.linalg.pinv(covariance[np.ix_(own, own)], hermitian=True) @ found) > PLAIN

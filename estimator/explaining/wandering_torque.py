@@ -69,12 +69,7 @@ def with_wandering_torque(
         Whether what is left open is asked for.
     """
     fit = with_machine(with_level(explanation.fit))
-    noise = fit.whitener.noise
-    machine, seat = noise.machine, noise.seat
-    if machine is None or not {0, 1} <= set(seat) or fit.simulator.rows > MOST_ROWS:
-        return explanation, ()
-    a, b = machine
-    usual = abs(a[1, 0] / b[1]) * _usual_current(*(fit.shown[fit.whitener.moving, seat.index(k)] for k in (0, 1)))
+    noise, usual = fit.whitener.noise, usual_torque(fit)
     if usual == 0.0:
         return explanation, ()
     misfit = np.where(fit.whitener.present, fit.residuals(), 0.0)
@@ -104,6 +99,27 @@ def with_wandering_torque(
     each = len(SIZES) * float(np.sum(np.exp(-0.5 * unusual(USUAL_TORQUE * np.array([1.0, *SLOWER])))))
     prior = 2 * float(np.log(each * (1 - WANDERING) / WANDERING))
     return explanation, tuple(_open(fit, own, behind + prior) for own, behind in beside if behind <= EXCLUDED)
+
+
+def usual_torque(fit: Fit) -> float:
+    """Return the torque of a machine's friction, N.m; 0 where recordings do not tell one that wanders, or are long."""
+    noise = fit.whitener.noise
+    machine, seat = noise.machine, noise.seat
+    if machine is None or not {0, 1} <= set(seat) or fit.simulator.rows > MOST_ROWS:
+        return 0.0
+    a, b = machine
+    shown = fit.shown[fit.whitener.moving]
+    return float(abs(a[1, 0] / b[1])) * _usual_current(*(shown[:, seat.index(k)] for k in (0, 1)))
+
+
+def with_usual_torque(fit: Fit, part: float) -> Fit:
+    """Return the fit as it is by a torque that wanders, a part of the usual one; as it is where none is told."""
+    fit = with_machine(with_level(fit))
+    noise, usual = fit.whitener.noise, usual_torque(fit)
+    largest = max(part * usual, noise.torque[0])
+    if not largest > 0:
+        return fit
+    return refreshed(fit, fit.whitener.of(dataclasses.replace(noise, torque=(largest, USUAL_TORQUE))))
 
 
 def _usual_current(current: FloatArray, speed: FloatArray) -> float:
