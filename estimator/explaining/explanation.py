@@ -253,19 +253,23 @@ def _at_values(
     plan: Plan,
     iterations: int,
 ) -> Explanation:
-    """Return the explanation at other values; nuisance parameters that come with them take an addition's place."""
+    """Return the explanation at other values; nuisance parameters that come with them take an addition's place.
+
+    They come beside it where it has a value of its own among them.
+    """
     fit, held = explanation.fit, {a.name for a in explanation.additions}
     values, own = fit.simulator.at(fit.values, known), []
     for new in (n for n in fit.simulator.nuisances if n.tries and n.name in known and n.name not in held):
         effect = next(e for e in effects if new.name in {n.name for n in e.nuisances(plan)})
         free = () if new.whole else (new.name,)
         own.append(dataclasses.replace(addition, effect=effect, name=new.name, numbers=1, free=free))
+    gone = addition.free if own and not known.get(addition.name) else ()
     if own:
         freed = (n for a in own for n in a.free)
-        fit = dataclasses.replace(fit, free=(*(n for n in fit.free if n not in addition.free), *freed))
+        fit = dataclasses.replace(fit, free=(*(n for n in fit.free if n not in gone), *freed))
     exchanged = solved(dataclasses.replace(fit, values=values), iterations=iterations)
-    places = [own if own and a is addition else [a] for a in explanation.additions]
-    return Explanation(exchanged, tuple(a for some in places for a in some))
+    kept = [a for a in explanation.additions if a is not addition or not gone]
+    return Explanation(exchanged, (*kept, *own))
 
 
 def moved_to(fit: Fit, simulator: Simulator) -> Fit:

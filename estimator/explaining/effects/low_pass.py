@@ -22,6 +22,7 @@ from estimator.plans.plan import Plan
 
 FloatArray = NDArray[np.float64]
 
+LATE_SPEED = "delay of w"
 TRIED = (0.3, 1.5, 6.0, 40.0, 200.0)  # samples, to half the longest
 
 
@@ -114,7 +115,11 @@ class LowPass(Effect):
         ]  # fmt: skip
 
     def mirrored(self, fit: Fit, name: str) -> Sequence[Mapping[str, float]]:
-        """Return the sensor's lag as the winding's, and the winding's as the sensor's, which is of first order."""
+        """Return the sensor's lag as the winding's, and the winding's as the sensor's, which is of first order.
+
+        The speed follows the winding's current, whatever is shown of it: behind the other winding it is earlier or
+        later, which its own sensor may make up for.
+        """
         s = fit.simulator
         if not name.endswith(" i") or not {"R", "L"} <= set(fit.free):
             return ()
@@ -122,7 +127,11 @@ class LowPass(Effect):
         first = "lag of i"
         if tau <= 0 or first not in s.index:
             return ()
-        return ({"L": R * self.lateness * tau, name: 0.0, first: time_constant(R, L)},)
+        exchanged = {"L": R * self.lateness * tau, name: 0.0, first: time_constant(R, L)}
+        if LATE_SPEED not in s.index:
+            return (exchanged,)
+        late = fit.value(LATE_SPEED) + time_constant(R, L) - self.lateness * tau
+        return (exchanged, {**exchanged, LATE_SPEED: late}) if late > 0 else (exchanged,)
 
     def in_two(self, fit: Fit, name: str) -> Sequence[Mapping[str, float]]:
         """Return means of n samples behind a lag of first order, together as late as one of second order."""
