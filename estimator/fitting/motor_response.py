@@ -164,16 +164,61 @@ def _states(
     shown : q seats and a (n, q, c) array, contiguous, optional
         Which of both are wanted, in which order, and where they go.
     """
-    f, g, _ = _discrete(fit, clock)
     values = motor_values(fit)
     assert values is not None
+    return _driven(values, clock.step, inputs, opens, first_row, shown)
+
+
+def _driven(
+    values: Mapping[str, float],
+    step: float,
+    inputs: Sequence[FloatArray | None],
+    opens: NDArray[np.bool_],
+    first_row: FloatArray,
+    shown: tuple[Sequence[int], FloatArray] | None,
+) -> FloatArray:
+    """Return the same by R, K, L, J, B and a sampling interval, s."""
+    f, g, _ = _sampled(tuple(values[name] for name in MOTOR), step)
     (n,), many = opens.shape, first_row.shape[1]
     seats, states = ((0, 1), np.empty((n, 2, many))) if shown is None else shown
     signals = [None if u is None else np.ascontiguousarray(u, dtype=np.float64) for u in inputs]
-    given = (*map(np.ascontiguousarray, (f, g, np.array(coasting(values, clock.step)), opens)), *signals)
+    given = (*map(np.ascontiguousarray, (f, g, np.array(coasting(values, step)), opens)), *signals)
     arrays = (*given, np.ascontiguousarray(first_row, dtype=np.float64), np.array(seats, dtype=np.int64), states)
     filters().response_run(n, len(seats), many, *(None if a is None else a.ctypes.data for a in arrays))
     return states
+
+
+def driven_on_lines(
+    values: Mapping[str, float],
+    clock: Clock,
+    corners: tuple[FloatArray, FloatArray, FloatArray],
+    opens: NDArray[np.bool_],
+) -> FloatArray:
+    """Return current and speed, (n, 2), of a motor by a voltage on lines, exact wherever between the rows it changes.
+
+    Parameters
+    ----------
+    values : R, K, L, J, B
+    corners : times, s, and by how much the voltage jumps there, V, and its slope changes, V/s, (m,) each, from 0 V
+    opens : (n,) array
+        Rows in which the circuit is open.
+    """
+    times, jumps, slopes = corners
+    a, b, _, _ = matrices(values)
+    whole = np.zeros((4, 4))  # current, speed, voltage, its slope
+    whole[:2, :2], whole[:2, 2], whole[2, 3] = a, b[:, 0], 1.0
+    n, h, at = len(opens), clock.step, times - clock.time[0]
+    since = h * np.arange(n)[:, None] - at
+    begun = since >= 0
+    voltage, slope = begun @ jumps + np.where(begun, since, 0.0) @ slopes, begun @ slopes
+    added = np.column_stack([voltage, slope]) @ exponential(whole * h)[:2, 2:].T
+    for row, part, change in zip((at // h).astype(int), at % h, np.column_stack([jumps, slopes]), strict=True):
+        if 0 <= row < n and part > 0:
+            added[row] += exponential(whole * (h - part))[:2, 2:] @ change
+    g = _sampled(tuple(values[name] for name in MOTOR), h)[1]
+    held = np.linalg.solve(g, added.T)[:, :, None]  # a voltage and a torque that do the same from row to row
+    held[1][opens] = 0.0
+    return _driven(values, h, [held[0], held[1]], opens, np.zeros((2, 1)), None)[:, :, 0]
 
 
 def pulse_response(fit: Fit, clock: Clock, begin: float, end: float) -> FloatArray:

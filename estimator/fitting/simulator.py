@@ -35,6 +35,8 @@ CELLS = 500_000  # rows that are simulated at once, at most
 KEPT_ANSWERS, KEPT_VALUES = 16, 500_000  # that were asked of late; numbers in all of them, at most
 
 Act = Callable[[FloatArray, float, float], FloatArray]  # (n,) signal, value, sampling interval in s -> (n,) signal
+# a simulator, a candidate, (p,), and by how many s all is shown earlier -> what is added to the outputs, (rows, q)
+Adds = Callable[["Simulator", FloatArray, float], FloatArray]
 
 
 @dataclass(frozen=True)
@@ -54,6 +56,7 @@ class Nuisance:
     recording : int or None
         Which recording's it is, if it has a target; None: of all.
     output, act : what it does with one output's samples; with no output: with those of all, as what an input does
+    adds : what it adds to the outputs, before anything acts on them
     between : bool
         It acts on the signal between the samples too, as a filter before a converter does.
     sections : value, sampling interval in s -> sections of the filter that `act` is, if it is one of a few
@@ -84,6 +87,7 @@ class Nuisance:
     recording: int | None = None
     output: str = ""
     act: Act | None = None
+    adds: Adds | None = None
     between: bool = False
     sections: Callable[[float, float], Sections] | None = None
     whole: bool = False
@@ -149,7 +153,7 @@ class Simulator:
         self.names = (*self.plan.names, *(n.name for n in self.nuisances))
         self.index = {name: k for k, name in enumerate(self.names)}
         self._stepped = [*range(len(self.plan.names)), *(self.index[n.name] for n in stepped)]
-        self._acts = [n for n in self.nuisances if n.act is not None]
+        self._acts = [n for n in self.nuisances if n.act is not None or n.adds is not None]
         self._act_places = np.array([self.index[n.name] for n in self._acts], dtype=int)
         self._idle = np.array([n.neutral for n in self._acts])
         self._filters = np.array([n.between for n in self._acts], dtype=bool)
@@ -282,9 +286,16 @@ class Simulator:
             return np.asarray(phases[0])
         shown, fine = phases[0].copy(), phases[::-1].transpose(1, 2, 0, 3)
         for c, (candidate, acts) in enumerate(zip(candidates, acting, strict=True)):
+            adds = [n.adds for n in itertools.compress(self._acts, acts) if n.adds is not None]
+            if adds:
+                fine = fine if fine.flags.writeable and fine.base is None else fine.copy()
+                step = min(clock.step for clock in self.clocks) / between
+                for part in range(between):
+                    fine[c, :, -1 - part] += sum(add(self, candidate, part * step) for add in adds)
+                shown[c] = fine[c, :, -1]
             for j, output in enumerate(self.outputs):
                 own = [(n, float(candidate[self.index[n.name]])) for n in itertools.compress(self._acts, acts)
-                       if n.output in ("", output)]  # fmt: skip
+                       if n.act is not None and n.output in ("", output)]  # fmt: skip
                 for clock in self.clocks if own else ():
                     _show_through(own, fine[c, clock.rows, :, j], shown[c, clock.rows, j], clock.step)
         return np.asarray(shown)

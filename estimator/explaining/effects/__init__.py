@@ -39,6 +39,7 @@ from estimator.explaining.effects.one_way import OneWay
 from estimator.explaining.effects.ripple import Ripple
 from estimator.explaining.effects.ripple_of_few_turns import Commutation, Eccentricity
 from estimator.explaining.effects.runs_differ import RunsDiffer
+from estimator.explaining.effects.slew_limit import SlewLimit
 from estimator.explaining.effects.slow_pwm import SlowPwm
 from estimator.explaining.effects.starting_motion import StartingMotion
 from estimator.explaining.effects.supply_drift import SupplyDrift
@@ -94,6 +95,7 @@ EFFECTS: tuple[Effect, ...] = (
     VoltageTransient(name="voltage overshoot", sign=-1, prior=SELDOM / 1000),  # a supply that sags is as likely
     VoltageRise(),
     VoltageRamp(),
+    SlewLimit(),
     LostRows(),
 )
 

@@ -1,8 +1,8 @@
 """The drive takes the voltage to each level by a ramp: a command that is limited in its slope, or a soft start.
 
 Of a linear model a ramp is a mean over the time that it takes, in all that is shown: a mean of each channel over whole
-samples stands for it too, and an inductance for the difference. All changes are taken to last as long, whatever their
-size.
+samples stands for it too, and an inductance for the difference. All changes last as long: those of several sizes may
+not (`slew_limit.py`).
 """
 
 from __future__ import annotations
@@ -17,11 +17,15 @@ from estimator.explaining.effects.base import SELDOM, Effect
 from estimator.explaining.effects.voltage_rise import NAME as RISE
 from estimator.explaining.effects.voltage_rise import times_of_command
 from estimator.fitting.fit import Fit
+from estimator.fitting.latency import EDGE
 from estimator.fitting.simulator import Nuisance
 from estimator.plans.plan import Plan
 
 FloatArray = NDArray[np.float64]
 
+MOST_CHANGES = 100  # of a recording: more are a signal
+ONE_SIZE = 0.05  # of the largest change: all are of one size, but for that
+SLEW = "slew limit"
 TRIED = (2.0, 4.0, 8.0, 16.0, 32.0, 64.0)  # samples that a ramp takes
 
 
@@ -40,6 +44,21 @@ def ramped(y: FloatArray, length: float, h: float) -> FloatArray:
     return np.asarray((whole[before:] - cut) * h / length)
 
 
+def changes_differ(plan: Plan) -> bool:
+    """Whether the changes of a motor's commands are of several sizes, and few enough to be levels."""
+    if any("v" not in o.inputs for o in plan.observed):
+        return False
+    voltages = [o.inputs["v"] for o in plan.observed]
+    span, sizes = max(float(np.ptp(v)) for v in voltages), list[FloatArray]()
+    for v in voltages:
+        change = np.abs(np.diff(v, prepend=0.0))
+        sizes.append(change[change > EDGE * span])
+        if len(sizes[-1]) > MOST_CHANGES:
+            return False
+    together = np.concatenate(sizes)
+    return len(together) > 0 and float(np.ptp(together)) > ONE_SIZE * float(np.max(together))
+
+
 @dataclass(frozen=True)
 class VoltageRamp(Effect):
     """How long the voltage takes to each new level of its command, s; shown by all outputs of a linear model."""
@@ -55,7 +74,7 @@ class VoltageRamp(Effect):
         return [
             Nuisance(
                 self.name, "s", 0.0, longest, 0.0, plan.shortest_step,
-                act=ramped, between=True, tries=tries, excludes=(RISE,),
+                act=ramped, between=True, tries=tries, excludes=(RISE, SLEW),
             )
             for longest, tries in times_of_command(plan, TRIED)
         ]  # fmt: skip
