@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from fine_motor import FINE, STEP, bench, off
+from fine_motor import FINE, MOTOR, STEP, bench, off
 
 from estimator import estimate_parameters
 
@@ -35,3 +35,17 @@ def test_changes_that_take_as_long_as_they_are_large_are_told_and_the_motor_is_r
 def test_a_drive_that_follows_at_once_has_none(seed):
     result = estimate_parameters(bench(COMMAND, np.repeat(COMMAND, FINE), seed), workers=1)
     assert result.verdict == "ok" and "slew limit" not in result.effects, (result.effects, result.reasons)
+
+
+def test_a_command_beside_a_voltage_that_is_measured_has_its_limit():
+    """What is measured has its ramps; the two changes of the command alone are of two sizes."""
+    rate, command = 6.0 / 4.7e-3, np.repeat([0.0, 3.0, 9.0], [100, 300, 300])
+    voltage = limited(command, rate)
+    measured = bench(voltage[::FINE], voltage, 2, noise=1e-3, name="m")
+    result = estimate_parameters([bench(command, voltage, 1), measured], workers=1)
+    assert "slew limit" in result.effects, (result.effects, result.reasons)
+    told = result.chain["slew limit"]
+    assert told.value == pytest.approx(4.7e-3, abs=6 * told.standard_error)
+    for name in "KJB":
+        found = result.parameters[name]
+        assert abs(found.value - MOTOR[name]) < 4.5 * found.standard_error, name

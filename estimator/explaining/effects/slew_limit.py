@@ -30,7 +30,10 @@ Corners = tuple[FloatArray, FloatArray, FloatArray]  # times, s; jumps, V; chang
 
 @dataclass(frozen=True)
 class SlewLimit(Effect):
-    """How long the largest change of all commands takes, s; smaller ones as much less as they are smaller."""
+    """How long the largest change of all commands takes, s; smaller ones as much less as they are smaller.
+
+    A voltage that is measured has its own ramps.
+    """
 
     name: str = SLEW
     prior: float = SELDOM
@@ -39,15 +42,16 @@ class SlewLimit(Effect):
     sentence: str = "the drive changes the voltage at a limited rate: its largest change takes {ms:.3g} ms"
 
     def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
-        """Return it for commands whose changes are of several sizes; in long recordings it is not looked for."""
-        if not set(plan.outputs) <= {"i", "w"} or plan.chains or not changes_differ(plan):
+        """Return it for changes of several sizes, or beside what is measured; not in long recordings."""
+        of_all = not any(o.is_measured for o in plan.observed) and not changes_differ(plan)  # that is a ramp
+        if not set(plan.outputs) <= {"i", "w"} or plan.chains or of_all:
             return []
         return [
             Nuisance(
                 self.name, "s", 0.0, longest, 0.0, plan.shortest_step,
                 adds=_added, tries=tries, excludes=(RISE, VoltageRamp.name),
             )
-            for longest, tries in times_of_command(plan, TRIED)
+            for longest, tries in times_of_command(plan, TRIED, of_some=True)
         ]  # fmt: skip
 
 
@@ -55,10 +59,11 @@ def _added(s: Simulator, candidate: FloatArray, earlier: float) -> FloatArray:
     """Return what the outputs show more, (rows, q), than by the command at once; a time earlier, s."""
     value = dict(zip(s.names, candidate.tolist(), strict=True))
     motor = {**s.plan.fixed, **value}
-    changes = [np.diff(s.inputs("v")[clock.rows], prepend=0.0) for clock in s.clocks]
+    commands = [(e, clock) for e, clock in enumerate(s.clocks) if not s.observed[e].is_measured]
+    changes = [np.diff(s.inputs("v")[clock.rows], prepend=0.0) for _, clock in commands]
     rate = max(float(np.max(np.abs(change))) for change in changes) / value[SLEW]
     result = np.zeros((s.rows, len(s.outputs)))
-    for e, clock in enumerate(s.clocks):
+    for e, clock in commands:
         command = s.inputs("v")[clock.rows]
         times, jumps, slopes = missing(command, clock.time, rate)
         own = [n.name for n in s.nuisances if n.place == SensorPlace("delay", e)]

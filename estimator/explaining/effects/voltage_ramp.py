@@ -48,9 +48,9 @@ def changes_differ(plan: Plan) -> bool:
     """Whether the changes of a motor's commands are of several sizes, and few enough to be levels."""
     if any("v" not in o.inputs for o in plan.observed):
         return False
-    voltages = [o.inputs["v"] for o in plan.observed]
-    span, sizes = max(float(np.ptp(v)) for v in voltages), list[FloatArray]()
-    for v in voltages:
+    commands = [o.inputs["v"] for o in plan.observed if not o.is_measured]
+    span, sizes = max((float(np.ptp(v)) for v in commands), default=0.0), [np.zeros(0)]
+    for v in commands:
         change = np.abs(np.diff(v, prepend=0.0))
         sizes.append(change[change > EDGE * span])
         if len(sizes[-1]) > MOST_CHANGES:

@@ -27,7 +27,9 @@ TRIED = (3.0, 10.0, 30.0)  # samples
 FASTER = 0.2  # of what stood for the rise: the time constant that the motor begins with instead
 
 
-def times_of_command(plan: Plan, tried: Sequence[float]) -> list[tuple[float, tuple[float, ...]]]:
+def times_of_command(
+    plan: Plan, tried: Sequence[float], *, of_some: bool = False
+) -> list[tuple[float, tuple[float, ...]]]:
     """Return the longest time, s, that a command's voltage may take to its level, and those that are tried.
 
     None where a voltage is measured, which has risen, or the FMU is no motor; none is tried in long recordings.
@@ -35,10 +37,13 @@ def times_of_command(plan: Plan, tried: Sequence[float]) -> list[tuple[float, tu
     Parameters
     ----------
     tried : times in samples
+    of_some : bool
+        Whether it is enough that one of the recordings has a command.
     """
     if not plan.binding.is_motor or "v" not in plan.observed[0].inputs:
         return []
-    if any(o.is_measured for o in plan.observed):
+    measured = [o.is_measured for o in plan.observed]
+    if all(measured) if of_some else any(measured):
         return []
     step, times = plan.shortest_step, [o.recording.time for o in plan.observed]
     longest = LONGEST * max(float(t[-1] - t[0]) for t in times)
