@@ -20,6 +20,7 @@ from estimator.explaining.effects.voltage_rise import times_of_command
 from estimator.fitting.lateness import channel_delay
 from estimator.fitting.motor_response import COASTS, SEATS, driven_on_lines
 from estimator.fitting.simulator import Nuisance, Simulator, per_recording
+from estimator.motor.names import MOTOR
 from estimator.plans.parameters import SensorPlace
 from estimator.plans.plan import Plan
 from estimator.stepping import layout
@@ -44,7 +45,8 @@ class SlewLimit(Effect):
     def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
         """Return it for changes of several sizes, or beside what is measured; not in long recordings."""
         of_all = not any(o.is_measured for o in plan.observed) and not changes_differ(plan)  # that is a ramp
-        if not set(plan.outputs) <= {"i", "w"} or plan.chains or of_all:
+        is_motor = set(MOTOR) <= {*plan.names, *plan.fixed} and set(plan.outputs) <= {"i", "w"}
+        if of_all or plan.chains or not is_motor:
             return []
         return [
             Nuisance(
