@@ -40,6 +40,8 @@ TAIL = 0.01  # of the mixture: what weighs less together is left out
 FAR = 40.0  # standard deviations, beyond which there is nothing
 FOUND, NEAR = 1e-14, 1e-9  # of half an interval, relative, and of what it holds: it is found
 DIFFERS = 1.0  # standard errors by which a rival must differ to be told
+ELSEWHERE, FAR_WITHIN = 10.0, 10.0  # standard errors; of the criterion: one so far away is told though it weighs less,
+# and though it is the explanation with more: another minimum, of two lags exchanged, is in no bar
 
 
 @dataclass(frozen=True)
@@ -150,8 +152,10 @@ def averaged(
             apart = np.abs(there - own) / np.where(np.isfinite(deviation), deviation, np.inf)
         other_number = _numbers(rival) != _numbers(explanation) and _effects(rival) == _effects(explanation)
         held = other_number or _holds(rival, explanation)  # by the bars alone
-        if np.max(apart, initial=0.0) > DIFFERS and behind < TOLD_WITHIN and not held:
-            told.append((rival, first, float(np.max(apart)), names[int(np.argmax(apart))], float(behind)))
+        farthest = float(np.max(apart, initial=0.0))
+        is_near = behind < TOLD_WITHIN and farthest > DIFFERS and not held
+        if is_near or (behind < FAR_WITHIN and farthest > ELSEWHERE):
+            told.append((rival, first, farthest, names[int(np.argmax(apart))], float(behind)))
     weights = np.exp(-0.5 * np.array([c for c, _, _ in parts]))
     weights /= weights.sum()
     of_rival = [float(weights[first : first + len(by_itself)].sum()) for _, first, _, _, _ in told]
