@@ -20,7 +20,9 @@ def limited(command, rate, late=0):
     return np.concatenate([np.zeros(late), voltage])[: len(voltage)]
 
 
-@pytest.mark.parametrize(("ms", "late"), [(4.7, 0), (4.7, 35), pytest.param(13.0, 0, marks=pytest.mark.full)])
+@pytest.mark.parametrize(
+    ("ms", "late"), [(4.7, 35), *(pytest.param(ms, 0, marks=pytest.mark.full) for ms in (4.7, 13.0))]
+)
 def test_changes_that_take_as_long_as_they_are_large_are_told_and_the_motor_is_right(ms, late):
     """By one time for all of them, and what made up for it, R, K, J and B were not told at all."""
     result = estimate_parameters(bench(COMMAND, limited(COMMAND, 6.0 / (ms * 1e-3), late), 1), workers=1)
@@ -31,7 +33,7 @@ def test_changes_that_take_as_long_as_they_are_large_are_told_and_the_motor_is_r
     assert off(result).max() < 4.5, result.parameters
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", [0, *(pytest.param(k, marks=pytest.mark.full) for k in range(1, 4))])
 def test_a_drive_that_follows_at_once_has_none(seed):
     result = estimate_parameters(bench(COMMAND, np.repeat(COMMAND, FINE), seed), workers=1)
     assert result.verdict == "ok" and "slew limit" not in result.effects, (result.effects, result.reasons)
