@@ -133,3 +133,13 @@ def test_a_clock_in_single_precision_is_even(step: float) -> None:
     jitter = printed + np.random.default_rng(1).uniform(-0.3, 0.3, 3000) * step  # these are no such numbers
     assert not half_single_step(jitter, 5e-7).any()
     assert not sampling_clock(jitter, place=str, half_digit=lambda: np.full(3000, 5e-7)).even
+
+
+def test_a_timer_of_few_ticks_a_row_jitters_though_most_steps_are_even() -> None:
+    """One step of 1 203 was off by more than a quarter, and the file was not read."""
+    rng = np.random.default_rng(3)
+    ticks = 7 + rng.choice([-1, 0, 1], 1200, p=[0.13, 0.74, 0.13])
+    ticks[400] = 5
+    times = np.concatenate([[0.0], np.cumsum(ticks)]) * 0.5e-3 / 7
+    clock = sampling_clock(np.round(times, 6), place=str)
+    assert not clock.even and np.array_equal(clock.time, np.round(times, 6))

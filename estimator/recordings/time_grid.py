@@ -24,6 +24,7 @@ from estimator.recordings.units import FloatArray
 
 OFF_GRID = 0.01  # of the step: further off is no uniform grid
 JITTER = 0.25  # of the step: an interval further off a whole number of steps is an error
+TENTH = 0.1  # of the steps that are off: no mistake
 ONCE, EXACT = 1, 1e-3  # row off the grid, of the step the others: one alone is a mistake, else the clock jitters
 LATE = 3.0  # half digits: a row off the grid by no more was stamped one tick late, such as by a loop at its millis()
 OFTEN, PAUSE = 3, 20  # intervals off any grid that are a clock without one; times the usual interval: a pause
@@ -182,7 +183,11 @@ def _without_grid(times: FloatArray, half_digit: Callable[[], FloatArray] | None
     off = np.abs(steps / usual - np.round(steps / usual)) > JITTER
     off |= steps < usual / 2
     print_error = 0.0 if half_digit is None else 2 * median(half_digit())
-    jitters = median(np.abs(steps - usual)) > max(EXACT * usual, print_error)
+    away = np.abs(steps - usual)
+    jitters = median(away) > max(EXACT * usual, print_error)
+    jitters |= (
+        np.mean(away > max(OFF_GRID * usual, print_error)) > TENTH
+    )  # of a timer that counts few ticks most are even
     if np.count_nonzero(off) < OFTEN and not jitters:
         return None
     return Clock(times.copy(), usual, even=False)
