@@ -185,9 +185,8 @@ def _without_grid(times: FloatArray, half_digit: Callable[[], FloatArray] | None
     print_error = 0.0 if half_digit is None else 2 * median(half_digit())
     away = np.abs(steps - usual)
     jitters = median(away) > max(EXACT * usual, print_error)
-    jitters |= (
-        np.mean(away > max(OFF_GRID * usual, print_error)) > TENTH
-    )  # of a timer that counts few ticks most are even
+    # Of a timer that counts few ticks most are even.
+    jitters |= bool(np.mean(away > max(OFF_GRID * usual, print_error)) > TENTH)
     if np.count_nonzero(off) < OFTEN and not jitters:
         return None
     return Clock(times.copy(), usual, even=False)
