@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from estimator.conventions import CONFIDENCE, TOLD_POWER
 from estimator.distributions import normal_chance, normal_quantile
-from estimator.explaining.addition import Addition, Scores
+from estimator.explaining.addition import Addition, Scores, is_timing
 from estimator.explaining.explanation import Explanation
 from estimator.explaining.wandering_torque import OpenTorque
 from estimator.fitting.simulator import per_recording
@@ -40,8 +40,8 @@ TAIL = 0.01  # of the mixture: what weighs less together is left out
 FAR = 40.0  # standard deviations, beyond which there is nothing
 FOUND, NEAR = 1e-14, 1e-9  # of half an interval, relative, and of what it holds: it is found
 DIFFERS = 1.0  # standard errors by which a rival must differ to be told
-ELSEWHERE, FAR_WITHIN = 10.0, 10.0  # standard errors; of the criterion: one so far away is told though it weighs less,
-# and though it is the explanation with more: another minimum, of two lags exchanged, is in no bar
+ELSEWHERE, FAR_WITHIN = 10.0, 10.0  # standard errors; of the criterion: of another timing of its channels one so far
+# away is told though it weighs less, and though it is the explanation with more: lags exchanged are in no bar
 
 
 @dataclass(frozen=True)
@@ -154,7 +154,7 @@ def averaged(
         held = other_number or _holds(rival, explanation)  # by the bars alone
         farthest = float(np.max(apart, initial=0.0))
         is_near = behind < TOLD_WITHIN and farthest > DIFFERS and not held
-        if is_near or (behind < FAR_WITHIN and farthest > ELSEWHERE):
+        if is_near or (behind < FAR_WITHIN and farthest > ELSEWHERE and _differ_in_timing(rival, explanation)):
             told.append((rival, first, farthest, names[int(np.argmax(apart))], float(behind)))
     weights = np.exp(-0.5 * np.array([c for c, _, _ in parts]))
     weights /= weights.sum()
@@ -172,6 +172,12 @@ def averaged(
         if behind <= min(u[4] for u in told if _effects(u[0]) == _effects(r))  # of alike ones one
     )
     return Averaged(total, tuple(hidden), rivals_told)
+
+
+def _differ_in_timing(one: Explanation, other: Explanation) -> bool:
+    """Whether two explanations differ in what makes outputs late, and in nothing else."""
+    names = one.names() ^ other.names()
+    return all(is_timing(a) for a in (*one.additions, *other.additions) if a.name in names)
 
 
 def _holds(rival: Explanation, explanation: Explanation) -> bool:

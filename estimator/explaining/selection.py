@@ -134,7 +134,10 @@ class Selection:
                 best = self.without_idle(self.grown(shaken, self.effects))
             if (formed := self.reshaped(best)) is not best:
                 best = self.without_idle(formed)
-            best = min([best, *self.mirrored(best)], key=lambda e: e.criterion(self.tests.samples))
+            twins = [
+                e for e in self.mirrored(best) if len(e.additions) == len(best.additions)
+            ]  # one with more is a rival
+            best = min([best, *twins], key=lambda e: e.fit.cost)
         fine = with_fine_filters(best.fit)[0] if best.fit.simulator is self.tests.base else best.fit
         return self.at_best(dataclasses.replace(best, fit=fine))
 
