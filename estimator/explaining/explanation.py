@@ -263,12 +263,13 @@ def _at_values(
         effect = next(e for e in effects if new.name in {n.name for n in e.nuisances(plan)})
         free = () if new.whole else (new.name,)
         own.append(dataclasses.replace(addition, effect=effect, name=new.name, numbers=1, free=free))
-    gone = addition.free if own and not known.get(addition.name) else ()
+    is_replaced = bool(own) and not known.get(addition.name)
+    gone = addition.free if is_replaced else ()
     if own:
         freed = (n for a in own for n in a.free)
         fit = dataclasses.replace(fit, free=(*(n for n in fit.free if n not in gone), *freed))
     exchanged = solved(dataclasses.replace(fit, values=values), iterations=iterations)
-    kept = [a for a in explanation.additions if a is not addition or not gone]
+    kept = [a for a in explanation.additions if not (is_replaced and a is addition)]
     return Explanation(exchanged, (*kept, *own))
 
 

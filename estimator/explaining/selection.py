@@ -134,8 +134,8 @@ class Selection:
                 best = self.without_idle(self.grown(shaken, self.effects))
             if (formed := self.reshaped(best)) is not best:
                 best = self.without_idle(formed)
-            twins = [e for e in self.mirrored(best) if not (e.names() > best.names() and is_timing(e.additions[-1]))]
-            best = min([best, *twins], key=lambda e: e.fit.cost)  # one that is late besides is a rival
+            twins = [e for e in self.mirrored(best) if not e.names() > best.names()]  # one with more is a rival
+            best = min([best, *twins], key=lambda e: e.fit.cost)
         fine = with_fine_filters(best.fit)[0] if best.fit.simulator is self.tests.base else best.fit
         return self.at_best(dataclasses.replace(best, fit=fine))
 
