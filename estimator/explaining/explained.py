@@ -204,8 +204,8 @@ def explain(
         rivals.append(turned)
     has_offset = any(n.startswith(("offset w", VoltageOffset.name)) for n in explanation.names())
     for own in opened:
-        late = _lateness_of_speed(explanation.fit, own.recording)
-        doubt = "" if has_offset else own.doubt(*_told_of(explanation.fit, "K"), late)
+        behind = _lateness_of_speed(explanation.fit, own.recording)
+        doubt = "" if has_offset else own.doubt(*_told_of(explanation.fit, "K"), behind)
         changed.append(Found(Coasting.name, "", own.sentence, doubt))
     if len(ways) > 1:
         changed.append(Found(ways[0].effect, "", ways[0].told, ""))
