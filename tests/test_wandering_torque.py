@@ -37,3 +37,16 @@ def test_a_short_recording_knows_b_no_better_than_slower_torques_let_it(monkeypa
         assert off(result).max() < 4.5
         bars.append(result.parameters["B"].standard_error)
     assert bars[0] > 1.02 * bars[1], bars
+
+
+def test_the_usual_torque_is_that_of_friction_also_where_it_is_always_driven_elsewhere():
+    """K i - B w is what speeds a motor up; by a PRBS that is most of it, but it comes back."""
+    prbs = 9.0 * np.repeat(np.random.default_rng(3).integers(0, 2, 180), 12)
+    for command, alike in ((COMMAND, 0.03), (prbs, 0.3)):
+        signals = bench(command, np.repeat(command, FINE), 1).signals
+        current, speed = (signals[name][150:] for name in ("current", "speed"))
+        moving = speed > 0.02 * speed.max()
+        friction = MOTOR["B"] * np.mean(speed[moving])
+        usual = MOTOR["K"] * wandering_torque._usual_current(current[moving], speed[moving])
+        assert usual == pytest.approx(friction, rel=alike)
+    assert MOTOR["K"] * np.median(np.abs(current[moving])) > 2 * friction
