@@ -144,7 +144,7 @@ def open_rows(o: Observed) -> BoolArray | None:
         twice = np.flatnonzero(flows[:-1] & flows[1:])  # one alone is an outlier
         end = k + (int(twice[0]) if len(twice) else len(flows))
         if _is_open(v[k:end], i[k:end] - zero, w[k:end], usual):
-            opens[k:end] = True
+            opens[k - int(v[k - 1] * v[k] < 0) : end] = True  # the winding drives its current on, until it has ended
     return opens if opens.any() else None
 
 

@@ -122,7 +122,11 @@ def input_noise(v: FloatArray) -> float:
 
 
 def _row_by_row(v: FloatArray) -> float:
-    """Return the deviation of what an input does from row to row, be it noise or not."""
+    """Return the deviation of what an input does from row to row, be it noise or not.
+
+    Rows of exactly none show no noise: a converter's at rest, or those in which the voltage is the motor's own.
+    """
+    v = v[v != 0]
     second = v[2:] - 2 * v[1:-1] + v[:-2]
     return median(np.abs(second)) / MEDIAN_SIZE / SECOND_DIFFERENCE if len(second) else 0.0
 

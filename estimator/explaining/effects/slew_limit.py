@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.explaining.effects.base import SELDOM, Effect
-from estimator.explaining.effects.voltage_ramp import SLEW, TRIED, VoltageRamp, changes_differ
+from estimator.explaining.effects.voltage_ramp import SLEW, TRIED, VoltageRamp, changes_differ, changes_of_commands
 from estimator.explaining.effects.voltage_rise import NAME as RISE
 from estimator.explaining.effects.voltage_rise import times_of_command
 from estimator.fitting.lateness import channel_delay
@@ -44,9 +44,12 @@ class SlewLimit(Effect):
 
     def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
         """Return it for changes of several sizes, or beside what is measured; not in long recordings."""
-        of_all = not any(o.is_measured for o in plan.observed) and not changes_differ(plan)  # that is a ramp
+        if not any(o.is_measured for o in plan.observed):
+            is_told = changes_differ(plan)  # else that is a ramp
+        else:
+            is_told = changes_of_commands(plan) is not None
         is_motor = set(MOTOR) <= {*plan.names, *plan.fixed} and set(plan.outputs) <= {"i", "w"}
-        if of_all or plan.chains or not is_motor:
+        if not is_told or plan.chains or not is_motor:
             return []
         return [
             Nuisance(

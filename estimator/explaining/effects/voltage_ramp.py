@@ -44,19 +44,22 @@ def ramped(y: FloatArray, length: float, h: float) -> FloatArray:
     return np.asarray((whole[before:] - cut) * h / length)
 
 
+def changes_of_commands(plan: Plan) -> FloatArray | None:
+    """Return the sizes of all changes of a motor's commands, V, (n,); None where those of a recording are no levels."""
+    if any("v" not in o.inputs for o in plan.observed):
+        return None
+    sizes = [np.abs(np.diff(o.inputs["v"], prepend=0.0)) for o in plan.observed if not o.is_measured]
+    sizes = [change[change > 0] for change in sizes]
+    return np.concatenate([np.zeros(0), *sizes]) if max(map(len, sizes), default=0) <= MOST_CHANGES else None
+
+
 def changes_differ(plan: Plan) -> bool:
     """Whether the changes of a motor's commands are of several sizes, and few enough to be levels."""
-    if any("v" not in o.inputs for o in plan.observed):
+    sizes = changes_of_commands(plan)
+    if sizes is None or not len(sizes):
         return False
-    commands = [o.inputs["v"] for o in plan.observed if not o.is_measured]
-    span, sizes = max((float(np.ptp(v)) for v in commands), default=0.0), [np.zeros(0)]
-    for v in commands:
-        change = np.abs(np.diff(v, prepend=0.0))
-        sizes.append(change[change > EDGE * span])
-        if len(sizes[-1]) > MOST_CHANGES:
-            return False
-    together = np.concatenate(sizes)
-    return len(together) > 0 and float(np.ptp(together)) > ONE_SIZE * float(np.max(together))
+    large = sizes[sizes > EDGE * np.max(sizes)]
+    return float(np.ptp(large)) > ONE_SIZE * float(np.max(large))
 
 
 @dataclass(frozen=True)
