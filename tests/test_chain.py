@@ -23,6 +23,7 @@ from estimator.errors import CaseError, InputError, RecordingError
 from estimator.estimating.estimate import estimate_recordings
 from estimator.fitting.winding_temperature import warmth
 from estimator.fmus.fmu import describe
+from estimator.plans.input_gaps import between_changes, complete
 from estimator.plans.noise_level import output_deviations
 from estimator.plans.planning import plan_case
 from estimator.recordings.filters import Chebyshev1, Coefficients, LowPass, filter_sections
@@ -422,6 +423,24 @@ def test_an_input_of_a_slower_clock_is_held_and_a_long_gap_where_it_changes_is_n
     voltage[5:95] = voltage[106:] = np.nan
     with pytest.raises(RecordingError, match="voltage has no sample at t = 0.005 s and changes before the next one"):
         found(Case(), recording_from_arrays("gap", recording.time, {"voltage [V]": voltage, **signals}))
+
+
+def test_a_slower_input_is_held_from_before_the_part_that_is_used():
+    """Its first rows had its last sample; and one with no sample while the others are known was an internal error."""
+    rows = np.arange(400)
+    voltage = np.where(rows < 100, 0.0, 6.0)
+    voltage[95:125] = np.nan
+    load = np.where(rows % 50 == 0, np.where(rows < 300, 0.002, 0.0), np.nan)
+    recording = recording_from_arrays("r", rows * 1e-3, {"voltage [V]": voltage, "speed [rad/s]": rows * 1.0})
+    inputs, names = {"v": voltage, "load": load}, {"v": "v", "load": "load"}
+    used, told, early = between_changes(recording, inputs, names, slice(0, 400))
+    assert used == slice(125, 400) and "v has no sample at t = 0.095 s" in told and early == pytest.approx(0.031)
+    held, _ = complete(recording, load, "load", used, linear=False)
+    np.testing.assert_array_equal(held, np.where(rows[125:] < 300, 0.002, 0.0))
+    short = np.where((rows >= 10) & (rows < 40), 1.0, np.nan)
+    seldom = np.where(np.isin(rows, [0, 3, 390]), 0.001, np.nan)
+    with pytest.raises(RecordingError, match="'load' has no sample while the others are known"):
+        between_changes(recording, {"v": short, "load": seldom}, names, slice(10, 40))
 
 
 @pytest.mark.parametrize("skewed", [False, True])

@@ -130,3 +130,12 @@ def test_noise_at_rest_that_has_its_extreme_three_times_is_not_cut(seed):
     speed = np.round(speed + 1.5 * rng.standard_normal(2400), 1)
     speed[rng.choice(300, 3, replace=False) + 50] = np.min(speed)
     assert not clipped(speed).any()
+
+
+def test_both_ends_of_one_recording_are_known_to_the_others_and_the_extreme_is_told():
+    wave = noisy(3 * np.sin(2 * np.pi * 5 * T))
+    known = shared_limits([np.clip(wave, -2, 2), noisy(0.1 * wave)])
+    assert known == {2.0, -2.0}
+    once = noisy(1.5 * np.sin(2 * np.pi * 5 * T))
+    once[500] = -2.0
+    assert limit(once, clipped(once, known)) == -2.0

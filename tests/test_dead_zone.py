@@ -14,6 +14,7 @@ COMMANDS = {
     "reversal": np.repeat([0.0, 9.0, -9.0], [100, 300, 400]),
     "back to zero": np.repeat([0.0, 9.0, 0.0], [100, 300, 400]),
 }
+UNITS = {"voltage": "V", "current": "A", "speed": "rad/s"}
 LEAST = 35.0  # rad/s, of some 210
 
 
@@ -67,3 +68,24 @@ def test_a_speed_that_is_shown_whole_hides_none(excitation):
 def test_steps_holds_and_lost_rows_are_no_limit_of_a_sensor(shown):
     recording = recorded("step", 7, least=0.0)
     assert least_speed(shown(recording.signals["speed"]), recording.signals["voltage"]) == 0.0
+
+
+def test_rows_before_a_voltage_that_is_on_from_the_first_hide_the_speed_too():
+    """All rows before the first change later were taken for those of a machine that stands."""
+    voltage, speed = (
+        np.repeat([9.0, 0.0], [200, 100]),
+        np.concatenate([np.zeros(8), np.full(192, 200.0), np.zeros(100)]),
+    )
+    assert hidden_speeds(speed, voltage, LEAST).sum() == 108
+    whole = recorded("step", 4)
+    columns = {
+        f"{n} [{u}]": whole.signals[n][100:] for n, u in (("voltage", "V"), ("current", "A"), ("speed", "rad/s"))
+    }
+    result = estimate_parameters(recording_from_arrays("on", np.arange(500) * STEP, columns), workers=1)
+    assert result.verdict == "ok" and off(result).max() < 4.5, (result.reasons, result.parameters)
+
+
+def test_a_first_sample_that_is_missing_hides_no_rest():
+    """That of a speed which is told by an angle is: all rows at rest were left out."""
+    speed = np.concatenate([[np.nan], np.zeros(107), np.full(192, 200.0)])
+    assert hidden_speeds(speed, np.repeat([0.0, 9.0], [100, 200]), LEAST)[:100].sum() == 0

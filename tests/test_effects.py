@@ -847,12 +847,17 @@ def test_spectral_lines_take_no_places_of_other_effects():
 
 
 @pytest.mark.full  # twelve seconds: that a supply sags is asked by test_trust.py, test_nuisance.py and above
-def test_a_supply_that_hardly_sags_is_in_the_error_of_the_resistance(tmp_path):
-    """Tried at a resistance far above its own, at the kinks of a current limit, it was none: R 43 errors off, ok."""
+def test_a_supply_that_hardly_sags_is_in_the_error_of_the_resistance_or_told_to_be_hidden(tmp_path):
+    """Tried at a resistance far above its own, at the kinks of a current limit, it was none: R 43 errors off, ok.
+
+    It is as likely as before the recording was seen, one in twenty: what else is left open decides whether 95 % of the
+    mixture hold it.
+    """
     result, true = of_random_bench(305, tmp_path)
     found = result.parameters["R"]
-    assert abs(found.value - true["R", -1]) < 4 * found.standard_error
-    assert found.standard_error > 0.1 * true["Rsag", -1]
+    hidden = re.findall(r"sag [0-9.]+ Ohm \(R \+([0-9.]+) %", " ".join(result.notes))
+    off = abs(found.value - true["R", -1])
+    assert off < 4 * found.standard_error or off < 0.011 * float(*hidden) * found.value
 
 
 @pytest.mark.full  # a minute

@@ -165,3 +165,17 @@ def test_a_current_that_ends_before_or_after_the_sample_of_its_row_leads_to_no_o
     for name, value in MOTOR.items():
         found = result.parameters[name]
         assert abs(found.value - value) < 4.5 * found.standard_error, name
+
+
+def test_each_opening_tells_the_constant_by_its_own_fall_and_one_without_a_fall_tells_none():
+    """Over two like coasts together the first half fell to nothing in the second: K of any size was no doubt."""
+    once = 500 * np.exp(-np.arange(200) * STEP / 0.1)
+    speed = np.concatenate([np.full(100, 500.0), once, np.full(100, 500.0), once])
+    opens = np.concatenate([np.zeros(100), np.ones(200), np.zeros(100), np.ones(200)]) > 0
+    voltage = np.where(opens, 0.056 * speed, np.nan) + 0.02 * np.random.default_rng(9).standard_normal(600)
+    own = OwnVoltage("", 0, np.arange(600) * STEP, voltage, speed)
+    k, error = own.constant(0.0)
+    assert abs(k - 0.056) < 4.5 * error < 2e-4
+    assert own.doubt(0.050, 1e-5, 0.0) and not own.doubt(0.056, 1e-5, 0.0)
+    still = OwnVoltage("", 0, np.arange(600) * STEP, voltage, np.full(600, 12.0))
+    assert not np.isfinite(still.constant(0.0)[1]) and still.doubt(0.05, 1e-5, 0.0) == ""

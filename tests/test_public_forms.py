@@ -101,6 +101,15 @@ class TestClocks:
             "2 rows, the first at log.csv line 60, are left out: the row before once more, its time too",
         )
 
+    def test_rows_of_one_time_that_hold_a_signal_each_are_one_row(self, tmp_path: Path) -> None:
+        """The second of them was left out, and a column was empty then, or lost half of its samples."""
+        twice = np.repeat(np.arange(N), 2)
+        first = np.arange(2 * N) % 2 == 0
+        v, w = np.where(first, V[twice], np.nan), np.where(first, np.nan, W[twice])
+        recording = read_recording(save(tmp_path, "time [s],voltage [V],speed [rad/s]", TIME[twice], v, w))
+        np.testing.assert_array_equal(recording.signals["speed"], [float(f"{x:.10g}") for x in W])
+        np.testing.assert_array_equal(recording.signals["voltage"], V)
+
     def test_times_that_count_from_a_date_are_told_with_the_digits_that_differ(self, tmp_path: Path) -> None:
         stamps = self.begin + self.jitter
         stamps[200] = stamps[199] - 0.25 * STEP

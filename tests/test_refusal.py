@@ -228,3 +228,21 @@ def test_a_reason_knows_where_in_the_data_it_lies(case_of, good):
     clipped[:, 0] = np.minimum(clipped[:, 0], 0.55)
     ((place, *_), *_) = [r.places for r in refused(case_of, made(good[0], clipped, noise=(0, 0)), "saturated").reasons]
     assert place.signal == "i" and place.end > place.start
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_motor_that_brakes_from_either_direction_keeps_its_sign(case_of, sign):
+    """Backwards, at hardly any load, the current that braked it was the first one above zero: it was refused."""
+    motor = dataclasses.replace(CML050, B=CML050.B / 20)
+    voltage = sign * np.repeat([10.0, 0.0], [400, 300])
+    shown = held_response(motor, np.concatenate([voltage[:1].repeat(2000), voltage]), step=1e-3)[2000:]
+    assert run(case_of(), made(voltage, shown, noise=(0.01, 1))).verdict != "refused"
+
+
+def test_a_sample_that_is_missing_as_the_motor_brakes_is_no_current(case_of):
+    voltage = np.repeat([0.0, 10.0, 0.0], [100, 400, 300])
+    shown = held_response(CML050, voltage, step=1e-3)
+    shown[:, 0] = np.abs(shown[:, 0])
+    shown[505, 0] = np.nan
+    result = refused(case_of, made(voltage, shown, noise=(0.01, 1)), "flows back: its sign was lost")
+    assert not any("nan" in reason for reason in result.reasons)

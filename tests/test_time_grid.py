@@ -143,3 +143,13 @@ def test_a_timer_of_few_ticks_a_row_jitters_though_most_steps_are_even() -> None
     times = np.concatenate([[0.0], np.cumsum(ticks)]) * 0.5e-3 / 7
     clock = sampling_clock(np.round(times, 6), place=str)
     assert not clock.even and np.array_equal(clock.time, np.round(times, 6))
+
+
+@pytest.mark.parametrize("lost", [0.05, 0.15])
+def test_lost_rows_are_no_jitter_of_the_clock(lost: float) -> None:
+    """With one stamp that is a mistake among them they were taken for an uneven clock without its missing rows."""
+    rng = np.random.default_rng(6)
+    times = 1e-3 * np.flatnonzero(rng.random(800) > lost)
+    times[300] += 0.4e-3
+    with pytest.raises(RecordingError, match="time is off its uniform grid"):
+        sampling_clock(times, place=lambda k: f"row {k}", half_digit=lambda: np.full(len(times), 5e-7))

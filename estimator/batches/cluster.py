@@ -222,6 +222,6 @@ def _folder() -> Path:
 
     global _here
     with _lock:
-        if _here is None:
+        if _here is None or not _here.is_dir():
             _here = Path(tempfile.mkdtemp(prefix="fmu-estimator-", dir=get_worker().local_directory))
         return _here

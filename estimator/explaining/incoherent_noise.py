@@ -48,7 +48,7 @@ def quieted_at_sight(plan: Plan) -> tuple[Plan, str]:
     part, error = answered(plan.observed, around)
     if not abs(part) + SURE * error < ABSENT:
         return plan, ""
-    return quieted(plan, around, nothing), VoltageNoise().sentence.format(percent=100 * (1 - part))
+    return quieted(plan, around, nothing), VoltageNoise().tell(VoltageNoise.name, 1 - part, plan)
 
 
 def quieted_again(quiet: Plan, noisy: Plan, fit: Fit) -> Plan:

@@ -51,6 +51,8 @@ class OwnVoltage:
     def constant(self, late: float) -> tuple[float, float]:
         """Return the fall of the voltage over that of the speed, V.s/rad, and its standard error, whatever the offsets.
 
+        Each opening of the circuit falls from its first half to its second; (nan, inf) where no speed does.
+
         Parameters
         ----------
         late : float
@@ -58,14 +60,20 @@ class OwnVoltage:
         """
         known = np.isfinite(self.speed)
         then = np.interp(self.time + late, self.time[known], self.speed[known], right=np.nan)
-        used = np.isfinite(self.voltage) & np.isfinite(then)
-        v, w = self.voltage[used], then[used]
-        half = len(v) // 2
-        if not half:
+        open_rows = np.flatnonzero(np.isfinite(self.voltage))
+        openings = []
+        for rows in np.split(open_rows, np.flatnonzero(np.diff(open_rows) > 1) + 1):
+            v, w = self.voltage[rows], then[rows]
+            if np.count_nonzero(shown := np.isfinite(w)) > 1:
+                openings.append((v[shown], w[shown]))
+        falls = np.array([[_half_fall(v), _half_fall(w)] for v, w in openings]).reshape(-1, 2)
+        rows_of = np.array([len(v) for v, _ in openings], dtype=float)
+        power = float(rows_of @ falls[:, 1] ** 2)
+        if not power:
             return np.nan, np.inf
-        fall = float(np.mean(w[:half]) - np.mean(w[half:]))
-        k = float(np.mean(v[:half]) - np.mean(v[half:])) / fall
-        return k, float(np.std(v - k * w)) * 2 / float(np.sqrt(len(v))) / abs(fall)
+        k = float(rows_of @ (falls[:, 0] * falls[:, 1])) / power
+        left = np.concatenate([v - k * w - np.mean(v - k * w) for v, w in openings])
+        return k, 2 * float(np.std(left)) / float(np.sqrt(power))
 
     def doubt(self, k: float, error: float, late: float) -> str:
         """Return why an estimate of K, of this standard error, is doubtful; "" where both agree."""
@@ -77,6 +85,12 @@ class OwnVoltage:
             f"the motor's own voltage, while its circuit is open, tells K = {own:.4g}, all else {k:.4g}: brushes or"
             " drive drop a voltage, or the motor is another at large currents"
         )
+
+
+def _half_fall(signal: FloatArray) -> float:
+    """Return by how much the mean of a signal's first half, (n,), is above that of its second."""
+    half = len(signal) // 2
+    return float(np.mean(signal[:half]) - np.mean(signal[half:]))
 
 
 def with_open_circuits(plan: Plan) -> tuple[Plan, tuple[OwnVoltage, ...]]:

@@ -199,7 +199,8 @@ def driven_on_lines(
     Parameters
     ----------
     values : R, K, L, J, B
-    corners : times, s, and by how much the voltage jumps there, V, and its slope changes, V/s, (m,) each, from 0 V
+    corners : times, s, that rise, and by how much the voltage jumps there, V, and its slope changes, V/s, (m,) each
+        From 0 V.
     opens : (n,) array
         Rows in which the circuit is open.
     """
@@ -208,9 +209,10 @@ def driven_on_lines(
     whole = np.zeros((4, 4))  # current, speed, voltage, its slope
     whole[:2, :2], whole[:2, 2], whole[2, 3] = a, b[:, 0], 1.0
     n, h, at = len(opens), clock.step, times - clock.time[0]
-    since = h * np.arange(n)[:, None] - at
-    begun = since >= 0
-    voltage, slope = begun @ jumps + np.where(begun, since, 0.0) @ slopes, begun @ slopes
+    now = h * np.arange(n)
+    begun = np.searchsorted(at, now, side="right")
+    jumped, slope, bent = (np.append(0.0, np.cumsum(x))[begun] for x in (jumps, slopes, slopes * at))
+    voltage = jumped + slope * now - bent
     added = np.column_stack([voltage, slope]) @ exponential(whole * h)[:2, 2:].T
     for row, part, change in zip((at // h).astype(int), at % h, np.column_stack([jumps, slopes]), strict=True):
         if 0 <= row < n and part > 0:

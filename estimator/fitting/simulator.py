@@ -35,7 +35,7 @@ CELLS = 500_000  # rows that are simulated at once, at most
 KEPT_ANSWERS, KEPT_VALUES = 16, 500_000  # that were asked of late; numbers in all of them, at most
 
 Act = Callable[[FloatArray, float, float], FloatArray]  # (n,) signal, value, sampling interval in s -> (n,) signal
-# a simulator, a candidate, (p,), and by how many s all is shown earlier -> what is added to the outputs, (rows, q)
+# a simulator, a candidate, (p,), and by which part of a row all is shown earlier -> what is added, (rows, q)
 Adds = Callable[["Simulator", FloatArray, float], FloatArray]
 
 
@@ -285,13 +285,13 @@ class Simulator:
         if not acting.any():
             return np.asarray(phases[0])
         shown, fine = phases[0].copy(), phases[::-1].transpose(1, 2, 0, 3)
+        if acting[:, [n.adds is not None for n in self._acts]].any():
+            fine = fine.copy()
         for c, (candidate, acts) in enumerate(zip(candidates, acting, strict=True)):
             adds = [n.adds for n in itertools.compress(self._acts, acts) if n.adds is not None]
             if adds:
-                fine = fine if fine.flags.writeable and fine.base is None else fine.copy()
-                step = min(clock.step for clock in self.clocks) / between
                 for part in range(between):
-                    fine[c, :, -1 - part] += sum(add(self, candidate, part * step) for add in adds)
+                    fine[c, :, -1 - part] += sum(add(self, candidate, part / between) for add in adds)
                 shown[c] = fine[c, :, -1]
             for j, output in enumerate(self.outputs):
                 own = [(n, float(candidate[self.index[n.name]])) for n in itertools.compress(self._acts, acts)

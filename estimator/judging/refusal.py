@@ -142,7 +142,7 @@ def _unsigned(o: Observed) -> list[str]:
         return [
             Reason(
                 f"{o.recording.title}: as the voltage falls to {v[k]:.3g} V the current rises to"
-                f" {np.max(i[k : k + BRAKES]):.3g} A, and that of a motor that brakes flows back: its sign was lost;"
+                f" {np.nanmax(i[k : k + BRAKES]):.3g} A, and that of a motor that brakes flows back: its sign was lost;"
                 " record it with a sensor that tells the direction",
                 _place(o, "i", k, k + BRAKES - 1),
             )
@@ -163,12 +163,11 @@ def _unsigned(o: Observed) -> list[str]:
 
 
 def _rises_as_it_brakes(v: FloatArray, i: FloatArray, plainly: float, noise: float) -> int:
-    """Return the row in which a voltage, (n,), falls to none and a settled current, (n,), then rises; 0: there is none.
+    """Return the row in which a voltage above 0, (n,), ends and a settled current, (n,), then rises; 0: there is none.
 
     No motor's does, whatever its load: less voltage drives less current.
     """
-    size = np.abs(v)
-    for k in (np.flatnonzero((size[1:] < 0.1 * plainly) & (size[:-1] > plainly)) + 1).tolist():
+    for k in (np.flatnonzero((np.abs(v[1:]) < 0.1 * plainly) & (v[:-1] > plainly)) + 1).tolist():
         before, after = i[max(0, k - BRAKES) : k], i[k : k + BRAKES]
         if min(len(before), len(after)) < BRAKES or np.ptp(v[k - BRAKES : k]) > 0.1 * plainly:
             continue

@@ -304,8 +304,9 @@ def _found(plan: Plan, explained: Explained | None, statuses: Mapping[str, Param
             f"a torque of {noise.torque[0]:.2g} N.m that wanders over {noise.torque[1]:.2g} s moves current and speed"
         )
     if explained.hidden_torque > 0:
+        how = "more slowly, by up to" if noise.torque[0] > 0 else "by"
         notes.append(
-            f"a torque that wanders by {explained.hidden_torque:.2g} N.m would not show:"
+            f"a torque that wanders {how} {explained.hidden_torque:.2g} N.m would not show:"
             " the standard error of B holds it"
         )
     if has_motor(plan.names) and "i" in plan.outputs:

@@ -32,24 +32,38 @@ def known_range(recording: Recording, driven: Mapping[str, FloatArray]) -> tuple
 
 
 def between_changes(
-    recording: Recording, held: Mapping[str, FloatArray], columns: Mapping[str, str]
-) -> tuple[slice, str]:
-    """Return the rows between gaps in which an input changes, at an instant that nothing tells, and what to tell.
+    recording: Recording, driven: Mapping[str, FloatArray], columns: Mapping[str, str], rows: slice
+) -> tuple[slice, str, float]:
+    """Return the rows between gaps in which an input changes, at an instant that nothing tells; a sentence; `early`.
 
-    The longest of these parts in which an input moves, or of all: of a motor that rests little can be told.
+    The longest of these parts in which an input moves, or of all: of a motor that rests little can be told. `early` is
+    for how many s before the first row the inputs are not known, though they have changed.
+
+    Parameters
+    ----------
+    driven : (n,) arrays
+        Inputs that are held from row to row, of all rows of the recording.
+    rows : those in which every input is known
 
     Raises
     ------
     RecordingError
-        It is too short.
+        A part is too short, or an input has no sample in these rows.
     """
-    cuts, at = {0, len(recording.time)}, dict[str, list[float]]()
+    held = {name: _held(u) if _is_slower(np.diff(np.flatnonzero(~np.isnan(u)))) else u for name, u in driven.items()}
     for name, signal in held.items():
-        for last, following in _changes_in_gaps(signal):
+        if np.isnan(signal[rows]).all():
+            raise RecordingError(f"{recording.title}: the input {name!r} has no sample while the others are known")
+    cuts, at, gaps_before = {rows.start, rows.stop}, dict[str, list[float]](), dict[int, float]()
+    for name, signal in held.items():
+        for last, following in _changes_in_gaps(signal[rows]):
+            last, following = last + rows.start, following + rows.start  # noqa: PLW2901
             cuts |= {last + 1, following}
+            gap = float(recording.time[following] - recording.time[last])
+            gaps_before[following] = max(gap, gaps_before.get(following, 0.0))
             at.setdefault(columns[name], []).append(float(recording.time[last + 1]))
     if not at:
-        return slice(None), ""
+        return rows, "", 0.0
     bounds = sorted(cuts)
     parts = [slice(a, b) for a, b in zip(bounds[:-1], bounds[1:], strict=True)]
     known = [p for p in parts if not any(np.isnan(u[p]).all() for u in held.values())]
@@ -59,13 +73,14 @@ def between_changes(
         f"{column} has no sample at t = {', '.join(f'{t:g}' for t in times)} s and changes before the next one"
         for column, times in at.items()
     )
-    rows = best.stop - best.start
-    if rows < MIN_SAMPLES:
+    many = best.stop - best.start
+    if many < MIN_SAMPLES:
         raise RecordingError(
             f"{recording.title}: {gaps}; an input must be complete where it changes; leave the gap out with a window"
         )
     first, last = recording.time[best.start], recording.time[best.stop - 1]
-    return best, f"{recording.title}: {gaps}: of it the {rows} rows from {first:g} to {last:g} s are used"
+    told = f"{recording.title}: {gaps}: of it the {many} rows from {first:g} to {last:g} s are used"
+    return best, told, gaps_before.get(best.start, 0.0)
 
 
 def _changes_in_gaps(signal: FloatArray) -> list[tuple[int, int]]:
@@ -94,17 +109,28 @@ def _moves(part: FloatArray, signal: FloatArray) -> bool:
     return float(np.nanmax(part) - np.nanmin(part)) > _one_level(signal[~np.isnan(signal)])
 
 
-def complete(recording: Recording, signal: FloatArray, name: str, *, linear: bool) -> tuple[FloatArray, list[str]]:
-    """Return an input without gaps, and what to tell: held over them, as it is from row to row, or on a line."""
+def complete(
+    recording: Recording, signal: FloatArray, name: str, rows: slice, *, linear: bool
+) -> tuple[FloatArray, list[str]]:
+    """Return some rows of an input without gaps, and what to tell: held over them, as between rows, or on a line."""
     missing = np.isnan(signal)
-    if not missing.any():
-        return signal, []
+    many = int(missing[rows].sum())
+    if not many:
+        return signal[rows], []
     known = np.flatnonzero(~missing)
     if linear:
-        told = f"{recording.title}: {name} has {int(missing.sum())} missing samples, taken on a line between the others"
-        return np.interp(recording.time, recording.time[known], signal[known]), [told]
-    held = signal[known[np.searchsorted(known, np.arange(len(signal)), side="right") - 1]]
+        told = f"{recording.title}: {name} has {many} missing samples, taken on a line between the others"
+        return np.interp(recording.time, recording.time[known], signal[known])[rows], [told]
     gaps = np.diff(known)
     if _is_slower(gaps):
-        return held, [f"{recording.title}: {name} was sampled at every {int(np.median(gaps))}th row and held between"]
-    return held, [f"{recording.title}: {name} has {int(missing.sum())} missing samples, held from the one before"]
+        told = f"{recording.title}: {name} was sampled at every {int(np.median(gaps))}th row and held between"
+    else:
+        told = f"{recording.title}: {name} has {many} missing samples, held from the one before"
+    return _held(signal)[rows], [told]
+
+
+def _held(signal: FloatArray) -> FloatArray:
+    """Return a signal, (n,), held over its gaps; before its first sample as that."""
+    known = np.flatnonzero(~np.isnan(signal))
+    before = np.searchsorted(known, np.arange(len(signal)), side="right") - 1
+    return np.asarray(signal[known[np.maximum(before, 0)]])

@@ -118,25 +118,19 @@ def _driven(
 
     That is for how many s before the first row they are not known, though they have changed.
     """
-    driven, notes, early = {}, list[str](), 0.0
+    driven = {}
     for name, column in inputs.items():
         unit = binding.signal(name).unit or None
         driven[name] = _corrected(_driving(binding.case, recording, name, column, unit), name, column, run)
-    first, last = known_range(recording, driven)
-    if last - first < len(recording.time):
-        recording = recording.between(first, last)
-        driven = {name: signal[first:last] for name, signal in driven.items()}
+    rows = slice(*known_range(recording, driven))
     held = {name: signal for name, signal in driven.items() if name not in binding.case.linear}
-    part, told = between_changes(recording, held, inputs)
-    if told:
-        before = np.flatnonzero(~np.isnan(np.sum([u[: part.start] for u in held.values()], axis=0)))
-        early = float(recording.time[part.start] - recording.time[before[-1]]) if len(before) else 0.0
-        recording = recording.between(part.start, part.stop)
-        driven = {name: signal[part] for name, signal in driven.items()}
-        notes.append(told)
+    rows, told, early = between_changes(recording, held, inputs, rows)
+    notes = [told] if told else []
     for name in driven:
-        driven[name], more = complete(recording, driven[name], name, linear=name in binding.case.linear)
+        driven[name], more = complete(recording, driven[name], name, rows, linear=name in binding.case.linear)
         notes += more
+    if rows.stop - rows.start < len(recording.time):
+        recording = recording.between(rows.start, rows.stop)
     for name, value in binding.held_inputs.items():
         driven[name] = np.full(len(recording.time), value)
     return recording, driven, notes, early

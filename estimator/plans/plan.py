@@ -89,6 +89,11 @@ class Observed:
         """Samples simulated before the first of the recording."""
         return self.lead + self.rest
 
+    def changes(self, name: str) -> FloatArray:
+        """Return by how much an input changes at each row, (n,): from zero at the first, where it is not run in."""
+        u = self.inputs[name]
+        return np.diff(u, prepend=u[0] if self.lead else 0.0)
+
     @cached_property
     def compared(self) -> FloatArray:
         """Samples of the outputs, (before + n, q), NaN before the first of the recording; not to be changed."""

@@ -37,9 +37,9 @@ def shared_limits(signals: Sequence[FloatArray]) -> frozenset[float]:
         return frozenset()
     found: list[float] = []
     for y in signals:
-        if (rows := clipped(y)).any():
-            found += 2 * [limit(y, rows)]
         extremes = float(np.nanmax(y)), float(np.nanmin(y))
+        if (rows := clipped(y)).any():
+            found += 2 * [v for v in extremes if np.any(rows & (y == v))]
         if _is_noisy(y, extremes, FINE):
             found += [v for v in extremes if v != 0 and np.count_nonzero(y == v) > 1]
     return frozenset(v for v in found if found.count(v) > 1)
@@ -97,9 +97,10 @@ def _is_noisy(y: FloatArray, extremes: tuple[float, float], times: float) -> boo
 
 
 def limit(y: FloatArray, rows: NDArray[np.bool_]) -> float:
-    """Return the value at which a signal's clipped samples are cut: the one that most of them have."""
+    """Return the value at which a signal's clipped samples are cut: that of most of them, of several the extreme."""
     values, counts = np.unique(y[rows], return_counts=True)
-    return float(values[np.argmax(counts)])
+    often = values[counts == np.max(counts)]
+    return float(often[np.argmax(np.abs(often - median(y[~np.isnan(y)])))])
 
 
 def _pauses(y: FloatArray, *, grain: float) -> NDArray[np.int64]:

@@ -63,10 +63,12 @@ def hidden_speeds(w: FloatArray, v: FloatArray, least: float) -> NDArray[np.bool
     hidden = np.abs(w) < HALF * least
     edges = _edges(v)
     first = int(edges[0]) if len(edges) else len(v)
-    hidden[:first] &= not hidden[:1].all()
+    known = np.flatnonzero(~np.isnan(w[:first]))
+    hidden[:first] &= len(known) > 0 and not hidden[known[0]]
     return np.asarray(hidden)
 
 
 def _edges(v: FloatArray) -> NDArray[np.int64]:
-    """Return the rows at which a voltage, (n,), has another level."""
-    return np.asarray(np.flatnonzero(np.abs(np.diff(v)) > LEVEL * float(np.ptp(v))) + 1)
+    """Return the rows at which a voltage, (n,), has another level: the first row, too, of one that is on there."""
+    least = LEVEL * float(np.max(np.abs(v), initial=0.0))
+    return np.asarray(np.flatnonzero(np.abs(np.diff(v, prepend=0.0)) > least))

@@ -185,9 +185,11 @@ def _without_times_again(raw: RawTable, read_as: ReadAs, not_read: tuple[str, ..
     """Leave out the few rows that a jittering clock stamps as the row before, and say so."""
     headers, _ = read_as.headers(raw.texts, where=raw.where)
     clock, _ = time_column(headers, raw.where, read_as)
-    again, why = _stored_twice(raw, clock), "the row before once more, its time too"
-    if not len(again):
+    if (whole := _stored_twice(raw, clock)) is not None:
+        (again, left), why = whole, "the row before once more, its time too"
+    else:
         again, why = times_again(raw.columns[clock]), "stamped as the row before"
+        left = raw.without(again)
     if not len(again):
         return raw, not_read
     first = (
@@ -195,28 +197,24 @@ def _without_times_again(raw: RawTable, read_as: ReadAs, not_read: tuple[str, ..
         if len(again) == 1
         else f"{len(again)} rows, the first at {raw.place(int(again[0]))}, are"
     )
-    return raw.without(again), (*not_read, f"{first} left out: {why}")
+    return left, (*not_read, f"{first} left out: {why}")
 
 
-def _stored_twice(raw: RawTable, clock: int) -> NDArray[np.int64]:
-    """Return which rows are the row before in every column, where all others have a later time than the row before.
+def _stored_twice(raw: RawTable, clock: int) -> tuple[NDArray[np.int64], RawTable] | None:
+    """Return which rows are the row before in every column, where all others have a later time, and the file without.
 
-    A cell that is empty in one of both says nothing.
+    A cell that is empty in one of both says nothing, and is filled by the other. None: there are none.
     """
-    same = np.diff(raw.columns[clock]) == 0
-    if not same.any():
-        return np.empty(0, dtype=np.int64)
-    rows = np.flatnonzero(same) + 1
-    kept = np.delete(raw.columns[clock], rows)
-    if len(kept) < MIN_SAMPLES or not np.all(np.diff(kept) > 0):
-        return np.empty(0, dtype=np.int64)
-    alike = all(_is_alike(column[rows], column[rows - 1]) for column in raw.columns)
-    return rows if alike else np.empty(0, dtype=np.int64)
-
-
-def _is_alike(one: FloatArray, other: FloatArray) -> bool:
-    """Whether values are equal wherever both are there."""
-    return bool(np.all((one == other) | np.isnan(one) | np.isnan(other)))
+    same = np.diff(raw.columns[clock], prepend=np.nan) == 0
+    first = np.flatnonzero(~same)
+    if not same.any() or len(first) < MIN_SAMPLES or not np.all(np.diff(raw.columns[clock][first]) > 0):
+        return None
+    kept = [np.fmax.reduceat(column, first) for column in raw.columns]
+    least = [np.fmin.reduceat(column, first) for column in raw.columns]
+    if not all(np.array_equal(one, other, equal_nan=True) for one, other in zip(kept, least, strict=True)):
+        return None
+    again = np.flatnonzero(same)
+    return again, replace(raw.without(again), columns=kept)
 
 
 def _unreadable(raw: RawTable, names: Sequence[str], clock: int, read_as: ReadAs) -> dict[int, str]:

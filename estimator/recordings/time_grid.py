@@ -180,11 +180,10 @@ def _without_grid(times: FloatArray, half_digit: Callable[[], FloatArray] | None
     usual = median(steps)
     if (steps <= 0).any() or (steps > PAUSE * usual).any():
         return None
-    off = np.abs(steps / usual - np.round(steps / usual)) > JITTER
-    off |= steps < usual / 2
+    away = np.abs(steps - usual * np.round(steps / usual))  # lost rows are none
+    off = (away > JITTER * usual) | (steps < usual / 2)
     print_error = 0.0 if half_digit is None else 2 * median(half_digit())
-    away = np.abs(steps - usual)
-    jitters = median(away) > max(EXACT * usual, print_error)
+    jitters = median(np.abs(steps - usual)) > max(EXACT * usual, print_error)
     # Of a timer that counts few ticks most are even.
     jitters |= bool(np.mean(away > max(OFF_GRID * usual, print_error)) > TENTH)
     if np.count_nonzero(off) < OFTEN and not jitters:

@@ -165,7 +165,7 @@ class BrushDrop(Drive):
         if v is None or e.running or not coasts_in(o, np.ones(len(v), dtype=bool)) or not is_of_one_size(v):
             return 0.0
         on = v[np.abs(v) > 0.5 * np.max(np.abs(v))]
-        return float(np.mean(on)) if np.all(on > 0) or np.all(on < 0) else 0.0
+        return float(np.mean(on)) if len(on) and (np.all(on > 0) or np.all(on < 0)) else 0.0
 
     def sizes(self, plan: Plan) -> tuple[float, ...]:
         """Return the voltage drop of carbon brushes, at most a part of the supply."""
@@ -277,7 +277,8 @@ def coasts_in(o: Observed, rows: NDArray[np.bool_]) -> bool:
     if not {"i", "w"} <= set(o.outputs) or "v" not in o.inputs:
         return False
     w, i = filled(o.outputs["w"]), filled(o.outputs["i"])
-    turning = rows & (o.inputs["v"] == 0) & (np.abs(w) > 0.2 * np.max(np.abs(w)))
+    least = max(0.2 * float(np.max(np.abs(w))), 4 * noise_deviation(o.outputs["w"]))
+    turning = rows & (o.inputs["v"] == 0) & (np.abs(w) > least)
     turning[1:] &= o.inputs["v"][:-1] == 0
     if np.sum(turning) < HELD_ROWS:
         return False

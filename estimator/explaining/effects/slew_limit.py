@@ -20,12 +20,15 @@ from estimator.explaining.effects.voltage_rise import times_of_command
 from estimator.fitting.lateness import channel_delay
 from estimator.fitting.motor_response import COASTS, SEATS, driven_on_lines
 from estimator.fitting.simulator import Nuisance, Simulator, per_recording
+from estimator.fitting.winding_temperature import warmth
 from estimator.motor.names import MOTOR
+from estimator.noise.clock import Clock
 from estimator.plans.parameters import SensorPlace
-from estimator.plans.plan import Plan
+from estimator.plans.plan import Observed, Plan
 from estimator.stepping import layout
 
 FloatArray = NDArray[np.float64]
+ROUNDING = 1e-6  # of a row
 Corners = tuple[FloatArray, FloatArray, FloatArray]  # times, s; jumps, V; changes of slope, V/s
 
 
@@ -44,12 +47,12 @@ class SlewLimit(Effect):
 
     def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
         """Return it for changes of several sizes, or beside what is measured; not in long recordings."""
-        if not any(o.is_measured for o in plan.observed):
-            is_told = changes_differ(plan)  # else that is a ramp
-        else:
-            is_told = changes_of_commands(plan) is not None
+        beside_measured = any(o.is_measured for o in plan.observed)
+        changes = changes_of_commands(plan)
+        is_told = changes is not None and len(changes) > 0 and (beside_measured or changes_differ(plan))  # else a ramp
         is_motor = set(MOTOR) <= {*plan.names, *plan.fixed} and set(plan.outputs) <= {"i", "w"}
-        if not is_told or plan.chains or not is_motor:
+        is_plain = not plan.chains and all(p.place is None or p.place.kind == "delay" for p in plan.parameters)
+        if not (is_told and is_motor and is_plain):
             return []
         return [
             Nuisance(
@@ -61,25 +64,26 @@ class SlewLimit(Effect):
 
 
 def _added(s: Simulator, candidate: FloatArray, earlier: float) -> FloatArray:
-    """Return what the outputs show more, (rows, q), than by the command at once; a time earlier, s."""
+    """Return what the outputs show more, (rows, q), than by the command at once; a part of a row earlier."""
     value = dict(zip(s.names, candidate.tolist(), strict=True))
     motor = {**s.plan.fixed, **value}
-    commands = [(e, clock) for e, clock in enumerate(s.clocks) if not s.observed[e].is_measured]
-    changes = [np.diff(s.inputs("v")[clock.rows], prepend=0.0) for _, clock in commands]
-    rate = max(float(np.max(np.abs(change))) for change in changes) / value[SLEW]
+    warm = warmth(s.plan.temperatures, len(s.clocks))
+    commands = [e for e, o in enumerate(s.observed) if not o.is_measured]
+    largest = max(float(np.max(np.abs(s.observed[e].changes("v")))) for e in commands)
     result = np.zeros((s.rows, len(s.outputs)))
-    for e, clock in commands:
-        command = s.inputs("v")[clock.rows]
-        times, jumps, slopes = missing(command, clock.time, rate)
+    for e in commands:
+        o, clock = s.observed[e], s.clocks[e]
+        corners = missing(o, largest / value[SLEW])
         own = [n.name for n in s.nuisances if n.place == SensorPlace("delay", e)]
-        late = earlier + (value[own[0]] if own else s.observed[e].delay)
+        late = earlier * clock.step + (value[own[0]] if own else o.delay)
         is_open = any(value.get(name) == 1.0 for name in (COASTS, per_recording(s.plan, COASTS)[e]))
-        opens = (command == 0) & is_open
         known: dict[float, FloatArray] = {}
         for j, output in enumerate(s.outputs):
             behind = late + channel_delay(s, value.__getitem__, output)
             if behind not in known:
-                known[behind] = driven_on_lines(motor, clock, (times + behind, jumps, slopes), opens)
+                opens = _held(o.inputs["v"], clock, behind) == 0 if is_open else np.zeros(len(clock.time), dtype=bool)
+                of_run = {**motor, "R": motor["R"] * warm[e]}
+                known[behind] = driven_on_lines(of_run, clock, (corners[0] + behind, *corners[1:]), opens)
             shown = known[behind][:, SEATS[output]]
             if s.plan.sensors[output] == layout.MEAN:
                 shown = 0.5 * (shown + np.concatenate([shown[:1], shown[:-1]]))
@@ -87,16 +91,26 @@ def _added(s: Simulator, candidate: FloatArray, earlier: float) -> FloatArray:
     return result
 
 
-def missing(command: FloatArray, time: FloatArray, rate: float) -> Corners:
-    """Return a voltage that follows a command, (n,), held from row to row, V, by a rate, V/s, from 0 V, less that."""
-    found, now, slope = list[tuple[float, float, float]](), 0.0, 0.0
-    edges = np.flatnonzero(np.diff(command, prepend=0.0)).tolist()
-    for first, following in zip(edges, [*edges[1:], None], strict=True):
+def _held(command: FloatArray, clock: Clock, late: float) -> FloatArray:
+    """Return a command, (n,), as it is some s later."""
+    row = np.floor(np.arange(len(command)) - late / clock.step + ROUNDING).astype(int)
+    return np.asarray(command[np.clip(row, 0, len(command) - 1)])
+
+
+def missing(o: Observed, rate: float) -> Corners:
+    """Return a voltage that follows a recording's command, held from row to row, by a rate, V/s, less that command.
+
+    It begins at what the motor was run in with, or at none.
+    """
+    command, change, time = o.inputs["v"], o.changes("v"), o.times
+    found, now, slope = list[tuple[float, float, float]](), float(command[0] - change[0]), 0.0
+    edges = np.flatnonzero(change).tolist()
+    for first, following in zip(edges, [*edges[1:], None], strict=False):
         target, begins = float(command[first]), float(time[first])
         ends = begins + abs(target - now) / rate
         until = np.inf if following is None else float(time[following])
         own = rate * float(np.sign(target - now))
-        found.append((begins, float(command[first - 1] if first else 0.0) - target, own - slope))
+        found.append((begins, -float(change[first]), own - slope))
         slope, now = own, now + own * (min(ends, until) - begins)
         if ends < until:
             found.append((ends, 0.0, -slope))

@@ -47,6 +47,10 @@ class VoltageNoise(Effect):
         columns = late_response(fit, -around)[:, :, None]
         return [Linear(self.name, columns, ("",), least=LEAST_PART, most=MOST_PART)]
 
+    def tell(self, name: str, value: float, plan: Plan) -> str:
+        """Say which part is the sensor's: all of it, at most, where the estimate is above that."""
+        return super().tell(name, min(value, 1.0), plan)
+
 
 def without_noise(fit: Fit, plan: Plan) -> Plan | None:
     """Return a plan with the voltages that the motor sees; None where their noise reaches it, or a part of it.

@@ -48,7 +48,7 @@ def changes_of_commands(plan: Plan) -> FloatArray | None:
     """Return the sizes of all changes of a motor's commands, V, (n,); None where those of a recording are no levels."""
     if any("v" not in o.inputs for o in plan.observed):
         return None
-    sizes = [np.abs(np.diff(o.inputs["v"], prepend=0.0)) for o in plan.observed if not o.is_measured]
+    sizes = [np.abs(o.changes("v")) for o in plan.observed if not o.is_measured]
     sizes = [change[change > 0] for change in sizes]
     return np.concatenate([np.zeros(0), *sizes]) if max(map(len, sizes), default=0) <= MOST_CHANGES else None
 
