@@ -10,9 +10,11 @@ from estimator import estimate_parameters, recording_from_arrays
 from estimator.explaining.effects import slew_limit
 from estimator.noise.clock import Clock
 from estimator.plans.plan import Observed
+from estimator.recordings.excitation import Excitation
 
 pytestmark = pytest.mark.usefixtures("shared_workers")
 
+REST = Excitation("several", 50, 0.0, 0.0, False)
 UNITS = {"voltage": "V", "current": "A", "speed": "rad/s"}
 COMMAND = np.repeat([0.0, 3.0, 9.0, 5.0], [100, 300, 300, 300])
 
@@ -97,7 +99,7 @@ def test_its_part_is_as_late_as_its_channel_also_where_the_circuit_opens_and_whe
     def added(late, part=0.0, steps=(STEP,)):
         named = [SimpleNamespace(name=str(h)) for h in steps]
         times = [np.arange(len(command)) * h for h in steps]
-        runs = [Observed(n, {"v": command}, {}, None, 0, late, taken=t) for n, t in zip(named, times, strict=True)]
+        runs = [Observed(n, {"v": command}, {}, REST, 0, late, taken=t) for n, t in zip(named, times, strict=True)]
         clocks = [Clock(o.taken, slice(k * len(command), (k + 1) * len(command))) for k, o in enumerate(runs)]
         plan = SimpleNamespace(fixed={}, observed=runs, chains={}, sensors={"i": 0, "w": 0}, temperatures=())
         own = SimpleNamespace(plan=plan, names=names, outputs=("i", "w"), observed=runs, nuisances=(), clocks=clocks)

@@ -14,6 +14,7 @@ import numpy as np
 
 from estimator.explaining.addition import Addition, is_held, is_physical, is_timing
 from estimator.explaining.effects.base import Effect
+from estimator.explaining.shared_errors import with_shared_errors
 from estimator.fitting.fit import Fit
 from estimator.fitting.gauss_newton import ITERATIONS, ROUGH, solved, solved_roughly
 from estimator.fitting.simulator import Simulator
@@ -125,11 +126,17 @@ def is_full(explanation: Explanation) -> bool:
 def without(
     explanation: Explanation, addition: Addition, *, iterations: int = ROUGH, limit: float = np.inf
 ) -> Explanation:
-    """Return the explanation, fitted again, without one of its additions; iterations and limit as for `solved`."""
+    """Return the explanation, fitted again, without one of its additions; iterations and limit as for `solved`.
+
+    What was not known of its columns' form is gone with them: it would explain what they did.
+    """
     fit = explanation.fit
     if addition.linear is not None:
+        of_column = [g.name != addition.name for g in fit.linear for _ in range(g.columns.shape[2])]
+        gone = [g for g in fit.linear if g.name == addition.name]
         linear = tuple(g for g in fit.linear if g.name != addition.name)
-        fit = dataclasses.replace(fit, linear=linear)
+        fit = dataclasses.replace(fit, linear=linear, coefficients=fit.coefficients[np.array(of_column, dtype=bool)])
+        fit = with_shared_errors(fit) if any(g.uncertain is not None for g in gone) else fit
     else:
         values = fit.values.copy()
         for name in {addition.name, *addition.free}:

@@ -141,6 +141,11 @@ def by_known_forms(explanation: Explanation) -> Explanation:
 
 
 def by_noise_of(other: Explanation, explanation: Explanation) -> Explanation:
-    """Return an explanation fitted by another's noise: only so do their criteria compare."""
+    """Return an explanation fitted by another's noise: only so do their criteria compare.
+
+    What is not known of the form of its columns is its own.
+    """
     fit = refreshed(explanation.fit, other.fit.whitener)
+    if any(group.uncertain is not None for group in (*other.fit.linear, *fit.linear)):
+        fit = with_shared_errors(fit)
     return dataclasses.replace(explanation, fit=solved_roughly(fit))

@@ -43,6 +43,8 @@ def unfolded_orders(theta: FloatArray) -> NDArray[np.bool_]:
     """Return which orders, from 1, of a recording's angle, (n,), the sampling does not alias to a slow change."""
     turn = np.diff(theta, prepend=theta[0])
     turn = turn[np.abs(turn) > TURNING * np.max(np.abs(turn))]
+    if not len(turn):  # it stands
+        return np.zeros(HIGHEST_ORDER, dtype=bool)
     orders, at_once = np.arange(1, HIGHEST_ORDER + 1) / (2 * np.pi), max(1, AT_ONCE // len(turn))
     slow = []
     for some in (orders[k : k + at_once] for k in range(0, HIGHEST_ORDER, at_once)):

@@ -90,9 +90,9 @@ class Observed:
         return self.lead + self.rest
 
     def changes(self, name: str) -> FloatArray:
-        """Return by how much an input changes at each row, (n,): from zero at the first, where it is not run in."""
+        """Return by how much an input changes at each row, (n,): from zero at the first, unless something runs there."""
         u = self.inputs[name]
-        return np.diff(u, prepend=u[0] if self.lead else 0.0)
+        return np.diff(u, prepend=u[0] if self.lead or self.excitation.running else 0.0)
 
     @cached_property
     def compared(self) -> FloatArray:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.explaining.effects.base import SELDOM, Effect, time_constants
+from estimator.explaining.effects.base import SELDOM, TAU_RATIO, Effect, time_constants
 from estimator.fitting.fit import Fit, Linear
 from estimator.fitting.latency import EDGE, MOST_EDGES
 from estimator.fitting.motor_response import late_response, motor_values
@@ -21,6 +21,8 @@ FloatArray = NDArray[np.float64]
 NAMES = ("voltage dip", "voltage overshoot")
 LONGEST_TRANSIENT = 0.3  # of the recording: the longest time constant
 LEAST_PART, MOST_PART = 0.005, 0.5  # of a change: less is like other errors, more is another voltage
+PROMISING = 4.0  # of z'z: what lowers it by less is not added
+BETWEEN = np.arange(-3, 4) / 4  # of the steps of the time constants that are tried: those asked about the best of them
 
 
 @dataclass(frozen=True)
@@ -46,12 +48,17 @@ class VoltageTransient(Effect):
         if not len(along):
             return ()
         best = likeliest(self.sign * along, power)
-        name = f"{self.name} of {taus[best]:.3g} s"
+        tau = float(taus[best])
+        if self.sign * along[best] > 0 and along[best] ** 2 > PROMISING * power[best]:
+            between = tau * TAU_RATIO**BETWEEN
+            along, power = fit.test().scores_of(lambda some: _response(fit, some), between)
+            tau = float(between[likeliest(self.sign * along, power)])
+        name = f"{self.name} of {tau:.3g} s"
         size = max(0.02 * self.sign, 0.0)
         return [
             Linear(
                 name,
-                self.sign * _response(fit, taus[best : best + 1]),
+                self.sign * _response(fit, np.array([tau])),
                 ("",),
                 least=LEAST_PART,
                 most=MOST_PART,
