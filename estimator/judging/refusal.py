@@ -97,20 +97,23 @@ def _moves(y: FloatArray) -> bool:
 
 
 def _dead(plan: Plan) -> list[str]:
-    """Find a current or a speed that is constant in all recordings though the voltage changes."""
-    if not all("v" in o.inputs and np.ptp(o.inputs["v"]) > 0 for o in plan.observed):
-        return []
-    title = plan.observed[0].recording.title
-    return [
-        Reason(
-            f"{title}: {name} is {float(np.nanmax(plan.observed[0].outputs[name])):.4g}"
-            f" {plan.unit(name)} from the first to the last sample while the voltage moves: its"
-            " sensor is dead, or the shaft is held; leave the column out, or record it again",
-            *(_place(o, name, 0, -1) for o in plan.observed),
-        )
-        for name in ("i", "w")
-        if name in plan.outputs and all(_stays(o.outputs[name]) for o in plan.observed)
-    ]
+    """Find a current or a speed that is constant in all recordings, or in one of them, though the voltage changes."""
+    driven = [o for o in plan.observed if "v" in o.inputs and np.ptp(o.inputs["v"]) > 0]
+    reasons = []
+    for name in (y for y in ("i", "w") if y in plan.outputs):
+        dead = [o for o in driven if _stays(o.outputs[name])]
+        every = len(dead) == len(plan.observed)
+        for o in dead[:1] if every else dead:
+            level, remedy = float(np.nanmax(o.outputs[name])), "column" if every else "recording"
+            reasons.append(
+                Reason(
+                    f"{o.recording.title}: {name} is {level:.4g} {plan.unit(name)} from the first to the last sample"
+                    " while the voltage moves: its sensor is dead, or the shaft is held; leave the"
+                    f" {remedy} out, or record it again",
+                    *(_place(d, name, 0, -1) for d in (dead if every else [o])),
+                )
+            )
+    return reasons
 
 
 def _stays(y: FloatArray) -> bool:
