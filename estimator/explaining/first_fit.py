@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from estimator.explaining.addition import Addition, is_switch
 from estimator.explaining.addition_tests import AdditionTests
 from estimator.explaining.effects.base import Effect
-from estimator.explaining.explanation import Explanation
+from estimator.explaining.explanation import Explanation, followed
 from estimator.fitting.fit import Fit, new_fit, refreshed
 from estimator.fitting.gauss_newton import solved_roughly
 from estimator.fitting.simulator import Simulator
@@ -88,8 +88,12 @@ class FirstFit:
                 values = {n: v for _, known in (*own, *held) for n, v in known.items() if n in names}
                 free = (*s.plan.names, *self.always, *(n for a in additions for n in a.free))
                 fit = new_fit(simulator, simulator.values({**begun, **values}), free, self._noise)
-                fit = solved_roughly(self.with_open_columns(fit))
-                tried.append(Explanation(fit, tuple(additions)))
+                fit = self.with_open_columns(fit)
+                columns = [(e, group) for e in self.effects for group in e.seen(fit)]
+                additions += [Addition(e, g.name, g.columns.shape[2], np.inf, linear=g) for e, g in columns]
+                fit = dataclasses.replace(fit, linear=(*fit.linear, *(g for _, g in columns)))
+                found = Explanation(solved_roughly(fit), tuple(additions))
+                tried.append(followed(found) if columns else found)
         return min(tried, key=self._criterion)
 
     def _held_together(self, far: Seen) -> list[Seen]:

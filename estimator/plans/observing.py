@@ -34,6 +34,7 @@ FIRST = 10  # samples that tell where an angle begins
 ONSET, STILL = 6.0, 0.01  # deviations of its noise; of the largest angle: less is where the model's begins
 NONE = 6.0  # deviations of an input's noise: less is none
 LATE = 2  # samples: a response that starts this much later than it could is delayed
+UNDERWAY = 0.05  # of a speed: what changes by more before its voltage does has not settled
 RINGING = 1e-3  # of a filter's response: samples after a gap are left out until it has fallen below
 
 
@@ -59,12 +60,16 @@ def observe(binding: Binding, channels: Channels, recording: Recording, run: Run
         told += more
     excitation = _excitation(driven, _moving(measured, recording.step))
     begin = run.begin or _usual_begin(binding, driven, measured)
+    settles = begin is None and _settles(excitation, driven, measured)
+    is_underway = settles or (begin is None and excitation.kind == "none" and excitation.running)
+    if settles and excitation.kind == "none":  # its own response is one
+        excitation = dataclasses.replace(excitation, kind="several")
     delay = _delay(begin, run, excitation, measured, recording)
     starts = is_motor and begin in (None, REST) and not excitation.running and excitation.kind != "none"
     rest = 1 if starts and any(u[0] != 0 for u in driven.values()) else 0
     found = Observed(
         recording, driven, measured, excitation, 0, delay, notes=tuple(told), has_phase=has_phase, rest=rest,
-        at_rest=run.begin == REST, early=early,
+        at_rest=run.begin == REST, early=early, is_underway=is_underway,
     )  # fmt: skip
     if begin in (GIVEN, REST):  # nothing to run in, and the way from there is a response
         by_itself = run.begin == GIVEN or not (run.begin or is_motor)  # a motor at zero does not move without its input
@@ -88,7 +93,7 @@ def _delay(
 
 def _run_in(o: Observed, run: RunSpec, *, settled: bool, is_motor: bool) -> Observed:
     """Return a recording with what is simulated before it, where its first row shows something that runs already."""
-    moves = settled or (o.excitation.running and o.excitation.kind != "none")
+    moves = settled or (o.excitation.running and o.excitation.kind != "none" and not o.is_underway)
     if not moves or all(abs(u[0]) <= NONE * input_noise(u) for u in o.inputs.values()):
         return o
     what = "the motor" if is_motor else "the FMU"
@@ -103,6 +108,18 @@ def _run_in(o: Observed, run: RunSpec, *, settled: bool, is_motor: bool) -> Obse
         delay=o.delay if isinstance(run.delay, float | int) else 0.0,
         notes=o.notes if run.begin else (*o.notes, note),
     )
+
+
+def _settles(excitation: Excitation, driven: Mapping[str, FloatArray], measured: Mapping[str, FloatArray]) -> bool:
+    """Whether a motor that runs in the first row by a voltage has not settled there, as it does before that changes."""
+    if not excitation.running or "w" not in measured or "v" not in driven:
+        return False
+    v, w = driven["v"], filled(measured["w"])
+    rows = excitation.index or (len(v) if excitation.kind == "none" else 0)
+    if rows < 3 * FIRST or not abs(median(v[:rows])) > NONE * input_noise(v):
+        return False
+    first, last = median(w[:FIRST]), median(w[rows - FIRST : rows])
+    return abs(last - first) > UNDERWAY * max(abs(first), abs(last)) + ONSET * noise_deviation(w)
 
 
 def _usual_begin(binding: Binding, driven: Mapping[str, FloatArray], measured: Mapping[str, FloatArray]) -> str | None:

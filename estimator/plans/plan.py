@@ -53,6 +53,8 @@ class Observed:
         s, when the rows were taken, where that is not what the clock says.
     early : float
         s before its first row for which its inputs are not known, though they have changed since.
+    is_underway : bool
+        The first row may lie within a response to what came before: its speed and current are estimated from the start.
     is_quiet : bool
         The voltage was measured, and what does not reach the motor of it, its sensor's noise, is left out.
     """
@@ -71,6 +73,7 @@ class Observed:
     at_rest: bool = False
     uncertain: FloatArray | None = None
     taken: FloatArray | None = None
+    is_underway: bool = False
     is_quiet: bool = False
     early: float = 0.0
 
@@ -90,7 +93,7 @@ class Observed:
         return self.lead + self.rest
 
     def changes(self, name: str) -> FloatArray:
-        """Return by how much an input changes at each row, (n,): from zero at the first, unless something runs there."""
+        """Return by how much an input changes at each row, (n,): from zero at the first, unless a motor runs there."""
         u = self.inputs[name]
         return np.diff(u, prepend=u[0] if self.lead or self.excitation.running else 0.0)
 

@@ -94,6 +94,10 @@ class Effect:
         """Return the groups of columns that are free from the start, such as an encoder's phase."""
         return ()
 
+    def seen(self, fit: Fit) -> Sequence[Linear]:
+        """Return the groups of columns that the recordings show before any fit."""
+        return ()
+
     def at_first_sight(self, plan: Plan) -> Mapping[str, float]:
         """Return the nuisance parameters that are seen before any fit, with the values at which a fit starts."""
         return {}

@@ -55,6 +55,12 @@ class StartingMotion(Effect):
                 found.append(Linear(name, columns, units, moves=True))
         return found
 
+    def seen(self, fit: Fit) -> Sequence[Linear]:
+        """Return the motion of recordings that begin within a response."""
+        names = per_recording(fit.simulator.plan, self.name)
+        underway = {name for o, name in zip(fit.simulator.observed, names, strict=True) if o.is_underway}
+        return [group for group in self.linear(fit) if group.name in underway] if underway else ()
+
     def in_place_of_columns(self, plan: Plan) -> Sequence[Nuisance]:
         """Return speed and current with which the simulation of each recording begins, where both are measured."""
         if not set(UNITS) <= set(plan.outputs):

@@ -1,0 +1,53 @@
+"""Recordings that begin within a response: the speed and the current of their first row are estimated from the start."""
+
+import numpy as np
+import pytest
+from fine_motor import FINE, MOTOR, STEP, bench, off
+
+from estimator import estimate_parameters, recording_from_arrays
+
+pytestmark = pytest.mark.usefixtures("shared_workers")
+
+UNITS = {"voltage": "V", "current": "A", "speed": "rad/s"}
+LATE = 10  # rows after the step: 0.4 of the motor's slow time constant, in which the current has risen and falls
+
+
+def part(command, seed, rows, name="b"):
+    """Return some rows of a bench's recording."""
+    whole = bench(command, np.repeat(command, FINE), seed).signals
+    columns = {f"{signal} [{unit}]": whole[signal][rows] for signal, unit in UNITS.items()}
+    return recording_from_arrays(name, np.arange(len(columns["voltage [V]"])) * STEP, columns)
+
+
+def test_a_step_whose_trigger_came_late_is_no_recording_in_which_nothing_changes():
+    """It was refused: "the voltage stays at 9 V from the first to the last sample while nothing changes"."""
+    recording = part(np.repeat([0.0, 9.0], [50, 300]), 1, slice(50 + LATE, None))
+    result = estimate_parameters(recording, workers=1)
+    assert "motion before the voltage" in result.effects and result.verdict != "refused", result.reasons
+    assert off(result)[[0, 1, 3, 4]].max() < 4.5, result.parameters
+    for name in "KJB":  # the rise of the current is not among the rows: R and L stand in for each other
+        assert result.parameters[name].standard_error < 0.1 * MOTOR[name], result.parameters[name]
+
+
+def test_two_levels_whose_trigger_came_late_tell_all_five():
+    """The first row was taken for a settled one: "the model does not describe the recording", or 20 % off."""
+    recording = part(np.repeat([0.0, 4.0, 9.0], [50, 300, 300]), 2, slice(50 + LATE, None))
+    result = estimate_parameters(recording, workers=1)
+    assert result.effects == ("motion before the voltage",) and result.verdict == "ok", (result.effects, result.reasons)
+    assert off(result).max() < 4.5, result.parameters
+
+
+@pytest.mark.parametrize("late", [LATE, 100])
+def test_the_rest_of_a_recording_beside_its_beginning_is_read_as_it_runs(late):
+    """Of a clock that starts again: a file in two parts took three minutes, from a motor that was 1/6 as heavy."""
+    command = np.repeat([0.0, 4.0, 9.0], [50, 300, 300])
+    cut = 350 + late
+    parts = [part(command, 3, slice(None, cut), "one"), part(command, 3, slice(cut, None), "two")]
+    result = estimate_parameters(parts, workers=1)
+    assert result.effects == ("motion before the voltage",) and result.verdict == "ok", (result.effects, result.reasons)
+    assert off(result).max() < 4.5, result.parameters
+
+
+def test_a_motor_that_has_settled_at_its_one_voltage_is_refused_as_before():
+    result = estimate_parameters(part(np.repeat([0.0, 9.0], [50, 600]), 4, slice(350, None)), workers=1)
+    assert result.verdict == "refused" and "while nothing changes, so nothing is excited" in result.reasons[0]
