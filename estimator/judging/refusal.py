@@ -99,7 +99,7 @@ def _moves(y: FloatArray) -> bool:
 def _dead(plan: Plan) -> list[str]:
     """Find a current or a speed that is constant in all recordings, or in one of them, though the voltage changes."""
     driven = [o for o in plan.observed if "v" in o.inputs and np.ptp(o.inputs["v"]) > 0]
-    reasons = []
+    reasons = list[str]()
     for name in (y for y in ("i", "w") if y in plan.outputs):
         dead = [o for o in driven if _stays(o.outputs[name])]
         every = len(dead) == len(plan.observed)
