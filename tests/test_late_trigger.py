@@ -51,3 +51,16 @@ def test_the_rest_of_a_recording_beside_its_beginning_is_read_as_it_runs(late):
 def test_a_motor_that_has_settled_at_its_one_voltage_is_refused_as_before():
     result = estimate_parameters(part(np.repeat([0.0, 9.0], [50, 600]), 4, slice(350, None)), workers=1)
     assert result.verdict == "refused" and "while nothing changes, so nothing is excited" in result.reasons[0]
+
+
+@pytest.mark.parametrize("filled", [1, 3])
+def test_rows_of_zeros_that_fill_a_logger_s_buffer_are_no_circuit_that_opens(filled):
+    """The voltage fell to zero in them, and no current flowed: "the motor coasts", and K, J and B were not told."""
+    command = np.repeat([0.0, 9.0], [100, 500])
+    whole = bench(command, np.repeat(command, FINE), 5).signals
+    columns = {f"{name} [{unit}]": np.append(whole[name], np.zeros(filled)) for name, unit in UNITS.items()}
+    recording = recording_from_arrays("b", np.arange(len(command) + filled) * STEP, columns)
+    result = estimate_parameters(recording, workers=1)
+    many = "its last row is" if filled == 1 else "its last 3 rows are"
+    assert f"b: {many} all zero, though the motor runs in the row before: left out" in result.notes, result.notes
+    assert result.verdict == "ok" and result.effects == () and off(result).max() < 4.5, result.parameters

@@ -35,6 +35,7 @@ ONSET, STILL = 6.0, 0.01  # deviations of its noise; of the largest angle: less 
 NONE = 6.0  # deviations of an input's noise: less is none
 LATE = 2  # samples: a response that starts this much later than it could is delayed
 UNDERWAY = 0.05  # of a speed: what changes by more before its voltage does has not settled
+FILLED, RUNS = 3, 0.2  # signals that are zero at once; of the largest speed: no motor stands in the next row
 RINGING = 1e-3  # of a filter's response: samples after a gap are left out until it has fallen below
 
 
@@ -47,9 +48,10 @@ def observe(binding: Binding, channels: Channels, recording: Recording, run: Run
         A correction does not fit, or samples are missing: one sentence.
     """
     _check_channels(run, channels, recording)
+    recording, filling = _without_filling(channels, recording)
     recording, driven, told, early = _driven(binding, recording, channels.inputs, run)
     measured, more = _compared(binding, recording, channels.outputs, run)
-    told = [*(f"{recording.title}: {sentence}" for sentence in recording.not_read), *told, *more]
+    told = [*(f"{recording.title}: {sentence}" for sentence in recording.not_read), *filling, *told, *more]
     has_phase = "angle" in measured and quantum(measured["angle"]) > 0
     if not driven:  # the FMU moves by itself, as the motor did
         free = Excitation("several", 0, 0.0, 0.0, False)
@@ -108,6 +110,26 @@ def _run_in(o: Observed, run: RunSpec, *, settled: bool, is_motor: bool) -> Obse
         delay=o.delay if isinstance(run.delay, float | int) else 0.0,
         notes=o.notes if run.begin else (*o.notes, note),
     )
+
+
+def _without_filling(channels: Channels, recording: Recording) -> tuple[Recording, list[str]]:
+    """Return a recording without the rows of zeros at its end that filled a logger's buffer, and what to tell.
+
+    No shaft stands from one row to the next: of voltage, current and speed the last one cannot.
+    """
+    used = [recording.signal(column) for column in (*channels.inputs.values(), *channels.outputs.values())]
+    speed = channels.outputs.get("w")
+    if speed is None or len(used) < FILLED:
+        return recording, []
+    rows, last = len(recording.time), np.flatnonzero(np.any([y != 0 for y in used], axis=0))
+    if not len(last) or (end := int(last[-1]) + 1) == rows:
+        return recording, []
+    w = np.abs(recording.signal(speed))
+    if not w[end - 1] > RUNS * np.nanmax(w):
+        return recording, []
+    many = "its last row is" if rows - end == 1 else f"its last {rows - end} rows are"
+    told = f"{recording.title}: {many} all zero, though the motor runs in the row before: left out"
+    return recording.between(0, end), [told]
 
 
 def _settles(excitation: Excitation, driven: Mapping[str, FloatArray], measured: Mapping[str, FloatArray]) -> bool:
