@@ -246,3 +246,22 @@ def test_a_sample_that_is_missing_as_the_motor_brakes_is_no_current(case_of):
     shown[505, 0] = np.nan
     result = refused(case_of, made(voltage, shown, noise=(0.01, 1)), "flows back: its sign was lost")
     assert not any("nan" in reason for reason in result.reasons)
+
+
+def test_a_speed_that_a_logger_holds_for_eight_rows_may_rise_by_all_of_them_at_once(case_of):
+    """Of a fast motor that was "an impossible acceleration"."""
+    voltage = np.repeat([0.0, 10.5], [100, 500])
+    shown = held_response(CML050, voltage, step=1e-4 / 2)
+    noisy = shown + np.random.default_rng(4).standard_normal(shown.shape) * [0.01, 0.5]
+    noisy[:, 1] = np.repeat(noisy[::8, 1], 8)[: len(noisy)]
+    recording = recording_of("held", np.arange(600) * 1e-4 / 2, voltage, noisy, noise=(0, 0), seed=1)
+    assert run(case_of(), recording).verdict != "refused"
+
+
+def test_a_current_whose_mean_was_taken_off_is_no_current_of_another_sign(case_of):
+    """At the end it is below zero, but at rest further below."""
+    voltage = np.repeat([0.0, 10.5], [20, 120])
+    shown = held_response(CML050, voltage, step=1e-3)
+    shown = shown - np.array([np.mean(shown[:, 0]), 0.0])
+    assert shown[-1, 0] < -0.05
+    assert run(case_of(), made(voltage, shown)).verdict != "refused"

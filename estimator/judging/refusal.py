@@ -193,7 +193,9 @@ def _contradicted(o: Observed) -> list[str]:
         y = o.outputs.get(name)
         if y is None or np.isnan(y[-tail:]).all():
             continue
-        final, noise = float(np.nanmean(y[-tail:])), noise_deviation(y)
+        rest = y[: o.excitation.index] if o.excitation.before == 0 and not o.excitation.running else y[:0]
+        zero = float(np.nanmean(rest)) if np.count_nonzero(~np.isnan(rest)) >= ALIKE_SAMPLES else 0.0
+        final, noise = float(np.nanmean(y[-tail:])) - zero, noise_deviation(y)
         if final * v < 0 and abs(final) > 6 * noise and abs(final) > 0.02 * float(np.nanmax(np.abs(y))):
             reasons.append(
                 Reason(
@@ -265,9 +267,9 @@ def lost_transients(plan: Plan, motor: Mapping[str, float] | None = None) -> lis
         if motor is not None and {"R", "K", "J"} <= set(motor):
             jump = part * float(np.ptp(o.outputs["w"][~np.isnan(o.outputs["w"])]))
             step = abs(o.excitation.after - o.excitation.before)
-            most = largest_acceleration(motor, step) * o.recording.step
+            most = largest_acceleration(motor, step) * o.recording.step * _rows_to(o, k)
             if jump > IMPOSSIBLE * most:
-                evidence = f", {CONTRADICTED}: {jump:.3g} rad/s where K v / (R J) allows {most:.3g} rad/s a sample"
+                evidence = f", {CONTRADICTED}: {jump:.3g} rad/s where K v / (R J) allows {most:.3g} rad/s"
         reasons.append(
             Reason(
                 f"{o.recording.title}: the speed jumps by {100 * part:.0f} % of its response within one sample at"
@@ -277,6 +279,15 @@ def lost_transients(plan: Plan, motor: Mapping[str, float] | None = None) -> lis
             )
         )
     return reasons
+
+
+def _rows_to(o: Observed, k: int) -> int:
+    """Return for how many rows, up to row k, a speed may have risen unseen: since its last other value, or the step."""
+    w = o.outputs["w"]
+    last = k - 1
+    while last > o.excitation.index and w[last - 1] == w[k - 1]:
+        last -= 1
+    return k - last
 
 
 def slow_for_the_motor(plan: Plan) -> list[str]:

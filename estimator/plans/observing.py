@@ -48,7 +48,7 @@ def observe(binding: Binding, channels: Channels, recording: Recording, run: Run
         A correction does not fit, or samples are missing: one sentence.
     """
     _check_channels(run, channels, recording)
-    recording, filling = _without_filling(channels, recording)
+    recording, filling = _without_filling(channels, recording) if binding.is_motor else (recording, [])
     recording, driven, told, early = _driven(binding, recording, channels.inputs, run)
     measured, more = _compared(binding, recording, channels.outputs, run)
     told = [*(f"{recording.title}: {sentence}" for sentence in recording.not_read), *filling, *told, *more]
@@ -117,14 +117,14 @@ def _without_filling(channels: Channels, recording: Recording) -> tuple[Recordin
 
     No shaft stands from one row to the next: of voltage, current and speed the last one cannot.
     """
-    used = [recording.signal(column) for column in (*channels.inputs.values(), *channels.outputs.values())]
-    speed = channels.outputs.get("w")
+    columns = [recording.column(name) for name in (*channels.inputs.values(), *channels.outputs.values())]
+    used, speed = [recording.signals[column] for column in columns], channels.outputs.get("w")
     if speed is None or len(used) < FILLED:
         return recording, []
     rows, last = len(recording.time), np.flatnonzero(np.any([y != 0 for y in used], axis=0))
     if not len(last) or (end := int(last[-1]) + 1) == rows:
         return recording, []
-    w = np.abs(recording.signal(speed))
+    w = np.abs(recording.signals[recording.column(speed)])
     if not w[end - 1] > RUNS * np.nanmax(w):
         return recording, []
     many = "its last row is" if rows - end == 1 else f"its last {rows - end} rows are"
