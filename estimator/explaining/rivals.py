@@ -26,7 +26,8 @@ from estimator.motor.winding import time_constant
 from estimator.plans.part import LONG
 
 RIVALS_WITHIN = 10.0  # of the criterion: explanations that are no further above the best are rivals
-PARALLEL = 0.9  # canonical correlation of an addition with one that is doubted: it is refitted as a rival
+PARALLEL = 0.9  # canonical correlation of an addition with one that is doubted: it is refitted as a rival, as is one
+# that is predicted to be nearly as likely
 RIVALS_REFITTED = 5  # rivals of an addition that are refitted, of each effect the likeliest
 MOST_WITHIN = 2  # additions of what happens within samples, each exchanged for every other of these
 MOST_PAIRED = 3  # of them, for each pair of which one is tried
@@ -279,8 +280,10 @@ def _exchanged(
     own = next((a for a in tested if a.name == addition.name), addition)
     if own is addition and own.linear is not None:
         own = dataclasses.replace(own, across=bare.fit.test().across(own.linear.columns))
-    tested = [a for a in tested if a.name != addition.name and (not a.effect.doubt or alike(a, own) > PARALLEL)]
-    needed = PREDICTED_PART * (lost - addition.penalty(n))
+    worth = lost - addition.penalty(n)
+    as_likely = [a.name for a in tested if a.gain - a.penalty(n) > worth - 2 * RIVALS_WITHIN or not a.effect.doubt]
+    tested = [a for a in tested if a.name != addition.name and (a.name in as_likely or alike(a, own) > PARALLEL)]
+    needed = PREDICTED_PART * worth
     # What another FMU has moves the parameters so far that its score test tells little of it, and has several numbers.
     near = explanation.evidence(n) + RIVALS_WITHIN - bare.evidence(n)
     behind = {a.name: a.posterior()[2] for a in tested if a.scores is not None}
