@@ -18,7 +18,7 @@ from test_batch import ROOT, TABLES, line_of, tables_of
 from estimator.batches import cluster as cluster_module
 from estimator.batches.batch import gather, run_batch
 from estimator.batches.case_worker import Task
-from estimator.batches.cluster import run_there
+from estimator.batches.cluster import ClusterError, _outcome, run_there
 from estimator.batches.worker_pool import run_here
 from estimator.cases.case import Case
 from estimator.cli import main
@@ -262,3 +262,13 @@ def test_a_thread_of_a_worker_keeps_what_runs_its_cases_and_its_files_lie_in_the
         (there,) = cluster_module._run(task, ["digest/run.csv"], b"t,v")
         assert there.is_relative_to(tmp_path) and there.read_bytes() == b"t,v"
     assert len(made) == 1
+
+
+def test_a_connection_that_closes_as_an_outcome_is_fetched_is_a_cluster_that_is_gone():
+    """Depending on the instant it was "Stream is closed"."""
+
+    def closed():
+        raise OSError("Stream is closed")
+
+    with pytest.raises(ClusterError, match="the cluster is gone; start it again"):
+        _outcome(None, SimpleNamespace(status="finished", result=closed))

@@ -148,12 +148,16 @@ def _is_cancelled(future: Any) -> bool:
 
 
 def _outcome(task: Task, future: Any) -> Outcome:
+    gone = ClusterError("the cluster is gone; start it again, then go on with --resume")
     if future.status == "finished":
-        outcome = future.result()
+        try:
+            outcome = future.result()
+        except OSError:  # of the connection: what a case runs into is its outcome
+            raise gone from None
         assert isinstance(outcome, Outcome)
         return outcome
     if _is_cancelled(future):
-        raise ClusterError("the cluster is gone; start it again, then go on with --resume")
+        raise gone
     error = future.exception()
     return failed(task, f"the cluster could not run it, {type(error).__name__}: {error}")
 
