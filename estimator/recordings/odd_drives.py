@@ -63,7 +63,8 @@ def coasts(title: str, time: FloatArray, signals: Mapping[str, FloatArray]) -> F
     return Finding(
         "coasts",
         f"{title}: from t = {time[first]:.6g} s the motor turns at {abs(float(w[first])):.3g} rad/s without a current"
-        " while 0 V are logged: its driver is open, and the voltage is the motor's own; leave the coasting out with"
+        " while 0 V are logged: its driver is open, and the voltage is the motor's own, or the current's sensor shows"
+        " none that flows back; leave the coasting out with"
         f" --window, or put {time[first]:.6g} s as its end",
         evidence=(Evidence("i", float(time[first]), float(time[np.flatnonzero(free)[-1]])),),
     )
