@@ -175,7 +175,7 @@ def averaged(
 
 
 def _differ_in_timing(one: Explanation, other: Explanation) -> bool:
-    """Whether two explanations differ in what makes outputs late, and in nothing else."""
+    """Whether two explanations differ in what makes outputs late, or in values alone, and have all else in common."""
     names = one.names() ^ other.names()
     return all(is_timing(a) for a in (*one.additions, *other.additions) if a.name in names)
 

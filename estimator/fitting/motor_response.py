@@ -177,7 +177,7 @@ def _driven(
     first_row: FloatArray,
     shown: tuple[Sequence[int], FloatArray] | None,
 ) -> FloatArray:
-    """Return the same by R, K, L, J, B and a sampling interval, s."""
+    """Return what `_states` does, by R, K, L, J, B and a sampling interval, s."""
     f, g, _ = _sampled(tuple(values[name] for name in MOTOR), step)
     (n,), many = opens.shape, first_row.shape[1]
     seats, states = ((0, 1), np.empty((n, 2, many))) if shown is None else shown

@@ -77,7 +77,7 @@ class Observed:
     is_quiet: bool = False
     early: float = 0.0
 
-    @property
+    @cached_property
     def is_measured(self) -> bool:
         """Whether the voltage was measured: else it is a command."""
         return self.is_quiet or ("v" in self.inputs and is_measured(self.inputs["v"]))
