@@ -508,12 +508,15 @@ def test_a_mean_of_fewer_samples_and_a_filter_are_tried_in_place_of_a_mean(tmp_p
 
 @pytest.mark.full  # above, of the drive; the noise of a logged voltage is found below
 def test_one_step_shows_no_drop_of_the_brushes(tmp_path):
-    """The noise of a logged voltage, which no current answers at rest, was told as a drop: K 5 standard errors off."""
+    """The noise of a logged voltage, which no current answers at rest, was told as a drop: K 5 standard errors off.
+
+    What it has is a sag, for which a drop that is rounded off stands as well: then both are told.
+    """
     result, true = of_random_bench(1009200, tmp_path)
     assert "voltage noise" in result.effects and "brush drop" not in result.effects
-    found = result.parameters["K"]
-    assert abs(found.value - true["K", -1]) < 3 * found.standard_error
-    assert any("drop of brushes" in note for note in result.notes if "not visible" in note), result.notes
+    assert all(abs(p.value - true[name, -1]) < 3 * p.standard_error for name, p in result.parameters.items())
+    hidden = any("drop of brushes" in note for note in result.notes if "not visible" in note)
+    assert hidden or any("sag instead of rounded brush drop" in reason for reason in result.reasons), result.reasons
 
 
 @pytest.mark.parametrize("seed", [pytest.param(1004828, marks=pytest.mark.full), 1009115])

@@ -51,6 +51,7 @@ class VoltageTransient(Effect):
         tau = float(taus[best])
         if self.sign * along[best] > 0 and along[best] ** 2 > PROMISING * power[best]:
             between = tau * TAU_RATIO**BETWEEN
+            between = between[between <= max(_longest(fit), tau)]
             along, power = fit.test().scores_of(lambda some: _response(fit, some), between)
             tau = float(between[likeliest(self.sign * along, power)])
         name = f"{self.name} of {tau:.3g} s"
@@ -81,11 +82,15 @@ def _missing(fit: Fit) -> tuple[FloatArray, FloatArray, FloatArray]:
     """
     s = fit.simulator
     v = s.inputs("v")
-    duration = max(float(c.time[-1] - c.time[0]) for c in s.clocks)
-    taus = time_constants(s.clocks[0].step, LONGEST_TRANSIENT * duration)
+    taus = time_constants(s.clocks[0].step, _longest(fit))
     if not any(np.any(_changes(v[c.rows], float(np.ptp(v)))) for c in s.clocks):
         return taus, np.zeros(0), np.zeros(0)
     return taus, *fit.test().scores_of(lambda some: _response(fit, some), taus)
+
+
+def _longest(fit: Fit) -> float:
+    """Return the longest time constant, s: what takes longer is a drift."""
+    return LONGEST_TRANSIENT * max(float(clock.time[-1] - clock.time[0]) for clock in fit.simulator.clocks)
 
 
 def _response(fit: Fit, taus: FloatArray) -> FloatArray:
