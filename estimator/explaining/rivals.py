@@ -281,8 +281,13 @@ def _exchanged(
     if own is addition and own.linear is not None:
         own = dataclasses.replace(own, across=bare.fit.test().across(own.linear.columns))
     worth = lost - addition.penalty(n)
-    as_likely = [a.name for a in tested if a.gain - a.penalty(n) > worth - 2 * RIVALS_WITHIN or not a.effect.doubt]
-    tested = [a for a in tested if a.name != addition.name and (a.name in as_likely or alike(a, own) > PARALLEL)]
+    nearly = worth - 2 * RIVALS_WITHIN
+    tested = [
+        a
+        for a in tested
+        if a.name != addition.name
+        and (not a.effect.doubt or a.gain - a.penalty(n) > nearly or alike(a, own) > PARALLEL)
+    ]
     needed = PREDICTED_PART * worth
     # What another FMU has moves the parameters so far that its score test tells little of it, and has several numbers.
     near = explanation.evidence(n) + RIVALS_WITHIN - bare.evidence(n)

@@ -199,8 +199,8 @@ def driven_on_lines(
     Parameters
     ----------
     values : R, K, L, J, B
-    corners : times, s, that rise, and by how much the voltage jumps there, V, and its slope changes, V/s, (m,) each
-        From 0 V.
+    corners : (m,) arrays
+        Times, s, that rise, and by how much the voltage, 0 before, jumps there, V, and its slope changes, V/s.
     opens : (n,) array
         Rows in which the circuit is open.
     """

@@ -304,11 +304,9 @@ def _found(plan: Plan, explained: Explained | None, statuses: Mapping[str, Param
             f"a torque of {noise.torque[0]:.2g} N.m that wanders over {noise.torque[1]:.2g} s moves current and speed"
         )
     if explained.hidden_torque > 0:
-        how = "more slowly, by up to" if noise.torque[0] > 0 else "by"
-        notes.append(
-            f"a torque that wanders {how} {explained.hidden_torque:.2g} N.m would not show:"
-            " the standard error of B holds it"
-        )
+        size = f"{explained.hidden_torque:.2g} N.m"
+        how = f"more slowly, by up to {size}," if noise.torque[0] > 0 else f"by {size}"
+        notes.append(f"a torque that wanders {how} would not show: the standard error of B holds it")
     if has_motor(plan.names) and "i" in plan.outputs:
         notes.append(
             "not visible in such a recording: a current that is shown 1 % too large (R and L are then 1 % too small, J"

@@ -56,8 +56,8 @@ def between_changes(
             raise RecordingError(f"{recording.title}: the input {name!r} has no sample while the others are known")
     cuts, at, gaps_before = {rows.start, rows.stop}, dict[str, list[float]](), dict[int, float]()
     for name, signal in held.items():
-        for last, following in _changes_in_gaps(signal[rows]):
-            last, following = last + rows.start, following + rows.start  # noqa: PLW2901
+        for ends in _changes_in_gaps(signal[rows]):
+            last, following = (rows.start + row for row in ends)
             cuts |= {last + 1, following}
             gap = float(recording.time[following] - recording.time[last])
             gaps_before[following] = max(gap, gaps_before.get(following, 0.0))
