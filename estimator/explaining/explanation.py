@@ -210,10 +210,15 @@ def reshaped(explanation: Explanation, addition: Addition) -> Iterator[Explanati
                 yield dataclasses.replace(explanation, fit=tried)
 
 
-def mirrored(explanation: Explanation, effects: Sequence[Effect], plan: Plan) -> list[Explanation]:
-    """Return the explanation at the equivalent values that an effect names, such as two lags exchanged."""
+def mirrored(
+    explanation: Explanation, effects: Sequence[Effect], plan: Plan, *, iterations: int = ITERATIONS, limit: float
+) -> list[Explanation]:
+    """Return the explanation at the equivalent values that an effect names, such as two lags exchanged.
+
+    Iterations and limit as for `solved`.
+    """
     return [
-        _at_values(explanation, a, known, effects, plan, ITERATIONS)
+        _at_values(explanation, a, known, effects, plan, iterations, limit=limit)
         for a in explanation.additions
         for known in a.effect.mirrored(explanation.fit, a.name)
     ]
@@ -259,10 +264,12 @@ def _at_values(
     effects: Sequence[Effect],
     plan: Plan,
     iterations: int,
+    *,
+    limit: float = np.inf,
 ) -> Explanation:
     """Return the explanation at other values; nuisance parameters that come with them take an addition's place.
 
-    They come beside it where it has a value of its own among them.
+    They come beside it where it has a value of its own among them. Limit as for `solved`.
     """
     fit, held = explanation.fit, {a.name for a in explanation.additions}
     values, own = fit.simulator.at(fit.values, known), []
@@ -275,7 +282,7 @@ def _at_values(
     if own:
         freed = (n for a in own for n in a.free)
         fit = dataclasses.replace(fit, free=(*(n for n in fit.free if n not in gone), *freed))
-    exchanged = solved(dataclasses.replace(fit, values=values), iterations=iterations)
+    exchanged = solved(dataclasses.replace(fit, values=values), iterations=iterations, limit=limit)
     kept = [a for a in explanation.additions if not (is_replaced and a is addition)]
     return Explanation(exchanged, (*kept, *own))
 

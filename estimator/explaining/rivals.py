@@ -21,7 +21,7 @@ from estimator.explaining.explanation import (
 )
 from estimator.explaining.explanation_noise import by_noise_of, with_noise
 from estimator.explaining.selection import MISSED, PREDICTED_PART, Selection
-from estimator.fitting.gauss_newton import solved, solved_roughly
+from estimator.fitting.gauss_newton import ROUGH, solved, solved_roughly
 from estimator.motor.winding import time_constant
 from estimator.plans.part import LONG
 
@@ -165,7 +165,8 @@ def _others(selection: Selection, explanation: Explanation) -> list[Explanation]
     """
     within = [a for a in explanation.additions if is_timing(a)]
     switches = {a.name for a in explanation.additions if is_switch(a)}  # which of them it is has been told before
-    twins = [twin for twin in selection.mirrored(explanation) if switches <= twin.names()]
+    limit = _most(selection, explanation, within)
+    twins = [twin for twin in selection.mirrored(explanation, limit=limit) if switches <= twin.names()]
     twins += in_two(explanation, selection.effects, selection.tests.base.plan)
     twins += _with_other_inductance(explanation)
     twins += _in_place_of_lateness(selection, explanation, within)
@@ -176,6 +177,11 @@ def _others(selection: Selection, explanation: Explanation) -> list[Explanation]
             sharp_too = addition in within and len(within) <= MOST_WITHIN
             found += _exchanged(selection, explanation, addition, sharp_too=sharp_too)
     return [e for e in found if e.is_physical()]
+
+
+def _most(selection: Selection, explanation: Explanation, gone: Sequence[Addition]) -> float:
+    """Return the most z'z of a rival that has some additions no more."""
+    return explanation.fit.cost + 2 * RIVALS_WITHIN + sum(a.penalty(selection.tests.samples) for a in gone)
 
 
 def _in_place_of_lateness(
@@ -193,7 +199,7 @@ def _in_place_of_lateness(
     late += [own] if {channel[a.name] for a in own} == set(s.outputs) else []
     if not late:
         return []
-    limit = explanation.fit.cost + 2 * RIVALS_WITHIN + sum(a.penalty(selection.tests.samples) for a in within)
+    limit = _most(selection, explanation, within)
     found = []
     for twin in in_place_of_model(explanation, selection.effects, limit=limit):
         for gone in late if twin.fit.cost < limit else []:
@@ -359,6 +365,7 @@ def _simpler(selection: Selection, explanation: Explanation, within: Sequence[Ad
     """
     found = []
     for one, two in itertools.combinations(within, 2):
+        limit = _most(selection, explanation, (one, two))
         bare = without(without(explanation, one, iterations=0), two)
         tested = [
             a
@@ -367,5 +374,5 @@ def _simpler(selection: Selection, explanation: Explanation, within: Sequence[Ad
         ]
         for other in sorted(tested, key=lambda a: -a.gain)[:1]:
             simpler = selection.added(bare, other)
-            found += [simpler, *selection.mirrored(simpler)]
+            found += [simpler, *selection.mirrored(simpler, iterations=ROUGH, limit=limit)]
     return found

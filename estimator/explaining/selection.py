@@ -60,7 +60,7 @@ from estimator.explaining.explanation_noise import (
 )
 from estimator.explaining.first_fit import NO_NOISE, FirstFit
 from estimator.fitting.fit import Fit, new_fit, set_aside
-from estimator.fitting.gauss_newton import ROUGH, solved, solved_roughly
+from estimator.fitting.gauss_newton import ITERATIONS, ROUGH, solved, solved_roughly
 from estimator.fitting.simulator import Simulator
 from estimator.fitting.windows import find_windows
 
@@ -98,9 +98,9 @@ class Selection:
     differenced: FloatArray
     effects: tuple[Effect, ...]
 
-    def mirrored(self, explanation: Explanation) -> list[Explanation]:
-        """Return an explanation at the equivalent values that its effects name."""
-        return mirrored(explanation, self.effects, self.tests.base.plan)
+    def mirrored(self, explanation: Explanation, *, iterations: int = ITERATIONS, limit: float) -> list[Explanation]:
+        """Return an explanation at the equivalent values that its effects name; the rest as for `solved`."""
+        return mirrored(explanation, self.effects, self.tests.base.plan, iterations=iterations, limit=limit)
 
     def added(self, explanation: Explanation, addition: Addition, *, limit: float = np.inf) -> Explanation:
         """Return an explanation fitted with one more addition, a ripple where that moves it; limit as for `solved`."""
@@ -134,7 +134,9 @@ class Selection:
                 best = self.without_idle(self.grown(shaken, self.effects))
             if (formed := self.reshaped(best)) is not best:
                 best = self.without_idle(formed)
-            twins = [e for e in self.mirrored(best) if not e.names() > best.names()]  # one with more is a rival
+            twins = [
+                e for e in self.mirrored(best, limit=best.fit.cost) if not e.names() > best.names()
+            ]  # one with more is a rival
             best = min([best, *twins], key=lambda e: e.fit.cost)
         fine = with_fine_filters(best.fit)[0] if best.fit.simulator is self.tests.base else best.fit
         return self.at_best(dataclasses.replace(best, fit=fine))
