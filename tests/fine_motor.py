@@ -2,6 +2,7 @@
 
 import numpy as np
 from scipy.linalg import expm
+from scipy.signal import lfilter
 
 from estimator import recording_from_arrays
 
@@ -31,9 +32,10 @@ def bench(command, voltage, seed, *, more=0.0, late=0, noise=0.0, name="b"):
     whole = np.zeros((3, 3))
     whole[:2] = [[-r / inductance, -k / inductance, 1 / inductance], [k / j, -b / j, 0]]
     after = expm(whole * STEP / FINE)[:2]
-    fine = np.zeros((len(voltage) + 1, 2))
-    for k, v in enumerate(voltage):
-        fine[k + 1] = after @ np.array([*fine[k], v])
+    factors, modes = np.linalg.eig(after[:, :2])
+    driven = np.linalg.solve(modes, after[:, 2])
+    each = [lfilter([0.0, by], [1.0, -a], np.append(voltage, 0.0)) for a, by in zip(factors, driven, strict=True)]
+    fine = (modes @ np.array(each)).real.T
     at, rng = np.arange(len(command)) * FINE, np.random.default_rng(seed)
     shown = np.column_stack([fine[np.maximum(at - late, 0), 0], fine[at, 1]])
     shown += rng.standard_normal(shown.shape) * NOISE

@@ -34,7 +34,7 @@ def recording(seed, *, fan=0.0, wander=0.0):
     return recording_from_arrays("bench", np.arange(len(LEVELS)) * STEP, columns)
 
 
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.full)])
 def test_a_fan_that_no_effect_explains_is_no_friction_that_wanders(seed, monkeypatch):
     monkeypatch.setenv("FMU_ESTIMATOR_WITHOUT", "fan load")
     result = estimate_parameters(recording(seed, fan=6e-8, wander=0.005), workers=1, seed=1)

@@ -22,8 +22,15 @@ def recorded(seed, *, reaches, late=0):
     return seen, SimpleNamespace(inputs={"v": seen.signals["voltage"]}, outputs={"i": seen.signals["current"]})
 
 
-@pytest.mark.parametrize("reaches", [0.0, 0.5, 1.0])
-@pytest.mark.parametrize("late", [0, 130])
+@pytest.mark.parametrize(
+    ("reaches", "late"),
+    [
+        (0.0, 0),
+        (0.5, 130),
+        (1.0, 0),
+        *(pytest.param(*more, marks=pytest.mark.full) for more in ((0.0, 130), (0.5, 0), (1.0, 130))),
+    ],
+)
 def test_the_part_of_a_noise_that_reaches_the_motor_is_told_by_its_answer_to_changes(reaches, late):
     """Over seeds: a chi-square number of as many degrees of freedom, whose limit a run exceeds by 1e-5."""
     z = []

@@ -288,6 +288,7 @@ def test_filters_and_means_are_tried_on_signals_that_are_simulated_once():
     assert np.array_equal(anew, [second, first]) and not np.array_equal(first, second)
 
 
+@pytest.mark.full
 def test_offsets_of_several_recordings_are_found_in_as_many_rounds_as_those_of_two(monkeypatch):
     rounds: list[int] = []
     best = Selection.best_addition

@@ -21,9 +21,9 @@ COMMAND = np.repeat([0.0, 3.0, 9.0, 5.0], [100, 300, 300, 300])
 
 def limited(command, rate, late=0):
     """Return a voltage, (rows FINE,), V, that follows a command, (rows,), by V/s at most, late by parts of a row."""
-    voltage, now = np.empty(len(command) * FINE), 0.0
+    voltage, now, most = np.empty(len(command) * FINE), 0.0, rate * STEP / FINE
     for k, target in enumerate(np.repeat(command, FINE).tolist()):
-        before, now = now, now + float(np.clip(target - now, -rate * STEP / FINE, rate * STEP / FINE))
+        before, now = now, now + max(-most, min(most, target - now))
         voltage[k] = 0.5 * (before + now)
     return np.concatenate([np.zeros(late), voltage])[: len(voltage)]
 
@@ -47,6 +47,7 @@ def test_a_drive_that_follows_at_once_has_none(seed):
     assert result.verdict == "ok" and "slew limit" not in result.effects, (result.effects, result.reasons)
 
 
+@pytest.mark.full
 def test_a_command_beside_a_voltage_that_is_measured_has_its_limit():
     """What is measured has its ramps; the two changes of the command alone are of two sizes."""
     rate, command = 6.0 / 4.7e-3, np.repeat([0.0, 3.0, 9.0], [100, 300, 300])

@@ -40,6 +40,7 @@ def test_a_supply_that_drifts_is_told_and_the_bars_hold_what_it_leaves_open(exci
     assert 0.01 < k.standard_error / k.value < 0.03
 
 
+@pytest.mark.full
 def test_recordings_of_one_supply_drift_alike():
     several = [recorded(e, k, drift=0.03, form="relaxing", name=e) for k, e in enumerate(EXCITATIONS)]
     result = estimate_parameters(several, workers=1)

@@ -140,11 +140,13 @@ def test_a_ripple_that_is_seen_in_a_transient_only_is_no_motors(hand, seed):
     assert np.max(np.abs(deviations(found))) < 4
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("motor", "seed"),
     [
         ("RMCS2004", 20),
-        *(pytest.param(*known, marks=pytest.mark.full) for known in (("CML-050", 20), ("RMCS2004", 12))),
+        ("CML-050", 20),
+        ("RMCS2004", 12),
     ],
 )
 def test_a_ripple_is_at_the_angle_where_the_shaft_is_when_the_current_is_sampled(hand, motor, seed):
@@ -313,7 +315,7 @@ def test_what_the_outputs_cannot_tell_is_said_before_the_search(outputs, untold,
     assert any("alone cannot tell" in reason and missing in reason for reason in result.reasons), result.reasons
 
 
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.full)])
 def test_whether_a_friction_that_drifts_is_dry_or_viscous_is_in_the_errors(seed):
     """B drifts by a tenth: taken for a dry friction's drift alone, J was 2.1 standard errors off in both seeds."""
     result = run(Bench(drift=0.1), seed)
