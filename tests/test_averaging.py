@@ -109,3 +109,24 @@ def test_a_rivals_parameter_that_is_hardly_told_reaches_to_zero_and_takes_the_ot
     there, covariance = _beside(np.zeros(2), rival, np.ones(2, dtype=bool))
     assert there == pytest.approx([-0.75, 0.0])
     assert np.sqrt(np.diag(covariance)) == pytest.approx([0.25, np.hypot(0.02, 0.003)], rel=1e-2)
+
+
+@pytest.mark.parametrize(("apart", "is_told"), [(8e-4, False), (2e-3, True)])
+def test_a_rival_that_differs_by_less_than_a_thousandth_is_in_the_bars_and_no_doubt(apart, is_told):
+    """A good recording of 30 000 rows was doubtful, with "K = 0.01899 instead of 0.01899"."""
+    error = 2e-4
+    covariance = np.eye(2) * error**2
+    plan = SimpleNamespace(names=("R", "K"), observed=())
+
+    def of(values, name):
+        fit = SimpleNamespace(
+            simulator=SimpleNamespace(plan=plan, scaled=np.log, nuisances=(), neutral={}, log=np.ones(2, dtype=bool)),
+            values=np.array(values), names=plan.names,
+            at_bound=np.zeros(2, dtype=int), cost=0.0, covariance_parts=lambda: (covariance, 0 * covariance),
+            covariance=lambda: covariance, is_log=np.ones(2, dtype=bool), estimates=np.log(values),
+        )  # fmt: skip
+        return Explanation(fit, (Addition(Effect(name), name, 1, 0.0),))
+
+    found = averaged(of([1.0, 1.0], "sag"), [], [of([1.0, 1 + apart], "offset")], 1000, [], np.zeros(2))
+    assert bool(found.rivals) == is_told
+    assert apart < 2 * np.sqrt(found.covariance[1, 1]), "either way the bar holds both"

@@ -69,3 +69,19 @@ def test_a_recording_of_a_command_beside_one_of_a_noisy_voltage_is_as_it_was():
     result = estimate_parameters([measured, command], workers=1)
     assert any("voltage's noise does not reach the motor" in note for note in result.notes), result.notes
     assert result.verdict == "ok" and off(result).max() < 4.5, (result.reasons, result.parameters)
+
+
+@pytest.mark.parametrize("reaches", [0.0, 1.0])
+def test_where_the_current_is_too_noisy_to_answer_the_first_fit_tells_whether_it_reaches_the_motor(reaches):
+    """Latencies, a drift and an overshoot were told of a good recording, of noise that the motor did not have."""
+    rng = np.random.default_rng(11)
+    noise = NOISE * np.random.default_rng([5, 7]).standard_normal(len(COMMAND))
+    more = 2.0 * rng.standard_normal(len(COMMAND))
+    seen = bench(COMMAND + noise, np.repeat(COMMAND + reaches * noise, FINE), 5, more=more)
+    o = SimpleNamespace(inputs={"v": seen.signals["voltage"]}, outputs={"i": seen.signals["current"]})
+    part, error = answered([o], [noise_of(o.inputs["v"], np.zeros((len(COMMAND), 0)))])
+    assert abs(part - reaches) < 4 * error and error > 0.25, "the current alone does not tell"
+    result = estimate_parameters(seen, workers=1)
+    quiet = any("voltage's noise does not reach the motor" in note for note in result.notes)
+    assert quiet == (reaches == 0.0), result.notes
+    assert result.verdict == "ok" and off(result).max() < 4.5, (result.reasons, result.parameters)

@@ -39,7 +39,8 @@ FARTHEST = 50.0  # of a logarithm: a rival's parameter is no further away
 TAIL = 0.01  # of the mixture: what weighs less together is left out
 FAR = 40.0  # standard deviations, beyond which there is nothing
 FOUND, NEAR = 1e-14, 1e-9  # of half an interval, relative, and of what it holds: it is found
-DIFFERS = 1.0  # standard errors by which a rival must differ to be told
+DIFFERS, SMALL = 1.0, 1e-3  # standard errors, and part of a parameter, by which a rival must differ to be told: less
+# than a thousandth is in the bars, and below what any sensor's gain is off by
 ELSEWHERE, FAR_WITHIN = 10.0, 10.0  # standard errors; of the criterion: of another timing of its channels one so far
 # away is told though it weighs less, and though it is the explanation with more: lags exchanged are in no bar
 
@@ -150,10 +151,11 @@ def averaged(
         ]
         with np.errstate(invalid="ignore"):
             apart = np.abs(there - own) / np.where(np.isfinite(deviation), deviation, np.inf)
+        differs = np.any((apart > DIFFERS) & ((np.abs(there - own) > SMALL) | ~fit.is_log[:p]))
         other_number = _numbers(rival) != _numbers(explanation) and _effects(rival) == _effects(explanation)
         held = other_number or _holds(rival, explanation)  # by the bars alone
         farthest = float(np.max(apart, initial=0.0))
-        is_near = behind < TOLD_WITHIN and farthest > DIFFERS and not held
+        is_near = behind < TOLD_WITHIN and differs and not held
         if is_near or (behind < FAR_WITHIN and farthest > ELSEWHERE and _differ_in_timing(rival, explanation)):
             told.append((rival, first, farthest, names[int(np.argmax(apart))], float(behind)))
     weights = np.exp(-0.5 * np.array([c for c, _, _ in parts]))

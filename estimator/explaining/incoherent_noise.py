@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,22 +34,32 @@ ALIKE_ROWS = 10  # over which errors of neighbours may hang together
 DIFFERENCES: tuple[Callable[[FloatArray], FloatArray], ...] = (np.diff, lambda x: np.diff(x, n=2))
 
 
-def quieted_at_sight(plan: Plan) -> tuple[Plan, str]:
-    """Return a plan with the voltages that the motor sees, and what was done; (plan, ""): nothing is told.
+class Quieted(NamedTuple):
+    """A plan with the voltages that the motor sees, what was done, in words, and whether the currents alone tell so."""
+
+    plan: Plan
+    told: str
+    is_sure: bool
+
+
+def quieted_at_sight(plan: Plan) -> Quieted | None:
+    """Return a plan with the voltages that the motor sees; None where their noise reaches it, or there is none.
 
     Of voltages whose noise is all that they do beside their levels: what follows a current is told by a fit.
     """
     measured = [o.is_measured for o in plan.observed]
     if not any(measured) or any(o.is_quiet or "i" not in o.outputs for o in plan.observed):
-        return plan, ""
+        return None
     nothing = [np.zeros((len(o.inputs["v"]), 0)) for o in plan.observed]
     around = _noises(plan, nothing)
     if not all(_is_white(o.inputs["v"], own) for o, own in zip(plan.observed, around, strict=True)):
-        return plan, ""
+        return None
     part, error = answered(plan.observed, around)
-    if not abs(part) + SURE * error < ABSENT:
-        return plan, ""
-    return quieted(plan, around, nothing), VoltageNoise().tell(VoltageNoise.name, 1 - part, plan)
+    if part - SURE * error > 0:
+        return None
+    is_sure = abs(part) + SURE * error < ABSENT
+    told = VoltageNoise().tell(VoltageNoise.name, 1 - part if is_sure else 1.0, plan)
+    return Quieted(quieted(plan, around, nothing), told, is_sure)
 
 
 def quieted_again(quiet: Plan, noisy: Plan, fit: Fit) -> Plan:

@@ -30,6 +30,10 @@ FALLS = 0.02  # of its speed: a motor that coasts loses more, from one half to t
 SURE = 10.0  # standard errors of that fall, of speed and of voltage
 AGREES, LEAST_APART = 4.0, 2e-3  # standard errors; parts: a smaller difference is within the sensors' gains
 ON = 0.1  # of the largest voltage
+SHOWN_ON, JUMPS = (
+    3,
+    3.0,
+)  # rows in which a sensor shows what has ended, at most; largest changes after a jump of voltage
 
 
 @dataclass(frozen=True)
@@ -158,16 +162,29 @@ def open_rows(o: Observed) -> BoolArray | None:
         twice = np.flatnonzero(flows[:-1] & flows[1:])  # one alone is an outlier
         end = k + (int(twice[0]) if len(twice) else len(flows))
         if _is_open(v[k:end], i[k:end] - zero, w[k:end], usual):
-            opens[k - int(v[k - 1] * v[k] < 0) : end] = True  # the winding drives its current on, until it has ended
+            opens[_opened_at(v, k) : end] = True
     return opens if opens.any() else None
+
+
+def _opened_at(v: FloatArray, k: int) -> int:
+    """Return the row in which a circuit opened whose current has ended in row k: the voltage, (n,), jumps there.
+
+    The winding drives its current on until it has ended, and a sensor may show it a little longer.
+    """
+    if v[k - 1] * v[k] < 0:
+        return k - 1
+    least = JUMPS * float(np.max(np.abs(np.diff(v[k : k + LEAST_ROWS])))) + NOISE * noise_deviation(v)
+    rows = [row for row in range(k, k - SHOWN_ON - 1, -1) if abs(v[row] - v[row - 1]) > least]
+    return rows[0] if rows else k
 
 
 def _is_open(v: FloatArray, i: FloatArray, w: FloatArray, usual: float) -> bool:
     """Whether no current flows in some rows, (n,), while the motor loses speed and its voltage follows that."""
     if len(v) < LEAST_ROWS or abs(float(np.mean(i))) > NONE * usual or not np.any(w):
         return False
-    own = float(v @ w) / float(w @ w) * w
-    if float(np.std(v - own)) > OWN * float(np.std(v)) + NOISE * noise_deviation(v):
+    k = float(v @ w) / float(w @ w)
+    noise = noise_deviation(v) + abs(k) * noise_deviation(w)
+    if float(np.std(v - k * w)) > OWN * float(np.std(v)) + NOISE * noise:
         return False
     (speed, speed_error), (voltage, voltage_error) = _fall(w), _fall(v)
     if min(speed - SURE * speed_error, voltage - SURE * voltage_error) < 0 or min(speed, voltage) < FALLS:
