@@ -24,9 +24,27 @@ def test_a_step_whose_trigger_came_late_is_no_recording_in_which_nothing_changes
     recording = part(np.repeat([0.0, 9.0], [50, 300]), 1, slice(50 + LATE, None))
     result = estimate_parameters(recording, workers=1)
     assert "motion before the voltage" in result.effects and result.verdict != "refused", result.reasons
-    assert off(result)[[0, 1, 3, 4]].max() < 4.5, result.parameters
-    for name in "KJB":  # the rise of the current is not among the rows: R and L stand in for each other
+    assert result.verdict == "doubtful" and any("L: cannot be told" in reason for reason in result.reasons)
+    for name in "RKJB":  # the rise of the current is not among the rows: R and L stand in for each other
+        found = result.parameters[name]
+        assert abs(found.value - MOTOR[name]) < 4.5 * found.standard_error
+    for name in "KJB":
         assert result.parameters[name].value == pytest.approx(MOTOR[name], rel=0.1)
+
+
+def test_the_bars_of_a_step_whose_trigger_came_a_little_late_hold():
+    """Derivatives left out that a motion as large as the signals moves with the motor: R 18 standard errors off, ok.
+
+    Of each parameter a chi-square number of as many degrees of freedom as seeds, whose limit a run exceeds by 2e-5.
+    """
+    z = []
+    for seed in range(8):
+        recording = part(np.repeat([0.0, 9.0], [50, 300]), seed, slice(50 + 2, None))
+        result = estimate_parameters(recording, workers=1)
+        assert result.verdict == "ok" and result.effects == ("motion before the voltage",), result.reasons
+        z.append(off(result))
+    assert (np.sum(np.square(z), axis=0) < 40.0).all(), z
+    assert np.mean(np.square(z)) > 0.2, "nor are they too large"
 
 
 def test_two_levels_whose_trigger_came_late_tell_all_five():

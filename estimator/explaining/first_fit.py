@@ -77,14 +77,14 @@ class FirstFit:
         for start in starts:
             begun = dict(zip(s.plan.names, start.tolist(), strict=True))
             for held in ([], *self._held_together(far)):
-                additions = [_seen(e, name, s) for e, known in own for name in known]
+                additions = [a for e, known in own for a in _seen(e, known, s)]
                 simulator = s
                 for e, known in held:
                     rival = self.tests.rivals(e.fmu)
                     if rival is not None and set(known) <= set(rival.index):
                         simulator = rival
-                        additions += [_seen(e, name, rival) for name in known]
-                names = {a.name for a in additions}
+                        additions += _seen(e, known, rival)
+                names = {n for a in additions for n in (a.name, *a.free)}
                 values = {n: v for _, known in (*own, *held) for n, v in known.items() if n in names}
                 free = (*s.plan.names, *self.always, *(n for a in additions for n in a.free))
                 fit = new_fit(simulator, simulator.values({**begun, **values}), free, self._noise)
@@ -136,6 +136,10 @@ def _excluded(simulator: Simulator, name: str) -> tuple[str, ...]:
     return simulator.nuisance(name).excludes if name in simulator.index else ()
 
 
-def _seen(effect: Effect, name: str, simulator: Simulator) -> Addition:
-    """Return an addition that the recordings show before any fit."""
-    return Addition(effect, name, 1, np.inf, free=() if simulator.nuisance(name).whole else (name,))
+def _seen(effect: Effect, known: Mapping[str, float], simulator: Simulator) -> list[Addition]:
+    """Return the additions that the recordings show before any fit, each with all of its numbers."""
+    found = []
+    for name in (n for n in known if "#" not in n):
+        free = () if simulator.nuisance(name).whole else tuple(n for n in known if n.partition("#")[0] == name)
+        found.append(Addition(effect, name, max(1, len(free)), np.inf, free=free))
+    return found

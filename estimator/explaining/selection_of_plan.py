@@ -34,6 +34,7 @@ def selection_of(
 ) -> Selection:
     """Return the selection of effects for a plan; arguments as for `explain`."""
     own = [n for e in effects if not e.fmu for n in e.nuisances(plan)]
+    own += _in_place_of_columns(effects, plan)
     wanted = freed_by_the_case(plan)
     own = [n for n in own if n.name not in {w.name for w in wanted}]
     base = Simulator(plan, (*own, *wanted), crew, sigma)
@@ -53,11 +54,16 @@ def _rivals(base: Simulator, effects: Sequence[Effect]) -> Callable[[str], Simul
             return None
         there = plan.on(bundled_model(name))
         own = [n for e in effects if e.fmu == name for n in e.nuisances(plan)]
-        own += [n for e in effects for n in e.in_place_of_columns(plan)]
         own = [n for n in own if n.target in there.binding.own]
         return Simulator(there, (*base.nuisances, *own), base.crew, base.sigma)
 
     return simulator
+
+
+def _in_place_of_columns(effects: Sequence[Effect], plan: Plan) -> list[Nuisance]:
+    """Return the nuisance parameters of effects that a plan's FMU, if it is one of the package's own, simulates."""
+    found = [n for e in effects for n in e.in_place_of_columns(plan)] if plan.description.is_bundled else []
+    return [n for n in found if n.target in plan.binding.own]
 
 
 def may_be_replaced(plan: Plan) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +12,8 @@ from estimator.explaining.effects.drive import coasts_in
 from estimator.fitting.fit import Fit, Linear
 from estimator.fitting.motor_response import COASTS, free_motion, motor_values, opens_circuit
 from estimator.fitting.simulator import Nuisance, per_recording
-from estimator.plans.plan import Plan
+from estimator.plans.plan import Observed, Plan
+from estimator.recordings.samples import filled
 
 UNITS = {"w": "rad/s", "i": "A"}
 FIRST_ROWS = 3  # rows whose mean is tried
@@ -23,9 +24,10 @@ MOST, SIZE = 20.0, 0.02  # of a channel's largest sample: bounds; a typical chan
 class StartingMotion(Effect):
     """Speed and current in the first row beyond the model's, rad/s and A.
 
-    In a linear model they are columns. In an FMU with modes they are where its simulation begins: dry friction brakes
-    a motor that moves already. Beside a drive that opens the circuit at no voltage they are columns again, as it may
-    begin to do so with the first voltage only: the current before it tells.
+    In an FMU of the package they are where its simulation begins: dry friction brakes a motor that moves already, and
+    what moves is as large as the signals, so that its derivatives count. In others they are columns, and beside a drive
+    that opens the circuit at no voltage, as it may begin to do so with the first voltage only: the current before it
+    tells.
     """
 
     name: str = "motion before the voltage"
@@ -55,6 +57,15 @@ class StartingMotion(Effect):
                 found.append(Linear(name, columns, units, moves=True))
         return found
 
+    def at_first_sight(self, plan: Plan) -> Mapping[str, float]:
+        """Return speed and current in the first row of recordings that begin within a response."""
+        found: dict[str, float] = {}
+        for o, name in zip(plan.observed, per_recording(plan, self.name), strict=True):
+            if o.is_underway and set(UNITS) <= set(o.outputs):
+                first = _first(o)
+                found |= {name: first["w"], f"{name}#1": first["i"]}
+        return found
+
     def seen(self, fit: Fit) -> Sequence[Linear]:
         """Return the motion of recordings that begin within a response."""
         names = per_recording(fit.simulator.plan, self.name)
@@ -69,7 +80,7 @@ class StartingMotion(Effect):
         found: list[Nuisance] = []
         for e, (o, name) in enumerate(zip(plan.observed, per_recording(plan, self.name), strict=True)):
             names = {"w": name, "i": f"{name}#1"}
-            first = {y: float(np.nan_to_num(np.mean(o.outputs[y][:FIRST_ROWS]))) for y in UNITS}
+            first = _first(o)
             for y, own in names.items():
                 reach, is_tried = MOST * largest[y], y == "w" and first[y] != 0 and not (o.lead or o.at_rest)
                 found.append(
@@ -79,3 +90,8 @@ class StartingMotion(Effect):
                     )
                 )  # fmt: skip
         return found
+
+
+def _first(o: Observed) -> dict[str, float]:
+    """Return speed and current of a recording in its first rows, rad/s and A."""
+    return {y: float(np.mean(filled(o.outputs[y])[:FIRST_ROWS])) for y in UNITS}
