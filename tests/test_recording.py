@@ -66,6 +66,12 @@ def clocked(form: str, *, start: float = 0.0) -> str:
     return "\n".join([HEADER.replace("time [s]", "time"), *rows]) + "\n"
 
 
+def beside_commas(text: str) -> str:
+    """A text whose numbers, but not the times in its first column, have decimal commas."""
+    lines = [line.split(",", 1) for line in text.replace(HEADER, HEADER.replace("time [s]", "time")).splitlines()]
+    return "\n".join(f"{first};{rest.replace(',', ';').replace('.', ',')}" for first, rest in lines) + "\n"
+
+
 DIALECTS: dict[str, str | bytes] = {
     "plain": PLAIN,
     "no newline at the end": PLAIN.rstrip(),
@@ -121,6 +127,9 @@ DIALECTS: dict[str, str | bytes] = {
     "times of day over midnight": clocked("23:59:{:06.3f}", start=59.98),
     "dates": clocked("2026-11-21T07:03:{:06.3f}Z"),
     "dates as in Germany": clocked("21.11.2026 07:03:{:06.3f}"),
+    "times of day beside decimal commas": beside_commas(clocked("12:00:{:06.3f}")),
+    "dates as in Germany beside decimal commas": beside_commas(clocked("21.11.2026 07:03:{:06.3f}")),
+    "times of day by a German name": clocked("12:00:{:06.3f}").replace("time,", "Uhrzeit,", 1),
     "index from pandas": "\n".join(["," + HEADER, *(f"{k},{row}" for k, row in enumerate(ROWS))]),
 }
 

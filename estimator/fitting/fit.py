@@ -36,7 +36,8 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 T = TypeVar("T")
 
-BOUND_MARGIN = 1e-4  # of the width of the bounds
+BOUND_MARGIN, NEAR_BOUND = 1e-4, 1e-8  # of the width of bounds on a logarithmic scale, and on a linear one, where a
+# value may be a small part of the width and told
 
 
 @dataclass(frozen=True)
@@ -163,7 +164,8 @@ class Fit:
     def at_bound(self) -> NDArray[np.int64]:
         """-1, 1 or 0 of each name: at its lower or upper bound, or neither."""
         x, (low, high) = self.simulator.scaled(self.values)[self.where], self.bounds
-        margin = BOUND_MARGIN * np.where(high > low, high - low, 1.0)
+        part = np.where(self.simulator.log[self.where], BOUND_MARGIN, NEAR_BOUND)
+        margin = part * np.where(high > low, high - low, 1.0)
         own = np.where(x - low <= margin, -1, np.where(high - x <= margin, 1, 0))
         return np.concatenate([own, np.zeros(len(self.coefficients), dtype=np.int64)])
 

@@ -18,6 +18,8 @@ _THOUSANDS = {  # decimal mark → a number in which the other one parts thousan
     ".": re.compile(r"[-+]?\d{1,3}(?:,\d{3})+\.\d+"),
     ",": re.compile(r"[-+]?\d{1,3}(?:\.\d{3})+,\d+"),
 }
+_INSTANTS = re.compile(r"\d{1,4}([./-])\d{1,2}\1\d{1,4}\b|\d{1,2}:\d{2}(?::\d{2}(?:[.,]\d+)?)?")  # dates, times of day
+_NOTHING = re.compile(r"(?!)")
 _TOKENS = re.compile(r'"[^"]*"|\S+')
 _BRACKETED = re.compile(r"\s*([^\[\]()]+(?:\[[^\[\]]*\]|\([^()]*\)))")
 
@@ -119,13 +121,14 @@ def is_word(cell: str) -> bool:
 
 
 def decimal_mark(lines: list[str], rows: list[int], delimiter: str | None) -> str:
-    """Return the decimal mark of the first number that has one."""
-    for k in rows:
-        line = lines[k]
-        if delimiter == ",":
-            line = " ".join(split_cells(line, delimiter))  # a comma within quotes is a decimal comma
-        if mark := re.search(r"[.,](?=\d)", line):
-            return mark[0]
+    """Return the decimal mark of the first number that has one; of dates and times of day if no number has."""
+    for ignored in (_INSTANTS, _NOTHING):
+        for k in rows:
+            line = lines[k]
+            if delimiter == ",":
+                line = " ".join(split_cells(line, delimiter))  # a comma within quotes is a decimal comma
+            if mark := re.search(r"[.,](?=\d)", ignored.sub(" ", line)):
+                return mark[0]
     return "."
 
 
