@@ -279,6 +279,8 @@ def _at_values(
         own.append(dataclasses.replace(addition, effect=effect, name=new.name, numbers=1, free=free))
     is_replaced = bool(own) and not known.get(addition.name)
     gone = addition.free if is_replaced else ()
+    for name in {addition.name, *addition.free} - known.keys() if is_replaced and addition.linear is None else ():
+        values[fit.simulator.index[name]] = fit.simulator.neutral[name]
     if own:
         freed = (n for a in own for n in a.free)
         fit = dataclasses.replace(fit, free=(*(n for n in fit.free if n not in gone), *freed))

@@ -20,7 +20,6 @@ from estimator.motor.names import MOTOR, is_motor
 from estimator.motor.state_space import coasting, matrices, sampled
 from estimator.noise.clock import Clock
 from estimator.noise.kalman import filters
-from estimator.noise.recursion import recursion
 
 FloatArray = NDArray[np.float64]
 
@@ -104,7 +103,7 @@ def late_response(fit: Fit, voltage: FloatArray) -> FloatArray:
         if part == 0:
             held[0, clock.rows] = new
             continue
-        f, g = _sampled(of_motor, (1 - part) * clock.step)[:2]
+        f, g = _sampled(of_motor, (1 - part) * clock.step)
         before, whole_row = (_sampled(of_motor, step)[1] for step in (part * clock.step, clock.step))
         shares = np.linalg.solve(whole_row, np.column_stack([f @ before[:, 0], g[:, 0]]))
         for signal, (of_old, of_new) in zip(held, shares.tolist(), strict=True):
@@ -178,7 +177,7 @@ def _driven(
     shown: tuple[Sequence[int], FloatArray] | None,
 ) -> FloatArray:
     """Return what `_states` does, by R, K, L, J, B and a sampling interval, s."""
-    f, g, _ = _sampled(tuple(values[name] for name in MOTOR), step)
+    f, g = _sampled(tuple(values[name] for name in MOTOR), step)
     (n,), many = opens.shape, first_row.shape[1]
     seats, states = ((0, 1), np.empty((n, 2, many))) if shown is None else shown
     signals = [None if u is None else np.ascontiguousarray(u, dtype=np.float64) for u in inputs]
@@ -228,27 +227,16 @@ def pulse_response(fit: Fit, clock: Clock, begin: float, end: float) -> FloatArr
 
     Exact for any instants, also between the rows; the sign is turned where `end` comes first.
     """
-    values = motor_values(fit)
+    s, values = fit.simulator, motor_values(fit)
     assert values is not None
-    a, b, _, _ = matrices(values)
-    whole = np.zeros((3, 3))
-    whole[:2, :2], whole[:2, 2] = a, b[:, 0]
-    f, _, denominator = _discrete(fit, clock)
-    sign, first, last = (1.0, begin, end) if begin <= end else (-1.0, end, begin)
-    added = np.zeros((clock.rows.stop - clock.rows.start, 2))
-    for k in range(1, len(added)):
-        now = clock.time[0] + k * clock.step
-        since, until = min(now - first, clock.step), max(now - last, 0.0)
-        if since > until:
-            added[k] = sign * (exponential(whole * since) - exponential(whole * until))[:2, 2]
-        if now - clock.step > last:
-            break
-    second = f - np.trace(f) * np.eye(2)
-    states = np.zeros((2, len(added)))
-    for row in range(2):
-        for j in range(2):
-            states[row] += recursion([float(row == j), second[row, j]], denominator, added[:, j])
-    return _as_shown(fit, [states] * len(fit.simulator.outputs), clock)
+    jumps = np.array([1.0, -1.0] if begin <= end else [-1.0, 1.0])
+    closed = np.zeros(clock.rows.stop - clock.rows.start, dtype=bool)
+    delays = [channel_delay(s, fit.value, y) for y in s.outputs]
+    known = {}
+    for delay in set(delays):
+        times = np.array(sorted((begin, end))) + delay
+        known[delay] = driven_on_lines(values, clock, (times, jumps, np.zeros(2)), closed).T
+    return _as_shown(fit, [known[delay] for delay in delays], clock)
 
 
 def free_motion(fit: Fit, clock: Clock, *, opens_first: bool = False) -> FloatArray:
@@ -269,9 +257,10 @@ def free_motion(fit: Fit, clock: Clock, *, opens_first: bool = False) -> FloatAr
         shown = np.empty((len(opens), len(seats), 2))
         _states(fit, clock, (None, None), opens, first, (seats, shown))
         return shown
-    states = _states(fit, clock, (None, None), opens, first)
-    outputs = fit.simulator.outputs
-    return np.stack([_as_shown(fit, [states[:, :, k].T] * len(outputs), clock) for k in range(2)], axis=2)
+    s, nothing = fit.simulator, (None, None)
+    states = _states(fit, clock, nothing, opens, first)
+    each = [_later(fit, clock, nothing, opens, states, channel_delay(s, fit.value, y)) for y in s.outputs]
+    return np.stack([_as_shown(fit, [own[:, :, k].T for own in each], clock) for k in range(2)], axis=2)
 
 
 def as_late(fit: Fit, signal: FloatArray) -> FloatArray:
@@ -306,7 +295,7 @@ def held_for_wave(fit: Fit, clock: Clock, frequency: float) -> tuple[FloatArray,
     values = motor_values(fit)
     assert values is not None
     a, b, _, _ = matrices(values)
-    f, g, _ = _discrete(fit, clock)
+    f, g = _sampled(tuple(values[name] for name in MOTOR), clock.step)
     turning = 2j * np.pi * frequency
     added = np.linalg.solve(turning * np.eye(2) - a, (np.exp(turning * clock.step) * np.eye(2) - f) @ b[:, 0])
     held = np.linalg.solve(g.astype(complex), added)
@@ -315,18 +304,10 @@ def held_for_wave(fit: Fit, clock: Clock, frequency: float) -> tuple[FloatArray,
     return voltage, torque
 
 
-def _discrete(fit: Fit, clock: Clock) -> tuple[FloatArray, FloatArray, list[float]]:
-    """Return F (2, 2), G (2, 2) of x[k+1] = F x[k] + G [v, torque], and det(I - F z^-1) without its 1."""
-    values = motor_values(fit)
-    assert values is not None
-    return _sampled(tuple(values[name] for name in MOTOR), clock.step)
-
-
 @lru_cache(maxsize=64)
-def _sampled(values: tuple[float, ...], step: float) -> tuple[FloatArray, FloatArray, list[float]]:
-    """Return the same of R, K, L, J, B and a sampling interval in s."""
-    f, g = sampled(dict(zip(MOTOR, values, strict=True)), step)
-    return f, g, [-float(np.trace(f)), float(np.linalg.det(f))]
+def _sampled(values: tuple[float, ...], step: float) -> tuple[FloatArray, FloatArray]:
+    """Return F and G, (2, 2) each, of x[k+1] = F x[k] + G [v, torque], of R, K, L, J, B and a sampling interval, s."""
+    return sampled(dict(zip(MOTOR, values, strict=True)), step)
 
 
 def _later(
@@ -351,14 +332,14 @@ def _later(
     if since > 0:
         values = motor_values(fit)
         assert values is not None
-        f, g, _ = _sampled(tuple(values[name] for name in MOTOR), since * clock.step)
+        f, g = _sampled(tuple(values[name] for name in MOTOR), since * clock.step)
         on = states[np.minimum(at + 1, n - 1)]
         driven = np.einsum("ab,nbc->nac", f, shown)
         for k, signals in enumerate(inputs):
             if signals is not None:
                 driven += g[:, k, None] * signals[at][:, None, :]
         shown = np.where(opens[at][:, None, None], shown + since * (on - shown), driven)
-    shown[row < 0] = 0.0
+    shown[row < 0] = states[0]
     return shown
 
 
