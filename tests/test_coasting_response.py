@@ -8,7 +8,7 @@ from driven_motor import DrivenMotor
 from scipy.linalg import expm
 
 from estimator import estimate_parameters, recording_from_arrays
-from estimator.fitting.motor_response import COASTS, late_response, response
+from estimator.fitting.motor_response import COASTS, free_motion, late_response, pulse_response, response
 from estimator.noise.clock import Clock
 from estimator.plans.parameters import SensorPlace
 
@@ -81,6 +81,26 @@ def test_a_voltage_that_is_late_by_parts_of_a_row_acts_as_it_does_between_them(l
         shown.append(x)
         x = after @ np.r_[x, v]
     np.testing.assert_allclose(late_response(fit, voltage), np.array(shown)[::10], rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("late", [0.0, 0.4, 2.6])
+def test_a_pulse_and_a_free_motion_are_shown_as_late_as_their_channel(late):
+    """A pulse of 1 V over one row is what a held voltage does; the current was shown without its delay."""
+    fit, row = fit_of(0.0, late=late * STEP), 30
+    (clock,) = fit.simulator.clocks
+    voltage = np.zeros(len(VOLTAGE))
+    voltage[row] = 1.0
+    pulse = pulse_response(fit, clock, row * STEP, (row + 1) * STEP)
+    np.testing.assert_allclose(pulse, response(fit, voltage=voltage), rtol=1e-9, atol=1e-9)
+    turned = pulse_response(fit, clock, (row + 1) * STEP, row * STEP)
+    np.testing.assert_allclose(turned, -pulse, rtol=1e-9, atol=1e-12)
+    r, k, inductance, j, b = MOTOR.values()
+    a = np.array([[-r / inductance, -k / inductance], [k / j, -b / j]])
+    t = clock.time
+    of_current = np.array([expm(a * max(0.0, x - late * STEP))[0] for x in t])  # by 1 A and by 1 rad/s; held before
+    of_speed = np.array([expm(a * x)[1] for x in t])
+    expected = np.stack([of_current[:, ::-1], of_speed[:, ::-1]], axis=1)
+    np.testing.assert_allclose(free_motion(fit, clock), expected, rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.parametrize("late", [0.4, 1.0, 2.6])
