@@ -86,7 +86,8 @@ def fit_noise(
     part, rows = _settled_part(whitener, settled, residuals)
     stacked = np.concatenate([residuals[rows, :, None], columns[rows], _levels(part)], axis=2)
     stacked = np.where(part.present[:, :, None], stacked, 0.0)
-    told, stands = growths_of(residuals, whitener, sharp, steps=np.maximum(steps, resolution))
+    coarse = np.maximum(np.maximum(steps, resolution), counts * STEP_DEVIATION)
+    told, stands = growths_of(residuals, whitener, sharp, steps=coarse)
     told = [own if own.white * own.growth >= step else Growth() for own, step in zip(told, resolution, strict=True)]
     spread = np.array([_spread(stacked[:, j, 0][part.present[:, j]]) for j in range(len(steps))])
     if is_held.any() and not is_held.all():  # their errors are no noise, though a wandering torque might follow them
