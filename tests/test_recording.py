@@ -67,7 +67,7 @@ def clocked(form: str, *, start: float = 0.0) -> str:
 
 
 def beside_commas(text: str) -> str:
-    """A text whose numbers, but not the times in its first column, have decimal commas."""
+    """Return a text whose numbers, but not the times in its first column, have decimal commas."""
     lines = [line.split(",", 1) for line in text.replace(HEADER, HEADER.replace("time [s]", "time")).splitlines()]
     return "\n".join(f"{first};{rest.replace(',', ';').replace('.', ',')}" for first, rest in lines) + "\n"
 
