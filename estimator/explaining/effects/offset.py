@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from estimator.explaining.effects.base import Effect
 from estimator.fitting.fit import Fit, Linear
@@ -17,6 +18,11 @@ from estimator.fitting.simulator import per_recording
 from estimator.motor.names import has_motor
 from estimator.plans.plan import Plan
 from estimator.recordings.excitation import noise_deviation, quantum
+
+
+FloatArray = NDArray[np.float64]
+
+REST = 20  # first rows in which a speed is exactly none: no amplifier shows it
 
 
 @dataclass(frozen=True)
@@ -28,14 +34,11 @@ class Offset(Effect):
     def linear(self, fit: Fit) -> Sequence[Linear]:
         """Return one for each output of each recording; a speed from encoder counts has none.
 
-        A speed whose noise is larger than its steps is a tachometer's behind a converter.
+        A speed whose noise is larger than its steps is a tachometer's behind a converter, unless it rests at none.
         """
         plan = fit.simulator.plan
-        counted = {
-            name
-            for o, name in zip(plan.observed, per_recording(plan, "offset w"), strict=True)
-            if "w" in o.outputs and quantum(o.outputs["w"]) > noise_deviation(o.outputs["w"])
-        }
+        named = zip(plan.observed, per_recording(plan, "offset w"), strict=True)
+        counted = {name for o, name in named if "w" in o.outputs and _is_counted(o.outputs["w"])}
         return [group for group in self.of_each_output(fit) if group.name not in counted]
 
     def of_each_output(self, fit: Fit) -> Sequence[Linear]:
@@ -66,3 +69,8 @@ class Offset(Effect):
         """Say how large."""
         y = name.split(" ")[1]
         return f"{y} has an {name.replace(f'offset {y}', 'offset')} of {value:.3g} {plan.unit(y)}"
+
+
+def _is_counted(speed: FloatArray) -> bool:
+    """Whether a speed, (n,), is that of an encoder's counts, which a logger may have put on lines between its rows."""
+    return quantum(speed) > noise_deviation(speed) or (len(speed) > REST and not speed[:REST].any())
