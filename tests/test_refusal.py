@@ -98,6 +98,19 @@ def test_a_current_without_its_sign_where_the_voltage_reverses(case_of):
     refused(case_of, made(voltage, np.abs(shown) * [1, 0] + shown * [0, 1], noise=(0, 1)), "its sign was lost")
 
 
+@pytest.mark.parametrize("lost", ["speed", "voltage"])
+def test_a_speed_or_a_voltage_without_its_sign_where_the_motor_turns_back(case_of, lost):
+    """A counter that tells no direction: thirteen reasons that had nothing to do with it, after half a minute."""
+    voltage = np.repeat([0.0, 10.0, -8.0, 5.0], 200)
+    shown = held_response(CML050, voltage, step=1e-3)
+    if lost == "speed":
+        refused(case_of, made(voltage, np.abs(shown) * [0, 1] + shown * [1, 0]), "but the speed is never negative")
+    else:
+        refused(case_of, made(np.abs(voltage), shown), "but the voltage is never negative")
+    short = np.repeat([0.0, 10.0, -8.0, 10.0], [200, 200, 8, 200])  # too short to turn the motor back
+    assert run(case_of(), made(short, held_response(CML050, short, step=1e-3))).verdict == "ok"
+
+
 @pytest.mark.parametrize("late", [0, 3])
 def test_a_current_without_its_sign_where_the_motor_brakes(case_of, late):
     """What braked it was shown as what drives it: R and K were told by the bounds of the case."""

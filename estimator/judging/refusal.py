@@ -11,6 +11,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.judging.lost_signs import lost_signs, place_of
 from estimator.motor.derived_quantities import largest_acceleration
 from estimator.plans.plan import Observed, Plan
 from estimator.recordings.excitation import find_settling, lost_transient, noise_deviation
@@ -29,10 +30,6 @@ JUMP_ROWS, LEFT_AFTER = 6, 0.1  # samples after a jump, part of the response: wi
 FASTER = 10  # samples advised in place of one
 NO_DIFFERENCE = 3.0  # deviations of the noise: a smaller difference is none
 ALIKE_SAMPLES = 10  # equal samples: fewer may be equal by chance
-BRAKES = 12  # samples before a voltage falls to none in which the current has settled, and in which it brakes
-RECTIFIED = 50  # samples at rest that show a lost sign
-PLAINLY_DRIVEN = 0.2  # of the largest voltage
-REVERSED = 10  # rows in each direction: fewer are a spike while a current decays, or a relay that bounces
 
 
 def refusal(plan: Plan) -> list[str]:
@@ -43,7 +40,7 @@ def refusal(plan: Plan) -> list[str]:
         is_motor = "v" in first.inputs
         drive = "voltage" if is_motor else f"input {next(iter(first.inputs))!r}"
         level = first.excitation.after
-        throughout = _place(first, "v" if is_motor else next(iter(first.inputs)), 0, -1)
+        throughout = place_of(first, "v" if is_motor else next(iter(first.inputs)), 0, -1)
         moving = [n for n, y in first.outputs.items() if _moves(y)]
         if level == 0 and moving:
             remedy = "no voltage was logged; record the motor's voltage, too"
@@ -66,7 +63,7 @@ def refusal(plan: Plan) -> list[str]:
         return reasons
     reasons += cut_transients(plan)
     for o in plan.observed:
-        reasons += _unsigned(o) + _contradicted(o)
+        reasons += lost_signs(o) + _contradicted(o)
     return reasons
 
 
@@ -110,7 +107,7 @@ def _dead(plan: Plan) -> list[str]:
                     f"{o.recording.title}: {name} is {level:.4g} {plan.unit(name)} from the first to the last sample"
                     " while the voltage moves: its sensor is dead, or the shaft is held; leave the"
                     f" {remedy} out, or record it again",
-                    *(_place(d, name, 0, -1) for d in (dead if every else [o])),
+                    *(place_of(d, name, 0, -1) for d in (dead if every else [o])),
                 )
             )
     return reasons
@@ -119,65 +116,6 @@ def _dead(plan: Plan) -> list[str]:
 def _stays(y: FloatArray) -> bool:
     known = y[~np.isnan(y)]
     return len(known) > ALIKE_SAMPLES and float(np.ptp(known)) == 0
-
-
-def _unsigned(o: Observed) -> list[str]:
-    """Find a current whose sign was lost: never negative where the voltage and the speed reverse, or at rest."""
-    if "i" not in o.outputs or "v" not in o.inputs:
-        return []
-    v, i = o.inputs["v"], o.outputs["i"]
-    known = i[~np.isnan(i)]
-    noise = noise_deviation(known)
-    lowest, highest = float(np.min(known)), float(np.max(known))
-    plainly = PLAINLY_DRIVEN * float(np.max(np.abs(v)))
-    if min(np.count_nonzero(v < -plainly), np.count_nonzero(v > plainly)) >= REVERSED:
-        if lowest > -max(4 * noise, 0.02 * highest) and highest > 10 * noise:
-            backwards = np.flatnonzero(v < 0)
-            return [
-                Reason(
-                    f"{o.recording.title}: the voltage goes from {np.min(v):.4g} to {np.max(v):.4g} V, but the current"
-                    f" never below {lowest:.3g} A: its sign was lost; record it with a sensor that tells the direction",
-                    _place(o, "i", int(backwards[0]), int(backwards[-1])),
-                )
-            ]
-        return []
-    if lowest > -max(4 * noise, 0.02 * highest) and (k := _rises_as_it_brakes(v, filled(i), plainly, noise)):
-        return [
-            Reason(
-                f"{o.recording.title}: as the voltage falls to {v[k]:.3g} V the current rises to"
-                f" {np.nanmax(i[k : k + BRAKES]):.3g} A, and that of a motor that brakes flows back: its sign was lost;"
-                " record it with a sensor that tells the direction",
-                _place(o, "i", k, k + BRAKES - 1),
-            )
-        ]
-    rest = i[: o.excitation.index] if o.excitation.kind == "step" and o.excitation.before == 0 else known[:0]
-    rest = rest[~np.isnan(rest)]
-    if len(rest) >= RECTIFIED and not o.excitation.running:
-        above = rest[rest > 0]
-        if np.min(rest) >= 0 and len(above) > 0.9 * len(rest) and np.mean(above) < 2 * np.std(above):
-            return [
-                Reason(
-                    f"{o.recording.title}: the current at rest is never negative in {len(rest)} samples, with a mean of"
-                    f" {np.mean(rest):.3g} A: its sign was lost; record it with a sensor that tells the direction",
-                    _place(o, "i", 0, o.excitation.index - 1),
-                )
-            ]
-    return []
-
-
-def _rises_as_it_brakes(v: FloatArray, i: FloatArray, plainly: float, noise: float) -> int:
-    """Return the row in which a voltage above 0, (n,), ends and a settled current, (n,), then rises; 0: there is none.
-
-    No motor's does, whatever its load: less voltage drives less current.
-    """
-    for k in (np.flatnonzero((np.abs(v[1:]) < 0.1 * plainly) & (v[:-1] > plainly)) + 1).tolist():
-        before, after = i[max(0, k - BRAKES) : k], i[k : k + BRAKES]
-        if min(len(before), len(after)) < BRAKES or np.ptp(v[k - BRAKES : k]) > 0.1 * plainly:
-            continue
-        rise = float(np.max(after) - np.max(before))
-        if rise > max(8 * noise, float(np.max(before)), 4 * float(np.ptp(before))):
-            return k
-    return 0
 
 
 def _contradicted(o: Observed) -> list[str]:
@@ -201,7 +139,7 @@ def _contradicted(o: Observed) -> list[str]:
                 Reason(
                     f"{o.recording.title}: at the end the {what} is {final:.4g} {unit} under {v:.4g} V, which no motor"
                     f" without load does; check the sign of the {what} and of the voltage",
-                    _place(o, name, -tail, -1),
+                    place_of(o, name, -tail, -1),
                 )
             )
     return reasons
@@ -275,7 +213,7 @@ def lost_transients(plan: Plan, motor: Mapping[str, float] | None = None) -> lis
                 f"{o.recording.title}: the speed jumps by {100 * part:.0f} % of its response within one sample at"
                 f" t = {o.recording.time[k]:.6g} s{evidence}: the transient is lost, and R, L and J with it;"
                 f" {_faster(o, k)}, without gaps",
-                _place(o, "w", k - 1, k),
+                place_of(o, "w", k - 1, k),
             )
         )
     return reasons
@@ -305,11 +243,6 @@ def implausible_reason(o: Observed, finding: Finding) -> Reason:
     shown = {*o.inputs, *o.outputs}
     places = [Place(o.recording.name, e.signal, e.start, e.end) for e in finding.evidence if e.signal in shown]
     return Reason(finding.sentence, *places)
-
-
-def _place(o: Observed, signal: str, first: int, last: int) -> Place:
-    """Return where some samples of a signal are, both ends included."""
-    return Place(o.recording.name, signal, float(o.recording.time[first]), float(o.recording.time[last]))
 
 
 def _faster(o: Observed, k: int) -> str:

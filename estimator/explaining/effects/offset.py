@@ -19,7 +19,6 @@ from estimator.motor.names import has_motor
 from estimator.plans.plan import Plan
 from estimator.recordings.excitation import noise_deviation, quantum
 
-
 FloatArray = NDArray[np.float64]
 
 REST = 20  # first rows in which a speed is exactly none: no amplifier shows it
