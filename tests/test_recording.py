@@ -809,3 +809,19 @@ def test_a_written_recording_reads_back_to_the_bit(
         missing = np.isnan(signal)
         np.testing.assert_array_equal(np.isnan(twin.signals[name]), missing)
         assert twin.signals[name][~missing].tobytes() == signal[~missing].tobytes()
+
+
+def test_a_scope_that_numbers_its_channels_is_asked_about_by_their_units(tmp_path: Path) -> None:
+    rows = "".join(f"{k / 1000},{k % 7},{k % 5},{k}\n" for k in range(50))
+    path = tmp_path / "scope.csv"
+    path.write_text("x-axis,1,2,3\nsecond,Volt,Ampere,rpm\n" + rows)
+    remedy = "--column 'v=1 [Volt]' --column 'i=2 [Ampere]' --column 'w=3 [rpm]'"
+    with pytest.raises(RecordingError, match=re.escape(remedy)):
+        motor_columns(read_recording(path), required=("v",), either=("i", "w"))
+
+
+def test_what_a_meter_shows_beyond_its_range_is_a_missing_sample(tmp_path: Path) -> None:
+    path = tmp_path / "meter.csv"
+    path.write_text(PLAIN.replace(ROWS[5], ROWS[5].rpartition(",")[0] + ",OL"))
+    missing = np.isnan(read_recording(path).signals["speed"])
+    assert np.flatnonzero(missing).tolist() == [5]

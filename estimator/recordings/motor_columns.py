@@ -30,7 +30,7 @@ SAME, FEW = 0.02, 0.05  # of the span, of the samples: columns that differ by le
 DRIVE, VOLTS = frozenset({"u", "v", "input"}), frozenset({"volt", "volts"})  # "final_u", "input signal", "sig_volt"
 SYMBOL = re.compile(r"[uv]_?[a-z0-9]$")  # a voltage's with an index, "Ud", "u_a": suggested, not taken
 # A scope's: its unit alone tells the signal.
-CHANNEL = re.compile(r"(ch|chan|channel|kanal|ain|analog|probe)_?[0-9a-d]+$")
+CHANNEL = re.compile(r"(ch|chan|channel|kanal|ain|analog|probe)_?[0-9a-d]+$|[0-9]+$")
 
 
 def motor_columns(
