@@ -12,16 +12,16 @@ CONVERTER = 0.04  # A
 
 
 def test_the_mean_of_a_level_is_off_by_what_is_told():
-    """Levels and noises at random: chi-square of 300 numbers of variance 1, beyond 5.5 deviations in 4e-8 of runs."""
+    """Levels and noises at random: chi-square of 200 numbers of variance 1, beyond 5.5 deviations in 4e-8 of runs."""
     rng = np.random.default_rng(5)
     squares = []
-    for _ in range(300):
+    for _ in range(200):
         level, noise, n = rng.uniform(3, 5), rng.uniform(0, 0.6), rng.integers(50, 1500)
         shown = np.rint(level + noise * rng.standard_normal(n))
         deviation = np.hypot(level_error(0.3 * shown, 0.3) / 0.3, shown.std() / np.sqrt(n))
         squares.append(((shown.mean() - level) / deviation) ** 2)
     assert max(squares) < 5**2
-    assert np.mean(squares) == pytest.approx(1, abs=5.5 * np.sqrt(2 / 300))
+    assert np.mean(squares) == pytest.approx(1, abs=5.5 * np.sqrt(2 / 200))
 
 
 @pytest.mark.parametrize("values", [(7.0,), (7.0, 8.0), (6.0, 7.0, 8.0, 9.0, 10.0, 11.0)])

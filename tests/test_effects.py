@@ -443,6 +443,7 @@ def without_inductance(*, delay, tau):
     return estimate_recordings([case], [[jumping(delay=delay, tau=tau)]], workers=1)[0]
 
 
+@pytest.mark.full
 def test_a_delay_before_a_filter_has_its_error_although_the_current_jumps_between_two_rows():
     """The filter sees the same wherever between two of its rows the current jumps: a small change shows nothing."""
     found = without_inductance(delay=1.37e-3, tau=2e-3).chain["delay"]
@@ -519,7 +520,8 @@ def test_one_step_shows_no_drop_of_the_brushes(tmp_path):
     assert hidden or any("sag instead of rounded brush drop" in reason for reason in result.reasons), result.reasons
 
 
-@pytest.mark.parametrize("seed", [pytest.param(1004828, marks=pytest.mark.full), 1009115])
+@pytest.mark.full
+@pytest.mark.parametrize("seed", [1004828, 1009115])
 def test_friction_that_wanders_more_slowly_than_a_stretch_lasts_is_in_the_error_of_b(seed, tmp_path):
     """B was 12 and 11 standard errors off: the first was not seen, the second taken to wander over 0.02 s."""
     result, true = of_random_bench(seed, tmp_path)

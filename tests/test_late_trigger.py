@@ -35,15 +35,15 @@ def test_a_step_whose_trigger_came_late_is_no_recording_in_which_nothing_changes
 def test_the_bars_of_a_step_whose_trigger_came_a_little_late_hold():
     """Derivatives left out that a motion as large as the signals moves with the motor: R 18 standard errors off, ok.
 
-    Of each parameter a chi-square number of as many degrees of freedom as seeds, whose limit a run exceeds by 2e-5.
+    Of each parameter a chi-square number of as many degrees of freedom as seeds, whose limit a run exceeds by 1e-5.
     """
     z = []
-    for seed in range(8):
+    for seed in range(5):
         recording = part(np.repeat([0.0, 9.0], [50, 300]), seed, slice(50 + 2, None))
         result = estimate_parameters(recording, workers=1)
         assert result.verdict == "ok" and result.effects == ("motion before the voltage",), result.reasons
         z.append(off(result))
-    assert (np.sum(np.square(z), axis=0) < 40.0).all(), z
+    assert (np.sum(np.square(z), axis=0) < 31.0).all(), z
     assert np.mean(np.square(z)) > 0.2, "nor are they too large"
 
 

@@ -111,6 +111,7 @@ def test_what_was_asked_of_late_is_not_simulated_again_and_cannot_be_changed_by_
         assert crew.simulations == before + 2
 
 
+@pytest.mark.full
 def test_an_estimate_holds_so_many_columns_of_all_rows_and_no_more():
     rows, outputs, free = 200_000, 2, len(TRUE)
     recording = switched(rows)

@@ -185,6 +185,7 @@ def noisy_at(sag, like):
     return recording_of("sag", like.time, np.where(k >= 500, 10.5, 0.0), shown, noise=(0.02, 1.0), seed=5)
 
 
+@pytest.mark.full
 def test_a_voltage_that_is_too_high_at_the_step_is_not_said_to_sag(case_of, brief):
     result = run(case_of(), noisy_at(-0.1, brief))
     assert result.verdict == "doubtful"

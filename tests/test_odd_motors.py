@@ -89,10 +89,8 @@ def test_a_motor_that_is_not_linear_is_found_and_its_parameters_are_right(effect
     assert found.verdict == "ok" and worst(found) < 4.5, (found.reasons, worst(found))
 
 
-SHORTEST = "fan load"  # left out, the others are looked for among all else: up to half a minute
-
-
-@pytest.mark.parametrize("effect", [pytest.param(e, marks=() if e == SHORTEST else pytest.mark.full) for e in MOTORS])
+@pytest.mark.full  # left out, all else is looked for: up to half a minute each
+@pytest.mark.parametrize("effect", MOTORS)
 def test_one_that_is_not_known_is_doubted_or_within_the_errors(effect, monkeypatch):
     monkeypatch.setenv("FMU_ESTIMATOR_WITHOUT", effect)
     found = run(bench(LEVELS, **MOTORS[effect]))

@@ -78,7 +78,7 @@ def test_a_recording_that_runs_already_is_limited_from_the_voltage_that_it_was_r
     assert off(result).max() < 4.5, result.parameters
 
 
-@pytest.mark.parametrize("speed", [0.0, 1.0])
+@pytest.mark.parametrize("speed", [0.0, pytest.param(1.0, marks=pytest.mark.full)])
 def test_a_recording_without_any_voltage_beside_levels_of_several_sizes_is_none_of_it(speed):
     """One that rests, or is braked: a ValueError."""
     rng, rows = np.random.default_rng(3), 300

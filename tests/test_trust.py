@@ -108,6 +108,7 @@ def test_an_eccentric_encoder_moves_no_k():
     assert found.parameters["K"].value == pytest.approx(CML050["K"], rel=share**2 / 20)
 
 
+@pytest.mark.full
 def test_a_friction_that_drifts_stands_for_its_mean_over_the_turns():
     """The rest before the voltage is no part of it: with half a second of it B was 0.6 % too large."""
     found = run(Bench(drift=0.05, lines=1000))
