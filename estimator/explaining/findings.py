@@ -81,12 +81,13 @@ def rival_in_words(
     ----------
     other_way : the rival whose recordings are read the other way, and both ways, that of the explanation first
     """
-    rival = told.explanation
+    rival, fit = told.explanation, explanation.fit
     instead = [a for a in rival.additions if a.name not in explanation.names()]
     replaced = [a for a in explanation.additions if a.name not in rival.names()]
     words, over = (" and ".join(_called(a) for a in part) or "nothing more" for part in (instead, replaced))
     sharp = all(a.effect.sharp for a in (*instead, *replaced))
-    remedy = "sample faster, or declare the sensor's filter" if sharp else "record two voltage levels, or measure it"
+    levels = "levels of the voltage that are further apart" if fit.simulator.plan.has_levels else "two voltage levels"
+    remedy = "sample faster, or declare the sensor's filter" if sharp else f"record {levels}, or measure it"
     what = f"{words} instead of {over}" if instead or replaced else "the same with other values"
     turned, ways = other_way
     if rival is turned:
@@ -95,7 +96,7 @@ def rival_in_words(
         what=what,
         parameters=_rival_parameters(rival.fit),
         differs_in=told.parameter,
-        estimated=float(explanation.fit.values[rival.fit.simulator.plan.names.index(told.parameter)]),
+        estimated=float(fit.values[rival.fit.simulator.plan.names.index(told.parameter)]),
         apart=told.apart,
         behind=told.behind,
         weight=told.weight,

@@ -26,8 +26,14 @@ def with_what_was_read(found: Estimate, plan: Plan) -> Estimate:
     if found.verdict == "refused":
         moved = any(o.excitation.kind != "none" for o in plan.observed)
         return found if found.comparisons or not moved else dataclasses.replace(found, comparisons=measured(plan))
-    verdict = "doubtful" if doubts else found.verdict
-    return dataclasses.replace(found, verdict=verdict, reasons=(*doubts, *found.reasons))
+    if not doubts:
+        return found
+    why = doubts[0]  # a unit that is not what it seems makes all of them wrong
+    parameters = {
+        name: dataclasses.replace(p, status="doubtful", reason=why) if p.status == "ok" else p
+        for name, p in found.parameters.items()
+    }
+    return dataclasses.replace(found, verdict="doubtful", parameters=parameters, reasons=(*doubts, *found.reasons))
 
 
 def what_was_read(plan: Plan) -> tuple[dict[str, Any], ...]:

@@ -313,7 +313,8 @@ def _found(plan: Plan, explained: Explained | None, statuses: Mapping[str, Param
             " and B 1 % too large), the resistance of the supply (a part of R)"
         )
         if others := _hidden(explained.not_visible):
-            notes.append(f"not visible if no larger than this: {', '.join(others)}; two voltage levels tell more")
+            remedy = "levels of the voltage that are further apart" if plan.has_levels else "two voltage levels"
+            notes.append(f"not visible if no larger than this: {', '.join(others)}; {remedy} tell more")
     return notes
 
 

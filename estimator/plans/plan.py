@@ -22,6 +22,8 @@ from estimator.recordings.understood import Understood
 
 FloatArray = NDArray[np.float64]
 
+PLAINLY = 0.2  # of the largest voltage: one that drives the motor, and how far apart two levels are
+
 
 @dataclass(frozen=True)
 class Observed:
@@ -177,6 +179,15 @@ class Plan:
         """Return the largest size of an output or input in the recordings, SI; 0 where there is none."""
         signals = [{**o.inputs, **o.outputs}.get(signal) for o in self.observed]
         return max((float(np.nanmax(np.abs(x))) for x in signals if x is not None), default=0.0)
+
+    @property
+    def has_levels(self) -> bool:
+        """Whether the motor is driven by voltages of several sizes, each for a while."""
+        voltages = [np.abs(o.inputs["v"]) for o in self.observed if "v" in o.inputs]
+        sizes = np.sort(np.concatenate([*voltages, np.zeros(1)]))
+        driven = sizes[sizes > PLAINLY * sizes[-1]]
+        few = len(driven) // 10
+        return bool(len(driven) and driven[-1 - few] - driven[few] > PLAINLY * driven[-1 - few])
 
     @property
     def outputs(self) -> tuple[str, ...]:
