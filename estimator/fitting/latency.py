@@ -25,6 +25,7 @@ ONSET_PART = 0.1  # of the largest change of the current per volt: likewise
 MEDIAN_OF = np.pi / 2  # variance of a median over that of a mean
 BEFORE = 5  # rows before a change, at least, in which the current has settled
 LEAST_SHIFT = 2  # rows by which a change must come later or earlier than the first
+LEAST_ORDERED = 4  # changes of which larger ones come later: of fewer that may be chance
 
 
 def edges_of(u: FloatArray, span: float | None = None) -> NDArray[np.int64]:
@@ -50,6 +51,9 @@ def _moved(o: Observed) -> tuple[Observed, str] | None:
     rest = np.zeros(o.rest)  # before a voltage that is on from the first row
     v, i = np.concatenate([rest, o.inputs["v"]]), filled(o.outputs["i"])
     i = np.concatenate([rest + i[0], i])
+    smooth = np.median(
+        [np.append(i[1:], i[-1]), i, np.append(i[0], i[:-1])], axis=0
+    )  # a sample that is off is no onset
     shown = np.concatenate([rest, o.outputs["i"]])
     edges = edges_of(v)
     edges = edges[edges <= len(v) - 4 * LEAST_SHIFT]  # the response to later ones is not recorded
@@ -63,18 +67,18 @@ def _moved(o: Observed) -> tuple[Observed, str] | None:
     late = []
     for a, b in zip(bounds[:-1], bounds[1:], strict=True):
         before = i[max(0, a - BEFORE) : a]
-        away = (i[a:b] - median(before)) / (v[a] - v[a - 1]) > level
+        away = (smooth[a:b] - median(before)) / (v[a] - v[a - 1]) > level
         away |= np.isnan(shown[a:b])  # saturated, or missing
         lasting = away[:-1] & away[1:]
         if not lasting.any():
             return None
         rows = max(0, int(np.argmax(lasting)) - 1)
-        settled = i[max(0, a - max(rows, BEFORE)) : a]
+        settled = smooth[max(0, a - max(rows, BEFORE)) : a]
         if abs(settled[-1] - settled[0]) > level * abs(v[a] - v[a - 1]):  # what comes then may be of the change before
             return None
         late.append(0 if _has_left(i[a : a + rows], before, v[a] - v[a - 1], noise) else rows)
     shift = np.array(late) - late[0]
-    if np.max(np.abs(shift)) < LEAST_SHIFT:
+    if np.max(np.abs(shift)) < LEAST_SHIFT or _grows_with_size(late, changes):
         return None
     command = np.full(len(v), v[0])
     for a, b, by in zip(bounds[:-1], bounds[1:], shift, strict=True):
@@ -86,6 +90,15 @@ def _moved(o: Observed) -> tuple[Observed, str] | None:
     return dataclasses.replace(
         o, inputs={**o.inputs, "v": command[o.rest :]}, delay=late[0] * h if late[0] else 0.0
     ), note
+
+
+def _grows_with_size(late: list[int], changes: FloatArray) -> bool:
+    """Whether larger changes of a voltage come later, each: it is one that follows its command at a limited rate.
+
+    Of latencies that know nothing of the changes one in n! does so.
+    """
+    by_size = [rows for _, rows in sorted(zip(changes.round(9).tolist(), late, strict=True))]
+    return len(late) >= LEAST_ORDERED and by_size == sorted(late)
 
 
 def _has_left(i: FloatArray, before: FloatArray, change: float, noise: float) -> bool:

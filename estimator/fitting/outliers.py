@@ -25,7 +25,8 @@ def held_down(fit: Fit, onsets: BoolArray) -> Fit:
     ----------
     onsets : (rows,) array
         Rows after edges: residuals there are a misfit of the response, and no outliers, but for those of a single
-        sample beyond all that is simulated near it: no delay and no filter shows that.
+        sample beyond what is simulated near it, or beyond both its neighbours where that only rises, or falls: no
+        delay and no filter shows that.
     """
     # As if no outlier had a lower weight yet.
     z = np.abs(fit.z.reshape(fit.shown.shape)) * np.sqrt(fit.whitener.inflate)
@@ -46,13 +47,22 @@ def held_down(fit: Fit, onsets: BoolArray) -> Fit:
         beside = np.where(steady, np.minimum(one, two), one)  # two neighbours in a transient may be a misfit
         alone = (beside < OUTLIER_BESIDE) | (own > 4 * beside)
         for k in np.flatnonzero(alone & onsets[far]):
-            near = shown[max(far[k] - NEAR, 0) : far[k] + NEAR + 1]
-            away = max(near.min() - fit.simulator.measured[far[k], j], fit.simulator.measured[far[k], j] - near.max())
-            alone[k] = one[k] < OUTLIER_BESIDE and away > OUTLIER * deviation[k]
+            away = _beyond(fit.simulator.measured[:, j], shown, int(far[k]))
+            alone[k] = (one[k] < OUTLIER_BESIDE or own[k] > 4 * one[k]) and away > OUTLIER * deviation[k]
         if fit.simulator.steps[j] > 0:  # a sensor's resolution is no outlier
             alone &= np.abs(np.nan_to_num(fit.residuals()[far, j])) > fit.simulator.steps[j]
         inflate[far[alone], j] = (T_FREEDOM + own[alone] ** 2) / (T_FREEDOM + 1)
     return dataclasses.replace(fit, whitener=dataclasses.replace(fit.whitener, inflate=inflate))
+
+
+def _beyond(measured: FloatArray, shown: FloatArray, k: int) -> float:
+    """Return by how much a sample is beyond what is simulated near it, or its neighbours in a response that goes on."""
+    near = shown[max(k - NEAR, 0) : k + NEAR + 1]
+    away = max(near.min() - measured[k], measured[k] - near.max())
+    rises, around = np.diff(near), measured[max(k - 1, 0) : k + 2 : 2]
+    if np.all(rises >= 0) or np.all(rises <= 0):
+        away = max(away, float(np.min(around)) - measured[k], measured[k] - float(np.max(around)))
+    return float(away)
 
 
 def _beside(z: FloatArray, at: NDArray[np.int64]) -> FloatArray:
