@@ -54,16 +54,23 @@ def _rivals(base: Simulator, effects: Sequence[Effect]) -> Callable[[str], Simul
             return None
         there = plan.on(bundled_model(name))
         own = [n for e in effects if e.fmu == name for n in e.nuisances(plan)]
-        own = [n for n in own if n.target in there.binding.own]
+        own += [n for e in effects for n in e.in_place_of_columns(plan)]
+        held = {n.name for n in base.nuisances}
+        own = [n for n in own if n.target in there.binding.own and n.name not in held]
         return Simulator(there, (*base.nuisances, *own), base.crew, base.sigma)
 
     return simulator
 
 
 def _in_place_of_columns(effects: Sequence[Effect], plan: Plan) -> list[Nuisance]:
-    """Return the nuisance parameters of effects that a plan's FMU, if it is one of the package's own, simulates."""
-    found = [n for e in effects for n in e.in_place_of_columns(plan)] if plan.description.is_bundled else []
-    return [n for n in found if n.target in plan.binding.own]
+    """Return the nuisance parameters of effects that a plan's FMU simulates, as one of the package's own does.
+
+    What moves from the first row is as large as the signals where a recording begins within a response. Elsewhere
+    columns do: they know what was before the first row, which an output shows that is late.
+    """
+    if not plan.description.is_bundled or not any(o.is_underway for o in plan.observed):
+        return []
+    return [n for e in effects for n in e.in_place_of_columns(plan) if n.target in plan.binding.own]
 
 
 def may_be_replaced(plan: Plan) -> bool:

@@ -24,10 +24,10 @@ MOST, SIZE = 20.0, 0.02  # of a channel's largest sample: bounds; a typical chan
 class StartingMotion(Effect):
     """Speed and current in the first row beyond the model's, rad/s and A.
 
-    In an FMU of the package they are where its simulation begins: dry friction brakes a motor that moves already, and
-    what moves is as large as the signals, so that its derivatives count. In others they are columns, and beside a drive
-    that opens the circuit at no voltage, as it may begin to do so with the first voltage only: the current before it
-    tells.
+    Of a recording that begins within a response, and in an FMU with modes, they are where the simulation begins, if the
+    FMU is one of the package's: what moves is as large as the signals, so that its derivatives count, and dry friction
+    brakes it. Elsewhere they are columns, and so beside a drive that opens the circuit at no voltage, as it may begin
+    to do so with the first voltage only: the current before it tells.
     """
 
     name: str = "motion before the voltage"
