@@ -139,7 +139,8 @@ def _excluded(simulator: Simulator, name: str) -> tuple[str, ...]:
 def _seen(effect: Effect, known: Mapping[str, float], simulator: Simulator) -> list[Addition]:
     """Return the additions that the recordings show before any fit, each with all of its numbers."""
     found = []
-    for name in (n for n in known if "#" not in n):
-        free = () if simulator.nuisance(name).whole else tuple(n for n in known if n.partition("#")[0] == name)
+    stems = {n: stem if (stem := n.rpartition("#")[0]) in known else n for n in known}
+    for name in dict.fromkeys(stems.values()):
+        free = () if simulator.nuisance(name).whole else tuple(n for n, stem in stems.items() if stem == name)
         found.append(Addition(effect, name, max(1, len(free)), np.inf, free=free))
     return found

@@ -30,10 +30,8 @@ FALLS = 0.02  # of its speed: a motor that coasts loses more, from one half to t
 SURE = 10.0  # standard errors of that fall, of speed and of voltage
 AGREES, LEAST_APART = 4.0, 2e-3  # standard errors; parts: a smaller difference is within the sensors' gains
 ON = 0.1  # of the largest voltage
-SHOWN_ON, JUMPS = (
-    3,
-    3.0,
-)  # rows in which a sensor shows what has ended, at most; largest changes after a jump of voltage
+SHOWN_ON = 3  # rows in which a sensor shows a current that has ended, at most
+JUMPS = 3.0  # times the largest change of the voltage in the rows behind: a jump
 
 
 @dataclass(frozen=True)

@@ -134,9 +134,8 @@ class Selection:
                 best = self.without_idle(self.grown(shaken, self.effects))
             if (formed := self.reshaped(best)) is not best:
                 best = self.without_idle(formed)
-            twins = [
-                e for e in self.mirrored(best, limit=best.fit.cost) if not e.names() > best.names()
-            ]  # one with more is a rival
+            twins = self.mirrored(best, limit=best.fit.cost)
+            twins = [e for e in twins if not e.names() > best.names()]  # one with more is a rival
             best = min([best, *twins], key=lambda e: e.fit.cost)
         fine = with_fine_filters(best.fit)[0] if best.fit.simulator is self.tests.base else best.fit
         return self.at_best(dataclasses.replace(best, fit=fine))

@@ -51,9 +51,8 @@ def _moved(o: Observed) -> tuple[Observed, str] | None:
     rest = np.zeros(o.rest)  # before a voltage that is on from the first row
     v, i = np.concatenate([rest, o.inputs["v"]]), filled(o.outputs["i"])
     i = np.concatenate([rest + i[0], i])
-    smooth = np.median(
-        [np.append(i[1:], i[-1]), i, np.append(i[0], i[:-1])], axis=0
-    )  # a sample that is off is no onset
+    around = np.concatenate([i[:1], i, i[-1:]])
+    smooth = np.median([around[:-2], i, around[2:]], axis=0)  # a single sample that is off is no onset
     shown = np.concatenate([rest, o.outputs["i"]])
     edges = edges_of(v)
     edges = edges[edges <= len(v) - 4 * LEAST_SHIFT]  # the response to later ones is not recorded
