@@ -302,6 +302,7 @@ def test_the_table_of_the_parameters_makes_the_case_that_it_shows(workspace):
         ({"fmu": "none.fmu"}, "none.fmu"),
         ({"fmu": "dc_motor", "kind": "x"}, "kind cannot be 'x'"),
         (3, "a change must be an object"),
+        ({"record": []}, "a case has no part 'record'; did you mean 'recordings'"),
     ],
 )
 def test_a_change_that_cannot_be_is_told_and_leaves_the_case_as_it_was(workspace, folder, changes, sentence):

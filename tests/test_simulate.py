@@ -51,6 +51,12 @@ def test_instants_are_the_floats_that_are_written_shortest(step):
     assert len(shown) == 3001 and max(len(text.split("e")[0]) for text in shown) <= 8
 
 
+def test_more_samples_than_any_table_holds_are_refused_at_once(capsys):
+    assert main(["simulate", "dc_motor", "--stop", "1e9"]) == 2
+    told = " ".join(capsys.readouterr().err.split())
+    assert "1e+09 s in steps of 0.001 s are 1e+12 samples" in told and "give a longer --step" in told
+
+
 def signals(causality, count):
     row = '<ScalarVariable name="{0}{1}" valueReference="{2}" causality="{0}" variability="continuous"><Real{3}/>'
     reference, start = (7, "") if causality == "output" else (6, ' start="0"')

@@ -113,10 +113,15 @@ def test_a_start_of_what_is_no_parameter_is_said(folder):
         estimate(read_case(case(folder, search="starts = [{ rat = 50 }]")))
 
 
+def test_a_start_outside_its_bounds_is_said(folder):
+    with pytest.raises(InputError, match=r"the start rate = -1 lies outside its bounds "):
+        estimate(read_case(case(folder, search="starts = [{ rate = -1 }]")))
+
+
 def test_a_file_without_a_start_is_said(tmp_path):
     (tmp_path / "other.csv").write_text("R,K\n3,0.05\n")
     with pytest.raises(InputError, match=r"other.csv holds no start: no column is called as a free parameter \(rate\)"):
-        values_of([str(tmp_path / "other.csv")], ["rate"], ["rate"])
+        values_of([str(tmp_path / "other.csv")], {"rate": (0.0, 9.0)}, ())
     (tmp_path / "other.json").write_text('{"parameters": 3}')
     with pytest.raises(InputError, match="other.json is no result of an estimate"):
         read_starts(tmp_path / "other.json")

@@ -29,7 +29,7 @@ from estimator.cases.case import Case, RunSpec, read_case
 from estimator.cases.init_case import case_text
 from estimator.cases.si_units import in_si_units
 from estimator.cases.written_case import write_case
-from estimator.errors import EstimatorError, InputError
+from estimator.errors import EstimatorError, InputError, suggestion
 from estimator.fmus.fmu import FmuDescription, describe, with_kind
 from estimator.fmus.probe import driven
 from estimator.motor.names import has_motor
@@ -44,6 +44,7 @@ from estimator.recordings.read_as import AS_WRITTEN, ReadAs
 from estimator.recordings.recording import Recording
 
 KEPT_RECORDINGS = 12
+PARTS = ("recordings", "fmu", "kind", "mapping", "parameters", "search")  # of a case, that the page changes
 BARE = (  # ways to read a file that lacks something, with any clock
     (ReadAs(rate=1.0), ("time",)),
     (ReadAs(rate=1.0, columns={"v": "1"}), ("header", "time")),
@@ -93,6 +94,9 @@ class Workspace:
         """
         if not isinstance(changes, Mapping):
             raise InputError("a change must be an object")
+        unknown = [key for key in changes if key not in PARTS]
+        if unknown:
+            raise InputError(f"a case has no part {unknown[0]!r}{suggestion(str(unknown[0]), PARTS)}")
         with self.lock:
             if revision != self.revision:
                 raise Outdated

@@ -10,7 +10,7 @@ from __future__ import annotations
 import csv
 import json
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -23,34 +23,39 @@ Start = Mapping[str, float] | str  # values in SI units, or a file's absolute pa
 REFUSED = ("refused", "failed")
 
 
-def values_of(starts: Iterable[Start], names: Sequence[str], known: Sequence[str]) -> list[dict[str, float]]:
+def values_of(
+    starts: Iterable[Start], reach: Mapping[str, tuple[float, float]], fixed: Collection[str]
+) -> list[dict[str, float]]:
     """Return every start as parameter → value, SI, those of files read.
 
     Parameters
     ----------
-    names : the free parameters
-    known : these, and others that a start may name, which are held
+    reach : each free parameter's bounds, SI; a table's values beyond them are left to whoever searches
+    fixed : others that a start may name, which are held
 
     Raises
     ------
     InputError
-        A start names what is no parameter, or a file holds no value of one.
+        A start names what is no parameter or is beyond its bounds, or a file holds no value of one.
     """
     found: list[dict[str, float]] = []
     for start in starts:
         if isinstance(start, str):
-            rows = [{n: x for n, x in row.items() if n in names} for row in read_starts(Path(start))]
+            rows = [{n: x for n, x in row.items() if n in reach} for row in read_starts(Path(start))]
             rows = [row for row in rows if row]
             if not rows:
                 raise InputError(
-                    f"{Path(start).name} holds no start: no column is called as a free parameter ({', '.join(names)})"
+                    f"{Path(start).name} holds no start: no column is called as a free parameter ({', '.join(reach)})"
                 )
             found += rows
             continue
-        for name in start:
-            if name not in known:
-                raise InputError(f"a start is given for {name!r}, which is no parameter{suggestion(name, names)}")
-        found.append({n: x for n, x in start.items() if n in names})
+        for name, value in start.items():
+            if name not in reach and name not in fixed:
+                raise InputError(f"a start is given for {name!r}, which is no parameter{suggestion(name, reach)}")
+            low, high = reach.get(name, (value, value))
+            if not low <= value <= high:
+                raise InputError(f"the start {name} = {value:g} lies outside its bounds {low:g} to {high:g}")
+        found.append({n: x for n, x in start.items() if n in reach})
     return found
 
 

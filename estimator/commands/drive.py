@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimator.errors import FmuError, RecordingError, suggestion
+from estimator.errors import FmuError, InputError, RecordingError, suggestion
 from estimator.recordings.motor_columns import motor_columns
 from estimator.recordings.reading import read_recording
 from estimator.results.result import FloatArray
@@ -18,13 +18,26 @@ if TYPE_CHECKING:
     from estimator.fmus.variable import Variable
 
 VOLTAGE_NAMES = ("v", "u", "voltage")  # of an input without a unit
+MOST_INSTANTS = 20_000_000  # of one simulation: some 2 GB of text
 
 
 def instants(*, stop: float, step: float) -> FloatArray:
-    """Return the sampling instants 0, step, …, stop, shape (n,), in s: each the float nearest to k times the step."""
-    exact = Fraction(repr(step))
-    count = int(np.floor(stop / step + 1e-6)) + 1
-    return np.array([float(k * exact) for k in range(count)])
+    """Return the sampling instants 0, step, …, stop, shape (n,), in s: each the float nearest to k times the step.
+
+    Raises
+    ------
+    InputError
+        There are more than a simulation may have.
+    """
+    numerator, denominator = Fraction(repr(step)).as_integer_ratio()
+    whole = stop / step
+    if whole >= MOST_INSTANTS:
+        raise InputError(
+            f"{stop:g} s in steps of {step:g} s are {whole:.3g} samples, more than {MOST_INSTANTS:,}; "
+            "give a longer --step or a shorter --stop"
+        )
+    count = int(np.floor(whole + 1e-6)) + 1
+    return np.fromiter((k * numerator / denominator for k in range(count)), float, count)  # of integers: rounded once
 
 
 def stepped_voltage(times: FloatArray, *, level: float, at: float) -> FloatArray:

@@ -138,10 +138,15 @@ class _Attempts:
         return polish, explained
 
     def _given_starts(self, start: FloatArray) -> list[FloatArray]:
-        """Return the user's further starts, within the bounds; of many those that fit best."""
+        """Return the user's further starts, those of tables brought within the bounds; of many those that fit best."""
         parameters, box = self.plan.parameters, self.problem.box
-        names = [n for p in parameters for n in dict.fromkeys((p.name, p.quantity)) if n]
-        rows = values_of(self.plan.case.search.starts, names, (*names, *self.plan.fixed))
+        reach = {
+            name: (float(low), float(high))
+            for p, low, high in zip(parameters, box.lower, box.upper, strict=True)
+            for name in (p.name, p.quantity)
+            if name
+        }
+        rows = values_of(self.plan.case.search.starts, reach, self.plan.fixed)
         usual = start.tolist()
         points = [
             [row.get(p.name, row.get(p.quantity, x)) for p, x in zip(parameters, usual, strict=True)] for row in rows
