@@ -96,7 +96,7 @@ def interrupt_again(lost: sys.UnraisableHookArgs) -> None:
 
 def _run(args: argparse.Namespace) -> int:
     """Run the command; turn whatever goes wrong into a sentence and an exit status."""
-    from estimator.errors import EstimatorError, InputError
+    from estimator.errors import EstimatorError, InputError, is_build_error
 
     try:
         return int(args.run(args))
@@ -120,7 +120,7 @@ def _run(args: argparse.Namespace) -> int:
     except MemoryError:
         return _failed(args, "not enough memory; make it shorter, or give fewer --workers", status=FAILED)
     except Exception as error:
-        if _is_build_error(error):
+        if is_build_error(error):
             return _failed(args, str(error), status=BAD_INPUT)
         remedy = "" if os.environ.get(DEBUG) else f"; set {DEBUG}=1 to see where"
         return _failed(args, f"internal error, {type(error).__name__}: {error}{remedy}", status=FAILED)
@@ -140,9 +140,3 @@ def _failed(args: argparse.Namespace, sentence: str, *, status: int) -> int:
         with contextlib.suppress(StdoutClosed, StdoutFull):
             say(refusal_json(sentence, method=args.method, seed=args.seed))
     return status
-
-
-def _is_build_error(error: Exception) -> bool:
-    from fmu_build.errors import BuildError
-
-    return isinstance(error, BuildError)

@@ -42,6 +42,13 @@ class SimulationError(EstimatorError, RuntimeError):
     """The FMU failed while it was simulated."""
 
 
+def is_build_error(error: Exception) -> bool:
+    """Whether the building of an FMU failed, which is loaded where one is built."""
+    from fmu_build.errors import BuildError
+
+    return isinstance(error, BuildError)
+
+
 def to_install(extra: str) -> str:
     """Say how what an extra of this package brings is installed."""
     return f"install it with: pip install 'fmu-estimator[{extra}]'"

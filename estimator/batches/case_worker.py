@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any
 from estimator.cases.case import Case
 from estimator.cases.expectation import Check, checks
 from estimator.cases.nameplate import QUANTITIES, plate_checks, plate_values
-from estimator.errors import EstimatorError, InputError, SimulationError
+from estimator.errors import EstimatorError, InputError, SimulationError, is_build_error
 
 if TYPE_CHECKING:
     from estimator.estimating.checkpoint import Journal, JournalledWorkers
@@ -102,7 +102,7 @@ class CaseWorker:
             self.close()
             if os.environ.get(DEBUG):
                 sys.excepthook(*sys.exc_info())
-            if _is_build_error(error):
+            if is_build_error(error):
                 outcome = failed(task, str(error), final=False)
             else:
                 outcome = failed(task, f"internal error, {type(error).__name__}: {error}", final=False)
@@ -249,12 +249,6 @@ def _who(task: Task) -> dict[str, Any]:
 
 def _finite(value: float) -> float | None:
     return value if abs(value) < float("inf") else None
-
-
-def _is_build_error(error: Exception) -> bool:
-    from fmu_build.errors import BuildError
-
-    return isinstance(error, BuildError)
 
 
 def main() -> None:

@@ -119,14 +119,15 @@ def _read(table: Table, key: str) -> tuple[Start, ...]:
     for entry in entries:
         if isinstance(entry, str):
             found.append(str(Table(table.document, table.way, {key: entry}).file(key, what="table of starts")))
-        elif isinstance(entry, dict) and entry and all(_is_number(x) for x in entry.values()):
+        elif isinstance(entry, dict) and entry and all(is_number(x) for x in entry.values()):
             found.append({name: float(x) for name, x in entry.items()})
         else:
             table.fail((key,), f"{table.full(key)} must be files, or values such as {{ R = 3, K = 0.05 }}")
     return tuple(found)
 
 
-def _is_number(value: Any) -> bool:
+def is_number(value: Any) -> bool:
+    """Whether what JSON or TOML holds is a finite number."""
     return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
 
 

@@ -12,6 +12,7 @@ What is found, in this order:
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -45,9 +46,9 @@ def read_mat(path: Path, head: bytes) -> Columns:
     if found := _structure_with_time(content):
         return on_one_clock(path, found)
     groups = [group for _, group in _groups(content, ())]
-    for reading in (_own_clocks, _vectors, _matrix):
+    for reading in (_own_clocks, _vectors, partial(_matrix, path)):
         for group in groups:
-            signals = reading(path, group)
+            signals = reading(group)
             if signals:
                 return on_one_clock(path, signals)
     if objects:
@@ -177,7 +178,7 @@ def _entries(signals: Any) -> list[Mapping[str, Any]]:
     return [entry for entry in np.ravel(np.asarray(signals, dtype=object)).tolist() if isinstance(entry, Mapping)]
 
 
-def _own_clocks(path: Path, group: Mapping[str, Any]) -> list[Signal]:
+def _own_clocks(group: Mapping[str, Any]) -> list[Signal]:
     """Return signals that bring their own clocks: structures of Time and Data, or two columns."""
     found = []
     for name, value in group.items():
@@ -200,7 +201,7 @@ def _own_clocks(path: Path, group: Mapping[str, Any]) -> list[Signal]:
     return found if len(found) > 1 else []
 
 
-def _vectors(path: Path, group: Mapping[str, Any]) -> list[Signal]:
+def _vectors(group: Mapping[str, Any]) -> list[Signal]:
     """Return the vectors that are as long as the time."""
     vectors = {name: v for name, value in group.items() if (v := _vector(value)) is not None and len(v) >= MIN_ROWS}
     clock = _clock(list(vectors))

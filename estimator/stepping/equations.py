@@ -91,7 +91,7 @@ def equations_of(fmu: Any, job: JobLayout, *, callbacks: Any, log: Log, stepper:
         horizon=float("inf"),
         callbacks=ctypes.addressof(callbacks),
         log=ctypes.addressof(log),
-        log_message=_address(stepper.stepper_log3),
+        log_message=address(stepper.stepper_log3),
         words=ctypes.addressof(log) + Log.last.offset,
         location=Path(job.folder).resolve().as_uri().encode(),
     )
@@ -100,11 +100,11 @@ def equations_of(fmu: Any, job: JobLayout, *, callbacks: Any, log: Log, stepper:
         function = fmu.dll.find(prefix + name)
         if function is None and field not in OPTIONAL:
             function = stepper.stepper_missing
-        setattr(found, field, _address(function))
+        setattr(found, field, address(function))
     for name, k in SETTING_TYPES.items():
-        found.set_other[k] = _address(fmu.dll.find(f"{prefix}Set{name}"))
+        found.set_other[k] = address(fmu.dll.find(f"{prefix}Set{name}"))
     for k, function in enumerate(_sundials()):
-        found.sundials[k] = _address(function)
+        found.sundials[k] = address(function)
     return found
 
 
@@ -118,5 +118,6 @@ def _sundials() -> list[Any]:
         return []
 
 
-def _address(function: Any) -> int | None:
+def address(function: Any) -> int | None:
+    """Return where a function of a library begins."""
     return None if function is None else ctypes.cast(function, c_void_p).value

@@ -14,7 +14,7 @@ from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
 
-from estimator.stepping.equations import equations_of
+from estimator.stepping.equations import address, equations_of
 from estimator.stepping.fmu_library import CO_SIMULATION, co_simulation_library
 from estimator.stepping.layout import DescentLayout, ExperimentLayout, FitsLayout, JobLayout, Placing, positions
 from estimator.stepping.library import STEPPER
@@ -203,7 +203,7 @@ class FmuInstance:
             self._slow.first_setting = ctypes.addressof(self.settings)
             self._slow.setting_size = ctypes.sizeof(SettingStruct)
             for name, function in self._slow.functions.items():
-                setattr(fmu, name, _address(function))
+                setattr(fmu, name, address(function))
             return fmu
         if job.version.startswith("3"):
             fmu.resources = f"{resources}/".encode()
@@ -221,18 +221,18 @@ class FmuInstance:
             self._fmi3 = self._fmi3_functions(dll)
             self.stepper.stepper_adapt(ctypes.byref(fmu), ctypes.byref(self._fmi3))
             return fmu
-        for field, address in _fmi2_functions(dll).items():
-            setattr(fmu, field, address)
+        for field, where in _fmi2_functions(dll).items():
+            setattr(fmu, field, where)
         if job.interpolates:
-            fmu.set_derivatives = _address(getattr(dll, "fmi2SetRealInputDerivatives", None))
+            fmu.set_derivatives = address(getattr(dll, "fmi2SetRealInputDerivatives", None))
         return fmu
 
     def _fmi3_functions(self, dll: Any) -> Fmi3Struct:
-        functions = Fmi3Struct(log=ctypes.addressof(self.log), log_message=_address(self.stepper.stepper_log3))
+        functions = Fmi3Struct(log=ctypes.addressof(self.log), log_message=address(self.stepper.stepper_log3))
         for field, name in FMI3_FUNCTIONS.items():
-            setattr(functions, field, _address(getattr(dll, f"fmi3{name}")))
+            setattr(functions, field, address(getattr(dll, f"fmi3{name}")))
         for name, k in SETTING_TYPES.items():
-            functions.set_other[k] = _address(getattr(dll, f"fmi3Set{name}", None)) if k else None
+            functions.set_other[k] = address(getattr(dll, f"fmi3Set{name}", None)) if k else None
         return functions
 
     def _tell(self, words: str) -> None:
@@ -327,8 +327,8 @@ def _resources(folder: str) -> Path:
 @cache
 def _fmi2_functions(dll: Any) -> dict[str, int | None]:
     """Return the addresses of a library's functions of FMI 2.0; None: it has no such setter."""
-    found = {field: _address(getattr(dll, f"fmi2{name}")) for field, name in FMI2_FUNCTIONS.items()}
-    return found | {field: _address(getattr(dll, f"fmi2{name}", None)) for field, name in FMI2_SETTERS.items()}
+    found = {field: address(getattr(dll, f"fmi2{name}")) for field, name in FMI2_FUNCTIONS.items()}
+    return found | {field: address(getattr(dll, f"fmi2{name}", None)) for field, name in FMI2_SETTERS.items()}
 
 
 @cache
@@ -340,12 +340,8 @@ def native_callbacks(stepper: ctypes.CDLL, log: Log) -> CallbacksStruct:
     """Return FMI 2 callbacks that never enter Python: the stepper's logger, the C library's memory functions."""
     c = _c_library()
     return CallbacksStruct(
-        logger=_address(stepper.stepper_log),
-        allocate_memory=_address(c.calloc),
-        free_memory=_address(c.free),
+        logger=address(stepper.stepper_log),
+        allocate_memory=address(c.calloc),
+        free_memory=address(c.free),
         environment=ctypes.addressof(log),
     )
-
-
-def _address(function: Any) -> int | None:
-    return None if function is None else ctypes.cast(function, c_void_p).value

@@ -15,13 +15,14 @@ from estimator.fitting.motor_response import COASTS, ONE_WAY
 from estimator.fitting.simulator import Nuisance, per_recording
 from estimator.plans.plan import Observed, Plan
 from estimator.recordings.excitation import input_noise, noise_deviation
-from estimator.recordings.samples import filled, median, told_once
+from estimator.recordings.samples import filled, median, median_of_known, told_once
 
 DRIVE = "dc_motor_drive"
 ROUNDED = "rounded brush drop"  # the effect that stands in the place of a drop of brushes as it is
 MOST_SAG = 0.4  # of the voltage at the largest current: more is an overload, or the winding's resistance
 TRIED = 0.005  # of a usual size: so near signals change in proportion
 ONE_SIZE = 0.01  # voltages that differ by less, in parts, are of one size
+_usual = told_once(median_of_known)  # each of these effects asks for that of the current
 PLATEAU, HELD_ROWS, ABOVE = 3.0, 8, 1.2  # deviations; rows; times the usual current: a current that stays at its peak
 
 
@@ -46,12 +47,6 @@ def _torque(plan: Plan) -> float:
     else:  # a tenth of the current at standstill
         usual = 0.1 * plan.largest("v") / plan.guess.get("R", np.inf)
     return plan.guess.get("K", 0.0) * usual
-
-
-@told_once
-def _usual(y: NDArray[np.float64]) -> float:
-    """Return the median of the samples, (n,), that are there: each of these effects asks for that of the current."""
-    return median(y[~np.isnan(y)])
 
 
 @dataclass(frozen=True)
