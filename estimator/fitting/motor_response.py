@@ -26,6 +26,7 @@ FloatArray = NDArray[np.float64]
 SEATS = {"i": 0, "w": 1, "angle": 2}
 COASTS = "coasts"  # 1: the drive opens the circuit where its command is zero
 ONE_WAY = "one_way"  # 1: the drive lets no current flow back
+FINELY = 8  # parts of a row, where the voltage moves within it
 NO_CURRENT = 1e-3  # of the largest: less is none, where no current flows back
 
 
@@ -302,6 +303,36 @@ def held_for_wave(fit: Fit, clock: Clock, frequency: float) -> tuple[FloatArray,
     waves = np.exp(turning * clock.time)[:, None] * held
     voltage, torque = (np.column_stack([wave.real, wave.imag]) for wave in waves.T)
     return voltage, torque
+
+
+def response_within_rows(fit: Fit, change: FloatArray) -> FloatArray:
+    """Return the change of the sensors' signals, (rows, q), by a voltage that moves on a line within each row, as late.
+
+    Parameters
+    ----------
+    change : (rows,) array
+        By how much from the row to the next, V; its mean over each row is none.
+    """
+    s, values = fit.simulator, motor_values(fit)
+    assert values is not None
+    opens, result = _opens(fit), np.zeros((s.rows, len(s.outputs)))
+    line = (np.arange(FINELY) + 0.5) / FINELY - 0.5
+    for e, clock in enumerate(s.clocks):
+        h = clock.step / FINELY
+        voltage = _moved((change[clock.rows][:, None] * line).ravel(), round(fit.delay(e) / h))
+        open_parts = np.repeat(opens[clock.rows], FINELY)
+        states = _driven(values, h, [voltage[:, None], None], open_parts, np.zeros((2, 1)), None)[:, :, 0]
+        for j, y in enumerate(s.outputs):
+            own = states[:, SEATS[y]] if y != "angle" else np.cumsum(states[:, SEATS["w"]]) * h
+            own = _moved(own, round(channel_delay(s, fit.value, y) / h))
+            acts = [n for n in s.nuisances if n.output == y and n.act and fit.value(n.name) != n.neutral]
+            for n in (n for n in acts if n.between):
+                own = n.act(own, fit.value(n.name), h)
+            own = own[::FINELY]
+            for n in (n for n in acts if not n.between):
+                own = n.act(own, fit.value(n.name), clock.step)
+            result[clock.rows, j] = own
+    return result
 
 
 @lru_cache(maxsize=64)

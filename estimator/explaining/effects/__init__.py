@@ -50,6 +50,7 @@ from estimator.explaining.effects.voltage_offset import VoltageOffset
 from estimator.explaining.effects.voltage_ramp import VoltageRamp
 from estimator.explaining.effects.voltage_rise import VoltageRise
 from estimator.explaining.effects.voltage_transient import VoltageTransient
+from estimator.explaining.effects.voltage_within_rows import VoltageWithinRows
 
 EFFECTS: tuple[Effect, ...] = (
     Delay(),
@@ -96,6 +97,7 @@ EFFECTS: tuple[Effect, ...] = (
     VoltageRise(),
     VoltageRamp(),
     SlewLimit(),
+    VoltageWithinRows(),
     LostRows(),
 )
 
