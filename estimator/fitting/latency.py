@@ -13,12 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.plans.plan import Observed, Plan
-from estimator.recordings.excitation import noise_deviation
+from estimator.recordings.excitation import input_noise, noise_deviation
 from estimator.recordings.samples import filled, median
 
 FloatArray = NDArray[np.float64]
 
 EDGE = 0.05  # of an input's range: a larger change is an edge
+ABOVE_NOISE = 8.0  # deviations of an input's noise, which a change of an edge exceeds, too
 MOST_EDGES = 12  # in a recording; more are a signal, not levels
 ONSET_NOISE = 6.0  # deviations of the noise: a larger change of the current is an onset
 ONSET_PART = 0.1  # of the largest change of the current per volt: likewise
@@ -29,9 +30,13 @@ LEAST_ORDERED = 4  # changes of which larger ones come later: of fewer that may 
 
 
 def edges_of(u: FloatArray, span: float | None = None) -> NDArray[np.int64]:
-    """Return the rows at which an input, (n,), has changed by much of its span, its own if none is given."""
+    """Return the rows at which an input, (n,), has changed by much of its span, its own if none is given.
+
+    A controller passes a sensor's noise on to its output: rows that the noise itself selects are no edges.
+    """
     span = float(np.ptp(u)) if span is None else span
-    return np.flatnonzero(np.abs(np.diff(u)) > EDGE * max(span, 1e-300)) + 1
+    least = max(EDGE * span, ABOVE_NOISE * input_noise(u), 1e-300)
+    return np.flatnonzero(np.abs(np.diff(u)) > least) + 1
 
 
 def with_latencies(plan: Plan) -> tuple[Plan, tuple[str, ...]]:

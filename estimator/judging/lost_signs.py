@@ -40,7 +40,7 @@ def _of_direction(o: Observed) -> list[str]:
         steady = [rows for rows in _driven_backwards(v) if _runs_steadily(w[rows], largest)]
         name, signal, other = "w", "speed", f"the voltage goes down to {np.min(v):.4g} V"
     elif float(np.min(v)) >= 0:
-        steady = [rows for rows in _driven_backwards(w) if _runs_steadily(w[rows], largest)]
+        steady = [rows for rows in _driven_backwards(w) if _runs_steadily(-w[rows], largest)]
         name, signal, other = "v", "voltage", f"the speed goes down to {np.min(w):.4g} rad/s"
     else:
         return []
@@ -63,11 +63,11 @@ def _driven_backwards(signal: FloatArray) -> list[slice]:
 
 
 def _runs_steadily(w: FloatArray, largest: float) -> bool:
-    """Whether a motor runs in some rows, (n,), for a while at a speed that hardly changes."""
+    """Whether a motor runs forwards in some rows, (n,), for a while at a speed that hardly changes."""
     part = len(w) // PARTS
     means = np.mean(w[: part * PARTS].reshape(PARTS, part), axis=1)
     steady = np.abs(np.diff(means)) < SETTLED * largest
-    return bool(np.any(steady & (np.abs(means[1:]) > RUNS * largest)))
+    return bool(np.any(steady & (means[1:] > RUNS * largest)))
 
 
 def _of_current(o: Observed) -> list[str]:

@@ -228,7 +228,7 @@ def _resistance(plan: Plan, values: Mapping[str, float]) -> float:
 
 
 def _small_inductance(plan: Plan, values: Mapping[str, float]) -> str:
-    h = plan.observed[0].recording.step
+    h = plan.shortest_step
     R = _resistance(plan, values)
     about = (
         f"L/R is about {time_constant(R, values['L']):.2g} s against a sampling interval of"
@@ -244,7 +244,7 @@ def _fast(plan: Plan, values: Mapping[str, float]) -> list[str]:
     if not is_motor(known):
         return []
     rates = poles(known)
-    h = max(o.recording.step for o in plan.observed)
+    h = plan.shortest_step  # a slower recording beside it takes nothing away
     frequency = float(np.max(np.abs(rates.imag)))
     if frequency * h > np.pi:
         return [

@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 
 from estimator.explaining.effects.base import Effect
 from estimator.fitting.fit import Fit, Linear
-from estimator.fitting.latency import EDGE
+from estimator.fitting.latency import edges_of
 from estimator.fitting.motor_response import late_response, motor_values
 from estimator.plans.part import LONG
 from estimator.plans.plan import Plan
-from estimator.recordings.excitation import input_noise
 
 FloatArray = NDArray[np.float64]
 
@@ -23,7 +22,6 @@ LEAST_PART, MOST_PART = 0.3, 2.0  # of all of it: a quiet voltage tells the part
 LEAST_NOISE = 1e-6  # of the largest voltage: less is rounding
 LEAST_ROWS = 20  # of a level for each signal that its voltage may follow
 ALL_OF_IT, FAR = 0.05, 4.0  # from 1, absolute and in standard errors: all of the noise is the sensor's
-ABOVE_NOISE = 8.0  # deviations: a larger change of a noisy voltage is an edge
 MOST_CHANGES = 3000  # levels, at most: more are a signal
 MOST_LEVELS = 60  # of all recordings, whose voltages have errors of their own: of more levels they average out
 MOVES = 3e-3  # of a signal's largest: what moves less in a level is the response to the voltage's noise
@@ -142,8 +140,7 @@ def noise_of(u: FloatArray, shown: FloatArray) -> FloatArray:
 
 def levels_of(u: FloatArray) -> list[slice]:
     """Return the rows of each level of a voltage, (n,)."""
-    least = max(EDGE * float(np.ptp(u)), ABOVE_NOISE * input_noise(u), 1e-300)
-    jumps = (np.flatnonzero(np.abs(np.diff(u)) > least) + 1).tolist()
+    jumps = edges_of(u).tolist()
     return [slice(first, last) for first, last in zip([0, *jumps], [*jumps, len(u)], strict=True)]
 
 
