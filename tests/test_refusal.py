@@ -111,6 +111,15 @@ def test_a_speed_or_a_voltage_without_its_sign_where_the_motor_turns_back(case_o
     assert run(case_of(), made(short, held_response(CML050, short, step=1e-3))).verdict == "ok"
 
 
+def test_a_coarse_encoder_that_turns_back_has_its_sign(case_of):
+    """Its counts, 63 rad/s each, were taken for the noise of a speed that is never negative."""
+    voltage = np.repeat([0.0, 10.0, 4.0, 8.0, -5.0], [100, 250, 250, 250, 250])
+    shown = held_response(CML050, voltage, step=1e-3)
+    count = 2 * np.pi / 100
+    shown[:, 1] = np.diff(np.floor(np.cumsum(shown[:, 1]) * 1e-3 / count + 0.3), prepend=0.0) * count / 1e-3
+    assert run(case_of(), made(voltage, shown, noise=(0.02, 0))).verdict != "refused"
+
+
 @pytest.mark.parametrize("late", [0, 3])
 def test_a_current_without_its_sign_where_the_motor_brakes(case_of, late):
     """What braked it was shown as what drives it: R and K were told by the bounds of the case."""

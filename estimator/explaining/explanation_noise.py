@@ -97,7 +97,7 @@ def with_jitter(explanation: Explanation, differenced: FloatArray) -> Explanatio
     found = []
     for noise in (grows, dataclasses.replace(grows, growth=np.zeros_like(grows.growth), running=None)):
         whitener = fit.whitener.of(noise)
-        deviation = noise.deviation(whitener.level, whitener.moving)
+        deviation = whitener.deviation()
         fine = (fit.simulator.steps == 0) & (differenced == 0)  # quantised signals have other errors
         slope = np.where(whitener.present & fine, whitener.slope / deviation, 0.0)
         z = refreshed(fit, whitener).z.reshape(slope.shape)

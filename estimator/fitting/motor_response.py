@@ -325,12 +325,14 @@ def response_within_rows(fit: Fit, change: FloatArray) -> FloatArray:
         for j, y in enumerate(s.outputs):
             own = states[:, SEATS[y]] if y != "angle" else np.cumsum(states[:, SEATS["w"]]) * h
             own = _moved(own, round(channel_delay(s, fit.value, y) / h))
-            acts = [n for n in s.nuisances if n.output == y and n.act and fit.value(n.name) != n.neutral]
-            for n in (n for n in acts if n.between):
-                own = n.act(own, fit.value(n.name), h)
+            acts = [(n, n.act) for n in s.nuisances if n.output == y and fit.value(n.name) != n.neutral]
+            for n, act in acts:
+                if n.between and act is not None:
+                    own = act(own, fit.value(n.name), h)
             own = own[::FINELY]
-            for n in (n for n in acts if not n.between):
-                own = n.act(own, fit.value(n.name), clock.step)
+            for n, act in acts:
+                if not n.between and act is not None:
+                    own = act(own, fit.value(n.name), clock.step)
             result[clock.rows, j] = own
     return result
 

@@ -42,7 +42,7 @@ def held_down(fit: Fit, onsets: BoolArray) -> Fit:
         one = np.maximum(before, after)
         two = np.minimum(np.maximum(before2, after), np.maximum(before, after2))
         first, last = np.maximum(far - 1, 0), np.minimum(far + 1, len(shown) - 1)
-        deviation = fit.whitener.noise.deviation(fit.whitener.level[far], fit.whitener.moving[far])[:, j]
+        deviation = fit.whitener.deviation(far)[:, j]
         steady = np.abs(shown[last] - shown[first]) / np.maximum(last - first, 1) < deviation
         beside = np.where(steady, np.minimum(one, two), one)  # two neighbours in a transient may be a misfit
         alone = (beside < OUTLIER_BESIDE) | (own > 4 * beside)

@@ -89,7 +89,8 @@ def fit_noise(
     coarse = np.maximum(np.maximum(steps, resolution), counts * STEP_DEVIATION)
     told, stands = growths_of(residuals, whitener, sharp, steps=coarse)
     told = [own if own.white * own.growth >= step else Growth() for own, step in zip(told, resolution, strict=True)]
-    spread = np.array([_spread(stacked[:, j, 0][part.present[:, j]]) for j in range(len(steps))])
+    alike = part.as_of_one(stacked[:, :, 0])
+    spread = np.array([_spread(own[here]) for own, here in zip(alike.T, part.present.T, strict=True)])
     if is_held.any() and not is_held.all():  # their errors are no noise, though a wandering torque might follow them
         part = dataclasses.replace(part, present=part.present & ~is_held)
         stacked[:, is_held] = 0.0
@@ -145,6 +146,7 @@ def _settled_part(whitener: Whitener, settled: BoolArray, residuals: FloatArray)
         whitener.noise, tuple(clocks), present[rows], whitener.level[rows], whitener.inflate[rows],
         whitener.moving[rows], whitener.slope[rows], None if whitener.way is None else whitener.way[rows],
         None if whitener.opens is None else whitener.opens[rows],
+        each=None if whitener.each is None else whitener.each[rows],
     )  # fmt: skip
     return narrowed, rows
 

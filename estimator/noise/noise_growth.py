@@ -55,6 +55,7 @@ def growths_of(
     steps : (q,) array
         As `growth_of`.
     """
+    residuals = whitener.as_of_one(residuals)
 
     def told(stands: float) -> list[Growth]:
         own = whitener.of(dataclasses.replace(whitener.noise, stands=stands))

@@ -25,6 +25,7 @@ BoolArray = NDArray[np.bool_]
 
 MEMORY = 1000  # rows over which a noise with a state remembers, in a long recording
 LEAST_WHITE = 1e-9  # of the residuals' variance: the least white part
+ALL = slice(None)
 BY_CHANCE = 2e-5  # of the samples: no more outliers come of white noise, three times as many as are expected
 
 
@@ -51,6 +52,8 @@ class Whitener:
         Behind which rows the machine's circuit is open. None: it is not.
     shared : (rows, q, k) array, optional
         What errors that samples share, of variance 1 each, add to them beside their noise (shared_errors.py).
+    each : (rows, q) array, optional
+        The noise of each sample's recording over that of the noisiest. None: they are alike.
     """
 
     noise: NoiseModel
@@ -63,6 +66,7 @@ class Whitener:
     way: NDArray[np.int8] | None = None
     opens: BoolArray | None = None
     shared: FloatArray | None = None
+    each: FloatArray | None = None
 
     def __call__(self, columns: FloatArray) -> tuple[FloatArray, float]:
         """Return (rows, q, c) columns whitened, zero where a sample is missing, and the sum of log variances."""
@@ -179,7 +183,7 @@ class Whitener:
         """One over the deviation of each sample, (rows, q), of noise without a memory; 0 where it is missing."""
         g, white = self._sizes()
         deviation = np.sqrt(white, out=white)
-        if self.noise.grows:
+        if self.grows:
             deviation *= g
         scale = np.divide(1.0, deviation, out=deviation)
         if not self._alike:
@@ -219,7 +223,7 @@ class Whitener:
         clock = self.clocks[k]
         whole = rows == clock.rows and len(self.present) <= LONG  # else they are not held
         own = self._gains[k] if whole else self._gains_of(rows, k)
-        white = own.whiten(columns, self._state_spaces[0][rows] if self.noise.grows else None)
+        white = own.whiten(columns, self._state_spaces[0][rows] if self.grows else None)
         if self.noise.short:
             shorten(white, self.present[rows], self.moving[rows], self.noise.short)
         return white, own.log_determinant
@@ -240,12 +244,12 @@ class Whitener:
     @cached_property
     def _log_size(self) -> float:
         """The sum of log g^2 of all samples."""
-        return float(2 * np.sum(np.log(self._state_spaces[0])[self.present])) if self.noise.grows else 0.0
+        return float(2 * np.sum(np.log(self._state_spaces[0])[self.present])) if self.grows else 0.0
 
     @property
     def is_white(self) -> bool:
         """Whether the noise is alike and independent in all samples of a channel, but for a few outliers by chance."""
-        plain = not (self.noise.grows or self.remembers or self.noise.jitter or self.shared is not None)
+        plain = not (self.grows or self.remembers or self.noise.jitter or self.shared is not None)
         return plain and bool(np.count_nonzero(self.inflate != 1.0) <= BY_CHANCE * self.inflate.size)
 
     @property
@@ -264,9 +268,7 @@ class Whitener:
     ) -> tuple[FloatArray, FloatArray, list[tuple[NDArray[np.int64] | None, dict[str, FloatArray]]]]:
         """The scale and white variance of each sample, (rows, q); of each clock the step to each row, and `states`."""
         noise, (g, white) = self.noise, self._sizes()
-        running = np.ones(len(noise.white))
-        if self.noise.grows:
-            running = np.array([median(x[p]) if p.any() else 1.0 for x, p in zip(g.T, self.present.T, strict=True)])
+        running = self._running(g, ALL)
         variance = np.where(self.present, white, np.inf)
         found = []
         for clock in self.clocks:
@@ -291,6 +293,8 @@ class Whitener:
                 kinds = list(itertools.compress(kinds, used.tolist()))
                 index = (np.cumsum(used) - 1)[index]
             first = 0 if index is None else int(index[0])
+            if self.each is not None:
+                running = self._running(g, clock.rows)
             spaces = [
                 noise.states(dt, running, phase, way, begins=k == first) for k, (dt, phase, way) in enumerate(kinds)
             ]
@@ -299,10 +303,36 @@ class Whitener:
             found.append((index, {**arrays, "readout": spaces[0]["readout"]}))
         return g, variance, found
 
+    def _running(self, g: FloatArray, rows: slice) -> FloatArray:
+        """Return the scale, (q,), in most of some rows."""
+        if not self.grows:
+            return np.ones(g.shape[1])
+        of_channels = zip(g[rows].T, self.present[rows].T, strict=True)
+        return np.array([median(x[p]) if p.any() else 1.0 for x, p in of_channels])
+
+    @property
+    def grows(self) -> bool:
+        """Whether the noise is not of one size everywhere: with the signals, or from recording to recording."""
+        return self.noise.grows or self.each is not None
+
+    def growth(self, rows: slice | NDArray[np.intp] = ALL) -> FloatArray:
+        """Return the scale of some rows, (n, q); not to be changed."""
+        g = self.noise.scale(self.level[rows], self.moving[rows])
+        return g if self.each is None else g * self.each[rows]
+
+    def as_of_one(self, residuals: FloatArray) -> FloatArray:
+        """Return residuals, (rows, q), as if all recordings were as noisy as the noisiest."""
+        return residuals if self.each is None else residuals / self.each
+
+    def deviation(self, rows: slice | NDArray[np.intp] = ALL) -> FloatArray:
+        """Return the deviation of each sample of some rows, (n, q), all parts of the noise together."""
+        deviation = self.noise.deviation(self.level[rows], self.moving[rows])
+        return deviation if self.each is None else deviation * self.each[rows]
+
     def _sizes(self) -> tuple[FloatArray, FloatArray]:
         """Return the scale and white variance of each sample, (rows, q), as if none were missing."""
         noise = self.noise
-        g = noise.scale(self.level, self.moving)
+        g = self.growth()
         power = noise.white**2 + noise.differenced**2 + noise.slow[:, 0] ** 2
         floor = np.maximum(LEAST_WHITE * power, 1e-300)
         white = np.maximum(noise.white**2, floor) * self.inflate

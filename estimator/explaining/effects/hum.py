@@ -94,7 +94,7 @@ def _usual_lines(fit: Fit, z: FloatArray) -> FloatArray:
 
 def _is_alike(fit: Fit, j: int, seen: BoolArray, f: float) -> bool:
     """Whether an output shows a line, Hz, at rest and while the motor runs, as large and in one phase."""
-    left, deviation = fit.residuals()[:, j], fit.whitener.noise.deviation(fit.whitener.level, fit.whitener.moving)[:, j]
+    left, deviation = fit.residuals()[:, j], fit.whitener.deviation()[:, j]
     moving = fit.whitener.moving
     power, apart, by_chance = 0.0, 0.0, 0.0
     for clock in fit.simulator.clocks:

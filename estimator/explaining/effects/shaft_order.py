@@ -97,7 +97,7 @@ def orders_in(fit: Fit, output: str) -> set[int]:
 def standing_out(fit: Fit) -> FloatArray:
     """Return residuals over their deviation, (rows, q), outliers weighted; zero where a sample is missing."""
     # By the deviation alone: a correlated noise would contain the lines.
-    left = fit.residuals() / fit.whitener.noise.deviation(fit.whitener.level, fit.whitener.moving)
+    left = fit.residuals() / fit.whitener.deviation()
     return np.where(fit.whitener.present, left, 0.0) / np.sqrt(fit.whitener.inflate)
 
 
