@@ -16,10 +16,11 @@ LEVELS = ((0.0, 0.1), (6.0, 0.4), (12.0, 0.4), (3.0, 0.4), (9.0, 0.4))  # V, s
 BOTH_WAYS = ((0.0, 0.1), (12.0, 0.4), (-12.0, 0.4), (-6.0, 0.4), (6.0, 0.4))
 
 
-def moved(levels, *, fan=0.0, weakens=0.0, saturates=0.0, drop=None, stribeck=None):
+def moved(levels, *, fan=0.0, weakens=0.0, saturates=0.0, drop=None, stribeck=None, heavier=1.0):
     """Return time, voltage, current and speed of 1 ms: `fan` in N.m.s2/rad2, `weakens` and `saturates` a part at 1 A.
 
-    `drop` is the voltage, V, over the brushes by the current, A; `stribeck` a torque by the speed.
+    `drop` is the voltage, V, over the brushes by the current, A; `stribeck` a torque by the speed; J is so many
+    times as large.
     """
     p, h, x, begin = TRUE, 1e-3, [0.0, 0.0], 0.0
     times, volts, states = [], [], []
@@ -30,7 +31,7 @@ def moved(levels, *, fan=0.0, weakens=0.0, saturates=0.0, drop=None, stribeck=No
             k = p["K"] * (1 - weakens * abs(i))
             u = v - p["R"] * i - k * w - (drop(i) if drop else 0.0)
             torque = k * i - p["B"] * w - fan * w * abs(w) - (stribeck(w) if stribeck else 0.0)
-            return [u / (p["L"] * (1 - saturates * abs(i))), torque / p["J"]]
+            return [u / (p["L"] * (1 - saturates * abs(i))), torque / (heavier * p["J"])]
 
         t = h * np.arange(round(lasts / h) + 1)
         run = solve_ivp(rates, (0, t[-1]), x, t_eval=t, method="LSODA", rtol=1e-9, atol=1e-11, max_step=5e-3)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import test_odd_motors as odd
 
 from estimator.cases.case import case_for_recording
 from estimator.cli import main
@@ -13,7 +14,7 @@ from estimator.commands.csv_text import csv_bytes
 from estimator.commands.drive import instants
 from estimator.commands.paper_bench import NOMINAL
 from estimator.errors import RecordingError
-from estimator.estimating.estimate import estimate
+from estimator.estimating.estimate import estimate, estimate_recordings
 from estimator.fmus.simulate import simulate
 from estimator.judging.validation import validated
 from estimator.recordings.reading import read_recording, recording_from_arrays
@@ -161,3 +162,34 @@ def test_the_command_tells_of_the_validation(other, capsys, tmp_path):
 def test_a_recording_that_is_fitted_to_does_not_validate_the_fit(capsys):
     assert main(["estimate", str(EXAMPLE), "--validate", str(EXAMPLE)]) == 2
     assert "cml050_step.csv is fitted to, so it cannot validate the fit" in capsys.readouterr().err
+
+
+OTHER_LEVELS = ((0.0, 0.1), (8.0, 0.4), (-5.0, 0.4), (11.0, 0.4), (2.0, 0.4))
+
+
+@pytest.mark.parametrize("machine", [{"fan": 1.2e-6}, {"weakens": 0.02}])
+def test_what_the_estimate_found_of_the_motor_is_in_its_validation(machine):
+    """A fan load was left out there, and B contradicted by 16 standard errors; K that falls likewise."""
+    found = odd.run(odd.bench(odd.LEVELS, **machine))
+    assert found.verdict == "ok" and found.effects, found.reasons
+    told = validated(found, odd.CASE, recordings=[odd.bench(OTHER_LEVELS, seed=7, **machine)])
+    assert told.verdict == "ok" and told.validation.others.chance > 1e-4, told.reasons
+    other = odd.bench(OTHER_LEVELS, seed=7, heavier=1.05, **machine)
+    assert validated(found, odd.CASE, recordings=[other]).verdict == "doubtful"
+
+
+def test_a_drive_that_opens_the_circuit_does_so_in_its_validation():
+    """Its switch is chosen, not fitted: R of other commands was contradicted by 43 standard errors."""
+
+    def coasting(levels, seed):
+        v = np.repeat(levels, 250)
+        times = 1e-3 * np.arange(len(v))
+        shown = simulate("dc_motor_drive", parameters={**NOMINAL, "coasts": 1.0}, inputs={"v": v}, times=times)
+        noise = np.random.default_rng(seed).standard_normal((2, len(v))) * [[0.02], [1.0]]
+        columns = {"voltage [V]": v, "current [A]": shown["i"] + noise[0], "speed [rad/s]": shown["w"] + noise[1]}
+        return recording_from_arrays("coasting", times, columns)
+
+    (found,) = estimate_recordings([odd.CASE], [[coasting([0.0, 10.0, 4.0, 0.0, 8.0, 0.0], 0)]], workers=1)
+    assert "coasting" in found.effects and found.verdict == "ok", found.reasons
+    told = validated(found, odd.CASE, recordings=[coasting([0.0, 6.0, 0.0, 3.0, 9.0, 0.0], 1)])
+    assert told.verdict == "ok" and told.validation.others.chance > 1e-4, told.reasons

@@ -227,6 +227,7 @@ def _estimate(
         chain={n: p for n, p in parameters.items() if n in chain},
         rivals=() if values is None or explained is None else explained.rivals,
         not_visible=() if values is None or explained is None else explained.not_visible,
+        chosen={} if explained is None else explained.fit.chosen(),
         sensors=sensors(plan, explained),
         effects=() if explained is None else tuple(dict.fromkeys(f.effect for f in explained.found)),
         recordings=recordings(plan),

@@ -271,6 +271,11 @@ class Fit:
     def _told(self) -> dict[Callable[[Fit], object], Any]:
         return {}
 
+    def chosen(self) -> dict[str, float]:
+        """Return the whole numbers that were chosen, off neutral: nuisance parameter → number."""
+        values = {n.name: (self.value(n.name), n.neutral) for n in self.simulator.nuisances if n.whole}
+        return {name: value for name, (value, neutral) in values.items() if value != neutral}
+
     def forget(self) -> None:
         """Give up the memory of what is told again when it is asked for, its derivatives among it."""
         for name in ("whitened", "_covariance_parts", "_test", "_told"):

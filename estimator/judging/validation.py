@@ -1,8 +1,9 @@
 """Validation of an estimate by recordings that were not fitted. Knows no search.
 
-The parameters and the sensors are the estimate's. What belongs to a recording and not to the motor is fitted to the new
-one: its delay and offsets, if the estimate has such, and a parameter that has a value for each recording. Then it is
-tested whether the new recordings contradict the other parameters (other_values.py).
+The parameters, the sensors and the drive's switches are the estimate's. What belongs to a recording and not to the
+motor is fitted to the new one: its delay and offsets, if the estimate has such, a parameter that has a value for each
+recording, and what is a part at the largest signals of a recording, such as a K that falls. Then it is tested whether
+the new recordings contradict the other parameters (other_values.py).
 """
 
 from __future__ import annotations
@@ -17,8 +18,10 @@ from numpy.typing import NDArray
 from estimator.cases.case import Case, RunSpec
 from estimator.conventions import FALSE_ALARM
 from estimator.errors import SimulationError
+from estimator.explaining.addition import Addition
 from estimator.explaining.effects import known_effects
 from estimator.explaining.effects.offset import Offset
+from estimator.explaining.explanation import Explanation, followed
 from estimator.explaining.selection_of_plan import freed_by_the_case
 from estimator.fitting.fit import Fit, new_fit
 from estimator.fitting.gauss_newton import solved
@@ -31,7 +34,7 @@ from estimator.judging.outcome import comparisons, figures
 from estimator.judging.reading import what_was_read
 from estimator.noise.noise_model import NoiseModel
 from estimator.plans.noise_level import output_deviations
-from estimator.plans.plan import ChainSpec, Plan
+from estimator.plans.plan import Plan
 from estimator.plans.planning import plan_case
 from estimator.recordings.recording import Recording
 from estimator.results.result import Estimate, Validation
@@ -71,7 +74,7 @@ def validated(
     deviations = output_deviations(plan)
     with Workers(1) as crew:
         start = _as_estimated(plan, estimate, crew, {name: spread or 1.0 for name, (_, spread) in deviations.items()})
-        held = solved(start)
+        held = followed(_with_columns(solved(start), estimate)).fit
         if not np.isfinite(held.cost):
             reason = crew.failures[0].reason if crew.failures else "no reason given"
             raise SimulationError(
@@ -125,7 +128,7 @@ def _held_out(case: Case, files: Sequence[Path], *, count: int | None) -> Case:
 
 def _as_estimated(plan: Plan, estimate: Estimate, crew: Workers, sigma: Mapping[str, float]) -> Fit:
     """Return where a fit of the new recordings begins: all as estimated, and free what belongs to a recording."""
-    chain = {name: parameter.value for name, parameter in estimate.chain.items()}
+    chain = {**{name: parameter.value for name, parameter in estimate.chain.items()}, **estimate.chosen}
     plan = dataclasses.replace(plan, sensors={**plan.sensors, **_sensors(plan, estimate)})
     description, nuisances = _bench(plan, chain)
     simulator = Simulator(plan.on(description), nuisances, crew, sigma)
@@ -149,10 +152,20 @@ def _as_estimated(plan: Plan, estimate: Estimate, crew: Workers, sigma: Mapping[
     return dataclasses.replace(fit, linear=tuple(linear))
 
 
+def _with_columns(fit: Fit, estimate: Estimate) -> Explanation:
+    """Return a fit with the columns of the estimate, but for offsets, which it has."""
+    effects = [e for e in known_effects() if e.name in estimate.effects and not isinstance(e, Offset)]
+    columns = {g.name: (e, g) for e in effects for g in e.linear(fit) if g.name in estimate.chain}
+    additions = [Addition(e, g.name, g.columns.shape[2], np.inf, linear=g) for e, g in columns.values()]
+    if additions:
+        fit = solved(dataclasses.replace(fit, linear=(*fit.linear, *(g for _, g in columns.values()))))
+    return Explanation(fit, tuple(additions))
+
+
 def _known(simulator: Simulator, estimate: Estimate, chain: Mapping[str, float]) -> tuple[dict[str, float], list[str]]:
     """Return what the estimate says of a simulator's parameters, and those of them that are each recording's own."""
     plan = simulator.plan
-    known, free = {**chain, **_whole(plan, estimate)}, []
+    known, free = dict(chain), []
     for parameter in plan.parameters:
         if parameter.name in estimate.parameters:
             known[parameter.name] = estimate.parameters[parameter.name].value
@@ -191,18 +204,6 @@ def _bench(plan: Plan, chain: Mapping[str, float]) -> tuple[FmuDescription, tupl
             description = bundled_model(effect.fmu)
         nuisances = {**{n.name: n for n in own}, **nuisances}
     return description, tuple(nuisances.values())
-
-
-def _whole(plan: Plan, estimate: Estimate) -> dict[str, float]:
-    """Return the means that the estimate's sensors show."""
-    found = {}
-    for y in plan.outputs:
-        sensor = estimate.sensors.get(y)
-        if sensor is not None:
-            own = plan.chains.get(y, ChainSpec()).average
-            found[f"average {y}"] = max(1.0, int(sensor["average"]) / own)
-            found[f"mean over the interval {y}"] = float(sensor["sensor"] == "mean")
-    return found
 
 
 def _scaled(y: FloatArray, gain: float, h: float) -> FloatArray:

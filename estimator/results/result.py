@@ -337,6 +337,7 @@ class Estimate:
     parameters : name → ParameterEstimate; may be empty when refused
     derived : name → DerivedQuantity; gains and time constants, those that the recordings tell
     chain : what was estimated of the measurement chain (delay, offset i, …) → ParameterEstimate
+    chosen : what of it was chosen, not fitted by derivatives: switches of the drive, samples of a mean → number
     sensors : output name → what its sensor was taken for: sensor, average, filters, gain, offset, delay
     effects : names of the effects that were found of the bench, as explaining/effects names them
     read : what was read, one mapping a recording: recording, signals (column, unit, who said it), text, implausible
@@ -380,6 +381,7 @@ class Estimate:
     fmu: Mapping[str, Any]
     versions: Mapping[str, str]
     chain: Mapping[str, ParameterEstimate] = field(default_factory=dict)
+    chosen: Mapping[str, float] = field(default_factory=dict)
     sensors: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     effects: tuple[str, ...] = ()
     read: tuple[Mapping[str, Any], ...] = ()
