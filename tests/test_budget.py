@@ -55,7 +55,7 @@ def relative(estimate, source):
     ("source", "expected"),
     [
         ("i gain", [-U, 0, -U, U, U]),  # v = R i + L i' + K w and K i = J w' + B w with i (1 + g)
-        ("v gain", [-U] * 5),
+        ("v gain", [U] * 5),  # v (1 + g)
         ("w gain", [0, -U, 0, -2 * U, -2 * U]),
         ("supply resistance", [0.05 / 3**0.5 / R, 0, 0, 0, 0]),
         ("brush drop", [0.105 / 10.5] * 5),  # of one level: the voltage less a constant
@@ -107,9 +107,9 @@ def test_the_uncertainty_is_the_root_of_the_sum_of_squares_and_the_standard_erro
 
 
 def test_what_follows_from_the_parameters_moves_with_them(made):
-    """The speed per volt goes by 1 / (1 + g) with the voltage's gain and does not know the current's."""
+    """The speed per volt goes by 1 / (1 + g) with what the voltage is shown too large and does not know the current's."""
     derived = made[0].derived["speed_per_volt"]
-    assert derived.budget["v gain"] / derived.value == pytest.approx(U, abs=3e-4)
+    assert derived.budget["v gain"] / derived.value == pytest.approx(-U, abs=3e-4)
     assert derived.budget["w gain"] / derived.value == pytest.approx(U, abs=3e-4)
     assert abs(derived.budget["i gain"]) / derived.value < 3e-4
     assert derived.uncertainty == pytest.approx(

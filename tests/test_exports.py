@@ -66,6 +66,16 @@ def test_a_guess_outside_of_what_the_fmu_allows_is_moved_to_its_end():
     assert _within(14803.0, (None, None)) == 14803.0
 
 
+def test_a_parameter_that_the_fmu_lets_be_negative_is_searched_there_too():
+    """A gain of -2 was searched from 1e-4 to 1e4 only, and the recording refused: the FMU allows -1000 to 1000."""
+    from estimator.plans.free_parameters import _around
+
+    assert _around(1.0, (None, None), (-1000.0, 1000.0), 1e4, None) == (-1000.0, 1000.0)
+    assert _around(1.0, (None, None), (-1e9, None), 1e4, None) == (-1e4, 1e4)
+    assert _around(1.0, (None, None), (0.0, None), 1e4, None) == (1e-4, 1e4)
+    assert _around(1.0, (0.5, None), (-1000.0, 1000.0), 1e4, None) == (0.5, 1000.0)
+
+
 # Headers
 
 

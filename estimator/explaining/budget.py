@@ -153,8 +153,8 @@ def _column(fit: Fit, tolerance: Tolerance) -> FloatArray:
         j = s.outputs.index(tolerance.signal)
         column[:, j] = u * fit.shown[:, j]
         return column
-    if tolerance.signal:
-        return _driven(fit, tolerance.signal, u * s.inputs(tolerance.signal))
+    if tolerance.signal:  # shown too large, as an output: what drives the model is less
+        return _driven(fit, tolerance.signal, -u * s.inputs(tolerance.signal))
     if source == "temperature" or (source == "supply resistance" and (_resistances(plan) or "R" in plan.fixed)):
 
         def more(resistance: float, recording: int | None) -> float:

@@ -139,14 +139,17 @@ def _around(
     """Return bounds: those that are given, else a factor around a start within what the FMU allows.
 
     Around a start of zero that is as many times the FMU's nominal value, `usual`, where it has one: within 1e6 N.m, any
-    friction is next to zero.
+    friction is next to zero. Where the FMU says that a parameter may be negative, it is so by as much as it may be
+    positive.
     """
     (lower, upper), (low, high) = given, allowed
     is_positive = start is not None and start > 0
     if start == 0 and usual is not None and usual > 0:
         low, high = (None if end is None else max(-width * usual, min(width * usual, end)) for end in allowed)
     if lower is None:
-        lower = start / width if start is not None and is_positive else low
+        lower = low
+        if start is not None and is_positive:
+            lower = -start * width if low is not None and low < 0 else start / width
         lower = max(lower, low) if lower is not None and low is not None else lower
     if upper is None:
         upper = start * width if start is not None and is_positive else high
