@@ -107,7 +107,7 @@ def test_the_uncertainty_is_the_root_of_the_sum_of_squares_and_the_standard_erro
 
 
 def test_what_follows_from_the_parameters_moves_with_them(made):
-    """The speed per volt goes by 1 / (1 + g) with what the voltage is shown too large and does not know the current's."""
+    """The speed per volt goes by 1 / (1 + g) with a voltage that reads high by g, and knows no current."""
     derived = made[0].derived["speed_per_volt"]
     assert derived.budget["v gain"] / derived.value == pytest.approx(-U, abs=3e-4)
     assert derived.budget["w gain"] / derived.value == pytest.approx(U, abs=3e-4)

@@ -16,7 +16,7 @@ FloatArray = NDArray[np.float64]
 REST_SAMPLES, REST_LIMIT = 50, 10.0  # before the step; times the noise of differences: more is no noise
 TOLD, ERROR = 4.0, 1.1  # standard errors by which noises differ; of a deviation by second differences, times √n
 MEAN_SIZE = float(np.sqrt(2 / np.pi))  # of a normal deviate
-RESOLVED = 0.8  # of a sensor's step: with less noise it depends on where between two steps the signal rests
+ABOVE_STEP = 0.8  # of a sensor's step: with less noise it depends on where between two steps the signal rests
 ALIKE = 0.2  # of a logarithm: noises that differ by less are one
 
 
@@ -44,7 +44,7 @@ def noise_shares(plan: Plan) -> FloatArray | None:
     steps = np.array([quantum(o.outputs[name]) for o in plan.observed for name in plan.outputs]).reshape(shape)
     counts = np.maximum(np.array([len(y) for y in resting]).reshape(shape), 1)
     shares = np.ones(shape)
-    told = (noise > 0) & (noise > RESOLVED * steps) & (counts >= REST_SAMPLES)
+    told = (noise > 0) & (noise > ABOVE_STEP * steps) & (counts >= REST_SAMPLES)
     for j in np.flatnonzero(told.all(axis=0)).tolist():
         noisiest = int(np.argmax(noise[:, j]))
         by_chance = TOLD * ERROR * np.sqrt(1 / counts[:, j] + 1 / counts[noisiest, j])

@@ -17,6 +17,7 @@ from estimator.recordings.samples import filled, mean_of_known, median, told_onc
 
 FloatArray = NDArray[np.float64]
 
+FOURTH_DIFFERENCE = float(np.sqrt(70.0))  # deviation of fourth differences of white noise of 1
 LEAST_NOISE = 1e-6  # of the largest of an input: less is the rounding of a command
 
 NORMAL_SPAN = 4.0  # standard deviations: normal noise spans more, a pseudo-random signal less
@@ -128,7 +129,11 @@ def _row_by_row(v: FloatArray) -> float:
     """
     v = v[v != 0]
     second = v[2:] - 2 * v[1:-1] + v[:-2]
-    return median(np.abs(second)) / MEDIAN_SIZE / SECOND_DIFFERENCE if len(second) else 0.0
+    if len(second) < 3:
+        return median(np.abs(second)) / MEDIAN_SIZE / SECOND_DIFFERENCE if len(second) else 0.0
+    fourth = second[2:] - 2 * second[1:-1] + second[:-2]  # a wave of few rows has large second differences
+    sizes = ((second, SECOND_DIFFERENCE), (fourth, FOURTH_DIFFERENCE))
+    return min(median(np.abs(x)) / of_white / MEDIAN_SIZE for x, of_white in sizes)
 
 
 def _is_restless(v: FloatArray, noise: float) -> bool:
