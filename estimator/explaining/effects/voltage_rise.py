@@ -69,6 +69,14 @@ class VoltageRise(Effect):
             for longest, tries in times_of_command(plan, TRIED)
         ]
 
+    def mirrored(self, fit: Fit, name: str) -> Sequence[Mapping[str, float]]:
+        """Return the rise and the winding exchanged: of the faster two time constants none tells which it is."""
+        values, tau = motor_values(fit), fit.value(name)
+        if values is None or "L" not in fit.free or not tau > 0:
+            return ()
+        fast = 1 / float(np.max(np.abs(np.linalg.eigvals(matrices(values)[0]))))
+        return ({name: fast, "L": values["L"] * tau / fast},)
+
     def in_place_of_model(self, fit: Fit) -> Sequence[Mapping[str, float]]:
         """Return both time constants of a motor as the voltage's, the motor faster by as much."""
         values = motor_values(fit)
