@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from fine_motor import FINE, MOTOR, STEP, bench, instants
+from fine_motor import MOTOR, STEP, bench, instants
 
 from estimator import estimate_parameters
 
@@ -11,7 +11,7 @@ COMMAND = np.repeat([0.0, 9.0], [80, 400])
 
 @pytest.mark.parametrize("slower", [2.0, pytest.param(0.5, marks=pytest.mark.full)])
 def test_both_time_constants_exchanged_are_told(slower):
-    """The winding was told as slow as the supply, 36 standard errors off, and no word that both stand in for another."""
+    """The winding was told as slow as the supply, 36 standard errors off, and no word of the exchange."""
     winding = MOTOR["L"] / MOTOR["R"]
     since = np.maximum(instants(len(COMMAND)) - 80 * STEP, 0.0)
     voltage = 9.0 * -np.expm1(-since / (slower * winding))

@@ -82,7 +82,10 @@ class Failure:
             many = f"{self.excess:.1f} times the noise found"
             return f"the model does not explain {where}: the residuals, whitened, are {many}"
         if self.what == "neighbours":
-            return f"the residuals of {where} are no plain noise: neighbours are alike (correlation {self.excess:+.2f})"
+            alike = "alike" if self.excess > 0 else "opposite"
+            return (
+                f"the residuals of {where} are no plain noise: neighbours are {alike} (correlation {self.excess:+.2f})"
+            )
         return (
             f"{where} would fit other parameters than the rest of the recording does, {self.excess:.3g} times as far"
             " away as noise alone leads"
@@ -199,7 +202,8 @@ def adequacy(fit: Fit, parameters: int, *, is_searched: bool = True) -> Adequacy
             if m >= 8 and not alike_anyway[j]:
                 alike = float(np.sum((own[1:] * own[:-1])[pairs])) / m
                 if abs(alike) > max(normal / np.sqrt(m) * square, SMALL_CORRELATION):
-                    failures.append(Failure("neighbours", window.name, output, alike / max(square, 1e-300)))
+                    correlation = float(np.clip(alike / max(square, 1e-300), -1, 1))
+                    failures.append(Failure("neighbours", window.name, output, correlation))
                     parts.append(_samples(z, window.rows, j))
                     longer = (1 + abs(alike)) / (1 - min(abs(alike), 0.9))
                     excess = _raised(excess, (window.rows, j), longer)

@@ -34,6 +34,7 @@ from estimator.plans.plan import Plan
 FloatArray = NDArray[np.float64]
 
 VISIBLE = 1.0  # of z'z, by an effect of usual size: a smaller one is not visible
+LARGER = 1.25  # times its usual size: an effect that hides up to more is told to hide beyond the usual one
 TOLD_WITHIN = 6.0  # of the criterion: a rival that is further behind weighs less than 5 %
 FARTHEST = 50.0  # of a logarithm: a rival's parameter is no further away
 TAIL = 0.01  # of the mixture: what weighs less together is left out
@@ -72,12 +73,15 @@ class HiddenEffect:
     ----------
     addition : with its usual size; what is hidden up to more is called unusual
     size : that size, in the addition's unit, at most the usual one
+    whatever_size : bool
+        It is the usual one, and larger ones would hide as well.
     moves : (p,) array
         By so much the estimate is then off, on the parameters' scales.
     """
 
     addition: Addition
     size: float
+    whatever_size: bool
     moves: FloatArray
 
 
@@ -133,8 +137,9 @@ def averaged(
         # No more than all of it, which rounding makes it where parameters stand in for each other.
         off = off[:p] * np.sqrt(min(1.0, scores.whole / max(explained, 1e-300)))
         if a.usual > 0 and len(scores.along) == 1:
-            part = 1.0 if a.untold else min(1.0, float(np.sqrt(a.penalty(samples) / max(power, 1e-300))))
-            hidden.append(HiddenEffect(a, part * a.usual, part * off[:, 0]))
+            part = np.inf if a.untold else float(np.sqrt(a.penalty(samples) / max(power, 1e-300)))
+            share = min(1.0, part)
+            hidden.append(HiddenEffect(a, share * a.usual, part > LARGER, share * off[:, 0]))
         if a.gain <= 0 or power <= (VISIBLE if a.has_known_size else TOLD_POWER * scores.whole):
             continue
         size, spread, behind = a.posterior()
@@ -151,7 +156,8 @@ def averaged(
         ]
         with np.errstate(invalid="ignore"):
             apart = np.abs(there - own) / np.where(np.isfinite(deviation), deviation, np.inf)
-        differs = np.any((apart > DIFFERS) & ((np.abs(there - own) > SMALL) | ~fit.is_log[:p]))
+        least = SMALL * np.where(fit.is_log[:p], 1.0, np.abs(own))
+        differs = np.any((apart > DIFFERS) & (np.abs(there - own) > least))
         other_number = _numbers(rival) != _numbers(explanation) and _effects(rival) == _effects(explanation)
         held = other_number or _holds(rival, explanation)  # by the bars alone
         farthest = float(np.max(apart, initial=0.0))

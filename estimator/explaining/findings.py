@@ -138,7 +138,7 @@ def not_visible(
         if not order or (name in found and _farthest(found[name]) > abs(bars[order[0]])):
             continue
         off = {names[k]: (float(parts[k]), float(bars[k])) for k in order}
-        found[name] = NotVisible(name, h.size, h.addition.unit, off)
+        found[name] = NotVisible(name, h.size, h.addition.unit, off, h.whatever_size)
     return tuple(sorted(found.values(), key=_farthest, reverse=True))
 
 

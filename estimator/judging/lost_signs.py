@@ -7,12 +7,13 @@ from numpy.typing import NDArray
 
 from estimator.plans.plan import Observed
 from estimator.recordings.excitation import noise_deviation
-from estimator.recordings.samples import filled
+from estimator.recordings.samples import filled, median
 from estimator.results.reason import Place, Reason
 
 FloatArray = NDArray[np.float64]
 
 BRAKES = 12  # samples before a voltage falls to none in which the current has settled, and in which it brakes
+FOLDED = 2.5  # times the usual distance from the median is that of noise that was rectified, 1.7, at most
 RECTIFIED = 50  # samples at rest that show a lost sign
 PLAINLY_DRIVEN = 0.2  # of the largest voltage
 REVERSED = 10  # rows in each direction: fewer are a spike while a current decays, or a relay that bounces
@@ -103,7 +104,9 @@ def _of_current(o: Observed) -> list[str]:
     rest = rest[~np.isnan(rest)]
     if len(rest) >= RECTIFIED and not o.excitation.running:
         above = rest[rest > 0]
-        if np.min(rest) >= 0 and len(above) > 0.9 * len(rest) and np.mean(above) < 2 * np.std(above):
+        middle = median(above) if len(above) else 0.0
+        is_folded = middle < FOLDED * median(np.abs(above - middle)) if len(above) else False
+        if np.min(rest) >= 0 and len(above) > 0.9 * len(rest) and is_folded:
             return [
                 Reason(
                     f"{o.recording.title}: the current at rest is never negative in {len(rest)} samples, with a mean of"

@@ -312,9 +312,10 @@ def _found(plan: Plan, explained: Explained | None, statuses: Mapping[str, Param
             "not visible in such a recording: a current that is shown 1 % too large (R and L are then 1 % too small, J"
             " and B 1 % too large), the resistance of the supply (a part of R)"
         )
-        if others := _hidden(explained.not_visible):
-            remedy = "levels of the voltage that are further apart" if plan.has_levels else "two voltage levels"
-            notes.append(f"not visible if no larger than this: {', '.join(others)}; {remedy} tell more")
+        remedy = "levels of the voltage that are further apart" if plan.has_levels else "two voltage levels"
+        for size, whatever in (("if no larger than this", False), ("even if larger than this", True)):
+            if others := _hidden([e for e in explained.not_visible if e.whatever_size == whatever]):
+                notes.append(f"not visible {size}: {', '.join(others)}; {remedy} tell more")
     return notes
 
 

@@ -147,12 +147,15 @@ class NotVisible:
         One of this size is found as likely as not.
     off : name → (part of the value, standard errors)
         Estimate less true value, of each parameter that it moves far, the farthest first.
+    whatever_size : bool
+        That is a usual size, and a larger one would not be found either.
     """
 
     effect: str
     size: float
     unit: str
     off: Mapping[str, tuple[float, float]]
+    whatever_size: bool = False
 
 
 @dataclass(frozen=True)

@@ -142,7 +142,8 @@ def _parameter_mapping(parameter: ParameterEstimate) -> dict[str, Any]:
 
 def _not_visible_mapping(hidden: NotVisible) -> dict[str, Any]:
     off = {name: {"relative": part, "standard_errors": bars} for name, (part, bars) in hidden.off.items()}
-    return {"effect": hidden.effect, "size": hidden.size, "unit": hidden.unit, "off": off}
+    said = {"effect": hidden.effect, "size": hidden.size, "unit": hidden.unit, "whatever_size": hidden.whatever_size}
+    return {**said, "off": off}
 
 
 def _rival_mapping(rival: Rival) -> dict[str, Any]:

@@ -96,15 +96,19 @@ def _uncertain(around: FloatArray, parts: Sequence[tuple[slice, FloatArray]]) ->
 
 
 def _between_rows(quiet: FloatArray, parts: Sequence[tuple[slice, FloatArray]]) -> FloatArray:
-    """Return the error in V, (n,), of a voltage that follows the current within the first interval of its levels.
+    """Return the errors in V, (n, 2), of a voltage that follows the current within the intervals of its levels.
 
-    It falls as fast as the current rises, of which few samples show the course; all edges err alike.
+    In the first one it falls as fast as the current rises, of which few samples show the course; all edges err alike.
+    In all of them it moves by half of what it does from row to row, where the log holds samples and no means: as much
+    as an inductance that is larger by half of an interval times the source's resistance.
     """
-    column = np.zeros(len(quiet))
+    columns = np.zeros((len(quiet), 2))
     for level, basis in parts:
         if basis.shape[1] > 1:
-            column[level.start] = quiet[level.start + 1] - quiet[level.start]
-    return column
+            moves = np.diff(quiet[level])
+            columns[level.start, 0] = moves[0]
+            columns[level.start : level.stop - 1, 1] = 0.5 * moves
+    return columns
 
 
 def _around(fit: Fit) -> FloatArray:
@@ -139,8 +143,11 @@ def noise_of(u: FloatArray, shown: FloatArray) -> FloatArray:
 
 
 def levels_of(u: FloatArray) -> list[slice]:
-    """Return the rows of each level of a voltage, (n,)."""
-    jumps = edges_of(u).tolist()
+    """Return the rows of each level of a voltage, (n,): a source that sags in the next row makes no other."""
+    jumps = edges_of(u)
+    change = np.diff(u)[jumps - 1]
+    sags = (np.diff(jumps) == 1) & (change[1:] * change[:-1] < 0) & (2 * np.abs(change[1:]) < np.abs(change[:-1]))
+    jumps = jumps[~np.concatenate([[False], sags])[: len(jumps)]].tolist()
     return [slice(first, last) for first, last in zip([0, *jumps], [*jumps, len(u)], strict=True)]
 
 

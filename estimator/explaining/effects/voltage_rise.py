@@ -58,7 +58,7 @@ class VoltageRise(Effect):
     name: str = NAME
     prior: float = SELDOM
     is_last: bool = True
-    doubt: str = "the motor's voltage is not the one in the recording: measure it at the motor"
+    doubt: str = "something acts as if the motor's voltage were not the one in the recording: measure it at the motor"
 
     def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
         """Return its time constant. Near none, where it is a delay, and in long recordings it is not looked for."""

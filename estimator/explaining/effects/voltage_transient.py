@@ -37,7 +37,7 @@ class VoltageTransient(Effect):
 
     name: str = NAMES[0]
     prior: float = SELDOM
-    doubt: str = "the motor's voltage is not the one in the recording: measure it at the motor"
+    doubt: str = "something acts as if the motor's voltage were not the one in the recording: measure it at the motor"
     sign: int = 1
 
     def linear(self, fit: Fit) -> Sequence[Linear]:
