@@ -12,6 +12,7 @@ from estimator.explaining.explanation import Explanation
 from estimator.explaining.selection import Selection
 
 COSTS = {"abc": 100.0, "bc": 101.0, "ac": 1100.0, "ab": 1100.0, "b": 1102.0, "c": 1102.0, "a": 2100.0, "": 3000.0}
+UNLIMITED = SimpleNamespace(is_spent=lambda **part: False)
 FREE = {"names": ("R",), "at_bound": (0,), "linear": (), "simulator": SimpleNamespace(nuisances=())}
 
 
@@ -34,7 +35,7 @@ def test_what_is_idle_is_told_by_the_noise_of_the_whole_explanation(monkeypatch)
         selection, "without", lambda e, a, *, limit: of("".join(sorted(e.names() - {a.name})), e.fit.noise)
     )
     monkeypatch.setattr(selection, "with_noise", with_noise)
-    search = Selection(SimpleNamespace(samples=1000), None, None, ())
+    search = Selection(SimpleNamespace(samples=1000), None, None, (), UNLIMITED)
     slimmer = search.without_idle(of("abc", "first"))
     assert slimmer.names() == {"b", "c"} and estimated == ["bc"]
     whole = of("bc", "first")
@@ -58,7 +59,9 @@ def test_where_the_recordings_are_not_explained_an_addition_has_to_explain_as_ma
     assert penalty < 60 < 30 * penalty < 1000
     for samples, kept in ((1000, {"a"}), (30_000, {"a", "b"})):
         assert whole.excess(samples) == 30_000 / samples
-        assert Selection(SimpleNamespace(samples=samples), None, None, ()).without_idle(whole).names() == kept
+        assert (
+            Selection(SimpleNamespace(samples=samples), None, None, (), UNLIMITED).without_idle(whole).names() == kept
+        )
     whole.fit.at_bound = (1,)  # what a bound makes of the residuals is not what the recording has
     assert whole.excess(1000) == 1.0
 
@@ -88,7 +91,7 @@ def test_a_rival_that_is_likelier_by_another_noise_than_its_own_takes_no_place(m
         monkeypatch.setattr(rivals, "_without_absurd", lambda s, e, found: None)
         monkeypatch.setattr(rivals, "with_noise", lambda e, differenced, *, again: e)
         search = SimpleNamespace(
-            tests=SimpleNamespace(samples=1000), differenced=None, effects=(),
+            tests=SimpleNamespace(samples=1000), differenced=None, effects=(), effort=UNLIMITED,
             grown=lambda e, effects, again=again: again, without_idle=lambda e: e, at_best=lambda e: e,
         )  # fmt: skip
         found, others = rivals.settled(search, of("a", 0.0, 0.0))
@@ -132,7 +135,7 @@ def test_what_explains_more_beside_an_explanation_takes_its_place(monkeypatch):
     monkeypatch.setattr(rivals, "_without_absurd", lambda s, e, found: None)
     monkeypatch.setattr(rivals, "with_noise", lambda e, differenced, *, again: e)
     search = SimpleNamespace(
-        tests=SimpleNamespace(samples=1000), differenced=None, effects=(),
+        tests=SimpleNamespace(samples=1000), differenced=None, effects=(), effort=UNLIMITED,
         grown=lambda e, effects: e, without_idle=lambda e: e, at_best=lambda e: e,
     )  # fmt: skip
     found, others = rivals.settled(search, of("a"))
@@ -146,6 +149,6 @@ def test_what_another_addition_makes_no_sense_without_is_not_idle(monkeypatch):
     fit = SimpleNamespace(cost=100.0, **(FREE | {"simulator": SimpleNamespace(nuisances=nuisances)}))
     monkeypatch.setattr(selection, "wald", lambda fit, addition: 0.0)
     monkeypatch.setattr(selection, "without", lambda e, a, *, limit: a.name)
-    search = Selection(SimpleNamespace(samples=1000), None, None, ())
+    search = Selection(SimpleNamespace(samples=1000), None, None, (), UNLIMITED)
     assert list(search._slimmer(Explanation(fit, additions))) == ["falls"]
     assert list(search._slimmer(Explanation(fit, additions[:1]))) == ["friction"]

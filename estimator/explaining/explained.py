@@ -18,6 +18,7 @@ from estimator.explaining.effects.base import Effect
 from estimator.explaining.effects.drive import Coasting
 from estimator.explaining.effects.voltage_noise import VoltageNoise, without_noise
 from estimator.explaining.effects.voltage_offset import VoltageOffset
+from estimator.explaining.effort import ENDED, Effort
 from estimator.explaining.explanation import Explanation
 from estimator.explaining.explanation_noise import by_noise_of
 from estimator.explaining.findings import COARSE, Found, found_effects, not_visible, rival_in_words, varying_parameters
@@ -160,14 +161,10 @@ def explain(
     is_wanted : callable
         Whether an explanation that is so adequate is wanted: else what it costs most, its rivals, is not looked for.
     """
-    late: tuple[str, ...] = ()
-    opened: tuple[OwnVoltage, ...] = ()
-    if any(e.name == Coasting.name for e in effects) and may_be_replaced(plan):
-        plan, opened = with_open_circuits(plan)
-    if any(e.name == "latency of each edge" for e in effects):
-        plan, late = with_latencies(plan)
+    effort = Effort(plan, crew)
+    begin = partial(selection_of, crew=crew, sigma=sigma, deviations=deviations, effects=effects, effort=effort)
+    plan, opened, late = _read_at_sight(plan, effects)
     noisy, told_quiet = plan, ""
-    begin = partial(selection_of, crew=crew, sigma=sigma, deviations=deviations, effects=effects)
     if any(e.name == VoltageNoise.name for e in effects) and may_be_replaced(plan):
         at_sight = quieted_at_sight(plan)
         if at_sight is not None and (at_sight.is_sure or _is_likelier(begin, at_sight.plan, plan, starts)):
@@ -202,6 +199,8 @@ def explain(
                 rivals = [by_noise_of(wanders, rival) for rival in rivals]
             explanation = wanders
         open_additions = selection.tests.additions(explanation, selection.effects)
+    if effort.was_spent:
+        changed.append(ENDED)
     turned = None
     if len(selections) > 1:  # the other way to read the recordings, with all that was found
         turned = as_interpreted_by(explanation, selections[1])
@@ -215,6 +214,17 @@ def explain(
         changed.append(Found(ways[0].effect, "", ways[0].told, ""))
     samples = selection.tests.samples
     return _explained(plan, explanation, checked, rivals, (open_additions, torques), samples, changed, (turned, ways))
+
+
+def _read_at_sight(plan: Plan, effects: Sequence[Effect]) -> tuple[Plan, tuple[OwnVoltage, ...], tuple[str, ...]]:
+    """Return a plan whose voltages are as they reach the motor, where circuits are open, and what edges are late."""
+    late: tuple[str, ...] = ()
+    opened: tuple[OwnVoltage, ...] = ()
+    if any(e.name == Coasting.name for e in effects) and may_be_replaced(plan):
+        plan, opened = with_open_circuits(plan)
+    if any(e.name == "latency of each edge" for e in effects):
+        plan, late = with_latencies(plan)
+    return plan, opened, late
 
 
 def _is_likelier(begin: Callable[[Plan], Selection], one: Plan, other: Plan, starts: Sequence[FloatArray]) -> bool:

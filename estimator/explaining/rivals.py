@@ -49,7 +49,7 @@ FEW_EXCHANGES = 2  # of one that misses more than noise, at most: an effect that
 def settled(selection: Selection, explanation: Explanation) -> tuple[Explanation, list[Explanation]]:
     """Return the explanation, exchanged for a rival as long as one is more likely, and its rivals."""
     explanation, rivals = _exchanged_for_rivals(selection, explanation)
-    sensible = _without_absurd(selection, explanation, rivals)
+    sensible = None if selection.effort.is_spent() else _without_absurd(selection, explanation, rivals)
     return (explanation, rivals) if sensible is None else _exchanged_for_rivals(selection, sensible, most=1)
 
 
@@ -61,7 +61,7 @@ def _exchanged_for_rivals(
     others: list[Explanation] | None = None
     fuller: list[Explanation] | None = None
     for k in range(most):
-        if k >= FEW_EXCHANGES and explanation.excess(n) > MISSED:
+        if (k >= FEW_EXCHANGES and explanation.excess(n) > MISSED) or (k and selection.effort.is_spent()):
             break
         others, fuller = _others(selection, explanation), None
         best = _likelier(selection, explanation, others)
@@ -172,6 +172,8 @@ def _others(selection: Selection, explanation: Explanation) -> list[Explanation]
     twins += _in_place_of_lateness(selection, explanation, within)
     found = [*twins, *(_simpler(selection, explanation, within) if len(within) <= MOST_PAIRED else [])]
     for addition in explanation.additions:
+        if selection.effort.is_spent():
+            break
         many = sum(a.effect is addition.effect for a in explanation.additions)
         if not addition.effect.is_line and not is_switch(addition) and many <= MOST_ALIKE:
             sharp_too = addition in within and len(within) <= MOST_WITHIN

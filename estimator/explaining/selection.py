@@ -36,6 +36,7 @@ from estimator.explaining.addition import (
 )
 from estimator.explaining.addition_tests import AdditionTests
 from estimator.explaining.effects.base import Effect
+from estimator.explaining.effort import OF_ADDITIONS, Effort
 from estimator.explaining.explanation import (
     MOST_ADDITIONS,
     Explanation,
@@ -91,12 +92,15 @@ class Selection:
     differenced : (q,) array
         Deviation of the counts that a channel differences; 0: it shows no counts.
     effects : those that may be found
+    effort : Effort
+        What may be simulated for it.
     """
 
     tests: AdditionTests
     first: FirstFit
     differenced: FloatArray
     effects: tuple[Effect, ...]
+    effort: Effort
 
     def mirrored(self, explanation: Explanation, *, iterations: int = ITERATIONS, limit: float) -> list[Explanation]:
         """Return an explanation at the equivalent values that its effects name; the rest as for `solved`."""
@@ -265,7 +269,7 @@ class Selection:
         n, rejected = self.tests.samples, set[str]()
         for _ in range(ROUNDS):
             found = self.best_addition(explanation, effects, rejected, share)
-            if found is None or is_full(found):
+            if found is None or is_full(found) or self.effort.is_spent(part=OF_ADDITIONS):
                 break
             judged = with_noise(found, self.differenced, colour=colour, again=True) if renew else found
             absurd = [a for a in judged.additions if not is_physical(judged.fit, a, before=explanation.fit)]

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from estimator.explaining.addition_tests import AdditionTests
 from estimator.explaining.effects.base import Effect
+from estimator.explaining.effort import Effort
 from estimator.explaining.explanation_noise import count_deviations
 from estimator.explaining.first_fit import FirstFit
 from estimator.explaining.selection import Selection
@@ -31,8 +32,9 @@ def selection_of(
     sigma: Mapping[str, float],
     deviations: FloatArray,
     effects: Sequence[Effect],
+    effort: Effort,
 ) -> Selection:
-    """Return the selection of effects for a plan; arguments as for `explain`."""
+    """Return the selection of effects for a plan; arguments as for `explain` and `Selection`."""
     own = [n for e in effects if not e.fmu for n in e.nuisances(plan)]
     own += _in_place_of_columns(effects, plan)
     wanted = freed_by_the_case(plan)
@@ -41,7 +43,7 @@ def selection_of(
     tests = AdditionTests(base, _rivals(base, effects))
     always = tuple(n.name for n in wanted)
     first = FirstFit(tests, always, deviations, tuple(effects))
-    return Selection(tests, first, count_deviations(plan), tuple(effects))
+    return Selection(tests, first, count_deviations(plan), tuple(effects), effort)
 
 
 def _rivals(base: Simulator, effects: Sequence[Effect]) -> Callable[[str], Simulator | None]:

@@ -1,0 +1,23 @@
+"""What no effect explains ends in time, doubtful, with what was found until then."""
+
+import numpy as np
+import pytest
+from fine_motor import FINE, MOTOR, bench
+
+from estimator import estimate_parameters
+from estimator.explaining import effort
+
+LEVELS = np.repeat([0.0, 6.0, 2.0, 9.0, 4.0], 150)
+
+
+@pytest.mark.parametrize("samples", [1, effort.MOST_SAMPLES])
+def test_a_search_without_end_is_ended_and_told(monkeypatch, samples):
+    """Recordings that have what is not known took more than 150 s; the same ones come to their end in tens."""
+    monkeypatch.setattr(effort, "MOST_SAMPLES", samples)
+    monkeypatch.setattr(effort, "LEAST_CANDIDATES", 60)
+    late = 3 * FINE // 2
+    recording = bench(LEVELS, np.repeat(LEVELS, FINE), 0, late=late, more=0.05)
+    result = estimate_parameters(recording, workers=1)
+    ended = any("was ended before all was tried" in reason for reason in result.reasons)
+    assert ended == (samples == 1), result.reasons
+    assert result.verdict == ("doubtful" if ended else "ok") and result.parameters.keys() >= MOTOR.keys()
