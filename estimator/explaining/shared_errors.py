@@ -31,10 +31,7 @@ def with_shared_errors(fit: Fit, *, forms: bool = True) -> Fit:
 
 def _of_forms(fit: Fit) -> FloatArray | None:
     """Return what is not known of the form of the columns, (rows, q, k), at their coefficients; None: nothing."""
-    found, at = list[FloatArray](), 0
-    for group in fit.linear:
-        own = fit.coefficients[at : (at := at + group.columns.shape[2])]
-        found += [group.uncertain * own] if group.uncertain is not None else []
+    found = [group.uncertain * own for group, own in fit.linear_parts if group.uncertain is not None]
     return np.concatenate(found, axis=2) if found else None
 
 

@@ -209,11 +209,7 @@ class Fit:
     @property
     def moved(self) -> FloatArray:
         """What is shown, (rows, q), with what moves the machine beside the simulation; not to be changed."""
-        result, at = self.shown, 0
-        for g in self.linear:
-            own = self.coefficients[at : (at := at + g.columns.shape[2])]
-            result = result + g.columns @ own if g.moves and len(own) else result
-        return result
+        return sum((g.columns @ own for g, own in self.linear_parts if g.moves and len(own)), self.shown)
 
     def delay(self, recording: int) -> float:
         """Return by how much a recording's outputs come after its inputs, s."""

@@ -73,13 +73,14 @@ def response(fit: Fit, *, voltage: FloatArray | None = None, torque: FloatArray 
     given = [None if signal is None else signal.reshape(s.rows, -1) for signal in (voltage, torque)]
     many = max(signals.shape[1] for signals in given if signals is not None)
     result = np.zeros((s.rows, len(s.outputs), many))
-    opens, seats = _opens(fit), _plain_seats(fit)
+    opens, seats, motor = _opens(fit), _plain_seats(fit), motor_values(fit)
+    assert motor is not None
     for clock in s.clocks:
         own = [None if signals is None else signals[clock.rows] for signals in given]
         if seats is not None:
-            _states(fit, clock, own, opens[clock.rows], np.zeros((2, many)), (seats, result[clock.rows]))
+            _driven(motor, clock.step, own, opens[clock.rows], np.zeros((2, many)), (seats, result[clock.rows]))
             continue
-        states = _states(fit, clock, own, opens[clock.rows], np.zeros((2, many)))
+        states = _driven(motor, clock.step, own, opens[clock.rows], np.zeros((2, many)))
         each = [_later(fit, clock, own, opens[clock.rows], states, channel_delay(s, fit.value, y)) for y in s.outputs]
         for k in range(many):
             result[clock.rows, :, k] = _as_shown(fit, [own[:, :, k].T for own in each], clock)
@@ -147,9 +148,9 @@ def _opens(fit: Fit) -> NDArray[np.bool_]:
     return opens
 
 
-def _states(
-    fit: Fit,
-    clock: Clock,
+def _driven(
+    values: Mapping[str, float],
+    step: float,
     inputs: Sequence[FloatArray | None],
     opens: NDArray[np.bool_],
     first_row: FloatArray,
@@ -159,25 +160,12 @@ def _states(
 
     Parameters
     ----------
+    values, step : R, K, L, J, B; a sampling interval, s
     first_row : (2, c) array
         Changes in the first row.
     shown : q seats and a (n, q, c) array, contiguous, optional
         Which of both are wanted, in which order, and where they go.
     """
-    values = motor_values(fit)
-    assert values is not None
-    return _driven(values, clock.step, inputs, opens, first_row, shown)
-
-
-def _driven(
-    values: Mapping[str, float],
-    step: float,
-    inputs: Sequence[FloatArray | None],
-    opens: NDArray[np.bool_],
-    first_row: FloatArray,
-    shown: tuple[Sequence[int], FloatArray] | None,
-) -> FloatArray:
-    """Return what `_states` does, by R, K, L, J, B and a sampling interval, s."""
     f, g = _sampled(tuple(values[name] for name in MOTOR), step)
     (n,), many = opens.shape, first_row.shape[1]
     seats, states = ((0, 1), np.empty((n, 2, many))) if shown is None else shown
@@ -220,7 +208,7 @@ def driven_on_lines(
     g = _sampled(tuple(values[name] for name in MOTOR), h)[1]
     held = np.linalg.solve(g, added.T)[:, :, None]  # a voltage and a torque that do the same from row to row
     held[1][opens] = 0.0
-    return _driven(values, h, [held[0], held[1]], opens, np.zeros((2, 1)), None)[:, :, 0]
+    return _driven(values, h, [held[0], held[1]], opens, np.zeros((2, 1)))[:, :, 0]
 
 
 def pulse_response(fit: Fit, clock: Clock, begin: float, end: float) -> FloatArray:
@@ -248,7 +236,8 @@ def free_motion(fit: Fit, clock: Clock, *, opens_first: bool = False) -> FloatAr
     opens_first : bool
         Whether a drive that opens the circuit at no voltage has done so before the first voltage too.
     """
-    opens = _opens(fit)[clock.rows]
+    opens, motor = _opens(fit)[clock.rows], motor_values(fit)
+    assert motor is not None
     if not opens_first:
         driven = as_late(fit, (fit.simulator.inputs("v") != 0).astype(np.float64))[clock.rows] > 0.5
         opens = opens & (np.cumsum(driven) > 0)
@@ -256,10 +245,10 @@ def free_motion(fit: Fit, clock: Clock, *, opens_first: bool = False) -> FloatAr
     first[1, 0] = first[0, 1] = 1.0
     if (seats := _plain_seats(fit)) is not None:
         shown = np.empty((len(opens), len(seats), 2))
-        _states(fit, clock, (None, None), opens, first, (seats, shown))
+        _driven(motor, clock.step, (None, None), opens, first, (seats, shown))
         return shown
     s, nothing = fit.simulator, (None, None)
-    states = _states(fit, clock, nothing, opens, first)
+    states = _driven(motor, clock.step, nothing, opens, first)
     each = [_later(fit, clock, nothing, opens, states, channel_delay(s, fit.value, y)) for y in s.outputs]
     return np.stack([_as_shown(fit, [own[:, :, k].T for own in each], clock) for k in range(2)], axis=2)
 
@@ -321,7 +310,7 @@ def response_within_rows(fit: Fit, change: FloatArray) -> FloatArray:
         h = clock.step / FINELY
         voltage = _moved((change[clock.rows][:, None] * line).ravel(), round(fit.delay(e) / h))
         open_parts = np.repeat(opens[clock.rows], FINELY)
-        states = _driven(values, h, [voltage[:, None], None], open_parts, np.zeros((2, 1)), None)[:, :, 0]
+        states = _driven(values, h, [voltage[:, None], None], open_parts, np.zeros((2, 1)))[:, :, 0]
         for j, y in enumerate(s.outputs):
             own = states[:, SEATS[y]] if y != "angle" else np.cumsum(states[:, SEATS["w"]]) * h
             own = _moved(own, round(channel_delay(s, fit.value, y) / h))
@@ -351,7 +340,7 @@ def _later(
     states: FloatArray,
     delay: float,
 ) -> FloatArray:
-    """Return changes of current and speed, (n, 2, c), as they were a delay before each row, s, by inputs as `_states`.
+    """Return changes of current and speed, (n, 2, c), as they were a delay before each row, s, by inputs as `_driven`.
 
     Between two rows they are those of inputs that are held, or, where the circuit is open, on lines.
     """

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,40 +26,27 @@ LATE_SPEED = "delay of w"
 TRIED = (0.3, 1.5, 6.0, 40.0, 200.0)  # samples, to half the longest
 
 
-def lagged(y: FloatArray, tau: float, h: float) -> FloatArray:
-    """Return y behind tau x' + x = y, exact for a signal on lines between its samples, at rest before the first."""
-    return _shown(lag(tau, h), y)
-
-
 def lag(tau: float, h: float) -> Sections:
-    """Return the section of that; none where tau is 0."""
+    """Return the section of tau x' + x = y, exact for a signal on lines between its samples; none where tau is 0."""
     if tau <= 0:
         return ()
     a = float(np.exp(-h / tau))
     return (((1 - (1 - a) * tau / h, (1 - a) * tau / h - a), (-a,)),)
 
 
-def lagged_twice(y: FloatArray, tau: float, h: float) -> FloatArray:
-    """Return y behind two equal lags."""
-    return _shown(two_lags(tau, h), y)
-
-
 def two_lags(tau: float, h: float) -> Sections:
-    """Return the sections of that."""
+    """Return the sections of two equal lags."""
     return (*lag(tau, h), *lag(tau, h))
 
 
-def butterworth(y: FloatArray, tau: float, h: float) -> FloatArray:
-    """Return y behind tau^2 x'' + sqrt(2) tau x' + x = y, exact for a signal on lines between its samples."""
-    return _shown(second_order(tau, h), y)
-
-
 def second_order(tau: float, h: float) -> Sections:
-    """Return the section of that; none where tau is 0."""
+    """Return the section of tau^2 x'' + sqrt(2) tau x' + x = y; none where tau is 0."""
     return (_butterworth(h / tau),) if tau > 0 else ()
 
 
-def _shown(sections: Sections, y: FloatArray) -> FloatArray:
+def through(of: Callable[[float, float], Sections], y: FloatArray, tau: float, h: float) -> FloatArray:
+    """Return y behind a filter's sections, at rest before the first."""
+    sections = of(tau, h)
     if not sections:
         return y
     shown = np.empty(len(y))
@@ -80,16 +67,11 @@ def _butterworth(step: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
     return tuple(map(float, b)), (-trace, float(np.linalg.det(f)))
 
 
-FORMS: Mapping[str, tuple[Callable[[FloatArray, float, float], FloatArray], float, str]] = {
-    "lag": (lagged, 1.0, "a low-pass of first order"),
-    "second-order lag": (lagged_twice, 2.0, "a low-pass of second order"),
-    "Butterworth low-pass": (butterworth, np.sqrt(2.0), "a Butterworth low-pass of second order"),
-}  # of each: what the sensor shows, its delay in time constants, words
-SECTIONS: Mapping[str, Callable[[float, float], Sections]] = {
-    "lag": lag,
-    "second-order lag": two_lags,
-    "Butterworth low-pass": second_order,
-}
+FORMS: Mapping[str, tuple[Callable[[float, float], Sections], float, str]] = {
+    "lag": (lag, 1.0, "a low-pass of first order"),
+    "second-order lag": (two_lags, 2.0, "a low-pass of second order"),
+    "Butterworth low-pass": (second_order, np.sqrt(2.0), "a Butterworth low-pass of second order"),
+}  # of each: its sections, its delay in time constants, words
 
 
 @dataclass(frozen=True)
@@ -102,12 +84,12 @@ class LowPass(Effect):
 
     def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
         """Return one for each output without a declared filter."""
-        h, longest = plan.shortest_step, longest_lateness(plan)
+        h, longest, own = plan.shortest_step, longest_lateness(plan), FORMS[self.name][0]
         tries = tuple(n * h for n in TRIED if n * h < 0.5 * longest)
         return [
             Nuisance(
                 f"{self.name} of {y}", "s", 0.0, longest, 0.0, h,
-                output=y, act=FORMS[self.name][0], sections=SECTIONS[self.name], between=True,
+                output=y, act=partial(through, own), sections=own, between=True,
                 tries=tries, excludes=tuple(f"{form} of {y}" for form in FORMS),
             )
             for y in plan.outputs

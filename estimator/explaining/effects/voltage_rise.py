@@ -8,11 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from estimator.explaining.effects.base import SELDOM, Effect
-from estimator.explaining.effects.low_pass import lag, lagged
+from estimator.explaining.effects.low_pass import lag, through
 from estimator.fitting.fit import Fit
 from estimator.fitting.motor_response import motor_values
 from estimator.fitting.simulator import Nuisance
@@ -64,7 +65,16 @@ class VoltageRise(Effect):
         """Return its time constant. Near none, where it is a delay, and in long recordings it is not looked for."""
         return [
             Nuisance(
-                NAME, "s", 0.0, longest, 0.0, plan.shortest_step, act=lagged, sections=lag, between=True, tries=tries
+                NAME,
+                "s",
+                0.0,
+                longest,
+                0.0,
+                plan.shortest_step,
+                act=partial(through, lag),
+                sections=lag,
+                between=True,
+                tries=tries,
             )
             for longest, tries in times_of_command(plan, TRIED)
         ]
