@@ -57,7 +57,8 @@ class Delay(Effect):
         early = plan.observed[per_recording(plan, self.name).index(name)].early
         if value < -early - (EARLY + measured) * plan.shortest_step:
             return (
-                f"no motor does; check the recording's clock, or declare it (delay = {value:.3g} under [[recording]])"
+                "no motor does; check the recording's clock, and whether its signals were smoothed (a centred mean"
+                f" shows them early), or declare it (delay = {value:.3g} under [[recording]])"
             )
         return ""
 
