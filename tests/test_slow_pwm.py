@@ -32,7 +32,8 @@ def test_pulses_are_found_and_the_motor_is_right(frequency, seed):
     assert float(told.split(" at ")[1].split()[0]) == pytest.approx(frequency, rel=1e-3)
     for name, value in MOTOR.items():
         found = result.parameters[name]
-        assert abs(found.value - value) < 4.5 * found.standard_error < 0.15 * value, (name, found)
+        wide = 0.6 if name == "L" else 0.15  # the sharpest part of the pulses behind an edge is not known
+        assert abs(found.value - value) < 4.5 * found.standard_error < wide * value, (name, found)
 
 
 def test_a_line_that_is_no_pulses_is_a_line():
