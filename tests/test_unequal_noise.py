@@ -5,6 +5,13 @@ import pytest
 from fine_motor import FINE, bench, off
 
 from estimator import estimate_parameters, recording_from_arrays
+from estimator.cases.case import Case, OutputSpec
+from estimator.fitting.repeated_samples import without_repeats
+from estimator.fmus.probe import bundled_model
+from estimator.plans.noise_level import noise_shares
+from estimator.plans.planning import plan_case
+
+CASE = Case(inputs={"v": "voltage"}, outputs={"i": OutputSpec("current"), "w": OutputSpec("speed")})
 
 LEVELS = np.repeat([0.0, 6.0, 2.0, 9.0], [150, 150, 150, 150])
 
@@ -49,3 +56,15 @@ def test_a_fast_recording_beside_one_slower_than_the_motor_is_ok():
     both = estimate_parameters([recorded(4), recording_from_arrays("slow", slow.time[::50], few)], workers=1)
     assert not any("follows the voltage within" in reason for reason in both.reasons), both.reasons
     assert off(both).max() < 4.5, off(both)
+
+
+def test_samples_that_a_logger_holds_are_no_more_than_they_are():
+    """Each is shown in ten rows: few tell no noise from another. Of 30 recordings of one noise all are alike."""
+    held = []
+    for seed in range(30):
+        shown = recorded(seed)
+        columns = {f"{n} [{u}]": shown.signals[n] for n, u in (("voltage", "V"), ("speed", "rad/s"))}
+        columns["current [A]"] = shown.signals["current"][np.arange(len(shown.time)) // 10 * 10]
+        held.append(recording_from_arrays(f"held {seed}", shown.time, columns))
+    plan = plan_case(CASE, bundled_model("dc_motor"), recordings=held)
+    assert noise_shares(plan, [without_repeats(o, plan.outputs) for o in plan.observed]) is None

@@ -191,7 +191,7 @@ class Simulator:
     @cached_property
     def each(self) -> FloatArray | None:
         """The noise of each sample's recording over that of the noisiest, (rows, q); None: they are alike."""
-        shares = noise_shares(self.plan)
+        shares = noise_shares(self.plan, [self.measured[c.rows] for c in self.clocks])
         return None if shares is None else np.repeat(shares, [c.rows.stop - c.rows.start for c in self.clocks], axis=0)
 
     @cached_property

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -33,12 +35,17 @@ def output_deviations(plan: Plan) -> dict[str, tuple[float, float]]:
     return result
 
 
-def noise_shares(plan: Plan) -> FloatArray | None:
+def noise_shares(plan: Plan, compared: Sequence[FloatArray]) -> FloatArray | None:
     """Return the noise of each recording over that of the noisiest, (n, q), as it is at rest; None: they are alike.
 
     A sensor is switched to another range, another one is taken. Where a machine runs, its ripple seems to be noise.
+
+    Parameters
+    ----------
+    compared : (rows, q) arrays
+        Samples of each recording; NaN where one is missing, or shown again.
     """
-    resting = [_at_rest(o, name) for o in plan.observed for name in plan.outputs]
+    resting = [_at_rest(o, y) for o, rows in zip(plan.observed, compared, strict=True) for y in rows.T]
     shape = len(plan.observed), len(plan.outputs)
     noise = np.array([_fluctuation(y) for y in resting]).reshape(shape)
     steps = np.array([quantum(o.outputs[name]) for o in plan.observed for name in plan.outputs]).reshape(shape)
@@ -74,7 +81,7 @@ def _smoothing(chain: ChainSpec, step: float) -> float:
 
 def _noise(o: Observed, name: str) -> float:
     """Return the deviation of an output's noise: at rest before the step, where it is coloured, or differences."""
-    known = _at_rest(o, name)
+    known = _at_rest(o, o.outputs[name])
     fast = noise_deviation(o.outputs[name])
     if len(known) < REST_SAMPLES:
         return fast
@@ -82,11 +89,11 @@ def _noise(o: Observed, name: str) -> float:
     return slow if fast < slow < REST_LIMIT * fast else fast
 
 
-def _at_rest(o: Observed, name: str) -> FloatArray:
-    """Return the samples of an output that are there before the first voltage, (n,); none of a machine that turns."""
+def _at_rest(o: Observed, y: FloatArray) -> FloatArray:
+    """Return the samples of a signal that are there before the first voltage, (n,); none of a machine that turns."""
     if o.excitation.kind == "none" or o.excitation.running:
         return np.zeros(0)
-    rest = o.outputs[name][: o.excitation.index]
+    rest = y[: o.excitation.index]
     return rest[~np.isnan(rest)]
 
 
