@@ -5,7 +5,7 @@ import pytest
 from fine_motor import FINE, MOTOR, bench
 
 from estimator import estimate_parameters
-from estimator.explaining import effort
+from estimator.fitting import effort
 
 LEVELS = np.repeat([0.0, 6.0, 2.0, 9.0, 4.0], 150)
 

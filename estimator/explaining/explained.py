@@ -18,10 +18,17 @@ from estimator.explaining.effects.base import Effect
 from estimator.explaining.effects.drive import Coasting
 from estimator.explaining.effects.voltage_noise import VoltageNoise, without_noise
 from estimator.explaining.effects.voltage_offset import VoltageOffset
-from estimator.explaining.effort import ENDED, Effort
 from estimator.explaining.explanation import Explanation
 from estimator.explaining.explanation_noise import by_noise_of
-from estimator.explaining.findings import COARSE, Found, found_effects, not_visible, rival_in_words, varying_parameters
+from estimator.explaining.findings import (
+    COARSE,
+    ENDED,
+    Found,
+    found_effects,
+    not_visible,
+    rival_in_words,
+    varying_parameters,
+)
 from estimator.explaining.incoherent_noise import quieted_again, quieted_at_sight
 from estimator.explaining.interpretations import Interpretation
 from estimator.explaining.likelier_interpretation import as_interpreted_by, likelier_interpretation
@@ -33,6 +40,7 @@ from estimator.explaining.rivals import settled, simulated_finely
 from estimator.explaining.selection import Selection
 from estimator.explaining.selection_of_plan import may_be_replaced, selection_of
 from estimator.explaining.wandering_torque import OpenTorque, hidden_torque, with_wandering_torque
+from estimator.fitting.effort import Effort
 from estimator.fitting.fit import Fit
 from estimator.fitting.latency import with_latencies
 from estimator.fitting.lateness import lateness
@@ -161,7 +169,7 @@ def explain(
     is_wanted : callable
         Whether an explanation that is so adequate is wanted: else what it costs most, its rivals, is not looked for.
     """
-    effort = Effort(plan, crew)
+    effort = Effort(plan)
     begin = partial(selection_of, crew=crew, sigma=sigma, deviations=deviations, effects=effects, effort=effort)
     plan, opened, late = _read_at_sight(plan, effects)
     noisy, told_quiet = plan, ""

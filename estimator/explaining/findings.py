@@ -43,6 +43,14 @@ COARSE = Found(
 )
 
 
+ENDED = Found(
+    "search",
+    "",
+    "the recording shows more than what is known explains: the search for it was ended before all was tried",
+    "what was not tried may explain it, and give other parameters; estimate from a shorter part, by --window",
+)
+
+
 def found_effects(explanation: Explanation, plan: Plan) -> list[Found]:
     """Return the additions of an explanation in words."""
     fit, found = explanation.fit, []

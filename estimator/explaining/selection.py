@@ -36,7 +36,6 @@ from estimator.explaining.addition import (
 )
 from estimator.explaining.addition_tests import AdditionTests
 from estimator.explaining.effects.base import Effect
-from estimator.explaining.effort import OF_ADDITIONS, Effort
 from estimator.explaining.explanation import (
     MOST_ADDITIONS,
     Explanation,
@@ -60,6 +59,7 @@ from estimator.explaining.explanation_noise import (
     with_noise_of_neighbours,
 )
 from estimator.explaining.first_fit import NO_NOISE, FirstFit
+from estimator.fitting.effort import OF_ADDITIONS, Effort
 from estimator.fitting.fit import Fit, new_fit, set_aside
 from estimator.fitting.gauss_newton import ITERATIONS, ROUGH, solved, solved_roughly
 from estimator.fitting.simulator import Simulator

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from estimator.explaining.addition_tests import AdditionTests
 from estimator.explaining.effects.base import Effect
-from estimator.explaining.effort import Effort
 from estimator.explaining.explanation_noise import count_deviations
 from estimator.explaining.first_fit import FirstFit
 from estimator.explaining.selection import Selection
+from estimator.fitting.effort import Effort
 from estimator.fitting.simulator import Nuisance, Simulator, per_recording
 from estimator.fmus.probe import bundled_model
 from estimator.fmus.workers import Workers
@@ -39,7 +39,7 @@ def selection_of(
     own += _in_place_of_columns(effects, plan)
     wanted = freed_by_the_case(plan)
     own = [n for n in own if n.name not in {w.name for w in wanted}]
-    base = Simulator(plan, (*own, *wanted), crew, sigma)
+    base = Simulator(plan, (*own, *wanted), crew, sigma, effort)
     tests = AdditionTests(base, _rivals(base, effects))
     always = tuple(n.name for n in wanted)
     first = FirstFit(tests, always, deviations, tuple(effects))
@@ -59,7 +59,7 @@ def _rivals(base: Simulator, effects: Sequence[Effect]) -> Callable[[str], Simul
         own += [n for e in effects for n in e.in_place_of_columns(plan)]
         held = {n.name for n in base.nuisances}
         own = [n for n in own if n.target in there.binding.own and n.name not in held]
-        return Simulator(there, (*base.nuisances, *own), base.crew, base.sigma)
+        return Simulator(there, (*base.nuisances, *own), base.crew, base.sigma, base.effort)
 
     return simulator
 

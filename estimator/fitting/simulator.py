@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.fitting.angle_slips import angle_slips
+from estimator.fitting.effort import Effort
 from estimator.fitting.problem import Problem, distinct
 from estimator.fitting.repeated_samples import mostly_repeats, without_repeats
 from estimator.fitting.shaft_angle import shaft_angle, unfolded_orders
@@ -125,6 +126,8 @@ class Simulator:
     nuisances : sequence of Nuisance
     crew : Workers
     sigma : output → float, as `Problem`
+    effort : Effort, optional
+        Told what is shown.
 
     Attributes
     ----------
@@ -138,6 +141,7 @@ class Simulator:
     nuisances: tuple[Nuisance, ...]
     crew: Workers
     sigma: Mapping[str, float]
+    effort: Effort | None = None
     problem: Problem = field(init=False)
     between: int = field(init=False, default=SUBSTEPS)
     derivatives: tuple[tuple[bytes, int], FloatArray] | None = field(init=False, default=None)
@@ -268,6 +272,8 @@ class Simulator:
 
     def _simulated(self, candidates: FloatArray, refine: int) -> FloatArray:
         """Return the same, as the FMU tells it now."""
+        if self.effort is not None:
+            self.effort.spend(len(candidates) * self.rows * len(self.outputs))
         filtered = self.filtered(candidates)
         alike = filtered.all() or not filtered.any()
         rows = self.between if filtered.any() else 1

@@ -1,0 +1,34 @@
+"""How much is simulated at most for one explanation: what no effect explains would never end. Fits nothing."""
+
+from __future__ import annotations
+
+from estimator.plans.plan import Plan
+
+MOST_SAMPLES = 250_000_000  # of all outputs, shown for one explanation: a minute or a minute and a half
+LEAST_CANDIDATES = 1000  # that are shown at least, however long the recordings are
+OF_ADDITIONS = 0.5  # of all of it, by which additions are looked for: the rest is for their rivals
+
+
+class Effort:
+    """Samples that may still be shown by candidates.
+
+    Attributes
+    ----------
+    was_spent : bool
+        Whether something was left out for it.
+    """
+
+    def __init__(self, plan: Plan) -> None:
+        samples = len(plan.outputs) * sum(len(o.recording.time) for o in plan.observed)
+        self._left = self._most = max(MOST_SAMPLES, LEAST_CANDIDATES * samples)
+        self.was_spent = False
+
+    def spend(self, samples: int) -> None:
+        """Count samples that were shown."""
+        self._left -= samples
+
+    def is_spent(self, *, part: float = 1.0) -> bool:
+        """Return whether a part of it was shown: then nothing more is to be tried."""
+        spent = self._left <= (1 - part) * self._most
+        self.was_spent |= spent
+        return spent
