@@ -25,6 +25,7 @@ ONSET_NOISE = 6.0  # deviations of the noise: a larger change of the current is 
 ONSET_PART = 0.1  # of the largest change of the current per volt: likewise
 MEDIAN_OF = np.pi / 2  # variance of a median over that of a mean
 BEFORE = 5  # rows before a change, at least, in which the current has settled
+TOLD = 4.0  # standard errors by which it is later or earlier then
 LEAST_SHIFT = 2  # rows by which a change must come later or earlier than the first
 LEAST_ORDERED = 4  # changes of which larger ones come later: of fewer that may be chance
 
@@ -82,7 +83,10 @@ def _moved(o: Observed) -> tuple[Observed, str] | None:
             return None
         late.append(0 if _has_left(i[a : a + rows], before, v[a] - v[a - 1], noise) else rows)
     shift = np.array(late) - late[0]
-    if np.max(np.abs(shift)) < LEAST_SHIFT or _grows_with_size(late, changes):
+    # Where a current takes many rows to its onset, noise moves that: by so many rows, of a rise that is even.
+    moved = np.array(late) * noise / (level * changes)
+    by_chance = TOLD * np.hypot(moved, moved[0])
+    if np.all(np.abs(shift) < np.maximum(LEAST_SHIFT, by_chance)) or _grows_with_size(late, changes):
         return None
     command = np.full(len(v), v[0])
     for a, b, by in zip(bounds[:-1], bounds[1:], shift, strict=True):
