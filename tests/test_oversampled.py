@@ -10,9 +10,7 @@ from estimator.fmus.simulate import simulate
 STEP, LEVELS = 5e-5, (0.0, 10.0, 4.0, 8.0, -5.0, 3.0, 9.0, -10.0)  # s, V
 
 
-OPEN = pytest.mark.xfail(
-    reason="open: a delay of a tenth of a row, 2.4 standard errors, stays beside a sag", strict=True
-)
+OPEN = pytest.mark.xfail(reason="open: a delay of a tenth of a row, 2.4 errors, stays beside a sag", strict=True)
 
 
 @pytest.mark.parametrize(
