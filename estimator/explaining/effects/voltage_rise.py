@@ -65,19 +65,11 @@ class VoltageRise(Effect):
         """Return its time constant. Near none, where it is a delay, and in long recordings it is not looked for."""
         return [
             Nuisance(
-                NAME,
-                "s",
-                0.0,
-                longest,
-                0.0,
-                plan.shortest_step,
-                act=partial(through, lag),
-                sections=lag,
-                between=True,
+                NAME, "s", 0.0, longest, 0.0, plan.shortest_step, act=partial(through, lag), sections=lag, between=True,
                 tries=tries,
             )
             for longest, tries in times_of_command(plan, TRIED)
-        ]
+        ]  # fmt: skip
 
     def mirrored(self, fit: Fit, name: str) -> Sequence[Mapping[str, float]]:
         """Return the rise and the winding exchanged: of the faster two time constants none tells which it is."""
