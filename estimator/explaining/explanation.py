@@ -24,7 +24,7 @@ MOST_ADDITIONS = 12  # additions, spectral lines and others each
 MOST_IN_TWO = 2  # pairs in the place of an addition that are fitted to the end, of those that fit best
 IN_NOISE = 0.1  # of z'z: by how much another form of columns may be worse by the noise that was found with the first
 FOLLOWED, FALLS = 6, 0.1  # times that columns follow from the signals, at most; part of the cost that falls by it
-NO_CHANGE, DOUBLINGS = 0.1, 2  # of z'z: a smaller change is negligible; doublings of the rows between samples, at most
+NO_CHANGE = 0.1  # of z'z: a smaller change is negligible
 
 
 @dataclass(frozen=True)
@@ -210,15 +210,13 @@ def reshaped(explanation: Explanation, addition: Addition) -> Iterator[Explanati
                 yield dataclasses.replace(explanation, fit=tried)
 
 
-def mirrored(
-    explanation: Explanation, effects: Sequence[Effect], plan: Plan, *, iterations: int = ITERATIONS, limit: float
-) -> list[Explanation]:
+def mirrored(explanation: Explanation, effects: Sequence[Effect], plan: Plan, *, limit: float) -> list[Explanation]:
     """Return the explanation at the equivalent values that an effect names, such as two lags exchanged.
 
-    Iterations and limit as for `solved`.
+    Limit as for `solved`.
     """
     return [
-        _at_values(explanation, a, known, effects, plan, iterations, limit=limit)
+        _at_values(explanation, a, known, effects, plan, ITERATIONS, limit=limit)
         for a in explanation.additions
         for known in a.effect.mirrored(explanation.fit, a.name)
     ]
@@ -320,7 +318,7 @@ def with_added(explanation: Explanation, fit: Fit, addition: Addition) -> Explan
     return Explanation(fit, tuple(additions))
 
 
-def with_fine_filters(fit: Fit, *, most: int = DOUBLINGS) -> tuple[Fit, float]:
+def with_fine_filters(fit: Fit, *, most: int, least: float = NO_CHANGE) -> tuple[Fit, float]:
     """Return the fit on a simulator that simulates more rows between the samples if a filter there asks for it.
 
     Between two rows a signal may be curved, such as the current of a winding with a shorter time constant.
@@ -329,6 +327,8 @@ def with_fine_filters(fit: Fit, *, most: int = DOUBLINGS) -> tuple[Fit, float]:
     ----------
     most : int
         Doublings of the rows, at most.
+    least : float
+        Of z'z: what a doubling has to change.
 
     Returns
     -------
@@ -339,7 +339,7 @@ def with_fine_filters(fit: Fit, *, most: int = DOUBLINGS) -> tuple[Fit, float]:
         s.between *= 2
         finer = s.shown(fit.values[None, :])[0]
         change = fit.whitener(np.nan_to_num(finer - fit.shown)[:, :, None])[0]
-        if (left := float(np.vdot(change, change))) < NO_CHANGE:
+        if (left := float(np.vdot(change, change))) < least:
             s.between //= 2
             break
         fit = dataclasses.replace(fit, shown=finer)

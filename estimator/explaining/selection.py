@@ -61,7 +61,7 @@ from estimator.explaining.explanation_noise import (
 from estimator.explaining.first_fit import NO_NOISE, FirstFit
 from estimator.fitting.effort import OF_ADDITIONS, Effort
 from estimator.fitting.fit import Fit, new_fit, set_aside
-from estimator.fitting.gauss_newton import ITERATIONS, ROUGH, solved, solved_roughly
+from estimator.fitting.gauss_newton import ROUGH, solved, solved_roughly
 from estimator.fitting.simulator import Simulator
 from estimator.fitting.windows import find_windows
 
@@ -76,6 +76,7 @@ NEARLY_ALL = 0.8  # and is added before all else where that is so much of what i
 RESHAPED = 2  # times that all columns are tried in other forms, at most
 MISSED = 1.1  # of z'z a sample: with more, noise is not all that is missed
 WORTH = 0.02  # of what its outputs miss then: what explains less makes up for another effect, that is not known
+COMPARED, DOUBLINGS = 2.0, 2  # of z'z: more rows between the samples change less, while rivals are compared; at most
 IDLE = 6.0  # times the penalty: an addition is refitted without if its Wald statistic is below
 
 
@@ -102,9 +103,9 @@ class Selection:
     effects: tuple[Effect, ...]
     effort: Effort
 
-    def mirrored(self, explanation: Explanation, *, iterations: int = ITERATIONS, limit: float) -> list[Explanation]:
-        """Return an explanation at the equivalent values that its effects name; the rest as for `solved`."""
-        return mirrored(explanation, self.effects, self.tests.base.plan, iterations=iterations, limit=limit)
+    def mirrored(self, explanation: Explanation, *, limit: float) -> list[Explanation]:
+        """Return an explanation at the equivalent values that its effects name; limit as for `solved`."""
+        return mirrored(explanation, self.effects, self.tests.base.plan, limit=limit)
 
     def added(self, explanation: Explanation, addition: Addition, *, limit: float = np.inf) -> Explanation:
         """Return an explanation fitted with one more addition, a ripple where that moves it; limit as for `solved`."""
@@ -141,8 +142,9 @@ class Selection:
             twins = self.mirrored(best, limit=best.fit.cost)
             twins = [e for e in twins if not e.names() > best.names()]  # one with more is a rival
             best = min([best, *twins], key=lambda e: e.fit.cost)
-        fine = with_fine_filters(best.fit)[0] if best.fit.simulator is self.tests.base else best.fit
-        return self.at_best(dataclasses.replace(best, fit=fine))
+        if best.fit.simulator is self.tests.base:
+            best = dataclasses.replace(best, fit=with_fine_filters(best.fit, most=DOUBLINGS, least=COMPARED)[0])
+        return self.at_best(best)
 
     def _by_white_noise(self, first: Explanation) -> Explanation | None:
         """Return a first fit by its noise, where that is white; else None.
