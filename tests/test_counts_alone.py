@@ -60,3 +60,12 @@ def test_a_step_that_few_digits_round_is_told_over_many_of_its_multiples(step):
     digits = 2 if step < 2 else 1
     speed = np.round(step * np.rint(230 * (1 - np.exp(-np.arange(600) / 40)) / step), digits)
     assert quantum(speed) == pytest.approx(step, rel=2e-3)
+
+
+@pytest.mark.parametrize(("lines", "digits"), [(500, 6), (500, 7), (1000, 6), (1000, 7), (2000, 7)])
+def test_counts_of_an_angle_that_is_printed_with_few_digits(lines, digits):
+    """What the digits tell apart was taken for the count: residuals that were "no plain noise", of 18 in 40."""
+    count = 2 * np.pi / lines
+    angle = np.floor(moved(np.repeat([0.0, 10.0, 4.0], [100, 500, 500]))[:, 1] / count) * count
+    printed = np.array([float(f"{x:.{digits}g}") for x in angle])
+    assert quantum(printed) == pytest.approx(count, rel=0.02)

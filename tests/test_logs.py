@@ -316,6 +316,17 @@ def test_a_file_without_a_time_needs_its_rate(write):
     np.testing.assert_allclose(one(path, rate=100.0).time, np.arange(N) / 100, rtol=1e-12)
 
 
+def test_a_rate_in_the_place_of_times_is_said_and_so_is_another_that_these_tell(write):
+    """At half its rate a recording was estimated, twice as slow, without a word."""
+    path = write("t,u,i,w", T, V, I, W)
+    rate = 1 / (T[1] - T[0])
+    (told,) = one(path, rate=rate / 2).not_read
+    assert told == f"the times of 't' are not used: you said {rate / 2:g} Hz, and they tell {rate:.4g} Hz"
+    (told,) = one(path, rate=rate).not_read
+    assert told == f"the times of 't' are not used: you said {rate:g} Hz"
+    assert one(write("u,i,w", V, I, W), rate=rate).not_read == ()
+
+
 def test_a_file_without_a_time_may_hold_several_tests(write):
     """The last column was taken for the time where tests were told apart: the speed."""
     both = [np.concatenate([x, x]) for x in (V, I, W)]

@@ -111,6 +111,15 @@ def test_a_speed_or_a_voltage_without_its_sign_where_the_motor_turns_back(case_o
     assert run(case_of(), made(short, held_response(CML050, short, step=1e-3))).verdict == "ok"
 
 
+def test_a_heavy_rotor_that_a_short_reversal_only_slows_down_has_its_sign(case_of):
+    """It turned on in its old direction, hardly slower, and was taken to run steadily in the other."""
+    heavy = dataclasses.replace(CML050, J=2e-3)
+    voltage = np.repeat([0.0, 10.0, 4.0, 8.0, -5.0], [100, 250, 250, 250, 250])
+    shown = held_response(heavy, voltage, step=1e-3)
+    assert np.min(shown[:, 1]) >= 0
+    assert run(case_of(), made(voltage, shown, noise=(0.02, 1))).verdict != "refused"
+
+
 def test_a_coarse_encoder_that_turns_back_has_its_sign(case_of):
     """Its counts, 63 rad/s each, were taken for the noise of a speed that is never negative."""
     voltage = np.repeat([0.0, 10.0, 4.0, 8.0, -5.0], [100, 250, 250, 250, 250])

@@ -68,7 +68,9 @@ def _runs_steadily(w: FloatArray, largest: float) -> bool:
     part = len(w) // PARTS
     means = np.mean(w[: part * PARTS].reshape(PARTS, part), axis=1)
     steady = np.abs(np.diff(means)) < SETTLED * largest
-    return bool(np.any(steady & (means[1:] > RUNS * largest)))
+    rose = np.minimum.accumulate(means)[:-1] < means[1:] - SETTLED * largest  # after it had stood
+    all_along = float(np.ptp(means)) < SETTLED * largest  # and no slow fall of a heavy rotor
+    return bool(np.any(steady & (rose | all_along) & (means[1:] > RUNS * largest)))
 
 
 def _of_current(o: Observed) -> list[str]:

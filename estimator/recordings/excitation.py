@@ -5,6 +5,7 @@ Used before any simulation, to choose the start, the weights and the way of sear
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
@@ -17,7 +18,9 @@ from estimator.recordings.samples import filled, mean_of_known, median, told_onc
 
 FloatArray = NDArray[np.float64]
 
-FOURTH_DIFFERENCE = float(np.sqrt(70.0))  # deviation of fourth differences of white noise of 1
+# Deviations of second, fourth, sixth and eighth differences of white noise of 1.
+EVEN_DIFFERENCES = tuple(math.sqrt(math.comb(2 * order, order)) for order in (2, 4, 6, 8))
+FEW_DIFFERENCES = 3  # fewer of a higher order tell nothing
 LEAST_NOISE = 1e-6  # of the largest of an input: less is the rounding of a command
 
 NORMAL_SPAN = 4.0  # standard deviations: normal noise spans more, a pseudo-random signal less
@@ -127,13 +130,14 @@ def _row_by_row(v: FloatArray) -> float:
 
     Rows of exactly none show no noise: a converter's at rest, or those in which the voltage is the motor's own.
     """
-    v = v[v != 0]
-    second = v[2:] - 2 * v[1:-1] + v[:-2]
-    if len(second) < 3:
-        return median(np.abs(second)) / MEDIAN_SIZE / SECOND_DIFFERENCE if len(second) else 0.0
-    fourth = second[2:] - 2 * second[1:-1] + second[:-2]  # a wave of few rows has large second differences
-    sizes = ((second, SECOND_DIFFERENCE), (fourth, FOURTH_DIFFERENCE))
-    return min(median(np.abs(x)) / of_white / MEDIAN_SIZE for x, of_white in sizes)
+    x = v[v != 0]
+    sizes: list[float] = []
+    for of_white in EVEN_DIFFERENCES:  # a wave of few rows has large second differences
+        x = x[2:] - 2 * x[1:-1] + x[:-2]
+        if len(x) < (FEW_DIFFERENCES if sizes else 1):
+            break
+        sizes.append(median(np.abs(x)) / MEDIAN_SIZE / of_white)
+    return min(sizes, default=0.0)
 
 
 def _is_restless(v: FloatArray, noise: float) -> bool:
@@ -152,10 +156,31 @@ def quantum(y: FloatArray) -> float:
     if (step := _lattice(y)) > 0:
         return step
     fine = _lattice(np.diff(y))
-    return _lattice(y, printed=fine) or fine
+    return _lattice(y, printed=fine) or _lattice(_without_digits(np.diff(y))) or fine
+
+
+def _without_digits(y: FloatArray) -> FloatArray:
+    """Return values, (n,), each of which is the mean of a group of neighbours that differ by printed digits alone.
+
+    A group is far from the next, as levels are from each other. Of small values more digits are printed.
+    """
+    order = np.argsort(y, kind="stable")
+    gaps = np.diff(y[order])
+    sizes = np.sort(gaps[gaps > 1e-9 * float(np.max(np.abs(y), initial=0.0))])
+    if len(sizes) < LEAST_LEVELS:
+        return y
+    most = len(sizes) - LEAST_LEVELS // 2  # so many gaps at least are between levels, most of them a step apart
+    ratios = np.where(sizes[1:] > BESIDE * sizes[most], sizes[1:] / sizes[:-1], 0.0)[:most]
+    k = int(np.argmax(ratios))
+    if ratios[k] < APART:
+        return y
+    group = np.concatenate([[0], np.cumsum(gaps > np.sqrt(sizes[k] * sizes[k + 1]))])
+    means = np.bincount(group, y[order]) / np.bincount(group)
+    return np.asarray(means[group])
 
 
 OFF_LATTICE = 0.05  # of a step
+APART, BESIDE = 2.5, 0.3  # times the gaps between printed digits are those between steps; part of the usual one
 PRINTED, LEAST_LEVELS = 0.2, 12  # of a step, that a digit may be; levels that tell the step then
 
 
@@ -256,6 +281,7 @@ def find_settling(step: Excitation, outputs: Mapping[str, FloatArray], *, interv
         if swing == 0:
             continue
         slope, error = _trend(response[-tail:])
+        error = max(error, noise_deviation(response) / np.sqrt(tail**3 / 12))  # a few samples' own scatter may be small
         change = abs(slope) * tail
         if change > max(TREND * swing, TREND_SIGMAS * error * tail):
             return Settling(

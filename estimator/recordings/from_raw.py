@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.errors import RecordingError
-from estimator.recordings.headers import Header, assumed_unit, role_of
+from estimator.recordings.headers import Header, assumed_unit, parse_header, rank_in_role, role_of
 from estimator.recordings.raw_table import RawTable
 from estimator.recordings.read_as import ReadAs
 from estimator.recordings.recording import MIN_SAMPLES, Recording
@@ -28,6 +28,7 @@ TOO_FAST = 1e-7  # s, of a sampling interval: the header's unit is doubted
 _THOUSANDS = re.compile(r"[-+]?\d{1,3}([.,]\d{3})+")  # or a decimal mark that the other numbers do not have
 MOST_LEFT_OUT = 2  # rows at the start, of wrong stamps
 EVEN = 0.1  # of a step: steps of a column that differ by less are even
+OTHER_RATE = 0.01  # from a rate that is said, relative: that of times is another
 LONG = 100  # rows: of fewer, one whose time is off is missed more than the clock
 
 
@@ -44,7 +45,21 @@ def timed(raw: RawTable, read_as: ReadAs) -> RawTable:
         return raw
     times = np.arange(len(raw.columns[0]), dtype=np.float64) / read_as.rate
     own = ["time as logged [s]" if text == "time [s]" else text for text in raw.texts]
-    return replace(raw, texts=[*own, "time [s]"], columns=[*raw.columns, times], half_digit=None)
+    told = (*raw.not_read, *_times_not_used(raw, read_as.rate))
+    return replace(raw, texts=[*own, "time [s]"], columns=[*raw.columns, times], half_digit=None, not_read=told)
+
+
+def _times_not_used(raw: RawTable, rate: float) -> Iterator[str]:
+    """Say which column of times a rate, Hz, is used instead of, and which rate these tell, if it is another."""
+    for text, column in zip(raw.texts, raw.columns, strict=True):
+        header = parse_header(text)
+        unit = header.unit or (assumed_unit(header.name) if header.unit_text is None else None)
+        if rank_in_role(header.name, "time") is None or unit is None or unit.quantity != "time":
+            continue
+        lasts = float(unit.to_si(column[-1:])[0] - unit.to_si(column[:1])[0])
+        told = (len(column) - 1) / lasts if lasts > 0 else np.nan
+        other = f", and they tell {told:.4g} Hz" if abs(told / rate - 1) > OTHER_RATE else ""
+        yield f"the times of {text!r} are not used: you said {rate:g} Hz{other}"
 
 
 def recording_of(raw: RawTable, read_as: ReadAs) -> Recording:

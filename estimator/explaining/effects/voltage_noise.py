@@ -15,6 +15,7 @@ from estimator.fitting.latency import edges_of
 from estimator.fitting.motor_response import late_response, motor_values
 from estimator.plans.part import LONG
 from estimator.plans.plan import Plan
+from estimator.recordings.excitation import input_noise
 
 FloatArray = NDArray[np.float64]
 
@@ -25,6 +26,7 @@ ALL_OF_IT, FAR = 0.05, 4.0  # from 1, absolute and in standard errors: all of th
 MOST_CHANGES = 3000  # levels, at most: more are a signal
 MOST_LEVELS = 60  # of all recordings, whose voltages have errors of their own: of more levels they average out
 MOVES = 3e-3  # of a signal's largest: what moves less in a level is the response to the voltage's noise
+A_SIGNAL = 10.0  # times the noise from row to row: what moves so far in a level is a signal, such as a wave's crest
 DEPENDENT = 1e-6  # of the largest singular value: the current does not differ from the speed
 
 
@@ -127,7 +129,7 @@ def noise_of(u: FloatArray, shown: FloatArray) -> FloatArray:
     """Return the noise of a voltage, (n,): what of each level is no constant, and no part of current or speed.
 
     A source sags in proportion to the current, and the voltage of a motor that coasts to its speed. Zero where it has
-    too many levels to have any.
+    too many levels to have any, and where a signal moves within them.
 
     Parameters
     ----------
@@ -139,7 +141,7 @@ def noise_of(u: FloatArray, shown: FloatArray) -> FloatArray:
     result = u.copy()
     for level, basis in _followed(u, shown):
         result[level] -= basis @ (basis.T @ u[level])
-    return result
+    return np.zeros(len(u)) if float(np.std(result)) > A_SIGNAL * input_noise(u) else result
 
 
 def levels_of(u: FloatArray) -> list[slice]:
