@@ -133,10 +133,10 @@ def test_the_variation_is_told_with_its_size_and_the_recording():
     assert sentence(far, name="B", unit="", is_log=True, runs=["a", "b"]).endswith(" has it 1e+04 % and more above b")
 
 
-def emulated(resistance, seed):
+def emulated(resistance, seed, *, k=0.05, inertia=2e-5, noise=(0.01, 0.3)):
     """Return a step of a motor of this resistance, in Ohm, exact and with white noise."""
     rng, n, h = np.random.default_rng(seed), 1200, 1e-3
-    k, inductance, inertia, friction = 0.05, 3e-3, 2e-5, 2e-5
+    inductance, friction = 3e-3, 2e-5
     whole = np.zeros((3, 3))
     whole[:2, :2] = [[-resistance / inductance, -k / inductance], [k / inertia, -friction / inertia]]
     whole[0, 2] = 1 / inductance
@@ -144,8 +144,8 @@ def emulated(resistance, seed):
     v, x = np.where(np.arange(n) < 200, 0.0, 10.0), np.zeros((n, 2))
     for j in range(n - 1):
         x[j + 1] = step[:2, :2] @ x[j] + step[:2, 2] * v[j]
-    noise = rng.standard_normal((n, 2)) * [0.01, 0.3]
-    signals = {"voltage [V]": v, "current [A]": x[:, 0] + noise[:, 0], "speed [rad/s]": x[:, 1] + noise[:, 1]}
+    shown = x + rng.standard_normal((n, 2)) * noise
+    signals = {"voltage [V]": v, "current [A]": shown[:, 0], "speed [rad/s]": shown[:, 1]}
     return recording_from_arrays(f"run_{seed}", np.arange(n) * h, signals)
 
 
@@ -184,3 +184,36 @@ def test_errors_that_runs_share_are_no_variation_between_them():
     (only,) = found.variations
     assert only.told and only.parameter == 1
     assert only.probability == pytest.approx(chi2.sf(alike - one, 2), rel=1e-6)
+
+
+@pytest.mark.parametrize("noise", [(0.01, 0.3), (0.002, 0.03)])
+@pytest.mark.parametrize(("changed", "by"), [("J", 0.6), ("K", -0.08)])
+def test_a_run_with_another_part_is_told_by_that_part_alone(changed, by, noise):
+    """To first order a large change left a misfit, for which nine other effects were told in two minutes."""
+    own = {"k": 0.05 * (1 + by)} if changed == "K" else {"inertia": 2e-5 * (1 + by)}
+    runs = [emulated(3.1, seed, noise=noise) for seed in (1, 2)] + [emulated(3.1, 3, noise=noise, **own)]
+    found = estimate_parameters(runs, workers=1)
+    (told,) = [words for words in (*found.reasons, *found.notes) if "between runs" in words]
+    assert told.startswith(f"between runs {changed} varies") and "run_3 has it" in told
+    away = float(told.split("has it ")[1].split(" %")[0])
+    assert away == pytest.approx(abs(100 * by), rel=0.02)
+    assert [n for n, p in found.parameters.items() if p.repeatability] == [changed]
+    truth = {"R": 3.1, "L": 3e-3, "B": 2e-5, "K": 0.05, "J": 2e-5}
+    for name in truth.keys() - {changed}:
+        p = found.parameters[name]
+        assert abs(p.value - truth[name]) < 4.5 * p.standard_error, (name, p)
+        assert p.standard_error < 0.02 * p.value, "what differs is another parameter's"
+
+
+def test_what_differs_between_runs_moves_only_itself_where_it_is_estimated_for_each():
+    """The mean of k values of variance T^2 has T^2 / k; by a joint fit that shares them the others would move, too."""
+    rng = np.random.default_rng(2)
+    jacobian = design(rng, 4)
+    changes = np.array([-0.5, 0.8, 0.3, -0.6])
+    measured = jacobian @ np.ones(3) + jacobian[:, 1] * np.repeat(changes, ROWS) + rng.standard_normal(len(jacobian))
+    _, z = joint(jacobian, measured)
+    shared, each = (between_runs(jacobian, z, slices(4), tested=[0, 1, 2], estimated=e) for e in ((), (1,)))
+    (one,), (other,) = shared.variations, each.variations
+    assert one == other and one.parameter == 1
+    assert each.covariance[1, 1] == pytest.approx((one.deviation * one.widened) ** 2 / 4)
+    assert np.count_nonzero(each.covariance) == 1 and np.count_nonzero(shared.covariance) == 9

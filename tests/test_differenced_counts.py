@@ -35,6 +35,28 @@ def test_counts_are_told_however_few_digits_are_printed(counts, digit):
         assert as_counted(w, INTERVAL, counts) == pytest.approx(counted(speed(seed), counts, seed), rel=1e-6)
 
 
+@pytest.mark.parametrize("unit", [1.0, 30 / np.pi])
+@pytest.mark.parametrize(("counts", "digits"), [(1000, 5), (2000, 6), (4096, 6), (8192, 6), (8192, 7)])
+def test_counts_are_told_where_small_speeds_are_printed_with_finer_digits_than_large_ones(counts, digits, unit):
+    """As %.6g prints, in rad/s or rpm: a third of an outside judge's encoders were told as a low-pass of the speed."""
+    for seed in range(3):
+        shown = counted(speed(seed), counts, seed) * unit
+        printed = np.array([float(f"{x:.{digits}g}") for x in shown]) / unit
+        assert counts_a_turn([printed], [INTERVAL]) == counts
+        rounding = 1e-4 * 2 * np.pi / (counts * INTERVAL)
+        assert as_counted(printed, INTERVAL, counts) == pytest.approx(shown / unit, abs=rounding)
+
+
+def test_steps_of_a_converter_that_are_printed_likewise_are_no_counts():
+    """Of 200, each in one or two of 10 widths of where a number of counts would be whole."""
+    found = 0
+    for seed in range(200):
+        step = np.random.default_rng(seed).uniform(2, 4)
+        printed = np.array([float(f"{x:.6g}") for x in step * np.rint(speed(seed) / step)])
+        found += bool(counts_a_turn([printed], [INTERVAL]))
+    assert found < 40
+
+
 def test_steps_of_a_converter_are_no_counts():
     """Of 200 converters whose steps are a number of counts by chance, few."""
     found = [0, 0]

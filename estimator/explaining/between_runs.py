@@ -9,10 +9,11 @@ the d_r are independent of variance T^2, u has the covariance S + T^2 S S, so th
 
 (DerSimonian and Laird 1986, with the estimates of the recordings correlated through what they share). Without T, Q is
 chi-square. Parameters enter one after the other, the least likely Q first, each tested beside those that entered
-before, so that the change of one is not taken for a change of all. The joint answer t = sum_r A^-1 H_r t_r, H_r =
-J_r'J_r and A their sum, then gains the variance  T^2 sum_r (A^-1 H_r e)(A^-1 H_r e)'. Of a variation that is told it
-is as many times as large as two standard deviations of so few runs ask for: Student's t of rank S degrees over that of
-many (GUM, JCGM 100:2008, G.4.1).
+before, so that the change of one is not taken for a change of all; those whose d_r the answer has enter first. The
+joint answer t = sum_r A^-1 H_r t_r, H_r = J_r'J_r and A their sum, then gains the variance T^2 sum_r (A^-1 H_r e)(A^-1
+H_r e)'. Where the d_r are estimated, too, as deviations from their mean, t is the mean of k runs, T^2 / k its variance,
+and they move nothing else. Of a variation that is told it is as many times as large as two standard deviations of so
+few runs ask for: Student's t of rank S degrees over that of many (GUM, JCGM 100:2008, G.4.1).
 """
 
 from __future__ import annotations
@@ -91,6 +92,7 @@ def between_runs(
     runs: Sequence[slice],
     *,
     tested: Sequence[int],
+    estimated: Sequence[int] = (),
     shared: FloatArray | None = None,
 ) -> BetweenRuns:
     """Return what varies between the runs of a joint fit.
@@ -103,6 +105,7 @@ def between_runs(
         Whitened, measured less explained, at the joint optimum.
     runs : rows of each recording
     tested : columns of the parameters that may vary
+    estimated : those of them whose deviations in each run the answer has
     shared : (m, k) array, optional
         What errors of variance 1 that runs share add to the residuals, which the Jacobian is not whitened for.
     """
@@ -118,24 +121,28 @@ def between_runs(
     whole = np.concatenate([*blocks, np.eye(many + 1)[n:many]])  # the shared errors' coefficients, known to be about 0
     matrix, z = whole[:, :many], whole[:, many]
     varying: list[Variation] = []
-    remaining = list(tested)
-    while remaining:
-        found = []
-        for j in remaining:
-            own = [_cut(matrix[:, v.parameter], rows) for v in varying]
-            others = [k for k in range(many) if k != j and k not in [v.parameter for v in varying]]
-            one = _variation(j, _cut(matrix[:, j], rows), np.column_stack([matrix[:, others], *own]), z)
-            found += [one] if one is not None else []
-        best = min(found, key=lambda f: (f[0].probability, -f[1]), default=None)
-        if best is None or best[0].probability * len(tested) > ENTERS or best[0].deviation == 0:
-            break
-        told = best[0].probability * len(tested) < FALSE_ALARM
-        varying.append(dataclasses.replace(best[0], told=told))
-        remaining.remove(best[0].parameter)
+    for group in (estimated, [j for j in tested if j not in estimated]):
+        remaining = list(group)
+        while remaining:
+            found = []
+            for j in remaining:
+                own = [_cut(matrix[:, v.parameter], rows) for v in varying]
+                others = [k for k in range(many) if k != j and k not in [v.parameter for v in varying]]
+                one = _variation(j, _cut(matrix[:, j], rows), np.column_stack([matrix[:, others], *own]), z)
+                found += [one] if one is not None else []
+            best = min(found, key=lambda f: (f[0].probability, -f[1]), default=None)
+            if best is None or best[0].probability * len(tested) > ENTERS or best[0].deviation == 0:
+                break
+            told = best[0].probability * len(tested) < FALSE_ALARM
+            varying.append(dataclasses.replace(best[0], told=told))
+            remaining.remove(best[0].parameter)
     covariance = np.zeros((many, many))
     if varying:
         inverse = information_parts(matrix)[0]
         for v in varying:
+            if v.parameter in estimated:
+                covariance[v.parameter, v.parameter] += (v.deviation * v.widened) ** 2 / len(rows)
+                continue
             for part in rows:
                 pull = inverse @ (matrix[part].T @ matrix[part, v.parameter])
                 covariance += (v.deviation * v.widened) ** 2 * np.outer(pull, pull)
@@ -202,9 +209,17 @@ def of_fit(fit: Fit, parameters: int) -> BetweenRuns:
     z = fit.z + fit.jacobian[:, own] @ fit.estimates[own]  # as if the runs were alike
     q = fit.shown.shape[1]
     runs = [slice(c.rows.start * q, c.rows.stop * q) for c in fit.simulator.clocks]
-    white, shared = fit.whitener.by_noise_alone(np.column_stack([fit.jacobian[:, inside], z]))
     tested = [k for k, j in enumerate(inside.tolist()) if j < parameters]
-    found = between_runs(white[:, :-1], white[:, -1], runs, tested=tested, shared=shared)
+    stems = np.array([name.partition("#")[0] for name in fit.names])
+    jacobian, estimated = fit.jacobian[:, inside], []
+    for k in tested:
+        of_runs = fit.jacobian[:, stems == f"{fit.names[inside[k]]}{BETWEEN}"]
+        if of_runs.shape[1]:  # secants: a large deviation is explained by them, not by derivatives
+            estimated.append(k)
+            for r, rows in enumerate(runs):
+                jacobian[rows, k] = of_runs[rows, r] if r < of_runs.shape[1] else -of_runs[rows, 0]
+    white, shared = fit.whitener.by_noise_alone(np.column_stack([jacobian, z]))
+    found = between_runs(white[:, :-1], white[:, -1], runs, tested=tested, estimated=estimated, shared=shared)
     covariance = np.zeros((len(fit.at_bound), len(fit.at_bound)))
     covariance[np.ix_(inside, inside)] = found.covariance
     variations = tuple(dataclasses.replace(v, parameter=int(inside[v.parameter])) for v in found.variations)

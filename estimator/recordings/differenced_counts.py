@@ -12,7 +12,8 @@ from estimator.recordings.excitation import noise_deviation, quantum
 FloatArray = NDArray[np.float64]
 
 COUNTS, WHOLE = (16, 1e6), 0.02  # counts a turn of an encoder; by how much they may be no whole number
-NOT_TOLD = 0.25  # counts: where more are possible one of them is whole by chance
+NOT_TOLD = 0.1  # counts: where more are possible one of them is whole by chance
+SIGNIFICANT = (6, 5, 4, 3)  # digits behind the first that values are printed with, which is 1 where they are off most
 EXACT, HALF = 1e-4, 0.51  # of a step: all digits are there, of single precision too; of a digit, that a value is off
 MADE_UP, MADE_UP_ROWS = 0.8, 300  # a ratio of variances; rows that tell it to a tenth
 EDGE = 16.0  # counts: a larger difference is no noise
@@ -52,16 +53,34 @@ def _step_between(w: FloatArray) -> tuple[float, float]:
     step = quantum(w)
     if step <= 0:
         return 0.0, 0.0
-    digit, levels = quantum(np.diff(w)), np.unique(np.abs(w))
-    if np.max(np.abs(levels - step * np.rint(levels / step))) < EXACT * step or digit > 0.5 * step:
+    levels = np.unique(np.abs(w))
+    levels = levels[levels > 0.5 * step]
+    if np.max(np.abs(levels - step * np.rint(levels / step)), initial=0.0) < EXACT * step:
         return step, step
-    low, high = step - digit, step + digit
-    for level in levels[levels > 0.5 * step].tolist():
+    digit = quantum(np.diff(w))
+    decimals = [np.full(len(levels), digit)] if digit <= 0.5 * step else []
+    decimals += [0.1**digits * levels for digits in SIGNIFICANT]  # then small values have finer ones
+    for digits in decimals:
+        low, high = _multiples_between(levels, step, digits)
+        if low <= high:
+            return low, high
+    return step, step
+
+
+def _multiples_between(levels: FloatArray, step: float, digits: FloatArray) -> tuple[float, float]:
+    """Return between which steps values, (n,), rising, are multiples, about a step; each is off by up to half a digit.
+
+    The first is the larger one where there is none.
+    """
+    low, high = step - digits[0], step + digits[0]
+    for level, digit in zip(levels.tolist(), digits.tolist(), strict=True):
         middle = 0.5 * (low + high)
         k = round(level / middle)
         if k * (high - low) > 0.5 * middle:
             break  # its multiple is not known
         low, high = max(low, (level - HALF * digit) / k), min(high, (level + HALF * digit) / k)
+        if low > high:
+            break
     return low, high
 
 

@@ -156,7 +156,8 @@ def quantum(y: FloatArray) -> float:
     if (step := _lattice(y)) > 0:
         return step
     fine = _lattice(np.diff(y))
-    return _lattice(y, printed=fine) or _lattice(_without_digits(np.diff(y))) or fine
+    turns = len(np.unique(y)) > TURNS * len(y)
+    return _lattice(y, printed=fine) or (_lattice(_without_digits(np.diff(y))) if turns else 0.0) or fine
 
 
 def _without_digits(y: FloatArray) -> FloatArray:
@@ -180,6 +181,7 @@ def _without_digits(y: FloatArray) -> FloatArray:
 
 
 OFF_LATTICE = 0.05  # of a step
+TURNS = 0.5  # of the samples: values, of an angle that goes on
 APART, BESIDE = 2.5, 0.3  # times the gaps between printed digits are those between steps; part of the usual one
 PRINTED, LEAST_LEVELS = 0.2, 12  # of a step, that a digit may be; levels that tell the step then
 

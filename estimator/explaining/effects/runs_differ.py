@@ -1,25 +1,33 @@
-"""A parameter that changes from run to run: a motor that warms, another of the line. Its size: between_runs.py."""
+"""A parameter that changes from run to run: a motor that warms, another of the line. Its size: between_runs.py.
+
+It is found by derivatives, and then followed by secants to what the motor shows with each run's own value.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from estimator.explaining.between_runs import BETWEEN
 from estimator.explaining.effects.base import USUAL, Effect
 from estimator.fitting.fit import Fit, Linear
 
+FloatArray = NDArray[np.float64]
+
 USUAL_CHANGE = 0.03  # of a parameter, between runs
 MOST_CHANGE = 1.0  # of a logarithm
+LEAST_SECANT = 1e-3  # of a logarithm: of a smaller change the secant is that of this one
 
 
 @dataclass(frozen=True)
 class RunsDiffer(Effect):
-    """Deviation of one parameter in each recording from the mean of all, to first order."""
+    """Deviation of one parameter in each recording from the mean of all."""
 
     name: str = BETWEEN.strip()
+    follows: bool = True
     prior: float = USUAL / 5  # motors have five parameters
     sentence: str = ""  # the random effect of all runs is reported instead (between_runs.py)
 
@@ -33,12 +41,34 @@ class RunsDiffer(Effect):
             if parameter.name not in fit.free or parameter.recording is not None or not parameter.log:
                 continue
             own = fit.raw[:, :, fit.free.index(parameter.name)]
-            columns = np.zeros((*own.shape, len(first)))
-            for k, rows in enumerate(first):
-                columns[rows, :, k], columns[last, :, k] = own[rows], -own[last]
+            columns = _less_in_the_last(own, first, last)
             if np.any(columns):
                 name = f"{parameter.name}{BETWEEN}"
                 found.append(
                     Linear(name, columns, ("",) * len(first), least=-MOST_CHANGE, most=MOST_CHANGE, size=USUAL_CHANGE)
                 )
         return found
+
+    def renewed(self, fit: Fit, group: Linear, coefficients: FloatArray) -> Linear | None:
+        """Return the secants to what each recording shows with its own value."""
+        s = fit.simulator
+        k, each = s.index[group.name.removesuffix(BETWEEN)], [clock.rows for clock in s.clocks]
+        changes = np.append(coefficients, -np.sum(coefficients))
+        changes = np.where(np.abs(changes) < LEAST_SECANT, np.copysign(LEAST_SECANT, changes), changes)
+        candidates = np.repeat(fit.values[None], len(changes), axis=0)
+        candidates[:, k] = np.clip(candidates[:, k] * np.exp(changes), s.lower[k], s.upper[k])
+        changes = np.log(candidates[:, k] / fit.values[k])
+        secants = np.zeros_like(fit.shown)
+        for rows, shown, change in zip(each, s.shown(candidates), changes, strict=True):
+            if change == 0 or not np.isfinite(shown[rows]).all():
+                return None
+            secants[rows] = (shown[rows] - fit.shown[rows]) / change
+        return replace(group, columns=_less_in_the_last(secants, each[:-1], each[-1]))
+
+
+def _less_in_the_last(own: FloatArray, first: Sequence[slice], last: slice) -> FloatArray:
+    """Return a derivative, (rows, q), in each of the first recordings, less that in the last, (rows, q, first)."""
+    columns = np.zeros((*own.shape, len(first)))
+    for k, rows in enumerate(first):
+        columns[rows, :, k], columns[last, :, k] = own[rows], -own[last]
+    return columns
