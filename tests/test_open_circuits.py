@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from driven_motor import DrivenMotor
+from scipy.linalg import expm
 
 from estimator import estimate_parameters, recording_from_arrays
 from estimator.explaining.open_circuits import OwnVoltage, open_rows
@@ -18,14 +19,14 @@ MOTOR = {"R": 2.0, "K": 0.05, "L": 3e-3, "J": 2e-5, "B": 4e-5}
 STEP, OPENS = 1e-3, 400
 
 
-def bench(seed, *, offset=0.0, opens=True, kick=0.0):
+def bench(seed, *, offset=0.0, opens=True, kick=0.0, inertia=MOTOR["J"]):
     """Return voltage, current and speed of a motor that is let go of, or braked, after 0.4 s: rows of a real logger.
 
     A kick is the voltage, V, that its winding shows in the row in which its current ends.
     """
     rng = np.random.default_rng(seed)
     v = np.r_[np.zeros(100), np.full(OPENS - 100, 6.0), np.zeros(500)]
-    after = DrivenMotor(MOTOR | {"coasts": float(opens)}).response(v, np.zeros(len(v)), step=STEP)[:, :2]
+    after = DrivenMotor(MOTOR | {"J": inertia, "coasts": float(opens)}).response(v, np.zeros(len(v)), step=STEP)[:, :2]
     i, w = np.vstack([np.zeros((1, 2)), after[:-1]]).T
     i, v = i.copy(), v.copy()
     if opens:
@@ -87,6 +88,38 @@ def test_a_motor_that_is_braked_or_runs_at_no_load_or_stands_is_not_open():
     driven = slice(0, OPENS)
     assert open_rows(observed(v[driven], i[driven], w[driven])) is None, "a current that settles at little"
     assert open_rows(observed(np.zeros(300), i[:300] * 0, w[:300] * 0)) is None
+
+
+def test_a_current_that_settled_below_its_noise_long_before_has_opened_nothing_then():
+    """From the end of the inrush on 6 V were taken for the motor's own, and replaced by none."""
+    v, i, w = bench(5, inertia=4e-6)
+    i = i + 0.05 * np.random.default_rng(5).standard_normal(len(i))
+    found = open_rows(observed(v, i, w))
+    assert found[OPENS:].all() and not found[: OPENS - 1].any()
+
+
+def test_a_current_loop_that_wants_none_opens_no_circuit():
+    """What it lets flow by the noise of its sensor was lost, and five effects made up for it."""
+    rng = np.random.default_rng(8)
+    wanted = np.repeat([0.0, 0.3, -0.2, 0.25, 0.0], [100, 200, 200, 200, 500])
+    whole = np.zeros((3, 3))
+    r, k, inductance, inertia, friction = MOTOR.values()
+    whole[:2] = [[-r / inductance, -k / inductance, 1 / inductance], [k / inertia, -friction / inertia, 0.0]]
+    after = expm(whole * STEP)
+    state, total, rows = np.zeros(2), 0.0, []
+    for now in wanted:
+        shown = state + rng.standard_normal(2) * [0.008, 0.2]
+        total += 500.0 * (now - shown[0]) * STEP
+        voltage = float(np.clip(4.0 * (now - shown[0]) + total, -12, 12))
+        rows.append((voltage + 0.01 * rng.standard_normal(), *shown))
+        state = after[:2, :2] @ state + after[:2, 2] * voltage
+    columns = dict(zip(("voltage [V]", "current [A]", "speed [rad/s]"), np.array(rows).T, strict=True))
+    result = estimate_parameters(recording_from_arrays("loop", np.arange(len(rows)) * STEP, columns), workers=1, seed=1)
+    assert not any("circuit is open" in note for note in result.notes), result.notes
+    assert result.verdict == "ok", result.reasons
+    for name, value in MOTOR.items():
+        found = result.parameters[name]
+        assert abs(found.value - value) < 4.5 * found.standard_error, name
 
 
 def test_one_current_that_is_off_neither_opens_a_circuit_nor_closes_it():

@@ -171,7 +171,7 @@ def explain(
     """
     effort = Effort(plan)
     begin = partial(selection_of, crew=crew, sigma=sigma, deviations=deviations, effects=effects, effort=effort)
-    plan, opened, late = _read_at_sight(plan, effects)
+    plan, opened, late = _read_at_sight(plan, effects, lambda one, other: _is_likelier(begin, one, other, starts))
     noisy, told_quiet = plan, ""
     if any(e.name == VoltageNoise.name for e in effects) and may_be_replaced(plan):
         at_sight = quieted_at_sight(plan)
@@ -224,12 +224,19 @@ def explain(
     return _explained(plan, explanation, checked, rivals, (open_additions, torques), samples, changed, (turned, ways))
 
 
-def _read_at_sight(plan: Plan, effects: Sequence[Effect]) -> tuple[Plan, tuple[OwnVoltage, ...], tuple[str, ...]]:
-    """Return a plan whose voltages are as they reach the motor, where circuits are open, and what edges are late."""
+def _read_at_sight(
+    plan: Plan, effects: Sequence[Effect], is_likelier: Callable[[Plan, Plan], bool]
+) -> tuple[Plan, tuple[OwnVoltage, ...], tuple[str, ...]]:
+    """Return a plan whose voltages are as they reach the motor, where circuits are open, and what edges are late.
+
+    A current loop may hold the current at none, too: there the voltage tells what flows.
+    """
     late: tuple[str, ...] = ()
     opened: tuple[OwnVoltage, ...] = ()
     if any(e.name == Coasting.name for e in effects) and may_be_replaced(plan):
-        plan, opened = with_open_circuits(plan)
+        as_open, found = with_open_circuits(plan)
+        if not (found and is_likelier(plan, as_open)):
+            plan, opened = as_open, found
     if any(e.name == "latency of each edge" for e in effects):
         plan, late = with_latencies(plan)
     return plan, opened, late

@@ -29,6 +29,7 @@ OWN = 0.1  # of how far the motor's own voltage moves: it differs from K w by le
 FALLS = 0.02  # of its speed: a motor that coasts loses more, from one half to the other
 SURE = 10.0  # standard errors of that fall, of speed and of voltage
 AGREES, LEAST_APART = 4.0, 2e-3  # standard errors; parts: a smaller difference is within the sensors' gains
+HELD = 0.2  # of the rows: a motor's own voltage does not stay where it was for longer
 ON = 0.1  # of the largest voltage
 SHOWN_ON = 3  # rows in which a sensor shows a current that has ended, at most
 JUMPS = 3.0  # times the largest change of the voltage in the rows behind: a jump
@@ -159,9 +160,20 @@ def open_rows(o: Observed) -> BoolArray | None:
         flows = size[k:] > none
         twice = np.flatnonzero(flows[:-1] & flows[1:])  # one alone is an outlier
         end = k + (int(twice[0]) if len(twice) else len(flows))
-        if _is_open(v[k:end], i[k:end] - zero, w[k:end], usual):
-            opens[_opened_at(v, k) : end] = True
+        held = _held(v[k:end])
+        if _is_open(v[k + held : end], i[k + held : end] - zero, w[k + held : end], usual):
+            opens[_opened_at(v, k + held) : end] = True
     return opens if opens.any() else None
+
+
+def _held(v: FloatArray) -> int:
+    """Return for how many rows a voltage, (n,), is held at first: a motor's own falls at once.
+
+    The current of a motor that runs up may have fallen below its noise long before the circuit opens.
+    """
+    near = np.abs(v - median(v[:LEAST_ROWS])) <= NOISE * noise_deviation(v)
+    held = int(np.flatnonzero(near)[-1]) + 1 if near.any() else 0
+    return held if held > max(LEAST_ROWS, HELD * len(v)) else 0
 
 
 def _opened_at(v: FloatArray, k: int) -> int:
