@@ -283,8 +283,20 @@ def _at_values(
         freed = (n for a in own for n in a.free)
         fit = dataclasses.replace(fit, free=(*(n for n in fit.free if n not in gone), *freed))
     exchanged = solved(dataclasses.replace(fit, values=values), iterations=iterations, limit=limit)
-    kept = [a for a in explanation.additions if not (is_replaced and a is addition)]
+    moved = dataclasses.replace(addition, usual=_usual_near(addition, fit.simulator, known))
+    kept = [moved if a is addition else a for a in explanation.additions if not (is_replaced and a is addition)]
     return Explanation(exchanged, (*kept, *own))
+
+
+def _usual_near(addition: Addition, s: Simulator, known: Mapping[str, float]) -> float:
+    """Return the usual size of an addition at another value of it: that of the nearest of several tries."""
+    if addition.name not in known or addition.name not in s.index or not addition.usual:
+        return addition.usual
+    nuisance, away = s.nuisance(addition.name), abs(known[addition.name] - s.neutral[addition.name])
+    sizes = [abs(x - nuisance.neutral) for x in nuisance.tries if x != nuisance.neutral]
+    if nuisance.usual or len(sizes) < 2 or not away:
+        return addition.usual
+    return min(sizes, key=lambda size: abs(float(np.log(size / away))))
 
 
 def moved_to(fit: Fit, simulator: Simulator) -> Fit:

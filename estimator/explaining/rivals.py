@@ -112,11 +112,17 @@ def simulated_finely(
     s = explanation.fit.simulator
     if s.rows > LONG:
         return explanation, rivals, True
-    fit, left = with_fine_filters(explanation.fit, most=max(1, int(np.log2(MOST_ROWS / (s.rows * s.between)))))
-    if fit is not explanation.fit:
+    begun, left = s.between, 0.0
+    for e in (explanation, *rivals):  # one of them may have a shorter winding, or a filter that another has not
+        finest, there = s.between, e.fit.simulator
+        there.between = finest
+        fit = e.fit if finest == begun else dataclasses.replace(e.fit, shown=there.shown(e.fit.values[None, :])[0])
+        left = max(left, with_fine_filters(fit, most=max(1, int(np.log2(MOST_ROWS / (s.rows * finest)))))[1])
+        s.between = there.between
+    if s.between > begun:
         for rival in rivals:
-            rival.fit.simulator.between = fit.simulator.between
-        explanation = selection.at_best(dataclasses.replace(explanation, fit=fit))
+            rival.fit.simulator.between = s.between
+        explanation = selection.at_best(explanation)
         rivals = [dataclasses.replace(r, fit=solved_roughly(r.fit)) for r in rivals]
     return explanation, rivals, left < MOST_LEFT
 
