@@ -82,3 +82,17 @@ def test_rows_of_zeros_that_fill_a_logger_s_buffer_are_no_circuit_that_opens(fil
     many = "its last row is" if filled == 1 else "its last 3 rows are"
     assert f"b: {many} all zero, though the motor runs in the row before: left out" in result.notes, result.notes
     assert result.verdict == "ok" and result.effects == () and off(result).max() < 4.5, result.parameters
+
+
+@pytest.mark.parametrize("late", [40, 120])
+def test_a_random_signal_from_the_first_row_on_that_reaches_a_resting_motor_late(late):
+    """Its delay was looked for around none: all five were not told."""
+    rng = np.random.default_rng(4)
+    command = np.repeat(np.where(rng.random(120) < 0.5, -9.0, 9.0), rng.integers(3, 9, 120))
+    driven = np.concatenate([np.zeros(late), command[: len(command) - late]])
+    shown = bench(driven, np.repeat(driven, FINE), 4).signals
+    columns = {f"{signal} [{unit}]": shown[signal] for signal, unit in UNITS.items()} | {"voltage [V]": command}
+    recording = recording_from_arrays("late", np.arange(len(command)) * STEP, columns)
+    result = estimate_parameters(recording, workers=1)
+    assert result.verdict == "ok", result.reasons
+    assert off(result).max() < 4.5, result.parameters

@@ -29,7 +29,7 @@ def recorded(seed, times=1.0, levels=LEVELS):
     return recording_from_arrays(f"noise {times:g}", quiet.time, columns)
 
 
-@pytest.mark.parametrize("times", [3.0, pytest.param(10.0, marks=pytest.mark.full)])
+@pytest.mark.parametrize("times", [3.0, 30.0, pytest.param(10.0, marks=pytest.mark.full)])
 def test_a_noisy_recording_beside_a_quiet_one_takes_nothing_away(times):
     """One noise for both made the errors two and four times as large, and the estimate doubtful."""
     alone = estimate_parameters(recorded(0), workers=1)

@@ -336,7 +336,7 @@ def _explained(
         plan=extended,
         polish=polish,
         noise=_rms(left, usual),
-        at_rest=_rms(left / whitener.growth(), usual),
+        at_rest=_rms(left / whitener.noise.scale(whitener.level, whitener.moving), usual),
         found=(
             *changed,
             *found_effects(explanation, plan),

@@ -221,11 +221,14 @@ def find_delay(excitation: Excitation, outputs: Mapping[str, FloatArray]) -> int
     The first output to leave its noise counts: of a motor the current, which a step moves within one sample.
     """
     k = excitation.index
-    if excitation.kind == "none" or excitation.running or k < ONSET_BASE:
+    is_on = k < ONSET_BASE and excitation.before == 0 != excitation.after  # from the first row
+    if excitation.kind == "none" or excitation.running or (k < ONSET_BASE and not is_on):
         return 0
+    k = 0 if is_on else k
     onsets = []
     for y in outputs.values():
-        base = y[:k][~np.isnan(y[:k])]
+        base = y[: k or ONSET_BASE]
+        base = base[~np.isnan(base)]
         if len(base) < ONSET_BASE:
             continue
         centre = median(base)
@@ -236,6 +239,8 @@ def find_delay(excitation: Excitation, outputs: Mapping[str, FloatArray]) -> int
         lasting = beyond[:-1] & beyond[1:]
         if lasting.any():
             onsets.append(int(np.argmax(lasting)))
+    if is_on and min(onsets, default=0) < ONSET_BASE:  # its first rows are no rest
+        return 0
     return max(0, min(onsets, default=0) - 1)
 
 
