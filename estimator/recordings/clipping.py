@@ -72,12 +72,16 @@ def clipped(y: FloatArray, known: frozenset[float] = frozenset()) -> NDArray[np.
     noise, noisy = noise_deviation(between), _is_noisy(y, extremes, COARSE)
     paused = _pauses(y, grain=max(quantum(y), noise))
     only_there = {*y[paused].tolist()} <= {*extremes}
+    cut = set()
     for sign, value, at in ends:
         beside = (np.append(at[1:], False) | np.insert(at[:-1], 0, False)) & ~at & ~np.isnan(y)
         held = only_there and int(np.argmax(at)) in paused  # from when it is first there
         leaves = beside.any() and median(np.abs(y[beside] - value)) > JUMP * (extremes[0] - extremes[1])
         often = np.count_nonzero(at) > CUT * np.count_nonzero(sign * (value - y) < NEAR * noise)
         if (noisy and leaves and often) or held:
+            cut.add(abs(value))
+    for sign, value, at in ends:
+        if abs(value) in cut:  # a range reaches as far on both sides
             result |= _with_neighbours(sign * y, at)
     return result
 
