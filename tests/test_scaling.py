@@ -7,8 +7,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from exact_motor import exact_response
+from motors import CML050
 
 import fmu_build
+from estimator import estimate_parameters
 from estimator.cases.case import read_case
 from estimator.estimating.estimate import estimate
 from estimator.judging.scaling import exact_scaling, written
@@ -149,3 +152,14 @@ def test_products_are_written_as_one_reads_them():
     assert written({"K": 2, "J": -1}) == "K^2/J"
     assert written({"K": 1, "J": -1, "B": -1}) == "K/(J*B)"
     assert written({"J": -1}) == "1/J"
+
+
+def test_a_parameter_that_moves_little_with_those_that_cannot_be_told_is_none_that_is():
+    """By its angle alone, with R known: L moves by 7 % while K does by 20 %, and was told to 0.07 %."""
+    voltage = np.repeat([0.0, 10.0, 4.0, -5.0], [50, 200, 200, 200])
+    angle = exact_response(CML050.parameters, voltage, step=1e-3)[:, 2].astype(float)
+    shown = np.concatenate([[0.0], angle[:-1]]) + 1e-3 * np.random.default_rng(2).standard_normal(len(voltage))
+    table = {"time [s]": 1e-3 * np.arange(len(voltage)), "voltage [V]": voltage, "angle [rad]": shown}
+    found = estimate_parameters(table, workers=1, fix={"R": CML050.R})
+    assert {n for n, p in found.parameters.items() if p.status == "not identified"} == {"K", "L", "J", "B"}
+    assert any("angle alone cannot tell K, L, J, B apart" in reason for reason in found.reasons), found.reasons

@@ -20,7 +20,7 @@ from estimator.judging.scaling import exact_scaling
 FloatArray = NDArray[np.float64]
 
 LEAST_SINGULAR_VALUE = 3e-6  # of the largest: smaller ones are rounding errors of differences
-NAMED_PART = 0.01  # of a unit direction: parameters with a larger part are named
+NAMED_PART = 1e-3  # of how far what is least told moves, in logarithms: parameters that move further with it are named
 SECOND_POINT = 0.2  # of ln θ, to the second point
 
 
@@ -56,7 +56,7 @@ def identifiability(problem: Problem, start: FloatArray) -> Identifiability:
         return Identifiability(names, f"{sentence}; {remedy}", scaling.determined)
     if not len(unmoving):
         return Identifiability()
-    part = np.sqrt(np.sum(unmoving**2, axis=0))
+    part = np.max(np.abs(unmoving), axis=0)
     concerned = zip(problem.plan.names, part, problem.parameters, strict=True)
     untold = tuple(n for n, x, p in concerned if x > NAMED_PART and p.place is None)
     missing = len(unmoving)
@@ -69,7 +69,10 @@ def identifiability(problem: Problem, start: FloatArray) -> Identifiability:
 
 
 def _unmoving(problem: Problem, start: FloatArray) -> FloatArray:
-    """Return directions of the scaled parameters, (k, p), that change nothing at the start nor beside it."""
+    """Return directions, (k, p), that change nothing at the start nor beside it, the longest move of each 1.
+
+    Of logarithms; of what has none parts of its bounds' width.
+    """
     squares = LeastSquares(problem.residuals, problem.box, output=problem.output_of_residual, spread=problem.spread)
     names, none = problem.plan.names, np.zeros((0, len(start)))
     best: FloatArray | None = None
@@ -83,7 +86,8 @@ def _unmoving(problem: Problem, start: FloatArray) -> FloatArray:
         if rank == len(names):
             return none
         if best is None or len(rows) - rank < len(best):
-            best = rows[rank:]
+            moves = rows[rank:] / norms / np.where(problem.box.log, 1.0, problem.box.upper - problem.box.lower)
+            best = moves / np.max(np.abs(moves), axis=1, keepdims=True)
     assert best is not None
     return best
 
