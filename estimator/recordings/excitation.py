@@ -35,6 +35,7 @@ LOST_JUMP = 0.2  # of the response in one interval, alone: the transient lies be
 LOST_RATIO = 5.0
 ONSET, ONSET_SWING = 5.0, 0.01  # deviations of the noise; of the response: more is a response
 ONSET_BASE = 10  # samples before the step that tell the noise
+ON = 0.5  # of the largest input: more than that in the first rows moves what is not late
 
 
 @dataclass(frozen=True)
@@ -51,6 +52,8 @@ class Excitation:
         Input levels, in its unit.
     running : bool
         The speed is not at rest in the first row; where it is not measured, any output.
+    is_on : bool
+        The input is large from the first row on, for as many rows as tell the noise of what rests.
     """
 
     kind: Literal["none", "step", "several"]
@@ -58,6 +61,7 @@ class Excitation:
     before: float
     after: float
     running: bool
+    is_on: bool = False
 
 
 def find_excitation(v: FloatArray, outputs: Mapping[str, FloatArray]) -> Excitation:
@@ -86,7 +90,8 @@ def find_excitation(v: FloatArray, outputs: Mapping[str, FloatArray]) -> Excitat
     changes = np.flatnonzero(np.abs(np.diff(v)) > threshold) + 1
     merged = [int(k) for j, k in enumerate(changes) if j == 0 or k - changes[j - 1] > 3]
     if merged and abs(float(np.mean(v[: merged[0]]))) > threshold and not running:  # on from row 0
-        return Excitation("several", 0, 0.0, float(v[-1]), running)
+        is_on = merged[0] >= ONSET_BASE and abs(float(v[0])) > ON * float(np.max(np.abs(v)))
+        return Excitation("several", 0, 0.0, float(v[-1]), running, is_on)
     if len(merged) == 1 and len(changes) <= 3:
         k, last = merged[0], int(changes[-1])
         before, after = float(np.mean(v[:k])), float(np.mean(v[last:]))
@@ -221,10 +226,8 @@ def find_delay(excitation: Excitation, outputs: Mapping[str, FloatArray]) -> int
     The first output to leave its noise counts: of a motor the current, which a step moves within one sample.
     """
     k = excitation.index
-    is_on = k < ONSET_BASE and excitation.before == 0 != excitation.after  # from the first row
-    if excitation.kind == "none" or excitation.running or (k < ONSET_BASE and not is_on):
+    if excitation.kind == "none" or excitation.running or (k < ONSET_BASE and not excitation.is_on):
         return 0
-    k = 0 if is_on else k
     onsets = []
     for y in outputs.values():
         base = y[: k or ONSET_BASE]
@@ -239,9 +242,18 @@ def find_delay(excitation: Excitation, outputs: Mapping[str, FloatArray]) -> int
         lasting = beyond[:-1] & beyond[1:]
         if lasting.any():
             onsets.append(int(np.argmax(lasting)))
-    if is_on and min(onsets, default=0) < ONSET_BASE:  # its first rows are no rest
+    late = max(0, min(onsets, default=0) - 1)
+    if excitation.is_on and (late < 2 * ONSET_BASE or not all(_rests(y[:late]) for y in outputs.values())):
         return 0
-    return max(0, min(onsets, default=0) - 1)
+    return late
+
+
+def _rests(y: FloatArray) -> bool:
+    """Return whether a signal's samples, (n,), show noise around one value, and no trend."""
+    y = y[~np.isnan(y)]
+    error = 2 * float(np.std(np.diff(y))) / np.sqrt(2 * max(len(y), 1))
+    apart = abs(mean_of_known(y[: len(y) // 2]) - mean_of_known(y[len(y) // 2 :]))
+    return not apart > TREND_SIGMAS * error
 
 
 @dataclass(frozen=True)
