@@ -49,7 +49,7 @@ def summary(found: Changes) -> str:
 
 
 def change_table(found: Changes) -> TextTable:
-    """Return rows of quantity, its value, another result and its value, change, standard errors, note."""
+    """Return rows of quantity, its value, another result, whether it differs, its value, change, standard errors."""
     rows = []
     for q in found.quantities:
         for k, c in enumerate(q.changes):
@@ -58,14 +58,15 @@ def change_table(found: Changes) -> TextTable:
                     q.name if k == 0 else "",
                     _value(q, found.results[0]) if k == 0 else "",
                     c.result,
+                    "differs" if c.differs else "",
                     _value(q, c.result),
                     change_text(c.percent, c.percent_error),
                     f"{c.z:+.1f}",
-                    "differs" if c.differs else "",
                 ]
             )
-    header = ["quantity", found.results[0], "against", "value", "change", "std. errors", ""]
-    return TextTable(header, rows, (1, 3, 4, 5))
+    beyond = f" beyond {found.within:g} %" if found.within else ""
+    header = ["quantity", found.results[0], "against", "", "value", "change", f"std. errors{beyond}"]
+    return TextTable(header, rows, (1, 4, 5, 6))
 
 
 def change_text(percent: float, error: float) -> str:
