@@ -120,6 +120,8 @@ def test_a_file_that_is_no_journal_is_left_alone(tmp_path):
         Journal(tmp_path / "thesis.txt", digest="a")
     with pytest.raises(InputError, match=r": cannot be read \(Is a directory\); give another file$"):
         Journal(tmp_path, digest="a")
+    with pytest.raises(InputError, match=r"/none/j: there is no folder .*/none; make it first$"):
+        Journal(tmp_path / "none" / "j", digest="a")
     with (
         pytest.raises(InputError, match=r"j: cannot be written \(No such file or directory\); make room$"),
         Journal(tmp_path / "none" / "j", digest="a", after=0) as journal,

@@ -495,6 +495,12 @@ def test_a_voltage_step_is_simulated_at_rest_first(calls, capsys):
     assert seen.inputs["load"].tolist() == [0.01] * 11
 
 
+def test_a_voltage_step_after_the_end_is_an_error(calls, capsys):
+    """It simulated rest alone, without a word."""
+    told = fails(capsys, "simulate", "motor.fmu", "--voltage-step", "10@5")
+    assert "the voltage step at 5 s is after the end at 2.8 s; give a longer --stop" in told
+
+
 def test_the_default_is_the_papers_record(calls, capsys):
     assert main(["simulate", "motor.fmu"]) == 0
     assert calls.simulated.inputs == {} and len(calls.simulated.times) == 2801

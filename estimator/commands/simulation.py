@@ -68,4 +68,6 @@ def _drive(description: FmuDescription, args: argparse.Namespace) -> tuple[Float
     if args.voltage_step is None:
         return times, {}
     level, at = args.voltage_step
+    if at > stop:
+        raise InputError(f"the voltage step at {at:g} s is after the end at {stop:g} s; give a longer --stop")
     return times, {voltage_input(description): stepped_voltage(times, level=level, at=at)}

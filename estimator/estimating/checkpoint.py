@@ -131,6 +131,8 @@ class Journal:
         try:
             content = self.path.read_bytes()
         except FileNotFoundError:
+            if not self.path.parent.is_dir():  # said now, not once the search has taken long
+                raise InputError(f"{self.path}: there is no folder {self.path.parent}; make it first") from None
             return [], 0
         except OSError as error:
             raise InputError(f"{self.path}: cannot be read ({error.strerror or error}); give another file") from error

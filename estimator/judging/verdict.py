@@ -212,8 +212,8 @@ def _traded(plan: Plan, polish: LeastSquaresFit, statuses: Mapping[str, Paramete
     if abs(correlation) < TRADED:
         return []
     single = all(o.excitation.kind == "step" for o in plan.observed) and len(plan.observed) == 1
-    remedy = "record several voltage levels or both directions, or fix" if single else "fix"
-    return [f"{one} and {other} stand in for each other (correlation {correlation:+.3f}); {remedy} one of them"]
+    more = "several voltage levels or both directions" if single else "larger changes of the voltage, and other ones"
+    return [f"{one} and {other} stand in for each other (correlation {correlation:+.3f}); record {more}, or fix one"]
 
 
 def _is_unseen(plan: Plan, values: Mapping[str, float]) -> bool:
