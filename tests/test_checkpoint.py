@@ -122,10 +122,12 @@ def test_a_file_that_is_no_journal_is_left_alone(tmp_path):
         Journal(tmp_path, digest="a")
     with pytest.raises(InputError, match=r"/none/j: there is no folder .*/none; make it first$"):
         Journal(tmp_path / "none" / "j", digest="a")
+    (tmp_path / "gone").mkdir()
     with (
         pytest.raises(InputError, match=r"j: cannot be written \(No such file or directory\); make room$"),
-        Journal(tmp_path / "none" / "j", digest="a", after=0) as journal,
+        Journal(tmp_path / "gone" / "j", digest="a", after=0) as journal,
     ):
+        (tmp_path / "gone").rmdir()
         journal.append(bytes(32), batch_of(1.0), [])
 
 
