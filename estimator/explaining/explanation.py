@@ -210,13 +210,15 @@ def reshaped(explanation: Explanation, addition: Addition) -> Iterator[Explanati
                 yield dataclasses.replace(explanation, fit=tried)
 
 
-def mirrored(explanation: Explanation, effects: Sequence[Effect], plan: Plan, *, limit: float) -> list[Explanation]:
+def mirrored(
+    explanation: Explanation, effects: Sequence[Effect], plan: Plan, *, iterations: int = ITERATIONS, limit: float
+) -> list[Explanation]:
     """Return the explanation at the equivalent values that an effect names, such as two lags exchanged.
 
-    Limit as for `solved`.
+    Iterations and limit as for `solved`.
     """
     return [
-        _at_values(explanation, a, known, effects, plan, ITERATIONS, limit=limit)
+        _at_values(explanation, a, known, effects, plan, iterations, limit=limit)
         for a in explanation.additions
         for known in a.effect.mirrored(explanation.fit, a.name)
     ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Sequence
 
 import numpy as np
@@ -20,7 +21,7 @@ from estimator.explaining.explanation import (
 )
 from estimator.explaining.explanation_noise import by_noise_of, with_noise
 from estimator.explaining.selection import MISSED, PREDICTED_PART, Selection
-from estimator.fitting.gauss_newton import solved, solved_roughly
+from estimator.fitting.gauss_newton import ROUGH, solved, solved_roughly
 from estimator.motor.winding import time_constant
 from estimator.plans.part import LONG
 
@@ -29,6 +30,7 @@ PARALLEL = 0.9  # canonical correlation of an addition with one that is doubted:
 # that is predicted to be nearly as likely
 RIVALS_REFITTED = 5  # rivals of an addition that are refitted, of each effect the likeliest
 MOST_WITHIN = 2  # additions of what happens within samples, each exchanged for every other of these
+MOST_PAIRED = 3  # of them, for each pair of which one is tried
 MOST_FULLER, LEAST_GAIN = 4, 3.0  # rivals to which one more is added; fall of z'z by it that is worth a refit
 OTHER_INDUCTANCE, BETWEEN = 5.0, 0.4  # times L; samples of L / R, of which one minimum is below, the other above
 SAME = 0.1  # standard errors: explanations that are no further apart are one
@@ -38,6 +40,7 @@ MOST_LED_BACK = 3  # explanations, the likeliest first, from which what is absur
 MOST_ROWS = 140_000  # between the samples, of all recordings: with more a fit takes minutes where the FMU has modes
 MOST_LEFT = 10.0  # of z'z: what the last of them changes at most, ten times as much as the next would
 UNTOLD = 1.0  # of a parameter: its standard error then tells nothing of it
+FURTHER = 100.0  # of the criterion: what another FMU has is given another timing where it is no further behind
 FOLLOWS = 1.0  # fall of z'z for which the columns of a rival are computed once more at its values
 EXCHANGES, EXCHANGED = 8, 0.1  # of an explanation for a more likely rival, at most; by which its criterion is lower
 FEW_EXCHANGES = 2  # of one that misses more than noise, at most: an effect that is not known makes every rival likelier
@@ -161,7 +164,7 @@ def _without_absurd(
 
 
 def _others(selection: Selection, explanation: Explanation) -> list[Explanation]:
-    """Return other explanations, in which another addition replaces one, or two one.
+    """Return other explanations, in which another addition replaces one, one two, or two one.
 
     A sharp one stands in for another, or for a short time constant of the model, far from where a derivative
     tells: those are always refitted.
@@ -173,6 +176,7 @@ def _others(selection: Selection, explanation: Explanation) -> list[Explanation]
     found += in_two(explanation, selection.effects, selection.tests.base.plan)
     found += _with_other_inductance(explanation)
     found += _in_place_of_lateness(selection, explanation, within)
+    found += _simpler(selection, explanation, within) if len(within) <= MOST_PAIRED else []
     for addition in explanation.additions:
         if selection.effort.is_spent():
             break
@@ -312,13 +316,17 @@ def _exchanged(
     if sharp_too:
         likely += [a for a in tested if is_timing(a)]
     most = explanation.criterion(n) + 2 * RIVALS_WITHIN
+    beside_timing = any(is_timing(a) for a in bare.additions)
     for other in likely:
         other = _as_late(explanation, addition, other)
-        limit = most - other.penalty(n) - (bare.criterion(n) - bare.fit.cost)
+        further = FURTHER if other.effect.fmu and beside_timing else 0.0
+        limit = most + further - other.penalty(n) - (bare.criterion(n) - bare.fit.cost)
         rival = selection.added(bare, other, limit=limit)
         if any(a.linear is not None for a in rival.additions) and not moves_ripple(bare, other):
             rival = dataclasses.replace(rival, fit=solved_roughly(renewed(rival), limit=limit))
             rival = followed(rival, least=FOLLOWS)
+        if most <= rival.criterion(n) < most + further:
+            rival = _retimed(selection, rival, addition)
         if rival.criterion(n) < most and other.name in rival.names():
             beside = [a for a in rival.additions if a.linear is not None and a.name != other.name]
             for idle in [a for a in beside if not is_physical(rival.fit, a)]:  # the other has taken its place, too
@@ -330,6 +338,18 @@ def _exchanged(
 def _shown_in(addition: Addition) -> tuple[int, ...]:
     """Return the outputs that an addition's columns show in; none of what is simulated."""
     return () if addition.linear is None else tuple(np.flatnonzero(addition.linear.columns.any(axis=(0, 2))).tolist())
+
+
+def _retimed(selection: Selection, rival: Explanation, gone: Addition) -> Explanation:
+    """Return a rival with another addition within samples than the one that is gone, and without what that makes idle.
+
+    Dry friction stands for a delay of the speed: what then makes the current late is another than beside the delay.
+    """
+    tested = [a for a in selection.tests.additions(rival, selection.effects) if is_timing(a) and a.name != gone.name]
+    for a in sorted(tested, key=lambda a: -a.gain)[:1]:
+        if a.gain > LEAST_GAIN:
+            return selection.without_idle(selection.added(rival, a))
+    return rival
 
 
 def _as_late(explanation: Explanation, addition: Addition, other: Addition) -> Addition:
@@ -344,3 +364,23 @@ def _as_late(explanation: Explanation, addition: Addition, other: Addition) -> A
     start = {name: fit.value(name) for name in fit.free if name != addition.name}
     delay = addition.effect.lateness * fit.value(addition.name)
     return dataclasses.replace(other, starts=(*other.starts, {**start, other.name: delay / other.effect.lateness}))
+
+
+def _simpler(selection: Selection, explanation: Explanation, within: Sequence[Addition]) -> list[Explanation]:
+    """Return the explanation with one addition in the place of two of those within samples, also mirrored.
+
+    A delay of the current beside a lag of the speed stand for a delay of both.
+    """
+    found = []
+    for one, two in itertools.combinations(within, 2):
+        limit = _most(selection, explanation, (one, two))
+        bare = without(without(explanation, one, iterations=0), two)
+        tested = [
+            a
+            for a in selection.tests.additions(bare, selection.effects)
+            if is_timing(a) and a.name not in (one.name, two.name)
+        ]
+        for other in sorted(tested, key=lambda a: -a.gain)[:1]:
+            simpler = selection.added(bare, other)
+            found += [simpler, *selection.mirrored(simpler, iterations=ROUGH, limit=limit)]
+    return found

@@ -61,7 +61,7 @@ from estimator.explaining.explanation_noise import (
 from estimator.explaining.first_fit import NO_NOISE, FirstFit
 from estimator.fitting.effort import OF_ADDITIONS, Effort
 from estimator.fitting.fit import Fit, new_fit, set_aside
-from estimator.fitting.gauss_newton import ROUGH, solved, solved_roughly
+from estimator.fitting.gauss_newton import ITERATIONS, ROUGH, solved, solved_roughly
 from estimator.fitting.simulator import Simulator
 from estimator.fitting.windows import find_windows
 
@@ -103,9 +103,9 @@ class Selection:
     effects: tuple[Effect, ...]
     effort: Effort
 
-    def mirrored(self, explanation: Explanation, *, limit: float) -> list[Explanation]:
-        """Return an explanation at the equivalent values that its effects name; limit as for `solved`."""
-        return mirrored(explanation, self.effects, self.tests.base.plan, limit=limit)
+    def mirrored(self, explanation: Explanation, *, iterations: int = ITERATIONS, limit: float) -> list[Explanation]:
+        """Return an explanation at the equivalent values that its effects name; the rest as for `solved`."""
+        return mirrored(explanation, self.effects, self.tests.base.plan, iterations=iterations, limit=limit)
 
     def added(self, explanation: Explanation, addition: Addition, *, limit: float = np.inf) -> Explanation:
         """Return an explanation fitted with one more addition, a ripple where that moves it; limit as for `solved`."""
