@@ -43,10 +43,14 @@ class OutputFolder:
             raise InputError(f"{self.path} is a file, not a folder; give -o another name")
         try:
             self._make()
+            try:
+                self._lock = _locked(self.path)  # first: what another run tries there is no file of the folder
+            except InputError:
+                self._made.clear()  # it is the other run's now, empty as it may be
+                raise
             with tempfile.TemporaryFile(dir=self.path):
                 pass
             found = {entry.name for entry in self.path.iterdir()}
-            self._lock = _locked(self.path)
             if self._own is not None and found - self._own:
                 other = sorted(found - self._own)[0]
                 raise InputError(f"{self.path} already holds other files ({other}); give -o an empty or a new folder")

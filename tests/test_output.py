@@ -146,3 +146,25 @@ def with_ctrl_c_after(monkeypatch, owner, name):
 
     monkeypatch.setattr(owner, name, then_pressed)
     return pressed
+
+
+def test_a_folder_that_another_run_has_locked_is_left_to_it_by_the_run_that_made_it(tmp_path, monkeypatch):
+    """It was removed, empty as it was, under the run that had locked it first: both ended without a result."""
+    from estimator import output
+
+    made, first = tmp_path / "out", []
+
+    def locked_by_another(folder):
+        first.append(real(folder))
+        monkeypatch.setattr(output, "_locked", real)
+        return real(folder)
+
+    real = output._locked
+    monkeypatch.setattr(output, "_locked", locked_by_another)
+    with pytest.raises(InputError, match="another run is at work in"), OutputFolder(made):
+        raise AssertionError
+    os.close(first[0])
+    assert made.is_dir()
+    with OutputFolder(made, own=("a",)) as folder:
+        folder.write({"a": b"1"})
+    assert (made / "a").read_bytes() == b"1"
