@@ -57,7 +57,8 @@ def found_effects(explanation: Explanation, plan: Plan) -> list[Found]:
     for a in explanation.additions:
         if a.linear is not None:
             own = fit.estimates_of(a.name)
-            size = own[0] if len(own) == 1 else float(np.sqrt(2 * np.mean(np.square(own))))
+            alike = len(set(a.linear.units)) == 1 < len(own)  # a cosine and a sine: the amplitude
+            size = float(np.sqrt(2 * np.mean(np.square(own)))) if alike else own[0]
         else:
             size = fit.value(a.name)
         if told := a.effect.tell(a.name, size, plan):

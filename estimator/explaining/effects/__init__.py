@@ -22,6 +22,7 @@ from estimator.explaining.effects.drive_drop import DriveDrop
 from estimator.explaining.effects.edge_latency import EdgeLatency
 from estimator.explaining.effects.gain import Gain
 from estimator.explaining.effects.hum import Hum
+from estimator.explaining.effects.load_step import LoadStep
 from estimator.explaining.effects.lost_rows import LostRows
 from estimator.explaining.effects.low_pass import FORMS, LowPass
 from estimator.explaining.effects.machine_effects import FrictionDrift, WindingWarms
@@ -41,6 +42,7 @@ from estimator.explaining.effects.ripple_of_few_turns import Commutation, Eccent
 from estimator.explaining.effects.runs_differ import RunsDiffer
 from estimator.explaining.effects.slew_limit import SlewLimit
 from estimator.explaining.effects.slow_pwm import SlowPwm
+from estimator.explaining.effects.smoothing import Smoothing
 from estimator.explaining.effects.starting_motion import StartingMotion
 from estimator.explaining.effects.supply_drift import SupplyDrift
 from estimator.explaining.effects.supply_ripple import SupplyRipple
@@ -56,6 +58,7 @@ EFFECTS: tuple[Effect, ...] = (
     Delay(),
     ChannelDelay(),
     *(LowPass(name=form, lateness=lateness) for form, (_, lateness, _) in FORMS.items()),
+    Smoothing(),
     Average(),
     MeanSpeed(),
     Offset(),
@@ -73,6 +76,7 @@ EFFECTS: tuple[Effect, ...] = (
     FrictionDrift(),
     WindingWarms(),
     SupplyDrift(),
+    LoadStep(),
     FanLoad(),
     FieldWeakens(),
     Saturation(),

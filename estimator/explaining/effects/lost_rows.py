@@ -27,7 +27,8 @@ NEARBY = 3  # rows, by which the number that explains most may differ from the l
 BESIDE = 2  # rows on each side of a jump that tell its height, and as many that tell the slopes
 NEAR = 50  # rows before and behind that tell the noise of such steps
 VISIBLE_JUMP = 4.0  # standard deviations: a larger one would be seen
-PLACES = 60  # that are tested, at most
+PLACES = 60  # that are tested, at most; beside the likeliest FINER ones, again and again
+FINER = 8
 
 
 @dataclass(frozen=True)
@@ -48,8 +49,9 @@ class LostRows(Effect):
         if not len(places) or settled.all() or any(g.name.startswith(self.name) for g in fit.linear):
             return ()
         place, many = _likeliest(fit, places[::stride], ends, TRIED_ROWS)
-        if stride > 1:
-            place, many = _likeliest(fit, places[np.abs(places - place) < stride], ends, (many,))
+        while stride > 1:
+            reach, stride = stride, max(1, stride // FINER)
+            place, many = _likeliest(fit, places[np.abs(places - place) < reach][::stride], ends, (many,))
         clock = _clock_at(fit, place)
         t = clock.time[place - clock.rows.start]
         own = _column(fit, place, ends, many)

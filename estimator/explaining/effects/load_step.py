@@ -1,0 +1,106 @@
+"""The load changes at an instant: a weight that is hung on, a brake that is put on or off, a hand on the shaft."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.explaining.effects.base import SELDOM, Effect
+from estimator.fitting.fit import Fit, Linear
+from estimator.fitting.motor_response import motor_values, response
+from estimator.fitting.simulator import per_recording
+from estimator.noise.clock import Clock
+from estimator.plans.plan import Plan
+
+FloatArray = NDArray[np.float64]
+
+INSTANTS = 48  # that are tried in a recording, evenly; BETWEEN of them then, again and again, beside the best
+BETWEEN = 7
+NOTHING = 1e-9  # of information
+PROMISING = 10.0  # of z'z: what lowers it by less is not looked for between the instants
+FURTHEST = 20  # rows by which an instant is moved at a time
+
+
+@dataclass(frozen=True)
+class LoadStep(Effect):
+    """A torque that acts on the shaft from an instant on, N.m against positive speed; another ends it.
+
+    An impulse in the row before, N.m.s, is the part of that row in which it acts, and tells in which row it begins.
+    """
+
+    name: str = "load step"
+    prior: float = SELDOM
+    sharp: bool = True
+    follows: bool = True
+    is_last: bool = True
+    doubt: str = "the load on the shaft changes while it is recorded: record without a load, or one that is known"
+
+    def linear(self, fit: Fit) -> Sequence[Linear]:
+        """Return the instant of each recording from which on a torque explains most of the residuals."""
+        s = fit.simulator
+        if motor_values(fit) is None or "w" not in s.outputs:
+            return ()
+        names, rows = per_recording(s.plan, self.name), fit.once(_likeliest)
+        return [
+            _from_row(fit, _named(name, clock, row), clock, row)
+            for clock, name, row in zip(s.clocks, names, rows, strict=True)
+        ]
+
+    def renewed(self, fit: Fit, group: Linear, coefficients: FloatArray) -> Linear | None:
+        """Return the columns of the row in which its impulse has it begin."""
+        s = fit.simulator
+        names = per_recording(s.plan, self.name)
+        clock = next(c for c, name in zip(s.clocks, names, strict=True) if group.name.startswith(f"{name} near "))
+        step, impulse = coefficients.tolist()
+        late = -round(impulse / (step * clock.step) + 0.5) if step else 0  # rows
+        row = group.form + int(np.clip(late, -FURTHEST, FURTHEST))
+        return _from_row(fit, group.name, clock, row) if late and 0 < row < len(clock.time) else None
+
+    def tell(self, name: str, value: float, plan: Plan) -> str:
+        """Say whether there is more or less of it."""
+        way = "more" if value > 0 else "less"
+        return f"{name}: from then on a torque of {abs(value):.3g} N.m {way} acts against positive speed"
+
+
+def _likeliest(fit: Fit) -> list[int]:
+    """Return the row of each recording from which on a torque lowers z'z most."""
+    found = []
+    for clock in fit.simulator.clocks:
+        last = len(clock.time) - 1
+        tried = np.unique(np.linspace(0, last, INSTANTS + 2).round().astype(int)[1:-1])
+        apart = last / (INSTANTS + 1)
+        of_rows = partial(_torques, fit, clock)
+        while True:
+            along, power = fit.test().scores_of(of_rows, tried)
+            best = int(tried[np.argmax(along**2 / np.maximum(power, NOTHING))])
+            if apart <= 1 or np.max(along**2 - PROMISING * power) < 0:
+                break
+            tried = np.unique(np.clip(best + np.linspace(-apart, apart, BETWEEN).round().astype(int), 1, last))
+            apart *= 2 / (BETWEEN - 1)
+        found.append(best)
+    return found
+
+
+def _named(name: str, clock: Clock, row: int) -> str:
+    """Return a recording's name of the effect with its instant, to about a hundredth of the recording."""
+    digits = max(0, math.ceil(2 - math.log10(clock.step * len(clock.time))))
+    return f"{name} near {clock.time[row]:.{digits}f} s"
+
+
+def _from_row(fit: Fit, name: str, clock: Clock, row: int) -> Linear:
+    """Return the columns of a torque that begins in a row of a recording, or within the row before."""
+    columns = _torques(fit, clock, np.array([row, row - 1]))
+    columns[:, :, 1] = (columns[:, :, 1] - columns[:, :, 0]) / clock.step
+    return Linear(name, columns, ("N.m", "N.m.s"), one_of=INSTANTS, form=row, moves=True)
+
+
+def _torques(fit: Fit, clock: Clock, rows: NDArray[np.int64]) -> FloatArray:
+    """Return the signals' change, (rows, q, c), by torques of 1 N.m from each of c rows of a recording on."""
+    held = np.zeros((fit.simulator.rows, len(rows)))
+    held[clock.rows] = np.arange(len(clock.time))[:, None] >= rows
+    return response(fit, torque=held)
