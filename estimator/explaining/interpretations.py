@@ -6,9 +6,13 @@ import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from estimator.plans.plan import Observed, Plan
+from estimator.recordings.excitation import moves_smoothly
 from estimator.recordings.repeated_rows import repeated_rows, written_once
+
+FloatArray = NDArray[np.float64]
 
 MOVING = 0.5  # of the rows in which an input changes: it does not go from level to level
 
@@ -42,11 +46,15 @@ def interpretations(plan: Plan) -> tuple[Interpretation, ...]:
 
 
 def inputs_between(plan: Plan) -> tuple[str, ...]:
-    """Return the inputs of an FMU that is no motor that change in most rows, where the case does not say how."""
-    if plan.binding.is_motor:
-        return ()
+    """Return the inputs that move from row to row, a motor's smoothly, where the case does not say how."""
+    moves = moves_smoothly if plan.binding.is_motor else _moves
     open_ones = [n for n in plan.observed[0].inputs if n not in (*plan.case.linear, *plan.case.held)]
-    return tuple(n for n in open_ones if any(np.mean(np.diff(o.inputs[n]) != 0) > MOVING for o in plan.observed))
+    return tuple(n for n in open_ones if any(moves(o.inputs[n]) for o in plan.observed))
+
+
+def _moves(u: FloatArray) -> bool:
+    """Whether an input, (n,), changes in most rows."""
+    return bool(np.mean(np.diff(u) != 0) > MOVING)
 
 
 def _between_rows(plan: Plan) -> tuple[Interpretation, ...]:

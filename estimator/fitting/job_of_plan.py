@@ -7,7 +7,6 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.cases.case import Case
 from estimator.errors import CaseError
 from estimator.fitting.candidate_values import CandidateValues
 from estimator.fmus.job import Experiment, Job
@@ -15,6 +14,8 @@ from estimator.plans.plan import ChainSpec, Observed, Plan
 from estimator.recordings.recording import Recording
 from estimator.recordings.sensors import Section
 from estimator.stepping.layout import types_of
+
+ON_LINES = 8  # communication steps a row, where an input goes on lines and the FMU takes its mean over each
 
 FloatArray = NDArray[np.float64]
 
@@ -75,7 +76,7 @@ def _experiment(plan: Plan, observed: Observed, sigma: Mapping[str, float]) -> E
     return Experiment(
         start=start,
         interval=recording.step,
-        substeps=_substeps(plan.case, recording),
+        substeps=_substeps(plan, recording),
         inputs=inputs,
         measured=observed.compared,
         weights=np.array([1 / sigma[y] ** 2 for y in plan.outputs]),
@@ -97,9 +98,11 @@ def _chains(plan: Plan, step: float) -> tuple[tuple[int, tuple[Section, ...]], .
     return tuple((s.average, s.sections(step)) for s in specs)
 
 
-def _substeps(case: Case, recording: Recording) -> int:
+def _substeps(plan: Plan, recording: Recording) -> int:
+    case = plan.case
     if case.step is None:
-        return 1
+        capable = plan.description.capabilities.get("canInterpolateInputs", False)
+        return ON_LINES if case.linear and not capable else 1
     substeps = round(recording.step / case.step)
     if substeps < 1 or abs(recording.step / case.step - substeps) > 1e-6 * substeps:
         raise CaseError(

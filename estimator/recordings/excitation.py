@@ -12,6 +12,7 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import savgol_coeffs, savgol_filter
 
 from estimator.conventions import MEDIAN_SIZE, SECOND_DIFFERENCE, STEP_DEVIATION
 from estimator.recordings.samples import filled, mean_of_known, median, told_once
@@ -35,6 +36,10 @@ LOST_JUMP = 0.2  # of the response in one interval, alone: the transient lies be
 LOST_RATIO = 5.0
 ONSET, ONSET_SWING = 5.0, 0.01  # deviations of the noise; of the response: more is a response
 ONSET_BASE = 10  # samples before the step that tell the noise
+WINDOWS, CUBIC = (5, 7, 11, 15, 21, 31, 43, 61, 87, 123, 175, 247, 351, 497), 3  # rows of a local polynomial
+AGREED = 2.5  # deviations of what each number of them tells
+CORNERS = 0.05  # of the rows
+LIKE_THE_LAST = 0.5  # correlation of each change with the one before, at least, of an input that moves smoothly
 ON = 0.5  # of the largest input: more than that in the first rows moves what is not late
 
 
@@ -128,6 +133,43 @@ def input_noise(v: FloatArray) -> float:
     """Return the deviation of an input's noise; 0 for levels that repeat exactly, and where it moves in every row."""
     noise = _row_by_row(v)
     return 0.0 if _is_restless(v, noise) else noise
+
+
+@told_once
+def moves_smoothly(v: FloatArray) -> bool:
+    """Whether an input, (n,), goes on as it went, beside its noise: no levels, whose edges are each a change alone."""
+    change, noise = np.diff(v), _row_by_row(v) ** 2
+    turn = np.diff(change)
+    moved, turned = float(change @ change) - 2 * noise * len(change), float(turn @ turn) - 6 * noise * len(turn)
+    return moved > 0 and turned < 2 * (1 - LIKE_THE_LAST) * moved
+
+
+@told_once
+def without_noise(v: FloatArray) -> FloatArray:
+    """Return an input that moves smoothly, (n,), without its noise: by local cubics (Savitzky and Golay 1964).
+
+    Over as many rows as generalised cross-validation finds, corners left out (Craven and Wahba 1979); beside a corner
+    over as many as agree with what fewer tell, within the noise (Goldenshluger and Nemirovski 1997).
+    """
+    windows = [rows for rows in WINDOWS if rows < len(v)]
+    smooth = [savgol_filter(v, rows, CUBIC, mode="interp") for rows in windows]
+    own = [float(savgol_coeffs(rows, CUBIC)[rows // 2]) for rows in windows]  # a sample's part in what is told of it
+    scores = [_without_largest((v - s) ** 2) / (1 - part) ** 2 for s, part in zip(smooth, own, strict=True)]
+    quiet, noise = v.copy(), _row_by_row(v)
+    low, high = v - AGREED * noise, v + AGREED * noise
+    agreed = np.ones(len(v), dtype=bool)
+    for k in range(int(np.argmin(scores)) + 1 if scores else 0):
+        error = AGREED * noise * np.sqrt(own[k])
+        low, high = np.maximum(low, smooth[k] - error), np.minimum(high, smooth[k] + error)
+        agreed &= low <= high
+        quiet[agreed] = smooth[k][agreed]
+    return quiet
+
+
+def _without_largest(squares: FloatArray) -> float:
+    """Return the mean of squares without the largest of them."""
+    kept = len(squares) - int(CORNERS * len(squares))
+    return float(np.mean(np.partition(squares, kept - 1)[:kept]))
 
 
 def _row_by_row(v: FloatArray) -> float:

@@ -15,7 +15,7 @@ from estimator.fitting.latency import edges_of
 from estimator.fitting.motor_response import late_response, motor_values
 from estimator.plans.part import LONG
 from estimator.plans.plan import Plan
-from estimator.recordings.excitation import input_noise
+from estimator.recordings.excitation import input_noise, moves_smoothly, without_noise as smoothed
 
 FloatArray = NDArray[np.float64]
 
@@ -77,7 +77,10 @@ def quieted(plan: Plan, around: Sequence[FloatArray], shown: Sequence[FloatArray
     shown : (n, q) arrays
         As for `noise_of`.
     """
-    followed = [list(_followed(o.inputs["v"], own)) for o, own in zip(plan.observed, shown, strict=True)]
+    followed = [
+        [] if moves_smoothly(o.inputs["v"]) else list(_followed(o.inputs["v"], own))
+        for o, own in zip(plan.observed, shown, strict=True)
+    ]
     is_told = sum(map(len, shown)) <= LONG and sum(len(parts) for parts in followed) <= MOST_LEVELS
     observed = []
     for o, own, parts in zip(plan.observed, around, followed, strict=True):
@@ -136,6 +139,8 @@ def noise_of(u: FloatArray, shown: FloatArray) -> FloatArray:
     shown : (n, q) array
         What the sensors show without noise.
     """
+    if moves_smoothly(u):
+        return u - smoothed(u)
     if len(levels_of(u)) > MOST_CHANGES:
         return np.zeros(len(u))
     result = u.copy()
