@@ -19,6 +19,7 @@ from estimator.recordings.excitation import (
     find_delay,
     find_excitation,
     input_noise,
+    moves_smoothly,
     noise_deviation,
     quantum,
 )
@@ -31,6 +32,7 @@ from estimator.recordings.turns import OVERFLOW, counted_on, is_countable, start
 FloatArray = NDArray[np.float64]
 
 FIRST = 10  # samples that tell where an angle begins
+SLOWLY = 1e-3  # of an input's range: less is no change
 ONSET, STILL = 6.0, 0.01  # deviations of its noise; of the largest angle: less is where the model's begins
 NONE = 6.0  # deviations of an input's noise: less is none
 LATE = 2  # samples: a response that starts this much later than it could is delayed
@@ -138,6 +140,11 @@ def _settles(excitation: Excitation, driven: Mapping[str, FloatArray], measured:
         return False
     v, w = driven["v"], filled(measured["w"])
     rows = excitation.index or (len(v) if excitation.kind == "none" else 0)
+    if excitation.kind == "several" and moves_smoothly(v):  # slowly too: its level ends where it has left it
+        left = np.abs(v - v[0]) > NONE * input_noise(v) + SLOWLY * float(np.ptp(v))
+        rows = int(np.argmax(left))
+        if rows < 3 * FIRST:
+            return True  # it moved so before
     if rows < 3 * FIRST or not abs(median(v[:rows])) > NONE * input_noise(v):
         return False
     first, last = median(w[:FIRST]), median(w[rows - FIRST : rows])

@@ -15,7 +15,8 @@ from estimator.fitting.latency import edges_of
 from estimator.fitting.motor_response import late_response, motor_values
 from estimator.plans.part import LONG
 from estimator.plans.plan import Plan
-from estimator.recordings.excitation import input_noise, moves_smoothly, without_noise as smoothed
+from estimator.recordings.excitation import input_noise, moves_smoothly
+from estimator.recordings.excitation import without_noise as smoothed
 
 FloatArray = NDArray[np.float64]
 
