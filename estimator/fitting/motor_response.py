@@ -43,6 +43,19 @@ def _motor_values(fit: Fit) -> Mapping[str, float] | None:
     return values
 
 
+def speed_of(fit: Fit, shown: FloatArray) -> FloatArray | None:
+    """Return the speed of shown signals, (rows, q), rad/s, or that of their angle; None where neither is compared."""
+    outputs = fit.simulator.outputs
+    if "w" in outputs:
+        return shown[:, outputs.index("w")]
+    if "angle" not in outputs:
+        return None
+    angle, w = shown[:, outputs.index("angle")], np.zeros(len(shown))
+    for clock in fit.simulator.clocks:
+        w[clock.rows] = np.gradient(angle[clock.rows], clock.step)
+    return w
+
+
 def machine_of(fit: Fit) -> tuple[tuple[FloatArray, FloatArray] | None, tuple[int, ...]]:
     """Return A (2, 2), b (2,) of d[i, w]/dt = A x + b torque, torque against the motion, and the channels' states."""
     values = motor_values(fit)

@@ -279,7 +279,7 @@ def _found(plan: Plan, explained: Explained | None, statuses: Mapping[str, Param
     if explained is None:
         return []
     tabled = set(plan.names)  # those are in a table, with their standard errors
-    found = [f for f in explained.found if f.name not in statuses]
+    found = [f for f in explained.found if f.name not in statuses or (f.effect == "between runs" and not f.doubt)]
     notes = [f.sentence for f in found if not (f.effect in PLAIN and f.name in tabled)] + louder(explained.adequacy)
     noise, whitener = explained.fit.whitener.noise, explained.fit.whitener
     for j, name in enumerate(plan.outputs):

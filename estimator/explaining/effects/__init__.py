@@ -23,6 +23,7 @@ from estimator.explaining.effects.edge_latency import EdgeLatency
 from estimator.explaining.effects.gain import Gain
 from estimator.explaining.effects.hum import Hum
 from estimator.explaining.effects.load_step import LoadStep
+from estimator.explaining.effects.load_torque import LoadTorque
 from estimator.explaining.effects.lost_rows import LostRows
 from estimator.explaining.effects.low_pass import FORMS, LowPass
 from estimator.explaining.effects.machine_effects import FrictionDrift, WindingWarms
@@ -76,6 +77,7 @@ EFFECTS: tuple[Effect, ...] = (
     FrictionDrift(),
     WindingWarms(),
     SupplyDrift(),
+    LoadTorque(),
     LoadStep(),
     FanLoad(),
     FieldWeakens(),

@@ -43,7 +43,7 @@ class LoadStep(Effect):
     def linear(self, fit: Fit) -> Sequence[Linear]:
         """Return the instant of each recording from which on a torque explains most of the residuals."""
         s = fit.simulator
-        if motor_values(fit) is None or "w" not in s.outputs:
+        if motor_values(fit) is None or not {"w", "angle"} & set(s.outputs):
             return ()
         names, rows = per_recording(s.plan, self.name), fit.once(_likeliest)
         return [

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from estimator.explaining.effects.base import Effect
 from estimator.fitting.fit import Fit, Linear
-from estimator.fitting.motor_response import motor_values, response
+from estimator.fitting.motor_response import motor_values, response, speed_of
 from estimator.fitting.simulator import per_recording
 from estimator.plans.plan import Plan
 from estimator.recordings.samples import median
@@ -36,11 +36,10 @@ class FrictionDrift(Effect):
     def linear(self, fit: Fit) -> Sequence[Linear]:
         """Return one for each recording of a motor."""
         s = fit.simulator
-        values = motor_values(fit)
-        if values is None or "w" not in s.outputs:
+        values, w = motor_values(fit), speed_of(fit, fit.shown)
+        if values is None or w is None:
             return ()
         size, speed = USUAL_DRIFT * usual_friction(fit, values), _usual_speed(fit)
-        w = fit.shown[:, s.outputs.index("w")]
         found = []
         for clock, name in zip(s.clocks, per_recording(s.plan, self.name), strict=True):
             dry, t = np.sign(w[clock.rows]), clock.time
@@ -110,5 +109,6 @@ def usual_friction(fit: Fit, values: Mapping[str, float]) -> float:
 def _usual_speed(fit: Fit) -> float:
     """Return the usual speed, rad/s, while a voltage drives the motor."""
     s = fit.simulator
-    w, driven = np.abs(fit.shown[:, s.outputs.index("w")]), s.inputs("v") != 0
+    shown, driven = speed_of(fit, fit.shown), s.inputs("v") != 0
+    w = np.zeros(s.rows) if shown is None else np.abs(shown)
     return median(w[driven] if driven.any() else w)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from estimator.explaining.effects.base import SELDOM, Effect
 from estimator.explaining.effects.drive import ROUNDED
 from estimator.fitting.fit import Fit, Linear, refreshed
-from estimator.fitting.motor_response import motor_values, response
+from estimator.fitting.motor_response import motor_values, response, speed_of
 from estimator.fitting.score_test import likeliest
 from estimator.motor.winding import time_constant
 from estimator.plans.part import LONG
@@ -75,8 +75,8 @@ class OfSignals(Effect):
         if motor_values(fit) is None or not np.isfinite(shown).all():
             return
         outputs = fit.simulator.outputs
-        i, w = (shown[:, outputs.index(y)] if y in outputs else None for y in ("i", "w"))
-        yield from self.columns(fit, i, w)
+        i = shown[:, outputs.index("i")] if "i" in outputs else None
+        yield from self.columns(fit, i, speed_of(fit, shown))
 
 
 def _before_sensors(fit: Fit) -> Fit:
