@@ -40,6 +40,7 @@ WINDOWS, CUBIC = (5, 7, 11, 15, 21, 31, 43, 61, 87, 123, 175, 247, 351, 497), 3 
 AGREED = 2.5  # deviations of what each number of them tells
 CORNERS = 0.05  # of the rows
 LIKE_THE_LAST = 0.5  # correlation of each change with the one before, at least, of an input that moves smoothly
+STEADY = 15  # rows, and as many behind them, in which a motor that runs already shows the same
 ON = 0.5  # of the largest input: more than that in the first rows moves what is not late
 
 
@@ -377,7 +378,23 @@ def lost_transient(step: Excitation, y: FloatArray) -> tuple[int, float] | None:
 
 def _runs_already(outputs: Mapping[str, FloatArray]) -> bool:
     """Return whether the first row is no rest: a current rises within a sample of a motor that stands."""
-    return not all(map(_starts_at_rest, [outputs["w"]] if "w" in outputs else outputs.values()))
+    if not all(map(_starts_at_rest, [outputs["w"]] if "w" in outputs else outputs.values())):
+        return True
+    return "w" in outputs and len(outputs) > 1 and _turns(outputs["w"]) and all(map(_is_steady, outputs.values()))
+
+
+def _turns(w: FloatArray) -> bool:
+    """Whether the first rows of a speed are none of a rest, though each may be: coarse counts."""
+    first = w[:STEADY][~np.isnan(w[:STEADY])]
+    error = noise_deviation(w) / np.sqrt(max(len(first), 1))
+    return len(first) > 0 and abs(float(np.mean(first))) > AT_REST * float(np.nanmax(np.abs(w))) + ONSET * error
+
+
+def _is_steady(y: FloatArray) -> bool:
+    """Whether a signal stays where it is in its first rows: from a rest a current would jump."""
+    first, then = y[:STEADY], y[STEADY : 2 * STEADY]
+    error = max(noise_deviation(y), float(np.nanstd(first))) * np.sqrt(2 / STEADY)
+    return len(then) == STEADY and abs(float(np.nanmean(then) - np.nanmean(first))) < TREND_SIGMAS * error
 
 
 def _starts_at_rest(y: FloatArray) -> bool:

@@ -1,4 +1,4 @@
-"""A torque that does not change its direction with the motion: a weight, a spring, friction that differs by direction."""
+"""A torque that does not turn with the motion: a weight, a spring, friction that differs by direction."""
 
 from __future__ import annotations
 
