@@ -198,6 +198,18 @@ def followed(explanation: Explanation, *, least: float | None = None) -> Explana
     return explanation
 
 
+def named_anew(explanation: Explanation) -> Explanation:
+    """Return an explanation whose last addition has the name of the columns that it has been followed to."""
+    *others, last = explanation.additions
+    groups = [g for g in explanation.fit.linear if g.name == last.name]
+    name = last.effect.named(explanation.fit, groups[0]) if groups else last.name
+    if name == last.name or name in explanation.names():
+        return explanation
+    linear = tuple(dataclasses.replace(g, name=name) if g in groups else g for g in explanation.fit.linear)
+    fit = dataclasses.replace(explanation.fit, linear=linear)
+    return dataclasses.replace(explanation, fit=fit, additions=(*others, dataclasses.replace(last, name=name)))
+
+
 def reshaped(explanation: Explanation, addition: Addition) -> Iterator[Explanation]:
     """Yield the explanation with an addition's columns in each other form that may explain more."""
     fit = explanation.fit

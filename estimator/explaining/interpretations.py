@@ -46,10 +46,15 @@ def interpretations(plan: Plan) -> tuple[Interpretation, ...]:
 
 
 def inputs_between(plan: Plan) -> tuple[str, ...]:
-    """Return the inputs that move from row to row, a motor's smoothly, where the case does not say how."""
-    moves = moves_smoothly if plan.binding.is_motor else _moves
+    """Return the inputs that move from row to row, where the case does not say how; of a motor what is measured.
+
+    A motor's command is held.
+    """
     open_ones = [n for n in plan.observed[0].inputs if n not in (*plan.case.linear, *plan.case.held)]
-    return tuple(n for n in open_ones if any(moves(o.inputs[n]) for o in plan.observed))
+    if plan.binding.is_motor:
+        observed = [o for o in plan.observed if o.is_measured]
+        return tuple(n for n in open_ones if any(moves_smoothly(o.inputs[n]) for o in observed))
+    return tuple(n for n in open_ones if any(_moves(o.inputs[n]) for o in plan.observed))
 
 
 def _moves(u: FloatArray) -> bool:

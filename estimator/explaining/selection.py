@@ -45,6 +45,7 @@ from estimator.explaining.explanation import (
     mirrored,
     moved_to,
     moves_ripple,
+    named_anew,
     renewed,
     reshaped,
     with_added,
@@ -111,7 +112,7 @@ class Selection:
         """Return an explanation fitted with one more addition, a ripple where that moves it; limit as for `solved`."""
         if not moves_ripple(explanation, addition):
             found = with_added(explanation, self.refitted(explanation, addition, limit=limit), addition)
-            return followed(found) if addition.effect.follows else found
+            return named_anew(followed(found)) if addition.effect.follows else found
         found = with_added(explanation, self.refitted(explanation, addition), addition)
         return dataclasses.replace(found, fit=solved_roughly(renewed(found), limit=limit))
 

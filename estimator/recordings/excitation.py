@@ -12,7 +12,6 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import savgol_coeffs, savgol_filter
 
 from estimator.conventions import MEDIAN_SIZE, SECOND_DIFFERENCE, STEP_DEVIATION
 from estimator.recordings.samples import filled, mean_of_known, median, told_once
@@ -152,6 +151,8 @@ def without_noise(v: FloatArray) -> FloatArray:
     Over as many rows as generalised cross-validation finds, corners left out (Craven and Wahba 1979); beside a corner
     over as many as agree with what fewer tell, within the noise (Goldenshluger and Nemirovski 1997).
     """
+    from scipy.signal import savgol_coeffs, savgol_filter
+
     windows = [rows for rows in WINDOWS if rows < len(v)]
     smooth = [savgol_filter(v, rows, CUBIC, mode="interp") for rows in windows]
     own = [float(savgol_coeffs(rows, CUBIC)[rows // 2]) for rows in windows]  # a sample's part in what is told of it
@@ -387,7 +388,7 @@ def _turns(w: FloatArray) -> bool:
     """Whether the first rows of a speed are none of a rest, though each may be: coarse counts."""
     first = w[:STEADY][~np.isnan(w[:STEADY])]
     error = noise_deviation(w) / np.sqrt(max(len(first), 1))
-    return len(first) > 0 and abs(float(np.mean(first))) > AT_REST * float(np.nanmax(np.abs(w))) + ONSET * error
+    return len(first) > 0 and bool(abs(float(np.mean(first))) > AT_REST * float(np.nanmax(np.abs(w))) + ONSET * error)
 
 
 def _is_steady(y: FloatArray) -> bool:

@@ -86,6 +86,10 @@ class Effect:
         """
         return next((g for g in self.linear(fit) if g.name == group.name), None)
 
+    def named(self, fit: Fit, group: Linear) -> str:
+        """Return the name of a group's columns, which may have followed the fit to others."""
+        return group.name
+
     def reshaped(self, fit: Fit, group: Linear) -> Sequence[Linear]:
         """Return the group in other forms, that may explain more than its own does."""
         return ()

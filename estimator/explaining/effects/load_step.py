@@ -12,8 +12,10 @@ from numpy.typing import NDArray
 
 from estimator.explaining.effects.base import SELDOM, Effect
 from estimator.fitting.fit import Fit, Linear
+from estimator.fitting.latency import edges_of
 from estimator.fitting.motor_response import motor_values, response
 from estimator.fitting.simulator import per_recording
+from estimator.fitting.windows import find_windows
 from estimator.noise.clock import Clock
 from estimator.plans.plan import Plan
 
@@ -23,6 +25,8 @@ INSTANTS = 48  # that are tried in a recording, evenly; BETWEEN of them then, ag
 BETWEEN = 7
 NOTHING = 1e-9  # of information
 PROMISING = 10.0  # of z'z: what lowers it by less is not looked for between the instants
+RESPONSE = 3.0  # mechanical time constants in which a response has come by 95 %
+ENOUGH = 0.2  # of the rows: fewer settled ones are a signal's that has no levels
 FURTHEST = 20  # rows by which an instant is moved at a time
 
 
@@ -49,17 +53,26 @@ class LoadStep(Effect):
         return [
             _from_row(fit, _named(name, clock, row), clock, row)
             for clock, name, row in zip(s.clocks, names, rows, strict=True)
+            if row
         ]
 
     def renewed(self, fit: Fit, group: Linear, coefficients: FloatArray) -> Linear | None:
         """Return the columns of the row in which its impulse has it begin."""
-        s = fit.simulator
-        names = per_recording(s.plan, self.name)
-        clock = next(c for c, name in zip(s.clocks, names, strict=True) if group.name.startswith(f"{name} near "))
+        _, clock = self._recording(fit, group)
         step, impulse = coefficients.tolist()
         late = -round(impulse / (step * clock.step) + 0.5) if step else 0  # rows
         row = group.form + int(np.clip(late, -FURTHEST, FURTHEST))
         return _from_row(fit, group.name, clock, row) if late and 0 < row < len(clock.time) else None
+
+    def named(self, fit: Fit, group: Linear) -> str:
+        """Return its name with the instant that it has been moved to."""
+        return _named(*self._recording(fit, group), group.form)
+
+    def _recording(self, fit: Fit, group: Linear) -> tuple[str, Clock]:
+        """Return the effect's name in the recording of a group, and its clock."""
+        s = fit.simulator
+        names = per_recording(s.plan, self.name)
+        return next(pair for pair in zip(names, s.clocks, strict=True) if group.name.startswith(f"{pair[0]} near "))
 
     def tell(self, name: str, value: float, plan: Plan) -> str:
         """Say whether there is more or less of it."""
@@ -68,22 +81,41 @@ class LoadStep(Effect):
 
 
 def _likeliest(fit: Fit) -> list[int]:
-    """Return the row of each recording from which on a torque lowers z'z most."""
+    """Return the row of each recording from which on a torque lowers z'z most; 0 where none is asked."""
     found = []
-    for clock in fit.simulator.clocks:
-        last = len(clock.time) - 1
-        tried = np.unique(np.linspace(0, last, INSTANTS + 2).round().astype(int)[1:-1])
-        apart = last / (INSTANTS + 1)
+    for o, clock in zip(fit.simulator.observed, fit.simulator.clocks, strict=True):
+        rows = _between_changes(fit, clock, o.inputs["v"])
+        tried = np.linspace(0, len(rows) - 1, INSTANTS + 2).round().astype(int)[1:-1]
+        apart, best = len(rows) / (INSTANTS + 1), 0
         of_rows = partial(_torques, fit, clock)
-        while True:
-            along, power = fit.test().scores_of(of_rows, tried)
-            best = int(tried[np.argmax(along**2 / np.maximum(power, NOTHING))])
-            if apart <= 1 or np.max(along**2 - PROMISING * power) < 0:
+        while len(rows):
+            asked = rows[np.unique(tried)]
+            along, power = fit.test().scores_of(of_rows, asked)
+            k = int(np.argmax(along**2 / np.maximum(power, NOTHING)))
+            best = int(asked[k])
+            if apart <= 1 or along[k] ** 2 < PROMISING * power[k]:
                 break
-            tried = np.unique(np.clip(best + np.linspace(-apart, apart, BETWEEN).round().astype(int), 1, last))
-            apart *= 2 / (BETWEEN - 1)
+            near = np.searchsorted(rows, best) + np.linspace(-apart, apart, BETWEEN).round().astype(int)
+            tried, apart = np.clip(near, 0, len(rows) - 1), apart * 2 / (BETWEEN - 1)
         found.append(best)
     return found
+
+
+def _between_changes(fit: Fit, clock: Clock, v: FloatArray) -> NDArray[np.int64]:
+    """Return rows of a recording in which a load may change.
+
+    None of a transient is, nor one whose own response the next change of the voltage cuts short: what changes as the
+    voltage does is the drive's, or friction of another law. Of a signal without levels any may be.
+    """
+    windows, values = find_windows(fit), motor_values(fit)
+    assert values is not None
+    mechanical = values["J"] / (values["B"] + values["K"] ** 2 / values["R"])  # s
+    free = windows.settled[clock.rows] & ~windows.sharp[clock.rows]
+    for edge in edges_of(v).tolist():
+        free[max(0, edge - math.ceil(RESPONSE * mechanical / clock.step)) : edge] = False
+    if np.count_nonzero(free) < ENOUGH * len(free):
+        free = ~windows.sharp[clock.rows]
+    return np.flatnonzero(free)[1:-1]
 
 
 def _named(name: str, clock: Clock, row: int) -> str:
