@@ -199,15 +199,14 @@ def followed(explanation: Explanation, *, least: float | None = None) -> Explana
 
 
 def named_anew(explanation: Explanation) -> Explanation:
-    """Return an explanation whose last addition has the name of the columns that it has been followed to."""
-    *others, last = explanation.additions
-    groups = [g for g in explanation.fit.linear if g.name == last.name]
-    name = last.effect.named(explanation.fit, groups[0]) if groups else last.name
-    if name == last.name or name in explanation.names():
-        return explanation
-    linear = tuple(dataclasses.replace(g, name=name) if g in groups else g for g in explanation.fit.linear)
-    fit = dataclasses.replace(explanation.fit, linear=linear)
-    return dataclasses.replace(explanation, fit=fit, additions=(*others, dataclasses.replace(last, name=name)))
+    """Return an explanation whose additions have the names of the columns that they have been followed to."""
+    groups, additions = list(explanation.fit.linear), list(explanation.additions)
+    for j, a in enumerate(additions):
+        k = next((k for k, g in enumerate(groups) if g.name == a.name), None)
+        if k is not None and (name := a.effect.named(explanation.fit, groups[k])) not in explanation.names():
+            groups[k], additions[j] = dataclasses.replace(groups[k], name=name), dataclasses.replace(a, name=name)
+    fit = dataclasses.replace(explanation.fit, linear=tuple(groups))
+    return dataclasses.replace(explanation, fit=fit, additions=tuple(additions))
 
 
 def reshaped(explanation: Explanation, addition: Addition) -> Iterator[Explanation]:

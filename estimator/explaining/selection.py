@@ -112,7 +112,7 @@ class Selection:
         """Return an explanation fitted with one more addition, a ripple where that moves it; limit as for `solved`."""
         if not moves_ripple(explanation, addition):
             found = with_added(explanation, self.refitted(explanation, addition, limit=limit), addition)
-            return named_anew(followed(found)) if addition.effect.follows else found
+            return followed(found) if addition.effect.follows else found
         found = with_added(explanation, self.refitted(explanation, addition), addition)
         return dataclasses.replace(found, fit=solved_roughly(renewed(found), limit=limit))
 
@@ -224,7 +224,7 @@ class Selection:
         while absurd := [a for a in best.additions if not (is_physical(final, a) and has_its_needs(final, a))]:
             best = without(dataclasses.replace(best, fit=final), absurd[-1])
             final = solved(best.fit, tolerance=1e-8)
-        return dataclasses.replace(best, fit=final)
+        return named_anew(dataclasses.replace(best, fit=final))
 
     def _begun(self, known: Explanation) -> Explanation:
         """Return an explanation of a part of the rows, fitted to all of them."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -144,8 +144,16 @@ def moves_smoothly(v: FloatArray) -> bool:
     return moved > 0 and turned < 2 * (1 - LIKE_THE_LAST) * moved
 
 
+class Smoothed(NamedTuple):
+    """An input without its noise, (n,), the deviation of that, and how many rows tell each row of it."""
+
+    signal: FloatArray
+    noise: float
+    rows: float
+
+
 @told_once
-def without_noise(v: FloatArray) -> FloatArray:
+def smoothed(v: FloatArray) -> Smoothed:
     """Return an input that moves smoothly, (n,), without its noise: by local cubics (Savitzky and Golay 1964).
 
     Over as many rows as generalised cross-validation finds, corners left out (Craven and Wahba 1979); beside a corner
@@ -165,7 +173,7 @@ def without_noise(v: FloatArray) -> FloatArray:
         low, high = np.maximum(low, smooth[k] - error), np.minimum(high, smooth[k] + error)
         agreed &= low <= high
         quiet[agreed] = smooth[k][agreed]
-    return quiet
+    return Smoothed(quiet, noise, 1 / own[int(np.argmin(scores))] if scores else 1.0)
 
 
 def _without_largest(squares: FloatArray) -> float:

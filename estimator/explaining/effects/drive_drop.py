@@ -14,6 +14,7 @@ from estimator.fitting.motor_response import late_response, motor_values
 
 MOST_DROP = 0.5  # of the largest voltage
 USUAL_DROP = 0.05  # of it
+NONE = 5e-3  # of it: less is the rest of a measured voltage
 
 
 @dataclass(frozen=True)
@@ -32,6 +33,7 @@ class DriveDrop(Effect):
         if is_of_one_size(v):
             return ()
         largest = float(np.max(np.abs(v)))
-        columns = late_response(fit, -np.sign(v))[:, :, None]
+        driven = np.where(np.abs(v) > NONE * largest, np.sign(v), 0.0)
+        columns = late_response(fit, -driven)[:, :, None]
         most, usual = MOST_DROP * largest, USUAL_DROP * largest
         return [Linear(self.name, columns, ("V",), least=0.0, most=most, size=usual, moves=True)]

@@ -16,6 +16,7 @@ from estimator.fitting.latency import edges_of
 from estimator.fitting.motor_response import motor_values, response
 from estimator.fitting.simulator import per_recording
 from estimator.fitting.windows import find_windows
+from estimator.motor.state_space import poles
 from estimator.noise.clock import Clock
 from estimator.plans.plan import Plan
 
@@ -25,7 +26,7 @@ INSTANTS = 48  # that are tried in a recording, evenly; BETWEEN of them then, ag
 BETWEEN = 7
 NOTHING = 1e-9  # of information
 PROMISING = 10.0  # of z'z: what lowers it by less is not looked for between the instants
-RESPONSE = 3.0  # mechanical time constants in which a response has come by 95 %
+RESPONSE = 3.0  # time constants of the motor in which a response has come by 95 %
 ENOUGH = 0.2  # of the rows: fewer settled ones are a signal's that has no levels
 FURTHEST = 20  # rows by which an instant is moved at a time
 
@@ -109,10 +110,10 @@ def _between_changes(fit: Fit, clock: Clock, v: FloatArray) -> NDArray[np.int64]
     """
     windows, values = find_windows(fit), motor_values(fit)
     assert values is not None
-    mechanical = values["J"] / (values["B"] + values["K"] ** 2 / values["R"])  # s
+    slowest = -1 / float(np.max(poles(values).real))  # s
     free = windows.settled[clock.rows] & ~windows.sharp[clock.rows]
     for edge in edges_of(v).tolist():
-        free[max(0, edge - math.ceil(RESPONSE * mechanical / clock.step)) : edge] = False
+        free[max(0, edge - math.ceil(RESPONSE * slowest / clock.step)) : edge] = False
     if np.count_nonzero(free) < ENOUGH * len(free):
         free = ~windows.sharp[clock.rows]
     return np.flatnonzero(free)[1:-1]

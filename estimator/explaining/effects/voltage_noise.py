@@ -15,8 +15,7 @@ from estimator.fitting.latency import edges_of
 from estimator.fitting.motor_response import late_response, motor_values
 from estimator.plans.part import LONG
 from estimator.plans.plan import Plan
-from estimator.recordings.excitation import input_noise, moves_smoothly
-from estimator.recordings.excitation import without_noise as smoothed
+from estimator.recordings.excitation import input_noise, moves_smoothly, smoothed
 
 FloatArray = NDArray[np.float64]
 
@@ -26,6 +25,7 @@ LEAST_ROWS = 20  # of a level for each signal that its voltage may follow
 ALL_OF_IT, FAR = 0.05, 4.0  # from 1, absolute and in standard errors: all of the noise is the sensor's
 MOST_CHANGES = 3000  # levels, at most: more are a signal
 MOST_LEVELS = 60  # of all recordings, whose voltages have errors of their own: of more levels they average out
+MOST_HATS = 100  # errors of a recording's smooth voltage: of more the slow part is told
 MOVES = 3e-3  # of a signal's largest: what moves less in a level is the response to the voltage's noise
 A_SIGNAL = 10.0  # times the noise from row to row: what moves so far in a level is a signal, such as a wave's crest
 DEPENDENT = 1e-6  # of the largest singular value: the current does not differ from the speed
@@ -78,15 +78,19 @@ def quieted(plan: Plan, around: Sequence[FloatArray], shown: Sequence[FloatArray
     shown : (n, q) arrays
         As for `noise_of`.
     """
+    smooth = [moves_smoothly(o.inputs["v"]) for o in plan.observed]
     followed = [
-        [] if moves_smoothly(o.inputs["v"]) else list(_followed(o.inputs["v"], own))
-        for o, own in zip(plan.observed, shown, strict=True)
+        [] if is_smooth else list(_followed(o.inputs["v"], own))
+        for o, own, is_smooth in zip(plan.observed, shown, smooth, strict=True)
     ]
     is_told = sum(map(len, shown)) <= LONG and sum(len(parts) for parts in followed) <= MOST_LEVELS
     observed = []
-    for o, own, parts in zip(plan.observed, around, followed, strict=True):
-        quiet = o.inputs["v"] - own
-        uncertain = np.column_stack([_uncertain(own, parts), _between_rows(quiet, parts)]) if is_told else None
+    for o, own, parts, is_smooth in zip(plan.observed, around, followed, smooth, strict=True):
+        quiet, uncertain = o.inputs["v"] - own, None
+        if is_told and is_smooth:
+            uncertain = _left_of_noise(o.inputs["v"])
+        elif is_told:
+            uncertain = np.column_stack([_uncertain(own, parts), _between_rows(quiet, parts)])
         inputs, was = {**o.inputs, "v": quiet}, o.is_measured
         observed.append(dataclasses.replace(o, inputs=inputs, uncertain=uncertain, is_quiet=was))
     return dataclasses.replace(plan, observed=tuple(observed))
@@ -99,6 +103,18 @@ def _uncertain(around: FloatArray, parts: Sequence[tuple[slice, FloatArray]]) ->
     for level, basis in parts:
         columns[level, k : (k := k + basis.shape[1])] = np.std(around) * basis
     return columns
+
+
+def _left_of_noise(v: FloatArray) -> FloatArray:
+    """Return the errors in V of a smooth voltage that is told by its noisy samples, (n, k): hats beside each other.
+
+    Each is as wide as the rows that tell a row: the mean of all of them is then known as the mean of the noise is.
+    """
+    n, told = len(v), smoothed(v)
+    width = max(told.rows, n / MOST_HATS)
+    tops = np.arange(0.0, n + width, width)
+    hats = np.maximum(1 - np.abs(np.arange(n)[:, None] - tops) / width, 0.0)
+    return np.asarray(told.noise / np.sqrt(width) * hats)
 
 
 def _between_rows(quiet: FloatArray, parts: Sequence[tuple[slice, FloatArray]]) -> FloatArray:
@@ -141,7 +157,7 @@ def noise_of(u: FloatArray, shown: FloatArray) -> FloatArray:
         What the sensors show without noise.
     """
     if moves_smoothly(u):
-        return u - smoothed(u)
+        return np.asarray(u - smoothed(u).signal)
     if len(levels_of(u)) > MOST_CHANGES:
         return np.zeros(len(u))
     result = u.copy()
