@@ -19,7 +19,7 @@ FloatArray = NDArray[np.float64]
 
 USUAL_CHANGE = 0.03  # of a parameter, between runs
 MOST_CHANGE = 1.0  # of a logarithm
-LEAST_SECANT = 1e-3  # of a logarithm: of a smaller change the secant is that of this one
+LEAST_SECANT, MOST_SECANT = 1e-3, 3.0  # of a logarithm: of a smaller or larger change the secant is that of this one
 
 
 @dataclass(frozen=True)
@@ -54,6 +54,7 @@ class RunsDiffer(Effect):
         s = fit.simulator
         k, each = s.index[group.name.removesuffix(BETWEEN)], [clock.rows for clock in s.clocks]
         changes = np.append(coefficients, -np.sum(coefficients))
+        changes = np.clip(changes, -MOST_SECANT, MOST_SECANT)
         changes = np.where(np.abs(changes) < LEAST_SECANT, np.copysign(LEAST_SECANT, changes), changes)
         candidates = np.repeat(fit.values[None], len(changes), axis=0)
         candidates[:, k] = np.clip(candidates[:, k] * np.exp(changes), s.lower[k], s.upper[k])
