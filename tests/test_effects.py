@@ -629,10 +629,12 @@ def test_a_voltage_that_is_measured_has_risen():
 def test_a_response_up_to_a_row_before_a_measured_voltage_is_no_doubt(noise):
     """The voltage was switched between two rows, and is shown in the one behind."""
 
-    def plan(**observed):
-        return SimpleNamespace(observed=[observed_voltage(noise, **observed)], shortest_step=H)
+    def plan(*, linear=(), **observed):
+        case = SimpleNamespace(linear=linear)
+        return SimpleNamespace(case=case, observed=[observed_voltage(noise, **observed)], shortest_step=H)
 
     assert bool(Delay().doubted("delay", -0.5 * H, plan())) == (noise == 0)
+    assert Delay().doubted("delay", -0.5 * H, plan(linear=("v",))), "on lines it is shown where it is"
     assert not Delay().doubted("delay", -0.5 * H, plan(is_quiet=True)), "its noise has been taken out"
     assert Delay().doubted("delay", -1.5 * H, plan())
     assert Delay().doubted("delay", -0.5 * H, plan(name="load")), "no voltage is measured"

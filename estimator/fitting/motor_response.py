@@ -74,29 +74,35 @@ def with_machine(fit: Fit) -> Fit:
     return dataclasses.replace(fit, whitener=dataclasses.replace(fit.whitener.of(noise), opens=opens))
 
 
-def response(fit: Fit, *, voltage: FloatArray | None = None, torque: FloatArray | None = None) -> FloatArray:
+def response(
+    fit: Fit, *, voltage: FloatArray | None = None, torque: FloatArray | None = None, within: Clock | None = None
+) -> FloatArray:
     """Return the change of the sensors' signals, (rows, q), by inputs that are held over each row.
 
     Parameters
     ----------
     voltage, torque : (rows,) arrays
         V; N.m against positive speed. Or (rows, c), c of them, which change the signals by (rows, q, c).
+    within : Clock, optional
+        The recording whose rows these are; else they are those of all.
     """
     s = fit.simulator
-    given = [None if signal is None else signal.reshape(s.rows, -1) for signal in (voltage, torque)]
+    rows = s.rows if within is None else len(within.time)
+    given = [None if signal is None else signal.reshape(rows, -1) for signal in (voltage, torque)]
     many = max(signals.shape[1] for signals in given if signals is not None)
-    result = np.zeros((s.rows, len(s.outputs), many))
+    result = np.zeros((rows, len(s.outputs), many))
     opens, seats, motor = _opens(fit), _plain_seats(fit), motor_values(fit)
     assert motor is not None
-    for clock in s.clocks:
-        own = [None if signals is None else signals[clock.rows] for signals in given]
+    for clock in s.clocks if within is None else (within,):
+        there = clock.rows if within is None else slice(None)
+        own = [None if signals is None else signals[there] for signals in given]
         if seats is not None:
-            _driven(motor, clock.step, own, opens[clock.rows], np.zeros((2, many)), (seats, result[clock.rows]))
+            _driven(motor, clock.step, own, opens[clock.rows], np.zeros((2, many)), (seats, result[there]))
             continue
         states = _driven(motor, clock.step, own, opens[clock.rows], np.zeros((2, many)))
         each = [_later(fit, clock, own, opens[clock.rows], states, channel_delay(s, fit.value, y)) for y in s.outputs]
         for k in range(many):
-            result[clock.rows, :, k] = _as_shown(fit, [own[:, :, k].T for own in each], clock)
+            result[there, :, k] = _as_shown(fit, [own[:, :, k].T for own in each], clock)
     one = all(signal is None or signal.ndim == 1 for signal in (voltage, torque))
     return result[:, :, 0] if one else result
 

@@ -98,10 +98,15 @@ class ScoreTest:
         known = self.known.of_products(products)
         return information - known.T @ known, scores
 
-    def scores_of(self, made: Callable[[FloatArray], FloatArray], values: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return scores and information, (c,) each, of columns, (rows, q, c), made of c values, some at once."""
-        many = max(1, TOGETHER // len(self.whitener.present))
-        found = [self.scores(made(values[k : k + many])) for k in range(0, len(values), many)]
+    def scores_of(
+        self, made: Callable[[FloatArray], FloatArray], values: FloatArray, rows: slice = slice(None)
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return scores and information, (c,) each, of columns, (n, q, c), made of c values, some at once.
+
+        They are zero beside their rows.
+        """
+        many = max(1, TOGETHER // len(self.whitener.present[rows]))
+        found = [self.scores(made(values[k : k + many]), rows) for k in range(0, len(values), many)]
         along, power = (np.concatenate(part) for part in zip(*found, strict=True))
         return along, power
 

@@ -83,7 +83,7 @@ class LoadStep(Effect):
 
 def _likeliest(fit: Fit) -> list[int]:
     """Return the row of each recording from which on a torque lowers z'z most; 0 where none is asked."""
-    found = []
+    found, several = [], len(fit.simulator.clocks) > 1
     for o, clock in zip(fit.simulator.observed, fit.simulator.clocks, strict=True):
         rows = _between_changes(fit, clock, o.inputs["v"])
         tried = np.linspace(0, len(rows) - 1, INSTANTS + 2).round().astype(int)[1:-1]
@@ -91,7 +91,7 @@ def _likeliest(fit: Fit) -> list[int]:
         of_rows = partial(_torques, fit, clock)
         while len(rows):
             asked = rows[np.unique(tried)]
-            along, power = fit.test().scores_of(of_rows, asked)
+            along, power = fit.test().scores_of(of_rows, asked, clock.rows if several else slice(None))
             k = int(np.argmax(along**2 / np.maximum(power, NOTHING)))
             best = int(asked[k])
             if apart <= 1 or along[k] ** 2 < PROMISING * power[k]:
@@ -110,7 +110,8 @@ def _between_changes(fit: Fit, clock: Clock, v: FloatArray) -> NDArray[np.int64]
     """
     windows, values = find_windows(fit), motor_values(fit)
     assert values is not None
-    slowest = -1 / float(np.max(poles(values).real))  # s
+    whole = clock.step * len(clock.time)
+    slowest = 1 / max(-float(np.max(poles(values).real)), 1 / whole)  # s
     free = windows.settled[clock.rows] & ~windows.sharp[clock.rows]
     for edge in edges_of(v).tolist():
         free[max(0, edge - math.ceil(RESPONSE * slowest / clock.step)) : edge] = False
@@ -127,13 +128,13 @@ def _named(name: str, clock: Clock, row: int) -> str:
 
 def _from_row(fit: Fit, name: str, clock: Clock, row: int) -> Linear:
     """Return the columns of a torque that begins in a row of a recording, or within the row before."""
-    columns = _torques(fit, clock, np.array([row, row - 1]))
+    columns = np.zeros((fit.simulator.rows, len(fit.simulator.outputs), 2))
+    columns[clock.rows] = _torques(fit, clock, np.array([row, row - 1]))
     columns[:, :, 1] = (columns[:, :, 1] - columns[:, :, 0]) / clock.step
     return Linear(name, columns, ("N.m", "N.m.s"), one_of=INSTANTS, form=row, moves=True)
 
 
 def _torques(fit: Fit, clock: Clock, rows: NDArray[np.int64]) -> FloatArray:
-    """Return the signals' change, (rows, q, c), by torques of 1 N.m from each of c rows of a recording on."""
-    held = np.zeros((fit.simulator.rows, len(rows)))
-    held[clock.rows] = np.arange(len(clock.time))[:, None] >= rows
-    return response(fit, torque=held)
+    """Return the change of a recording's signals, (n, q, c), by torques of 1 N.m from each of c of its rows on."""
+    held = (np.arange(len(clock.time))[:, None] >= rows).astype(np.float64)
+    return response(fit, torque=held, within=clock)
