@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.explaining.effects.base import SELDOM, Effect
+from estimator.explaining.effects.machine_effects import usual_friction
 from estimator.fitting.fit import Fit, Linear
 from estimator.fitting.latency import edges_of
 from estimator.fitting.motor_response import motor_values, response
@@ -26,6 +27,7 @@ INSTANTS = 48  # that are tried in a recording, evenly; BETWEEN of them then, ag
 BETWEEN = 7
 NOTHING = 1e-9  # of information
 PROMISING = 10.0  # of z'z: what lowers it by less is not looked for between the instants
+WANDERS = 0.2  # of the usual friction: it changes by less by itself
 RESPONSE = 3.0  # time constants of the motor in which a response has come by 95 %
 ENOUGH = 0.2  # of the rows: fewer settled ones are a signal's that has no levels
 FURTHEST = 20  # rows by which an instant is moved at a time
@@ -47,14 +49,14 @@ class LoadStep(Effect):
 
     def linear(self, fit: Fit) -> Sequence[Linear]:
         """Return the instant of each recording from which on a torque explains most of the residuals."""
-        s = fit.simulator
-        if motor_values(fit) is None or not {"w", "angle"} & set(s.outputs):
+        s, values = fit.simulator, motor_values(fit)
+        if values is None or not {"w", "angle"} & set(s.outputs):
             return ()
-        names, rows = per_recording(s.plan, self.name), fit.once(_likeliest)
+        names, least = per_recording(s.plan, self.name), WANDERS * usual_friction(fit, values)
         return [
             _from_row(fit, _named(name, clock, row), clock, row)
-            for clock, name, row in zip(s.clocks, names, rows, strict=True)
-            if row
+            for clock, name, (row, torque) in zip(s.clocks, names, fit.once(_likeliest), strict=True)
+            if row and abs(torque) > least
         ]
 
     def renewed(self, fit: Fit, group: Linear, coefficients: FloatArray) -> Linear | None:
@@ -81,24 +83,24 @@ class LoadStep(Effect):
         return f"{name}: from then on a torque of {abs(value):.3g} N.m {way} acts against positive speed"
 
 
-def _likeliest(fit: Fit) -> list[int]:
-    """Return the row of each recording from which on a torque lowers z'z most; 0 where none is asked."""
+def _likeliest(fit: Fit) -> list[tuple[int, float]]:
+    """Return the row of each recording from which on a torque lowers z'z most, and that, N.m; 0 where none is asked."""
     found, several = [], len(fit.simulator.clocks) > 1
     for o, clock in zip(fit.simulator.observed, fit.simulator.clocks, strict=True):
         rows = _between_changes(fit, clock, o.inputs["v"])
         tried = np.linspace(0, len(rows) - 1, INSTANTS + 2).round().astype(int)[1:-1]
-        apart, best = len(rows) / (INSTANTS + 1), 0
+        apart, best, torque = len(rows) / (INSTANTS + 1), 0, 0.0
         of_rows = partial(_torques, fit, clock)
         while len(rows):
             asked = rows[np.unique(tried)]
             along, power = fit.test().scores_of(of_rows, asked, clock.rows if several else slice(None))
             k = int(np.argmax(along**2 / np.maximum(power, NOTHING)))
-            best = int(asked[k])
+            best, torque = int(asked[k]), float(along[k] / max(power[k], NOTHING))
             if apart <= 1 or along[k] ** 2 < PROMISING * power[k]:
                 break
             near = np.searchsorted(rows, best) + np.linspace(-apart, apart, BETWEEN).round().astype(int)
             tried, apart = np.clip(near, 0, len(rows) - 1), apart * 2 / (BETWEEN - 1)
-        found.append(best)
+        found.append((best, torque))
     return found
 
 
