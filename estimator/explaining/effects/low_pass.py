@@ -90,7 +90,7 @@ class LowPass(Effect):
             Nuisance(
                 f"{self.name} of {y}", "s", 0.0, longest, 0.0, h,
                 output=y, act=partial(through, own), sections=own, between=True,
-                tries=tries, excludes=(*(f"{form} of {y}" for form in FORMS), f"smoothing of {y}"),
+                tries=tries, excludes=tuple(f"{form} of {y}" for form in FORMS),
             )
             for y in plan.outputs
             if f"filter {y}" not in plan.declared and y != "angle"
