@@ -6,7 +6,7 @@ from scipy.signal import cont2discrete
 
 from estimator.cases.case import Case, OutputSpec
 from estimator.estimating.estimate import estimate_recordings
-from estimator.recordings.excitation import quantum
+from estimator.recordings.quantum import quantum
 from estimator.recordings.reading import recording_from_arrays
 
 pytestmark = pytest.mark.usefixtures("shared_workers")

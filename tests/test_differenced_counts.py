@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from estimator.recordings.differenced_counts import as_counted, counts_a_turn, is_made_up_for
-from estimator.recordings.excitation import quantum
+from estimator.recordings.quantum import quantum
 
 INTERVAL = 1e-3
 

@@ -16,7 +16,8 @@ from estimator.errors import InputError
 from estimator.estimating.estimate import estimate_recordings
 from estimator.fitting.least_squares_fit import LeastSquaresFit
 from estimator.fmus.workers import Workers
-from estimator.recordings.excitation import find_excitation, find_settling
+from estimator.recordings.excitation import find_excitation
+from estimator.recordings.settling import find_settling
 
 BOTH = pytest.mark.parametrize("motor", [RMCS2004, CML050], ids=lambda m: m.name)
 

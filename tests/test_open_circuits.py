@@ -13,7 +13,7 @@ from estimator.explaining.open_circuits import OwnVoltage, open_rows
 from estimator.noise.clock import Clock
 from estimator.noise.noise_model import COASTS, NoiseModel, unwound
 from estimator.noise.whitener import Whitener
-from estimator.recordings.excitation import input_noise, is_measured
+from estimator.recordings.signal_noise import input_noise, is_measured
 
 MOTOR = {"R": 2.0, "K": 0.05, "L": 3e-3, "J": 2e-5, "B": 4e-5}
 STEP, OPENS = 1e-3, 400

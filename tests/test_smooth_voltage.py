@@ -5,7 +5,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from estimator import estimate_parameters, recording_from_arrays
-from estimator.recordings.excitation import find_excitation, moves_smoothly, smoothed
+from estimator.recordings.excitation import find_excitation
+from estimator.recordings.smooth_inputs import moves_smoothly, smoothed
 
 pytestmark = pytest.mark.usefixtures("shared_workers")
 

@@ -5,7 +5,7 @@ import pytest
 from motors import CML050, held_response, recording_of
 
 from estimator.estimating.estimate import estimate_recordings
-from estimator.recordings.excitation import input_noise, is_measured
+from estimator.recordings.signal_noise import input_noise, is_measured
 
 pytestmark = pytest.mark.usefixtures("shared_workers")
 

@@ -21,7 +21,7 @@ from estimator.motor.transfer_functions import NoMotorError
 from estimator.plans.parameters import Box
 from estimator.plans.plan import Plan
 from estimator.plans.space import Steady
-from estimator.recordings.excitation import noise_deviation
+from estimator.recordings.signal_noise import noise_deviation
 
 FloatArray = NDArray[np.float64]
 

@@ -22,7 +22,7 @@ from estimator.noise.noise_estimate import fit_noise
 from estimator.noise.noise_growth import noise_of_neighbours
 from estimator.noise.noise_model import NoiseModel
 from estimator.plans.plan import Plan
-from estimator.recordings.excitation import quantum
+from estimator.recordings.quantum import quantum
 from estimator.stepping import layout
 
 FloatArray = NDArray[np.float64]

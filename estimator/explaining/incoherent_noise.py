@@ -18,8 +18,8 @@ from estimator.conventions import MEDIAN_SIZE
 from estimator.explaining.effects.voltage_noise import VoltageNoise, levels_of, noise_of, quieted
 from estimator.fitting.fit import Fit
 from estimator.plans.plan import Observed, Plan
-from estimator.recordings.excitation import noise_deviation
 from estimator.recordings.samples import filled, median
+from estimator.recordings.signal_noise import noise_deviation
 
 FloatArray = NDArray[np.float64]
 

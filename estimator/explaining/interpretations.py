@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.plans.plan import Observed, Plan
-from estimator.recordings.excitation import moves_smoothly
 from estimator.recordings.repeated_rows import repeated_rows, written_once
+from estimator.recordings.smooth_inputs import moves_smoothly
 
 FloatArray = NDArray[np.float64]
 

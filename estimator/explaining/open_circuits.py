@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.plans.plan import Observed, Plan
-from estimator.recordings.excitation import noise_deviation
 from estimator.recordings.samples import filled, median
+from estimator.recordings.signal_noise import noise_deviation
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.plans.plan import Observed, Plan
-from estimator.recordings.excitation import input_noise, noise_deviation
 from estimator.recordings.samples import filled, median
+from estimator.recordings.signal_noise import input_noise, noise_deviation
 
 FloatArray = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.plans.plan import Observed
-from estimator.recordings.excitation import quantum
+from estimator.recordings.quantum import quantum
 
 FloatArray = NDArray[np.float64]
 

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.noise.clock import Clock
-from estimator.recordings.excitation import noise_deviation
 from estimator.recordings.samples import filled
+from estimator.recordings.signal_noise import noise_deviation
 
 FloatArray = NDArray[np.float64]
 

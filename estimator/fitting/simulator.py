@@ -29,7 +29,7 @@ from estimator.noise.recursion import Sections, behind
 from estimator.plans.noise_level import noise_shares
 from estimator.plans.parameters import Box, Parameter, SensorPlace, scaled, unscaled
 from estimator.plans.plan import Observed, Plan
-from estimator.recordings.excitation import quantum
+from estimator.recordings.quantum import quantum
 
 FloatArray = NDArray[np.float64]
 SUBSTEPS = 4  # rows that are simulated for one where a filter acts between them

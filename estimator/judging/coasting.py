@@ -6,7 +6,7 @@ import numpy as np
 
 from estimator.motor.names import has_motor
 from estimator.plans.plan import Plan
-from estimator.recordings.excitation import noise_deviation
+from estimator.recordings.signal_noise import noise_deviation
 
 ENDS = 5  # samples whose means are compared
 FALLS = 8.0  # standard deviations of their difference, 1 in 1e15 of white noise

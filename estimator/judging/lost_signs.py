@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.plans.plan import Observed
-from estimator.recordings.excitation import noise_deviation
 from estimator.recordings.samples import filled, median
+from estimator.recordings.signal_noise import noise_deviation
 from estimator.results.reason import Place, Reason
 
 FloatArray = NDArray[np.float64]

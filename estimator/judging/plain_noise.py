@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from estimator.conventions import FALSE_ALARM, NUMERICAL, RESOLVED, SMALL_CORRELATION
 from estimator.distributions import chi_square_limit, normal_quantile
-from estimator.recordings.excitation import quantum
+from estimator.recordings.quantum import quantum
 from estimator.results.reason import Place, Reason
 from estimator.results.result import Comparison
 

@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 from estimator.judging.lost_signs import lost_signs, place_of
 from estimator.motor.derived_quantities import largest_acceleration
 from estimator.plans.plan import Observed, Plan
-from estimator.recordings.excitation import find_settling, lost_transient, noise_deviation
 from estimator.recordings.finding import Finding
 from estimator.recordings.samples import filled, mean_of_known
+from estimator.recordings.settling import find_settling, lost_transient
+from estimator.recordings.signal_noise import noise_deviation
 from estimator.results.reason import Place, Reason
 
 FloatArray = NDArray[np.float64]

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.errors import RecordingError
-from estimator.recordings.excitation import input_noise
 from estimator.recordings.recording import MIN_SAMPLES, Recording
+from estimator.recordings.signal_noise import input_noise
 
 FloatArray = NDArray[np.float64]
 

@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 
 from estimator.conventions import MEDIAN_SIZE, SECOND_DIFFERENCE, STEP_DEVIATION
 from estimator.plans.plan import ChainSpec, Observed, Plan
-from estimator.recordings.excitation import noise_deviation, quantum
+from estimator.recordings.quantum import quantum
 from estimator.recordings.samples import median
 from estimator.recordings.sensors import Sensor
+from estimator.recordings.signal_noise import noise_deviation
 
 FloatArray = NDArray[np.float64]
 

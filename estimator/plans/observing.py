@@ -14,19 +14,14 @@ from estimator.errors import CaseError, RecordingError, suggestion
 from estimator.plans.binding import Binding, Channels
 from estimator.plans.input_gaps import between_changes, complete, known_range
 from estimator.plans.plan import Observed
-from estimator.recordings.excitation import (
-    Excitation,
-    find_delay,
-    find_excitation,
-    input_noise,
-    moves_smoothly,
-    noise_deviation,
-    quantum,
-)
+from estimator.recordings.excitation import Excitation, find_delay, find_excitation
 from estimator.recordings.filters import filter_sections
+from estimator.recordings.quantum import quantum
 from estimator.recordings.recording import MIN_SAMPLES, Recording
 from estimator.recordings.samples import filled, median
 from estimator.recordings.sensors import Section, Sensor
+from estimator.recordings.signal_noise import input_noise, noise_deviation
+from estimator.recordings.smooth_inputs import moves_smoothly
 from estimator.recordings.turns import OVERFLOW, counted_on, is_countable, starts_again, with_turns
 
 FloatArray = NDArray[np.float64]

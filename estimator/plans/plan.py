@@ -13,11 +13,12 @@ from estimator.cases.case import Case
 from estimator.fmus.fmu import FmuDescription
 from estimator.plans.binding import Binding
 from estimator.plans.parameters import Parameter, SensorPlace
-from estimator.recordings.excitation import Excitation, is_measured
+from estimator.recordings.excitation import Excitation
 from estimator.recordings.filters import Filter, filter_sections
 from estimator.recordings.finding import Finding
 from estimator.recordings.recording import Recording
 from estimator.recordings.sensors import Section
+from estimator.recordings.signal_noise import is_measured
 from estimator.recordings.understood import Understood
 
 FloatArray = NDArray[np.float64]

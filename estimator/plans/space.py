@@ -17,8 +17,8 @@ from estimator.motor.names import MOTOR
 from estimator.motor.steady_state import SteadyState, last_samples
 from estimator.plans.parameters import Box
 from estimator.plans.plan import Plan
-from estimator.recordings.excitation import Settling, find_settling
 from estimator.recordings.samples import mean_of_known
+from estimator.recordings.settling import Settling, find_settling
 
 FloatArray = NDArray[np.float64]
 

@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.conventions import MEDIAN_SIZE, SECOND_DIFFERENCE
-from estimator.recordings.excitation import noise_deviation, quantum
+from estimator.recordings.quantum import quantum
 from estimator.recordings.samples import filled, median
+from estimator.recordings.signal_noise import noise_deviation
 
 FloatArray = NDArray[np.float64]
 

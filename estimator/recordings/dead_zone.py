@@ -10,8 +10,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.recordings.excitation import LEVEL, noise_deviation, quantum
+from estimator.recordings.excitation import LEVEL
+from estimator.recordings.quantum import quantum
 from estimator.recordings.samples import filled
+from estimator.recordings.signal_noise import noise_deviation
 
 FloatArray = NDArray[np.float64]
 

@@ -7,11 +7,11 @@ import shlex
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.recordings.excitation import noise_deviation
 from estimator.recordings.finding import Evidence, Finding
 from estimator.recordings.lag import lag_misfit
 from estimator.recordings.measured_signals import DRIVEN, JUMP, LEAD, MeasuredSignals
 from estimator.recordings.samples import quantile
+from estimator.recordings.signal_noise import noise_deviation
 
 FloatArray = NDArray[np.float64]
 

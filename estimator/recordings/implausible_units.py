@@ -8,11 +8,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.recordings.excitation import noise_deviation, quantum
 from estimator.recordings.finding import Finding
 from estimator.recordings.headers import parse_header, plain
 from estimator.recordings.measured_signals import DRIVEN, MeasuredSignals
+from estimator.recordings.quantum import quantum
 from estimator.recordings.samples import filled, median
+from estimator.recordings.signal_noise import noise_deviation
 
 FloatArray = NDArray[np.float64]
 

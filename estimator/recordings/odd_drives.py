@@ -12,10 +12,10 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.recordings.excitation import noise_deviation
 from estimator.recordings.finding import Evidence, Finding
 from estimator.recordings.lag import lag_misfit
 from estimator.recordings.samples import filled, median_of_known, quantile
+from estimator.recordings.signal_noise import noise_deviation
 
 FloatArray = NDArray[np.float64]
 

@@ -11,23 +11,16 @@ from numpy.typing import NDArray
 
 from estimator.errors import RecordingError
 from estimator.recordings.clipping import clipped, limit
-from estimator.recordings.excitation import (
-    LEVEL,
-    Excitation,
-    find_delay,
-    find_excitation,
-    find_settling,
-    input_noise,
-    lost_transient,
-    noise_deviation,
-    quantum,
-)
+from estimator.recordings.excitation import LEVEL, Excitation, find_delay, find_excitation
 from estimator.recordings.finding import Finding
 from estimator.recordings.motor_columns import motor_columns
 from estimator.recordings.plausibility import implausible_as_read
+from estimator.recordings.quantum import quantum
 from estimator.recordings.recording import Recording
 from estimator.recordings.repeated_rows import repeated_rows
 from estimator.recordings.samples import filled
+from estimator.recordings.settling import find_settling, lost_transient
+from estimator.recordings.signal_noise import input_noise, noise_deviation
 from estimator.recordings.understood import Understood, not_used, understood
 
 FloatArray = NDArray[np.float64]

@@ -72,6 +72,12 @@ def sum_of_logs(numbers: FloatArray) -> FloatArray:
     return np.asarray(np.sum(together, axis=1) + np.sum(rest, axis=1))
 
 
+def running_mean(y: FloatArray, *, width: int = 5) -> FloatArray:
+    """Return the running mean over `width` samples, same length."""
+    padded = np.pad(filled(y), width // 2, mode="edge")
+    return np.convolve(padded, np.ones(width) / width, mode="valid")
+
+
 def mean_of_known(y: FloatArray) -> float:
     """Return the mean of the samples that are there; NaN where none is."""
     known = y[~np.isnan(y)]

@@ -14,8 +14,8 @@ from estimator.fitting.fit import Fit
 from estimator.fitting.motor_response import COASTS, ONE_WAY
 from estimator.fitting.simulator import Nuisance, per_recording
 from estimator.plans.plan import Observed, Plan
-from estimator.recordings.excitation import input_noise, noise_deviation
 from estimator.recordings.samples import filled, median, median_of_known, told_once
+from estimator.recordings.signal_noise import input_noise, noise_deviation
 
 DRIVE = "dc_motor_drive"
 ROUNDED = "rounded brush drop"  # the effect that stands in the place of a drop of brushes as it is

@@ -17,7 +17,8 @@ from estimator.fitting.fit import Fit, Linear
 from estimator.fitting.simulator import per_recording
 from estimator.motor.names import has_motor
 from estimator.plans.plan import Plan
-from estimator.recordings.excitation import noise_deviation, quantum
+from estimator.recordings.quantum import quantum
+from estimator.recordings.signal_noise import noise_deviation
 
 FloatArray = NDArray[np.float64]
 

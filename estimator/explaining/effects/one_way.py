@@ -13,8 +13,8 @@ from estimator.fitting.fit import Fit
 from estimator.fitting.motor_response import COASTS, ONE_WAY
 from estimator.fitting.simulator import Nuisance
 from estimator.plans.plan import Observed, Plan
-from estimator.recordings.excitation import noise_deviation
 from estimator.recordings.samples import filled
+from estimator.recordings.signal_noise import noise_deviation
 
 FALLS = 0.2  # of the largest voltage: a command that falls by more would brake the motor
 NONE = 0.02  # of the largest current: less is none

@@ -28,7 +28,7 @@ from estimator.fitting.motor_response import motor_values
 from estimator.fitting.shaft_angle import HIGHEST_ORDER
 from estimator.fitting.windows import find_windows
 from estimator.plans.part import LONG
-from estimator.recordings.excitation import quantum
+from estimator.recordings.quantum import quantum
 from estimator.recordings.samples import median
 
 FloatArray = NDArray[np.float64]

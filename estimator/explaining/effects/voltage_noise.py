@@ -15,7 +15,8 @@ from estimator.fitting.latency import edges_of
 from estimator.fitting.motor_response import late_response, motor_values
 from estimator.plans.part import LONG
 from estimator.plans.plan import Plan
-from estimator.recordings.excitation import input_noise, moves_smoothly, smoothed
+from estimator.recordings.signal_noise import input_noise
+from estimator.recordings.smooth_inputs import moves_smoothly, smoothed
 
 FloatArray = NDArray[np.float64]
 

@@ -1,0 +1,79 @@
+"""The step of a quantised signal, told by its values."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.recordings.samples import told_once
+
+FloatArray = NDArray[np.float64]
+
+OFF_LATTICE = 0.05  # of a step
+TURNS = 0.5  # of the samples: values, of an angle that goes on
+APART, BESIDE = 2.5, 0.3  # times the gaps between printed digits are those between steps; part of the usual one
+PRINTED, LEAST_LEVELS = 0.2, 12  # of a step, that a digit may be; levels that tell the step then
+
+
+@told_once
+def quantum(y: FloatArray) -> float:
+    """Return the step of a quantised signal; 0 if it is not quantised.
+
+    An angle in counts hardly repeats a value, but its differences do. So do those of values that are printed with few
+    digits, which are then the steps of the digits.
+    """
+    y = y[~np.isnan(y)]
+    if (step := _lattice(y)) > 0:
+        return step
+    fine = _lattice(np.diff(y))
+    turns = len(np.unique(y)) > TURNS * len(y)
+    return _lattice(y, printed=fine) or (_lattice(_without_digits(np.diff(y))) if turns else 0.0) or fine
+
+
+def _without_digits(y: FloatArray) -> FloatArray:
+    """Return values, (n,), each of which is the mean of a group of neighbours that differ by printed digits alone.
+
+    A group is far from the next, as levels are from each other. Of small values more digits are printed.
+    """
+    order = np.argsort(y, kind="stable")
+    gaps = np.diff(y[order])
+    sizes = np.sort(gaps[gaps > 1e-9 * float(np.max(np.abs(y), initial=0.0))])
+    if len(sizes) < LEAST_LEVELS:
+        return y
+    most = len(sizes) - LEAST_LEVELS // 2  # so many gaps at least are between levels, most of them a step apart
+    ratios = np.where(sizes[1:] > BESIDE * sizes[most], sizes[1:] / sizes[:-1], 0.0)[:most]
+    k = int(np.argmax(ratios))
+    if ratios[k] < APART:
+        return y
+    group = np.concatenate([[0], np.cumsum(gaps > np.sqrt(sizes[k] * sizes[k + 1]))])
+    means = np.bincount(group, y[order]) / np.bincount(group)
+    return np.asarray(means[group])
+
+
+def _lattice(y: FloatArray, *, printed: float = 0.0) -> float:
+    """Return the distance of the levels that values lie on, which may be printed with few digits; 0: they do not.
+
+    Parameters
+    ----------
+    printed : float
+        Step of the digits that values are printed with, if it is known: a difference of two is off by as much.
+    """
+    peak = float(np.max(np.abs(y), initial=0.0))
+    differences = np.diff(np.sort(y))
+    differences = differences[differences > 1e-9 * peak]  # the rest is one level, or rounding
+    if len(differences) < 2 or len(differences) > 0.5 * len(y):
+        return 0.0
+    step, reach = float(np.min(differences)), 1.5
+    if printed > PRINTED * step or (printed > 0 and len(differences) < LEAST_LEVELS):
+        return 0.0
+    off = OFF_LATTICE + printed / step
+    while True:  # few digits tell a step only roughly, and many of them are then no whole number
+        near = differences[differences < reach * step]
+        multiples = near / step
+        whole = np.round(multiples)
+        if float(np.max(np.abs(multiples - whole))) >= off:
+            return 0.0
+        step = float(np.sum(near) / np.sum(whole))
+        if len(near) == len(differences):
+            return step
+        reach *= 4.0

@@ -1,0 +1,65 @@
+"""An input that moves smoothly, and what it is without its noise."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.recordings.samples import told_once
+from estimator.recordings.signal_noise import row_by_row
+
+FloatArray = NDArray[np.float64]
+
+LIKE_THE_LAST = 0.5  # correlation of each change with the one before, at least
+WINDOWS, CUBIC = (5, 7, 11, 15, 21, 31, 43, 61, 87, 123, 175, 247, 351, 497), 3  # rows of a local polynomial
+AGREED = 2.5  # deviations of what each number of them tells
+CORNERS = 0.05  # of the rows
+
+
+@told_once
+def moves_smoothly(v: FloatArray) -> bool:
+    """Whether an input, (n,), goes on as it went, beside its noise: no levels, whose edges are each a change alone."""
+    change, noise = np.diff(v), row_by_row(v) ** 2
+    turn = np.diff(change)
+    moved, turned = float(change @ change) - 2 * noise * len(change), float(turn @ turn) - 6 * noise * len(turn)
+    return moved > 0 and turned < 2 * (1 - LIKE_THE_LAST) * moved
+
+
+class Smoothed(NamedTuple):
+    """An input without its noise, (n,), the deviation of that, and how many rows tell each row of it."""
+
+    signal: FloatArray
+    noise: float
+    rows: float
+
+
+@told_once
+def smoothed(v: FloatArray) -> Smoothed:
+    """Return an input that moves smoothly, (n,), without its noise: by local cubics (Savitzky and Golay 1964).
+
+    Over as many rows as generalised cross-validation finds, corners left out (Craven and Wahba 1979); beside a corner
+    over as many as agree with what fewer tell, within the noise (Goldenshluger and Nemirovski 1997).
+    """
+    from scipy.signal import savgol_coeffs, savgol_filter
+
+    windows = [rows for rows in WINDOWS if rows < len(v)]
+    smooth = [savgol_filter(v, rows, CUBIC, mode="interp") for rows in windows]
+    own = [float(savgol_coeffs(rows, CUBIC)[rows // 2]) for rows in windows]  # a sample's part in what is told of it
+    scores = [_without_largest((v - s) ** 2) / (1 - part) ** 2 for s, part in zip(smooth, own, strict=True)]
+    quiet, noise = v.copy(), row_by_row(v)
+    low, high = v - AGREED * noise, v + AGREED * noise
+    agreed = np.ones(len(v), dtype=bool)
+    for k in range(int(np.argmin(scores)) + 1 if scores else 0):
+        error = AGREED * noise * np.sqrt(own[k])
+        low, high = np.maximum(low, smooth[k] - error), np.minimum(high, smooth[k] + error)
+        agreed &= low <= high
+        quiet[agreed] = smooth[k][agreed]
+    return Smoothed(quiet, noise, 1 / own[int(np.argmin(scores))] if scores else 1.0)
+
+
+def _without_largest(squares: FloatArray) -> float:
+    """Return the mean of squares without the largest of them."""
+    kept = len(squares) - int(CORNERS * len(squares))
+    return float(np.mean(np.partition(squares, kept - 1)[:kept]))
