@@ -12,6 +12,7 @@ from estimator.explaining.averaging import _beside, _covering, averaged
 from estimator.explaining.effects.base import Effect
 from estimator.explaining.explanation import Explanation
 from estimator.fitting.projection import Projection
+from estimator.fitting.score_test import ScoreTest
 
 
 def held(errors, weights, means, variances):
@@ -70,7 +71,7 @@ def explained(runs, columns, drifts, y):
         simulator=simulator, values=values, names=names, at_bound=np.zeros(len(names), dtype=int), cost=0.0,
         covariance_parts=lambda: (covariance, 0 * covariance), is_log=np.zeros(len(names), dtype=bool),
     )  # fmt: skip
-    test, additions = SimpleNamespace(left=known.rest(y)), []
+    test, additions = ScoreTest(None, known, known.rest(y)), []
     for k in range(runs):
         scores = Scores.of(test, columns, known.rest(drifts[:, k : k + 1]), drifts[:, k : k + 1])
         additions.append(Addition(Effect("drift"), f"drift run{k}", 1, scores.gain, scores=scores, usual=1.0))
@@ -130,3 +131,21 @@ def test_a_rival_that_differs_by_less_than_a_thousandth_is_in_the_bars_and_no_do
     found = averaged(of([1.0, 1.0], "sag"), [], [of([1.0, 1 + apart], "offset")], 1000, [], np.zeros(2))
     assert bool(found.rivals) == is_told
     assert apart < 2 * np.sqrt(found.covariance[1, 1]), "either way the bar holds both"
+
+
+def test_a_fit_whose_parameters_stand_in_for_each_other_moves_by_what_its_own_test_says():
+    """A column that is a twentieth of the first: it moves that by 5 % and no other, whatever rounds in a later fit.
+
+    Of derivatives that differ by a part in a million the covariance makes 100 times as much of the same products.
+    """
+    rng = np.random.default_rng(3)
+    base = rng.standard_normal((400, 2))
+    columns = np.column_stack([base, base @ [1.0, 1.0] + 1e-5 * rng.standard_normal(400), np.ones(400)]) * 1e3
+    inside = np.array([True, True, True, False])
+    known = Projection(columns[:, inside])
+    test = ScoreTest(None, known, np.zeros(400), inside)
+    explained = columns.T @ (0.05 * columns[:, :1])
+    assert test.moves(explained)[:, 0] == pytest.approx([0.05, 0.0, 0.0, 0.0], abs=1e-5)
+    later = columns[:, inside] * [1.0, 1.0, 1.0 + 1e-6]
+    moved = np.linalg.inv(later.T @ later) @ explained[inside]
+    assert np.max(np.abs(moved[:, 0] - [0.05, 0.0, 0.0])) > 1e-2

@@ -44,12 +44,15 @@ class Scores:
         Sum of squares of the whitened columns, W.
     explained : (f + m, k) array
         J'W, J the fit's derivatives.
+    moves : (f + m, k) array
+        By how much the fit moves, on its names' scales, if they are there and left out.
     """
 
     along: FloatArray
     information: FloatArray
     whole: float
     explained: FloatArray
+    moves: FloatArray
 
     @property
     def gain(self) -> float:
@@ -61,35 +64,37 @@ class Scores:
         """Return the scores of columns that are so many times as large."""
         if times == 1.0:
             return self
-        return Scores(times * self.along, times**2 * self.information, times**2 * self.whole, times * self.explained)
+        squared = times**2
+        return Scores(
+            times * self.along, squared * self.information, squared * self.whole,
+            times * self.explained, times * self.moves,
+        )  # fmt: skip
 
     @classmethod
-    def alike(cls, each: Sequence[Scores], covariance: FloatArray) -> Scores:
-        """Return the scores of the sum of single columns that show in different rows.
-
-        Parameters
-        ----------
-        covariance : (f + m, f + m) array
-            Of the fit's names; 0 of those at a bound.
-        """
-        whole, explained = sum(s.whole for s in each), np.sum([s.explained for s in each], axis=0)
-        left = whole - explained.T @ covariance @ explained
-        return cls(np.sum([s.along for s in each], axis=0), np.maximum(left, 0.0), whole, explained)
+    def alike(cls, each: Sequence[Scores]) -> Scores:
+        """Return the scores of the sum of single columns that show in different rows, of one test."""
+        along, explained, moves = (
+            np.sum([getattr(s, name) for s in each], axis=0) for name in ("along", "explained", "moves")
+        )
+        whole = sum(s.whole for s in each)
+        return cls(along, np.maximum(whole - explained.T @ moves, 0.0), whole, explained, moves)
 
     @classmethod
     def of(cls, test: ScoreTest, jacobian: Columns, across: Columns, whitened: Columns) -> Scores:
         """Return the scores of whitened columns, (rows q, k), without and with what the fit explains of them."""
         along, information = products(across, test.left), products(across, across)
-        return cls(along, information, square(whitened), products(jacobian, whitened))
+        explained = products(jacobian, whitened)
+        return cls(along, information, square(whitened), explained, test.moves(explained))
 
     @classmethod
     def of_each(cls, test: ScoreTest, jacobian: Columns, whitened: Columns) -> list[Scores]:
         """Return the scores of each of k whitened columns, (rows q, k), by itself."""
         told = test.of_whitened(whitened, jacobian=jacobian)
         assert told.explained is not None
+        moves = test.moves(told.explained)
         return [
-            cls(told.along[k : k + 1], told.power[k : k + 1, None], float(told.whole[k]), told.explained[:, k : k + 1])
-            for k in range(len(told.power))
+            cls(told.along[own], told.power[own, None], float(told.whole[k]), told.explained[:, own], moves[:, own])
+            for k, own in enumerate(slice(k, k + 1) for k in range(len(told.power)))
         ]
 
 

@@ -127,15 +127,12 @@ def averaged(
         next(iter(more)) for r in rivals if len(more := r.names() - explanation.names()) == 1 and _holds(r, explanation)
     }
     alone = _one_of_each(open_additions)
-    for a in (*alone, *_alike_in_recordings(alone, fit.simulator.plan, covariance)):
+    for a in (*alone, *_alike_in_recordings(alone, fit.simulator.plan)):
         if a.scores is None or a.name in fuller:  # its refit tells more
             continue
         scores = a.usual_scores
         power = float(np.trace(scores.information))
-        off = covariance @ scores.explained  # by which it moves the fit, if it is there and left out
-        explained = float(np.sum(scores.explained * off))
-        # No more than all of it, which rounding makes it where parameters stand in for each other.
-        off = off[:p] * np.sqrt(min(1.0, scores.whole / max(explained, 1e-300)))
+        off = scores.moves[:p]
         if a.usual > 0 and len(scores.along) == 1:
             part = np.inf if a.untold else float(np.sqrt(a.penalty(samples) / max(power, 1e-300)))
             share = min(1.0, part)
@@ -221,14 +218,8 @@ def _one_of_each(additions: Sequence[Addition]) -> list[Addition]:
     return list(best.values())
 
 
-def _alike_in_recordings(additions: Sequence[Addition], plan: Plan, covariance: FloatArray) -> list[Addition]:
-    """Return what several recordings may have of the same size, in usual sizes, as one addition of an effect.
-
-    Parameters
-    ----------
-    covariance : (f + m, f + m) array
-        Of the fit's names; 0 of those at a bound.
-    """
+def _alike_in_recordings(additions: Sequence[Addition], plan: Plan) -> list[Addition]:
+    """Return what several recordings may have of the same size, in usual sizes, as one addition of an effect."""
     ends, kinds = per_recording(plan, ""), dict[str, list[Addition]]()
     for a in additions:
         end = next((e for e in ends if e and a.name.endswith(e)), "")
@@ -238,7 +229,7 @@ def _alike_in_recordings(additions: Sequence[Addition], plan: Plan, covariance: 
     found = []
     for kind, several in kinds.items():
         if len(several) > 1:
-            scores = Scores.alike([a.usual_scores for a in several], covariance)
+            scores = Scores.alike([a.usual_scores for a in several])
             effect, tried = several[0].effect, max(a.tried for a in several)
             found.append(Addition(effect, kind, 1, scores.gain, scores=scores, tried=tried))
     return found

@@ -20,7 +20,7 @@ from estimator.explaining.explanation import (
     without,
 )
 from estimator.explaining.explanation_noise import by_noise_of, with_noise
-from estimator.explaining.selection import MISSED, PREDICTED_PART, Selection
+from estimator.explaining.selection import MISSED, PREDICTED_PART, Selection, of_same_channel
 from estimator.fitting.gauss_newton import ROUGH, solved, solved_roughly
 from estimator.motor.winding import time_constant
 from estimator.plans.part import LONG
@@ -321,10 +321,7 @@ def _exchanged(
         other = _as_late(explanation, addition, other)
         further = FURTHER if other.effect.fmu and beside_timing else 0.0
         limit = most + further - other.penalty(n) - (bare.criterion(n) - bare.fit.cost)
-        rival = selection.added(bare, other, limit=limit)
-        if any(a.linear is not None for a in rival.additions) and not moves_ripple(bare, other):
-            rival = dataclasses.replace(rival, fit=solved_roughly(renewed(rival), limit=limit))
-            rival = followed(rival, least=FOLLOWS)
+        rival = _added(selection, bare, other, limit=limit)
         if most <= rival.criterion(n) < most + further:
             rival = _retimed(selection, rival, addition)
         if rival.criterion(n) < most and other.name in rival.names():
@@ -333,6 +330,23 @@ def _exchanged(
                 rival = without(rival, idle)
             found.append(dataclasses.replace(rival, fit=solved(rival.fit)))
     return found
+
+
+def _added(selection: Selection, bare: Explanation, addition: Addition, *, limit: float) -> Explanation:
+    """Return an explanation with one more addition, and its columns by the signals that it explains then.
+
+    Parameters
+    ----------
+    limit : float
+        As for `solved`; not where columns follow what is fitted: by those of before more than the limit may be left.
+    """
+    limit = np.inf if any(a.effect.follows for a in bare.additions) else limit
+    found = selection.added(bare, addition, limit=limit)
+    if all(a.linear is None for a in found.additions):
+        return found
+    if not moves_ripple(bare, addition):
+        found = dataclasses.replace(found, fit=solved_roughly(renewed(found), limit=limit))
+    return followed(found, least=FOLLOWS)
 
 
 def _shown_in(addition: Addition) -> tuple[int, ...]:
@@ -380,7 +394,11 @@ def _simpler(selection: Selection, explanation: Explanation, within: Sequence[Ad
             for a in selection.tests.additions(bare, selection.effects)
             if is_timing(a) and a.name not in (one.name, two.name)
         ]
-        for other in sorted(tested, key=lambda a: -a.gain)[:1]:
-            simpler = selection.added(bare, other)
+        ranked, nearest = sorted(tested, key=lambda a: -a.gain), np.inf
+        for other in ranked[:1] + of_same_channel(explanation.fit.simulator, ranked[:1], ranked):
+            if other is not ranked[0] and nearest > limit + FURTHER:
+                break
+            simpler = _added(selection, bare, other, limit=limit)
+            nearest = min(nearest, simpler.fit.cost)
             found += [simpler, *selection.mirrored(simpler, iterations=ROUGH, limit=limit)]
     return found

@@ -314,7 +314,7 @@ class Selection:
             most = likely[0].gain - excess * likely[0].penalty(n) if likely else 0.0
             best_few = [a for a in likely[:REFITTED] if a.gain - excess * a.penalty(n) > PREDICTED_PART * most]
             best, fall = None, 0.0
-            for a in (*best_few, *_of_same_channel(explanation.fit.simulator, best_few, likely), *late):
+            for a in (*best_few, *of_same_channel(explanation.fit.simulator, best_few, likely), *late):
                 wanted = NEARLY_ALL * (explanation.fit.cost - n) if a in late else worth(a)
                 least_cost = explanation.fit.cost - max(excess * a.penalty(n), wanted)
                 found = self.added(explanation, a, limit=least_cost - fall)
@@ -390,7 +390,7 @@ class Selection:
                 yield without(explanation, addition, limit=least)
 
 
-def _of_same_channel(simulator: Simulator, best_few: Sequence[Addition], ranked: Sequence[Addition]) -> list[Addition]:
+def of_same_channel(simulator: Simulator, best_few: Sequence[Addition], ranked: Sequence[Addition]) -> list[Addition]:
     """Return what else happens within samples of the channels of the best few.
 
     A mean for a filter, a filter of second order for one of first: which of them fits best a score test does not tell.

@@ -253,8 +253,9 @@ class Fit:
 
     @cached_property
     def _test(self) -> ScoreTest:
-        known = Projection(chosen(self.whitened, self.at_bound == 0))
-        return ScoreTest(self.whitener, known, known.rest(self.z))
+        inside = self.at_bound == 0
+        known = Projection(chosen(self.whitened, inside))
+        return ScoreTest(self.whitener, known, known.rest(self.z), inside)
 
     def once(self, told: Callable[[Fit], T]) -> T:
         """Return what a function tells of this fit, asked once; it is not to be changed."""

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.fitting.information import information_parts
 from estimator.fitting.projection import DEPENDENT, Projection, triangle
 from estimator.noise.in_parts import Columns, Scaled, along, parts, products
 from estimator.noise.whitener import Whitener
@@ -37,11 +39,32 @@ class ScoreTest:
         On what the fit explains, whitened.
     left : (rows q,) array
         Whitened residuals, without what the fit explains.
+    inside : (f,) array, optional
+        Which of the fit's names that is, off their bounds; without, all.
     """
 
     whitener: Whitener
     known: Projection
     left: FloatArray
+    inside: NDArray[np.bool_] | None = None
+
+    def moves(self, explained: FloatArray) -> FloatArray:
+        """Return by how much columns move the fit, (f, c), if they are there and left out.
+
+        Parameters
+        ----------
+        explained : (f, c) array
+            Their products with the fit's derivatives: those of this test, as parameters that stand in for each other
+            make much of a small difference.
+        """
+        own = np.arange(len(explained)) if self.inside is None else np.flatnonzero(self.inside)
+        own, result = own[self.known.independent], np.zeros_like(explained)
+        result[own] = self._covariance @ explained[own]
+        return result
+
+    @cached_property
+    def _covariance(self) -> FloatArray:
+        return information_parts(self.known.factor)[0]
 
     def across(self, columns: FloatArray) -> FloatArray:
         """Return (rows, q, c) columns whitened, without their part that the fit explains, (rows q, c)."""

@@ -29,6 +29,7 @@ class EdgeLatency(Effect):
 
     name: str = "latency of each edge"
     prior: float = 0.05
+    follows: bool = True
     sentence: str = "the changes of the voltage reach the motor at delays of their own"
 
     def linear(self, fit: Fit) -> Sequence[Linear]:
