@@ -9,11 +9,14 @@ voltage, and a circuit that is open (`Coasting`). At the end an estimate of K mu
 from __future__ import annotations
 
 import dataclasses
+import itertools
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.fitting.latency import edges_of
 from estimator.plans.plan import Observed, Plan
 from estimator.recordings.samples import filled, median
 from estimator.recordings.signal_noise import noise_deviation
@@ -32,6 +35,7 @@ AGREES, LEAST_APART = 4.0, 2e-3  # standard errors; parts: a smaller difference 
 HELD = 0.2  # of the rows: a motor's own voltage does not stay where it was for longer
 ON = 0.1  # of the largest voltage
 SHOWN_ON = 3  # rows in which a sensor shows a current that has ended, at most
+LEVEL_ROWS = 100  # before a jump that tell its current
 JUMPS = 3.0  # times the largest change of the voltage in the rows behind: a jump
 
 
@@ -105,8 +109,9 @@ def with_open_circuits(plan: Plan) -> tuple[Plan, tuple[OwnVoltage, ...]]:
             observed.append(_without_openings(o))
             continue
         begins = np.flatnonzero(opens & ~np.append(False, opens[:-1]))
-        current = o.outputs["i"].copy()
-        current[begins] = np.nan  # it has fallen within the row, or is about to
+        current, jumps = o.outputs["i"].copy(), edges_of(o.inputs["v"]).tolist()
+        for k in begins.tolist():  # it has fallen within the row, or is about to
+            current[_first_of(jumps, k) : k + 1] = np.nan
         inputs = {**o.inputs, "v": np.where(opens, 0.0, o.inputs["v"])}
         observed.append(dataclasses.replace(o, inputs=inputs, outputs={**o.outputs, "i": current}))
         at = ", ".join(f"{o.recording.time[k]:.4g}" for k in begins.tolist())
@@ -163,7 +168,35 @@ def open_rows(o: Observed) -> BoolArray | None:
         held = _held(v[k:end])
         if _is_open(v[k + held : end], i[k + held : end] - zero, w[k + held : end], usual):
             opens[_opened_at(v, k + held) : end] = True
+    for k, end, usual in _behind_jumps(v, i - zero):
+        if not opens[k:end].any() and not _held(v[k:end]) and _is_open(v[k:end], i[k:end] - zero, w[k:end], usual):
+            opens[k:end] = True
     return opens if opens.any() else None
+
+
+def _behind_jumps(v: FloatArray, i: FloatArray) -> Iterator[tuple[int, int, float]]:
+    """Yield the first and last row behind each jump of a voltage, (n,), to the next, and the usual current before it.
+
+    The current of a motor that runs without a load is soon below its noise: only its mean shows that it has ended. The
+    winding drives it on through a diode meanwhile, and the voltage jumps twice.
+    """
+    jumps = edges_of(v).tolist()
+    for k, end in itertools.pairwise([*jumps, len(v)]):
+        first = _first_of(jumps, k)
+        before = i[max(0, first - LEVEL_ROWS) : first]
+        usual = abs(float(np.mean(before))) if len(before) >= LEAST_ROWS else 0.0
+        if usual > NOISE * float(np.std(before)) / float(np.sqrt(max(len(before), 1))):
+            yield k, end, usual
+
+
+def _first_of(jumps: Sequence[int], k: int) -> int:
+    """Return the first of those jumps of a voltage that a winding makes before its circuit is open, in row k."""
+    first = k
+    for row in reversed([row for row in jumps if row < k]):
+        if first - row > SHOWN_ON:
+            break
+        first = row
+    return first
 
 
 def _held(v: FloatArray) -> int:

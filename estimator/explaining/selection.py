@@ -141,7 +141,7 @@ class Selection:
             if (formed := self.reshaped(best)) is not best:
                 best = self.without_idle(formed)
             twins = self.mirrored(best, limit=best.fit.cost)
-            twins = [e for e in twins if not e.names() > best.names()]  # one with more is a rival
+            twins = [e for e in twins if e.is_physical() and not e.names() > best.names()]  # one with more is a rival
             best = min([best, *twins], key=lambda e: e.fit.cost)
         if best.fit.simulator is self.tests.base:
             best = dataclasses.replace(best, fit=with_fine_filters(best.fit, most=DOUBLINGS, least=COMPARED)[0])

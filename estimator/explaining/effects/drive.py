@@ -157,7 +157,7 @@ class BrushDrop(Drive):
         if e.kind == "step" and not e.running and abs(e.before) < ONE_SIZE * abs(e.after):
             return e.after
         v = o.inputs.get("v")
-        if v is None or e.running or not coasts_in(o, np.ones(len(v), dtype=bool)) or not is_of_one_size(v):
+        if v is None or not coasts_in(o, np.ones(len(v), dtype=bool)) or not is_of_one_size(v):
             return 0.0
         on = v[np.abs(v) > 0.5 * np.max(np.abs(v))]
         return float(np.mean(on)) if len(on) and (np.all(on > 0) or np.all(on < 0)) else 0.0

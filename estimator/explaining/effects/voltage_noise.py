@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -168,12 +169,18 @@ def noise_of(u: FloatArray, shown: FloatArray) -> FloatArray:
 
 
 def levels_of(u: FloatArray) -> list[slice]:
-    """Return the rows of each level of a voltage, (n,): a source that sags in the next row makes no other."""
+    """Return the rows of each level of a voltage, (n,): a source that sags in the next row makes no other.
+
+    Rows of exactly none are a level of their own: those in which it is the motor's.
+    """
     jumps = edges_of(u)
     change = np.diff(u)[jumps - 1]
     sags = (np.diff(jumps) == 1) & (change[1:] * change[:-1] < 0) & (2 * np.abs(change[1:]) < np.abs(change[:-1]))
-    jumps = jumps[~np.concatenate([[False], sags])[: len(jumps)]].tolist()
-    return [slice(first, last) for first, last in zip([0, *jumps], [*jumps, len(u)], strict=True)]
+    jumps = jumps[~np.concatenate([[False], sags])[: len(jumps)]]
+    none = np.flatnonzero(np.diff(u == 0, prepend=False, append=False)).reshape(-1, 2)
+    none = none[none[:, 1] - none[:, 0] >= LEAST_ROWS]
+    ends = [0, *np.union1d(jumps, none[(none > 0) & (none < len(u))]).tolist(), len(u)]
+    return [slice(first, last) for first, last in itertools.pairwise(ends)]
 
 
 def _followed(u: FloatArray, shown: FloatArray) -> Iterator[tuple[slice, FloatArray]]:
