@@ -149,3 +149,23 @@ def test_a_range_that_cuts_one_side_cuts_the_other_at_the_same_size(seed):
     shown = np.clip(np.round(noisy(y, 0.006, seed) / 0.005) * 0.005, -1, 1)
     found = clipped(shown)
     assert found[np.abs(shown) == 1].all() and np.count_nonzero(found[np.abs(shown) < 0.9]) <= 3
+
+
+@pytest.mark.parametrize(("cut", "step", "rows"), [(8.0, 0.005, 3), (8.0, 0.024, 3), (8.4, 0.001, 2)])
+def test_a_peak_that_is_cut_in_two_or_three_rows_is_told_by_its_slopes(cut, step, rows):
+    """A converter's noise is below its steps: a drive's limit was told instead, and J was 5 standard errors off."""
+    t = np.arange(300) * 2e-3 - 0.1
+    inrush = np.where(t > 0, 10 * (np.exp(-t / 0.04) - np.exp(-t / 0.0012)), 0.0)
+    shown = np.round((inrush + 0.3 * step * np.random.default_rng(1).standard_normal(len(t))) / step) * step
+    found = clipped(np.minimum(shown, cut))
+    assert np.count_nonzero(shown > cut) == rows and found[shown > cut].all() and found.sum() <= rows + 3
+    assert not clipped(shown).any()
+
+
+@pytest.mark.parametrize("rows", [2, 3, 4, 5])
+@pytest.mark.parametrize("curved", [0.3, 3.0, 30.0])
+def test_a_rounded_top_in_coarse_steps_is_not_cut(rows, curved):
+    """So many rows are equal to within a step, where the curvature allows it."""
+    step = curved * ((rows - 1) / 2) ** 2 * 1.01 if rows > 2 else 0.3 * curved
+    top = 500 - curved * (np.arange(60) - 30 + (rows - 1) % 2 / 2) ** 2
+    assert not clipped(np.maximum(np.floor(top / step) * step, 0)).any()

@@ -69,3 +69,21 @@ def test_counts_of_an_angle_that_is_printed_with_few_digits(lines, digits):
     angle = np.floor(moved(np.repeat([0.0, 10.0, 4.0], [100, 500, 500]))[:, 1] / count) * count
     printed = np.array([float(f"{x:.{digits}g}") for x in angle])
     assert quantum(printed) == pytest.approx(count, rel=0.02)
+
+
+@pytest.mark.parametrize("digits", [6, 12])
+@pytest.mark.parametrize(("cpr", "part"), [(500, 0.5), (2000, 0.1), (8192, 0.1)])
+def test_counts_that_are_read_so_seldom_that_hardly_a_level_repeats(cpr, part, digits):
+    """Of 40 rows of a speed its rounding was white noise, and that a filter: of eight recordings four were doubted."""
+    count, v = 2 * np.pi / cpr, np.repeat([0.0, 5.0, 3.0], [8, 60, 32])
+    angle = np.floor(part * moved(v)[:, 1] / count) * count  # behind a gear
+    printed = np.array([float(f"{x:.{digits}g}") for x in angle])
+    assert len(np.unique(printed)) > 0.6 * len(v) and quantum(printed) == pytest.approx(count, rel=1e-3)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_few_samples_with_noise_are_on_no_lattice(seed):
+    rng, t = np.random.default_rng(seed), np.linspace(0, 1, 50)
+    signals = 10 * (1 - np.exp(-5 * t)), np.sin(9 * t), 3 * t
+    for y in (*signals, *(y + 0.05 * rng.standard_normal(50) for y in signals)):
+        assert quantum(y) == 0

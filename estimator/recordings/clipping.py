@@ -14,12 +14,13 @@ from estimator.recordings.signal_noise import noise_deviation
 
 FloatArray = NDArray[np.float64]
 
-LEAST = 3  # samples at the extreme value: two may be a logger's repeat
+LEAST = 3  # noisy samples at the extreme value: two may be a logger's repeat
 EACH = 0.9  # of a logger's samples, each shown the same number of times
 REPEATS = 0.02  # of a signal's samples: a logger that repeats more than these says nothing at an extreme
 LARGE = 0.2  # of the largest: a sample of a signal that is far from its rest
-PAUSE = 4  # equal samples, at least
+PAUSE = 2  # equal samples, at least
 CARRIED, CARRIED_SPAN = 4.0, 0.01  # times the noise or the converter's step; of the span: so far it would have gone on
+PAIR = 100.0  # times the digits, likewise: by chance two samples of such a slope are equal once in so many
 JUMP = 1e-3  # of the span: a signal that comes nearer than that, as one that settles does, is not cut
 HALF = 0.5
 COARSE = 3.0  # times the converter's step: noise below that repeats values anyhow
@@ -66,12 +67,12 @@ def clipped(y: FloatArray, known: frozenset[float] = frozenset()) -> NDArray[np.
     for sign, value, at in ends:
         if value in known:
             result |= _with_neighbours(sign * y, at)
-    ends = [(sign, value, at) for sign, value, at in ends if np.count_nonzero(at) >= LEAST]
+    ends = [(sign, value, at) for sign, value, at in ends if np.count_nonzero(at) >= PAUSE]
     if not ends:  # most noise
         return result
     between = y[(y < extremes[0]) & (y > extremes[1])]
     noise, noisy = noise_deviation(between), _is_noisy(y, extremes, COARSE)
-    paused = _pauses(y, grain=max(quantum(y), noise))
+    paused = _pauses(y, digit=quantum(y), noise=noise)
     only_there = {*y[paused].tolist()} <= {*extremes}
     cut = set()
     for sign, value, at in ends:
@@ -79,7 +80,7 @@ def clipped(y: FloatArray, known: frozenset[float] = frozenset()) -> NDArray[np.
         held = only_there and int(np.argmax(at)) in paused  # from when it is first there
         leaves = beside.any() and median(np.abs(y[beside] - value)) > JUMP * (extremes[0] - extremes[1])
         often = np.count_nonzero(at) > CUT * np.count_nonzero(sign * (value - y) < NEAR * noise)
-        if (noisy and leaves and often) or held:
+        if (noisy and leaves and often and np.count_nonzero(at) >= LEAST) or held:
             cut.add(abs(value))
     for sign, value, at in ends:
         if abs(value) in cut:  # a range reaches as far on both sides
@@ -108,10 +109,12 @@ def limit(y: FloatArray, rows: NDArray[np.bool_]) -> float:
     return float(often[np.argmax(np.abs(often - median(y[~np.isnan(y)])))])
 
 
-def _pauses(y: FloatArray, *, grain: float) -> NDArray[np.int64]:
+def _pauses(y: FloatArray, *, digit: float, noise: float) -> NDArray[np.int64]:
     """Return the samples from which a signal stays though its slopes on both sides would have carried it on.
 
-    A rounded top, and what settles, is entered or left too slowly for that; at 0 things stand still.
+    A rounded top, and what settles, is entered or left too slowly for that; at 0 things stand still. Of a parabola n
+    samples are equal to within a digit where its slopes would have carried it on by 2 n (n + 2) / (n - 1)^2 digits at
+    most.
     """
     starts = np.flatnonzero(np.concatenate([[True], y[1:] != y[:-1]]))
     ends = np.append(starts[1:], len(y)) - 1
@@ -119,9 +122,11 @@ def _pauses(y: FloatArray, *, grain: float) -> NDArray[np.int64]:
     starts, ends = starts[inside], ends[inside]
     into, out = y[starts - 1] - y[starts - 2], y[ends + 2] - y[ends + 1]
     on = (into * (y[starts] - y[starts - 1]) > 0) & (out * (y[ends + 1] - y[ends]) > 0)
-    beyond = np.minimum(np.abs(into), np.abs(out)) * (ends - starts + 1) / 2
-    span = float(np.nanmax(y) - np.nanmin(y))
-    return np.asarray(starts[on & (beyond > max(CARRIED * grain, CARRIED_SPAN * span))])
+    n, grain = ends - starts + 1, max(digit, noise)
+    beyond = np.minimum(np.abs(into), np.abs(out)) * n / 2
+    rounded = np.where(n == PAUSE, PAIR * digit, 2 * n * (n + 2) / (n - 1) ** 2 * grain)
+    least = max(CARRIED * grain, CARRIED_SPAN * float(np.nanmax(y) - np.nanmin(y)))
+    return np.asarray(starts[on & (beyond > np.maximum(rounded, least))])
 
 
 def _shown_anew(y: FloatArray) -> NDArray[np.int64]:

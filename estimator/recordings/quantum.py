@@ -10,6 +10,8 @@ from estimator.recordings.samples import told_once
 FloatArray = NDArray[np.float64]
 
 OFF_LATTICE = 0.05  # of a step
+REPEATS = 0.5  # of the samples: levels of a signal that repeats them
+BY_CHANCE = 12  # gaps of two steps or more: that all are whole is chance once in 2 OFF_LATTICE to that power
 TURNS = 0.5  # of the samples: values, of an angle that goes on
 APART, BESIDE = 2.5, 0.3  # times the gaps between printed digits are those between steps; part of the usual one
 PRINTED, LEAST_LEVELS = 0.2, 12  # of a step, that a digit may be; levels that tell the step then
@@ -61,8 +63,9 @@ def _lattice(y: FloatArray, *, printed: float = 0.0) -> float:
     peak = float(np.max(np.abs(y), initial=0.0))
     differences = np.diff(np.sort(y))
     differences = differences[differences > 1e-9 * peak]  # the rest is one level, or rounding
-    if len(differences) < 2 or len(differences) > 0.5 * len(y):
+    if len(differences) < 2:
         return 0.0
+    repeats = len(differences) <= REPEATS * len(y)
     step, reach = float(np.min(differences)), 1.5
     if printed > PRINTED * step or (printed > 0 and len(differences) < LEAST_LEVELS):
         return 0.0
@@ -75,5 +78,5 @@ def _lattice(y: FloatArray, *, printed: float = 0.0) -> float:
             return 0.0
         step = float(np.sum(near) / np.sum(whole))
         if len(near) == len(differences):
-            return step
+            return step if repeats or np.count_nonzero(whole > 1) >= BY_CHANCE else 0.0
         reach *= 4.0
