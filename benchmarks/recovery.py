@@ -192,12 +192,12 @@ def emulate(
         start, example.length / (n - 1), 1, driven_inputs, np.zeros((n, len(shown))), np.zeros(len(shown))
     )
     job = Job(
-        description,
-        tuple(v.value_reference for v in chosen),
-        tuple(v.value_reference for v in inputs),
-        tuple(v.value_reference for v in shown),
-        (IDENTITY,) * len(shown),
-        (recording,),
+        description=description,
+        parameter_references=tuple(v.value_reference for v in chosen),
+        input_references=tuple(v.value_reference for v in inputs),
+        output_references=tuple(v.value_reference for v in shown),
+        sensors=(IDENTITY,) * len(shown),
+        experiments=(recording,),
         reinstantiate=way == "re-instantiate",
         fresh_process=way == "fresh process",
         types=types_of([v.type for v in (*chosen, *inputs, *shown)]),

@@ -59,12 +59,12 @@ def ours(description: FmuDescription, samples: int, rounds: int) -> tuple[float,
     start, h, driven_inputs, inputs, read = signals(description, samples)
     experiment = Experiment(start, h, 1, driven_inputs, np.zeros((samples, len(read))), np.zeros(len(read)))
     job = Job(
-        driven(description),
-        (),
-        tuple(v.value_reference for v in inputs),
-        tuple(v.value_reference for v in read),
-        (IDENTITY,) * len(read),
-        (experiment,),
+        description=driven(description),
+        parameter_references=(),
+        input_references=tuple(v.value_reference for v in inputs),
+        output_references=tuple(v.value_reference for v in read),
+        sensors=(IDENTITY,) * len(read),
+        experiments=(experiment,),
         reinstantiate=driven(description).restart == "re-instantiate",
         fresh_process=driven(description).restart == "fresh process",
     )

@@ -78,12 +78,12 @@ def job(samples: int = SAMPLES, recordings: int = 1) -> Job:
         return tuple(description.variable(n).value_reference for n in names)
 
     return Job(
-        description,
-        references("RKLJB"),
-        references("v"),
-        references("iw"),
-        (layout.IDENTITY, layout.IDENTITY),
-        (experiment,) * recordings,
+        description=description,
+        parameter_references=references("RKLJB"),
+        input_references=references("v"),
+        output_references=references("iw"),
+        sensors=(layout.IDENTITY, layout.IDENTITY),
+        experiments=(experiment,) * recordings,
     )
 
 

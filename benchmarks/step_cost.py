@@ -87,12 +87,12 @@ def job(work: Work) -> tuple[Job, FloatArray]:
 
     experiment = Experiment(0.0, STEP, 1, work.voltage[:, None], np.zeros((ROWS, 2)), np.array([4.0, 1e-3]))
     asked = Job(
-        description,
-        references(*parameters),
-        references("v"),
-        references("i", "w"),
-        (IDENTITY, IDENTITY),
-        (experiment,),
+        description=description,
+        parameter_references=references(*parameters),
+        input_references=references("v"),
+        output_references=references("i", "w"),
+        sensors=(IDENTITY, IDENTITY),
+        experiments=(experiment,),
         sensor_values=7 if work.late else 0,
     )
     return asked, np.array(list(parameters.values()))

@@ -43,13 +43,13 @@ def job_of(fmu, *, reinstantiate=False):
 
     measured = np.ones((300, 2))
     return Job(
-        description,
-        references("RKLJB"),
-        references("v"),
-        references("iw"),
-        (layout.IDENTITY, layout.IDENTITY),
-        (experiment(noisy_voltage(), measured),),
-        reinstantiate,
+        description=description,
+        parameter_references=references("RKLJB"),
+        input_references=references("v"),
+        output_references=references("iw"),
+        sensors=(layout.IDENTITY, layout.IDENTITY),
+        experiments=(experiment(noisy_voltage(), measured),),
+        reinstantiate=reinstantiate,
     )
 
 

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from estimator.explaining.rivals import _likelier, _tells
+from estimator.explaining.rivals import _is_same, _likelier, _tells
 
 
 def explained(errors, *, cost=100.0, values=(2.0, 0.05), at_bound=(0, 0), is_log=(True, False)):
@@ -42,3 +42,11 @@ def test_an_explanation_is_exchanged_for_a_likelier_one_that_tells_as_much():
     assert _likelier(selection, own, [open_one]) is None
     assert _likelier(selection, own, [open_one, telling]) is telling
     assert _likelier(selection, open_one, [own]) is None  # what tells more has to be likelier, too
+
+
+@pytest.mark.parametrize(("there", "same"), [((2.0, 0.05), True), ((2.0, 0.05 + 1e-9), True), ((2.2, 0.05), False)])
+def test_explanations_that_lie_at_one_bound_are_the_same(there, same):
+    """A rounding at L's lower bound was a rival: "with L = 5.316e-08 instead of 5.316e-08", and all were doubtful."""
+    at_bound = {"errors": (0.1, 0.0), "at_bound": (0, -1)}
+    assert _is_same(explained(**at_bound), explained(values=there, **at_bound)) == same
+    assert not _is_same(explained(**at_bound), explained(values=(2.0, 0.06), errors=(0.1, 0.001)))

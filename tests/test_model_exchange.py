@@ -51,7 +51,12 @@ def job_of(fmu, samples, rng):
     voltage = np.repeat(rng.uniform(-8, 8, samples // 50 + 1), 50)[:samples, None]
     recording = Experiment(0.0, 1e-3, 1, voltage, np.zeros((samples, 1)), np.ones(1))
     return Job(
-        description, references("motor.Ra"), references("u_in"), references("shaft.w"), (IDENTITY,), (recording,)
+        description=description,
+        parameter_references=references("motor.Ra"),
+        input_references=references("u_in"),
+        output_references=references("shaft.w"),
+        sensors=(IDENTITY,),
+        experiments=(recording,),
     )
 
 

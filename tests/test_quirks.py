@@ -205,6 +205,16 @@ def test_an_integer_output_is_compared(tmp_path):
 # Steps and times
 
 
+def test_no_parameter_is_ok_by_a_step_that_moves_it_by_more_than_its_error(tmp_path):
+    """By noise that hides the misfit R was "ok", 54 standard errors off."""
+    noisy, loud = tmp_path / "noisy.csv", tuple(3 * x for x in NOISE)
+    write_recording(step_recording(CML050, lead=0.02, duration=0.1, noise=loud, seed=3), noisy)
+    result = estimated(foreign_fmu(tmp_path, "EULER"), noisy)
+    (reason,) = result.reasons
+    assert "the FMU's own step error matters" in reason
+    assert all((p.status, p.reason) == ("doubtful", reason) for p in result.parameters.values())
+
+
 def test_euler_inside_gets_the_step_warning_and_the_right_answer_at_the_finer_step(tmp_path):
     noisy = tmp_path / "noisy.csv"
     write_recording(step_recording(CML050, lead=0.02, duration=0.1, noise=NOISE, seed=3), noisy)

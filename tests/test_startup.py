@@ -57,7 +57,9 @@ import sys
 from estimator.stepping import worker
 from estimator.stepping.fmu_instance import FmuInstance
 from estimator.stepping.layout import JobLayout
-loaded = FmuInstance(JobLayout({str(tmp_path)!r}, "dc_motor", {description.guid!r}, False, (), (), (), (), ()), 0)
+none = dict.fromkeys(("parameter_references", "input_references", "output_references", "sensors", "experiments"), ())
+named = dict(folder={str(tmp_path)!r}, identifier="dc_motor", guid={description.guid!r})
+loaded = FmuInstance(JobLayout(**named, **none), 0)
 assert loaded.fmu.do_step and loaded.fmu.instantiate
 loaded.close()
 print(*{{"fmpy", "numpy"}} & set(sys.modules))

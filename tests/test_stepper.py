@@ -35,7 +35,13 @@ def job_of(
         return tuple(description.variable(n).value_reference for n in names)
 
     return Job(
-        description, references("RKLJB"), references("v"), references(outputs), sensors, experiments, reinstantiate
+        description=description,
+        parameter_references=references("RKLJB"),
+        input_references=references("v"),
+        output_references=references(outputs),
+        sensors=sensors,
+        experiments=experiments,
+        reinstantiate=reinstantiate,
     )
 
 

@@ -154,11 +154,11 @@ def averaged(
         with np.errstate(invalid="ignore"):
             apart = np.abs(there - own) / np.where(np.isfinite(deviation), deviation, np.inf)
         least = SMALL * np.where(fit.is_log[:p], 1.0, np.abs(own))
-        differs = np.any((apart > DIFFERS) & (np.abs(there - own) > least))
+        apart = np.where(inside[:p] & (np.abs(there - own) > least), apart, 0.0)  # one at a bound is not told anyhow
         other_number = _numbers(rival) != _numbers(explanation) and _effects(rival) == _effects(explanation)
         held = other_number or _holds(rival, explanation)  # by the bars alone
         farthest = float(np.max(apart, initial=0.0))
-        is_near = behind < TOLD_WITHIN and differs and not held
+        is_near = behind < TOLD_WITHIN and farthest > DIFFERS and not held
         if is_near or (behind < FAR_WITHIN and farthest > ELSEWHERE and _differ_in_timing(rival, explanation)):
             told.append((rival, first, farthest, names[int(np.argmax(apart))], float(behind)))
     weights = np.exp(-0.5 * np.array([c for c, _, _ in parts]))

@@ -249,7 +249,8 @@ def _is_same(one: Explanation, other: Explanation) -> bool:
     s, p = other.fit.simulator, len(other.fit.simulator.plan.names)
     deviation = np.sqrt(np.diag(other.fit.covariance())[:p])
     apart = np.abs(one.fit.simulator.scaled(one.fit.values)[:p] - s.scaled(other.fit.values)[:p])
-    return bool(np.all(apart <= SAME * deviation))
+    bound = other.fit.at_bound[:p]
+    return bool(np.all((apart <= SAME * deviation) | ((bound != 0) & (bound == one.fit.at_bound[:p]))))
 
 
 def _fuller(selection: Selection, explanation: Explanation, rivals: Sequence[Explanation]) -> list[Explanation]:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import mmap
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimator.fmus.fmu import FmuDescription
-from estimator.stepping.layout import ExperimentLayout, JobLayout
+from estimator.stepping.layout import Asked, ExperimentLayout, JobLayout
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -46,50 +46,27 @@ class Experiment:
     times: FloatArray | None = None
 
 
-@dataclass(frozen=True)
-class Job:
-    """What to set and what to read, by FMI value reference, and the experiments."""
+@dataclass(frozen=True, kw_only=True)
+class Job(Asked):
+    """What to set and what to read of an FMU, and the experiments."""
 
     description: FmuDescription
-    parameter_references: tuple[int, ...]
-    input_references: tuple[int, ...]
-    output_references: tuple[int, ...]
-    sensors: tuple[int, ...]
     experiments: tuple[Experiment, ...]
-    reinstantiate: bool = False
-    sensor_values: int = 0  # that follow the parameters in a candidate's row: 0, or 1 + 3 an output
-    even_steps: bool = False
-    fresh_process: bool = False  # a process of its own for every simulation
-    types: tuple[str, ...] = ()  # of parameters, inputs and outputs, one after the other; empty: all real
-    settings: tuple[tuple[str, int, float | str], ...] = ()  # type, value reference, value: set every time
-    scale: tuple[tuple[float, float], ...] = ()  # of each output: factor and offset to SI; empty: SI
     names: tuple[str, ...] = ()  # of parameters, settings and inputs, one after the other, for whoever reads of them
-    linear: tuple[bool, ...] = ()  # of each input: whether it goes linearly from row to row; empty: all are held
 
     def layout(self, folder: str, experiments: tuple[ExperimentLayout, ...]) -> JobLayout:
         """Return the job as it travels to a worker: the FMU's folder, and where the experiments' numbers stand."""
+        fmu = self.description
         return JobLayout(
+            **{field.name: getattr(self, field.name) for field in fields(Asked)},
             folder=folder,
-            identifier=self.description.library or "",
-            guid=self.description.guid,
-            reinstantiate=self.reinstantiate,
-            parameter_references=self.parameter_references,
-            input_references=self.input_references,
-            output_references=self.output_references,
-            sensors=self.sensors,
+            identifier=fmu.library or "",
+            guid=fmu.guid,
             experiments=experiments,
-            sensor_values=self.sensor_values,
-            even_steps=self.even_steps,
-            version=self.description.fmi_version,
-            kind=self.description.kind,
-            fresh_process=self.fresh_process,
-            types=self.types,
-            settings=self.settings,
-            scale=self.scale,
-            linear=self.linear,
-            interpolates=bool(self.description.capabilities.get("canInterpolateInputs"))
-            and self.description.fmi_version.startswith("2"),
-            counts=self.description.counts,
+            version=fmu.fmi_version,
+            kind=fmu.kind,
+            interpolates=bool(fmu.capabilities.get("canInterpolateInputs")) and fmu.fmi_version.startswith("2"),
+            counts=fmu.counts,
         )
 
     def step(self, done: int, *, refine: int) -> tuple[float, float] | None:

@@ -130,11 +130,10 @@ def judge(
         )
         reasons += _traded(plan, polish, statuses)
         missed = misfit(plan, polish, explained, noise, spread)
-        reasons += missed
-        reasons += step.reasons
-        wrong = [*_doubts(explained), *scales_at_odds(plan), *_fast(plan, values), *_coasting(plan, explained)]
+        wrong = [*missed, *step.reasons, *_doubts(explained), *scales_at_odds(plan), *_fast(plan, values)]
+        wrong += [*_coasting(plan, explained), *slow_for_the_motor(plan)]
         reasons += wrong
-        wrong = [*worse, *missed, *wrong]
+        wrong = [*worse, *wrong]
         if held:
             wrong.append(f"{', '.join(held)} may not go where the recording wants it")
         if wrong:  # parameters that depend on it are not reliable
@@ -145,7 +144,6 @@ def judge(
         impossible = any(CONTRADICTED in sentence for sentence in lost)
         if lost and (impossible or told != {"R", "J"} or missed):
             return Judgement("refused", tuple(lost), {}, (*refused_notes(plan), *_doubts(explained)))
-        reasons += slow_for_the_motor(plan)
     else:
         reasons += above_noise(plan, rmse, noise, spread) or structured(compared)
         reasons += _fast(plan, values)

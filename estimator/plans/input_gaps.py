@@ -15,7 +15,33 @@ FloatArray = NDArray[np.float64]
 
 SAME_LEVEL = 0.02  # of an input's range: levels on both sides of a gap that are nearer are one
 SHORT_GAP = 3  # rows: an input that changes within so short a gap is held over it
+ON_A_CURVE, APART = 2e-3, 4  # of an input's range; parts as long as its longest gap, of which one is left out
 SLOWER_CLOCK = 0.9  # of the gaps of an input that are equal: it was sampled at a lower rate
+
+
+def on_a_curve(time: FloatArray, signal: FloatArray) -> FloatArray:
+    """Return an input, (n,), with its gaps on a cubic spline where it moves smoothly; else it keeps them.
+
+    There a spline tells the samples around a gap, too: parts of them, each as long as the longest gap, by the others.
+    """
+    known = np.flatnonzero(~np.isnan(signal))
+    gaps = np.diff(known)
+    longest = int(np.max(gaps, initial=1))
+    if longest == 1 or 2 * APART * longest > len(known) or _is_slower(gaps):
+        return signal
+    from scipy.interpolate import CubicSpline  # which takes long to load
+
+    part, errors = np.arange(len(known)) // longest % APART, np.zeros(len(known))
+    for left_out in range(APART):
+        kept = known[part != left_out]
+        errors = np.maximum(errors, np.abs(CubicSpline(time[kept], signal[kept])(time[known]) - signal[known]))
+    most = max(ON_A_CURVE * float(np.ptp(signal[known])), 6 * input_noise(signal[known]))
+    curve, told = CubicSpline(time[known], signal[known]), signal.copy()
+    for k in np.flatnonzero(gaps > 1).tolist():
+        if np.max(errors[max(0, k - APART * longest) : k + 1 + APART * longest]) <= most:
+            rows = np.arange(known[k] + 1, known[k + 1])
+            told[rows] = curve(time[rows])
+    return told
 
 
 def known_range(recording: Recording, driven: Mapping[str, FloatArray]) -> tuple[int, int]:

@@ -12,7 +12,7 @@ from estimator.cases.case import Case, OutputSpec, RunSpec
 from estimator.cases.case_signals import GIVEN, REST, SETTLED
 from estimator.errors import CaseError, RecordingError, suggestion
 from estimator.plans.binding import Binding, Channels
-from estimator.plans.input_gaps import between_changes, complete, known_range
+from estimator.plans.input_gaps import between_changes, complete, known_range, on_a_curve
 from estimator.plans.plan import Observed
 from estimator.recordings.excitation import Excitation, find_delay, find_excitation
 from estimator.recordings.filters import filter_sections
@@ -163,10 +163,17 @@ def _driven(
     for name, column in inputs.items():
         unit = binding.signal(name).unit or None
         driven[name] = _corrected(_driving(binding.case, recording, name, column, unit), name, column, run)
+    curved = {n: on_a_curve(recording.time, u) for n, u in driven.items() if n not in binding.case.linear}
+    notes = [
+        f"{recording.title}: {name} has {many} missing samples, taken on a curve between the others"
+        for name, u in curved.items()
+        if (many := np.count_nonzero(np.isnan(driven[name]) & ~np.isnan(u)))
+    ]
+    driven |= curved
     rows = slice(*known_range(recording, driven))
     held = {name: signal for name, signal in driven.items() if name not in binding.case.linear}
     rows, told, early = between_changes(recording, held, inputs, rows)
-    notes = [told] if told else []
+    notes += [told] if told else []
     for name in driven:
         driven[name], more = complete(recording, driven[name], name, rows, linear=name in binding.case.linear)
         notes += more

@@ -31,28 +31,34 @@ class ExperimentLayout:
     times: int | None = None  # bytes into the job's memory; None: equidistant
 
 
-@dataclass(frozen=True)
-class JobLayout:
+@dataclass(frozen=True, kw_only=True)
+class Asked:
+    """What to set and what to read, by FMI value reference."""
+
+    parameter_references: tuple[int, ...]
+    input_references: tuple[int, ...]
+    output_references: tuple[int, ...]
+    sensors: tuple[int, ...]
+    reinstantiate: bool = False
+    sensor_values: int = 0  # that follow the parameters in a candidate's row: 0, or 1 + 3 an output
+    even_steps: bool = False
+    fresh_process: bool = False  # a process of its own for every simulation
+    types: tuple[str, ...] = ()  # of parameters, inputs and outputs, one after the other; empty: all real
+    settings: tuple[tuple[str, int, float | str], ...] = ()  # type, value reference, value: set every time
+    scale: tuple[tuple[float, float], ...] = ()  # of each output: factor and offset from its unit to SI; empty: SI
+    linear: tuple[bool, ...] = ()  # of each input: whether it goes linearly from row to row; empty: all are held
+
+
+@dataclass(frozen=True, kw_only=True)
+class JobLayout(Asked):
     """A job as it travels to a worker: everything but the numbers, which stand in shared memory."""
 
     folder: str
     identifier: str
     guid: str
-    reinstantiate: bool
-    parameter_references: tuple[int, ...]
-    input_references: tuple[int, ...]
-    output_references: tuple[int, ...]
-    sensors: tuple[int, ...]
     experiments: tuple[ExperimentLayout, ...]
-    sensor_values: int = 0
-    even_steps: bool = False
     version: str = "2.0"
     kind: str = "co-simulation"
-    fresh_process: bool = False  # a process of its own for every simulation
-    types: tuple[str, ...] = ()  # of parameters, inputs and outputs, one after the other; empty: all real
-    settings: tuple[tuple[str, int, float | str], ...] = ()  # type, value reference, value
-    scale: tuple[tuple[float, float], ...] = ()  # of each output: factor and offset from its unit to SI; empty: SI
-    linear: tuple[bool, ...] = ()  # of each input: whether it goes linearly from row to row; empty: all are held
     interpolates: bool = False  # the FMU takes the slopes of its inputs
     counts: tuple[int, int] = (0, 0)  # continuous states and event indicators, for model exchange
 
