@@ -87,3 +87,14 @@ def test_a_few_samples_with_noise_are_on_no_lattice(seed):
     signals = 10 * (1 - np.exp(-5 * t)), np.sin(9 * t), 3 * t
     for y in (*signals, *(y + 0.05 * rng.standard_normal(50) for y in signals)):
         assert quantum(y) == 0
+
+
+@pytest.mark.parametrize("cpr", [1336, 8192])
+def test_counts_of_a_motor_that_is_never_seen_to_move_by_one_of_them(cpr):
+    """The nearest samples are many counts apart: 12 of 37 encoders had no step that way, and a filter was told."""
+    count, v = 2 * np.pi / cpr, np.repeat([0.0, 10.0, 7.0], [8, 200, 192])
+    angle = np.floor(moved(v)[:, 1] / count) * count
+    shown = np.array([float(f"{x:.8g}") for x in angle])
+    first = int(np.argmax(shown > 20 * count))
+    assert np.min(np.diff(np.unique(shown[first:]))) > 1.5 * count
+    assert quantum(shown[first:]) == pytest.approx(count, rel=1e-3)

@@ -12,6 +12,7 @@ FloatArray = NDArray[np.float64]
 OFF_LATTICE = 0.05  # of a step
 REPEATS = 0.5  # of the samples: levels of a signal that repeats them
 BY_CHANCE = 12  # gaps of two steps or more: that all are whole is chance once in 2 OFF_LATTICE to that power
+MOST_STEPS = 64  # between the two nearest levels
 TURNS = 0.5  # of the samples: values, of an angle that goes on
 APART, BESIDE = 2.5, 0.3  # times the gaps between printed digits are those between steps; part of the usual one
 PRINTED, LEAST_LEVELS = 0.2, 12  # of a step, that a digit may be; levels that tell the step then
@@ -65,11 +66,22 @@ def _lattice(y: FloatArray, *, printed: float = 0.0) -> float:
     differences = differences[differences > 1e-9 * peak]  # the rest is one level, or rounding
     if len(differences) < 2:
         return 0.0
-    repeats = len(differences) <= REPEATS * len(y)
-    step, reach = float(np.min(differences)), 1.5
-    if printed > PRINTED * step or (printed > 0 and len(differences) < LEAST_LEVELS):
+    repeats, least = len(differences) <= REPEATS * len(y), float(np.min(differences))
+    if printed > PRINTED * least or (printed > 0 and len(differences) < LEAST_LEVELS):
         return 0.0
-    off = OFF_LATTICE + printed / step
+    parts = range(1, 2 if repeats else 1 + MOST_STEPS)  # of an angle the nearest samples may be some steps apart
+    return next((step for n in parts if (step := _step(differences, least / n, printed, repeats=repeats)) > 0), 0.0)
+
+
+def _step(differences: FloatArray, step: float, printed: float, *, repeats: bool) -> float:
+    """Return a step of which all differences, (n,), are whole multiples, from one that is nearly so; 0: there is none.
+
+    Parameters
+    ----------
+    repeats : bool
+        Whether the levels repeat: else it may be chance, or a line, whose differences are one, as often as it likes.
+    """
+    off, reach = OFF_LATTICE + printed / step, 1.5 * float(np.min(differences)) / step
     while True:  # few digits tell a step only roughly, and many of them are then no whole number
         near = differences[differences < reach * step]
         multiples = near / step
@@ -78,5 +90,6 @@ def _lattice(y: FloatArray, *, printed: float = 0.0) -> float:
             return 0.0
         step = float(np.sum(near) / np.sum(whole))
         if len(near) == len(differences):
-            return step if repeats or np.count_nonzero(whole > 1) >= BY_CHANCE else 0.0
+            told = np.count_nonzero(whole > 1) >= BY_CHANCE and np.gcd.reduce(whole.astype(np.int64)) == 1
+            return step if repeats or told else 0.0
         reach *= 4.0
