@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from estimator.recordings.clipping import clipped, limit, shared_limits
+from estimator.recordings.clipping import clipped, cut_at_zero, limit, shared_limits
 
 T = np.arange(1000) * 1e-3
 RISE = 3.0 * (1 - np.exp(-np.maximum(T - 0.1, 0) / 0.05))
@@ -169,3 +169,17 @@ def test_a_rounded_top_in_coarse_steps_is_not_cut(rows, curved):
     step = curved * ((rows - 1) / 2) ** 2 * 1.01 if rows > 2 else 0.3 * curved
     top = 500 - curved * (np.arange(60) - 30 + (rows - 1) % 2 / 2) ** 2
     assert not clipped(np.maximum(np.floor(top / step) * step, 0)).any()
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_sensor_of_one_polarity_cuts_half_of_the_noise_around_zero(seed):
+    """Of a rest that is half zeros the mean is no zero: K was 7 standard errors off, and a voltage offset told."""
+    t = np.arange(600) * 1e-3 - 0.1
+    current = np.where(t > 0, 1 + 5 * np.exp(-np.maximum(t, 0) / 0.05), 0.0)
+    shown = current + 0.05 * np.random.default_rng(seed).standard_normal(len(t))
+    found = cut_at_zero(np.maximum(shown, 0.0))
+    assert found[:95].mean() > 0.97 and not found[101:].any()
+    coarse = np.round(np.maximum(shown, 0.0) / 0.1) * 0.1  # whose steps hide the noise
+    dutied = np.where(np.arange(len(t)) % 2, current + 1.0, 0.0)  # which is off every other row
+    for other in (shown, coarse, dutied, np.abs(shown), np.maximum(current, 0.0)):
+        assert not cut_at_zero(other).any()

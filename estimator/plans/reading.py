@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from estimator.plans.binding import Binding, Channels
 from estimator.plans.plan import Observed
-from estimator.recordings.clipping import clipped, limit, shared_limits
+from estimator.recordings.clipping import clipped, cut_at_zero, limit, shared_limits
 from estimator.recordings.dead_zone import hidden_speeds, least_speed
 from estimator.recordings.finding import Evidence, Finding
 from estimator.recordings.motor_columns import motor_columns
@@ -91,6 +91,16 @@ def without_clipped(binding: Binding, observed: Sequence[Observed]) -> tuple[Obs
 def _without_clipped(binding: Binding, observed: Observed, known: Mapping[str, frozenset[float]]) -> Observed:
     outputs, findings = dict(observed.outputs), [*observed.findings]
     for name in sorted(outputs.keys() - {"angle"}):  # which has its largest value in each turn, where it begins again
+        if (around := cut_at_zero(outputs[name])).any():
+            outputs[name] = np.where(around, np.nan, outputs[name])
+            findings.append(
+                Finding(
+                    "saturated",
+                    f"{observed.recording.title}: {name} is never below 0, where half of its noise is cut:"
+                    f" {int(around.sum())} samples around 0 are left out",
+                    is_harmless=True,
+                )
+            )
         rows = clipped(outputs[name], known[name])
         if not rows.any():
             continue

@@ -27,6 +27,10 @@ COARSE = 3.0  # times the converter's step: noise below that repeats values anyh
 TELLS_NOISE = 30  # samples between the extremes: fewer, of a coarse sensor's rise, seem to have noise
 NEAR, SMOOTH = 3.0, 2  # deviations of the noise; samples on either side of a running median
 FINE = 10.0  # times the digits: noise by which signals hardly have their extremes twice, and in common
+AROUND_ZERO, OF_HALF = (
+    4,
+    0.25,
+)  # samples on either side; of them zeros are half, and change to others in turn, within that
 CUT = 0.05  # of the samples near the extreme: fewer are chance, and move their mean by 0.02 deviations of the noise
 
 
@@ -100,6 +104,26 @@ def _is_noisy(y: FloatArray, extremes: tuple[float, float], times: float) -> boo
     bends = np.sign(np.diff(between, 2))
     turns = np.count_nonzero(bends[1:] * bends[:-1] < 0)  # of noise 73 %, of a smooth signal few
     return bool(turns > HALF * len(bends) and noise_deviation(between) > times * quantum(between))
+
+
+def cut_at_zero(y: FloatArray) -> NDArray[np.bool_]:
+    """Return which samples, (n,), of a signal are around 0 where its sensor shows nothing below, which cuts its noise.
+
+    As that of a converter of one polarity does: zeros and small positive samples come in turn.
+    """
+    none = np.zeros(len(y), dtype=bool)
+    zero = y == 0
+    if np.nanmin(y, initial=0.0) < 0 or np.count_nonzero(zero) < TELLS_NOISE:
+        return none
+    noise = noise_deviation(y[y > LARGE * np.nanmax(y)])
+    if not noise > COARSE * quantum(y):
+        return none
+    beside = np.lib.stride_tricks.sliding_window_view(np.pad(zero, AROUND_ZERO), 2 * AROUND_ZERO + 1).any(axis=1)
+    around = beside & (y < NEAR * noise)
+    turns, count = int(np.count_nonzero(np.diff(zero[around].astype(np.int8)))), int(np.count_nonzero(around))
+    share = int(np.count_nonzero(zero)) / count
+    is_cut = abs(share - HALF) < OF_HALF and turns > OF_HALF * count
+    return around if is_cut else none
 
 
 def limit(y: FloatArray, rows: NDArray[np.bool_]) -> float:
