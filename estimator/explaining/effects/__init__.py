@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 
+from estimator.explaining.effects.alternating_coupling import AlternatingCoupling
 from estimator.explaining.effects.average import Average, MeanSpeed
 from estimator.explaining.effects.base import SELDOM, Effect
 from estimator.explaining.effects.channel_delay import ChannelDelay
@@ -62,6 +63,7 @@ EFFECTS: tuple[Effect, ...] = (
     MeanSpeed(),
     Offset(),
     OffsetDrift(),
+    AlternatingCoupling(),
     Gain(),
     TwoGains(),
     SensorCurve(),
