@@ -8,6 +8,7 @@ from fine_motor import FINE, MOTOR, STEP, bench, off
 
 from estimator import estimate_parameters, recording_from_arrays
 from estimator.explaining.effects import slew_limit
+from estimator.explaining.effects.missing_voltage import shown_more
 from estimator.noise.clock import Clock
 from estimator.plans.plan import Observed
 from estimator.recordings.excitation import Excitation
@@ -105,7 +106,7 @@ def test_its_part_is_as_late_as_its_channel_also_where_the_circuit_opens_and_whe
         plan = SimpleNamespace(fixed={}, observed=runs, chains={}, sensors={"i": 0, "w": 0}, temperatures=())
         own = SimpleNamespace(plan=plan, names=names, outputs=("i", "w"), observed=runs, nuisances=(), clocks=clocks)
         own.rows = len(command) * len(runs)
-        return slew_limit._added(own, np.array(values), part)
+        return shown_more(slew_limit.SLEW, slew_limit._missing, own, np.array(values), part)
 
     now, late = added(0.0), added(7 * STEP)
     np.testing.assert_allclose(late[7:], now[:-7], atol=1e-9 * np.abs(now).max())

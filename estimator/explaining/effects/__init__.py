@@ -46,6 +46,7 @@ from estimator.explaining.effects.slew_limit import SlewLimit
 from estimator.explaining.effects.slow_pwm import SlowPwm
 from estimator.explaining.effects.starting_motion import StartingMotion
 from estimator.explaining.effects.supply_drift import SupplyDrift
+from estimator.explaining.effects.supply_limit import SupplyLimit
 from estimator.explaining.effects.supply_ripple import SupplyRipple
 from estimator.explaining.effects.switching_ripple import SwitchingRipple
 from estimator.explaining.effects.voltage_noise import VoltageNoise
@@ -103,6 +104,7 @@ EFFECTS: tuple[Effect, ...] = (
     VoltageRise(),
     VoltageRamp(),
     SlewLimit(),
+    SupplyLimit(),
     VoltageWithinRows(),
     LostRows(),
 )

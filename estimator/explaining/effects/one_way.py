@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from estimator.explaining.effects.base import SELDOM
 from estimator.explaining.effects.drive import HELD_ROWS, Drive
@@ -16,7 +17,10 @@ from estimator.plans.plan import Observed, Plan
 from estimator.recordings.samples import filled
 from estimator.recordings.signal_noise import noise_deviation
 
+FloatArray = NDArray[np.float64]
+
 FALLS = 0.2  # of the largest voltage: a command that falls by more would brake the motor
+SLOWS = 4.0  # standard errors of the speed's fall
 NONE = 0.02  # of the largest current: less is none
 
 
@@ -70,4 +74,14 @@ def _is_not_braked(o: Observed) -> bool:
     after = np.flatnonzero(_falls(o))
     if np.mean(i[turning] * np.sign(w[turning]) < -2 * none) > 0.01:
         return False
-    return any(int(np.sum(rests[k : k + 10 * HELD_ROWS])) >= HELD_ROWS for k in after)
+    spans = [slice(k, k + 10 * HELD_ROWS) for k in after.tolist()]
+    return any(
+        np.count_nonzero(rests[own]) >= HELD_ROWS and _slows(np.abs(w[own]), noise_deviation(w)) for own in spans
+    )
+
+
+def _slows(speed: FloatArray, noise: float) -> bool:
+    """Whether a speed falls over some rows, (n,): of a command that the supply cannot give the fall moves nothing."""
+    half = len(speed) // 2
+    fall = float(np.mean(speed[:half]) - np.mean(speed[half:]))
+    return fall > SLOWS * noise * float(np.sqrt(2 / max(half, 1)))
