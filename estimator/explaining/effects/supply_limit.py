@@ -26,7 +26,6 @@ class SupplyLimit(Effect):
 
     name: str = NAME
     prior: float = SELDOM
-    sharp: bool = True
     sentence: str = "the drive gives {value:.4g} V at most, less than its command asks for"
 
     def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
