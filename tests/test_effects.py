@@ -893,3 +893,11 @@ def test_the_usual_friction_is_of_the_dry_part_too_while_a_voltage_drives_the_mo
     fit = SimpleNamespace(simulator=s, shown=np.column_stack([0 * w, -w]))
     assert usual_friction(fit, {"B": 1e-5}) == pytest.approx(2e-3)
     assert usual_friction(fit, {"B": 1e-5, "friction": 8e-3}) == pytest.approx(1e-2)
+
+
+def test_means_and_a_lag_of_the_current_are_tried_in_the_place_of_a_ramp(tmp_path):
+    """L was 32 standard errors off, and ok: a ramp of the voltage and a filter of the speed made up for three others."""
+    result, true = of_random_bench(1026436, tmp_path)
+    assert "voltage ramp" not in result.effects and {"average", "lag"} <= set(result.effects), result.effects
+    found = result.parameters["L"]
+    assert abs(found.value - true["L", -1]) < 4 * found.standard_error

@@ -1,12 +1,14 @@
 """The noise model: what is found again of simulated noise, and what whitening and score test make of it."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.signal import cheby1, lfilter, sosfilt
 from scipy.stats import kstest
 
+from estimator.explaining.explanation_noise import _of_steps
 from estimator.fitting.projection import Projection
 from estimator.fitting.score_test import ScoreTest
 from estimator.noise.autoregression import autoregression
@@ -525,3 +527,16 @@ def test_random_noise_is_not_taken_for_one_that_repeats_itself():
     for k in range(1000):
         x = rng.standard_normal(rng.integers(240, 2000))
         assert not repeat_themselves([lfilter([1.0], [1.0, -rng.uniform(-0.95, 0.95)], x)]), k
+
+
+def test_digits_far_below_the_noise_are_no_steps_of_it():
+    """Of a printed signal whose neighbours told the noise it did not grow: three ripples were told, R 5 errors off."""
+
+    def fit(steps):
+        return SimpleNamespace(
+            simulator=SimpleNamespace(steps=np.array(steps)),
+            whitener=SimpleNamespace(noise=SimpleNamespace(white=np.array([0.1, 0.1]))),
+        )
+
+    assert _of_steps(fit([0.001, 0.3]), np.zeros(2)).tolist() == [False, True]
+    assert _of_steps(fit([0.0, 0.0]), np.array([0.0, 0.2])).tolist() == [False, True]

@@ -244,7 +244,7 @@ def in_two(explanation: Explanation, effects: Sequence[Effect], plan: Plan) -> l
         tried = [
             _at_values(explanation, a, known, effects, plan, 1)
             for known in a.effect.in_two(explanation.fit, a.name)
-            if not any(name.startswith(excluded.get(n, ()) or "?") for n in known for name in rest)
+            if not any(name.startswith(excluded.get(n, ()) or "?") for n in known.keys() - rest for name in rest)
         ]
         found += sorted(tried, key=lambda e: e.fit.cost)[:MOST_IN_TWO]
     return [dataclasses.replace(e, fit=solved(e.fit)) for e in found]

@@ -11,7 +11,7 @@ from estimator.conventions import STEP_DEVIATION
 from estimator.explaining.coarse_levels import held_by_sensor
 from estimator.explaining.explanation import Explanation, renewed
 from estimator.explaining.shared_errors import with_shared_errors
-from estimator.fitting.fit import refreshed, slopes_in_time, with_level
+from estimator.fitting.fit import Fit, refreshed, slopes_in_time, with_level
 from estimator.fitting.gauss_newton import solved, solved_roughly
 from estimator.fitting.least_squares import ROUNDING
 from estimator.fitting.motor_response import with_machine
@@ -26,6 +26,7 @@ from estimator.recordings.quantum import quantum
 from estimator.stepping import layout
 
 FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
 
 QUIET = 0.1  # of the first estimate of the deviation: the noise is taken to be no less
 
@@ -98,8 +99,7 @@ def with_jitter(explanation: Explanation, differenced: FloatArray) -> Explanatio
     for noise in (grows, dataclasses.replace(grows, growth=np.zeros_like(grows.growth), running=None)):
         whitener = fit.whitener.of(noise)
         deviation = whitener.deviation()
-        fine = (fit.simulator.steps == 0) & (differenced == 0)  # quantised signals have other errors
-        slope = np.where(whitener.present & fine, whitener.slope / deviation, 0.0)
+        slope = np.where(whitener.present & ~_of_steps(fit, differenced), whitener.slope / deviation, 0.0)
         z = refreshed(fit, whitener).z.reshape(slope.shape)
         worse = float(np.vdot(z, z) + 2 * np.sum(np.log(deviation), where=whitener.present))
         jitter, sizes, gain = find_jitter(*without_responses(z, slope, edges), fit.simulator.clocks[0].step)
@@ -122,13 +122,21 @@ def with_noise_of_neighbours(explanation: Explanation, differenced: FloatArray) 
         fit.whitener.noise,
         noise_of_neighbours(fit.whitener, misfit, windows.sharp),
     )
-    coarse = (fit.simulator.steps > 0) | (differenced > 0)  # their noise is of steps, and no growth
+    coarse = _of_steps(fit, differenced)
     white = np.where(coarse, old.white, np.maximum(found.white, QUIET * old.white))
     assert found.running is not None
     growth, running = np.where(coarse, 0.0, found.growth), np.where(coarse, 1.0, found.running)
     found = dataclasses.replace(found, white=white, growth=growth, running=running)
     fit = held_down(refreshed(fit, fit.whitener.of(found)), windows.onsets)
     return dataclasses.replace(explanation, fit=solved(fit))
+
+
+def _of_steps(fit: Fit, differenced: FloatArray) -> BoolArray:
+    """Whether an output's errors are its sensor's steps, (q,), no noise that grows, nor one of unknown instants.
+
+    Digits that are printed far below the noise are steps, too.
+    """
+    return np.asarray((fit.simulator.steps > fit.whitener.noise.white) | (differenced > 0))
 
 
 def by_known_forms(explanation: Explanation) -> Explanation:
