@@ -75,7 +75,8 @@ def test_no_brushes_change_a_winding_by_more_than_is_allowed_for(coils):
     assert (0.7 if coils == 3 else 0.95) * most_change(2 * coils) < largest < 1.001 * most_change(2 * coils)
 
 
-@pytest.mark.parametrize("k", [0, *(pytest.param(k, marks=pytest.mark.full) for k in range(1, 8))])
+@pytest.mark.full  # six seconds each
+@pytest.mark.parametrize("k", range(8))
 def test_what_the_winding_shows_in_its_first_turns_is_not_taken_for_the_motors(k):
     n, rng = 2000, np.random.default_rng(k)
     x = turning(n, 0.2, 0.3 + np.pi * k / 4, start=0.4137)

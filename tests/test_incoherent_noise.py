@@ -71,7 +71,7 @@ def test_a_recording_of_a_command_beside_one_of_a_noisy_voltage_is_as_it_was():
     assert result.verdict == "ok" and off(result).max() < 4.5, (result.reasons, result.parameters)
 
 
-@pytest.mark.parametrize("reaches", [0.0, 1.0])
+@pytest.mark.parametrize("reaches", [pytest.param(0.0, marks=pytest.mark.full), 1.0])
 def test_where_the_current_is_too_noisy_to_answer_the_first_fit_tells_whether_it_reaches_the_motor(reaches):
     """Latencies, a drift and an overshoot were told of a good recording, of noise that the motor did not have."""
     rng = np.random.default_rng(11)

@@ -32,6 +32,7 @@ def test_a_step_whose_trigger_came_late_is_no_recording_in_which_nothing_changes
         assert result.parameters[name].value == pytest.approx(MOTOR[name], rel=0.1)
 
 
+@pytest.mark.full  # five seeds, whose bars are asked
 def test_the_bars_of_a_step_whose_trigger_came_a_little_late_hold():
     """Derivatives left out that a motion as large as the signals moves with the motor: R 18 standard errors off, ok.
 
@@ -84,7 +85,7 @@ def test_rows_of_zeros_that_fill_a_logger_s_buffer_are_no_circuit_that_opens(fil
     assert result.verdict == "ok" and result.effects == () and off(result).max() < 4.5, result.parameters
 
 
-@pytest.mark.parametrize("late", [40, 120])
+@pytest.mark.parametrize("late", [40, pytest.param(120, marks=pytest.mark.full)])
 def test_a_random_signal_from_the_first_row_on_that_reaches_a_resting_motor_late(late):
     """Its delay was looked for around none: all five were not told."""
     rng = np.random.default_rng(4)

@@ -68,6 +68,7 @@ def test_of_a_load_that_comes_and_goes_both_instants_are_told():
     assert all(abs(off(result, name)) < 4.5 for name in MOTOR)
 
 
+@pytest.mark.full  # as above
 def test_without_the_effect_a_load_that_sets_in_is_doubted(monkeypatch):
     monkeypatch.setenv("FMU_ESTIMATOR_WITHOUT", "load step")
     result = estimate_parameters(loaded(STEP, from_instant(0.8034, 0.1 * STALL), 1), workers=1)
@@ -90,6 +91,7 @@ def test_a_weight_that_acts_one_way_is_a_torque():
     assert all(abs(off(result, name)) < 4.5 for name in MOTOR)
 
 
+@pytest.mark.full  # five seconds; leave-one-out of all effects is a bench
 def test_without_the_effect_a_weight_is_doubted_or_within_the_errors(monkeypatch):
     monkeypatch.setenv("FMU_ESTIMATOR_WITHOUT", "load torque")
     torque = np.where(np.arange(ROWS * FINE) < 100 * FINE, 0.0, 0.02 * STALL)
@@ -97,7 +99,7 @@ def test_without_the_effect_a_weight_is_doubted_or_within_the_errors(monkeypatch
     assert result.verdict == "doubtful" or all(abs(off(result, name)) < 4.5 for name in MOTOR)
 
 
-@pytest.mark.parametrize("shown", ["angle [rad]", "speed [rad/s]"])
+@pytest.mark.parametrize("shown", [pytest.param("angle [rad]", marks=pytest.mark.full), "speed [rad/s]"])
 def test_a_strong_fan_is_told_by_an_angle_as_by_a_speed(shown):
     r, k, inductance, j, b = MOTOR.values()
     fan, rng = 3 * b / 300, np.random.default_rng(6)

@@ -34,13 +34,17 @@ def is_right(found, motor):
     return all(abs(found.parameters[n].value - motor[n]) < 5 * found.parameters[n].standard_error for n in motor)
 
 
-@pytest.mark.parametrize(("motor", "levels"), [(TRUE, (0, 10, 4)), (TRUE, (0, 5, 10, 3)), (SLOW, (0, 4, 10, 5, 0))])
+@pytest.mark.parametrize(
+    ("motor", "levels"),
+    [(TRUE, (0, 10, 4)), pytest.param(TRUE, (0, 5, 10, 3), marks=pytest.mark.full), (SLOW, (0, 4, 10, 5, 0))],
+)
 def test_a_current_that_never_flows_back_is_found_and_harmless(motor, levels):
     found = estimated(motor, levels, one_way=1.0)
     assert found.verdict == "ok" and set(found.effects) == {"one-way current"} and is_right(found, motor)
     assert "the drive lets no current flow back: the motor coasts where it is faster than its command" in found.notes
 
 
+@pytest.mark.full  # two seconds
 def test_beside_a_brush_drop():
     found = estimated(SLOW, (0, 5, 10, 3), one_way=1.0, brush=0.5)
     assert set(found.effects) == {"one-way current", "brush drop"} and is_right(found, SLOW)

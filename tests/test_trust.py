@@ -82,7 +82,7 @@ def test_a_false_optimum_is_left_before_the_chain_could_explain_it(hand, motor, 
     assert np.max(np.abs(deviations(found))) < 4
 
 
-@pytest.mark.parametrize("motor", MOTORS)
+@pytest.mark.parametrize("motor", ["CML-050", pytest.param("RMCS2004", marks=pytest.mark.full)])
 def test_counts_at_a_steady_speed_are_not_doubted(hand, motor):
     """Their errors repeat themselves there: taken for a colour of the noise, they made that of transients too small."""
     found = entries(hand, "coverage", f"{motor}, differenced counts", [0, 1, 4])
