@@ -121,7 +121,6 @@ DIALECTS: dict[str, str | bytes] = {
     "units after a slash": with_header("t/s,U/V,I/A,ω/(rad/s)"),
     "an oscilloscope's preamble": 'Model,DPO2024\nSample Interval,0.001,s\n"Record Length",40\n\n' + PLAIN,
     "an oscilloscope's line of units": with_header("x-axis,voltage,current,speed\nsecond,Volt,Ampere,rad/s"),
-    "that of another": with_header("Source,voltage,current,speed\nSecond,Volt,Ampere,rad/s"),
     "a line of units in brackets, then an empty one": with_header("Time,u,i,n\n(s),(V),(A),(rad/s)\n"),
     "a line that names the separator": "sep=;\n" + PLAIN.replace(",", ";"),
     "times of day": clocked("12:00:{:06.3f}"),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 
-from estimator.explaining.effects.alternating_coupling import AlternatingCoupling
+from estimator.explaining.effects.ac_coupling import AcCoupling
 from estimator.explaining.effects.average import Average, MeanSpeed
 from estimator.explaining.effects.base import SELDOM, Effect
 from estimator.explaining.effects.channel_delay import ChannelDelay
@@ -64,7 +64,7 @@ EFFECTS: tuple[Effect, ...] = (
     MeanSpeed(),
     Offset(),
     OffsetDrift(),
-    AlternatingCoupling(),
+    AcCoupling(),
     Gain(),
     TwoGains(),
     SensorCurve(),

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from estimator import estimate_parameters, recording_from_arrays
-from estimator.explaining.effects.alternating_coupling import without_mean
+from estimator.explaining.effects.ac_coupling import without_mean
 from estimator.explaining.effects.low_pass import through
 from estimator.motor.exponential import exponential
 from estimator.motor.state_space import matrices
@@ -42,7 +42,7 @@ def recording(seed, *, fades=np.inf):
 @pytest.mark.parametrize("fades", [0.3, 1.5])
 def test_what_fades_is_told_and_the_motor_is_right(fades):
     result = estimate_parameters(recording(1, fades=fades), workers=1, seed=1)
-    assert any("shows changes alone" in note for note in result.notes)
+    assert any("AC-coupled" in note for note in result.notes)
     assert result.verdict == "ok", result.reasons
     for name, value in MOTOR.items():
         found = result.parameters[name]
@@ -50,7 +50,7 @@ def test_what_fades_is_told_and_the_motor_is_right(fades):
 
 
 def test_without_the_effect_it_is_doubted_or_within_the_errors(monkeypatch):
-    monkeypatch.setenv("FMU_ESTIMATOR_WITHOUT", "alternating coupling")
+    monkeypatch.setenv("FMU_ESTIMATOR_WITHOUT", "AC coupling")
     result = estimate_parameters(recording(1, fades=0.3), workers=1, seed=1)
     found = [(result.parameters[name], value) for name, value in MOTOR.items()]
     far = [p for p, value in found if p.standard_error and abs(p.value - value) > 4.5 * p.standard_error]
@@ -59,7 +59,7 @@ def test_without_the_effect_it_is_doubted_or_within_the_errors(monkeypatch):
 
 def test_a_sensor_that_shows_all_is_none():
     result = estimate_parameters(recording(2), workers=1, seed=1)
-    assert result.verdict == "ok" and not any("shows changes alone" in note for note in result.notes)
+    assert result.verdict == "ok" and not any("AC-coupled" in note for note in result.notes)
 
 
 def test_a_line_behind_it_is_exact():

@@ -1,4 +1,4 @@
-"""A sensor that shows changes alone: a current clamp, or an oscilloscope, that is coupled by alternating current."""
+"""A sensor that shows changes alone: a current clamp, or an oscilloscope, that is AC-coupled."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ def without_mean(rate: float, h: float) -> Sections:
 
 
 @dataclass(frozen=True)
-class AlternatingCoupling(Effect):
+class AcCoupling(Effect):
     """A high-pass of first order in the current's channel: the inverse of its time constant, 1/s."""
 
-    name: str = "alternating coupling"
+    name: str = "AC coupling"
     prior: float = SELDOM
 
     def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
@@ -53,4 +53,5 @@ class AlternatingCoupling(Effect):
     def tell(self, name: str, value: float, plan: Plan) -> str:
         """Say how fast what is constant vanishes."""
         fades = np.inf if value <= 0 else 1 / value
-        return f"the sensor of i shows changes alone, which fade with a time constant of {fades:.3g} s: couple it to DC"
+        sensor = "the sensor of i is AC-coupled: what is constant fades"
+        return f"{sensor} with a time constant of {fades:.3g} s; couple it to DC"
