@@ -88,8 +88,9 @@ def test_files_of_the_packages_own_fmus_stay_while_they_are_the_same(is_bundled,
 def test_one_that_has_died_meanwhile_is_not_taken():
     first = estimated()
     (pid,) = waiting()
-    psutil.Process(pid).kill()
-    psutil.wait_procs([psutil.Process(pid)] if psutil.pid_exists(pid) else [], timeout=10)
+    worker = psutil.Process(pid)
+    worker.kill()
+    psutil.wait_procs([worker], timeout=10)
     assert estimated() == first
     assert waiting() != [pid]
 
