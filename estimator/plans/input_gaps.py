@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from estimator.errors import RecordingError
 from estimator.recordings.recording import MIN_SAMPLES, Recording
 from estimator.recordings.signal_noise import input_noise
+from estimator.recordings.smooth_inputs import moves_smoothly
 
 FloatArray = NDArray[np.float64]
 
@@ -27,7 +28,7 @@ def on_a_curve(time: FloatArray, signal: FloatArray) -> FloatArray:
     known = np.flatnonzero(~np.isnan(signal))
     gaps = np.diff(known)
     longest = int(np.max(gaps, initial=1))
-    if longest == 1 or 2 * APART * longest > len(known) or _is_slower(gaps):
+    if longest == 1 or 2 * APART * longest > len(known) or _is_slower(gaps) or not moves_smoothly(signal[known]):
         return signal
     from scipy.interpolate import CubicSpline  # which takes long to load
 

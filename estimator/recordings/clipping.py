@@ -27,10 +27,8 @@ COARSE = 3.0  # times the converter's step: noise below that repeats values anyh
 TELLS_NOISE = 30  # samples between the extremes: fewer, of a coarse sensor's rise, seem to have noise
 NEAR, SMOOTH = 3.0, 2  # deviations of the noise; samples on either side of a running median
 FINE = 10.0  # times the digits: noise by which signals hardly have their extremes twice, and in common
-AROUND_ZERO, OF_HALF = (
-    4,
-    0.25,
-)  # samples on either side; of them zeros are half, and change to others in turn, within that
+AROUND_ZERO = 4  # samples on either side of one that is 0
+OF_HALF = 0.25  # of samples around 0: so near to half are zeros; so many change to the next, at least
 CUT = 0.05  # of the samples near the extreme: fewer are chance, and move their mean by 0.02 deviations of the noise
 
 

@@ -12,6 +12,7 @@ FloatArray = NDArray[np.float64]
 OFF_LATTICE = 0.05  # of a step
 REPEATS = 0.5  # of the samples: levels of a signal that repeats them
 BY_CHANCE = 12  # gaps of two steps or more: that all are whole is chance once in 2 OFF_LATTICE to that power
+AT_SIGHT, MOST_AT_SIGHT = 6.0, 500  # times the least gap: those, so many at most, are looked at first
 MOST_STEPS = 64  # between the two nearest levels
 TURNS = 0.5  # of the samples: values, of an angle that goes on
 APART, BESIDE = 2.5, 0.3  # times the gaps between printed digits are those between steps; part of the usual one
@@ -69,8 +70,15 @@ def _lattice(y: FloatArray, *, printed: float = 0.0) -> float:
     repeats, least = len(differences) <= REPEATS * len(y), float(np.min(differences))
     if printed > PRINTED * least or (printed > 0 and len(differences) < LEAST_LEVELS):
         return 0.0
-    parts = range(1, 2 if repeats else 1 + MOST_STEPS)  # of an angle the nearest samples may be some steps apart
-    return next((step for n in parts if (step := _step(differences, least / n, printed, repeats=repeats)) > 0), 0.0)
+    if repeats:
+        return _step(differences, least, printed, repeats=True)
+    if len(differences) < BY_CHANCE:
+        return 0.0
+    parts = np.arange(1, 1 + MOST_STEPS)  # of an angle the nearest samples may be some steps apart
+    multiples = np.outer(parts, differences[differences < AT_SIGHT * least][:MOST_AT_SIGHT] / least)
+    off = np.max(np.abs(multiples - np.round(multiples)), axis=1)
+    likely = parts[off < 2 * (OFF_LATTICE + printed * parts / least)].tolist()  # as rough as the least of them is
+    return next((step for n in likely if (step := _step(differences, least / n, printed, repeats=False)) > 0), 0.0)
 
 
 def _step(differences: FloatArray, step: float, printed: float, *, repeats: bool) -> float:
