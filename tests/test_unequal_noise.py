@@ -2,16 +2,13 @@
 
 import numpy as np
 import pytest
-from fine_motor import FINE, bench, off
+from fine_motor import FINE, STEP, bench, off
 
 from estimator import estimate_parameters, recording_from_arrays
-from estimator.cases.case import Case, OutputSpec
-from estimator.fitting.repeated_samples import without_repeats
-from estimator.fmus.probe import bundled_model
-from estimator.plans.noise_level import noise_shares
-from estimator.plans.planning import plan_case
-
-CASE = Case(inputs={"v": "voltage"}, outputs={"i": OutputSpec("current"), "w": OutputSpec("speed")})
+from estimator.noise.clock import Clock
+from estimator.noise.noise_model import NoiseModel
+from estimator.noise.noise_of_each import with_noise_of_each
+from estimator.noise.whitener import Whitener
 
 LEVELS = np.repeat([0.0, 6.0, 2.0, 9.0], [150, 150, 150, 150])
 
@@ -58,13 +55,60 @@ def test_a_fast_recording_beside_one_slower_than_the_motor_is_ok():
     assert off(both).max() < 4.5, off(both)
 
 
+def test_a_sine_by_a_finer_range_beside_a_step():
+    """No row of it rests or settles: its noise was taken for that of the step, two and three times as large."""
+    levels = np.where(np.arange(600) < 3, 0.0, 9.0)
+    sine = 6 * np.sin(2 * np.pi * np.arange(600) / 90)
+    both = estimate_parameters([recorded(6, times=3.0, levels=levels), recorded(7, levels=sine)], workers=1)
+    assert both.verdict == "ok" and off(both).max() < 4.5, (both.reasons, off(both))
+    alone = estimate_parameters(recorded(7, levels=sine), workers=1)
+    for name in "RKLJ":
+        assert both.parameters[name].standard_error < 1.1 * alone.parameters[name].standard_error, name
+
+
+def of_two(x, present=None, level=1.0):
+    """Return the whitener of two recordings' residuals of one channel, (2, n), as it is told of each."""
+    n = x.shape[1]
+    clocks = tuple(Clock(np.arange(n) * STEP, slice(k * n, (k + 1) * n)) for k in range(2))
+    zero, one = np.zeros((2 * n, 1)), np.ones((2 * n, 1))
+    levels, runs = np.broadcast_to(level, (2, n)).reshape(-1, 1), np.ones(2 * n, dtype=bool)
+    there = np.ones((2 * n, 1), dtype=bool) if present is None else present
+    plain = Whitener(NoiseModel.plain(np.ones(1), (0,)), clocks, there, levels, one, runs, zero)
+    return with_noise_of_each(plain, x.reshape(-1, 1), ~runs, np.zeros((2, 1)))
+
+
+@pytest.mark.parametrize("n", [60, 250, pytest.param(2000, marks=pytest.mark.full)])
+def test_noises_that_are_alike_are_hardly_ever_told_apart(n):
+    """By chance less than once in 1e4; of 1 000 pairs none, here white and smoothed ones."""
+    rng = np.random.default_rng(3)
+    for k in range(1000):
+        x = rng.standard_normal((2, n + 3))
+        x = sum(x[:, j : n + j] for j in range(4)) if k % 2 else x[:, :n]
+        assert of_two(x).each is None, k
+
+
+def test_a_noise_that_grows_with_its_signal_is_no_noise_of_each_recording():
+    rng = np.random.default_rng(5)
+    level = np.concatenate([np.linspace(0, 1, 500)[None], np.linspace(0, 0.3, 500)[None]])
+    for _ in range(50):
+        assert of_two(np.hypot(0.1, level) * rng.standard_normal((2, 500)), level=level).each is None
+
+
+@pytest.mark.parametrize("times", [1.5, 4.0, 100.0])
+def test_the_share_of_each_is_within_its_error(times):
+    """Of n samples the logarithm of a ratio has the error 1 / sqrt n."""
+    rng = np.random.default_rng(8)
+    for _ in range(30):
+        each = of_two(rng.standard_normal((2, 1000)) * [[1.0], [times]]).each
+        assert np.all(each[1000:] == 1.0)
+        assert abs(np.log(each[0, 0] * times)) * np.sqrt(1000) < 4.5
+
+
 def test_samples_that_a_logger_holds_are_no_more_than_they_are():
-    """Each is shown in ten rows: few tell no noise from another. Of 30 recordings of one noise all are alike."""
-    held = []
-    for seed in range(30):
-        shown = recorded(seed)
-        columns = {f"{n} [{u}]": shown.signals[n] for n, u in (("voltage", "V"), ("speed", "rad/s"))}
-        columns["current [A]"] = shown.signals["current"][np.arange(len(shown.time)) // 10 * 10]
-        held.append(recording_from_arrays(f"held {seed}", shown.time, columns))
-    plan = plan_case(CASE, bundled_model("dc_motor"), recordings=held)
-    assert noise_shares(plan, [without_repeats(o, plan.outputs) for o in plan.observed]) is None
+    """Each is shown in ten rows, one of which is a sample: the others tell nothing."""
+    rng = np.random.default_rng(11)
+    for _ in range(30):
+        x = np.repeat(rng.standard_normal((2, 60)), 10, axis=1)
+        shown = np.zeros(1200, dtype=bool)
+        shown[::10] = True
+        assert of_two(x, present=shown[:, None]).each is None

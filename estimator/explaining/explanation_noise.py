@@ -21,6 +21,7 @@ from estimator.noise.jitter import find_jitter, without_responses
 from estimator.noise.noise_estimate import fit_noise
 from estimator.noise.noise_growth import noise_of_neighbours
 from estimator.noise.noise_model import NoiseModel
+from estimator.noise.noise_of_each import with_noise_of_each
 from estimator.plans.plan import Plan
 from estimator.recordings.quantum import quantum
 from estimator.stepping import layout
@@ -76,6 +77,7 @@ def with_noise(
         return dataclasses.replace(explanation, fit=solved(refreshed(fit, whitener.of(exact))))
     windows = find_windows(explanation.fit)
     s = fit.simulator
+    whitener = with_noise_of_each(whitener, misfit, windows.sharp, s.steps_of_each)
     is_angle = np.array([y == "angle" for y in s.outputs])  # its counts are far apart, as its samples are
     steps = np.where(differenced == 0, s.steps, 0.0)
     found = fit_noise(
@@ -118,16 +120,14 @@ def with_noise_of_neighbours(explanation: Explanation, differenced: FloatArray) 
     fit = with_level(explanation.fit)
     windows = find_windows(explanation.fit)
     misfit = np.where(fit.whitener.present, fit.residuals(), 0.0)
-    old, found = (
-        fit.whitener.noise,
-        noise_of_neighbours(fit.whitener, misfit, windows.sharp),
-    )
+    whitener = with_noise_of_each(fit.whitener, misfit, windows.sharp, fit.simulator.steps_of_each)
+    old, found = whitener.noise, noise_of_neighbours(whitener, misfit, windows.sharp)
     coarse = _of_steps(fit, differenced)
     white = np.where(coarse, old.white, np.maximum(found.white, QUIET * old.white))
     assert found.running is not None
     growth, running = np.where(coarse, 0.0, found.growth), np.where(coarse, 1.0, found.running)
     found = dataclasses.replace(found, white=white, growth=growth, running=running)
-    fit = held_down(refreshed(fit, fit.whitener.of(found)), windows.onsets)
+    fit = held_down(refreshed(fit, whitener.of(found)), windows.onsets)
     return dataclasses.replace(explanation, fit=solved(fit))
 
 

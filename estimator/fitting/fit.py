@@ -296,7 +296,7 @@ def new_fit(simulator: Simulator, values: FloatArray, free: Sequence[str], noise
     shown = simulator.shown(values[None, :])[0]
     nothing, one = (np.broadcast_to(x, shown.shape) for x in (0.0, 1.0))
     present, runs = ~np.isnan(simulator.measured), np.ones(len(shown), dtype=bool)
-    whitener = Whitener(noise, simulator.clocks, present, nothing, one, runs, nothing, each=simulator.each)
+    whitener = Whitener(noise, simulator.clocks, present, nothing, one, runs, nothing)
     none = Slopes(None, known=np.zeros((*shown.shape, 0)))
     start = Fit(simulator, values, tuple(free), (), whitener, shown, np.zeros(0), np.zeros(shown.size), none, np.inf)
     return with_level(start)

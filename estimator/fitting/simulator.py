@@ -26,7 +26,6 @@ from estimator.fitting.whole_fits import WholeFits
 from estimator.fmus.workers import Workers
 from estimator.noise.clock import Clock, interval_shown
 from estimator.noise.recursion import Sections, behind
-from estimator.plans.noise_level import noise_shares
 from estimator.plans.parameters import Box, Parameter, SensorPlace, scaled, unscaled
 from estimator.plans.plan import Observed, Plan
 from estimator.recordings.quantum import quantum
@@ -190,13 +189,12 @@ class Simulator:
     @cached_property
     def steps(self) -> FloatArray:
         """By which the sensors resolve the outputs, (q,), in their units; 0: they are not quantised."""
-        return np.array([max(quantum(o.outputs[y]) for o in self.observed) for y in self.outputs])
+        return np.asarray(np.max(self.steps_of_each, axis=0))
 
     @cached_property
-    def each(self) -> FloatArray | None:
-        """The noise of each sample's recording over that of the noisiest, (rows, q); None: they are alike."""
-        shares = noise_shares(self.plan, [self.measured[c.rows] for c in self.clocks])
-        return None if shares is None else np.repeat(shares, [c.rows.stop - c.rows.start for c in self.clocks], axis=0)
+    def steps_of_each(self) -> FloatArray:
+        """The same of each recording, (n, q)."""
+        return np.array([[quantum(o.outputs[y]) for y in self.outputs] for o in self.observed])
 
     @cached_property
     def coarse(self) -> NDArray[np.bool_]:

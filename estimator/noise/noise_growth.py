@@ -19,7 +19,7 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 TOGETHER = 1_000_000  # numbers that growths are tried on at once
-DIFFERENCES = 8000  # second differences that tell the growth; of more than twice as many some are left out
+DIFFERENCES = 8000  # second differences that tell the growth; of twice as many some are left out
 FARTHEST = 1e37  # of a square, in deviations: a larger one counts as this
 CHARGE = 2 * LEAST_FALL  # of -2 log L: twice, as the squares of neighbours correlate by 0.44
 HOPELESS = 0.5  # of what a growth is charged: where a coarse one falls by no more, none is looked at closely
@@ -104,7 +104,14 @@ class Growth:
 
 
 def growth_of(residuals: FloatArray, whitener: Whitener, j: int, sharp: BoolArray, *, step: float = 0.0) -> Growth:
-    """Return how a channel's noise grows, from second differences.
+    """Return how a channel's noise grows, from second differences; arguments as for `differences_of`."""
+    return pooled(differences_of(residuals, whitener, j, sharp, steps=[step] * len(whitener.clocks))).growth()
+
+
+def differences_of(
+    residuals: FloatArray, whitener: Whitener, j: int, sharp: BoolArray, *, steps: Sequence[float]
+) -> list[Differences]:
+    """Return the second differences of a channel's residuals, (rows,), in each recording.
 
     Second differences contain the noise and hardly any misfit, so that transients can be used, but for their first
     part. Their size is estimated by Student's t, on which outliers have little influence.
@@ -113,33 +120,37 @@ def growth_of(residuals: FloatArray, whitener: Whitener, j: int, sharp: BoolArra
     ----------
     sharp : (rows,) array
         First parts of transients.
-    step : float
+    steps : (recordings,) floats
         By which the sensor resolves the channel; 0: it is fine. Differences of a level are whole steps, and their
         median is up to half as large again, or as small, as that of a signal that moves with the same noise: all
         samples are spread over a step.
     """
-    sizes, levels, moves = [], [], []
+    sizes, left, levels, moves = [], [], [], []
     for clock in whitener.clocks:
         x, known = residuals[clock.rows], whitener.present[clock.rows, j] & ~sharp[clock.rows]
-        if len(x) < 3:
-            continue
         told = known[2:] & known[1:-1] & known[:-2]
         sizes.append(_second_differences(x)[told])
+        left.append(x[1:-1][told])
         levels.append(whitener.level[clock.rows, j][1:-1][told])
         moves.append(whitener.moving[clock.rows][1:-1][told])
-    if silent := _is_silent(sizes, moves):  # all others are of a signal that moves
-        sizes, levels = ([own[there] for own, there in zip(all_, moves, strict=True)] for all_ in (sizes, levels))
-    if step:
-        rng = np.random.default_rng(0)
-        sizes = [own + step * _second_differences(rng.random(len(own) + 2)) for own in sizes]
-    d, level = np.concatenate([*sizes, np.zeros(0)]), np.concatenate([*levels, np.zeros(0)])
-    runs = np.ones(len(d), dtype=bool) if silent else np.concatenate([*moves, np.zeros(0, dtype=bool)])
-    if len(d) > 2 * DIFFERENCES:
-        stride = len(d) // DIFFERENCES
-        d, level, runs = d[::stride], level[::stride], runs[::stride]
-    if len(level) < 2 * LOUD_SAMPLES or not np.any(d):
-        return Growth()
-    return _Differences(np.abs(d), level, runs).growth()
+    if _is_silent(sizes, moves):  # all others are of a signal that moves
+        of_all = (sizes, left, levels)
+        sizes, left, levels = ([own[there] for own, there in zip(one, moves, strict=True)] for one in of_all)
+        moves = [np.ones(len(own), dtype=bool) for own in sizes]
+    rng = np.random.default_rng(0)
+    sizes = [
+        own + step * _second_differences(rng.random(len(own) + 2)) if step else own
+        for own, step in zip(sizes, steps, strict=True)
+    ]
+    stride = max(1, sum(map(len, sizes)) // DIFFERENCES)
+    each = zip(sizes, left, levels, moves, strict=True)
+    return [Differences(*(np.asarray(x[::stride]) for x in (np.abs(d), np.abs(r), *rest))) for d, r, *rest in each]
+
+
+def pooled(each: Sequence[Differences]) -> Differences:
+    """Return the differences of all recordings as of one."""
+    of_all = ([getattr(own, name) for own in each] for name in ("sizes", "left", "level", "runs"))
+    return Differences(*map(np.concatenate, of_all))
 
 
 class _Tried(NamedTuple):
@@ -165,17 +176,24 @@ class _Tried(NamedTuple):
         return UNDECIDED * ((self.growth == 0) + (self.running != 1.0 or not self.bends))
 
 
-class _Differences:
-    """Sizes of second differences, the levels of their signal, and whether the machine runs, all (n,)."""
+class Differences:
+    """Sizes of second differences and of what is left, levels of the signal, and whether the machine runs, all (n,)."""
 
-    def __init__(self, sizes: FloatArray, level: FloatArray, runs: BoolArray) -> None:
-        self.sizes, self.level, self.runs = sizes, level, runs
+    def __init__(self, sizes: FloatArray, left: FloatArray, level: FloatArray, runs: BoolArray) -> None:
+        self.sizes, self.left, self.level, self.runs = sizes, left, level, runs
         self.squares, self.powers = sizes * sizes, level * level
-        self.floor = 1e-3 * median(sizes[sizes != 0])
+        self.floor = 1e-3 * median(sizes[sizes != 0]) if sizes.any() else 0.0
+
+    @property
+    def tell(self) -> bool:
+        """Whether they are enough to tell a size, and any is not 0."""
+        return len(self.sizes) >= 2 * LOUD_SAMPLES and bool(np.any(self.sizes))
 
     def growth(self) -> Growth:
         """Return the growth of the largest likelihood, where that falls enough."""
-        none = float(self._misfits(np.zeros(1), np.ones(1))[0])
+        if not self.tell:
+            return Growth()
+        none = self.misfit()
         coarse = [tried for tried in self._coarsely() if none - tried.misfit > HOPELESS * CHARGE]
         if not coarse:
             return self._of(0.0, 1.0)
@@ -183,6 +201,16 @@ class _Differences:
         best = min(tried, key=lambda own: own.misfit + own.charge - own.usual)
         fall = none - best.misfit - best.charge
         return self._of(best.growth, best.running, bends=best.bends, fall=fall) if fall > 0 else self._of(0.0, 1.0)
+
+    def misfit(self) -> float:
+        """Return -2 log L of Student's t, up to a constant, of a noise that does not grow."""
+        return float(self._misfits(np.zeros(1), np.ones(1))[0])
+
+    def over(self, growth: Growth, share: float = 1.0) -> Differences:
+        """Return them as of a noise that does not grow so, and is no such share."""
+        c, s = np.array([growth.growth]), np.array([growth.running])
+        scale = share * np.sqrt(self._grown(c, s, bends=growth.bends)[0])
+        return Differences(self.sizes / scale, self.left / scale, self.level, self.runs)
 
     def _bent(self, best: _Tried) -> _Tried:
         """Return the likeliest of the other form, which has as many numbers, near one that was tried."""

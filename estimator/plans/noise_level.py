@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from numpy.typing import NDArray
 
 from estimator.conventions import MEDIAN_SIZE, SECOND_DIFFERENCE, STEP_DEVIATION
 from estimator.plans.plan import ChainSpec, Observed, Plan
-from estimator.recordings.quantum import quantum
 from estimator.recordings.samples import median
 from estimator.recordings.sensors import Sensor
 from estimator.recordings.signal_noise import noise_deviation
@@ -17,10 +14,6 @@ from estimator.recordings.signal_noise import noise_deviation
 FloatArray = NDArray[np.float64]
 
 REST_SAMPLES, REST_LIMIT = 50, 10.0  # before the step; times the noise of differences: more is no noise
-TOLD, ERROR = 4.0, 1.1  # standard errors by which noises differ; of a deviation by second differences, times √n
-MEAN_SIZE = float(np.sqrt(2 / np.pi))  # of a normal deviate
-ABOVE_STEP = 0.8  # of a sensor's step: with less noise it depends on where between two steps the signal rests
-ALIKE = 0.2  # of a logarithm: noises that differ by less are one
 
 
 def output_deviations(plan: Plan) -> dict[str, tuple[float, float]]:
@@ -34,31 +27,6 @@ def output_deviations(plan: Plan) -> dict[str, tuple[float, float]]:
         spread = float(np.nanstd(np.concatenate([o.outputs[name] for o in plan.observed])))
         result[name] = (float(noise), spread)
     return result
-
-
-def noise_shares(plan: Plan, compared: Sequence[FloatArray]) -> FloatArray | None:
-    """Return the noise of each recording over that of the noisiest, (n, q), as it is at rest; None: they are alike.
-
-    A sensor is switched to another range, another one is taken. Where a machine runs, its ripple seems to be noise.
-
-    Parameters
-    ----------
-    compared : (rows, q) arrays
-        Samples of each recording; NaN where one is missing, or shown again.
-    """
-    resting = [_at_rest(o, y) for o, rows in zip(plan.observed, compared, strict=True) for y in rows.T]
-    shape = len(plan.observed), len(plan.outputs)
-    noise = np.array([_fluctuation(y) for y in resting]).reshape(shape)
-    steps = np.array([quantum(o.outputs[name]) for o in plan.observed for name in plan.outputs]).reshape(shape)
-    counts = np.maximum(np.array([len(y) for y in resting]).reshape(shape), 1)
-    shares = np.ones(shape)
-    told = (noise > 0) & (noise > ABOVE_STEP * steps) & (counts >= REST_SAMPLES)
-    for j in np.flatnonzero(told.all(axis=0)).tolist():
-        noisiest = int(np.argmax(noise[:, j]))
-        by_chance = TOLD * ERROR * np.sqrt(1 / counts[:, j] + 1 / counts[noisiest, j])
-        share = noise[:, j] / noise[noisiest, j]
-        shares[:, j] = np.where(np.log(share) < -np.maximum(by_chance, ALIKE), share, 1.0)
-    return None if np.all(shares == 1.0) else shares
 
 
 def beside_means(plan: Plan, noise: FloatArray) -> FloatArray:
@@ -96,13 +64,3 @@ def _at_rest(o: Observed, y: FloatArray) -> FloatArray:
         return np.zeros(0)
     rest = y[: o.excitation.index]
     return rest[~np.isnan(rest)]
-
-
-def _fluctuation(y: FloatArray) -> float:
-    """Return a deviation in proportion to that of a resting signal, (n,), also where its sensor is coarse.
-
-    The median of differences that are whole steps is one itself, here this one and there the next.
-    """
-    second = np.abs(y[2:] - 2 * y[1:-1] + y[:-2])
-    typical = min(4 * median(second), float(np.mean(second))) if len(second) else 0.0  # outliers are few and large
-    return typical / MEAN_SIZE / SECOND_DIFFERENCE
