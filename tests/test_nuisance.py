@@ -73,6 +73,18 @@ def test_offsets_are_found_and_estimated(case_of, brief):
     assert worst(result) < 5
 
 
+def test_recordings_may_be_numbered_by_the_mark_that_numbers_coefficients(case_of):
+    runs = []
+    for k, offset in ((1, 0.05), (2, -0.03)):
+        alone = step_recording(CML050, noise=(0.02, 1.0), seed=k, lead=0.4, duration=1.2)
+        shifted = with_signals(alone, current=alone.signals["current"] + offset)
+        runs.append(dataclasses.replace(shifted, name=f"run #{k}"))
+    result = run(case_of(), *runs)
+    assert result.chain["offset i run №1"].value == pytest.approx(0.05, abs=0.01)
+    assert result.chain["offset i run №2"].value == pytest.approx(-0.03, abs=0.01)
+    assert worst(result) < 5
+
+
 @pytest.mark.parametrize("samples", [pytest.param(2, marks=pytest.mark.full), 4])
 def test_a_logger_that_averages_is_found_out(case_of, brief, samples):
     """A mean of two samples is as well told as half a sample's delay of that channel; one of four is not."""

@@ -417,8 +417,11 @@ def _show_through(acts: Sequence[tuple[Nuisance, float]], fine: FloatArray, show
 
 
 def per_recording(plan: Plan, kind: str) -> Sequence[str]:
-    """Return the names of a nuisance parameter of each recording; the plain name if there is one recording."""
+    """Return the names of a nuisance parameter of each recording; the plain name if there is one recording.
+
+    No name of a recording holds the mark behind which a fit numbers the coefficients of one group, #.
+    """
     if len(plan.observed) == 1:
         return [kind]
-    names = [o.recording.name for o in plan.observed]
+    names = [o.recording.name.replace("#", "№") for o in plan.observed]
     return [f"{kind} {n if names.count(n) == 1 else k + 1}" for k, n in enumerate(names)]
