@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 from dry_friction import DryMotor
-from motors import CML050, recording_of
+from motors import CML050, held_response, recording_of
 
 from estimator.cases.case_signals import RunSpec
 from estimator.estimating.estimate import estimate_recordings
@@ -65,6 +65,18 @@ def test_a_motor_whose_circuit_is_open_coasts_before_its_voltage(case_of):
     found = estimated(case_of, VOLTAGE, shown)
     assert {"coasting", "motion before the voltage"} <= set(found.effects), (found.effects, found.reasons)
     assert worst(found, truth) < 4.5
+
+
+def test_a_recording_at_rest_whose_sensor_has_an_offset_does_not_move_twice(case_of):
+    """It looks as if it coasted: its motion was simulated and, as behind an open circuit, in columns, too."""
+    voltage = np.where(np.arange(1500) >= 300, 10.5, 0.0)
+    rows, offset = np.arange(800), 5.0
+    still = recording_of("rest", STEP * rows, 0.0 * rows, np.tile([0.0, offset], (800, 1)), noise=(0.02, 1.0), seed=1)
+    shown = held_response(CML050, voltage, step=STEP)
+    step = recording_of("step", STEP * np.arange(1500), voltage, shown, noise=(0.02, 1.0), seed=1)
+    (found,) = estimate_recordings([case_of("cuckoo")], [[still, step]])
+    assert found.chain["offset w rest"].value == pytest.approx(offset, abs=0.2)
+    assert worst(found, CML050.parameters) < 4.5
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.01])

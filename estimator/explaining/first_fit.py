@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 
@@ -77,13 +77,15 @@ class FirstFit:
         for start in starts:
             begun = dict(zip(s.plan.names, start.tolist(), strict=True))
             for held in ([], *self._held_together(far)):
-                additions = [a for e, known in own for a in _seen(e, known, s)]
-                simulator = s
+                additions, simulator = list[Addition](), s
                 for e, known in held:
                     rival = self.tests.rivals(e.fmu)
                     if rival is not None and set(known) <= set(rival.index):
                         simulator = rival
                         additions += _seen(e, known, rival)
+                beside = {a.name for a in additions}
+                alone = [a for e, known in own for a in _seen(e, known, s) if not _excludes(s, a.name, beside)]
+                additions = [*alone, *additions]
                 names = {n for a in additions for n in (a.name, *a.free)}
                 values = {n: v for _, known in (*own, *held) for n, v in known.items() if n in names}
                 free = (*s.plan.names, *self.always, *(n for a in additions for n in a.free))
@@ -100,8 +102,7 @@ class FirstFit:
         """Return what is seen of another FMU, in two parts where one thing excludes another; nothing: none is seen."""
         for one, other in itertools.permutations(far, 2):
             rival = self.tests.rivals(one[0].fmu)
-            excluded = () if rival is None else tuple(x for n in one[1] for x in _excluded(rival, n))
-            if any(n.startswith(excluded or "?") for n in other[1]):
+            if rival is not None and any(_excludes(rival, n, other[1]) for n in one[1]):
                 return [[seen for seen in far if seen is not gone] for gone in (one, other)]
         return [list(far)] if far else []
 
@@ -131,9 +132,10 @@ class FirstFit:
         return explanation.criterion(n) - sum(a.penalty(n) + SEEN for a in explanation.additions if is_switch(a))
 
 
-def _excluded(simulator: Simulator, name: str) -> tuple[str, ...]:
-    """Return beside what a nuisance parameter makes no sense."""
-    return simulator.nuisance(name).excludes if name in simulator.index else ()
+def _excludes(simulator: Simulator, name: str, others: Collection[str]) -> bool:
+    """Whether a nuisance parameter makes no sense beside one of others."""
+    excluded = simulator.nuisance(name).excludes if name in simulator.index else ()
+    return any(other.startswith(excluded) for other in others) if excluded else False
 
 
 def _seen(effect: Effect, known: Mapping[str, float], simulator: Simulator) -> list[Addition]:
