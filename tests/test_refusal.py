@@ -11,7 +11,10 @@ from motors import CML050, RMCS2004, Motor, held_response, recording_of, step_re
 from estimator.cases.case import OutputSpec, ParameterSpec
 from estimator.estimating.estimate import estimate_recordings
 from estimator.explaining.adequacy import Failure
+from estimator.fmus.fmu import describe
+from estimator.judging.lost_signs import lost_signs
 from estimator.judging.misfit import unexplained
+from estimator.plans.planning import plan_case
 
 pytestmark = pytest.mark.usefixtures("shared_workers")
 
@@ -109,6 +112,14 @@ def test_a_speed_or_a_voltage_without_its_sign_where_the_motor_turns_back(case_o
         refused(case_of, made(np.abs(voltage), shown), "but the voltage is never negative")
     short = np.repeat([0.0, 10.0, -8.0, 10.0], [200, 200, 8, 200])  # too short to turn the motor back
     assert run(case_of(), made(short, held_response(CML050, short, step=1e-3))).verdict == "ok"
+
+
+def test_a_speed_below_zero_beside_no_voltage_is_an_offset_and_no_lost_sign(case_of, good):
+    """A recording at rest, beside others, tells the offset of each sensor; that of a speed may be negative."""
+    rest = made(np.zeros(800), np.tile([0.0, -5.0], (800, 1)), noise=(0.02, 1))
+    case = case_of()
+    plan = plan_case(case, describe(case.fmu), recordings=[rest, made(*good, noise=(0.02, 1))])
+    assert [lost_signs(o) for o in plan.observed] == [[], []]
 
 
 def test_a_heavy_rotor_that_a_short_reversal_only_slows_down_has_its_sign(case_of):

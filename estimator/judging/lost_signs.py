@@ -40,8 +40,9 @@ def _of_direction(o: Observed) -> list[str]:
     if float(np.min(w)) >= least:
         steady = [rows for rows in _driven_backwards(v) if _runs_steadily(w[rows], largest)]
         name, signal, other = "w", "speed", f"the voltage goes down to {np.min(v):.4g} V"
-    elif float(np.min(v)) >= 0:
-        steady = [rows for rows in _driven_backwards(w) if _runs_steadily(-w[rows], largest)]
+    elif float(np.min(v)) >= 0:  # what lost its sign is no voltage of none
+        driven = [rows for rows in _driven_backwards(w) if median(v[rows]) > PLAINLY_DRIVEN * float(np.max(v))]
+        steady = [rows for rows in driven if _runs_steadily(-w[rows], largest)]
         name, signal, other = "v", "voltage", f"the speed goes down to {np.min(w):.4g} rad/s"
     else:
         return []
