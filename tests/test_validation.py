@@ -109,6 +109,15 @@ def test_the_chance_of_recordings_of_the_motor_itself_is_uniform(made):
     assert min(chances) > 1e-3 and kstest(chances, "uniform").pvalue > 0.01
 
 
+def test_a_recording_in_which_nothing_moves_tests_no_parameter(made):
+    """It said: chi-square 0 of 0 degrees of freedom, by chance 1."""
+    case, result = made
+    rest, noise = np.zeros(500), 0.02 * np.random.default_rng(1).standard_normal(500)
+    columns = {"voltage [V]": rest, "current [A]": noise, "speed [rad/s]": 50 * noise[::-1]}
+    found = validated(result, case, recordings=[recording_from_arrays("rest", 1e-3 * np.arange(500), columns)])
+    assert found.verdict == result.verdict and found.validation.others is None
+
+
 def test_an_offset_of_the_estimate_is_fitted_to_a_speed_of_few_digits_too(made):
     case, found = made
     chain = dict(found.chain) | {"offset w": dataclasses.replace(found.parameters["K"], value=-40.0, unit="rad/s")}

@@ -59,6 +59,8 @@ def other_values(held: Fit, estimate: Estimate) -> OtherValues | None:
     scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
     told, directions = np.linalg.eigh(information / np.outer(scale, scale))
     seen = told > LEAST_EIGENVALUE * told[-1]
+    if not seen.any():  # a recording in which nothing moves
+        return None
     along = directions[:, seen].T * scale
     difference = along @ apart
     both = np.diag(1 / told[seen]) + along @ covariance @ along.T
