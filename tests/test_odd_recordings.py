@@ -158,7 +158,7 @@ def test_a_signal_that_is_known_in_part_tells_what_it_tells(measured, case_of, c
 
 
 def test_the_paper_needs_the_last_samples(measured, case_of):
-    with pytest.raises(InputError, match="i = nan A.*use method 'cuckoo'"):
+    with pytest.raises(InputError, match="method 'paper' needs the current of the last samples; use method 'cuckoo'"):
         run(case_of("paper"), without(measured, "current", slice(900, None)))
 
 
@@ -282,3 +282,12 @@ def test_an_angle_that_begins_again_after_each_turn_accuses_no_speed(shown, meas
         result = run(case_of(), recording_from_arrays("wrapped", measured.time, columns))
         assert result.verdict == verdict
     assert "the speed is shown with a gain of 1.1" in result.reasons[0]
+
+
+def test_a_current_that_ends_with_the_transient_has_no_settled_mean(case_of, measured):
+    """It was told as nan A."""
+    ends = changed(measured, current=np.where(np.arange(N) < AT + 60, measured.signals["current"], np.nan))
+    result = run(case_of(), ends)
+    assert result.verdict == "ok" and worst(result) < 5
+    (settled,) = [note for note in result.notes if note.startswith("settled from")]
+    assert "v = 10.5 V, w = " in settled and "nan" not in settled

@@ -346,7 +346,8 @@ def _notes(plan: Plan, steady: Steady | None) -> tuple[str, ...]:
         counts = [f"{np.sum(~np.isnan(y))} of {name}" for name, y in o.outputs.items()]
         notes.append(f"{title}: samples: {', '.join(counts)}")
     if steady is not None and steady.settling.settled:
-        t = plan.observed[0].recording.time[steady.settling.start]
-        state = steady.state
-        notes.append(f"settled from t = {t:.6g} s: v = {state.v:.6g} V, i = {state.i:.6g} A, w = {state.w:.6g} rad/s")
+        t, state = plan.observed[0].recording.time[steady.settling.start], steady.state
+        means = (("v", state.v, "V"), ("i", state.i, "A"), ("w", state.w, "rad/s"))  # NaN: no sample is there
+        told = ", ".join(f"{name} = {mean:.6g} {unit}" for name, mean, unit in means if np.isfinite(mean))
+        notes.append(f"settled from t = {t:.6g} s: {told}")
     return tuple(notes)

@@ -83,6 +83,8 @@ def paper_space(plan: Plan, box: Box) -> Space:
     if len(plan.observed) > 1:
         raise InputError("method 'paper' takes one recording; use method 'cuckoo' for several")
     state = last_samples(observed.inputs["v"], observed.outputs["i"], observed.outputs["w"])
+    if missing := [title for title, mean in (("current", state.i), ("speed", state.w)) if np.isnan(mean)]:
+        raise InputError(f"method 'paper' needs the {missing[0]} of the last samples; use method 'cuckoo'")
     bounds = {p.name: (p.lower, p.upper) for p in plan.parameters}
     feasible = state.feasible_constant(R=bounds["R"], K=bounds["K"], B=bounds["B"]) if state.is_usable else None
     if feasible is None:
