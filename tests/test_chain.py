@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from motors import CML050, NAMES, write_recording
+from motors import CML050, NAMES, step_recording, write_recording
 from scipy import linalg, signal
 
 import estimator
@@ -251,6 +251,16 @@ def test_a_declared_quantum_is_its_noise():
     plans = [plan_case(with_outputs(w=spec), describe("dc_motor"), recordings=[recorded(RUN)]) for spec in ({}, SEEN)]
     plain, declared = (output_deviations(plan)["w"][0] for plan in plans)
     assert plain < 1.5 and declared == pytest.approx(SEEN["quantum"] / np.sqrt(12))
+
+
+def test_a_short_recording_beside_a_long_one_hardly_counts_for_their_noise(case_of):
+    """Twelve rows about a step seem to be as noisy as the step is steep, and were half of what was told of both."""
+    case, long = case_of(), step_recording(CML050, noise=(0.002, 1.0), seed=1)
+    columns = {f"{name} [{long.units[name]}]": x[498:510] for name, x in long.signals.items()}
+    short = recording_from_arrays("short", long.time[498:510], columns)
+    plans = [plan_case(case, describe(case.fmu), recordings=own) for own in ([short], [long, short])]
+    alone, both = (output_deviations(plan)["i"][0] for plan in plans)
+    assert both < 0.1 * alone  # it was seven tenths
 
 
 def sag(t):

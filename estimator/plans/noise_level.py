@@ -17,13 +17,17 @@ REST_SAMPLES, REST_LIMIT = 50, 10.0  # before the step; times the noise of diffe
 
 
 def output_deviations(plan: Plan) -> dict[str, tuple[float, float]]:
-    """Return, for each output, the deviation of its noise as the data show it, and of the signal itself."""
+    """Return, for each output, the deviation of its noise as the data show it, and of the signal itself.
+
+    Of several recordings each counts as many times as it has samples.
+    """
     result = {}
     for name in plan.outputs:
         chain = plan.chains.get(name, ChainSpec())
         least = chain.quantum / STEP_DEVIATION
         shown = [max(_noise(o, name), least) * _smoothing(chain, o.recording.step) for o in plan.observed]
-        noise = np.sqrt(np.mean(np.square(shown)))
+        counts = np.maximum([np.count_nonzero(~np.isnan(o.outputs[name])) for o in plan.observed], 1)
+        noise = np.sqrt(np.average(np.square(shown), weights=counts))
         spread = float(np.nanstd(np.concatenate([o.outputs[name] for o in plan.observed])))
         result[name] = (float(noise), spread)
     return result
