@@ -94,6 +94,18 @@ def test_a_sensor_that_is_late_has_the_noise_of_what_the_machine_does_already(ro
     np.testing.assert_array_equal(soon[:, 0], np.abs(shown[:, 0]))
 
 
+def test_a_signal_of_each_recording_is_late_by_rows_of_its_own():
+    fit = fit_of(acts(partial(through, lag)), values=[2 * STEP])
+    fit.simulator.outputs = ("w",)
+    steps = (STEP, STEP / 4)
+    fit.simulator.clocks = [SimpleNamespace(step=h, rows=slice(20 * e, 20 * e + 20)) for e, h in enumerate(steps)]
+    shown = np.zeros((40, 1))
+    shown[[15, 35]] = 1.0
+    soon = soon_shown(fit.simulator, fit.value, shown)
+    assert np.flatnonzero(soon[:20]).tolist() == [13, 14, 15]
+    assert np.flatnonzero(soon[20:]).tolist() == [*range(7, 16)]
+
+
 def test_a_mean_over_the_interval_is_not_late_enough_to_matter():
     fit = fit_of(acts(mean_over_interval), values=[1])
     fit.simulator.outputs = ("w",)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable
 
 import numpy as np
@@ -59,16 +58,15 @@ def acting(s: Simulator, value: Value, output: str) -> list[tuple[Act, float]]:
 
 def soon_shown(s: Simulator, value: Value, shown: FloatArray) -> FloatArray:
     """Return the largest size of each signal, (rows, q), from a row to that in which its sensor shows what happens."""
-    late = np.zeros(shown.shape[1], dtype=np.int64)
-    for j, output in enumerate(s.outputs):
-        late[j] = int(np.ceil(sum(lateness(s, value, output)) / s.clocks[0].step - SMALL))
-    if not (late > 0).any():
+    late = np.array([sum(lateness(s, value, output)) for output in s.outputs])
+    rows = np.array([np.ceil(late / clock.step - SMALL) for clock in s.clocks], dtype=np.int64)
+    if not (rows > 0).any():
         return shown
     shown = np.abs(shown)
-    for clock, j in itertools.product(s.clocks, np.flatnonzero(late > 0).tolist()):
-        own, left = shown[clock.rows, j], int(late[j])
+    for e, j in zip(*np.nonzero(rows > 0), strict=True):
+        own, left = shown[s.clocks[e].rows, j], int(rows[e, j])
         while left > 0 and len(own) > 1:  # the largest of 2, 4, 8 rows, and of those that are left
-            by = min(left, late[j] - left + 1, len(own) - 1)
+            by = min(left, rows[e, j] - left + 1, len(own) - 1)
             own[:-by] = np.fmax(own[:-by], own[by:])
             left -= by
     return shown
