@@ -87,6 +87,7 @@ def test_time_that_stands_still_is_named() -> None:
 def test_half_a_digit_follows_the_print() -> None:
     half = half_last_digit(["0", "0.5", "1.25", "2", "12.5", "1e-3", "2.50e-3"], 7)
     assert half == pytest.approx([0.5e-5, 0.05, 0.005, 0.005, 0.05, 0.5e-5, 0.5e-5])
+    assert half_last_digit(["999.5", '"1,000.25"', "-1.001,5"], 3) == pytest.approx([0.05, 0.005, 0.005])
 
 
 @settings(max_examples=200, deadline=None)

@@ -246,6 +246,7 @@ def half_last_digit(cells: Iterable[str], n: int) -> FloatArray:
     decade = np.zeros(n)
     for k, cell in enumerate(cells):
         text = cell.strip().strip('"').replace(",", ".").lower()
+        text = text.replace(".", "", text.count(".") - 1)  # the last mark; those before it part thousands
         mantissa, _, exponent = text.partition("e")
         _, _, decimals = mantissa.partition(".")
         digits[k] = len(decimals) - int(exponent or 0)
