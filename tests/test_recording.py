@@ -302,6 +302,15 @@ def test_thousands_are_parted_where_both_marks_say_so(cell: str, mark: str, deli
     assert speeds(tmp_path, cell, mark=mark, delimiter=delimiter) == [9.5] * 19 + [1040.2]
 
 
+@pytest.mark.parametrize("mark", ["'", "’", "\u00a0", "\u202f"])
+def test_what_is_never_a_decimal_mark_parts_thousands(mark: str, tmp_path: Path) -> None:
+    assert speeds(tmp_path, f"−1{mark}040,2", mark=",", delimiter=";") == [9.5] * 19 + [-1040.2]
+    times = 900 + 10 * np.arange(N) + np.random.default_rng(1).uniform(-1, 1, N)
+    rows = [";".join((f"{t:,.2f}", *row.split(",")[1:])).replace(",", mark) for t, row in zip(times, ROWS, strict=True)]
+    recording = read(tmp_path, "\n".join([HEADER.replace(",", ";").replace("[s]", "[ms]", 1), *rows]))
+    assert not recording.even and recording.time[-1] == pytest.approx(times[-1] / 1e3, abs=1e-5)
+
+
 def test_thousands_are_parted_in_times_that_jitter_too(tmp_path: Path) -> None:
     """How many digits they have was asked of a text that float does not take: an internal error."""
     times = 900 + 10 * np.arange(N) + np.random.default_rng(1).uniform(-1, 1, N)

@@ -19,6 +19,8 @@ _THOUSANDS = {  # decimal mark → a number in which the other one parts thousan
     ".": re.compile(r"[-+]?\d{1,3}(?:,\d{3})+\.\d+"),
     ",": re.compile(r"[-+]?\d{1,3}(?:\.\d{3})+,\d+"),
 }
+_BETWEEN_THOUSANDS = dict.fromkeys(map(ord, "'’\u00a0\u202f"))
+_GROUPED = re.compile(r"[-+]?\d{1,3}(?:['’\u00a0\u202f]\d{3})+(?:[.,]\d+)?")  # as in Switzerland and France: no doubt
 _INSTANTS = re.compile(r"\d{1,4}([./-])\d{1,2}\1\d{1,4}\b|\d{1,2}:\d{2}(?::\d{2}(?:[.,]\d+)?)?")  # dates, times of day
 _NOTHING = re.compile(r"(?!)")
 _TOKENS = re.compile(r'"[^"]*"|\S+')
@@ -71,8 +73,15 @@ def shortened(line: str) -> str:
     return line if len(line) <= 40 else line[:39] + "…"
 
 
+def ungrouped(text: str) -> str:
+    """Return a number's text without what parts its thousands, and is never a decimal mark."""
+    return text.translate(_BETWEEN_THOUSANDS)
+
+
 def number_in(text: str, decimal: str) -> float | None:
     """Return the finite number that a text is, by its decimal mark; None where it is none."""
+    if _GROUPED.fullmatch(text):
+        text = ungrouped(text)
     if _THOUSANDS[decimal].fullmatch(text):
         text = text.replace("." if decimal == "," else ",", "")
     if "_" in text or (decimal == "," and "." in text):

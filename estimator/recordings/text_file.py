@@ -10,13 +10,14 @@ from pathlib import Path
 from estimator.errors import RecordingError
 from estimator.recordings.suffixes import SUFFIXES
 
+_MINUS = "\u2212"  # as spreadsheets write it in the north of Europe
 _CONTROL = bytes(set(range(32)) - set(b"\t\n\v\f\r\x1a\x1b"))  # never in a text
 _TIMES = {word.encode(code): code for word, code in (("时间", "gb18030"), ("時間", "big5"), ("時間", "shift_jis"))}
 _HEAD = 4096  # bytes within which a word for the time tells how a Chinese or Japanese file is written
 
 
 def read_text(path: Path) -> tuple[str, str]:
-    """Return a file's text, its lines ended by line feeds, and how it is written."""
+    """Return a file's text, its lines ended by line feeds, its minus signs hyphens, and how it is written."""
     try:
         data = path.read_bytes()
     except FileNotFoundError:
@@ -39,6 +40,7 @@ def read_text(path: Path) -> tuple[str, str]:
             text = data.decode(encoding)
         except UnicodeDecodeError:
             continue
+        text = text.replace(_MINUS, "-")
         return (text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text), encoding
     raise RecordingError(f"{path.name} begins as UTF-16 text and is none; export the recording as CSV in UTF-8")
 

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from estimator.errors import RecordingError
 from estimator.recordings.samples import median
+from estimator.recordings.text_cells import ungrouped
 from estimator.recordings.units import FloatArray
 
 OFF_GRID = 0.01  # of the step: further off is no uniform grid
@@ -245,7 +246,7 @@ def half_last_digit(cells: Iterable[str], n: int) -> FloatArray:
     digits = np.zeros(n)
     decade = np.zeros(n)
     for k, cell in enumerate(cells):
-        text = cell.strip().strip('"').replace(",", ".").lower()
+        text = ungrouped(cell.strip().strip('"').replace(",", ".").lower())
         text = text.replace(".", "", text.count(".") - 1)  # the last mark; those before it part thousands
         mantissa, _, exponent = text.partition("e")
         _, _, decimals = mantissa.partition(".")
