@@ -1,6 +1,8 @@
 """Torques that wander more slowly than a recording shows: as possible as the one that it does, and B holds them."""
 
 import dataclasses
+import itertools
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,6 +10,7 @@ from fine_motor import MOTOR, bench, off
 
 from estimator import estimate_parameters
 from estimator.explaining import wandering_torque
+from estimator.explaining.parameter_drift import friction_variance
 from estimator.noise.noise_model import NoiseModel
 
 COMMAND = np.repeat([0.0, 9.0], [100, 500])
@@ -37,6 +40,26 @@ def test_a_short_recording_knows_b_no_better_than_slower_torques_let_it(monkeypa
         assert off(result).max() < 4.5
         bars.append(result.parameters["B"].standard_error)
     assert bars[0] > 1.02 * bars[1], bars
+
+
+def friction_of(*speeds):
+    """Return the variance of ln B by a torque of 2e-4 N.m that wanders over 0.3 s, of recordings at 1 kHz."""
+    ends = np.cumsum([0, *map(len, speeds)])
+    rows = [slice(first, last) for first, last in itertools.pairwise(ends.tolist())]
+    clocks = [SimpleNamespace(rows=own, step=1e-3) for own in rows]
+    plan = SimpleNamespace(names=("B",))
+    simulator = SimpleNamespace(outputs=("w",), clocks=clocks, plan=plan, log=[True])
+    whitener = SimpleNamespace(noise=SimpleNamespace(torque=(2e-4, 0.3)), moving=np.ones(ends[-1], dtype=bool))
+    shown = np.concatenate(speeds)[:, None]
+    return friction_variance(SimpleNamespace(simulator=simulator, whitener=whitener, shown=shown, values=[1e-4]))
+
+
+def test_a_recording_that_tells_little_of_b_takes_nothing_of_what_another_tells():
+    """Twelve slow rows beside a second at full speed made the standard error of B five times as large."""
+    fast, brief = np.full(1000, 200.0), np.full(12, 10.0)
+    alone = friction_of(fast)
+    assert friction_of(fast, fast) == pytest.approx(alone / 2)
+    assert alone * 0.99 < friction_of(fast, brief) < alone
 
 
 def test_the_usual_torque_is_that_of_friction_also_where_it_is_always_driven_elsewhere():

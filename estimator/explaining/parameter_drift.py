@@ -46,18 +46,21 @@ def friction_variance(fit: Fit) -> float:
 
     To the noise that is a torque of one size, which a speed that changes fast tells from B w. But it is the friction
     itself that wanders, B with it: the mean of an Ornstein-Uhlenbeck process over a time T has the variance
-    s^2 2 (u - u^2 (1 - exp(-1 / u))), u its time constant over T (Gillespie 1996).
+    s^2 2 (u - u^2 (1 - exp(-1 / u))), u its time constant over T (Gillespie 1996). Each recording has a mean of
+    its own, and tells B by the square of its speed, over the time that it lasts.
     """
     deviation, tau = fit.whitener.noise.torque
     if deviation == 0 or "w" not in fit.simulator.outputs:
         return 0.0
-    w, parts = fit.shown[:, fit.simulator.outputs.index("w")], []
+    w, parts, tells = fit.shown[:, fit.simulator.outputs.index("w")], [], []
     for clock in fit.simulator.clocks:
         runs = w[clock.rows][fit.whitener.moving[clock.rows]]
         if runs.any():
             u = tau / (len(runs) * clock.step)
             parts.append(2 * (u - u * u * (1 - np.exp(-1 / u))) / float(np.mean(runs**2)))
-    variance = deviation**2 * float(np.mean(parts)) / len(parts) if parts else 0.0
+            tells.append(clock.step * float(runs @ runs))
+    shares = np.array(tells) / max(sum(tells), 1e-300)
+    variance = deviation**2 * float(shares**2 @ np.array(parts))
     return variance / _scale(fit, fit.simulator.plan.names.index("B")) ** 2
 
 
