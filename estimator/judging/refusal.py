@@ -127,6 +127,7 @@ def _contradicted(o: Observed) -> list[str]:
         return []
     tail = max(5, (len(o.recording.time) - o.excitation.index) // 10)
     v = float(np.mean(o.inputs["v"][-tail:]))
+    settled = find_settling(o.excitation, o.outputs, interval=o.recording.step).settled
     reasons: list[str] = []
     for name, what, unit in (("i", "current", "A"), ("w", "speed", "rad/s")):
         y = o.outputs.get(name)
@@ -135,7 +136,9 @@ def _contradicted(o: Observed) -> list[str]:
         rest = y[: o.excitation.index] if o.excitation.before == 0 and not o.excitation.running else y[:0]
         zero = float(np.nanmean(rest)) if np.count_nonzero(~np.isnan(rest)) >= ALIKE_SAMPLES else 0.0
         final, noise = float(np.nanmean(y[-tail:])) - zero, noise_deviation(y)
-        if final * v < 0 and abs(final) > 6 * noise and abs(final) > 0.02 * float(np.nanmax(np.abs(y))):
+        after = y[o.excitation.index :] - zero
+        swings = not settled and float(np.nansum(after)) * v > 0  # as a large motor's current beyond its speed's peak
+        if final * v < 0 and abs(final) > 6 * noise and abs(final) > 0.02 * float(np.nanmax(np.abs(y))) and not swings:
             reasons.append(
                 Reason(
                     f"{o.recording.title}: at the end the {what} is {final:.4g} {unit} under {v:.4g} V, which no motor"

@@ -17,6 +17,7 @@ NOT_TOLD = 0.1  # counts: where more are possible one of them is whole by chance
 QUADRATURE = (
     4  # edges of an encoder's two channels a line: nearly all counts a turn are a multiple, by chance one of four
 )
+FINE = 5000  # counts a turn: more come of an encoder's two channels
 SIGNIFICANT = (6, 5, 4, 3)  # digits behind the first that values are printed with, which is 1 where they are off most
 EXACT, HALF = 1e-4, 0.51  # of a step: all digits are there, of single precision too; of a digit, that a value is off
 MADE_UP, MADE_UP_ROWS = 0.8, 300  # a ratio of variances; rows that tell it to a tenth
@@ -45,9 +46,10 @@ def counts_a_turn(speeds: Sequence[FloatArray], intervals: Sequence[float]) -> f
         turn = 2 * np.pi / interval
         low, high = max(low, turn / largest - WHOLE), min(high, turn / smallest + WHOLE)
     whole = np.arange(np.ceil(low), np.floor(high) + 1) if low <= high else np.zeros(0)
-    if len(whole) == 0 or high - low < NOT_TOLD:
-        return float(whole.sum())
-    if high - low < QUADRATURE * NOT_TOLD and whole[0] % QUADRATURE == 0:
+    if len(whole) == 0:
+        return 0.0
+    likely = QUADRATURE if whole[0] % QUADRATURE == 0 else 1.0 if whole[0] <= FINE else 0.0
+    if high - low < likely * NOT_TOLD:
         return float(whole[0])
     turned = [w * interval * whole.mean() / (2 * np.pi) for w, interval in zip(speeds, intervals, strict=True)]
     return float(whole.mean()) if all(is_made_up_for(counts) for counts in turned) else 0.0

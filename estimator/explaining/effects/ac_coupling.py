@@ -33,7 +33,7 @@ class AcCoupling(Effect):
     """A high-pass of first order in the current's channel: the inverse of its time constant, 1/s."""
 
     name: str = "AC coupling"
-    prior: float = SELDOM
+    prior: float = SELDOM / 10  # where it is meant to show a motor
 
     def nuisances(self, plan: Plan) -> Sequence[Nuisance]:
         """Return that of the current without a declared filter, where no recording is long or begins in motion."""
