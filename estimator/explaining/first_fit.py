@@ -71,7 +71,6 @@ class FirstFit:
         """Return the best first fit: from every start, with and without effects that are seen before a fit."""
         s = self.tests.base
         seen = [(e, e.at_first_sight(s.plan)) for e in self.effects]
-        own = [(e, {n: v for n, v in known.items() if n in s.index}) for e, known in seen if not e.fmu]
         far = [(e, known) for e, known in seen if e.fmu and known]
         tried = []
         for start in starts:
@@ -84,7 +83,9 @@ class FirstFit:
                         simulator = rival
                         additions += _seen(e, known, rival)
                 beside = {a.name for a in additions}
-                alone = [a for e, known in own for a in _seen(e, known, s) if not _excludes(s, a.name, beside)]
+                own = [(e, {n: v for n, v in known.items() if n in simulator.index}) for e, known in seen if not e.fmu]
+                alone = [a for e, known in own for a in _seen(e, known, simulator)]
+                alone = [a for a in alone if not _excludes(simulator, a.name, beside)]
                 additions = [*alone, *additions]
                 names = {n for a in additions for n in (a.name, *a.free)}
                 values = {n: v for _, known in (*own, *held) for n, v in known.items() if n in names}

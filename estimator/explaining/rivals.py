@@ -86,7 +86,8 @@ def _likelier(selection: Selection, explanation: Explanation, others: Sequence[E
     rivals = _nearest(selection, explanation, others)
     sound = [r for r in rivals if not any(a.effect.doubt and a.name not in own for a in r.additions)]
     sound = [r for r in sound if _tells(r) >= _tells(explanation)]
-    excess = explanation.excess(n)
+    excess, most = explanation.excess(n), explanation.evidence(n) + RIVALS_WITHIN
+    sound = [r for r in sound if r.evidence(n) < most]  # what it finds may be of a size that hardly any bench has
     best = min(sound, key=lambda e: e.criterion(n, excess), default=explanation)
     is_likelier = best.criterion(n, excess) <= explanation.criterion(n, excess) - excess * EXCHANGED
     return best if is_likelier else None

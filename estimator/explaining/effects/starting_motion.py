@@ -26,8 +26,8 @@ class StartingMotion(Effect):
 
     Of a recording that begins within a response, and in an FMU with modes, they are where the simulation begins, if the
     FMU is one of the package's: what moves is as large as the signals, so that its derivatives count, and dry friction
-    brakes it. Elsewhere they are columns, and so beside a drive that opens the circuit at no voltage, as it may begin
-    to do so with the first voltage only: the current before it tells.
+    brakes it. Elsewhere they are columns, and so beside a drive that opens the circuit at no voltage, where a current
+    flows in the first rows: it begins to open it with the first voltage only.
     """
 
     name: str = "motion before the voltage"
@@ -40,17 +40,13 @@ class StartingMotion(Effect):
         s = fit.simulator
         if motor_values(fit) is None:
             return ()
-        names = per_recording(s.plan, self.name)
-        coasts = [opens_circuit(fit, e) for e in range(len(s.clocks))]
-        if names[0] in s.index and not any(coasts):
-            return ()
         found = []
-        for o, clock, name, opens in zip(s.observed, s.clocks, names, coasts, strict=True):
-            if not (o.lead or o.at_rest):
-                before_voltage = np.asarray(np.cumsum(o.inputs["v"] != 0) == 0)
-                opens_first = opens and coasts_in(o, before_voltage)
-                units = (UNITS["w"],) if opens_first else (UNITS["w"], UNITS["i"])  # no current flows then
-                columns = free_motion(fit, clock, opens_first=opens_first)[:, :, : len(units)]
+        for e, (o, clock, name) in enumerate(zip(s.observed, s.clocks, per_recording(s.plan, self.name), strict=True)):
+            opens, opens_first = opens_circuit(fit, e), _coasts_first(o)
+            is_simulated = name in s.index and (opens_first or not opens)
+            if not (o.lead or o.at_rest or is_simulated):
+                units = (UNITS["w"],) if opens and opens_first else (UNITS["w"], UNITS["i"])  # no current flows then
+                columns = free_motion(fit, clock, opens_first=opens and opens_first)[:, :, : len(units)]
                 if len(s.clocks) > 1:
                     own, columns = columns, np.zeros((s.rows, len(s.outputs), len(units)))
                     columns[clock.rows] = own
@@ -58,11 +54,15 @@ class StartingMotion(Effect):
         return found
 
     def at_first_sight(self, plan: Plan) -> Mapping[str, float]:
-        """Return speed and current in the first row of recordings that begin within a response."""
+        """Return speed and current in the first row of recordings that begin within a response, or with an open circuit."""
         found: dict[str, float] = {}
         for o, name in zip(plan.observed, per_recording(plan, self.name), strict=True):
-            if o.is_underway and set(UNITS) <= set(o.outputs):
-                first = _first(o)
+            if not set(UNITS) <= set(o.outputs):
+                continue
+            first = _first(o)
+            if _coasts_first(o):
+                found |= {name: first["w"]}
+            elif o.is_underway:
                 found |= {name: first["w"], f"{name}#1": first["i"]}
         return found
 
@@ -79,17 +79,26 @@ class StartingMotion(Effect):
         largest = {y: plan.largest(y) for y in UNITS}
         found: list[Nuisance] = []
         for e, (o, name) in enumerate(zip(plan.observed, per_recording(plan, self.name), strict=True)):
-            names = {"w": name, "i": f"{name}#1"}
+            names, opens = {"w": name, "i": f"{name}#1"}, _coasts_first(o)
+            if opens:  # no current flows
+                del names["i"]
             first = _first(o)
+            together = {own: first[y] for y, own in names.items() if y != "w"}
             for y, own in names.items():
                 reach, is_tried = MOST * largest[y], y == "w" and first[y] != 0 and not (o.lead or o.at_rest)
                 found.append(
                     Nuisance(
                         own, UNITS[y], -reach, reach, 0.0, SIZE * largest[y], target=y, recording=e,
-                        tries=(first[y],) if is_tried else (), together=({names["i"]: first["i"]},), excludes=(COASTS,),
+                        tries=(first[y],) if is_tried else (), together=(together,),
+                        excludes=() if opens else (COASTS,),
                     )
                 )  # fmt: skip
         return found
+
+
+def _coasts_first(o: Observed) -> bool:
+    """Whether a motor is seen to turn before its first voltage, without a current."""
+    return coasts_in(o, np.asarray(np.cumsum(o.inputs["v"] != 0) == 0))
 
 
 def _first(o: Observed) -> dict[str, float]:
