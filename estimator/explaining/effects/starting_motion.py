@@ -54,7 +54,7 @@ class StartingMotion(Effect):
         return found
 
     def at_first_sight(self, plan: Plan) -> Mapping[str, float]:
-        """Return speed and current in the first row of recordings that begin within a response, or with an open circuit."""
+        """Return speed and current in the first row of recordings that begin within a response, or with a coast."""
         found: dict[str, float] = {}
         for o, name in zip(plan.observed, per_recording(plan, self.name), strict=True):
             if not set(UNITS) <= set(o.outputs):
