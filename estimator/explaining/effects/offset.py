@@ -16,13 +16,14 @@ from estimator.explaining.effects.base import Effect
 from estimator.fitting.fit import Fit, Linear
 from estimator.fitting.simulator import per_recording
 from estimator.motor.names import has_motor
-from estimator.plans.plan import Plan
+from estimator.plans.plan import Observed, Plan
 from estimator.recordings.quantum import quantum
 from estimator.recordings.signal_noise import noise_deviation
 
 FloatArray = NDArray[np.float64]
 
-REST = 20  # first rows in which a speed is exactly none: no amplifier shows it
+REST = 20  # first rows in which a speed is exactly none: no amplifier shows it; rows that show an offset
+SEEN, SAME = 6.0, 4.0  # standard errors of a mean at rest that is off zero; of a difference of two that are alike
 
 
 @dataclass(frozen=True)
@@ -65,10 +66,35 @@ class Offset(Effect):
         phases = {name for o, name in zip(observed, names, strict=True) if o.has_phase and "angle" in o.outputs}
         return [group for group in self.linear(fit) if group.name in phases]
 
+    def seen(self, fit: Fit) -> Sequence[Linear]:
+        """Return those that a motor shows which rests before its first voltage: what stays there does not coast."""
+        plan = fit.simulator.plan
+        shown = {
+            name
+            for y in fit.simulator.outputs
+            for o, name in zip(plan.observed, per_recording(plan, f"offset {y}"), strict=True)
+            if y != "angle" and _stays_off_zero(o, y)
+        }
+        return [group for group in self.linear(fit) if group.name in shown] if shown else ()
+
     def tell(self, name: str, value: float, plan: Plan) -> str:
         """Say how large."""
         y = name.split(" ")[1]
         return f"{y} has an {name.replace(f'offset {y}', 'offset')} of {value:.3g} {plan.unit(y)}"
+
+
+def _stays_off_zero(o: Observed, output: str) -> bool:
+    """Whether a recording shows an output off zero, by as much in both halves of its rows before the first voltage."""
+    if o.excitation.kind == "none" or o.excitation.running or o.excitation.before != 0:
+        return False
+    y = o.outputs[output][: o.excitation.index]
+    y = y[~np.isnan(y)]
+    if len(y) < REST:
+        return False
+    error = float(np.std(y)) / np.sqrt(len(y))
+    half = len(y) // 2
+    falls = abs(float(np.mean(y[:half]) - np.mean(y[half:])))
+    return abs(float(np.mean(y))) > SEEN * error and falls < SAME * 2 * error
 
 
 def _is_counted(speed: FloatArray) -> bool:
