@@ -185,8 +185,9 @@ def explain(
     if quiet is not None:
         rest = tuple(a for a in explanation.additions if a.name != VoltageNoise.name)
         plan, begun = quiet, dataclasses.replace(explanation, additions=rest)
-        selection = begin(plan)
-        selections = [selection]
+        also = [way.plan.case for way in ways[1:] if way.plan.case is not ways[0].plan.case]
+        selections = [begin(plan), *(begin(dataclasses.replace(plan, case=case)) for case in also)]
+        selection = selections[0]
         explanation = selection.explain(starts, begun)
     checked = adequacy(explanation.fit, len(plan.names))
     if not briefly and (checked.failures or explanation.additions):

@@ -91,7 +91,7 @@ def _stays_off_zero(o: Observed, output: str) -> bool:
     y = y[~np.isnan(y)]
     if len(y) < REST:
         return False
-    error = float(np.std(y)) / np.sqrt(len(y))
+    error = float(np.std(y) / np.sqrt(len(y)))
     half = len(y) // 2
     falls = abs(float(np.mean(y[:half]) - np.mean(y[half:])))
     return abs(float(np.mean(y))) > SEEN * error and falls < SAME * 2 * error
