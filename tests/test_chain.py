@@ -388,6 +388,18 @@ def test_a_held_out_recording_is_compared_with_its_own_delay_and_offset(several)
     assert result.validation.chain["offset i"] == pytest.approx(0.03, abs=5e-3)
 
 
+def test_what_the_case_says_of_a_held_out_recording_holds_of_it():
+    """It was corrected as the first one, whatever the case says of it."""
+    other = bench(step(-8.0))
+    turned = recorded(other, name="turned", seed=2, i=-other.at("i"))
+    said = RunSpec(validate=True, scale={"i": -1.0}, window=(0.05, 0.6))
+    result = found(runs_of(RunSpec(), said), recorded(bench(step(10.5))), turned)
+    close(result)
+    assert result.verdict == "ok" and result.validation.others.chance > 1e-3
+    (compared,) = result.validation.comparisons
+    assert (compared.time[0], compared.time[-1]) == pytest.approx((0.05, 0.6))
+
+
 def test_channels_at_different_rates_and_missing_rows_are_left_out_not_invented():
     recording = recorded(RUN)
     keep = np.random.default_rng(5).random(len(recording.time)) > 0.05

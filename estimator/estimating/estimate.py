@@ -173,7 +173,7 @@ def estimate_by(
     if not apart:
         return found
     case = dataclasses.replace(case, kind=plan.description.kind)
-    return validated(found, case, recordings=[recordings[k] for k in apart])
+    return validated(found, case, recordings=[recordings[k] for k in apart], runs=[case.run(k) for k in apart])
 
 
 def available_cores() -> int:

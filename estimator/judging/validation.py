@@ -44,7 +44,12 @@ FloatArray = NDArray[np.float64]
 
 
 def validated(
-    estimate: Estimate, case: Case, files: Sequence[Path] = (), *, recordings: Sequence[Recording] | None = None
+    estimate: Estimate,
+    case: Case,
+    files: Sequence[Path] = (),
+    *,
+    recordings: Sequence[Recording] | None = None,
+    runs: Sequence[RunSpec] = (),
 ) -> Estimate:
     """Return the estimate with how well its model explains other recordings.
 
@@ -57,6 +62,7 @@ def validated(
     files : paths of further recordings, corrected as the case's first one
     recordings : sequence of Recording, optional
         Instead of the files and of those that the case holds out.
+    runs : what is said of each of these; without, they are corrected as files are
 
     Raises
     ------
@@ -67,7 +73,7 @@ def validated(
     """
     if estimate.verdict == "refused" or not estimate.parameters:
         return estimate
-    case = _held_out(case, files, count=None if recordings is None else len(recordings))
+    case = _held_out(case, files, count=None if recordings is None else len(recordings), said=runs)
     if not case.recordings and not recordings:
         return estimate
     plan = plan_case(case, driven(with_kind(describe(case.fmu), case.kind)), recordings=recordings, held_out=True)
@@ -116,11 +122,11 @@ def _units(held: Fit) -> dict[str, str]:
     return {name: units.get(name, "") for name in held.names}
 
 
-def _held_out(case: Case, files: Sequence[Path], *, count: int | None) -> Case:
+def _held_out(case: Case, files: Sequence[Path], *, count: int | None, said: Sequence[RunSpec]) -> Case:
     """Return the case with the recordings to validate on, and no other."""
     usual = dataclasses.replace(case.run(0), validate=True, window=None, temperature=None, delay=None)
     if count is not None:
-        return dataclasses.replace(case, recordings=(), runs=(usual,) * count)
+        return dataclasses.replace(case, recordings=(), runs=tuple(said) or (usual,) * count)
     own = [k for k in range(len(case.recordings)) if case.run(k).validate]
     runs: tuple[RunSpec, ...] = (*(case.run(k) for k in own), *[usual] * len(files))
     return dataclasses.replace(case, recordings=(*(case.recordings[k] for k in own), *files), runs=runs)
