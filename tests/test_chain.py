@@ -9,6 +9,7 @@ import dataclasses
 import json
 import pickle
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -369,8 +370,21 @@ def test_what_is_said_of_recordings_travels_to_other_processes():
 
 
 def test_warmth_is_that_of_copper():
-    np.testing.assert_allclose(warmth([25.0, 125.0], 2), [1.0, 1.393], rtol=1e-12)
-    np.testing.assert_array_equal(warmth([25.0, None], 2), [1.0, 1.0])
+    def of(*temperatures, stands_at=25.0):
+        return warmth(SimpleNamespace(temperatures=temperatures, stands_at=stands_at, observed=temperatures))
+
+    np.testing.assert_allclose(of(25.0, 125.0), [1.0, 1.393], rtol=1e-12)
+    np.testing.assert_allclose(of(125.0), [1.393], rtol=1e-12)
+    np.testing.assert_array_equal(of(25.0, None), [1.0, 1.0])
+    np.testing.assert_array_equal(of(125.0, stands_at=None), [1.0])
+
+
+def test_a_shared_resistance_follows_the_temperature_of_a_held_out_recording_too():
+    """It was that of the first recording held out, whatever the temperature that the estimate's stands for."""
+    warm = recorded(bench(step(6.0), R=CML050.R * (1 + 0.00393 * 50)), name="warm", seed=2)
+    case = runs_of(RunSpec(temperature=25.0), RunSpec(temperature=75.0, validate=True))
+    result = found(case, recorded(bench(step(10.5))), warm)
+    assert result.verdict == "ok" and result.validation.others.chance > 1e-3
 
 
 def test_a_held_out_recording_is_compared_with_its_own_delay_and_offset(several):

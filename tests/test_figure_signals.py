@@ -1,10 +1,11 @@
 """What a figure shows between the samples of a recording: the simulation on a finer grid."""
 
+import dataclasses
 from pathlib import Path
 
 import numpy as np
 import pytest
-from motors import CML050, held_response, recording_of, write_recording
+from motors import CML050, held_response, recording_of, step_recording, write_recording
 
 from estimator.cases.case import read_case
 from estimator.estimating.estimate import estimate
@@ -38,6 +39,19 @@ def test_between_the_samples_stands_what_the_fmu_does_there(tmp_path):
     truth = simulate("dc_motor", parameters=values, inputs={"v": np.where(times > 0.5 - h / 2, 10.5, 0.0)}, times=times)
     for name, signal in shown.fine.simulated.items():
         np.testing.assert_allclose(signal, truth[name][-len(signal) :], atol=1e-9 * np.ptp(signal))
+
+
+def test_between_the_samples_of_a_warmer_recording_stands_what_its_own_resistance_does(tmp_path):
+    """It was simulated by that of the first one, which lies elsewhere, and so was not shown."""
+    warm = dataclasses.replace(CML050, R=CML050.R * (1 + 0.00393 * 50))
+    lines = []
+    for motor, temperature in ((CML050, 25), (warm, 75)):
+        recording = step_recording(motor, noise=(0.02, 1.0), seed=temperature, lead=0.2, duration=0.6)
+        write_recording(recording, tmp_path / f"at_{temperature}.csv")
+        lines += ["[[recording]]", f'file = "at_{temperature}.csv"', f"temperature = {temperature}"]
+    (tmp_path / "motor.case.toml").write_text("\n".join(lines))
+    result = estimate(read_case(tmp_path / "motor.case.toml"), workers=1, profile=True)
+    assert result.verdict == "ok" and all(compared.fine is not None for compared in result.comparisons)
 
 
 def averaged(*, mean_speed=False, currents=1, offset=0.0):

@@ -119,7 +119,7 @@ class CandidateValues:
                 column[where, targets.index(name)] = j
                 gain[where, targets.index(name)] = factor
                 if (p.quantity or p.name) == "R" and p.recording is None:
-                    gain[:, targets.index(name)] *= warmth(self._plan.temperatures, len(column))
+                    gain[:, targets.index(name)] *= warmth(self._plan)
         return column, gain
 
     def _sensors(self) -> tuple[FloatArray, list[tuple[int, slice, int]]]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,15 +15,15 @@ from estimator.results.result import DerivedQuantity
 FloatArray = NDArray[np.float64]
 
 
-def warmth(temperatures: Sequence[float | None], count: int) -> FloatArray:
-    """Return the factors, (count,), on a winding's resistance in each recording, over that in the first.
+def warmth(plan: Plan) -> FloatArray:
+    """Return the factors, (recordings,), on a winding's resistance in each, over that for which a shared R stands.
 
     Ones where a temperature is not known.
     """
-    if len(temperatures) != count or any(t is None for t in temperatures):
-        return np.ones(count)
-    relative = np.array([relative_resistance(t or 0.0) for t in temperatures])
-    return np.asarray(relative / relative[0])
+    known = [t for t in plan.temperatures if t is not None]
+    if plan.stands_at is None or len(known) != len(plan.observed):
+        return np.ones(len(plan.observed))
+    return np.array([relative_resistance(t) for t in known]) / relative_resistance(plan.stands_at)
 
 
 def cold_resistances(

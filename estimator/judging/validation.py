@@ -35,7 +35,7 @@ from estimator.judging.reading import what_was_read
 from estimator.noise.noise_model import NoiseModel
 from estimator.plans.noise_level import output_deviations
 from estimator.plans.plan import Plan
-from estimator.plans.planning import plan_case
+from estimator.plans.planning import plan_case, resistance_stands_at
 from estimator.recordings.recording import Recording
 from estimator.results.result import Estimate, Validation
 from estimator.stepping import layout
@@ -73,10 +73,12 @@ def validated(
     """
     if estimate.verdict == "refused" or not estimate.parameters:
         return estimate
+    fitted = [run for run in case.runs_of(max(len(case.recordings), len(case.runs))) if not run.validate]
     case = _held_out(case, files, count=None if recordings is None else len(recordings), said=runs)
     if not case.recordings and not recordings:
         return estimate
     plan = plan_case(case, driven(with_kind(describe(case.fmu), case.kind)), recordings=recordings, held_out=True)
+    plan = dataclasses.replace(plan, stands_at=resistance_stands_at(fitted))
     deviations = output_deviations(plan)
     with Workers(1) as crew:
         start = _as_estimated(plan, estimate, crew, {name: spread or 1.0 for name, (_, spread) in deviations.items()})

@@ -157,6 +157,7 @@ class Plan:
     declared: frozenset[str] = frozenset()  # what of the measurement chain the case says: "offset i", "delay of 0"
     wanted: tuple[SensorPlace, ...] = ()  # what of it the case frees
     temperatures: tuple[float | None, ...] = ()  # °C, of the winding, one a recording
+    stands_at: float | None = None  # °C, for which a shared R stands; None: it is one in all
 
     @property
     def description(self) -> FmuDescription:

@@ -87,7 +87,14 @@ def plan_case(
         declared=_declared(binding, runs),
         wanted=_wanted(binding, runs),
         temperatures=tuple(run.temperature for run in runs),
+        stands_at=resistance_stands_at(runs),
     )
+
+
+def resistance_stands_at(runs: Sequence[RunSpec]) -> float | None:
+    """Return the temperature, °C, for which a shared R of recordings stands: the first one's, where all are known."""
+    temperatures = [run.temperature for run in runs]
+    return None if None in temperatures else next(iter(temperatures), None)
 
 
 def _check_held_out(recordings: Sequence[Recording], runs: Sequence[RunSpec]) -> None:

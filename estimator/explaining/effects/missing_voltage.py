@@ -45,7 +45,7 @@ def shown_more(name: str, missing: Missing, s: Simulator, candidate: FloatArray,
     """
     value = dict(zip(s.names, candidate.tolist(), strict=True))
     motor = {**s.plan.fixed, **value}
-    warm = warmth(s.plan.temperatures, len(s.clocks))
+    warm = warmth(s.plan)
     result = np.zeros((s.rows, len(s.outputs)))
     for e in (e for e, o in enumerate(s.observed) if not o.is_measured):
         o, clock = s.observed[e], s.clocks[e]
