@@ -157,6 +157,12 @@ def test_a_signal_that_is_known_in_part_tells_what_it_tells(measured, case_of, c
     assert result.verdict != "refused" and worst(result) < 4.5
 
 
+def test_a_speed_that_is_not_known_at_rest_tells_what_it_tells(measured, case_of):
+    """Its mean there was asked for where no sample is: a warning of numpy's stood above the result."""
+    result = run(case_of(), without(measured, "speed", slice(0, AT + 5)))
+    assert result.verdict != "refused" and worst(result) < 4.5
+
+
 def test_the_paper_needs_the_last_samples(measured, case_of):
     with pytest.raises(InputError, match="method 'paper' needs the current of the last samples; use method 'cuckoo'"):
         run(case_of("paper"), without(measured, "current", slice(900, None)))

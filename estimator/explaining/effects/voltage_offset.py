@@ -13,6 +13,7 @@ from estimator.fitting.fit import Fit, Linear
 from estimator.fitting.latency import edges_of
 from estimator.fitting.motor_response import late_response, motor_values
 from estimator.plans.plan import Plan
+from estimator.recordings.samples import mean_of_known
 
 FloatArray = NDArray[np.float64]
 
@@ -73,7 +74,7 @@ class VoltageOffset(Effect):
 def _at_rest(fit: Fit, most: float) -> FloatArray | None:
     """Return the voltage that each recording shows, V, before its first change, while the motor stands; 0: none.
 
-    None where one begins with another, or shows no speed.
+    None where one begins with another, or shows no speed then.
     """
     s = fit.simulator
     if "w" not in s.outputs:
@@ -83,7 +84,7 @@ def _at_rest(fit: Fit, most: float) -> FloatArray | None:
     for o, clock in zip(s.observed, s.clocks, strict=True):
         first = int(next(iter(edges_of(v[clock.rows], span)), 0))
         at = slice(clock.rows.start, clock.rows.start + first)
-        if first < LEAST_ROWS or not abs(float(np.nanmean(w[at]))) < STANDS * fastest:
+        if first < LEAST_ROWS or not abs(mean_of_known(w[at])) < STANDS * fastest:
             return None
         known = 0.0 if o.uncertain is None else float(np.linalg.norm(o.uncertain[0]))  # of a mean in the noise's place
         error = np.hypot(float(np.std(v[at])) / np.sqrt(first), known)
