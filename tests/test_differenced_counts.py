@@ -57,6 +57,14 @@ def test_steps_of_a_converter_that_are_printed_likewise_are_no_counts():
     assert found < 40
 
 
+def test_more_counts_than_an_encoder_has_lines_are_a_multiple_of_four():
+    """Of two channels all edges are counted: of fine steps one in ten is a whole number of counts by chance."""
+    for counts, told in ((8192, 8192), (20000, 20000), (17446, 0), (8191, 0), (3485, 3485)):
+        step = 2 * np.pi / counts / INTERVAL
+        assert counts_a_turn([step * np.rint(speed(1) / step)], [INTERVAL]) == told
+        assert counts_a_turn([counted(speed(1), counts)], [INTERVAL]) == counts
+
+
 def test_steps_of_a_converter_are_no_counts():
     """Of 200 converters whose steps are a number of counts by chance, few."""
     found = [0, 0]

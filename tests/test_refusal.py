@@ -122,6 +122,18 @@ def test_a_speed_below_zero_beside_no_voltage_is_an_offset_and_no_lost_sign(case
     assert [lost_signs(o) for o in plan.observed] == [[], []]
 
 
+@pytest.mark.parametrize("rows", [150, 165])
+def test_a_current_that_swings_below_zero_when_its_recording_ends_has_its_sign(rows, case_of):
+    """A large motor's does, beyond the peak of its speed: it was told to check the sign of its current."""
+    large = Motor("large", 180.0, 2.9, 0.98, 0.083, 0.0112, 0.0057)
+    voltage = np.where(np.arange(rows) >= 30, 180.0, 0.0)
+    shown = held_response(large, voltage, step=1e-3)
+    assert shown[-1, 0] < -0.5
+    found = run(case_of(), made(voltage, shown, noise=(0.05, 0.3)))
+    assert found.verdict != "refused", found.reasons
+    assert all(abs(p.value - large.parameters[n]) < 4.5 * p.standard_error for n, p in found.parameters.items())
+
+
 def test_a_heavy_rotor_that_a_short_reversal_only_slows_down_has_its_sign(case_of):
     """It turned on in its old direction, hardly slower, and was taken to run steadily in the other."""
     heavy = dataclasses.replace(CML050, J=2e-3)

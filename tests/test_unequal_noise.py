@@ -66,6 +66,22 @@ def test_a_sine_by_a_finer_range_beside_a_step():
         assert both.parameters[name].standard_error < 1.1 * alone.parameters[name].standard_error, name
 
 
+def test_recordings_whose_sensors_have_zeros_of_their_own():
+    """Told by the rows before each step: they were told as motors that move already, and a brush drop (K 54 bars)."""
+    zeros = {"speed [rad/s]": (1.2, -0.5, 2.4), "current [A]": (0.02, -0.03, 0.0)}
+    runs = []
+    for k, level in enumerate((9.0, 5.0, 7.0)):
+        quiet = recorded(20 + k, levels=np.where(np.arange(600) < 60, 0.0, level))
+        columns = {n: quiet.signals[n.split()[0]] + off[k] for n, off in zeros.items()}
+        runs.append(recording_from_arrays(f"run {k}", quiet.time, {"voltage [V]": quiet.signals["voltage"], **columns}))
+    found = estimate_parameters(runs, workers=1)
+    assert set(found.effects) <= {"offset"} and off(found).max() < 4.5, (found.effects, off(found))
+    for name, told in zeros.items():
+        for k, zero in enumerate(told):
+            own = found.chain.get(f"offset {'w' if 'speed' in name else 'i'} run {k}")
+            assert zero == 0.0 or abs(own.value - zero) < 4.5 * own.standard_error
+
+
 def of_two(x, present=None, level=1.0):
     """Return the whitener of two recordings' residuals of one channel, (2, n), as it is told of each."""
     n = x.shape[1]
