@@ -38,6 +38,15 @@ def test_integral_least_squares_is_within_a_percent_without_noise(case_of):
     assert max(errors(result, CML050).values()) < 0.01
 
 
+@pytest.mark.parametrize("missing", [slice(0, 505), slice(520, None)])
+def test_integral_least_squares_takes_nothing_from_rows_that_no_current_reaches(missing):
+    r = step_recording(CML050, duration=1.0)
+    v, i, w = (r.signals[n].copy() for n in ("voltage", "current", "speed"))
+    i[missing] = np.nan
+    found = integral_estimate(v, i, w, step=1e-3)
+    assert max(abs(found[name] / getattr(CML050, name) - 1) for name in ("R", "K", "L", "J")) < 0.03
+
+
 def test_integral_least_squares_errs_by_the_square_of_the_sampling_interval():
     found = []
     for interval in (1e-3, 0.5e-3):

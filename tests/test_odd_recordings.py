@@ -214,6 +214,13 @@ def test_a_parameter_of_each_recording_is_fitted_to_each_that_is_held_out(shown,
     assert list(found.validation.chain.values()) == pytest.approx([CML050.R] * 2, rel=0.02)
 
 
+@pytest.mark.parametrize("until", [2, 5])
+def test_a_current_that_begins_behind_the_step_was_not_there_before(measured, case_of, until):
+    """Its first sample was taken for all before it, at rest: R began, and was held, at a tenth, for two minutes."""
+    result = run(case_of(), without(measured, "current", slice(0, AT + until)))
+    assert result.verdict == "ok" and worst(result) < 4.5
+
+
 # Angles
 
 

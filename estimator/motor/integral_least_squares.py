@@ -1,6 +1,6 @@
 """Integral least squares: a first guess of the five parameters straight from the recording. Knows the motor, no FMU.
 
-Both equations of the motor, integrated once from the first sample, are linear in the parameters:
+Both equations of the motor, integrated once from the first row that shows both signals, are linear in the parameters:
 
     ∫v = R ∫i + L (i − i₀) + K ∫w             ∫load = K ∫i − J (w − w₀) − B ∫w
 
@@ -44,7 +44,8 @@ def integral_estimate(
     dict
         Values as they come out of the linear equations: with much noise they may be negative.
     """
-    i, w = filled(i), filled(w)
+    rows = _shown(i, w)
+    v, i, w = v[rows], filled(i)[rows], filled(w)[rows]
     zero = np.zeros(1)
     integral_v = np.concatenate([zero, np.cumsum(v[:-1])]) * step
     integral_i = np.concatenate([zero, np.cumsum((i[1:] + i[:-1]) / 2)]) * step
@@ -85,7 +86,8 @@ def speed_estimate(v: FloatArray, w: FloatArray, *, step: float, R: float, L: fl
     dict
         Empty where the signals do not follow each other as a motor's do.
     """
-    w = filled(w)
+    rows = _shown(w)
+    v, w = v[rows], filled(w)[rows]
     zero = np.zeros(1)
     integral_v = np.concatenate([zero, np.cumsum(v[:-1])]) * step
     integral_w = np.concatenate([zero, np.cumsum((w[1:] + w[:-1]) / 2)]) * step
@@ -99,6 +101,16 @@ def speed_estimate(v: FloatArray, w: FloatArray, *, step: float, R: float, L: fl
         slow = R * found["J"] / found["K"] ** 2
         found["L"] = min(L, R * slow / 10)
     return found
+
+
+def _shown(*signals: FloatArray) -> slice:
+    """Return the rows, two at least, in which signals, (n,), have samples or stand between samples; else all rows.
+
+    Before the first sample and behind the last a signal may be anything, and its integral with it.
+    """
+    known = [np.flatnonzero(~np.isnan(y)) for y in signals]
+    first, last = max(int(k[0]) for k in known), min(int(k[-1]) for k in known)
+    return slice(first, last + 1) if last > first else slice(None)
 
 
 def _solve(columns: FloatArray, right: FloatArray) -> list[float]:
