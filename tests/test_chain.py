@@ -331,6 +331,17 @@ def test_a_voltage_that_is_logged_late_is_a_negative_delay_declared_or_found():
     close(by_itself)
 
 
+def test_a_recording_that_ends_with_its_step_does_not_tell_where_to_begin():
+    """As the first of two it did: K was held near four times its own, and no search led back."""
+    run = bench(step(10.5))
+    ends = recorded(run, name="ends")
+    columns = {f"{name} [{ends.units[name]}]": x[:101] for name, x in ends.signals.items()}
+    ends = recording_from_arrays("ends", ends.time[:101], columns)
+    whole = recorded(bench(step(-8.0)), name="whole", seed=2)
+    plan = plan_case(with_outputs(), describe("dc_motor"), recordings=[ends, whole])
+    assert all(plan.guess[name] == pytest.approx(getattr(CML050, name), rel=0.2) for name in NAMES), plan.guess
+
+
 def test_a_shared_resistance_follows_the_windings_temperature_and_is_told_at_25_degrees(several):
     recordings, _ = several
     case = runs_of(RunSpec(temperature=45.0), RunSpec(temperature=45.0 + 50 * (1 + 0.00393 * 20)))

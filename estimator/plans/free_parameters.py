@@ -22,24 +22,36 @@ Limits = tuple[float | None, float | None]
 PAPER_BOX = {"R": (0.01, 5.0), "K": (0.005, 0.1), "L": (1e-7, 0.5), "J": (1e-7, 1e-3), "B": (1e-5, 1e-3)}
 WIDTH = {"R": 100.0, "K": 100.0, "B": 1e6}  # bounds around the data's start when none are given: factor either way
 USUAL_WIDTH = 1e4
+FAR = 0.05  # of how far a motor turns in one recording: of one in which it turns less far nothing is guessed
 MOST_HELD = 6  # parameters named in one sentence
 
 
 def first_guess(binding: Binding, observed: tuple[Observed, ...]) -> dict[str, float]:
-    """Return a first guess of the motor's parameters from the data; empty where they show none."""
-    for o in observed:
-        if {"v"} <= set(o.inputs) and {"i", "w"} <= set(o.outputs) and o.excitation.kind != "none":
-            inputs, outputs = o.in_time()
-            v, i, w = inputs["v"], outputs["i"], outputs["w"]
-            if any(not np.nanmax(np.abs(x), initial=0.0) for x in (v, i, w)):
-                return {}  # a signal that shows nothing
-            load = binding.fixed.get("load", 0.0)
-            guess = integral_estimate(v, i, w, step=o.recording.step, load=load)
-            return sane(guess, v, i, w, step=o.recording.step)
-    for o in observed:
-        if "v" in o.inputs and {"w", "angle"} & set(o.outputs) and o.excitation.kind != "none":
+    """Return a first guess of the motor's parameters from the data; empty where they show none.
+
+    From the first recording that tells them; none in which the motor hardly turns beside another.
+    """
+    driven = [o for o in observed if {"v"} <= set(o.inputs) and o.excitation.kind != "none"]
+    whole = [o for o in driven if {"i", "w"} <= set(o.outputs)]
+    far = FAR * max(map(_turned, whole), default=0.0)
+    for o in (o for o in whole if _turned(o) >= far):
+        inputs, outputs = o.in_time()
+        v, i, w = inputs["v"], outputs["i"], outputs["w"]
+        if any(not np.nanmax(np.abs(x), initial=0.0) for x in (v, i, w)):
+            return {}  # a signal that shows nothing
+        load = binding.fixed.get("load", 0.0)
+        guess = integral_estimate(v, i, w, step=o.recording.step, load=load)
+        return sane(guess, v, i, w, step=o.recording.step)
+    for o in driven:
+        if {"w", "angle"} & set(o.outputs):
             return _guess_without_current(binding, o)
     return {}
+
+
+def _turned(o: Observed) -> float:
+    """Return how far a motor turns while its current is recorded, rad."""
+    shown = float(np.mean(~np.isnan(o.outputs["i"])))
+    return shown * o.recording.step * float(np.nansum(np.abs(o.outputs["w"])))
 
 
 def _guess_without_current(binding: Binding, observed: Observed) -> dict[str, float]:
