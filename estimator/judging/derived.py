@@ -6,7 +6,7 @@ of the directions that the weighted Jacobian J = U S Vᵀ determines; then, with
 
     var q = aᵀ (Jᵀ Γ J) a
 
-where Γ is the autocovariance of the residuals (noise.py), and the unit matrix for white ones.
+where Γ is the autocovariance of the weighted residuals, and the unit matrix for white ones (`LeastSquaresFit.scores`).
 """
 
 from __future__ import annotations
