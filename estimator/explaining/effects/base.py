@@ -135,6 +135,18 @@ class Effect:
         return self.sentence.format(name=name, channel=channel, value=value, ms=1e3 * value, percent=100 * value)
 
 
+@dataclass(frozen=True)
+class StandingLine(Effect):
+    """A line of the spectrum that stays where it was found."""
+
+    sharp: bool = True
+    is_line: bool = True
+
+    def renewed(self, fit: Fit, group: Linear, coefficients: FloatArray) -> Linear | None:
+        """Return None."""
+        return None
+
+
 def longest_lateness(plan: Plan) -> float:
     """Return how late a sensor may show its signal at most, s: by its delay or a filter's time constant."""
     whole = max(float(o.recording.time[-1] - o.recording.time[0]) for o in plan.observed)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.explaining.effects.base import SELDOM, Effect
+from estimator.explaining.effects.base import SELDOM, StandingLine
 from estimator.explaining.effects.shaft_order import standing_out
 from estimator.explaining.effects.switching_ripple import EVEN, sharpened
 from estimator.fitting.fit import Fit, Linear
@@ -31,13 +31,11 @@ FASTEST = 0.45  # of the sampling rate
 
 
 @dataclass(frozen=True)
-class Hum(Effect):
+class Hum(StandingLine):
     """Cosine and sine of one frequency over all of each recording, in one output."""
 
     name: str = "hum"
     prior: float = SELDOM
-    sharp: bool = True
-    is_line: bool = True
 
     def linear(self, fit: Fit) -> Sequence[Linear]:
         """Return the strongest line of each output, where the motor at rest shows it too."""
@@ -60,10 +58,6 @@ class Hum(Effect):
                 columns[clock.rows, j, 2 * e], columns[clock.rows, j, 2 * e + 1] = np.cos(phase), np.sin(phase)
             found.append(Linear(f"ripple {y} at {f:.6g} Hz {ALWAYS}", columns, (s.plan.unit(y),) * columns.shape[2]))
         return found
-
-    def renewed(self, fit: Fit, group: Linear, coefficients: FloatArray) -> Linear | None:
-        """Return None: a line stays where it is."""
-        return None
 
     def tell(self, name: str, value: float, plan: Plan) -> str:
         """Say where the line lies, and how large it is."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.explaining.effects.base import SELDOM, Effect
+from estimator.explaining.effects.base import SELDOM, StandingLine
 from estimator.explaining.effects.hum import FASTEST, MAINS, NEAR
 from estimator.explaining.effects.shaft_order import standing_out
 from estimator.explaining.effects.switching_ripple import EVEN, sharpened
@@ -26,13 +26,11 @@ USUAL_PART = 0.02
 
 
 @dataclass(frozen=True)
-class SupplyRipple(Effect):
+class SupplyRipple(StandingLine):
     """Cosine and sine of one frequency, parts of the voltage, in each recording."""
 
     name: str = "supply ripple"
     prior: float = SELDOM
-    sharp: bool = True
-    is_line: bool = True
 
     def linear(self, fit: Fit) -> Sequence[Linear]:
         """Return the line of the supply that the current shows most, of a motor; none of a long recording."""
@@ -68,10 +66,6 @@ class SupplyRipple(Effect):
                 size=USUAL_PART,
             )
         ]
-
-    def renewed(self, fit: Fit, group: Linear, coefficients: FloatArray) -> Linear | None:
-        """Return None: a line stays where it is."""
-        return None
 
     def tell(self, name: str, value: float, plan: Plan) -> str:
         """Say where the line lies, and how large it is."""

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.conventions import STANDS_OUT
-from estimator.explaining.effects.base import USUAL, Effect
+from estimator.explaining.effects.base import USUAL, StandingLine
 from estimator.explaining.effects.shaft_order import angle_of, orders_in, standing_out
 from estimator.fitting.fit import Fit, Linear
 from estimator.fitting.windows import find_windows
@@ -32,13 +32,11 @@ EVEN = 0.02  # of a step: a clock with a larger jitter aliases no line
 
 
 @dataclass(frozen=True)
-class SwitchingRipple(Effect):
+class SwitchingRipple(StandingLine):
     """Cosine and sine of one frequency, of an amplitude and phase of their own at each voltage."""
 
     name: str = "switching ripple"
     prior: float = USUAL / 1000  # of a thousand frequencies one
-    sharp: bool = True
-    is_line: bool = True
 
     def linear(self, fit: Fit) -> Sequence[Linear]:
         """Return the current's strongest line, where one stands out; then the strongest of its harmonics too."""
@@ -73,10 +71,6 @@ class SwitchingRipple(Effect):
             if told:
                 found.append(Linear(f"ripple i at {f:.6g} Hz", columns[:, :, told], (unit,) * len(told)))
         return found
-
-    def renewed(self, fit: Fit, group: Linear, coefficients: FloatArray) -> Linear | None:
-        """Return None: a line stays where it is."""
-        return None
 
     def tell(self, name: str, value: float, plan: Plan) -> str:
         """Say where the line lies, and how large it is."""
