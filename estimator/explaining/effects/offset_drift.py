@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from estimator.explaining.effects.base import SELDOM
 from estimator.explaining.effects.offset import Offset
 from estimator.fitting.fit import Fit, Linear
+from estimator.fitting.simulator import per_recording
 from estimator.plans.plan import Plan
 
 
@@ -24,14 +25,14 @@ class OffsetDrift(Offset):
 
     def linear(self, fit: Fit) -> Sequence[Linear]:
         """Return one for the current of each recording, zero in the middle of its time."""
-        clocks, found = iter(fit.simulator.clocks), list[Linear]()
-        for group in self.of_each_output(fit):
-            if not group.name.startswith("offset i"):
-                continue
-            clock = next(clocks)
-            t, columns = clock.time, group.columns.copy()
+        s, found = fit.simulator, list[Linear]()
+        clocks = dict(zip(per_recording(s.plan, "offset i"), s.clocks, strict=True))
+        for group in (g for g in self.of_each_output(fit) if g.name in clocks):
+            clock, columns = clocks[group.name], group.columns.copy()
+            t = clock.time
             columns[clock.rows, :, 0] *= ((t - t[0]) / (t[-1] - t[0]) - 0.5)[:, None]
-            found.append(dataclasses.replace(group, name=group.name.replace("offset", "offset drift"), columns=columns))
+            name = group.name.replace("offset", "offset drift", 1)
+            found.append(dataclasses.replace(group, name=name, columns=columns))
         return found
 
     def always(self, fit: Fit) -> Sequence[Linear]:
