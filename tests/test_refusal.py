@@ -134,6 +134,15 @@ def test_a_current_that_swings_below_zero_when_its_recording_ends_has_its_sign(r
     assert all(abs(p.value - large.parameters[n]) < 4.5 * p.standard_error for n, p in found.parameters.items())
 
 
+def test_a_random_command_of_single_rows_is_no_noise_around_its_mean(case_of):
+    """Its levels are few, and far apart: it was told to stay where its mean is while the motor does not start."""
+    bits = np.random.default_rng(4).integers(0, 2, 400)
+    voltage = np.concatenate([np.zeros(20), np.where(bits, 6.8, 3.7)])
+    found = run(case_of(), made(voltage, held_response(CML050, voltage, step=1e-3)))
+    assert found.verdict != "refused", found.reasons
+    assert all(abs(p.value - CML050.parameters[n]) < 4.5 * p.standard_error for n, p in found.parameters.items())
+
+
 def test_a_heavy_rotor_that_a_short_reversal_only_slows_down_has_its_sign(case_of):
     """It turned on in its old direction, hardly slower, and was taken to run steadily in the other."""
     heavy = dataclasses.replace(CML050, J=2e-3)

@@ -17,6 +17,7 @@ FloatArray = NDArray[np.float64]
 EVEN_DIFFERENCES = tuple(math.sqrt(math.comb(2 * order, order)) for order in (2, 4, 6, 8))
 FEW_DIFFERENCES = 3  # fewer of a higher order tell nothing
 LEAST_NOISE = 1e-6  # of the largest of an input: less is the rounding of a command
+AT_SIGHT, FEW_LEVELS, APART = 100, 8, 0.1  # rows, levels of a command, and parts of its span that these are apart
 NORMAL_SPAN = 4.0  # standard deviations: normal noise spans more, a pseudo-random signal less
 
 
@@ -53,8 +54,11 @@ def input_noise(v: FloatArray) -> float:
 def row_by_row(v: FloatArray) -> float:
     """Return the deviation of what an input does from row to row, be it noise or not.
 
-    Rows of exactly none show no noise: a converter's at rest, or those in which the voltage is the motor's own.
+    Rows of exactly none show no noise: a converter's at rest, or those in which the voltage is the motor's own. Nor does
+    a command that goes between a few levels, however often.
     """
+    if _goes_between_levels(v):
+        return 0.0
     x = v[v != 0]
     sizes: list[float] = []
     for of_white in EVEN_DIFFERENCES:  # a wave of few rows has large second differences
@@ -63,6 +67,14 @@ def row_by_row(v: FloatArray) -> float:
             break
         sizes.append(median(np.abs(x)) / MEDIAN_SIZE / of_white)
     return min(sizes, default=0.0)
+
+
+def _goes_between_levels(v: FloatArray) -> bool:
+    """Whether an input, (n,), has a few levels, which are further apart than noise would take it."""
+    if len(np.unique(v[:AT_SIGHT])) > FEW_LEVELS:
+        return False
+    levels = np.unique(v)
+    return 1 < len(levels) <= FEW_LEVELS and bool(np.min(np.diff(levels)) > APART * (levels[-1] - levels[0]))
 
 
 def is_restless(v: FloatArray, noise: float) -> bool:

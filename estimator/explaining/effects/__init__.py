@@ -44,6 +44,7 @@ from estimator.explaining.effects.ripple_of_few_turns import Commutation, Eccent
 from estimator.explaining.effects.runs_differ import RunsDiffer
 from estimator.explaining.effects.slew_limit import SlewLimit
 from estimator.explaining.effects.slow_pwm import SlowPwm
+from estimator.explaining.effects.smoothing import Smoothing
 from estimator.explaining.effects.starting_motion import StartingMotion
 from estimator.explaining.effects.supply_drift import SupplyDrift
 from estimator.explaining.effects.supply_limit import SupplyLimit
@@ -60,6 +61,7 @@ EFFECTS: tuple[Effect, ...] = (
     Delay(),
     ChannelDelay(),
     *(LowPass(name=form, lateness=lateness) for form, (_, lateness, _) in FORMS.items()),
+    Smoothing(),
     Average(),
     MeanSpeed(),
     Offset(),
