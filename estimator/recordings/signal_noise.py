@@ -54,8 +54,8 @@ def input_noise(v: FloatArray) -> float:
 def row_by_row(v: FloatArray) -> float:
     """Return the deviation of what an input does from row to row, be it noise or not.
 
-    Rows of exactly none show no noise: a converter's at rest, or those in which the voltage is the motor's own. Nor does
-    a command that goes between a few levels, however often.
+    Rows of exactly none show no noise: a converter's at rest, or those in which the voltage is the motor's own. What
+    goes between a few levels has none, however often it does.
     """
     if _goes_between_levels(v):
         return 0.0
