@@ -122,7 +122,7 @@ def test_a_speed_below_zero_beside_no_voltage_is_an_offset_and_no_lost_sign(case
     assert [lost_signs(o) for o in plan.observed] == [[], []]
 
 
-@pytest.mark.parametrize("rows", [150, 165])
+@pytest.mark.parametrize("rows", [175, 205])
 def test_a_current_that_swings_below_zero_when_its_recording_ends_has_its_sign(rows, case_of):
     """A large motor's does, beyond the peak of its speed: it was told to check the sign of its current."""
     large = Motor("large", 180.0, 2.9, 0.98, 0.083, 0.0112, 0.0057)

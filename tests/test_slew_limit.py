@@ -103,7 +103,9 @@ def test_its_part_is_as_late_as_its_channel_also_where_the_circuit_opens_and_whe
         times = [np.arange(len(command)) * h for h in steps]
         runs = [Observed(n, {"v": command}, {}, REST, 0, late, taken=t) for n, t in zip(named, times, strict=True)]
         clocks = [Clock(o.taken, slice(k * len(command), (k + 1) * len(command))) for k, o in enumerate(runs)]
-        plan = SimpleNamespace(fixed={}, observed=runs, chains={}, sensors={"i": 0, "w": 0}, temperatures=())
+        plan = SimpleNamespace(
+            fixed={}, observed=runs, chains={}, sensors={"i": 0, "w": 0}, temperatures=(), stands_at=None
+        )
         own = SimpleNamespace(plan=plan, names=names, outputs=("i", "w"), observed=runs, nuisances=(), clocks=clocks)
         own.rows = len(command) * len(runs)
         return shown_more(slew_limit.SLEW, slew_limit._missing, own, np.array(values), part)
