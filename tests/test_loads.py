@@ -39,6 +39,42 @@ def from_instant(instant, size):
     return np.where(np.arange(ROWS * FINE) * H / FINE < instant, 0.0, size)
 
 
+def with_arm(voltage, torque, seed, *, noise=0.004):
+    """Return a recording of a motor with an arm, (N.m), that hangs when it begins: a torque as the angle's sine."""
+    r, k, inductance, j, b = MOTOR.values()
+    x, shown, h = np.zeros(3), [], H / FINE
+
+    def slope(x, v):
+        return np.array(
+            [(v - r * x[0] - k * x[1]) / inductance, (k * x[0] - b * x[1] - torque * np.sin(x[2])) / j, x[1]]
+        )
+
+    for v in voltage.tolist():
+        shown.append(x[:2])
+        for _ in range(FINE):
+            middle = x + 0.5 * h * slope(x, v)
+            x = x + h * slope(middle, v)
+    rng, top = np.random.default_rng(seed), 12.0 / MOTOR["K"]
+    i, w = (np.array(shown) + noise * rng.standard_normal((ROWS, 2)) * [STALL / MOTOR["K"], top]).T
+    return recording_from_arrays("bench", TIMES, {"voltage [V]": voltage, "current [A]": i, "speed [rad/s]": w})
+
+
+@pytest.mark.parametrize("voltage", [0.4 * LEVELS, pytest.param(BOTH_WAYS, marks=pytest.mark.full)])
+def test_an_arm_is_told_and_leaves_the_parameters_right(voltage):
+    """It was told as load steps, a lag of the speed and a torque that wanders, J 24 standard errors off."""
+    result = estimate_parameters(with_arm(voltage, 0.05 * STALL, 1), workers=1)
+    assert "unbalance" in result.effects, (result.effects, result.reasons)
+    assert all(abs(off(result, name)) < 4.5 for name in MOTOR)
+    assert result.parameters["J"].standard_error < 0.02 * MOTOR["J"]
+
+
+@pytest.mark.full
+def test_without_the_effect_an_arm_is_doubted(monkeypatch):
+    monkeypatch.setenv("FMU_ESTIMATOR_WITHOUT", "unbalance")
+    result = estimate_parameters(with_arm(0.4 * LEVELS, 0.05 * STALL, 1), workers=1)
+    assert result.verdict != "ok" or all(abs(off(result, name)) < 4.5 for name in MOTOR)
+
+
 def off(result, name):
     found = result.parameters[name]
     return (found.value - MOTOR[name]) / found.standard_error

@@ -50,6 +50,7 @@ from estimator.explaining.effects.supply_drift import SupplyDrift
 from estimator.explaining.effects.supply_limit import SupplyLimit
 from estimator.explaining.effects.supply_ripple import SupplyRipple
 from estimator.explaining.effects.switching_ripple import SwitchingRipple
+from estimator.explaining.effects.unbalance import Unbalance
 from estimator.explaining.effects.voltage_noise import VoltageNoise
 from estimator.explaining.effects.voltage_offset import VoltageOffset
 from estimator.explaining.effects.voltage_ramp import VoltageRamp
@@ -81,6 +82,7 @@ EFFECTS: tuple[Effect, ...] = (
     WindingWarms(),
     SupplyDrift(),
     LoadTorque(),
+    Unbalance(),
     LoadStep(),
     FanLoad(),
     FieldWeakens(),

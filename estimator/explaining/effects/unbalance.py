@@ -1,0 +1,50 @@
+"""A torque that goes round with the shaft, once a turn: a weight beside its axis, an arm, a pendulum."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimator.explaining.effects.base import SELDOM, Effect
+from estimator.explaining.effects.load_torque import TURNS
+from estimator.explaining.effects.machine_effects import usual_friction
+from estimator.explaining.effects.shaft_order import angle_of
+from estimator.fitting.fit import Fit, Linear
+from estimator.fitting.motor_response import motor_values, response, speed_of
+from estimator.fitting.simulator import per_recording
+from estimator.plans.plan import Plan
+
+USUAL = 0.3  # of the friction
+LEAST_TURN, MOST_TURNS = 0.1, 1000.0  # of the shaft in a recording: with less it is constant, with more it is none
+
+
+@dataclass(frozen=True)
+class Unbalance(Effect):
+    """A torque as the cosine and the sine of the shaft's angle from its first row, N.m, each recording's own."""
+
+    name: str = "unbalance"
+    prior: float = SELDOM
+
+    def linear(self, fit: Fit) -> Sequence[Linear]:
+        """Return both of each recording in which the shaft turns."""
+        s = fit.simulator
+        values, theta = motor_values(fit), angle_of(fit, "w") if "w" in s.outputs else None
+        w = speed_of(fit, fit.shown)
+        if values is None or theta is None or w is None:
+            return ()
+        found, size = [], USUAL * usual_friction(fit, values)
+        for clock, name in zip(s.clocks, per_recording(s.plan, self.name), strict=True):
+            turned = theta[clock.rows] - theta[clock.rows.start]
+            if not LEAST_TURN < float(np.ptp(turned)) / (2 * np.pi) < MOST_TURNS:
+                continue
+            speed, torque = np.abs(w[clock.rows]), np.zeros((s.rows, 2))
+            moved = np.logical_or.accumulate(speed > TURNS * float(np.max(speed)))  # it is held before
+            torque[clock.rows] = np.column_stack([np.cos(turned), np.sin(turned)]) * moved[:, None]
+            found.append(Linear(name, response(fit, torque=torque), ("N.m", "N.m"), size=size))
+        return found
+
+    def tell(self, name: str, value: float, plan: Plan) -> str:
+        """Say that there is one."""
+        return f"{name}: a torque goes round with the shaft, once a turn: a weight beside its axis, or an arm"
