@@ -13,7 +13,6 @@ from estimator.explaining.effects.machine_effects import usual_friction
 from estimator.explaining.effects.shaft_order import angle_of
 from estimator.fitting.fit import Fit, Linear
 from estimator.fitting.motor_response import motor_values, response, speed_of
-from estimator.fitting.simulator import per_recording
 from estimator.plans.plan import Plan
 
 USUAL = 0.3  # of the friction
@@ -22,29 +21,30 @@ LEAST_TURN, MOST_TURNS = 0.1, 1000.0  # of the shaft in a recording: with less i
 
 @dataclass(frozen=True)
 class Unbalance(Effect):
-    """A torque as the cosine and the sine of the shaft's angle from its first row, N.m, each recording's own."""
+    """A torque as the cosine and the sine of the shaft's angle from its first row, N.m.
+
+    Of several recordings of one motor it is as large in all, each from an angle of its own: in one alone it would make
+    up for something else, and is not looked for.
+    """
 
     name: str = "unbalance"
     prior: float = SELDOM
 
     def linear(self, fit: Fit) -> Sequence[Linear]:
-        """Return both of each recording in which the shaft turns."""
+        """Return both, of one recording in which the shaft turns."""
         s = fit.simulator
         values, theta = motor_values(fit), angle_of(fit, "w") if "w" in s.outputs else None
         w = speed_of(fit, fit.shown)
-        if values is None or theta is None or w is None:
+        if len(s.clocks) > 1 or values is None or theta is None or w is None:
             return ()
-        found, size = [], USUAL * usual_friction(fit, values)
-        for clock, name in zip(s.clocks, per_recording(s.plan, self.name), strict=True):
-            turned = theta[clock.rows] - theta[clock.rows.start]
-            if not LEAST_TURN < float(np.ptp(turned)) / (2 * np.pi) < MOST_TURNS:
-                continue
-            speed, torque = np.abs(w[clock.rows]), np.zeros((s.rows, 2))
-            moved = np.logical_or.accumulate(speed > TURNS * float(np.max(speed)))  # it is held before
-            torque[clock.rows] = np.column_stack([np.cos(turned), np.sin(turned)]) * moved[:, None]
-            found.append(Linear(name, response(fit, torque=torque), ("N.m", "N.m"), size=size))
-        return found
+        turned = theta - theta[0]
+        if not LEAST_TURN < float(np.ptp(turned)) / (2 * np.pi) < MOST_TURNS:
+            return ()
+        moved = np.logical_or.accumulate(np.abs(w) > TURNS * float(np.max(np.abs(w))))  # it is held before
+        torque = np.column_stack([np.cos(turned), np.sin(turned)]) * moved[:, None]
+        size = USUAL * usual_friction(fit, values)
+        return [Linear(self.name, response(fit, torque=torque), ("N.m", "N.m"), size=size)]
 
     def tell(self, name: str, value: float, plan: Plan) -> str:
         """Say that there is one."""
-        return f"{name}: a torque goes round with the shaft, once a turn: a weight beside its axis, or an arm"
+        return "a torque goes round with the shaft, once a turn: a weight beside its axis, or an arm"
