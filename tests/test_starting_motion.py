@@ -1,6 +1,7 @@
 """A motor that moves before its voltage, whose motion is no sum: dry friction brakes it, an open circuit does not."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from motors import CML050, held_response, recording_of
 
 from estimator.cases.case_signals import RunSpec
 from estimator.estimating.estimate import estimate_recordings
+from estimator.explaining.effects.starting_motion import StartingMotion
 
 pytestmark = pytest.mark.usefixtures("shared_workers")
 
@@ -109,3 +111,10 @@ def test_a_motor_that_turns_before_a_noisy_voltage_is_told_to(noise, case_of):
     assert "motion before the voltage" in found.effects and found.verdict == "ok", (found.effects, found.reasons)
     for name, value in CML050.parameters.items():
         assert abs(found.parameters[name].value - value) < 4.5 * found.parameters[name].standard_error, name
+
+
+def test_of_a_model_that_is_driven_by_something_else_no_coast_is_asked():
+    rows = np.zeros(100)
+    o = SimpleNamespace(inputs={"u": rows}, outputs={"i": rows, "w": rows + 1.0}, is_underway=False, recording=None)
+    o.recording = SimpleNamespace(name="plant")
+    assert StartingMotion().at_first_sight(SimpleNamespace(observed=[o])) == {}

@@ -98,7 +98,8 @@ class StartingMotion(Effect):
 
 def _coasts_first(o: Observed) -> bool:
     """Whether a motor is seen to turn before its first voltage, without a current."""
-    return coasts_in(o, np.asarray(np.cumsum(o.inputs["v"] != 0) == 0))
+    v = o.inputs.get("v")
+    return v is not None and coasts_in(o, np.asarray(np.cumsum(v != 0) == 0))
 
 
 def _first(o: Observed) -> dict[str, float]:
