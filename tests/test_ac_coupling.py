@@ -49,6 +49,7 @@ def test_what_fades_is_told_and_the_motor_is_right(fades):
         assert abs(found.value - value) < 4.5 * found.standard_error, name
 
 
+@pytest.mark.full
 def test_without_the_effect_it_is_doubted_or_within_the_errors(monkeypatch):
     monkeypatch.setenv("FMU_ESTIMATOR_WITHOUT", "AC coupling")
     result = estimate_parameters(recording(1, fades=0.3), workers=1, seed=1)

@@ -895,6 +895,7 @@ def test_the_usual_friction_is_of_the_dry_part_too_while_a_voltage_drives_the_mo
     assert usual_friction(fit, {"B": 1e-5, "friction": 8e-3}) == pytest.approx(1e-2)
 
 
+@pytest.mark.full
 def test_means_and_a_lag_of_the_current_are_tried_in_the_place_of_a_ramp(tmp_path):
     """L was 32 standard errors off, and ok: a ramp and a filter of the speed made up for three others."""
     result, true = of_random_bench(1026436, tmp_path)

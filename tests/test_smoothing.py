@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from motors import CML050, held_response
+from scipy.signal import lfilter
 
 from estimator import estimate_parameters, recording_from_arrays
 from estimator.recordings.smoothed_noise import samples_of_mean
@@ -73,10 +74,7 @@ def test_no_other_noise_is_that_of_a_mean():
         rows = int(rng.integers(100, 1000))
         white = rng.standard_normal(rows)
         kept = rng.uniform(0.2, 0.99)
-        coloured = np.empty(rows)
-        coloured[0] = white[0]
-        for j in range(1, rows):
-            coloured[j] = kept * coloured[j - 1] + white[j]
+        coloured = lfilter([1.0], [1.0, -kept], white)
         hum = np.sin(2 * np.pi * np.arange(rows) / rng.uniform(3, 40))
         kinds = (white, coloured, np.rint(white), np.cumsum(white), white + 2 * hum, coloured + 0.3 * white)
         assert samples_of_mean(kinds[k % 6]) == 1, (k % 6, rows)

@@ -28,6 +28,7 @@ def test_a_supply_that_has_less_than_its_command_asks_for_is_told_and_the_motor_
     assert off(result).max() < 4.5, result.parameters
 
 
+@pytest.mark.full
 def test_without_the_effect_it_is_doubted(monkeypatch):
     monkeypatch.setenv("FMU_ESTIMATOR_WITHOUT", "supply limit")
     result = estimate_parameters(bench(LEVELS, np.repeat(np.clip(LEVELS, -7.4, 7.4), FINE), 1), workers=1)
