@@ -67,8 +67,13 @@ class Offset(Effect):
         return [group for group in self.linear(fit) if group.name in phases]
 
     def seen(self, fit: Fit) -> Sequence[Linear]:
-        """Return those that a motor shows which rests before its first voltage: what stays there does not coast."""
+        """Return those of several recordings whose motor rests before its first voltage: what stays does not coast.
+
+        Of one recording a score test finds it in its turn; of several each alone explains little.
+        """
         plan = fit.simulator.plan
+        if len(plan.observed) == 1:
+            return ()
         shown = {
             name
             for y in fit.simulator.outputs

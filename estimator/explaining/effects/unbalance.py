@@ -13,10 +13,11 @@ from estimator.explaining.effects.machine_effects import usual_friction
 from estimator.explaining.effects.shaft_order import angle_of
 from estimator.fitting.fit import Fit, Linear
 from estimator.fitting.motor_response import motor_values, response, speed_of
+from estimator.fitting.shaft_angle import LINE_CYCLES
 from estimator.plans.plan import Plan
 
 USUAL = 0.3  # of the friction
-LEAST_TURN, MOST_TURNS = 0.1, 1000.0  # of the shaft in a recording: with less it is constant, with more it is none
+LEAST_TURN = 0.1  # of the shaft in a recording: with less it is constant
 
 
 @dataclass(frozen=True)
@@ -38,7 +39,7 @@ class Unbalance(Effect):
         if len(s.clocks) > 1 or values is None or theta is None or w is None:
             return ()
         turned = theta - theta[0]
-        if not LEAST_TURN < float(np.ptp(turned)) / (2 * np.pi) < MOST_TURNS:
+        if not LEAST_TURN < float(np.ptp(turned)) / (2 * np.pi) < LINE_CYCLES:  # with more it is a line of the speed
             return ()
         moved = np.logical_or.accumulate(np.abs(w) > TURNS * float(np.max(np.abs(w))))  # it is held before
         torque = np.column_stack([np.cos(turned), np.sin(turned)]) * moved[:, None]
