@@ -33,10 +33,10 @@ def further_reach(fit: Fit, parameters: int, *, switches: bool) -> FloatArray:
     `switches`: whether the model does; if not, only parameters whose cost is not steep with nothing fitted again are
     followed. What is not determined is told elsewhere.
     """
-    covariance = fit.covariance_parts()[0]
+    covariance, untold = fit.covariance_parts()
     deviation = np.sqrt(np.diag(covariance))
-    factors, at_bound = np.ones(parameters), fit.at_bound
-    moving = {k: covariance[:, k] / deviation[k] for k in range(parameters) if deviation[k] > 0 and at_bound[k] == 0}
+    factors, told = np.ones(parameters), (deviation > 0) & (np.diag(untold) == 0) & (fit.at_bound == 0)
+    moving = {k: covariance[:, k] / deviation[k] for k in range(parameters) if told[k]}
     lines = [(k, side, along) for k, along in moving.items() for side in (-1.0, 1.0)]
     for k, side, along in lines if switches else _flat(fit, lines):
         factors[k] = max(factors[k], _reach(fit, k, side, along))
