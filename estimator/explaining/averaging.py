@@ -29,6 +29,7 @@ from estimator.explaining.addition import Addition, Scores, is_timing
 from estimator.explaining.explanation import Explanation
 from estimator.explaining.wandering_torque import OpenTorque
 from estimator.fitting.simulator import per_recording
+from estimator.noise.in_parts import products
 from estimator.plans.plan import Plan
 
 FloatArray = NDArray[np.float64]
@@ -147,6 +148,8 @@ def averaged(
     for rival in rivals:
         behind = rival.evidence(samples) - explanation.evidence(samples)
         there, other = _beside(own, rival, fit.is_log[:p])
+        if untold[:p, :p].any():
+            there, other = _beside_combinations(explanation, rival) or (there, other)
         first = len(parts)
         parts += [  # what may be added, or not, may be so beside each rival
             (max(behind, 0.0) + charge, there + x - own, other + c - covariance[:p, :p]) for charge, x, c in by_itself
@@ -193,20 +196,45 @@ def _holds(rival: Explanation, explanation: Explanation) -> bool:
 def _beside(own: FloatArray, rival: Explanation, log: NDArray[np.bool_]) -> tuple[FloatArray, FloatArray]:
     """Return a rival's values, (p,), and covariance, (p, p), on the scales of `own`, linear about it.
 
-    A parameter that vanishes in the rival is far away on a logarithmic scale, and as far as zero on its own. One that
-    is hardly told there reaches to zero, too, and takes the others no further: its logarithm has the prior deviation 1.
+    A parameter that vanishes in the rival is far away on a logarithmic scale, and as far as zero on its own.
     """
     p = len(own)
     there = rival.fit.simulator.scaled(rival.fit.values)[:p]
     ratio = np.where(log, np.exp(np.clip(np.where(log, there - own, 0.0), -FARTHEST, FARTHEST)), 1.0)
-    sizes, c = rival.sizes(), rival.fit.covariance_parts()[0]
+    return np.where(log, own + ratio - 1, there), _told_there(rival, log) * np.outer(ratio, ratio)
+
+
+def _beside_combinations(explanation: Explanation, rival: Explanation) -> tuple[FloatArray, FloatArray] | None:
+    """Return the same where the recordings tell combinations only: by what they show of the rival's parameters.
+
+    The way along which parameters stand in for each other bends: what lies far along it would seem to differ, too, in
+    what is told. None: the FMU fails there.
+    """
+    fit, other = explanation.fit, rival.fit
+    s, p = fit.simulator, len(fit.simulator.plan.names)
+    values = np.where(fit.at_bound[:p] == 0, other.values[:p], fit.values[:p])
+    shown = s.shown(np.concatenate([values, fit.values[p:]])[None, :])
+    if not np.isfinite(shown).all():
+        return None
+    told = fit.covariance_parts()[0][:p]
+    moves = told @ products(fit.whitened, fit.whitener.changes(shown, fit.shown))
+    turned = told @ products(fit.whitened, fit.whitener.whitened(other.slopes.raw[:, :, :p]))
+    return s.scaled(fit.values)[:p] + moves[:, 0], turned @ _told_there(rival, fit.is_log[:p]) @ turned.T
+
+
+def _told_there(rival: Explanation, log: NDArray[np.bool_]) -> FloatArray:
+    """Return a rival's covariance, (p, p), of the parameters on its scales.
+
+    One that is hardly told there reaches to zero, too, and takes the others no further: its logarithm has the prior
+    deviation 1.
+    """
+    p, sizes, c = len(log), rival.sizes(), rival.fit.covariance_parts()[0]
     known = [k for k, name in enumerate(rival.fit.names) if name in sizes]  # a usual size is a prior deviation
     prior = np.diag([sizes[rival.fit.names[k]] ** 2 for k in known])
     c = c - c[:, known] @ np.linalg.solve(c[np.ix_(known, known)] + prior, c[known])
     for k in np.flatnonzero(log & (np.diag(c)[:p] > 0)):
         c = c - np.outer(c[:, k], c[k]) / (c[k, k] + 1.0)
-    told = c[:p, :p] * np.outer(ratio, ratio)
-    return np.where(log, own + ratio - 1, there), told
+    return np.asarray(c[:p, :p])
 
 
 def _one_of_each(additions: Sequence[Addition]) -> list[Addition]:
