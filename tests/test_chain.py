@@ -632,6 +632,8 @@ def test_corrections_that_do_not_fit_are_told(wrong_way):
         estimator.estimate_parameters(wrong_way, window=(3, 4))
     with pytest.raises(CaseError, match="scale is given for 'x', which is no channel of wrong.csv that is used"):
         estimator.estimate_parameters(wrong_way, scale={"x": -1})
+    with pytest.raises(RecordingError, match=r"the scale 1e\+150 and the offset 0 make i of wrong.csv as large as"):
+        estimator.estimate_parameters(wrong_way, scale={"i": 1e150})
     with pytest.raises(InputError, match="--scale is given twice for 'i'; leave one out"):
         main_error = ["estimate", str(wrong_way), "--scale", "i=-1", "--scale", "i=2"]
         from estimator.commands.arguments import parse

@@ -14,6 +14,7 @@ from estimator.errors import CaseError, RecordingError, suggestion
 from estimator.plans.binding import Binding, Channels
 from estimator.plans.input_gaps import between_changes, complete, known_range, on_a_curve
 from estimator.plans.plan import Observed
+from estimator.recordings.corrected import corrected
 from estimator.recordings.excitation import Excitation, find_delay, find_excitation
 from estimator.recordings.filters import filter_sections
 from estimator.recordings.quantum import quantum
@@ -162,7 +163,7 @@ def _driven(
     driven = {}
     for name, column in inputs.items():
         unit = binding.signal(name).unit or None
-        driven[name] = _corrected(_driving(binding.case, recording, name, column, unit), name, column, run)
+        driven[name] = _corrected(_driving(binding.case, recording, name, column, unit), recording, name, column, run)
     curved = {n: on_a_curve(recording.time, u) for n, u in driven.items() if n not in binding.case.linear}
     notes = [
         f"{recording.title}: {name} has {many} missing samples, taken on a curve between the others"
@@ -276,12 +277,12 @@ def _check_channels(run: RunSpec, channels: Channels, recording: Recording) -> N
                 )
 
 
-def _corrected(signal: FloatArray, name: str, column: str, run: RunSpec) -> FloatArray:
+def _corrected(signal: FloatArray, recording: Recording, name: str, column: str, run: RunSpec) -> FloatArray:
     scale, offset = (
         next((given[key] for key in (name, column) if key in given), default)
         for given, default in ((run.scale, 1.0), (run.offset, 0.0))
     )
-    return signal if (scale, offset) == (1.0, 0.0) else scale * signal + offset
+    return corrected(signal, scale, offset, what=f"{name} of {recording.title}")
 
 
 def _driving(case: Case, recording: Recording, name: str, column: str, unit: str | None) -> FloatArray:
@@ -315,7 +316,7 @@ def _measured(
         signal = recording.signal(column, unit="rad" if is_angle else unit)
         if header_unit == "rad" and starts_again(signal):
             signal = _added_up(recording, column, signal)
-    signal = _corrected(signal, name, column, run)
+    signal = _corrected(signal, recording, name, column, run)
     if is_angle or (spec.counts is not None and spec.sensor == "mean" and header_unit != "count/s"):
         signal = np.concatenate([[np.nan], np.diff(signal) / np.diff(recording.time)])
     elif name == "angle":

@@ -15,15 +15,14 @@ from estimator.recordings.headers import Header, assumed_unit, parse_header, ran
 from estimator.recordings.raw_table import RawTable
 from estimator.recordings.read_as import ReadAs
 from estimator.recordings.recording import MIN_SAMPLES, Recording
-from estimator.recordings.samples import median
+from estimator.recordings.samples import LARGEST, median
 from estimator.recordings.tests_in_file import asked_test
 from estimator.recordings.time_column import is_header, time_column
 from estimator.recordings.time_grid import Clock, half_single_step, sampling_clock, times_again
 from estimator.recordings.units import FloatArray
 
-LARGEST = 1e10  # in any unit: no sensor shows more, nor a counter of 32 bits
 DATED = 1e8  # s: a clock that begins later, some three years, counts from a date; it is told from its first row on
-LARGEST_TIME = 1e20  # likewise: a clock shows up to 2e18 ns since 1970
+LARGEST_TIME = 1e20  # as LARGEST: a clock shows up to 2e18 ns since 1970
 TOO_FAST = 1e-7  # s, of a sampling interval: the header's unit is doubted
 _THOUSANDS = re.compile(r"[-+]?\d{1,3}([.,]\d{3})+")  # or a decimal mark that the other numbers do not have
 MOST_LEFT_OUT = 2  # rows at the start, of wrong stamps

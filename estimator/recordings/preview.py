@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from estimator.errors import RecordingError
 from estimator.recordings.clipping import clipped, limit
+from estimator.recordings.corrected import corrected
 from estimator.recordings.excitation import LEVEL, Excitation, find_delay, find_excitation
 from estimator.recordings.finding import Finding
 from estimator.recordings.motor_columns import motor_columns
@@ -79,14 +80,16 @@ def preview(
     Raises
     ------
     RecordingError
-        There is neither a voltage nor anything that moves, two columns could be one signal, or a unit does not fit.
+        There is neither a voltage nor anything that moves, two columns could be one signal, a unit does not fit, or
+        nothing measures what is corrected.
     """
     columns = motor_columns(recording, required=("v",), either=("i", "w"))
     factors, added = dict(scale or {}), dict(offset or {})
     signals = {}
     for name, column in columns.items():
         factor = factors.pop(name, factors.pop(column, 1.0))
-        signals[name] = recording.signals[column] * factor + added.pop(name, added.pop(column, 0.0))
+        offset_of = added.pop(name, added.pop(column, 0.0))
+        signals[name] = corrected(recording.signals[column], factor, offset_of, what=f"{name} of {recording.title}")
     for what, unused in (("scale", factors), ("offset", added)):
         if unused:
             raise RecordingError(

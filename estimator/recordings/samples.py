@@ -13,6 +13,7 @@ FloatArray = NDArray[np.float64]
 T = TypeVar("T")
 
 REMEMBERED = 64  # signals of which something is told
+LARGEST = 1e10  # in any unit: no sensor shows more, nor a counter of 32 bits
 MULTIPLIED = 8  # numbers whose product has one logarithm: below 1e38 no double overflows
 
 
