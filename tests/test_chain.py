@@ -254,6 +254,12 @@ def test_a_declared_quantum_is_its_noise():
     assert plain < 1.5 and declared == pytest.approx(SEEN["quantum"] / np.sqrt(12))
 
 
+def test_a_declared_quantum_is_in_the_standard_errors():
+    """A current with steps of 0.5 A that are not seen in its samples: R hangs on a level of 0.6 A."""
+    plain, declared = (found(with_outputs(i=spec), recorded(RUN)) for spec in ({}, {"quantum": 0.5}))
+    assert declared.parameters["R"].standard_error > 4 * plain.parameters["R"].standard_error
+
+
 def test_a_short_recording_beside_a_long_one_hardly_counts_for_their_noise(case_of):
     """Twelve rows about a step seem to be as noisy as the step is steep, and were half of what was told of both."""
     case, long = case_of(), step_recording(CML050, noise=(0.002, 1.0), seed=1)
