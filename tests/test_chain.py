@@ -8,6 +8,7 @@ of this file's together are below 1e-4 a run.
 import dataclasses
 import json
 import pickle
+import re
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -239,6 +240,13 @@ def test_encoder_counts_are_an_angle_and_their_differences_a_speed():
     close(result)
     for name in ("K", "J", "B"):  # counts tell more than their differences
         assert result.parameters[name].standard_error <= 1.1 * as_angle.parameters[name].standard_error
+
+
+@pytest.mark.parametrize("delay", [-5.0, 5.0, 1e300])
+def test_a_delay_of_one_output_by_which_its_response_is_not_recorded_is_refused(delay):
+    """1e300 ended in an internal error, and what is off by seconds was estimated as doubtful."""
+    with pytest.raises(CaseError, match=re.escape(f"the delay of {delay:g} s puts the response of i outside bench, ")):
+        found(with_outputs(i={"delay": delay}), recorded(RUN))
 
 
 def test_counts_of_a_column_in_another_unit_are_told():

@@ -83,7 +83,7 @@ def _delay(
 ) -> float:
     """Return the delay of the outputs, s: as the case says it, else as the data show it at first sight."""
     if isinstance(run.delay, float | int):
-        _check_delay(float(run.delay), excitation, recording)
+        check_delay(float(run.delay), excitation, recording)
         return float(run.delay)
     if begin in (GIVEN, SETTLED) or excitation.kind == "none":
         return 0.0
@@ -230,14 +230,14 @@ def _moving(measured: Mapping[str, FloatArray], step: float) -> dict[str, FloatA
     return {name: np.gradient(filled(y), step) if name == "angle" else y for name, y in measured.items()}
 
 
-def _check_delay(delay: float, excitation: Excitation, recording: Recording) -> None:
-    """Refuse a delay by which nothing of the response is in the recording."""
+def check_delay(delay: float, excitation: Excitation, recording: Recording, output: str = "") -> None:
+    """Refuse a delay, of one output or of all, by which nothing of the response is in the recording."""
     length = float(recording.time[-1] - recording.time[0])
     begins = excitation.index * recording.step if excitation.kind == "step" else 0.0
     if not -length < begins + delay < length:
         raise CaseError(
-            f"the delay of {delay:g} s puts the response outside {recording.title}, which is {length:g} s long; give a"
-            " smaller one, in s"
+            f"the delay of {delay:g} s puts the response{f' of {output}' if output else ''} outside {recording.title},"
+            f" which is {length:g} s long; give a smaller one, in s"
         )
 
 

@@ -14,7 +14,7 @@ from estimator.fmus.fmu import FmuDescription
 from estimator.method_names import WITHOUT_POLISH
 from estimator.plans.binding import Binding, bind
 from estimator.plans.free_parameters import first_guess, free_parameters, held_parameters
-from estimator.plans.observing import observe, within
+from estimator.plans.observing import check_delay, observe, within
 from estimator.plans.parameters import SensorPlace
 from estimator.plans.plan import ChainSpec, Observed, Plan
 from estimator.plans.reading import with_reading, without_clipped, without_hidden_speeds
@@ -182,6 +182,8 @@ def _chains(binding: Binding, observed: tuple[Observed, ...]) -> dict[str, Chain
             **{k: float(v) for k in ("gain", "offset", "delay") if isinstance(v := getattr(spec, k), float | int)},
             quantum=spec.quantum or 0.0,
         )
+        for o in observed if chains[name].delay else ():
+            check_delay(chains[name].delay, o.excitation, o.recording, name)
     return {name: chain for name, chain in chains.items() if chain != ChainSpec()}
 
 
