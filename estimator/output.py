@@ -148,6 +148,18 @@ def _locked(folder: Path) -> int | None:
     return descriptor
 
 
+def check_not_read(path: Path, read: Iterable[str | os.PathLike[str]], *, option: str) -> None:
+    """Refuse to write a file over one that is read.
+
+    Raises
+    ------
+    InputError
+        They are the same.
+    """
+    if path.exists() and any(Path(other).exists() and path.samefile(other) for other in read):
+        raise InputError(f"{path} is what is read; give {option} another name")
+
+
 def write_files(files: Mapping[Path, bytes]) -> None:
     """Write files under temporary names beside their places; only when all are complete they get their names.
 

@@ -101,7 +101,7 @@ def test_a_copy_is_of_one_recording_and_not_in_its_place(file, capsys, tmp_path)
     one, other = file("t,u,i,w"), file("t,u,i,w", name="other.csv")
     before = one.read_bytes()
     assert main(["check", str(one), "--mend", str(one)]) == 2
-    assert "is the recording itself" in capsys.readouterr().err and one.read_bytes() == before
+    assert "is what is read; give --mend another name" in capsys.readouterr().err and one.read_bytes() == before
     assert main(["check", str(one), str(other), "--mend", str(tmp_path / "new.csv")]) == 2
     assert "writes one recording" in capsys.readouterr().err and not (tmp_path / "new.csv").exists()
 

@@ -628,6 +628,22 @@ def test_build_prints_where_the_fmu_is(capsys, monkeypatch, tmp_path):
     )
 
 
+@pytest.mark.parametrize(
+    ("command", "option"),
+    [
+        (("estimate", "own.csv", "--progress-json", "own.csv"), "--progress-json"),
+        (("simulate", "dc_motor", "--input", "own.csv", "-o", "own.csv"), "-o"),
+        (("build", "own.csv", "-o", "own.csv"), "-o"),
+    ],
+)
+def test_no_command_writes_over_what_it_reads(command, option, capsys, monkeypatch, tmp_path):
+    """A model's source became an FMU, a recording its own simulation, or the progress of its estimate."""
+    monkeypatch.chdir(tmp_path)
+    Path("own.csv").write_text(content := "time [s],voltage [V],speed [rad/s]\n0,0,0\n")
+    assert fails(capsys, *command) == f"own.csv is what is read; give {option} another name"
+    assert Path("own.csv").read_text() == content
+
+
 # --- demo ----------------------------------------------------------------------------------------------------------
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from estimator.commands.sources import CASE_SUFFIX
 from estimator.commands.terminal import FAILED, OK, columns, complain, say, say_lines
 from estimator.errors import InputError
-from estimator.output import OutputFolder, write_files
+from estimator.output import OutputFolder, check_not_read, write_files
 
 INSPECTION_LIMIT = 45.0  # s of describing and probing
 
@@ -75,6 +75,7 @@ def build(args: argparse.Namespace) -> int:
     output = Path(args.output) if args.output else Path(Path(args.model).stem + ".fmu")
     if output.is_dir() or str(args.output or "").endswith("/"):
         raise InputError(f"{output} is a folder; give -o the name of a file, such as {output / 'model.fmu'}")
+    check_not_read(output, [args.model], option="-o")
     say(f"{fmu_build.build(args.model, output=output, fmi=args.fmi, platforms=args.platforms)}\n")
     return OK
 

@@ -23,7 +23,7 @@ from estimator.commands.sources import STDIN, case_of
 from estimator.commands.terminal import complain, say
 from estimator.errors import InputError
 from estimator.estimating.progress import LiveLine, Progress, is_live
-from estimator.output import OutputFolder
+from estimator.output import OutputFolder, check_not_read
 
 if TYPE_CHECKING:
     from estimator.cases.case import Case
@@ -46,6 +46,8 @@ def _estimate(args: argparse.Namespace, case: Case) -> int:
         if Path(args.save_case).exists():
             raise InputError(f"{args.save_case} is there already; give another name with --save-case, or remove it")
         write_case(case, Path(args.save_case))
+    if args.progress_json is not None:
+        check_not_read(Path(args.progress_json), [*case.recordings, *args.sources], option="--progress-json")
     if args.figures and not args.output:
         raise InputError("--figures needs a folder to write to; give one with -o")
     if args.signals and not args.output:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from estimator.commands.csv_text import csv_bytes
 from estimator.errors import InputError
-from estimator.output import write_files
+from estimator.output import check_not_read, write_files
 from estimator.recordings.headers import ROLE_QUANTITY, ROLE_TITLE
 from estimator.recordings.preview import Preview
 from estimator.recordings.understood import Understood
@@ -32,8 +32,7 @@ def mend(
         )
     (p,) = previews
     source = p.recording.path
-    if source is not None and out.exists() and out.samefile(source):
-        raise InputError(f"{out} is the recording itself; give --mend another name")
+    check_not_read(out, [] if source is None else [source], option="--mend")
     columns = {"time": p.recording.time, **p.signals}
     write_files({out: csv_bytes({_heading(name): column for name, column in columns.items()})})
     changed = [_change(read) for read in p.read if read.column != _heading(read.signal)]

@@ -10,7 +10,7 @@ from estimator.commands.csv_text import csv_bytes
 from estimator.commands.options import unique
 from estimator.commands.terminal import OK, say
 from estimator.errors import FmuError, InputError, SimulationError
-from estimator.output import write_files
+from estimator.output import check_not_read, write_files
 
 if TYPE_CHECKING:
     from estimator.fmus.fmu import FmuDescription
@@ -26,6 +26,8 @@ def simulate(args: argparse.Namespace) -> int:
     from estimator.fmus.fmu import describe, with_kind
     from estimator.fmus.probe import driven
 
+    if args.output and args.input is not None:
+        check_not_read(Path(args.output), [args.input], option="-o")
     read = with_kind(describe(args.fmu), args.kind)
     description = in_si_units(read)
     settings = unique(args.settings, option="--set")
