@@ -186,7 +186,7 @@ def write_files(files: Mapping[Path, bytes]) -> None:
             for path, name in temporary.items():
                 os.replace(name, path)
     except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror or error}); give -o another place") from error
+        raise InputError(f"{path}: cannot be written ({error.strerror or error}); give another place") from error
     finally:
         for name in temporary.values():
             with contextlib.suppress(OSError):

@@ -104,6 +104,8 @@ def test_a_copy_is_of_one_recording_and_not_in_its_place(file, capsys, tmp_path)
     assert "is what is read; give --mend another name" in capsys.readouterr().err and one.read_bytes() == before
     assert main(["check", str(one), str(other), "--mend", str(tmp_path / "new.csv")]) == 2
     assert "writes one recording" in capsys.readouterr().err and not (tmp_path / "new.csv").exists()
+    assert main(["check", str(one), "--mend", str(tmp_path / "no" / "new.csv")]) == 2
+    assert "new.csv: cannot be written (No such file or directory); give another place" in capsys.readouterr().err
 
 
 def test_check_tells_rows_that_a_logger_wrote_again(file, bench, capsys):

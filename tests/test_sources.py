@@ -148,5 +148,5 @@ def test_an_estimate_that_cannot_be_written_is_printed_all_the_same(calls, capsy
     assert main(["estimate", "step.csv", "-o", "out", "--json"]) == 2
     out, err = capsys.readouterr()
     assert check_contract(out)["verdict"] == "ok"
-    assert err.endswith("out/result.json: cannot be written (No space left on device); give -o another place\n")
+    assert err.endswith("out/result.json: cannot be written (No space left on device); give another place\n")
     assert err.count("\n") == 1
