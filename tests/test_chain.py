@@ -294,6 +294,7 @@ def test_a_duty_cycle_times_a_supply_that_sags_is_the_voltage():
     result = found(case, recorded(run, v=False, **columns))
     close(result)
     assert result.verdict == "ok"
+    assert result.read[0]["signals"]["v"] == {"column": "duty [%] × supply [V]", "unit": "V", "unit_from": "made"}
     wrong = {"duty [V]": columns["duty [%]"], "supply [V]": columns["supply [V]"]}
     with pytest.raises(RecordingError, match="which are multiplied for 'v', one must be a ratio; give its unit as %"):
         found(case, recorded(run, v=False, **wrong))

@@ -15,6 +15,7 @@ from estimator.recordings.dead_zone import hidden_speeds, least_speed
 from estimator.recordings.finding import Evidence, Finding
 from estimator.recordings.motor_columns import motor_columns
 from estimator.recordings.plausibility import implausible_as_read
+from estimator.recordings.recording import Recording
 from estimator.recordings.understood import Understood, understood
 from estimator.recordings.units import parse_unit
 
@@ -27,7 +28,8 @@ MOST_SATURATED = 0.3  # of a recording's samples: with more there is nothing to 
 def with_reading(binding: Binding, channels: Channels, observed: Observed) -> Observed:
     """Return what was observed with what was read of it, and of a motor with what is implausible."""
     recording = observed.recording
-    read = understood(recording, {**channels.inputs, **channels.outputs})
+    columns = {**channels.inputs, **channels.outputs}
+    read = tuple(_as_product(binding, recording, columns, r) for r in understood(recording, columns))
     if not binding.is_motor:
         observed = dataclasses.replace(observed, read=tuple(_in_the_fmus_unit(binding, r) for r in read))
         return observed
@@ -39,6 +41,15 @@ def with_reading(binding: Binding, channels: Channels, observed: Observed) -> Ob
     if "friction" in binding.parameters:
         findings = tuple(finding for finding in findings if finding.kind != "dead band")
     return dataclasses.replace(observed, read=read, findings=findings)
+
+
+def _as_product(binding: Binding, recording: Recording, columns: Mapping[str, str], read: Understood) -> Understood:
+    """Return what was read of an input, two columns if the case multiplies them: a duty cycle and its supply."""
+    if read.signal not in binding.case.products:
+        return read
+    both = [recording.column(c) for c in (columns[read.signal], binding.case.products[read.signal])]
+    unit = next((recording.units[c] for c in both if recording.units[c] not in ("1", "", "?")), "1")
+    return dataclasses.replace(read, column=" × ".join(recording.headers[c] for c in both), unit=unit, unit_from="made")
 
 
 def _in_the_fmus_unit(binding: Binding, read: Understood) -> Understood:
