@@ -18,10 +18,12 @@ from test_report import check_contract
 from estimator.batches.batch_table import csv_of
 from estimator.cli import interrupt_again
 from estimator.errors import InputError, RecordingError
+from estimator.judging.verdict import _hidden
 from estimator.output import OutputFolder
 from estimator.recordings.reading import read_recording
 from estimator.recordings.time_grid import sampling_clock
 from estimator.results.handover import csv_table
+from estimator.results.result import NotVisible
 from estimator.results.spreadsheet_cells import harmless
 
 pytestmark = pytest.mark.usefixtures("shared_workers")
@@ -145,3 +147,9 @@ def test_ctrl_c_in_a_callback_of_the_interpreter_is_not_lost(monkeypatch):
         Gone()
         for _ in range(1000):
             time.sleep(0.01)  # it comes between two instructions
+
+
+def test_an_effect_without_a_unit_is_told_without_a_gap():
+    off = {"J": (-0.05, -13.0), "R": (0.041, 13.0)}
+    told = _hidden([NotVisible("curve of i", 0.049, "", off), NotVisible("sag", 0.2, "Ohm", {"R": (0.06, 19.0)})])
+    assert told == ["curve of i 0.049 (J -5 %, R +4.1 %)", "sag 0.2 Ohm (R +6 %)"]

@@ -325,7 +325,7 @@ def _hidden(effects: Sequence[NotVisible]) -> list[str]:
         if words in told or e.effect == "gain":
             continue
         off = [f"{name} {100 * part:+.2g} %" for name, (part, _) in e.off.items()]
-        told[words] = f"{words} {e.size:.2g} {e.unit} ({', '.join(off[:TOLD_PARAMETERS])})"
+        told[words] = f"{f'{words} {e.size:.2g} {e.unit}'.rstrip()} ({', '.join(off[:TOLD_PARAMETERS])})"
     return list(told.values())[:TOLD_HIDDEN]
 
 
