@@ -90,6 +90,28 @@ def test_a_trend_is_found_and_its_probability_is_right():
     assert trend(np.arange(9.0))[1] < 1e-12
 
 
+@pytest.mark.parametrize("runs_first", [False, True], ids=["motor by motor", "run by run"])
+def test_motors_that_differ_are_no_trend(runs_first):
+    """Five motors, ten runs each: 54 % of such batches had a drift with a stated chance of 1 %.
+
+    More than 27 of 1 000, or fewer than one, by chance: 1 in 100 000 (binomial).
+    """
+    rng = np.random.default_rng(3)
+    motors = np.repeat(np.arange(5), 10)
+    motors = motors.reshape(5, 10).T.ravel() if runs_first else motors
+    p = [
+        trend(rng.standard_normal(5)[motors] + 0.1 * rng.standard_normal(50), [f"m{k}" for k in motors])[1]
+        for _ in range(1000)
+    ]
+    assert 1 <= np.count_nonzero(np.array(p) < 0.01) <= 27
+    slope, probability = trend(0.1 * np.arange(50) + 0.01 * rng.standard_normal(50), [f"m{k}" for k in motors])
+    assert slope == pytest.approx(0.1, rel=0.02) and probability < 1e-4
+
+
+def test_of_few_motors_that_were_measured_one_after_the_other_no_trend_is_told():
+    assert trend(np.arange(9.0), ["a"] * 3 + ["b"] * 3 + ["c"] * 3) is None
+
+
 def test_runs_are_taken_in_their_natural_order():
     assert sorted(["run 10", "run 9", "a", "run"], key=natural) == ["a", "run", "run 9", "run 10"]
     assert sorted(["5²7", "5²6"], key=natural) == ["5²6", "5²7"]  # a power is no number

@@ -166,21 +166,38 @@ def outliers(values: FloatArray) -> FloatArray:
     return np.asarray(MEDIAN_SIZE * distance / mad) if mad > 0 else np.zeros(len(values))
 
 
-def trend(values: FloatArray) -> tuple[float, float] | None:
-    """Return the slope over the index and the probability of one as steep without a trend; None for few values."""
+def trend(values: FloatArray, motors: Sequence[str] | None = None) -> tuple[float, float] | None:
+    """Return the slope over the index and the probability of one as steep without a trend; None for few values.
+
+    Parameters
+    ----------
+    values : (n,) array
+    motors : (n,) names, optional
+        Whose each value is; by default each is another one's. Runs of a motor have in common what the motor has. So
+        the trend is of the motors' means, or of the distances from them, whichever are spread further in the order.
+    """
     n = len(values)
-    if n < FEWEST:
+    _, which, runs = np.unique(range(n) if motors is None else motors, return_inverse=True, return_counts=True)
+    x, y = np.arange(n) - (n - 1) / 2, values - values.mean()
+    means = [np.bincount(which, own) / runs for own in (x, y)]
+    across, along = float(runs @ means[0] ** 2), float(np.sum((x - means[0][which]) ** 2))
+    if across > along:
+        x, y = (own - own.mean() for own in means)
+        free = len(runs) - 2
+    else:
+        x, y = x - means[0][which], y - means[1][which]
+        free = n - len(runs) - 1
+    if free < FEWEST - 2:
         return None
     from scipy.special import stdtr  # scipy.stats would cost a second
 
-    x = np.arange(n) - (n - 1) / 2
     sxx = float(x @ x)
-    slope = float(x @ (values - values.mean())) / sxx
-    rest = values - values.mean() - slope * x
-    error = math.sqrt(float(rest @ rest) / (n - 2) / sxx)
+    slope = float(x @ y) / sxx
+    rest = y - slope * x
+    error = math.sqrt(float(rest @ rest) / free / sxx)
     if error == 0:
         return slope, 1.0 if slope == 0 else 0.0
-    return slope, 2 * float(stdtr(n - 2, -abs(slope) / error))
+    return slope, 2 * float(stdtr(free, -abs(slope) / error))
 
 
 def natural(text: str) -> list[tuple[int, int, str]]:
@@ -211,7 +228,7 @@ def _spread(name: str, unit: str, entries: Sequence[tuple[str, str, float, float
     if len(arrays) == 1:
         named, means = [(case, value) for case, _, value, _ in entries], values
     scores = outliers(means) if len(means) >= FEWEST else np.zeros(len(means))
-    found = trend(values)
+    found = trend(values, [motor for _, motor, _, _ in entries])
     return Spread(
         name=name,
         unit=unit,
